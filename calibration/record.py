@@ -358,7 +358,8 @@ def _check_validity(
             return "ignored: the day of the measurement is not known"
         message = (
             f'record "{record.id}": the readings hold no date, so the validity of the record '
-            'cannot be checked; give measured="2024-05-14", or ignore_validity=True'
+            'cannot be checked; state the day of the measurement: measured="2024-05-14" in Python, '
+            "measured_on = 2024-05-14 in session.toml for the kinds that take it"
         )
         raise CalibrationError(message)
     if record.valid_from <= day <= record.valid_until:
@@ -369,7 +370,7 @@ def _check_validity(
     message = (
         f'record "{record.id}" is valid from {record.valid_from} until {record.valid_until}; it '
         f"{word} on {day}, the day of the measurement; take the record of that time, calibrate "
-        "again, or use it all the same with ignore_validity=True"
+        "again, or, if it is known to hold on that day too, widen the days in the record"
     )
     raise CalibrationError(message)
 

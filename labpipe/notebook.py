@@ -25,8 +25,10 @@ def html_table(caption: str, titles: Sequence[str], rows: Iterable[Sequence[obje
     )
 
 
-def text_table(caption: str, rows: Iterable[Sequence[object]]) -> str:
+def text_table(caption: str, rows: Iterable[Sequence[object]], *, most: int | None = _MOST_ROWS) -> str:
     """Write a caption and rows below it, their columns aligned; control characters are left out.
+
+    Of more rows than `most` the rest is counted; None shows them all.
 
     Examples
     --------
@@ -37,10 +39,8 @@ def text_table(caption: str, rows: Iterable[Sequence[object]]) -> str:
     """
     cells = [[_plain(cell) for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    lines = [
-        "  " + "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in cells[:_MOST_ROWS]
-    ]
-    more = [f"  and {len(cells) - _MOST_ROWS} more"] if len(cells) > _MOST_ROWS else []
+    lines = ["  " + "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in cells[:most]]
+    more = [] if most is None or len(cells) <= most else [f"  and {len(cells) - most} more"]
     return "\n".join([_plain(caption), *lines, *more])
 
 

@@ -196,11 +196,14 @@ def spellings(si: str) -> tuple[str, ...]:
     return tuple(name for name, (_, becomes) in _TABLE.items() if becomes == si)
 
 
+_NUMBER = r"(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?"
 _QUANTITY = re.compile(
-    r"^\s*(?P<value>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
-    r"(?:\s*(?:±|\+/-|\+-)\s*(?P<u>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?))?"
+    rf"^\s*(?P<value>[+-]?{_NUMBER})"
+    rf"(?:\s*(?P<first>[^\s\d±+-][^\d±+-]*?)?\s*(?:±|\+/-|\+-)\s*(?P<u>{_NUMBER}))?"
     r"\s*(?P<unit>\S.*?)?\s*$"
 )
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
+"""A comma that may group thousands as well as stand before decimals."""
 
 
 class Quantity(NamedTuple):
@@ -212,26 +215,43 @@ class Quantity(NamedTuple):
 
 
 def quantity(text: str) -> Quantity:
-    """Parse ``"1.5 mm"`` or ``"12.0 ± 0.2 deg"`` into SI.
+    """Parse ``"1.5 mm"``, ``"12.0 ± 0.2 deg"`` or ``"12 ± 0,2°"`` into SI.
 
-    The number after ``±`` is the standard uncertainty (one sigma); without it, it is zero.
+    The number after ``±`` is the standard uncertainty (one sigma); without it, it is zero. The unit
+    may stand after both numbers. A comma stands before decimals; one that may as well group
+    thousands, as in ``"1,500 mm"``, is refused.
 
     Raises
     ------
     InputError
-        The text is not a number with a known unit.
+        The text is not a number with a known unit, or its comma has two meanings.
 
     Examples
     --------
     >>> quantity("1.5 mm")
     Quantity(value=0.0015, u=0.0, si='m')
+    >>> quantity("1,5 mm ± 0,5 mm")
+    Quantity(value=0.0015, u=0.0005, si='m')
     """
     match = _QUANTITY.match(text)
     if match is None:
         message = f'expected a number with a unit such as "1.5 mm" or "12.0 ± 0.2 deg", found "{text}"'
         raise InputError(message)
+    numbers = [match["value"], match["u"] or "0"]
+    has_two_meanings = all("," not in number or _THOUSANDS.fullmatch(number) for number in numbers)
+    if has_two_meanings and any("," in number for number in numbers):
+        first = next(number for number in numbers if "," in number)
+        message = (
+            f'the comma of "{text}" may stand before decimals or group thousands; '
+            f"write {first.replace(',', '.')} or {first.replace(',', '')}"
+        )
+        raise InputError(message)
     factor, si = unit(match["unit"] or "1")
-    return Quantity(float(match["value"]) * factor, float(match["u"] or 0.0) * factor, si)
+    if match["first"] and unit(match["first"]) != (factor, si):
+        message = f'"{text}" has two units; write both numbers in one'
+        raise InputError(message)
+    value, u = (float(number.replace(",", ".")) for number in numbers)
+    return Quantity(value * factor, u * factor, si)
 
 
 Measure = float | str | Quantity

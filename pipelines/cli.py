@@ -30,6 +30,7 @@ _HOME = "pipelines.commands"
 _USAGE = 2  # exit code of a line that cannot be understood
 COMMANDS: dict[str, Command] = {
     "demo": Command(f"{_HOME}.sample:demo", "Write a synthetic session and process it."),
+    "open": Command(f"{_HOME}.open:open_", "Set up, run and read a session in a local page."),
     "init": Command(f"{_HOME}.session:init", "Scan a folder and write a commented session.toml."),
     "inspect": Command(f"{_HOME}.inspect:inspect", "Show what a file is and its problems."),
     "plan": Command(f"{_HOME}.session:plan", "Show what `process` would run, and why."),
@@ -46,7 +47,7 @@ COMMANDS: dict[str, Command] = {
     "sweep": Command(f"{_HOME}.sweep:sweep", "Map the simulator over its parameters."),
     "sample": Command(f"{_HOME}.sample:sample", "Write a synthetic session with its true values."),
     "bench": Command(f"{_HOME}.bench:bench", "Measure accuracy against run time of every part."),
-    "doctor": Command(f"{_HOME}.system:doctor", "Check the installation and a session's store."),
+    "doctor": Command(f"{_HOME}.system:doctor", "Check the installation; audit a session."),
     "completion": Command(f"{_HOME}.system:completion", "Print the script for bash, zsh or fish."),
 }
 

@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
+from scipy import special  # scipy.stats takes longer to load than a judgement to read
 
 from labpipe.errors import InputError
 
@@ -82,7 +82,7 @@ def agreement(differences: ArrayLike, covariance: ArrayLike) -> Agreement:
     kept = values > _SINGULAR * values.max()
     chi2 = float(np.sum((vectors[:, kept].T @ z) ** 2 / values[kept]))
     count = int(kept.sum())
-    return Agreement(chi2, count, float(stats.chi2.sf(chi2, count)), float(np.abs(z).max()))
+    return Agreement(chi2, count, float(special.chdtrc(count, chi2)), float(np.abs(z).max()))
 
 
 def model_verdict(found: Agreement | None, could_notice: bool) -> ModelVerdict:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from math import copysign, hypot, inf, isfinite, log, nan
 from typing import Literal
 
-from scipy import stats
+from scipy import special
 
 Level = Literal["impossible", "doubtful", "note"]
 """How much a finding weighs."""
@@ -237,6 +237,8 @@ def _as_normal(t: float, degrees_of_freedom: float) -> float:
     """Return the normal deviate that is as unlikely as a deviate of Student's distribution."""
     if degrees_of_freedom == inf:
         return t
+    from scipy import stats  # loads slowly, and few readings are judged with so few repeats
+
     tail = float(stats.t.logsf(abs(t), degrees_of_freedom))
     # The tail as a logarithm, since it underflows where only its size matters.
     return copysign(_normal_deviate(tail), t)
@@ -246,4 +248,4 @@ def _normal_deviate(log_tail: float) -> float:
     """Solve ``log(1 - Phi(z)) = log_tail`` for z."""
     from scipy.optimize import brentq
 
-    return float(brentq(lambda z: stats.norm.logsf(z) - log_tail, -1.0, 1e3))
+    return float(brentq(lambda z: special.log_ndtr(-z) - log_tail, -1.0, 1e3))

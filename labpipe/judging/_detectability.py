@@ -2,8 +2,7 @@
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
-from scipy.optimize import brentq
+from scipy import special
 
 _LIMIT = 0.95
 
@@ -48,6 +47,8 @@ def detectable(sensitivities: ArrayLike, covariance: ArrayLike, power: float = 0
 
 
 def _noncentrality(degrees_of_freedom: int, power: float) -> float:
-    limit = stats.chi2.isf(1 - _LIMIT, degrees_of_freedom)
-    found = brentq(lambda x: stats.ncx2.sf(limit, degrees_of_freedom, x) - power, 1e-6, 1e3 + 10 * limit)
+    from scipy.optimize import brentq
+
+    limit = special.chdtri(degrees_of_freedom, 1 - _LIMIT)
+    found = brentq(lambda x: 1 - special.chndtr(limit, degrees_of_freedom, x) - power, 1e-6, 1e3 + 10 * limit)
     return float(found)

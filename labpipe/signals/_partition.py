@@ -6,11 +6,12 @@ costs a time linear in the number of samples. Two halves stay separate when toge
 the samples better by more than their additional parameters are worth.
 """
 
-from math import comb
+import math
 
 import numpy as np
 
 from labpipe.arrays import Floats
+from labpipe.compilation import compiled
 
 LEAF = 4
 """Samples in the smallest interval."""
@@ -64,45 +65,96 @@ def graded(lengths: Floats, slope: float = 0.5) -> Floats:
 
 def _factors(position: Floats, values: Floats) -> list[Floats]:
     """Residual sum of squares of the cubic fit, of all intervals, level by level."""
-    n = len(values)
-    n_leaves = 1 << max(int(np.ceil(np.log2(max(n / LEAF, 1.0)))), 0)
-    padding = n_leaves * LEAF - n
-    weight = np.pad(np.ones(n), (0, padding)).reshape(-1, LEAF)
-    t = np.pad(position, (0, padding), mode="edge").reshape(-1, LEAF)
-    y = np.pad(values, (0, padding)).reshape(-1, LEAF)
-    low, high = t[:, 0], t[:, -1]
-    centre, half = _frame(low, high)
-    u = (t - centre[:, None]) / half[:, None]
-    columns = [weight * u**power for power in range(_ORDER)] + [weight * y]
-    padded = np.pad(np.stack(columns, axis=-1), ((0, 0), (0, _ORDER + 1 - LEAF), (0, 0)))
-    triangle = _triangle(padded)
-    residuals = [triangle[:, _ORDER, _ORDER] ** 2]
-    while len(triangle) > 1:
-        low, high = low[0::2], high[1::2]
-        new_centre, new_half = _frame(low, high)
-        shifted = [_shifted(triangle[side::2], centre[side::2], half[side::2], new_centre, new_half) for side in (0, 1)]
-        triangle = _triangle(np.concatenate(shifted, axis=1))
-        centre, half = new_centre, new_half
-        residuals.append(triangle[:, _ORDER, _ORDER] ** 2)
-    return residuals
+    count = 1
+    while count * LEAF < values.size:
+        count *= 2
+    residuals = np.empty(2 * count - 1)
+    _tree(position, values, np.empty((count, _ORDER + 1, _ORDER + 1)), residuals)
+    levels, end = [], 0
+    while count:
+        levels.append(residuals[end : end + count])
+        end, count = end + count, count // 2
+    return levels
 
 
-def _triangle(blocks: Floats) -> Floats:
-    """R of the QR factorisation of every block."""
-    return np.asarray(np.linalg.qr(blocks, mode="r"))
+@compiled(error_model="numpy")
+def _tree(position: Floats, values: Floats, triangle: Floats, residuals: Floats) -> None:
+    """Fill in the residuals of all leaves, of all pairs, and so on; ``triangle`` is work space."""
+    n, count = values.size, triangle.shape[0]
+    low, high = np.empty(count), np.empty(count)
+    stacked = np.empty((2 * _ORDER + 2, _ORDER + 1))
+    for leaf in range(count):
+        first, end = min(leaf * LEAF, n - 1), min(leaf * LEAF + LEAF, n)
+        low[leaf] = position[first]
+        high[leaf] = position[end - 1]
+        centre, half = _frame(low[leaf], high[leaf])
+        for r in range(stacked.shape[0]):
+            sample = leaf * LEAF + r
+            inside = r < LEAF and sample < n
+            power = 1.0 if inside else 0.0
+            for c in range(_ORDER):
+                stacked[r, c] = power
+                power *= (position[sample] - centre) / half if inside else 0.0
+            stacked[r, _ORDER] = values[sample] if inside else 0.0
+        _triangle(stacked, triangle[leaf])
+        residuals[leaf] = triangle[leaf, _ORDER, _ORDER] ** 2
+    filled = count
+    while count > 1:
+        count //= 2
+        for node in range(count):
+            centre, half = _frame(low[2 * node], high[2 * node + 1])
+            for child in range(2 * node, 2 * node + 2):
+                own_centre, own_half = _frame(low[child], high[child])
+                shift, scale = (own_centre - centre) / half, own_half / half
+                _shifted(triangle[child], shift, scale, stacked, (child - 2 * node) * (_ORDER + 1))
+            low[node], high[node] = low[2 * node], high[2 * node + 1]
+            _triangle(stacked, triangle[node])
+            residuals[filled + node] = triangle[node, _ORDER, _ORDER] ** 2
+        filled += count
 
 
-def _frame(low: Floats, high: Floats) -> tuple[Floats, Floats]:
+@compiled(error_model="numpy")
+def _triangle(block: Floats, triangle: Floats) -> None:
+    """R (5, 5) of the factorisation QR of a block (10, 5), by Householder; the block is used up."""
+    rows, columns = block.shape
+    for c in range(columns):
+        size = 0.0
+        for r in range(c, rows):
+            size += block[r, c] ** 2
+        size = -math.copysign(math.sqrt(size), block[c, c])
+        triangle[c, c] = size
+        if size != 0.0:
+            block[c, c] -= size
+        for other in range(c + 1, columns):
+            along = 0.0
+            if size != 0.0:
+                for r in range(c, rows):
+                    along += block[r, c] * block[r, other]
+                along /= size * block[c, c]
+                for r in range(c, rows):
+                    block[r, other] += along * block[r, c]
+            triangle[c, other] = block[c, other]
+            triangle[other, c] = 0.0
+
+
+@compiled(error_model="numpy")
+def _frame(low: float, high: float) -> tuple[float, float]:
     """Centre and half length, by which the powers stay between -1 and 1."""
-    return (low + high) / 2, np.where(high > low, (high - low) / 2, 1.0)
+    return (low + high) / 2, ((high - low) / 2 if high > low else 1.0)
 
 
-def _shifted(triangle: Floats, centre: Floats, half: Floats, new_centre: Floats, new_half: Floats) -> Floats:
-    """Express the columns of the triangle in the powers of the parent interval."""
-    shift, scale = (centre - new_centre) / new_half, half / new_half
-    change = np.zeros((len(centre), _ORDER + 1, _ORDER + 1))
-    change[:, _ORDER, _ORDER] = 1.0
-    for power in range(_ORDER):
-        for lower in range(power + 1):
-            change[:, lower, power] = comb(power, lower) * shift ** (power - lower) * scale**lower
-    return triangle @ change
+@compiled(error_model="numpy")
+def _shifted(triangle: Floats, shift: float, scale: float, result: Floats, first: int) -> None:
+    """Put the columns (5, 5), expressed in the powers of the parent interval, from row ``first`` on.
+
+    They are those of ``shift + scale u``.
+    """
+    for row in range(_ORDER + 1):
+        one, first_power = triangle[row, 0], scale * triangle[row, 1]
+        second_power, third_power = scale**2 * triangle[row, 2], scale**3 * triangle[row, 3]
+        to = result[first + row]
+        to[0] = one
+        to[1] = shift * one + first_power
+        to[2] = shift * (shift * one + 2.0 * first_power) + second_power
+        to[3] = shift * (shift * (shift * one + 3.0 * first_power) + 3.0 * second_power) + third_power
+        to[_ORDER] = triangle[row, _ORDER]

@@ -38,6 +38,8 @@ _DISTRIBUTIONS = {"cv2": ("opencv-python-headless", "opencv-python", "opencv-con
 """Distributions that are not called as what they install; others are looked up."""
 _RACE = 2_000_000_000
 """Nanoseconds in which a file may change without a new time."""
+_COMPILED = Path(__file__).parent / "__pycache__" / "reached.json"
+"""Beside this module compiled, what all sessions that use this installation can share."""
 _BORN = time.time_ns()
 _awaited: dict[str, "Stamp"] = {}
 """Files of modules that this process had not yet loaded when it was asked for their code."""
@@ -143,7 +145,9 @@ class Code:
         File that keeps what was found for as long as no file of the packages changes; a missing
         or damaged one is an empty one.
     search : sequence of str, optional
-        Folders with the packages; by default those that Python searches.
+        Folders with the packages; by default those that Python searches. What was found there is
+        also kept with the installation, where Python keeps compiled modules: a new session begins
+        without following all imports again.
 
     Attributes
     ----------
@@ -154,7 +158,9 @@ class Code:
     """
 
     def __init__(self, memory: Path | None = None, search: Sequence[str] | None = None) -> None:
-        self._memory, self._search = memory, search
+        shared = [_COMPILED] if search is None and not sys.dont_write_bytecode else []
+        self._memories = [] if memory is None else [memory, *shared]
+        self._search = search
         self._trees: dict[str, Tree] = {}
         self._groups: dict[str, list[str]] = {}
         self._modules: dict[str, Module] = {}
@@ -200,22 +206,26 @@ class Code:
         """Keep what was found; files that were just written may change again unnoticed."""
         stamps = [s for t in self._trees.values() for part in t.values() for s in part.values()]
         newest = max((max(s.modified, s.changed) for s in stamps), default=0)
-        if self._memory is None or not self._is_new or time.time_ns() - newest < _RACE:
+        if not self._is_new or time.time_ns() - newest < _RACE:
             return
-        # It only saves time: where it cannot be kept, the next call finds it again.
-        with contextlib.suppress(StorageError):
-            kept = {
-                "state": self._state(self._trees, self._groups),
-                "known": self._known,
-                "trees": [*self._trees],
-                "groups": [*self._groups],
-            }
-            files.write_bytes(self._memory, files.seal(kept))
-            self._is_new = False
+        kept = {
+            "state": self._state(self._trees, self._groups),
+            "known": self._known,
+            "trees": [*self._trees],
+            "groups": [*self._groups],
+        }
+        for memory in self._memories:
+            # It only saves time: where it cannot be kept, the next call finds it again.
+            with contextlib.suppress(StorageError):
+                files.write_bytes(memory, files.seal(kept))
+                self._is_new = False
 
     def _remembered(self) -> dict[str, Any]:
+        return next((known for memory in self._memories if (known := self._kept(memory))), {})
+
+    def _kept(self, memory: Path) -> dict[str, Any]:
         try:
-            kept = files.unseal(self._memory.read_bytes()) if self._memory is not None else {}
+            kept = files.unseal(memory.read_bytes())
             trees, groups = kept["trees"], kept["groups"]
             is_same = kept["state"] == self._state(
                 {top: self.tree(top) for top in trees}, {name: self.group(name) for name in groups}
@@ -299,9 +309,15 @@ def _version(top: str) -> str | None:
     for name in _DISTRIBUTIONS.get(top, (top,)):
         with contextlib.suppress(importlib.metadata.PackageNotFoundError):
             return importlib.metadata.version(name)
-    for name in importlib.metadata.packages_distributions().get(top, ()):
+    for name in _installed().get(top, ()):
         return importlib.metadata.version(name)
     return None
+
+
+@cache
+def _installed() -> Mapping[str, Sequence[str]]:
+    """Distributions by what they install: it reads the records of all of them."""
+    return importlib.metadata.packages_distributions()
 
 
 class Reached:

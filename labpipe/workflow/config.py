@@ -14,6 +14,7 @@ type :data:`File`; such a file must exist inside the folder of the configuration
 """
 
 import math
+import re
 import types
 import typing
 from collections.abc import Mapping, Sequence
@@ -27,8 +28,9 @@ from labpipe.errors import InputError
 from labpipe.files import files_below, safe_join
 from labpipe.units import Quantity, quantity
 from labpipe.workflow import _toml_lines
-from labpipe.workflow.document import Document, parse
+from labpipe.workflow.document import LARGEST_FILE, Document, parse
 from labpipe.workflow.fields import (
+    GAP,
     NOT_NEGATIVE,
     POSITIVE,
     REFERENCE,
@@ -56,6 +58,7 @@ from labpipe.workflow.fields import (
     describe,
     describe_dimension,
     found,
+    is_gap,
     mark,
     show,
     split,
@@ -93,7 +96,7 @@ __all__ = [
 S = TypeVar("S", bound=msgspec.Struct)
 
 
-def read(path: Path, kind: type[S], root: Path | None = None) -> S:
+def read(path: Path, kind: type[S], root: Path | None = None, text: str | None = None) -> S:
     """Read a whole TOML file as one structure, such as a calibration record.
 
     Parameters
@@ -104,13 +107,15 @@ def read(path: Path, kind: type[S], root: Path | None = None) -> S:
         The structure it must fit.
     root : Path, optional
         Folder of the files it names; default its own.
+    text : str, optional
+        What the file would hold; by default it is read.
 
     Raises
     ------
     SourceError, ConfigError
         With every mistake and its line.
     """
-    document = parse(path)
+    document = parse(path, text)
     value = Checker(document, root or path.parent).structure(kind, document.tree, ())
     document.finish()
     return typing.cast(S, value)
@@ -125,21 +130,25 @@ class Checker:
     """Converts values to the types of their fields and reports what does not fit.
 
     ``origins`` maps a place in a merged table to the place in the file where it was written;
-    ``may_wait`` takes names of files that are not there yet.
+    ``may_wait`` takes names of files that are not there yet. With a list ``gaps``, values that are
+    still to come are told there and are no mistakes; what else is wrong is reported all the same.
     """
 
     document: Document
     root: Path
     origins: Mapping[_toml_lines.Path, _toml_lines.Path] = field(default_factory=dict)
     may_wait: bool = False
+    gaps: list[str] | None = None
 
     def report(self, place: _toml_lines.Path, message: str) -> None:
         """Report at the place in the file that a merged value came from."""
+        self.document.report(self._written(place), message)
+
+    def _written(self, place: _toml_lines.Path) -> _toml_lines.Path:
         nearest = place
         while nearest and nearest not in self.origins:
             nearest = nearest[:-1]
-        written = (*self.origins.get(nearest, nearest), *place[len(nearest) :])
-        self.document.report(written, message)
+        return (*self.origins.get(nearest, nearest), *place[len(nearest) :])
 
     def structure(self, kind: type[msgspec.Struct], value: Any, place: _toml_lines.Path, partial: bool = False) -> Any:
         """Convert a table; with ``partial``, required fields may be missing."""
@@ -167,6 +176,10 @@ class Checker:
     def value(self, kind: Any, value: Any, place: _toml_lines.Path, partial: bool = False) -> Any:
         """Convert one value to the type of its field."""
         bare, marks = split(kind)
+        if self.gaps is not None and is_gap(value):
+            expected = f"to be filled in; expected {describe(kind)}, found {found(value)}"
+            self.gaps.append(self.document.at(self._written(place), expected))
+            return _BAD
         if typing.get_origin(bare) in (Union, types.UnionType):
             return self._union(bare, value, place, partial)
         dimension = mark(marks, Dimension)
@@ -244,8 +257,9 @@ class Checker:
             return _BAD
         try:
             parsed = quantity(value)
-        except InputError:
-            self.report(place, f'expected {expected}, found "{value}"')
+        except InputError as error:
+            why = f": {error}" if "," in value else ""
+            self.report(place, f'expected {expected}, found "{value}"{why}')
             return _BAD
         if parsed.si != dimension.si:
             which = "has no unit" if parsed.si == "1" else f"is in {parsed.si}"
@@ -288,10 +302,15 @@ class Checker:
                 )
             self.report(place, f'there is no file "{value}" in the session folder{advice}')
             return _BAD
+        if self.gaps is not None and value.endswith(".toml"):
+            self.gaps += _gaps_of_file(place_on_disk, value)
         return value
 
     def _plain(self, kind: Any, bare: Any, value: Any, place: _toml_lines.Path) -> Any:
         if typing.get_origin(bare) is Literal and value not in typing.get_args(bare):
+            alike = [a for a in typing.get_args(bare) if isinstance(value, str) and a == value.lower()]
+            if alike:
+                return alike[0]
             near = suggest(str(value), map(str, typing.get_args(bare)))
             self.report(place, f"expected {describe(bare)}, found {found(value)}{near}")
             return _BAD
@@ -305,6 +324,19 @@ class Checker:
             expected = bound if is_bound else describe(bare)
             self.report(place, f"expected {expected}, found {found(value)}")
             return _BAD
+
+
+_GAP_LINE = re.compile(rf'^\s*(\w+)\s*=\s*"{GAP}(?: [^"]*)?"')
+
+
+def _gaps_of_file(path: Path, name: str) -> list[str]:
+    """Values that a record leaves open; what cannot be read is told where it is read whole."""
+    try:
+        lines = path.read_text("utf-8").splitlines() if path.stat().st_size <= LARGEST_FILE else []
+    except (OSError, UnicodeDecodeError):
+        return []
+    matches = ((number, _GAP_LINE.match(line)) for number, line in enumerate(lines, 1))
+    return [f"{name}:{number}: {match[1]}: to be filled in" for number, match in matches if match]
 
 
 _BOUNDS = {"str of length >= 1": "a text that is not empty"}

@@ -40,9 +40,12 @@ class Document:
 
     def report(self, place: _toml_lines.Path, message: str) -> None:
         """Note a mistake once."""
+        self.problems[self.at(place, message)] = self.line(place)
+
+    def at(self, place: _toml_lines.Path, message: str) -> str:
+        """Put before a message where it belongs: ``session.toml:14: experiments.a.height: …``."""
         shown = f"{dotted(place)}: " if place else ""
-        line = self.line(place)
-        self.problems[f"{self.path.name}:{line}: {shown}{message}"] = line
+        return f"{self.path.name}:{self.line(place)}: {shown}{message}"
 
     def finish(self) -> None:
         """Raise ConfigError with every mistake in the order of its line, if there is any."""
@@ -59,8 +62,15 @@ def dotted(place: _toml_lines.Path) -> str:
     return text
 
 
-def parse(path: Path) -> Document:
+def parse(path: Path, text: str | None = None) -> Document:
     """Read a TOML file without judging its keys.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    text : str, optional
+        What it would hold; by default it is read.
 
     Raises
     ------
@@ -69,7 +79,7 @@ def parse(path: Path) -> Document:
     ConfigError
         It is not TOML, too large, too deep, or holds a number that is not finite.
     """
-    text = _text(path)
+    text = _text(path) if text is None else text.replace("\r\n", "\n")
     deep = _TOO_DEEP.search(text)
     if deep is not None:
         line = text.count("\n", 0, deep.start()) + 1

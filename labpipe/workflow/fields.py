@@ -59,6 +59,23 @@ class ReferenceMark:
 REFERENCE = "experiment:"
 """Prefix by which a field's value names another experiment of the session."""
 
+GAP = "FILL"
+"""What stands in session.toml or a record, before its unit, for a value that is still to come."""
+
+
+def is_gap(value: Any) -> bool:
+    """Tell whether a value stands for one that is still to come, or names a file that is.
+
+    Examples
+    --------
+    >>> is_gap("FILL mm"), is_gap("calibration/FILL.toml"), is_gap("filled"), is_gap(1.5)
+    (True, True, False, False)
+    """
+    return isinstance(value, str) and (
+        value == GAP or value.startswith(f"{GAP} ") or value.rpartition("/")[2].partition(".")[0] == GAP
+    )
+
+
 POSITIVE = Range(above=0.0)
 NOT_NEGATIVE = Range(at_least=0.0)
 

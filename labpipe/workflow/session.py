@@ -8,7 +8,7 @@ Versions of the file, newest first:
 
 import unicodedata
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +42,11 @@ class Experiment:
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """A session folder and everything that its ``session.toml`` says."""
+    """A session folder and everything that its ``session.toml`` says.
+
+    ``experiments`` are complete; ``waiting`` are those with values still to come, each with the
+    lines that it waits for.
+    """
 
     root: Path
     title: str
@@ -50,6 +54,7 @@ class Session:
     notes: str
     synthetic: bool
     experiments: Mapping[str, Experiment]
+    waiting: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def folder(self) -> Path:
@@ -64,10 +69,11 @@ class Session:
 
     @property
     def _rows(self) -> list[tuple[str, ...]]:
-        return [
+        rows: list[tuple[str, ...]] = [
             (e.name, e.kind.replace("_", " "), ", ".join(_file_names(msgspec.to_builtins(e.settings))))
             for e in self.experiments.values()
         ]
+        return rows + [(name, "waiting", lines[0]) for name, lines in self.waiting.items()]
 
     @property
     def _caption(self) -> str:
@@ -104,7 +110,9 @@ class _SessionTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     synthetic: bool = False
 
 
-def load(path: Path | str, kinds: Mapping[str, type[msgspec.Struct]], *, may_wait: bool = False) -> Session:
+def load(
+    path: Path | str, kinds: Mapping[str, type[msgspec.Struct]], *, may_wait: bool = False, text: str | None = None
+) -> Session:
     """Read a session folder's ``session.toml``.
 
     Parameters
@@ -115,34 +123,42 @@ def load(path: Path | str, kinds: Mapping[str, type[msgspec.Struct]], *, may_wai
         Settings structure of every kind of experiment, by its name.
     may_wait : bool
         Take names of files that are not there yet, for a session that is still being recorded.
+    text : str, optional
+        What the file would hold, to be checked before it is written.
 
     Returns
     -------
     Session
         Everything checked: types, units, ranges, names, and that every file exists inside the
-        folder.
+        folder. Experiments with values still to come (``"FILL mm"``), here or in a record that they
+        name, wait, and so do those that refer to them.
 
     Raises
     ------
     SourceError
         There is no such file.
     ConfigError
-        With every mistake and its line.
+        With every mistake and its line; or every experiment waits.
     """
     source = Path(path)
     source = source / FILE_NAME if source.is_dir() else source
     if not source.is_file():
         hint = f"make one with: labpipe init {source.parent}"
         raise SourceError(source, "there is no such file", hint=hint)
-    document = parse(source)
+    document = parse(source, text)
     _check_version(document)
     root = source.parent.resolve()
     head = Checker(document, root).structure(_SessionTable, document.tree.get("session", {}), ("session",))
     for key in document.tree.keys() - _TOP_LEVEL:
         document.report((key,), f"unknown key{suggest(key, _TOP_LEVEL)}")
-    experiments = _Experiments(document, root, kinds, may_wait).all()
+    found_ones = _Experiments(document, root, kinds, may_wait)
+    experiments = found_ones.all()
+    if document.problems or not experiments:
+        for gap, line in found_ones.gaps.items():
+            document.problems.setdefault(gap, line)
     document.finish()
-    return Session(root, head.title or root.name, head.operator, head.notes, head.synthetic, experiments)
+    waiting = {name: tuple(lines) for name, lines in found_ones.waiting.items()}
+    return Session(root, head.title or root.name, head.operator, head.notes, head.synthetic, experiments, waiting)
 
 
 _TOP_LEVEL = {"labpipe", "session", "defaults", "experiments"}
@@ -174,6 +190,8 @@ class _Experiments:
     root: Path
     kinds: Mapping[str, type[msgspec.Struct]]
     may_wait: bool
+    waiting: dict[str, list[str]] = field(default_factory=dict)
+    gaps: dict[str, int] = field(default_factory=dict)
 
     def all(self) -> dict[str, Experiment]:
         """Convert every experiment; mistakes are reported to the document."""
@@ -186,7 +204,19 @@ class _Experiments:
         names = list(tables)
         self._check_names(names)
         found = (self._one(n, tables[n], defaults, names) for n in names)
-        return {experiment.name: experiment for experiment in found if experiment is not None}
+        complete = {experiment.name: experiment for experiment in found if experiment is not None}
+        return self._without_those_that_wait(complete)
+
+    def _without_those_that_wait(self, complete: dict[str, Experiment]) -> dict[str, Experiment]:
+        """Let an experiment wait that refers to one that waits, however far."""
+        for name, experiment in complete.items():
+            others = _references(msgspec.to_builtins(experiment.settings))
+            if (other := next((n for n in others if n in self.waiting), None)) is not None:
+                line = self.document.line(("experiments", name))
+                text = f'{self.document.path.name}:{line}: experiments.{name}: refers to "{other}", which waits'
+                self.waiting[name] = [text]
+                return self._without_those_that_wait({n: e for n, e in complete.items() if n != name})
+        return complete
 
     def _tables(self, key: str) -> dict[str, Any]:
         value = self.document.tree.get(key, {})
@@ -206,7 +236,7 @@ class _Experiments:
         if kind not in self.kinds:
             self.document.report(place, f"unknown kind{suggest(kind, self.kinds)}")
             return
-        checker = Checker(self.document, self.root, may_wait=self.may_wait)
+        checker = Checker(self.document, self.root, may_wait=self.may_wait, gaps=[])
         checker.structure(self.kinds[kind], table, place, partial=True)
 
     def _one(self, name: str, table: dict[str, Any], defaults: dict[str, Any], names: list[str]) -> Experiment | None:
@@ -224,14 +254,20 @@ class _Experiments:
         own = {key: value for key, value in table.items() if key != "kind" or has_field}
         origins: dict[_toml_lines.Path, _toml_lines.Path] = {}
         merged = _merge(defaults.get(kind, {}), ("defaults", kind), own, place, place, origins)
-        checker = Checker(self.document, self.root, origins, self.may_wait)
+        gaps: list[str] = []
+        checker = Checker(self.document, self.root, origins, self.may_wait, gaps)
         settings = checker.structure(self.kinds[kind], merged, place)
+        if gaps:
+            self.waiting[name] = gaps
+            self.gaps.update(dict.fromkeys(gaps, self.document.line(place)))
         if not isinstance(settings, msgspec.Struct):
             # Without typed settings, the texts that carry the prefix can still be checked.
             self._check_references(name, merged, place, names, checker)
             return None
         plain = msgspec.to_builtins(settings)
         self._check_references(name, plain, place, names, checker)
+        if gaps:
+            return None
         lines = {dotted(at[2:]): self.document.line(written) for at, written in origins.items()}
         return Experiment(name, kind, settings, lines)
 
@@ -277,6 +313,14 @@ class _Experiments:
                 checker.report(place, f'there is no experiment "{other}"{near}')
         for key, child in pairs:
             self._check_references(name, child, (*place, key), names, checker)
+
+
+def _references(node: Any) -> list[str]:
+    """Names of the experiments that settings refer to."""
+    if isinstance(node, str):
+        return [node.removeprefix(REFERENCE)] if node.startswith(REFERENCE) else []
+    children = node.values() if isinstance(node, dict) else node if isinstance(node, list | tuple) else ()
+    return [name for child in children for name in _references(child)]
 
 
 def _folded(name: str) -> str:

@@ -35,7 +35,7 @@ Stamp = tuple[tuple[str, int, int], ...]
 class News:
     """What a look at the folder found out about one experiment, or about session.toml.
 
-    ``state`` is ``waiting`` (a file is missing), ``arriving`` (a file is still changing),
+    ``state`` is ``waiting`` (a file or a value is missing), ``arriving`` (a file is still changing),
     ``refused`` (a file that has come to rest is not complete), ``processed``, ``failed``, or
     ``broken`` (session.toml cannot be used; ``experiment`` is empty).
     """
@@ -129,6 +129,8 @@ class Watcher:
         """Whether every experiment of the session was processed, or failed, as it stands."""
         if self.session is None:
             return False
+        if self.session.waiting:
+            return False
         states = [self.told.get(name, ("", ""))[0] for name in self.session.experiments]
         return all(state in (PROCESSED, FAILED) for state in states)
 
@@ -151,6 +153,8 @@ class Watcher:
             yield News("", BROKEN, str(error))
             return
         self.told.pop("", None)
+        for name, lines in session.waiting.items():
+            yield News(name, WAITING, "; ".join(lines))
         for name in sorted({file for files in needs.values() for file in files}):
             self.settling.look(session.root / name)
         for name in needs:

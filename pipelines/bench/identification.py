@@ -34,6 +34,7 @@ from labpipe.identification import (
 from labpipe.materials import Prony
 from pipelines.bench.measure import Point, Suite
 from pipelines.rig.reference_drop import CONTACT_STEP, reference_drop
+from pipelines.rig.solids import solid_of
 
 _Range = tuple[float, float]
 
@@ -225,9 +226,7 @@ def drop_trial(seed: int) -> Trial:
     radius, mass, height = (
         best + u * rng.standard_normal() for best, u in ((_RADIUS, _U_RADIUS), (_MASS, _U_MASS), (_HEIGHT, _U_HEIGHT))
     )
-    made = reference_drop(
-        solid.E_relaxed, solid.E, solid.rho, solid.nu, radius=radius, mass=mass, height=height, duration=_RECORD
-    )
+    made = reference_drop(solid_of(solid), radius=radius, mass=mass, height=height, duration=_RECORD)
     count = min(_BOUNCES + 1, made.liftoff.size)
     touch = made.touch[:count] + _U_TOUCH * rng.standard_normal(count)
     # the reference tells the end of the step in which the sphere left

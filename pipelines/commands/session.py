@@ -1,7 +1,8 @@
 """Commands on a session folder: init, plan, process."""
 
+import itertools
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,10 +23,12 @@ from pipelines.commands.options import (
 from pipelines.session import PAGE
 
 if TYPE_CHECKING:
+    from labpipe.workflow.plan import Row
     from labpipe.workflow.runner import RunResult
     from pipelines.session import Gap, Verdicts
 
 _STATE_WIDTH = 10
+_NEVER_RUN = "never run"
 
 
 @click.command()
@@ -38,7 +41,8 @@ def init(folder: Path, force: bool, ask: bool | None, as_json: bool) -> None:
 
     Instruments are recognised by the content of their files. What the files do not contain (mass,
     radius, material, drop height, inclination of the laser) is asked for; an empty answer leaves a
-    line to fill in, marked with FILL. For a missing calibration record a template is written.
+    line to fill in, marked with FILL, and its experiment waits until it is filled; the others can be
+    processed. For a missing calibration record a template is written.
 
     \b
     Example:
@@ -118,6 +122,9 @@ _FULL = click.option("--full", is_flag=True, help="Without shortcuts: read and s
 def plan(session: Path, targets: tuple[str, ...], only: tuple[str, ...], full: bool, keep: bool, as_json: bool) -> None:
     r"""Say what `process` would run, and why; nothing is computed.
 
+    A summary comes first, with the experiments that wait for values; then the steps, in one line
+    where all of an experiment share one reason.
+
     \b
     Example:
       labpipe plan my-session --to velocity
@@ -128,16 +135,35 @@ def plan(session: Path, targets: tuple[str, ...], only: tuple[str, ...], full: b
     if as_json:
         names = ("experiment", "stage", "recording", "state", "reason")
         rows = [{n: getattr(row, n) for n in names} for row in made.rows]
-        echo_json({"rows": rows, "to_run": len(made.to_run), "estimate": made.estimate})
+        document = {"rows": rows, "to_run": len(made.to_run), "estimate": made.estimate}
+        echo_json(document | {"waiting": made.session.waiting})
         return
-    experiment = None
-    for row in made.rows:
-        if row.experiment != experiment:
-            experiment = row.experiment
-            echo(f"\n{experiment} ({made.session.experiments[experiment].kind})")
+    echo(f"{made.summary}")
+    _show_waiting(made.session.waiting)
+    for experiment, own in itertools.groupby(made.rows, key=lambda row: row.experiment):
+        echo(f"\n{experiment} ({made.session.experiments[experiment].kind})")
+        _show_steps(list(own))
+
+
+def _show_waiting(waiting: "Mapping[str, Sequence[str]]") -> None:
+    """Say which experiments wait, and each line that they wait for."""
+    for name, lines in waiting.items():
+        echo(f"waiting: {name}")
+        for line in lines:
+            echo(f"  {line}")
+
+
+def _show_steps(rows: "list[Row]") -> None:
+    """Print one row per step; one for all where all are in the same state for the same reason."""
+    if len(rows) > 1 and len({(row.state, row.reason) for row in rows}) == 1:
+        echo(f"  {rows[0].state:{_STATE_WIDTH}}{f'all {len(rows)} steps':44} {rows[0].reason}".rstrip())
+        return
+    if all(row.reason.startswith(_NEVER_RUN) for row in rows):
+        echo(f"  {'will run':{_STATE_WIDTH}}{f'all {len(rows)} steps':44} {_NEVER_RUN}")
+        return
+    for row in rows:
         name = row.stage if row.recording is None else f"{row.stage} [{row.recording}]"
-        echo(f"  {row.state:{_STATE_WIDTH}}{name:44} {row.reason}")
-    echo(f"\n{made.summary}")
+        echo(f"  {row.state:{_STATE_WIDTH}}{name:44} {row.reason}".rstrip())
 
 
 @click.command()
@@ -169,8 +195,8 @@ def process(
 ) -> None:
     r"""Process session folders: results and one report per experiment.
 
-    What is already there and still true is kept. A failed experiment does not stop the others, and
-    a session that cannot be opened does not stop the other sessions.
+    What is already there and still true is kept. A failed experiment does not stop the others, nor
+    does one that waits for values (exit code 1), nor a session that cannot be opened.
 
     \b
     Example:
@@ -199,7 +225,8 @@ def process(
         raise error
     judged = {folder: verbs.verdicts_of(done) for folder, done in ended.items() if not isinstance(done, LabpipeError)}
     codes = {done.exit_code for done in ended.values()}
-    if any(found.is_impossible for found in judged.values()):
+    waits = any(done.session.waiting for done in ended.values() if not isinstance(done, LabpipeError))
+    if waits or any(found.is_impossible for found in judged.values()):
         codes = (codes - {0}) | {1}
     code = _common_code(codes)
     ended = {folder: ended[folder] for folder in folders if folder in ended}
@@ -245,7 +272,9 @@ def as_document(outcome: "RunResult | LabpipeError", folder: Path, judged: "Verd
         ],
         "experiments": [] if judged is None else judged.document(),
         "reports": {name: str(path) for name, path in outcome.reports.items()},
-        "exit_code": max(outcome.exit_code, int(judged is not None and judged.is_impossible)),
+        "waiting": outcome.session.waiting,
+        "exit_code": outcome.exit_code
+        or int(bool(outcome.session.waiting) or (judged is not None and judged.is_impossible)),
     }
 
 
@@ -266,6 +295,7 @@ def summarise(outcome: "RunResult | LabpipeError", judged: "Verdicts | None" = N
         echo(f"{one.experiment}: believable: {one.believable}{model}{told and f' ({told})'}")
         for cause in one.causes[:1]:
             echo(f"  probable cause: {cause}")
+    _show_waiting(outcome.session.waiting)
     for path in outcome.reports.values():
         echo(f"report: {path}")
     if (overview := outcome.session.folder / PAGE).is_file():

@@ -12,15 +12,19 @@ from pipelines.commands.options import echo, echo_json, json_option
 
 
 @click.command()
-@click.argument("folder", default=".", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.argument("session", required=False, type=click.Path(exists=True, file_okay=False, path_type=Path))
 @json_option
-def doctor(folder: Path, as_json: bool) -> None:
-    r"""Check the installation, the disk, and the results of a session.
+def doctor(session: Path | None, as_json: bool) -> None:
+    r"""Check the installation and the disk; audit SESSION.
 
     Says which versions are installed and whether they are too old, whether another package
-    shadows one of ours, which plug-ins are used or left out, whether files can be written in
-    FOLDER and how much space is free; reads session.toml and every stored result of the session in
-    FOLDER.
+    shadows one of ours, which plug-ins are used or left out, whether files can be written and how
+    much space is free; reads session.toml and every stored result in SESSION, or in the present
+    folder.
+
+    All that is wrong with the recordings and settings of SESSION comes as one table, what costs
+    most first, each with the line to change; what the verdicts need is processed first. The exit
+    code is 1 when a record is impossible.
 
     \b
     Example:
@@ -28,12 +32,14 @@ def doctor(folder: Path, as_json: bool) -> None:
     """
     from pipelines.session import doctor as verb
 
-    found = verb(folder)
+    found = verb(session)
     if as_json:
         echo_json({
             "versions": found.versions, "plugins": found.plugins, "free_bytes": found.free_bytes,
             "problems": found.problems, "session_problems": found.session_problems,
             "damaged_results": found.damaged_results,
+            "checks": None if found.audit is None else found.audit.checks,
+            "findings": None if found.audit is None else [t.document() for t in found.audit.troubles],
         })  # fmt: skip
     else:
         for line in repr(found).splitlines():
@@ -44,6 +50,8 @@ def doctor(folder: Path, as_json: bool) -> None:
         sys.exit(StorageError.exit_code)
     if found.session_problems:
         sys.exit(ConfigError.exit_code)
+    if found.audit is not None and found.audit.is_impossible:
+        sys.exit(1)
 
 
 @click.command()

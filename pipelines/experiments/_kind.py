@@ -80,11 +80,17 @@ class Found:
         (``"record:laser"``), those that will be written too.
     owners : mapping of str to (str, str)
         Every file of a known instrument to what wrote it, and why no experiment may begin from it.
+    texts : mapping of str to str
+        Calibration records that will be written.
+    unknown : tuple of str
+        Files that no instrument recognises.
     """
 
     folder: Path
     names: Mapping[str, list[str]]
     owners: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    texts: Mapping[str, str] = field(default_factory=dict)
+    unknown: tuple[str, ...] = ()
 
     def of(self, sort: str) -> list[str]:
         """Return the names of one sort; empty when there is none."""
@@ -107,7 +113,7 @@ class Proposed:
         Those that belong to it, relative to the folder; no other kind is offered them.
     text : callable
         Takes the name that the experiment gets and returns its tables of session.toml; values that
-        no file tells are gaps (:data:`pipelines.experiments.shared.proposals.GAP`).
+        no file tells are gaps (:data:`labpipe.workflow.fields.GAP`).
     """
 
     stem: str

@@ -19,7 +19,7 @@ from labpipe.errors import LabpipeError
 from labpipe.workflow.engines import Died, choose, side_by_side
 from pipelines.rig import film_front, film_under
 from pipelines.rig.calibration_images import write_calibration_images
-from pipelines.rig.dma import SOLIDS, Protocol, write_dma
+from pipelines.rig.dma import Protocol, write_dma
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import Body, DropRig
 from pipelines.rig.film_front import FrontCamera
@@ -41,6 +41,7 @@ from pipelines.rig.plate import PLATE, PLATE_RIG
 from pipelines.rig.plate_session import plate_laser_record, plate_section, write_ringing_of
 from pipelines.rig.relaxations import Relaxation
 from pipelines.rig.session_text import NOTE, dma_section, drop_section, height_name, laser_record, session_head
+from pipelines.rig.solids import SOLIDS
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
 
 POLYMERS = ("acrylic", "nylon", "peek", "ptfe")

@@ -8,101 +8,18 @@ such sums, so it cannot be right by construction. Nothing here asks :mod:`labpip
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from instruments import anton_paar
 from labpipe import files
 from labpipe.arrays import Floats
+from pipelines.rig.solids import Solid
 
-_GAS_LN10 = 8.314462618 * np.log(10.0)  # J/(mol K)
-_ZERO_CELSIUS = 273.15
 _DIGITS = 5  # of the export
 _RELATIVE_STRAIN = 2e-4  # amplitude of the oscillation
 _SETTLE = 300.0  # s at a new temperature before its sweep begins
-
-
-@dataclass(frozen=True, slots=True)
-class Element:
-    """One Havriliak–Negami relaxation: strength [Pa], time [s] at the reference, exponents."""
-
-    strength: float
-    time: float
-    width: float
-    skew: float = 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class Solid:
-    """A thermorheologically simple solid in tension.
-
-    ``energy`` [J/mol] is the Arrhenius slope below ``kink`` [degC]; above it the WLF constants
-    ``C1`` and ``C2`` [K] hold about the kink. ``is_entropic`` makes the modulus rise with the
-    absolute temperature. ``mode`` and ``nu`` say how the rig loads it.
-    """
-
-    elements: tuple[Element, ...]
-    relaxed: float
-    nu: float
-    energy: float = 0.0
-    kink: float = np.inf
-    C1: float = 0.0
-    C2: float = 1.0
-    T_ref: float = 20.0
-    is_entropic: bool = False
-    mode: Literal["tension", "torsion"] = "tension"
-
-    def log10_aT(self, temperature: ArrayLike) -> Floats:
-        """Return log10 of the horizontal shift at temperatures in °C; zero at the reference."""
-        T = np.asarray(temperature, dtype=float)
-        return self._from_kink(T) - self._from_kink(np.asarray(self.T_ref))
-
-    def _from_kink(self, T: Floats) -> Floats:
-        if not np.isfinite(self.kink):
-            return np.asarray(self.energy / _GAS_LN10 / (T + _ZERO_CELSIUS))
-        cold = np.minimum(T, self.kink)
-        below = self.energy / _GAS_LN10 * (1 / (cold + _ZERO_CELSIUS) - 1 / (self.kink + _ZERO_CELSIUS))
-        warm = np.maximum(T - self.kink, 0.0)
-        return np.asarray(below - self.C1 * warm / (self.C2 + warm))
-
-    def modulus(self, frequency: ArrayLike, temperature: ArrayLike) -> NDArray[np.complex128]:
-        """Return the complex tension modulus at frequencies in Hz and temperatures in °C."""
-        T = np.asarray(temperature, dtype=float)
-        omega = 2 * np.pi * np.asarray(frequency, dtype=float) * 10.0 ** self.log10_aT(T)
-        total = np.full(np.shape(omega), self.relaxed, dtype=complex)
-        for e in self.elements:
-            total += e.strength * (1 - (1 + (1j * omega * e.time) ** e.width) ** -e.skew)
-        vertical = (T + _ZERO_CELSIUS) / (self.T_ref + _ZERO_CELSIUS) if self.is_entropic else 1.0
-        return np.asarray(total * vertical)
-
-
-#: Five solids near the library's moduli; none is a measurement.
-SOLIDS: dict[str, Solid] = {
-    "nbr": Solid(
-        (Element(1.5e9, 2e-8, 0.62, 0.55), Element(4e6, 3.0, 0.45)),
-        7.6e6,
-        0.49,
-        kink=-60.0,
-        C1=23.0,
-        C2=60.0,
-        is_entropic=True,
-        mode="torsion",
-    ),
-    "acrylic": Solid(
-        (Element(2.4e9, 2e4, 0.6, 0.6), Element(2.4e9, 0.02, 0.32)),
-        6e6,
-        0.35,
-        energy=80e3,
-        kink=100.0,
-        C1=13.0,
-        C2=55.0,
-    ),
-    "peek": Solid((Element(1.0e9, 1.0, 0.2),), 3.7e9, 0.38, energy=60e3),
-    "nylon": Solid((Element(2.4e9, 2.0, 0.3),), 0.6e9, 0.40, energy=90e3),
-    "ptfe": Solid((Element(1.6e9, 4e-4, 0.42, 0.9),), 0.35e9, 0.46, energy=100e3),
-}
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,10 +10,10 @@ import numpy as np
 
 from instruments import keyence
 from labpipe import files
-from labpipe.materials import Prony
 from pipelines.rig.fall import DropRig, let_go
 from pipelines.rig.laser_sensor import record_drop
 from pipelines.rig.reference_drop import Trajectory
+from pipelines.rig.solids import Truth, solid_of, truth_of_solid
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +26,7 @@ class Drop:
     release: float
 
 
-def drop_once(rig: DropRig, material: Prony, height: float, seed: int) -> Drop:
+def drop_once(rig: DropRig, material: Truth, height: float, seed: int) -> Drop:
     """Drop a sphere once and record it; everything random comes from ``seed``."""
     begun = let_go(rig, material, height, seed)
     readings = record_drop(
@@ -59,7 +59,7 @@ def truth_of(drop: Drop, rig: DropRig) -> dict[str, Any]:
 
 
 def write_drops(
-    folder: Path, stem: str, rig: DropRig, material: Prony, height: float, repeats: int, seed: int, start: datetime
+    folder: Path, stem: str, rig: DropRig, material: Truth, height: float, repeats: int, seed: int, start: datetime
 ) -> list[str]:
     """Write the recordings of one height and their truth; returns the file names.
 
@@ -82,7 +82,7 @@ def write_drops(
             {1: drop.readings}, cycle=rig.sensor.cycle, start=start + timedelta(minutes=2 * repeat), decimals=4
         )
         keyence.write(folder / name, recording)
-        truth = json.dumps(truth_of(drop, rig), indent=1)
+        truth = json.dumps(truth_of(drop, rig) | {"solid": truth_of_solid(solid_of(material))}, indent=1)
         files.write_text(folder / f"truth/{stem}_{repeat + 1}.json", truth + "\n")
         names.append(name)
     return names

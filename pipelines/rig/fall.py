@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.materials import Prony
 from pipelines.rig.laser_sensor import LaserSensor
 from pipelines.rig.reference_drop import Floor, Trajectory, reference_drop
+from pipelines.rig.solids import Truth, solid_of
 
 _MARGIN = 1e-3  # s by which the motion outlasts the record
 
@@ -16,7 +16,7 @@ _MARGIN = 1e-3  # s by which the motion outlasts the record
 class Body:
     """What falls: radius and moving mass, height of fall, its material, the floor."""
 
-    material: Prony
+    material: Truth
     height: float
     radius: float = 9.525e-3
     mass: float = 0.505
@@ -53,12 +53,8 @@ class Release:
 
 def fall(body: Body, duration: float, snapshots: Floats | None = None) -> Trajectory:
     """Return the reference motion of a body for ``duration`` s after release."""
-    solid = body.material
     return reference_drop(
-        solid.E_relaxed,
-        np.asarray(solid.E),
-        np.asarray(solid.rho),
-        float(solid.nu),
+        solid_of(body.material),
         radius=body.radius,
         mass=body.mass,
         height=body.height,
@@ -68,7 +64,7 @@ def fall(body: Body, duration: float, snapshots: Floats | None = None) -> Trajec
     )
 
 
-def let_go(rig: DropRig, material: Prony, height: float, seed: int) -> Release:
+def let_go(rig: DropRig, material: Truth, height: float, seed: int) -> Release:
     """Let a sphere of the rig fall; everything random comes from ``seed``."""
     generator = np.random.default_rng(seed)
     true_height = height + generator.normal(0.0, rig.height_scatter)

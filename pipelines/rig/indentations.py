@@ -18,15 +18,16 @@ from instruments import mach1
 from instruments.mach1 import Block, LoadCell, assemble, make_block
 from labpipe import files
 from labpipe.arrays import Floats
-from labpipe.materials import Prony
 from pipelines.rig.mach1_tester import OVERSAMPLING, RATE, Tester, approach, oscillation, ramp, record
 from pipelines.rig.reference_indentation import reference_indentation
+from pipelines.rig.solids import Truth, solid_of, truth_of_solid
 
 CELL = LoadCell("250N SN:0000000 (synthetic)", "Multiple-axis", 1.0, 0.0, steps={"Fz, N": 0.0125})
 _AIR = 0.05e-3  # m above the surface where the approach begins
 _APPROACH_SPEED = 0.05e-3  # m/s
 _TOUCH = 2e-6  # m of indentation at which the approach stops
 _DENSE_AFTER_MOVE = 1.0  # s after a motion during which every fine point is computed
+_PER_CYCLE = 400  # points; a line between two misses 3e-5 of the amplitude
 _THINNING = 50  # of the fine points of a long rest, one in so many is computed
 _SETTLE = 2.0  # s between blocks, the stage at rest
 
@@ -38,7 +39,7 @@ class Specimen:
     ``depth`` is the length of one tip; ``surface`` the stage position of first touch.
     """
 
-    material: Prony
+    material: Truth
     tip_radius: float = 2e-3
     period: float = 8e-3
     depth: float = 6e-3
@@ -139,6 +140,7 @@ def write_harmonic(
     pieces = record_parts(folder, name, specimen, parts, tester, seed, start)
     document: dict[str, Any] = {
         "synthetic": True,
+        "solid": truth_of_solid(solid_of(specimen.material)),
         "surface": specimen.surface,
         "mean": protocol.mean,
         "peak_force": float(pieces[1].max()),
@@ -173,13 +175,10 @@ def _force(specimen: Specimen, parts: list[Part], begins: Floats) -> Floats:
     """Return the true force over all blocks, at every fine point."""
     time = np.concatenate([b + p.time for b, p in zip(begins, parts, strict=True)])
     displacement = np.concatenate([p.displacement for p in parts])
-    kept = _where_it_matters(time, displacement)
-    material = specimen.material
+    strides = [np.full(p.time.size, _stride(p.frequency)) for p in parts]
+    kept = _where_it_matters(time, displacement, np.concatenate(strides))
     force, _ = reference_indentation(
-        material.E_relaxed,
-        np.asarray(material.E),
-        np.asarray(material.rho),
-        float(material.nu),
+        solid_of(specimen.material),
         tip_radius=specimen.tip_radius,
         period=specimen.period,
         depth=specimen.depth * specimen.tips,
@@ -200,15 +199,24 @@ def _block(specimen: Specimen, part: Part, written: Floats, start: datetime) -> 
     return make_block(part.function, start, columns, part.parameters, load_cell=CELL, dividers=dividers)
 
 
-def _where_it_matters(time: Floats, displacement: Floats) -> NDArray[np.int64]:
-    """Thin the fine grid out where the stage rests: force is smooth in log time there."""
+def _stride(frequency: float) -> int:
+    """Return of how many fine points one is computed while the stage oscillates."""
+    return max(1, int(RATE * OVERSAMPLING / (_PER_CYCLE * frequency))) if frequency else 1
+
+
+def _where_it_matters(time: Floats, displacement: Floats, stride: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Thin the fine grid out where the stage rests: force is smooth in log time there.
+
+    A slow oscillation needs one of ``stride`` points only.
+    """
     moves = np.flatnonzero(np.diff(displacement) != 0)
     since = np.full(time.size, np.inf)
     last = np.searchsorted(moves, np.arange(time.size), side="right") - 1
     since[last >= 0] = time[last >= 0] - time[moves[last[last >= 0]] + 1]
-    keep = (since < _DENSE_AFTER_MOVE) | (np.arange(time.size) % _THINNING == 0)
+    number = np.arange(time.size)
+    keep = (since < _DENSE_AFTER_MOVE) & (number % stride == 0) | (number % _THINNING == 0)
     # the last fine point before a motion begins must stay, or the ramp would start early
-    keep[moves] = True
+    keep[moves[np.diff(moves, prepend=-2) > 1]] = True
     keep[[0, -1]] = True
     return np.flatnonzero(keep)
 

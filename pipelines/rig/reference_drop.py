@@ -1,17 +1,19 @@
 """The virtual rig's own drop: a dense reference that shares no code with the bundled simulator.
 
-The simulator works with creep compliance, implicit adaptive steps and ballistic flights over a
-rigid floor. This reference works with the relaxation modulus (Maxwell branches), explicit
-velocity Verlet at a fixed small step, several hundred springs, and a floor that may move: a
-damped oscillator under the sphere. Where both agree, they agree for a reason.
+The simulator works with the creep compliance of a Prony series, implicit adaptive steps and
+ballistic flights over a rigid floor. This reference works with the true relaxation function and
+the whole history of every spring (:mod:`pipelines.rig.heredity`), explicit velocity Verlet,
+several hundred springs, and a floor that may move: a damped oscillator under the sphere. Where
+both agree, they agree for a reason.
 
 Each spring of the one-dimensional foundation under the profile x²/R carries a surface
-displacement u and one internal strain h_j per Maxwell branch::
+displacement u::
 
-    q = E_relaxed u + Σ E_j h_j,      h_j' = u' − h_j / ρ_j
+    q(t) = ∫ E(t − s) du(s)
 
-In contact u follows the profile; free springs have q = 0. Over a step u is linear, so the
-update of h_j is exact and no branch, however fast, limits the step.
+In contact u follows the profile; free springs have q = 0. Over a step u is linear, so no
+relaxation, however fast, limits the step. For contacts that only grow and then only recede this is
+Ting's solution (J. Appl. Mech. 33 (1966) 845, doi:10.1115/1.3625192).
 
 References
 ----------
@@ -28,10 +30,14 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
+from pipelines.rig.heredity import History, copy_of, no_history, pull, remember, stiffness_of_step
+from pipelines.rig.solids import Viscoelastic
 
 GRAVITY = 9.81  # m/s², as in the thesis
 CONTACT_STEP = 2e-6  # s; (ω Δt)²/24 is 1e-6 for a contact of 1 ms
-SPRINGS = 500
+_COARSER = ((4e-3, 8e-6), (40e-3, 20e-6))  # steps [s] from so long [s] after a touch: it rests
+SPRINGS = 400
+_IMPACT = 20e-3  # s; longer than any impact, so its modulus bounds the contact from above
 _PRESSED = 1e-15  # m, rounding of the displacement of a pressed spring
 FLIGHT_GROWTH = 1.15  # ratio of successive recovery steps in flight; recovery is smooth in log t
 
@@ -104,67 +110,57 @@ def _contact(
     floor: float,
     floor_speed: float,
     u: Floats,
-    h: Floats,
+    history: History,
+    begun: float,
     gap: Floats,
     weight: Floats,
-    E_relaxed: float,
-    E: Floats,
-    rho: Floats,
     mass: float,
     gravity: float,
     floor_mass: float,
     floor_omega: float,
     floor_zeta: float,
-    step: float,
-    n_max: int,
+    grid: Floats,
     record: Floats,
     kept: NDArray[np.int64],
     states: Floats,
 ) -> tuple[int, bool]:
     """Integrate one contact; returns the number of steps and whether the sphere left.
 
-    ``states`` receives the springs after each of the steps ``kept`` (increasing).
+    ``grid`` are the times of the steps since the contact began at ``begun``. ``states`` receives
+    the springs after each of the steps ``kept`` (increasing).
     """
     place = 0
-    n_springs, n_terms = h.shape
-    decay, phi = np.exp(-step / rho), np.empty(n_terms)
-    for j in range(n_terms):
-        x = step / rho[j]
-        phi[j] = -np.expm1(-x) / x
-    stiffness = E_relaxed
-    for j in range(n_terms):
-        stiffness += E[j] * phi[j]
+    n_springs = u.size
+    base, rise = np.zeros(n_springs), np.zeros(n_springs)
     reach = 0
     for i in range(n_springs):
-        if u[i] > 0.0 or h[i, 0] != 0.0:
+        if u[i] != 0.0:
             reach = i + 1
     force, floor_force_acceleration = 0.0, 0.0
     acceleration = -gravity  # of the approach's opposite: upward positive motion of the sphere
     height = -approach + floor
-    for n in range(n_max):
+    for n in range(grid.size - 1):
+        step = grid[n + 1] - grid[n]
+        now = begun + grid[n + 1]
         height += speed * step + 0.5 * acceleration * step * step
         floor += floor_speed * step + 0.5 * floor_force_acceleration * step * step
         approach = floor - height
         force, edge, in_contact = 0.0, 0.0, False
+        stiffness = stiffness_of_step(history, step)
+        pull(history, now, reach, base)
         for i in range(n_springs):
-            pull = 0.0
-            for j in range(n_terms):
-                pull += E[j] * decay[j] * h[i, j]
-            base = E_relaxed * u[i] + pull
-            free = u[i] - base / stiffness
             target = approach - gap[i]
             if i >= reach and target <= 0.0:
                 break
+            free = u[i] - base[i] / stiffness
             new = max(free, target)
-            q = base + stiffness * (new - u[i])
-            rise = new - u[i]
-            for j in range(n_terms):
-                h[i, j] = decay[j] * h[i, j] + phi[j] * rise
+            rise[i] = new - u[i]
             u[i] = new
             if target > free:
-                force += weight[i] * q
+                force += weight[i] * (base[i] + stiffness * rise[i])
                 edge, in_contact = gap[i], True
             reach = max(reach, i + 1)
+        remember(history, now - step, now, rise, reach)
         new_acceleration = force / mass - gravity
         speed += 0.5 * (acceleration + new_acceleration) * step
         acceleration = new_acceleration
@@ -183,23 +179,43 @@ def _contact(
             place += 1
         if not in_contact and n > 2:
             return n + 1, True
-    return n_max, False
+    return grid.size - 1, False
 
 
-def _recover(u: Floats, h: Floats, duration: float, E_relaxed: float, E: Floats, rho: Floats) -> None:
+@numba.njit(cache=True)
+def _recover(u: Floats, history: History, begun: float, duration: float) -> None:
     """Let unloaded springs creep back for ``duration``, in steps that grow geometrically."""
+    base, rise = np.zeros(u.size), np.zeros(u.size)
+    reach = 0
+    for i in range(u.size):
+        if u[i] != 0.0:
+            reach = i + 1
     elapsed, step = 0.0, CONTACT_STEP
-    while elapsed < duration:
+    while elapsed < duration and reach > 0:
         step = min(step, duration - elapsed)
-        decay = np.exp(-step / rho)
-        phi = -np.expm1(-step / rho) / (step / rho)
-        pull = h @ (E * decay)
-        rise = -(E_relaxed * u + pull) / (E_relaxed + E @ phi)
-        h *= decay
-        h += np.outer(rise, phi)
-        u += rise
+        now = begun + elapsed + step
+        stiffness = stiffness_of_step(history, step)
+        pull(history, now, reach, base)
+        for i in range(reach):
+            rise[i] = -base[i] / stiffness
+            u[i] += rise[i]
+        remember(history, begun + elapsed, now, rise, reach)
         elapsed += step
         step *= FLIGHT_GROWTH
+
+
+def _contact_grid(duration: float) -> Floats:
+    """Return the times of the steps of a contact [s], from 0 to its longest duration."""
+    ends = [*(begin for begin, _ in _COARSER), np.inf]
+    steps = [CONTACT_STEP, *(step for _, step in _COARSER)]
+    pieces: list[Floats] = [np.zeros(1)]
+    begin = 0.0
+    for step, end in zip(steps, ends, strict=True):
+        count = int(np.ceil((min(end, duration) - begin) / step))
+        if count > 0:
+            pieces.append(np.asarray(begin + step * np.arange(1.0, count + 1.0), dtype=np.float64))
+            begin = float(pieces[-1][-1])
+    return np.concatenate(pieces)
 
 
 def _floor_free(time: Floats, x0: float, v0: float, floor: Floor) -> tuple[Floats, Floats]:
@@ -214,10 +230,7 @@ def _floor_free(time: Floats, x0: float, v0: float, floor: Floor) -> tuple[Float
 
 
 def reference_drop(
-    E_relaxed: float,
-    E: Floats,
-    rho: Floats,
-    nu: float,
+    solid: Viscoelastic,
     *,
     radius: float,
     mass: float,
@@ -230,12 +243,8 @@ def reference_drop(
 
     Parameters
     ----------
-    E_relaxed : float [Pa]
-        Long-time modulus.
-    E, rho : array (term,) [Pa], [s]
-        Maxwell branches.
-    nu : float
-        Poisson's ratio.
+    solid : Viscoelastic
+        At its temperature.
     radius, mass, height, duration : float [m], [kg], [m], [s]
         Sphere, moving mass, fall from rest to first touch, time simulated after release.
     floor : Floor, optional
@@ -248,28 +257,15 @@ def reference_drop(
     InputError
         A quantity that must be positive is not.
     """
-    if min(E_relaxed, radius, mass, height, duration) <= 0:
+    if min(solid.unrelaxed, radius, mass, height, duration) <= 0:
         message = "modulus, radius, mass, height and duration must be positive"
         raise InputError(message)
     floor = Floor() if floor is None else floor
-    glassy = (E_relaxed + float(np.sum(E))) / (1 - nu**2)
-    scale = 1 / (1 - nu**2)
-    speed = np.sqrt(2 * GRAVITY * height)
-    softest = E_relaxed / (1 - nu**2)
-    # Hertz with the relaxed modulus bounds the contact radius from above.
-    bound = np.sqrt(
-        radius * (15 * mass * speed**2 / (16 * softest * np.sqrt(radius))) ** 0.4 * 1.05
-        + radius * (0.75 * mass * GRAVITY / (softest * np.sqrt(radius))) ** (2 / 3) * 0.5
-    )
-    width = bound / SPRINGS
-    position = (np.arange(SPRINGS) + 0.5) * width
-    gap, weight = position**2 / radius, np.full(SPRINGS, 2 * width)
-    u, h = np.zeros(SPRINGS), np.zeros((SPRINGS, len(E)))
-    branches = np.asarray(E, float) * scale
-    rho = np.asarray(rho, float)
-    if glassy <= 0:
-        message = "the instantaneous modulus must be positive"
-        raise InputError(message)
+    width = _widest(solid, radius, mass, height, duration) / SPRINGS
+    position: Floats = np.asarray((np.arange(SPRINGS) + 0.5) * width, dtype=np.float64)
+    gap: Floats = np.asarray(position**2 / radius, dtype=np.float64)
+    weight = np.full(SPRINGS, 2 * width)
+    u, history = np.zeros(SPRINGS), no_history(solid, SPRINGS, 1 / (1 - solid.nu**2))
 
     now, z, v, x, w = 0.0, height, 0.0, 0.0, 0.0
     pieces: list[Floats] = [np.array([[0.0, z, 0.0, 0.0, 0.0, 0.0]])]
@@ -277,7 +273,7 @@ def reference_drop(
     asked = np.empty(0) if snapshots is None else np.asarray(snapshots, float)
     shots: list[tuple[Floats, float, float]] = []
     while now < duration:
-        flight = _flight_time(z, v, x, w, u, h, softest, branches, rho, floor)
+        flight = _flight_time(z, v, x, w, u, history, now, floor)
         flight = min(flight, duration - now)
         grid = np.linspace(0.0, flight, max(3, int(flight / 2e-4)))[1:]
         floor_x, floor_w = (
@@ -290,18 +286,18 @@ def reference_drop(
             )
         )
         shots += [
-            _in_flight(time - now, z, v, x, w, u, h, softest, branches, rho, floor)
+            _in_flight(time - now, z, v, x, w, u, history, now, floor)
             for time in asked[(asked >= now) & (asked < now + flight)]
         ]
-        _recover(u, h, flight, softest, branches, rho)
+        _recover(u, history, now, flight)
         now += flight
         z, v, x, w = pieces[-1][-1, 1], pieces[-1][-1, 2], floor_x[-1], floor_w[-1]
         if now >= duration:
             break
-        n_max = int(np.ceil((duration - now) / CONTACT_STEP))
-        record = np.empty((n_max, 6))
+        steps = _contact_grid(duration - now)
+        record = np.empty((steps.size - 1, 6))
         due = asked[asked >= now]
-        before = np.floor((due - now) / CONTACT_STEP).astype(np.int64) - 1
+        before = np.searchsorted(steps, due - now, side="right") - 2
         kept = np.unique(np.concatenate([before, before + 1]))
         kept = kept[kept >= 0]
         states, start = np.empty((len(kept), SPRINGS)), (u.copy(), x - z)
@@ -311,33 +307,33 @@ def reference_drop(
             x,
             w,
             u,
-            h,
+            history,
+            now,
             gap,
             weight,
-            softest,
-            branches,
-            rho,
             mass,
             GRAVITY,
             floor.mass,
             2 * np.pi * floor.frequency,
             floor.damping_ratio,
-            CONTACT_STEP,
-            n_max,
+            steps,
             record,
             kept,
             states,
         )
         record = record[:n]
+        if u[-1] > 0.0:
+            message = "the contact grew beyond the springs"
+            raise RuntimeError(message)
         # Under a moving floor the touch is foretold a few steps early; without force it is none.
         if is_touch := bool(np.any(record[:, 2] > 0.0)):
             touch.append(now)
             incoming.append(-v)
         for time, step in zip(due, before, strict=True):
             if step + 1 < n:
-                share = (time - now) / CONTACT_STEP - (step + 1)
+                share = (time - now - steps[step + 1]) / (steps[step + 2] - steps[step + 1])
                 shots.append(_in_contact(int(step), share, start, kept, states, record, gap, width))
-        times = now + CONTACT_STEP * np.arange(1, n + 1)
+        times = now + steps[1 : n + 1]
         pieces.append(_rows(times, record, radius, width))
         now = float(times[-1])
         z, v, x, w = record[-1, 0], record[-1, 1], record[-1, 4], record[-1, 5]
@@ -360,6 +356,15 @@ def reference_drop(
     )
 
 
+def _widest(solid: Viscoelastic, radius: float, mass: float, height: float, duration: float) -> float:
+    """Bound the contact radius from above: Hertz with moduli that have relaxed longer than they can."""
+    of_impact, at_rest = solid.relaxation(np.array([_IMPACT, max(duration, _IMPACT)])) / (1 - solid.nu**2)
+    root = np.sqrt(radius)
+    impact = (15 * mass * GRAVITY * height / (8 * of_impact * root)) ** 0.4
+    static = (0.75 * mass * GRAVITY / (at_rest * root)) ** (2 / 3)
+    return float(np.sqrt(radius * max(1.05 * impact + 0.5 * static, 1.5 * static)))
+
+
 def _rows(times: NDArray[np.floating[Any]], record: Floats, radius: float, width: float) -> Floats:
     """Turn the record of a contact into rows of the trajectory; a spring covers half its width."""
     edge = np.sqrt(record[:, 3] * radius) + np.where(record[:, 3] > 0, width / 2, 0.0)
@@ -378,21 +383,11 @@ def _handed_out(asked: Floats, shots: list[tuple[Floats, float, float]], positio
 
 
 def _in_flight(
-    elapsed: float,
-    z: float,
-    v: float,
-    x: float,
-    w: float,
-    u: Floats,
-    h: Floats,
-    E_relaxed: float,
-    E: Floats,
-    rho: Floats,
-    floor: Floor,
+    elapsed: float, z: float, v: float, x: float, w: float, u: Floats, history: History, begun: float, floor: Floor
 ) -> tuple[Floats, float, float]:
     """Springs and approach some time after the start of a flight."""
-    recovered, memory = u.copy(), h.copy()
-    _recover(recovered, memory, elapsed, E_relaxed, E, rho)
+    recovered = u.copy()
+    _recover(recovered, copy_of(history, u.size), begun, elapsed)
     level = 0.0
     if np.isfinite(floor.mass):
         level = float(_floor_free(np.array([elapsed]), x, w, floor)[0][0])
@@ -440,16 +435,16 @@ def _in_contact(
 
 
 def _flight_time(
-    z: float, v: float, x: float, w: float, u: Floats, h: Floats, E_relaxed: float, E: Floats, rho: Floats, floor: Floor
+    z: float, v: float, x: float, w: float, u: Floats, history: History, begun: float, floor: Floor
 ) -> float:
     """Time until the falling sphere meets the recovering dent at its centre."""
     apex = max(v, 0.0) / GRAVITY
     level = 0.0
-    for _ in range(6):  # the dent recovers slowly against the flight: this converges at once
+    for _ in range(4):  # the dent recovers slowly against the flight: this converges at once
         span = apex + np.sqrt(max(2 * (z + v * apex - 0.5 * GRAVITY * apex**2 + level), 0) / GRAVITY)
-        centre_u, centre_h = u[:1].copy(), h[:1].copy()
-        _recover(centre_u, centre_h, span, E_relaxed, E, rho)
-        level = float(centre_u[0])
+        centre = u[:1].copy()
+        _recover(centre, copy_of(history, 1), begun, span)
+        level = float(centre[0])
     if not np.isfinite(floor.mass):
         return float(span)
     grid = np.linspace(0.0, span * 1.02 + 1e-4, 20001)[1:]

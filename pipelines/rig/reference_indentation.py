@@ -1,8 +1,9 @@
-"""The virtual rig's own periodic indentation: closed-form springs in relaxation form.
+"""The virtual rig's own periodic indentation: closed-form springs with their whole history.
 
 The bundled simulator discretises the period into boundary elements and steps the creep
-compliance. This reference uses the closed forms of a parabolic tip on a half-plane and steps
-the relaxation modulus, so the two share neither the spatial nor the temporal scheme.
+compliance of a Prony series. This reference uses the closed forms of a parabolic tip on a
+half-plane and the true relaxation function (:mod:`pipelines.rig.heredity`), so the two share
+neither the spatial nor the temporal scheme.
 
 References
 ----------
@@ -17,6 +18,8 @@ from numpy.typing import NDArray
 from scipy.special import spence
 
 from labpipe.arrays import Floats
+from pipelines.rig.heredity import History, no_history, pull, remember, stiffness_of_step
+from pipelines.rig.solids import Viscoelastic
 
 SPRINGS = 1500
 WIDEST = 0.3  # of the period: the reference refuses wider contacts than it resolves
@@ -24,66 +27,38 @@ WIDEST = 0.3  # of the period: the reference refuses wider contacts than it reso
 
 @numba.njit(cache=True)
 def _march(
-    time: Floats,
-    depth: Floats,
-    gap: Floats,
-    weight: Floats,
-    E_relaxed: float,
-    E: Floats,
-    rho: Floats,
-    force: Floats,
-    edge: NDArray[np.int64],
+    time: Floats, depth: Floats, gap: Floats, weight: Floats, history: History, force: Floats, edge: NDArray[np.int64]
 ) -> None:
     """Step every spring through the displacement history; fills ``force`` and ``edge``."""
-    n_springs, n_terms = gap.size, E.size
-    u, h = np.zeros(n_springs), np.zeros((n_springs, n_terms))
-    decay, phi = np.empty(n_terms), np.empty(n_terms)
+    u, base, rise = np.zeros(gap.size), np.zeros(gap.size), np.zeros(gap.size)
     reach = 0
     for n in range(1, time.size):
-        step = time[n] - time[n - 1]
-        stiffness = E_relaxed
-        for j in range(n_terms):
-            x = step / rho[j]
-            decay[j] = np.exp(-x)
-            phi[j] = -np.expm1(-x) / x
-            stiffness += E[j] * phi[j]
-        for i in range(n_springs):
+        stiffness = stiffness_of_step(history, time[n] - time[n - 1])
+        pull(history, time[n], reach, base)
+        for i in range(gap.size):
             target = depth[n] - gap[i]
             if i >= reach and target <= 0.0:
                 break
-            base = E_relaxed * u[i]
-            for j in range(n_terms):
-                base += E[j] * decay[j] * h[i, j]
-            free = u[i] - base / stiffness
+            free = u[i] - base[i] / stiffness
             new = max(free, target)
-            rise = new - u[i]
-            if target > free:
-                force[n] += weight[i] * (base + stiffness * rise)
-                edge[n] = i
-            for j in range(n_terms):
-                h[i, j] = decay[j] * h[i, j] + phi[j] * rise
+            rise[i] = new - u[i]
             u[i] = new
+            if target > free:
+                force[n] += weight[i] * (base[i] + stiffness * rise[i])
+                edge[n] = i
             reach = max(reach, i + 1)
+        remember(history, time[n - 1], time[n], rise, reach)
 
 
 def reference_indentation(
-    E_relaxed: float,
-    E: Floats,
-    rho: Floats,
-    nu: float,
-    *,
-    tip_radius: float,
-    period: float,
-    depth: float,
-    time: Floats,
-    displacement: Floats,
+    solid: Viscoelastic, *, tip_radius: float, period: float, depth: float, time: Floats, displacement: Floats
 ) -> tuple[Floats, Floats]:
     """Force of one tip row and contact half-width under a displacement history.
 
     Parameters
     ----------
-    E_relaxed, E, rho, nu
-        Maxwell branches of the substrate in Pa and s, Poisson's ratio.
+    solid : Viscoelastic
+        The substrate.
     tip_radius, period, depth : float [m]
         Geometry; ``depth`` is the contact length summed over the tips.
     time, displacement : array (time,) [s], [m]
@@ -100,15 +75,12 @@ def reference_indentation(
     with np.errstate(divide="ignore"):
         stiffness = -(np.pi / 2) / np.log(np.sin(np.pi * edges / period))
     force, edge = np.zeros(time.size), np.zeros(time.size, dtype=np.int64)
-    plane = 1 / (1 - nu**2)
     _march(
         np.asarray(time, float),
         np.asarray(displacement, float),
         gap,
         np.diff(stiffness),
-        E_relaxed * plane,
-        np.asarray(E, float) * plane,
-        np.asarray(rho, float),
+        no_history(solid, SPRINGS, 1 / (1 - solid.nu**2)),
         force,
         edge,
     )

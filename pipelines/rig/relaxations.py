@@ -14,6 +14,7 @@ import numpy as np
 from labpipe import files
 from pipelines.rig.indentations import Specimen, approach_part, ramp_part, record_parts
 from pipelines.rig.mach1_tester import Tester
+from pipelines.rig.solids import solid_of, truth_of_solid
 
 TESTER = Tester(force_gain=0.9988, acceleration=0.05)
 _PLATEAU = 60.0  # s, the end of the hold over which the truth is averaged
@@ -39,9 +40,10 @@ def write_relaxation(
         _, force = record_parts(folder, stem, specimen, parts, tester, seed + number, start + number * _APART)
         time = parts[1].time
         late = time >= time[-1] - min(_PLATEAU, 0.1 * protocol.hold)
-        solid = specimen.material
+        solid = solid_of(specimen.material)
         document = {
             "synthetic": True,
+            "solid": truth_of_solid(solid),
             "surface": specimen.surface,
             "depth": depth,
             "peak_force": float(force.max()),
@@ -50,8 +52,8 @@ def write_relaxation(
             "end_force": float(force[-1]),
             "force_gain": tester.force_gain,
             "force_offset": tester.force_offset,
-            "E_relaxed": float(solid.E_relaxed),
-            "reduced_modulus": float(solid.E_relaxed) / (1 - float(solid.nu) ** 2),
+            "E_relaxed": solid.relaxed,
+            "reduced_modulus": solid.relaxed / (1 - solid.nu**2),
         }
         files.write_text(folder / f"truth/{stem}.json", json.dumps(document, indent=1) + "\n")
         names.append(f"mach1/{stem}.txt")

@@ -12,7 +12,7 @@ from pathlib import Path
 from labpipe import files, materials
 from labpipe.errors import UsageError
 from labpipe.workflow.session import FILE_NAME
-from pipelines.rig.dma import SOLIDS, Protocol, write_dma
+from pipelines.rig.dma import Protocol, write_dma
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.film_session import FRONT_HEIGHT, front_record, under_record, write_films
@@ -23,6 +23,7 @@ from pipelines.rig.plate import PLATE, PLATE_RIG
 from pipelines.rig.plate_session import plate_laser_record, write_plate
 from pipelines.rig.relaxations import Relaxation
 from pipelines.rig.session_text import NOTE, dma_section, drop_section, height_name, laser_record, session_head
+from pipelines.rig.solids import SOLIDS
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
 
 _START = datetime(2024, 5, 14, 9, 30)

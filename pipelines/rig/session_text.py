@@ -1,7 +1,7 @@
 """The texts that synthetic sessions share: the head of session.toml, records, sections."""
 
 from labpipe.workflow.session import VERSION
-from pipelines.rig.dma import Solid
+from pipelines.rig.solids import Solid
 
 NOTE = (
     "SYNTHETIC: made by labpipe's virtual rig, not measured. The truth lies in truth/ and is "

@@ -9,9 +9,9 @@ import numpy as np
 
 from instruments import keyence
 from labpipe import files
-from labpipe.materials import Prony
 from pipelines.rig.laser_sensor import LaserSensor
 from pipelines.rig.reference_static import reference_static
+from pipelines.rig.solids import Truth, solid_of, truth_of_solid
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,21 +36,14 @@ class StaticRig:
     touched: float = 4e-6
 
 
-def write_static(folder: Path, name: str, rig: StaticRig, material: Prony, seed: int, start: datetime) -> str:
+def write_static(folder: Path, name: str, rig: StaticRig, material: Truth, seed: int, start: datetime) -> str:
     """Write one record of the laser and the truth beside it; returns the file's name."""
     generator = np.random.default_rng(seed)
     late = np.concatenate([[-1e-3], generator.normal(0.0, rig.late, len(rig.times) - 1)])
     begins = np.array(rig.times) + late
     time = np.arange(round(rig.duration / rig.cycle), dtype=np.float64) * rig.cycle
     approach = reference_static(
-        material.E_relaxed,
-        np.asarray(material.E),
-        np.asarray(material.rho),
-        float(material.nu),
-        radius=rig.radius,
-        load_times=begins,
-        loads=np.array(rig.masses) * rig.gravity,
-        time=time,
+        solid_of(material), radius=rig.radius, load_times=begins, loads=np.array(rig.masses) * rig.gravity, time=time
     )
     drift = generator.normal(0.0, rig.drift) * time / rig.duration
     along = (drift - approach) * np.cos(rig.sensor.inclination) + rig.sensor.zero
@@ -63,6 +56,7 @@ def write_static(folder: Path, name: str, rig: StaticRig, material: Prony, seed:
     keyence.write(folder / file, recording)
     truth = {
         "synthetic": True,
+        "solid": truth_of_solid(solid_of(material)),
         "zero": rig.sensor.zero,
         "inclination": rig.sensor.inclination,
         "load_times": begins.tolist(),

@@ -10,12 +10,16 @@ import tempfile
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from labpipe import files
 from labpipe.build import __version__
 from labpipe.errors import InputError, LabpipeError
-from labpipe.notebook import html_table
+from labpipe.notebook import html_table, text_table
 from labpipe.plugins import PluginWarning
+
+if TYPE_CHECKING:
+    from pipelines.session._audit import Audit
 
 _LIBRARIES = (
     "numpy", "scipy", "pandas", "xarray", "netCDF4", "matplotlib", "opencv-python-headless",
@@ -128,6 +132,8 @@ class Health:
         Room on the disk.
     problems, session_problems, damaged_results : tuple of str
         Of the installation, of session.toml, and stored results that cannot be read.
+    audit : Audit or None
+        What is wrong with the recordings and settings of a session that was named.
     """
 
     versions: dict[str, str]
@@ -136,6 +142,7 @@ class Health:
     problems: tuple[str, ...]
     session_problems: tuple[str, ...]
     damaged_results: tuple[str, ...]
+    audit: Audit | None = None
 
     def lines(self) -> list[str]:
         """Say what is wrong as lines of text."""
@@ -146,24 +153,37 @@ class Health:
     def __repr__(self) -> str:
         head = [f"{name:24}{version}" for name, version in self.versions.items()]
         room = f"{'free space':24}{self.free_bytes / 1e9:.1f} GB"
-        return "\n".join([*head, room, *self.plugins, "", *self.lines()])
+        return "\n".join([*head, room, *self.plugins, "", *self.lines(), *self._audited()])
+
+    def _audited(self) -> list[str]:
+        """Write the table of findings, each with the line to change."""
+        if self.audit is None:
+            return []
+        rows = [(t.level, t.place, ", ".join(t.experiments), t.sentence) for t in self.audit.troubles]
+        return ["", *(text_table(self.audit.caption, rows, most=None) if rows else self.audit.caption).splitlines()]
 
     def _repr_html_(self) -> str:
-        return html_table("; ".join(self.lines()), ("library", "version"), self.versions.items())
+        told = html_table("; ".join(self.lines()), ("library", "version"), self.versions.items())
+        if self.audit is None:
+            return told
+        rows = [(t.level, t.place, ", ".join(t.experiments), t.sentence) for t in self.audit.troubles]
+        return told + html_table(self.audit.caption, ("level", "to change", "experiments", "what was seen"), rows)
 
 
-def doctor(folder: str | Path = ".") -> Health:
-    """Check the installation, the disk, and the results of a session.
+def doctor(folder: str | Path | None = None) -> Health:
+    """Check the installation and the disk; of a session, its results and all that it holds.
 
     Parameters
     ----------
-    folder : path-like
-        Where to look for room and for a session; the present folder by default.
+    folder : path-like, optional
+        A session to audit: every recording and setting is judged, and what the verdicts need is
+        processed first. Without it, the present folder is looked at and nothing is processed.
 
     Returns
     -------
     Health
-        Versions, plug-ins, free space, and problems in words.
+        Versions, plug-ins, free space, problems in words, and the audit of the session; that is
+        left out while session.toml has mistakes or stored results are damaged.
 
     Raises
     ------
@@ -175,7 +195,7 @@ def doctor(folder: str | Path = ".") -> Health:
     >>> doctor("my-session").problems  # doctest: +SKIP
     ()
     """
-    place = Path(folder)
+    place = Path(folder if folder is not None else ".")
     if not place.is_dir():
         message = f"{place} is no folder; name one that exists"
         raise InputError(message)
@@ -184,7 +204,15 @@ def doctor(folder: str | Path = ".") -> Health:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PluginWarning)  # they are listed here
         plugins = _plugins()
+    is_sound = (place / "session.toml").is_file() and not mistakes and not damaged
     return Health(
         versions, tuple(plugins), shutil.disk_usage(place).free,
         tuple(_problems(place, versions)), tuple(mistakes), tuple(damaged),
+        _audit(place) if folder is not None and is_sound else None,
     )  # fmt: skip
+
+
+def _audit(folder: Path) -> Audit:
+    from pipelines.session._audit import audit  # it loads the engine, which the installation may lack
+
+    return audit(folder)

@@ -16,6 +16,9 @@ _LINE = re.compile(rf'^\s*(\w+)\s*=\s*"{GAP}(?: ([^"]*))?"(?:\s*#\s*(.*))?$')
 _TABLE = re.compile(r"^\[{1,2}(?:experiments\.)?([^\]]+)\]{1,2}\s*(?:#.*)?$")
 NONE = "none"
 """The answer that leaves a line out, where its remark offers it."""
+_BARE_NUMBERS = re.compile(r"(?:[\d\s.,±+-]|(?<=\d)[eE](?=[+-]?\d))+")
+_OTHER_WORDS = {"pmma": "acrylic"}
+"""Words that laboratories use for ours."""
 _DAYS = ("valid_from", "valid_until", "when")
 
 
@@ -27,13 +30,17 @@ def library_names() -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """One value that is missing: its line from 1, its table, its key, unit, and explanation."""
+    """One value that is missing: its line from 1, its table, its key, unit, and explanation.
+
+    ``record`` tells that it belongs to a calibration record.
+    """
 
     line: int
     table: str
     key: str
     unit: str
     remark: str
+    record: bool = False
 
     @property
     def question(self) -> str:
@@ -48,8 +55,11 @@ class Gap:
 
     @property
     def sort(self) -> tuple[str, str, str]:
-        """What two questions of one sort share; the answer to one is offered for the next."""
-        return self.key, self.unit, self.remark
+        """What two questions of one sort share; the answer to one is offered for the next.
+
+        A value of a calibration record belongs to its sensor or view, and is offered for no other.
+        """
+        return self.key, self.unit, f"{self.table}: {self.remark}" if self.record and self.unit else self.remark
 
 
 def gaps(text: str) -> Iterator[Gap]:
@@ -97,7 +107,9 @@ def checked(gap: Gap, answer: str) -> str:
     if gap.key in _DAYS:
         return _day(answer)
     for key, allowed in (("material", library_names()), *_answers()):
-        if gap.key == key and answer not in allowed:
+        if gap.key == key:
+            if (known := _OTHER_WORDS.get(answer.lower(), answer.lower())) in allowed:
+                return known
             message = f'expected one of {", ".join(allowed)}; found "{answer}"'
             raise InputError(message)
     return _with_unit(gap, answer) if gap.unit or gap.key == "nu" else answer
@@ -120,7 +132,7 @@ def _day(answer: str) -> str:
 
 def _with_unit(gap: Gap, answer: str) -> str:
     wanted = gap.unit or "1"
-    text = answer if re.search(r"[A-Za-zµμ°]", answer) or wanted == "1" else f"{answer} {wanted}"
+    text = f"{answer} {wanted}" if _BARE_NUMBERS.fullmatch(answer) and wanted != "1" else answer
     expected = f'expected for example "{f"12.3 ± 0.1 {gap.unit}".strip()}"'
     try:
         found = quantity(text)
@@ -147,7 +159,7 @@ def filled(text: str, ask: Callable[[Gap], str | None], owner: str = "") -> str:
     """
     lines = text.splitlines(keepends=True)
     for gap in gaps(text):
-        answer = ask(replace(gap, table=owner) if owner else gap)
+        answer = ask(replace(gap, table=owner, record=True) if owner else gap)
         if answer == NONE and gap.may_be_left_out:
             lines[gap.line - 1] = f"# {gap.key}: there is none\n"
         elif answer is not None:

@@ -18,7 +18,7 @@ from pipelines.experiments import JUDGEMENT, Kind
 if TYPE_CHECKING:
     import xarray as xr
 
-    from labpipe.report import Column, IndexRow, LineChart, ScatterChart
+    from labpipe.report import Column, IndexRow, IndexTable, LineChart, ScatterChart
 
 PAGE = "index.html"
 """Below ``SESSION/labpipe``; an experiment cannot have a page of that name there."""
@@ -26,7 +26,7 @@ COMPARISON_PAGE = "compare.html"
 """Beside it, once ``labpipe compare`` has written it."""
 
 
-_REPORT, _DONE = "report", "done"
+_REPORT, _DONE, _WAITING = "report", "done", "waits for values"
 _FEW_KINDS = 3  # that share one table
 _CAPTION = (
     "Select a heading to sort. The error is the root mean square of measurement minus model (or "
@@ -57,6 +57,7 @@ def write_overview(session: Session, stages: Stages) -> Path:
     plan = make_plan(session, tasks, frozenset(tasks), store, keep=None)
     path = session.folder / PAGE
     code = store.code.behind(f"{__name__}:{_page.__name__}")
+    store.code.save()  # following the imports of a page takes longer than all else that an unchanged session needs
     mark = f"<!-- {_state_digest(plan, code)} -->\n"
     if not (path.is_file() and path.read_text("utf-8").endswith(mark)):
         files.write_text(path, _page(Results(plan)) + mark)
@@ -78,7 +79,7 @@ def _state_digest(plan: Plan, code: Identity) -> str:
         for row in plan.rows
     ]
     has_comparison = (session.folder / COMPARISON_PAGE).is_file()
-    head = [code, session.title, session.operator, session.notes, session.synthetic, has_comparison]
+    head = [code, session.title, session.operator, session.notes, session.synthetic, has_comparison, session.waiting]
     return hashlib.sha256(files.canonical([head, rows]).encode("utf-8", "replace")).hexdigest()
 
 
@@ -94,6 +95,9 @@ def _page(results: Results) -> str:
         sections.append(Section(title, (IndexTable(tuple(columns), rows, caption),)))
         states += [row.state for row in rows]
         caption = ""  # once is enough
+    if session.waiting:
+        sections.append(Section("Waiting", (_those_that_wait(session),)))
+        states += [_WAITING] * len(session.waiting)
     if below := _below(session):
         sections.append(Section("Session", below))
     about = [f"{sum(state.startswith(_DONE) for state in states)} of {len(states)} experiments done"]
@@ -102,6 +106,17 @@ def _page(results: Results) -> str:
     return Document(
         session.title, " · ".join(about), "synthetic data" if session.synthetic else "", tuple(sections)
     ).render()
+
+
+def _those_that_wait(session: Session) -> "IndexTable":
+    """List the experiments whose lines are to be filled in, each with the first of them."""
+    from labpipe.report import IndexRow, IndexTable
+
+    rows = [
+        IndexRow(name, _WAITING, "info", remark=lines[0] + (f"; and {len(lines) - 1} more" if lines[1:] else ""))
+        for name, lines in session.waiting.items()
+    ]
+    return IndexTable((), tuple(rows), "Not processed: values are still to be filled in.")
 
 
 def _groups(session: Session) -> list[tuple[str, list[str]]]:

@@ -2,13 +2,15 @@
 
 Instruments are recognised by content. Every kind of experiment is offered the files of the
 instruments that it knows; those of other distributions first, then ours from the special to the
-general. What no file tells is asked for, or written as a gap; the session is refused, line by
-line, until it is filled. A calibration record that is missing is proposed as a file of its own.
+general. What no file tells is asked for, or written as a gap; an experiment waits until its gaps
+are filled. A calibration record that is missing is proposed as a file of its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import hashlib
+import re
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -103,12 +105,58 @@ def init(folder: str | Path, *, replace: bool = False, ask: Callable[[Gap], str 
         for number, line in enumerate(content.splitlines(), 1)
         if GAP in line and not line.lstrip().startswith("#")
     ]
-    unused = [
+    return Scan(path, names, gaps, [folder / name for name in records], _unused_files(found, text))
+
+
+def _unused_files(found: Found, text: str) -> list[str]:
+    """Name every file that the text does not, with the reason; what is alike in one line."""
+    whole = wholes(found.folder)
+    lines = [
         f"{name} ({title}): {reason}"
         for name, (title, reason) in found.owners.items()
-        if f'"{quoted(name)}"' not in text
+        if f'"{quoted(name)}"' not in text and (found.folder / name).parent not in whole
     ]
-    return Scan(path, names, gaps, [folder / name for name in records], unused)
+    lines += [
+        f"{place.relative_to(found.folder).as_posix()}/ ({each.title}): {_why_not(each)}"
+        for place, each in whole.items()
+        if f'"{quoted(place.relative_to(found.folder).as_posix())}"' not in text
+    ]
+    alike: dict[tuple[Path, str], list[str]] = {}
+    for name in found.unknown:
+        if (found.folder / name).parent not in whole:
+            alike.setdefault((Path(name).parent, Path(name).suffix.lower()), []).append(name)
+    for names in alike.values():
+        more = f" and {len(names) - 1} more beside it" if len(names) > 1 else ""
+        lines.append(f"{names[0]}{more}: {why_unknown(found.folder, names[0])}")
+    return lines
+
+
+UNKNOWN = "no instrument recognises the content"
+LINK = "a link that leads out of the folder"
+PICTURE = "a picture; one of a ruler in the plane of focus gives the image scale of a camera record"
+_PICTURES = {".jpg", ".jpeg", ".png", ".bmp"}
+
+
+def why_unknown(folder: Path, name: str) -> str:
+    """Say why nothing is known of a file: :data:`UNKNOWN`, :data:`LINK` or :data:`PICTURE`."""
+    if _leads_out(folder / name, folder):
+        return LINK
+    return PICTURE if Path(name).suffix.lower() in _PICTURES else UNKNOWN
+
+
+def _leads_out(path: Path, folder: Path) -> bool:
+    try:
+        return not path.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError):  # links in a circle
+        return True
+
+
+def wholes(folder: Path) -> dict[Path, instruments.Instrument]:
+    """Return folders that are one recording, such as a film in images."""
+    below = (p for p in folder.rglob("*") if p.is_dir() and not _is_ours(p, folder) and not _leads_out(p, folder))
+    places = [folder, *sorted(below)]
+    names = {place: _instrument(place) for place in places}
+    return {place: instruments.by_name(name) for place, name in names.items() if name is not None}
 
 
 def _owner(name: str) -> str:
@@ -132,27 +180,81 @@ def _with_missing_records(found: Found) -> tuple[dict[str, str], Found]:
         for sort, made in function(text)(found).items():
             names[sort] = [*names.get(sort, []), *made]
             records |= made
-    return records, replace(found, names=names)
+    return records, replace(found, names=names, texts=records)
 
 
 def recognise(folder: Path) -> Found:
     """Return what the files of a folder are: of which instrument, what they hold, which records."""
     found: dict[str, list[str]] = {}
     owners: dict[str, tuple[str, str]] = {}
+    unknown: list[str] = []
     for path in _candidates(folder):
         name = path.relative_to(folder).as_posix()
-        if path.suffix == ".toml":
+        if _leads_out(path, folder):
+            unknown.append(name)
+        elif path.suffix == ".toml":
             if (kind := _record_kind(path)) is not None:
                 found.setdefault(kind, []).append(name)
                 owners[name] = (kind.replace("_", " "), "no experiment names it")
+            else:
+                unknown.append(name)
         elif (instrument := _instrument(path)) is not None:
             found.setdefault(instrument, []).append(name)
+        else:
+            unknown.append(name)
     for each in instruments.known():
+        copies = copies_among(folder, found.get(each.name, []))
+        if each.name in found:
+            found[each.name] = [name for name in found[each.name] if name not in copies]
+        owners |= {name: (each.title, f'a copy of "{first}"') for name, first in copies.items()}
         for name in found.get(each.name, []):
             owners[name] = (each.title, _why_not(each))
             if not each.unproposed:
                 found.setdefault(each.content, []).append(name)
-    return Found(folder, found, owners)
+    return Found(folder, found, owners, unknown=tuple(unknown))
+
+
+_COPY = re.compile(r"kopie|cop(?:y|ie)|backup|sicherung|\bold\b|\balt\b|\(\d+\)", re.IGNORECASE)
+
+
+def copies_among(folder: Path, names: Iterable[str]) -> dict[str, str]:
+    """Find files of equal content.
+
+    Parameters
+    ----------
+    folder : Path
+    names : iterable of str
+        Files below it.
+
+    Returns
+    -------
+    dict
+        Every copy to the file that counts as the first: the one whose name does not speak of a
+        copy, then the one with the shorter path.
+    """
+    copies: dict[str, str] = {}
+    for same_size in _alike(names, lambda name: (folder / name).stat().st_size):
+        for begins_alike in _alike(same_size, lambda name: _begin(folder / name)):
+            for equal in _alike(begins_alike, lambda name: files.digest(folder / name)):
+                first, *others = sorted(equal, key=lambda n: (bool(_COPY.search(n)), n.count("/"), len(n), n))
+                copies |= dict.fromkeys(others, first)
+    return copies
+
+
+def _alike(names: Iterable[str], trait: Callable[[str], object]) -> list[list[str]]:
+    """Group names by a trait, and leave out those that stand alone."""
+    groups: dict[object, list[str]] = {}
+    for name in names:
+        groups.setdefault(trait(name), []).append(name)
+    return [group for group in groups.values() if len(group) > 1]
+
+
+_BEGIN = 1 << 20  # bytes that tell most films apart
+
+
+def _begin(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.sha256(stream.read(_BEGIN)).hexdigest()
 
 
 _UNTOLD: dict[instruments.Content, str] = {
@@ -173,14 +275,12 @@ def _nothing_proposed(found: Found) -> str:
     """Say what was found and why no experiment begins from it; or that nothing is known."""
     folder = found.folder
     of_reason: dict[tuple[str, str], list[str]] = {}
-    wholes: dict[Path, str] = {}  # folders that are one recording, such as a film in images
-    for place in [folder, *sorted(p for p in folder.rglob("*") if p.is_dir())]:
-        if (whole := _instrument(place)) is not None:
-            each = instruments.by_name(whole)
-            wholes[place] = each.title
-            of_reason.setdefault((each.title, _why_not(each)), []).append(f"{place.name}/")
+    found_whole = wholes(folder)
+    for place, each in found_whole.items():
+        of_reason.setdefault((each.title, _why_not(each)), []).append(f"{place.name}/")
     for name, why in found.owners.items():
-        if wholes.get((folder / name).parent) != why[0]:
+        whole = found_whole.get((folder / name).parent)
+        if whole is None or whole.title != why[0]:
             of_reason.setdefault(why, []).append(name)
     if not of_reason:
         known = ", ".join(each.name for each in instruments.known())
@@ -194,10 +294,14 @@ def _nothing_proposed(found: Found) -> str:
 
 def _candidates(folder: Path) -> Iterator[Path]:
     for path in files.files_below(folder):
-        parts = path.relative_to(folder).parts
-        hidden = any(part.startswith(".") for part in parts)
-        if not hidden and parts[0] not in {"labpipe", "truth", FILE_NAME}:
+        if not _is_ours(path, folder):
             yield path
+
+
+def _is_ours(path: Path, folder: Path) -> bool:
+    """Tell whether a path is hidden, or of labpipe itself."""
+    parts = path.relative_to(folder).parts
+    return any(part.startswith(".") for part in parts) or parts[0] in {"labpipe", "truth", FILE_NAME}
 
 
 def _instrument(path: Path) -> str | None:

@@ -16,11 +16,11 @@ from labpipe.workflow.context import Context, Failed
 from labpipe.workflow.plan import READY
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME, Experiment, Session
-from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import arguments
 from pipelines.experiments import JUDGEMENT, KINDS, function
-from pipelines.session._opening import STAGES
+from pipelines.session._opening import STAGES, reopen_session
 from pipelines.session._results import opened
+from pipelines.session._session_checks import of_record, session_findings
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -120,7 +120,32 @@ def verdicts_of(run: RunResult) -> Verdicts:
         failures.setdefault(outcome.experiment, []).append(failed)
     results = opened(session.root, names or None)
     found = [_one(session, results, session.experiments[name], failures.get(name, ())) for name in names]
-    return Verdicts(session.root, _with_duplicates(session, tuple(found)))
+    return Verdicts(session.root, _with_session(session, found))
+
+
+def stored_verdicts(results: Results) -> dict[str, Verdict]:
+    """Return the verdicts of a session that are there and up to date; nothing is computed."""
+    session = results.plan.session
+    found = [
+        _of_result(session, experiment, "done", result)
+        for experiment in session.experiments.values()
+        if (result := _stored(results, experiment)) is not None
+    ]
+    return {v.experiment: v for v in _with_session(session, found)} if found else {}
+
+
+def verdict_on(folder: str | Path, experiment: str) -> Verdict:
+    """Return the verdict on one experiment by what is stored; nothing is processed.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder.
+    experiment : str
+        Its name.
+    """
+    session = reopen_session(folder)
+    return _one(session, opened(session.root, [experiment]), session.experiments[experiment], ())
 
 
 def _one(session: Session, results: Results, experiment: Experiment, failures: Iterable[Failed]) -> Verdict:
@@ -147,13 +172,17 @@ def _one(session: Session, results: Results, experiment: Experiment, failures: I
             {},
         )
         result = function(stage.function)(*given, settings=experiment.settings, context=context)
+    return _of_result(session, experiment, state, result)
+
+
+def _of_result(session: Session, experiment: Experiment, state: str, result: xr.Dataset) -> Verdict:
     from labpipe.judging import from_json
 
     judged: Judgement = from_json(result.attrs["judgement"])
     findings = tuple(_placed(session, experiment, f) for f in judged.findings)
     return Verdict(
         experiment.name,
-        kind,
+        experiment.kind,
         state,
         judged.believable,
         str(result.attrs["model"]),
@@ -185,6 +214,7 @@ def _tolerant(results: Results, argument: Any) -> Any:
 
 def _placed(session: Session, experiment: Experiment, finding: Finding) -> Finding:
     """Find the line of a setting as the files are now."""
+    finding = of_record(session, finding)
     if finding.line is not None or not (finding.setting or not finding.file):
         return finding
     if not finding.file:
@@ -205,48 +235,17 @@ def _line_in(path: Path, setting: str) -> int | None:
         return None
 
 
-def _with_duplicates(session: Session, found: tuple[Verdict, ...]) -> tuple[Verdict, ...]:
-    """Say of experiments that they use the same bytes under two names."""
-    from labpipe.judging import Finding
-
-    index = Store(session.folder).index
-    owners: dict[str, list[tuple[str, str]]] = {}
-    for experiment in session.experiments.values():
-        for name in dict.fromkeys(_recordings(experiment)):
-            path = session.root / name
-            if path.is_file():
-                digest = index.digest(path)  # known from the run, by size and time
-                owners.setdefault(digest, []).append((experiment.name, name))
-    twice: dict[str, list[Finding]] = {}
-    for places in owners.values():
-        for experiment_name, name in places[1:]:
-            other, first = places[0]
-            of_other = f" of {other}" if other != experiment_name else ""
-            text = f"{name} holds the same bytes as {first}{of_other}"
-            twice.setdefault(experiment_name, []).append(
-                Finding("same bytes twice", "doubtful", text, "a copy was taken for a repeat", name)
-            )
-    return tuple(_added(v, twice.get(v.experiment, ())) for v in found)
+def _with_session(session: Session, found: Iterable[Verdict]) -> tuple[Verdict, ...]:
+    """Add what the session as a whole tells of its experiments."""
+    more, checks = session_findings(session)
+    placed = {n: [_placed(session, session.experiments[n], f) for f in own] for n, own in more.items()}
+    return tuple(_added(v, placed.get(v.experiment, ()), checks) for v in found)
 
 
-def _recordings(experiment: Experiment) -> Iterable[str]:
-    """Return the files over which stages of an experiment run, one recording each."""
-    from labpipe.workflow.tasks import field_value
-
-    for stage in KINDS[experiment.kind].stages:
-        if stage.over is not None:
-            names = field_value(experiment.settings, stage.over)
-            yield from [names] if isinstance(names, str) else names or ()
-
-
-def _added(verdict: Verdict, more: Iterable[Finding]) -> Verdict:
+def _added(verdict: Verdict, more: Iterable[Finding], checks: int) -> Verdict:
     extra = tuple(more)
-    if not extra:
-        return verdict
     worse: Mapping[str, str] = {"yes": "doubtful", "unknown": "doubtful"}
-    return replace(
-        verdict,
-        believable=worse.get(verdict.believable, verdict.believable),
-        findings=(*verdict.findings, *extra),
-        checks=verdict.checks + 1,
-    )
+    believable = verdict.believable
+    if any(f.level == "doubtful" for f in extra):
+        believable = worse.get(believable, believable)
+    return replace(verdict, believable=believable, findings=(*verdict.findings, *extra), checks=verdict.checks + checks)

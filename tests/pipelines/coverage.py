@@ -39,7 +39,7 @@ from pipelines.experiments.shared.punch_model import Geometry, elastic_force
 from pipelines.experiments.static_loading import load_steps
 from pipelines.experiments.static_loading import measured as static_loading
 from pipelines.process import open_session
-from pipelines.rig.dma import SOLIDS, Protocol, write_dma
+from pipelines.rig.dma import Protocol, write_dma
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import Body, DropRig
 from pipelines.rig.film_front import FrontCamera
@@ -62,6 +62,7 @@ from pipelines.rig.plate_session import plate_laser_record, plate_section
 from pipelines.rig.reference_drop import Floor
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.session_text import NOTE, drop_section, laser_record, session_head
+from pipelines.rig.solids import SOLIDS
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
 from tests.pipelines.small import START
 

@@ -170,7 +170,8 @@ def test_materials_and_films_show_what_they_hold() -> None:
 
 
 def test_a_master_curve_comes_from_an_export_in_two_lines(tmp_path: Path) -> None:
-    from pipelines.rig.dma import SOLIDS, Protocol, write_dma
+    from pipelines.rig.dma import Protocol, write_dma
+    from pipelines.rig.solids import SOLIDS
 
     protocol = Protocol(temperatures=(0.0, 10.0, 20.0, 30.0))
     file = write_dma(tmp_path, "acrylic", SOLIDS["acrylic"], protocol, 1)

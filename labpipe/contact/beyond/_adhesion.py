@@ -196,8 +196,8 @@ def maugis(
 
     Notes
     -----
-    Maugis (10.1016/0021-9797(92)90285-T), equations (6.16) to (6.18), with m = c/a = 1/cos θ. Solved to rounding; JKR is
-    the limit λ → ∞, DMT is λ → 0.
+    Maugis (10.1016/0021-9797(92)90285-T), equations (6.16) to (6.18), with m = c/a = 1/cos θ.
+    Solved to rounding; JKR is the limit λ → ∞, DMT is λ → 0.
 
     Examples
     --------

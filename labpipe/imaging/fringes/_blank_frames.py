@@ -64,6 +64,8 @@ class FilmResult:
         Frames that look like the contacts before and after and were not read.
     calibration : Calibration
         The optics as calibrated from the film.
+    log_scale : float
+        Logarithm of the phase scale used relative to that of R, wavelength and pixel size.
     has_fringes : bool
         False when the wavelength is unknown or pixels are too coarse.
     is_phase_given : bool
@@ -81,6 +83,7 @@ class FilmResult:
     filled: set[int] = field(default_factory=set)
     blanks: dict[int, Blank] = field(default_factory=dict)
     calibration: Calibration = field(default_factory=Calibration)
+    log_scale: float = 0.0
     has_fringes: bool = True
     is_phase_given: bool = False
     work: dict[str, int] = field(default_factory=dict)

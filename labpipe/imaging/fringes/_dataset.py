@@ -33,11 +33,13 @@ _METHODS = {
     OPEN_GAP: "fringe_fit_open_gap",
 }
 #: Sources of the systematic budget, in the order of the coordinate.
-SOURCES = ("sphere_radius", "wavelength", "pixel_size", "phase")
+SOURCES = ("sphere_radius", "wavelength", "pixel_size", "phase", "optics")
 #: Deviation of the fringes' scale from R, wavelength and pixel size that is worth a warning.
 _NOTABLE_SCALE = 0.003
 #: Rest: change of the radius, relative to its end, and fewest frames.
 _REST_CHANGE, _LEAST_REST = 0.01, 5
+#: Frames that a warning names.
+_NAMED = 5
 
 _TEXTS = {
     "radius": ("m", "contact radius"),
@@ -161,12 +163,14 @@ def _systematic(fit: RingFit, result: FilmResult, options: FilmOptions, uncertai
     by_phase = fit.sensitivity[Parameter.PHASE] * pixel
     radius = float(fit.parameters[Parameter.RADIUS]) * pixel
     relative = uncertainties["pixel_size"] / pixel
+    relative_wavelength = uncertainties["wavelength"] / (options.wavelength or NOMINAL_WAVELENGTH)
     return np.abs(
         [
             by_scale * uncertainties["sphere_radius"] / options.sphere_radius,
-            by_scale * uncertainties["wavelength"] / (options.wavelength or NOMINAL_WAVELENGTH),
+            by_scale * math.hypot(relative_wavelength, result.calibration.u_log_scale),
             (radius - 2.0 * by_scale) * relative,
             by_phase * math.hypot(uncertainties["phase"], result.calibration.u_phase_shift),
+            result.calibration.shared(float(fit.parameters[Parameter.RADIUS])) * pixel,
         ]
     )
 
@@ -175,7 +179,7 @@ def _edge_systematic(
     radius: float, result: FilmResult, options: FilmOptions, uncertainties: dict[str, float]
 ) -> Floats:
     """Parts for an edge: only the pixel size counts beside the uncertainty of the estimate."""
-    return np.array([0.0, 0.0, radius * uncertainties["pixel_size"], 0.0])
+    return np.array([0.0, 0.0, radius * uncertainties["pixel_size"], 0.0, 0.0])
 
 
 def _interpolate(values: dict[str, Floats], parts: Floats, method: NDArray[np.int8], time: Floats) -> None:
@@ -223,12 +227,23 @@ def _warn(options: FilmOptions, result: FilmResult) -> None:
             "fringes next to the contact are finer than two pixels: the contact radius is then "
             "measured by the edge of the spot; a higher magnification would resolve them"
         )
-    scale = math.expm1(result.calibration.log_scale)
+    elif result.edges:
+        texts.append(
+            f"{_frames_by_edge(result)} measured by the edge of the spot, to a few micrometres: no fringes "
+            "of a contact explain them; check wavelength, sphere_radius, phase and the focus"
+        )
+    scale = math.expm1(result.log_scale)
     if abs(scale) > _NOTABLE_SCALE:
         texts.append(
             f"the fringes are {'narrower' if scale > 0 else 'wider'} than R, wavelength and pixel "
             f"size say, as if R times wavelength were {-scale / (1 + scale):+.2%} off; the scale "
             "of the fringes was used: check sphere_radius, wavelength and pixel_size"
+        )
+    if result.calibration.flat > 0.0:
+        size = result.calibration.flat * options.pixel_size * 1e6
+        texts.append(
+            f"the gap around the contacts is that of a sphere with a flat of {size:.0f} µm radius, as if worn; "
+            "the contact radius allows for it: turn or replace the sphere"
         )
     doubted = result.calibration.doubted_phase
     if math.isfinite(doubted):
@@ -238,6 +253,16 @@ def _warn(options: FilmOptions, result: FilmResult) -> None:
         )
     for text in texts:
         warnings.warn(text, UserWarning, stacklevel=4)
+
+
+def _frames_by_edge(result: FilmResult) -> str:
+    """Name the frames that fell back to the edge, with their verb."""
+    frames = sorted(result.edges)
+    named = ", ".join(str(index) for index in frames[:_NAMED]) + (", …" if len(frames) > _NAMED else "")
+    seen = len(frames) + len(result.fits)
+    if len(frames) == 1:
+        return f"1 of {seen} frames in contact (frame {named}) was"
+    return f"{len(frames)} of {seen} frames in contact (frames {named}) were"
 
 
 def _has_fine_fringes(result: FilmResult) -> bool:
@@ -260,10 +285,16 @@ def _attributes(options: FilmOptions, result: FilmResult, uncertainties: dict[st
         note = "wavelength not given: edge of the spot only, for a nominal wavelength"
     elif not result.has_fringes:
         note = "fringes not resolved: edge of the spot only"
+    elif result.edges:
+        start = "fringes fitted" if result.fits else "no fringes fitted"
+        note = f"{start}; {_frames_by_edge(result)} measured by the edge of the spot"
     return {
         "phase": phase if result.has_fringes else math.nan,
         "u_phase": result.calibration.u_phase_shift,
-        "phase_scale_ratio": math.exp(result.calibration.log_scale),
+        "phase_scale_ratio": math.exp(result.log_scale),
+        "flat_radius": result.calibration.flat * options.pixel_size,
+        "blur": result.calibration.blur,
+        "harmonics": list(result.view.harmonics),
         "wavelength_used": options.wavelength or NOMINAL_WAVELENGTH,
         "note": note,
         "uncertainties": json.dumps(uncertainties),

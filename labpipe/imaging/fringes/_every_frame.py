@@ -15,8 +15,9 @@ from labpipe.imaging.fringes._calibration import calibrate
 from labpipe.imaging.fringes._edge import corrected_radius
 from labpipe.imaging.fringes._interference import make_optics
 from labpipe.imaging.fringes._open_gap import fit_open_gap, is_doubtful
+from labpipe.imaging.fringes._optics_search import OtherOptics, rebase
 from labpipe.imaging.fringes._radial_scan import edge_width
-from labpipe.imaging.fringes._ring_fit import USUAL, FitSettings, Parameter, RingFit, fit_contact
+from labpipe.imaging.fringes._ring_fit import HARMONICS, USUAL, FitSettings, Parameter, RingFit, fit_contact
 from labpipe.imaging.fringes._search import GOOD_MISFIT, View, fit_at, fit_from, is_contact, search_contact
 
 #: Wavelength assumed for the edge of the spot when it is not known: the middle of white light.
@@ -30,8 +31,6 @@ _SHORT_FILM, _FIRST_STEPS = 96, (64, 16, 4)
 _SAME_PLACE = 8.0
 #: Change of the radius over a stretch of rest, as a share of it, above which it is no rest.
 _REST_CHANGE = 0.01
-#: Frames looked at for a contact of unusual phase.
-_PHASE_FRAMES = 24
 #: Jump of the radius (px) up to which a fit is started from the frame before.
 _SMALL_JUMP = 2.0
 #: A contact beside another differs from what is expected by this share of the other's radius at
@@ -93,7 +92,7 @@ def _make_view(reader: FilmReader, options: FilmOptions, wanted: Flags) -> View:
     if options.shape == "ellipse":
         free = (*USUAL, Parameter.STRETCH, Parameter.SHEAR)
     oblique = ((Parameter.STRETCH, Parameter.SHEAR),) if options.shape == "auto" else ()
-    alternatives = (*oblique, (Parameter.SCALE,))
+    alternatives = (*oblique, (Parameter.SCALE,), (Parameter.BLUR,), HARMONICS)
     settings = FitSettings(options.fringes, LEAST_SPACING, free)
     black, white = film.levels
     if wanted.any() and reader.whole(int(wanted.argmax())).dtype.kind == "f":
@@ -106,22 +105,29 @@ def _follow_film(reader: FilmReader, result: FilmResult, options: FilmOptions, w
     """Fit the frames that need it; learn about the optics on the way. Return the frames read."""
     read = wanted
     fits: dict[int, RingFit] = {}
+    stated = result.view.optics
+    other = OtherOptics(result, is_phase_free=options.phase is None)
     if not options.full and wanted.sum() > _SHORT_FILM:
-        read, fits = _gate(reader, result, wanted)
-    fits = _follow(reader, result, read, fits)
-    if not fits and options.phase is None:
-        fits = _other_phase(reader, result, read)
-    result.calibration = calibrate(
-        reader.whole, fits, result.view, is_phase_free=options.phase is None, shape=options.shape
+        read, fits = _gate(reader, result, wanted, other)
+    fits = _follow(reader, result, read, fits, other)
+    rebase(result, fits)
+    optics = result.view.optics
+    rough = (
+        *((Parameter.PHASE,) if optics.phase != stated.phase else ()),
+        *((Parameter.SCALE,) if optics.phase_scale != stated.phase_scale else ()),
     )
-    if not result.calibration.is_usual or result.view.optics.phase != _make_phase(options):
+    result.calibration = calibrate(
+        reader.whole, fits, result.view, is_phase_free=options.phase is None, shape=options.shape, rough=rough
+    )
+    if not result.calibration.is_usual or result.view.optics != stated:
         result.view = result.calibration.applied(result.view)
         fits = _refit(reader, result, read, fits)
+    result.log_scale = math.log(result.view.optics.phase_scale / stated.phase_scale)
     result.fits = fits
     opened = _doubtful_rest(result)
     if opened.any():
         result.resting &= ~opened
-        result.fits |= _follow(reader, result, opened, {})
+        result.fits |= _follow(reader, result, opened, {}, None)
     return read | opened
 
 
@@ -139,11 +145,9 @@ def _doubtful_rest(result: FilmResult) -> Flags:
     return doubtful
 
 
-def _make_phase(options: FilmOptions) -> float:
-    return math.pi if options.phase is None else options.phase
-
-
-def _gate(reader: FilmReader, result: FilmResult, wanted: Flags) -> tuple[Flags, dict[int, RingFit]]:
+def _gate(
+    reader: FilmReader, result: FilmResult, wanted: Flags, other: OtherOptics
+) -> tuple[Flags, dict[int, RingFit]]:
     """Look at frames far apart, then at thin bands of all others; return what to read whole."""
     known: dict[int, RingFit | None] = {}
     frames = np.flatnonzero(wanted)
@@ -151,7 +155,10 @@ def _gate(reader: FilmReader, result: FilmResult, wanted: Flags) -> tuple[Flags,
         for index in map(int, frames[::step]):
             if index not in known:
                 known[index] = search_contact(reader.whole(index), result.view)
-        if any(fit is not None for fit in known.values()):
+            if all(fit is None for fit in known.values()) and other.learns_from(reader.whole(index), index):
+                known = {before: search_contact(reader.whole(before), result.view) for before in known}
+        if any(fit is not None for fit in known.values()) or other.takes_single():
+            known = {i: fit or search_contact(reader.whole(i), result.view) for i, fit in known.items()}
             break
     fits = {index: fit for index, fit in known.items() if fit is not None}
     contact = {index: fit is not None for index, fit in known.items()}
@@ -179,8 +186,14 @@ def _distinct(places: list[Place]) -> list[Place]:
     return chosen
 
 
-def _follow(reader: FilmReader, result: FilmResult, read: Flags, known: dict[int, RingFit]) -> dict[int, RingFit]:
-    """Fit frame after frame, each from what the frames before it showed."""
+def _follow(
+    reader: FilmReader, result: FilmResult, read: Flags, known: dict[int, RingFit], other: OtherOptics | None
+) -> dict[int, RingFit]:
+    """Fit frame after frame, each from what the frames before it showed.
+
+    While none is explained, ``other`` looks for optics that explain them, and all is begun anew
+    when it finds some.
+    """
     view = result.view
     fits: dict[int, RingFit] = {}
     last: RingFit | None = None
@@ -191,11 +204,15 @@ def _follow(reader: FilmReader, result: FilmResult, read: Flags, known: dict[int
             frame = reader.whole(index)
             fit = _next_fit(frame, view, last, before)
         if fit is None:
+            if last is None and not known and other is not None and other.learns_from(frame, index):
+                return _follow(reader, result, read, {}, None)
             result.blanks[index] = look_without_fringes(frame, view)
             before = None
         else:
             fits[index] = fit
             last, before = fit, fits.get(index - 1)
+    if not fits and other is not None and other.takes_single():
+        return _follow(reader, result, read, {}, None)
     return fits
 
 
@@ -225,22 +242,6 @@ def _warm_fit(frame: NDArray[np.generic], view: View, last: RingFit) -> RingFit 
     return fit if is_like and is_contact(frame, view, fit) else None
 
 
-def _other_phase(reader: FilmReader, result: FilmResult, read: Flags) -> dict[int, RingFit]:
-    """Look for contacts that are neither dark nor bright, in some of the frames."""
-    optics = replace(result.view.optics, phase=result.view.optics.phase - 0.5 * math.pi)
-    view = replace(result.view, optics=optics)
-    places = np.flatnonzero(read)
-    some = places[:: max(1, len(places) // _PHASE_FRAMES)]
-    fits = {}
-    for index in map(int, some):
-        fit = search_contact(reader.whole(index), view)
-        if fit is not None:
-            fits[index] = fit
-    if fits:
-        result.view = view
-    return fits
-
-
 def _refit(reader: FilmReader, result: FilmResult, read: Flags, fits: dict[int, RingFit]) -> dict[int, RingFit]:
     """Fit all frames again with the optics calibrated from the film."""
     view = result.view
@@ -253,6 +254,8 @@ def _refit(reader: FilmReader, result: FilmResult, read: Flags, fits: dict[int, 
         if index in fits:
             start = fits[index].parameters.copy()
             start[Parameter.PHASE], start[Parameter.SCALE] = view.optics.phase, 0.0
+            start[Parameter.BLUR] = 0.0
+            start[list(HARMONICS)] = view.harmonics
             if Parameter.STRETCH not in view.settings.free:
                 start[[Parameter.STRETCH, Parameter.SHEAR]] = view.ellipse
             fit = fit_contact(frame, start, view.optics, view.settings, view.white)

@@ -5,6 +5,7 @@ from functools import partial
 
 from pipelines.experiments._kind import Found, Proposed
 from pipelines.experiments.shared import proposals
+from pipelines.experiments.shared.record_templates import laser_record
 
 
 def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
@@ -17,7 +18,7 @@ def _text(found: Found, files: Sequence[str], name: str) -> str:
     return f"""[experiments.{name}]
 kind = "ball_drop"
 laser = {proposals.listed(files)}
-calibration = "{proposals.record(found.of("record:laser"))}"  # inclination of the sensor, \
+calibration = "{laser_record(found, files[0])}"  # inclination of the sensor, \
 with its uncertainty
 {proposals.height_line(name)}
 

@@ -50,6 +50,7 @@ _SOURCES = {
     "wavelength": "wavelength",
     "pixel_size": "length of one pixel",
     "phase": "phase in the contact",
+    "optics": "blur, harmonics and wear, found in the film",
 }
 _GROUP = "film"  # charts and frames over the film's time
 _SUB_PIXEL = 4  # binary digits of the drawn circle's place
@@ -95,8 +96,21 @@ def _fallback(radius: xr.Dataset | None, settings: ContactArea) -> tuple[Block, 
     edges, fringes = (0, 0) if radius is None else edges_only(radius)
     if not edges:
         return ()
-    why = "no wavelength is stated" if settings.wavelength is None else "fringes were not resolved"
-    text = f"{edges} of {edges + fringes} frames were measured by the edge of the spot, not by fringes: {why}."
+    if settings.wavelength is None:
+        why = "no wavelength is stated."
+    elif fringes:
+        why = "their fringes are too fine for the pixels, washed out, or not those of a contact."
+    else:
+        why = (
+            "fringes are too fine for the pixels, or wavelength, sphere radius or image scale are not what "
+            "is stated, or the lens is out of focus."
+        )
+    frames = radius["frame"].values[radius["method"].values == 2] if radius is not None else np.empty(0, int)
+    which = ", ".join(str(int(frame)) for frame in frames[:5]) + (", …" if len(frames) > 5 else "")
+    text = (
+        f"{edges} of {edges + fringes} frames (frame {which}) were measured by the edge of the spot, not by "
+        f"fringes, and are uncertain by several micrometres: {why}"
+    )
     return (Notice("warning", text),)
 
 

@@ -6,6 +6,7 @@ from functools import partial
 from pipelines.experiments._kind import Found, Proposed
 from pipelines.experiments.shared import proposals
 from pipelines.experiments.shared.proposals import GAP
+from pipelines.experiments.shared.record_templates import laser_record
 
 
 def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
@@ -16,7 +17,7 @@ def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
 
 
 def _text(found: Found, files: Sequence[str], name: str) -> str:
-    record = proposals.record(filter(proposals.sees_plate, found.of("record:laser")))
+    record = laser_record(found, files[0], proposals.sees_plate)
     return f"""[experiments.{name}]
 kind = "plate_vibration"  # proposed from the file name
 calibration = "{record}"  # inclination of the sensor in its place over the plate

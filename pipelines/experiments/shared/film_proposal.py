@@ -2,12 +2,13 @@
 
 from pipelines.experiments._kind import Found
 from pipelines.experiments.shared import proposals
+from pipelines.experiments.shared.record_templates import camera_record
 
 
 def head(found: Found, film: str, kind: str, name: str) -> str:
     """Return the first lines of an experiment with a film; a person knows its view better."""
     view = proposals.view(film)
-    record = proposals.record(n for n in found.of("record:camera") if view in n)
+    record = camera_record(found, film)
     return f"""[experiments.{name}]
 kind = "{kind}"  # proposed from the file name
 film = "{proposals.quoted(film)}"

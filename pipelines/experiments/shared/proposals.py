@@ -2,7 +2,8 @@
 
 Repeats are files whose names differ in their last number only. A drop height or a material in a
 name (``7mm``, ``h1p5``, ``peek``) is taken as a proposal and marked as such. What no file tells is
-written as :data:`GAP`; a person is asked for it, and the session is refused until it is filled.
+written as :data:`labpipe.workflow.fields.GAP`; a person is asked for it, and the experiment waits until
+it is filled.
 """
 
 import re
@@ -11,9 +12,9 @@ from pathlib import Path
 
 import instruments
 from labpipe.errors import LabpipeError
+from labpipe.workflow import fields
 
-GAP = "FILL"
-"""What stands in session.toml, before its unit, for a value that no file tells."""
+GAP = fields.GAP
 
 SPHERE = f'''radius = "{GAP} mm"  # of the sphere, e.g. "9.525 ± 0.005 mm"'''
 MOVING_MASS = f'''mass = "{GAP} g"  # of all that moves: sphere and holder'''
@@ -25,6 +26,7 @@ _DEPTH = re.compile(r"[_\- ]*\d+(?:[.p]\d+)?\s*(?:um|µm|mm)?$", re.IGNORECASE)
 _PLATE = re.compile(r"plate|vibration", re.IGNORECASE)
 _UNDER = re.compile(r"under|disc|contact|below", re.IGNORECASE)
 _SLOW = 0.1  # s between readings: no drop is seen so slowly
+_SYNONYMS = {"pmma": "acrylic"}
 _MATERIALS = ("acrylic", "pmma", "peek", "nylon", "ptfe", "nbr")
 
 
@@ -76,8 +78,9 @@ def listed(names: Iterable[str]) -> str:
 
 
 def material_word(name: str) -> str | None:
-    """Return the polymer that a name holds."""
-    return next((m for m in _MATERIALS if m in name.lower()), None)
+    """Return the polymer that a name holds, as the library calls it."""
+    found = next((m for m in _MATERIALS if m in name.lower()), None)
+    return _SYNONYMS.get(found, found) if found else None
 
 
 def material_line(name: str) -> str:
@@ -85,7 +88,7 @@ def material_line(name: str) -> str:
     known = material_word(name)
     if known is None:
         return f'material = "{GAP}"  # acrylic, peek, nylon, ptfe, nbr, or use material_file'
-    return f'material = "{known.replace("pmma", "acrylic")}"  # proposed from the file name'
+    return f'material = "{known}"  # proposed from the file name'
 
 
 def height_line(name: str) -> str:
@@ -113,8 +116,3 @@ def is_slow(path: Path) -> bool:
 def view(film: str) -> str:
     """Tell by its name from where a film was taken: ``under`` the disc, or the ``front``."""
     return "under" if _UNDER.search(film) else "front"
-
-
-def record(names: Iterable[str]) -> str:
-    """Return the first record, or the gap for one."""
-    return next(iter(names), f"calibration/{GAP}.toml")

@@ -1,6 +1,8 @@
-"""Templates of calibration records, for readings without one."""
+"""Which calibration record a recording takes, and templates for recordings without one."""
 
+import tomllib
 import warnings
+from collections.abc import Callable
 from datetime import date
 from pathlib import Path
 
@@ -57,16 +59,73 @@ def laser_records(found: Found) -> dict[str, dict[str, str]]:
 
 
 def camera_records(found: Found) -> dict[str, dict[str, str]]:
-    """Propose a record for every view that is filmed and has none, as :func:`laser_records`."""
-    known = found.of("record:camera")
-    films = {view(name): name for name in found.of("film")}
+    """Propose a record for each view and day that is filmed and has none, as :func:`laser_records`.
+
+    A camera that was set up again on another day has another scale.
+    """
+    days_of: dict[str, list[list[date]]] = {}
+    for film in found.of("film"):
+        seen, days = view(film), _about(found.folder, [film])[1]
+        if _fitting(found, "camera", days, seen) is None and days not in days_of.setdefault(seen, []):
+            days_of[seen].append(days)
     made = {}
-    for seen, film in sorted(films.items()):
-        if not any(seen in record for record in known):
-            _, days = _about(found.folder, [film])
+    for seen, each in sorted(days_of.items()):
+        for days in sorted(each):
+            stem = f"camera_{seen}" if len(each) == 1 else "_".join(["camera", seen, *map(str, days)])
             head = _head("camera", "camera", days, seen, "a ruler in the plane of focus")
-            made[_free(found.folder, f"camera_{seen}")] = head + _CAMERA
+            made[_free(found.folder, stem)] = head + _CAMERA
     return {"record:camera": made} if made else {}
+
+
+def camera_record(found: Found, film: str) -> str:
+    """Return the camera record of a film's view that is valid on its day, or the gap for one."""
+    return _fitting(found, "camera", _about(found.folder, [film])[1], view(film)) or _NONE
+
+
+def laser_record(found: Found, recording: str, fits: Callable[[str], bool] = lambda name: True) -> str:
+    """Return the laser record that is valid on the day of a recording.
+
+    Parameters
+    ----------
+    found : Found
+    recording : str
+        A file of the laser.
+    fits : callable
+        Takes the name of a record and tells whether it may be this one.
+
+    Returns
+    -------
+    str
+        Where none is valid on that day the first one, which is then refused with its days; the gap
+        for a record where there is none.
+    """
+    names = [name for name in found.of("record:laser") if fits(name)]
+    days = _about(found.folder, [recording])[1] if len(names) > 1 else []
+    return _fitting(found, "laser", days, names=names) or next(iter(names), _NONE)
+
+
+_NONE = f"calibration/{GAP}.toml"
+
+
+def _fitting(
+    found: Found, kind: str, days: list[date], seen: str | None = None, names: list[str] | None = None
+) -> str | None:
+    """Return the first record of a kind, a view, and the days of a recording."""
+    for name in found.of(f"record:{kind}") if names is None else names:
+        try:
+            values = tomllib.loads(found.texts.get(name) or found.path(name).read_text("utf-8"))
+        except (OSError, ValueError):
+            continue
+        if seen in (None, values.get("view")) and _is_valid(values.get("valid_from"), values.get("valid_until"), days):
+            return name
+    return None
+
+
+def _is_valid(first: object, last: object, days: list[date]) -> bool:
+    """Tell whether a record holds on some days; one whose days are still to come may."""
+    if not isinstance(first, date) or not isinstance(last, date):
+        return True
+    return all(first <= day <= last for day in days)
 
 
 def _head(kind: str, instrument: str, days: list[date], view: str, how: str) -> str:

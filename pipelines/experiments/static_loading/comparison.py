@@ -11,6 +11,10 @@ from pipelines.experiments.shared.comparison_rows import Row, row
 from pipelines.experiments.static_loading.measured import spans, windows
 from pipelines.experiments.static_loading.settings import StaticLoading
 
+SCALE, MODULUS, LOADS = "scale of length", "modulus", "loads"
+"""Inputs of the rows, relative: the laser's gain and inclination together, the material as a whole, all masses."""
+TOUCH = "first touch"
+
 
 def comparison(approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, *, settings: StaticLoading) -> xr.Dataset:
     """Compare the record with the viscoelastic model and with Hertz's steps."""
@@ -20,13 +24,13 @@ def comparison(approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, *, se
     table: dict[str, Any] = {}
     for name in ("approach", "contact_radius"):
         ours = approach[name].values
-        extent = float(np.ptp(ours[kept]))
         elastic = model[f"hertz_{'radius' if name == 'contact_radius' else name}_relaxed"].values
         for other, theirs in (("model", model[name].values), ("hertz", elastic[held])):
             gap = np.where(kept, ours - theirs, np.nan)
-            rms = float(np.sqrt(np.nanmean(gap**2))) / extent
+            # of the model: a measurement with a wrong scale must not hide in its own range
+            rms = float(np.sqrt(np.nanmean(gap**2)) / np.ptp(theirs[kept]))
             words = f"{name.replace('_', ' ')}, measured minus {other}"
-            table[f"nrmse_{name}_{other}"] = variable((), rms, "1", f"rms error over range: {words}")
+            table[f"nrmse_{name}_{other}"] = variable((), rms, "1", f"rms error over the range of {other}: {words}")
             table[f"bias_{name}_{other}"] = variable((), float(np.nanmean(gap)), "m", f"mean of {words}")
             if other == "model":
                 table[f"{name}_residual"] = variable("time", gap, "m", words)
@@ -46,12 +50,18 @@ def _per_load(approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, settin
         given = settings.loads[number].radius
         level, u = float(at["level_contact_radius"]), float(at["u_level_contact_radius"])
         hertzian = float(model["hertz_radius_relaxed"][number])
+        radius = settings.sphere.radius
+        # the radius of the sphere stands in both: with its root in one, its third root in the other
+        twice = 2 * (0.5 * level) * (float(a[last].mean()) / 3) * (radius.u / radius.value) ** 2
         rows.append(
             {
                 "creep_model": float(depth[last].mean() - depth[first].mean()),
                 "radius_model": float(a[last].mean()),
+                "u_radius_model": u_a,
+                "radius_measured": level,
+                "u_radius_measured": u,
                 "radius_difference": level - float(a[last].mean()),
-                "u_radius_difference": float(np.hypot(u, u_a)),
+                "u_radius_difference": float(np.sqrt(u**2 + u_a**2 - twice)),
                 "hertz_difference": level - hertzian,
                 "given_radius": np.nan if given is None else given.value,
                 "u_given_radius": np.nan if given is None else given.u,
@@ -62,6 +72,9 @@ def _per_load(approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, settin
     texts = {
         "creep_model": "growth of the approach under the load, model",
         "radius_model": "contact radius at the end of the load, model",
+        "u_radius_model": "standard uncertainty: contact radius of the model",
+        "radius_measured": "contact radius at the end of the load, from the approach",
+        "u_radius_measured": "standard uncertainty: radius measured",
         "radius_difference": "contact radius, measured minus model",
         "u_radius_difference": "standard uncertainty: radius difference",
         "hertz_difference": "contact radius, measured minus Hertz with the relaxed modulus",
@@ -82,15 +95,26 @@ def rows(comparison: xr.Dataset, *, settings: StaticLoading) -> Iterator[Row]:
         nrmse=comparison["nrmse_contact_radius_model"],
         difference=comparison["bias_contact_radius_model"],
     )
+    radius = settings.sphere.radius.value
     for i, load in enumerate(settings.loads):
-        value, difference = comparison["radius_model"][i], comparison["radius_difference"][i]
+        value, difference = float(comparison["radius_model"][i]), float(comparison["radius_difference"][i])
+        level = value + difference
         yield row(
             "contact radius",
             "m",
             1,
             condition=f"{load.mass.value:g} kg",
-            measured=float(value) + float(difference),
+            slopes={
+                "radius": level / (2 * radius) - value / (3 * radius),
+                SCALE: level / 2,
+                TOUCH: -radius / (2 * level) if level > 0.0 else 0.0,
+                MODULUS: value / 3,
+                LOADS: -value / 3,
+            },
+            measured=level,
+            u_measured=comparison["u_radius_measured"][i],
             model=value,
+            u_model=comparison["u_radius_model"][i],
             difference=difference,
             u_difference=comparison["u_radius_difference"][i],
         )

@@ -77,10 +77,7 @@ def _noise(moved: Floats) -> float:
 
 def _starts(time: Floats, moved: Floats, noise: float, settings: StaticLoading) -> tuple[Floats, Floats]:
     """Return begin and size of every step; the first load is on from the beginning."""
-    padded = np.lib.stride_tricks.sliding_window_view(moved, SIDE)
-    level = np.median(padded, axis=1)
-    place = np.arange(SIDE, moved.size - SIDE + 1)
-    jump = level[place] - level[place - SIDE]
+    place, jump = _jumps(moved)
     gap = SIDE * 2
     starts, sizes = [float(time[0])], [np.nan]
     free = np.ones(place.size, dtype=bool)
@@ -124,6 +121,39 @@ def _starts(time: Floats, moved: Floats, noise: float, settings: StaticLoading) 
     return np.array(starts)[order], np.array(sizes)[order]
 
 
+def _jumps(moved: Floats) -> tuple[NDArray[np.intp], Floats]:
+    """Return places and, at each, how far the readings behind it lie above those before."""
+    level = np.median(np.lib.stride_tricks.sliding_window_view(moved, SIDE), axis=1)
+    place = np.arange(SIDE, moved.size - SIDE + 1)
+    return place, level[place] - level[place - SIDE]
+
+
+def steps_anywhere(displacement: xr.Dataset, sign: int = 1) -> tuple[Floats, Floats]:
+    """Return time [s] and size [m] of all clear steps, whatever loads and times are stated.
+
+    Parameters
+    ----------
+    displacement : Dataset
+    sign : {1, -1}
+        1 for steps downwards, as a load makes them; -1 for those upwards.
+    """
+    time, moved = valid(displacement)
+    noise = _noise(moved)
+    place, jump = _jumps(sign * moved)
+    found: list[tuple[float, float]] = []
+    free = np.ones(place.size, dtype=bool)
+    while free.any():
+        best = int(np.argmax(np.where(free, jump, -np.inf)))
+        largest = max((size for _, size in found), default=0.0)
+        if jump[best] < max(_CLEAR * noise, _MORE * largest):
+            break
+        at = _sharpened(moved, int(place[best]))
+        found.append((0.5 * float(time[at - 1] + time[at]), float(jump[best])))
+        free[max(0, best - 2 * SIDE) : best + 2 * SIDE + 1] = False
+    found.sort()
+    return np.array([at for at, _ in found]), np.array([size for _, size in found])
+
+
 def _warn_of_more(time: Floats, jump: Floats, found: list[float], noise: float) -> None:
     """Say that the record steps where no load is stated; a load left out spoils all others."""
     if not (found and jump.size):
@@ -158,8 +188,8 @@ def settled(time: Floats, table: xr.Dataset, settings: StaticLoading) -> NDArray
     return kept
 
 
-def _creep_design(time: Floats, table: xr.Dataset, radius: float) -> tuple[Floats, Floats]:
-    """Return approach^{3/2} under unit compliances: instantaneous, and creep with each time tau."""
+def creep_design(time: Floats, table: xr.Dataset, radius: float) -> tuple[Floats, Floats]:
+    """Return approach^{3/2} under unit compliances: at once, and creep with each time tau [s]."""
     begin = table["begin"].values
     added = np.diff(table["force"].values, prepend=0.0)
     spacing, whole = float(np.median(np.diff(time))), float(time[-1] - begin[0])
@@ -171,7 +201,7 @@ def _creep_design(time: Floats, table: xr.Dataset, radius: float) -> tuple[Float
     return 0.75 / np.sqrt(radius) * np.column_stack(columns), tau
 
 
-class _TouchFit:
+class TouchFit:
     """The creep fit as a function of the displacement at first touch; see :func:`_first_touch`."""
 
     def __init__(self, rows: Floats, design: Floats) -> None:
@@ -209,23 +239,23 @@ def _first_touch(displacement: xr.Dataset, noise: float, table: xr.Dataset, sett
     time, moved = valid(displacement)
     used = settled(time, table, settings)
     elapsed, rows = time[used], moved[used]
-    design, tau = _creep_design(elapsed, table, settings.sphere.radius.value)
-    fit = _TouchFit(rows, design)
+    design, tau = creep_design(elapsed, table, settings.sphere.radius.value)
+    fit = TouchFit(rows, design)
     if settings.zero is None:
         touch = fit.best()
         weights, misfit = fit.solve(touch)
         scatter = _scatter(misfit, weights, rows.size)
         drift = settings.steps.drift.value * elapsed / float(time[-1])
         drifts = settings.steps.drift.value > 0.0
-        by_drift = _TouchFit(rows + drift, design).best() - touch if drifts else 0.0
+        by_drift = TouchFit(rows + drift, design).best() - touch if drifts else 0.0
         changes = []
         for i, u in enumerate(table["u_force"].values):
             if u > 0:
                 force = table["force"].values.copy()
                 force[i] += u
                 other = table.assign(force=("load", force))
-                again, _ = _creep_design(elapsed, other, settings.sphere.radius.value)
-                changes.append(_TouchFit(rows, again).best())
+                again, _ = creep_design(elapsed, other, settings.sphere.radius.value)
+                changes.append(TouchFit(rows, again).best())
         own = _u_from_curvature(fit, touch, max(noise, scatter))
         by_loads = float(np.sqrt(sum((c - touch) ** 2 for c in changes)))
         u, how = float(np.sqrt(own**2 + by_drift**2 + by_loads**2)), "from the loads"
@@ -264,7 +294,7 @@ def _scatter(misfit: float, weights: Floats, n_rows: int) -> float:
     return float(np.sqrt(misfit / max(n_rows - int((weights > 0).sum()) - 1, 1)))
 
 
-def _u_from_curvature(fit: _TouchFit, touch: float, noise: float) -> float:
+def _u_from_curvature(fit: TouchFit, touch: float, noise: float) -> float:
     """Return the shift at which the misfit has grown by one variance, the mean of both sides."""
     least = fit.solve(touch)[1]
     step = noise

@@ -91,7 +91,11 @@ def model(
             "load": steps["load"],
             "elapsed": steps["elapsed"],
         },
-        attrs={"work": json.dumps(work), "budget": json.dumps(uncertainty.budget_rows(sources))},
+        attrs={
+            "work": json.dumps(work),
+            "u_modulus": float(of_material),
+            "budget": json.dumps(uncertainty.budget_rows(sources)),
+        },
     )
 
 

@@ -21,9 +21,11 @@ from labpipe.report import (
 )
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared import budget_blocks, pages
+from pipelines.experiments.shared.judgements import verdict_section
 from pipelines.experiments.shared.punch_sections import columns
 from pipelines.experiments.shared.ramps_and_holds import binned
 from pipelines.experiments.static_loading.budget import quantities
+from pipelines.experiments.static_loading.comparison import rows as compared_rows
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 _UM = 1e6
@@ -32,6 +34,7 @@ _POINTS_PER_DECADE = 8  # of the creep curves
 
 
 def page(
+    judgement: xr.Dataset | None,
     readings: xr.Dataset | None,
     displacement: xr.Dataset | None,
     steps: xr.Dataset | None,
@@ -44,6 +47,9 @@ def page(
 ) -> str:
     """Write the page; a step that failed leaves its section out and its error in."""
     sections = [_summary(approach, comparison, context), _measured(settings, readings, displacement, approach, context)]
+    compared = [] if comparison is None else list(compared_rows(comparison, settings=settings))
+    if (verdict := verdict_section(judgement, compared)) is not None:
+        sections.insert(0, verdict)
     if steps is not None and approach is not None:
         sections.append(_radii(steps, approach, model, comparison))
         if model is not None:

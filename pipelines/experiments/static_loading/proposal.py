@@ -6,6 +6,7 @@ from functools import partial
 from pipelines.experiments._kind import Found, Proposed
 from pipelines.experiments.shared import proposals
 from pipelines.experiments.shared.proposals import GAP
+from pipelines.experiments.shared.record_templates import laser_record
 
 
 def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
@@ -19,7 +20,7 @@ def _text(found: Found, files: Sequence[str], name: str) -> str:
     return f"""[experiments.{name}]
 kind = "static_loading"  # proposed because the readings are slow
 laser = "{proposals.quoted(files[0])}"
-calibration = "{proposals.record(found.of("record:laser"))}"  # inclination of the sensor, \
+calibration = "{laser_record(found, files[0])}"  # inclination of the sensor, \
 with its uncertainty
 
 [experiments.{name}.sphere]

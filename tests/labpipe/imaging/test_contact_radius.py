@@ -283,8 +283,10 @@ def test_small_faint_contacts_are_not_missed(micrometres: int, phase: float) -> 
 def test_disc_without_fringes_falls_back_to_its_edge_with_its_own_error_bar() -> None:
     y, x = np.mgrid[: SMALL.rows, : SMALL.columns]
     disc = np.where(np.hypot(x - 160.0, y - 120.0) < 80.0, 24.0, 120.0)
-    found = measure(expose(disc, SMALL, np.random.default_rng(6))[None], SMALL)
+    with pytest.warns(UserWarning, match=r"1 of 1 frames in contact \(frame 0\) was measured by the edge"):
+        found = measure(expose(disc, SMALL, np.random.default_rng(6))[None], SMALL)
     assert int(found.method[0]) == 2
+    assert "no fringes fitted" in found.attrs["note"]
     assert 2.0 * UM < float(found.u_radius[0]) < 15.0 * UM
     assert abs(float(found.radius[0]) - 80.0 * SMALL.pixel_size) < 2.5 * float(found.u_radius[0])
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from labpipe.signals._banded import quadratic_form, selected_inverse
+from labpipe.signals._banded import cholesky, inverse_of_factor, solve
 from tests.rounding import rounding
 
 
@@ -16,6 +16,14 @@ def random_band(n, width, seed=0):
     return band, dense
 
 
+def selected_inverse(band):
+    factor = band.copy()
+    assert cholesky(factor)
+    inverse = np.full(band.shape, np.nan)
+    inverse_of_factor(factor, inverse)
+    return inverse
+
+
 @pytest.mark.parametrize("n", [1, 2, 5, 6, 7, 10, 11, 12, 30, 31, 64, 101])
 @pytest.mark.parametrize("width", [0, 1, 5])
 def test_entries_in_the_band_equal_the_dense_inverse(n, width):
@@ -27,16 +35,20 @@ def test_entries_in_the_band_equal_the_dense_inverse(n, width):
         np.testing.assert_allclose(found[d, : n - d], np.diag(inverse, -d), atol=left)
 
 
-def test_quadratic_form_of_narrow_rows():
-    band, dense = random_band(40, 5)
-    random = np.random.default_rng(1)
-    first = random.integers(0, 34, 20)
-    rows = random.standard_normal((20, 6))
-    full = np.zeros((20, 40))
-    for i, start in enumerate(first):
-        full[i, start : start + 6] = rows[i]
-    expected = np.einsum("ij,jk,ik->i", full, np.linalg.inv(dense), full)
-    np.testing.assert_allclose(quadratic_form(first, rows, selected_inverse(band)), expected)
+@pytest.mark.parametrize(("n", "width"), [(1, 0), (3, 5), (40, 5)])
+def test_solution_equals_the_dense_one(n, width):
+    band, dense = random_band(n, width)
+    right = np.random.default_rng(1).standard_normal(n)
+    assert cholesky(band)
+    found = np.empty(n)
+    solve(band, right, found)
+    np.testing.assert_allclose(found, np.linalg.solve(dense, right), atol=rounding(10 * n, 1.0))
+
+
+def test_a_matrix_that_is_not_positive_definite_is_told():
+    band, _ = random_band(12, 5)
+    band[0, 7] = -1.0
+    assert not cholesky(band)
 
 
 @pytest.mark.parametrize(("n", "width"), [(1, 5), (3, 5), (7, 5), (4, 1)])

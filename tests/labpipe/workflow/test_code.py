@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -183,6 +184,22 @@ def test_unchanged_code_is_not_read_again(toys: Path, tmp_path: Path) -> None:
     assert look().n_read > 0
     memory.write_bytes(memory.read_bytes()[:-9])
     assert look().behind("toys.stages:first") == Code(search=[str(toys)]).behind("toys.stages:first")
+
+
+def test_a_new_session_knows_what_another_has_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(code, "_COMPILED", tmp_path / "compiled/reached.json")
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    function = "labpipe.files:seal"
+    first = Code(tmp_path / "one.json")
+    first.behind(function)
+    first.save()
+    second = Code(tmp_path / "two.json")
+    assert second.behind(function) == first.behind(function)
+    assert (first.n_read > 0, second.n_read) == (True, 0)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    third = Code(tmp_path / "three.json")
+    third.behind(function)
+    assert third.n_read == first.n_read
 
 
 def test_a_file_changed_under_a_running_program_is_refused(toys: Path) -> None:

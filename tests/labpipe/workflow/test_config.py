@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labpipe.errors import ConfigError, SourceError
+from labpipe.errors import ConfigError, InputError, SourceError
 from labpipe.units import Quantity, quantity
 from labpipe.workflow import config
 from labpipe.workflow.config import POSITIVE, Angle, Dimensionless, File, Length, Range, Time, show
@@ -231,3 +231,32 @@ def test_no_tree_of_values_escapes_the_check(tree: dict[str, object]) -> None:
 def test_a_quantity_is_shown_in_the_unit_that_suits_it(text: str, shown: str) -> None:
     assert show(quantity(text)) == shown
     assert quantity(shown)[:2] == pytest.approx(quantity(text)[:2], rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "same"),
+    [
+        ("12 ± 0,2°", "12 ± 0.2 deg"),
+        ("12° ± 0,2°", "12 ± 0.2 deg"),
+        ("9,525 mm ± 0,005 mm", "9.525 ± 0.005 mm"),
+        ("0,250 mm", "0.25 mm"),
+        ("12,500 ± 0,5 mm", "12.5 ± 0.5 mm"),
+        ("1,5e-3 m", "1.5 mm"),
+    ],
+)
+def test_a_quantity_is_understood_as_people_write_it(text: str, same: str) -> None:
+    assert quantity(text).si == quantity(same).si
+    assert quantity(text)[:2] == pytest.approx(quantity(same)[:2], rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("1,500 mm", "group thousands; write 1.500 or 1500"),
+        ("1,2,3 mm", "unknown unit"),
+        ("1.5 mm ± 2 um", "has two units"),
+    ],
+)
+def test_a_quantity_with_two_meanings_is_refused(text: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        quantity(text)

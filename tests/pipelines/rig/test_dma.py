@@ -7,7 +7,8 @@ import pytest
 
 import instruments
 from labpipe.materials import Prony, kramers_kronig
-from pipelines.rig.dma import SOLIDS, Element, Protocol, Solid, write_dma
+from pipelines.rig.dma import Protocol, write_dma
+from pipelines.rig.solids import SOLIDS, Element, Solid
 
 FREQUENCY = np.logspace(-4, 4, 120)
 

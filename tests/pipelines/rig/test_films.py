@@ -13,6 +13,7 @@ from pipelines.rig.fall import Body
 from pipelines.rig.film_front import FrontCamera, write_front_film
 from pipelines.rig.film_under import UnderCamera, surface_matrix, write_under_film
 from pipelines.rig.reference_drop import reference_drop
+from pipelines.rig.solids import Viscoelastic
 
 ELASTIC = Prony(3.2e9, [], [], nu=0.35)
 R, MASS = 9.525e-3, 0.505
@@ -26,15 +27,7 @@ def hertz_gap(r: np.ndarray, a: float) -> np.ndarray:
 
 def drop(duration: float, snapshots: np.ndarray | None = None):
     return reference_drop(
-        3.2e9,
-        np.array([0.0]),
-        np.array([1.0]),
-        0.35,
-        radius=R,
-        mass=MASS,
-        height=1.5e-3,
-        duration=duration,
-        snapshots=snapshots,
+        Viscoelastic((), 3.2e9, 0.35), radius=R, mass=MASS, height=1.5e-3, duration=duration, snapshots=snapshots
     )
 
 

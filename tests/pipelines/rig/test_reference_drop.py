@@ -5,15 +5,16 @@ import pytest
 
 from labpipe.errors import InputError
 from pipelines.rig.reference_drop import Floor, Trajectory, reference_drop
+from pipelines.rig.solids import Element, Viscoelastic
 
+ELASTIC = Viscoelastic((), 3.2e9, 0.35)
 BODY = {"radius": 9.525e-3, "mass": 0.505}
 
 
 def standard_linear_solid(height: float, duration: float, floor: Floor | None = None) -> Trajectory:
     """E from 2 to 4 GPa, one retardation time of 1 ms, hence a relaxation time of 0.5 ms."""
-    return reference_drop(
-        2e9, np.array([2e9]), np.array([0.5e-3]), 0.35, height=height, duration=duration, floor=floor, **BODY
-    )
+    solid = Viscoelastic((Element(2e9, 0.5e-3),), 2e9, 0.35)
+    return reference_drop(solid, height=height, duration=duration, floor=floor, **BODY)
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +42,7 @@ def test_the_first_impact_has_the_force_and_radius_of_the_table(train: Trajector
 
 
 def test_an_elastic_sphere_gives_its_energy_back() -> None:
-    found = reference_drop(3.2e9, np.zeros(0), np.zeros(0), 0.35, height=1.5e-3, duration=0.06, **BODY)
+    found = reference_drop(ELASTIC, height=1.5e-3, duration=0.06, **BODY)
     np.testing.assert_allclose(found.outgoing_speed / found.incoming_speed, 1.0, rtol=1e-4)
 
 
@@ -64,4 +65,4 @@ def test_heights_between_steps_are_interpolated_smoothly(train: Trajectory) -> N
 
 def test_what_must_be_positive_is_checked() -> None:
     with pytest.raises(InputError, match="positive"):
-        reference_drop(2e9, np.zeros(0), np.zeros(0), 0.3, height=0.0, duration=1.0, **BODY)
+        reference_drop(ELASTIC, height=0.0, duration=1.0, **BODY)

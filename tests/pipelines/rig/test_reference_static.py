@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from labpipe import contact, materials
-from pipelines.rig.reference_static import creep_compliance, reference_static
+from pipelines.rig.reference_static import reference_static
+from pipelines.rig.solids import Element, Viscoelastic, solid_of
 
 
 def test_the_compliance_of_the_standard_linear_solid() -> None:
@@ -13,7 +14,7 @@ def test_the_compliance_of_the_standard_linear_solid() -> None:
     time = np.geomspace(1e-2, 1e3, 40)
     unrelaxed = relaxed + branch
     known = 1 / relaxed - (1 / relaxed - 1 / unrelaxed) * np.exp(-time * relaxed / unrelaxed / rho)
-    found = creep_compliance(relaxed, np.array([branch]), np.array([rho]), time)
+    found = Viscoelastic((Element(branch, rho),), relaxed, 0.3).creep(time)
     np.testing.assert_allclose(found, known, rtol=1e-10)
 
 
@@ -21,16 +22,13 @@ def test_the_compliance_of_the_standard_linear_solid() -> None:
 def test_the_compliance_is_that_of_exact_interconversion(name: str) -> None:
     solid = materials.load(name)
     time = np.geomspace(1e-3, 1e4, 60)
-    found = creep_compliance(float(solid.E_relaxed), np.array(solid.E), np.array(solid.rho), time)
+    found = solid_of(solid).creep(time)
     np.testing.assert_allclose(found, solid.creep(time), rtol=1e-9)
 
 
 def test_an_elastic_sphere_is_hertz_s() -> None:
     found = reference_static(
-        1e9,
-        np.zeros(0),
-        np.zeros(0),
-        0.3,
+        Viscoelastic((), 1e9, 0.3),
         radius=9.525e-3,
         load_times=np.array([0.0]),
         loads=np.array([10.0]),
@@ -48,15 +46,6 @@ def test_steps_of_load_agree_with_the_simulator() -> None:
     stretches = [b + np.concatenate([[0.0], np.geomspace(0.5, e - b, 25)]) for b, e in zip(begin, ends, strict=True)]
     made = contact.load_sphere(solid, 9.525e-3, np.concatenate(stretches), np.repeat(load, [s.size for s in stretches]))
     time = np.concatenate([s[1:-1] for s in stretches])
-    found = reference_static(
-        float(solid.E_relaxed),
-        np.array(solid.E),
-        np.array(solid.rho),
-        float(solid.nu),
-        radius=9.525e-3,
-        load_times=begin,
-        loads=load,
-        time=time,
-    )
+    found = reference_static(solid_of(solid), radius=9.525e-3, load_times=begin, loads=load, time=time)
     simulated = np.concatenate([made["approach"].values[i * 26 + 1 : (i + 1) * 26 - 1] for i in range(3)])
     np.testing.assert_allclose(simulated, found, rtol=1e-5)

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
-from labpipe.errors import ConfigError, InputError, SourceError
+from labpipe.errors import ConfigError, InputError, SourceError, UsageError
+from pipelines.commands import session as commands
 from pipelines.process import check_store, export, open_session, plan, process, report, result
 from pipelines.session import compare
 
@@ -251,3 +253,55 @@ def test_other_mistakes_are_told_beside_a_lost_recording(session_copy: Path) -> 
     path.write_text(path.read_text("utf-8").replace("505.0", "-505.0", 1), "utf-8")
     with pytest.raises(ConfigError, match=r"(?s)there is no file.*must be|must be.*no file"):
         process(session_copy, jobs=0)
+
+
+def _with_gap(folder: Path, kind: str) -> None:
+    path = folder / ("session.toml" if kind == "value" else "calibration/laser.toml")
+    old, new = ('"1.5 ± 0.005 mm"', '"FILL mm"') if kind == "value" else ('"12.00 ± 0.10 deg"', '"FILL deg"')
+    assert old in path.read_text("utf-8")
+    path.write_text(path.read_text("utf-8").replace(old, new), "utf-8")
+
+
+@pytest.mark.parametrize(("kind", "line"), [("value", "height: to be filled in"), ("record", "inclination: to be")])
+def test_what_is_complete_runs_and_what_has_gaps_waits(session_copy: Path, kind: str, line: str) -> None:
+    _with_gap(session_copy, kind)
+    outcome = process(session_copy, jobs=0)
+    assert {o.experiment for o in outcome.outcomes} == {"nbr"}
+    assert [n for n, lines in outcome.session.waiting.items() if line in lines[0]] == ["drop"]
+    assert line in (session_copy / "labpipe/index.html").read_text("utf-8")
+    with pytest.raises(UsageError, match=line):
+        process(session_copy, only="drop", jobs=0)
+
+
+def test_plan_and_process_begin_with_what_waits(session_copy: Path) -> None:
+    _with_gap(session_copy, "value")
+    planned = CliRunner().invoke(commands.plan, [str(session_copy)])
+    first, second, third, *_ = planned.output.splitlines()
+    assert "1 experiment waits for values" in first
+    assert (second, "height: to be filled in" in third) == ("waiting: drop", True)
+    done = CliRunner().invoke(commands.process, [str(session_copy), "-j", "0"])
+    assert done.exit_code == 1
+    assert "waiting: drop\n" in done.output
+
+
+def test_an_experiment_that_refers_to_one_that_waits_waits_too(session_copy: Path) -> None:
+    path = session_copy / "session.toml"
+    text = path.read_text("utf-8")
+    again = text[text.index("[experiments.drop]") : text.index("[experiments.nbr]")]
+    second = again.replace("experiments.drop", "experiments.second")
+    second = second.replace('material = "acrylic"', 'material_from = "drop"')
+    path.write_text(text.replace('"1.5 ± 0.005 mm"', '"FILL mm"') + "\n" + second, "utf-8")
+    session = open_session(session_copy)
+    assert list(session.experiments) == ["nbr"]
+    assert session.waiting["second"][0].endswith('refers to "drop", which waits')
+
+
+def test_an_experiment_with_a_gap_and_a_mistake_is_refused_with_both(session_copy: Path) -> None:
+    _with_gap(session_copy, "value")
+    path = session_copy / "session.toml"
+    path.write_text(path.read_text("utf-8").replace('material = "acrylic"', 'materiel = "acrylic"'), "utf-8")
+    with pytest.raises(ConfigError) as caught:
+        open_session(session_copy)
+    told = "\n".join(caught.value.problems)
+    assert "FILL mm" in told
+    assert "materiel" in told

@@ -11,15 +11,16 @@ import pytest
 from instruments import phantom
 from instruments.phantom._writer import Recording
 from labpipe import files, materials
-from labpipe.errors import ConfigError, UsageError
-from pipelines.experiments.dma.proposal import mode_line
+from labpipe.errors import UsageError
+from pipelines.experiments import Found
+from pipelines.experiments.dma.proposal import _published, mode_line
 from pipelines.experiments.shared.proposals import without_repeat
 from pipelines.process import open_session
 from pipelines.rig.indentations import Specimen
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.session_text import laser_record
 from pipelines.rig.static_loading import StaticRig, write_static
-from pipelines.session import describe, init
+from pipelines.session import Gap, describe, init
 
 START = datetime(2024, 5, 14, 9, 30)
 
@@ -47,12 +48,15 @@ def test_instruments_are_recognised_and_repeats_grouped(pile: Path) -> None:
     assert 'calibration = "laser.toml"' in text
 
 
-def test_every_gap_is_listed_and_refused_until_it_is_filled(pile: Path) -> None:
+def test_every_gap_is_listed_and_its_experiment_waits_until_it_is_filled(pile: Path) -> None:
     found = init(pile)
     assert len(found.gaps) == 2  # radius and mass
-    with pytest.raises(ConfigError) as caught:
-        open_session(pile)
-    assert len(caught.value.problems) == 2
+    session = open_session(pile)
+    assert list(session.experiments) == ["punch_on_nbr"]
+    assert [line.split(":")[2] for line in session.waiting["acrylic_7mm"]] == [
+        " experiments.acrylic_7mm.sphere.radius",
+        " experiments.acrylic_7mm.sphere.mass",
+    ]
     text = found.path.read_text("utf-8")
     filled = text.replace('"FILL mm"', '"9.525 mm"').replace('"FILL g"', '"505 g"')
     found.path.write_text(filled, "utf-8")
@@ -116,9 +120,37 @@ def test_a_relaxation_is_proposed_and_what_no_experiment_takes_is_named(pile: Pa
     found = init(pile)
     assert "hold" in found.experiments
     assert 'kind = "relaxation"\nmach1 = ["hold.txt"]' in found.path.read_text("utf-8")
-    assert found.unused == [
-        "sweep.csv (rheometer export): it holds no moduli over frequency and temperature; add it by hand"
-    ]
+    assert "sweep" in found.experiments  # its temperature is asked for
+    assert found.unused == ["notes.txt: no instrument recognises the content"]
+
+
+def test_copies_are_named_and_the_recordings_keep_their_names(pile: Path) -> None:
+    (pile / "Laser (Kopie)").mkdir()
+    shutil.copy(pile / "acrylic 7mm rep1.csv", pile / "Laser (Kopie)/acrylic 7mm 1.csv")
+    (pile / "photos").mkdir()
+    for name in ("a.jpg", "b.JPG"):
+        (pile / "photos" / name).write_bytes(b"\xff\xd8\xff\xe0 a picture")
+    found = init(pile)
+    assert found.experiments == ["acrylic_7mm", "punch_on_nbr"]
+    assert '"acrylic 7mm rep1.csv",\n  "acrylic 7mm rep2.csv"' in found.path.read_text("utf-8")
+    (copy,) = (line for line in found.unused if line.startswith("Laser"))
+    assert copy.endswith(': a copy of "acrylic 7mm rep1.csv"')
+    (pictures,) = (line for line in found.unused if line.startswith("photos/"))
+    assert "photos/a.jpg and 1 more beside it: a picture" in pictures
+
+
+@pytest.mark.parametrize(("table", "sweep", "is_proposed"), [
+    ("nbr shifts.csv", "nbr tension.csv", True),
+    ("nbr shifts.csv", "peek tension.csv", False),
+    ("shifts.csv", "peek tension.csv", False),
+    ("shifts.csv", "tension.csv", True),
+])  # fmt: skip
+def test_a_table_is_laid_beside_a_sweep_of_its_material_only(
+    table: str, sweep: str, is_proposed: bool, tmp_path: Path
+) -> None:
+    (tmp_path / table).write_text("temperature,log_aT\ndegC,1\n20,0\n30,-1\n40,-2\n")
+    found = Found(tmp_path, {"plain_table": [table]})
+    assert (f'"{table}"' in _published(found, sweep)) == is_proposed
 
 
 def test_relaxations_to_several_depths_are_one_experiment(tmp_path: Path) -> None:
@@ -158,10 +190,10 @@ def filmed(small_session: Path, tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_film_is_laid_beside_the_only_drop_of_its_material(filmed: Path) -> None:
+def test_a_film_is_laid_beside_the_only_drop_of_its_material(filmed: Path, small_session: Path) -> None:
     text = init(filmed).path.read_text("utf-8")
     assert 'laser_experiment = "acrylic_7mm"' in text
-    shutil.copy(filmed / "acrylic_7mm_1.csv", filmed / "acrylic_5mm_1.csv")
+    shutil.copy(small_session / "laser/drop_2.csv", filmed / "acrylic_5mm_1.csv")
     text = init(filmed, replace=True).path.read_text("utf-8")
     assert '# laser_experiment = "NAME"' in text
 
@@ -173,6 +205,27 @@ def test_the_record_of_a_camera_knows_the_day_of_its_film_and_is_named_in_questi
     assert "valid_from = 2024-05-14" in text
     about_camera = [q for q in asked if q.startswith("calibration of camera front: ")]
     assert [q.split(": ")[1].split(" (")[0] for q in about_camera] == ["who", "how", "reference length", "pixel length"]
+
+
+def test_every_view_and_day_has_a_camera_record_of_its_own(filmed: Path) -> None:
+    frames = np.full((3, 8, 16), 90, dtype=np.uint8)
+    for name, days in (("acrylic_front_later", 30), ("acrylic_under", 0)):
+        day = int(START.replace(tzinfo=UTC).timestamp()) + days * 86400
+        recording = Recording(frame_rate=4000, exposure=5e-5, bits=8, trigger=day)
+        phantom.write(filmed / f"{name}.cine", frames + days + 1, frames.shape, np.arange(3) / 4000, recording)
+    offered: dict[str, set[tuple[str, str, str]]] = {}
+
+    def ask(gap: Gap) -> None:
+        if gap.key in ("reference_length", "pixel_length"):
+            offered.setdefault(gap.table, set()).add(gap.sort)
+
+    text = init(filmed, ask=ask).path.read_text("utf-8")
+    names = ["camera_front_2024-05-14", "camera_front_2024-06-13", "camera_under"]
+    assert sorted(p.stem for p in (filmed / "calibration").glob("camera*")) == names
+    assert all(f'camera = "calibration/{name}.toml"' in text for name in names)
+    assert len(offered) == 3
+    assert sum(map(len, offered.values())) == len(set().union(*offered.values()))
+    assert [p.name for p in init(filmed, replace=True).records] == []
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,9 @@ from pipelines.experiments.dma import checks, measured, model
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared.judgements import believed
 from pipelines.process import process
-from pipelines.rig.dma import SOLIDS, Protocol, write_dma
+from pipelines.rig.dma import Protocol, write_dma
 from pipelines.rig.samples import dma_section, session_head
+from pipelines.rig.solids import SOLIDS
 from pipelines.session import verdict
 
 SMALL = Protocol(

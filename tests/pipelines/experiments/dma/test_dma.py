@@ -19,8 +19,9 @@ from pipelines.experiments.dma.settings import Dma, Fit
 from pipelines.experiments.shared.material_choice import resolve
 from pipelines.experiments.shared.settings import MaterialChoice
 from pipelines.process import open_session, process
-from pipelines.rig.dma import SOLIDS, Protocol, write_dma
+from pipelines.rig.dma import Protocol, write_dma
 from pipelines.rig.samples import SAMPLES, dma_section, session_head
+from pipelines.rig.solids import SOLIDS
 from pipelines.session import SCHEMAS, init
 
 SMALL = Protocol(temperatures=(-40.0, -20.0, 0.0, 20.0, 40.0), frequencies=tuple(np.geomspace(10.0, 0.1, 9).tolist()))

@@ -1,0 +1,244 @@
+"""Find phase and scale of the fringes in a frame that the stated optics do not explain.
+
+A contact may show any phase, from dark to bright, and the stated wavelength or radius may be
+wrong. Fringes of every phase and of scales between half and twice the stated one are compared with
+the radial profile about the spots of a frame, all radii of contact at once; what explains it best
+is fitted with phase and scale free, and believed when it leaves little and is a contact.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import chain, islice
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.arrays import Floats
+from labpipe.imaging.fringes._blank_frames import FilmResult
+from labpipe.imaging.fringes._centre_votes import find_centres
+from labpipe.imaging.fringes._interference import distance_at_phase, scaled_gap
+from labpipe.imaging.fringes._radial_scan import radial_profile
+from labpipe.imaging.fringes._ring_fit import PARAMETERS, FitSettings, Parameter, RingFit, fit_contact
+from labpipe.imaging.fringes._search import GOOD_MISFIT, View, has_structure, is_contact
+from labpipe.imaging.fringes._spots import find_spots
+
+#: Logarithms of the factor of the phase scale that are tried: 1/2 to 2 in steps that keep three
+#: fringes within a sixth of a fringe. The stated one comes first where all explain as much.
+_LOG_SCALES = np.linspace(-0.7, 0.7, 29)
+#: Fringes compared, at the stated scale, and rings in them.
+_FRINGES, _RINGS = 3.0, 48
+#: Radii tried, as shares of the radius of a spot: its edge may be any of the first rings.
+_SMALLEST, _LARGEST, _RADII = 0.5, 1.15, 60
+#: Share of a profile's variance that must be explained, places looked at, and starts fitted.
+_LEAST_SCORE, _PLACES, _STARTS = 0.6, 3, 3
+#: A scale other than the stated one must leave less than this share of what that leaves.
+_SCALE_SHARE = 0.5
+#: Pixels of a trial, and fringes of the two fits of one.
+_PIXELS, _NEAR, _FAR = 12_000, 1.5, 3.0
+_ITERATIONS = 20
+#: Frames that are searched in a film, and below which one that is explained is enough.
+_MOST_TRIED, _FEW_TRIED = 6, 3
+#: Differences of phase (rad) and logarithm of the scale below which two frames agree.
+_SAME_PHASE, _SAME_SCALE = 0.4, 0.03
+
+
+@dataclass(frozen=True)
+class _Guess:
+    """A contact that a profile resembles: radius (px), scale, phase, light."""
+
+    score: float
+    radius: float
+    log_scale: float
+    phase: float
+    gain: float
+    modulation: float
+
+
+class OtherOptics:
+    """Learns phase and scale from frames that the stated optics leave unexplained.
+
+    Two frames must agree before they are taken, so that the rings of a body that comes close, or
+    dust, do not decide for a film.
+
+    Parameters
+    ----------
+    result : FilmResult
+        Its view is replaced.
+    is_phase_free : bool
+        Whether the phase may be other than stated.
+    """
+
+    def __init__(self, result: FilmResult, *, is_phase_free: bool) -> None:
+        self._result = result
+        self._is_phase_free = is_phase_free
+        self._tried: set[int] = set()
+        self._found: list[RingFit] = []
+
+    def learns_from(self, frame: NDArray[np.generic], index: int) -> bool:
+        """Look at a frame that shows no contact; tell whether the film's view has changed."""
+        if len(self._tried) >= _MOST_TRIED or index in self._tried or not has_structure(frame):
+            return False
+        self._tried.add(index)
+        fit = find_optics(frame, self._result.view, is_phase_free=self._is_phase_free)
+        if fit is None:
+            return False
+        agreeing = any(_is_like(fit, other) for other in self._found)
+        self._found.append(fit)
+        return agreeing and self._take(fit)
+
+    def takes_single(self) -> bool:
+        """Take the only optics found in a film that nothing else explains."""
+        return len(self._found) == 1 and len(self._tried) < _FEW_TRIED and self._take(self._found[0])
+
+    def _take(self, fit: RingFit) -> bool:
+        view = self._result.view
+        log_scale = float(fit.parameters[Parameter.SCALE])
+        if abs(log_scale) < _SAME_SCALE:
+            log_scale = 0.0  # one frame knows it worse than who stated R and wavelength
+        scale = view.optics.phase_scale * math.exp(log_scale)
+        optics = replace(view.optics, phase=float(fit.parameters[Parameter.PHASE]), phase_scale=scale)
+        self._result.view = replace(view, optics=optics)
+        self._tried.update(range(_MOST_TRIED))
+        self._found.clear()
+        return True
+
+
+def _is_like(one: RingFit, other: RingFit) -> bool:
+    """Tell whether two fits agree in phase and scale."""
+    turn = abs(float(one.parameters[Parameter.PHASE] - other.parameters[Parameter.PHASE])) % (2.0 * math.pi)
+    scale = abs(float(one.parameters[Parameter.SCALE] - other.parameters[Parameter.SCALE]))
+    return min(turn, 2.0 * math.pi - turn) < _SAME_PHASE and scale < _SAME_SCALE
+
+
+def rebase(result: FilmResult, fits: dict[int, RingFit]) -> None:
+    """Make the scale that most of the fits found that of the film, and theirs relative to it."""
+    scales = np.array([float(fit.parameters[Parameter.SCALE]) for fit in fits.values()])
+    if not len(scales) or np.median(np.abs(scales)) <= _SAME_SCALE:
+        return
+    usual = float(np.median(scales))
+    if np.mean(np.abs(scales - usual) < _SAME_SCALE) < 0.5:
+        return
+    optics = result.view.optics
+    result.view = replace(result.view, optics=replace(optics, phase_scale=optics.phase_scale * math.exp(usual)))
+    for index, fit in fits.items():
+        parameters = fit.parameters.copy()
+        parameters[Parameter.SCALE] -= usual
+        fits[index] = replace(fit, parameters=parameters)
+
+
+def find_optics(frame: NDArray[np.generic], view: View, *, is_phase_free: bool) -> RingFit | None:
+    """Fit the contact of a frame with phase and scale of its fringes unknown.
+
+    Parameters
+    ----------
+    frame : array (row, column)
+        Grey levels.
+    view : View
+        Optics as stated.
+    is_phase_free : bool
+        Whether the phase may be other than stated.
+
+    Returns
+    -------
+    RingFit or None
+        With phase and scale among its parameters; None when no fringes explain the frame.
+    """
+    spots = chain(find_spots(frame), find_centres(frame))
+    for spot in islice(spots, _PLACES):
+        for guess in _guesses(frame, view, spot.x, spot.y, spot.radius):
+            found = _fit_guess(frame, view, guess, (spot.x, spot.y), is_phase_free=is_phase_free)
+            if found is not None:
+                return found
+    return None
+
+
+def _guesses(frame: NDArray[np.generic], view: View, x: float, y: float, size: float) -> Iterator[_Guess]:
+    """Contacts that explain the profile about a point, the likeliest first."""
+    optics = view.optics
+    reach = distance_at_phase(2.0 * math.pi * _FRINGES, _LARGEST * size, optics) + 2.0
+    profile, counts = radial_profile(frame, x, y, 1.0, math.ceil(reach) + 1)
+    found: list[_Guess] = []
+    for radius in np.linspace(_SMALLEST, _LARGEST, _RADII) * size:
+        guess = _best_scale(profile, counts, float(radius), view)
+        if guess is not None and guess.score >= _LEAST_SCORE:
+            found.append(guess)
+    found.sort(key=lambda guess: -guess.score)
+    chosen: list[_Guess] = []
+    for guess in found:
+        if all(abs(guess.log_scale - other.log_scale) > 0.1 for other in chosen):
+            chosen.append(guess)
+    yield from chosen[:_STARTS]
+
+
+def _best_scale(profile: Floats, counts: Floats, radius: float, view: View) -> _Guess | None:
+    """Scale and phase that explain most of the rings around one radius."""
+    optics = view.optics
+    outer = distance_at_phase(2.0 * math.pi * _FRINGES, radius, optics)
+    inner = max(radius - (outer - radius), 0.0)
+    place = np.linspace(inner, outer, _RINGS)
+    ring = np.minimum(place.astype(np.int64), len(profile) - 1)
+    weight = np.sqrt(counts[ring])
+    if (weight > 0.0).sum() < 0.75 * _RINGS:
+        return None
+    # The middle of a ring of whole pixels lies half a pixel outside its first distance.
+    gap = optics.phase_scale * scaled_gap(ring + 0.5, radius)
+    argument = gap * np.exp(_LOG_SCALES)[:, None]
+    base, _ = np.linalg.qr(np.stack([weight, weight * place], axis=1))
+    grey = profile[ring] * weight
+    left = grey - base @ (base.T @ grey)
+    terms = np.stack([np.cos(argument), np.sin(argument)], axis=1) * weight
+    terms -= terms @ base @ base.T
+    normal = terms @ terms.transpose(0, 2, 1) + 1e-9 * np.eye(2) * _RINGS
+    right = terms @ left
+    amplitude = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
+    total = float(left @ left)
+    if total <= 0.0:
+        return None
+    score = (amplitude * right).sum(axis=1) / total
+    stated = len(_LOG_SCALES) // 2
+    best = int(score.argmax())
+    if 1.0 - score[best] > _SCALE_SHARE * (1.0 - score[stated]):
+        best = stated
+    cosine, sine = amplitude[best]
+    modulation = math.hypot(cosine, sine)
+    phase = math.atan2(-sine, cosine)
+    model = cosine * np.cos(argument[best]) + sine * np.sin(argument[best])
+    gain = float(np.average(profile[ring] - model, weights=weight**2))
+    return _Guess(float(score[best]), radius, float(_LOG_SCALES[best]), phase, gain, modulation)
+
+
+def _fit_guess(
+    frame: NDArray[np.generic], view: View, guess: _Guess, centre: tuple[float, float], *, is_phase_free: bool
+) -> RingFit | None:
+    """Fit from a guess with phase and scale free, from the first fringes outwards."""
+    start = np.zeros(PARAMETERS)
+    start[[Parameter.X, Parameter.Y]] = centre
+    start[Parameter.RADIUS] = guess.radius
+    start[[Parameter.GAIN, Parameter.MODULATION]] = guess.gain, guess.modulation
+    start[Parameter.PHASE] = guess.phase
+    if not is_phase_free:
+        # The stated phase may be that of the dark or of the bright contact.
+        start[Parameter.PHASE] = view.optics.phase
+        start[Parameter.MODULATION] *= math.copysign(1.0, math.cos(guess.phase - view.optics.phase))
+    seen = replace(view, optics=replace(view.optics, phase_scale=view.optics.phase_scale * math.exp(guess.log_scale)))
+    extra: tuple[Parameter, ...] = (Parameter.PHASE,) if is_phase_free else ()
+    plain = tuple(p for p in view.settings.free if p is not Parameter.SMEAR)
+    trials = ((_NEAR, (*plain, *extra)), (_FAR, (*view.settings.free, *extra, Parameter.SCALE)))
+    fit: RingFit | None = None
+    for fringes, free in trials:
+        settings = FitSettings(
+            fringes, view.settings.least_spacing, free, max_pixels=_PIXELS, max_iterations=_ITERATIONS
+        )
+        fit = fit_contact(frame, start, seen.optics, settings, view.white)
+        if fit is None:
+            return None
+        start = fit.parameters
+    if fit is None or fit.misfit > GOOD_MISFIT:
+        return None
+    seen = replace(seen, optics=replace(seen.optics, phase=float(fit.parameters[Parameter.PHASE])))
+    if not is_contact(frame, seen, fit):
+        return None
+    parameters = fit.parameters.copy()
+    parameters[Parameter.SCALE] += guess.log_scale
+    return replace(fit, parameters=parameters)

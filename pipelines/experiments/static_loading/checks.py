@@ -1,0 +1,400 @@
+"""Whether a static loading can be believed: steps against loads, creep, sphere, and readings."""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from math import hypot, log, nan, sqrt
+
+import numpy as np
+import xarray as xr
+
+from labpipe.judging import Cause, Check, Level, bounded, compared, not_made, stated
+from labpipe.report import quantity
+from labpipe.units import Quantity
+from labpipe.workflow.context import Context
+from pipelines.experiments.shared import judgements, trace_checks
+from pipelines.experiments.shared.fall_checks import shown
+from pipelines.experiments.shared.judgements import Scene, line_of
+from pipelines.experiments.shared.trace_checks import Trace
+from pipelines.experiments.static_loading.comparison import LOADS, MODULUS, SCALE, TOUCH, rows
+from pipelines.experiments.static_loading.load_steps import SIDE, settled, steps_anywhere, valid
+from pipelines.experiments.static_loading.measured import spans
+from pipelines.experiments.static_loading.settings import StaticLoading
+from pipelines.experiments.static_loading.suspects import likeliest
+
+MATERIAL, RADIUS_GIVEN = "approach against the material", "contact radius that is given"
+_LARGE = 0.2  # of a stated value, beyond which its uncertainty is doubtful
+_SMALL_STEP = 0.3  # of the smallest step of a load, below which one more may be a knock
+_FIT = 0.25  # of the noise: a misfit that a creep law of few terms may leave
+_PLAUSIBLE = (1e6, 5e10)  # Pa, contact moduli of whatever is loaded
+_OTHER_GRADE, _NO_GRADE = 3.0, 30.0  # factors between moduli of one polymer that are much, that are too much
+_DIAMETER = 0.02  # by which a factor of 2 in the radius may be missed, of the logarithm of an approach
+_SAME = 0.1  # by which the times of the loads may scatter about one factor
+_MASSES = (1e3, 1e-3, 9.81, 1 / 9.81, 10.0, 0.1)
+_LENGTHS = (1e3, 1e-3, 10.0, 0.1, 25.4, 1 / 25.4)
+_FAILED = {
+    "readings": "the file is not what the session says, or was not copied whole",
+    "displacement": "the calibration record does not belong to this recording: it is expired, of another instrument or "
+    "of a camera, or a value of it is wrong",
+    "steps": "the record does not hold the loads that session.toml states",
+    "approach": "the record does not hold the loads that session.toml states",
+}
+
+
+def judgement(
+    readings: xr.Dataset | None,
+    displacement: xr.Dataset | None,
+    steps: xr.Dataset | None,
+    approach: xr.Dataset | None,
+    model: xr.Dataset | None,
+    comparison: xr.Dataset | None,
+    *,
+    settings: StaticLoading,
+    context: Context,
+) -> xr.Dataset:
+    """Judge one static loading; what gave no result is judged by that."""
+    checks = [_explained(c, readings, displacement, settings) for c in judgements.failed_steps(context, _FAILED)]
+    checks += _of_readings(readings, settings)
+    checks += _statements(settings)
+    if displacement is None or steps is None:
+        checks.append(not_made("steps of the record", "every load makes a step", "steps that were found"))
+    else:
+        checks += [_unstated(displacement, steps, settings), _misfit(displacement, steps, settings)]
+        checks += [_forwards(approach, steps, settings), _slows_down(displacement, steps, settings)]
+        checks.append(_compliance(steps, settings))
+        checks.append(_times(steps, settings))
+    checks.append(_smaller_than_the_sphere(approach, settings))
+    checks.append(_of_material(approach, model, settings))
+    checks.append(_given_radius(comparison, settings))
+    compared_rows = [] if comparison is None else list(rows(comparison, settings=settings))
+    inputs = _inputs(displacement, steps, model, settings)
+    return judgements.judgement(Scene(checks, _causes(settings), compared_rows, inputs))
+
+
+def _inputs(
+    displacement: xr.Dataset | None, steps: xr.Dataset | None, model: xr.Dataset | None, settings: StaticLoading
+) -> dict[str, Quantity]:
+    """Return what all rows share, with its uncertainty."""
+    relative = 0.0 if displacement is None else float(displacement.attrs["u_systematic_relative"])
+    return {
+        "radius": settings.sphere.radius,
+        SCALE: Quantity(1.0, relative, "1"),
+        TOUCH: Quantity(0.0, 0.0 if steps is None else float(steps["u_touch"]), "m"),
+        MODULUS: Quantity(1.0, 0.0 if model is None else float(model.attrs["u_modulus"]), "1"),
+        LOADS: Quantity(1.0, 0.0, "1"),
+    }
+
+
+def _explained(
+    failed: Check, readings: xr.Dataset | None, displacement: xr.Dataset | None, settings: StaticLoading
+) -> Check:
+    """Give a step that failed its place, and the cause that the record itself shows."""
+    record = settings.calibration
+    of_record = re.search(rf"{re.escape(record.rpartition('/')[2])}:(\d+): values", failed.message)
+    if of_record is not None:
+        return replace(failed, file=record, line=int(of_record[1]))
+    of_file = re.search(rf"{re.escape(settings.laser)}:(\d+)", failed.message)
+    if of_file is not None:
+        return replace(failed, file=settings.laser, line=int(of_file[1]))
+    if failed.name != "step steps" or displacement is None:
+        return failed
+    at, sizes = steps_anywhere(displacement)
+    _, up = steps_anywhere(displacement, -1)
+    wanted = len(settings.loads) - 1
+    if up.size >= wanted and (up.size > sizes.size or up.sum() > sizes.sum()):
+        cause = (
+            "the body rises where loads are added: sensor.direction in session.toml has the wrong sign, or the record "
+            "was reversed in time"
+        )
+        return replace(failed, cause=cause, setting="sensor.direction")
+    if at.size == wanted and (factor := _one_factor(at, settings)) is not None:
+        return _of_times(failed, factor, readings, settings)
+    if at.size != wanted:
+        cause = (
+            f"the record shows {at.size} steps{_listed(at)}, session.toml states {wanted} loads after the first: one "
+            "is left out or too many"
+        )
+        return replace(failed, cause=cause, setting="loads")
+    return replace(failed, cause=f"the record steps{_listed(at)}, not when session.toml says", setting="loads")
+
+
+def _listed(at: np.ndarray) -> str:
+    return f" at {', '.join(f'{t:.0f}' for t in at)} s" if at.size else ""
+
+
+def _one_factor(at: np.ndarray, settings: StaticLoading) -> float | None:
+    """Return the factor between found and stated times; None where there is not one for all."""
+    stated_times = [np.nan if load.time is None else load.time.value for load in settings.loads[1:]]
+    ratios = at / np.array(stated_times)
+    ratios = ratios[np.isfinite(ratios)]
+    if not ratios.size or np.ptp(np.log(ratios)) > _SAME:
+        return None
+    return float(np.median(ratios))
+
+
+def _of_times(failed: Check, factor: float, readings: xr.Dataset | None, settings: StaticLoading) -> Check:
+    if min(abs(log(factor / k)) for k in (60.0, 1 / 60, 3600.0, 1 / 3600)) < _SAME:
+        cause = f"the times of the loads are {factor:.3g} times too short: seconds and minutes were probably exchanged"
+        return replace(failed, cause=cause, setting="loads")
+    interval = nan if readings is None else float(readings.attrs["sampling_interval"])
+    header = "" if readings is None else str(readings.attrs.get("header", ""))
+    cause = (
+        f"all steps come at {factor:.3g} times the stated times: the sampling interval is probably "
+        f"{quantity(interval / factor, 's')}, not {quantity(interval, 's')}"
+    )
+    if settings.keyence.cycle is not None:
+        return replace(failed, cause=cause, file="", setting="keyence.cycle")
+    return replace(failed, cause=cause, file=settings.laser, line=line_of(header, "cycle", "period", "周期"))
+
+
+def _of_readings(readings: xr.Dataset | None, settings: StaticLoading) -> list[Check]:
+    """Look at the readings by themselves."""
+    trace = None if readings is None else Trace.of(settings.laser, readings, settings.sensor.output)
+    if trace is None or np.isfinite(trace.reading).sum() < SIDE * len(settings.loads):
+        return [not_made("readings", "a record has readings", "readings of a length")]
+    return [trace_checks.unread(trace), trace_checks.repeated_rows(trace), trace_checks.resolution(trace)]
+
+
+def _statements(settings: StaticLoading) -> Iterator[Check]:
+    """Hold stated uncertainties against what they belong to."""
+    law = "an uncertainty is far smaller than what it belongs to"
+    given = [("sphere.radius", settings.sphere.radius)]
+    given += [(f"loads[{i}].mass", load.mass) for i, load in enumerate(settings.loads)]
+    for setting, value in given:
+        text = f"{setting} is stated as {quantity(value.value, value.si)} with u = {quantity(value.u, value.si)}"
+        is_large = value.u > _LARGE * abs(value.value)
+        cause = "the uncertainty was typed in another unit or with a lost decimal" if is_large else ""
+        level: Level | None = "doubtful" if is_large else None
+        yield stated(f"uncertainty of {setting}", law, text, level, cause=cause, setting=setting)
+
+
+def _unstated(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> Check:
+    """Look for steps of the record where no load is stated."""
+    name, law = "steps of the record", "the readings step where a load is put on, and nowhere else"
+    time, _ = valid(displacement)
+    near = 2 * SIDE * float(np.median(np.diff(time)))
+    at, sizes = steps_anywhere(displacement)
+    others = np.array([np.abs(steps["begin"].values - t).min() > near for t in at], bool)
+    least = float(np.nanmin(steps["jump"].values))
+    if not others.any():
+        text = f"{settings.laser}: {steps.sizes['load'] - 1} steps, one for each load that was added"
+        return stated(name, law, text, None, file=settings.laser)
+    worst = int(np.argmax(np.where(others, sizes, -np.inf)))
+    text = (
+        f"{settings.laser}: the readings step by {quantity(float(sizes[worst]), 'm')} at {at[worst]:.0f} s, where no "
+        f"load is stated; the smallest step of a load is {quantity(least, 'm')}"
+    )
+    is_load = sizes[worst] > _SMALL_STEP * least
+    cause = (
+        f"a load that was put on at {at[worst]:.0f} s is missing in session.toml, and the masses belong to other "
+        "steps; or the stand was knocked"
+        if is_load
+        else "the stand or the sensor was knocked"
+    )
+    return stated(name, law, text, "impossible" if is_load else "doubtful", cause=cause, setting="loads")
+
+
+def _misfit(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> Check:
+    """Hold the record against its loads: one creep law and one zero for all of them."""
+    name = "record against its loads"
+    law = "one creep compliance and one first touch serve all loads (Lee and Radok)"
+    noise, scatter = float(steps["noise"]), float(steps["scatter"])
+    time, _ = valid(displacement)
+    count = int(settled(time, steps, settings).sum())
+    # what stated uncertainties of loads and zero may leave of each approach
+    depth = np.interp(steps["end"].values, *valid(displacement)) - float(steps["touch"])
+    by_loads = 2 / 3 * float(np.max(depth * steps["u_force"].values / steps["force"].values))
+    allowance = hypot(_FIT * noise, by_loads, settings.steps.drift.value)
+    message = (
+        f"{settings.laser}: the best creep fit for these loads leaves {quantity(scatter, 'm')}, the noise of a reading "
+        f"is {quantity(noise, 'm')}"
+    )
+    # both are estimates from the same readings; that of the noise has half of their freedom
+    u = noise * sqrt(1.5 / count)
+    check = compared(name, law, message, scatter, u, noise, 0.0, allowance=allowance, factor=False, file=settings.laser)
+    if check.level is None or scatter < noise:
+        return replace(check, level=None)
+    suspect = likeliest(displacement, steps, settings)
+    cause = "a load, a time or the zero is wrong, or something other than the contact moved"
+    if suspect is None:
+        return replace(check, cause=cause)
+    file = "" if suspect.setting else settings.laser
+    return replace(check, cause=suspect.sentence, file=file, setting=suspect.setting)
+
+
+def _forwards(approach: xr.Dataset | None, steps: xr.Dataset, settings: StaticLoading) -> Check:
+    """Hold the creep under each load against its direction."""
+    name, law = "direction of creep", "under a load that stays, a contact only grows"
+    if approach is None:
+        return not_made(name, law, "an approach under every load")
+    creep, u = approach["creep"].values, approach["u_creep"].values
+    worst = int(np.argmin(creep / u))
+    number = f"load {worst + 1} ({settings.loads[worst].mass.value:g} kg)"
+    message = (
+        f"{settings.laser}: under {number} the approach changes by {shown(float(creep[worst]), float(u[worst]), 'm')}"
+    )
+    check = bounded(name, law, message, float(creep[worst]), float(u[worst]), at_least=0.0, file=settings.laser)
+    begin, end = spans(steps)[worst]
+    cause = (
+        f"the stand or the sensor warmed or settled between {begin:.0f} and {end:.0f} s, a load was taken off, or the "
+        "record was reversed"
+    )
+    return replace(check, cause=cause) if check.level else check
+
+
+def _slows_down(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> Check:
+    """Hold the rate of creep in the last third of each load against that in the middle third."""
+    name, law = "rate of creep", "creep under a load that stays slows down"
+    time, moved = valid(displacement)
+    noise = float(steps["noise"])
+    wander = settings.steps.drift.value / float(time[-1])
+    found = []
+    for i, (begin, end) in enumerate(spans(steps)):
+        thirds = np.linspace(begin + settings.steps.settle.value, end, 4)
+        slopes = [_slope(time, moved, noise, a, b) for a, b in pairwise(thirds[1:])]
+        if all(np.isfinite(u) for _, u in slopes):
+            (middle, u_middle), (last, u_last) = slopes
+            found.append((last - middle, hypot(u_middle, u_last, wander), last, i))
+    if not found:
+        return not_made(name, law, "loads that are held for 24 readings")
+    rise, u, last, worst = max(found, key=lambda each: each[0] / each[1])
+    begin, end = spans(steps)[worst]
+    message = (
+        f"{settings.laser}: under load {worst + 1} ({settings.loads[worst].mass.value:g} kg) the approach grows by "
+        f"{quantity(last, 'm/s')} in the last third of the hold, {quantity(last - rise, 'm/s')} in the middle"
+    )
+    check = bounded(name, law, message, rise, u, at_most=0.0, is_law=False, file=settings.laser)
+    cause = f"a drift, such as a change of temperature, while the load was held ({begin:.0f} to {end:.0f} s)"
+    return replace(check, cause=cause) if check.level else check
+
+
+def _slope(time: np.ndarray, moved: np.ndarray, noise: float, begin: float, end: float) -> tuple[float, float]:
+    inside = (time > begin) & (time < end - SIDE * float(np.median(np.diff(time))))
+    t, x = time[inside], moved[inside]
+    if t.size < 2 * SIDE:
+        return nan, nan
+    t = t - t.mean()
+    spread = float(np.sum(t**2))
+    return float(np.sum(t * x)) / spread, noise / sqrt(spread)
+
+
+def _compliance(steps: xr.Dataset, settings: StaticLoading) -> Check:
+    """Hold the compliance that the record gives against what any solid has."""
+    name, law = "stiffness of the sphere", "the contact modulus of a polymer lies between 1 MPa and 50 GPa"
+    modulus = 1 / float(steps["compliance"][0])
+    message = f"{settings.laser}: the record and its loads give a contact modulus of {quantity(modulus, 'Pa')}"
+    low, high = _PLAUSIBLE
+    check = bounded(
+        name, law, message, log(modulus), 0.05, at_least=log(low), at_most=log(high), is_law=False, setting="loads"
+    )
+    cause = "the masses are probably in another unit, or the unit of the readings is wrong"
+    return replace(check, cause=cause) if check.level else check
+
+
+def _times(steps: xr.Dataset, settings: StaticLoading) -> Check:
+    """Hold the steps' times against those that are stated."""
+    name, law = "times of the loads", "the readings step when a load was put on"
+    given, begin = steps["given_time"].values, steps["begin"].values
+    known = np.isfinite(given)
+    known[0] = False  # on from the beginning
+    if not known.any():
+        return not_made(name, law, "times of the loads in session.toml")
+    late = np.where(known, np.abs(begin - given), 0.0)
+    worst = int(np.argmax(late))
+    text = f"load {worst + 1} came at {begin[worst]:.0f} s, stated are {given[worst]:.0f} s"
+    level: Level | None = "note" if late[worst] > 0.5 * settings.steps.search.value else None
+    return stated(name, law, text, level, setting=f"loads[{worst}]")
+
+
+def _of_material(approach: xr.Dataset | None, model: xr.Dataset | None, settings: StaticLoading) -> Check:
+    """Hold the approach against Hertz and creep of the named material: (F J)^(2/3) R^(-1/3)."""
+    law = "approach = (3 F J*/4)^(2/3) R^(-1/3) for the stated sphere, loads and material"
+    if approach is None or model is None:
+        return not_made(MATERIAL, law, "a material and a measured approach")
+    seen, u_seen = float(approach["level_approach"][-1]), float(approach["u_level_approach"][-1])
+    expected, u_expected = float(model["approach"][-1]), float(model["u_approach"][-1])
+    if not (seen > 0.0 and expected > 0.0):
+        return not_made(MATERIAL, law, "an approach above 0")
+    gap, u = log(seen / expected), hypot(u_seen / seen, u_expected / expected)
+    message = (
+        f"{settings.laser}: {shown(seen, u_seen, 'm')} under the last load, about {quantity(expected, 'm')} expected "
+        "for the stated sphere and material"
+    )
+    level: Level | None = None
+    if abs(gap) > 2 / 3 * log(_NO_GRADE):
+        level = "impossible"
+    elif abs(gap) > 2 / 3 * log(_OTHER_GRADE):
+        level = "doubtful"
+    cause = ""
+    radius = settings.sphere.radius.value
+    if level is None and abs(gap) > 4 * u and abs(abs(gap) - log(2.0) / 3) < hypot(_DIAMETER, 2 * u):
+        # a factor of two in the radius is what people get wrong
+        right, what = (radius / 2, "diameter") if gap > 0 else (2 * radius, "half of the radius")
+        level = "doubtful"
+        other = f"{np.exp(1.5 * abs(gap)):.2g} times {'softer' if gap > 0 else 'stiffer'}"
+        cause = (
+            f"sphere.radius is probably {quantity(right, 'm')}, not {quantity(radius, 'm')} (the {what} was typed); "
+            f"or the material is {other} than the one that is named"
+        )
+    return Check(MATERIAL, law, message, level, gap / u, gap, u, cause=cause, setting="sphere.radius" if cause else "")
+
+
+def _smaller_than_the_sphere(approach: xr.Dataset | None, settings: StaticLoading) -> Check:
+    name, law = "size of the contact", "a contact is smaller than the sphere that makes it"
+    if approach is None:
+        return not_made(name, law, "an approach under every load")
+    a, radius = float(approach["contact_radius"].max()), settings.sphere.radius
+    text = f"a contact radius of {quantity(a, 'm')} on a sphere of {quantity(radius.value, 'm')}"
+    if a < radius.value:
+        return stated(name, law, text, None)
+    cause = "sphere.radius is in another unit than was typed, or the unit of the readings is wrong"
+    return stated(name, law, text, "impossible", cause=cause, setting="sphere.radius")
+
+
+def _given_radius(comparison: xr.Dataset | None, settings: StaticLoading) -> Check:
+    """Hold the contact radius from the approach against one that was measured otherwise."""
+    law = "a² = R δ: the approach gives the contact radius"
+    known = np.zeros(0, bool) if comparison is None else np.isfinite(comparison["given_difference"].values)
+    if comparison is None or not known.any():
+        return not_made(RADIUS_GIVEN, law, "a contact radius under a load that was measured otherwise")
+    difference, u = comparison["given_difference"].values, comparison["u_given_difference"].values
+    worst = int(np.argmax(np.where(known, np.abs(difference) / u, -1.0)))
+    given = float(comparison["given_radius"][worst])
+    seen = given + float(difference[worst])
+    message = f"load {worst + 1}: {quantity(seen, 'm')} from the approach, {quantity(given, 'm')} given"
+    where = f"loads[{worst}].radius"
+    return compared(RADIUS_GIVEN, law, message, seen, float(u[worst]), given, 0.0, setting=where)
+
+
+def _causes(settings: StaticLoading) -> Sequence[Cause]:
+    radius = settings.sphere.radius.value
+    return (
+        Cause(
+            {MATERIAL: -2 / 3},
+            lambda k: (
+                f"the masses come out {k:.4g} times too large: they are probably in another unit, or forces were typed "
+                "as masses (loads in session.toml)"
+            ),
+            _MASSES,
+            only_usual=True,
+            setting="loads",
+        ),
+        Cause(
+            {MATERIAL: 1 / 3, RADIUS_GIVEN: 0.5},
+            lambda k: f"sphere.radius is probably {quantity(radius / k, 'm')}, not {quantity(radius, 'm')}",
+            (2.0, 0.5, *_LENGTHS),
+            only_usual=True,
+            setting="sphere.radius",
+        ),
+        Cause(
+            {MATERIAL: 1.0, RADIUS_GIVEN: 0.5},
+            lambda k: (
+                f"lengths come out {k:.4g} times too large: the unit, the display factor or the gain of "
+                f"{settings.laser} is not what it says"
+            ),
+            _LENGTHS,
+            only_usual=True,
+            file=settings.laser,
+        ),
+    )

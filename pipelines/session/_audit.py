@@ -1,0 +1,186 @@
+"""Everything that is wrong with a session, in one table, what costs most first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from labpipe.workflow.session import FILE_NAME, Session
+from labpipe.workflow.store import Store
+from pipelines.experiments import JUDGEMENT, KINDS
+from pipelines.session._processing import process
+from pipelines.session._proposal import recognise
+from pipelines.session._session_checks import Named, named_at, named_files
+from pipelines.session._verdicts import Verdict, verdicts_of
+
+if TYPE_CHECKING:
+    from labpipe.judging import Finding, Level
+    from labpipe.workflow.runner import RunResult
+
+_WEIGHT: dict[Level, int] = {"impossible": 3, "doubtful": 2, "note": 1}
+_MOST_NAMES = 3
+"""Names in a row; more of them are counted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trouble:
+    """One row of an audit: one thing to change, and all that it spoils.
+
+    Attributes
+    ----------
+    level : "impossible", "doubtful" or "note"
+        The worst of what follows from it.
+    experiments : tuple of str
+        Those that it spoils.
+    checks : tuple of str
+        Those that it fails.
+    message : str
+        What was seen, of the worst of them.
+    cause : str
+        The most likely mistake; empty when nothing singles one out.
+    file : str
+        To look at or to change, relative to the session.
+    line : int or None
+        Of that file, where it is known.
+    named_at : int or None
+        Line of session.toml that names the file, where that is another file.
+    """
+
+    level: Level
+    experiments: tuple[str, ...]
+    checks: tuple[str, ...]
+    message: str
+    cause: str
+    file: str
+    line: int | None
+    named_at: int | None = None
+
+    @property
+    def place(self) -> str:
+        """The line to change, for people."""
+        where = self.file if self.line is None else f"{self.file}:{self.line}"
+        return where if self.named_at is None else f"{where} ({FILE_NAME}:{self.named_at})"
+
+    @property
+    def sentence(self) -> str:
+        """What was seen, and why."""
+        more = len(self.checks) - 1
+        others = f" (and {more} more check{'s' * (more > 1)})" if more else ""
+        return f"{self.message}{others}{f'; {self.cause}' if self.cause else ''}"
+
+    def document(self) -> dict[str, Any]:
+        """Return the row for JSON."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True)
+class Audit:
+    """All rows, what costs most first, and how many checks were made."""
+
+    troubles: tuple[Trouble, ...]
+    checks: int
+
+    @property
+    def is_impossible(self) -> bool:
+        """Whether any record contradicts itself, physics, or what the session states."""
+        return any(t.level == "impossible" for t in self.troubles)
+
+    @property
+    def caption(self) -> str:
+        """What was done, and what was found."""
+        count = {level: sum(t.level == level for t in self.troubles) for level in _WEIGHT}
+        found = ", ".join(f"{n} {level}" for level, n in count.items() if n)
+        return f"{self.checks} checks of the session: {found or 'nothing found'}"
+
+
+def audit(folder: Path) -> Audit:
+    """Judge every experiment of a session, and the session as a whole.
+
+    What the verdicts need and is not there yet is processed first.
+    """
+    targets = _targets(folder)
+    run = process(folder, targets) if targets else None
+    verdicts = () if run is None else verdicts_of(run).experiments
+    session = _session(folder, run)
+    rows = [*_of_verdicts(session, verdicts), *_failures(run, verdicts), *_unused(session)]
+    return Audit(tuple(sorted(rows, key=_cost)), sum(v.checks for v in verdicts) + 1)
+
+
+def _session(folder: Path, run: RunResult | None) -> Session:
+    from pipelines.session._opening import open_session
+
+    return open_session(folder) if run is None else run.session
+
+
+def _targets(folder: Path) -> list[str]:
+    """Return the verdicts; of a kind that makes none, its last results."""
+    from pipelines.session._opening import open_session
+
+    found = []
+    for e in open_session(folder).experiments.values():
+        stages = [stage.name for stage in KINDS[e.kind].stages]
+        found += [f"{e.name}/{stage}" for stage in ([JUDGEMENT] if JUDGEMENT in stages else stages[-1:])]
+    return found
+
+
+def _cost(trouble: Trouble) -> tuple[int, int, int]:
+    return -_WEIGHT[trouble.level], -len(trouble.experiments), -len(trouble.checks)
+
+
+def _of_verdicts(session: Session, verdicts: Iterable[Verdict]) -> Iterator[Trouble]:
+    """Join the findings that one change would mend."""
+    joined: dict[tuple[str, int | None, str], list[tuple[str, Finding]]] = {}
+    for verdict in verdicts:
+        for finding in verdict.findings:
+            key = (finding.file, finding.line, finding.cause or finding.message)
+            joined.setdefault(key, []).append((verdict.experiment, finding))
+    lines = named_at(session)
+    for (file, line, _), found in joined.items():
+        worst = min((f for _, f in found), key=lambda f: -_WEIGHT[f.level])
+        experiments = tuple(dict.fromkeys(name for name, _ in found))
+        checks = tuple(dict.fromkeys(f.check for _, f in found))
+        named = lines.get(file) if line is None else None
+        yield Trouble(worst.level, experiments, checks, worst.message, worst.cause, file, line, named)
+
+
+def _failures(run: RunResult | None, verdicts: Iterable[Verdict]) -> Iterator[Trouble]:
+    """Tell the steps that failed in experiments whose kind makes no verdict."""
+    told = {v.experiment for v in verdicts if v.findings}
+    for outcome in () if run is None else run.failures:
+        name = outcome.task.experiment
+        if name not in told:
+            line = run.session.experiments[name].lines.get("") if run is not None else None
+            step = f"step {outcome.task.stage}"
+            yield Trouble("impossible", (name,), (step,), f"{step}: {outcome.message}", "", FILE_NAME, line)
+
+
+def _unused(session: Session) -> Iterator[Trouble]:
+    """Find files of known instruments, and records, that no experiment names."""
+    named = named_files(session)
+    used = {n.path.resolve() for n in named}
+    groups: dict[tuple[str, str], list[str]] = {}
+    for name, (title, _) in recognise(session.root).owners.items():
+        path = (session.root / name).resolve()
+        if used.isdisjoint((path, *path.parents)):
+            groups.setdefault((title, Path(name).parent.as_posix()), []).append(name)
+    for (title, _), names in groups.items():
+        twins = _twins(session, named, names)
+        n = len(names)
+        shown = ", ".join(names[:_MOST_NAMES]) + (f" and {n - _MOST_NAMES} more" if n > _MOST_NAMES else "")
+        what = f"{shown} ({title}{f', {n} files' if n > 1 else ''})"
+        cause = f"{twins}: a copy that can go" if twins else "an experiment lacks a recording, or the file can go"
+        yield Trouble(
+            "note", (), ("files that no experiment uses",), f"no experiment uses {what}", cause, names[0], None
+        )
+
+
+def _twins(session: Session, named: Sequence[Named], names: Sequence[str]) -> str:
+    """Say which used file an unused one repeats."""
+    index = Store(session.folder).index
+    digests = {index.digest(n.path): n.name for n in named if n.path.exists()}
+    for name in names:
+        if (twin := digests.get(index.digest(session.root / name))) is not None:
+            return f"{name} holds the same bytes as {twin}"
+    return ""

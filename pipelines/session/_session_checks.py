@@ -1,0 +1,347 @@
+"""What only the session as a whole can tell: files under two names, records, bodies, names.
+
+Every check holds what one experiment states against the others, or against the names that the
+laboratory gave its files. None opens a recording: digests are those of the run.
+"""
+
+from __future__ import annotations
+
+import re
+import types
+import typing
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from math import hypot, inf, log
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Union
+
+import msgspec
+
+from labpipe.errors import LabpipeError
+from labpipe.units import Quantity
+from labpipe.workflow.fields import FileMark, mark, split
+from labpipe.workflow.session import Experiment, Session
+from labpipe.workflow.store import Store
+from pipelines.session._gaps import library_names
+
+if TYPE_CHECKING:
+    from calibration.record import Record
+    from labpipe.judging import Finding, Level
+
+_CONFIGURATION = ".toml"
+"""Ending of records and materials: those are meant to serve several experiments."""
+_APART = 4.0  # standard uncertainties between two masses or radii of one body
+_ALIKE = 2.0  # standard uncertainties within which two values are one
+_LEAST = 1e-4  # relative uncertainty of a value that is stated without one
+_SLIP = 0.01  # how near to a power of ten, or to two, a ratio must be to be that
+_OF_RECORD = {
+    "it expired": "valid_until",
+    "was not yet valid": "valid_from",
+    "belongs to": "view",
+    "expected a record": "kind",
+    "the readings come from": "instrument",
+}
+"""What the refusal of a calibration record says, and the line of the record that it speaks of."""
+Found = dict[str, list["Finding"]]
+"""Findings by the experiment that they concern."""
+
+
+@dataclass(frozen=True, slots=True)
+class Named:
+    """A file that an experiment names: the setting, the name as written, and the file."""
+
+    experiment: str
+    kind: str
+    setting: str
+    name: str
+    path: Path
+
+
+@dataclass(frozen=True, slots=True)
+class _Body:
+    """A body whose radius and mass an experiment states, such as the sphere."""
+
+    experiment: Experiment
+    setting: str
+    material: str
+    radius: Quantity
+    mass: Quantity
+
+
+def session_findings(session: Session) -> tuple[Found, int]:
+    """Check a session as a whole.
+
+    Returns
+    -------
+    dict of str to list of Finding
+        By experiment, with file and setting.
+    int
+        How many checks were made.
+    """
+    checks = (_twice, _records, _bodies, _material_names)
+    found: Found = {}
+    for check in checks:
+        for owner, finding in check(session):
+            found.setdefault(owner, []).append(finding)
+    return found, len(checks)
+
+
+def named_files(session: Session) -> list[Named]:
+    """Return every file and folder that the settings name, in the order of the session."""
+    return [
+        Named(e.name, e.kind, setting, name, session.root / name)
+        for e in session.experiments.values()
+        for setting, name in _files(type(e.settings), e.settings, "")
+    ]
+
+
+def _files(kind: Any, value: Any, place: str) -> Iterator[tuple[str, str]]:
+    options = list(_options(kind))
+    if isinstance(value, msgspec.Struct):
+        for field in msgspec.structs.fields(type(value)):
+            name = f"{place}.{field.name}" if place else field.name
+            yield from _files(field.type, getattr(value, field.name), name)
+    elif isinstance(value, list | tuple):
+        inner = next((typing.get_args(bare)[0] for bare, _ in options if typing.get_args(bare)), None)
+        for number, item in enumerate(value):
+            yield from _files(inner, item, f"{place}[{number}]")
+    elif isinstance(value, str) and any(mark(marks, FileMark) for _, marks in options):
+        yield place, value
+
+
+def _options(kind: Any) -> Iterator[tuple[Any, tuple[Any, ...]]]:
+    """Yield what a field may be, each type with its marks."""
+    bare, marks = split(kind)
+    if typing.get_origin(bare) in (Union, types.UnionType):
+        for option in typing.get_args(bare):
+            yield from _options(option)
+    else:
+        yield bare, marks
+
+
+def _twice(session: Session) -> Iterator[tuple[str, Finding]]:
+    """Find recordings that are used twice: one file, or the same bytes in two."""
+    index = Store(session.folder).index
+    owners: dict[str, list[Named]] = {}
+    for named in named_files(session):
+        if named.path.exists() and named.path.suffix != _CONFIGURATION:
+            digest = index.digest(named.path)  # known from the run, by size and time
+            owners.setdefault(digest, []).append(named)
+    for places in owners.values():
+        for number, later in enumerate(places[1:], 1):
+            first = _rival(places[:number], later)
+            if first is not None:
+                yield later.experiment, _copy(first, later)
+
+
+def _rival(before: Sequence[Named], later: Named) -> Named | None:
+    """Return what already stands for a recording: other kinds may look at the same file."""
+    for first in before:
+        is_same_file = first.path.samefile(later.path)
+        is_same_use = first.kind == later.kind and _field(first.setting) == _field(later.setting)
+        if not is_same_file or is_same_use or first.experiment == later.experiment:
+            return first
+    return None
+
+
+def _field(setting: str) -> str:
+    return re.sub(r"\[\d+\]", "", setting)
+
+
+def _copy(first: Named, later: Named) -> Finding:
+    of_other = f" of {first.experiment}" if first.experiment != later.experiment else ""
+    if first.name == later.name:
+        text = f"{later.name} is listed again" if not of_other else f"{later.name} is also a recording{of_other}"
+        cause = "one recording was taken for two"
+    elif first.path.samefile(later.path):
+        text = f"{later.name} and {first.name}{of_other} are one file, the same bytes under two names"
+        cause = "one recording was taken for two"
+    else:
+        text = f"{later.name} holds the same bytes as {first.name}{of_other}"
+        cause = "a copy was taken for a repeat"
+    return _finding("same bytes twice", "doubtful", text, cause, later.name)
+
+
+def _finding(
+    check: str, level: Level, text: str, cause: str = "", file: str = "", setting: str = "", line: int | None = None
+) -> Finding:
+    from labpipe.judging import Finding
+
+    return Finding(check, level, text, cause, file, line, setting)
+
+
+def _records(session: Session) -> Iterator[tuple[str, Finding]]:
+    """Hold calibration records against each other, and their day against their period.
+
+    Whether a record was valid on the day of a recording, and is of its sensor, is asked where it
+    is applied.
+    """
+    users: dict[str, list[str]] = {}
+    for named in named_files(session):
+        if named.path.suffix == _CONFIGURATION:
+            users.setdefault(named.path.resolve().relative_to(session.root).as_posix(), []).append(named.experiment)
+    records = {name: record for name in users if (record := _record(session.root / name)) is not None}
+    for name, record in records.items():
+        if record.when > record.valid_until:
+            text = f"{name}: calibrated on {record.when}, after the record ended ({record.valid_until})"
+            for owner in dict.fromkeys(users[name]):
+                cause = "a day of the record is mistyped, or an older record was copied"
+                yield owner, _finding("calibration record", "doubtful", text, cause, name, "when")
+    for (name, record), (other, twin) in combinations(records.items(), 2):
+        if record.id == twin.id and record != twin:
+            text = f'{other} says other things than {name} under the same id, "{record.id}"'
+            cause = "one of the two records is out of date"
+            for owner in dict.fromkeys(users[other]):
+                yield owner, _finding("calibration record", "doubtful", text, cause, other, "id")
+        elif _is_one_sensor(record, twin):
+            text = f"{name} and {other} calibrate one {record.kind.replace('_', ' ')} for the same days"
+            for owner in dict.fromkeys(users[other]):
+                cause = "experiments of one sensor should use one of them"
+                yield owner, _finding("calibration record", "note", text, cause, other, "id")
+
+
+def _record(path: Path) -> Record | None:
+    from calibration.record import load_record
+
+    try:
+        return load_record(path)
+    except LabpipeError:  # a file of a material; or a record whose mistakes its experiment tells
+        return None
+
+
+def of_record(session: Session, finding: Finding) -> Finding:
+    """Let a step that a calibration record stopped point at that record and its line."""
+    if 'record "' not in finding.message:
+        return finding
+    for named in named_files(session):
+        record = _record(named.path) if named.path.suffix == _CONFIGURATION else None
+        if record is not None and f'record "{record.id}"' in finding.message:
+            key = next((key for words, key in _OF_RECORD.items() if words in finding.message), "id")
+            return replace(finding, file=named.name, setting=key)
+    return finding
+
+
+def _is_one_sensor(a: Record, b: Record) -> bool:
+    is_same = (a.kind, a.instrument, a.serial, a.view) == (b.kind, b.instrument, b.serial, b.view)
+    differs = getattr(a, "values", None) != getattr(b, "values", None)
+    return is_same and differs and a.valid_from <= b.valid_until and b.valid_from <= a.valid_until
+
+
+def _bodies(session: Session) -> Iterator[tuple[str, Finding]]:
+    """Hold the masses and radii of one body against each other."""
+    bodies = [body for e in session.experiments.values() for body in _found_bodies(e, e.settings, "")]
+    said: set[tuple[str, str]] = set()
+    for first, later in combinations(bodies, 2):
+        if first.material != later.material or first.experiment is later.experiment:
+            continue
+        mass, radius = _distance(first.mass, later.mass), _distance(first.radius, later.radius)
+        if radius <= _ALIKE and mass > _APART:
+            odd, other, name = _odd(bodies, first, later, "mass")
+        elif mass <= _ALIKE and radius > _APART and _slip(later.radius.value / first.radius.value, (2.0, 10.0)):
+            odd, other, name = _odd(bodies, first, later, "radius")
+        else:
+            continue
+        if (odd.experiment.name, name) not in said:
+            said.add((odd.experiment.name, name))
+            yield odd.experiment.name, _two_values(odd, other, name)
+
+
+def _found_bodies(experiment: Experiment, table: Any, place: str) -> Iterator[_Body]:
+    if isinstance(table, list | tuple):
+        for number, item in enumerate(table):
+            yield from _found_bodies(experiment, item, f"{place}[{number}]")
+    if not isinstance(table, msgspec.Struct):
+        return
+    radius, mass = getattr(table, "radius", None), getattr(table, "mass", None)
+    if isinstance(radius, Quantity) and isinstance(mass, Quantity):
+        source = [getattr(table, name, None) for name in ("material", "material_file", "material_from")]
+        yield _Body(experiment, place, str(source), radius, mass)
+    for name in table.__struct_fields__:
+        yield from _found_bodies(experiment, getattr(table, name), f"{place}.{name}" if place else name)
+
+
+def _distance(a: Quantity, b: Quantity) -> float:
+    """Return how far two stated values are apart, in standard uncertainties."""
+    u = hypot(a.u or _LEAST * a.value, b.u or _LEAST * b.value)
+    return abs(a.value - b.value) / u if u else inf
+
+
+def _odd(bodies: Sequence[_Body], first: _Body, later: _Body, name: str) -> tuple[_Body, _Body, str]:
+    """Return which of two bodies stands alone among all of that material, the other, the name."""
+
+    def votes(body: _Body) -> int:
+        value = getattr(body, name)
+        return sum(b.material == body.material and _distance(getattr(b, name), value) <= _ALIKE for b in bodies)
+
+    return (first, later, name) if votes(first) < votes(later) else (later, first, name)
+
+
+def _two_values(odd: _Body, other: _Body, name: str) -> Finding:
+    value, expected = getattr(odd, name), getattr(other, name)
+    same = "radius" if name == "mass" else "mass"
+    text = (
+        f"{name} is {_written(value)} here and {_written(expected)} in {other.experiment.name}, "
+        f"for bodies of one {same} and material"
+    )
+    factor = _slip(value.value / expected.value, (2.0, 10.0, 100.0, 1000.0))
+    cause = f"the {name} of this sphere is mistyped, or another one was used: then say so"
+    if name == "radius" and factor == 2.0:
+        cause = f"the radius is probably {_written(expected)}: its diameter was typed"
+    elif factor:
+        cause = f"the {name} is probably {_written(expected)}, a factor {factor:g}: its unit or decimal point is wrong"
+    return _finding("one body, two values", "doubtful", text, cause, setting=f"{odd.setting}.{name}")
+
+
+def _written(value: Quantity) -> str:
+    from labpipe.report import quantity
+
+    return quantity(value.value, value.si, 4)
+
+
+def _slip(ratio: float, factors: Sequence[float]) -> float:
+    """Return the factor that a ratio is, or its inverse; 0 for none of them."""
+    return next((f for f in factors if abs(abs(log(ratio)) - log(f)) < _SLIP), 0.0) if ratio > 0 else 0.0
+
+
+def _material_names(session: Session) -> Iterator[tuple[str, Finding]]:
+    """Hold the material that is stated against the one that names of experiment and files tell."""
+    known = library_names()
+    for e in session.experiments.values():
+        for setting, material in _materials(e.settings, ""):
+            if material not in known:
+                continue
+            names = [e.name, *(n.name for n in named_files(session) if n.experiment == e.name)]
+            for name in names:
+                told = set(re.split(r"[^a-z]+", name.lower())) & set(known)
+                if told and material not in told and not _mentions(names, material):
+                    other = " and ".join(sorted(told))
+                    text = f'the material is "{material}", but {name} is named after {other}'
+                    cause = f"the material is probably {other}, or the name is misleading"
+                    yield e.name, _finding("name of the material", "doubtful", text, cause, setting=setting)
+                    break
+
+
+def _mentions(names: Sequence[str], material: str) -> bool:
+    return any(material in re.split(r"[^a-z]+", name.lower()) for name in names)
+
+
+def _materials(table: Any, place: str) -> Iterator[tuple[str, str]]:
+    if isinstance(table, msgspec.Struct):
+        for name in table.__struct_fields__:
+            value, where = getattr(table, name), f"{place}.{name}" if place else name
+            if name == "material" and isinstance(value, str):
+                yield where, value
+            else:
+                yield from _materials(value, where)
+
+
+def named_at(session: Session) -> Mapping[str, int]:
+    """Return the line of session.toml that names each file, by the name as it is written."""
+    found: dict[str, int] = {}
+    for named in named_files(session):
+        lines = session.experiments[named.experiment].lines
+        line = lines.get(named.setting, lines.get(_field(named.setting)))
+        if line is not None:
+            found.setdefault(named.name, line)
+    return found

@@ -1,0 +1,249 @@
+"""Mistakes that only a session as a whole can tell, each as an edit of its folder."""
+
+import os
+import shutil
+from dataclasses import dataclass
+from datetime import timedelta
+from pathlib import Path
+
+from labpipe import files, materials
+from pipelines.rig.drops import write_drops
+from pipelines.rig.fall import DropRig
+from pipelines.rig.samples import drop_section, laser_record, session_head
+from tests.mistakes.drop_rows import RECORD, START
+from tests.mistakes.recordings import Edit, setting
+
+TOML = "session.toml"
+_FIRST, _SECOND = "laser/acrylic_low_1.csv", "laser/acrylic_high_1.csv"
+_PAIR = f'laser = [\n  "{_FIRST}",\n'
+
+
+@dataclass(frozen=True, slots=True)
+class SessionMistake:
+    """One edit, and the row of the audit that must tell it.
+
+    Attributes
+    ----------
+    name : str
+    edit : callable
+        Takes the session's folder.
+    level : str
+        "refused" where session.toml is not even read to its end.
+    check : str
+        Of which a row must be.
+    words : tuple of str
+        In its message and cause, case aside.
+    file : str
+    line : str
+        Part of the line of that file that the row must name; empty for none.
+    """
+
+    name: str
+    edit: Edit
+    level: str
+    check: str
+    words: tuple[str, ...]
+    file: str
+    line: str = ""
+
+
+def write(folder: Path) -> Path:
+    """Write the clean session: acrylic from three heights, PTFE from one; a recording each."""
+    rig, text = DropRig(duration=0.08), session_head("Mistakes of a session (synthetic)")
+    drops = (("acrylic_low", "acrylic", 1.5e-3), ("acrylic_high", "acrylic", 1.7e-3), ("acrylic_top", "acrylic", 2e-3))
+    for number, (name, material, height) in enumerate((*drops, ("ptfe_low", "ptfe", 1.5e-3))):
+        start = START + timedelta(minutes=20 * number)
+        names = write_drops(folder, name, rig, materials.load(material), height, 1, 40 + number, start)
+        text += drop_section(name, names, height, material)
+    files.write_text(folder / RECORD, laser_record())
+    files.write_text(folder / TOML, text)
+    return folder
+
+
+def _named(name: str) -> Edit:
+    """Let the second experiment name the first one's recording in another way."""
+    return setting(f'"{_SECOND}"', f'"{name}"')
+
+
+def _copied(folder: Path) -> None:
+    (folder / _SECOND).write_bytes((folder / _FIRST).read_bytes())
+
+
+def _linked(folder: Path) -> None:
+    (folder / _SECOND).unlink()
+    os.link(folder / _FIRST, folder / _SECOND)
+
+
+def _both(*edits: Edit) -> Edit:
+    def edit(folder: Path) -> None:
+        for one in edits:
+            one(folder)
+
+    return edit
+
+
+def _unused(source: str, name: str) -> Edit:
+    def edit(folder: Path) -> None:
+        shutil.copy(folder / source, folder / name)
+
+    return edit
+
+
+def _another(folder: Path) -> None:
+    write_drops(folder, "forgotten", DropRig(duration=0.08), materials.load("acrylic"), 3e-3, 1, 77, START)
+
+
+def _second_record(old: str, new: str, name: str = "calibration/laser_2.toml") -> Edit:
+    """Give the second experiment a record of its own, an edited copy."""
+
+    def edit(folder: Path) -> None:
+        text = (folder / RECORD).read_text("utf-8")
+        assert old in text
+        (folder / name).write_text(text.replace(old, new), "utf-8")
+        head, mark, tail = (folder / TOML).read_text("utf-8").partition("[experiments.acrylic_high]")
+        (folder / TOML).write_text(head + mark + tail.replace(RECORD, name, 1), "utf-8")
+
+    return edit
+
+
+def _in(experiment: str, old: str, new: str) -> Edit:
+    """Replace a text behind the head of an experiment."""
+
+    def edit(folder: Path) -> None:
+        head, mark, tail = (folder / TOML).read_text("utf-8").partition(f"[experiments.{experiment}]")
+        assert old in tail
+        (folder / TOML).write_text(head + mark + tail.replace(old, new, 1), "utf-8")
+
+    return edit
+
+
+_TWICE, _RECORD = "same bytes twice", "calibration record"
+_BODY, _UNUSED = "one body, two values", "files that no experiment uses"
+
+ROWS = (
+    SessionMistake("copy under another name", _copied, "doubtful", _TWICE, ("same bytes", "copy"), _SECOND),
+    SessionMistake("hard link", _linked, "doubtful", _TWICE, ("one file", "two names"), _SECOND),
+    SessionMistake("name with ./", _named(f"./{_FIRST}"), "doubtful", _TWICE, ("one file",), f"./{_FIRST}"),
+    SessionMistake("name through the parent", _named(f"laser/../{_FIRST}"), "refused", "", ("..",), TOML),
+    SessionMistake("recording of another experiment", _named(_FIRST), "doubtful", _TWICE, ("acrylic_low",), _FIRST),
+    SessionMistake("listed twice", setting(_PAIR, f'{_PAIR}  "{_FIRST}",\n'), "refused", "", ("twice",), TOML),
+    SessionMistake("recording forgotten", _another, "note", _UNUSED, ("forgotten_1.csv",), "laser/forgotten_1.csv"),
+    SessionMistake(
+        "backup left",
+        _unused(_FIRST, "laser/backup.csv"),
+        "note",
+        _UNUSED,
+        ("same bytes as " + _FIRST,),
+        "laser/backup.csv",
+    ),
+    SessionMistake(
+        "record of the year before left",
+        _unused(RECORD, "calibration/old.toml"),
+        "note",
+        _UNUSED,
+        ("old.toml",),
+        "calibration/old.toml",
+    ),
+    SessionMistake(
+        "one mass 5.05 kg",
+        _in("acrylic_high", "505.0 ± 0.5 g", "5.05 ± 0.005 kg"),
+        "doubtful",
+        _BODY,
+        ("505.0 g", "a factor 10"),
+        TOML,
+        "5.05",
+    ),
+    SessionMistake(
+        "one mass 55 for 505 g",
+        _in("acrylic_low", "505.0 ± 0.5 g", "550.0 ± 0.5 g"),
+        "doubtful",
+        _BODY,
+        ("550.0 g", "505.0 g", "acrylic_high"),
+        TOML,
+        "550.0",
+    ),
+    SessionMistake(
+        "one radius is the diameter",
+        _in("acrylic_top", "9.525 ± 0.005 mm", "19.05 ± 0.005 mm"),
+        "doubtful",
+        _BODY,
+        ("9.525", "diameter"),
+        TOML,
+        "19.05",
+    ),
+    SessionMistake(
+        "one radius in cm",
+        _in("acrylic_top", "9.525 ± 0.005 mm", "9.525 ± 0.005 cm"),
+        "doubtful",
+        _BODY,
+        ("9.525 mm", "a factor 10"),
+        TOML,
+        "9.525 ± 0.005 cm",
+    ),
+    SessionMistake(
+        "material of the experiment copied",
+        _in("ptfe_low", 'material = "ptfe"', 'material = "acrylic"'),
+        "doubtful",
+        "name of the material",
+        ("ptfe",),
+        TOML,
+        'material = "acrylic"',
+    ),
+    SessionMistake(
+        "record expired",
+        setting("2025-04-30", "2024-05-10", RECORD),
+        "impossible",
+        "step displacement",
+        ("expired",),
+        RECORD,
+        "valid_until",
+    ),
+    SessionMistake(
+        "record not yet valid",
+        setting("2024-05-01", "2024-05-20", RECORD),
+        "impossible",
+        "step displacement",
+        ("not yet valid",),
+        RECORD,
+        "valid_from",
+    ),
+    SessionMistake(
+        "record of another instrument",
+        setting("LK-G5001", "LK-G3001", RECORD),
+        "impossible",
+        "step displacement",
+        ("LK-G3001",),
+        RECORD,
+        "instrument",
+    ),
+    SessionMistake(
+        "record calibrated after its end",
+        setting("when = 2024-05-02", "when = 2025-05-02", RECORD),
+        "doubtful",
+        _RECORD,
+        ("after the record ended",),
+        RECORD,
+        "when",
+    ),
+    SessionMistake(
+        "two records of one id",
+        _second_record('"12.00 ±', '"11.00 ±'),
+        "doubtful",
+        _RECORD,
+        ("same id",),
+        "calibration/laser_2.toml",
+        "id =",
+    ),
+    SessionMistake(
+        "two records of one sensor",
+        _both(
+            _second_record('"12.00 ±', '"12.05 ±'),
+            setting("inclination-2024", "other-2024", "calibration/laser_2.toml"),
+        ),
+        "note",
+        _RECORD,
+        ("same days",),
+        "calibration/laser_2.toml",
+        "id =",
+    ),
+)

@@ -1,0 +1,208 @@
+"""Mistakes that laboratories make with a static loading: the edit, and what must be said."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from labpipe import files, materials
+from labpipe.arrays import Floats
+from pipelines.rig.session_text import laser_record, session_head
+from pipelines.rig.static_loading import StaticRig, static_section, write_static
+from tests.mistakes.drop_rows import Mistake
+from tests.mistakes.recordings import Edit, cells, header, setting, values
+
+FILE = "laser/static.csv"
+FILES = (FILE,)
+RECORD = "calibration/laser.toml"
+RIG = StaticRig()
+START = datetime(2024, 5, 14, 9, 30)
+_TOML = "session.toml"
+_SPHERE = "[experiments.static.sphere]"
+_CYCLE = 5.0  # s
+
+
+def write(folder: Path, seed: int = 21, material: str = "ptfe", rig: StaticRig = RIG) -> Path:
+    """Write the clean session: PTFE under five loads in an hour."""
+    file = write_static(folder, "static", rig, materials.load(material), seed, START)
+    files.write_text(folder / RECORD, laser_record())
+    text = session_head("Mistakes (synthetic)") + static_section("static", file, rig, material)
+    files.write_text(folder / _TOML, text)
+    return folder
+
+
+def drawn(folder: Path, number: int) -> Path:
+    """Write a session whose truth lies off what it states by the stated uncertainties."""
+    dice = np.random.default_rng(number)
+    angle = float(dice.uniform(8.0, 25.0))
+    material = str(dice.choice(["acrylic", "peek", "nylon", "ptfe"]))
+    true = tuple(float(m + dice.normal(0.0, 5e-4)) for m in RIG.masses)
+    sensor = replace(RIG.sensor, inclination=float(np.deg2rad(angle)), noise=float(dice.uniform(0.2e-6, 0.6e-6)))
+    rig = replace(RIG, masses=true, sensor=sensor, radius=RIG.radius + float(dice.normal(0.0, 5e-6)))
+    write(folder, 5000 + number, material, rig)
+    text = session_head("Clean (synthetic)") + static_section("static", FILE, RIG, material)
+    files.write_text(folder / _TOML, text)
+    record = laser_record().replace('"12.00 ±', f'"{angle + dice.normal(0.0, 0.1):.2f} ±')
+    files.write_text(folder / RECORD, record)
+    return folder
+
+
+def _ramp(way: float, begin: float, end: float) -> Callable[[Floats], Floats]:
+    """Return what lets the reading drift by so much [mm] between two times [s], downwards positive."""
+
+    def change(x: Floats) -> Floats:
+        t = np.arange(x.size) * _CYCLE
+        return x - way * np.clip((t - begin) / (end - begin), 0.0, 1.0)
+
+    return change
+
+
+def _mass(old: str, new: str) -> Edit:
+    return setting(f'mass = "{old} ± 0.0005 kg"', f'mass = "{new}"')
+
+
+def _all(*edits: Edit) -> Edit:
+    def edit(folder: Path) -> None:
+        for one in edits:
+            one(folder)
+
+    return edit
+
+
+def _every_mass(change: Callable[[float], str]) -> Edit:
+    return _all(*(_mass(f"{m:g}", change(m)) for m in RIG.masses))
+
+
+def _line(mass: float) -> str:
+    number = RIG.masses.index(mass)
+    return f'  {{ mass = "{mass:g} ± 0.0005 kg", time = "{RIG.times[number] / 60:.2f} min" }},\n'
+
+
+def _without_times(folder: Path) -> None:
+    path = folder / _TOML
+    text = path.read_text("utf-8")
+    for begin in RIG.times:
+        text = text.replace(f', time = "{begin / 60:.2f} min"', "")
+    path.write_text(text, "utf-8")
+
+
+def _times_as_seconds(folder: Path) -> None:
+    path = folder / _TOML
+    path.write_text(path.read_text("utf-8").replace(' min" }', ' s" }'), "utf-8")
+
+
+def _reversed(texts: list[str]) -> list[str]:
+    return texts[::-1]
+
+
+def _spike(x: Floats) -> Floats:
+    out = x.copy()
+    out[400] -= 3.0
+    return out
+
+
+def _shifted(x: Floats) -> Floats:
+    return x - 0.02 * (np.arange(x.size) * _CYCLE > 1500.0)
+
+
+def _taken_off(x: Floats) -> Floats:
+    return x + 0.008 * (np.arange(x.size) * _CYCLE > 2400.0) * (np.arange(x.size) * _CYCLE < 2853.0)
+
+
+def _upside_down(x: Floats) -> Floats:
+    return 2 * x[0] - x
+
+
+def _scaled(k: float) -> Callable[[Floats], Floats]:
+    return lambda x: x[0] + k * (x - x[0])
+
+
+ROWS = (
+    # loads
+    Mistake("a load left out, times given", setting(_line(3.5), ""), "impossible", ("missing", "1098"), _TOML),
+    Mistake("the last load left out", setting(_line(5.5), ""), "impossible", ("missing",), _TOML),
+    Mistake(
+        "a load left out, no times", _all(setting(_line(3.5), ""), _without_times), "impossible", ("missing",), _TOML
+    ),
+    Mistake(
+        "a load too many",
+        setting(_line(5.5), _line(5.5) + '  { mass = "6.5 ± 0.0005 kg", time = "56.00 min" },\n'),
+        "impossible",
+        ("4 steps", "5 loads"),
+        _TOML,
+    ),
+    Mistake("the third load 3.0 kg", _mass("3.5", "3.0 ± 0.0005 kg"), "impossible", ("load 3", "3.5 kg"), _TOML),
+    Mistake("the third load 4.2 kg", _mass("3.5", "4.2 ± 0.0005 kg"), "impossible", ("load 3", "3.5 kg"), _TOML),
+    Mistake("the last load 55 kg", _mass("5.5", "55 ± 0.0005 kg"), "impossible", ("load 5", "5.5"), _TOML),
+    Mistake("the first load in g", _mass("0.5", "0.5 ± 0.0005 g"), "impossible", (), _TOML),
+    Mistake(
+        "the holder not counted", _every_mass(lambda m: f"{m - 0.4:g} ± 0.0005 kg"), "impossible", ("holder",), _TOML
+    ),
+    Mistake("kg for g", _every_mass(lambda m: f"{1e3 * m:g} ± 0.5 kg"), "impossible", ("masses", "1000"), _TOML),
+    Mistake("g for kg", _every_mass(lambda m: f"{m:g} ± 0.0005 g"), "impossible", ("masses", "0.001"), _TOML),
+    Mistake("forces typed as masses", _every_mass(lambda m: f"{9.81 * m:.4g} kg"), "doubtful", ("forces",), _TOML),
+    Mistake("uncertainty 0.5 kg", setting("0.5 ± 0.0005", "0.5 ± 0.5"), "doubtful", ("uncertainty",), _TOML),
+    # sphere
+    Mistake(
+        "diameter for radius",
+        setting('"9.525 ± 0.005 mm"', '"19.05 ± 0.005 mm"'),
+        "doubtful",
+        ("sphere.radius", "9.5", "diameter"),
+        _TOML,
+    ),
+    Mistake("half of the radius", setting('"9.525 ± 0.005 mm"', '"4.7625 ± 0.005 mm"'), "doubtful", ("9.5",), _TOML),
+    Mistake("radius in um", setting('"9.525 ± 0.005 mm"', '"9.525 ± 0.005 um"'), "impossible", ("sphere.radius",)),
+    Mistake(
+        "radius against a film",
+        _all(
+            setting(
+                'mass = "5.5 ± 0.0005 kg", time = "47.55 min"',
+                'mass = "5.5 ± 0.0005 kg", time = "47.55 min", radius = "850 ± 5 um"',
+            ),
+            setting('"9.525 ± 0.005 mm"', '"19.05 ± 0.005 mm"'),
+        ),
+        "impossible",
+        ("sphere.radius", "9.5"),
+        _TOML,
+    ),
+    Mistake("nylon is acrylic", setting('material = "ptfe"', 'material = "nbr"'), "impossible", ("stated sphere",)),
+    # time
+    Mistake(
+        "cycle 10 for 5 s",
+        header("Sampling cycle,5e+06us", "Sampling cycle,1e+07us", FILES),
+        "impossible",
+        ("sampling interval", "5.00 s"),
+        FILE,
+    ),
+    Mistake("times in s for min", _times_as_seconds, "impossible", ("seconds and minutes",), _TOML),
+    Mistake("rows reversed", cells(_reversed, FILES), "impossible", ("direction", "reversed"), _TOML),
+    Mistake("file cut after the third load", cells(lambda t: t[:300], FILES), "impossible", ("2 steps", "4 loads")),
+    Mistake("rows doubled", cells(lambda t: t[:500] + t[420:], FILES), "impossible", ("twice",)),
+    # length
+    Mistake("unit um", header("Unit,mm", "Unit,um", FILES), "impossible", ()),
+    Mistake("display x10", values(_scaled(10.0), FILES), "impossible", ()),
+    Mistake("inclination 72 for 12 deg", setting('"12.00 ±', '"72.00 ±', RECORD), "doubtful", ("stated sphere",)),
+    Mistake("record expired", setting("2025-04-30", "2024-05-05", RECORD), "impossible", ("calibration record",)),
+    Mistake(
+        "direction reversed",
+        setting(
+            "[experiments.static.sphere]", "[experiments.static.sensor]\ndirection = -1\n\n[experiments.static.sphere]"
+        ),
+        "impossible",
+        ("direction",),
+        _TOML,
+    ),
+    Mistake("upside down readings", values(_upside_down, FILES), "impossible", ("direction",)),
+    # drift
+    Mistake("warming under the third load", values(_ramp(6e-3, 1200.0, 1900.0), FILES), "impossible", ("load 3",)),
+    Mistake("warming under the last load", values(_ramp(6e-3, 3300.0, 3700.0), FILES), "impossible", ("load 5",)),
+    Mistake("cooling under the fourth load", values(_ramp(-4e-3, 2100.0, 2800.0), FILES), "impossible", ("load 4",)),
+    Mistake("stand knocked by 20 um", values(_shifted, FILES), "impossible", ("1502", "knocked")),
+    Mistake("a load taken off for a while", values(_taken_off, FILES), "impossible", ()),
+    # sensor
+    Mistake("constant channel", values(lambda x: np.full(x.size, x[0]), FILES), "impossible", ()),
+    Mistake("out of range for a while", cells(lambda t: t[:300] + ["+99.9999"] * 60 + t[360:], FILES), "doubtful", ()),
+    Mistake("out of range in text", cells(lambda t: t[:300] + ["FFFFFFF"] * 60 + t[360:], FILES), "doubtful", ()),
+)

@@ -1,0 +1,67 @@
+"""Mistakes that only a session as a whole can tell are in its audit; a clean session has none."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+import labpipe as lp
+from pipelines.commands.system import doctor
+from tests.mistakes.recordings import setting
+from tests.mistakes.session_rows import ROWS, TOML, SessionMistake, write
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The clean session, audited."""
+    folder = write(tmp_path_factory.mktemp("clean"))
+    assert lp.doctor(folder).audit is not None
+    return folder
+
+
+def test_clean_session_has_no_row(clean: Path) -> None:
+    audit = lp.doctor(clean).audit
+    assert audit is not None
+    assert [t for t in audit.troubles if t.level != "note"] == []
+    assert audit.checks > 80
+
+
+@pytest.mark.parametrize("mistake", ROWS, ids=lambda row: row.name)
+def test_mistake_is_in_the_audit(clean: Path, tmp_path: Path, mistake: SessionMistake) -> None:
+    folder = tmp_path / "session"
+    shutil.copytree(clean, folder)
+    mistake.edit(folder)
+    health = lp.doctor(folder)
+    audit = health.audit
+    if mistake.level == "refused":
+        assert all(word in " ".join(health.session_problems) for word in mistake.words)
+        return
+    assert audit is not None
+    found = [t for t in audit.troubles if mistake.check in t.checks and t.level == mistake.level]
+    said = [t for t in found if all(w.lower() in f"{t.message} {t.cause}".lower() for w in mistake.words)]
+    assert said, audit.troubles
+    if mistake.file:
+        assert said[0].file == mistake.file
+    if mistake.line:
+        lines = (folder / mistake.file).read_text("utf-8").splitlines()
+        assert said[0].line is not None
+        assert mistake.line in lines[said[0].line - 1]
+
+
+def test_the_command_shows_the_table_and_ends_with_1(clean: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "session"
+    shutil.copytree(clean, folder)
+    setting('"1.7 ±', '"17 ±')(folder)
+    setting('"ptfe"', '"acrylic"')(folder)
+    done = CliRunner().invoke(doctor, [str(folder), "--json"])
+    assert done.exit_code == 1
+    rows = json.loads(done.output)["findings"]
+    assert rows[0]["level"] == "impossible"
+    assert rows[0]["experiments"] == ["acrylic_high"]
+    lines = (folder / TOML).read_text("utf-8").splitlines()
+    assert '"17 ±' in lines[rows[0]["line"] - 1]
+    told = CliRunner().invoke(doctor, [str(folder)]).output
+    assert f"{TOML}:{rows[0]['line']}" in told
+    assert lp.doctor().audit is None  # without a session only the installation is looked at

@@ -1,0 +1,48 @@
+"""Mistakes of a laboratory with a static loading are noticed and named; clean ones are believed."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from pipelines.session import Verdict, verdict
+from tests.mistakes.drop_rows import Mistake
+from tests.mistakes.outcome import assert_said
+from tests.mistakes.static_rows import ROWS, drawn, write
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The clean session, processed."""
+    folder = write(tmp_path_factory.mktemp("clean"))
+    _judged(folder)
+    return folder
+
+
+def _judged(folder: Path) -> Verdict:
+    return verdict(folder, ["comparison"]).experiments[0]
+
+
+def test_clean_session_is_believed_and_agrees(clean: Path) -> None:
+    found = _judged(clean)
+    assert (found.believable, found.model, found.findings) == ("yes", "agrees", ())
+    assert found.checks > 15
+
+
+@pytest.mark.parametrize("mistake", ROWS, ids=lambda row: row.name)
+def test_mistake_is_noticed_and_named(clean: Path, tmp_path: Path, mistake: Mistake) -> None:
+    folder = tmp_path / "session"
+    shutil.copytree(clean, folder)
+    mistake.edit(folder)
+    assert_said(mistake, _judged(folder))
+
+
+@pytest.mark.parametrize(
+    "sessions", [pytest.param(6, marks=pytest.mark.slow), pytest.param(200, marks=pytest.mark.nightly)]
+)
+def test_clean_sessions_are_believed(tmp_path: Path, sessions: int) -> None:
+    """What is stated is drawn from its uncertainty; at most 2 % of sessions may be doubtful."""
+    said = {number: _judged(drawn(tmp_path / str(number), number)) for number in range(sessions)}
+    off = {n: [f.message for f in v.findings if f.level != "note"] for n, v in said.items() if v.believable != "yes"}
+    assert [n for n in off if said[n].believable != "doubtful"] == [], off
+    assert len(off) <= 0.02 * sessions, off
