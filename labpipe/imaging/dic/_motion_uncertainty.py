@@ -16,7 +16,7 @@ _PLACES = np.linspace(-1.0, 1.0, 5)
 #: Share of the squared slopes of the blurred reference that must be texture in every direction,
 #: times the root of the subset's width in px: with less, the noise that is taken off may be all
 #: of it. Along bare edges noise alone reached 0.36 in 31 px and 0.44 in 21 px.
-_LEAST_TEXTURE = 2.7
+_LEAST_TEXTURE = 3.0
 #: Largest standard uncertainty (px) of a shift across the direction in which the pattern is
 #: weakest: beyond it the correlation has several tops, and the nearest need not be the right one.
 _MOST_UNCERTAIN = 0.4

@@ -14,6 +14,7 @@ from labpipe.arrays import Flags, Floats, Integers
 from labpipe.imaging.dic._film_window import Box, FilmWindow, Loaded
 from labpipe.imaging.dic._motion_state import contradicted, converged_nearby, extent, predicted, remember
 from labpipe.imaging.dic._reference import Reference
+from labpipe.imaging.dic._subset_kernel import AFFINE
 from labpipe.imaging.dic._subset_solver import CHANGES, SOLVED, Solution, empty_solution, put, solve
 
 #: Distance from the prediction (px) up to which a converged point needs no confirmation:
@@ -213,7 +214,8 @@ class Tracker:
         is_tested = (models > 0) | ((chosen + self._turn) % self._stride == 0)
         is_tested &= self._adapt[chosen] > 0
         found = self._solve(loaded, chosen, start, models, is_tested)
-        adapt = np.where(found.residual < self._most_misfit[chosen], self._adapt[chosen], 0)
+        adapt = self._adapt[chosen]
+        adapt = np.where(found.residual < self._most_misfit[chosen], adapt, adapt & AFFINE)
         lacking = found.needed & ~models & adapt
         if (lacking > 0).sum() > _CHANCE * is_tested.sum() and not is_tested.all():
             others = np.flatnonzero(~is_tested & (found.code == SOLVED) & (self._adapt[chosen] > 0))
