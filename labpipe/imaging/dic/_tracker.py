@@ -23,6 +23,8 @@ SURPRISE = 1.5
 #: Points that are tested in a frame for what they need beside the motion: at least so many, and
 #: each once in so many frames; and the share of them above which it is no chance.
 _TESTED, _TURNS, _CHANCE = 8, 8, 0.1
+#: Rounds in which what a point needs is added to its model.
+_ROUNDS = 3
 #: Neighbours that are asked whether a point is right.
 NEIGHBOURS = 6
 #: Drop of the correlation relative to the last frame that calls for a check.
@@ -212,6 +214,8 @@ class Tracker:
         models = self._model[chosen]
         self._turn += 1
         is_tested = (models > 0) | ((chosen + self._turn) % self._stride == 0)
+        if is_tested.sum() < _TESTED:
+            is_tested[:] = True
         is_tested &= self._adapt[chosen] > 0
         found = self._solve(loaded, chosen, start, models, is_tested)
         adapt = self._adapt[chosen]
@@ -224,13 +228,19 @@ class Tracker:
             found.iterations[others] += retried.iterations
             put(found, others, retried, slice(None))
             lacking = found.needed & ~models & adapt
-        if lacking.any():
+        for _ in range(_ROUNDS):
+            if not lacking.any():
+                break
             again = np.flatnonzero(lacking)
+            # A stretch looks like a change of light and blur as well.
+            added = np.where(lacking[again] & AFFINE, AFFINE, lacking[again])
             tested = np.ones(len(again), bool)
-            better = self._solve(loaded, chosen[again], found.motion[again], models[again] | lacking[again], tested)
+            better = self._solve(loaded, chosen[again], found.motion[again], found.model[again] | added, tested)
             is_solved = (better.code == SOLVED) & (better.zncc >= found.zncc[again])
             found.iterations[again] += better.iterations
             put(found, again[is_solved], better, is_solved)
+            lacking = found.needed & ~found.model & adapt
+            lacking[again[~is_solved]] = 0
         return found
 
     def _solve(self, loaded: Loaded, chosen: Integers, start: Floats, models: Integers, is_tested: Flags) -> Solution:
