@@ -15,8 +15,8 @@ _LEAST_SUBSET = 9
 
 def check_points(
     points: ArrayLike, subset: int | Sequence[int], shape: str | Sequence[str]
-) -> tuple[Floats, NDArray[np.int64], NDArray[np.bool_]]:
-    """Points (point, 2), half widths and whether rigid, one of each per point."""
+) -> tuple[Floats, NDArray[np.int64], NDArray[np.str_]]:
+    """Points (point, 2), half widths and shapes, one of each per point."""
     places = np.array(points, float, ndmin=2)
     if places.ndim != 2 or places.shape[1] != 2 or not np.isfinite(places).all():
         message = f"points must be finite numbers of shape (point, 2) as (x, y) in px, found shape {places.shape}"
@@ -27,15 +27,15 @@ def check_points(
         message = f"subset must be odd and at least {_LEAST_SUBSET} px, found {subset}"
         raise InputError(message)
     shapes = np.array(shape)
-    if not np.isin(shapes, ("rigid", "affine")).all():
-        message = f'shape must be "rigid" or "affine", found {shape!r}'
+    if not np.isin(shapes, ("auto", "rigid", "affine")).all():
+        message = f'shape must be "auto", "rigid" or "affine", found {shape!r}'
         raise InputError(message)
     for name, values in (("subset", widths), ("shape", shapes)):
         if values.shape not in {(), (count,)}:
             message = f"{name} must be one value or one per point ({count}), found {values.shape}"
             raise InputError(message)
     half = np.broadcast_to(widths // 2, (count,)).astype(np.int64)
-    return places, half, np.broadcast_to(shapes == "rigid", (count,)).copy()
+    return places, half, np.broadcast_to(shapes, (count,)).copy()
 
 
 def check_settings(

@@ -1,23 +1,27 @@
 """Standard uncertainty of a subset's motion, predicted from its texture and its residual."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.imaging.dic._spline import noise_gain, slope_noise_gain
-from labpipe.imaging.dic._subset_solver import Subsets, invert_within
+from labpipe.imaging.dic._subset_cutting import Subsets, invert_within, solved_columns
+from labpipe.imaging.dic._subset_kernel import MOTIONS
+from labpipe.imaging.dic._subset_solver import NoiseShown
 
 #: Places per axis at which a subset's sub-pixel positions are sampled.
 _PLACES = np.linspace(-1.0, 1.0, 5)
 #: Share of the squared slopes of the blurred reference that must be texture in every direction,
 #: times the root of the subset's width in px: with less, the noise that is taken off may be all
 #: of it. Along bare edges noise alone reached 0.36 in 31 px and 0.44 in 21 px.
-_LEAST_TEXTURE = 2.7
+_LEAST_TEXTURE = 3.0
 #: Largest standard uncertainty (px) of a shift across the direction in which the pattern is
 #: weakest: beyond it the correlation has several tops, and the nearest need not be the right one.
 _MOST_UNCERTAIN = 0.4
+#: Factor by which the texture must exceed noise where more than the motion is solved for.
+_CLEARLY = 4.0
 #: Squared slopes that are left at least when those of noise are taken off.
 _LEAST_LEFT = 0.05
 #: Blur (px) at which texture is looked for: a pattern outlives it, noise does not.
@@ -65,8 +69,10 @@ class NoiseModel:
         Frames averaged into the reference.
     smoothing : array (point,)
         Variance of the motion relative to unblurred noise of the same strength.
-    directions : Directions
-        See there.
+    coarse : array (point, 6, 6)
+        Normal matrices of the motions of the reference blurred by :data:`COARSE`.
+    bend : float [1/px²]
+        Mean product of noise and its bend, for noise of variance 1.
     """
 
     fraction: Floats
@@ -75,7 +81,42 @@ class NoiseModel:
     coarse_slope: float
     static_frames: int
     smoothing: Floats
-    directions: Directions
+    coarse: Floats
+    bend: float
+    _directions: dict[int, Directions] = field(default_factory=dict, repr=False)
+
+    def directions(self, subsets: Subsets, model: int) -> Directions:
+        """Directions of the motion in a model, see :meth:`.Subsets.model`."""
+        if model not in self._directions:
+            self._directions[model] = _directions(subsets, self.coarse, model)
+        return self._directions[model]
+
+    def most_noise(self, subsets: Subsets, model: int) -> Floats:
+        """Variance (point,) [grey²] of a pixel up to which the texture of subsets exceeds noise."""
+        least = _LEAST_TEXTURE / np.sqrt(2.0 * subsets.half + 1.0)
+        share = self.coarse_slope * self.directions(subsets, model).coarse_share
+        return np.asarray((1.0 - least) * self.static_frames / share)
+
+    def most_misfit(self, subsets: Subsets) -> Floats:
+        """Residual (point,) [grey²] up to which a change of light or blur may be read from it.
+
+        Where there is hardly a pattern, the columns of light and blur would take noise for a change.
+        """
+        seen = float(self.gain.mean() ** 2 + self.gain[0] ** 2 / self.static_frames)
+        return np.asarray(self.most_noise(subsets, 0) * seen * subsets.level[:, 2] / _CLEARLY)
+
+    def shown(self, floor: float) -> NoiseShown:
+        """Tell the solver how noise shows in a residual.
+
+        Parameters
+        ----------
+        floor : float [grey²]
+            Variance of a pixel of the frames from rounding.
+        """
+        share = 1.0 / self.static_frames
+        seen = float(self.gain.mean() ** 2 + share * self.gain[0] ** 2)
+        own = share * float(self.gain[0] ** 2)
+        return NoiseShown((1.0 + share) / seen, -share * self.bend / seen, own / seen, floor * seen)
 
 
 @dataclass(frozen=True)
@@ -93,16 +134,21 @@ class Variances:
         which the pattern is weakest, without those of noise and those that another motion explains.
     is_told : bool array (result,)
         Whether the texture exceeds noise in every direction.
+    noise, most_noise : arrays (result,) [grey²]
+        Variance of a pixel as the residual shows it, and the largest for which the texture exceeds
+        noise.
     """
 
     motion: Floats
     covariance: Floats
     texture: Floats
     is_told: NDArray[np.bool_]
+    noise: Floats
+    most_noise: Floats
 
 
 def make_noise_model(
-    order: int, blur: float, static_frames: int, smoothing: Floats, subsets: Subsets, coarse: Floats
+    order: int, blur: float, static_frames: int, smoothing: Floats, coarse: Floats, bend: float
 ) -> NoiseModel:
     """Tabulate the noise model.
 
@@ -116,27 +162,24 @@ def make_noise_model(
         Frames averaged into the reference.
     smoothing : array (point,)
         See :class:`NoiseModel`.
-    subsets : Subsets
-        The reference.
     coarse : array (point, 6, 6)
-        Normal matrices of the reference blurred by :data:`COARSE`.
+        See :class:`NoiseModel`, as for the next.
+    bend : float [1/px²]
     """
     fraction = np.linspace(0.0, 1.0, 33)
     gain = noise_gain(order, fraction, blur)
     slope, coarse_slope = slope_noise_gain(order, blur), slope_noise_gain(order, float(np.hypot(blur, COARSE)))
-    return NoiseModel(fraction, gain, slope, coarse_slope, static_frames, smoothing, _directions(subsets, coarse))
+    return NoiseModel(fraction, gain, slope, coarse_slope, static_frames, smoothing, coarse, bend)
 
 
-def _directions(subsets: Subsets, coarse: Floats) -> Directions:
+def _directions(subsets: Subsets, coarse: Floats, model: int) -> Directions:
     """Make the normal matrices and those of noise alone diagonal together."""
-    half = subsets.half.astype(float)
-    pixels = (2.0 * half + 1.0) ** 2
-    spread = pixels * half * (half + 1.0) / 3.0
-    alone = np.stack([pixels, spread, spread] * 2, axis=1)[:, :, None]
-    root, share = _joint(subsets.inverse, alone)
+    alone = np.zeros((len(subsets), MOTIONS, MOTIONS))
+    alone[:, :3, :3] = alone[:, 3:, 3:] = subsets.spread
+    root, share = _joint(subsets.model(model).inverse[:, :MOTIONS, :MOTIONS], alone)
     seen = np.einsum("nik,nij,njk->nk", root, coarse, root)
-    shifts = invert_within(coarse, subsets.is_rigid)[:, [0, 0, 3], [0, 3, 3]]
-    largest = pixels * _largest(shifts[:, 0], shifts[:, 2], shifts[:, 1])
+    shifts = invert_within(coarse, subsets.rigid_in(model))[:, [0, 0, 3], [0, 3, 3]]
+    largest = subsets.level[:, 2] * _largest(shifts[:, 0], shifts[:, 2], shifts[:, 1])
     # a shift that even the noise of the reference does not resist
     largest[~(largest > 0.0)] = np.inf
     return Directions(root, share, seen, largest)
@@ -146,7 +189,7 @@ def _joint(inverse: Floats, alone: Floats) -> tuple[Floats, Floats]:
     """Columns that make both matrices diagonal, and the second one's diagonal, (point, 6)."""
     values, vectors = np.linalg.eigh(inverse)
     root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-    share, turned = np.linalg.eigh(root.transpose(0, 2, 1) @ (alone * root))
+    share, turned = np.linalg.eigh(root.transpose(0, 2, 1) @ (alone @ root))
     return root @ turned, share
 
 
@@ -158,6 +201,7 @@ def motion_variance(
     gain: Floats,
     residual: Floats,
     is_static: NDArray[np.bool_],
+    solved: int = 0,
 ) -> Variances:
     """Variance of the motions and whether the subsets have texture beyond noise.
 
@@ -174,6 +218,8 @@ def motion_variance(
     gain, residual : arrays (result,)
     is_static : bool array (result,)
         The frame is one of those averaged into the reference.
+    solved : int
+        The model of all results, see :meth:`.Subsets.model`.
 
     Returns
     -------
@@ -193,8 +239,7 @@ def motion_variance(
     each subset.
     """
     half = subsets.half[chosen].astype(float)
-    pixels = (2.0 * half + 1.0) ** 2
-    freedom = pixels - np.where(subsets.is_rigid[chosen], 3, 6) - 2
+    freedom = subsets.level[chosen, 2] - solved_columns(solved) - np.where(subsets.rigid_in(solved)[chosen], 3, 6) - 2
     variance = residual / np.maximum(freedom, 1.0)
     sampled = _interpolation_gain(model, half, motion)
     shared = np.where(is_static, -1.0, 1.0) / model.static_frames
@@ -206,15 +251,15 @@ def motion_variance(
     # A single static frame is its own reference: their difference shows no noise at all.
     shows_noise = seen > _LEAST_NOISE_SEEN
     pixel_noise = np.where(shows_noise, variance / np.where(shows_noise, seen, 1.0), 0.0)
-    seen_by = model.directions
+    seen_by = model.directions(subsets, solved)
     slope_noise = (pixel_noise / model.static_frames)[:, None]
     noise_share = slope_noise * model.slope * seen_by.share[chosen]
     coarse_share = slope_noise * model.coarse_slope * seen_by.share[chosen]
     # The pattern has at least the slopes that it has when it is blurred.
     texture = np.maximum(1.0 - noise_share, seen_by.coarse[chosen] - coarse_share)
     texture = np.maximum(texture, _LEAST_LEFT)
-    least = _LEAST_TEXTURE / np.sqrt(2.0 * half + 1.0)
-    is_told = slope_noise[:, 0] * model.coarse_slope * seen_by.coarse_share[chosen] < 1.0 - least
+    most_noise = model.most_noise(subsets, solved)[chosen]
+    is_told = pixel_noise < most_noise
     along = (pixel_noise * model.smoothing[chosen])[:, None] * np.maximum(
         square[:, None] + shared[:, None] * texture, 0.0
     )
@@ -226,7 +271,7 @@ def motion_variance(
     is_told &= _largest(found[:, 0], found[:, 1], both) < _MOST_UNCERTAIN**2
     resisted = [(root[:, a] * root[:, b] / texture).sum(axis=1) for a, b in ((0, 0), (3, 3), (0, 3))]
     weakest = 1.0 / np.maximum(_largest(*resisted), 1e-30)
-    return Variances(np.where(is_told[:, None], found, np.nan), both, weakest, is_told)
+    return Variances(np.where(is_told[:, None], found, np.nan), both, weakest, is_told, pixel_noise, most_noise)
 
 
 def _largest(xx: Floats, yy: Floats, xy: Floats) -> Floats:

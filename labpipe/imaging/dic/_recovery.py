@@ -37,7 +37,16 @@ def follow(tracker: Tracker, index: int, loaded: Loaded) -> FrameResult:
     status = np.where(attempt.trusted, Status.OK, Status.LOST).astype(np.int8)
     status[~attempt.trusted & attempt.reached] = Status.OUTSIDE
     status[~attempt.trusted & attempt.outvoted] = Status.OUTVOTED
-    return FrameResult(attempt.motion, attempt.gain, attempt.residual, attempt.zncc, attempt.iterations, status)
+    return FrameResult(
+        attempt.motion,
+        attempt.gain,
+        attempt.residual,
+        attempt.zncc,
+        attempt.iterations,
+        status,
+        attempt.model,
+        attempt.change,
+    )
 
 
 class Recovery:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,8 @@ from labpipe.imaging.dic._film_window import smooth
 from labpipe.imaging.dic._motion_uncertainty import COARSE, NoiseModel, make_noise_model
 from labpipe.imaging.dic._seeding import Pyramid, make_pyramid
 from labpipe.imaging.dic._spline import node_gradients, prefilter
-from labpipe.imaging.dic._subset_solver import Subsets, cut_subsets
+from labpipe.imaging.dic._subset_cutting import Images, Subsets, cut_subsets, motion_matrices
+from labpipe.imaging.dic._subset_solver import NoiseShown
 
 #: Share of pixels at black or white from which a subset counts as saturated.
 _SATURATED_SHARE = 0.5
@@ -24,6 +26,12 @@ _NOISE_LIKENESS = 0.2
 #: Best standard deviation of the motion (px) that rounding to whole levels must allow.
 _WORST_RESOLUTION = 0.1
 _ROUNDING = 1.0 / np.sqrt(12.0)
+#: Share of the range of an image of real numbers that counts as its rounding.
+_FINEST = 1e-6
+#: Share of the slopes that a growing blur leaves at least: beyond, the first order does not hold.
+_LEAST_LEFT = 0.2
+#: Blur (px) of the image whose bend tells a change of the blur, and where its kernel is cut off.
+_SOFT, _BEND_REACH = 0.8, 4
 
 
 class Status(IntEnum):
@@ -56,6 +64,12 @@ class Reference:
         For the uncertainties.
     pyramid : Pyramid
         For seeds.
+    shown : NoiseShown
+        For the solver.
+    images : Images
+        The reference itself.
+    order : 3 or 5
+        Spline order.
     """
 
     subsets: Subsets
@@ -64,6 +78,35 @@ class Reference:
     status: NDArray[np.int8]
     noise: NoiseModel
     pyramid: Pyramid
+    shown: NoiseShown
+    images: Images
+    order: int
+
+    def softened(self, chosen: NDArray[np.int64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Slopes left in frames whose blur has grown, over those of the reference.
+
+        Parameters
+        ----------
+        chosen : integer array (result,)
+            Usable point of each result.
+        weights : array (result, 3) [px²]
+            Of the bends.
+
+        Returns
+        -------
+        array (result, 2)
+            Along x and along y.
+        """
+        if not weights.any():
+            return np.ones((len(chosen), 2))
+        own = (self.images.slope_x, self.images.slope_y)
+        bent = [node_gradients(prefilter(image, self.order), self.order) for image in self.images.bend]
+        left = np.ones((len(chosen), 2))
+        for axis in range(2):
+            square = _sums(own[axis] * own[axis], self.subsets)
+            shares = [_sums(own[axis] * slopes[axis], self.subsets) / square for slopes in bent]
+            left[:, axis] += (np.stack(shares, axis=1)[chosen] * weights).sum(axis=1)
+        return np.maximum(left, _LEAST_LEFT)
 
 
 def average_static_frames(frames: FrameSource, count: int) -> tuple[NDArray[np.float64], int]:
@@ -143,43 +186,71 @@ def make_reference(
     is_outside = (low < 0).any(axis=1) | (high >= np.array([columns, rows])).any(axis=1)
     status[is_outside] = Status.OUTSIDE
     usable = np.flatnonzero(~is_outside)
-    subsets = _cut(grey, gradient_x, gradient_y, centres, half, is_rigid, usable)
+    images = Images(grey, gradient_x, gradient_y, _bends(grey))
+
+    def cut(chosen: NDArray[np.int64]) -> Subsets:
+        return cut_subsets(images, centres[chosen], half[chosen], is_rigid[chosen])
+
+    subsets = cut(usable)
     is_integer = frames[0].dtype.kind in "iu"
     found = _reference_status(mean, subsets, frames.levels if is_integer else None)
     status[usable] = found
     if found.any():
         usable = usable[found == Status.OK]
-        subsets = _cut(grey, gradient_x, gradient_y, centres, half, is_rigid, usable)
+        subsets = cut(usable)
     smoothing = np.ones(len(usable))
     if blur > 0.0:
         # The noise of the motion is that of the slopes blurred once more.
         slopes = smooth(gradient_x, blur), smooth(gradient_y, blur)
-        twice = _cut(grey, *slopes, centres, half, is_rigid, usable).normal
+        twice = motion_matrices(*slopes, grey, subsets)
         normal = subsets.normal
         smoothing = (twice[:, 0, 0] + twice[:, 3, 3]) / (normal[:, 0, 0] + normal[:, 3, 3])
     slopes = smooth(gradient_x, COARSE), smooth(gradient_y, COARSE)
-    coarse = _cut(smooth(grey, COARSE), *slopes, centres, half, is_rigid, usable).normal
+    coarse = motion_matrices(*slopes, smooth(grey, COARSE), subsets)
+    noise = make_noise_model(order, blur, used, smoothing, coarse, _bend_of_noise(blur))
     return Reference(
         subsets,
         usable,
         points[usable] - centres[usable],
         status,
-        make_noise_model(order, blur, used, smoothing, subsets, coarse),
+        noise,
         make_pyramid(grey),
+        noise.shown(_ROUNDING**2 if is_integer else (_FINEST * float(np.ptp(mean))) ** 2),
+        images,
+        order,
     )
 
 
-def _cut(
-    grey: Floats32,
-    gradient_x: Floats32,
-    gradient_y: Floats32,
-    centres: NDArray[np.int64],
-    half: NDArray[np.int64],
-    is_rigid: NDArray[np.bool_],
-    chosen: NDArray[np.int64],
-) -> Subsets:
-    """Cut the subsets of chosen points."""
-    return cut_subsets(grey, gradient_x, gradient_y, centres[chosen], half[chosen], is_rigid[chosen])
+def _bends(grey: Floats32) -> Floats32:
+    """Second derivatives (3, row, column) [1/px²]: sum, difference along x and y, mixed.
+
+    They are those of a softened image: where the blur grows by a variance ``c``, the change of the
+    image is to second order ``c / 2`` times the bend of the image blurred by half of ``c``.
+    """
+    import cv2
+
+    x = np.arange(-_BEND_REACH, _BEND_REACH + 1.0)
+    even = np.exp(-0.5 * (x / _SOFT) ** 2)
+    even /= even.sum()
+    odd = x * even / (x**2 * even).sum()
+    twice = (x**2 - (x**2 * even).sum()) * even
+    twice *= 2.0 / (x**2 * twice).sum()
+
+    def along(kernel_x: NDArray[np.float64], kernel_y: NDArray[np.float64]) -> NDArray[np.float32]:
+        found = cv2.sepFilter2D(grey, cv2.CV_32F, kernel_x, kernel_y, borderType=cv2.BORDER_REFLECT_101)
+        return np.asarray(found, np.float32)
+
+    xx, yy, xy = along(twice, even), along(even, twice), along(odd, odd)
+    return np.stack([xx + yy, xx - yy, xy])
+
+
+def _bend_of_noise(blur: float) -> float:
+    """Mean product (1/px²) of blurred white noise of variance 1 and the sum of its bends."""
+    size = 2 * (int(np.ceil(4.0 * blur)) + _BEND_REACH) + 1
+    impulse = np.zeros((size, size))
+    impulse[size // 2, size // 2] = 1.0
+    blurred = smooth(impulse, blur)
+    return float((blurred * _bends(blurred)[0]).sum())
 
 
 def _reference_status(
@@ -192,7 +263,7 @@ def _reference_status(
     is_blind = (variance <= 0.0) | (floor * np.sqrt(variance) > _WORST_RESOLUTION)
     status[is_blind] = Status.TEXTURELESS
     span = levels[1] - levels[0] if levels else float(np.ptp(mean))
-    contrast = np.sqrt(subsets.level[:, 1]) / (2 * subsets.half + 1)
+    contrast = np.sqrt(subsets.level[:, 1] / subsets.level[:, 2])
     for n in np.flatnonzero(contrast < _WEAK_CONTRAST * span):
         x, y, half = subsets.layout[n, :3]
         if _is_noise(mean[y - half : y + half + 1, x - half : x + half + 1]):
@@ -205,14 +276,19 @@ def _reference_status(
 
 
 def _share(flags: NDArray[np.bool_], subsets: Subsets) -> NDArray[np.float64]:
-    """Share of flagged pixels in every subset, from a table of sums."""
-    table = np.zeros((flags.shape[0] + 1, flags.shape[1] + 1), np.int64)
-    table[1:, 1:] = flags.cumsum(axis=0).cumsum(axis=1)
+    """Share of flagged pixels in every subset."""
+    return np.asarray(_sums(flags, subsets) / (2 * subsets.half + 1) ** 2)
+
+
+def _sums(values: NDArray[Any], subsets: Subsets) -> NDArray[np.float64]:
+    """Sum of an image over every subset, from a table of sums."""
+    table = np.zeros((values.shape[0] + 1, values.shape[1] + 1))
+    table[1:, 1:] = values.cumsum(axis=0, dtype=np.float64).cumsum(axis=1)
     x, y, half = subsets.layout[:, :3].T
     low_x, high_x, low_y, high_y = x - half, x + half + 1, y - half, y + half + 1
     count = table[high_y, high_x] - table[low_y, high_x]
     count += table[low_y, low_x] - table[high_y, low_x]
-    return np.asarray(count / (2 * half + 1) ** 2)
+    return np.asarray(count)
 
 
 def _is_noise(area: NDArray[np.float64]) -> bool:

@@ -2,6 +2,7 @@
 
 import json
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,8 @@ from labpipe.arrays import Floats
 from labpipe.imaging.dic._motion_uncertainty import motion_variance
 from labpipe.imaging.dic._reference import Reference, Status
 from labpipe.imaging.dic._seeding import shift_of
+from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, LIGHT
+from labpipe.imaging.dic._subset_solver import CHANGES
 from labpipe.variables import described, variable
 
 if TYPE_CHECKING:
@@ -21,6 +24,8 @@ if TYPE_CHECKING:
 #: Range of the displacement over the static frames (px), median of the points, from which they
 #: are not static.
 _STATIC_RANGE = 0.3
+#: Noise of a film over the lower quartile of what its points show: they scatter about as much.
+_NOISE_OF_FILM = 0.9
 #: Results whose uncertainty is computed at once; bounds the work arrays to some 50 MB.
 _BLOCK = 50_000
 
@@ -35,6 +40,8 @@ class Table:
     zncc: Floats
     iterations: NDArray[np.int32]
     status: NDArray[np.int8]
+    model: NDArray[np.int8]
+    change: Floats
 
 
 @dataclass(frozen=True)
@@ -48,6 +55,8 @@ class Displacements:
     zncc: Floats
     iterations: NDArray[np.int32]
     status: NDArray[np.int8]
+    model: NDArray[np.int8]
+    change: Floats
 
 
 def empty_table(frames: int, points: int) -> Table:
@@ -60,6 +69,8 @@ def empty_table(frames: int, points: int) -> Table:
         np.full(shape, np.nan),
         np.zeros(shape, np.int32),
         np.full(shape, Status.FRAME_DAMAGED, np.int8),
+        np.zeros(shape, np.int8),
+        np.full((*shape, CHANGES), np.nan),
     )
 
 
@@ -79,10 +90,8 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     status = table.status.copy()
     value = np.full((*shape, 3), np.nan)
     deviation = np.full((*shape, 3), np.nan)
-    covariance, texture = np.full((2, *shape), np.nan)
-    rows, columns = np.nonzero(status == Status.OK)
-    for first in range(0, len(rows), _BLOCK):
-        row, column = rows[first : first + _BLOCK], columns[first : first + _BLOCK]
+    covariance, texture, noise, most_noise = np.full((4, *shape), np.nan)
+    for model, row, column in _alike(table):
         motion = table.motion[row, column]
         value[row, column, :2] = shift_of(motion, reference.offset[column])
         value[row, column, 2] = np.arctan2(motion[:, 4] - motion[:, 2], 2.0 + motion[:, 1] + motion[:, 5])
@@ -94,10 +103,20 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
             table.gain[row, column],
             table.residual[row, column],
             is_static[row],
+            model,
         )
-        deviation[row, column] = np.sqrt(found.motion)
-        covariance[row, column], texture[row, column] = found.covariance, found.texture
+        # A frame that is softer than the reference resists an error less.
+        left = reference.softened(column, table.change[row, column, 2:])
+        left = np.column_stack([left, left.mean(axis=1)])
+        deviation[row, column] = np.sqrt(found.motion) / left
+        covariance[row, column], texture[row, column] = found.covariance / (left[:, 0] * left[:, 1]), found.texture
         status[row, column] = np.where(found.is_told, Status.OK, Status.TEXTURELESS)
+        noise[row, column], most_noise[row, column] = found.noise, found.most_noise
+    # The columns of light and blur can take noise for a change where there is hardly a pattern:
+    # what the film's noise would hide is not told either.
+    seen = noise[~is_static][np.isfinite(noise[~is_static])]
+    if len(seen):
+        status[(status == Status.OK) & (most_noise < _NOISE_OF_FILM * np.quantile(seen, 0.25))] = Status.TEXTURELESS
     _warn_of_motion(value[is_static], status[is_static])
     is_origin = is_static[:, None] & (status == Status.OK)
     seen = is_origin.sum(axis=0)
@@ -109,7 +128,18 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     value[is_bad] = np.nan
     deviation[is_bad] = np.nan
     covariance[is_bad] = np.nan
-    return Displacements(value, deviation, covariance, texture, table.zncc, table.iterations, status)
+    change = np.where(is_bad[..., None], np.nan, table.change)
+    return Displacements(
+        value, deviation, covariance, texture, table.zncc, table.iterations, status, table.model, change
+    )
+
+
+def _alike(table: Table) -> Iterator[tuple[int, NDArray[np.int64], NDArray[np.int64]]]:
+    """Frames and points of the results that were solved with the same model, a block at a time."""
+    for model in np.unique(table.model):
+        rows, columns = np.nonzero((table.status == Status.OK) & (table.model == model))
+        for first in range(0, len(rows), _BLOCK):
+            yield int(model), rows[first : first + _BLOCK], columns[first : first + _BLOCK]
 
 
 def _warn_of_motion(static: Floats, status: NDArray[np.int8]) -> None:
@@ -183,6 +213,7 @@ def make_dataset(
     variables["cov_dx_dy"] = (dims, spread(found.covariance, np.nan), u_attrs)
     plain = {
         "texture": (spread(found.texture, np.nan), "squared slopes of the pattern along its weakest direction"),
+        "model": (spread(found.model, 0), "what was solved for beside the motion of the shape"),
         "zncc": (spread(found.zncc, np.nan), "zero-normalised cross-correlation"),
         "iterations": (spread(found.iterations, 0), "evaluations of the subset"),
         "valid": (status == Status.OK, "whether there is a displacement"),
@@ -190,6 +221,15 @@ def make_dataset(
     }
     for name, (values, text) in plain.items():
         variables[name] = variable(dims, values, "1", text)
+    changes = (
+        ("light_slope_x", "px-1", 0, 1.0, "growth of the light to the right"),
+        ("light_slope_y", "px-1", 1, 1.0, "growth of the light downwards"),
+        ("blur_growth", "px2", 2, 2.0, "growth of the variance of the blur since the reference"),
+    )
+    for name, units, k, factor, text in changes:
+        variables[name] = (dims, spread(factor * found.change[..., k], np.nan), described(units, text))
+    variables["model"][2]["flag_masks"] = [LIGHT, BLUR, AFFINE]
+    variables["model"][2]["flag_meanings"] = "light blur affine"
     variables["status"][2]["flag_values"] = [int(code) for code in Status]
     variables["status"][2]["flag_meanings"] = " ".join(code.name.lower() for code in Status)
     pixel = {"units": "px"}

@@ -15,6 +15,14 @@ from labpipe.imaging.dic._spline import LANES
 
 #: Result codes of the solver.
 SOLVED, LEFT_WINDOW, NOT_CONVERGED, NO_TEXTURE = 0, 1, 2, 3
+#: What may be solved for beyond the motion that a subset is allowed: light that slopes across it,
+#: a change of blur, and stretch of a subset that may be rigid or affine.
+LIGHT, BLUR, AFFINE = 1, 2, 4
+#: Columns of the least squares: the six motions; j, i, f j, f i of the light; three of the blur.
+MOTIONS, COLUMNS = 6, 13
+#: Fall of the residual, in units of its variance, from which a group is solved for: exceeded by
+#: noise in less than one result of a thousand.
+_LIGHT_NEEDED, _BLUR_NEEDED, _AFFINE_NEEDED = 20.0, 12.0, 18.0
 #: A step that ends farther than this from the start (px) has left the basin of convergence.
 CAPTURE = 12.0
 
@@ -182,7 +190,7 @@ def _accumulate(
     offset: float,
     sums: Floats,
 ) -> None:
-    """Add a row to the sums of g, g², f g and of the steepest-descent images times g."""
+    """Add a row to the sums of g, g², f g and of the motions' columns times g."""
     s0 = s1 = s2 = x0 = x1 = y0 = y1 = np.float32(0)
     centre = np.float32(half)
     for k in range(np.uint64(width)):
@@ -206,6 +214,49 @@ def _accumulate(
     sums[6] += y0
     sums[7] += y1
     sums[8] += offset * y0
+
+
+@compiled(nogil=True, fastmath=FAST)
+def _accumulate_more(
+    values: Floats32,
+    level: np.float32,
+    grey: Floats32,
+    bend: Floats32,
+    along: Floats32,
+    mixed: Floats32,
+    half: float,
+    width: int,
+    offset: float,
+    sums: Floats,
+) -> None:
+    """Add a row to the sums of the columns of light and blur times g."""
+    s0 = s2 = j1 = f1 = b0 = b1 = b2 = np.float32(0)
+    centre = np.float32(half)
+    for k in range(np.uint64(width)):
+        g = values[k] - level
+        j = np.float32(np.int32(k)) - centre
+        fg = grey[k] * g
+        s0 += g
+        s2 += fg
+        j1 += g * j
+        f1 += fg * j
+        b0 += bend[k] * g
+        b1 += along[k] * g
+        b2 += mixed[k] * g
+    sums[9] += j1
+    sums[10] += offset * s0
+    sums[11] += f1
+    sums[12] += offset * s2
+    sums[13] += b0
+    sums[14] += b1
+    sums[15] += b2
+
+
+@compiled(nogil=True, fastmath=FAST)
+def _cover(values: Floats32, level: np.float32, weight: Floats32, width: int) -> None:
+    """Put the mean level where a mask covers the subset: it counts nowhere."""
+    for k in range(np.uint64(width)):
+        values[k] = level + weight[k] * (values[k] - level)
 
 
 @compiled(nogil=True)
@@ -257,19 +308,22 @@ def _sum_subset(
     packed: Floats32,
     level: float,
     p: Floats,
+    with_all: bool,
     values: Floats32,
     sums: Floats,
 ) -> None:
     """Interpolate a whole subset of the frame and sum what the normal equations need."""
     half, place, pitch = layout[2], layout[3], layout[4]
     width = 2 * half + 1
-    for k in range(9):
+    for k in range(len(sums)):
         sums[k] = 0.0
     for row in range(width):
         i = float(row - half)
         x = layout[0] - corner[0] - half + p[0] - p[1] * half + p[2] * i
         y = layout[1] - corner[1] + i + p[3] - p[4] * half + p[5] * i
         _sample_row(coefficients, order, x, y, p[1], p[4], width, values)
+        if layout[5]:
+            _cover(values, np.float32(level), packed[6, place : place + pitch], width)
         _accumulate(
             values,
             np.float32(level),
@@ -281,6 +335,19 @@ def _sum_subset(
             i,
             sums,
         )
+        if with_all:
+            _accumulate_more(
+                values,
+                np.float32(level),
+                packed[0, place : place + pitch],
+                packed[3, place : place + pitch],
+                packed[4, place : place + pitch],
+                packed[5, place : place + pitch],
+                float(half),
+                width,
+                i,
+                sums,
+            )
         place += pitch
 
 
@@ -292,6 +359,8 @@ def _gauss_newton_step(
     moments: Floats,
     normal: Floats,
     inverse: Floats,
+    solved: int,
+    slopes: Floats,
     step: Floats,
     quality: Floats,
 ) -> bool:
@@ -302,21 +371,72 @@ def _gauss_newton_step(
     if not (sums[2] > 0.0 and contrast > 0.0):
         return False
     gain = energy / sums[2]
-    for a in range(6):
+    for b in range(len(slopes)):
+        slopes[b] = gain * (sums[3 + b] - average * moments[0, b]) - moments[1, b]
+    for a in range(solved):
         step[a] = 0.0
-        for b in range(6):
-            slope = gain * (sums[3 + b] - average * moments[0, b]) - moments[1, b]
-            step[a] += inverse[a, b] * slope
+        for b in range(solved):
+            step[a] += inverse[a, b] * slopes[b]
     # The last step is not evaluated again: by how much it lowers the residual is known.
     fall = 0.0
-    for a in range(6):
-        for b in range(6):
+    for a in range(solved):
+        for b in range(solved):
             fall += step[a] * normal[a, b] * step[b]
     residual = max(gain * gain * contrast - energy - fall, 0.0)
     quality[0] = gain
     quality[1] = residual
     quality[2] = math.sqrt(energy / (energy + residual))
     return True
+
+
+@compiled(nogil=True)
+def _needed(
+    model: int,
+    slopes: Floats,
+    step: Floats,
+    solved: int,
+    p: Floats,
+    normal: Floats,
+    inverse: Floats,
+    tester: Floats,
+    surplus: float,
+    variance: float,
+) -> int:
+    """Tell which groups of columns lower the residual by more than noise does, solved for or not.
+
+    Noise of the reference is missing in the frame, which therefore looks softer: ``surplus`` is what
+    this adds to the sum of bend and residual.
+    """
+    for a in range(len(slopes)):
+        for b in range(solved):
+            slopes[a] -= normal[a, b] * step[b]
+    weights = np.zeros(10)
+    for k in range(4):
+        weights[k] = step[6 + k] if model & LIGHT else slopes[6 + k]
+    if model & BLUR:
+        for k in range(3):
+            weights[4 + k] = step[10 + k] - inverse[10 + k, 10] * surplus
+    else:
+        weights[4] = slopes[10] - surplus
+    if model & AFFINE:
+        weights[7] = 0.5 * ((1.0 + p[1]) ** 2 + p[4] ** 2 - 1.0)
+        weights[8] = 0.5 * ((1.0 + p[5]) ** 2 + p[2] ** 2 - 1.0)
+        weights[9] = 0.5 * ((1.0 + p[1]) * p[2] + (1.0 + p[5]) * p[4])
+    else:
+        weights[7], weights[8], weights[9] = slopes[1], slopes[5], slopes[2] + slopes[4]
+    result = 0
+    for first, last, limit, group in (
+        (0, 4, _LIGHT_NEEDED, LIGHT),
+        (4, 7, _BLUR_NEEDED, BLUR),
+        (7, 10, _AFFINE_NEEDED, AFFINE),
+    ):
+        fall = 0.0
+        for a in range(first, last):
+            for b in range(first, last):
+                fall += weights[a] * tester[a, b] * weights[b]
+        if fall > limit * variance:
+            result |= group
+    return result
 
 
 @compiled(nogil=True)
@@ -332,36 +452,50 @@ def _iterate(
     moments: Floats,
     normal: Floats,
     inverse: Floats,
+    tester: Floats,
+    model: int,
+    is_tested: bool,
+    noise: tuple[float, float, float, float],
     tolerance: float,
     max_iterations: int,
     p: Floats,
     quality: Floats,
-    work: tuple[Floats, Floats, Floats, Floats32],
-) -> tuple[int, int]:
-    """Iterate one subset; evaluations and result code."""
-    sums, step, before, values = work
+    work: tuple[Floats, Floats, Floats, Floats, Floats32],
+) -> tuple[int, int, int]:
+    """Iterate one subset; evaluations, result code and groups of columns that are needed."""
+    sums, slopes, step, before, values = work
     half = layout[2]
-    pixels = float((2 * half + 1) ** 2)
+    pixels = level[2]
     start_x, start_y = p[0], p[3]
     last2 = 0.0
     relaxation = 1.0
+    solved = COLUMNS if model & (LIGHT | BLUR) else MOTIONS
+    with_all = is_tested or solved > MOTIONS
+    quality[3:] = 0.0
+    if is_rigid:
+        # a start that a neighbour gave may be stretched
+        turn = math.atan2(p[4] - p[2], 2.0 + p[1] + p[5])
+        p[1] = p[5] = math.cos(turn) - 1.0
+        p[4] = math.sin(turn)
+        p[2] = -p[4]
     for a in range(6):
         before[a] = 0.0
+    for a in range(COLUMNS):
+        step[a] = 0.0
     if inverse[0, 0] <= 0.0:
-        return 0, NO_TEXTURE
+        return 0, NO_TEXTURE, 0
     for iteration in range(max_iterations):
         if not _is_inside(layout[0], layout[1], half, p, window):
-            return iteration, LEFT_WINDOW
-        _sum_subset(coefficients, order, corner, layout, packed, level[0], p, values, sums)
-        if not _gauss_newton_step(sums, pixels, level[1], moments, normal, inverse, step, quality):
-            return iteration + 1, NOT_CONVERGED
+            return iteration, LEFT_WINDOW, 0
+        _sum_subset(coefficients, order, corner, layout, packed, level[0], p, with_all, values, sums)
+        if not _gauss_newton_step(sums, pixels, level[1], moments, normal, inverse, solved, slopes, step, quality):
+            return iteration + 1, NOT_CONVERGED, 0
         size2 = 0.0
         along = 0.0
         for a in range(6):
             weight = half * half / 3.0 if a % 3 else 1.0
             size2 += weight * step[a] * step[a]
             along += weight * step[a] * before[a]
-            before[a] = step[a]
         shrink = math.sqrt(size2) * _FIRST_SHRINK
         if last2 > 0.0:
             # Noise in the slopes makes the steps too short by a constant factor, which shows in
@@ -370,16 +504,26 @@ def _iterate(
             relaxation = min(max(relaxation, 1.0), _MOST_RELAXATION)
             shrink = math.sqrt(size2 / last2)
         last2 = size2
+        # Steps shrink by about a constant factor, so the next one can be foreseen.
+        is_last = math.sqrt(size2) * min(shrink, 1.0) < tolerance
+        needed = 0
+        if is_last and with_all:
+            variance = max(quality[1] / max(pixels - 8.0, 1.0), noise[3]) * noise[0]
+            surplus = quality[1] * (noise[1] + noise[2] * moments[1, 10] / level[1])
+            needed = _needed(model, slopes, step, solved, p, normal, inverse, tester, surplus, variance)
+            quality[3], quality[4] = step[8], step[9]
+            for k in range(3):
+                quality[5 + k] = step[10 + k] - inverse[10 + k, 10] * surplus
         for a in range(6):
+            before[a] = step[a]
             step[a] *= relaxation
         compose_with_inverse(p, step, is_rigid)
         # Written so that NaN is beyond.
         if not math.hypot(p[0] - start_x, p[3] - start_y) < CAPTURE:
-            return iteration + 1, NOT_CONVERGED
-        # Steps shrink by about a constant factor, so the next one can be foreseen.
-        if math.sqrt(size2) * min(shrink, 1.0) < tolerance:
-            return iteration + 1, SOLVED
-    return max_iterations, NOT_CONVERGED
+            return iteration + 1, NOT_CONVERGED, 0
+        if is_last:
+            return iteration + 1, SOLVED, needed
+    return max_iterations, NOT_CONVERGED, 0
 
 
 @compiled(nogil=True)
@@ -396,6 +540,10 @@ def solve_subsets(
     moments: Floats,
     normal: Floats,
     inverse: Floats,
+    tester: Floats,
+    model: int,
+    is_tested: NDArray[np.bool_],
+    noise: tuple[float, float, float, float],
     tolerance: float,
     max_iterations: int,
     motion: Floats,
@@ -406,10 +554,10 @@ def solve_subsets(
 ) -> None:
     """Iterate every chosen subset to convergence; ``motion`` holds the start and the result."""
     # Work arrays come from outside and results are set one by one: that spares half the compiling.
-    work = (scratch[0, :9], scratch[1, :6], scratch[2, :6], values)
+    work = (scratch[0], scratch[1, :COLUMNS], scratch[2, :COLUMNS], scratch[3, :6], values)
     for q in range(len(chosen)):
         n = chosen[q]
-        evaluations, code = _iterate(
+        evaluations, code, needed = _iterate(
             coefficients,
             order,
             corner,
@@ -421,6 +569,10 @@ def solve_subsets(
             moments[n],
             normal[n],
             inverse[n],
+            tester[n],
+            model,
+            is_tested[q],
+            noise,
             tolerance,
             max_iterations,
             motion[q],
@@ -429,3 +581,4 @@ def solve_subsets(
         )
         counts[q, 0] = evaluations
         counts[q, 1] = code
+        counts[q, 2] = needed

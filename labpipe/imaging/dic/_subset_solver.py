@@ -13,14 +13,13 @@ the matrix of a rotation.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from labpipe.arrays import Floats, Floats32, Integers
-from labpipe.compilation import compiled
+from labpipe.arrays import Flags, Floats, Floats32, Integers
 from labpipe.imaging.dic._spline import LANES, PADDING
-from labpipe.imaging.dic._subset_kernel import FAST, LEFT_WINDOW, NO_TEXTURE, NOT_CONVERGED, SOLVED, solve_subsets
+from labpipe.imaging.dic._subset_cutting import Subsets
+from labpipe.imaging.dic._subset_kernel import LEFT_WINDOW, NO_TEXTURE, NOT_CONVERGED, SOLVED, solve_subsets
 
-__all__ = ["LEFT_WINDOW", "NOT_CONVERGED", "NO_TEXTURE", "SOLVED", "Solution", "Subsets", "cut_subsets", "solve"]
+__all__ = ["LEFT_WINDOW", "NOT_CONVERGED", "NO_TEXTURE", "SOLVED", "NoiseShown", "Solution", "solve"]
 
 
 #: Error that may be left by stopping (px): a tenth of the least noise of a large subset.
@@ -31,63 +30,33 @@ DEFAULT_ITERATIONS = 30
 #: that rests at the border. The spline is mirrored there.
 OVERHANG = 0.5
 
-# Below this the motion is not determined in every direction (a single edge, a flat subset).
-_LEAST_EIGENVALUE = 1e-4
-# Slopes below this share of the grey level per px are rounding errors of float32.
-_LEAST_SLOPE = 1e-4
 
-_RIGID_FROM_AFFINE = np.array([[1, 0, 0, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 0, -1, 0, 1, 0]], float)
+#: Numbers that describe a change of light and blur.
+CHANGES = 5
 
 
 @dataclass(frozen=True)
-class Subsets:
-    """Everything that the solver needs of the reference, computed once.
+class NoiseShown:
+    """How the noise of an image shows in a residual.
 
     Attributes
     ----------
-    layout : integer array (point, 5)
-        Centre pixel x and y, half width (px; the subset is ``2 half + 1`` wide), place in the
-        packed arrays, and length of a row there.
-    is_rigid : bool array (point,)
-        Translation and rotation, or the full affine motion.
-    packed : float32 array (3, ...)
-        Grey levels less their mean, slope in x, slope in y; rows filled up with zeros.
-    level : array (point, 2)
-        Mean grey level and sum of squares about it.
-    moments : array (point, 2, 6)
-        Sums of the six steepest-descent images, alone and times the grey level.
-    normal : array (point, 6, 6)
-        Normal matrix of the motion, gain and offset eliminated.
-    inverse : array (point, 6, 6)
-        Its inverse within the allowed motions; zero where there is no texture.
+    colour : float [1]
+        Variance that a smooth weight meets, over that of a pixel of the residual: blur and
+        interpolation take the quick changes of the noise away.
+    surplus : float [1/px²]
+        Sum of the bend times the residual that noise of the reference alone makes, over the
+        sum of its squares.
+    share : float [1]
+        Share of the residual that is noise of the reference: it raises the gain that is fitted.
+    floor : float [grey²]
+        Variance that a pixel of the residual has at least: that of rounding.
     """
 
-    layout: Integers
-    is_rigid: NDArray[np.bool_]
-    packed: Floats32
-    level: Floats
-    moments: Floats
-    normal: Floats
-    inverse: Floats
-
-    def __len__(self) -> int:
-        """Return the number of subsets."""
-        return len(self.layout)
-
-    @property
-    def x(self) -> Integers:
-        """Column of each centre (px)."""
-        return self.layout[:, 0]
-
-    @property
-    def y(self) -> Integers:
-        """Row of each centre (px)."""
-        return self.layout[:, 1]
-
-    @property
-    def half(self) -> Integers:
-        """Half width of each subset (px)."""
-        return self.layout[:, 2]
+    colour: float = 1.0
+    surplus: float = 0.0
+    share: float = 0.0
+    floor: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -108,6 +77,14 @@ class Solution:
         Evaluations of the subset in the frame.
     code : array (point,)
         ``SOLVED``, ``LEFT_WINDOW``, ``NOT_CONVERGED`` or ``NO_TEXTURE``.
+    needed : integer array (point,)
+        Sum of ``LIGHT``, ``BLUR`` and ``AFFINE``: what lowers the residual by more than noise does,
+        whether it was solved for or not; 0 where that was not tested.
+    change : array (point, 5) [1/px, 1/px, px², px², px²]
+        Slope of the light's gain to the right and downwards, and the weights of the bends; the
+        first is half the growth of the blur's variance. 0 where they were not solved for.
+    model : integer array (point,)
+        What was solved for, as in :func:`solve`.
     """
 
     motion: Floats
@@ -116,172 +93,9 @@ class Solution:
     residual: Floats
     iterations: Integers
     code: Integers
-
-
-def cut_subsets(
-    image: Floats32,
-    gradient_x: Floats32,
-    gradient_y: Floats32,
-    centres: Integers,
-    half: Integers,
-    is_rigid: NDArray[np.bool_],
-) -> Subsets:
-    """Cut the subsets out of the reference and prepare their normal equations.
-
-    Parameters
-    ----------
-    image, gradient_x, gradient_y : float32 arrays (row, column)
-        Reference and the slopes of its spline at the pixels.
-    centres : integer array (point, 2) [px]
-        Centre pixels (x, y); every subset must lie inside the image.
-    half : integer array (point,) [px]
-        Half widths.
-    is_rigid : bool array (point,)
-        Motion allowed for each subset.
-
-    Returns
-    -------
-    Subsets
-        A subset whose normal matrix is singular has ``inverse`` zero and is answered with
-        ``NO_TEXTURE``.
-    """
-    count = len(half)
-    width = 2 * half + 1
-    stride = -(-width // LANES) * LANES
-    start = np.concatenate([[0], np.cumsum(width * stride)])
-    layout = np.column_stack([centres, half, start[:-1], stride]).astype(np.int64)
-    packed = np.zeros((3, int(start[-1])), np.float32)
-    level, moments = np.zeros((count, 2)), np.zeros((count, 2, 6))
-    normal = np.zeros((count, 6, 6))
-    _cut(image, gradient_x, gradient_y, layout, packed, level, moments, normal)
-    energy = np.where(level[:, 1] > 0, level[:, 1], 1.0)[:, None, None]
-    ones, greys = moments[:, 0], moments[:, 1]
-    normal -= ones[:, :, None] * ones[:, None, :] / (width**2)[:, None, None]
-    normal -= greys[:, :, None] * greys[:, None, :] / energy
-    inverse = invert_within(normal, is_rigid)
-    least = width**2 * (_LEAST_SLOPE * level[:, 0]) ** 2
-    is_flat = (normal[:, 0, 0] <= least) | (normal[:, 3, 3] <= least)
-    inverse[is_flat] = 0.0
-    return Subsets(layout, is_rigid, packed, level, moments, normal, inverse)
-
-
-def invert_within(normal: Floats, is_rigid: NDArray[np.bool_]) -> Floats:
-    """Invert normal matrices within the motions that each subset is allowed.
-
-    Parameters
-    ----------
-    normal : array (point, 6, 6)
-        Normal matrices of the affine motion.
-    is_rigid : bool array (point,)
-        Which subsets shift and turn only.
-
-    Returns
-    -------
-    array (point, 6, 6)
-        Zero where the subset does not determine its motion.
-    """
-    inverse = np.zeros_like(normal)
-    for group, basis in ((is_rigid, _RIGID_FROM_AFFINE), (~is_rigid, np.eye(6))):
-        if group.any():
-            inverse[group] = _invert(normal[group], basis)
-    return inverse
-
-
-def _invert(normal: Floats, basis: Floats) -> Floats:
-    """Invert within the motions of a basis."""
-    reduced = basis @ normal @ basis.T
-    scale = np.sqrt(np.maximum(np.diagonal(reduced, axis1=1, axis2=2), 0.0))
-    balance = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
-    balanced = reduced * balance[:, :, None] * balance[:, None, :]
-    # With ones on the diagonal the smallest eigenvalue measures how independent the motions are.
-    is_solvable = np.linalg.eigvalsh(balanced)[:, 0] > _LEAST_EIGENVALUE
-    inverse = np.zeros_like(reduced)
-    inverse[is_solvable] = np.linalg.inv(balanced[is_solvable])
-    inverse *= balance[:, :, None] * balance[:, None, :]
-    return basis.T @ inverse @ basis
-
-
-@compiled(nogil=True, fastmath=FAST)
-def _cut(
-    image: Floats32,
-    gradient_x: Floats32,
-    gradient_y: Floats32,
-    layout: Integers,
-    packed: Floats32,
-    level: Floats,
-    moments: Floats,
-    normal: Floats,
-) -> None:
-    """Pack the subsets; sums of squares by rows, so that the inner loops stay one-dimensional."""
-    for n in range(len(layout)):
-        x, y, h, place, pitch = layout[n]
-        width = 2 * h + 1
-        total = 0.0
-        for i in range(-h, h + 1):
-            row = image[y + i, x - h : x + h + 1]
-            for k in range(np.uint64(width)):
-                total += row[k]
-        level[n, 0] = total / (width * width)
-        mean = np.float32(level[n, 0])
-        for i in range(-h, h + 1):
-            row = image[y + i, x - h : x + h + 1]
-            slope_x = gradient_x[y + i, x - h : x + h + 1]
-            slope_y = gradient_y[y + i, x - h : x + h + 1]
-            f = packed[0, place : place + width]
-            gx = packed[1, place : place + width]
-            gy = packed[2, place : place + width]
-            xx0 = xx1 = xx2 = xy0 = xy1 = xy2 = yy0 = yy1 = yy2 = np.float32(0)
-            x0 = x1 = y0 = y1 = fx0 = fx1 = fy0 = fy1 = ff = np.float32(0)
-            for k in range(np.uint64(width)):
-                j = np.float32(np.int32(k)) - np.float32(h)
-                a, b, c = slope_x[k], slope_y[k], row[k] - mean
-                f[k], gx[k], gy[k] = c, a, b
-                ff += c * c
-                x0 += a
-                x1 += a * j
-                y0 += b
-                y1 += b * j
-                fx0 += c * a
-                fx1 += c * a * j
-                fy0 += c * b
-                fy1 += c * b * j
-                xx0 += a * a
-                xx1 += a * a * j
-                xx2 += a * a * j * j
-                xy0 += a * b
-                xy1 += a * b * j
-                xy2 += a * b * j * j
-                yy0 += b * b
-                yy1 += b * b * j
-                yy2 += b * b * j * j
-            level[n, 1] += ff
-            first = (x0, x1, y0, y1, fx0, fx1, fy0, fy1)
-            second = (xx0, xx1, xx2, xy0, xy1, xy2, yy0, yy1, yy2)
-            _scatter(first, second, float(i), moments[n], normal[n])
-            place += pitch
-
-
-@compiled(nogil=True)
-def _scatter(
-    first: tuple[np.float32, ...], second: tuple[np.float32, ...], i: float, moments: Floats, normal: Floats
-) -> None:
-    """Add a row's sums, taken with 1, j, j², to those of the six steepest-descent images.
-
-    These are the two gradients times (1, j, i); ``i`` is constant along the row.
-    """
-    in_j = (0, 1, 0)
-    in_i = (1.0, 1.0, i)
-    for a in range(3):
-        for gradient in range(2):
-            moments[0, 3 * gradient + a] += in_i[a] * first[2 * gradient + in_j[a]]
-            moments[1, 3 * gradient + a] += in_i[a] * first[4 + 2 * gradient + in_j[a]]
-        for b in range(3):
-            power = in_j[a] + in_j[b]
-            factor = in_i[a] * in_i[b]
-            normal[a, b] += factor * second[power]
-            normal[a, 3 + b] += factor * second[3 + power]
-            normal[3 + b, a] += factor * second[3 + power]
-            normal[3 + a, 3 + b] += factor * second[6 + power]
+    needed: Integers
+    change: Floats
+    model: Integers
 
 
 def solve(
@@ -293,6 +107,9 @@ def solve(
     *,
     origin: tuple[int, int],
     window: tuple[float, float, float, float],
+    model: int = 0,
+    is_tested: Flags | None = None,
+    noise: NoiseShown | None = None,
     tolerance: float = DEFAULT_TOLERANCE,
     max_iterations: int = DEFAULT_ITERATIONS,
 ) -> Solution:
@@ -315,6 +132,12 @@ def solve(
     window : (left, right, top, bottom) [px]
         Frame coordinates that a subset's corners must not leave; at most :data:`OVERHANG`
         outside the rectangle.
+    model : int
+        What to solve for beyond the allowed motion, the sum of ``LIGHT``, ``BLUR`` and ``AFFINE``.
+    is_tested : bool array (point,), optional
+        Of which subsets it shall be told what they need; of all by default.
+    noise : NoiseShown, optional
+        White noise that is neither blurred nor interpolated by default.
     tolerance : float [px]
         Iterate until the next step is expected to be smaller than this.
     max_iterations : int
@@ -332,9 +155,11 @@ def solve(
     """
     count = len(chosen)
     found = np.array(motion, np.float64, order="C").reshape(count, 6)
-    quality = np.full((count, 3), np.nan)
-    counts = np.zeros((count, 2), np.int64)
+    quality = np.full((count, 8), np.nan)
+    counts = np.zeros((count, 3), np.int64)
+    noise = noise or NoiseShown()
     if count:
+        matrices = subsets.model(model)
         corner = (float(origin[0] - PADDING), float(origin[1] - PADDING))
         solve_subsets(
             coefficients,
@@ -343,18 +168,56 @@ def solve(
             window,
             np.ascontiguousarray(chosen, np.int64),
             subsets.layout,
-            subsets.is_rigid,
+            subsets.rigid_in(model),
             subsets.packed,
             subsets.level,
             subsets.moments,
             subsets.normal,
-            subsets.inverse,
+            matrices.inverse,
+            matrices.tester,
+            model,
+            np.ones(count, bool) if is_tested is None else is_tested,
+            (noise.colour, noise.surplus, noise.share, noise.floor),
             tolerance,
             max_iterations,
             found,
             quality,
             counts,
-            np.zeros((3, 9)),
+            np.zeros((4, 16)),
             np.zeros(2 * LANES + 2 * int(subsets.half.max()) + 1, np.float32),
         )
-    return Solution(found, quality[:, 2], quality[:, 0], quality[:, 1], counts[:, 0], counts[:, 1])
+    iterations, code, needed = counts.T.copy()
+    return Solution(
+        found,
+        quality[:, 2],
+        quality[:, 0],
+        quality[:, 1],
+        iterations,
+        code,
+        needed,
+        quality[:, 3:],
+        np.full(count, model),
+    )
+
+
+def empty_solution(count: int) -> Solution:
+    """Return answers that :func:`put` will fill."""
+    whole = np.zeros((4, count), np.int64)
+    zncc, gain, residual = np.full((3, count), np.nan)
+    change = np.zeros((count, CHANGES))
+    return Solution(np.zeros((count, 6)), zncc, gain, residual, whole[0], whole[1], whole[2], change, whole[3])
+
+
+def put(target: Solution, where: Integers, source: Solution, chosen: Flags | slice) -> None:
+    """Write the chosen answers of one solution over some of another, but for the iterations.
+
+    Parameters
+    ----------
+    target, source : Solution
+    where : integer array
+        Places in ``target``.
+    chosen : bool array or slice
+        Answers of ``source``, as many.
+    """
+    for field in ("motion", "zncc", "gain", "residual", "code", "needed", "change", "model"):
+        getattr(target, field)[where] = getattr(source, field)[chosen]

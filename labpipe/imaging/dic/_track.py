@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from labpipe.imaging.dic._results import Table
     from labpipe.imaging.dic._tracker import Tracker
 
-Shape = Literal["rigid", "affine"]
+Shape = Literal["auto", "rigid", "affine"]
 
 #: Correlation below which a point counts as lost: far above a chance match of a usual subset,
 #: low enough for grainy films (noise as strong as 0.8 times the pattern).
@@ -35,7 +35,7 @@ def track(
     frames: FrameSource | NDArray[np.generic],
     points: ArrayLike,
     subset: int | Sequence[int] = 31,
-    shape: Shape | Sequence[Shape] = "rigid",
+    shape: Shape | Sequence[Shape] = "auto",
     order: Literal[5, 3] = 5,
     static_frames: int = 1,
     *,
@@ -45,6 +45,7 @@ def track(
     min_zncc: float = DEFAULT_MIN_ZNCC,
     tolerance: float = DEFAULT_TOLERANCE,
     max_iterations: int = DEFAULT_ITERATIONS,
+    adapt: bool = True,
 ) -> xr.Dataset:
     """Follow points through a film by digital image correlation.
 
@@ -57,9 +58,10 @@ def track(
         pixel.
     subset : odd int, or one per point [px]
         Width of the square around each point that is matched, 9 or more.
-    shape : "rigid" or "affine", or one per point
-        What a subset may do: shift and turn, or also stretch and shear. A rigid subset on a
-        stiff body has the least noise; a large one averages over the body.
+    shape : "auto", "rigid" or "affine", or one per point
+        What a subset may do: shift and turn ("rigid"), or also stretch and shear ("affine"). By
+        default it is rigid, and affine in the frames in which the residual shows a stretch. A rigid
+        subset on a stiff body has the least noise; a large one averages over the body.
     order : 5 or 3
         Quintic or cubic spline interpolation. Cubic takes half the time and has five times the
         interpolation bias (about 0.001 px on speckles of usual size).
@@ -79,6 +81,9 @@ def track(
         Error that may be left when the iteration stops.
     max_iterations : int
         Evaluations of a subset per frame.
+    adapt : bool
+        Solve for light that slopes across a subset and for a change of blur (focus, motion within
+        the exposure) where the residual shows them. They cost nothing where they are not needed.
 
     Returns
     -------
@@ -87,6 +92,12 @@ def track(
         ``u_dx``, ``u_dy`` : their standard uncertainty from noise (interpolation bias, lens
         and out-of-plane motion are not in it) [px];
         ``rotation``, ``u_rotation`` : turn from x towards y, clockwise on the screen [rad];
+        ``cov_dx_dy`` : covariance of dx and dy [px²];
+        ``texture`` : squared slopes of the pattern, noise taken off, summed over the subset along
+        the direction in which they are smallest [grey²/px²];
+        ``model`` : what was solved for beside the motion (``flag_meanings``), and what was found:
+        ``light_slope_x``, ``light_slope_y`` : growth of the light [1/px], ``blur_growth`` : growth of
+        the variance of the blur [px²], to first order; both 0 where they were not solved for;
         ``zncc`` : zero-normalised cross-correlation [1];
         ``iterations`` : evaluations of the subset;
         ``valid``, ``status`` : whether there is a value, and if not why (``flag_meanings``).
@@ -129,14 +140,15 @@ def track(
     from labpipe.imaging.dic._film_window import FilmWindow
     from labpipe.imaging.dic._reference import make_reference
     from labpipe.imaging.dic._results import displacements, make_dataset
+    from labpipe.imaging.dic._subset_cutting import adaptable
     from labpipe.imaging.dic._tracker import Options, Tracker
 
     film = as_frames(frames)
-    places, half, is_rigid = check_points(points, subset, shape)
+    places, half, shapes = check_points(points, subset, shape)
     check_settings(film, order, static_frames, blur, tolerance, max_iterations, min_zncc)
     wanted = selected_frames(select, len(film))
-    reference = make_reference(film, places, half, is_rigid, order, static_frames, blur)
-    options = Options(order, tolerance, max_iterations, min_zncc)
+    reference = make_reference(film, places, half, shapes != "affine", order, static_frames, blur)
+    options = Options(order, tolerance, max_iterations, min_zncc, adaptable(shapes, adapt))
     window = FilmWindow(film, order, blur)
     window.frames_read = static_frames
     window.pixels_read = static_frames * film.shape[1] * film.shape[2]
@@ -187,6 +199,8 @@ def _follow(
         table.residual[row] = found.residual
         table.zncc[row] = found.zncc
         table.iterations[row] = found.iterations
+        table.model[row] = found.model
+        table.change[row] = found.change
         table.status[row] = found.status
     return table
 

@@ -14,11 +14,17 @@ from labpipe.arrays import Flags, Floats, Integers
 from labpipe.imaging.dic._film_window import Box, FilmWindow, Loaded
 from labpipe.imaging.dic._motion_state import contradicted, converged_nearby, extent, predicted, remember
 from labpipe.imaging.dic._reference import Reference
-from labpipe.imaging.dic._subset_solver import SOLVED, Solution, solve
+from labpipe.imaging.dic._subset_kernel import AFFINE
+from labpipe.imaging.dic._subset_solver import CHANGES, SOLVED, Solution, empty_solution, put, solve
 
 #: Distance from the prediction (px) up to which a converged point needs no confirmation:
 #: the velocity of a bouncing holder changes by at most 1 px per frame.
 SURPRISE = 1.5
+#: Points that are tested in a frame for what they need beside the motion: at least so many, and
+#: each once in so many frames; and the share of them above which it is no chance.
+_TESTED, _TURNS, _CHANCE = 8, 8, 0.1
+#: Rounds in which what a point needs is added to its model.
+_ROUNDS = 3
 #: Neighbours that are asked whether a point is right.
 NEIGHBOURS = 6
 #: Drop of the correlation relative to the last frame that calls for a check.
@@ -27,12 +33,17 @@ _DROP = 0.85
 
 @dataclass(frozen=True)
 class Options:
-    """Settings of the solver, see :func:`labpipe.imaging.track`."""
+    """Settings of the solver, see :func:`labpipe.imaging.track`.
+
+    ``adapt`` holds for every point, usable or not, the sum of what may be solved for where it is
+    needed, see :meth:`.Subsets.model`.
+    """
 
     order: int
     tolerance: float
     max_iterations: int
     min_zncc: float
+    adapt: Integers
 
 
 @dataclass
@@ -54,6 +65,8 @@ class FrameResult:
     zncc: Floats
     iterations: Integers
     status: NDArray[np.int8]
+    model: Integers
+    change: Floats
 
 
 @dataclass
@@ -67,6 +80,9 @@ class Attempt:
     iterations: Integers
     code: Integers
     trusted: Flags
+    model: Integers
+    needed: Integers
+    change: Floats
     reached: Flags = field(init=False)
     outvoted: Flags = field(init=False)
 
@@ -80,7 +96,9 @@ class Attempt:
         count = len(expected)
         zncc, gain, residual = np.full((3, count), np.nan)
         nowhere = np.full(count, -1)
-        return cls(expected.copy(), zncc, gain, residual, np.zeros(count, np.int64), nowhere, np.zeros(count, bool))
+        none = np.zeros((3, count), np.int64)
+        no, unchanged = np.zeros(count, bool), np.zeros((count, CHANGES))
+        return cls(expected.copy(), zncc, gain, residual, none[0], nowhere, no, none[1], none[2], unchanged)
 
     @classmethod
     def of(cls, found: Solution) -> "Attempt":
@@ -93,6 +111,9 @@ class Attempt:
             found.iterations,
             found.code,
             np.zeros(len(found.code), bool),
+            found.model,
+            found.needed,
+            found.change,
         )
 
     def take(self, chosen: Integers, found: Solution, better: Flags) -> None:
@@ -103,6 +124,9 @@ class Attempt:
         self.gain[where] = found.gain[better]
         self.residual[where] = found.residual[better]
         self.code[where] = found.code[better]
+        self.model[where] = found.model[better]
+        self.needed[where] = found.needed[better]
+        self.change[where] = found.change[better]
 
 
 class Tracker:
@@ -131,6 +155,12 @@ class Tracker:
         self._step = np.ones(count)
         self._seen = np.full(count, -1, np.int64)
         self._zncc = np.ones(count)
+        self._model = np.zeros(count, np.int64)
+        self._adapt = options.adapt[reference.usable]
+        self._most_misfit = reference.noise.most_misfit(reference.subsets)
+        self._stride = int(np.clip(count // _TESTED, 1, _TURNS))
+        self._turn = 0
+        self._noise = reference.shown
         self.is_tracked = np.ones(count, bool)
         self.misses = np.zeros(count, np.int64)
         self._predictions: dict[int, Floats] = {}
@@ -175,22 +205,72 @@ class Tracker:
         return np.asarray(extent(self.places, self._half, self.predict(index), chosen))
 
     def solve(self, loaded: Loaded, chosen: Integers, start: Floats) -> Solution:
-        """Run the solver and count its work."""
-        assert loaded.coefficients is not None  # noqa: S101 - frames with NaN are skipped before
-        found = solve(
-            self.reference.subsets,
-            loaded.coefficients,
-            self._options.order,
-            chosen,
-            start,
-            origin=(loaded.box[0], loaded.box[2]),
-            window=loaded.window,
-            tolerance=self._options.tolerance,
-            max_iterations=self._options.max_iterations,
-        )
-        self.work.subsets_solved += len(chosen)
-        self.work.iterations += int(found.iterations.sum())
+        """Solve subsets with the model that each needed last, again where it needs another one.
+
+        What a point needed in the frame before is tried at once, so that a lasting change is not
+        found out in every frame. The others are tested for what they need in turn, and all of
+        them when the test of some shows that it concerns more than chance.
+        """
+        models = self._model[chosen]
+        self._turn += 1
+        is_tested = (models > 0) | ((chosen + self._turn) % self._stride == 0)
+        if is_tested.sum() < _TESTED:
+            is_tested[:] = True
+        is_tested &= self._adapt[chosen] > 0
+        found = self._solve(loaded, chosen, start, models, is_tested)
+        adapt = self._adapt[chosen]
+        adapt = np.where(found.residual < self._most_misfit[chosen], adapt, adapt & AFFINE)
+        lacking = found.needed & ~models & adapt
+        if (lacking > 0).sum() > _CHANCE * is_tested.sum() and not is_tested.all():
+            others = np.flatnonzero(~is_tested & (found.code == SOLVED) & (self._adapt[chosen] > 0))
+            tested = np.ones(len(others), bool)
+            retried = self._solve(loaded, chosen[others], found.motion[others], models[others], tested)
+            found.iterations[others] += retried.iterations
+            put(found, others, retried, slice(None))
+            lacking = found.needed & ~models & adapt
+        for _ in range(_ROUNDS):
+            if not lacking.any():
+                break
+            again = np.flatnonzero(lacking)
+            # A stretch looks like a change of light and blur as well.
+            added = np.where(lacking[again] & AFFINE, AFFINE, lacking[again])
+            tested = np.ones(len(again), bool)
+            better = self._solve(loaded, chosen[again], found.motion[again], found.model[again] | added, tested)
+            is_solved = (better.code == SOLVED) & (better.zncc >= found.zncc[again])
+            found.iterations[again] += better.iterations
+            put(found, again[is_solved], better, is_solved)
+            lacking = found.needed & ~found.model & adapt
+            lacking[again[~is_solved]] = 0
         return found
+
+    def _solve(self, loaded: Loaded, chosen: Integers, start: Floats, models: Integers, is_tested: Flags) -> Solution:
+        """Solve subsets with given models and count the work."""
+        assert loaded.coefficients is not None  # noqa: S101 - frames with NaN are skipped before
+        result = empty_solution(len(chosen))
+        for model in np.unique(models):
+            part = np.flatnonzero(models == model)
+            found = solve(
+                self.reference.subsets,
+                loaded.coefficients,
+                self._options.order,
+                chosen[part],
+                start[part],
+                origin=(loaded.box[0], loaded.box[2]),
+                window=loaded.window,
+                model=int(model),
+                is_tested=is_tested[part],
+                noise=self._noise,
+                tolerance=self._options.tolerance,
+                max_iterations=self._options.max_iterations,
+            )
+            if len(part) == len(chosen):
+                result = found
+                break
+            put(result, part, found, slice(None))
+            result.iterations[part] = found.iterations
+        self.work.subsets_solved += len(chosen)
+        self.work.iterations += int(result.iterations.sum())
+        return result
 
     def first_attempt(self, loaded: Loaded, expected: Floats) -> Attempt:
         """Solve the tracked points from their predictions."""
@@ -224,6 +304,8 @@ class Tracker:
 
     def remember(self, index: int, attempt: Attempt) -> None:
         """Update the state with the trusted points of a frame."""
+        needed = attempt.needed & attempt.model
+        self._model = np.where(attempt.trusted, needed, self._model)
         remember(
             attempt.motion,
             attempt.zncc,

@@ -38,7 +38,7 @@ def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
     chosen = settings.tracking
     points, subsets = _points(source, chosen)
     static = chosen.static_frames or _static_frames(source, points[0], subsets[0])
-    options: dict[str, Any] = {"subset": subsets, "shape": "rigid", "order": chosen.order, "static_frames": static}
+    options: dict[str, Any] = {"subset": subsets, "shape": "auto", "order": chosen.order, "static_frames": static}
     if full:
         found = imaging.track(source, points, **options)
         return _with_bytes(found, source, {})

@@ -8,8 +8,9 @@ from scipy.ndimage import map_coordinates, spline_filter
 
 from labpipe.arrays import Floats
 from labpipe.imaging.dic._spline import NODE_SLOPES, NODE_WEIGHTS
+from labpipe.imaging.dic._subset_cutting import _RIGID_FROM_AFFINE
 from labpipe.imaging.dic._subset_kernel import compose_with_inverse
-from labpipe.imaging.dic._subset_solver import _RIGID_FROM_AFFINE, DEFAULT_ITERATIONS
+from labpipe.imaging.dic._subset_solver import DEFAULT_ITERATIONS
 
 
 def prefilter_oracle(image: NDArray[np.generic], order: int) -> NDArray[np.float64]:

@@ -403,7 +403,7 @@ def test_static_frames_that_move_are_reported() -> None:
         ({"subset": 30}, "subset must be odd"),
         ({"subset": 5}, "at least 9"),
         ({"subset": [21, 21]}, "one per point"),
-        ({"shape": "quadratic"}, '"rigid" or "affine"'),
+        ({"shape": "quadratic"}, '"auto", "rigid" or "affine"'),
         ({"order": 4}, "order must be 5"),
         ({"static_frames": 0}, "static_frames must be between 1"),
         ({"static_frames": 9}, "static_frames must be between 1"),

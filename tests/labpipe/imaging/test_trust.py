@@ -128,10 +128,10 @@ def test_a_stray_that_its_neighbours_contradict_is_flagged() -> None:
     frames = [from_spectrum(pattern, view) for view in views]
     for k, frame in enumerate(frames):
         stray = from_spectrum(other, View((0.0, 1.1 * k)))
-        frame[90:131, 90:131] = stray[90:131, 90:131]
-    points = grid((size, size), 50, 30)
+        frame[72:109, 72:109] = stray[72:109, 72:109]
+    points = grid((size, size), 50, 40)
     found = track(digitised(frames, NOISE, 10), points, 21)
-    at = np.flatnonzero((points == 110).all(axis=1))[0]
+    at = np.flatnonzero((points == 90).all(axis=1))[0]
     names = str(found.status.attrs["flag_meanings"]).split()
     assert names[int(found.status[4, at])] == "outvoted"
     assert not found.valid[3:, at].any()
