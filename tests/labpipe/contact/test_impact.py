@@ -241,7 +241,7 @@ def test_asked_times_agree_with_the_steps():
     in_contact = fine.force.values > 1.0
     for name, scale in (("displacement", 7e-5), ("velocity", 0.17), ("force", 257.0)):
         error = np.abs(asked[name].values - fine[name].values)[in_contact]
-        assert error.max() < 1e-5 * scale
+        assert error.max() < 3e-5 * scale
     nodes = drop(SLS, R, M, 0.0015, 0.12).time.values[::7]
     same = drop(SLS, R, M, 0.0015, 0.12)
     at_nodes = drop(SLS, R, M, 0.0015, 0.12, times=nodes)
