@@ -18,7 +18,7 @@ from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME, Experiment, Session
 from labpipe.workflow.tasks import arguments
 from pipelines.experiments import JUDGEMENT, KINDS, function
-from pipelines.session._opening import STAGES
+from pipelines.session._opening import STAGES, reopen_session
 from pipelines.session._results import opened
 from pipelines.session._session_checks import of_record, session_findings
 
@@ -134,6 +134,20 @@ def stored_verdicts(results: Results) -> dict[str, Verdict]:
     return {v.experiment: v for v in _with_session(session, found)} if found else {}
 
 
+def verdict_on(folder: str | Path, experiment: str) -> Verdict:
+    """Return the verdict on one experiment by what is stored; nothing is processed.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder.
+    experiment : str
+        Its name.
+    """
+    session = reopen_session(folder)
+    return _one(session, opened(session.root, [experiment]), session.experiments[experiment], ())
+
+
 def _one(session: Session, results: Results, experiment: Experiment, failures: Iterable[Failed]) -> Verdict:
     failed = tuple(failures)
     state = "failed" if failed else "done"
@@ -229,7 +243,8 @@ def _with_session(session: Session, found: Iterable[Verdict]) -> tuple[Verdict, 
 
 
 def _added(verdict: Verdict, more: Iterable[Finding], checks: int) -> Verdict:
-    extra = tuple(more)
+    told = {(f.file, f.line, f.level) for f in verdict.findings if f.line is not None}
+    extra = tuple(f for f in more if (f.file, f.line, f.level) not in told)
     worse: Mapping[str, str] = {"yes": "doubtful", "unknown": "doubtful"}
     believable = verdict.believable
     if any(f.level == "doubtful" for f in extra):
