@@ -26,7 +26,8 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         try:
             kernel = njit(cache=True, **options)(function)
         except RuntimeError as error:
-            _warn(str(error).splitlines()[0].partition(": ")[2])
+            reason = str(error).splitlines()[0].partition(": ")[2]
+            _warn(reason.partition(" for file")[0])
             return njit(**options)(function)
         _forgive_a_full_disk(kernel)
         return kernel

@@ -146,10 +146,12 @@ def drop(
 
     Notes
     -----
-    Thesis equations (3.1)-(3.9), without its time stepping. The ledger counts the work on every
-    spring exactly for the loads as they were assumed inside a step, so that what it calls
-    dissipated never decreases; ``numerical_energy`` is the numerical energy error, a measure
-    of its error.
+    Thesis equations (3.1)-(3.9), without its time stepping. With "mdr" every contact up to a
+    lift-off is collocated: Ting's solution (doi:10.1115/1.3625192) on the dents of the bounces
+    before it. The contact in which the sphere comes to rest, or that grows again before it lifts
+    off, is stepped spring by spring, as are all contacts of "rings", a run with ``maps`` and one
+    without shortcuts. What the ledger calls dissipated never decreases; ``numerical_energy`` is the
+    numerical energy error, a measure of the error of the run.
     """
     started = perf_counter()
     warn_of_millimetres(radius, mass, height)

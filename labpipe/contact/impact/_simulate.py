@@ -6,15 +6,19 @@ is never reset between bounces.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from math import ceil, nan, sqrt
 
 import numpy as np
 
 from labpipe.arrays import Floats
+from labpipe.contact.impact._bounce import Bouncer
+from labpipe.contact.impact._collocation import distinct
 from labpipe.contact.impact._dataset import DropRun, Setting
 from labpipe.contact.impact._flight import time_to_touch, time_to_touch_plate
 from labpipe.contact.impact._motion import MOTION, Body, Motion, Stillness, motion
 from labpipe.contact.impact._setup import (
+    ALL_SHORTCUTS,
     LONGEST_STEP,
     MARGIN,
     Effort,
@@ -122,6 +126,10 @@ def simulate(
     if effort.fold:
         tolerance = _CONDENSE_SHARE * effort.rtol
         condensed = condense(creep, expected.duration, setting.duration, tolerance)
+    bouncer = None
+    if setting.solver == "mdr" and looks is None and effort.shortcuts == ALL_SHORTCUTS:
+        condensed = replace(condensed, creep=distinct(condensed.creep))
+        bouncer = _bouncer(setting, condensed.creep, expected, effort)
     _refuse_endless(setting, condensed.creep, expected, effort)
     stepper = _stepper(setting, condensed.creep, expected, effort, observe)
     end = setting.duration - setting.fall_time
@@ -137,7 +145,7 @@ def simulate(
     if touch < end:
         stepper.fly(touch)
         reach = MARGIN * expected.radius
-        final_touch, rest_start = _bounce(stepper, reach, end, segments, effort, first_contact_only)
+        final_touch, rest_start = _bounce(stepper, bouncer, reach, end, segments, effort, first_contact_only)
     else:
         stepper.look_at_dent(end)
     return DropRun(
@@ -164,8 +172,28 @@ def _at_release(setting: Setting) -> Motion:
     return motion(time=-setting.fall_time, position=height, approach=height)
 
 
+def _bouncer(setting: Setting, creep: Creep, expected: Scales, effort: Effort) -> Bouncer:
+    plate = setting.plate
+    return Bouncer(
+        creep=creep,
+        mass=setting.mass,
+        gravity=setting.gravity,
+        radius=setting.radius,
+        is_sphere=setting.profile == "sphere",
+        plate=(plate.mass, plate.stiffness, plate.damping) if plate else (0.0, 0.0, 0.0),
+        duration=expected.duration,
+        rtol=effort.rtol,
+    )
+
+
 def _bounce(
-    stepper: Stepper, reach: float, end: float, segments: list[Segment], effort: Effort, first_contact_only: bool
+    stepper: Stepper,
+    bouncer: Bouncer | None,
+    reach: float,
+    end: float,
+    segments: list[Segment],
+    effort: Effort,
+    first_contact_only: bool,
 ) -> tuple[float, float]:
     """Alternate contacts and flights; return the last touch and the start of rest, or NaN."""
     now = stepper.now
@@ -173,9 +201,25 @@ def _bounce(
     while True:
         touched = now.time
         stepper.speed_scale = max(now.velocity, least_speed)
-        outcome, flight = _one_contact(stepper, end, reach)
-        records = stepper.take_trail()
-        segments.append(Contact(records))
+        curves = None if bouncer is None else bouncer.bounce(now, stepper.speed_scale, stepper.counts)
+        if curves is not None and bouncer is not None:
+            stepper.refuse_wide(curves.largest)
+            stepper.look_at_limits()
+            records = curves.natural(end)
+            segments.append(Contact(records, curves=curves))
+            if now.time >= end:
+                return nan, nan
+            outcome, flight = "lift-off", _time_of_flight(stepper, bouncer.dents.centre)
+            if flight <= 0.0:
+                stepper.memory, bouncer = bouncer.dents.at(stepper.springs.position), None
+                continue
+        else:
+            if bouncer is not None:
+                # It grows again or stays: from here on the springs are stepped.
+                stepper.memory, bouncer = bouncer.dents.at(stepper.springs.position), None
+            outcome, flight = _one_contact(stepper, end, reach)
+            records = stepper.take_trail()
+            segments.append(Contact(records))
         if outcome == "rest":
             settled = now.time
             stepper.creep(end, growth(effort.rtol))
@@ -188,11 +232,14 @@ def _bounce(
             return nan, nan
         stop = min(now.time + flight, end)
         start = motion(**{name: getattr(now, name) for name in MOTION.names or ()})
-        segments.append(Flight(start, stop, stepper.free_stored(), stepper.creep_law.rate))
+        stored = stepper.free_stored() if bouncer is None else bouncer.dents.stored()
+        segments.append(Flight(start, stop, stored, stepper.creep_law.rate))
         if stop >= end or first_contact_only:
             stepper.look_at_dent(end)
             return nan, nan
         _fly(stepper, flight, in_one_step=effort.shortcuts.flights)
+        if bouncer is not None:
+            bouncer.dents.relax(flight)
         reach = MARGIN * float(records["contact_radius"].max())
 
 
@@ -212,15 +259,15 @@ def _one_contact(stepper: Stepper, end: float, reach: float) -> tuple[str, float
         outcome = stepper.run(end)
         if outcome != "lift-off":
             return outcome, 0.0
-        flight = _time_of_flight(stepper)
+        flight = _time_of_flight(stepper, stepper.memory[:, 0])
         if flight > 0.0:
             return outcome, flight
         # The surface follows the sphere at once: no bounce, the contact goes on.
         stepper.touch(reach, is_new=False)
 
 
-def _time_of_flight(stepper: Stepper) -> float:
-    body, dent, rate = stepper.body, stepper.memory[:, 0], stepper.creep_law.rate
+def _time_of_flight(stepper: Stepper, dent: Floats) -> float:
+    body, rate = stepper.body, stepper.creep_law.rate
     speed = stepper.now.velocity
     if body.plate is None:
         return time_to_touch(speed, body.gravity, dent, rate)

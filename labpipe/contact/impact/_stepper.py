@@ -240,7 +240,7 @@ class Stepper:
                 if until - now.time < 1e-12 * until:
                     now.time = until
                 self._keep()
-                self._look_at_limits()
+                self.look_at_limits()
                 self._look_at_springs()
                 dt *= growth
         self._give_back()
@@ -252,7 +252,7 @@ class Stepper:
         )
         if filled:
             self._keep(self._batch[:filled].copy())
-            self._look_at_limits()
+            self.look_at_limits()
         return int(outcome)
 
     def _single_step(self, reason: int, stop: float) -> tuple[int, bool]:
@@ -272,7 +272,7 @@ class Stepper:
         if outcome != kernel.ACCEPTED:
             return outcome, False
         self._keep()
-        self._look_at_limits()
+        self.look_at_limits()
         self._look_at_springs()
         if releases or self.now.force <= 0.0:
             return kernel.RELEASED, False
@@ -324,13 +324,13 @@ class Stepper:
         time = self.wanted.pop(0)
         self.snapshots.append(Snapshot(time, load, displacement, self.now.contact_radius))
 
-    def _look_at_limits(self) -> None:
+    def look_at_limits(self) -> None:
         """Refuse to go on after too much work; tell the progress otherwise."""
         counts = self.counts
         most_updates = _UPDATES_PER_STEP * self.max_steps
         if counts.solver_steps > self.max_steps or counts.spring_updates > most_updates:
             message = (
-                f"{counts.solver_steps} steps of {self.block.gap.size} springs reached only "
+                f"{counts.solver_steps} steps of {self.springs.position.size} springs reached only "
                 f"{self.now.time:.6g} s: the material damps too little for so long a duration, or "
                 "hardly has an instantaneous compliance; shorten the duration, raise max_steps or "
                 "rtol"
@@ -338,6 +338,16 @@ class Stepper:
             raise InputError(message)
         if self.observe is not None:
             self.observe(self.now.time)
+
+    def refuse_wide(self, radius: float) -> None:
+        """Refuse a contact radius [m] that the sphere does not have."""
+        if radius > self.largest_radius:
+            message = (
+                f"at {self.now.time:.6g} s the contact would be {radius:.4g} m in radius, more "
+                f"than {self.largest_radius:.4g} m: beyond this the sphere is no half-space; use a "
+                "stiffer material, a smaller mass or a lower drop"
+            )
+            raise InputError(message)
 
     def _refuse_a_ring(self) -> None:
         message = (
@@ -350,13 +360,7 @@ class Stepper:
 
     def _take_block(self, radius: float) -> None:
         """Copy the springs out to a radius from all springs, adding new ones when needed."""
-        if radius > self.largest_radius:
-            message = (
-                f"at {self.now.time:.6g} s the contact would be {radius:.4g} m in radius, more "
-                f"than {self.largest_radius:.4g} m: beyond this the sphere is no half-space; use a "
-                "stiffer material, a smaller mass or a lower drop"
-            )
-            raise InputError(message)
+        self.refuse_wide(radius)
         if self.springs.position[-2] < radius:
             known = self.memory
             self.springs = self.springs.extended(radius)

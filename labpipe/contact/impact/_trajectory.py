@@ -7,7 +7,7 @@ of its steps.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
@@ -15,6 +15,9 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 from labpipe.arrays import Floats
 from labpipe.contact.impact._motion import Body, Motion, Trail
 from labpipe.contact.impact._plate import Plate, PlateState
+
+if TYPE_CHECKING:
+    from labpipe.contact.impact._bounce import Curves
 
 # Samples of a flight when no times are asked for: enough for a smooth parabola.
 _FLIGHT_SAMPLES = 24
@@ -43,10 +46,14 @@ class Flight:
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """The recorded steps of a contact, from touch to lift-off, or of the creep at rest."""
+    """The recorded steps of a contact, from touch to lift-off, or of the creep at rest.
+
+    A contact that was collocated is known at every instant, as ``curves``.
+    """
 
     records: Trail
     is_resting: bool = False
+    curves: "Curves | None" = None
 
     @property
     def end(self) -> float:
@@ -154,6 +161,8 @@ def _of_flight(flight: Flight, times: Floats, body: Body) -> Columns:
 
 
 def _of_contact(contact: Contact, times: Floats, body: Body) -> Columns:
+    if contact.curves is not None:
+        return record_columns(contact.curves.at(times), body.plate)
     steps = record_columns(contact.records, body.plate)
     if steps.time.size == 1:
         return Columns(*(np.repeat(column, times.size) for column in steps))

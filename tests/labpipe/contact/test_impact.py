@@ -91,7 +91,7 @@ def sls_train():
 
 
 @pytest.mark.parametrize(("material", "height", "e", "F", "delta", "a", "t_c"), FIRST)
-@pytest.mark.parametrize(("rtol", "factor"), [(1e-4, 1.0), (1e-5, 0.1)])
+@pytest.mark.parametrize(("rtol", "factor"), [(1e-4, 1.0), (1e-5, 0.1), (1e-8, 5e-4)])
 def test_first_impact_agrees_with_ting(material, height, e, F, delta, a, t_c, rtol, factor):
     """Wanted: e, F, delta 2e-5, a 1e-4. Measured at the default rtol: 6e-6, 1e-5, 5e-7, 3e-7."""
     result = first_impact(material, height, rtol=rtol)
@@ -161,7 +161,7 @@ def test_work_of_the_pmma_train_is_bounded(pmma_train):
     work = json.loads(pmma_train.attrs["work"])
     assert work["flights"] == 34
     assert work["terms"] + work["terms_folded"] + work["terms_frozen"] == 15
-    assert work["solver_steps"] / 34 < 600
+    assert work["solver_steps"] / 34 < 30
     assert work["kernel_products"] < 1.1 * work["solver_steps"]
 
 
@@ -234,15 +234,13 @@ def test_signs_and_origin():
         assert "long_name" in result[name].attrs
 
 
-def test_asked_times_agree_with_the_steps(sls_train):
+def test_asked_times_agree_with_the_steps():
     times = np.linspace(0.0, 0.12, 1201)
     asked = drop(SLS, R, M, 0.0015, 0.12, rtol=1e-5, times=times)
-    fine = sls_train
+    fine = drop(SLS, R, M, 0.0015, 0.12, rtol=1e-7, times=times)
+    in_contact = fine.force.values > 1.0
     for name, scale in (("displacement", 7e-5), ("velocity", 0.17), ("force", 257.0)):
-        reference = np.interp(times, fine.time, fine[name])
-        # The reference is piecewise linear between its own steps: in flight only its nodes count.
-        in_contact = np.interp(times, fine.time, fine.force) > 1.0
-        error = np.abs(asked[name].values - reference)[in_contact]
+        error = np.abs(asked[name].values - fine[name].values)[in_contact]
         assert error.max() < 3e-5 * scale
     nodes = drop(SLS, R, M, 0.0015, 0.12).time.values[::7]
     same = drop(SLS, R, M, 0.0015, 0.12)
@@ -396,7 +394,7 @@ def test_the_contact_may_outgrow_its_springs():
         ({"maps": [0.02], "solver": "thesis"}, "maps"),
         ({"ring_width": -1.0, "solver": "rings"}, "ring_width"),
         ({"solver": "thesis", "plate": Plate(1.0, 100.0)}, "rigid"),
-        ({"max_steps": 50}, "max_steps"),
+        ({"max_steps": 20}, "max_steps"),
     ],
 )
 def test_bad_input_is_refused_with_the_reason(change, message):
