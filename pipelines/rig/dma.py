@@ -26,9 +26,9 @@ _SETTLE = 300.0  # s at a new temperature before its sweep begins
 class Protocol:
     """Isothermal sweeps from high to low frequency [Hz], then one temperature sweep.
 
-    ``u_storage`` and ``u_loss`` are the relative noise of the moduli, ``clamping`` the relative
-    scatter of all moduli of one sweep as the clamp settles anew, ``u_scale`` that of all moduli of
-    one specimen, whose dimensions are known so well; ``delay`` [s] is that of the phase.
+    ``u_storage`` and ``u_loss`` are the relative noise of the moduli, ``u_scale`` the relative
+    scatter of all moduli over specimens, whose dimensions are known so well; ``delay`` [s] is
+    that of the phase.
     """
 
     temperatures: tuple[float, ...] = tuple(np.arange(-40.0, 121.0, 10.0).tolist())
@@ -39,12 +39,11 @@ class Protocol:
     u_loss: float = 0.02
     u_temperature: float = 0.03
     offset_temperature: float = 0.2
-    clamping: float = 0.0
     u_scale: float = 0.0
     delay: float = 0.0
 
 
-CAMPAIGN = Protocol(clamping=2e-3, u_scale=0.01, delay=20e-6)
+CAMPAIGN = Protocol(u_scale=0.01, delay=20e-6)
 """What the campaign's rheometer does to a modulus."""
 
 
@@ -60,8 +59,7 @@ def write_dma(folder: Path, name: str, solid: Solid, protocol: Protocol, seed: i
         clock += _SETTLE
         time = np.asarray(clock + np.cumsum(3.0 / frequency), dtype=np.float64)
         clock = float(time[-1])
-        level = scale * float(np.exp(protocol.clamping * generator.standard_normal())) if protocol.clamping else scale
-        columns = _columns(solid, protocol, generator, time, frequency, T, level)
+        columns = _columns(solid, protocol, generator, time, frequency, T, scale)
         intervals.append(anton_paar.make_interval(f"{name} (synthetic)", "Frequency sweeps", number, columns))
     T = np.asarray(protocol.ramp)
     columns = _columns(
@@ -89,11 +87,11 @@ def _columns(
     time: Floats,
     frequency: Floats,
     temperature: Floats,
-    level: float,
+    scale: float,
 ) -> list[anton_paar.Column]:
     """Make the columns of one table: the moduli with multiplicative noise."""
     phase = np.exp(2j * np.pi * frequency * protocol.delay)
-    true = level * phase * solid.modulus(frequency, temperature)
+    true = scale * phase * solid.modulus(frequency, temperature)
     factor = 2 * (1 + solid.nu) if solid.mode == "torsion" else 1.0
     storage = true.real / factor * np.exp(protocol.u_storage * generator.standard_normal(time.size))
     loss = true.imag / factor * np.exp(protocol.u_loss * generator.standard_normal(time.size))

@@ -93,6 +93,7 @@ def dma_section(name: str, export: str, solid: Solid) -> str:
 
     A reference temperature above the sweeps, as the thesis has for PEEK, needs a law.
     """
+    vertical = "rho_T" if solid.is_entropic else "linear"
     law = "" if solid.T_ref <= _WARMEST else 'law = "arrhenius"  # T_ref is above the sweeps\n'
     nu = _STATED_NU.get(name.removesuffix("_dma"), f"{solid.nu:g}")
     return f"""
@@ -106,4 +107,5 @@ scale = "1.000 ± 0.010"  # of the moduli, by the specimen's dimensions
 
 [experiments.{name}.fit]
 delay = "on"  # the phase of any rheometer lags by some microseconds
+vertical = "{vertical}"  # a rubber is entropic, a plastic expands and softens a little
 {law}"""
