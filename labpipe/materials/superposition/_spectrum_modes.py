@@ -72,7 +72,7 @@ def modes_of(
     value = _curve(found.fit, ln_omega) @ found.fit.solution.coefficient
     for share, fit in possible:
         design, active = _curve(fit, ln_omega), fit.solution.coefficient > 0
-        spread = _root(np.linalg.pinv(fit.normal, hermitian=True))
+        spread = _root(np.asarray(np.linalg.pinv(fit.normal, hermitian=True), dtype=np.float64))
         moved = design @ fit.solution.coefficient - value
         both = np.column_stack([design[:, active] @ spread, moved]) * np.sqrt(share) / value[:, None]
         columns.append(np.vstack([both, np.zeros((2 * isotherms, both.shape[1]))]))
