@@ -27,6 +27,7 @@ from labpipe.materials.superposition import (
     MasterCurve,
     ShiftLaw,
     TableRun,
+    UncertainSpectrum,
     arrhenius,
     gather_sweeps,
     isothermal_runs,
@@ -36,6 +37,7 @@ from labpipe.materials.superposition import (
     read_sweeps,
     shift_at,
     trusted_tables,
+    uncertain_spectra,
     wlf,
 )
 
@@ -52,6 +54,7 @@ __all__ = [
     "Solid",
     "TableRun",
     "Thermal",
+    "UncertainSpectrum",
     "arrhenius",
     "compress",
     "creep_from_relaxation",
@@ -79,5 +82,6 @@ __all__ = [
     "standard_linear_solid",
     "thermal",
     "trusted_tables",
+    "uncertain_spectra",
     "wlf",
 ]

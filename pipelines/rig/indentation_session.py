@@ -3,9 +3,11 @@
 from datetime import datetime, timedelta
 from pathlib import Path
 
-from labpipe import files, materials
+from labpipe import files
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
+from pipelines.rig.session_text import material_lines
+from pipelines.rig.solids import specimen_of
 
 FREQUENCIES = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0)
 """Hz; ten as in the thesis, 0.5 and 2 Hz among them."""
@@ -42,8 +44,7 @@ depth = "{specimen.depth * 1e3:g} ± 0.006 mm"
 tips = {specimen.tips}
 
 [experiments.{name}.substrate]
-material = "{material}"
-
+{material_lines(material)}
 [experiments.{name}.load_cell]
 record = "calibration/load_cell.toml"
 
@@ -79,7 +80,7 @@ def write_indentations(
     folder: Path, note: str, start: datetime, held: Relaxation, oscillating: Harmonic
 ) -> tuple[list[str], str]:
     """Write recordings, truth and the cell's record; returns experiments and their sections."""
-    specimen = Specimen(materials.load(_MATERIAL))
+    specimen = Specimen(specimen_of(_MATERIAL))
     relaxation, harmonic = f"{_MATERIAL}_relaxation", f"{_MATERIAL}_harmonic"
     recordings = write_relaxation(folder, relaxation, specimen, held, TESTER, 70, start)
     write_harmonic(folder, harmonic, specimen, oscillating, TESTER, 80, start + timedelta(hours=3))

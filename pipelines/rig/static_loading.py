@@ -11,6 +11,7 @@ from instruments import keyence
 from labpipe import files
 from pipelines.rig.laser_sensor import LaserSensor
 from pipelines.rig.reference_static import reference_static
+from pipelines.rig.session_text import material_lines
 from pipelines.rig.solids import Truth, solid_of, truth_of_solid
 
 
@@ -84,8 +85,7 @@ loads = [
 
 [experiments.{name}.sphere]
 radius = "{rig.radius * 1e3:g} ± 0.005 mm"
-material = "{material}"
-
+{material_lines(material)}
 [experiments.{name}.steps]
 drift = "{rig.drift * 1e6:g} um"
 """
