@@ -61,7 +61,7 @@ def copy_of(history: History, springs: int) -> History:
     return History(
         history.table,
         history.edges.copy(),
-        np.ascontiguousarray(history.moments[:, :, :springs]),
+        history.moments[:, :, :springs].copy(),
         history.is_single.copy(),
         history.order.copy(),
         history.blocks.copy(),
