@@ -40,7 +40,15 @@ from pipelines.rig.indentations import Harmonic
 from pipelines.rig.plate import PLATE, PLATE_RIG
 from pipelines.rig.plate_session import plate_laser_record, plate_section, write_ringing_of
 from pipelines.rig.relaxations import Relaxation
-from pipelines.rig.session_text import NOTE, dma_section, drop_section, height_name, laser_record, session_head
+from pipelines.rig.session_text import (
+    NOTE,
+    dma_section,
+    drop_section,
+    from_dma,
+    height_name,
+    laser_record,
+    session_head,
+)
 from pipelines.rig.solids import SOLIDS, specimen_of
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
 
@@ -248,7 +256,7 @@ def _contact_film(folder: Path, height: float, temperature: float | None, extent
         times = burst_times(body, extent.under.release, replace(extent.bursts, rest=rest))
     seed = 3700 + round(1e4 * height) + (0 if temperature is None else 1)
     film = write_under(folder, f"{name}_under", body, extent.under, times, seed)
-    return under_section(film, name, height, temperature=temperature, extra=_ON_PLATE)
+    return under_section(film, name, height, extra=_ON_PLATE, source=from_dma("acrylic", temperature))
 
 
 def _front_film(folder: Path, extent: Extent) -> str:
@@ -270,7 +278,7 @@ def _drops(
     """Record the repeats of one height by the laser."""
     solid = specimen_of(material, _true(temperature))
     recordings = write_drops(folder, name, extent.rig, solid, height, extent.repeats, seed, start)
-    return drop_section(name, recordings, height, material, _ON_PLATE, temperature)
+    return drop_section(name, recordings, height, material, _ON_PLATE, from_dma(material, temperature))
 
 
 def _true(temperature: float | None) -> float | None:
@@ -285,7 +293,7 @@ def _rings(folder: Path, material: str, height: float, seed: int, start: datetim
 def _static(folder: Path, start: datetime) -> str:
     rig = StaticRig()
     file = write_static(folder, "ptfe_static", rig, specimen_of("ptfe"), 90, start)
-    return static_section("ptfe_static", file, rig, "ptfe")
+    return static_section("ptfe_static", file, rig, "ptfe", from_dma("ptfe"))
 
 
 def _indentations(folder: Path, start: datetime, extent: Extent) -> str:

@@ -14,7 +14,7 @@ from pipelines.rig.fall import Body, DropRig, fall
 from pipelines.rig.film_front import FrontCamera, write_front_film, write_truth
 from pipelines.rig.film_under import UnderCamera, write_under_film
 from pipelines.rig.reference_drop import Floor
-from pipelines.rig.session_text import height_name, material_lines
+from pipelines.rig.session_text import from_dma, from_library, height_name
 from pipelines.rig.solids import specimen_of
 
 FRONT_HEIGHT, UNDER_HEIGHT = 7e-3, 1.5e-3  # m
@@ -137,7 +137,7 @@ def write_films(folder: Path, start: datetime, *, full_size: bool = False) -> tu
     front_film = write_front(folder, "ptfe", FRONT_HEIGHT, front, 31)
     under_film = write_under(folder, "acrylic_under", body, under, times, 37)
     write_calibration_images(folder)
-    sections = front_section(front_film, front) + under_section(under_film)
+    sections = front_section(front_film, front) + under_section(under_film, source=from_dma("acrylic"))
     return laser, sections
 
 
@@ -167,14 +167,9 @@ subset = {small}
 
 
 def under_section(
-    film: str,
-    name: str = "acrylic_film",
-    height: float = UNDER_HEIGHT,
-    *,
-    temperature: float | None = None,
-    extra: str = "",
+    film: str, name: str = "acrylic_film", height: float = UNDER_HEIGHT, *, extra: str = "", source: str = ""
 ) -> str:
-    """Return the table of a film under the disc in session.toml."""
+    """Return the table of a film under the disc; ``source`` as for :func:`.drop_section`."""
     return f"""
 [experiments.{name}]
 kind = "contact_area"
@@ -187,4 +182,4 @@ wavelength = "633 nm"
 [experiments.{name}.sphere]
 radius = "9.525 ± 0.005 mm"
 mass = "505.0 ± 0.5 g"
-{material_lines("acrylic", temperature)}"""
+{source or from_library("acrylic")}"""

@@ -6,7 +6,7 @@ from pathlib import Path
 from labpipe import files
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
-from pipelines.rig.session_text import material_lines
+from pipelines.rig.session_text import from_dma, from_library
 from pipelines.rig.solids import specimen_of
 
 FREQUENCIES = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0)
@@ -34,7 +34,7 @@ filter_delay = "15.9 ± 0.2 ms"  # against an elastic reference
 """
 
 
-def punch_section(name: str, specimen: Specimen, material: str = _MATERIAL) -> str:
+def punch_section(name: str, specimen: Specimen, source: str = "") -> str:
     """Return the tables of punch, substrate, load cell and model of an indentation."""
     return f"""
 [experiments.{name}.punch]
@@ -44,7 +44,7 @@ depth = "{specimen.depth * 1e3:g} ± 0.006 mm"
 tips = {specimen.tips}
 
 [experiments.{name}.substrate]
-{material_lines(material)}
+{source or from_library(_MATERIAL)}
 [experiments.{name}.load_cell]
 record = "calibration/load_cell.toml"
 
@@ -53,7 +53,7 @@ profile = "parabola"  # the virtual tip is one
 """
 
 
-def relaxation_section(name: str, mach1: list[str], specimen: Specimen) -> str:
+def relaxation_section(name: str, mach1: list[str], specimen: Specimen, source: str = "") -> str:
     """Return the tables of relaxation tests in session.toml."""
     listed = "".join(f'  "{each}",\n' for each in mach1)
     head = f"""
@@ -62,10 +62,10 @@ kind = "relaxation"
 mach1 = [
 {listed}]
 """
-    return head + punch_section(name, specimen)
+    return head + punch_section(name, specimen, source)
 
 
-def oscillation_section(name: str, specimen: Specimen) -> str:
+def oscillation_section(name: str, specimen: Specimen, source: str = "") -> str:
     """Return the tables of a harmonic indentation with a calibrated load cell."""
     head = f"""
 [experiments.{name}]
@@ -73,7 +73,7 @@ kind = "harmonic"
 mach1 = "mach1/{name}.txt"
 characteristic_time = "1.56e-10 s"  # tau_0 of the thesis
 """
-    return head + punch_section(name, specimen)
+    return head + punch_section(name, specimen, source)
 
 
 def write_indentations(
@@ -85,5 +85,6 @@ def write_indentations(
     recordings = write_relaxation(folder, relaxation, specimen, held, TESTER, 70, start)
     write_harmonic(folder, harmonic, specimen, oscillating, TESTER, 80, start + timedelta(hours=3))
     files.write_text(folder / "calibration/load_cell.toml", cell_record(note))
-    text = relaxation_section(relaxation, recordings, specimen)
-    return [relaxation, harmonic], text + oscillation_section(harmonic, specimen)
+    source = from_dma(_MATERIAL)
+    text = relaxation_section(relaxation, recordings, specimen, source)
+    return [relaxation, harmonic], text + oscillation_section(harmonic, specimen, source)

@@ -27,9 +27,10 @@ from pipelines.rig.session_text import (
     dma_name,
     dma_section,
     drop_section,
+    from_dma,
+    from_library,
     height_name,
     laser_record,
-    material_lines,
     session_head,
 )
 from pipelines.rig.solids import SOLIDS, specimen_of
@@ -85,7 +86,7 @@ def holds_demo(folder: Path) -> bool:
     return source.is_file() and f'title = "{_DEMO_TITLE}"' in source.read_text("utf-8", "replace")
 
 
-def harmonic_section(name: str, specimen: Specimen, material: str) -> str:
+def harmonic_section(name: str, specimen: Specimen, material: str, source: str = "") -> str:
     """Return the table of one harmonic indentation in session.toml."""
     return f"""
 [experiments.{name}]
@@ -99,7 +100,7 @@ depth = "{specimen.depth * 1e3:g} mm"
 tips = {specimen.tips}
 
 [experiments.{name}.substrate]
-{material_lines(material)}
+{source or from_library(material)}
 [experiments.{name}.model]
 profile = "parabola"  # the virtual tip is one
 """
@@ -132,7 +133,7 @@ def write_series(
             folder, name, rig, solid, height, repeats, seed, _START + timedelta(minutes=20 * number)
         )
         names.append(name)
-        sections += drop_section(name, recordings, height, material, STATED_FLOOR)
+        sections += drop_section(name, recordings, height, material, STATED_FLOOR, from_dma(material))
     return names, sections
 
 
@@ -140,7 +141,7 @@ def _write_core(folder: Path, title: str, heights: tuple[float, ...], repeats: i
     names, sections = write_series(folder, DropRig(), "acrylic", heights, repeats)
     specimen = Specimen(specimen_of("nbr"))
     write_harmonic(folder, "nbr_harmonic", specimen, protocol, Tester(), 7, _START + timedelta(days=1))
-    sections += harmonic_section("nbr_harmonic", specimen, "nbr")
+    sections += harmonic_section("nbr_harmonic", specimen, "nbr", from_dma("nbr"))
     sections += sweeps(folder, "acrylic", "nbr")
     files.write_text(folder / "calibration/laser.toml", laser_record())
     files.write_text(folder / "session.toml", session_head(title) + sections)
@@ -168,7 +169,11 @@ def _dma(folder: Path, full_size: bool) -> list[str]:
 
 def _films(folder: Path, full_size: bool) -> list[str]:
     laser, sections = write_films(folder, _START, full_size=full_size)
-    sections = drop_section("ptfe_7mm", laser, FRONT_HEIGHT, "ptfe") + sections + sweeps(folder, "ptfe", "acrylic")
+    sections = (
+        drop_section("ptfe_7mm", laser, FRONT_HEIGHT, "ptfe", source=from_dma("ptfe"))
+        + sections
+        + sweeps(folder, "ptfe", "acrylic")
+    )
     records = {
         "laser": laser_record(),
         "camera_front": front_record(),
@@ -197,7 +202,10 @@ def _static(folder: Path, full_size: bool) -> list[str]:
     file = write_static(folder, name, rig, specimen_of("ptfe"), 90, _START)
     files.write_text(folder / "calibration/laser.toml", laser_record())
     head = session_head("PTFE sphere under five loads (synthetic)")
-    files.write_text(folder / "session.toml", head + static_section(name, file, rig, "ptfe") + sweeps(folder, "ptfe"))
+    files.write_text(
+        folder / "session.toml",
+        head + static_section(name, file, rig, "ptfe", from_dma("ptfe")) + sweeps(folder, "ptfe"),
+    )
     return [name, "ptfe_dma"]
 
 
@@ -215,7 +223,9 @@ def _plate(folder: Path, full_size: bool) -> list[str]:
         4242,
         _START + timedelta(days=1),
     )
-    sections += drop_section("acrylic_10mm", recordings, heights[1], "acrylic", 'plate_from = "plate"\n')
+    sections += drop_section(
+        "acrylic_10mm", recordings, heights[1], "acrylic", 'plate_from = "plate"\n', from_dma("acrylic")
+    )
     files.write_text(folder / "calibration/laser.toml", laser_record())
     files.write_text(folder / "calibration/laser_plate.toml", plate_laser_record())
     sections += sweeps(folder, "acrylic")

@@ -58,7 +58,12 @@ synthetic = true
 """
 
 
-def material_lines(material: str, temperature: float | None = None) -> str:
+def from_library(material: str) -> str:
+    """Return the line that takes a material from the library."""
+    return f'material = "{material}"\n'
+
+
+def from_dma(material: str, temperature: float | None = None) -> str:
     """Return the lines that take a material from its DMA experiment, in the room or heated [degC]."""
     stated = f"{_STATED_ROOM:.1f} ± 0.5" if temperature is None else f"{temperature:g} ± 1"
     return f'material_from = "{dma_name(material)}"\ntemperature = "{stated} degC"\n'
@@ -70,9 +75,12 @@ def dma_name(material: str) -> str:
 
 
 def drop_section(
-    name: str, recordings: list[str], height: float, material: str, extra: str = "", temperature: float | None = None
+    name: str, recordings: list[str], height: float, material: str, extra: str = "", source: str = ""
 ) -> str:
-    """Return the table of one ball drop in session.toml; ``extra`` are more of its lines."""
+    """Return the table of one ball drop in session.toml; ``extra`` are more of its lines.
+
+    ``source`` are the lines that name the material; without it, it is the library's.
+    """
     listed = "".join(f'  "{r}",\n' for r in recordings)
     return f"""
 [experiments.{name}]
@@ -85,7 +93,7 @@ height = "{height * 1e3:g} ± 0.005 mm"
 [experiments.{name}.sphere]
 radius = "9.525 ± 0.005 mm"
 mass = "505.0 ± 0.5 g"
-{material_lines(material, temperature)}"""
+{source or from_library(material)}"""
 
 
 def dma_section(name: str, export: str, solid: Solid) -> str:
