@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from labpipe import files, materials
+from labpipe import files
 from labpipe.uncertainty import linear_budget
 from pipelines.figures import make
 from pipelines.process import process, result
@@ -27,7 +27,7 @@ HEIGHT = 1.5e-3
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("film")
-    acrylic = materials.load("acrylic")
+    acrylic = specimen_of("acrylic")
     start = datetime(2024, 5, 14, 9, 30)
     laser = write_drops(folder, "drop", DropRig(duration=0.1), acrylic, HEIGHT, 2, 5, start)
     film = write_front(folder, "acrylic", HEIGHT, CAMERA, 9)
