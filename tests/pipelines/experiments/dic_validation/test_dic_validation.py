@@ -17,6 +17,7 @@ from pipelines.rig.fall import DropRig
 from pipelines.rig.film_front import FrontCamera
 from pipelines.rig.film_session import front_record, front_section, under_record, write_front
 from pipelines.rig.samples import drop_section, laser_record, session_head
+from pipelines.rig.solids import specimen_of
 from tests.labpipe.report.conftest import assert_fit_to_read
 from tests.pipelines.asked import quantities
 
