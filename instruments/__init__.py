@@ -28,6 +28,7 @@ from instruments.mach1 import Options as Mach1Options
 from instruments.phantom import INSTRUMENT as PHANTOM
 from instruments.tables import INSTRUMENT as PLAIN_TABLE
 from instruments.tables import Options as TableOptions
+from instruments.tables import holds_rows
 from labpipe.build import BUILD
 from labpipe.errors import InputError, LabpipeError, SourceError, UsageError
 from labpipe.plugins import Plugin, survey, tell
@@ -136,11 +137,13 @@ def _identify(path: Path) -> Instrument:
         if plugin.found is not None and _is_from(plugin, head, path):
             return plugin.found
     tried = ", ".join(each.name for each in known())
-    raise SourceError(
-        path,
-        f"no instrument recognises the content; tried {tried}",
-        hint='If you know what wrote it, say so: instrument="keyence" (or another of these).',
-    )
+    hint = 'If you know what wrote it, say so: instrument="keyence" (or another of these).'
+    if holds_rows(head):
+        hint += (
+            " Of a table of moduli, name the columns in order with their units: "
+            """instrument="plain_table", columns="f (Hz), E' (MPa), E'' (MPa), T (degC)"."""
+        )
+    raise SourceError(path, f"no instrument recognises the content; tried {tried}", hint=hint)
 
 
 def _is_from(plugin: Plugin[Instrument], head: bytes, path: Path) -> bool:

@@ -4,9 +4,10 @@
 >>> fall = lp.drop("acrylic", radius="9.525 mm", mass="505 g", height="7 mm", duration="50 ms")
 
 ``lp.read`` and ``lp.inspect`` a file; ``lp.init``, ``lp.plan``, ``lp.process`` and ``lp.watch`` a
-session; look at it with ``lp.result``, ``lp.results``, ``lp.report``, ``lp.compare``,
-``lp.verdict``, ``lp.sensitivity``, ``lp.identify``, ``lp.catalogue`` and ``lp.export``; make a synthetic one with
-``lp.sample`` or ``lp.demo``; simulate with ``lp.drop``, ``lp.indent`` and ``lp.sweep``.
+session, or ``lp.open`` it in a local page; look at it with ``lp.result``, ``lp.results``,
+``lp.report``, ``lp.compare``, ``lp.verdict``, ``lp.sensitivity``, ``lp.identify``, ``lp.catalogue``
+and ``lp.export``; make a synthetic one with ``lp.sample`` or ``lp.demo``; simulate with ``lp.drop``,
+``lp.indent`` and ``lp.sweep``.
 
 Behind it stand, from the ground up, :mod:`labpipe.signals`, :mod:`labpipe.materials`,
 :mod:`labpipe.contact`, :mod:`labpipe.imaging`, :mod:`labpipe.identification`; beside them
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from labpipe.materials import MasterCurve, Prony, master_curve
     from labpipe.materials import solid as material
     from labpipe.signals import velocity
+    from pipelines.app import open
     from pipelines.figures import figures
     from pipelines.identify import identify
     from pipelines.rig import demo, sample
@@ -70,6 +72,7 @@ else:
         "inspect": "pipelines.session",
         "master_curve": "labpipe.materials",
         "material": "labpipe.materials:solid",
+        "open": "pipelines.app",
         "plan": "pipelines.session",
         "process": "pipelines.session",
         "read": "instruments",
@@ -103,6 +106,7 @@ __all__ = [
     "inspect",
     "master_curve",
     "material",
+    "open",
     "plan",
     "process",
     "read",

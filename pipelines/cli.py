@@ -30,6 +30,7 @@ _HOME = "pipelines.commands"
 _USAGE = 2  # exit code of a line that cannot be understood
 COMMANDS: dict[str, Command] = {
     "demo": Command(f"{_HOME}.sample:demo", "Write a synthetic session and process it."),
+    "open": Command(f"{_HOME}.open:open_", "Set up, run and read a session in a local page."),
     "init": Command(f"{_HOME}.session:init", "Scan a folder and write a commented session.toml."),
     "inspect": Command(f"{_HOME}.inspect:inspect", "Show what a file is and its problems."),
     "plan": Command(f"{_HOME}.session:plan", "Show what `process` would run, and why."),

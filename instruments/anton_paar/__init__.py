@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from instruments.anton_paar._dataset import CLIPPED, assemble, make_column, make_interval
     from instruments.anton_paar._export import read
     from instruments.anton_paar._values import Column, Interval
-    from instruments.anton_paar._words import SI_OF, column_name, slug, unit_of
+    from instruments.anton_paar._words import SI_OF, column_name, repaired, slug, unit_of
     from instruments.anton_paar._writer import LANGUAGES, encode, write
 else:
     _HOMES = {
@@ -25,6 +25,7 @@ else:
         "Interval": "_values",
         "SI_OF": "_words",
         "column_name": "_words",
+        "repaired": "_words",
         "slug": "_words",
         "unit_of": "_words",
         "LANGUAGES": "_writer",
@@ -47,6 +48,7 @@ __all__ = [
     "make_column",
     "make_interval",
     "read",
+    "repaired",
     "slug",
     "unit_of",
     "write",

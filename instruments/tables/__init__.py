@@ -1,9 +1,9 @@
-"""Plain tables of a dynamic mechanical analysis, as other software exports them."""
+"""Tables of a dynamic mechanical analysis as text, as analysers and other software export them."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
-from instruments._instrument import Instrument, text_of
+from instruments._instrument import HEAD_BYTES, Instrument, text_of
 from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
@@ -12,7 +12,10 @@ else:
     _HOMES = {"read": "_plain"}
     __getattr__ = lazily(__name__, _HOMES)
 
-__all__ = ["INSTRUMENT", "Options", "read"]
+__all__ = ["INSTRUMENT", "Options", "holds_rows", "read"]
+
+_FAR = 64 * HEAD_BYTES  # how far into a file the lines about specimen and procedure may reach
+_PROCEDURE = ("[File Parameters]", "[step]", "#EXPORTTYPE", "#FORMAT", "#SEPARATOR", "Instrument name", "Curve Name")
 
 
 class Options(TypedDict, total=False):
@@ -20,17 +23,42 @@ class Options(TypedDict, total=False):
 
     encoding: str | None
     decimal: str | None
+    columns: str | None
     allow_incomplete: bool
 
 
 def _sniff(head: bytes, path: Path) -> bool:
-    """Tell a plain table of sweeps or shift factors by the quantities in its first line."""
-    from instruments.tables._words import recognises
+    """Tell a table of sweeps, responses or shift factors by the quantities in its headings."""
+    from instruments.tables._layout import headings_of
 
-    del path
-    text = text_of(head)
-    first = next((line for line in text.splitlines() if line.strip()), "")
-    return "\0" not in text and recognises(first.removeprefix("\N{ZERO WIDTH NO-BREAK SPACE}"))
+    text = _text(head)
+    if "\0" in text or not head:
+        return False
+    if any(word in text for word in _PROCEDURE):  # many lines before the first table
+        try:
+            with path.open("rb") as stream:
+                head = stream.read(_FAR)
+        except OSError:
+            return False
+        text = _text(head)
+    lines = text.removeprefix("\N{ZERO WIDTH NO-BREAK SPACE}").splitlines()
+    return any(headings_of(line) is not None for line in lines if line.strip())
+
+
+def holds_rows(head: bytes) -> bool:
+    """Tell whether the beginning of a file holds rows of three numbers or more, as a table does."""
+    from instruments.tables._layout import numbers_of
+
+    text = _text(head)
+    return "\0" not in text and any(len(numbers_of(line)) > 2 for line in text.splitlines()[:-1])
+
+
+def _text(head: bytes) -> str:
+    """Decode the beginning of a file; symbols such as E′ stand in headings."""
+    try:
+        return head[: head.rfind(b"\n") + 1 or None].decode("utf-8")
+    except UnicodeDecodeError:
+        return text_of(head)
 
 
 INSTRUMENT = Instrument(

@@ -1,31 +1,35 @@
-"""Plain tables of a dynamic mechanical analysis: a row of headings, a row of units, numbers.
+"""Tables of a dynamic mechanical analysis as text: headings, units, numbers, once or many times.
 
-This is how other analysers, programs and supplements of papers hand sweeps on::
+This is how analysers, programs and supplements of papers hand sweeps on::
 
     f,E_stor,E_loss,T,Set
     Hz, MPa, MPa, C, -
     0.1,8097.175545,93.07449045,-49.9612,0
 
-and shift factors: ``T,log_aT``. Columns are found by name (:mod:`instruments.tables._words`),
-units by the second row or by brackets in the headings; nothing is guessed. A column ``Set``
-numbers the isotherms. The result has the form of :func:`instruments.anton_paar.read`.
+and shift factors, ``T,log_aT``, and responses over time, ``t (s), E(t) (MPa)``. Columns are found
+by name (:mod:`instruments.tables._words`), wherever the table stands
+(:mod:`instruments.tables._layout`), units by a row of their own or by the headings; nothing is
+guessed. A column ``Set`` numbers the isotherms. Of E″ and tan δ, of |E*| and δ, of compliances and
+of complex viscosities the moduli are made (:mod:`instruments.tables._moduli`). The result has the
+form of :func:`instruments.anton_paar.read`.
 """
 
-import csv
 import json
 import os
+import re
 import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from instruments import anton_paar
 from instruments.anton_paar import Column, Interval, assemble
-from instruments.tables import _words
+from instruments.tables import _layout, _words
+from instruments.tables._layout import ABSENT, Block
+from instruments.tables._moduli import missing, with_moduli
+from instruments.tables._words import Heading
 from labpipe.arrays import Floats
 from labpipe.errors import InputError, SourceError
 from labpipe.numbers import listed
@@ -33,31 +37,16 @@ from labpipe.text import Limits, Separators, TextFile, not_a_number, plain_numbe
 
 DEVICE = "plain table of a dynamic mechanical analysis"
 
-
 _LIMITS = Limits(max_bytes=128 << 20)
-_ABSENT = ("", "-", "nan", "n/a", "na")
 _ZERO_CELSIUS = 273.15
-# What the canonical columns become beyond those of a rheometer.
-_SI_OF = {
-    **anton_paar.SI_OF,
-    "log10_aT": ("1",),
-    "ln_aT": ("1",),
-    "a_T": ("1",),
-    "b_T": ("1",),
-    "set": ("1",),
-    "temperature": ("degC", "K"),
-    "temperature_set": ("degC", "K"),
-}
-
-
-@dataclass(frozen=True, slots=True)
-class _Head:
-    """What the first rows say: names, headings and units of the columns; where numbers begin."""
-
-    names: list[str]
-    headings: list[str]
-    units: list[str]
-    first: int
+_EXAMPLE = {
+    "frequency": "Hz", "angular_frequency": "rad/s", "temperature": "degC", "temperature_set": "degC", "time": "s",
+    "interval_time": "s", "phase_angle": "deg", "storage_compliance": "1/MPa", "loss_compliance": "1/MPa",
+    "complex_compliance": "1/MPa", "creep_compliance": "1/MPa", "complex_viscosity": "Pa s",
+    "complex_viscosity_real": "Pa s", "complex_viscosity_imaginary": "Pa s",
+}  # fmt: skip
+_UNITLESS = ("loss_factor", "log10_aT", "ln_aT", "a_T", "b_T", "set")
+_ABOVE = re.compile(r"([+-]?\d+(?:[.,]\d+)?)\s*(°\s?C|ºC|degC|C|K)\b")
 
 
 def read(
@@ -65,26 +54,32 @@ def read(
     *,
     encoding: str | None = None,
     decimal: str | None = None,
+    columns: str | None = None,
     allow_incomplete: bool = False,
 ) -> xr.Dataset:
-    """Read sweeps or shift factors from a plain table.
+    """Read sweeps, responses over time or shift factors from a table.
 
     Parameters
     ----------
     path : path-like
-        Text with TAB, semicolon or comma between the columns.
+        Text with TAB, semicolon, comma or blanks between the columns.
     encoding, decimal : str, optional
         By default decided from the file.
+    columns : str, optional
+        The columns in order with their units, ``"f (Hz), E' (MPa), E'' (MPa), T (degC)"``, of a
+        table that does not name them, or not so that it is understood.
     allow_incomplete : bool
-        Drop a last row that has no line end, with a warning; by default such a file is refused.
+        Drop a last row that has no line end, with a warning; by default it is kept, with a
+        warning, if it is whole, and the file is refused if cells are missing in it.
 
     Returns
     -------
     Dataset
         Over ``sample``, as :func:`instruments.anton_paar.read`: ``frequency`` [Hz],
-        ``storage_modulus``, ``loss_modulus`` [Pa], ``temperature`` [degC]; ``interval`` counts
-        the sets, where the file numbers them. Of a table of shifts ``temperature`` and
-        ``log10_aT`` (from ``a_T`` or its natural logarithm, if need be).
+        ``storage_modulus``, ``loss_modulus`` [Pa], ``temperature`` [degC] where the file gives
+        it; ``interval`` counts the sets and tables. Of responses ``time`` [s] and
+        ``relaxation_modulus`` [Pa] or ``creep_compliance`` [1/Pa]; of a table of shifts
+        ``temperature`` and ``log10_aT`` (from ``a_T`` or its natural logarithm, if need be).
 
     Raises
     ------
@@ -101,118 +96,155 @@ def read(
     path = Path(path)
     source = survey(path, declared=(encoding,) if encoding else ("cp1252",), limits=_LIMITS)
     lines = _lines(source, allow_incomplete)
-    delimiter = _words.delimiter_of(lines[0][1]) if lines else ""
-    if not delimiter:
-        raise SourceError(
-            path,
-            "the first line holds no headings separated by TAB, semicolon or comma",
-            line=1,
-            hint="Begin with a row such as f,E_stor,E_loss,T and a row of units.",
+    blocks = _layout.blocks(lines, None if columns is None else _named(columns))
+    if not blocks:
+        raise _without_headings(path, lines)
+    signs = _signs(path, blocks, decimal)
+    if not source.is_ended and not allow_incomplete:
+        _check_last_row(source, blocks[-1])
+    whole = _complete(path, [_Table(path, block, signs) for block in blocks])
+    return _assembled(path, source, whole, signs)
+
+
+def _named(columns: str) -> list[Heading]:
+    """Read the columns that a user names."""
+    found = [_words.parsed(text) for text in columns.split(";" if ";" in columns else ",")]
+    if not _words.is_table({heading.name for heading in found if heading.is_known}):
+        message = (
+            f'columns="{columns}" names {_spoken(found)}; expected frequency and two of storage modulus, loss modulus, '
+            "tan δ and so on, for example \"f (Hz), E' (MPa), E'' (MPa), T (degC)\""
         )
-    rows = [(number, _cells(line, delimiter)) for number, line in lines]
-    head = _head(path, rows)
-    is_short = _short_rows(path, lines[head.first :], len(head.names), delimiter)
-    signs = _signs(path, rows[head.first :], delimiter, decimal)
-    values = _values(path, rows[head.first :], head, signs)
-    values[is_short] = np.nan
-    columns = _columns(path, head, values, rows[0][0])
-    how = {"delimiter": delimiter, "decimal": signs.decimal}
-    return _assembled(path, source, columns, ~is_short, how)
+        raise InputError(message)
+    return found
 
 
 def _lines(source: TextFile, allow_incomplete: bool) -> list[tuple[int, str]]:
-    """Return the lines that are not empty with their numbers, the last one only if it is whole."""
-    found = [(number, line) for number, line in enumerate(source.lines(), 1) if line.strip("\t;, ")]
-    if source.is_ended or not found:
+    """Return the lines that are not empty with their numbers; without a cut one, if that is asked for."""
+    found = [(number, line) for number, line in enumerate(source.lines(), 1) if line.strip("\t;,| ")]
+    if source.is_ended or not found or not allow_incomplete:
         return found
-    if not allow_incomplete:
-        raise SourceError(
-            source.path,
-            "the last line has no line end; it may be cut",
-            line=source.n_lines,
-            hint="End the line if it is whole, or drop it with allow_incomplete=True.",
-        )
     warnings.warn(
         f"{source.path}:{source.n_lines}: the last line is cut, it has no line end; it is dropped", stacklevel=3
     )
     return found[:-1]
 
 
-def _cells(line: str, delimiter: str) -> list[str]:
-    """Split one line; what a spreadsheet padded at its end falls away."""
-    cells = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
-    while cells and not cells[-1]:
-        cells.pop()
-    return cells
+def _check_last_row(source: TextFile, block: Block) -> None:
+    """Refuse a last line that lost cells; of a whole one, say that its number may be short."""
+    if not block.rows or block.rows[-1][0] != source.n_lines:
+        return
+    if len(block.rows[-1][1]) < max(map(len, (cells for _, cells in block.rows))):
+        raise SourceError(
+            source.path,
+            "the last line has no line end and fewer cells than the others; it is cut",
+            line=source.n_lines,
+            hint="Complete the line, or drop it with allow_incomplete=True.",
+        )
+    warnings.warn(
+        f"{source.path}:{source.n_lines}: the last line has no line end; it is kept, as no cell is missing, "
+        "but if the file was cut, its last number is wrong",
+        stacklevel=3,
+    )
 
 
-def _short_rows(path: Path, lines: Sequence[tuple[int, str]], width: int, delimiter: str) -> NDArray[np.bool_]:
+def _without_headings(path: Path, lines: Sequence[tuple[int, str]]) -> SourceError:
+    """Say what was found in place of headings, and how to name the columns."""
+    width = next((len(found) for _, line in lines[:200] if len(found := _layout.numbers_of(line)) > 2), 0)
+    rows = f"; there are rows of {width} numbers" if width else ""
+    example = ["f (Hz)", "E' (MPa)", "E'' (MPa)", "T (degC)"][: max(width, 3)] + ["-"] * max(width - 4, 0)
+    return SourceError(
+        path,
+        "no line names the columns: expected frequency, temperature, storage and loss modulus (or tan δ, phase), or "
+        f"temperature and log_aT{rows}",
+        line=lines[0][0] if lines else 1,
+        hint=f'Name the columns in a first line, or in order with their units: columns="{", ".join(example)}".',
+    )
+
+
+def _spoken(headings: Sequence[Heading]) -> str:
+    """List the quantities of headings for a message."""
+    names = dict.fromkeys(_words.SPOKEN[h.name] for h in headings if h.is_known and h.name in _words.SPOKEN)
+    return ", ".join(names) or "no quantity that is known"
+
+
+def _signs(path: Path, blocks: Sequence[Block], decimal: str | None) -> Separators:
+    """Decide the decimal sign; between commas it can only be the dot, unless cells are quoted."""
+    found = [
+        cell
+        for block in blocks
+        for _, cells in block.rows
+        for heading, cell in zip(block.headings, cells, strict=False)
+        if heading.is_known
+    ]
+    if decimal is not None:
+        other = "." if decimal == "," else ","
+        grouped = any(other in cell and decimal in cell for cell in found)
+        return Separators(decimal, other if grouped else "")
+    if not any("," in cell for cell in found):
+        return Separators(".", "")
+    try:
+        # A power of ten says nothing, but its mantissa does.
+        return separators(re.split(r"[eEdD]", cell)[0] for cell in found)
+    except InputError as error:
+        raise SourceError(path, str(error)) from None
+
+
+class _Table:
+    """One table of the file, converted to SI.
+
+    Attributes
+    ----------
+    block : Block
+    columns : dict of str to Column
+        With storage and loss modulus, where they can be made.
+    is_whole : array of bool
+        False of rows that lost cells.
+    missing : str
+        What is missing in it, in words; "" of a complete table.
+    """
+
+    def __init__(self, path: Path, block: Block, signs: Separators) -> None:
+        self.block = block
+        if not block.rows:
+            raise SourceError(path, "found no row of numbers below the headings", line=block.line)
+        self.missing = missing(block.names())
+        self.columns: dict[str, Column] = {}
+        self.is_whole = np.ones(len(block.rows), dtype=bool)
+        if self.missing:
+            return
+        short = _short_rows(path, block)
+        values = _values(path, block, signs)
+        values[short] = np.nan
+        parts = list(_parted(path, block, values))
+        self.is_whole = np.tile(~short, len(parts))
+        self.columns = _joined([_converted(path, block, part) for part in parts])
+
+
+def _short_rows(path: Path, block: Block) -> NDArray[np.bool_]:
     """Find rows that lost cells, in a table whose other rows are whole.
 
     Which cell was lost is not known: two numbers may have become one, and those behind it stand in
     the wrong columns. An empty cell is no lost one; nor are those that every row lacks alike.
     """
-    counts = [len(next(csv.reader([line], delimiter=delimiter))) for _, line in lines]
-    is_short = np.array(counts) < width
-    if is_short.all() and len(set(counts)) <= 1:
-        return np.zeros(len(lines), dtype=bool)
-    short = [number for (number, _), count in zip(lines, counts, strict=True) if count < width]
+    width = max((k + 1 for k, heading in enumerate(block.headings) if heading.text), default=0)
+    is_short = np.array(block.widths) < width
+    if is_short.all() and len(set(block.widths)) <= 1:
+        return np.zeros(len(block.rows), dtype=bool)
+    short = [number for (number, _), is_one in zip(block.rows, is_short, strict=True) if is_one]
     if short:
         warnings.warn(
-            f"{path}: {listed(short)}: {len(short)} of {len(lines)} rows hold fewer than "
+            f"{path}: {listed(short)}: {len(short)} of {len(block.rows)} rows hold fewer than "
             f"{width} cells; it is unknown which are missing, so these rows are marked invalid",
             stacklevel=3,
         )
     return is_short
 
 
-def _head(path: Path, rows: Sequence[tuple[int, list[str]]]) -> _Head:
-    """Read headings and units."""
-    number, headings = rows[0]
-    parts = [_words.parted(heading) for heading in headings]
-    names = [_words.quantity(name) or anton_paar.slug(name) for name, _ in parts]
-    if not _words.is_table(set(names)):
-        raise SourceError(
-            path,
-            f"found the columns {shorten(', '.join(headings))}, expected frequency, "
-            "temperature, storage and loss modulus, or temperature and log_aT",
-            line=number,
-            hint="Name the columns, for example f,E_stor,E_loss,T.",
-        )
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise SourceError(
-            path,
-            f"two columns hold the same quantity: {', '.join(twice)}",
-            line=number,
-            hint="Delete or rename one of them.",
-        )
-    units = [unit for _, unit in parts]
-    second = rows[1][1] if len(rows) > 1 else []
-    # A unit may be "1"; but the first column always has one that is no number.
-    if second and plain_number(second[0].replace(",", ".")) is None:
-        stated = second + [""] * (len(names) - len(second))
-        return _Head(names, headings, stated[: len(names)], 2)
-    return _Head(names, headings, units, 1)
-
-
-def _signs(path: Path, rows: Sequence[tuple[int, list[str]]], delimiter: str, decimal: str | None) -> Separators:
-    """Decide the decimal sign; between commas it can only be the dot."""
-    if decimal is not None or delimiter == ",":
-        return Separators(decimal or ".", "")
-    try:
-        return separators(cell for _, cells in rows for cell in cells)
-    except InputError as error:
-        raise SourceError(path, str(error)) from None
-
-
-def _values(path: Path, rows: Sequence[tuple[int, list[str]]], head: _Head, signs: Separators) -> Floats:
-    """Return the numbers, NaN for an absent one."""
-    width = len(head.names)
-    if not rows:
-        raise SourceError(path, "found no row of numbers below the headings", line=1)
-    table = np.full((len(rows), width), np.nan)
-    for i, (number, cells) in enumerate(rows):
+def _values(path: Path, block: Block, signs: Separators) -> Floats:
+    """Return the numbers of the known columns, NaN for an absent one; text of others is no number."""
+    width = len(block.headings)
+    table = np.full((len(block.rows), width), np.nan)
+    for i, (number, cells) in enumerate(block.rows):
         if len(cells) > width:
             raise SourceError(
                 path,
@@ -221,44 +253,146 @@ def _values(path: Path, rows: Sequence[tuple[int, list[str]]], head: _Head, sign
                 hint="A cell was added; compare the row with its neighbours.",
             )
         for j, cell in enumerate(cells):
-            if cell.casefold() in _ABSENT:
+            if cell.casefold() in ABSENT:
                 continue
-            value = plain_number(cell, signs)
-            if value is None:
+            value = plain_number(cell.replace("D", "E").replace("d", "e"), signs)
+            if value is None and block.headings[j].is_known:
                 at = sum(len(before) + 1 for before in cells[:j]) + 1
                 raise not_a_number(cell, path=path, line_number=number, column=at)
-            table[i, j] = value
+            table[i, j] = np.nan if value is None else value
     return table
 
 
-def _columns(path: Path, head: _Head, values: Floats, line: int) -> dict[str, Column]:
-    """Convert every column to SI by the unit that the file states."""
-    found: dict[str, Column] = {}
-    for j, (name, heading, stated) in enumerate(zip(head.names, head.headings, head.units, strict=True)):
-        wanted = _SI_OF.get(name)
-        try:
-            unit = anton_paar.unit_of(stated or "1")
-        except InputError:
-            if wanted is None:
-                found[name] = Column(name, heading, stated, stated or "1", values[:, j])
-                continue
-            unit = None
-        # The radian is often left out.
-        si = "rad/s" if unit and name == "angular_frequency" and unit.si == "1/s" else None
-        si = si or (unit.si if unit else None)
-        if unit is None or si is None or (wanted is not None and si not in wanted):
-            raise SourceError(
-                path,
-                f"{heading} is in {shorten(stated or 'no unit')}, expected a unit of "
-                f"{' or '.join(wanted or ('its own',))}",
-                line=line + (head.first > 1),
-                hint="State the units in the second row, for example Hz, MPa, MPa, C.",
+def _parted(path: Path, block: Block, values: Floats) -> Iterator[list[tuple[Heading, Floats]]]:
+    """Yield the columns of a table, or of each of several that stand side by side.
+
+    Columns side by side belong to frequencies or temperatures that the headings state
+    (``E'(1 Hz)``, ``E'(10 Hz)``), or to temperatures in the line above.
+    """
+    pairs = list(zip(block.headings, values.T, strict=True))
+    places = list(dict.fromkeys(heading.at for heading in block.headings if heading.at is not None))
+    if places:
+        shared = [pair for pair in pairs if pair[0].at is None]
+        for place in places:
+            name = "temperature" if place[1] in ("degC", "K") else "frequency"
+            kept = [pair for pair in shared if pair[0].name != name]
+            constant = (Heading("", name, place[1], is_known=True), np.full(len(values), place[0]))
+            yield [*kept, *(pair for pair in pairs if pair[0].at == place), constant]
+        return
+    names = [heading.name for heading in block.headings if heading.is_known]
+    count = max((names.count(name) for name in names if name in _words.MODULI | _words.RESPONSES), default=1)
+    if count == 1:
+        yield _unique(path, block, pairs)
+        return
+    twice = {name for name in names if names.count(name) == count}
+    stated = _ABOVE.findall(block.above[1])
+    if ("temperature" in names and "temperature" not in twice) or ("temperature" not in twice and len(stated) != count):
+        titles = [heading.text for heading in block.headings if heading.name in twice]
+        raise SourceError(
+            path,
+            f"several columns hold the same quantity: {shorten(', '.join(titles))}",
+            line=block.line,
+            hint="Delete or rename all but one of them; of isotherms side by side, state each temperature with its "
+            "unit in the line above, or in the headings: E' @ 25 °C (MPa).",
+        )
+    for k in range(count):
+        seen: dict[str, int] = {}
+        part = []
+        for heading, column in pairs:
+            index = seen.get(heading.name, 0)
+            seen[heading.name] = index + 1
+            if heading.name not in twice or index == k:
+                part.append((heading, column))
+        if "temperature" not in twice:
+            value = float(stated[k][0].replace(",", "."))
+            unit = "K" if stated[k][1] == "K" else "degC"
+            part.append((Heading("", "temperature", unit, is_known=True), np.full(len(values), value)))
+        yield part
+
+
+def _unique(path: Path, block: Block, pairs: Sequence[tuple[Heading, Floats]]) -> list[tuple[Heading, Floats]]:
+    """Keep the first of columns with the same quantity; told where the others differ."""
+    kept: dict[str, tuple[Heading, Floats]] = {}
+    for heading, column in pairs:
+        if heading.name not in kept:
+            kept[heading.name] = (heading, column)
+        elif heading.is_known and not np.array_equal(kept[heading.name][1], column, equal_nan=True):
+            warnings.warn(
+                f"{path}:{block.line}: two columns hold {_words.SPOKEN.get(heading.name, heading.name)} and differ; "
+                f'the first, "{kept[heading.name][0].text}", is taken',
+                stacklevel=3,
             )
-        column = values[:, j] * unit.factor
-        if si == "K":
-            column, si = column - _ZERO_CELSIUS, "degC"
-        found[name] = Column(name, heading, stated, si, column)
-    return _with_log_shift(path, found)
+    return list(kept.values())
+
+
+def _converted(path: Path, block: Block, pairs: Sequence[tuple[Heading, Floats]]) -> dict[str, Column]:
+    """Convert columns to SI by the units that the file states, and make the moduli of them."""
+    found: dict[str, Column] = {}
+    for heading, values in pairs:
+        if not heading.is_known:
+            if np.isfinite(values).any() and heading.name not in found:
+                found[heading.name] = Column(heading.name, heading.text, heading.unit, heading.unit or "1", values)
+            continue
+        if heading.name not in found:
+            found[heading.name] = _column(path, block, heading, values)
+    count = len(next(iter(found.values())).values)
+    for name, (value, unit) in block.facts.items():
+        has = found.keys() & (_words.FREQUENCIES if name == "frequency" else {name})
+        if not has:
+            heading = Heading(f"{name} of the header", name, unit, is_known=True)
+            found[name] = _column(path, block, heading, np.full(count, value))
+    if "temperature" not in found and "temperature_set" in found:
+        column = found["temperature_set"]
+        found["temperature"] = Column("temperature", column.header, column.unit, column.si, column.values)
+    return _with_log_shift(path, with_moduli(found))
+
+
+def _column(path: Path, block: Block, heading: Heading, values: Floats) -> Column:
+    """Convert one column to SI."""
+    name, stated = heading.name, heading.unit
+    wanted = _words.SI_OF.get(name, ("1",))
+    if not stated and name == "angular_frequency":
+        stated = "rad/s"  # that is what an angular frequency is in
+    try:
+        unit = _words.unit_of(stated) if stated or name in _UNITLESS or "1" in wanted else None
+    except InputError:
+        unit = None
+    if unit is None or unit.si not in wanted:
+        is_in = f"is in {shorten(stated)}" if stated else "has no unit"
+        spelled = " or ".join(dict.fromkeys("degC" if si == "degF" else si for si in wanted))
+        raise SourceError(
+            path,
+            f"{heading.text} {is_in}, expected a unit of {spelled}",
+            line=block.unit_line or block.line,
+            hint="State the units in the headings or in a row below them, or give all columns in order: "
+            f'columns="{_example(block)}".',
+        )
+    column = 10.0**values if heading.is_logarithm else values
+    si = "rad/s" if name == "angular_frequency" else "Hz" if name == "frequency" else unit.si
+    factor = unit.factor
+    if name == "angular_frequency" and unit.si == "Hz":
+        factor *= 2.0 * np.pi
+    if name == "frequency" and unit.si == "rad/s":
+        factor /= 2.0 * np.pi
+    column = column * factor
+    if unit.si == "K" and "degC" in wanted:
+        column, si = column - _ZERO_CELSIUS, "degC"
+    if unit.si == "degF":
+        column, si = (column - 32.0) * 5.0 / 9.0, "degC"
+    return Column(name, heading.text or name, stated, si, column)
+
+
+def _example(block: Block) -> str:
+    """Spell the columns with units, as they might be given."""
+    texts = []
+    for heading in block.headings:
+        unit = (
+            heading.unit.strip("[]()") if _words.fits(heading.name, heading.unit) else _EXAMPLE.get(heading.name, "MPa")
+        )
+        bare = re.split(r"\s*[(\[/,]", heading.text)[0].strip() if heading.is_known else heading.text
+        bare = re.sub(r'[";]', "''", bare)
+        texts.append(f"{bare} ({unit})" if heading.is_known and heading.name not in _UNITLESS else bare or "-")
+    return ", ".join(texts)
 
 
 def _with_log_shift(path: Path, columns: dict[str, Column]) -> dict[str, Column]:
@@ -273,6 +407,46 @@ def _with_log_shift(path: Path, columns: dict[str, Column]) -> dict[str, Column]
         found = np.log10(values) if name == "a_T" else values / np.log(10.0)
         columns["log10_aT"] = Column("log10_aT", column.header, column.unit, "1", found)
     return columns
+
+
+def _joined(parts: Sequence[dict[str, Column]]) -> dict[str, Column]:
+    """Put tables that stood side by side one below the other, numbered as sets."""
+    if len(parts) == 1:
+        return parts[0]
+    names = [name for name in parts[0] if all(name in part for part in parts)]
+    joined = {
+        name: Column(
+            name, parts[0][name].header, parts[0][name].unit, parts[0][name].si,
+            np.concatenate([np.asarray(part[name].values) for part in parts]),
+        )
+        for name in names
+    }  # fmt: skip
+    count = len(next(iter(parts[0].values())).values)
+    numbers = np.repeat(np.arange(len(parts), dtype=float), count)
+    return joined | {"set": Column("set", "", "", "1", numbers)}
+
+
+def _complete(path: Path, tables: Sequence[_Table]) -> list[_Table]:
+    """Return the tables that can be used; refuse a file that has none, naming what is missing."""
+    whole = [table for table in tables if not table.missing]
+    if not whole:
+        block = tables[0].block
+        raise SourceError(
+            path,
+            f"found {_spoken(block.headings)}; no {tables[0].missing}",
+            line=block.line,
+            hint="Export the table again with it; if a column is there under another name, name all columns in "
+            f'order: columns="{_example(block)}".',
+        )
+    for table in tables:
+        if table.missing:
+            title = f' "{table.block.title}"' if table.block.title else ""
+            warnings.warn(
+                f"{path}:{table.block.line}: the table{title} is left out: found {_spoken(table.block.headings)}; "
+                f"no {table.missing}",
+                stacklevel=3,
+            )
+    return whole
 
 
 def _sets(columns: dict[str, Column], count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -302,37 +476,61 @@ def _warn_of_a_cut(path: Path, sizes: NDArray[np.intp]) -> bool:
     return is_cut
 
 
-def _assembled(
-    path: Path, source: TextFile, columns: dict[str, Column], is_whole: NDArray[np.bool_], how: dict[str, str]
-) -> xr.Dataset:
-    """Make one interval of every run of a set, or of the whole table."""
-    count = len(next(iter(columns.values())).values)
-    order, starts = _sets(columns, count)
+def _intervals(path: Path, table: _Table, first: int) -> Iterator[Interval]:
+    """Yield one interval of every run of a set, or of the whole table."""
+    count = len(next(iter(table.columns.values())).values)
+    order, starts = _sets(table.columns, count)
     stops = np.append(starts[1:], count)
-    is_cut = _warn_of_a_cut(path, stops - starts)
-    kept = [column for name, column in columns.items() if name != "set"]
-    intervals = [
-        Interval(
+    kept = [column for name, column in table.columns.items() if name != "set"]
+    for number, (start, stop) in enumerate(zip(starts, stops, strict=True), first):
+        rows = order[start:stop]
+        yield Interval(
             path.stem,
-            "table",
+            table.block.title or "table",
             number,
             None,
             np.arange(1, stop - start + 1),
-            is_whole[order[start:stop]],
-            tuple(Column(c.name, c.header, c.unit, c.si, np.asarray(c.values)[order[start:stop]]) for c in kept),
+            table.is_whole[rows],
+            tuple(Column(c.name, c.header, c.unit, c.si, np.asarray(c.values)[rows]) for c in kept),
         )
-        for number, (start, stop) in enumerate(zip(starts, stops, strict=True), 1)
+
+
+def _assembled(path: Path, source: TextFile, tables: Sequence[_Table], signs: Separators) -> xr.Dataset:
+    """Make one Dataset of all tables."""
+    intervals: list[Interval] = []
+    for table in tables:
+        intervals += _intervals(path, table, len(intervals) + 1)
+    sizes = np.array([interval.point.size for interval in intervals])
+    is_cut = _warn_of_a_cut(path, sizes)
+    numbers = [
+        np.asarray(c.values, dtype=float) for table in tables for name, c in table.columns.items() if name != "set"
     ]
     dataset = assemble(
-        intervals,
+        _one_unit(intervals),
         source=path.name,
         encoding=source.encoding,
         header="",
-        empty_cells=int(sum(np.isnan(np.asarray(c.values, dtype=float)).sum() for c in kept)),
-        work=json.dumps({"bytes_read": source.size, "rows_read": count, "intervals_read": len(intervals)}),
-        **how,
+        empty_cells=int(sum(np.isnan(values).sum() for values in numbers)),
+        work=json.dumps({"bytes_read": source.size, "rows_read": int(sizes.sum()), "intervals_read": len(intervals)}),
+        delimiter=tables[0].block.separator,
+        decimal=signs.decimal,
     )
     dataset.attrs |= {"instrument": DEVICE, "layout": "plain table"}
     if is_cut:
         dataset.attrs["incomplete"] = 1
     return dataset
+
+
+def _one_unit(intervals: Sequence[Interval]) -> list[Interval]:
+    """Leave unknown columns out whose unit is not the same in all tables."""
+    units: dict[str, set[str]] = {}
+    for interval in intervals:
+        for column in interval.columns:
+            units.setdefault(column.name, set()).add(column.si)
+    return [
+        Interval(
+            i.test, i.result, i.number, i.declared, i.point, i.is_valid,
+            tuple(c for c in i.columns if len(units[c.name]) == 1),
+        )
+        for i in intervals
+    ]  # fmt: skip

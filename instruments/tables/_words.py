@@ -1,36 +1,228 @@
-"""How plain tables of a dynamic mechanical analysis name their columns.
+"""How tables of a dynamic mechanical analysis name their columns and units.
 
-Programs and supplements of papers write symbols (``E_stor``, ``G'``, ``log_aT``) as often as
-words; the case tells temperature ``T`` from time ``t``. Words in the four languages of the
-rheometer exports are known as well.
+Programs, supplements of papers and people write symbols (``E_stor``, ``G'``, ``log_aT``) as often
+as words, and the unit in brackets, behind a slash or a comma, or as the end of the name
+(``freq_hz``, ``G_storage_pa``). The case tells temperature ``T`` from time ``t``. Words in the four
+languages of the rheometer exports are known as well.
 """
 
 import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 from instruments import anton_paar
+from labpipe.errors import InputError
+from labpipe.units import Unit
 
-#: Canonical name to the symbols that stand for it, folded by :func:`fold`.
+#: Canonical name to the symbols and words that stand for it, folded by :func:`fold`.
 SYMBOLS: dict[str, tuple[str, ...]] = {
-    "frequency": ("f", "freq", "fset", "ν"),
-    "angular_frequency": ("w", "omega", "ω"),
-    "temperature": ("T", "temp", "tmeas"),
-    "temperature_set": ("tset", "tround"),
-    "time": ("t",),
-    "storage_modulus": ("estor", "gstor", "e'", "g'", "estorage", "gstorage", "storage"),
-    "loss_modulus": ("eloss", "gloss", "e''", "g''", "loss"),
-    "loss_factor": ("tandelta", "tand", "tanδ", "tandel"),
-    "set": ("set", "sweep", "isotherm"),
-    "log10_aT": ("logat", "log10at", "lgat", "loga"),
-    "ln_aT": ("lnat",),
-    "a_T": ("at",),
-    "b_T": ("bt",),
+    "frequency": (
+        "f", "freq", "freqs", "frequency", "fset", "ν", "testfrequency", "testfreq", "measfreq",
+        "oscillationfrequency", "oscfreq", "frequencies", "drivefrequency", "dynamicfrequency",
+    ),
+    "angular_frequency": (
+        "w", "omega", "ω", "angfreq", "angularfreq", "angularfrequency", "angfrequency", "circularfrequency",
+        "omegas",
+    ),
+    "temperature": (
+        "T", "Ts", "temp", "tmeas", "temperature", "tsample", "sampletemp", "sampletemperature", "meastemp",
+        "actualtemp", "actualtemperature", "chambertemperature", "oventemperature", "furnacetemperature",
+        "testtemperature", "specimentemperature", "probetemperature", "meantemperature", "temperatures",
+    ),
+    "temperature_set": (
+        "tset", "tround", "Tr", "settemp", "settemperature", "nominaltemperature", "nominaltemp", "tnominal",
+        "programtemperature", "programtemp", "setpoint", "temperatureset", "tempset", "targettemperature",
+        "setpointtemperature", "temperaturesetpoint", "tnom", "isothermtemperature",
+    ),
+    "time": ("t", "time", "testtime", "elapsedtime", "timeelapsed", "totaltime", "runtime"),
+    "interval_time": ("steptime", "segmenttime", "intervaltime", "relaxationtime", "creeptime", "actiontime"),
+    "storage_modulus": (
+        "estor", "gstor", "e'", "g'", "m'", "k'", "estorage", "gstorage", "storage", "storagemodulus", "storagemod",
+        "eprime", "gprime", "ep", "gp", "e1", "g1", "ereal", "greal", "reale", "realg", "ree*", "reg*", "stormod",
+        "elasticmodulus", "tensilestoragemodulus", "flexuralstoragemodulus", "shearstoragemodulus",
+        "bendingstoragemodulus", "compressivestoragemodulus", "dynamicstoragemodulus", "extensionalstoragemodulus",
+        "realmodulus", "modulusstorage", "storagemodulus'", "modulus'", "est", "gst", "elastic", "elasticmodule",
+        "youngsstoragemodulus", "storagemodule", "emod'", "eelastic", "gelastic",
+    ),
+    "loss_modulus": (
+        "eloss", "gloss", "e''", "g''", "m''", "k''", "loss", "lossmodulus", "lossmod", "edoubleprime", "gdoubleprime",
+        "eprimeprime", "gprimeprime", "epp", "gpp", "e2", "g2", "eimag", "gimag", "image", "imagg", "ime*", "img*",
+        "viscousmodulus", "tensilelossmodulus", "flexurallossmodulus", "shearlossmodulus", "bendinglossmodulus",
+        "compressivelossmodulus", "dynamiclossmodulus", "extensionallossmodulus", "imaginarymodulus",
+        "moduluslossm", "modulusloss", "modulus''", "edprime", "gdprime", "els", "gls", "viscous", "lossmodule",
+        "youngslossmodulus", "eviscous", "gviscous", "edblprime", "gdblprime",
+    ),
+    "loss_factor": (
+        "tandelta", "tand", "tanδ", "tandel", "losstangent", "lossfactor", "damping", "dampingfactor", "tgdelta",
+        "tgδ", "dissipationfactor", "tan", "tanphi", "tandeltae", "tandeltag", "tanδe", "tanδg", "lossfactortandelta",
+    ),
+    "phase_angle": (
+        "delta", "δ", "phase", "phaseangle", "phaselag", "phaseshift", "lossangle", "phasedelta", "phaseangledelta",
+        "phaseshiftangle", "deltaangle", "deltadegree",
+    ),
+    "complex_modulus": (
+        "e*", "g*", "m*", "k*", "estar", "gstar", "complexmodulus", "dynamicmodulus", "absestar", "emag", "gmag",
+        "ecomplex", "gcomplex", "abse*", "absg*", "moduluscomplex", "complexmod", "ecplx", "gcplx", "absmodulus",
+        "complexshearmodulus", "complexyoungsmodulus", "edyn", "gdyn", "absolutemodulus", "norme*", "normg*",
+    ),
+    "storage_compliance": (
+        "d'", "j'", "dstor", "jstor", "dprime", "jprime", "dp", "jp", "storagecompliance", "d1", "j1", "dstorage",
+        "jstorage",
+    ),
+    "loss_compliance": (
+        "d''", "j''", "dloss", "jloss", "ddoubleprime", "jdoubleprime", "dpp", "jpp", "losscompliance", "d2", "j2",
+    ),
+    "complex_compliance": ("d*", "j*", "dstar", "jstar", "complexcompliance"),
+    "complex_viscosity": ("eta*", "η*", "etastar", "complexviscosity", "compleviscosity", "abseta*", "complexvisc"),
+    "complex_viscosity_real": ("eta'", "η'", "etaprime", "etap", "dynamicviscosity"),
+    "complex_viscosity_imaginary": ("eta''", "η''", "etadoubleprime", "etapp"),
+    "relaxation_modulus": (
+        "et", "gt", "erelax", "grelax", "relaxationmodulus", "erel", "grel", "relaxmodulus", "stressrelaxationmodulus",
+        "grelaxation", "erelaxation", "relaxedmodulus", "ert", "e0t", "modulusrelaxation",
+    ),
+    "creep_compliance": (
+        "jt", "jcreep", "dcreep", "creepcompliance", "compliancecreep", "tensilecreepcompliance", "jcreept",
+        "shearcreepcompliance", "creep", "compliance",
+    ),
+    "set": (
+        "set", "sweep", "isotherm", "step", "stepnumber", "stepno", "segment", "curve", "run", "setno", "sweepno",
+        "stepindex", "sweepnumber", "segmentno", "cycle", "setnumber",
+    ),
+    "log10_aT": ("logat", "log10at", "lgat", "loga", "logshift", "logshiftfactor", "log10shiftfactor", "logah"),
+    "ln_aT": ("lnat", "lna", "lnshiftfactor"),
+    "a_T": ("at", "shiftfactor", "shift", "horizontalshiftfactor", "horizontalshift", "shiftfactorat"),
+    "b_T": ("bt", "verticalshift", "verticalshiftfactor"),
+}  # fmt: skip
+
+#: What a reader of a message calls a quantity.
+SPOKEN = {
+    "frequency": "frequency",
+    "angular_frequency": "frequency",
+    "temperature": "temperature",
+    "temperature_set": "set temperature",
+    "time": "time",
+    "interval_time": "time",
+    "storage_modulus": "storage modulus",
+    "loss_modulus": "loss modulus",
+    "loss_factor": "tan δ",
+    "phase_angle": "phase",
+    "complex_modulus": "complex modulus",
+    "storage_compliance": "storage compliance",
+    "loss_compliance": "loss compliance",
+    "complex_compliance": "complex compliance",
+    "complex_viscosity": "complex viscosity",
+    "complex_viscosity_real": "η′",
+    "complex_viscosity_imaginary": "η″",
+    "relaxation_modulus": "relaxation modulus",
+    "creep_compliance": "creep compliance",
+    "log10_aT": "log_aT",
+    "ln_aT": "ln_aT",
+    "a_T": "a_T",
+    "b_T": "b_T",
 }
 
+#: SI unit that a known column must become.
+SI_OF: dict[str, tuple[str, ...]] = {
+    **anton_paar.SI_OF,
+    **dict.fromkeys(("log10_aT", "ln_aT", "a_T", "b_T", "set"), ("1",)),
+    **dict.fromkeys(("temperature", "temperature_set"), ("degC", "K", "degF")),
+    **dict.fromkeys(("storage_compliance", "loss_compliance", "complex_compliance"), ("1/Pa",)),
+    "angular_frequency": ("rad/s", "Hz", "1/s"),
+}
+
+MODULI = frozenset(
+    {
+        "storage_modulus", "loss_modulus", "complex_modulus", "storage_compliance", "loss_compliance",
+        "complex_compliance", "complex_viscosity", "complex_viscosity_real", "complex_viscosity_imaginary",
+    }
+)  # fmt: skip
+RESPONSES = frozenset({"relaxation_modulus", "creep_compliance"})
+SHIFTS = frozenset({"log10_aT", "ln_aT", "a_T"})
+FREQUENCIES = frozenset({"frequency", "angular_frequency"})
+TIMES = frozenset({"time", "interval_time"})
+
 _NAME_OF = {symbol: name for name, symbols in SYMBOLS.items() for symbol in symbols}
-_UNIT_IN_HEADING = re.compile(r"^(.*\S)\s*[\[(]([^\])]*)[\])]$")
 # Primes of all sorts, and what folds away.
-_PRIMES = {"\u2032": "'", "\u2033": "''", "\u2019": "'", '"': "''", "\u00b4": "'"}
-_SHIFTS = ("log10_aT", "ln_aT", "a_T")
+_PRIMES = {
+    "\u2034": "'''", "\u2032": "'", "\u2033": "''", "\u2019": "'", "\u2018": "'", "\u201d": "''", "\u201c": "''",
+    '"': "''", "\u00b4": "'", "`": "'", "\u02b9": "'", "\u02ba": "''",
+}  # fmt: skip
+_GREEK = {"\u2217": "*", "𝜔": "ω", "𝛿": "δ", "𝜂": "η", "\u0394": "δ", "\u2206": "δ"}
+_CASED = ("T", "t", "Ts", "Tr")
+_FOLDED_AWAY = re.compile(r"[\s_().,|:\[\]{}~^$\\-]+")
+_LOGARITHM = re.compile(r"^(?:log10|log_10|log|lg)(?![a-z]{3})[\s_(|]*(.*?)\)?$", re.IGNORECASE)
+_BRACKETS = re.compile(r"^(.*?\S)\s*[(\[{<]\s*([^()\[\]{}<>]*(?:\([^()]*\))?[^()\[\]{}<>]*)\s*[)\]}>]\s*$")
+_AT = re.compile(
+    r"\s*(?:[(\[@_]|\bat\b)\s*@?\s*(?:[fT]\s*=\s*)?([+-]?[0-9]+(?:[.,][0-9]+)?(?:[eE][+-]?[0-9]+)?)\s*"
+    r"(Hz|rad/s|°\s?C|ºC|degC|C|K)\s*[)\]]?(?=$|[\s/,(\[])"
+)
+_COMMENT = re.compile(r"^[#%!;/*]+\s*(?=\S)")
+
+# Spellings of units beyond those of labpipe.units, which are unambiguous in such a table.
+_SPELLINGS: dict[str, Unit] = {
+    **dict.fromkeys(
+        ("rad s-1", "rad s^-1", "rad·s-1", "rad·s^-1", "rad.s-1", "rad.s^-1", "rad/sec", "rad s⁻¹", "rad·s⁻¹", "rads-1",
+         "radians/s", "radian/s", "rad*s^-1", "rad/ s", "rad / s", "rad_s", "rads", "rad per s", "rad/second", "rps",
+         "radpers", "rad_per_s", "radps", "r/s", "rad_sec"),
+        Unit(1.0, "rad/s"),
+    ),
+    **dict.fromkeys(("s^-1", "s⁻¹", "1/sec", "sec-1", "sec^-1"), Unit(1.0, "1/s")),
+    **dict.fromkeys(
+        ("deg C", "º C", "ºC", "oC", "° C", "celsius", "degrees C", "degree C", "deg. C", "deg_c", "degree celsius",
+         "degrees celsius", "°c", "degc", "grad c", "deg.c", "°celsius", "^oc", "^circ c", "c°", "degreec",
+         "˚c", "\u02da c", "?c"),
+        Unit(1.0, "degC"),
+    ),
+    **dict.fromkeys(("kelvin", "°k", "deg k", "degk"), Unit(1.0, "K")),
+    **dict.fromkeys(("°f", "degf", "deg f", "fahrenheit", "f"), Unit(1.0, "degF")),
+    **dict.fromkeys(("degree", "degrees", "deg", "deg.", "°", "º", "˚"), Unit(0.017453292519943295, "rad")),
+    **dict.fromkeys(("radian", "radians", "rad"), Unit(1.0, "rad")),
+    **dict.fromkeys(("percent", "pct"), Unit(1e-2, "1")),
+    **dict.fromkeys(("none", "n/a", "dimensionless", "unitless", "/", "a.u.", "--", "–", "—", "[-]"), Unit(1.0, "1")),
+    **dict.fromkeys(("n/mm2", "n/mm²", "n/mm^2", "n mm-2", "mpascal", "megapascal"), Unit(1e6, "Pa")),
+    **dict.fromkeys(("n/m2", "n/m²", "n/m^2", "pascal", "pascals"), Unit(1.0, "Pa")),
+    **dict.fromkeys(("dyn/cm2", "dyn/cm²", "dyn/cm^2", "dyne/cm2", "dyne/cm^2", "dynes/cm2"), Unit(0.1, "Pa")),
+    **dict.fromkeys(("psi", "lbf/in2", "lb/in2"), Unit(6894.757293168361, "Pa")),
+    "ksi": Unit(6894757.293168361, "Pa"),
+    "bar": Unit(1e5, "Pa"),
+    **dict.fromkeys(("1/gpa", "gpa-1", "gpa^-1", "gpa⁻¹"), Unit(1e-9, "1/Pa")),
+    **dict.fromkeys(("1/mpa", "mpa^-1", "mpa-1", "mpa⁻¹"), Unit(1e-6, "1/Pa")),
+    **dict.fromkeys(("1/kpa", "kpa^-1", "kpa-1", "kpa⁻¹"), Unit(1e-3, "1/Pa")),
+    **dict.fromkeys(("1/pa", "pa^-1", "pa-1", "pa⁻¹", "m2/n", "m²/n", "m^2/n"), Unit(1.0, "1/Pa")),
+    **dict.fromkeys(("cm2/dyn", "cm²/dyn", "cm^2/dyn", "cm2/dyne"), Unit(10.0, "1/Pa")),
+    **dict.fromkeys(("pa s", "pa.s", "pa-s", "pa*s", "pas", "pa s.", "pa-sec", "pa.sec", "n s/m2"), Unit(1.0, "Pa s")),
+    **dict.fromkeys(("poise", "p"), Unit(0.1, "Pa s")),
+    **dict.fromkeys(("hz", "hertz", "cps", "cycles/s"), Unit(1.0, "Hz")),
+    "khz": Unit(1e3, "Hz"),
+    **dict.fromkeys(("seconds", "second", "secs", "sec.", "sec", "s"), Unit(1.0, "s")),
+    **dict.fromkeys(("minutes", "minute", "mins", "min.", "min"), Unit(60.0, "s")),
+    **dict.fromkeys(("hours", "hour", "hr", "hrs", "h"), Unit(3600.0, "s")),
+    **dict.fromkeys(("days", "day"), Unit(86400.0, "s")),
+    "pa": Unit(1.0, "Pa"),
+    "kpa": Unit(1e3, "Pa"),
+    # Written all in small letters; a solid's modulus in millipascal does not exist.
+    "mpa": Unit(1e6, "Pa"),
+    "gpa": Unit(1e9, "Pa"),
+    "c": Unit(1.0, "degC"),
+    "k": Unit(1.0, "K"),
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """What the heading of a column says.
+
+    ``name`` is canonical, or made of the heading where it is not known; ``unit`` as written, "" if
+    it is not there. ``is_logarithm`` of a decimal logarithm. ``at`` is what a column belongs to,
+    such as ``(1.0, "Hz")`` of ``E'(1.000 Hz)``.
+    """
+
+    text: str
+    name: str
+    unit: str = ""
+    is_known: bool = False
+    is_logarithm: bool = False
+    at: tuple[float, str] | None = None
 
 
 def fold(heading: str) -> str:
@@ -42,61 +234,155 @@ def fold(heading: str) -> str:
     ('logat', "e''", 'T', 't')
     """
     text = heading.strip()
-    for sign, plain in _PRIMES.items():
-        text = text.replace(sign, plain)
-    text = re.sub(r"[\s_().,|-]+", "", text)
+    for table in (_PRIMES, _GREEK):
+        for sign, plain in table.items():
+            text = text.replace(sign, plain)
+    text = _FOLDED_AWAY.sub("", text)
     text = text.translate(str.maketrans("₁₀", "10"))
-    return text if text in ("T", "t") else text.casefold()
-
-
-def parted(heading: str) -> tuple[str, str]:
-    """Part a heading from the unit that it may hold in brackets.
-
-    Examples
-    --------
-    >>> parted("E' (MPa)"), parted("log(aT)"), parted("f")
-    (("E'", 'MPa'), ('log(aT)', ''), ('f', ''))
-    """
-    match = _UNIT_IN_HEADING.match(heading.strip())
-    if match is None or quantity(heading) is not None:
-        return heading.strip(), ""
-    return match[1], match[2]
+    return text if text in _CASED else text.casefold()
 
 
 def quantity(heading: str) -> str | None:
     """Return the canonical name of a column, or None when it is not known.
 
-    Examples
-    --------
-    >>> quantity("E_stor"), quantity("Speichermodul"), quantity("colour")
-    ('storage_modulus', 'storage_modulus', None)
-    """
-    return _NAME_OF.get(fold(heading)) or anton_paar.column_name(heading)
-
-
-def delimiter_of(line: str) -> str:
-    """Return what separates the headings of a first line: TAB, semicolon or comma ("" if none)."""
-    found = max("\t;,", key=line.count)
-    return found if found in line else ""
-
-
-def is_table(names: "set[str | None]") -> bool:
-    """Tell whether columns make sweeps (moduli over frequency) or a table of shifts."""
-    has_frequency = bool(names & {"frequency", "angular_frequency"})
-    is_sweep = {"storage_modulus", "loss_modulus", "temperature"} <= names and has_frequency
-    return is_sweep or ("temperature" in names and bool(names & set(_SHIFTS)))
-
-
-def recognises(first_line: str) -> bool:
-    """Tell the first line of a plain table by the quantities that it names.
+    A symbol may stand beside its word: ``Storage modulus (G')``, ``E' storage modulus``.
 
     Examples
     --------
-    >>> recognises("f,E_stor,E_loss,T,Set"), recognises("T;log_aT"), recognises("x,y")
-    (True, True, False)
+    >>> quantity("E_stor"), quantity("Speichermodul"), quantity("Storage Modulus G'"), quantity("colour")
+    ('storage_modulus', 'storage_modulus', 'storage_modulus', None)
     """
-    delimiter = delimiter_of(first_line)
-    if not delimiter:
+    found = _NAME_OF.get(fold(heading)) or anton_paar.column_name(heading)
+    if found is not None:
+        return found
+    words = re.split(r"[\s,;:(\[]+", heading.strip(" )]"))
+    for k in range(1, len(words)):
+        first, second = " ".join(words[:k]), " ".join(words[k:])
+        one = _NAME_OF.get(fold(first)) or anton_paar.column_name(first)
+        if one is not None and one == (_NAME_OF.get(fold(second)) or anton_paar.column_name(second)):
+            return one
+    return None
+
+
+def unit_of(text: str) -> Unit:
+    """Look a unit up, in the spellings of such tables too.
+
+    Raises
+    ------
+    InputError
+        It is not known.
+
+    Examples
+    --------
+    >>> unit_of("rad s^-1").si, unit_of("hz").si, unit_of("MPa").factor
+    ('rad/s', 'Hz', 1000000.0)
+    """
+    bare = text.strip().strip("[]{}<>$").strip()
+    bare = bare[1:-1].strip() if bare.startswith("(") and bare.endswith(")") else bare
+    try:
+        return anton_paar.unit_of(bare or "1")
+    except InputError:
+        for spelling in (bare, bare.casefold()):
+            if spelling in _SPELLINGS:
+                return _SPELLINGS[spelling]
+        raise
+
+
+def fits(name: str, unit: str) -> bool:
+    """Tell whether a unit is one of a quantity."""
+    try:
+        return unit_of(unit).si in SI_OF.get(name, ())
+    except InputError:
         return False
-    cells = [cell.strip().strip('"') for cell in first_line.split(delimiter)]
-    return is_table({quantity(parted(cell)[0]) for cell in cells})
+
+
+def is_unit(cell: str) -> bool:
+    """Tell whether a cell of a row of units can be one."""
+    try:
+        unit_of(cell)
+    except InputError:
+        return False
+    return True
+
+
+def parsed(heading: str) -> Heading:
+    """Part a heading into quantity, unit, and what else it says.
+
+    Examples
+    --------
+    >>> parsed("E' (MPa)").name, parsed("freq_hz").unit, parsed("E'(1.000 Hz)/MPa").at
+    ('storage_modulus', 'hz', (1.0, 'Hz'))
+    """
+    text = _COMMENT.sub("", anton_paar.repaired(heading.strip().strip("\ufeff"))).strip()
+    at = _AT.search(text)
+    if at is not None:
+        bare = (
+            (text[: at.start()] + " " + text[at.end() :]).strip(" _-/,") if at.end() < len(text) else text[: at.start()]
+        )
+        inner = _known(text[: at.start()] + text[at.end() :])
+        if inner is not None and bare:
+            unit = "degC" if at[2].replace(" ", "") in ("°C", "ºC", "C") else at[2]
+            return replace(inner, text=heading.strip(), at=(float(at[1].replace(",", ".")), unit))
+    found = _known(text)
+    if found is not None:
+        return replace(found, text=heading.strip())
+    bracket = _BRACKETS.match(text)
+    name, unit = (bracket[1], bracket[2]) if bracket else (text, "")
+    return Heading(heading.strip(), anton_paar.slug(name), unit)
+
+
+def _known(text: str) -> Heading | None:
+    """Find the first way to part a heading that gives a known quantity with a unit of it."""
+    explicit: Heading | None = None
+    for name, unit, is_explicit in _parts(text):
+        found, is_log = quantity(name), False
+        if found is None:
+            match = _LOGARITHM.match(name.strip())
+            found = quantity(match[1]) if match and match[1] else None
+            is_log = found is not None
+        if found is None:
+            continue
+        if found == "a_T" and is_log:
+            found, is_log = "log10_aT", False
+        made = Heading(text, found, unit, is_known=True, is_logarithm=is_log)
+        if not unit or fits(found, unit):
+            return made
+        if is_explicit and explicit is None:
+            explicit = made
+    return explicit
+
+
+def _parts(text: str) -> Iterator[tuple[str, str, bool]]:
+    """Yield the ways to part a heading into name and unit, and whether a sign parts them."""
+    bracket = _BRACKETS.match(text)
+    if bracket:
+        yield bracket[1], bracket[2], True
+        again = _BRACKETS.match(bracket[1])
+        if again and quantity(again[1]) is not None:
+            yield again[1], bracket[2], True
+    yield text, "", False
+    yield from (
+        (text[: m.start()], text[m.end() :], True) for m in reversed([*re.finditer(r"\s*/\s*", text)]) if m.start()
+    )
+    yield from ((text[: m.start()], text[m.end() :], True) for m in reversed([*re.finditer(r"\s*[,;:]\s*", text)]))
+    yield from ((text[: m.start()], text[m.end() :], False) for m in re.finditer(r"\s+in\s+|_in_", text))
+    yield from ((text[: m.start()], text[m.end() :], False) for m in re.finditer(r"[\s_.-]+", text) if m.start())
+
+
+def is_table(names: "set[str]") -> bool:
+    """Tell whether columns are those of sweeps, of responses over time, or of a table of shifts.
+
+    Examples
+    --------
+    >>> is_table({"frequency", "storage_modulus"}), is_table({"time", "temperature"})
+    (True, False)
+    """
+    if "temperature" in names | {"temperature" if "temperature_set" in names else ""} and names & SHIFTS:
+        return True
+    if names & TIMES and names & RESPONSES:
+        return True
+    moduli = len(names & MODULI)
+    damping = bool(names & {"loss_factor", "phase_angle"})
+    return bool(moduli and (names & FREQUENCIES or names & {"temperature", "temperature_set"})) or (
+        moduli >= 1 and (moduli + damping) >= 2 and bool(names & TIMES)
+    )

@@ -96,7 +96,7 @@ __all__ = [
 S = TypeVar("S", bound=msgspec.Struct)
 
 
-def read(path: Path, kind: type[S], root: Path | None = None) -> S:
+def read(path: Path, kind: type[S], root: Path | None = None, text: str | None = None) -> S:
     """Read a whole TOML file as one structure, such as a calibration record.
 
     Parameters
@@ -107,13 +107,15 @@ def read(path: Path, kind: type[S], root: Path | None = None) -> S:
         The structure it must fit.
     root : Path, optional
         Folder of the files it names; default its own.
+    text : str, optional
+        What the file would hold; by default it is read.
 
     Raises
     ------
     SourceError, ConfigError
         With every mistake and its line.
     """
-    document = parse(path)
+    document = parse(path, text)
     value = Checker(document, root or path.parent).structure(kind, document.tree, ())
     document.finish()
     return typing.cast(S, value)

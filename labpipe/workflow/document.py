@@ -62,8 +62,15 @@ def dotted(place: _toml_lines.Path) -> str:
     return text
 
 
-def parse(path: Path) -> Document:
+def parse(path: Path, text: str | None = None) -> Document:
     """Read a TOML file without judging its keys.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    text : str, optional
+        What it would hold; by default it is read.
 
     Raises
     ------
@@ -72,7 +79,7 @@ def parse(path: Path) -> Document:
     ConfigError
         It is not TOML, too large, too deep, or holds a number that is not finite.
     """
-    text = _text(path)
+    text = _text(path) if text is None else text.replace("\r\n", "\n")
     deep = _TOO_DEEP.search(text)
     if deep is not None:
         line = text.count("\n", 0, deep.start()) + 1

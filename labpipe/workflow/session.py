@@ -110,7 +110,9 @@ class _SessionTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     synthetic: bool = False
 
 
-def load(path: Path | str, kinds: Mapping[str, type[msgspec.Struct]], *, may_wait: bool = False) -> Session:
+def load(
+    path: Path | str, kinds: Mapping[str, type[msgspec.Struct]], *, may_wait: bool = False, text: str | None = None
+) -> Session:
     """Read a session folder's ``session.toml``.
 
     Parameters
@@ -121,6 +123,8 @@ def load(path: Path | str, kinds: Mapping[str, type[msgspec.Struct]], *, may_wai
         Settings structure of every kind of experiment, by its name.
     may_wait : bool
         Take names of files that are not there yet, for a session that is still being recorded.
+    text : str, optional
+        What the file would hold, to be checked before it is written.
 
     Returns
     -------
@@ -141,7 +145,7 @@ def load(path: Path | str, kinds: Mapping[str, type[msgspec.Struct]], *, may_wai
     if not source.is_file():
         hint = f"make one with: labpipe init {source.parent}"
         raise SourceError(source, "there is no such file", hint=hint)
-    document = parse(source)
+    document = parse(source, text)
     _check_version(document)
     root = source.parent.resolve()
     head = Checker(document, root).structure(_SessionTable, document.tree.get("session", {}), ("session",))
@@ -150,8 +154,8 @@ def load(path: Path | str, kinds: Mapping[str, type[msgspec.Struct]], *, may_wai
     found_ones = _Experiments(document, root, kinds, may_wait)
     experiments = found_ones.all()
     if document.problems or not experiments:
-        for text, line in found_ones.gaps.items():
-            document.problems.setdefault(text, line)
+        for gap, line in found_ones.gaps.items():
+            document.problems.setdefault(gap, line)
     document.finish()
     waiting = {name: tuple(lines) for name, lines in found_ones.waiting.items()}
     return Session(root, head.title or root.name, head.operator, head.notes, head.synthetic, experiments, waiting)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pipelines.session._doctor import Health, doctor
     from pipelines.session._examined import Examined, examine
     from pipelines.session._export import FORMATS, Exported, export
-    from pipelines.session._gaps import Gap, checked
+    from pipelines.session._gaps import Gap, checked, library_names
     from pipelines.session._inspection import Inspected, describe, inspect
     from pipelines.session._opening import SCHEMAS, SETTINGS, STAGES, open_session, reopen_session
     from pipelines.session._overview import COMPARISON_PAGE, PAGE, write_overview
@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from pipelines.session._results import derive, needed, opened, result, results
     from pipelines.session._sensitivity import Sensitivity, sensitivity
     from pipelines.session._sensitivity_page import advice
-    from pipelines.session._verdicts import Verdict, Verdicts, verdict, verdicts_of
+    from pipelines.session._survey import Surveyed, survey
+    from pipelines.session._verdicts import Verdict, Verdicts, verdict, verdict_on, verdicts_of
 
 __all__ = [
     "CATALOGUE",
@@ -45,6 +46,7 @@ __all__ = [
     "Inspected",
     "Scan",
     "Sensitivity",
+    "Surveyed",
     "Verdict",
     "Verdicts",
     "advice",
@@ -59,6 +61,7 @@ __all__ = [
     "export",
     "init",
     "inspect",
+    "library_names",
     "needed",
     "open_session",
     "opened",
@@ -71,7 +74,9 @@ __all__ = [
     "result",
     "results",
     "sensitivity",
+    "survey",
     "verdict",
+    "verdict_on",
     "verdicts_of",
     "watch",
     "write_overview",
@@ -82,6 +87,7 @@ _HOMES = {
     "Verdict": "_verdicts",
     "Verdicts": "_verdicts",
     "verdict": "_verdicts",
+    "verdict_on": "_verdicts",
     "verdicts_of": "_verdicts",
     "CATALOGUE": "_catalogue:FILE",
     "COMPARISON_PAGE": "_overview:COMPARISON_PAGE",
@@ -111,6 +117,7 @@ _HOMES = {
     "export": "_export:export",
     "init": "_proposal:init",
     "inspect": "_inspection:inspect",
+    "library_names": "_gaps:library_names",
     "needed": "_results:needed",
     "open_session": "_opening:open_session",
     "opened": "_results:opened",
@@ -123,6 +130,8 @@ _HOMES = {
     "result": "_results:result",
     "results": "_results:results",
     "sensitivity": "_sensitivity:sensitivity",
+    "survey": "_survey:survey",
+    "Surveyed": "_survey:Surveyed",
     "watch": "_processing:watch",
     "write_overview": "_overview:write_overview",
     "write_sheet": "_contact_sheet:write_sheet",

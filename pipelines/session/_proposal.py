@@ -110,35 +110,51 @@ def init(folder: str | Path, *, replace: bool = False, ask: Callable[[Gap], str 
 
 def _unused_files(found: Found, text: str) -> list[str]:
     """Name every file that the text does not, with the reason; what is alike in one line."""
-    wholes = _wholes(found.folder)
+    whole = wholes(found.folder)
     lines = [
         f"{name} ({title}): {reason}"
         for name, (title, reason) in found.owners.items()
-        if f'"{quoted(name)}"' not in text and (found.folder / name).parent not in wholes
+        if f'"{quoted(name)}"' not in text and (found.folder / name).parent not in whole
     ]
     lines += [
         f"{place.relative_to(found.folder).as_posix()}/ ({each.title}): {_why_not(each)}"
-        for place, each in wholes.items()
+        for place, each in whole.items()
         if f'"{quoted(place.relative_to(found.folder).as_posix())}"' not in text
     ]
     alike: dict[tuple[Path, str], list[str]] = {}
     for name in found.unknown:
-        if (found.folder / name).parent not in wholes:
+        if (found.folder / name).parent not in whole:
             alike.setdefault((Path(name).parent, Path(name).suffix.lower()), []).append(name)
-    for (_, suffix), names in alike.items():
+    for names in alike.values():
         more = f" and {len(names) - 1} more beside it" if len(names) > 1 else ""
-        lines.append(f"{names[0]}{more}: {_PICTURE if suffix in _PICTURES else _UNKNOWN}")
+        lines.append(f"{names[0]}{more}: {why_unknown(found.folder, names[0])}")
     return lines
 
 
-_UNKNOWN = "no instrument recognises the content"
-_PICTURE = "a picture; one of a ruler in the plane of focus gives the image scale of a camera record"
-_PICTURES = {".jpg", ".jpeg", ".png", ".heic", ".bmp"}
+UNKNOWN = "no instrument recognises the content"
+LINK = "a link that leads out of the folder"
+PICTURE = "a picture; one of a ruler in the plane of focus gives the image scale of a camera record"
+_PICTURES = {".jpg", ".jpeg", ".png", ".bmp"}
 
 
-def _wholes(folder: Path) -> dict[Path, instruments.Instrument]:
+def why_unknown(folder: Path, name: str) -> str:
+    """Say why nothing is known of a file: :data:`UNKNOWN`, :data:`LINK` or :data:`PICTURE`."""
+    if _leads_out(folder / name, folder):
+        return LINK
+    return PICTURE if Path(name).suffix.lower() in _PICTURES else UNKNOWN
+
+
+def _leads_out(path: Path, folder: Path) -> bool:
+    try:
+        return not path.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError):  # links in a circle
+        return True
+
+
+def wholes(folder: Path) -> dict[Path, instruments.Instrument]:
     """Return folders that are one recording, such as a film in images."""
-    places = [folder, *sorted(p for p in folder.rglob("*") if p.is_dir() and not _is_ours(p, folder))]
+    below = (p for p in folder.rglob("*") if p.is_dir() and not _is_ours(p, folder) and not _leads_out(p, folder))
+    places = [folder, *sorted(below)]
     names = {place: _instrument(place) for place in places}
     return {place: instruments.by_name(name) for place, name in names.items() if name is not None}
 
@@ -174,7 +190,9 @@ def recognise(folder: Path) -> Found:
     unknown: list[str] = []
     for path in _candidates(folder):
         name = path.relative_to(folder).as_posix()
-        if path.suffix == ".toml":
+        if _leads_out(path, folder):
+            unknown.append(name)
+        elif path.suffix == ".toml":
             if (kind := _record_kind(path)) is not None:
                 found.setdefault(kind, []).append(name)
                 owners[name] = (kind.replace("_", " "), "no experiment names it")
@@ -257,11 +275,11 @@ def _nothing_proposed(found: Found) -> str:
     """Say what was found and why no experiment begins from it; or that nothing is known."""
     folder = found.folder
     of_reason: dict[tuple[str, str], list[str]] = {}
-    wholes = _wholes(folder)
-    for place, each in wholes.items():
+    found_whole = wholes(folder)
+    for place, each in found_whole.items():
         of_reason.setdefault((each.title, _why_not(each)), []).append(f"{place.name}/")
     for name, why in found.owners.items():
-        whole = wholes.get((folder / name).parent)
+        whole = found_whole.get((folder / name).parent)
         if whole is None or whole.title != why[0]:
             of_reason.setdefault(why, []).append(name)
     if not of_reason:

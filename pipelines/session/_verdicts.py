@@ -18,7 +18,7 @@ from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME, Experiment, Session
 from labpipe.workflow.tasks import arguments
 from pipelines.experiments import JUDGEMENT, KINDS, function
-from pipelines.session._opening import STAGES
+from pipelines.session._opening import STAGES, reopen_session
 from pipelines.session._results import opened
 from pipelines.session._session_checks import of_record, session_findings
 
@@ -132,6 +132,20 @@ def stored_verdicts(results: Results) -> dict[str, Verdict]:
         if (result := _stored(results, experiment)) is not None
     ]
     return {v.experiment: v for v in _with_session(session, found)} if found else {}
+
+
+def verdict_on(folder: str | Path, experiment: str) -> Verdict:
+    """Return the verdict on one experiment by what is stored; nothing is processed.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder.
+    experiment : str
+        Its name.
+    """
+    session = reopen_session(folder)
+    return _one(session, opened(session.root, [experiment]), session.experiments[experiment], ())
 
 
 def _one(session: Session, results: Results, experiment: Experiment, failures: Iterable[Failed]) -> Verdict:

@@ -8,7 +8,7 @@ import pytest
 
 import instruments
 from instruments import tables
-from instruments.tables import _words
+from instruments.tables import _layout
 from labpipe.errors import SourceError
 
 SAMPLES = Path(__file__).parents[2] / "../shared/samples/dma"
@@ -104,10 +104,15 @@ def test_an_empty_cell_is_no_reading(tmp_path):
         (SWEEPS.replace("1,600,130", "1,600,130,7"), 6, "found 6 cells, expected 5"),
         (SWEEPS.replace("Hz, MPa", "s, MPa"), 2, 'f is in "?.?s.*Hz or rad/s'),
         (SWEEPS.replace("Hz, MPa, MPa, C, -\n", ""), 1, "expected a unit of"),
-        (SWEEPS.replace("E_loss", "E_stor"), 1, "expected frequency, temperature, storage"),
-        (SHIFTS.replace("log_aT", "colour"), 1, "expected frequency, temperature, storage"),
+        (
+            SWEEPS.replace("E_loss", "E_stor"),
+            1,
+            "found frequency, storage modulus, temperature; no loss modulus, tan δ",
+        ),
+        (SWEEPS.replace("E_loss", "E_stor").replace("E_stor,T", "E_stor,E_loss"), 1, "several columns hold the same"),
+        (SHIFTS.replace("log_aT", "colour"), 1, "no line names the columns: expected frequency, temperature, storage"),
         ("T,log_aT\nC,-\n", 1, "no row of numbers"),
-        (SWEEPS.rstrip("\n"), 6, "no line end"),
+        (SWEEPS.rstrip("\n").removesuffix("0.1,1") + "0", 6, "no line end and fewer cells"),
         ("T,aT\nC,-\n40,-0.5\n20,1\n", None, "zero or negative"),
     ],
 )
@@ -178,9 +183,16 @@ def test_the_content_tells_the_reader(tmp_path):
         assert instruments.identify(path) == "plain_table"
 
 
-@pytest.mark.parametrize("line", ["x,y,z", "Time,Temperature", "f,E_stor,T", "no delimiter"])
+def test_a_whole_last_line_without_an_end_is_kept_and_told(tmp_path):
+    with pytest.warns(UserWarning, match="kept, as no cell is missing"):
+        assert_is_the_table(read(tmp_path, SWEEPS.rstrip("\n")))
+
+
+@pytest.mark.parametrize(
+    "line", ["x,y,z", "Time,Temperature", "T,E", "no delimiter", "Time, s\tPosition (z), mm\tFz, N"]
+)
 def test_other_tables_are_not_claimed(line):
-    assert not _words.recognises(line)
+    assert _layout.headings_of(line) is None
 
 
 @pytest.mark.skipif(not SAMPLES.exists(), reason="the sample files lie beside the checkout only")

@@ -4,6 +4,8 @@ The rule is one line of numpy each; but it runs three times for every frame, and
 arrays of fifty points take as long as filtering the image. So it is compiled.
 """
 
+import math
+
 import numpy as np
 
 from labpipe.arrays import Flags, Floats, Integers
@@ -11,6 +13,8 @@ from labpipe.compilation import compiled
 
 #: The constant-velocity prediction is not stretched over more than this times the last step.
 STRETCH = 3.0
+#: Neighbours that must vote to contradict a point, how close to each other (px), how far from it (px).
+FEWEST, UNITED, APART = 4, 1.0, 1.0
 
 
 @compiled()
@@ -105,6 +109,58 @@ def converged_nearby(
         dx, dy = motion[n, 0] - expected[n, 0], motion[n, 3] - expected[n, 3]
         is_near = dx * dx + dy * dy <= farthest * farthest
         result[n] = has_converged[n] and is_near and zncc[n] > least_zncc[n]
+    return result
+
+
+@compiled()
+def contradicted(places: Floats, neighbours: Integers, motion: Floats, is_trusted: Flags) -> Flags:
+    """Tell trusted points whose neighbours agree with each other and not with them.
+
+    Parameters
+    ----------
+    places : array (point, 2) [px]
+        Centres in the reference.
+    neighbours : integer array (point, neighbour)
+        Who is asked about each point.
+    motion : array (point, 6)
+        Found, see :class:`.Solution`.
+    is_trusted : bool array (point,)
+        Points that count as found; others have no vote.
+
+    Returns
+    -------
+    bool array (point,)
+
+    Notes
+    -----
+    At least :data:`FEWEST` must vote and all but one of them must lie within :data:`UNITED` of their
+    median, carried to the point with the turn and stretch that each of them found; a point is
+    contradicted when it lies farther than :data:`APART` from that median, and farther than four times
+    the farthest of them. So neither the border of two bodies nor a pattern that stretches
+    contradicts anybody.
+    """
+    result = np.zeros(len(places), np.bool_)
+    count = neighbours.shape[1]
+    x, y, apart = np.empty(count), np.empty(count), np.empty(count)
+    for n in range(len(places)):
+        if not is_trusted[n]:
+            continue
+        votes = 0
+        for k in range(count):
+            m = neighbours[n, k]
+            if is_trusted[m]:
+                j, i = places[n, 0] - places[m, 0], places[n, 1] - places[m, 1]
+                x[votes] = motion[m, 0] + motion[m, 1] * j + motion[m, 2] * i
+                y[votes] = motion[m, 3] + motion[m, 4] * j + motion[m, 5] * i
+                votes += 1
+        if votes < FEWEST:
+            continue
+        u, v = np.median(x[:votes]), np.median(y[:votes])
+        for k in range(votes):
+            apart[k] = math.hypot(x[k] - u, y[k] - v)
+        spread = np.sort(apart[:votes])[votes - 2]
+        own = math.hypot(motion[n, 0] - u, motion[n, 3] - v)
+        result[n] = spread < UNITED and own > APART and own > 4.0 * spread
     return result
 
 

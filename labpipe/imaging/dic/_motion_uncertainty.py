@@ -7,15 +7,46 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.imaging.dic._spline import noise_gain, slope_noise_gain
-from labpipe.imaging.dic._subset_solver import Subsets
+from labpipe.imaging.dic._subset_solver import Subsets, invert_within
 
 #: Places per axis at which a subset's sub-pixel positions are sampled.
 _PLACES = np.linspace(-1.0, 1.0, 5)
-#: Share of the squared slopes that must be texture; below it the subset shows nothing but noise.
-_LEAST_TEXTURE = 0.1
-
+#: Share of the squared slopes of the blurred reference that must be texture in every direction,
+#: times the root of the subset's width in px: with less, the noise that is taken off may be all
+#: of it. Along bare edges noise alone reached 0.36 in 31 px and 0.44 in 21 px.
+_LEAST_TEXTURE = 2.7
+#: Largest standard uncertainty (px) of a shift across the direction in which the pattern is
+#: weakest: beyond it the correlation has several tops, and the nearest need not be the right one.
+_MOST_UNCERTAIN = 0.4
+#: Squared slopes that are left at least when those of noise are taken off.
+_LEAST_LEFT = 0.05
+#: Blur (px) at which texture is looked for: a pattern outlives it, noise does not.
+COARSE = 1.0
 #: Share of a pixel's noise variance that the residual must show to tell it.
 _LEAST_NOISE_SEEN = 0.01
+
+
+@dataclass(frozen=True)
+class Directions:
+    """Motions of every subset that neither texture nor noise of the reference couples.
+
+    Attributes
+    ----------
+    root : array (point, 6, 6)
+        Its columns are the motions, three of a rigid subset: ``root @ root.T`` is the inverse of
+        the normal matrix.
+    share : array (point, 6)
+        Squared slopes of noise of slope variance 1, over those of the reference.
+    coarse : array (point, 6)
+        Squared slopes of the reference blurred by :data:`COARSE`, over those of the reference.
+    coarse_share : array (point,)
+        As ``share`` for the blurred reference, of the shift in the direction where it is largest.
+    """
+
+    root: Floats
+    share: Floats
+    coarse: Floats
+    coarse_share: Floats
 
 
 @dataclass(frozen=True)
@@ -28,20 +59,51 @@ class NoiseModel:
         Variance left along one axis after blur and interpolation, by sub-pixel position.
     slope : float [1/px²]
         Variance of the spline's slope per variance of a pixel, blur included.
+    coarse_slope : float [1/px²]
+        The same after a further blur by :data:`COARSE`.
     static_frames : int
         Frames averaged into the reference.
     smoothing : array (point,)
         Variance of the motion relative to unblurred noise of the same strength.
+    directions : Directions
+        See there.
     """
 
     fraction: Floats
     gain: Floats
     slope: float
+    coarse_slope: float
     static_frames: int
     smoothing: Floats
+    directions: Directions
 
 
-def make_noise_model(order: int, blur: float, static_frames: int, smoothing: Floats) -> NoiseModel:
+@dataclass(frozen=True)
+class Variances:
+    """How well the image tells the motions.
+
+    Attributes
+    ----------
+    motion : array (result, 3) [px², px², rad²]
+        Variance of (u, v, rotation); NaN where there is no texture.
+    covariance : array (result,) [px²]
+        Of u and v.
+    texture : array (result,) [grey²/px²]
+        Smallest eigenvalue of the texture matrix: the sum of the squared slopes along the direction in
+        which the pattern is weakest, without those of noise and those that another motion explains.
+    is_told : bool array (result,)
+        Whether the texture exceeds noise in every direction.
+    """
+
+    motion: Floats
+    covariance: Floats
+    texture: Floats
+    is_told: NDArray[np.bool_]
+
+
+def make_noise_model(
+    order: int, blur: float, static_frames: int, smoothing: Floats, subsets: Subsets, coarse: Floats
+) -> NoiseModel:
     """Tabulate the noise model.
 
     Parameters
@@ -54,10 +116,38 @@ def make_noise_model(order: int, blur: float, static_frames: int, smoothing: Flo
         Frames averaged into the reference.
     smoothing : array (point,)
         See :class:`NoiseModel`.
+    subsets : Subsets
+        The reference.
+    coarse : array (point, 6, 6)
+        Normal matrices of the reference blurred by :data:`COARSE`.
     """
     fraction = np.linspace(0.0, 1.0, 33)
     gain = noise_gain(order, fraction, blur)
-    return NoiseModel(fraction, gain, slope_noise_gain(order, blur), static_frames, smoothing)
+    slope, coarse_slope = slope_noise_gain(order, blur), slope_noise_gain(order, float(np.hypot(blur, COARSE)))
+    return NoiseModel(fraction, gain, slope, coarse_slope, static_frames, smoothing, _directions(subsets, coarse))
+
+
+def _directions(subsets: Subsets, coarse: Floats) -> Directions:
+    """Make the normal matrices and those of noise alone diagonal together."""
+    half = subsets.half.astype(float)
+    pixels = (2.0 * half + 1.0) ** 2
+    spread = pixels * half * (half + 1.0) / 3.0
+    alone = np.stack([pixels, spread, spread] * 2, axis=1)[:, :, None]
+    root, share = _joint(subsets.inverse, alone)
+    seen = np.einsum("nik,nij,njk->nk", root, coarse, root)
+    shifts = invert_within(coarse, subsets.is_rigid)[:, [0, 0, 3], [0, 3, 3]]
+    largest = pixels * _largest(shifts[:, 0], shifts[:, 2], shifts[:, 1])
+    # a shift that even the noise of the reference does not resist
+    largest[~(largest > 0.0)] = np.inf
+    return Directions(root, share, seen, largest)
+
+
+def _joint(inverse: Floats, alone: Floats) -> tuple[Floats, Floats]:
+    """Columns that make both matrices diagonal, and the second one's diagonal, (point, 6)."""
+    values, vectors = np.linalg.eigh(inverse)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
+    share, turned = np.linalg.eigh(root.transpose(0, 2, 1) @ (alone * root))
+    return root @ turned, share
 
 
 def motion_variance(
@@ -68,8 +158,8 @@ def motion_variance(
     gain: Floats,
     residual: Floats,
     is_static: NDArray[np.bool_],
-) -> tuple[Floats, NDArray[np.bool_]]:
-    """Variance of (u, v, rotation) and whether the subset has texture beyond noise.
+) -> Variances:
+    """Variance of the motions and whether the subsets have texture beyond noise.
 
     Parameters
     ----------
@@ -87,17 +177,20 @@ def motion_variance(
 
     Returns
     -------
-    variance : array (result, 3) [px², px², rad²]
-        NaN where there is no texture.
-    has_texture : bool array (result,)
+    Variances
 
     Notes
     -----
-    The covariance is the inverse normal matrix times the noise variance of the difference of
-    frame and reference. The residual shows that variance reduced, because interpolation between
-    pixels averages noise; the reduction is known from the positions. Noise also adds to the
-    squared slopes of the reference, which makes the normal matrix too large; the surplus is known
-    from the noise.
+    The residual shows the noise of the difference of frame and reference reduced, because
+    interpolation between pixels averages noise; the reduction is known from the positions.
+
+    Noise also adds to the squared slopes of the reference, in all directions alike. With the
+    normal matrix ``A`` of the allowed motions and the noise in it ``N``, an error of the motion
+    meets the resistance ``A - N`` only, so that the covariance is ``(A - N)⁻¹ (a A + b (A - N)) (A - N)⁻¹``,
+    with ``a`` the variance of the frame and ``b`` that of the reference: noise of the slopes meets
+    the noise of the frame only; with its own it cancels, because the slope of a pixel does not
+    depend on that pixel and the weights are odd. ``A`` and ``N`` are made diagonal together, once for
+    each subset.
     """
     half = subsets.half[chosen].astype(float)
     pixels = (2.0 * half + 1.0) ** 2
@@ -110,27 +203,35 @@ def motion_variance(
     # A static frame and the reference share noise; unmoved, their difference is not reduced.
     sampled = np.where(is_static, at_pixels, sampled)
     seen = square * sampled + shared * at_pixels
-    passed = square + shared
     # A single static frame is its own reference: their difference shows no noise at all.
     shows_noise = seen > _LEAST_NOISE_SEEN
     pixel_noise = np.where(shows_noise, variance / np.where(shows_noise, seen, 1.0), 0.0)
-    passed = np.maximum(passed, 0.0)
-    inverse = subsets.inverse[chosen]
-    covariance = (pixel_noise * passed * model.smoothing[chosen])[:, None] * np.stack(
-        [inverse[:, 0, 0], inverse[:, 3, 3], 0.25 * (inverse[:, 4, 4] + inverse[:, 2, 2] - 2.0 * inverse[:, 2, 4])],
-        axis=1,
+    seen_by = model.directions
+    slope_noise = (pixel_noise / model.static_frames)[:, None]
+    noise_share = slope_noise * model.slope * seen_by.share[chosen]
+    coarse_share = slope_noise * model.coarse_slope * seen_by.share[chosen]
+    # The pattern has at least the slopes that it has when it is blurred.
+    texture = np.maximum(1.0 - noise_share, seen_by.coarse[chosen] - coarse_share)
+    texture = np.maximum(texture, _LEAST_LEFT)
+    least = _LEAST_TEXTURE / np.sqrt(2.0 * half + 1.0)
+    is_told = slope_noise[:, 0] * model.coarse_slope * seen_by.coarse_share[chosen] < 1.0 - least
+    along = (pixel_noise * model.smoothing[chosen])[:, None] * np.maximum(
+        square[:, None] + shared[:, None] * texture, 0.0
     )
-    slopes = subsets.normal[chosen][:, (0, 3), (0, 3)]
-    noise_slopes = pixels * pixel_noise * model.slope / model.static_frames
-    texture = 1.0 - noise_slopes[:, None] / np.maximum(slopes, 1e-30)
-    has_texture = texture.min(axis=1) > _LEAST_TEXTURE
-    texture = np.where(has_texture[:, None], texture, np.nan)
-    texture = np.column_stack([texture, texture.mean(axis=1)])
-    # Noise of the slopes meets the noise of the frame only: with its own it cancels, because the
-    # slope of a pixel does not depend on that pixel and the weights are odd.
-    by_frame = np.divide(square, passed, out=np.zeros_like(passed), where=passed > 0)[:, None]
-    covariance *= (texture + by_frame * (1.0 - texture)) / texture**2
-    return covariance, has_texture
+    along /= texture**2
+    root = seen_by.root[chosen]
+    turn = 0.5 * (root[:, 4] - root[:, 2])
+    found = np.stack([(row**2 * along).sum(axis=1) for row in (root[:, 0], root[:, 3], turn)], axis=1)
+    both = np.asarray((root[:, 0] * root[:, 3] * along).sum(axis=1))
+    is_told &= _largest(found[:, 0], found[:, 1], both) < _MOST_UNCERTAIN**2
+    resisted = [(root[:, a] * root[:, b] / texture).sum(axis=1) for a, b in ((0, 0), (3, 3), (0, 3))]
+    weakest = 1.0 / np.maximum(_largest(*resisted), 1e-30)
+    return Variances(np.where(is_told[:, None], found, np.nan), both, weakest, is_told)
+
+
+def _largest(xx: Floats, yy: Floats, xy: Floats) -> Floats:
+    """Larger eigenvalue of symmetric matrices of two rows."""
+    return np.asarray(0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy))
 
 
 def _interpolation_gain(model: NoiseModel, half: Floats, motion: Floats) -> Floats:

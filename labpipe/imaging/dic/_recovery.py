@@ -11,14 +11,12 @@ from labpipe.imaging.dic._film_window import Loaded
 from labpipe.imaging.dic._reference import Status
 from labpipe.imaging.dic._seeding import Pyramid, find_subset, fit_motion, make_pyramid, shift_of
 from labpipe.imaging.dic._subset_solver import LEFT_WINDOW
-from labpipe.imaging.dic._tracker import SURPRISE, Attempt, FrameResult, Tracker
+from labpipe.imaging.dic._tracker import NEIGHBOURS, SURPRISE, Attempt, FrameResult, Tracker, nearest
 
 #: Distance from a neighbour's or a template's proposal (px) within which it is confirmed.
 _CONFIRMED = 2.5
 #: When so few of so many points converge near their prediction, they did by chance.
 _CHANCE, _MANY = 0.2, 10
-#: Neighbours that are asked, and the distance (px) from their median that calls for a second look.
-_NEIGHBOURS, _OUTVOTED = 6, 1.0
 #: Agreement of surprised points with each other (px), and how many are needed.
 _MUTUAL, _MUTUAL_COUNT = 0.5, 5
 #: Template matches per frame: when points have just been lost, and when they stay lost.
@@ -33,11 +31,12 @@ def follow(tracker: Tracker, index: int, loaded: Loaded) -> FrameResult:
     """Find all points in one frame, those that prediction did not lead to as well."""
     expected = tracker.predict(index)
     attempt = tracker.first_attempt(loaded, expected)
-    if not attempt.trusted.all():
+    if not attempt.trusted.all() or tracker.contradicted(attempt).any():
         Recovery(tracker, index, loaded, attempt, expected).run()
     tracker.remember(index, attempt)
     status = np.where(attempt.trusted, Status.OK, Status.LOST).astype(np.int8)
     status[~attempt.trusted & attempt.reached] = Status.OUTSIDE
+    status[~attempt.trusted & attempt.outvoted] = Status.OUTVOTED
     return FrameResult(attempt.motion, attempt.gain, attempt.residual, attempt.zncc, attempt.iterations, status)
 
 
@@ -71,6 +70,14 @@ class Recovery:
         moved = np.hypot(*(attempt.motion - self._expected)[:, [0, 3]].T)
         calm = self._tracker.accepts(attempt.code, attempt.zncc) & (moved <= SURPRISE)
         attempt.trusted |= calm & self._tracker.is_tracked
+        self._veto()
+
+    def _veto(self) -> None:
+        """Distrust what the neighbours still contradict, the worst of them first."""
+        attempt, tracker = self._attempt, self._tracker
+        while (wrong := tracker.contradicted(attempt)).any():
+            attempt.outvoted |= wrong
+            attempt.trusted &= ~wrong
 
     def _trust_agreement(self) -> None:
         """Trust surprised points that all tell of the same rigid motion."""
@@ -96,9 +103,9 @@ class Recovery:
         for _ in range(_ROUNDS):
             waiting = np.flatnonzero(~attempt.trusted)
             trusted = np.flatnonzero(attempt.trusted)
-            if not len(waiting) or rank >= min(len(trusted), _NEIGHBOURS):
+            if not len(waiting) or rank >= min(len(trusted), NEIGHBOURS):
                 return
-            near = _nearest(tracker.places[waiting], tracker.places[trusted], rank + 1)
+            near = nearest(tracker.places[waiting], tracker.places[trusted], rank + 1)
             start = self._carry(trusted[near[:, rank]], waiting)
             # A neighbour that is wrong itself must not stand in the way: ask the next one.
             rank = 0 if self._try(waiting, start) else rank + 1
@@ -113,16 +120,10 @@ class Recovery:
     def _outvote(self) -> None:
         """Correct trusted points that contradict the median of their neighbours."""
         attempt, tracker = self._attempt, self._tracker
-        trusted = np.flatnonzero(attempt.trusted)
-        if len(trusted) <= _NEIGHBOURS:
-            return
-        near = _nearest(tracker.places[trusted], tracker.places[trusted], _NEIGHBOURS + 1)
-        votes = np.stack([self._carry(trusted[near[:, k]], trusted) for k in range(1, _NEIGHBOURS + 1)])
-        start = np.median(votes, axis=0)
-        apart = np.hypot(*(start - attempt.motion[trusted])[:, [0, 3]].T)
-        odd = apart > _OUTVOTED
-        if odd.any():
-            self._try(trusted[odd], start[odd])
+        odd = np.flatnonzero(tracker.contradicted(attempt))
+        if len(odd):
+            votes = [self._carry(near, odd) for near in tracker.neighbours[odd].T]
+            self._try(odd, np.median(votes, axis=0))
 
     def _seed(self) -> bool:
         """Match templates for some untrusted points; True when one was found."""
@@ -202,11 +203,3 @@ class Recovery:
     def _has_frame_around(self, chosen: Integers, start: Floats) -> bool:
         """Whether any proposal lies inside the frame, though not in the loaded rectangle."""
         return bool(self._is_in_frame(chosen, start).any())
-
-
-def _nearest(places: Floats, others: Floats, count: int) -> Integers:
-    """For every place the numbers of its nearest others, shape (place, count)."""
-    from scipy.spatial import cKDTree
-
-    found = cKDTree(others).query(places, k=range(1, count + 1))[1]
-    return np.asarray(found, np.int64)

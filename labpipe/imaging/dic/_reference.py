@@ -10,7 +10,7 @@ from labpipe.arrays import Floats32
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource
 from labpipe.imaging.dic._film_window import smooth
-from labpipe.imaging.dic._motion_uncertainty import NoiseModel, make_noise_model
+from labpipe.imaging.dic._motion_uncertainty import COARSE, NoiseModel, make_noise_model
 from labpipe.imaging.dic._seeding import Pyramid, make_pyramid
 from labpipe.imaging.dic._spline import node_gradients, prefilter
 from labpipe.imaging.dic._subset_solver import Subsets, cut_subsets
@@ -35,6 +35,7 @@ class Status(IntEnum):
     TEXTURELESS = 3  # nothing but noise, or edges in one direction only
     FRAME_DAMAGED = 4  # the file says so, or the frame holds NaN
     LOST = 5  # no place in the frame correlates well enough
+    OUTVOTED = 6  # its neighbours agree on another place
 
 
 @dataclass(frozen=True)
@@ -156,12 +157,14 @@ def make_reference(
         twice = _cut(grey, *slopes, centres, half, is_rigid, usable).normal
         normal = subsets.normal
         smoothing = (twice[:, 0, 0] + twice[:, 3, 3]) / (normal[:, 0, 0] + normal[:, 3, 3])
+    slopes = smooth(gradient_x, COARSE), smooth(gradient_y, COARSE)
+    coarse = _cut(smooth(grey, COARSE), *slopes, centres, half, is_rigid, usable).normal
     return Reference(
         subsets,
         usable,
         points[usable] - centres[usable],
         status,
-        make_noise_model(order, blur, used, smoothing),
+        make_noise_model(order, blur, used, smoothing, subsets, coarse),
         make_pyramid(grey),
     )
 

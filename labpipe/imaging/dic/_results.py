@@ -43,6 +43,8 @@ class Displacements:
 
     value: Floats
     deviation: Floats
+    covariance: Floats
+    texture: Floats
     zncc: Floats
     iterations: NDArray[np.int32]
     status: NDArray[np.int8]
@@ -77,13 +79,14 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     status = table.status.copy()
     value = np.full((*shape, 3), np.nan)
     deviation = np.full((*shape, 3), np.nan)
+    covariance, texture = np.full((2, *shape), np.nan)
     rows, columns = np.nonzero(status == Status.OK)
     for first in range(0, len(rows), _BLOCK):
         row, column = rows[first : first + _BLOCK], columns[first : first + _BLOCK]
         motion = table.motion[row, column]
         value[row, column, :2] = shift_of(motion, reference.offset[column])
         value[row, column, 2] = np.arctan2(motion[:, 4] - motion[:, 2], 2.0 + motion[:, 1] + motion[:, 5])
-        variance, has_texture = motion_variance(
+        found = motion_variance(
             reference.noise,
             reference.subsets,
             column,
@@ -92,8 +95,9 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
             table.residual[row, column],
             is_static[row],
         )
-        deviation[row, column] = np.sqrt(variance)
-        status[row, column] = np.where(has_texture, Status.OK, Status.TEXTURELESS)
+        deviation[row, column] = np.sqrt(found.motion)
+        covariance[row, column], texture[row, column] = found.covariance, found.texture
+        status[row, column] = np.where(found.is_told, Status.OK, Status.TEXTURELESS)
     _warn_of_motion(value[is_static], status[is_static])
     is_origin = is_static[:, None] & (status == Status.OK)
     seen = is_origin.sum(axis=0)
@@ -104,7 +108,8 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     is_bad = status != Status.OK
     value[is_bad] = np.nan
     deviation[is_bad] = np.nan
-    return Displacements(value, deviation, table.zncc, table.iterations, status)
+    covariance[is_bad] = np.nan
+    return Displacements(value, deviation, covariance, texture, table.zncc, table.iterations, status)
 
 
 def _warn_of_motion(static: Floats, status: NDArray[np.int8]) -> None:
@@ -174,7 +179,10 @@ def make_dataset(
         variables[name] = (dims, spread(found.value[..., k], np.nan), attrs)
         u_attrs = described(units, f"standard uncertainty of the {text}")
         variables[f"u_{name}"] = (dims, spread(found.deviation[..., k], np.nan), dict(u_attrs))
+    u_attrs = described("px2", "covariance of the displacements to the right and downwards")
+    variables["cov_dx_dy"] = (dims, spread(found.covariance, np.nan), u_attrs)
     plain = {
+        "texture": (spread(found.texture, np.nan), "squared slopes of the pattern along its weakest direction"),
         "zncc": (spread(found.zncc, np.nan), "zero-normalised cross-correlation"),
         "iterations": (spread(found.iterations, 0), "evaluations of the subset"),
         "valid": (status == Status.OK, "whether there is a displacement"),

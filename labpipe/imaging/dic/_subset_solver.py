@@ -158,18 +158,37 @@ def cut_subsets(
     ones, greys = moments[:, 0], moments[:, 1]
     normal -= ones[:, :, None] * ones[:, None, :] / (width**2)[:, None, None]
     normal -= greys[:, :, None] * greys[:, None, :] / energy
-    inverse = np.zeros_like(normal)
-    for group, basis in ((is_rigid, _RIGID_FROM_AFFINE), (~is_rigid, np.eye(6))):
-        if group.any():
-            inverse[group] = _invert(normal[group], basis)
+    inverse = invert_within(normal, is_rigid)
     least = width**2 * (_LEAST_SLOPE * level[:, 0]) ** 2
     is_flat = (normal[:, 0, 0] <= least) | (normal[:, 3, 3] <= least)
     inverse[is_flat] = 0.0
     return Subsets(layout, is_rigid, packed, level, moments, normal, inverse)
 
 
+def invert_within(normal: Floats, is_rigid: NDArray[np.bool_]) -> Floats:
+    """Invert normal matrices within the motions that each subset is allowed.
+
+    Parameters
+    ----------
+    normal : array (point, 6, 6)
+        Normal matrices of the affine motion.
+    is_rigid : bool array (point,)
+        Which subsets shift and turn only.
+
+    Returns
+    -------
+    array (point, 6, 6)
+        Zero where the subset does not determine its motion.
+    """
+    inverse = np.zeros_like(normal)
+    for group, basis in ((is_rigid, _RIGID_FROM_AFFINE), (~is_rigid, np.eye(6))):
+        if group.any():
+            inverse[group] = _invert(normal[group], basis)
+    return inverse
+
+
 def _invert(normal: Floats, basis: Floats) -> Floats:
-    """Invert within the allowed motions; zero where the subset does not determine them."""
+    """Invert within the motions of a basis."""
     reduced = basis @ normal @ basis.T
     scale = np.sqrt(np.maximum(np.diagonal(reduced, axis1=1, axis2=2), 0.0))
     balance = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)

@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats, Integers
 from labpipe.imaging.dic._film_window import Box, FilmWindow, Loaded
-from labpipe.imaging.dic._motion_state import converged_nearby, extent, predicted, remember
+from labpipe.imaging.dic._motion_state import contradicted, converged_nearby, extent, predicted, remember
 from labpipe.imaging.dic._reference import Reference
 from labpipe.imaging.dic._subset_solver import SOLVED, Solution, solve
 
 #: Distance from the prediction (px) up to which a converged point needs no confirmation:
 #: the velocity of a bouncing holder changes by at most 1 px per frame.
 SURPRISE = 1.5
+#: Neighbours that are asked whether a point is right.
+NEIGHBOURS = 6
 #: Drop of the correlation relative to the last frame that calls for a check.
 _DROP = 0.85
 
@@ -66,9 +68,11 @@ class Attempt:
     code: Integers
     trusted: Flags
     reached: Flags = field(init=False)
+    outvoted: Flags = field(init=False)
 
     def __post_init__(self) -> None:
         self.reached = np.zeros(len(self.zncc), bool)
+        self.outvoted = np.zeros(len(self.zncc), bool)
 
     @classmethod
     def nothing(cls, expected: Floats) -> "Attempt":
@@ -120,6 +124,7 @@ class Tracker:
         self.film = film
         self._options = options
         self.places = np.stack([reference.subsets.x, reference.subsets.y], axis=1).astype(float)
+        self.neighbours = nearest(self.places, self.places, min(NEIGHBOURS + 1, count))[:, 1:]
         self._half = np.ascontiguousarray(reference.subsets.half)
         self._motion = np.zeros((count, 6))
         self._velocity = np.zeros((count, 2))
@@ -209,6 +214,10 @@ class Tracker:
         )
         return attempt
 
+    def contradicted(self, attempt: Attempt) -> Flags:
+        """Trusted points whose neighbours agree on another place."""
+        return np.asarray(contradicted(self.places, self.neighbours, attempt.motion, attempt.trusted))
+
     def accepts(self, code: Integers, zncc: Floats) -> Flags:
         """Whether points converged with enough correlation."""
         return (code == SOLVED) & (zncc >= self._options.min_zncc)
@@ -229,3 +238,20 @@ class Tracker:
             self.misses,
         )
         self._predictions.clear()
+
+
+def nearest(places: Floats, others: Floats, count: int) -> Integers:
+    """Find for every place its nearest others, shape (place, count).
+
+    Parameters
+    ----------
+    places, others : arrays (place, 2) and (other, 2) [px]
+    count : int
+        At most the number of others.
+    """
+    from scipy.spatial import cKDTree
+
+    if not len(places):
+        return np.zeros((0, count), np.int64)
+    found = cKDTree(others).query(places, k=range(1, count + 1))[1]
+    return np.asarray(found, np.int64)

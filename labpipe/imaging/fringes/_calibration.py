@@ -1,18 +1,20 @@
-"""Calibration of the optics from a whole film: phase, phase scale, blur, ellipticity.
+"""Calibration of the optics from a whole film: phase, phase scale, blur, ellipticity, harmonics, flat.
 
 Each of them is taken from the largest contacts and then held for all frames. Left free in every
 frame they would multiply the effect of every other error.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
-from labpipe.imaging.fringes._ring_fit import Parameter, RingFit, fit_contact
+from labpipe.arrays import Floats
+from labpipe.imaging.fringes._ring_fit import HARMONICS, LIGHT, Parameter, RingFit, fit_contact
 from labpipe.imaging.fringes._search import View
 
 #: Frames that are used, the largest contacts first.
@@ -25,10 +27,15 @@ _VARIANCES = 30.0
 _SIGNIFICANT = 5.0
 #: Greatest logarithm of the phase scale that is believed: a factor of two.
 _MOST_SCALE = 0.7
-#: Standard deviations (px) of the image of a point that are tried.
-_BLURS = (0.4, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 2.5)
-#: Frames in which they are tried.
-_BLUR_FRAMES = 4
+#: Rounds in which the blur is found, its least (px), the relative change at which they end, the
+#: step by which its effect is told, and the square of an even motion over its variance.
+_BLUR_ROUNDS, _LEAST_BLUR, _SAME_BLUR, _BLUR_STEP, _EVEN = 4, 0.2, 0.02, 0.1, 12.0
+#: Flats that are tried as shares of the smallest contact, until one leaves so much more than
+#: another; frames and pixels for that, and variances by which one must lower the sum of squares.
+_FLATS, _WORSE = (0.35, 0.5, 0.62, 0.74, 0.86, 0.96), 1.2
+_FLAT_FRAMES, _FLAT_PIXELS, _FLAT_VARIANCES, _FLAT_ROUNDS = 4, 12_000, 40.0, 2
+#: Things that are found one after the other at most.
+_ROUNDS = 4
 
 _AXES = (Parameter.STRETCH, Parameter.SHEAR)
 
@@ -47,6 +54,14 @@ class Calibration:
         Stretch and shear of circles.
     blur : float [px]
         Standard deviation of the image of a point.
+    harmonics : (float, float)
+        Of the interference, relative to the first.
+    flat : float [px]
+        Radius of a flat worn into the sphere.
+    has_uneven_light : bool
+        Whether the light needs higher powers of place.
+    radii, u_shared : tuples of float [px]
+        What the uncertainty of blur, harmonics and flat makes of contacts of these radii.
     frames : tuple of int
         Frames that were used.
     doubted_phase : float [rad]
@@ -59,14 +74,31 @@ class Calibration:
     u_log_scale: float = 0.0
     ellipse: tuple[float, float] = (0.0, 0.0)
     blur: float = 0.0
+    harmonics: tuple[float, float] = (0.0, 0.0)
+    flat: float = 0.0
+    has_uneven_light: bool = False
+    radii: tuple[float, ...] = ()
+    u_shared: tuple[float, ...] = ()
     frames: tuple[int, ...] = ()
     doubted_phase: float = math.nan
 
     @property
     def is_usual(self) -> bool:
         """Whether all is as it was assumed."""
-        is_circle = self.ellipse == (0.0, 0.0)
-        return is_circle and (self.phase_shift, self.log_scale, self.blur) == (0.0, 0.0, 0.0)
+        is_plain = (*self.ellipse, *self.harmonics) == (0.0, 0.0, 0.0, 0.0) and not self.has_uneven_light
+        return is_plain and (self.phase_shift, self.log_scale, self.blur, self.flat) == (0.0, 0.0, 0.0, 0.0)
+
+    def with_shared(self, trial: "_Trial", shifts: Floats | float) -> "Calibration":
+        """Add to what is shared the shifts of the radius (px) in the frames of a trial."""
+        radii = np.array([fit.parameters[Parameter.RADIUS] for fit in trial.fits])
+        before = np.array([self.shared(float(radius)) for radius in radii])
+        total = np.hypot(before, np.abs(shifts))
+        order = np.argsort(radii)
+        return replace(self, radii=tuple(radii[order].tolist()), u_shared=tuple(total[order].tolist()))
+
+    def shared(self, radius: float) -> float:
+        """Return the standard uncertainty (px) that blur, harmonics and flat give to a radius (px)."""
+        return float(np.interp(radius, self.radii, self.u_shared)) if self.radii else 0.0
 
     def applied(self, view: View) -> View:
         """Return the view with what was found."""
@@ -75,8 +107,14 @@ class Calibration:
             phase=view.optics.phase + self.phase_shift,
             phase_scale=view.optics.phase_scale * math.exp(self.log_scale),
             blur=self.blur,
+            flat=self.flat,
         )
-        return replace(view, optics=optics, ellipse=self.ellipse, alternatives=())
+        settings = view.settings
+        if self.has_uneven_light:
+            settings = replace(settings, free=tuple(dict.fromkeys((*settings.free, *LIGHT))))
+        return replace(
+            view, optics=optics, settings=settings, ellipse=self.ellipse, harmonics=self.harmonics, alternatives=()
+        )
 
 
 @dataclass(frozen=True)
@@ -84,6 +122,16 @@ class _Trial:
     """Fits of the same frames with one set of free parameters."""
 
     fits: tuple[RingFit, ...]
+
+    @property
+    def left(self) -> float:
+        """Sum of squares, in variances of a pixel by the noise of the first frame of all trials."""
+        return sum(fit.residual**2 * fit.pixels / max(fit.between, 1e-6) ** 2 for fit in self.fits)
+
+    @property
+    def pixels(self) -> int:
+        """Pixels of all frames."""
+        return sum(fit.pixels for fit in self.fits)
 
     @property
     def excess(self) -> float:
@@ -98,20 +146,42 @@ class _Trial:
         chi_square = float((weights * (values - mean) ** 2).sum()) / max(len(values) - 1, 1)
         return mean, math.sqrt(max(chi_square, 1.0) / float(weights.sum()))
 
-    def is_better_than(self, other: "_Trial") -> bool:
-        """Tell whether the misfit is much lower, and not by chance."""
-        gain = sum(
+    def shift_of_radius(self, parameters: Sequence[Parameter]) -> float:
+        """Return the standard uncertainty (px) of the radius from that of the means of some parameters."""
+        shares = []
+        for fit in self.fits:
+            rows = [fit.free.index(p) for p in parameters]
+            place = fit.free.index(Parameter.RADIUS)
+            own = fit.covariance[np.ix_(rows, rows)]
+            shares.append(fit.covariance[place, rows] @ np.linalg.pinv(own))
+        mean = np.mean(shares, axis=0)
+        deviations = np.array([self.mean(p)[1] for p in parameters])
+        return float(np.sqrt(((mean * deviations) ** 2).sum()))
+
+    def changes(self, other: "_Trial") -> Floats:
+        """Return the changes of the radius (px) against another trial of the same frames."""
+        place = Parameter.RADIUS
+        return np.array([a.parameters[place] - b.parameters[place] for a, b in zip(self.fits, other.fits, strict=True)])
+
+    def gain_over(self, other: "_Trial") -> float:
+        """Return the drop of the sum of squares, in variances of a pixel."""
+        return sum(
             (a.residual**2 - b.residual**2) * b.pixels / max(b.noise, 1e-6) ** 2
             for a, b in zip(other.fits, self.fits, strict=True)
         )
-        is_significant = gain > _VARIANCES * len(self.fits)
+
+    def is_better_than(self, other: "_Trial") -> bool:
+        """Tell whether the misfit is much lower, and not by chance."""
+        is_significant = self.gain_over(other) > _VARIANCES * len(self.fits)
         return is_significant and self.excess * _FACTOR < other.excess
 
 
 class _Attempt(Protocol):
     """Fits the chosen frames with further parameters free, some things being known."""
 
-    def __call__(self, extra: Sequence[Parameter], known: Calibration, count: int = ...) -> _Trial | None:
+    def __call__(
+        self, extra: Sequence[Parameter], known: Calibration, count: int = ..., pixels: int = ...
+    ) -> _Trial | None:
         """Return the fits, or None when one of them fails."""
 
 
@@ -152,8 +222,12 @@ def calibrate(
     images = [frame_of(index) for index in chosen]
     starts = [fits[index] for index in chosen]
 
-    def attempt(extra: Sequence[Parameter], known: Calibration, count: int = _FRAMES) -> _Trial | None:
+    def attempt(
+        extra: Sequence[Parameter], known: Calibration, count: int = _FRAMES, pixels: int | None = None
+    ) -> _Trial | None:
         seen = known.applied(view)
+        if pixels is not None:
+            seen = replace(seen, settings=replace(seen.settings, max_pixels=pixels))
         return _attempt(images[:count], starts[:count], seen, tuple(extra))
 
     plain_axes = _AXES if shape == "ellipse" else ()
@@ -172,22 +246,26 @@ def calibrate(
         if trial is not None:
             result = _with_rough(trial, result, rough, view)
             best = attempt(plain_axes, result) or best
-    # Blur may hide behind a wrong phase or scale, or the other way round: hence twice.
-    for _ in range(2):
+    # One may hide behind another: whatever explains most comes first.
+    for _ in range(_ROUNDS):
         candidates = [
-            _find_blur(attempt, plain_axes, result, best),
+            *_find_shape_of_light(attempt, plain_axes, result, best),
             _find_optics(attempt, plain_axes, result, best, Parameter.PHASE, view),
             _find_optics(attempt, plain_axes, result, best, Parameter.SCALE, view),
+            _find_blur(attempt, plain_axes, result, best),
+            _find_flat(attempt, plain_axes, result, best),
         ]
         better = [candidate for candidate in candidates if candidate is not None]
         if not better:
             break
-        trial, found = min(better, key=lambda candidate: candidate[0].excess)
+        # What differs from frame to frame fits better than what holds for all: compare the latter.
+        reference = best
+        held = [(attempt(plain_axes, found) or trial, found) for trial, found in better]
+        trial, found = max(held, key=lambda candidate: candidate[0].gain_over(reference))
         if found.phase_shift != result.phase_shift and not is_phase_free:
             # The scale would be bent to make up for a phase that is not what it is said to be.
             return replace(result, doubted_phase=view.optics.phase + found.phase_shift)
-        result = found
-        best = attempt(plain_axes, result) or trial
+        result, best = found, trial
     return result
 
 
@@ -202,29 +280,99 @@ def _with_rough(trial: _Trial, known: Calibration, rough: Sequence[Parameter], v
     return known
 
 
+def _find_shape_of_light(
+    attempt: _Attempt, axes: Sequence[Parameter], known: Calibration, best: _Trial
+) -> Iterator[tuple[_Trial, Calibration]]:
+    """Yield harmonics and uneven light, each when it explains the frames much better than none."""
+    if not any(fit.model_deviation > 0.0 for fit in best.fits):
+        return
+    if not known.has_uneven_light:
+        uneven = replace(known, has_uneven_light=True)
+        trial = attempt(axes, uneven)
+        if trial is not None and trial.is_better_than(best):
+            yield trial, uneven
+    if known.harmonics == (0.0, 0.0):
+        trial = attempt((*axes, *HARMONICS), known)
+        if trial is not None and trial.is_better_than(best):
+            harmonics = (trial.mean(Parameter.SECOND)[0], trial.mean(Parameter.THIRD)[0])
+            found = replace(known, harmonics=harmonics)
+            yield trial, found.with_shared(trial, trial.shift_of_radius(HARMONICS))
+
+
 def _find_blur(
     attempt: _Attempt, axes: Sequence[Parameter], known: Calibration, best: _Trial
 ) -> tuple[_Trial, Calibration] | None:
-    """Blur that leaves least, when it explains the frames much better than none."""
+    """Blur of the lens, when it explains the frames much better than none.
+
+    A lens and a contact that moves evenly blur nearly alike: what is seen is the sum of their
+    variances. The frame in which it is least is taken for one without motion.
+    """
     if known.blur or not any(fit.model_deviation > 0.0 for fit in best.fits):
         return None
-    sharp = _Trial(best.fits[:_BLUR_FRAMES])
-    tried: dict[float, _Trial] = {}
-    for blur in _BLURS:
-        trial = attempt(axes, replace(known, blur=blur), _BLUR_FRAMES)
-        if trial is None:
+    trial, blur, u_square = best, 0.0, 0.0
+    for _ in range(_BLUR_ROUNDS):
+        variances = sorted(
+            (blur**2 + float(fit.parameters[Parameter.SMEAR]) / _EVEN, fit.deviation(Parameter.SMEAR) / _EVEN)
+            for fit in trial.fits
+        )
+        if variances[0][0] <= _LEAST_BLUR**2:
+            return None
+        change = math.sqrt(variances[0][0]) - blur
+        blur += change
+        # Two frames at rest see the same blur; they differ by what is known of it.
+        u_square = max(variances[0][1], variances[min(1, len(variances) - 1)][0] - variances[0][0])
+        found = attempt(axes, replace(known, blur=blur))
+        if found is None:
+            return None
+        trial = found
+        if abs(change) < _SAME_BLUR * blur:
             break
-        tried[blur] = trial
-        if trial.excess > 4.0 * min(other.excess for other in tried.values()) + 1e-6:
+    if not trial.is_better_than(best):
+        return None
+    sharper = attempt(axes, replace(known, blur=(1.0 - _BLUR_STEP) * blur))
+    slope = 0.0 if sharper is None else trial.changes(sharper) / (_BLUR_STEP * blur)
+    return trial, replace(known, blur=blur).with_shared(trial, slope * u_square / (2.0 * blur))
+
+
+def _find_flat(
+    attempt: _Attempt, axes: Sequence[Parameter], known: Calibration, best: _Trial
+) -> tuple[_Trial, Calibration] | None:
+    """Flat that leaves least in all frames, when it explains them better than a whole sphere."""
+    if known.flat or not any(fit.model_deviation > 0.0 for fit in best.fits):
+        return None
+    smallest = min(float(fit.parameters[Parameter.RADIUS]) for fit in best.fits)
+
+    def left(flat: float) -> float:
+        trial = attempt(axes, replace(known, flat=flat), _FLAT_FRAMES, _FLAT_PIXELS)
+        return math.inf if trial is None else trial.left
+
+    tried = [(0.0, left(0.0))]
+    for share in _FLATS:
+        tried.append((share * smallest, left(share * smallest)))
+        if tried[-1][1] > _WORSE * min(value for _, value in tried):
             break
-    if not tried:
+    near = min(range(len(tried)), key=lambda place: tried[place][1])
+    if near == 0:
         return None
-    blur = min(tried, key=lambda value: tried[value].excess)
-    if not tried[blur].is_better_than(sharp):
+    low, high = tried[near - 1][0], tried[min(near + 1, len(tried) - 1)][0]
+    width = high - low
+    flat = float(minimize_scalar(left, bounds=(low, high), method="bounded", options={"xatol": 0.01 * width}).x)
+    trial = attempt(axes, replace(known, flat=flat))
+    if trial is None or trial.gain_over(best) < _FLAT_VARIANCES:
         return None
-    found = replace(known, blur=blur)
-    trial = attempt(axes, found)
-    return None if trial is None else (trial, found)
+    # All pixels of all frames place the minimum better: the vertex of ever narrower parabolas.
+    step = 0.1 * width
+    for _ in range(_FLAT_ROUNDS):
+        smaller, larger = (attempt(axes, replace(known, flat=size)) for size in (flat - step, flat + step))
+        if smaller is None or larger is None:
+            return None
+        bend = max((smaller.left + larger.left - 2.0 * trial.left) / step**2, 1e-9)
+        flat += float(np.clip((smaller.left - larger.left) / (2.0 * step * bend), -step, step))
+        trial = attempt(axes, replace(known, flat=flat)) or trial
+        u_flat = min(math.sqrt(2.0 * max(trial.left / trial.pixels, 1.0) / bend), width)
+        slopes = larger.changes(smaller) / (2.0 * step)
+        step = min(step, 5.0 * u_flat)
+    return trial, replace(known, flat=flat).with_shared(trial, slopes * u_flat)
 
 
 def _find_optics(
@@ -271,6 +419,9 @@ def _attempt(
             parameters[[Parameter.STRETCH, Parameter.SHEAR]] = view.ellipse
         parameters[Parameter.PHASE] = view.optics.phase
         parameters[Parameter.SCALE] = 0.0
+        parameters[Parameter.BLUR] = 0.0
+        if Parameter.SECOND not in extra:
+            parameters[list(HARMONICS)] = view.harmonics
         fit = fit_contact(image, parameters, view.optics, settings, view.white)
         if fit is None:
             return None

@@ -97,7 +97,9 @@ def contact_radius(
         ``static_radius``, ``u_static_radius`` : mean over the rest at the end of the film, NaN
         when it does not end at rest in contact [m].
         Attributes: ``phase`` (used) and ``u_phase`` (rad), ``phase_scale_ratio`` (found / given
-        of 1/(λ R)), ``wavelength_used``, ``note``, ``work`` (counts).
+        of 1/(λ R)), ``flat_radius`` (of a flat worn into the sphere, 0 for none) [m], ``blur``
+        (of the lens) [px], ``harmonics`` (second and third, relative to the first),
+        ``wavelength_used``, ``note``, ``work`` (counts).
 
     Raises
     ------
@@ -107,15 +109,20 @@ def contact_radius(
     Warns
     -----
     UserWarning
-        The fringes contradict R, wavelength or pixel size; the light's wavelength is not known;
-        fringes are finer than pixels; damaged frames.
+        The fringes contradict R, wavelength or pixel size; frames were measured by the edge of the
+        spot; the sphere is worn flat; the light's wavelength is not known; fringes are finer than
+        pixels; damaged frames.
 
     Notes
     -----
     The gap of a Hertz contact opens like (r - a)^(3/2), so that the image shows no edge at r = a.
     The radius follows from a fit of the interference pattern of the first fringes to all pixels
     of a ring, with centre, light and its slopes, visibility and the blur by the motion of the
-    radius as further unknowns. Phase, blur of the lens, and oblique view are found once per film.
+    radius as further unknowns. Phase, scale, blur of the lens, oblique view, harmonics of the
+    fringes (many beams, a camera that is not linear) and a flat worn into the sphere are found
+    once per film where they explain it beyond doubt. What a fit leaves that changes along the
+    rings is noise, also where pixels share it (speckle, stray fringes); what does not is an error
+    of the model and widens ``u_radius``.
     Beside every contact that does not stick the gap opens with the power 3/2, with Hertz's factor
     unless the body still recovers from a dent: where Hertz's gap does not explain a frame, the
     factor is fitted too. A dark centre alone is no contact: a sphere that touches without load, or

@@ -33,7 +33,7 @@ _METHODS = {
     OPEN_GAP: "fringe_fit_open_gap",
 }
 #: Sources of the systematic budget, in the order of the coordinate.
-SOURCES = ("sphere_radius", "wavelength", "pixel_size", "phase")
+SOURCES = ("sphere_radius", "wavelength", "pixel_size", "phase", "optics")
 #: Deviation of the fringes' scale from R, wavelength and pixel size that is worth a warning.
 _NOTABLE_SCALE = 0.003
 #: Rest: change of the radius, relative to its end, and fewest frames.
@@ -170,6 +170,7 @@ def _systematic(fit: RingFit, result: FilmResult, options: FilmOptions, uncertai
             by_scale * math.hypot(relative_wavelength, result.calibration.u_log_scale),
             (radius - 2.0 * by_scale) * relative,
             by_phase * math.hypot(uncertainties["phase"], result.calibration.u_phase_shift),
+            result.calibration.shared(float(fit.parameters[Parameter.RADIUS])) * pixel,
         ]
     )
 
@@ -178,7 +179,7 @@ def _edge_systematic(
     radius: float, result: FilmResult, options: FilmOptions, uncertainties: dict[str, float]
 ) -> Floats:
     """Parts for an edge: only the pixel size counts beside the uncertainty of the estimate."""
-    return np.array([0.0, 0.0, radius * uncertainties["pixel_size"], 0.0])
+    return np.array([0.0, 0.0, radius * uncertainties["pixel_size"], 0.0, 0.0])
 
 
 def _interpolate(values: dict[str, Floats], parts: Floats, method: NDArray[np.int8], time: Floats) -> None:
@@ -238,6 +239,12 @@ def _warn(options: FilmOptions, result: FilmResult) -> None:
             f"size say, as if R times wavelength were {-scale / (1 + scale):+.2%} off; the scale "
             "of the fringes was used: check sphere_radius, wavelength and pixel_size"
         )
+    if result.calibration.flat > 0.0:
+        size = result.calibration.flat * options.pixel_size * 1e6
+        texts.append(
+            f"the gap around the contacts is that of a sphere with a flat of {size:.0f} µm radius, as if worn; "
+            "the contact radius allows for it: turn or replace the sphere"
+        )
     doubted = result.calibration.doubted_phase
     if math.isfinite(doubted):
         texts.append(
@@ -285,6 +292,9 @@ def _attributes(options: FilmOptions, result: FilmResult, uncertainties: dict[st
         "phase": phase if result.has_fringes else math.nan,
         "u_phase": result.calibration.u_phase_shift,
         "phase_scale_ratio": math.exp(result.log_scale),
+        "flat_radius": result.calibration.flat * options.pixel_size,
+        "blur": result.calibration.blur,
+        "harmonics": list(result.view.harmonics),
         "wavelength_used": options.wavelength or NOMINAL_WAVELENGTH,
         "note": note,
         "uncertainties": json.dumps(uncertainties),

@@ -17,7 +17,7 @@ from labpipe.imaging.fringes._interference import make_optics
 from labpipe.imaging.fringes._open_gap import fit_open_gap, is_doubtful
 from labpipe.imaging.fringes._optics_search import OtherOptics, rebase
 from labpipe.imaging.fringes._radial_scan import edge_width
-from labpipe.imaging.fringes._ring_fit import USUAL, FitSettings, Parameter, RingFit, fit_contact
+from labpipe.imaging.fringes._ring_fit import HARMONICS, USUAL, FitSettings, Parameter, RingFit, fit_contact
 from labpipe.imaging.fringes._search import GOOD_MISFIT, View, fit_at, fit_from, is_contact, search_contact
 
 #: Wavelength assumed for the edge of the spot when it is not known: the middle of white light.
@@ -92,7 +92,7 @@ def _make_view(reader: FilmReader, options: FilmOptions, wanted: Flags) -> View:
     if options.shape == "ellipse":
         free = (*USUAL, Parameter.STRETCH, Parameter.SHEAR)
     oblique = ((Parameter.STRETCH, Parameter.SHEAR),) if options.shape == "auto" else ()
-    alternatives = (*oblique, (Parameter.SCALE,))
+    alternatives = (*oblique, (Parameter.SCALE,), (Parameter.BLUR,), HARMONICS)
     settings = FitSettings(options.fringes, LEAST_SPACING, free)
     black, white = film.levels
     if wanted.any() and reader.whole(int(wanted.argmax())).dtype.kind == "f":
@@ -254,6 +254,8 @@ def _refit(reader: FilmReader, result: FilmResult, read: Flags, fits: dict[int, 
         if index in fits:
             start = fits[index].parameters.copy()
             start[Parameter.PHASE], start[Parameter.SCALE] = view.optics.phase, 0.0
+            start[Parameter.BLUR] = 0.0
+            start[list(HARMONICS)] = view.harmonics
             if Parameter.STRETCH not in view.settings.free:
                 start[[Parameter.STRETCH, Parameter.SHEAR]] = view.ellipse
             fit = fit_contact(frame, start, view.optics, view.settings, view.white)

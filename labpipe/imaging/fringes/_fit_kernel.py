@@ -16,6 +16,28 @@ FAST = {"reassoc", "contract", "nsz", "arcp"}
 
 
 @compiled(nogil=True, fastmath=FAST)
+def _seen_by_pixels(raw: Floats, distance: Floats, kernel: Floats) -> Floats:
+    """Average the lines of a table over pixels and blur; rich ones get the derivative by the blur."""
+    width = len(kernel)
+    size = raw.shape[1] - width + 1
+    result = np.zeros((len(raw), size))
+    for line in range(len(raw)):
+        if line == 5:
+            continue
+        for j in range(width):
+            weight = kernel[j]
+            for i in range(size):
+                result[line, i] += weight * raw[line, i + j]
+    if len(raw) > 5:
+        # A blur spreads the light as heat does: by its square, half the Laplacian.
+        for i in range(size):
+            low, high = max(i - 1, 0), min(i + 1, size - 1)
+            bend = (result[1, high] - result[1, low]) * SAMPLES_PER_PIXEL / (high - low)
+            result[5, i] = 0.5 * (bend + result[1, i] / max(distance[i + width // 2], 1.0))
+    return result
+
+
+@compiled(nogil=True, fastmath=FAST)
 def fill_table(
     distance: Floats,
     contact_radius: float,
@@ -25,10 +47,14 @@ def fill_table(
     phase_scale: float,
     phase: float,
     kernel: Floats,
+    second: float,
+    third: float,
+    is_rich: bool,
+    flat: float,
 ) -> Floats:
-    """Compiled twin of the loop in :func:`.radial_table`."""
+    """Compiled twin of the loop in :func:`.radial_table`; rich tables have three lines more."""
     count = len(distance)
-    raw = np.zeros((5, count))
+    raw = np.zeros((8 if is_rich else 5, count))
     for k in range(len(nodes)):
         node = nodes[k]
         square = max(contact_radius * contact_radius + node * contact_radius * travel, 0.0)
@@ -36,42 +62,63 @@ def fill_table(
         divisor = 2.0 * max(a, 1e-6)
         to_radius = (2.0 * contact_radius + node * travel) / divisor
         to_travel = node * contact_radius / divisor
-        inside_cosine = weights[k] * math.cos(phase)
-        inside_sine = -weights[k] * math.sin(phase)
+        cosine = math.cos(phase)
+        two = 2.0 * cosine * cosine - 1.0
+        three = cosine * (2.0 * two - 1.0)
+        inside_cosine = weights[k] * (cosine + second * two + third * three)
+        inside_sine = -weights[k] * math.sin(phase) * (1.0 + 4.0 * second * cosine + 3.0 * third * (2.0 * two + 1.0))
+        inner = min(flat, 0.995 * a)
+        inner *= inner
+        side = math.sqrt(max(square - inner, 0.0))
+        inside_two, inside_three = weights[k] * two, weights[k] * three
         for i in range(count):
             r = distance[i]
             if r <= a:
                 raw[0, i] += inside_cosine
                 raw[3, i] += inside_sine
+                if is_rich:
+                    raw[6, i] += inside_two
+                    raw[7, i] += inside_three
                 continue
             root = math.sqrt(r * r - square)
             angle = math.atan2(root, a)
-            gap = (a * root - (2.0 * square - r * r) * angle) / math.pi
-            angle *= phase_scale / math.pi
-            slope = 2.0 * (phase_scale / math.pi * a * root / r + r * angle)
+            if flat > 0.0:
+                turn = 0.5 * math.pi - math.atan2(side, root)
+                gap = ((r * r - inner) * turn + side * root - 2.0 * a * side * angle) / math.pi
+                angle *= phase_scale / math.pi
+                slope = 2.0 * phase_scale / math.pi * (side * root / r + r * turn)
+                # By radius below: -4 a angle; here 2 (2 a² - b²) / s angle.
+                angle *= (square - 0.5 * inner) / (a * side)
+            else:
+                gap = (a * root - (2.0 * square - r * r) * angle) / math.pi
+                angle *= phase_scale / math.pi
+                slope = 2.0 * (phase_scale / math.pi * a * root / r + r * angle)
             argument = phase_scale * gap + phase
             sine = -weights[k] * math.sin(argument)
+            cosine = math.cos(argument)
+            term = cosine
+            if is_rich:
+                two = 2.0 * cosine * cosine - 1.0
+                three = cosine * (2.0 * two - 1.0)
+                raw[6, i] += weights[k] * two
+                raw[7, i] += weights[k] * three
+                term += second * two + third * three
+                # sin 2φ = 2 sin φ cos φ, sin 3φ = sin φ (2 cos 2φ + 1)
+                sine *= 1.0 + 4.0 * second * cosine + 3.0 * third * (2.0 * two + 1.0)
             change = -4.0 * a * angle * sine
-            raw[0, i] += weights[k] * math.cos(argument)
+            raw[0, i] += weights[k] * term
             raw[1, i] += slope * sine
             raw[2, i] += change * to_radius
             raw[3, i] += sine
             raw[4, i] += change * to_travel
-    width = len(kernel)
-    result = np.zeros((5, count - width + 1))
-    for line in range(5):
-        for j in range(width):
-            weight = kernel[j]
-            for i in range(count - width + 1):
-                result[line, i] += weight * raw[line, i + j]
-    return result
+    return _seen_by_pixels(raw, distance, kernel)
 
 
 # Lines of the work array of a row: geometry, light, and the table at every pixel.
 _DX, _U, _V, _R, _ACROSS, _CURVE, _LIGHT, _TERM, _CORE = 0, 1, 2, 3, 4, 5, 6, 7, 8
 _BY_R, _BY_RADIUS, _BY_PHASE, _BY_SMEAR, _RESIDUAL, _COLUMN = 9, 10, 11, 12, 13, 14
 _LINES = 15
-_PARAMETERS = 13
+_USUAL, _PARAMETERS = 13, 22
 
 
 @compiled(nogil=True, fastmath=FAST)
@@ -129,6 +176,7 @@ def _evaluate(
     table: Floats,
     table_start: float,
     work: Floats,
+    is_rich: bool,
 ) -> None:
     """Model and residual of the listed pixels; the table is interpolated linearly."""
     last = table.shape[1] - 2
@@ -145,6 +193,10 @@ def _evaluate(
         x = (work[_DX, i] + offset) / origin[2]
         curve = (x * x + down * down - origin[3]) * origin[4]
         light = 1.0 + parameters[5] * x + parameters[6] * down + parameters[7] * curve
+        if is_rich:
+            light += parameters[16] * (x * x - down * down) + parameters[17] * x * down
+            light += x * x * (parameters[18] * x + parameters[19] * down)
+            light += down * down * (parameters[20] * x + parameters[21] * down)
         core = parameters[3] + parameters[4] * work[_TERM, i]
         work[_ACROSS, i] = x
         work[_CURVE, i] = curve
@@ -177,6 +229,29 @@ def _differentiate(count: int, dy: float, down: float, parameters: Floats, work:
         slopes[11, i] = bright * work[_BY_SMEAR, i]
         # The gap is homogeneous of degree 2 in distance and contact radius.
         slopes[12, i] = 0.5 * bright * (r * work[_BY_R, i] + radius * work[_BY_RADIUS, i])
+
+
+@compiled(nogil=True, fastmath=FAST)
+def _differentiate_rich(
+    count: int, down: float, parameters: Floats, table: Floats, table_start: float, work: Floats, slopes: Floats
+) -> None:
+    """Differentiate by blur, harmonics and the higher terms of the light."""
+    last = table.shape[1] - 2
+    for i in range(count):
+        at = (work[_R, i] - table_start) * SAMPLES_PER_PIXEL
+        cell = min(max(int(at), 0), last)
+        t = at - cell
+        bright = parameters[4] * work[_LIGHT, i]
+        x, core = work[_ACROSS, i], work[_CORE, i]
+        slopes[13, i] = bright * (table[5, cell] + t * (table[5, cell + 1] - table[5, cell]))
+        slopes[14, i] = bright * (table[6, cell] + t * (table[6, cell + 1] - table[6, cell]))
+        slopes[15, i] = bright * (table[7, cell] + t * (table[7, cell + 1] - table[7, cell]))
+        slopes[16, i] = core * (x * x - down * down)
+        slopes[17, i] = core * x * down
+        slopes[18, i] = core * x * x * x
+        slopes[19, i] = core * x * x * down
+        slopes[20, i] = core * x * down * down
+        slopes[21, i] = core * down * down * down
 
 
 @compiled(nogil=True, fastmath=FAST)
@@ -255,6 +330,7 @@ def accumulate(
     active: Integers,
     ceiling: float,
     is_last: bool,
+    is_rich: bool,
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Sum the normal equations over the pixels between two distances.
 
@@ -266,15 +342,17 @@ def accumulate(
     size = len(active)
     normal, weighted = np.zeros((size, size)), np.zeros((size, size))
     right, totals = np.zeros(size), np.zeros(4)
-    work, slopes = np.empty((_LINES, columns)), np.empty((_PARAMETERS, columns))
+    work, slopes = np.empty((_LINES, columns)), np.empty((_PARAMETERS if is_rich else _USUAL, columns))
     above, here = np.full(columns, np.nan), np.full(columns, np.nan)
     for row in range(0, rows, stride):
         dy = row + first_row - parameters[2]
         down = (row + first_row - origin[1]) / origin[2]
         count = _find_pixels(image[row], first_column, dy, inner, outer, parameters, ceiling, work)
         offset = parameters[1] - origin[0]
-        _evaluate(count, offset, down, parameters, origin, table, table_start, work)
+        _evaluate(count, offset, down, parameters, origin, table, table_start, work, is_rich)
         _differentiate(count, dy, down, parameters, work, slopes)
+        if is_rich:
+            _differentiate_rich(count, down, parameters, table, table_start, work, slopes)
         residual = work[_RESIDUAL]
         _add(count, active, residual, slopes, normal, right, weighted, is_last)
         for i in range(count):
@@ -287,6 +365,52 @@ def accumulate(
             normal[q, p] = normal[p, q]
             weighted[q, p] = weighted[p, q]
     return normal, right, weighted, totals
+
+
+@compiled(nogil=True)
+def accumulate_cells(
+    image: Floats32,
+    first_row: int,
+    first_column: int,
+    stride: int,
+    inner: float,
+    outer: float,
+    parameters: Floats,
+    origin: Floats,
+    table: Floats,
+    table_start: float,
+    active: Integers,
+    ceiling: float,
+    is_rich: bool,
+    bins: int,
+    sectors: int,
+) -> tuple[Floats, Floats, Floats]:
+    """Sum residuals over cells of the ring, and their products with the slopes over its sectors.
+
+    Returns sums and numbers of pixels (bin, sector), and products (sector, active).
+    """
+    rows, columns = image.shape
+    sums, counts = np.zeros((bins, sectors)), np.zeros((bins, sectors))
+    scores = np.zeros((sectors, len(active)))
+    work, slopes = np.empty((_LINES, columns)), np.empty((_PARAMETERS if is_rich else _USUAL, columns))
+    for row in range(0, rows, stride):
+        dy = row + first_row - parameters[2]
+        down = (row + first_row - origin[1]) / origin[2]
+        count = _find_pixels(image[row], first_column, dy, inner, outer, parameters, ceiling, work)
+        offset = parameters[1] - origin[0]
+        _evaluate(count, offset, down, parameters, origin, table, table_start, work, is_rich)
+        _differentiate(count, dy, down, parameters, work, slopes)
+        if is_rich:
+            _differentiate_rich(count, down, parameters, table, table_start, work, slopes)
+        for i in range(count):
+            turn = math.atan2(dy, work[_DX, i]) / (2.0 * math.pi) + 0.5
+            sector = min(int(turn * sectors), sectors - 1)
+            place = min(int((work[_R, i] - inner) / (outer - inner) * bins), bins - 1)
+            sums[place, sector] += work[_RESIDUAL, i]
+            counts[place, sector] += 1.0
+            for p in range(len(active)):
+                scores[sector, p] += slopes[active[p], i] * work[_RESIDUAL, i]
+    return sums, counts, scores
 
 
 @compiled(nogil=True, fastmath=FAST)

@@ -40,11 +40,14 @@ class Optics:
         Phase in the contact: π where the contact is dark, 0 where it is bright.
     blur : float [px]
         Standard deviation of the image of a point.
+    flat : float [px]
+        Radius of a flat worn into the sphere; 0 for a whole one.
     """
 
     phase_scale: float
     phase: float = math.pi
     blur: float = 0.0
+    flat: float = 0.0
 
 
 def make_optics(pixel_size: float, sphere_radius: float, wavelength: float, phase: float = math.pi) -> Optics:
@@ -110,8 +113,24 @@ def hertz_gap(distance: ArrayLike, contact_radius: float, sphere_radius: float) 
     return scaled_gap(np.asarray(distance, float), contact_radius) / sphere_radius
 
 
-def scaled_gap(distance: Floats, contact_radius: ArrayLike) -> Floats:
-    """Gap times the sphere's radius, in the square of the unit of length."""
+#: A contact reaches beyond the flat: the flat counts as this share of the contact at most.
+_MOST_FLAT = 0.995
+
+
+def scaled_gap(distance: Floats, contact_radius: ArrayLike, flat: float = 0.0) -> Floats:
+    """Gap times the sphere's radius, in the square of the unit of length.
+
+    Notes
+    -----
+    With a flat of radius b the springs of the method of dimensionality reduction stand on the
+    profile x √(x² - b²) beyond b. With s = √(a² - b²) the gap is
+    (r² - b²)(1 - 2A/π)/2 - a s (1 - 2 arcsin(a/r)/π) + s √(r² - a²)/π, where
+    A = arccos √((r² - a²)/(r² - b²)); Hertz's for b = 0. See V. L. Popov, M. Heß, Method of
+    Dimensionality Reduction in Contact Mechanics and Friction (2015), section 3.2,
+    https://doi.org/10.1007/978-3-642-53876-6.
+    """
+    if flat > 0.0:
+        return _flat_gap(distance, contact_radius, flat)
     a = np.asarray(contact_radius, float)
     r = np.maximum(distance, a)
     root = np.sqrt(r * r - a * a)
@@ -119,8 +138,33 @@ def scaled_gap(distance: Floats, contact_radius: ArrayLike) -> Floats:
     return np.where(r > a, (a * root - (2.0 * a * a - r * r) * angle) / np.pi, 0.0)
 
 
-def scaled_slopes(distance: Floats, contact_radius: ArrayLike) -> tuple[Floats, Floats]:
+def _flat_parts(
+    distance: Floats, contact_radius: ArrayLike, flat: float
+) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
+    """Radius, distance beyond it, b², s, √(r² - a²) and the angle A of :func:`scaled_gap`."""
+    a = np.asarray(contact_radius, float)
+    r = np.maximum(distance, a)
+    square = np.asarray(np.minimum(flat, _MOST_FLAT * a) ** 2)
+    s = np.sqrt(a * a - square)
+    root = np.sqrt(r * r - a * a)
+    return a, r, square, s, root, np.arctan2(s, root)
+
+
+def _flat_gap(distance: Floats, contact_radius: ArrayLike, flat: float) -> Floats:
+    """Gap of :func:`scaled_gap` beside a flat."""
+    a, r, square, s, root, angle = _flat_parts(distance, contact_radius, flat)
+    gap = 0.5 * (r * r - square) * (1.0 - 2.0 * angle / np.pi)
+    gap += (s * root - 2.0 * a * s * np.arctan2(root, a)) / np.pi
+    return np.where(r > a, gap, 0.0)
+
+
+def scaled_slopes(distance: Floats, contact_radius: ArrayLike, flat: float = 0.0) -> tuple[Floats, Floats]:
     """Differentiate :func:`scaled_gap` by distance and by contact radius."""
+    if flat > 0.0:
+        a, r, square, s, root, turn = _flat_parts(distance, contact_radius, flat)
+        by_distance = 2.0 * (s * root / np.where(r > 0.0, r, 1.0) + r * (0.5 * np.pi - turn)) / np.pi
+        by_radius = -2.0 * (2.0 * a * a - square) / s * np.arctan2(root, a) / np.pi
+        return np.where(r > a, by_distance, 0.0), np.where(r > a, by_radius, 0.0)
     a = np.asarray(contact_radius, float)
     r = np.maximum(distance, a)
     root = np.sqrt(r * r - a * a)
@@ -202,9 +246,10 @@ class RadialTable:
     ----------
     start : float [px]
         Distance of the first sample; the following are 1 / :data:`SAMPLES_PER_PIXEL` apart.
-    values : array (5, sample)
+    values : array (5 or 8, sample)
         The term (cosine), its derivatives by distance, contact radius and phase, and by the
-        travel of the contact radius during the exposure.
+        travel of the contact radius during the exposure; rich tables also the derivative by the
+        square of the blur, and the second and third harmonic.
     """
 
     start: float
@@ -267,7 +312,14 @@ def table_distances(inner: float, outer: float, blur: float) -> tuple[float, Flo
     return first * step, np.abs(samples + np.copysign(shift, samples))
 
 
-def radial_table(inner: float, outer: float, contact_radius: float, travel: float, optics: Optics) -> RadialTable:
+def radial_table(
+    inner: float,
+    outer: float,
+    contact_radius: float,
+    travel: float,
+    optics: Optics,
+    harmonics: tuple[float, float] = (0.0, 0.0),
+) -> RadialTable:
     """Tabulate the interference term between two distances.
 
     Parameters
@@ -281,24 +333,32 @@ def radial_table(inner: float, outer: float, contact_radius: float, travel: floa
         as the approach of the bodies does.
     optics : Optics
         The interference.
+    harmonics : (float, float), optional
+        Second and third harmonic of the term, relative to the first.
     """
     start, distance = table_distances(inner, outer, optics.blur)
     spacing = 2.0 * math.pi / max(phase_slope(outer, contact_radius, optics), 1e-12)
     nodes, weights = exposure_nodes(travel, spacing)
     squares = contact_radius**2 + nodes * contact_radius * travel
     radii = np.sqrt(np.maximum(squares, 0.0))
-    raw = np.zeros((5, len(distance)))
+    raw = np.zeros((8, len(distance)))
+    second, third = harmonics
     for node, weight, radius in zip(nodes, weights, radii, strict=True):
-        phase = optics.phase_scale * scaled_gap(distance, radius) + optics.phase
-        by_distance, by_radius = scaled_slopes(distance, radius)
-        sine = -weight * np.sin(phase)
+        phase = optics.phase_scale * scaled_gap(distance, radius, optics.flat) + optics.phase
+        by_distance, by_radius = scaled_slopes(distance, radius, optics.flat)
+        sine = -weight * (np.sin(phase) + 2.0 * second * np.sin(2.0 * phase) + 3.0 * third * np.sin(3.0 * phase))
         change = optics.phase_scale * by_radius * sine
         divisor = 2.0 * max(radius, 1e-6)
-        raw[0] += weight * np.cos(phase)
+        raw[0] += weight * (np.cos(phase) + second * np.cos(2.0 * phase) + third * np.cos(3.0 * phase))
+        raw[6] += weight * np.cos(2.0 * phase)
+        raw[7] += weight * np.cos(3.0 * phase)
         raw[1] += optics.phase_scale * by_distance * sine
         raw[2] += change * (2.0 * contact_radius + node * travel) / divisor
         raw[3] += sine
         raw[4] += change * node * contact_radius / divisor
     kernel = pixel_weights(optics.blur)
     averaged = np.stack([np.convolve(line, kernel, mode="valid") for line in raw])
+    half = len(kernel) // 2
+    middle = np.maximum(distance[half : half + averaged.shape[1]], 1.0)
+    averaged[5] = 0.5 * (np.gradient(averaged[1], 1.0 / SAMPLES_PER_PIXEL) + averaged[1] / middle)
     return RadialTable(start, averaged)

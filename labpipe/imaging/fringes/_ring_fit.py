@@ -20,6 +20,7 @@ from labpipe.imaging.fringes._interference import (
     ring_limits,
     table_distances,
 )
+from labpipe.imaging.fringes._ring_noise import MOST_BINS, SECTORS, clustered, slow_power
 from labpipe.uncertainty import excess_uncertainty
 
 
@@ -29,7 +30,9 @@ class Parameter(IntEnum):
     The light is (GAIN + MODULATION · cos) (1 + SLOPE_X x + SLOPE_Y y + BOWL b), x and y and b of
     order 1 over the ring. STRETCH and SHEAR make circles elliptic. SMEAR is the square of the
     change of the radius during the exposure (px²), SCALE the logarithm of a factor of the phase
-    scale.
+    scale. BLUR is the square of the blur (px²) beyond that of the optics, SECOND and THIRD are
+    harmonics of the cosine (many beams, a camera that is not linear), LIGHT_ the higher powers of
+    x and y in the light: x² - y², xy, x³, x²y, xy², y³.
     """
 
     RADIUS = 0
@@ -45,6 +48,15 @@ class Parameter(IntEnum):
     SHEAR = 10
     SMEAR = 11
     SCALE = 12
+    BLUR = 13
+    SECOND = 14
+    THIRD = 15
+    LIGHT_XX = 16
+    LIGHT_XY = 17
+    LIGHT_XXX = 18
+    LIGHT_XXY = 19
+    LIGHT_XYY = 20
+    LIGHT_YYY = 21
 
 
 #: Length of the vector of parameters.
@@ -64,6 +76,10 @@ USUAL = (
     Parameter.SMEAR,
 )
 
+#: Harmonics of the interference, and the higher powers of place in the light.
+HARMONICS = (Parameter.SECOND, Parameter.THIRD)
+LIGHT = tuple(p for p in Parameter if p.name.startswith("LIGHT_"))
+
 #: What is taken for granted in a frame; the fit tells how the radius depends on it.
 ASSUMED = (Parameter.PHASE, Parameter.SCALE)
 
@@ -76,6 +92,10 @@ _LEAST_TRAVEL = 0.3
 #: Expected gain of a step, in variances of a pixel, below which the iteration ends: the fit is then
 #: within a tenth of its uncertainty of the minimum, and the step itself is still made.
 _SMALL_GAIN = 0.01
+#: Share of the errors of the model that noise with a memory must reach to be told from them.
+_OWN_SHARE = 0.3
+#: Misfit from which noise with a memory is looked for.
+_NOTABLE_MISFIT = 0.01
 #: Standard deviations by which the residual exceeds the noise before that counts as an error of
 #: the model; their ratio, squared, scatters by one over the root of the number of pixels.
 _BY_CHANCE = 5.0
@@ -140,6 +160,13 @@ class RingFit:
         False when the iteration did not settle or left the frame.
     evaluations : int
         Evaluations of the ring.
+    inverse : array (free, free)
+        Of the normal matrix.
+    between : float [grey levels]
+        Noise between neighbours along the rings, also where noise has a memory.
+    slow : float or None [grey levels]
+        Root mean square of the residual that changes slowly along the rings, an error of the
+        model; None where the noise between neighbours tells it.
     spread : float [px]
         What is known from elsewhere about errors of the model, as a standard uncertainty.
     """
@@ -154,6 +181,9 @@ class RingFit:
     leverage: float
     is_converged: bool
     evaluations: int
+    inverse: Floats
+    between: float
+    slow: float | None = None
     spread: float = 0.0
 
     def deviation(self, parameter: Parameter) -> float:
@@ -171,6 +201,8 @@ class RingFit:
         most. Measured: 0.1 to 1 of it for blur, light of low coherence, and gaps that are not
         Hertz's.
         """
+        if self.slow is not None:
+            return math.hypot(self.slow * math.sqrt(self.pixels) * self.leverage, self.spread)
         by_chance = _BY_CHANCE / math.sqrt(max(self.pixels, 1))
         excess = self.residual**2 - self.noise**2 * (1.0 + by_chance)
         return math.hypot(math.sqrt(max(excess, 0.0) * self.pixels) * self.leverage, self.spread)
@@ -243,19 +275,35 @@ def cut_ring(
     return Ring(piece, top, left, stride, inner, outer, origin, ceiling)
 
 
-def tabulate(ring: Ring, parameters: Floats, optics: Optics) -> RadialTable:
+def tabulate(ring: Ring, parameters: Floats, optics: Optics, *, is_rich: bool) -> RadialTable:
     """Radial table for the present parameters, by compiled loops."""
     from labpipe.imaging.fringes._fit_kernel import fill_table
 
     radius, travel = float(parameters[Parameter.RADIUS]), _travel(parameters)
-    start, distance = table_distances(ring.inner, ring.outer, optics.blur)
+    blur = math.sqrt(max(optics.blur**2 + float(parameters[Parameter.BLUR]), 0.0))
+    start, distance = table_distances(ring.inner, ring.outer, blur)
     spacing = 2.0 * math.pi / max(phase_slope(ring.outer, radius, optics), 1e-12)
     nodes, weights = exposure_nodes(travel, spacing)
     phase = float(parameters[Parameter.PHASE])
-    phase_scale = optics.phase_scale * math.exp(parameters[Parameter.SCALE])
-    kernel = pixel_weights(optics.blur)
-    values = fill_table(distance, radius, travel, nodes, weights, phase_scale, phase, kernel)
+    phase_scale = optics.phase_scale * math.exp(parameters[Parameter.SCALE]) / _shrinkage(parameters)
+    kernel = pixel_weights(blur)
+    second, third = (float(parameters[p]) for p in HARMONICS)
+    values = fill_table(
+        distance, radius, travel, nodes, weights, phase_scale, phase, kernel, second, third, is_rich, optics.flat
+    )
+    if is_rich:
+        values[0] += min(optics.blur**2 + float(parameters[Parameter.BLUR]), 0.0) * values[5]
     return by_smear(RadialTable(start, values), parameters)
+
+
+def _shrinkage(parameters: Floats) -> float:
+    """Factor by which stretch and shear reduce areas, so that the gap is that of equal area."""
+    return 1.0 - float(parameters[Parameter.STRETCH]) ** 2 - float(parameters[Parameter.SHEAR]) ** 2
+
+
+def _is_rich(parameters: Floats, free: Integers) -> bool:
+    """Tell whether blur, harmonics or higher powers of the light are used."""
+    return bool(parameters[Parameter.BLUR :].any() or (free >= Parameter.BLUR).any())
 
 
 def _travel(parameters: Floats) -> float:
@@ -275,7 +323,8 @@ def compiled_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics
     """Sum over the ring by compiled loops."""
     from labpipe.imaging.fringes._fit_kernel import accumulate
 
-    table = tabulate(ring, parameters, optics)
+    is_rich = _is_rich(parameters, free)
+    table = tabulate(ring, parameters, optics, is_rich=is_rich)
     normal, right, weighted, totals = accumulate(
         ring.image,
         ring.first_row,
@@ -290,6 +339,7 @@ def compiled_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics
         free,
         ring.ceiling,
         is_last,
+        is_rich,
     )
     squares, pixels, differences, pairs = totals
     return Sums(normal, right, weighted, squares, int(pixels), differences, int(pairs))
@@ -298,7 +348,7 @@ def compiled_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics
 def plain_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics, is_last: bool) -> Sums:
     """Sum over the ring by array operations: the reference for :func:`compiled_sums`."""
     radius, x_centre, y_centre, gain, modulation, slope_x, slope_y, bowl = parameters[:8]
-    stretch, shear, _, scale = parameters[Parameter.STRETCH :]
+    stretch, shear, _, scale, more_blur, second, third = parameters[Parameter.STRETCH : Parameter.LIGHT_XX]
     rows, columns = ring.image.shape
     y, x = np.mgrid[0 : rows : ring.stride, 0:columns].astype(float)
     dx, dy = x + ring.first_column - x_centre, y + ring.first_row - y_centre
@@ -306,15 +356,24 @@ def plain_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics, i
     r = np.hypot(u, v)
     grey = ring.image[:: ring.stride].astype(float)
     used = (r >= ring.inner) & (r <= ring.outer) & (grey < ring.ceiling)
-    phased = replace(optics, phase=float(parameters[Parameter.PHASE]), phase_scale=optics.phase_scale * math.exp(scale))
-    table = radial_table(ring.inner, ring.outer, float(radius), _travel(parameters), phased)
+    phased = replace(
+        optics,
+        phase=float(parameters[Parameter.PHASE]),
+        phase_scale=optics.phase_scale * math.exp(scale) / _shrinkage(parameters),
+        blur=math.sqrt(max(optics.blur**2 + more_blur, 0.0)),
+    )
+    harmonics = (float(second), float(third))
+    table = radial_table(ring.inner, ring.outer, float(radius), _travel(parameters), phased, harmonics)
+    table.values[0] += min(optics.blur**2 + more_blur, 0.0) * table.values[5]
     table = by_smear(table, parameters)
     places = table.start + np.arange(table.values.shape[1]) / SAMPLES_PER_PIXEL
-    term, by_r, by_radius, by_phase, by_square = (np.interp(r[used], places, line) for line in table.values)
+    lines = (np.interp(r[used], places, line) for line in table.values)
+    term, by_r, by_radius, by_phase, by_square, by_blur, two, three = lines
     across = (x[used] + ring.first_column - ring.origin[0]) / ring.origin[2]
     down = (y[used] + ring.first_row - ring.origin[1]) / ring.origin[2]
     curve = (across**2 + down**2 - ring.origin[3]) * ring.origin[4]
-    light = 1.0 + slope_x * across + slope_y * down + bowl * curve
+    powers = np.stack([across**2 - down**2, across * down, across**3, across**2 * down, across * down**2, down**3])
+    light = 1.0 + slope_x * across + slope_y * down + bowl * curve + parameters[list(LIGHT)] @ powers
     core = gain + modulation * term
     u, v, dx, dy, distance = u[used], v[used], dx[used], dy[used], np.maximum(r[used], 1e-9)
     steep = modulation * light * by_r / distance
@@ -333,6 +392,10 @@ def plain_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics, i
             steep * (u * dy + v * dx),
             modulation * light * by_square,
             0.5 * modulation * light * (r[used] * by_r + radius * by_radius),
+            modulation * light * by_blur,
+            modulation * light * two,
+            modulation * light * three,
+            *(powers * core),
         ]
     )[free]
     residual = grey[used] - light * core
@@ -416,9 +479,46 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
         else:
             damping = max(damping * _MORE, _BAD_DAMPING)
         if is_small:
-            return _result(best, sums, settings.free, True, evaluations)
+            return _with_memory(_result(best, sums, settings.free, True, evaluations), ring, optics)
     sums = sums_of(ring, best, reported, optics, True)
-    return _result(best, sums, settings.free, is_settled, evaluations + 1)
+    return _with_memory(_result(best, sums, settings.free, is_settled, evaluations + 1), ring, optics)
+
+
+def _with_memory(fit: RingFit, ring: Ring, optics: Optics) -> RingFit:
+    """Count as noise what changes along the rings, where more is left than pixels scatter alone."""
+    if fit.misfit < _NOTABLE_MISFIT or fit.model_deviation == 0.0:
+        return fit
+    from labpipe.imaging.fringes._fit_kernel import accumulate_cells
+
+    free = np.array(fit.free, np.int64)
+    is_rich = _is_rich(fit.parameters, free)
+    table = tabulate(ring, fit.parameters, optics, is_rich=is_rich)
+    sums, counts, scores = accumulate_cells(
+        ring.image,
+        ring.first_row,
+        ring.first_column,
+        ring.stride,
+        ring.inner,
+        ring.outer,
+        fit.parameters,
+        ring.origin,
+        table.values,
+        table.start,
+        free,
+        ring.ceiling,
+        is_rich,
+        max(4, min(MOST_BINS, int(ring.outer - ring.inner))),
+        SECTORS,
+    )
+    power = slow_power(sums, counts)
+    beyond = fit.residual**2 - fit.noise**2
+    if power is None or beyond - power < _OWN_SHARE * power:
+        return fit  # errors of the model make up nearly all of it
+    covariance = clustered(scores, fit.inverse)
+    place = fit.free.index(Parameter.RADIUS) if Parameter.RADIUS in fit.free else 0
+    if covariance[place, place] < fit.covariance[place, place]:
+        covariance = fit.covariance
+    return replace(fit, noise=math.sqrt(fit.residual**2 - power), covariance=covariance, slow=math.sqrt(power))
 
 
 def _is_possible(parameters: Floats) -> bool:
@@ -472,6 +572,8 @@ def _result(
         0.0 if place is None else math.sqrt(max(float(inverse[place, place]), 0.0)),
         is_converged,
         evaluations,
+        inverse,
+        noise,
     )
 
 

@@ -22,7 +22,7 @@ from labpipe.imaging.fringes._radial_scan import (
     radial_profile,
     template_of,
 )
-from labpipe.imaging.fringes._ring_fit import PARAMETERS, FitSettings, Parameter, RingFit, fit_contact
+from labpipe.imaging.fringes._ring_fit import HARMONICS, PARAMETERS, FitSettings, Parameter, RingFit, fit_contact
 from labpipe.imaging.fringes._spots import find_spots, reduce_frame
 
 #: Share of the profile's variance that fringes must explain before a frame is fitted.
@@ -63,6 +63,8 @@ _LEAST_RINGS = 24
 _BLOCK, _NOISE_PIXELS, _QUIET = 12, 80_000, 3.0
 #: Greatest uncertainty of a radius as a share of it.
 _MOST_UNCERTAINTY = 0.1
+#: Square of the blur (px²) from which it is sought.
+_FIRST_BLUR = 2.0
 #: Share of the ring's pixels that must lie in the frame.
 _LEAST_PIXELS = 200
 
@@ -83,6 +85,8 @@ class View:
         Grey level of darkness, and from which pixels are saturated.
     ellipse : (float, float)
         Stretch and shear of circles.
+    harmonics : (float, float)
+        Second and third harmonic of the interference, relative to the first.
     alternatives : tuple of tuples of Parameter
         What else may be freed where the usual fit fails.
     """
@@ -93,6 +97,7 @@ class View:
     black: float
     white: float
     ellipse: tuple[float, float] = (0.0, 0.0)
+    harmonics: tuple[float, float] = (0.0, 0.0)
     alternatives: tuple[tuple[Parameter, ...], ...] = ()
 
     @property
@@ -210,6 +215,7 @@ def start_of(match: Match, view: View, x: float, y: float) -> Floats:
     start[[Parameter.GAIN, Parameter.MODULATION]] = match.gain, match.modulation
     start[Parameter.PHASE] = view.optics.phase
     start[[Parameter.STRETCH, Parameter.SHEAR]] = view.ellipse
+    start[list(HARMONICS)] = view.harmonics
     start[Parameter.SMEAR] = match.travel**2
     return start
 
@@ -227,11 +233,13 @@ def fit_from(frame: NDArray[np.generic], view: View, start: Floats) -> RingFit |
     found = fit_contact(frame, first.parameters, view.optics, quick, view.white)
     if found is None or found.misfit < GOOD_MISFIT:
         return found
-    # Perhaps the view is oblique, or R or the wavelength is not what it is said to be.
+    # Perhaps the view is oblique or out of focus, R or the wavelength is not what it is said to
+    # be, or there are many beams.
     for extra in view.alternatives:
         free = (*view.settings.free, *extra)
         other = start.copy()
         other[Parameter.SMEAR] = 0.0
+        other[Parameter.BLUR] = _FIRST_BLUR if Parameter.BLUR in extra else 0.0
         first = fit_contact(frame, other, view.optics, replace(near, free=free), view.white)
         if first is None:
             continue

@@ -108,10 +108,10 @@ def _check_columns(dataset: xr.Dataset) -> None:
     missing = [name for name in _NEEDED if name not in dataset]
     if missing:
         names = ", ".join(name.replace("_", " ") for name in missing)
-        message = (
-            f"{dataset.attrs.get('source', 'the export')} has no column for: {names}; export the "
-            "table again with frequency, temperature, storage and loss modulus"
-        )
+        remedy = "export the table again with frequency, temperature, storage and loss modulus"
+        if missing == ["temperature"]:
+            remedy = 'state it in session.toml, temperature = "25 degC", or assign it to the readings in Python'
+        message = f"{dataset.attrs.get('source', 'the export')} has no column for: {names}; {remedy}"
         raise InputError(message)
 
 

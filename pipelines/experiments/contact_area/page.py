@@ -50,6 +50,7 @@ _SOURCES = {
     "wavelength": "wavelength",
     "pixel_size": "length of one pixel",
     "phase": "phase in the contact",
+    "optics": "blur, harmonics and wear, found in the film",
 }
 _GROUP = "film"  # charts and frames over the film's time
 _SUB_PIXEL = 4  # binary digits of the drawn circle's place

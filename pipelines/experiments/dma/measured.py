@@ -6,7 +6,9 @@ import numpy as np
 import xarray as xr
 
 import instruments
+from labpipe.errors import InputError
 from labpipe.materials import TableRun, gather_sweeps, modulus_factor, trusted_tables
+from labpipe.variables import variable
 from pipelines.experiments.dma import _glass_transition
 from pipelines.experiments.dma.settings import Dma
 
@@ -15,16 +17,43 @@ _LEAST_RAMP = 10.0  # K that a temperature sweep covers at least
 
 
 def readings(path: Path, *, settings: Dma) -> xr.Dataset:
-    """Read one export, of a rheometer or as a plain table."""
+    """Read one export, of a rheometer or as a table; of a stated temperature where it has none."""
     options = settings.export
-    return instruments.read_table(
+    found = instruments.read_table(
         path,
         "sweep",
-        "anton_paar",
+        "anton_paar" if path.suffix.lower() == ".xlsx" else "plain_table",
         encoding=options.encoding,
         decimal=options.decimal,
+        columns=options.columns,
         allow_incomplete=options.allow_incomplete,
     )
+    stated = _stated(path, settings)
+    if stated is None:
+        return found
+    if "temperature" in found:
+        message = (
+            f"{path.name} has a column of temperature, and the session states {stated:g} °C for it; "
+            "delete one of them (temperature or temperatures in session.toml)"
+        )
+        raise InputError(message)
+    constant = np.full(found.sizes["sample"], stated)
+    return found.assign(temperature=variable("sample", constant, "degC", "temperature, as the session states it"))
+
+
+def _stated(path: Path, settings: Dma) -> float | None:
+    """Return the temperature that the session states for a file."""
+    if not settings.temperatures:
+        return None if settings.temperature is None else settings.temperature.value
+    if settings.temperature is not None or len(settings.temperatures) != len(settings.rheometer):
+        message = (
+            f"temperatures holds {len(settings.temperatures)} values for {len(settings.rheometer)} files"
+            if settings.temperature is None
+            else "temperature and temperatures are both given; keep one of them"
+        )
+        raise InputError(message)
+    at = next(k for k, name in enumerate(settings.rheometer) if path.as_posix().endswith(Path(name).as_posix()))
+    return settings.temperatures[at].value
 
 
 def gathered(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:

@@ -1,8 +1,14 @@
-"""Proposals of ``init``: one experiment for each rheometer export or table of moduli."""
+"""Proposals of ``init``: one experiment for each rheometer export or table of moduli.
 
+Files of one isotherm each, whose names differ in a temperature only (``pi2k_-30C.osc``), make one.
+"""
+
+import re
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
+
+import xarray as xr
 
 import instruments
 from labpipe.errors import LabpipeError
@@ -11,32 +17,60 @@ from pipelines.experiments.dma.settings import MODES
 from pipelines.experiments.shared import proposals
 from pipelines.experiments.shared.proposals import GAP
 
-_NEEDED = {"storage_modulus", "temperature", "frequency"}
+_NEEDED = {"storage_modulus", "frequency"}
+_AT = re.compile(r"[_\- ]*(?<![A-Za-z0-9])(?:T=?)?([m+-]?\d+(?:[.p]\d+)?)[_ ]?(°?C|degC|d|K|deg)(?![A-Za-z0-9])")
+_ONE = 3.0  # K: readings of a file within it are one isotherm
 
 
 def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
     """Propose an experiment for every file that holds moduli over temperature and frequency."""
-    for stem, files in proposals.grouped(names, proposals.whole_stem):
-        if _columns(found.path(files[0])) >= _NEEDED:
-            yield Proposed(stem, tuple(files), partial(_text, found, files))
+    tables = {name: table for name in names if (table := _table(found.path(name))) is not None}
+
+    def stem(name: str) -> str:
+        whole = proposals.whole_stem(name)
+        return (_AT.sub("", whole) or whole) if _is_isotherm(tables[name]) else whole
+
+    held = [name for name, table in tables.items() if set(map(str, table.data_vars)) >= _NEEDED]
+    for key, files in proposals.grouped(held, stem):
+        lacks = ["temperature" not in tables[name] for name in files]
+        yield Proposed(key, tuple(files), partial(_text, found, files, any(lacks)))
 
 
-def _columns(path: Path) -> set[str]:
-    """Return what a file holds; nothing of the layout of a table window, or a damaged export."""
+def _is_isotherm(table: xr.Dataset) -> bool:
+    """Tell a file of one temperature, stated or not."""
+    return "temperature" not in table or float(table["temperature"].max() - table["temperature"].min()) <= _ONE
+
+
+def _table(path: Path) -> xr.Dataset | None:
+    """Return what a file holds; None of the layout of a table window, or a damaged export."""
     try:
-        return set(map(str, getattr(instruments.read(path), "data_vars", ())))
+        found = instruments.read(path)
     except LabpipeError:
-        return set()
+        return None
+    return found if isinstance(found, xr.Dataset) else None
 
 
-def _text(found: Found, files: Sequence[str], name: str) -> str:
+def _text(found: Found, files: Sequence[str], lacks_temperature: bool, name: str) -> str:
     return f"""[experiments.{name}]
 kind = "dma"
 rheometer = {proposals.listed(files)}
 {mode_line(name)}
-nu = "{GAP}"  # Poisson's ratio, e.g. "0.35 ± 0.02"
+nu = "{GAP}"  # Poisson's ratio, e.g. "0.35 ± 0.02"{_temperature(files) if lacks_temperature else ""}
 # T_ref = "20 degC"  # of the master curve; by default the middle temperature\
 {_published(found, files[0])}"""
+
+
+def _temperature(files: Sequence[str]) -> str:
+    """Return the line of the temperatures that the files do not hold, from their names where they tell."""
+    found = [_AT.search(proposals.whole_stem(name)) for name in files]
+    values = [
+        GAP if match is None or match[2] == "K" else match[1].replace("m", "-").replace("p", ".") for match in found
+    ]
+    source = "the file does not say it" if GAP in values else "proposed from the file name"
+    if len(files) == 1:
+        return f'\ntemperature = "{values[0]} degC"  # of the sweep; {source}'
+    quoted = ", ".join(f'"{value} degC"' for value in values)
+    return f"\ntemperatures = [{quoted}]  # of each file, in their order; {source}"
 
 
 def mode_line(name: str) -> str:
@@ -55,7 +89,7 @@ def _published(found: Found, sweep: str) -> str:
     """
     word = proposals.material_word(sweep)
     alike = [n for n in found.of("plain_table") if proposals.material_word(n) == word]
-    tables = [n for n in alike if "log10_aT" in _columns(found.path(n))]
+    tables = [n for n in alike if (t := _table(found.path(n))) is not None and "log10_aT" in t]
     if len(tables) != 1:
         return ""
     shifts = proposals.quoted(tables[0])

@@ -9,6 +9,8 @@ import xarray as xr
 from labpipe import signals
 from labpipe.arrays import Floats
 from labpipe.variables import described
+from pipelines.experiments.plate_vibration.measured import drops_label
+from pipelines.experiments.plate_vibration.model import relative_uncertainty
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared.comparison_rows import Row, row
 
@@ -54,9 +56,48 @@ def _error(measured: Floats, theirs: Floats) -> float:
     return signals.nrmse(measured[both], theirs[both]) if both.any() else np.nan
 
 
+SERIES = "drop"
+"""Begins the names of what one of the drops adds to the plate that all of them find."""
+
+
+def height_name(settings: PlateVibration, i: int) -> str:
+    """Name the height of one of the drops, as an input of the rows."""
+    return f"height, {drops_label(settings.drops[i])}"
+
+
+def from_others(table: xr.Dataset, plate: xr.Dataset) -> tuple[Floats, Floats]:
+    """Predict every amplitude from the plate that the other drops find.
+
+    The plate's mass comes from the amplitudes themselves; only the mass that the others give is
+    independent of an amplitude that it is to predict.
+
+    Returns
+    -------
+    predicted : array (series,)
+        Amplitudes [m]; NaN where there are no others.
+    weights : array (series, series)
+        Of each other drop in the mass that a prediction stands on; rows sum to 1.
+    """
+    amplitude = table["amplitude"].values
+    each = plate["modal_mass"].values if "modal_mass" in plate else np.full(amplitude.size, np.nan)
+    known = np.isfinite(each)
+    weights = np.zeros((amplitude.size, amplitude.size))
+    if known.sum() < 2:
+        return np.full(amplitude.size, np.nan), weights
+    weight = np.where(known, (each / plate["u_modal_mass"].values) ** 2, 0.0)
+    for i in np.flatnonzero(known):
+        weights[i] = np.where(np.arange(amplitude.size) == i, 0.0, weight)
+        weights[i] /= weights[i].sum()
+    # mean of logarithms: a factor in one of them moves all by known powers of it
+    logs = np.log(np.where(known, each, 1.0))
+    return np.where(known, amplitude * np.exp(logs - weights @ logs), np.nan), weights
+
+
 def rows(comparison: xr.Dataset, table: xr.Dataset, plate: xr.Dataset, *, settings: PlateVibration) -> Iterator[Row]:
-    """Yield the rows of ``compare``."""
-    del settings
+    """Yield the rows of ``compare``: the curve against its fit, the amplitude against the other drops."""
+    predicted, weights = from_others(table, plate)
+    amplitude = table["amplitude"].values
+    own = relative_uncertainty(table, settings)
     for i in range(table.sizes["series"]):
         where: dict[str, Any] = {
             "material": str(table["material"].values[i]),
@@ -64,19 +105,35 @@ def rows(comparison: xr.Dataset, table: xr.Dataset, plate: xr.Dataset, *, settin
         }
         n = int(table["n"][i])
         yield row(
-            "plate's displacement", "m", n, nrmse=comparison["nrmse"][i], difference=comparison["bias"][i], **where
+            "plate's displacement",
+            "m",
+            n,
+            against="plate fitted to it",
+            nrmse=comparison["nrmse"][i],
+            difference=comparison["bias"][i],
+            **where,
         )
-        scale = float(plate["modal_mass"][i]) / float(plate["mass"])
-        measured = float(table["amplitude"][i])
-        own = float(plate["u_modal_mass"][i]) / float(plate["modal_mass"][i])
+        if not np.isfinite(predicted[i]):
+            continue
+        moves = -predicted[i] * (np.eye(amplitude.size)[i] - weights[i])
+        slopes = {f"{SERIES} {j + 1}": float(-move) for j, move in enumerate(moves) if move}
+        slopes |= {
+            height_name(settings, j): float(0.5 * move / settings.drops[j].height.value)
+            for j, move in enumerate(moves)
+            if move
+        }
+        by_others = float(predicted[i] * np.linalg.norm(weights[i] * own.total))
+        by_own = float(predicted[i] * own.total[i])
         yield row(
             "amplitude at impact",
             "m",
             n,
-            measured=measured,
-            u_measured=table["u_amplitude"][i],
-            model=measured * scale,
-            difference=measured * (1 - scale),
-            u_difference=measured * own,
+            slopes=slopes,
+            measured=amplitude[i],
+            u_measured=amplitude[i] * own.amplitude[i],
+            model=predicted[i],
+            u_model=float(np.hypot(by_others, predicted[i] * own.height[i])),
+            difference=amplitude[i] - predicted[i],
+            u_difference=float(np.hypot(by_others, by_own)),
             **where,
         )

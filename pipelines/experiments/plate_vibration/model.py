@@ -2,6 +2,7 @@
 
 import json
 import warnings
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -54,7 +55,7 @@ def plate(table: xr.Dataset, *, settings: PlateVibration) -> xr.Dataset:
         )
         solves += len(known)
         each = heard / (amplitude * damped)
-        u_each = each * _relative_uncertainty(table, settings, list(known))
+        u_each = each * relative_uncertainty(table, settings).total[list(known)]
         mass, u_mass, _ = weighted_mean(each, u_each)
     shared = float(table.attrs["u_systematic_relative"])
     shared = float(np.hypot(shared, settings.sphere.mass.u / settings.sphere.mass.value))
@@ -78,17 +79,28 @@ def _known(settings: PlateVibration) -> dict[int, Prony]:
     return found
 
 
-def _relative_uncertainty(table: xr.Dataset, settings: PlateVibration, chosen: list[int]) -> Floats:
-    """Relative uncertainty of the masses from amplitude and height, different in each of them.
+class Relative(NamedTuple):
+    """Relative standard uncertainties (series,) that are different in every drop."""
 
-    The momentum goes with the square root of the height.
+    amplitude: Floats
+    height: Floats
+
+    @property
+    def total(self) -> Floats:
+        """Of the modal mass: the momentum goes with the square root of the height."""
+        return np.hypot(self.amplitude, self.height)
+
+
+def relative_uncertainty(table: xr.Dataset, settings: PlateVibration) -> Relative:
+    """Return what amplitude and height leave uncertain of the mass that each of the drops gives.
+
+    What all share, the scale of length, is left out.
     """
-    part = table.isel(series=chosen)
-    shared = float(table.attrs["u_systematic_relative"]) * part["amplitude"].values
-    own = np.sqrt(np.maximum(part["u_amplitude"].values ** 2 - shared**2, 0.0))
-    heights = [settings.drops[i].height for i in chosen]
-    by_height = np.array([0.5 * h.u / h.value for h in heights])
-    return np.hypot(own / part["amplitude"].values, by_height)
+    amplitude = table["amplitude"].values
+    shared = float(table.attrs["u_systematic_relative"]) * amplitude
+    own = np.sqrt(np.maximum(table["u_amplitude"].values ** 2 - shared**2, 0.0))
+    by_height = np.array([0.5 * drops.height.u / drops.height.value for drops in settings.drops])
+    return Relative(own / amplitude, by_height)
 
 
 def _momentum(
@@ -158,6 +170,7 @@ def model(table: xr.Dataset, plate: xr.Dataset, *, settings: PlateVibration, ful
         )
         raise InputError(message)
     found = contact.Plate(mass, float(plate["frequency"]), float(plate["damping_ratio"]))
+    again, lasts = np.full((2, table.sizes["series"]), np.nan)
     time = np.arange(-_BEFORE, _AFTER, _STEP)
     curves = np.full((table.sizes["series"], time.size), np.nan)
     body, gravity = settings.sphere, settings.model.gravity.value
@@ -182,7 +195,16 @@ def model(table: xr.Dataset, plate: xr.Dataset, *, settings: PlateVibration, ful
             shortcuts=contact.Shortcuts.chosen(full=full),
         )
         curves[i] = -made["plate_displacement"].values
+        touches = made["impact_time"].values
+        if touches.size:
+            lasts[i] = float(made["contact_duration"][0])
+        if touches.size > 1:
+            again[i] = float(touches[1]) - start
     return xr.Dataset(
-        {"displacement": (("series", "time"), curves, described("m", "simulated displacement of the plate"))},
+        {
+            "displacement": (("series", "time"), curves, described("m", "simulated displacement of the plate")),
+            "second_touch": ("series", again, described("s", "time from the blow to the second touch")),
+            "contact_duration": ("series", lasts, described("s", "duration of the first contact")),
+        },
         coords={"series": table["series"], "time": ("time", time, described("s", "time since impact"))},
     )

@@ -24,9 +24,11 @@ from labpipe.report import (
 )
 from labpipe.workflow.context import Context
 from pipelines.experiments.plate_vibration.budget import quantities
+from pipelines.experiments.plate_vibration.comparison import rows as compared_rows
 from pipelines.experiments.plate_vibration.measured import drops_label
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared import budget_blocks, pages
+from pipelines.experiments.shared.judgements import verdict_section
 
 _UM = 1e6
 _BESIDE = 0.06  # mm by which the materials are drawn apart, so that their error bars can be told
@@ -35,6 +37,7 @@ _SHOWN = {"natural_frequency": ("natural frequency", "Hz"), "damping_ratio": ("d
 
 
 def page(
+    judgement: xr.Dataset | None,
     readings: list[xr.Dataset | None] | None,
     displacement: list[xr.Dataset | None] | None,
     ringing: list[xr.Dataset | None] | None,
@@ -47,13 +50,19 @@ def page(
 ) -> str:
     """Write the page; a step that failed leaves its section out and its error in."""
     sections = [_summary(table, plate, comparison, context), _measured(settings, pages.present(readings), context)]
+    compared = []
+    if comparison is not None and table is not None and plate is not None:
+        compared = list(compared_rows(comparison, table, plate, settings=settings))
+    if (verdict := verdict_section(judgement, compared)) is not None:
+        sections.insert(0, verdict)
     if moved := pages.present(displacement):
         sections.append(_calibration(moved[0]))
     if comparison is not None:
         sections.append(_motion(settings, comparison))
     if table is not None:
         sections.append(_table(settings, table, plate, comparison))
-        sections.append(_dependence(settings, table))
+        if table.sizes["series"] > 1:
+            sections.append(_dependence(settings, table))
     if pages.present(ringing):
         sections.append(_recordings(settings, ringing or ()))
     if moved and table is not None and plate is not None:
@@ -89,7 +98,8 @@ def _summary(
             (
                 "nRMSE of displacement",
                 f"at most {worst:.2f} %",
-                "root mean square of measured minus model, over the range of the measurement",
+                "root mean square of measured minus fitted, over the range of the fit: frequency, damping and "
+                "mass of the plate come from the same recordings",
             )
         )
     elif not context.failures:

@@ -48,12 +48,16 @@ class Scene(NamedTuple):
         Of the comparison; empty where there is no model.
     inputs : mapping of str to Quantity
         Values and uncertainties of what the rows name in their slopes.
+    shared : mapping of str to Quantity
+        What rows name there too because they have it in common, but nobody states and could have
+        stated wrongly, such as the scatter of another measurement.
     """
 
     checks: Sequence[Check]
     causes: Sequence[Cause] = ()
     rows: Sequence[Row] = ()
     inputs: Mapping[str, Quantity] = {}
+    shared: Mapping[str, Quantity] = {}
 
 
 def failed_steps(context: Context, causes: Mapping[str, str]) -> list[Check]:
@@ -95,13 +99,16 @@ def judgement(scene: Scene) -> xr.Dataset:
     """
     judged = judge(scene.checks, scene.causes)
     rows = [row for row in scene.rows if row.deviation is not None]
-    names = sorted({name for row in rows for name in row.slopes} & set(scene.inputs))
+    named = {name for row in rows for name in row.slopes}
+    names = sorted(named & set(scene.inputs))
     found, smallest = None, np.full(len(names), np.inf)
     if rows:
-        slopes = np.array([[row.slopes.get(name, 0.0) for name in names] for row in rows])
-        covariance = _covariance(rows, slopes, [scene.inputs[name].u for name in names])
+        every = [*names, *sorted(named & set(scene.shared))]
+        slopes = np.array([[row.slopes.get(name, 0.0) for name in every] for row in rows])
+        known = {**scene.inputs, **scene.shared}
+        covariance = _covariance(rows, slopes, [known[name].u for name in every])
         found = agreement([row.difference or 0.0 for row in rows], covariance)
-        smallest = detectable(slopes, covariance) if names else smallest
+        smallest = detectable(slopes[:, : len(names)], covariance) if names else smallest
     values = np.array([scene.inputs[name].value for name in names])
     relative = np.divide(smallest, np.abs(values), out=smallest.copy(), where=values != 0.0)
     # an error of an input that is 0 has no size to be compared with

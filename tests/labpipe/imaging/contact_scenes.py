@@ -22,12 +22,18 @@ _NODES = 96
 _FINE, _SAMPLES = 100, 4
 
 
-def surface(r: Floats, a: float, spring: Callable[[Floats], Floats]) -> Floats:
-    """Surface displacement (2/π) ∫ u(r sin θ) dθ up to the last spring that is pressed."""
+def surface(r: Floats, a: float, spring: Callable[[Floats], Floats], kink: float = 0.0) -> Floats:
+    """Surface displacement (2/π) ∫ u(r sin θ) dθ up to the last spring that is pressed.
+
+    In two pieces where the springs have a kink, at which their profile may rise as a square root.
+    """
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-    end = np.arcsin(np.minimum(1.0, a / np.maximum(r, 1e-12)))
-    theta = 0.5 * end[:, None] * (nodes + 1.0)
-    return np.asarray((spring(r[:, None] * np.sin(theta)) * weights).sum(axis=1) * end / math.pi)
+    share, weight = 0.5 * (nodes + 1.0), 0.5 * weights
+    first, last = (np.arcsin(np.minimum(1.0, x / np.maximum(r, 1e-12)))[:, None] for x in (kink, a))
+    inner = (spring(r[:, None] * np.sin(first * share)) * weight).sum(axis=1) * first[:, 0]
+    theta = first + (last - first) * share**2
+    outer = (spring(r[:, None] * np.sin(theta)) * 2.0 * share * weight).sum(axis=1) * (last - first)[:, 0]
+    return np.asarray(2.0 / math.pi * (inner + outer))
 
 
 def gap_of_jkr(r: Floats, a: float, radius: float, modulus: float, work: float) -> Floats:
@@ -45,7 +51,7 @@ def gap_of_worn_flat(r: Floats, a: float, radius: float, flat: float) -> Floats:
 
     depth = float(equal(np.array(a)))
     body = np.maximum(r**2 - flat**2, 0.0) / (2.0 * radius)
-    return np.where(r > a, np.maximum(body - depth + surface(r, a, lambda x: depth - equal(x)), 0.0), 0.0)
+    return np.where(r > a, np.maximum(body - depth + surface(r, a, lambda x: depth - equal(x), flat), 0.0), 0.0)
 
 
 def airy(gap: Floats, scene: Scene, reflectivity: float) -> Floats:

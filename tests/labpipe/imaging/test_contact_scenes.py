@@ -1,6 +1,7 @@
 """Scenes of real microscopes: the error lies within the stated uncertainty, and that near the scatter."""
 
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ import xarray as xr
 from labpipe.arrays import Floats
 from labpipe.imaging import contact_radius
 from tests.by_day import by_day
-from tests.labpipe.imaging.contact_scenes import Disturbed, film_of, gap_of_jkr
+from tests.labpipe.imaging.contact_scenes import Disturbed, film_of, gap_of_jkr, gap_of_worn_flat
 from tests.labpipe.imaging.fringe_film import Scene
 
 UM = 1e-6
@@ -71,3 +72,54 @@ def test_effort_where_no_fringes_are_fitted_is_bounded() -> None:
     assert (found.method == 2).all()
     assert found.attrs["note"].startswith("no fringes fitted; 4 of 4 frames in contact (frames 0, 1, 2, 3)")
     assert ["4 of 4 frames in contact" in text for text in said] == [True]
+
+
+def worn(r: Floats, a: float) -> Floats:
+    return gap_of_worn_flat(r, a, SPHERE, 120 * UM)
+
+
+#: Scene, gap, and the greatest uncertainty (µm) that still counts as measured by fringes.
+SCENES: dict[str, tuple[Disturbed, Callable[[Floats, float], Floats], float]] = {
+    "speckle": (replace(PLAIN, speckle=0.15), hertz, 0.06),
+    "coarse speckle": (replace(PLAIN, speckle=0.15, grain=5.0), hertz, 0.08),
+    "stray fringes": (replace(PLAIN, parasitic=0.2, drift=0.13), hertz, 0.08),
+    "wide stray fringes": (replace(PLAIN, parasitic=0.2, period=60.0, direction=2.2, drift=0.37), hertz, 0.08),
+    "uneven light": (replace(PLAIN, gradient=0.8, optics=OPTICS.change(vignette=0.3)), hertz, 0.01),
+    "many beams": (replace(PLAIN, reflectivity=0.3), hertz, 0.02),
+    "gamma": (replace(PLAIN, optics=OPTICS.change(gamma=0.7)), hertz, 0.02),
+    "defocus": (replace(PLAIN, optics=OPTICS.change(blur=2.5)), hertz, 0.03),
+    "more defocus": (replace(PLAIN, optics=OPTICS.change(blur=3.5)), hertz, 0.06),
+    "ellipse": (replace(PLAIN, ellipse=0.04), hertz, 0.01),
+    "wide ellipse": (replace(PLAIN, ellipse=0.06, turn=0.0), hertz, 0.01),
+    "worn flat": (PLAIN, worn, 0.02),
+}
+
+
+@pytest.mark.parametrize("case", by_day(sorted(SCENES), 5))
+def test_scenes_of_real_microscopes_are_within_their_uncertainty(case: str) -> None:
+    scene, gap, most = SCENES[case]
+    found, _ = measure(film_of(scene, gap, RADII, CENTRE, seed=2))
+    check(found, RADII, most * UM)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("case", sorted(SCENES))
+def test_uncertainty_in_scenes_is_near_the_scatter(case: str) -> None:
+    """Eight frames of other radii and centres: the scatter is met within a factor of three."""
+    scene, gap, most = SCENES[case]
+    radii = [v * UM for v in (180.0, 195.0, 207.0, 216.0, 223.0, 228.0, 231.0, 233.0)]
+    found, _ = measure(film_of(scene, gap, radii, (171.8, 149.6), seed=7))
+    check(found, radii, most * UM)
+    error = found.radius.values - radii
+    u = float(np.median(np.hypot(found.u_radius.values, found.radius_systematic.values)))
+    scatter = float(np.sqrt(np.mean(error**2)))
+    assert scatter / 3.0 < u < 3.0 * scatter + 0.002 * UM
+
+
+def test_a_worn_flat_is_told_and_no_other_is_seen() -> None:
+    found, said = measure(film_of(PLAIN, worn, RADII, CENTRE))
+    assert found.attrs["flat_radius"] == pytest.approx(120 * UM, rel=0.03)
+    assert any("a flat of 12" in text for text in said)
+    whole, said = measure(film_of(PLAIN, hertz, RADII, CENTRE))
+    assert whole.attrs["flat_radius"] == 0.0
+    assert said == []

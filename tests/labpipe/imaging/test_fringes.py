@@ -23,6 +23,7 @@ from labpipe.imaging.fringes._interference import (
     scaled_slopes,
     table_distances,
 )
+from tests.labpipe.imaging.contact_scenes import gap_of_worn_flat
 from tests.labpipe.imaging.fringe_film import gap_of_hertz, gap_of_pressure
 
 PIXEL, SPHERE, WAVELENGTH = 2.17e-6, 9.525e-3, 633e-9
@@ -80,6 +81,22 @@ def test_ring_ends_where_fringes_become_too_fine(a: float, spacing: float) -> No
     assert outer_distance(a, OPTICS, 0.5, spacing) <= outer + 1e-6
 
 
+@pytest.mark.parametrize("share", [0.3, 0.7, 0.95])
+def test_gap_beside_a_flat_is_that_of_the_springs(share: float) -> None:
+    a = 200e-6
+    r = np.linspace(1.001 * a, 3.0 * a, 400)
+    expected = gap_of_worn_flat(r, a, SPHERE, share * a)
+    assert scaled_gap(r, a, share * a) / SPHERE == pytest.approx(expected, abs=2e-12)
+    by_r, by_a = scaled_slopes(r, a, share * a)
+    step = 1e-5 * a
+    assert by_r == pytest.approx(
+        (scaled_gap(r + step, a, share * a) - scaled_gap(r - step, a, share * a)) / (2.0 * step), rel=1e-3
+    )
+    assert by_a == pytest.approx(
+        (scaled_gap(r, a + step, share * a) - scaled_gap(r, a - step, share * a)) / (2.0 * step), rel=1e-3
+    )
+
+
 @settings(max_examples=50)
 @given(st.floats(3.0, 700.0), st.floats(1e-3, 2.0))
 def test_slopes_are_the_derivatives_of_the_gap(a: float, beyond: float) -> None:
@@ -93,16 +110,17 @@ def test_slopes_are_the_derivatives_of_the_gap(a: float, beyond: float) -> None:
     )
 
 
-@pytest.mark.parametrize("blur", [0.0, 0.8])
+@pytest.mark.parametrize(("blur", "flat"), [(0.0, 0.0), (0.8, 0.0), (0.8, 70.0)])
 @pytest.mark.parametrize("travel", [0.0, 1.5, 12.0])
-def test_compiled_table_equals_the_plain_one(travel: float, blur: float) -> None:
-    a, optics = 120.3, Optics(OPTICS.phase_scale, 2.9, blur)
+def test_compiled_table_equals_the_plain_one(travel: float, blur: float, flat: float) -> None:
+    a, optics = 120.3, Optics(OPTICS.phase_scale, 2.9, blur, flat)
     inner, outer = ring_limits(a, optics, 3.0, 3.0)
-    plain = radial_table(inner, outer, a, travel, optics)
     start, distance = table_distances(inner, outer, blur)
     spacing = 2.0 * math.pi / phase_slope(outer, a, optics)
     nodes, weights = exposure_nodes(travel, spacing)
-    compiled = fill_table(distance, a, travel, nodes, weights, optics.phase_scale, 2.9, pixel_weights(blur))
+    rest = (weights, optics.phase_scale, 2.9, pixel_weights(blur), 0.2, -0.1, True, flat)
+    compiled = fill_table(distance, a, travel, nodes, *rest)
+    plain = radial_table(inner, outer, a, travel, optics, (0.2, -0.1))
     assert start == plain.start
     assert compiled == pytest.approx(plain.values, abs=1e-12)
 

@@ -36,12 +36,15 @@ def radius_of(fit: RingFit | None) -> float:
     return float(fit.parameters[Parameter.RADIUS]) * PIXEL
 
 
-def test_compiled_sums_equal_the_plain_ones() -> None:
+@pytest.mark.parametrize("is_rich", [False, True])
+def test_compiled_sums_equal_the_plain_ones(is_rich: bool) -> None:
     rng = np.random.default_rng(0)
     frame = expose(clean_image(SCENE, 180e-6, (150.3, 130.2), samples=2), SCENE, rng)
     parameters = start_at(180.5e-6, 150.0, 130.5)
-    parameters[5:] = 0.02, -0.03, 0.05, 3.0, 0.004, -0.003, 2.3, 0.01
-    free = np.arange(PARAMETERS)
+    parameters[5 : Parameter.BLUR] = 0.02, -0.03, 0.05, 3.0, 0.004, -0.003, 2.3, 0.01
+    if is_rich:
+        parameters[Parameter.BLUR :] = 0.7, 0.1, -0.05, 0.02, 0.01, -0.02, 0.03, 0.01, -0.01
+    free = np.arange(PARAMETERS if is_rich else Parameter.BLUR)
     inner, outer = ring_limits(parameters[0], OPTICS, 3.0, 3.0)
     for max_pixels in (100_000, 5_000):
         ring = cut_ring(frame, parameters, inner, outer, 215.0, max_pixels)

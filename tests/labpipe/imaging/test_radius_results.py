@@ -13,7 +13,7 @@ from labpipe.imaging.fringes._search import GOOD_MISFIT
 
 def test_of_an_edge_only_the_scale_is_uncertain() -> None:
     parts = _edge_systematic(1e-3, None, None, {"pixel_size": 2e-3})  # type: ignore[arg-type]
-    assert parts.tolist() == [0.0, 0.0, 2e-6, 0.0]
+    assert parts.tolist() == [0.0, 0.0, 2e-6, 0.0, 0.0]
 
 
 def test_the_radius_at_rest_is_the_weighted_mean_of_the_last_frames() -> None:
@@ -30,7 +30,11 @@ def test_the_radius_at_rest_is_the_weighted_mean_of_the_last_frames() -> None:
 def test_a_frame_is_refitted_from_its_own_fit_unless_that_is_a_poor_one(monkeypatch) -> None:
     """A good fit of a contact is kept; a poor one, or one of no contact, is looked for anew."""
     view = SimpleNamespace(
-        optics=SimpleNamespace(phase=3.0), settings=SimpleNamespace(free=()), ellipse=(0.0, 0.0), white=255.0
+        optics=SimpleNamespace(phase=3.0),
+        settings=SimpleNamespace(free=()),
+        ellipse=(0.0, 0.0),
+        harmonics=(0.0, 0.0),
+        white=255.0,
     )
     misfit = {0: 0.5 * GOOD_MISFIT, 1: 2.0 * GOOD_MISFIT, 2: 0.5 * GOOD_MISFIT, 3: 0.5}
     monkeypatch.setattr(_every_frame, "fit_contact", lambda frame, *_: SimpleNamespace(misfit=misfit[frame], of=frame))

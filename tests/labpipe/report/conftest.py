@@ -100,6 +100,22 @@ class Browser:
         if scripts:
             self.settle()
 
+    def visit(self, address: str, *, width: int = 1400, height: int = 900) -> None:
+        """Open an address; the page may go on asking its server."""
+        self.send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        self.events.clear()
+        self.send("Page.navigate", url=address)
+        self.wait_for("Page.loadEventFired")
+
+    def until(self, script: str, seconds: float = 120.0) -> Any:
+        """Return the first value of a script that counts as true; the page is asked again and again."""
+        end = time.monotonic() + seconds
+        while not (value := self.run(script)):
+            if time.monotonic() > end:
+                raise TimeoutError(script)
+            time.sleep(0.05)
+        return value
+
     def settle(self) -> None:
         """Wait until observers and two frames have run."""
         self.run("new Promise(r => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(r, 30))))")

@@ -122,10 +122,8 @@ def test_a_relaxation_is_proposed_and_what_no_experiment_takes_is_named(pile: Pa
     found = init(pile)
     assert "hold" in found.experiments
     assert 'kind = "relaxation"\nmach1 = ["hold.txt"]' in found.path.read_text("utf-8")
-    assert found.unused == [
-        "sweep.csv (rheometer export): it holds no moduli over frequency and temperature; add it by hand",
-        "notes.txt: no instrument recognises the content",
-    ]
+    assert "sweep" in found.experiments  # its temperature is asked for
+    assert found.unused == ["notes.txt: no instrument recognises the content"]
 
 
 def test_copies_are_named_and_the_recordings_keep_their_names(pile: Path) -> None:

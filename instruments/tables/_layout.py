@@ -1,0 +1,313 @@
+"""Where the tables of a text stand: headings, a row of units, rows of numbers, and what is said above.
+
+A file may hold one table or many (the steps of a procedure), after any number of lines about
+specimen and procedure. A table begins at the line that names at least two quantities of a dynamic
+mechanical analysis; what separates its columns is what names the most of them.
+"""
+
+import csv
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+from instruments.tables import _words
+from instruments.tables._words import Heading
+
+#: Ways to part a line, in the order in which they are tried.
+TAB, SEMICOLON, COMMA, BAR, GAPS, BRACKETS, BLANKS = "\t", ";", ",", "|", "two blanks", "after brackets", "blanks"
+_SEPARATORS = (TAB, SEMICOLON, COMMA, BAR, GAPS, BRACKETS, BLANKS)
+_OF_ROWS = (TAB, SEMICOLON, COMMA, BAR, BLANKS)
+
+#: What stands where there is no reading.
+ABSENT = ("", "-", "--", "---", "nan", "n/a", "na", "null", "none", "#n/a", "#num!", "#div/0!", "*", "inf", "-inf")
+
+_NUMERIC = re.compile(r"[+-]?(?:\d[\d.,'\u00a0 ]*|[.,]\d+)(?:[eEdD][+-]?\d+)?")
+_MARK = re.compile(r"^\s*(?:#+|%+|//|!)\s*")
+_FACT = re.compile(
+    r"(?:^|[\s;,(])(?P<key>[A-Za-zα-ωΑ-Ω°'_ .]+?)\s*[:=\t]\s*(?P<value>[+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)"
+    r"\s*(?P<unit>[^\s;,)]*(?:\s?C\b)?)"
+)
+_PARAMETERS = re.compile(r"\s*[A-Za-z]\w*\s*=\s*[^=;]*;")  # key=value; of a RepTate header
+_BEGINS = re.compile(r"^\s*\[step\]\s*$", re.IGNORECASE)
+
+
+@dataclass(slots=True)
+class Block:
+    """One table of a text.
+
+    Attributes
+    ----------
+    line : int
+        Of the headings.
+    headings : list of Heading
+        Units of a row of their own are theirs already.
+    rows : list of (int, list of str)
+        Line and cells of every row.
+    widths : list of int
+        Cells of every row before padding at its end fell away.
+    separator : str
+        Between the cells of the rows.
+    title : str
+        The name of the step, "" where there is none.
+    facts : dict
+        Quantities stated above the table: canonical name to value and unit.
+    unit_line : int
+        Of the row of units, 0 where there is none.
+    """
+
+    line: int
+    headings: list[Heading]
+    rows: list[tuple[int, list[str]]] = field(default_factory=list)
+    widths: list[int] = field(default_factory=list)
+    separator: str = ""
+    title: str = ""
+    facts: dict[str, tuple[float, str]] = field(default_factory=dict)
+    above: tuple[int, str] = (0, "")
+    unit_line: int = 0
+
+    def names(self) -> set[str]:
+        """Return the quantities that it names, or that stand above it."""
+        named = {heading.name for heading in self.headings if heading.is_known}
+        places = {"Hz": "frequency", "rad/s": "frequency"}
+        at = {places.get(heading.at[1], "temperature") for heading in self.headings if heading.at is not None}
+        return named | at | set(self.facts)
+
+
+def cells(line: str, separator: str) -> list[str]:
+    """Part one line into cells."""
+    if separator in (TAB, SEMICOLON, COMMA, BAR):
+        text = line.strip().strip("|") if separator == BAR else line
+        # A quotation mark that stands for two primes does not begin a quotation.
+        quoted = re.search(rf'(?:^|{re.escape(separator)})\s*"[^"]*"\s*(?:{re.escape(separator)}|$)', text)
+        if quoted:
+            return [cell.strip() for cell in next(csv.reader([text], delimiter=separator, skipinitialspace=True))]
+        return [cell.strip() for cell in text.split(separator)]
+    if separator == GAPS:
+        return re.split(r"\s{2,}|\t", line.strip())
+    if separator == BRACKETS:
+        return re.split(r"(?<=[)\]])\s+", line.strip())
+    return line.split()
+
+
+def trimmed(found: list[str]) -> list[str]:
+    """Drop what a spreadsheet padded at the end of a line."""
+    while found and not found[-1]:
+        found = found[:-1]
+    return found
+
+
+def is_numeric(cell: str) -> bool:
+    """Tell whether a cell can be a number, whatever its decimal sign."""
+    return _NUMERIC.fullmatch(cell.strip()) is not None
+
+
+def headings_of(line: str, below: Sequence[str] = ()) -> tuple[list[Heading], str] | None:
+    """Return the headings of a line that begins a table, and what separates them; None of others.
+
+    The lines below tell how many columns there are, where it can be seen.
+    """
+    bare = _MARK.sub("", line)
+    if len(bare) > _LONGEST:
+        return None
+    best: tuple[tuple[bool, int, int], list[Heading], str] | None = None
+    widths = {len(row) for text in below for way in _OF_ROWS if _is_all_numbers(row := trimmed(cells(text, way)))}
+    for separator in _SEPARATORS:
+        texts = trimmed([cell.strip().strip('"') if len(cell) > 2 else cell for cell in cells(bare, separator)])
+        if len(texts) < 2 or all(is_numeric(text) for text in texts if text):
+            continue
+        found = [_words.parsed(text) for text in texts]
+        names = {heading.name for heading in found if heading.is_known}
+        if not is_begin(names):
+            continue
+        # A wrong separator cuts names into pieces, of which some are known and many are not.
+        known = sum(heading.is_known for heading in found)
+        rank = (len(found) in widths, 2 * known - len(found), known)
+        if best is None or rank > best[0]:
+            best = (rank, found, separator)
+    return None if best is None else (best[1], best[2])
+
+
+def numbers_of(line: str) -> list[str]:
+    """Return the cells of a line that are all numbers, [] of another line.
+
+    Examples
+    --------
+    >>> numbers_of("1;2,5;3"), numbers_of("1 2 three")
+    (['1', '2,5', '3'], [])
+    """
+    rows = (trimmed(cells(line, way)) for way in (TAB, SEMICOLON, COMMA, BLANKS))
+    return next((row for row in rows if _is_all_numbers(row)), [])
+
+
+def _is_all_numbers(row: Sequence[str]) -> bool:
+    return len(row) > 1 and all(is_numeric(cell) or cell.casefold() in ABSENT for cell in row)
+
+
+_LONGEST = 20_000
+"""Characters of a line of headings at most; a longer one is a row of something else."""
+
+
+def is_begin(names: set[str]) -> bool:
+    """Tell whether a line with these quantities begins a table, complete or not."""
+    axes = names & (_words.FREQUENCIES | _words.TIMES | {"temperature", "temperature_set"})
+    values = names & (_words.MODULI | _words.RESPONSES | {"loss_factor", "phase_angle"})
+    return _words.is_table(names) or bool(axes and values and len(names) > 2) or len(names & _words.MODULI) > 1
+
+
+def blocks(lines: Sequence[tuple[int, str]], given: list[Heading] | None = None) -> list[Block]:
+    """Find the tables of a text.
+
+    Parameters
+    ----------
+    lines : sequence of (int, str)
+        Lines that are not empty, with their numbers.
+    given : list of Heading, optional
+        The columns, where a user names them: rows of as many numbers make the table.
+    """
+    found: list[Block] = []
+    facts: dict[str, tuple[float, str]] = {}
+    title, in_step, k = "", False, 0
+    if given is not None:
+        return _given(lines, given)
+    while k < len(lines):
+        number, line = lines[k]
+        head = headings_of(line, [text for _, text in lines[k + 1 : k + 4]])
+        if head is None:
+            if _BEGINS.match(line):
+                in_step, title = True, ""
+            elif in_step and not title:
+                title = line.split("\t")[-1].strip()
+            facts |= dict(_facts(line))
+            k += 1
+            continue
+        block = Block(number, head[0], title=title, facts=dict(facts), above=lines[k - 1] if k else (0, ""))
+        k = _fill(block, lines, k + 1, head[1])
+        in_step = False
+        if block.rows or not found:
+            found.append(block)
+    return [block for block in found if block.rows] or found
+
+
+def _facts(line: str) -> Iterator[tuple[str, tuple[float, str]]]:
+    """Yield temperature and frequency as a line above a table states them, with their unit."""
+    is_parameters = _PARAMETERS.match(line) is not None
+    for match in _FACT.finditer(_MARK.sub("", line)):
+        heading = _words.parsed(match["key"].strip())
+        if heading.name not in ("temperature", "temperature_set", "frequency"):
+            continue
+        unit = match["unit"] or heading.unit
+        if is_parameters and not unit and heading.name == "temperature":
+            unit = "degC"  # the format says so
+        if unit and _words.fits(heading.name, unit):
+            yield heading.name.removesuffix("_set"), (float(match["value"].replace(",", ".")), unit)
+
+
+def _fill(block: Block, lines: Sequence[tuple[int, str]], k: int, separator: str) -> int:
+    """Read units and rows of a table; return the index of the first line behind it."""
+    if k < len(lines) and not _is_row(lines[k][1], block, separator):
+        k = _units(block, lines, k, separator)
+    if k < len(lines):
+        block.separator = _separator_of_rows(lines[k][1], block, separator)
+    while k < len(lines):
+        number, line = lines[k]
+        parts = cells(line, block.separator)
+        if not _is_row(line, block, block.separator) and (headings_of(line) or not _is_damaged(parts, block)):
+            break
+        block.rows.append((number, trimmed(parts)))
+        block.widths.append(len(parts))
+        k += 1
+    return k
+
+
+def _units(block: Block, lines: Sequence[tuple[int, str]], k: int, separator: str) -> int:
+    """Take the row of units, if there is one; a line of something else may stand between."""
+    number, line = lines[k]
+    bare = _MARK.sub("", line)
+    for way in dict.fromkeys((separator, *_OF_ROWS)):
+        texts = cells(bare, way)
+        texts = texts if way in (TAB, SEMICOLON, COMMA) else trimmed(texts)
+        if not any(texts) or len(trimmed(texts)) > len(block.headings):
+            continue
+        lost = len(block.headings) - len(texts)
+        # Between blanks nobody sees which column has no unit.
+        shifts = range(lost + 1) if way in (BLANKS, GAPS) else range(1)
+        stated = max(([""] * k + texts + [""] * (lost - k) for k in shifts), key=partial(_fitting, block.headings))
+        pairs = list(zip(block.headings, stated, strict=False))
+        known = [unit for h, unit in pairs if h.is_known and unit.strip()]
+        if known and _fitting(block.headings, stated) * 2 >= len(known):
+            block.headings = [h if h.unit else _with_unit(h, unit) for h, unit in pairs]
+            block.unit_line = number
+            return k + 1
+    # A row of units that are none would be found to be no number; it is told as units.
+    texts = [cell for cell in cells(bare, separator) if cell.strip()]
+    if 1 < len(texts) <= len(block.headings) and not any(is_numeric(text) for text in texts):
+        stated = cells(bare, separator) + [""] * len(block.headings)
+        block.headings = [h if h.unit else _with_unit(h, unit) for h, unit in zip(block.headings, stated, strict=False)]
+        block.unit_line = number
+        return k + 1
+    return k
+
+
+def _fitting(headings: Sequence[Heading], units: Sequence[str]) -> int:
+    """Count the known columns whose unit is one of their quantity."""
+    pairs = zip(headings, units, strict=False)
+    return sum(h.is_known and bool(unit.strip()) and _words.fits(h.name, unit) for h, unit in pairs)
+
+
+def _with_unit(heading: Heading, unit: str) -> Heading:
+    return Heading(heading.text, heading.name, unit.strip(), heading.is_known, heading.is_logarithm, heading.at)
+
+
+def _separator_of_rows(line: str, block: Block, separator: str) -> str:
+    """Return what separates the cells of the rows: that of the headings, unless it does not fit."""
+    width = len(block.headings)
+    ways = [separator] if separator in _OF_ROWS else []
+    for way in (*ways, *_OF_ROWS):
+        found = trimmed(cells(line, way))
+        if len(found) == width and sum(is_numeric(cell) or cell.casefold() in ABSENT for cell in found) * 2 > width:
+            return way
+    if ways and sum(map(is_numeric, cells(line, separator))) > 1:
+        return separator
+    counts = {way: sum(map(is_numeric, cells(line, way))) for way in _OF_ROWS}
+    return max(counts, key=lambda way: counts[way])
+
+
+def _is_row(line: str, block: Block, separator: str) -> bool:
+    """Tell a row of numbers: of the columns that are known most hold one."""
+    parts = trimmed(cells(line, separator if separator in _OF_ROWS else BLANKS))
+    if not parts:
+        return False
+    pairs = list(zip(block.headings, parts, strict=False))
+    known = [cell for heading, cell in pairs if heading.is_known and cell]
+    good = sum(is_numeric(cell) or cell.casefold() in ABSENT[1:] for cell in known)
+    return bool(known) and good == len(known) and any(map(is_numeric, known))
+
+
+def _is_damaged(parts: Sequence[str], block: Block) -> bool:
+    """Tell a row with a damaged cell from a line of something else."""
+    pairs = zip(block.headings, parts, strict=False)
+    known = [cell for heading, cell in pairs if heading.is_known and cell]
+    return sum(map(is_numeric, known)) * 2 >= len(known) > 1
+
+
+def _given(lines: Sequence[tuple[int, str]], given: list[Heading]) -> list[Block]:
+    """Take every row of as many numbers as there are columns."""
+    block = Block(lines[0][0] if lines else 1, given)
+    for number, line in lines:
+        way = block.separator or next((w for w in _OF_ROWS if _fits_given(line, w, given)), "")
+        if not way:
+            block.facts |= dict(_facts(line))
+            continue
+        parts = cells(line, way)
+        if not _fits_given(line, way, given) and not (block.rows and _is_damaged(parts, block)):
+            continue
+        block.separator = way
+        block.rows.append((number, trimmed(parts)))
+        block.widths.append(len(parts))
+    return [block]
+
+
+def _fits_given(line: str, way: str, given: list[Heading]) -> bool:
+    parts = trimmed(cells(line, way))
+    return len(parts) == len(given) and all(is_numeric(p) or p.casefold() in ABSENT for p in parts)

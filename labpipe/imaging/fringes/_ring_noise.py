@@ -1,0 +1,87 @@
+"""Tell what a fit leaves of errors of the model from noise with a memory: speckle, stray fringes.
+
+An error of the model is the same all along a ring, or changes slowly there. What changes faster is
+noise, even where neighbouring pixels share it.
+"""
+
+import math
+
+import numpy as np
+from scipy.fft import dct
+
+from labpipe.arrays import Floats
+
+#: Sectors of a ring, and most bins across it.
+SECTORS, MOST_BINS = 48, 64
+#: Harmonics along a ring that count as slow, of both phases, on a whole ring; and how many of the
+#: next ones tell the level of the noise.
+_SLOW, _NEXT = 5, 12
+#: Fewest sectors of a bin, and pixels in one.
+_LEAST_SECTORS, _LEAST_PIXELS = 20, 2
+#: Standard deviations by which slow residuals must exceed noise to count as errors of the model.
+_SIGNIFICANT = 3.0
+#: Weights of the products of sectors so many places apart, for noise that reaches over a sector.
+_WEIGHTS = (1.0, 2.0 / 3.0, 1.0 / 3.0)
+
+
+def slow_power(sums: Floats, counts: Floats) -> float | None:
+    """Mean square of what the residuals hold beyond noise that changes along the rings.
+
+    Parameters
+    ----------
+    sums, counts : arrays (bin, sector) [grey levels], [1]
+        Residuals summed over the pixels of a cell, and the number of these.
+
+    Returns
+    -------
+    float or None [grey levels squared]
+        0 when it is there by chance; None when too little of the ring is seen to tell.
+    """
+    total = power = variance = 0.0
+    for line, count in zip(sums, counts, strict=True):
+        seen = count >= _LEAST_PIXELS
+        number = int(seen.sum())
+        if number < _LEAST_SECTORS:
+            continue
+        # Sectors in their order from the end of the widest gap on.
+        start = 0 if number == len(seen) else _after_gap(seen)
+        order = np.roll(np.arange(len(seen)), -start)
+        order = order[seen[order]]
+        wave = np.asarray(dct(line[order] / count[order], norm="ortho")) ** 2
+        slow = max(1, round(_SLOW * number / len(seen)))
+        level = float(wave[slow : slow + _NEXT].mean())
+        weight = float(count.sum())
+        total += weight
+        power += weight * (float(wave[:slow].sum()) - slow * level) / number
+        # Each power of a harmonic scatters by √2 of its mean.
+        variance += (weight * level / number) ** 2 * 2.0 * slow * (1.0 + slow / _NEXT)
+    if total < 0.5 * counts.sum() or total == 0.0:
+        return None
+    return power / total if power > _SIGNIFICANT * math.sqrt(variance) else 0.0
+
+
+def _after_gap(seen: "np.ndarray[tuple[int], np.dtype[np.bool_]]") -> int:
+    """First sector after the longest run of sectors that are not seen."""
+    places = np.flatnonzero(seen)
+    gaps = np.diff(np.append(places, places[0] + len(seen)))
+    return int(places[(int(gaps.argmax()) + 1) % len(places)])
+
+
+def clustered(scores: Floats, inverse: Floats) -> Floats:
+    """Covariance of the parameters for noise that neighbouring pixels share.
+
+    Parameters
+    ----------
+    scores : array (sector, parameter)
+        Sums of residuals times slopes.
+    inverse : array (parameter, parameter)
+        Of the normal matrix.
+    """
+    used = scores[np.abs(scores).sum(axis=1) > 0.0]
+    size = scores.shape[1]
+    middle = np.zeros((size, size))
+    for apart, weight in enumerate(_WEIGHTS):
+        product = scores.T @ np.roll(scores, apart, axis=0)
+        middle += weight * (product if apart == 0 else product + product.T)
+    spare = max(len(used) - size, 1) / max(len(used), 1)
+    return np.asarray(inverse @ middle @ inverse / spare)

@@ -1,0 +1,18 @@
+"""The local page of ``labpipe open``: a session set up by looking, run, and read.
+
+One process, bound to 127.0.0.1, answers only under an address with a random token, to a browser
+that names this address as host and origin. Nothing is loaded from elsewhere, nothing outside the
+folder is reachable, also not by links, and of a session only ``session.toml``, calibration records
+and ``labpipe/`` are written.
+"""
+
+from typing import TYPE_CHECKING
+
+from labpipe.lazy import lazily
+
+if TYPE_CHECKING:
+    from pipelines.app._serve import Served, open  # noqa: A004 (the verb of the command of that name)
+else:
+    __getattr__ = lazily(__name__, {"Served": "_serve", "open": "_serve"})
+
+__all__ = ["Served", "open"]

@@ -1,0 +1,201 @@
+"""What the page asks for and is told."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.routing import Route
+
+from labpipe.errors import InputError, LabpipeError
+from labpipe.files import safe_join
+from labpipe.workflow.session import FILE_NAME
+from pipelines.app import _setup as setup
+from pipelines.app._pictures import Pictures
+from pipelines.app._runs import Runs
+
+_ASSETS = Path(__file__).parent / "assets"
+_TYPES = {".js": "text/javascript", ".css": "text/css", ".html": "text/html", ".svg": "image/svg+xml"}
+_NAMES = ("app.js", "setup.js", "app.css")
+Told = dict[str, Any]
+
+
+class Answers:
+    """Answers of the page of one folder.
+
+    Parameters
+    ----------
+    folder : Path
+        Resolved; nothing outside it is told.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.runs = Runs(folder)
+        self.pictures = Pictures()
+        self._writing = threading.Lock()
+
+    def application(self) -> Starlette:
+        """Return what answers (ASGI)."""
+        gets: dict[str, Callable[[Request], Response]] = {
+            "/": lambda request: _asset("app.html"),
+            "/assets/{name}": lambda request: _asset(request.path_params["name"], _NAMES),
+            "/reports/{name:path}": self._report,
+            "/api/picture": self._picture,
+        }
+        tells: dict[str, Callable[[Request], Told]] = {
+            "/api/files": lambda request: self.files(),
+            "/api/run": lambda request: self.runs.state(_number(request, "after")),
+        }
+        tells["/api/session"] = lambda request: self.session()
+        posts: dict[str, Callable[[Told], Told]] = {
+            "/api/run": self.run,
+            "/api/init": self.init,
+            "/api/check": self.check,
+            "/api/write": self.write,
+        }
+        routes = [Route(path, _guarded(answer), methods=["GET"]) for path, answer in gets.items()]
+        routes += [Route(path, _told(answer), methods=["GET"]) for path, answer in tells.items()]
+        routes += [Route(path, _asked(answer), methods=["POST"]) for path, answer in posts.items()]
+        return Starlette(routes=routes)
+
+    # --- files ---
+
+    def files(self) -> Told:
+        """List the files of the folder, and the pages that there are."""
+        from pipelines.session import survey
+
+        made = self.folder / "labpipe"
+        pages = sorted(p.relative_to(made).as_posix() for p in made.rglob("*.html")) if made.is_dir() else []
+        return {
+            "folder": self.folder.name,
+            "is_session": (self.folder / FILE_NAME).is_file(),
+            "files": [entry.document() for entry in survey(self.folder)],
+            "pages": pages,
+        }
+
+    def path(self, name: object) -> Path:
+        """Return where a file of the folder is, and refuse what is not inside it or not there."""
+        if not isinstance(name, str):
+            message = "expected the name of a file"
+            raise InputError(message)
+        path = safe_join(self.folder, name)
+        if not path.exists():
+            message = f'there is no file "{name}"'
+            raise InputError(message)
+        return path
+
+    def _picture(self, request: Request) -> Response:
+        path = self.path(request.query_params.get("name"))
+        return Response(self.pictures.of(path), media_type="image/png")
+
+    def _report(self, request: Request) -> Response:
+        path = self.path(f"labpipe/{request.path_params['name']}")
+        if path.suffix != ".html" or not path.is_file() or not path.is_relative_to(self.folder / "labpipe"):
+            message = "only reports are shown here"
+            raise InputError(message)
+        return FileResponse(path, media_type="text/html")
+
+    # --- the session ---
+
+    def init(self, asked: Told) -> Told:
+        """Write a first session.toml; a later one is edited instead."""
+        from pipelines.session import init
+
+        del asked
+        with self._writing:
+            found = init(self.folder)
+        return {"experiments": found.experiments, "gaps": found.gaps, "unused": found.unused}
+
+    def session(self) -> Told:
+        """Return the set-up as it is."""
+        texts = setup.read(self.folder)
+        return setup.state(self.folder, texts) | {"base": setup.digest(texts), "difference": []}
+
+    def check(self, asked: Told) -> Told:
+        """Return the set-up as changes would make it, with the difference; nothing is written."""
+        texts, new = self._changed(asked)
+        return setup.state(self.folder, new) | {"base": setup.digest(texts), "difference": setup.difference(texts, new)}
+
+    def write(self, asked: Told) -> Told:
+        """Write changes that were looked at, unless the files are others by now."""
+        with self._writing:
+            texts, new = self._changed(asked)
+            written = setup.write(self.folder, texts, new)
+        return self.session() | {"written": written}
+
+    def _changed(self, asked: Told) -> tuple[dict[str, str], dict[str, str]]:
+        texts = setup.read(self.folder)
+        if asked.get("base") != setup.digest(texts):
+            message = (
+                "the files were changed elsewhere meanwhile; the set-up is read again, your last changes are not in it"
+            )
+            raise InputError(message)
+        return texts, setup.changed(texts, asked.get("edits"))
+
+    def run(self, asked: Told) -> Told:
+        """Begin a run, watch, or stop."""
+        action = asked.get("action")
+        if action == "stop":
+            self.runs.stop()
+        elif action in ("process", "watch"):
+            self.runs.start(action)
+        else:
+            message = f"expected process, watch or stop, found {action!r}"
+            raise InputError(message)
+        return self.runs.state()
+
+
+def _asset(name: str, allowed: tuple[str, ...] = ("app.html",)) -> Response:
+    if name not in allowed:
+        return Response("not found", 404)
+    path = _ASSETS / name
+    return Response(path.read_bytes(), media_type=_TYPES[path.suffix])
+
+
+def _number(request: Request, name: str) -> int:
+    text = request.query_params.get(name, "0")
+    return int(text) if text.isdecimal() and len(text) < 10 else 0
+
+
+def _refused(error: LabpipeError) -> Response:
+    return JSONResponse({"error": str(error), "problems": list(getattr(error, "problems", ()))}, 400)
+
+
+def _guarded(answer: Callable[[Request], Response]) -> Callable[[Request], Response]:
+    """Say what is wrong instead of failing."""
+
+    def answered(request: Request) -> Response:
+        try:
+            return answer(request)
+        except LabpipeError as error:
+            return _refused(error)
+        except OSError as error:
+            return _refused(InputError(f"{error.strerror or error}"))
+
+    return answered
+
+
+def _told(answer: Callable[[Request], Told]) -> Callable[[Request], Response]:
+    return _guarded(lambda request: JSONResponse(answer(request)))
+
+
+def _asked(answer: Callable[[Told], Told]) -> Any:
+    """Read the JSON of a request, and answer it beside the others."""
+    from starlette.concurrency import run_in_threadpool
+
+    async def answered(request: Request) -> Response:
+        try:
+            asked = await request.json()
+        except (ValueError, RecursionError):
+            asked = None
+        if not isinstance(asked, dict):
+            return _refused(InputError("expected one JSON object"))
+        return await run_in_threadpool(_guarded(lambda _: JSONResponse(answer(asked))), request)
+
+    return answered

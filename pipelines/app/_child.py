@@ -1,0 +1,93 @@
+"""The process that computes for the page: events go out as lines of JSON, the end of input stops it."""
+
+import json
+import os
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from labpipe.errors import LabpipeError
+
+if TYPE_CHECKING:
+    from labpipe.workflow.runner import Event
+
+_SECONDS = 2.0
+"""Between two looks at the folder while it is watched."""
+_INTERRUPTED = 130
+
+
+def main(mode: str, folder: Path) -> int:
+    """Process or watch a session and tell what happens; return an exit code."""
+    threading.Thread(target=_end_with_the_page, daemon=True).start()
+    try:
+        return _watched(folder) if mode == "watch" else _processed(folder)
+    except KeyboardInterrupt:
+        _tell(kind="stopped", message="stopped; results that were complete are kept")
+        return _INTERRUPTED
+    except LabpipeError as error:
+        _tell(kind="refused", message=str(error))
+        return error.exit_code
+
+
+def _end_with_the_page() -> None:
+    """Interrupt the run when the input ends: the page said stop, or is gone."""
+    while sys.stdin.readline():
+        pass
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def _tell(**event: Any) -> None:
+    print(json.dumps(event), flush=True)  # noqa: T201 (the events are what this process is for)
+
+
+def _processed(folder: Path) -> int:
+    from pipelines.experiments import JUDGEMENT
+    from pipelines.session import process, verdict_on
+
+    def progress(event: "Event") -> None:
+        _tell(
+            kind=event.kind,
+            experiment=event.task.experiment,
+            stage=event.task.stage,
+            recording=event.task.recording,
+            done=event.done,
+            total=event.total,
+            message=event.message,
+        )
+        if event.task.stage == JUDGEMENT and event.kind in ("done", "cached", "kept"):
+            _tell(**_judged(verdict_on(folder, event.task.experiment)))
+
+    outcome = process(folder, jobs=_jobs(), progress=progress)
+    for name, lines in outcome.session.waiting.items():
+        _tell(kind="waiting", experiment=name, message="\n".join(lines))
+    _tell(kind="finished", message=outcome.summary, reports=sorted(outcome.reports))
+    return outcome.exit_code
+
+
+def _judged(found: Any) -> dict[str, Any]:
+    return found.document() | {"of": found.kind, "kind": "verdict"}
+
+
+def _watched(folder: Path) -> int:
+    from pipelines.session import verdict_on, watch
+
+    watcher = watch(folder, jobs=1)
+    while True:
+        for news in watcher.look():
+            _tell(kind="news", experiment=news.experiment, state=news.state, message=news.text)
+            if news.state == "processed":
+                _tell(**_judged(verdict_on(folder, news.experiment)))
+        time.sleep(_SECONDS)
+
+
+def _jobs() -> int:
+    from labpipe.workflow.engines import processors
+
+    return max(1, min(processors(), 4))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1], Path(sys.argv[2])))

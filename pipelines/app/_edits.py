@@ -1,0 +1,304 @@
+"""Changes of session.toml and of records that keep comments and order.
+
+Single values are set by tomlkit. Whole experiments are moved as blocks of lines, from a header to
+the next one with the remarks above it. After every change the file is read again: it must hold
+exactly what was meant, or the change is refused.
+"""
+
+from __future__ import annotations
+
+import copy
+import datetime
+import json
+import re
+import tomllib
+import typing
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import msgspec
+import tomlkit
+import tomlkit.exceptions
+
+from labpipe.errors import InputError
+from labpipe.workflow.fields import REFERENCE, ReferenceMark, mark, split
+
+Place = tuple[str | int, ...]
+_HEADER = re.compile(r"^[ \t]*(\[{1,2})[ \t]*([^\[\]\n]+?)[ \t]*(\]{1,2}[ \t]*(?:#.*)?)$")
+_NAME = re.compile(r"[A-Za-z0-9_-]+")
+EXPERIMENTS = "experiments"
+
+
+def set_value(text: str, place: Place, value: Any) -> str:
+    """Set one value, or with None take it out.
+
+    Parameters
+    ----------
+    text : str
+        TOML.
+    place : tuple
+        Keys, and positions in arrays; tables that are not there are made.
+    value : object
+        What TOML can hold.
+
+    Raises
+    ------
+    InputError
+        The text is no TOML, or the place lies in something that is no table.
+    """
+    meant = _tree(text)
+    _set(meant, place, value)
+    try:
+        document = tomlkit.parse(text)
+        node: Any = document
+        for key in place[:-1]:
+            if isinstance(key, str) and key not in node:
+                node[key] = tomlkit.table()
+            node = node[key]
+        if value is None:
+            node.remove(place[-1]) if place[-1] in node else None
+        else:
+            node[place[-1]] = _listed(value) if isinstance(value, list) else value
+        changed = tomlkit.dumps(document)
+    except (tomlkit.exceptions.TOMLKitError, KeyError, IndexError, TypeError, AttributeError) as error:
+        message = f"{_shown(place)} cannot be changed here ({error}); change session.toml by hand"
+        raise InputError(message) from None
+    return _as_meant(changed, meant, place)
+
+
+def rename(text: str, name: str, to: str, kinds: Mapping[str, type[msgspec.Struct]]) -> str:
+    """Give an experiment another name, also where others refer to it."""
+    tree = _tree(text)
+    _require(tree, name)
+    if to in tree[EXPERIMENTS] or not to.strip():
+        message = f'there is an experiment "{to}" already' if to.strip() else "a name is needed"
+        raise InputError(message)
+    blocks = [
+        (path, _renamed(block, path, to) if path[:2] == (EXPERIMENTS, name) else block) for path, block in _blocks(text)
+    ]
+    tree[EXPERIMENTS] = {to if key == name else key: table for key, table in tree[EXPERIMENTS].items()}
+    changed = _as_meant("".join(block for _, block in blocks), tree, (EXPERIMENTS, name))
+    for place, kind, value in leaves(tree, kinds):
+        if mark(split(_bare(kind))[1], ReferenceMark) and value in (name, REFERENCE + name):
+            at = tuple(to if i == 1 and key == name else key for i, key in enumerate(place))
+            changed = set_value(changed, at, REFERENCE + to if value.startswith(REFERENCE) else to)
+    return changed
+
+
+def remove(text: str, name: str) -> str:
+    """Leave an experiment out."""
+    tree = _tree(text)
+    _require(tree, name)
+    del tree[EXPERIMENTS][name]
+    if not tree[EXPERIMENTS]:
+        message = "a session needs an experiment; this is the last one"
+        raise InputError(message)
+    kept = "".join(block for path, block in _blocks(text) if path[:2] != (EXPERIMENTS, name))
+    return _as_meant(kept, tree, (EXPERIMENTS, name))
+
+
+def duplicate(text: str, name: str, to: str) -> str:
+    """Write an experiment a second time, behind the first."""
+    tree = _tree(text)
+    _require(tree, name)
+    if to in tree[EXPERIMENTS] or not to.strip():
+        message = f'there is an experiment "{to}" already' if to.strip() else "a name is needed"
+        raise InputError(message)
+    tree[EXPERIMENTS][to] = copy.deepcopy(tree[EXPERIMENTS][name])
+    blocks = _blocks(text)
+    own = [number for number, (path, _) in enumerate(blocks) if path[:2] == (EXPERIMENTS, name)]
+    if not own:
+        message = f"{EXPERIMENTS}.{name} has no header of its own; change session.toml by hand"
+        raise InputError(message)
+    before = "".join(block for _, block in blocks[: own[-1] + 1])
+    again = "".join(_renamed(blocks[i][1], blocks[i][0], to) for i in own)
+    after = "".join(block for _, block in blocks[own[-1] + 1 :])
+    return _as_meant(
+        before.rstrip("\n") + "\n\n" + again.rstrip("\n") + "\n\n" * bool(after) + after, tree, (EXPERIMENTS, to)
+    )
+
+
+def separate(text: str, name: str, to: str, key: str, names: Sequence[str]) -> str:
+    """Put some recordings of an experiment into a second one with the same settings."""
+    tree = _tree(text)
+    _require(tree, name)
+    here = tree[EXPERIMENTS][name].get(key)
+    chosen = [file for file in here if file in names] if isinstance(here, list) else []
+    rest = [file for file in here if file not in names] if isinstance(here, list) else []
+    if not chosen or not rest:
+        message = "choose some of the recordings, and not all of them"
+        raise InputError(message)
+    changed = duplicate(text, name, to)
+    return set_value(set_value(changed, (EXPERIMENTS, name, key), rest), (EXPERIMENTS, to, key), chosen)
+
+
+def join(text: str, name: str, other: str, key: str) -> str:
+    """Put the recordings of another experiment of the same kind behind those of this one."""
+    tree = _tree(text)
+    _require(tree, name)
+    _require(tree, other)
+    first, second = tree[EXPERIMENTS][name], tree[EXPERIMENTS][other]
+    if name == other or first.get("kind") != second.get("kind"):
+        message = f'"{name}" and "{other}" are not of one kind'
+        raise InputError(message)
+    files = [*first.get(key, []), *(f for f in second.get(key, []) if f not in first.get(key, []))]
+    return remove(set_value(text, (EXPERIMENTS, name, key), files), other)
+
+
+def leaves(tree: Mapping[str, Any], kinds: Mapping[str, type[msgspec.Struct]]) -> Iterator[tuple[Place, Any, Any]]:
+    """Yield place, type and value of every setting of every experiment that is written."""
+    for name, table in tree.get(EXPERIMENTS, {}).items():
+        if isinstance(table, dict) and table.get("kind") in kinds:
+            for place, kind, value in values(kinds[table["kind"]], table, (EXPERIMENTS, name)):
+                if value is not None:
+                    yield place, kind, value
+
+
+def values(kind: type[msgspec.Struct], table: Any, place: Place) -> Iterator[tuple[Place, Any, Any]]:
+    """Yield place, type and value of every field of a structure; None where it is not written."""
+    table = table if isinstance(table, dict) else {}
+    for info in msgspec.structs.fields(kind):
+        name, bare = info.encode_name, split(_bare(info.type))[0]
+        inner = typing.get_args(bare)[0] if typing.get_origin(bare) is list else None
+        if isinstance(bare, type) and issubclass(bare, msgspec.Struct):
+            yield from values(bare, table.get(name), (*place, name))
+        elif inner is not None and isinstance(inner, type) and issubclass(inner, msgspec.Struct):
+            items = table.get(name)
+            for number, item in enumerate(items if isinstance(items, list) else ()):
+                yield from values(inner, item, (*place, name, number))
+        else:
+            yield (*place, name), info.type, table.get(name)
+
+
+def _bare(kind: Any) -> Any:
+    """Leave the None of an optional field away."""
+    options = [o for o in typing.get_args(kind) if o is not type(None)]
+    is_optional = type(None) in typing.get_args(kind) and len(options) == 1
+    return options[0] if is_optional else kind
+
+
+bare_type = _bare
+
+
+def as_value(kind: Any, text: str) -> Any:
+    """Return a typed text as TOML keeps it for a field; what does not fit stays a text."""
+    bare = split(_bare(kind))[0]
+    try:
+        if bare is bool:
+            return {"true": True, "false": False}.get(text, text)
+        if bare is int:
+            return int(text)
+        if bare is float:
+            return float(text.replace(",", "."))
+        if bare is datetime.date:
+            return datetime.date.fromisoformat(text)
+        if typing.get_origin(bare) in (tuple, list):
+            return json.loads(text) if text.startswith("[") else text
+        if typing.get_origin(bare) is typing.Literal and all(isinstance(a, int) for a in typing.get_args(bare)):
+            return int(text)
+    except ValueError:
+        return text
+    return text
+
+
+# --- the text ------------------------------------------------------------------------------------
+
+
+def _tree(text: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text.replace("\r\n", "\n"))
+    except (ValueError, RecursionError) as error:
+        message = f"the file is no TOML ({error}); correct it by hand first"
+        raise InputError(message) from None
+
+
+def _set(tree: Any, place: Place, value: Any) -> None:
+    node = tree
+    for key in place[:-1]:
+        try:
+            node = node.setdefault(key, {}) if isinstance(key, str) else node[key]
+        except (AttributeError, IndexError, TypeError):
+            message = f"{_shown(place)}: there is no such table"
+            raise InputError(message) from None
+    if not isinstance(node, dict):
+        message = f"{_shown(place)}: there is no such table"
+        raise InputError(message)
+    if value is None:
+        node.pop(place[-1], None)
+    else:
+        node[place[-1]] = value
+
+
+def _as_meant(text: str, meant: Mapping[str, Any], place: Place) -> str:
+    try:
+        found = tomllib.loads(text.replace("\r\n", "\n"))
+    except ValueError:
+        found = None
+    if found != meant:
+        message = f"{_shown(place)} is written in a way that cannot be changed here; change session.toml by hand"
+        raise InputError(message)
+    return text
+
+
+def _listed(names: Sequence[Any]) -> Any:
+    array = tomlkit.array()
+    array.extend(names)
+    return array.multiline(multiline=len(names) > 1 and all(isinstance(name, str) for name in names))
+
+
+def _require(tree: Mapping[str, Any], name: str) -> None:
+    tables = tree.get(EXPERIMENTS)
+    if not isinstance(tables, dict) or not isinstance(tables.get(name), dict):
+        message = f'there is no experiment "{name}"'
+        raise InputError(message)
+
+
+def _blocks(text: str) -> list[tuple[tuple[str, ...], str]]:
+    """Cut a text at its headers; remarks right above a header go with it."""
+    found: list[tuple[tuple[str, ...], list[str]]] = [((), [])]
+    for line in text.splitlines(keepends=True):
+        path = _path_of(line.rstrip("\r\n"))
+        if path is not None:
+            above = found[-1][1]
+            first = len(above)
+            while first and above[first - 1].lstrip().startswith("#"):
+                first -= 1
+            remarks = above[first:]
+            del above[first:]
+            found.append((path, remarks))
+        found[-1][1].append(line)
+    if found[-1][1] and not found[-1][1][-1].endswith("\n"):
+        found[-1][1][-1] += "\n"
+    return [(path, "".join(lines)) for path, lines in found]
+
+
+def _path_of(line: str) -> tuple[str, ...] | None:
+    match = _HEADER.match(line)
+    if match is None:
+        return None
+    try:
+        node: Any = tomllib.loads(f"[{match[2]}]")
+    except ValueError:
+        return None
+    path: list[str] = []
+    while node:
+        ((key, node),) = node.items()
+        path.append(key)
+    return tuple(path)
+
+
+def _renamed(block: str, path: tuple[str, ...], to: str) -> str:
+    """Write the header of a block with another name of its experiment."""
+    lines = block.splitlines(keepends=True)
+    for number, line in enumerate(lines):
+        bare = line.rstrip("\r\n")
+        if (match := _HEADER.match(bare)) is not None and _path_of(bare) == path:
+            keys = (path[0], to, *path[2:])
+            inner = ".".join(key if _NAME.fullmatch(key) else json.dumps(key, ensure_ascii=False) for key in keys)
+            lines[number] = f"{match[1]}{inner}{match[3]}{line[len(bare) :]}"
+            break
+    return "".join(lines)
+
+
+def _shown(place: Place) -> str:
+    return ".".join(map(str, place))

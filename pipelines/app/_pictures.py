@@ -1,0 +1,91 @@
+"""Small pictures of files: curves of a table, frames of a film, a photograph made smaller."""
+
+import io
+import tempfile
+import threading
+import warnings
+from collections import OrderedDict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from labpipe.errors import InputError, LabpipeError
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+_WIDTH = 480
+_LARGEST = 200_000_000
+"""Bytes of a file that is read for a picture, unless it is a film, of which only frames are read."""
+_MOST_PIXELS = 120_000_000
+_KEPT = 400
+PHOTOGRAPHS = {".jpg", ".jpeg", ".png", ".bmp"}
+_FILMS = {".cine", ".avi", ".tif", ".tiff"}
+
+
+class Pictures:
+    """Makes pictures one at a time and keeps those of files that have not changed."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._kept: OrderedDict[tuple[str, int, int], bytes] = OrderedDict()
+
+    def of(self, path: Path) -> bytes:
+        """Return a PNG of a file.
+
+        Raises
+        ------
+        LabpipeError
+            The file holds nothing to draw, or is too large to be read for it.
+        """
+        status = path.stat()
+        key = (str(path), status.st_size, status.st_mtime_ns)
+        with self._lock:
+            if key not in self._kept:
+                self._kept[key] = _picture(path, status.st_size)
+                while len(self._kept) > _KEPT:
+                    self._kept.popitem(last=False)
+            return self._kept[key]
+
+
+def _picture(path: Path, size: int) -> bytes:
+    if size > _LARGEST and path.suffix.lower() not in _FILMS:
+        message = f"{path.name} is too large for a small picture"
+        raise InputError(message)
+    if path.suffix.lower() in PHOTOGRAPHS:
+        image = photograph(path)
+        image.thumbnail((_WIDTH, _WIDTH))
+        stream = io.BytesIO()
+        image.save(stream, "png")
+        return stream.getvalue()
+    from pipelines.session import write_sheet
+
+    with tempfile.TemporaryDirectory() as place, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # told where the file is inspected or processed
+        target = Path(place) / "picture.png"
+        write_sheet(path, target)
+        return target.read_bytes()
+
+
+def photograph(path: Path) -> "Image.Image":
+    """Open a picture as RGB or grey levels, turned as the camera was held.
+
+    Raises
+    ------
+    InputError
+        It is no picture, is damaged, or has more pixels than a camera.
+    """
+    from PIL import Image, ImageOps
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # a picture that would fill the memory
+        try:
+            with Image.open(path) as image:
+                if image.width * image.height > _MOST_PIXELS:
+                    message = f"{path.name} has {image.width} × {image.height} px, too many for a picture"
+                    raise InputError(message)
+                return ImageOps.exif_transpose(image).convert("L" if image.mode in ("1", "L", "I;16", "I") else "RGB")
+        except LabpipeError:
+            raise
+        except Exception as error:  # whatever a hostile file makes the decoder raise
+            message = f"{path.name} cannot be read as a picture: {error}"
+            raise InputError(message) from None

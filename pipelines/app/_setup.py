@@ -1,0 +1,301 @@
+"""The set-up of a session as the page shows it, and changes to it: checked, compared, written."""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import re
+import typing
+from collections.abc import Mapping
+from datetime import date
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+
+from calibration import KINDS as RECORDS
+from labpipe import files
+from labpipe.errors import ConfigError, InputError, LabpipeError
+from labpipe.files import safe_join
+from labpipe.workflow import config
+from labpipe.workflow import session as sessions
+from labpipe.workflow.document import parse
+from labpipe.workflow.fields import GAP, Dimension, FileMark, ReferenceMark, describe, is_gap, mark, split
+from labpipe.workflow.session import FILE_NAME
+from pipelines.app import _edits as edits
+from pipelines.experiments import KINDS
+from pipelines.session import SETTINGS, library_names
+
+Told = dict[str, Any]
+_PROBLEM = re.compile(r"^([^:\n]+):(\d+)(?::\d+)?: (?:([^\s:]+): )?(.*)$", re.DOTALL)
+
+
+def read(folder: Path) -> dict[str, str]:
+    """Return the texts of session.toml and of every calibration record, by name.
+
+    Raises
+    ------
+    LabpipeError
+        session.toml is not there, or a link that leads out of the folder.
+    """
+    path = safe_join(folder, FILE_NAME)
+    if not path.is_file():
+        message = "there is no session.toml yet; propose a session from the files first"
+        raise InputError(message)
+    texts = {FILE_NAME: _text(path)}
+    for each in files.files_below(folder):
+        name = each.relative_to(folder).as_posix()
+        if each.suffix == ".toml" and name != FILE_NAME and not name.startswith((".", "labpipe/", "truth/")):
+            try:
+                if parse(safe_join(folder, name)).tree.get("kind") in RECORDS:
+                    texts[name] = _text(each)
+            except LabpipeError:
+                continue  # no record that could be shown
+    return texts
+
+
+def _text(path: Path) -> str:
+    return path.read_bytes().decode("utf-8-sig")
+
+
+def digest(texts: Mapping[str, str]) -> str:
+    """Return what tells whether somebody else has changed the files meanwhile."""
+    return hashlib.sha256(files.canonical(dict(texts)).encode()).hexdigest()
+
+
+def changed(texts: Mapping[str, str], asked: Any) -> dict[str, str]:
+    """Apply changes one after the other.
+
+    Parameters
+    ----------
+    texts : mapping
+        Of :func:`read`.
+    asked : list of dict
+        ``{"op": "set", "file", "place", "text"}``, ``rename`` (``name``, ``to``), ``remove``
+        (``name``), ``merge`` (``name``, ``other``, ``key``), ``split`` (``name``, ``to``, ``key``,
+        ``names``).
+
+    Raises
+    ------
+    InputError
+        A change cannot be made.
+    """
+    new = dict(texts)
+    if not isinstance(asked, list):
+        message = "expected a list of changes"
+        raise InputError(message)
+    for edit in asked:
+        try:
+            _apply(new, edit)
+        except (KeyError, TypeError, AttributeError):
+            message = f"a change that is not understood: {edit!r}"[:300]
+            raise InputError(message) from None
+    return new
+
+
+def _apply(texts: dict[str, str], edit: Any) -> None:
+    op = edit["op"]
+    if op == "set":
+        name, place = str(edit["file"]), tuple(edit["place"])
+        if name not in texts:
+            message = f'"{name}" is not part of the set-up'
+            raise InputError(message)
+        typed = str(edit["text"]).strip()
+        if len(typed) > _LONGEST or not typed.isprintable():
+            message = f"{place[-1]}: a value is one line of at most {_LONGEST} characters"
+            raise InputError(message)
+        kind, required = _type_at(texts[name], name, place)
+        value = edits.as_value(kind, typed) if typed else _gap(kind) if required else None
+        texts[name] = edits.set_value(texts[name], place, value)
+        return
+    text, name = texts[FILE_NAME], str(edit["name"])
+    if op == "rename":
+        text = edits.rename(text, name, str(edit["to"]).strip(), SETTINGS)
+    elif op == "remove":
+        text = edits.remove(text, name)
+    elif op == "merge":
+        text = edits.join(text, name, str(edit["other"]), str(edit["key"]))
+    elif op == "split":
+        text = edits.separate(text, name, str(edit["to"]).strip(), str(edit["key"]), list(edit["names"]))
+    else:
+        raise KeyError(op)
+    texts[FILE_NAME] = text
+
+
+_LONGEST = 2000
+
+
+def _type_at(text: str, name: str, place: edits.Place) -> tuple[Any, bool]:
+    """Return the type of a field, and whether it must be there."""
+    tree = _tree(text)
+    if name == FILE_NAME:
+        if place[:1] == ("session",) and place[1:] in (("title",), ("operator",), ("notes",)):
+            return str, False
+        kind = SETTINGS.get(str(tree["experiments"][place[1]].get("kind"))) if place[0] == edits.EXPERIMENTS else None
+        node: Any = tree["experiments"][place[1]] if kind is not None else {}
+        prefix: edits.Place = place[:2]
+    else:
+        kind, node, prefix = RECORDS.get(str(tree.get("kind"))), tree, ()
+    for at, of, _ in () if kind is None else edits.values(kind, node, prefix):
+        if at == place:
+            return of, _is_required(kind, place[len(prefix) :])
+    message = f"{'.'.join(map(str, place))}: there is no such setting"
+    raise InputError(message)
+
+
+def _is_required(kind: Any, path: edits.Place) -> bool:
+    """Tell whether a field and all tables around it must be there."""
+    for key in path:
+        if isinstance(key, int):
+            continue
+        info = next(f for f in msgspec.structs.fields(kind) if f.encode_name == key)
+        if not info.required:
+            return False
+        bare = split(edits.bare_type(info.type))[0]
+        kind = typing.get_args(bare)[0] if typing.get_origin(bare) is list else bare
+    return True
+
+
+def _gap(kind: Any) -> str:
+    """Return what stands for a value that is still to come."""
+    bare, marks = split(edits.bare_type(kind))
+    del bare
+    if mark(marks, FileMark) is not None:
+        return f"calibration/{GAP}.toml"
+    dimension = mark(marks, Dimension)
+    unit = dimension.example.rpartition(" ")[2] if dimension is not None and dimension.si != "1" else ""
+    return f"{GAP} {unit}".strip()
+
+
+def _tree(text: str) -> dict[str, Any]:
+    import tomllib
+
+    try:
+        return tomllib.loads(text.replace("\r\n", "\n"))
+    except (ValueError, RecursionError):
+        return {}
+
+
+# --- what the page shows -------------------------------------------------------------------------
+
+
+def state(folder: Path, texts: Mapping[str, str]) -> Told:
+    """Return the set-up as texts give it: experiments, records, and what is wrong or still to come."""
+    problems, waiting = _problems(folder, texts)
+    tree = _tree(texts[FILE_NAME])
+    records = [name for name in texts if name != FILE_NAME]
+    tables = tree.get(edits.EXPERIMENTS, {})
+    names = list(tables) if isinstance(tables, dict) else []
+    experiments = []
+    for name in names:
+        table = tables[name] if isinstance(tables[name], dict) else {}
+        kind = KINDS.get(str(table.get("kind")))
+        place: edits.Place = (edits.EXPERIMENTS, name)
+        experiments.append(
+            {
+                "name": name,
+                "kind": "" if kind is None else kind.name,
+                "title": "no known kind" if kind is None else kind.title,
+                "fields": [] if kind is None else _fields(kind.settings, table, place, FILE_NAME, names, records),
+                "waits": name in waiting,
+            }
+        )
+    shown = []
+    for name in records:
+        record = _tree(texts[name])
+        kind_of = RECORDS.get(str(record.get("kind")))
+        if kind_of is not None:
+            fields = _fields(kind_of, record, (), name, names, records)
+            shown.append({"name": name, "kind": record["kind"], "fields": fields})
+    return {"experiments": experiments, "records": shown, "problems": problems}
+
+
+def _fields(kind: Any, table: Any, prefix: edits.Place, file: str, names: list[str], records: list[str]) -> list[Told]:
+    found = []
+    for place, of, value in edits.values(kind, table, prefix):
+        path = place[len(prefix) :]
+        if path in (("kind",), ("version",)):
+            continue
+        bare, marks = split(edits.bare_type(of))
+        is_list = typing.get_origin(bare) is list
+        choices: list[str] = []
+        if typing.get_origin(bare) is Literal:
+            choices = [str(a).lower() if isinstance(a, bool) else str(a) for a in typing.get_args(bare)]
+        suggestions = list(library_names()) if path[-1] == "material" else []
+        suggestions += records if mark(marks, FileMark) is not None and path[-1] in _RECORD_FIELDS else []
+        suggestions += names if mark(marks, ReferenceMark) is not None else []
+        is_files = is_list and mark(split(typing.get_args(bare)[0])[1], FileMark) is not None
+        found.append(
+            {
+                "file": file,
+                "place": list(place),
+                "label": " ".join(f"{key + 1}" if isinstance(key, int) else key.replace("_", " ") for key in path),
+                "text": "" if value is None or is_gap(value) else _as_text(value),
+                "files": value if is_files and isinstance(value, list) else None,
+                "expected": f"one of {', '.join(library_names())}" if path[-1] == "material" else describe(of),
+                "required": _is_required(kind, path),
+                "gap": is_gap(value),
+                "choices": choices,
+                "suggestions": suggestions,
+            }
+        )
+    return found
+
+
+_RECORD_FIELDS = ("calibration", "camera", "record")
+
+
+def _as_text(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, date):
+        return value.isoformat()
+    return files.canonical(value) if isinstance(value, list | dict) else str(value)
+
+
+def _problems(folder: Path, texts: Mapping[str, str]) -> tuple[list[Told], Mapping[str, Any]]:
+    """Check every text by the code that reads it; return what is wrong, and which experiments wait."""
+    told: list[str] = []
+    waiting: Mapping[str, Any] = {}
+    try:
+        session = sessions.load(folder / FILE_NAME, SETTINGS, text=texts[FILE_NAME])
+        waiting = session.waiting
+        told += [line for lines in waiting.values() for line in lines]
+    except ConfigError as error:
+        told += error.problems
+    except LabpipeError as error:
+        told.append(f"{FILE_NAME}:1: {error}")
+    for name, text in texts.items():
+        kind = RECORDS.get(str(_tree(text).get("kind"))) if name != FILE_NAME else None
+        if kind is not None:
+            try:
+                config.read(folder / name, kind, text=text)
+            except ConfigError as error:
+                told += [f"{name}:{line.partition(':')[2]}" for line in error.problems]
+            except LabpipeError as error:
+                told.append(f"{name}:1: {error}")
+    problems = []
+    for line in dict.fromkeys(told):
+        match = _PROBLEM.match(line)
+        if match is None:
+            problems.append({"file": FILE_NAME, "line": 1, "place": "", "message": line})
+        else:
+            problems.append({"file": match[1], "line": int(match[2]), "place": match[3] or "", "message": match[4]})
+    return problems, waiting
+
+
+def difference(old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
+    """Return the lines that a change takes out and puts in, as a unified difference."""
+    lines: list[str] = []
+    for name, text in new.items():
+        before = old.get(name, "").splitlines()
+        lines += difflib.unified_diff(before, text.splitlines(), name, f"{name}, changed", lineterm="", n=2)
+    return lines
+
+
+def write(folder: Path, old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
+    """Write what has changed, session.toml last, and return the names."""
+    names = sorted((name for name in new if new[name] != old.get(name)), key=lambda name: name == FILE_NAME)
+    for name in names:
+        files.write_text(safe_join(folder, name), new[name])
+    return names

@@ -1,0 +1,220 @@
+"use strict";
+// The page of `labpipe open`. Every text from a file is set as text, never as HTML.
+
+const by = (id) => document.getElementById(id);
+const make = (tag, properties = {}, ...children) => {
+  const { dataset, ...plain } = properties;
+  const made = Object.assign(document.createElement(tag), plain);
+  Object.assign(made.dataset, dataset || {});
+  made.append(...children.filter((child) => child !== null && child !== undefined));
+  return made;
+};
+
+function say(text, isError = false) {
+  by("message").textContent = text;
+  by("message").classList.toggle("is-error", isError);
+}
+
+async function ask(path, body) {
+  const options = body === undefined ? {} : { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) };
+  let answer;
+  try {
+    answer = await fetch(path, options);
+  } catch {
+    throw new Error("labpipe does not answer; is `labpipe open` still running? What was written is kept.");
+  }
+  const found = await answer.json().catch(() => ({ error: `labpipe answered ${answer.status}` }));
+  if (!answer.ok) throw Object.assign(new Error(found.error || `labpipe answered ${answer.status}`), found, { status: answer.status });
+  return found;
+}
+
+const trying = (work) => async (...given) => {
+  try {
+    return await work(...given);
+  } catch (error) {
+    say(error.message, true);
+    return undefined;
+  }
+};
+
+const views = {};
+let shown = "files";
+function show(name) {
+  shown = name;
+  for (const button of document.querySelectorAll("nav button")) {
+    const isShown = button.dataset.view === name;
+    by(button.dataset.view).hidden = !isShown;
+    if (isShown) button.setAttribute("aria-current", "page");
+    else button.removeAttribute("aria-current");
+  }
+  say("");
+  if (views[name]) trying(views[name])();
+}
+
+// --- files ---
+
+let files = [];
+let last = "";
+const size = (n) => (n < 1e3 ? `${n} B` : n < 1e6 ? `${(n / 1e3).toFixed(0)} kB` : n < 1e9 ? `${(n / 1e6).toFixed(1)} MB` : `${(n / 1e9).toFixed(2)} GB`);
+const hasPicture = (file) => ["displacement", "force", "film", "sweep", "picture"].includes(file.content);
+
+function fileCard(file) {
+  const state = file.used_by.length ? "is-ok" : file.copy_of ? "is-warning" : "";
+  const card = make("li", {}, make("h3", { textContent: file.name }));
+  if (hasPicture(file)) {
+    const image = make("img", { loading: "lazy", alt: `${file.kind}: ${file.name}`, src: `api/picture?name=${encodeURIComponent(file.name)}&at=${encodeURIComponent(file.modified)}` });
+    image.addEventListener("error", () => image.remove());
+    card.append(image);
+  }
+  card.append(make("p", { textContent: `${file.kind || "not recognised"} · ${size(file.size)} · ${file.modified}` }));
+  if (file.copy_of) card.append(make("p", { className: "is-warning", textContent: `copy of ${file.copy_of}` }));
+  card.append(make("p", { className: state, textContent: file.used_by.length ? `used by ${file.used_by.join(", ")}` : `not used: ${file.reason}` }));
+  return card;
+}
+
+function drawFiles() {
+  const wanted = by("show-files").value;
+  const fits = { "": () => true, used: (f) => f.used_by.length, unused: (f) => !f.used_by.length, copies: (f) => f.copy_of || files.some((g) => g.copy_of === f.name) };
+  // A copy stands beside what it is a copy of.
+  const place = (file) => `${file.copy_of || file.name}\n${file.copy_of ? 1 : 0}${file.name}`;
+  const chosen = files.filter(fits[wanted]).sort((a, b) => (place(a) < place(b) ? -1 : 1));
+  by("file-list").replaceChildren(...chosen.map(fileCard));
+  by("count").textContent = `${chosen.length} of ${files.length} files`;
+}
+
+async function loadFiles() {
+  const found = await ask("api/files");
+  const text = JSON.stringify(found);
+  if (text === last) return;
+  last = text;
+  by("folder").textContent = found.folder;
+  document.title = `${found.folder} – labpipe`;
+  files = found.files;
+  by("begin").hidden = found.is_session;
+  drawFiles();
+  const chosen = by("pages").value;
+  by("pages").replaceChildren(...found.pages.map((page) => make("option", { value: page, textContent: page.replace(/^reports\/|\.html$/g, "") })));
+  if (found.pages.includes(chosen)) by("pages").value = chosen;
+}
+views.files = loadFiles;
+
+by("show-files").addEventListener("change", drawFiles);
+by("begin").addEventListener("click", trying(async () => {
+  say("Looking at every file …");
+  const found = await ask("api/init", {});
+  await loadFiles();
+  show("setup");
+  say(`${found.experiments.length} experiments proposed, ${found.gaps.length} values to fill in.`);
+}));
+
+// --- run ---
+
+let run = { number: 0, next: 0, of: new Map() };
+
+function experimentCard(name) {
+  const one = run.of.get(name) || {};
+  const level = { yes: "is-ok", doubtful: "is-warning", impossible: "is-error" }[one.believable] || (one.state === "failed" ? "is-error" : "");
+  const card = make("li", {}, make("h3", { textContent: name }), make("p", { className: level, textContent: one.text || one.state || "" }));
+  for (const finding of one.findings || []) {
+    if (finding.level === "note") continue;
+    const where = finding.file ? ` (${finding.file}${finding.line ? `:${finding.line}` : ""})` : "";
+    card.append(make("p", { className: finding.level === "impossible" ? "is-error" : "is-warning", textContent: finding.message + where }));
+  }
+  if (one.causes && one.causes.length) card.append(make("p", { textContent: `probable cause: ${one.causes[0]}` }));
+  if (one.failure) card.append(make("p", { className: "is-error", textContent: one.failure }));
+  if (one.page) {
+    const button = make("button", { type: "button", textContent: "Report" });
+    button.addEventListener("click", () => openPage(`reports/${name}.html`));
+    card.append(make("p", {}, button));
+  }
+  return card;
+}
+
+const note = (name, facts) => run.of.set(name, { ...(run.of.get(name) || {}), ...facts });
+
+function take(event) {
+  const name = event.experiment;
+  if (event.kind === "verdict") {
+    const model = event.model === "none" ? "" : `, model: ${event.model}`;
+    note(name, { believable: event.believable, findings: event.findings, causes: event.causes, text: `believable: ${event.believable}${model}` });
+  } else if (event.kind === "news") {
+    note(name || "session", { state: event.state, text: `${event.state}: ${event.message}`, page: event.state === "processed" });
+  } else if (event.kind === "waiting") {
+    note(name, { state: "waiting", text: `waiting for values:\n${event.message}` });
+  } else if (event.kind === "finished") {
+    for (const page of event.reports) note(page, { page: true });
+    say(`Finished: ${event.message}`);
+  } else if (event.kind === "stopped" || event.kind === "refused") {
+    say(event.message, event.kind === "refused");
+  } else {
+    if (event.kind === "failed") note(name, { state: "failed", failure: `${event.stage}: ${event.message}` });
+    else if (!(run.of.get(name) || {}).believable) note(name, { state: event.kind === "started" ? event.stage : `${event.stage} ${event.kind}` });
+    if (event.stage === "report" && ["done", "cached", "kept"].includes(event.kind)) note(name, { page: true });
+    by("progress").max = event.total || 1;
+    by("progress").value = event.done;
+    by("progress-text").textContent = `${event.done} of ${event.total} steps`;
+  }
+  const text = [event.kind, name, event.stage, event.recording, event.message || event.summary].filter(Boolean).join(" · ");
+  by("log").append(make("li", { textContent: text }));
+}
+
+async function loadRun() {
+  let found = await ask(`api/run?after=${run.next}`);
+  if (found.run !== run.number) {
+    run = { number: found.run, next: 0, of: new Map() };
+    by("log").replaceChildren();
+    by("progress").value = 0;
+    by("progress-text").textContent = "";
+    found = await ask("api/run?after=0");
+  }
+  run.next = found.next;
+  found.events.forEach(take);
+  if (found.events.length) by("experiments").replaceChildren(...[...run.of.keys()].map(experimentCard));
+  by("start").disabled = by("watch").disabled = found.running;
+  by("stop").disabled = !found.running;
+  by("start").textContent = found.code === 130 ? "Go on" : "Process";
+  if (found.error) say(found.error, true);
+  if (run.wasRunning && !found.running) await loadFiles();
+  run.wasRunning = found.running;
+}
+views.run = loadRun;
+
+for (const [id, action] of [["start", "process"], ["watch", "watch"], ["stop", "stop"]]) {
+  by(id).addEventListener("click", trying(async () => {
+    await ask("api/run", { action });
+    say(action === "stop" ? "Stopping; what is complete is kept." : "");
+    await loadRun();
+  }));
+}
+
+// --- reports ---
+
+function openPage(page) {
+  show("report");
+  if (page && [...by("pages").options].every((option) => option.value !== page)) by("pages").append(make("option", { value: page, textContent: page.replace(/^reports\/|\.html$/g, "") }));
+  if (page) by("pages").value = page;
+  openPageChosen();
+}
+views.report = async () => {
+  await loadFiles();
+  if (!by("page").getAttribute("src")) openPageChosen();
+};
+const openPageChosen = () => { if (by("pages").value) by("page").src = `reports/${by("pages").value.split("/").map(encodeURIComponent).join("/")}`; };
+by("pages").addEventListener("change", openPageChosen);
+
+// --- beginning ---
+
+for (const button of document.querySelectorAll("nav button")) button.addEventListener("click", () => show(button.dataset.view));
+let isBusy = false;
+setInterval(async () => {
+  if (isBusy || document.hidden) return;
+  isBusy = true;
+  try {
+    await loadRun();
+    if (shown === "files" || shown === "run") await loadFiles();
+  } catch (error) {
+    say(error.message, true);
+  }
+  isBusy = false;
+}, 1000);
+show("files");

@@ -1,0 +1,237 @@
+"use strict";
+// Set-up: experiments as cards, one table of specimens, one of calibrations; nothing is written before the difference was seen.
+
+const setup = { base: "", edits: [], data: null, timer: 0, turn: 0 };
+const keyOf = (field) => `${field.file}\n${field.place.join(".")}`;
+
+function problemsOf(field) {
+  const dotted = field.place.reduce((text, key) => (typeof key === "number" ? `${text}[${key}]` : text ? `${text}.${key}` : key), "");
+  return setup.data.problems.filter((problem) => problem.file === field.file && problem.place === dotted).map((problem) => problem.message);
+}
+
+function typed(field) {
+  const edit = setup.edits.findLast((one) => one.op === "set" && one.file === field.file && one.place.join(".") === field.place.join("."));
+  return edit ? edit.text : field.text;
+}
+
+function setField(field, text) {
+  setup.edits = setup.edits.filter((one) => !(one.op === "set" && one.file === field.file && one.place.join(".") === field.place.join(".")));
+  setup.edits.push({ op: "set", file: field.file, place: field.place, text });
+}
+
+let lists = 0;
+function control(field, fields = [field], name = field.label) {
+  const values = [...new Set(fields.map(typed))];
+  const value = values.length === 1 ? values[0] : "";
+  let input;
+  const made = [];
+  if (field.choices.length) {
+    const options = ["", ...field.choices];
+    if (value && !options.includes(value)) options.push(value);
+    input = make("select", {}, ...options.map((choice) => make("option", { value: choice, textContent: choice || "–" })));
+    input.value = value;
+  } else {
+    input = make("input", { type: "text", value, spellcheck: false, autocomplete: "off", placeholder: values.length > 1 ? "differs" : "" });
+    if (field.suggestions.length) {
+      const list = make("datalist", { id: `list-${(lists += 1)}` }, ...field.suggestions.map((text) => make("option", { value: text })));
+      input.setAttribute("list", list.id);
+      made.push(list);
+    }
+  }
+  input.setAttribute("aria-label", name);
+  input.title = field.expected;
+  input.fields = fields;
+  const change = () => {
+    for (const one of fields) setField(one, input.value);
+    for (const other of document.querySelectorAll("#setup input, #setup select")) {
+      if (other !== input && other.fields && other.fields.some((one) => fields.some((two) => keyOf(one) === keyOf(two)))) {
+        const now = [...new Set(other.fields.map(typed))];
+        other.value = now.length === 1 ? now[0] : "";
+      }
+    }
+    clearTimeout(setup.timer);
+    setup.timer = setTimeout(trying(() => check(false)), 250);
+  };
+  input.addEventListener("input", change);
+  return [input, ...made];
+}
+
+function mark() {
+  for (const input of document.querySelectorAll("#setup input, #setup select")) {
+    if (!input.fields) continue;
+    const problems = [...new Set(input.fields.flatMap(problemsOf))];
+    const isGap = problems.length > 0 && input.fields.every((field) => !typed(field));
+    input.classList.toggle("is-gap", isGap);
+    input.classList.toggle("is-wrong", problems.length > 0 && !isGap);
+    input.setAttribute("aria-invalid", problems.length > 0 && !isGap ? "true" : "false");
+    if (input.note) input.note.textContent = isGap ? `needed: ${input.fields[0].expected}` : problems.join("; ");
+    if (input.note) input.note.className = `note ${isGap ? "is-warning" : "is-error"}`;
+  }
+  const known = new Set([...document.querySelectorAll("#setup input, #setup select")].flatMap((input) => (input.fields || []).flatMap((field) => problemsOf(field))));
+  const others = setup.data.problems.filter((problem) => !known.has(problem.message));
+  by("setup-problems").replaceChildren(...others.map((problem) => make("li", { textContent: `${problem.file}:${problem.line}: ${problem.place} ${problem.message}` })));
+  const n = setup.data.problems.length;
+  by("setup-state").textContent = `${setup.data.experiments.length} experiments, ${setup.data.experiments.filter((one) => one.waits).length} wait; ${n} value${n === 1 ? "" : "s"} to fill in or correct`;
+  by("setup-write").disabled = by("setup-undo").disabled = !setup.edits.length;
+}
+
+const row = (field) => {
+  const [input, ...more] = control(field);
+  input.note = make("p", { className: "note" });
+  return make("label", { className: "field" }, make("span", { textContent: field.label + (field.required ? "" : " (optional)") }), input, ...more, input.note);
+};
+
+async function restructure(edit) {
+  setup.edits.push(edit);
+  try {
+    await check(true);
+  } catch (error) {
+    setup.edits.pop();
+    throw error;
+  }
+}
+
+function button(text, work) {
+  const made = make("button", { type: "button", textContent: text });
+  made.addEventListener("click", trying(work));
+  return made;
+}
+
+function experiment(one) {
+  const lists = one.fields.filter((field) => field.files);
+  const needed = one.fields.filter((field) => !field.files && (field.required || field.text || field.gap));
+  const further = one.fields.filter((field) => !field.files && !needed.includes(field));
+  const name = make("input", { type: "text", value: one.name, spellcheck: false });
+  name.setAttribute("aria-label", `Name of ${one.name}`);
+  const card = make("li", { dataset: { name: one.name } }, make("h3", {}, name), make("p", { textContent: one.title + (one.waits ? " · waits for values" : "") }));
+  const boxes = [];
+  for (const field of lists) {
+    const list = make("ul", { className: "note" });
+    for (const file of field.files) {
+      const box = make("input", { type: "checkbox", value: file });
+      boxes.push([field, box]);
+      list.append(make("li", {}, make("label", {}, box, ` ${file}`)));
+    }
+    card.append(list);
+  }
+  const bar = make("div", { className: "bar" });
+  bar.append(button("Rename", () => restructure({ op: "rename", name: one.name, to: name.value })));
+  bar.append(button("Leave out", () => restructure({ op: "remove", name: one.name })));
+  if (lists.length && lists[0].files.length > 1) {
+    bar.append(button("Split off what is ticked", () => {
+      const names = boxes.filter(([field, box]) => field === lists[0] && box.checked).map(([, box]) => box.value);
+      return restructure({ op: "split", name: one.name, to: free(`${one.name}_b`), key: lists[0].place.at(-1), names });
+    }));
+  }
+  const others = setup.data.experiments.filter((two) => two.kind === one.kind && two.name !== one.name);
+  if (lists.length && others.length) {
+    const choice = make("select", {}, make("option", { value: "", textContent: "Merge with …" }), ...others.map((two) => make("option", { value: two.name, textContent: two.name })));
+    choice.setAttribute("aria-label", `Merge ${one.name} with`);
+    choice.addEventListener("change", trying(() => choice.value && restructure({ op: "merge", name: one.name, other: choice.value, key: lists[0].place.at(-1) })));
+    bar.append(choice);
+  }
+  card.append(bar, make("div", { className: "fields" }, ...needed.map(row)));
+  if (further.length) card.append(make("details", {}, make("summary", { textContent: "More settings" }), make("div", { className: "fields" }, ...further.map(row))));
+  return card;
+}
+
+function free(name) {
+  const taken = setup.data.experiments.map((one) => one.name);
+  let number = 2;
+  let wanted = name;
+  while (taken.includes(wanted)) wanted = `${name}${number++}`;
+  return wanted;
+}
+
+function specimens() {
+  const kinds = ["material", "radius", "mass", "temperature"];
+  const groups = new Map();
+  for (const one of setup.data.experiments) {
+    const of = (key) => one.fields.find((field) => field.place.length === 4 && field.place[2] === "sphere" && field.place[3] === key);
+    if (!of("radius")) continue;
+    const material = of("material") ? typed(of("material")) || of("material").text : "";
+    if (!groups.has(material)) groups.set(material, { names: [], fields: Object.fromEntries(kinds.map((key) => [key, []])) });
+    groups.get(material).names.push(one.name);
+    for (const key of kinds) if (of(key)) groups.get(material).fields[key].push(of(key));
+  }
+  const rows = [...groups].map(([material, group]) => {
+    const cells = kinds.map((key) => {
+      const fields = group.fields[key];
+      return make("td", {}, ...(fields.length ? control(fields[0], fields, `${key} of the specimen ${material || "without a material"}`) : []));
+    });
+    return make("tr", {}, ...cells, make("td", { textContent: group.names.join(", ") }));
+  });
+  if (!rows.length) return null;
+  const head = make("tr", {}, ...[...kinds, "experiments"].map((text) => make("th", { textContent: text, scope: "col" })));
+  return make("div", {}, make("h2", { textContent: "Specimens" }), make("p", { className: "note", textContent: "A value is asked for once and used by all experiments of its row, e.g. 9,525 ± 0,005 mm." }), make("div", { className: "wide" }, make("table", {}, make("thead", {}, head), make("tbody", {}, ...rows))));
+}
+
+function records() {
+  if (!setup.data.records.length) return null;
+  const cards = setup.data.records.map((record) => {
+    const needed = record.fields.filter((field) => field.required || field.text || field.gap);
+    const further = record.fields.filter((field) => !needed.includes(field));
+    const card = make("li", {}, make("h3", { textContent: record.name }), make("p", { textContent: record.kind.replace("_", " ") }), make("div", { className: "fields" }, ...needed.map(row)));
+    if (further.length) card.append(make("details", {}, make("summary", { textContent: "More values" }), make("div", { className: "fields" }, ...further.map(row))));
+    return card;
+  });
+  return make("div", {}, make("h2", { textContent: "Calibrations and their days" }), make("ul", { className: "cards" }, ...cards));
+}
+
+function drawSetup() {
+  const bar = make("div", { className: "bar" });
+  const write = button("Look at the difference and write", () => look());
+  write.id = "setup-write";
+  write.className = "main";
+  const undo = button("Undo all", () => views.setup(true));
+  undo.id = "setup-undo";
+  bar.append(write, undo, make("span", { id: "setup-state" }));
+  const dialog = make("dialog", { id: "difference" });
+  dialog.setAttribute("aria-label", "What changes");
+  by("setup").replaceChildren(
+    ...[bar, make("ul", { id: "setup-problems", className: "note is-error" }), specimens(), records(), make("h2", { textContent: "Experiments" }), make("ul", { className: "cards", id: "setup-experiments" }, ...setup.data.experiments.map(experiment)), dialog].filter(Boolean));
+  mark();
+}
+
+async function check(mustDraw) {
+  const turn = (setup.turn += 1);
+  const found = await ask("api/check", { base: setup.base, edits: setup.edits }).catch(async (error) => {
+    if (error.message.includes("changed elsewhere")) await views.setup(true);
+    throw error;
+  });
+  if (turn !== setup.turn) return;
+  setup.data = found;
+  say("");
+  if (mustDraw) drawSetup();
+  else mark();
+}
+
+async function look() {
+  clearTimeout(setup.timer);
+  await check(false);
+  const dialog = by("difference");
+  const lines = setup.data.difference.map((line) => make("span", { className: line.startsWith("+") ? "plus" : line.startsWith("-") ? "minus" : "", textContent: `${line}\n` }));
+  const put = button("Write", async () => {
+    dialog.close();
+    const found = await ask("api/write", { base: setup.base, edits: setup.edits });
+    Object.assign(setup, { base: found.base, edits: [], data: found });
+    drawSetup();
+    say(`Written: ${found.written.join(", ") || "nothing"}.`);
+    await loadFiles();
+  });
+  put.id = "difference-write";
+  put.className = "main";
+  dialog.replaceChildren(make("h2", { textContent: "What changes" }), make("pre", {}, ...(lines.length ? lines : ["nothing"])), make("div", { className: "bar" }, put, button("Back", () => dialog.close())));
+  dialog.showModal();
+}
+
+views.setup = async (again = false) => {
+  if (setup.data && setup.edits.length && !again) return;
+  const found = await ask("api/session").catch((error) => {
+    by("setup").replaceChildren(make("p", { textContent: error.message }));
+    throw error;
+  });
+  if (!again && setup.data && found.base === setup.base) return;
+  Object.assign(setup, { base: found.base, edits: [], data: found });
+  drawSetup();
+};

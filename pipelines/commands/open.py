@@ -1,0 +1,38 @@
+"""The command open: the local page of a folder."""
+
+from pathlib import Path
+
+import click
+
+from pipelines.commands.options import echo, echo_json, json_option
+
+
+@click.command("open")
+@click.argument("folder", default=".", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.option("--port", default=0, type=click.IntRange(0, 65535), help="Of 127.0.0.1; by default a free one.")
+@click.option("--browser/--no-browser", default=True, help="Show the page in the browser, or print its address alone.")
+@json_option
+def open_(folder: Path, port: int, browser: bool, as_json: bool) -> None:
+    r"""Set up, run and read the session in FOLDER in a local page; end with Ctrl-C.
+
+    The page answers on this computer only, under an address that nobody can guess, and shows
+    nothing outside FOLDER. Raw files are never changed; session.toml and calibration records are
+    written after a look at the difference.
+
+    \b
+    Example:
+      labpipe open my-session
+    """
+    import webbrowser
+
+    from pipelines.app import open as verb
+
+    served = verb(folder, port=port)
+    if as_json:
+        echo_json({"address": served.address, "folder": str(folder)})
+    else:
+        echo(f"{folder}: {served.address}")
+        echo("end with Ctrl-C; a run that goes on is stopped then, and its results are kept")
+    if browser and not as_json:
+        webbrowser.open(served.address)
+    served.run()

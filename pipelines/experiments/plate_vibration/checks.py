@@ -1,0 +1,409 @@
+"""Whether a plate vibration can be believed: one plate in all recordings, and blows as stated.
+
+Frequency and damping belong to the plate, so all recordings give the same. The amplitude says how
+much momentum came, and the pause until the second blow how long the body flew: a height, a
+material, a mass or a sampling interval that is stated wrongly moves them differently.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from itertools import pairwise
+from math import hypot, log, nan, pi, sqrt
+
+import numpy as np
+import xarray as xr
+
+from labpipe.judging import Cause, Check, Level, bounded, compared, explain, not_made, stated
+from labpipe.report import quantity
+from labpipe.units import Quantity
+from labpipe.workflow.context import Context
+from pipelines.experiments.plate_vibration.comparison import SERIES, from_others, height_name, rows
+from pipelines.experiments.plate_vibration.measured import drops_label
+from pipelines.experiments.plate_vibration.model import relative_uncertainty
+from pipelines.experiments.plate_vibration.settings import PlateVibration
+from pipelines.experiments.shared import fall_checks, judgements, trace_checks
+from pipelines.experiments.shared.fall_checks import Fall, shown
+from pipelines.experiments.shared.judgements import Scene, line_of, times_over
+from pipelines.experiments.shared.trace_checks import Trace
+
+_BLOCK = 16
+"""Readings by which the free stretch grows, and that are given back before the second blow."""
+_FREE_AFTER = 8
+"""Readings after the contact that the free stretch leaves out at least."""
+_MATERIAL = 0.1
+"""Standard uncertainty of the logarithm of a flight's duration for a solid known by its name: it
+goes with the restitution."""
+_MOMENTUM = 0.03
+"""The same of the momentum of an impact, which goes with 1 + e."""
+_PLATES = (0.3, 3e3)  # kg, modal masses of what spheres are dropped on in a laboratory
+_LIGHTEST = 800.0  # kg/m³, density of the lightest solid polymer
+_LARGE = 0.2  # of a stated value, beyond which its uncertainty is doubtful
+_ANOTHER_PLATE = 5e-3  # relative, by which a frequency may change when a plate is touched or warmed
+_ONE_MASS = "all drops find the same modal mass: momentum over amplitude and frequency"
+_STATED = (
+    "what falls is stated wrongly: sphere.mass, or a height, or the material of one of the drops; or a file is of "
+    "another drop"
+)
+_LENGTHS = (1e3, 1e-3, 10.0, 0.1, 100.0, 0.01, 25.4, 1 / 25.4)
+_HEIGHTS = (10.0, 0.1, 2.0, 0.5)
+_INTERVALS = (2.0, 0.5, 4.0, 0.25, 5.0, 0.2, 2.5, 0.4, 10.0, 0.1)
+_ALIKE = (("amplitude", "amplitude at impact", "m"),)
+_FAILED = {
+    "readings": "the file is not what the session says, or was not copied whole",
+    "displacement": "the calibration record does not belong to this recording: it is expired, of another instrument or "
+    "of a camera, or a value of it is wrong",
+    "ringing": "the recording holds no ringing plate: the wrong channel or file, a blow before the recording began, a "
+    "recording that ends too soon, or a sampling interval that is stated wrongly",
+}
+
+
+def judgement(
+    readings: list[xr.Dataset | None] | None,
+    displacement: list[xr.Dataset | None] | None,
+    ringing: list[xr.Dataset | None] | None,
+    table: xr.Dataset | None,
+    plate: xr.Dataset | None,
+    model: xr.Dataset | None,
+    comparison: xr.Dataset | None,
+    *,
+    settings: PlateVibration,
+    context: Context,
+) -> xr.Dataset:
+    """Judge one plate vibration; what gave no result is judged by that."""
+    names = [name for drops in settings.drops for name in drops.laser]
+    of_traces = _of_traces(names, readings, settings)
+    checks = [_explained(check, of_traces, settings.calibration) for check in judgements.failed_steps(context, _FAILED)]
+    checks += [*of_traces, *_statements(settings)]
+    found = {n: ring for n, ring in zip(names, ringing or (), strict=False) if ring is not None}
+    moved = {n: each for n, each in zip(names, displacement or (), strict=False) if each is not None}
+    checks += [_downwards(name, moved[name], ring) for name, ring in found.items() if name in moved]
+    checks += _one_plate(found)
+    for drops in settings.drops:
+        # what repeats share is taken out: their scatter alone is asked
+        falls = [Fall(name, found[name], 0.0) for name in drops.laser if name in found]
+        checks += fall_checks.repeats_alike(falls, _ALIKE, "this recording is of another height or another body")
+    checks += _of_plate(plate, settings)
+    checks += _with_interval(list(_flights(found, model, moved, settings)), names, readings, settings)
+    checks.append(_contacts(found, model, moved, settings))
+    checks += _momenta(table, plate, settings)
+    checks.append(_grows_with_height(table, settings))
+    compared_rows = []
+    inputs, shared = {}, {}
+    if table is not None:
+        own = relative_uncertainty(table, settings)
+        shared = {f"{SERIES} {i + 1}": Quantity(1.0, float(u), "1") for i, u in enumerate(own.amplitude)}
+        inputs = {height_name(settings, i): drops.height for i, drops in enumerate(settings.drops)}
+    if comparison is not None and table is not None and plate is not None:
+        compared_rows = list(rows(comparison, table, plate, settings=settings))
+    causes = list(_causes(table, plate, settings))
+    if not explain(checks, causes):
+        checks = [replace(c, cause=_STATED) if c.law == _ONE_MASS and c.level else c for c in checks]
+    return judgements.judgement(Scene(checks, causes, compared_rows, inputs, shared))
+
+
+def _of_traces(
+    names: Sequence[str], readings: Sequence[xr.Dataset | None] | None, settings: PlateVibration
+) -> list[Check]:
+    found: list[Check] = []
+    for name, read in zip(names, readings or (), strict=False):
+        trace = None if read is None else Trace.of(name, read, settings.sensor.output)
+        if trace is not None:
+            found += trace_checks.checks_of(trace, settings.model.gravity.value)[0]
+    return found
+
+
+def _explained(failed: Check, of_traces: Sequence[Check], record: str) -> Check:
+    """Give a step that failed its place, and the cause that the readings themselves show."""
+    of_record = re.search(rf"{re.escape(record.rpartition('/')[2])}:(\d+): values", failed.message)
+    if of_record is not None:
+        return replace(failed, file=record, line=int(of_record[1]))
+    place = re.search(rf"{re.escape(failed.file)}:(\d+)", failed.message) if failed.file else None
+    if place is not None:
+        return replace(failed, line=int(place[1]))
+    worst = [c for c in of_traces if c.file == failed.file and c.level in ("impossible", "doubtful")]
+    worst.sort(key=lambda check: check.level != "impossible")
+    return replace(failed, cause=worst[0].cause) if worst else failed
+
+
+def _statements(settings: PlateVibration) -> Iterator[Check]:
+    """Hold stated values against what a sphere weighs, and uncertainties against what they belong to."""
+    law = "an uncertainty is far smaller than what it belongs to"
+    given = [(f"drops[{i}].height", drops.height) for i, drops in enumerate(settings.drops)]
+    body = settings.sphere
+    if body is not None:
+        given += [("sphere.radius", body.radius), ("sphere.mass", body.mass)]
+    for setting, value in given:
+        text = f"{setting} is stated as {quantity(value.value, value.si)} with u = {quantity(value.u, value.si)}"
+        is_large = value.u > _LARGE * abs(value.value)
+        cause = "the uncertainty was typed in another unit or with a lost decimal" if is_large else ""
+        level: Level | None = "doubtful" if is_large else None
+        yield stated(f"uncertainty of {setting}", law, text, level, cause=cause, setting=setting)
+    name, law = "mass of the falling body", "what falls weighs at least as much as its sphere"
+    if body is None:
+        yield not_made(name, law, "the sphere, with radius and mass")
+        return
+    least = _LIGHTEST * 4 / 3 * pi * body.radius.value**3
+    text = f"{quantity(body.mass.value, 'kg')} with a sphere that weighs at least {quantity(least, 'kg')}"
+    is_light = body.mass.value < least
+    cause = (
+        "sphere.mass or sphere.radius is in another unit than was typed, or a diameter was typed" if is_light else ""
+    )
+    level = "impossible" if is_light else None
+    yield stated(name, law, text, level, cause=cause, setting="sphere.mass")
+
+
+def _downwards(name: str, moved: xr.Dataset, ring: xr.Dataset) -> Check:
+    """Hold the first motion against the direction of a blow from above."""
+    title, law = "direction of the blow", "a body that falls on a plate pushes it down: the displacement counts upwards"
+    onset, period = float(ring["onset_time"]), 1.0 / float(ring["natural_frequency"])
+    time, x = moved["time"].values, moved["displacement"].values
+    # the onset is late by no more than a block, and the first swing lasts half a period
+    inside = (time >= onset) & (time <= onset + 0.25 * period) & np.isfinite(x)
+    quiet = x[(time < onset - 1e-3) & np.isfinite(x)]
+    if inside.sum() < 4 or quiet.size < 4:
+        return not_made(title, law, "readings before and after the blow")
+    swing = float(x[inside].mean() - quiet.mean())
+    u = float(moved.attrs["noise"]) * sqrt(1 / inside.sum() + 1 / quiet.size)
+    text = f"{name}: the plate moves by {quantity(swing, 'm')} first"
+    check = bounded(title, law, text, swing, u, at_most=0.0, setting="sensor.direction")
+    cause = "the sensor counts the other way than stated: sensor.direction in session.toml has the wrong sign"
+    return replace(check, cause=cause) if check.level else check
+
+
+def _one_plate(found: dict[str, xr.Dataset]) -> list[Check]:
+    """Hold frequency and damping of every recording against those of all."""
+    checks = []
+    for variable, title, unit in (("natural_frequency", "frequency", "Hz"), ("damping_ratio", "damping", "1")):
+        name, law = f"{title} of the plate", f"all recordings show one plate: its {title} is the same in all"
+        if len(found) < 3:
+            checks.append(not_made(name, law, "three recordings"))
+            continue
+        values = np.array([float(ring[variable]) for ring in found.values()])
+        u = np.array([float(ring[f"u_{variable}"]) for ring in found.values()])
+        centre = float(np.median(values))
+        worst = int(np.argmax(np.abs(values - centre) / u))
+        file = list(found)[worst]
+        message = f"{file}: {shown(float(values[worst]), float(u[worst]), unit)}, all others {quantity(centre, unit)}"
+        # the damping of a real plate depends on how it lies and how far it swings
+        allowance = _ANOTHER_PLATE * centre if variable == "natural_frequency" else 0.2 * centre
+        check = compared(
+            name,
+            law,
+            message,
+            float(values[worst]),
+            float(u[worst]),
+            centre,
+            float(np.median(u)) / sqrt(len(values)),
+            allowance=allowance,
+            factor=False,
+            file=file,
+        )
+        if check.level and variable == "natural_frequency":
+            factor = centre / float(values[worst])
+            cause = (
+                f"the sampling interval of {file} is {factor:.3g} times what it says, the plate was "
+                "changed, or the file is of another plate"
+            )
+            check = replace(check, cause=cause)
+        checks.append(check)
+    return checks
+
+
+def _of_plate(plate: xr.Dataset | None, settings: PlateVibration) -> Iterator[Check]:
+    """Hold the plate that was found against those that there are."""
+    name, law = "modal mass of the plate", "a plate that spheres are dropped on weighs between 0.3 kg and 3 t"
+    mass = nan if plate is None else float(plate["mass"])
+    if not np.isfinite(mass):
+        yield not_made(name, law, "a sphere, and a material of the library")
+        return
+    low, high = _PLATES
+    relative = float(plate["u_mass"]) / mass if plate is not None else nan
+    text = f"the blows give a modal mass of {quantity(mass, 'kg')}"
+    check = bounded(name, law, text, log(mass), max(relative, 0.01), at_least=log(low), at_most=log(high), is_law=False)
+    body = settings.sphere
+    if body is not None and mass < body.mass.value:
+        check = replace(check, level="impossible", message=f"{text}, less than what falls on it")
+    cause = (
+        "lengths are in another unit than the file says, the gain or scale of the sensor is wrong, or sphere.mass is "
+        "in another unit than was typed"
+    )
+    yield replace(check, cause=cause, setting="sphere.mass") if check.level else check
+
+
+def _name_of_flight(settings: PlateVibration, i: int) -> str:
+    return f"pause before the second blow, {drops_label(settings.drops[i])}"
+
+
+def _name_of_momentum(settings: PlateVibration, i: int) -> str:
+    return f"momentum of the blow, {drops_label(settings.drops[i])}"
+
+
+def _flights(
+    found: dict[str, xr.Dataset], model: xr.Dataset | None, moved: dict[str, xr.Dataset], settings: PlateVibration
+) -> Iterator[Check]:
+    """Hold the pause before the second blow against the flight of the stated body from the stated height."""
+    law = "a body that fell from h is back after 2 e √(2h/g), with 0 < e < 1"
+    for i, drops in enumerate(settings.drops):
+        name = _name_of_flight(settings, i)
+        known = [_pause(found[f], moved.get(f), settings.blow.pause.value) for f in drops.laser if f in found]
+        pauses = [pause for pause in known if pause is not None]
+        if not pauses:
+            yield not_made(name, law, "a second blow in the record")
+            continue
+        seen = float(np.mean([p for p, _ in pauses]))
+        u = float(np.mean([u for _, u in pauses])) / sqrt(len(pauses))
+        longest = 2 * sqrt(2 * drops.height.value / settings.model.gravity.value)
+        expected = nan if model is None else float(model["second_touch"][i])
+        where = f"drops[{i}].height"
+        if not np.isfinite(expected):
+            text = f"{drops_label(drops)}: {shown(seen, u, 's')}, at most {quantity(longest, 's')} is possible"
+            yield bounded(name, law, text, seen, u, at_least=0.0, at_most=longest, setting=where)
+            continue
+        text = f"{drops_label(drops)}: {shown(seen, u, 's')} seen, about {quantity(expected, 's')} expected"
+        check = compared(name, law, text, seen, hypot(u, _MATERIAL * seen), expected, 0.0, setting=where)
+        if seen - longest > 5 * u:
+            check = replace(check, level="impossible", message=f"{text}; {quantity(longest, 's')} is possible at most")
+        yield check
+
+
+def _pause(ring: xr.Dataset, moved: xr.Dataset | None, shortest: float) -> tuple[float, float] | None:
+    """Return the time from the blow to the second one [s], and its standard uncertainty."""
+    if moved is None:
+        return None
+    interval = float(moved.attrs["sampling_interval"])
+    end = float(ring["free_to"])
+    if end + 3 * _BLOCK * interval > float(moved["time"][-1]):
+        return None  # the ringing is free until the end
+    if end < float(ring["onset_time"]) + shortest + _BLOCK * interval:
+        return None  # nothing is known behind the stretch that was taken for free
+    # one block is given back, and the second blow is noticed within the next: one block, give or take one
+    return end + _BLOCK * interval - float(ring["blow_time"]), _BLOCK * interval / sqrt(3.0)
+
+
+def _contacts(
+    found: dict[str, xr.Dataset], model: xr.Dataset | None, moved: dict[str, xr.Dataset], settings: PlateVibration
+) -> Check:
+    """Hold the end of the blow against the contact of the stated sphere."""
+    name, law = "end of the blow", "a plate rings freely when the contact is over, and not before"
+    gaps, own = [], []
+    for i, drops in enumerate(settings.drops):
+        half = nan if model is None else 0.5 * float(model["contact_duration"][i])
+        for file in drops.laser:
+            if file in found and file in moved and np.isfinite(half):
+                interval = float(moved[file].attrs["sampling_interval"])
+                gaps.append(float(found[file]["free_from"] - found[file]["blow_time"]) / half)
+                own.append(_FREE_AFTER * interval / half)
+    if not gaps:
+        return not_made(name, law, "a sphere, and a material of the library")
+    seen, u = float(np.mean(gaps)), float(np.mean(own)) / sqrt(len(own))
+    text = f"the plate rings freely {seen:.2g} times half a contact of the stated sphere after the blow"
+    check = bounded(name, law, text, seen, hypot(u, 0.05), at_least=1.0, is_law=False, setting="sphere.mass")
+    if not check.level:
+        return check
+    cause = (
+        "the contact was shorter than that of the stated sphere: sphere.mass is too large, or the material is stiffer"
+    )
+    return replace(check, cause=cause)
+
+
+def _momenta(table: xr.Dataset | None, plate: xr.Dataset | None, settings: PlateVibration) -> Iterator[Check]:
+    """Hold the blow of every drop against the plate that the others find."""
+    if table is None or plate is None:
+        return
+    predicted, weights = from_others(table, plate)
+    total = relative_uncertainty(table, settings).total
+    for i, drops in enumerate(settings.drops):
+        name = _name_of_momentum(settings, i)
+        if not np.isfinite(predicted[i]):
+            yield not_made(name, _ONE_MASS, "another drop of a material of the library")
+            continue
+        seen = float(table["amplitude"][i])
+        u = hypot(float(total[i]), float(np.linalg.norm(weights[i] * total)), _MOMENTUM)
+        text = (
+            f"{drops_label(drops)}: an amplitude of {quantity(seen, 'm')} seen, {quantity(float(predicted[i]), 'm')} "
+            "expected for the plate that the other drops find"
+        )
+        yield compared(name, _ONE_MASS, text, seen, u * seen, float(predicted[i]), 0.0, setting=f"drops[{i}].height")
+
+
+def _grows_with_height(table: xr.Dataset | None, settings: PlateVibration) -> Check:
+    """Hold amplitudes of one material against the order of its heights."""
+    name, law = "amplitude over height", "a body that falls from higher strikes harder"
+    worst: tuple[float, float, float, str] | None = None
+    for material in {drops.material for drops in settings.drops} if table is not None else ():
+        same = [i for i, drops in enumerate(settings.drops) if drops.material == material]
+        same.sort(key=lambda i: settings.drops[i].height.value)
+        for low, high in pairwise(same):
+            if table is None or settings.drops[low].height.value == settings.drops[high].height.value:
+                continue
+            rise = float(table["amplitude"][high] - table["amplitude"][low])
+            u = hypot(float(table["u_amplitude"][high]), float(table["u_amplitude"][low]))
+            where = f"{drops_label(settings.drops[high])} after {drops_label(settings.drops[low])}"
+            if worst is None or rise / u < worst[0]:
+                worst = (rise / u, rise, u, where)
+    if worst is None:
+        return not_made(name, law, "one material from several heights")
+    _, rise, u, where = worst
+    text = f"{where}: the amplitude changes by {shown(rise, u, 'm')}"
+    check = bounded(name, law, text, rise, u, at_least=0.0, setting="drops")
+    return replace(check, cause="recordings of two heights were exchanged") if check.level else check
+
+
+def _with_interval(
+    flights: list[Check], names: Sequence[str], readings: Sequence[xr.Dataset | None] | None, settings: PlateVibration
+) -> list[Check]:
+    """Name the sampling interval where all flights last too long, or too short, by one factor."""
+    ratios = [check.log_ratio for check in flights if np.isfinite(check.log_ratio)]
+    first = next((d for d in readings or () if d is not None), None)
+    if first is None or len(ratios) < 2 or np.ptp(ratios) > 4 * _MATERIAL or abs(np.mean(ratios)) < 3 * _MATERIAL:
+        return flights
+    interval = float(first.attrs["sampling_interval"])
+    factor = min(_INTERVALS, key=lambda k: abs(log(k) - float(np.mean(ratios))))
+    line = line_of(str(first.attrs.get("header", "")), "cycle", "period", "周期")
+    is_given = settings.keyence.cycle is not None
+    place = "" if line is None or is_given else f"line {line} of {names[0]}"
+    cause = times_over("the sampling interval", interval, "s", place)(factor)
+    setting = "keyence.cycle" if is_given else ""
+    file, line = ("", None) if is_given else (names[0], line)
+    return [
+        replace(check, cause=cause, file=file, line=line, setting=setting) if check.level else check
+        for check in flights
+    ]
+
+
+def _causes(table: xr.Dataset | None, plate: xr.Dataset | None, settings: PlateVibration) -> Iterator[Cause]:
+    count = len(settings.drops)
+    weights = np.zeros((count, count)) if table is None or plate is None else from_others(table, plate)[1]
+    for i in range(count):
+        # the plate that the others find stands on this drop too
+        effects = {_name_of_momentum(settings, j): 0.5 * float(weights[j, i]) for j in range(count) if j != i}
+        effects |= {_name_of_momentum(settings, i): -0.5, _name_of_flight(settings, i): -0.5}
+        say = partial(_of_height, i, settings)
+        yield Cause(effects, say, _HEIGHTS, setting=f"drops[{i}].height")
+        # a file or two in another unit
+        files = settings.drops[i].laser
+        effects = {_name_of_momentum(settings, j): -float(weights[j, i]) for j in range(count) if j != i}
+        effects |= {_name_of_momentum(settings, i): 1.0}
+        yield Cause(
+            effects,
+            partial(_of_unit, i, settings),
+            _LENGTHS,
+            only_usual=True,
+            file=files[0] if len(files) == 1 else "",
+            setting="" if len(files) == 1 else f"drops[{i}].laser",
+        )
+
+
+def _of_unit(i: int, settings: PlateVibration, factor: float) -> str:
+    files = ", ".join(settings.drops[i].laser)
+    return (
+        f"lengths come out {factor:.4g} times too large: the unit or the display factor of {files} is not what it says"
+    )
+
+
+def _of_height(i: int, settings: PlateVibration, factor: float) -> str:
+    drops = settings.drops[i]
+    right, given = quantity(drops.height.value / factor, "m"), quantity(drops.height.value, "m")
+    return f"the height of {drops.material} is probably {right}, not {given} (drops[{i}] in session.toml)"

@@ -1,0 +1,155 @@
+"""What counts as found: edges and gratings have no displacement along them, strays are outvoted."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from labpipe.imaging import track
+from labpipe.imaging.dic._motion_state import contradicted
+from pipelines.bench import film_scenes
+from pipelines.bench.film_scenes import View, digitised, from_formula, from_spectrum
+from tests.by_day import by_day
+from tests.labpipe.imaging.speckle import cramer_rao_bound, grid
+
+NOISE = 2.0
+SIZE = 160
+PATHS = {
+    "still": (View(),) * 4,
+    "slow": tuple(View((0.37 * k, -0.21 * k)) for k in range(4)),
+    "jump": (View(), View(), View((7.3, -5.2)), View((7.3, -5.2))),
+}
+
+
+def error(found: xr.Dataset, views: tuple[View, ...], size: int) -> np.ndarray:
+    """Distance (frame, point) in px of what was found from the truth."""
+    points = np.stack([found.x, found.y], axis=1)
+    truth = np.stack([view.displacement(points, size) for view in views])
+    return np.hypot(found.dx - truth[..., 0], found.dy - truth[..., 1]).values
+
+
+def wrong(found: xr.Dataset, views: tuple[View, ...], size: int = SIZE) -> int:
+    """Valid results off by more than 5 u."""
+    return int((error(found, views, size) > 5.0 * np.hypot(found.u_dx, found.u_dy) + 0.002).values.sum())
+
+
+def follow_edges(angle: float, grain: float, shape: str, path: str, subset: int, seed: int) -> tuple[int, int]:
+    """Results wrong and results asked for, of one straight edge through the middle."""
+    views = PATHS[path]
+    edge = film_scenes.edge(angle, (80.3, 79.6), grain, seed)
+    film = digitised([from_formula(edge, SIZE, view) for view in views], NOISE, seed)
+    found = track(film, grid((SIZE, SIZE), 26, 12), subset, shape)
+    if grain == 0.0:
+        assert not found.valid[1:].any()
+    return wrong(found, views), found.valid[1:].size
+
+
+@pytest.mark.parametrize("path", by_day(PATHS, 2))
+@pytest.mark.parametrize("shape", ["rigid", "affine"])
+def test_along_a_bare_edge_nothing_is_found(shape: str, path: str) -> None:
+    for angle in (0.0, 0.5, np.pi / 4):
+        assert follow_edges(angle, 0.0, shape, path, 31, seed=1)[0] == 0
+
+
+@pytest.mark.parametrize(("grain", "subset"), by_day([(g, s) for g in (0.5, 1.0, 2.0) for s in (21, 31)], 2))
+def test_an_edge_of_faint_grain_is_never_wrong_by_5_u(grain: float, subset: int) -> None:
+    for angle, path in ((0.3, "slow"), (np.pi / 4, "jump")):
+        assert follow_edges(angle, grain, "rigid", path, subset, seed=2)[0] == 0
+
+
+@pytest.mark.nightly
+def test_of_100_000_results_on_edges_none_is_wrong_by_5_u() -> None:
+    count, bad, seed = 0, 0, 100
+    while count < 100_000:
+        seed += 1
+        rng = np.random.default_rng(seed)
+        angle, grain = float(rng.uniform(0.0, np.pi)), float(rng.choice([0.0, 0.25, 0.5, 1.0, 2.0]))
+        path, shape, subset = (str(rng.choice(list(PATHS))), str(rng.choice(["rigid", "affine"])), [21, 31][seed % 2])
+        wrong_here, asked = follow_edges(angle, grain, shape, path, subset, seed)
+        bad, count = bad + wrong_here, count + asked
+    assert bad == 0
+
+
+@pytest.mark.parametrize("period", by_day([6.0, 10.0, 25.0], 1))
+@pytest.mark.parametrize("angle", [0.0, 0.35, np.pi / 4])
+def test_along_the_lines_of_a_grating_nothing_is_found(angle: float, period: float) -> None:
+    for views in (PATHS["slow"], PATHS["still"]):
+        frames = [from_formula(film_scenes.grating(angle, period), SIZE, view) for view in views]
+        found = track(digitised(frames, NOISE, 3), grid((SIZE, SIZE), 26, 18))
+        assert not found.valid[1:].any()
+
+
+@pytest.mark.parametrize("path", by_day(["slow", "jump"], 1))
+@pytest.mark.parametrize("shape", ["rigid", "affine"])
+@pytest.mark.parametrize("scene", ["photograph", "field", "perlin"])
+def test_points_that_the_pattern_tells_are_kept(scene: str, shape: str, path: str) -> None:
+    size = 240
+    views = PATHS[path]
+    if scene == "perlin":
+        frames = [from_formula(film_scenes.perlin(6.0, 5), size, view) for view in views]
+    else:
+        pattern = film_scenes.photograph(size) if scene == "photograph" else film_scenes.random_field(size, 1.9, 4)
+        frames = [from_spectrum(pattern, view) for view in views]
+    points = grid((size, size), 32, 11)
+    found = track(digitised(frames, NOISE, 4), points, 31, shape)
+    # Where the bound for a shift is below a tenth of a pixel, the pattern is no edge.
+    told = cramer_rao_bound(frames[0], points, 31, shape, NOISE).max(axis=1) < 0.1
+    assert told.sum() > 100
+    assert float(found.valid[1:, told].mean()) >= 0.995
+    assert wrong(found, views, size) == 0
+
+
+def test_covariance_of_the_displacements_is_that_of_a_slanted_pattern() -> None:
+    size, angle = 200, np.pi / 5
+    texture = film_scenes.perlin(7.0, 6, octaves=1)
+
+    def slanted(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        along = x * np.cos(angle) + y * np.sin(angle)
+        across = y * np.cos(angle) - x * np.sin(angle)
+        return texture(along, 0.25 * across)  # four times longer one way
+
+    views = (View(), *(View((0.3 * k, 0.2 * k)) for k in range(5)))
+    film = digitised([from_formula(slanted, size, view) for view in views], 4.0, 7)
+    found = track(film, grid((size, size), 26, 12), 31)
+    points = np.stack([found.x, found.y], axis=1)
+    off = np.stack([found.dx, found.dy], -1)[1:] - np.stack([v.displacement(points, size) for v in views])[1:]
+    # Each error is measured by its own covariance: the mean square of both directions is then 2.
+    xx, yy, xy = found.u_dx.values[1:] ** 2, found.u_dy.values[1:] ** 2, found.cov_dx_dy.values[1:]
+    measured = (yy * off[..., 0] ** 2 - 2 * xy * off[..., 0] * off[..., 1] + xx * off[..., 1] ** 2) / (xx * yy - xy**2)
+    assert found.valid.all()
+    assert np.abs(xy / np.sqrt(xx * yy)).mean() > 0.6
+    assert measured.mean() == pytest.approx(2.0, rel=0.15)
+    assert (found.texture[1:] > 0).all()
+
+
+def test_a_stray_that_its_neighbours_contradict_is_flagged() -> None:
+    size = 220
+    pattern, other = film_scenes.random_field(size, 1.9, 8), film_scenes.random_field(size, 1.9, 9)
+    views = tuple(View((0.2 * k, 0.0)) for k in range(6))
+    frames = [from_spectrum(pattern, view) for view in views]
+    for k, frame in enumerate(frames):
+        stray = from_spectrum(other, View((0.0, 1.1 * k)))
+        frame[90:131, 90:131] = stray[90:131, 90:131]
+    points = grid((size, size), 50, 30)
+    found = track(digitised(frames, NOISE, 10), points, 21)
+    at = np.flatnonzero((points == 110).all(axis=1))[0]
+    names = str(found.status.attrs["flag_meanings"]).split()
+    assert names[int(found.status[4, at])] == "outvoted"
+    assert not found.valid[3:, at].any()
+    assert found.valid.drop_isel(point=at).all()
+
+
+def test_who_contradicts_whom() -> None:
+    places = np.array([(0.0, 0.0), (10, 0), (-10, 0), (0, 10), (0, -10), (10, 10), (-10, -10)])
+    neighbours = np.array([[m for m in range(7) if m != n] for n in range(7)])
+    motion = np.zeros((7, 6))
+    everyone = np.ones(7, bool)
+    motion[0, 0] = 2.0
+    assert contradicted(places, neighbours, motion, everyone).tolist() == [True] + [False] * 6
+    motion[[1, 2], 0] = 2.0  # two more of the same body: no agreement against it
+    assert not contradicted(places, neighbours, motion, everyone)[0]
+    motion[:, 0] = 0.3 * places[:, 0]  # a stretch of the whole
+    assert not contradicted(places, neighbours, motion, everyone).any()
+    motion[:, 0] = 0.0
+    motion[0, 0] = 2.0
+    few = np.array([True, True, True, True, False, False, False])
+    assert not contradicted(places, neighbours, motion, few)[0]

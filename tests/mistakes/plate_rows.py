@@ -1,0 +1,115 @@
+"""Mistakes that laboratories make with a plate under drops: the edit, and what must be said."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from labpipe import files
+from labpipe.arrays import Floats
+from pipelines.rig.plate import PLATE_RIG
+from pipelines.rig.plate_session import plate_laser_record, write_plate
+from pipelines.rig.samples import session_head
+from tests.mistakes.drop_rows import Mistake
+from tests.mistakes.recordings import Edit, cells, header, setting, values
+
+ACRYLIC, PTFE = "laser_plate/plate_acrylic_1p5mm_1.csv", "laser_plate/plate_ptfe_5mm_1.csv"
+ALL = (ACRYLIC, "laser_plate/plate_acrylic_5mm_1.csv", "laser_plate/plate_ptfe_1p5mm_1.csv", PTFE)
+RECORD = "calibration/laser_plate.toml"
+START = datetime(2024, 5, 14, 9, 30)
+_TOML = "session.toml"
+_CYCLE = "Sampling cycle,50us"
+_SPHERE = "[experiments.plate.sphere]"
+
+
+def write(folder: Path) -> Path:
+    """Write the clean session: acrylic and PTFE from two heights, one recording of each."""
+    rig = replace(PLATE_RIG, duration=0.12)
+    text = write_plate(folder, rig, ("acrylic", "ptfe"), (1.5e-3, 5e-3), 1, START)
+    files.write_text(folder / RECORD, plate_laser_record())
+    files.write_text(folder / _TOML, session_head("Mistakes (synthetic)") + text)
+    return folder
+
+
+def _exchanged(folder: Path) -> None:
+    first, second = folder / ALL[0], folder / ALL[1]
+    kept = first.read_bytes()
+    first.write_bytes(second.read_bytes())
+    second.write_bytes(kept)
+
+
+def _height(material: str, old: str, new: str) -> Edit:
+    return setting(f'material = "{material}"\nheight = "{old} ', f'material = "{material}"\nheight = "{new} ')
+
+
+def _upside_down(x: Floats) -> Floats:
+    return 2 * x[0] - x
+
+
+def _scaled(k: float) -> Callable[[Floats], Floats]:
+    return lambda x: x[0] + k * (x - x[0])
+
+
+def _changed(change: Callable[[Floats], Floats], names: tuple[str, ...] = ALL) -> Edit:
+    return values(change, names, decimals=5)
+
+
+def _jump(x: Floats) -> Floats:
+    return x + 0.02 * (np.arange(x.size) > 1500)
+
+
+def _noise(x: Floats) -> Floats:
+    return x[0] + np.random.default_rng(1).normal(0.0, 3e-4, x.size)
+
+
+ROWS = (
+    # what the session states
+    Mistake("height 50 for 5 mm", _height("ptfe", "5", "50"), "impossible", ("height of ptfe", "drops[3]"), _TOML),
+    Mistake("height 15 for 1.5 mm", _height("acrylic", "1.5", "15"), "impossible", ("height of acrylic",), _TOML),
+    Mistake("height 10 for 5 mm", _height("acrylic", "5", "10"), "impossible", ("height of acrylic",), _TOML),
+    Mistake("uncertainty 5 mm", setting("5 ± 0.005 mm", "5 ± 5 mm"), "doubtful", ("uncertainty",), _TOML),
+    Mistake("acrylic is said to be nylon", setting('"acrylic"', '"nbr"'), "impossible", (), _TOML),
+    Mistake(
+        "mass ten times too large", setting("505.0 ± 0.5 g", "5.05 ± 0.005 kg"), "doubtful", ("sphere.mass",), _TOML
+    ),
+    Mistake("mass in kg", setting("505.0 ± 0.5 g", "505.0 ± 0.5 kg"), "impossible", ("sphere.mass",), _TOML),
+    Mistake("mass in mg", setting("505.0 ± 0.5 g", "505.0 ± 0.5 mg"), "impossible", ("sphere.mass",), _TOML),
+    Mistake(
+        "radius in cm", setting('"9.525 ± 0.005 mm"', '"9.525 ± 0.005 cm"'), "impossible", ("sphere.radius",), _TOML
+    ),
+    Mistake(
+        "direction reversed",
+        setting(_SPHERE, f"[experiments.plate.sensor]\ndirection = -1\n\n{_SPHERE}"),
+        "impossible",
+        ("direction",),
+        _TOML,
+    ),
+    # time
+    Mistake("cycle 100 for 50 us", header(_CYCLE, "Sampling cycle,100us", ALL), "impossible", ("sampling interval",)),
+    Mistake("cycle 20 for 50 us", header(_CYCLE, "Sampling cycle,20us", ALL), "impossible", ("sampling interval",)),
+    Mistake(
+        "cycle 100 for 50 us in one file",
+        header(_CYCLE, "Sampling cycle,100us", (PTFE,)),
+        "impossible",
+        ("sampling interval",),
+        PTFE,
+    ),
+    Mistake("60 rows lost", cells(lambda t: t[:1200] + t[1260:], (PTFE,)), "impossible", (), PTFE),
+    Mistake("pasted together", cells(lambda t: t + t, (PTFE,)), "impossible", ("twice",), PTFE),
+    Mistake("begins after the blow", cells(lambda t: t[1100:], (PTFE,)), "impossible", (), PTFE),
+    Mistake("ends after the blow", cells(lambda t: t[:1120], (PTFE,)), "impossible", ("ends",), PTFE),
+    # length
+    Mistake("unit um", header("Unit,mm", "Unit,um", ALL), "doubtful", ("unit",), _TOML),
+    Mistake("unit um in one file", header("Unit,mm", "Unit,um", (PTFE,)), "impossible", ("unit", "0.001"), PTFE),
+    Mistake("display x10 in one file", _changed(_scaled(10.0), (PTFE,)), "impossible", ("10 times",), PTFE),
+    Mistake("record expired", setting("2025-04-30", "2024-05-05", RECORD), "impossible", ("calibration record",)),
+    # sensor
+    Mistake("upside down readings", _changed(_upside_down), "impossible", ("direction",)),
+    Mistake("noise only", _changed(_noise, (PTFE,)), "impossible", ("no ringing",), PTFE),
+    Mistake("constant", _changed(lambda x: np.full(x.size, x[0]), (PTFE,)), "impossible", ("channel",), PTFE),
+    Mistake("level jump", _changed(_jump, (PTFE,)), "impossible", ("jump",), PTFE),
+    # recordings
+    Mistake("two heights exchanged", _exchanged, "impossible", ("height",)),
+)

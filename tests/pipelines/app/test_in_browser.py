@@ -1,0 +1,146 @@
+"""The local page in a real browser: from raw files to a report, with the keyboard alone as well."""
+
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from pipelines.session import open_session
+from tests.labpipe.report.conftest import CHROMIUM, Browser
+from tests.pipelines.app.conftest import Page
+
+
+@pytest.fixture(scope="module")
+def window(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    if CHROMIUM is None:
+        pytest.skip("no Chromium on this machine; the page is not looked at")
+    started = Browser(tmp_path_factory.mktemp("profile"))
+    yield started
+    started.close()
+
+
+class Person:
+    """Somebody at the keyboard: Tab, typed text, Enter; counts what it takes."""
+
+    def __init__(self, window: Browser) -> None:
+        self.window = window
+        self.keys = 0
+
+    def press(self, key: str, text: str = "", code: int = 0) -> None:
+        more = {"text": text} if text else {}
+        for kind in ("keyDown", "keyUp"):
+            self.window.send("Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code, **more)
+        self.keys += 1
+
+    def tab_to(self, test: str) -> None:
+        """Press Tab until a condition on the focused element ``e`` holds."""
+        for _ in range(300):
+            self.press("Tab", code=9)
+            if self.window.run(f"(() => {{ const e = document.activeElement; return Boolean(e && ({test})); }})()"):
+                return
+        raise AssertionError(test)
+
+    def enter(self) -> None:
+        self.press("Enter", "\r", 13)
+
+    def type(self, text: str) -> None:
+        self.window.send("Input.insertText", text=text)
+        self.keys += len(text)
+
+
+def button(text: str) -> str:
+    return f"e.tagName === 'BUTTON' && e.textContent === '{text}' && !e.closest('[hidden]')"
+
+
+def quiet(window: Browser, page: Page) -> None:
+    assert window.complaints() == []
+    assert {a for a in window.requests() if not a.startswith(page.address)} == set()
+
+
+def test_from_raw_files_to_a_verdict_by_the_keyboard_alone(
+    window: Browser, page: Page, raw: Path, tmp_path: Path
+) -> None:
+    window.visit(page.address)
+    person = Person(window)
+    window.until("document.querySelectorAll('#file-list li').length === 4")
+    person.tab_to(button("Propose a session"))
+    person.enter()
+    window.until("document.querySelectorAll('#setup-experiments > li').length === 2")
+    values = {
+        "material of": "acrylic", "radius of": "9,525 ± 0,005 mm", "mass of": "505 ± 0,5 g", "height": "1,5 ± 0,005 mm",
+    }  # fmt: skip
+    for label, value in values.items():
+        person.tab_to(f"(e.getAttribute('aria-label') || '').startsWith('{label}')")
+        person.type(value)
+    window.until("document.getElementById('setup-state').textContent.includes('; 0 values')")
+    assert "FILL" in (raw / "session.toml").read_text("utf-8")
+    person.tab_to("e.id === 'setup-write'")
+    person.enter()
+    window.until("document.querySelector('#difference[open] .plus') !== null")
+    person.tab_to("e.id === 'difference-write'")
+    person.enter()
+    window.until("document.getElementById('message').textContent.startsWith('Written: session.toml')")
+    assert set(open_session(raw).experiments) == {"drop", "nbr"}
+    person.tab_to(button("Run"))
+    person.enter()
+    person.tab_to(button("Process"))
+    person.enter()
+    window.until("document.querySelectorAll('#experiments .is-ok').length === 2", 240)
+    window.until("[...document.querySelectorAll('#experiments button')].length === 2", 60)
+    person.tab_to("e.textContent === 'Report' && e.closest('#experiments')")
+    person.enter()
+    window.until("document.getElementById('page').src.endsWith('/reports/reports/drop.html')")
+    for width in (1400, 390):
+        window.visit(page.address, width=width)
+        window.until("document.querySelectorAll('#file-list li').length === 4")
+        for part in ("Files", "Set-up", "Run", "Reports"):
+            window.run(f"[...document.querySelectorAll('nav button')].find(b => b.textContent === '{part}').click()")
+            window.settle()
+            assert window.run("document.documentElement.scrollWidth") <= width, part
+        quiet(window, page)
+    # Four values and the way through the page, Tab by Tab.
+    assert person.keys < 400
+
+
+def test_two_windows_do_not_overwrite_each_other(window: Browser, page: Page, raw: Path) -> None:
+    page.told("api/init", {})
+    window.visit(page.address)
+    window.until("!document.getElementById('files').hidden")
+    window.run("show('setup')")
+    window.until("document.querySelectorAll('#setup-experiments > li').length === 2")
+    base = page.told("api/session")["base"]
+    place = ["experiments", "drop", "height"]
+    page.told(
+        "api/write", {"base": base, "edits": [{"op": "set", "file": "session.toml", "place": place, "text": "2 mm"}]}
+    )
+    window.run(
+        "(() => { const i = document.querySelector('#setup [aria-label=\"height\"]'); i.value = '3 mm';"
+        " i.dispatchEvent(new Event('input')); })()"
+    )
+    window.until("document.getElementById('message').textContent.includes('changed elsewhere')")
+    window.until("document.querySelector('#setup [aria-label=\"height\"]').value === '2 mm'")
+    assert '"2 mm"' in (raw / "session.toml").read_text("utf-8")
+
+
+def test_hostile_names_are_shown_as_text(
+    window: Browser, small_session: Path, tmp_path: Path, serving: Callable[[Path], Page]
+) -> None:
+    folder = tmp_path / "<b>x&amp;"
+    shutil.copytree(small_session / "laser", folder / "laser")
+    name = '<img src=x onerror="document.title=1">.csv'
+    (folder / name).write_text("nothing")
+    page = serving(folder)
+    window.visit(page.address)
+    window.until("document.querySelectorAll('#file-list li').length === 3")
+    assert name in window.run("document.getElementById('file-list').textContent")
+    assert window.run("document.querySelectorAll('#file-list img[src=x]').length") == 0
+    assert window.run("document.title").startswith("<b>x&amp;")
+    quiet(window, page)
+
+
+def test_the_page_says_when_its_server_is_gone(window: Browser, page: Page) -> None:
+    window.visit(page.address)
+    window.until("document.querySelectorAll('#file-list li').length === 4")
+    page.served.stop()
+    window.until("document.getElementById('message').textContent.includes('does not answer')")

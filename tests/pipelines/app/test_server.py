@@ -1,0 +1,177 @@
+"""The server of the local page: who may ask, what is reachable, what is written, how runs end."""
+
+import hashlib
+import json
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from labpipe import files
+from pipelines.session import open_session
+from tests.pipelines.app.conftest import Page
+
+
+def contents(folder: Path) -> dict[str, str]:
+    return {
+        p.relative_to(folder).as_posix(): hashlib.sha256(p.read_bytes()).hexdigest()
+        for p in files.files_below(folder)
+        if not p.relative_to(folder).as_posix().startswith(("labpipe/", "session.toml"))
+    }
+
+
+def test_the_page_and_its_parts_come_from_here_alone(page: Page) -> None:
+    status, text = page.ask("")
+    assert status == 200
+    assert b"http" not in text
+    assert "default-src 'none'" in page.headers["content-security-policy"]
+    assert page.headers["x-content-type-options"] == "nosniff"
+    for name in ("app.js", "setup.js", "app.css"):
+        assert page.ask(f"assets/{name}")[0] == 200
+    assert page.ask("assets/../_serve.py")[0] == 404
+    assert page.ask("assets/app.html")[0] == 404
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({"Host": "evil.example"}, 403),
+        ({"Host": "127.0.0.1"}, 403),
+        ({"Origin": "http://evil.example"}, 403),
+        ({"Origin": "null"}, 403),
+        ({"Origin": ""}, 403),
+        ({"Content_Type": "text/plain"}, 415),
+        ({"Content_Length": "2000000"}, 413),
+        ({}, 200),
+    ],
+)
+def test_only_this_page_may_ask(page: Page, headers: dict[str, str], status: int) -> None:
+    assert page.ask("api/run", b'{"action": "stop"}', **headers)[0] == status
+
+
+def test_an_address_without_the_token_is_not_found(page: Page) -> None:
+    for path in ("/", "/api/files", f"{page.path[:-1]}x/api/files", "/" + "A" * 32 + "/"):
+        assert page.ask(path, whole=True)[0] == 404
+    assert page.ask("", method="DELETE")[0] == 405
+
+
+def test_files_are_told_with_kind_use_and_picture(page: Page, raw: Path) -> None:
+    (raw / "Kopie").mkdir()
+    (raw / "Kopie/drop_1.csv").write_bytes((raw / "laser/drop_1.csv").read_bytes())
+    found = {entry["name"]: entry for entry in page.told("api/files")["files"]}
+    assert found["laser/drop_1.csv"]["kind"] == "Keyence storage file"
+    assert found["Kopie/drop_1.csv"]["copy_of"] == "laser/drop_1.csv"
+    assert found["calibration/laser.toml"]["kind"] == "calibration record of a laser"
+    assert page.told("api/init", {})["experiments"] == ["drop", "nbr"]
+    used = {entry["name"]: entry["used_by"] for entry in page.told("api/files")["files"]}
+    assert used["laser/drop_1.csv"] == ["drop"]
+    assert used["Kopie/drop_1.csv"] == []
+    status, picture = page.ask("api/picture?name=laser/drop_1.csv")
+    assert (status, picture[:8]) == (200, b"\x89PNG\r\n\x1a\n")
+
+
+@pytest.mark.parametrize(
+    "name", ["../secret.csv", "/etc/passwd", "link.csv", "inner/secret.csv", "round", "a\x00b", "", "no-such.csv"]
+)
+def test_nothing_outside_the_folder_is_reachable(page: Page, raw: Path, name: str) -> None:
+    (raw.parent / "secret.csv").write_bytes((raw / "laser/drop_1.csv").read_bytes())
+    (raw / "link.csv").symlink_to(raw.parent / "secret.csv")
+    (raw / "inner").symlink_to(raw.parent)
+    (raw / "round").symlink_to(raw / "round")
+    from urllib.parse import quote
+
+    assert page.ask(f"api/picture?name={quote(name)}")[0] == 400
+    assert page.ask(f"reports/{quote(name)}")[0] in (400, 404)
+    told = {entry["name"]: entry for entry in page.told("api/files")["files"]}
+    assert told["link.csv"]["reason"] == "a link that leads out of the folder"
+    assert not any(entry.startswith("inner/") for entry in told)
+
+
+def test_reports_and_nothing_else_of_labpipe_are_shown(page: Page, raw: Path) -> None:
+    (raw / "labpipe/reports").mkdir(parents=True)
+    (raw / "labpipe/reports/drop.html").write_text("<p>page</p>")
+    (raw / "labpipe/run.jsonl").write_text("{}")
+    assert page.ask("reports/reports/drop.html") == (200, b"<p>page</p>")
+    assert "frame-ancestors 'self'" in page.headers["content-security-policy"]
+    assert page.ask("reports/run.jsonl")[0] == 400
+    (raw / "labpipe/reports/out.html").symlink_to(raw / "laser/drop_1.csv")
+    assert page.ask("reports/reports/out.html")[0] == 400
+
+
+def test_hostile_names_and_damaged_pictures_stop_nothing(page: Page, raw: Path) -> None:
+    for name in ('<img src=x onerror="alert(1)">.csv', "a' b\";.txt", "…\u202e.csv", "x" * 200 + ".csv", "\n.csv"):
+        (raw / name).write_text("nothing")
+    head, size = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR", (100_000).to_bytes(4) * 2
+    (raw / "bomb.png").write_bytes(head + size + b"\x08\x02\x00\x00\x00" + b"\0" * 40)
+    os.mkfifo(raw / "pipe.csv")
+    found = {entry["name"] for entry in page.told("api/files")["files"]}
+    assert '<img src=x onerror="alert(1)">.csv' in found
+    assert page.ask("api/picture?name=bomb.png")[0] == 400
+    assert page.ask("api/check", b"[" * 100_000)[0] == 400
+    assert page.ask("api/check", {"base": 1, "edits": "x"})[0] == 400
+
+
+FILLED = [
+    ("height", "1,5 ± 0,005 mm"),
+    ("sphere.radius", "9,525 ± 0,005 mm"),
+    ("sphere.mass", "505 ± 0,5 g"),
+    ("sphere.material", "acrylic"),
+]
+
+
+def edits(*values: tuple[str, str]) -> list[dict[str, object]]:
+    return [
+        {"op": "set", "file": "session.toml", "place": ["experiments", "drop", *key.split(".")], "text": text}
+        for key, text in values
+    ]
+
+
+def test_a_session_is_set_up_and_written_after_its_difference(page: Page, raw: Path) -> None:
+    before = contents(raw)
+    page.told("api/init", {})
+    state = page.told("api/session")
+    assert len(state["problems"]) == len(FILLED)
+    wrong = page.told("api/check", {"base": state["base"], "edits": edits(*FILLED[:3], ("sphere.mass", "9 mm"))})
+    assert [p["place"] for p in wrong["problems"] if "9 mm" in p["message"]] == ["experiments.drop.sphere.mass"]
+    asked = {"base": state["base"], "edits": edits(*FILLED)}
+    looked = page.told("api/check", asked)
+    assert looked["problems"] == []
+    assert '+height = "1,5 ± 0,005 mm"' in "\n".join(looked["difference"])
+    assert "FILL" in (raw / "session.toml").read_text("utf-8")
+    assert page.told("api/write", asked)["written"] == ["session.toml"]
+    assert set(open_session(raw).experiments) == {"drop", "nbr"}
+    assert "# of the sphere" in (raw / "session.toml").read_text("utf-8")
+    assert contents(raw) == before
+    status, text = page.ask("api/write", asked)
+    assert (status, "changed elsewhere" in json.loads(text)["error"]) == (400, True)
+
+
+def until(page: Page, is_so: Callable[[dict], bool]) -> dict:
+    end = time.monotonic() + 240
+    while not is_so(state := page.told("api/run")):
+        assert time.monotonic() < end, state
+        time.sleep(0.2)
+    return state
+
+
+def test_a_run_is_stopped_and_goes_on_to_its_verdicts(page: Page, raw: Path) -> None:
+    page.told("api/init", {})
+    base = page.told("api/session")["base"]
+    page.told("api/write", {"base": base, "edits": edits(*FILLED)})
+    page.told("api/run", {"action": "process"})
+    assert page.ask("api/run", {"action": "process"})[0] == 400
+    until(page, lambda state: any(e["kind"] == "done" for e in state["events"]))
+    page.told("api/run", {"action": "stop"})
+    stopped = until(page, lambda state: not state["running"])
+    assert stopped["code"] == 130
+    done = {(e["experiment"], e["stage"], e["recording"]) for e in stopped["events"] if e["kind"] == "done"}
+    page.told("api/run", {"action": "process"})
+    ended = until(page, lambda state: not state["running"])
+    assert ended["code"] in (0, 1), ended
+    again = {(e["experiment"], e["stage"], e["recording"]) for e in ended["events"] if e["kind"] == "done"}
+    assert done
+    assert not done & again
+    assert {e["experiment"] for e in ended["events"] if e["kind"] == "verdict"} == {"drop", "nbr"}
+    assert "reports/drop.html" in page.told("api/files")["pages"]

@@ -1,0 +1,105 @@
+"""Sweeps as other laboratories keep them, from the folder to the master curve."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from labpipe.errors import InputError
+from labpipe.materials import Prony, gather_sweeps
+from labpipe.units import Quantity
+from pipelines.experiments.dma import measured
+from pipelines.experiments.dma.settings import Dma, Export
+from pipelines.process import process, result
+from pipelines.session import init
+
+SOLID = Prony(1e6, np.array([3e8, 1e8, 2e7]), np.array([1e-3, 1e-1, 1e1]), nu=0.35)
+FREQUENCY = np.geomspace(0.1, 10, 7)
+SHIFT = {20.0: 1.0, 40.0: 0.0, 60.0: -1.0}
+HEAD = 'labpipe = 1\n[session]\ntitle = "melt"\n'
+
+
+def rows(t, sep="\t"):
+    modulus = SOLID.complex_modulus(2 * np.pi * FREQUENCY * 10 ** SHIFT[t])
+    lines = zip(2 * np.pi * FREQUENCY, modulus.real, modulus.imag, strict=True)
+    return "".join(sep.join(f"{v:.12g}" for v in line) + "\n" for line in lines)
+
+
+def settings_for(files, **changes):
+    return Dma(kind="dma", rheometer=list(files), mode="tension", nu=Quantity(0.35, 0.0, "1"), **changes)
+
+
+def degrees(value):
+    return Quantity(value, 0.0, "degC")
+
+
+def write(folder, text="omega\tE'\tE''\nrad/s\tPa\tPa\n", name="pi_{t:g}C.dat", of=rows):
+    names = [name.format(t=t) for t in SHIFT]
+    for t, file in zip(SHIFT, names, strict=True):
+        (folder / file).write_text(text.format(t=t) + of(t), "utf-8")
+    return names
+
+
+def test_one_file_per_temperature_without_a_column_of_it(tmp_path):
+    names = write(tmp_path)
+    settings = settings_for(names, temperatures=[degrees(t) for t in SHIFT])
+    sweeps = measured.gathered([measured.readings(tmp_path / n, settings=settings) for n in names], settings=settings)
+    assert sweeps.temperature.values.tolist() == list(SHIFT)
+    truth = SOLID.complex_modulus(2 * np.pi * FREQUENCY * 10)
+    np.testing.assert_allclose(sweeps.storage.values[0], truth.real, rtol=1e-9)
+
+
+def test_one_stated_temperature_is_that_of_every_file(tmp_path):
+    names = write(tmp_path)[:1]
+    found = measured.readings(tmp_path / names[0], settings=settings_for(names, temperature=degrees(25.0)))
+    assert set(found.temperature.values.tolist()) == {25.0}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({}, 'pi_20C.dat has no column for: temperature; state it in session.toml, temperature = "25 degC"'),
+        ({"temperatures": [degrees(1.0)]}, "temperatures holds 1 values for 3 files"),
+        ({"temperature": degrees(1.0), "temperatures": [degrees(1.0)] * 3}, "both given; keep one"),
+    ],
+)
+def test_a_temperature_that_is_missing_or_too_many_is_told(tmp_path, changes, message):
+    names = write(tmp_path)
+    settings = settings_for(names, **changes)
+    with pytest.raises(InputError, match=message):
+        gather_sweeps(measured.readings(tmp_path / names[0], settings=settings), "tension", 0.35)
+
+
+def test_a_stated_temperature_beside_a_column_is_refused(tmp_path):
+    names = write(tmp_path, "T={t:g};Mw=20;\nFreq\tE'\tE''\nrad/s\tPa\tPa\n")
+    with pytest.raises(InputError, match="has a column of temperature, and the session states 25 °C"):
+        measured.readings(tmp_path / names[0], settings=settings_for(names, temperature=degrees(25.0)))
+
+
+def test_columns_without_names_are_named_in_the_session(tmp_path):
+    names = write(tmp_path, "")
+    settings = settings_for(
+        names[:1], temperature=degrees(20.0), export=Export(columns="omega (rad/s), E' (Pa), E'' (Pa)")
+    )
+    found = measured.readings(tmp_path / names[0], settings=settings)
+    np.testing.assert_allclose(found.frequency, FREQUENCY, rtol=1e-9)
+
+
+def test_files_of_one_isotherm_each_are_one_experiment_from_scan_to_curve(tmp_path):
+    write(tmp_path, "T={t:g};Mw=20;chem=PI;\nFreq\tE'\tE''\nrad/s\tPa\tPa\n", "pi_{t:g}C.osc")
+    found = init(tmp_path)
+    assert found.experiments == ["pi"]
+    text = found.path.read_text("utf-8")
+    text = text.replace('mode = "FILL"', 'mode = "tension"').replace('nu = "FILL"', 'nu = "0.35"')
+    found.path.write_text(text, "utf-8")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        assert not process(tmp_path, jobs=0).failures
+    curve = result(tmp_path, "pi", "master_curve")
+    np.testing.assert_allclose(np.diff(curve.log10_aT), [-1.0, -1.0], atol=0.05)
+
+
+def test_temperatures_in_the_names_are_proposed(tmp_path):
+    write(tmp_path)
+    text = init(tmp_path).path.read_text("utf-8")
+    assert 'temperatures = ["20 degC", "40 degC", "60 degC"]  # of each file, in their order; proposed' in text
