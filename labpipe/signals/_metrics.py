@@ -18,7 +18,9 @@ from labpipe.variables import variable
 
 
 def nrmse(measured: ArrayLike, model: ArrayLike) -> float:
-    """Root-mean-square difference over the range of the measurement.
+    """Root-mean-square difference over the range of the model.
+
+    Not over that of the measurement: a wrong scale would hide in its own range.
 
     Parameters
     ----------
@@ -28,12 +30,12 @@ def nrmse(measured: ArrayLike, model: ArrayLike) -> float:
     Returns
     -------
     float
-        ``sqrt(mean((measured - model)**2)) / (max(measured) - min(measured))``, dimensionless.
+        ``sqrt(mean((measured - model)**2)) / (max(model) - min(model))``, dimensionless.
 
     Raises
     ------
     InputError
-        Shapes differ, fewer than two pairs are finite, or the measurement does not vary.
+        Shapes differ, fewer than two pairs are finite, or the model does not vary.
 
     Examples
     --------
@@ -41,9 +43,9 @@ def nrmse(measured: ArrayLike, model: ArrayLike) -> float:
     0.05
     """
     a, b = _pairs(measured, model)
-    extent = float(np.ptp(a))
-    if is_constant(a):
-        message = "the measurement does not vary, so an error relative to its range is undefined"
+    extent = float(np.ptp(b))
+    if is_constant(b):
+        message = "the model does not vary, so an error relative to its range is undefined"
         raise InputError(message)
     return round(float(np.sqrt(np.mean((a - b) ** 2)) / extent), 15)
 
@@ -102,7 +104,7 @@ def compare(measured: xr.DataArray, model: xr.DataArray) -> xr.Dataset:
     return xr.Dataset(
         {
             "residual": variable("time", residual, units, f"measured minus model: {label}"),
-            "nrmse": scalar(nrmse(a, b), "1", "root-mean-square error over range of measurement"),
+            "nrmse": scalar(nrmse(a, b), "1", "root-mean-square error over range of model"),
             "bias": scalar(float(difference.mean()), units, "mean of measured minus model"),
             "rms_error": scalar(float(np.sqrt(np.mean(difference**2))), units, "root-mean-square error"),
             "max_error": scalar(largest, units, "difference of largest magnitude"),

@@ -314,7 +314,7 @@ def agreement_of_two(random: Random) -> Outcome:
     total = math.fsum((a[both] - centre) ** 2)
     found = signals.agreement(a, b)
     floor = 1e-9 + 10.0 * _EPS64 * offset / size
-    extent = float(np.ptp(a[both]))
+    extent = float(np.ptp(b[both]))
     return worst(
         (abs(found.bias - bias) / (floor * size), "a bias by 1e-9"),
         (abs(signals.nrmse(a, b) - rms / extent) / floor, "a normalised error by 1e-9"),

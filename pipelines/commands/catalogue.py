@@ -38,6 +38,7 @@ def catalogue(
 ) -> None:
     r"""List the experiments of all sessions below FOLDER: parameters and key numbers.
 
+    `believable`, `model`, `checks`, `findings` and `cause` hold the verdict of what is processed.
     The table is brought up to date first; only sessions that changed are read again, and none is
     processed. Columns with the same value in all rows are hidden unless named with --columns. The
     table `results` has every short result, `columns` every column with its unit.
@@ -46,6 +47,7 @@ def catalogue(
     Example:
       labpipe catalogue sessions
       labpipe catalogue sessions --where "material = 'acrylic' and height > 0.005"
+      labpipe catalogue sessions --where "believable <> 'yes'" --columns session,experiment,findings,cause
       labpipe catalogue sessions --table results --where "variable = 'restitution' and item = 0"
     """
     from pipelines.session import catalogue as verb
@@ -64,7 +66,7 @@ def _telling(frame: "pd.DataFrame") -> "pd.DataFrame":
     """Leave out uncertainties, lists of files, and what is the same in all rows."""
     import pandas as pd
 
-    always = ("session", "experiment", "kind", "state", "material", "height")
+    always = ("session", "experiment", "kind", "state", "believable", "model", "material", "height")
 
     def is_telling(name: str) -> bool:
         values = frame[name].dropna()

@@ -28,29 +28,35 @@ from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME
 from pipelines.experiments import KINDS
 from pipelines.session._processing import plan as plan_session
+from pipelines.session._verdicts import Verdict, stored_verdicts
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from labpipe.judging import Finding
+
 FILE = "labpipe-catalogue.sqlite"
 TABLES = ("experiments", "results", "sessions", "columns")
 
 _APPLICATION = 0x6C706361  # "lpca": tells our databases from others
-_LAYOUT = 1
+_LAYOUT = 2
 """Raised when the tables change; a catalogue of another layout is made anew."""
 _LONGEST_RESULT = 64
 """Values of one variable that are listed; longer ones are curves, which ``export`` writes."""
 _BODIES = ("sphere", "punch", "substrate")
 """Their fields stand without the name of their table: ``radius``, not ``sphere_radius``."""
 _FIRST = ("session", "experiment", "kind", "state")
+_JUDGED = ("believable", "model", "checks", "findings", "cause")
+"""Columns of the verdict; ``findings`` and ``cause`` are sentences, with file and line."""
 _SCHEMA = f"""
 PRAGMA application_id = {_APPLICATION};
 PRAGMA user_version = {_LAYOUT};
 CREATE TABLE sessions (session TEXT PRIMARY KEY, title TEXT, operator TEXT, synthetic INTEGER,
                        digest TEXT, problem TEXT);
 CREATE TABLE columns (name TEXT PRIMARY KEY, unit TEXT);
-CREATE TABLE experiments (session TEXT, experiment TEXT, kind TEXT, state TEXT,
+CREATE TABLE experiments (session TEXT, experiment TEXT, kind TEXT, state TEXT, believable TEXT,
+                          model TEXT, checks INTEGER, findings TEXT, cause TEXT,
                           PRIMARY KEY (session, experiment));
 CREATE TABLE results (session TEXT, experiment TEXT, stage TEXT, recording TEXT, variable TEXT,
                       item INTEGER, value REAL, u REAL, unit TEXT);
@@ -316,7 +322,8 @@ def _is_below(name: str, root: str) -> bool:
 
 def _digest(plan: Plan) -> str:
     session = plan.session
-    settings = {n: msgspec.to_builtins(e.settings) for n, e in session.experiments.items()}
+    # findings name lines, so that a line more is a change
+    settings = {n: [msgspec.to_builtins(e.settings), dict(e.lines)] for n, e in session.experiments.items()}
     states = [[*row.task, row.state, plan.keys[row.task].value] for row in plan.rows]
     document = [session.title, session.operator, session.synthetic, settings, states]
     return hashlib.sha256(files.canonical(document).encode("utf-8", "replace")).hexdigest()
@@ -334,6 +341,7 @@ def _add(connection: sqlite3.Connection, name: str, digest: str, plan: Plan) -> 
         (name, session.title, session.operator, int(session.synthetic), digest),
     )
     results = Results(plan)
+    verdicts = stored_verdicts(results)
     for experiment in session.experiments.values():
         rows = [row for row in plan.rows if row.experiment == experiment.name]
         waiting = sum(row.state not in READY for row in rows)
@@ -341,6 +349,7 @@ def _add(connection: sqlite3.Connection, name: str, digest: str, plan: Plan) -> 
         state = f"{waiting} of {len(rows)} steps to do" if waiting else "done"
         state += f", {kept} results of earlier code" if kept else ""
         entry = _Entry({"session": name, "experiment": experiment.name, "kind": experiment.kind, "state": state})
+        entry.add_verdict(verdicts.get(experiment.name))
         entry.add_settings((), experiment.settings)
         for row in rows:
             dataset = results.up_to_date(row)
@@ -373,12 +382,26 @@ def _values(dataset: xr.Dataset) -> Iterator[tuple[str, int, float, float | None
                 yield text, i, float(value), own_u, str(variable.attrs.get("units", ""))
 
 
+def _place(finding: Finding) -> str:
+    return finding.file if finding.line is None else f"{finding.file}:{finding.line}"
+
+
 @dataclass(slots=True)
 class _Entry:
     """One row of the table of experiments while it is gathered."""
 
     cells: dict[str, Any]
     units: dict[str, str] = field(default_factory=dict)
+
+    def add_verdict(self, verdict: Verdict | None) -> None:
+        """Add what was found, the worst first; none of what was not judged."""
+        if verdict is None:
+            return
+        told = "; ".join(f"{f.level}: {f.message} ({_place(f)})" if f.file else f"{f.level}: {f.message}"
+                         for f in verdict.findings)  # fmt: skip
+        cause = verdict.causes[0] if verdict.causes else next((f.cause for f in verdict.findings if f.cause), "")
+        values = (verdict.believable, verdict.model, verdict.checks, told, cause)
+        self.cells |= dict(zip(_JUDGED, values, strict=True))
 
     def add_settings(self, path: tuple[str, ...], value: Any) -> None:
         """Add a setting or, for a table of settings, all in it."""
@@ -426,7 +449,7 @@ class _Entry:
             cells[title] = value
             if title not in units:
                 connection.execute("INSERT INTO columns VALUES (?, ?)", (title, unit))
-                if title not in _FIRST:
+                if title not in (*_FIRST, *_JUDGED):
                     connection.execute(f'ALTER TABLE experiments ADD COLUMN "{title}"')
         names = ", ".join(f'"{name}"' for name in cells)
         marks = ", ".join("?" for _ in cells)

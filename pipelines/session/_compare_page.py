@@ -145,7 +145,7 @@ def _curves(rows: Sequence[Row]) -> tuple[Block, ...]:
         bias = _scaled((r.difference, r.u_difference), shown)
         body.append((r.experiment, _of(r), _what(r), 100 * (r.nrmse or 0.0), *bias, shown.text, r.n))
     text = (
-        "Root mean square of measured minus model over the range of the measurement, and its mean. "
+        "Root mean square of measured minus model over the range of the model, and its mean. "
         "The bias has an uncertainty where the scale of the calibration contributes to it; n "
         "counts repeats, or the points of a single curve."
     )

@@ -17,6 +17,7 @@ from labpipe.workflow import session as sessions
 from labpipe.workflow.plan import READY
 from labpipe.workflow.plan import plan as make_plan
 from labpipe.workflow.results import Results
+from pipelines.experiments import JUDGEMENT
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -160,8 +161,33 @@ def export_results(results: Results, stages: Iterable[str], experiments: Iterabl
         if plan.session.synthetic:
             remarks["synthetic"] = "yes: made by a virtual rig, not measured"
         remarks["provenance"] = str(dataset.attrs.get("provenance", ""))
+        if target.format == "nc":
+            dataset = dataset.assign(quality_flag=_flag(results, row.experiment))
         paths += target.write(_name(row), dataset, remarks)
     return Exported(tuple(paths), left_out)
+
+
+def _flag(results: Results, experiment: str) -> xr.Variable:
+    """Return the verdict on an experiment as a flag of the CF conventions, with QARTOD's numbers.
+
+    Unknown where the experiment was not judged, or not with what is there now.
+    """
+    import numpy as np
+    import xarray as xr
+
+    from labpipe.judging import FLAGS
+
+    judged = (r for r in results.plan.rows if (r.experiment, r.stage) == (experiment, JUDGEMENT) and r.state in READY)
+    row = next(judged, None)
+    word = "unknown" if row is None else str(results.result(*row.task).attrs["believable"])
+    attrs = {
+        "long_name": "whether the record can be believed",
+        "standard_name": "quality_flag",
+        "units": "1",
+        "flag_values": np.array(list(FLAGS.values()), np.int8),
+        "flag_meanings": " ".join(FLAGS),
+    }
+    return xr.Variable((), np.int8(FLAGS[word]), attrs)
 
 
 def export_table(results: Results, experiments: Iterable[str], target: Target) -> Exported:

@@ -17,7 +17,11 @@ from numpy.typing import NDArray
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """A spreadsheet takes a cell that begins with one of these for a formula."""
+_HIDDEN = re.compile(r"([;,]\s*)(?=[=+@]|-[^\d.])")
+"""Where a cell would begin for a spreadsheet that splits at semicolons, whatever the quotes, or
+that splits a remark; a negative number is none."""
 _CONTROL = re.compile(r"[\x00-\x1f\x7f\x85\u2028\u2029]+")
+_APART = r"\1'"
 _MATLAB_NAME = 63
 """Longest name of a variable in MATLAB."""
 _MATLAB_HEAD = 116
@@ -57,7 +61,7 @@ def csv_tables(dataset: xr.Dataset, remarks: Mapping[str, str]) -> dict[str, str
     for name in map(str, dataset.dims):  # a coordinate that nothing else stands over
         if name in dataset.variables and not any(name in dims for dims in groups):
             groups[name,] = []
-    head = "".join(f"# {key}: {one_line(value)}\n" for key, value in remarks.items())
+    head = "".join(f"# {key}: {_HIDDEN.sub(_APART, one_line(value))}\n" for key, value in remarks.items())
     return {"-".join(dims) or "values": head + _table(dataset, dims, names) for dims, names in groups.items()}
 
 
@@ -96,8 +100,14 @@ def _row(texts: Iterable[str]) -> str:
 
 
 def text_cell(text: str) -> str:
-    """Write a text as a cell of csv that no spreadsheet takes for a formula."""
-    text = one_line(text)
+    """Write a text as a cell of csv that no spreadsheet takes for a formula, wherever it splits.
+
+    Examples
+    --------
+    >>> text_cell("=1+1"), text_cell("a;=1+1")
+    ("'=1+1", "a;'=1+1")
+    """
+    text = _HIDDEN.sub(_APART, one_line(text))
     if text.startswith(_FORMULA):
         text = "'" + text
     return '"' + text.replace('"', '""') + '"' if any(c in text for c in ',"') else text

@@ -30,7 +30,7 @@ _REPORT, _DONE, _WAITING = "report", "done", "waits for values"
 _FEW_KINDS = 3  # that share one table
 _CAPTION = (
     "Select a heading to sort. The error is the root mean square of measurement minus model (or "
-    "film minus laser) over the range of the measurement, for the worst repeat, impact or "
+    "film minus laser) over the range of the model (or of the laser), for the worst repeat, impact or "
     "frequency."
 )
 _COMPARISON = "comparison"

@@ -20,7 +20,7 @@ import msgspec
 
 from labpipe.errors import LabpipeError
 from labpipe.units import Quantity
-from labpipe.workflow.fields import FileMark, mark, split
+from labpipe.workflow.fields import POSITIVE, FileMark, Range, mark, split
 from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.store import Store
 from pipelines.session._gaps import library_names
@@ -34,6 +34,7 @@ _CONFIGURATION = ".toml"
 _APART = 4.0  # standard uncertainties between two masses or radii of one body
 _ALIKE = 2.0  # standard uncertainties within which two values are one
 _LEAST = 1e-4  # relative uncertainty of a value that is stated without one
+_UNKNOWN = 0.5  # of a value, beyond which its uncertainty is no uncertainty
 _SLIP = 0.01  # how near to a power of ten, or to two, a ratio must be to be that
 _OF_RECORD = {
     "it expired": "valid_until",
@@ -79,7 +80,7 @@ def session_findings(session: Session) -> tuple[Found, int]:
     int
         How many checks were made.
     """
-    checks = (_twice, _records, _bodies, _material_names)
+    checks = (_twice, _records, _bodies, _material_names, _uncertainties)
     found: Found = {}
     for check in checks:
         for owner, finding in check(session):
@@ -293,10 +294,10 @@ def _two_values(odd: _Body, other: _Body, name: str) -> Finding:
     return _finding("one body, two values", "doubtful", text, cause, setting=f"{odd.setting}.{name}")
 
 
-def _written(value: Quantity) -> str:
+def _written(value: Quantity, number: float | None = None) -> str:
     from labpipe.report import quantity
 
-    return quantity(value.value, value.si, 4)
+    return quantity(value.value if number is None else number, value.si, 4)
 
 
 def _slip(ratio: float, factors: Sequence[float]) -> float:
@@ -306,24 +307,38 @@ def _slip(ratio: float, factors: Sequence[float]) -> float:
 
 def _material_names(session: Session) -> Iterator[tuple[str, Finding]]:
     """Hold the material that is stated against the one that names of experiment and files tell."""
-    known = library_names()
+    known = set(library_names())
     for e in session.experiments.values():
-        for setting, material in _materials(e.settings, ""):
-            if material not in known:
-                continue
-            names = [e.name, *(n.name for n in named_files(session) if n.experiment == e.name)]
-            for name in names:
-                told = set(re.split(r"[^a-z]+", name.lower())) & set(known)
-                if told and material not in told and not _mentions(names, material):
-                    other = " and ".join(sorted(told))
-                    text = f'the material is "{material}", but {name} is named after {other}'
-                    cause = f"the material is probably {other}, or the name is misleading"
-                    yield e.name, _finding("name of the material", "doubtful", text, cause, setting=setting)
-                    break
+        places = [("", e.name), *((n.setting, n.name) for n in named_files(session) if n.experiment == e.name)]
+        names = [name for _, name in places]
+        stated = [(setting, m) for setting, m in _materials(e.settings, "") if m in known]
+        for setting, material in stated:
+            told = next((name for name in names if _words(name) & known), "")
+            if told and not _mentions(names, material):
+                yield e.name, _misnamed(f'the material is "{material}"', told, known, setting)
+        first = next((name for name in names if len(_words(name) & known) == 1), "")
+        for setting, name in () if stated or not first else places:
+            if _words(name) & known and not _words(name) & _words(first) & known:
+                yield (
+                    e.name,
+                    _misnamed(f"{first} is named after {', '.join(_words(first) & known)}", name, known, setting),
+                )
+                break
+
+
+def _misnamed(what: str, name: str, known: set[str], setting: str) -> Finding:
+    other = " and ".join(sorted(_words(name) & known))
+    cause = f"one of them is of another material, {other} probably, or the name is misleading"
+    text = f"{what}, but {name} is named after {other}"
+    return _finding("name of the material", "doubtful", text, cause, setting=setting)
+
+
+def _words(name: str) -> set[str]:
+    return set(re.split(r"[^a-z]+", name.lower()))
 
 
 def _mentions(names: Sequence[str], material: str) -> bool:
-    return any(material in re.split(r"[^a-z]+", name.lower()) for name in names)
+    return any(material in _words(name) for name in names)
 
 
 def _materials(table: Any, place: str) -> Iterator[tuple[str, str]]:
@@ -334,6 +349,31 @@ def _materials(table: Any, place: str) -> Iterator[tuple[str, str]]:
                 yield where, value
             else:
                 yield from _materials(value, where)
+
+
+def _uncertainties(session: Session) -> Iterator[tuple[str, Finding]]:
+    """Find positive quantities whose stated uncertainty says that nothing is known of them."""
+    for e in session.experiments.values():
+        for setting, value, kind in _quantities(e.settings, ""):
+            is_positive = any(mark(marks, Range) == POSITIVE for _, marks in _options(kind))
+            if is_positive and value.u > _UNKNOWN * value.value:
+                name = setting.rpartition(".")[2].replace("_", " ")
+                text = f"the {name} is {_written(value)} with a standard uncertainty of {_written(value, value.u)}"
+                cause = "the unit or the decimal point of the uncertainty is wrong"
+                yield e.name, _finding("stated uncertainty", "doubtful", text, cause, setting=setting)
+
+
+def _quantities(table: Any, place: str) -> Iterator[tuple[str, Quantity, Any]]:
+    if isinstance(table, list | tuple):
+        for number, item in enumerate(table):
+            yield from _quantities(item, f"{place}[{number}]")
+    elif isinstance(table, msgspec.Struct):
+        for field in msgspec.structs.fields(type(table)):
+            value, name = getattr(table, field.name), f"{place}.{field.name}" if place else field.name
+            if isinstance(value, Quantity):
+                yield name, value, field.type
+            else:
+                yield from _quantities(value, name)
 
 
 def named_at(session: Session) -> Mapping[str, int]:

@@ -243,7 +243,8 @@ def _with_session(session: Session, found: Iterable[Verdict]) -> tuple[Verdict, 
 
 
 def _added(verdict: Verdict, more: Iterable[Finding], checks: int) -> Verdict:
-    extra = tuple(more)
+    told = {(f.file, f.line, f.level) for f in verdict.findings if f.line is not None}
+    extra = tuple(f for f in more if (f.file, f.line, f.level) not in told)
     worse: Mapping[str, str] = {"yes": "doubtful", "unknown": "doubtful"}
     believable = verdict.believable
     if any(f.level == "doubtful" for f in extra):

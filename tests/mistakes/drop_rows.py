@@ -1,7 +1,6 @@
 """Mistakes that laboratories make with a recorded ball drop: the edit, and what must be said."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
@@ -13,39 +12,13 @@ from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.samples import drop_section, laser_record, session_head
 from tests.mistakes.recordings import ALL, Edit, cells, header, setting, values
+from tests.mistakes.rows import Mistake
 
 FIRST = ALL[:1]
 LAST = ALL[-1:]
 RECORD = "calibration/laser.toml"
 START = datetime(2024, 5, 14, 9, 30)
 _DEEP = 0.04  # mm above the lowest reading: inside the contacts
-
-
-@dataclass(frozen=True, slots=True)
-class Mistake:
-    """One edit of the clean session and what its verdict must hold.
-
-    Attributes
-    ----------
-    name : str
-    edit : callable
-        Takes the session's folder.
-    level : str
-        The verdict; "note" stands for "yes" with a sentence.
-    words : tuple of str
-        Words of the findings' messages and causes, case aside.
-    file : str
-        File that a finding must name; empty for any.
-    line : int or None
-        Line of that file that it must name.
-    """
-
-    name: str
-    edit: Edit
-    level: str
-    words: tuple[str, ...] = ()
-    file: str = ""
-    line: int | None = None
 
 
 def write(folder: Path) -> Path:

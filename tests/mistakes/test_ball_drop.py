@@ -1,6 +1,5 @@
 """Mistakes of a laboratory with a ball drop are noticed and named; clean sessions are believed."""
 
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,9 +10,10 @@ from labpipe import files, materials
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.samples import drop_section, laser_record, session_head
-from pipelines.session import Verdict, verdict
-from tests.mistakes.drop_rows import RECORD, ROWS, START, Mistake, write
+from pipelines.session import Verdict
+from tests.mistakes.drop_rows import RECORD, ROWS, START, write
 from tests.mistakes.recordings import values
+from tests.mistakes.rows import Mistake, hold, judged
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _judged(folder: Path) -> Verdict:
-    return verdict(folder, ["bounces"]).experiments[0]
+    return judged(folder, "bounces")
 
 
 def test_clean_session_is_believed(clean: Path) -> None:
@@ -36,17 +36,7 @@ def test_clean_session_is_believed(clean: Path) -> None:
 
 @pytest.mark.parametrize("mistake", ROWS, ids=lambda row: row.name)
 def test_mistake_is_noticed_and_named(clean: Path, tmp_path: Path, mistake: Mistake) -> None:
-    folder = tmp_path / "session"
-    shutil.copytree(clean, folder)
-    mistake.edit(folder)
-    found = _judged(folder)
-    said = " ".join(f"{f.message} {f.cause}" for f in found.findings).lower()
-    assert found.believable == ("yes" if mistake.level == "note" else mistake.level), said
-    assert any(f.level == mistake.level for f in found.findings)
-    assert [word for word in mistake.words if word.lower() not in said] == []
-    if mistake.file:
-        places = {(f.file, f.line if mistake.line else None) for f in found.findings}
-        assert (mistake.file, mistake.line) in places
+    hold(clean, tmp_path / "session", mistake, "bounces")
 
 
 @pytest.mark.parametrize(

@@ -142,9 +142,10 @@ def isothermal_runs(dataset: xr.Dataset, tolerance: float, fewest: int) -> list[
     found = []
     for rows in _tables(dataset):
         for run in _split_by_temperature(rows, temperature, tolerance):
-            frequency = dataset["frequency"].values[run]
-            if run.size and np.unique(np.round(np.log10(frequency), 3)).size >= fewest:
-                found.append(TableRun(dataset, run))
+            usable = run[dataset["frequency"].values[run] > 0]
+            frequency = dataset["frequency"].values[usable]
+            if usable.size and np.unique(np.round(np.log10(frequency), 3)).size >= fewest:
+                found.append(TableRun(dataset, usable))
     return found
 
 

@@ -50,8 +50,7 @@ def _bounces_compared(repeats: xr.Dataset, model: xr.Dataset, first: float) -> x
 
 
 def rows(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, settings: BallDrop) -> Iterator[Row]:
-    """Yield the rows of ``compare``: the curve, and what each impact shows."""
-    del settings
+    """Yield the rows of ``compare``: the curve, the free fall, and what each impact shows."""
     n = int(repeats.sizes["repeat"])
     relative = float(repeats.attrs["u_systematic_relative"])
     mean_size = float(np.abs(repeats["displacement_mean"]).mean())
@@ -63,6 +62,20 @@ def rows(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, sett
         difference=comparison["bias"],
         u_difference=relative * mean_size,
     )
+    if "fall_acceleration" in repeats:
+        seen, u, gravity = repeats["fall_acceleration"], float(repeats["u_fall_acceleration"]), settings.model.gravity
+        yield row(
+            "acceleration of the free fall",
+            "m/s2",
+            n,
+            slopes={SCALE: float(seen)},
+            measured=seen,
+            u_measured=u,
+            model=gravity.value,
+            u_model=gravity.u,
+            difference=float(seen) - gravity.value,
+            u_difference=np.hypot(u, gravity.u),
+        )
     shown = min(IMPACTS, comparison.sizes["impact"])
     for i in range(shown):
         yield _event(f"restitution, impact {i + 1}", "1", ("restitution",) * 2, i, repeats, model)

@@ -108,9 +108,31 @@ def repeats(
         "m",
         "standard uncertainty: mean displacement",
     )
-    made = made.merge(_table(bounces, relative))
+    made = made.merge(_table(bounces, relative)).merge(_fall(displacement, bounces, relative))
     made.attrs = {"u_systematic_relative": relative}
     return made
+
+
+def _fall(displacement: list[xr.Dataset], bounces: list[xr.Dataset], relative: float) -> xr.Dataset:
+    """Mean of the acceleration of the free fall; scale and clock are those of all repeats."""
+    values = np.array([float(b["fall_acceleration"]) for b in bounces])
+    own = np.array([float(b["u_fall_acceleration"]) for b in bounces])
+    known = np.isfinite(values) & np.isfinite(own)
+    if not known.any():
+        return xr.Dataset()
+    values, own = values[known], own[known]
+    mean = float(values.mean())
+    stated = float(np.sqrt(np.mean(own**2)))
+    scatter = float(values.std(ddof=1)) if values.size > 1 else 0.0
+    clock = float(json.loads(displacement[0].attrs["time_base"])["u_relative"])
+    u = np.sqrt(max(scatter, stated) ** 2 / values.size + (mean * relative) ** 2 + (2 * mean * clock) ** 2)
+    text = "acceleration of the free fall"
+    return xr.Dataset(
+        {
+            "fall_acceleration": variable((), mean, "m/s2", text),
+            "u_fall_acceleration": variable((), float(u), "m/s2", f"standard uncertainty: {text}"),
+        }
+    )
 
 
 def _table(bounces: list[xr.Dataset], relative: float) -> xr.Dataset:

@@ -107,7 +107,7 @@ def _summary(
             (
                 "nRMSE of displacement",
                 f"{float(comparison['nrmse']) * 100:.2f} %",
-                "root mean square of measured minus model, over the range of the measurement",
+                "root mean square of measured minus model, over the range of the model",
             ),
             ("bias", quantity(float(comparison["bias"]), "m"), "mean difference"),
             ("largest difference", quantity(float(comparison["max_error"]), "m"), ""),
@@ -356,7 +356,7 @@ def _methods(
     if comparison is not None:
         text += (
             "The normalised root-mean-square error between the mean displacement and the model, "
-            "relative to the range of the measurement, was "
+            "relative to the range of the model, was "
             f"{float(comparison['nrmse']) * 100:.2f} %. "
         )
     e, u = float(repeats["restitution"][0]), float(repeats["u_restitution"][0])

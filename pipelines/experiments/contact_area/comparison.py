@@ -40,8 +40,8 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
             ("model", theirs),
         ):
             points[key].append(values)
-        spread = max(float(np.max(a[inside])), 1e-12)
-        errors.append(float(np.sqrt(np.mean((a[inside] - theirs) ** 2))) / spread)
+        largest = max(float(np.max(theirs)), 1e-12)
+        errors.append(float(np.sqrt(np.mean((a[inside] - theirs) ** 2))) / largest)
     joined = {k: np.concatenate(v) if v else np.empty(0) for k, v in points.items()}
     ours, theirs = (impacts["peak_radius"].values[:count], model["peak_contact_radius"].values[:count])
     u = np.hypot(impacts["u_peak_radius"].values[:count], model["u_peak_contact_radius"].values[:count])
@@ -52,7 +52,9 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
             "film": variable("sample", joined["film"], "m", "contact radius, film"),
             "u_film": variable("sample", joined["u_film"], "m", "standard uncertainty: contact radius, film"),
             "model": variable("sample", joined["model"], "m", "contact radius, model"),
-            "nrmse": variable("impact", np.array(errors), "1", "root-mean-square error over largest radius"),
+            "nrmse": variable(
+                "impact", np.array(errors), "1", "root-mean-square error over largest radius of the model"
+            ),
             "peak_radius_film": variable("impact", ours, "m", "largest radius, film"),
             "peak_radius_model": variable("impact", theirs, "m", "largest radius, model"),
             "peak_radius_difference": variable("impact", ours - theirs, "m", "film minus model"),

@@ -110,7 +110,7 @@ def _summary(
             (
                 "nRMSE, film against laser",
                 f"{float(comparison['nrmse']) * 100:.2f} %",
-                "root mean square of the difference, over the range of the film",
+                "root mean square of the difference, over the range of the laser",
             ),
             ("bias", _value(comparison, "bias"), "mean of film minus laser"),
             (

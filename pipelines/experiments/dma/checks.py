@@ -1,5 +1,7 @@
 """Whether sweeps of a rheometer can be believed: redundant columns, causality, order with temperature."""
 
+import json
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -37,6 +39,10 @@ _STEP = 5.0  # K, of which set temperatures are multiples
 _NEAR = 0.6  # K from a set temperature
 _FEW = 20  # readings; more of them with one and the same temperature were not read from a sensor
 _CONSTANT = 1.0  # K within which all temperatures are one
+_FEW_ROWS, _MOST = 4, 0.6  # readings, and share of them at one temperature, that make an isothermal interval
+_FOREIGN, _TORN = 0.25, 3.0
+"""Share of the span of the shifts by which a table may differ, and times that residuals may grow:
+batches and laboratories differ by less than that, polymers by more."""
 _NAMES = {"storage_modulus": "storage modulus", "loss_modulus": "loss modulus"}
 _FAILED = {
     "readings": "the file is not what the session says, or was not copied whole",
@@ -89,6 +95,7 @@ def judgement(
     readings: list[xr.Dataset | None] | None,
     sweeps: xr.Dataset | None,
     master_curve: xr.Dataset | None,
+    published: xr.Dataset | None = None,
     *,
     settings: Dma,
     context: Context,
@@ -106,6 +113,7 @@ def judgement(
     checks.append(_poisson(settings))
     for export, own in zip(exports, found, strict=True):
         checks += [
+            _whole(export),
             _loss_factor(export),
             _frequencies(export),
             _stress(export),
@@ -113,6 +121,7 @@ def judgement(
             _signs(export),
             _mode(export, settings),
             _singles(export, own),
+            _strayed(export, settings),
             _causal(export, own),
         ]
     isotherms = sorted((s for own in found for s in own), key=lambda s: s.temperature)
@@ -122,6 +131,7 @@ def judgement(
         _one_place(isotherms),
         *_files_alike(exports, found),
         _shifts(master_curve),
+        _foreign(published, master_curve),
     ]
     return judgements.judgement(Scene(checks))
 
@@ -191,10 +201,58 @@ def _loss_factor(export: _Export) -> Check:
     return replace(found, cause=cause)
 
 
+def _whole(export: _Export) -> Check:
+    """Repeat what the reader noticed about rows and cells that are not there."""
+    name, law = "whole file", "an export holds the points that it declares"
+    notes = json.loads(str(export.data.attrs.get("notes", "[]")))
+    missing = [text for text in notes if "declares" in text and "holds" in text]
+    if not missing:
+        return stated(name, law, f"{export.name}: nothing is missing", None, file=export.name)
+    more = f"; {len(missing)} such intervals" if len(missing) > 1 else ""
+    line = re.search(r"line (\d+)", missing[0])
+    return stated(
+        name,
+        law,
+        f"{export.name}: {missing[0]}{more}",
+        "doubtful",
+        cause="the test was stopped, or the file was cut: copy it again from the rheometer",
+        file=export.name,
+        line=int(line[1]) if line else None,
+    )
+
+
+def _strayed(export: _Export, settings: Dma) -> Check:
+    """Look for single readings whose temperature is not that of their interval."""
+    name, law = "temperature within an interval", "a specimen warms through in minutes, not between two readings"
+    data = export.data
+    keys = [key for key in ("test", "result", "interval") if key in data.variables]
+    if not keys:
+        return not_made(name, law, "a column of intervals")
+    labels = np.stack([np.asarray(data[key].values) for key in keys], axis=1)[export.good]
+    rows, T = np.flatnonzero(export.good), export.values("temperature")
+    worst, at = 0.0, -1
+    for label in np.unique(labels, axis=0):
+        own = np.flatnonzero((labels == label).all(axis=1))
+        apart = np.abs(T[own] - np.median(T[own]))
+        if own.size >= _FEW_ROWS and (apart <= settings.sweeps.tolerance).mean() >= _MOST and apart.max() > worst:
+            worst, at = float(apart.max()), int(own[np.argmax(apart)])
+    if at < 0:
+        return not_made(name, law, "an interval at one temperature")
+    text = f"{export.place(int(rows[at]))}: {T[at]:.1f} °C, {worst:.1f} K beside the others of its interval"
+    if worst <= 3 * settings.sweeps.tolerance:
+        return stated(name, law, text, None, file=export.name)
+    cause = "the temperature of this reading is mistyped, or the sensor had a fault: the reading is left out"
+    return stated(name, law, text, "doubtful", cause=cause, file=export.name)
+
+
 def _frequencies(export: _Export) -> Check:
     """Hold frequencies against the other column, and against the time a reading takes."""
     name, law = "frequency", "a reading of an oscillation takes about a period at least; ω = 2πf"
     file, data = export.name, export.data
+    if (lowest := float(export.values("frequency").min())) <= 0.0:
+        text = f"{file}: a frequency of {lowest:.4g} Hz"
+        cause = "another column stands under the name of the frequency, such as the temperature"
+        return stated(name, law, text, "impossible", cause=cause, file=file)
     if data.attrs.get("derived", "-") == "" and "angular_frequency" in data:
         omega, hertz = export.values("angular_frequency"), export.values("frequency")
         known = (omega > 0) & (hertz > 0)
@@ -613,3 +671,24 @@ def _shifts(curve: xr.Dataset | None) -> Check:
         return replace(found, level="doubtful" if rise[at] > 0.5 * _RISE else None)
     cause = f"the isotherm at {T[at]:.1f} or {T[at + 1]:.1f} °C has a wrong temperature or is of another specimen"
     return replace(found, cause=cause)
+
+
+def _foreign(published: xr.Dataset | None, curve: xr.Dataset | None) -> Check:
+    """Hold a published table against the readings: shifts of another material tear them apart."""
+    name, law = "published shifts", "a table of the same material continues the readings nearly as the fitted shifts do"
+    if published is None or curve is None or "difference" not in published:
+        return not_made(name, law, "a published table of shifts")
+    known = np.isfinite(published["difference"].values)
+    fitted, other = published["fitted"].values[known], published["published"].values[known]
+    span, theirs = float(np.ptp(fitted)), float(np.ptp(other))
+    apart = float(np.sqrt(np.mean(published["difference"].values[known] ** 2)))
+    own = float(np.sqrt(np.nanmean(curve["storage_residual"].values ** 2)))
+    worse = float(published.attrs["residual_storage"]) / max(own, 1e-6)
+    text = (
+        f"the table shifts by {theirs:.1f} decades where the readings shift by {span:.1f}, {apart:.1f} apart (rms); "
+        f"with its shifts the readings miss their curve {worse:.1f} times as far"
+    )
+    is_foreign = apart > _FOREIGN * span and worse > _TORN
+    cause = "the table is of another material, or of another state of it" if is_foreign else ""
+    level: Level | None = "doubtful" if is_foreign else None
+    return stated(name, law, text, level, cause=cause, setting="published.shifts")

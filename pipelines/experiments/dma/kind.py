@@ -71,7 +71,7 @@ _STAGES = (
     Stage(
         "judgement",
         "pipelines.experiments.dma.checks:judgement",
-        ("readings", "sweeps", "master_curve"),
+        ("readings", "sweeps", "master_curve", "published"),
         ("*",),
         context=True,
         tolerant=True,

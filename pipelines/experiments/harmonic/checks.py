@@ -11,7 +11,7 @@ from labpipe.workflow.context import Context
 from pipelines.experiments.harmonic.comparison import rows
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import judgements, mach1_checks
-from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS
+from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS, TOUCH
 from pipelines.experiments.shared.judgements import Scene
 from pipelines.experiments.shared.ramps_and_holds import relative_gain
 
@@ -63,7 +63,8 @@ def judgement(
         causes = list(mach1_checks.causes(name, readings, settings.punch, settings.load_cell, checks))
     relative = 0.0 if loads is None else relative_gain(loads)
     inputs = {FORCE_SCALE: Quantity(1.0, relative, "1"), STIFFNESS: Quantity(1.0, 0.0, "1")}
-    return judgements.judgement(Scene(checks, causes, compared, inputs))
+    shared = {TOUCH: Quantity(0.0, 1.0, "1")}
+    return judgements.judgement(Scene(checks, causes, compared, inputs, shared))
 
 
 def _phase(name: str, oscillations: xr.Dataset, settings: Harmonic) -> Check:

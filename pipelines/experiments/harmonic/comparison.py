@@ -11,7 +11,7 @@ from labpipe.variables import variable
 from pipelines.experiments.harmonic.measured import COLUMNS
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
-from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS, Row, row
+from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS, TOUCH, Row, row
 
 
 def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
@@ -36,7 +36,7 @@ def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *
         bias.append(float(np.mean(measured - passed[used])))
     table: dict[str, Any] = {
         "simulated_force": variable("sample", simulated, "N", "simulated force, filtered"),
-        "nrmse": variable("oscillation", error, "1", "rms error over force range"),
+        "nrmse": variable("oscillation", error, "1", "rms error over range of simulated force"),
         "bias": variable("oscillation", bias, "N", "mean of measured minus model"),
     }
     for name in ("storage_stiffness", "loss_stiffness", "work_per_cycle"):
@@ -56,19 +56,24 @@ def rows(comparison: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *,
     for i in range(oscillations.sizes["oscillation"]):
         condition = f"{float(oscillations['frequency'][i]):.3g} Hz"
         yield row("force", "N", 1, condition=condition, nrmse=comparison["nrmse"][i], difference=comparison["bias"][i])
-        yield row(
-            "dissipated work per cycle",
-            "J",
-            1,
-            slopes={
-                FORCE_SCALE: float(oscillations["work_per_cycle"][i]),
-                STIFFNESS: -float(model["work_per_cycle"][i]),
-            },
-            condition=condition,
-            measured=oscillations["work_per_cycle"][i],
-            u_measured=oscillations["u_work_per_cycle"][i],
-            model=model["work_per_cycle"][i],
-            u_model=model["u_work_per_cycle"][i],
-            difference=comparison["work_per_cycle_difference"][i],
-            u_difference=comparison["u_work_per_cycle_difference"][i],
-        )
+        for title, unit, name in (
+            ("storage stiffness", "N/m", "storage_stiffness"),
+            ("dissipated work per cycle", "J", "work_per_cycle"),
+        ):
+            yield row(
+                title,
+                unit,
+                1,
+                slopes={
+                    FORCE_SCALE: float(oscillations[name][i]),
+                    STIFFNESS: -float(model[name][i]),
+                    TOUCH: float(model[f"u_{name}"][i]),
+                },
+                condition=condition,
+                measured=oscillations[name][i],
+                u_measured=oscillations[f"u_{name}"][i],
+                model=model[name][i],
+                u_model=model[f"u_{name}"][i],
+                difference=comparison[f"{name}_difference"][i],
+                u_difference=comparison[f"u_{name}_difference"][i],
+            )

@@ -94,7 +94,7 @@ def _summary(oscillations: xr.Dataset | None, comparison: xr.Dataset | None, con
             (
                 "nRMSE of force",
                 f"{errors.min():.2f} to {errors.max():.2f} %",
-                "root mean square of measured minus model, over the range of the measurement",
+                "root mean square of measured minus model, over the range of the simulated force",
             )
         )
     elif comparison is not None:

@@ -44,7 +44,7 @@ def comparison(
         {
             "measured": (("series", "time"), measured, described("m", "displacement, mean of the repeats")),
             "model": (("series", "time"), theirs, described("m", "simulated displacement")),
-            "nrmse": ("series", errors, described("1", "root-mean-square error over the range")),
+            "nrmse": ("series", errors, described("1", "root-mean-square error over the range of the fit")),
             "bias": ("series", bias, described("m", "mean of measured minus model")),
         },
         coords={"series": table["series"], "time": model["time"]},

@@ -19,7 +19,7 @@ _PARTS = ("ramp", "early", "late", "all")
 def comparison(loads: xr.Dataset, ramps: xr.Dataset, model: xr.Dataset, *, settings: Relaxation) -> xr.Dataset:
     """Lay the simulated force, filtered as the cell filters, over the measured one.
 
-    Errors of ramp, early and late relaxation are all relative to the range of the whole test, so
+    Errors of ramp, early and late relaxation are all relative to the range of the model in the whole test, so
     that they can be compared with each other.
     """
     if "absent" in model.attrs:
@@ -48,7 +48,7 @@ def comparison(loads: xr.Dataset, ramps: xr.Dataset, model: xr.Dataset, *, setti
                 "u_plateau_force_difference": float(np.hypot(float(at["u_plateau_force"]), u_plateau)),
             }
         )
-    columns = {f"nrmse_{p}": ("1", f"rms error over range of force, {p}") for p in _PARTS}
+    columns = {f"nrmse_{p}": ("1", f"rms error over range of simulated force, {p}") for p in _PARTS}
     columns |= {f"bias_{p}": ("N", f"mean of measured minus model, {p}") for p in _PARTS}
     columns |= {
         "peak_force_model": ("N", "largest force, model behind the filter"),
@@ -66,7 +66,7 @@ def _errors(loads: xr.Dataset, hold: Hold, measured: Floats, simulated: Floats, 
     """Return nRMSE and bias of the parts of one test."""
     time = loads["time"].values[hold.rows]
     ours, theirs = measured[hold.rows], simulated[hold.rows]
-    extent = float(np.ptp(ours))
+    extent = float(np.ptp(theirs))  # a wrong scale must not hide in its own range
     parts = {
         "ramp": (time >= hold.begin) & (time <= hold.end),
         "early": (time > hold.end) & (time <= hold.end + early),

@@ -125,7 +125,7 @@ def _summary(tests: xr.Dataset | None, comparison: Sequence[xr.Dataset] | None, 
                 (
                     "nRMSE of force",
                     f"{np.nanmin(errors):.2f} to {np.nanmax(errors):.2f} %",
-                    "root mean square of measured minus model, over the range of each test",
+                    "root mean square of measured minus model, over the range of the simulated force of each test",
                 )
             )
     if rows:
@@ -182,7 +182,7 @@ def _tests(tests: xr.Dataset) -> Section:
                 tuple(second),
                 errors,
                 caption="Measured displacement, and errors of the simulated force relative to the "
-                "range of the force in the whole test."
+                "range of the simulated force in the whole test."
                 if has_model
                 else "Measured displacement.",
             ),

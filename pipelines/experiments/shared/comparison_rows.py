@@ -11,6 +11,8 @@ IMPACTS = 3
 """Impacts that are compared one by one; the thesis compares the first three."""
 FORCE_SCALE, STIFFNESS = "scale of force", "modulus of the rubber"
 """Inputs of the rows of an indentation, relative: the cell's gain, and the material as a whole."""
+TOUCH = "first touch and punch"
+"""What makes the simulated force of an indentation uncertain in all of its rows together, in units of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +34,7 @@ class Row:
         Values of an event with standard uncertainties; the difference is measured minus model.
         Of a curve only the difference is given: the bias, and its uncertainty where one is stated.
     nrmse : float or None
-        Of a curve, relative to the range of the measurement.
+        Of a curve, relative to the range of the model.
     slopes : mapping of str to float
         Derivative of the difference to each input that several rows share, SI: what hangs together
         is counted once, and says what the comparison could notice.

@@ -24,7 +24,7 @@ from labpipe.judging import (
     stated,
     to_json,
 )
-from labpipe.report import Block, Column, Details, Notice, Section, Table, quantity, value_with_uncertainty
+from labpipe.report import Block, Column, Details, Notice, Paragraph, Section, Table, quantity, value_with_uncertainty
 from labpipe.units import Quantity
 from labpipe.variables import variable
 from labpipe.workflow.context import Context
@@ -93,7 +93,7 @@ def judgement(scene: Scene) -> xr.Dataset:
     -------
     Dataset
         ``chi_square``, ``degrees_of_freedom``, ``p``, ``n_checks`` [1]; over ``input`` the
-        smallest error that the comparison would have shown, ``detectable`` (relative, or in SI
+        smallest error that the comparison would have shown, ``detectable`` (relative, NaN
         where the input is 0). Attributes ``judgement``, ``model`` and ``believable`` hold the
         words and, as JSON, all checks.
     """
@@ -110,9 +110,9 @@ def judgement(scene: Scene) -> xr.Dataset:
         found = agreement([row.difference or 0.0 for row in rows], covariance)
         smallest = detectable(slopes[:, : len(names)], covariance) if names else smallest
     values = np.array([scene.inputs[name].value for name in names])
-    relative = np.divide(smallest, np.abs(values), out=smallest.copy(), where=values != 0.0)
     # an error of an input that is 0 has no size to be compared with
-    could_notice = bool((relative[values != 0.0] < MATTERS).any()) if names else True
+    relative = np.divide(smallest, np.abs(values), out=np.full(len(names), np.nan), where=values != 0.0)
+    could_notice = bool((relative < MATTERS).any()) if names else True
     units = [scene.inputs[name].si for name in names]
     return _dataset(judged, found, dict(zip(names, units, strict=True)), smallest, relative, could_notice)
 
@@ -222,6 +222,7 @@ def verdict_blocks(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> tuple
     if len(judged.findings) > 1:
         blocks.append(Details(f"All {len(judged.findings)} findings", blocks=(_found(judged),)))
     if result.sizes["input"]:
+        blocks.append(Paragraph(noticed(result)))
         blocks.append(Details("What this comparison could have noticed", blocks=(_noticed(result),)))
     blocks.append(Details(f"Checks of the record ({_counted(judged)})", blocks=(_checked(judged),)))
     return tuple(blocks)
@@ -232,13 +233,37 @@ def _found(judged: Judgement) -> Table:
     return Table(tuple(Column(name) for name in ("level", "check", "what was seen", "probable cause")), rows)
 
 
+def noticed(result: xr.Dataset) -> str:
+    """Say in one line which error of each input the comparison would have shown.
+
+    Examples
+    --------
+    ``"Errors that would have shown: height 0.4 % · modulus 2.1 % · mass: cannot tell (below 100 %)"``
+    """
+    parts = [f"{name} {size}" if size else f"{name}: cannot tell (below 100 %)" for name, size, _ in _errors(result)]
+    return f"Errors that would have shown: {' · '.join(parts)}."
+
+
+def _errors(result: xr.Dataset) -> list[tuple[str, str, float]]:
+    """Return name, size as text, and relative size of what would have shown; the smallest first."""
+    units = json.loads(result.attrs["units"])
+    values = zip(
+        result["input"].values, result["detectable"].values, result["detectable_error"].values, units, strict=True
+    )
+    found = []
+    for name, relative, error, unit in values:
+        if np.isnan(relative):  # of an input that is 0, such as a position
+            size = quantity(float(error), unit) if np.isfinite(error) else ""
+        else:
+            size = f"{100 * relative:.2g} %" if np.isfinite(relative) and relative < 1.0 else ""
+        found.append((str(name), size, float(relative)))
+    return sorted(found, key=lambda each: (not each[1], each[2]))
+
+
 def _noticed(result: xr.Dataset) -> Table:
-    rows = [
-        (str(name), f"{value:.2g}" if np.isfinite(value) and value < 1 else "cannot tell")
-        for name, value in zip(result["input"].values, result["detectable"].values, strict=True)
-    ]
+    rows = [(name, size or "cannot tell (below 100 %)") for name, size, _ in _errors(result)]
     return Table(
-        (Column("input"), Column("smallest relative error that would have shown")),
+        (Column("input"), Column("smallest error that would have shown")),
         rows,
         caption="With 95 % probability at the 5 % level, all other inputs held at their uncertainty.",
     )

@@ -23,7 +23,7 @@ from labpipe.arrays import Floats
 from labpipe.contact.line import westergaard
 from labpipe.judging import Cause, Check, Level, bounded, compared, not_made, stated
 from labpipe.report import quantity
-from pipelines.experiments.shared import mach1_readings
+from pipelines.experiments.shared import mach1_readings, mach1_traces
 from pipelines.experiments.shared.punch_settings import IndentationModel, LoadCell, Punch, Substrate
 from pipelines.experiments.shared.ramps_and_holds import RELAXATION
 
@@ -39,6 +39,7 @@ DELAY, SWAPPED = "delay of the filter", "order of the columns"
 _SINUSOID, _APPROACH = "Sinusoid", "Find Contact"
 _STAGE = {AMPLITUDE: 0.3, FREQUENCY: 0.05, TRAVEL: 0.05, SPEED: 0.25, APPROACH: 0.25, HOLD: 0.1}
 """By how much, relative, a stage may miss its command: eases, lags, brakes."""
+_SETTLED = 0.3  # s after a ramp within which the filter of the cell settles
 _LATE = 0.5  # s by which a hold, or a clock, may be off
 _SWAPPED_BY = 0.3  # relative, within which the other column holds the declared motion
 _RUN, _LEAVES = 5, 20.0
@@ -137,7 +138,20 @@ def of_file(name: str, readings: xr.Dataset) -> list[Check]:
         _living(name, blocks),
         _saturated(name, blocks),
         _capacity(name, blocks),
+        *mach1_traces.checks_of([_trace(name, part) for part in blocks]),
     ]
+
+
+def _trace(name: str, part: Part) -> mach1_traces.Trace:
+    """Return the columns of a block, and from when on its stage holds or only oscillates."""
+    rests = -np.inf if part.function == _SINUSOID else np.inf
+    if part.function == RELAXATION:
+        first = part.segment == part.segment[0]
+        lasted = _speed(part)[2]
+        rests = float(part.time[first][-1]) - lasted + _SETTLED if lasted > _SETTLED else np.inf
+    x, f = part.position, part.force
+    criterion = part.declared("Contact Criteria")[0] if part.function == _APPROACH else nan
+    return mach1_traces.Trace(name, part.number, part.header_line + 1, part.time, x, f, part.segment, rests, criterion)
 
 
 def is_swapped(checks: Sequence[Check]) -> bool:
@@ -659,7 +673,7 @@ def causes(
     force = Cause(
         {RATIO: 1.0},
         lambda k: f"the column of the force is {k:.4g} times too large: {_force_unit(k)} (line {names})",
-        (_GRAM_FORCE, 1e3, 1 / _GRAM_FORCE, 1e-3),
+        tuple(_FORCE_UNITS),
         only_usual=True,
         file=name,
         line=names,
@@ -670,9 +684,15 @@ def causes(
             {RATIO: 1.0},
             lambda k: f"the scale of the load cell in {load_cell.record} is {k:.3g} times too large",
             (10.0, 100.0),
+            only_usual=True,
             file=load_cell.record,
             setting="values.scale",
         )
+    yield Cause(
+        {RATIO: 1.0},
+        lambda k: f"no slip of a unit explains it: another material, {k:.3g} times as stiff, was pressed or is named",
+        setting="substrate.material",
+    )
     if punch is None:
         return
     for what, setting, value in (
@@ -686,22 +706,32 @@ def causes(
                 f"the {what} is probably {quantity(value / k, unit)}, not {quantity(value, unit)} "
                 f"({setting} in session.toml)"
             ),
-            (10.0, 0.1) if setting == "punch.tips" else (1e3, 1e-3, 100.0),
+            (10.0, 0.1) if setting == "punch.tips" else (1e3, 1e-3, 100.0, 10.0, 0.1),
+            only_usual=True,
             setting=setting,
         )
 
 
-_DECLARED = {AMPLITUDE: "amplitude", FREQUENCY: "frequency", TRAVEL: "amplitude", SPEED: "velocity"}
+_DECLARED = {
+    AMPLITUDE: "amplitude",
+    FREQUENCY: "frequency",
+    TRAVEL: "amplitude",
+    SPEED: "velocity",
+    APPROACH: "stage velocity",
+}
+
+
+_FORCE_UNITS = {
+    _GRAM_FORCE: "in gf under N",
+    1e3: "in mN under N",
+    1 / _GRAM_FORCE: "in N under gf",
+    1e-3: "in kN under N",
+    1e-3 * _GRAM_FORCE: "in kgf under N",
+}
 
 
 def _force_unit(factor: float) -> str:
-    units = {
-        _GRAM_FORCE: "in gf under N",
-        1e3: "in mN under N",
-        1 / _GRAM_FORCE: "in N under gf",
-        1e-3: "in kN under N",
-    }
-    return units[min(units, key=lambda k: abs(log(k / factor)))]
+    return _FORCE_UNITS[min(_FORCE_UNITS, key=lambda k: abs(log(k / factor)))]
 
 
 def _unit_of(factor: float, small: str, unit: str) -> str:

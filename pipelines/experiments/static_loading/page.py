@@ -86,7 +86,7 @@ def _summary(approach: xr.Dataset | None, comparison: xr.Dataset | None, context
                 (
                     f"nRMSE of contact radius, {word}",
                     f"{error:.2f} %",
-                    "single readings, over the range of the measurement",
+                    "single readings, over the range of what they are compared with",
                 )
             )
     shown_rows: list[Block] = [KeyValues(rows)] if rows else []

@@ -17,7 +17,7 @@ def curve(values, units="m"):
 def test_normalised_error_does_not_depend_on_units(scale, shift, error):
     measured = np.array([0.0, 1.0, 3.0, 2.0])
     model = measured + error
-    expected = error / 3.0
+    expected = error / 3.0  # of the range of the model, which is the same here
     found = nrmse(scale * (measured + shift), scale * (model + shift))
     assert found == pytest.approx(expected, rel=1e-6)
 
@@ -29,7 +29,7 @@ def test_infinite_values_are_refused_not_left_out(measure):
 
 
 def test_unread_pairs_are_left_out():
-    assert nrmse([0.0, np.nan, 2.0, 4.0], [0.0, 1.0, np.nan, 2.0]) == pytest.approx(np.sqrt(2.0) / 4.0)
+    assert nrmse([0.0, np.nan, 2.0, 4.0], [0.0, 1.0, np.nan, 2.0]) == pytest.approx(np.sqrt(2.0) / 2.0)
 
 
 def test_comparison_states_bias_and_largest_difference_with_sign():
@@ -96,3 +96,8 @@ def test_unlike_or_empty_curves_are_refused(function):
         function([0.0, 1.0, 2.0], [0.0, 1.0])
     with pytest.raises(InputError, match="at least"):
         function([np.nan, np.nan, 1.0], [0.0, 1.0, 2.0])
+
+
+def test_a_wrong_scale_does_not_hide_in_its_own_range():
+    model = np.array([0.0, 1.0, 3.0, 2.0])
+    assert nrmse(10.0 * model, model) == pytest.approx(9.0 * np.sqrt(14 / 4) / 3.0)

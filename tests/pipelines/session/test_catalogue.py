@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from labpipe.errors import SourceError, UsageError
 from pipelines.commands.catalogue import catalogue as command
-from pipelines.process import result
+from pipelines.process import process, result
 from pipelines.session import catalogue, query
 from pipelines.session._catalogue import FILE
 
@@ -47,6 +47,25 @@ def test_a_condition_selects(sessions: Path) -> None:
     assert len(query(sessions / FILE, where, names)) == 2
     assert len(query(sessions / FILE, f"height > {1.1 * height!r}", names)) == 0
     assert list(query(sessions / FILE, "", names).columns) == names
+
+
+def test_verdicts_and_findings_are_columns(sessions: Path, tmp_path: Path) -> None:
+    """Of what is processed; a mistake is found by its verdict, with the line to change."""
+    found = query(sessions / FILE, "kind = 'ball_drop'")
+    assert found["believable"][1] == "yes"
+    assert found["checks"][1] > 40
+    assert found["believable"].isna()[0]
+    root = tmp_path / "copy"
+    shutil.copytree(sessions / "monday", root / "monday")
+    text = (root / "monday" / "session.toml").read_text("utf-8")
+    (root / "monday" / "session.toml").write_text(text.replace('"1.5 ±', '"15 ±', 1), "utf-8")
+    process(root / "monday", "judgement", "drop", jobs=0)
+    (row,) = catalogue([root], where="believable = 'impossible'").table.to_dict("records")
+    assert row["experiment"] == "drop"
+    assert row["findings"].startswith("impossible: ")
+    line = next(i for i, one in enumerate(text.splitlines(), 1) if '"1.5 ±' in one)
+    assert f"session.toml:{line}" in row["findings"]
+    assert "drop height" in row["cause"]
 
 
 def test_short_results_are_rows(sessions: Path) -> None:

@@ -48,6 +48,16 @@ def test_no_cell_of_text_is_a_formula() -> None:
     assert table.splitlines()[2:] == ["0.0,'=1+2,1", '0.1,"a,b",0', "0.2,'-,1"]
 
 
+@pytest.mark.parametrize("text", ["a;=1+1", "a; @SUM(1)", "-5;-cmd()", "x,+1"])
+def test_no_cell_is_a_formula_where_a_spreadsheet_splits_at_semicolons(text: str) -> None:
+    """Nor within a remark; a negative number stays one."""
+    table = csv_tables(xr.Dataset({"a": ("time", np.array([text], object), {"units": ""})}), {"title": text})
+    for line in "".join(table.values()).splitlines():
+        assert [c for c in line.replace('"', "").split(";") if c.strip().startswith(("=", "+", "@", "-c"))] == []
+    numbers = {"parameters": "[0;-1.5,-2]"}
+    assert "# parameters: [0;-1.5,-2]" in "".join(csv_tables(small(), numbers).values())
+
+
 def test_json_holds_units_and_null_for_nan() -> None:
     document = json.loads(json_text(small(), {"title": "t"}))
     x = document["variables"]["x"]
@@ -93,6 +103,10 @@ def test_a_result_survives_every_format(processed_session: Path, tmp_path: Path,
         assert path.read_text("utf-8").startswith("# experiment: drop\n# stage: repeats\n")
     elif kind == "nc":
         found = files.read_dataset(path)["displacement_mean"].values
+        flag = files.read_dataset(path)["quality_flag"]
+        assert flag.attrs["flag_meanings"] == "yes unknown doubtful impossible"
+        assert list(flag.attrs["flag_values"]) == [1, 2, 3, 4]
+        assert int(flag) in (1, 2)
     elif kind == "mat":
         found = loadmat(path, squeeze_me=True)["displacement_mean"]
     else:

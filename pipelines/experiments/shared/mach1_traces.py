@@ -1,0 +1,164 @@
+"""Columns of a Mach-1 file by themselves: readings that stand alone, levels that jump, hum, drift.
+
+A stage and a sample have inertia and the cell has a filter: no reading leaves both its neighbours
+by far, and under a motion that repeats itself, or none, a force does not jump to another level.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from labpipe.arrays import Floats
+from labpipe.judging import Check, Level, not_made, stated
+from labpipe.report import quantity
+from labpipe.signals import quantisation_step
+
+SPIKE, JUMP, QUIET = "readings that stand alone", "level of the force", "force before contact"
+
+_ALONE = 15.0  # standard deviations of noise, or steps of the resolution
+_BESIDE = 3.0  # times the changes on either side
+_WIDE = 2  # readings of a spike at most
+_FASTER, _IN_NOISE = 4.0, 8.0
+"""Times the largest usual change between two readings, and standard deviations beside it, that a
+jump exceeds."""
+
+_AROUND = 8  # readings on either side whose medians must differ too
+_SURE = 1e-9  # probability by chance of a line in the noise
+_CLEAR = 2.0  # times the noise, or the resolution, of a line that is told
+_FEWEST = 40  # readings
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """Columns of one block, and where they stand.
+
+    ``first`` is the line of the first row; ``rests`` says from when on the stage holds or only
+    oscillates; ``criterion`` [N] is the force by which contact was found, NaN without one.
+    """
+
+    file: str
+    number: int
+    first: int
+    time: Floats
+    position: Floats
+    force: Floats
+    segment: Floats
+    rests: float
+    criterion: float
+
+    def line(self, index: int) -> int:
+        """Return the line of a reading; segments are parted by a line each."""
+        return self.first + index + int(self.segment[index] - self.segment[0])
+
+
+def checks_of(traces: list[Trace]) -> Iterator[Check]:
+    """Make all checks of the blocks of one file, the worst of each."""
+    for of_one in (_spikes, _jump, _quiet):
+        found = [check for trace in traces for check in of_one(trace)]
+        worst = next((c for level in ("impossible", "doubtful", "note") for c in found if c.level == level), None)
+        if worst is not None or found:
+            yield worst or found[0]
+
+
+def _noise(values: Floats) -> tuple[float, float]:
+    """Return the standard deviation of a reading, from second differences, and the resolution."""
+    bend = np.diff(values, 2)
+    step = float(quantisation_step(values)) if np.unique(values).size > 1 else 0.0
+    return float(1.4826 * np.median(np.abs(bend)) / np.sqrt(6.0)), step
+
+
+def _spikes(trace: Trace) -> Iterator[Check]:
+    law = "a reading lies between its neighbours but for noise: what is measured has inertia"
+    for word, values, unit in (("position", trace.position, "m"), ("force", trace.force, "N")):
+        if values.size < _FEWEST or not np.isfinite(values).all():
+            yield not_made(SPIKE, law, f"{_FEWEST} readings in a block")
+            continue
+        noise, step = _noise(values)
+        limit = _ALONE * max(noise, step)
+        for wide in range(1, _WIDE + 1):
+            before = values[1:-wide] - values[: -wide - 1]
+            after = values[wide:-1] - values[wide + 1 :]
+            size = np.where(before * after > 0, np.minimum(np.abs(before), np.abs(after)), 0.0)
+            # a peak behind a fast ramp stands on a slope, a disturbance between quiet neighbours
+            moves = np.abs(np.diff(values, prepend=values[0], append=values[-1]))
+            size = np.where(size > _BESIDE * np.maximum(moves[: size.size], moves[wide + 2 :]), size, 0.0)
+            if limit == 0.0 or not (size > limit).any():
+                continue
+            at = 1 + int(np.argmax(size))
+            text = (
+                f"{trace.file}, block {trace.number + 1}: the {word} of {quantity(float(values[at]), unit)} at "
+                f"{quantity(float(trace.time[at]), 's')} leaves its neighbours by {quantity(float(size.max()), unit)}"
+            )
+            line = trace.line(at)
+            cause = f"a disturbance, or a value that was edited, in line {line}: it counts in means and in work"
+            yield stated(SPIKE, law, text, "doubtful", cause=cause, file=trace.file, line=line)
+            return
+    yield stated(SPIKE, law, f"{trace.file}: no reading stands alone", None, file=trace.file)
+
+
+def _jump(trace: Trace) -> Iterator[Check]:
+    law = "a force under a motion that repeats itself, or none, does not jump to another level"
+    rests = trace.time >= trace.rests
+    force = trace.force[rests]
+    if force.size < _FEWEST or not np.isfinite(force).all():
+        yield not_made(JUMP, law, "a hold or an oscillation")
+        return
+    noise, step = _noise(force)
+    moved = np.abs(np.diff(force))
+    limit = _FASTER * float(np.quantile(moved, 0.99)) + _IN_NOISE * noise + 2 * step
+    for at in np.flatnonzero(moved > limit):
+        low, high = force[max(at - _AROUND + 1, 0) : at + 1], force[at + 1 : at + 1 + _AROUND]
+        change = float(np.median(high) - np.median(low))
+        if min(low.size, high.size) >= _AROUND and abs(change) > 0.5 * float(moved[at]):
+            index = int(np.flatnonzero(rests)[at + 1])
+            text = (
+                f"{trace.file}, block {trace.number + 1}: the force jumps by {quantity(change, 'N')} at "
+                f"{quantity(float(trace.time[index]), 's')} while the stage goes on as before"
+            )
+            cause = (
+                f"the cell was tared or knocked, or rows were lost there and the rest numbered anew "
+                f"(line {trace.line(index)})"
+            )
+            yield stated(JUMP, law, text, "impossible", cause=cause, file=trace.file, line=trace.line(index))
+            return
+    yield stated(JUMP, law, f"{trace.file}: no jump of the force", None, file=trace.file)
+
+
+def _quiet(trace: Trace) -> Iterator[Check]:
+    """Look at the approach before contact: the cell then shows noise and its weight."""
+    law = "before contact a force is noise around a level"
+    half = trace.force.size // 2
+    if not np.isfinite(trace.criterion) or half < _FEWEST or np.ptp(trace.force[:half]) == 0.0:
+        return
+    t, f = trace.time[:half] - trace.time[0], trace.force[:half]
+    slope = float(np.polyfit(t, f, 1)[0])
+    _, step = _noise(f)
+    rest = f - np.polyval(np.polyfit(t, f, 1), t)
+    power = np.abs(np.fft.rfft(rest)) ** 2
+    peak = int(np.argmax(power[1:])) + 1
+    share = float(power[peak - 1 : peak + 2].sum() / max(power[1:].sum(), 1e-300))
+    interval = float(np.median(np.diff(t)))
+    clean = stated(QUIET, law, f"{trace.file}: still before contact", None, file=trace.file)
+    # chance that three neighbouring lines of white noise hold that share of its power
+    is_line = share > 1 - (_SURE / power.size) ** (2 / max(half - 6, 1))
+    amplitude = float(np.sqrt(2.0) * np.std(rest) * np.sqrt(share))
+    u_slope = float(np.std(rest)) * np.sqrt(12.0 / half) / float(t[-1])
+    drift = slope * float(t[-1])
+    if is_line and amplitude > _CLEAR * max(step, float(np.sqrt(max(1 - share, 0.0)) * np.std(rest))):
+        hertz = peak / (half * interval)
+        text = f"{trace.file}: before contact the force swings by {quantity(amplitude, 'N')} at {hertz:.3g} Hz"
+        cause = f"hum or a vibration of {hertz:.3g} Hz (or of a multiple of the sampling rate beside it)"
+        yield _weighed(replace(clean, message=text, cause=cause), amplitude, trace)
+    elif abs(slope) > 10 * u_slope and abs(drift) > 5 * step:
+        text = f"{trace.file}: before contact the force drifts by {quantity(slope, 'N/s')}"
+        cause = "the cell drifts (let it warm up), or the approach began in contact"
+        yield _weighed(replace(clean, message=text, cause=cause), abs(drift), trace)
+    else:
+        yield clean
+
+
+def _weighed(check: Check, size: float, trace: Trace) -> Check:
+    """Let a disturbance as large as the force that finds contact count."""
+    level: Level = "doubtful" if size > trace.criterion else "note"
+    return replace(check, level=level, line=trace.first)

@@ -1,0 +1,206 @@
+"""Mistakes with a rheometer and its exports: the edit, and what must be said."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from labpipe import files
+from pipelines.rig.dma import Protocol, write_dma
+from pipelines.rig.samples import dma_section, session_head
+from pipelines.rig.solids import SOLIDS
+from tests.mistakes.recordings import Edit, setting
+from tests.mistakes.rows import Mistake
+
+FIRST, SECOND, TOML = "dma/acrylic.csv", "dma/acrylic_2.csv", "session.toml"
+_CODE = "utf-16"
+_PROTOCOL = Protocol(
+    temperatures=(-40.0, -20.0, 0.0, 20.0, 40.0),
+    frequencies=tuple(np.geomspace(10.0, 0.1, 9).tolist()),
+    ramp=(0.0, 5.0),
+)
+TIME, T, OMEGA, STORAGE, LOSS, FACTOR, STRAIN, STRESS = range(2, 10)
+"""Cells of a row; the first is empty, the second its number."""
+_POINTS = 9
+
+Change = Callable[[list[str], int, int], list[str]]
+"""Takes the cells of a row, its interval and its point, from 0, and returns the cells."""
+
+
+def write(folder: Path) -> Path:
+    """Write the clean session: five isotherms of two specimens of acrylic."""
+    solid = SOLIDS["acrylic"]
+    text = session_head("Mistakes (synthetic)") + dma_section("acrylic", FIRST, solid)
+    for name, seed in ((FIRST, 3), (SECOND, 8)):
+        assert write_dma(folder, Path(name).stem, solid, _PROTOCOL, seed) == name
+    files.write_text(folder / TOML, text.replace(f'["{FIRST}"]', f'["{FIRST}", "{SECOND}"]'))
+    return folder
+
+
+def _rewritten(change: Callable[[str], str], name: str = FIRST) -> Edit:
+    def edit(folder: Path) -> None:
+        text = (folder / name).read_text(_CODE)
+        other = change(text)
+        assert other != text
+        (folder / name).write_text(other, _CODE)
+
+    return edit
+
+
+def _rows(change: Change, name: str = FIRST) -> Edit:
+    def changed(text: str) -> str:
+        lines, number = text.split("\n"), 0
+        for i, line in enumerate(lines):
+            cells = line.split("\t")
+            if len(cells) > STRESS and cells[1].isdigit():
+                lines[i] = "\t".join(change(cells, number // _POINTS, number % _POINTS))
+                number += 1
+        return "\n".join(lines)
+
+    return _rewritten(changed, name)
+
+
+def _scaled(
+    column: int, factor: float, offset: float = 0.0, interval: int | None = None, point: int | None = None
+) -> Edit:
+    """Change a column: everywhere, in one interval, or in one row."""
+
+    def change(cells: list[str], i: int, p: int) -> list[str]:
+        if interval in (None, i) and point in (None, p):
+            cells[column] = f"{float(cells[column]) * factor + offset:.6g}"
+        return cells
+
+    return _rows(change)
+
+
+def _put(column: int, text: str, interval: int | None = None, point: int | None = None) -> Edit:
+    def change(cells: list[str], i: int, p: int) -> list[str]:
+        if interval in (None, i) and point in (None, p):
+            cells[column] = text
+        return cells
+
+    return _rows(change)
+
+
+def _exchanged(a: int, b: int, interval: int | None = None) -> Edit:
+    def change(cells: list[str], i: int, p: int) -> list[str]:
+        del p
+        if interval in (None, i):
+            cells[a], cells[b] = cells[b], cells[a]
+        return cells
+
+    return _rows(change)
+
+
+def _label(old: str, new: str, count: int = -1) -> Edit:
+    return _rewritten(lambda text: text.replace(old, new, count))
+
+
+def _both(*edits: Edit) -> Edit:
+    def edit(folder: Path) -> None:
+        for one in edits:
+            one(folder)
+
+    return edit
+
+
+def _copied(folder: Path) -> None:
+    (folder / SECOND).write_bytes((folder / FIRST).read_bytes())
+
+
+def _copied_with_other_ends(folder: Path) -> None:
+    text = (folder / FIRST).read_text(_CODE)
+    (folder / SECOND).write_text(text.replace("acrylic (synthetic)", "second specimen"), _CODE)
+
+
+def _of(material: str) -> Edit:
+    def edit(folder: Path) -> None:
+        name = write_dma(folder / "other", material, SOLIDS[material], _PROTOCOL, 5)
+        (folder / SECOND).write_bytes((folder / "other" / name).read_bytes())
+
+    return edit
+
+
+def _short(cells: list[str], i: int, p: int) -> list[str]:
+    return cells[:LOSS] if (i, p) == (1, 4) else cells
+
+
+def _shifted(cells: list[str], i: int, p: int) -> list[str]:
+    """Lose one cell, so that all behind it stand one column to the left."""
+    return [*cells[:STORAGE], *cells[STORAGE + 1 :], ""] if (i, p) == (2, 3) else cells
+
+
+def _swapped_intervals(cells: list[str], i: int, p: int) -> list[str]:
+    del p
+    shift = {1: 40.0, 3: -40.0}.get(i, 0.0)
+    cells[T] = f"{float(cells[T]) + shift:.6g}"
+    return cells
+
+
+def _cut(text: str) -> str:
+    return text[: text.index("\t5\t", text.index("points:\t4"))]
+
+
+ROWS = (
+    # columns
+    Mistake("storage and loss swapped", _exchanged(STORAGE, LOSS), "impossible", ("exchanged",), FIRST),
+    Mistake("storage and loss swapped in one interval", _exchanged(STORAGE, LOSS, 2), "impossible", (), FIRST),
+    Mistake(
+        "temperature and frequency swapped", _exchanged(T, OMEGA), "impossible", ("under the name of the frequency",)
+    ),
+    Mistake("loss factor in percent", _scaled(FACTOR, 100.0), "impossible", ("factor 100",), FIRST),
+    Mistake("loss factor is another test's", _scaled(FACTOR, 1.3), "impossible", ("loss factor",), FIRST),
+    Mistake("negative losses", _scaled(LOSS, -1.0), "impossible", (), FIRST),
+    Mistake("no losses", _put(LOSS, "0"), "impossible"),
+    Mistake("storage doubled", _scaled(STORAGE, 2.0), "impossible", ("loss factor",), FIRST),
+    # units
+    Mistake("MPa labelled Pa", _label("[MPa]", "[Pa]"), "impossible", ("MPa",), FIRST),
+    Mistake("MPa labelled GPa", _label("[MPa]", "[GPa]"), "impossible", (), FIRST),
+    Mistake("MPa labelled kPa", _label("[MPa]", "[kPa]"), "impossible", (), FIRST),
+    Mistake("loss alone labelled Pa", _label("[MPa]\t[1]", "[Pa]\t[1]"), "impossible", ("unit",), FIRST),
+    Mistake("stress in MPa labelled kPa", _label("[kPa]", "[MPa]"), "impossible", ("stress",), FIRST),
+    Mistake("strain in % labelled 1", _label("[%]", "[1]"), "impossible", ("stress",), FIRST),
+    Mistake("kelvins under degrees", _scaled(T, 1.0, 273.15), "impossible", ("in K",), FIRST),
+    Mistake("fahrenheit under degrees", _scaled(T, 1.8, 32.0), "doubtful", ("in °F",), FIRST),
+    Mistake("degrees labelled K", _label("[°C]", "[K]"), "impossible", (), FIRST),
+    Mistake("hertz under radians", _scaled(OMEGA, 1 / (2 * np.pi)), "doubtful", ("Hz under rad/s",), FIRST),
+    Mistake("radians labelled Hz", _label("[rad/s]", "[Hz]"), "doubtful", ("Hz",), FIRST),
+    Mistake("time in min labelled s", _scaled(TIME, 1 / 60), "doubtful", ("time",), FIRST),
+    # one value, one row
+    *(
+        Mistake(f"one {word} x1000", _scaled(column, 1e3, 0.0, i, p), "impossible", ("1000",), FIRST)
+        for word, column, i, p in (
+            ("storage modulus", STORAGE, 1, 4),
+            ("loss modulus", LOSS, 3, 0),
+            ("storage modulus at the end", STORAGE, 4, 8),
+        )
+    ),
+    Mistake("decimal point lost in one value", _scaled(STORAGE, 10.0, 0.0, 2, 5), "impossible", ("10",), FIRST),
+    Mistake("decimal point lost in one loss factor", _scaled(FACTOR, 10.0, 0.0, 2, 5), "impossible", ("10",), FIRST),
+    Mistake("one row 30 K off", _scaled(T, 1.0, 30.0, 1, 4), "doubtful", ("interval 2, point 5", "30.0 K"), FIRST),
+    Mistake("last cells of a row lost", _rows(_short), "impossible", ("a cell is missing",), FIRST),
+    Mistake("cells shifted to the left", _rows(_shifted), "impossible", (), FIRST),
+    Mistake("cut in an interval", _rewritten(_cut), "doubtful", ("declares 9 points and holds 4",), FIRST, 49),
+    # intervals
+    Mistake("one interval 30 K too high", _scaled(T, 1.0, 30.0, 2), "impossible", ("interval 3",), FIRST),
+    Mistake("two intervals exchanged", _rows(_swapped_intervals), "doubtful", ("wrong order",), FIRST),
+    Mistake("constant temperature", _put(T, "20"), "impossible", ("constant",), FIRST),
+    Mistake(
+        "one interval slipped",
+        _both(*(_scaled(c, 0.2, 0.0, 3) for c in (STORAGE, LOSS, STRESS))),
+        "impossible",
+        (),
+        FIRST,
+    ),
+    # files
+    Mistake("same file twice", _copied, "doubtful", ("same",), SECOND),
+    Mistake("same values under another title", _copied_with_other_ends, "doubtful", ("same values",), SECOND),
+    Mistake("second file of PTFE", _of("ptfe"), "doubtful", ("another material",), SECOND),
+    Mistake("second file of NBR", _of("nbr"), "impossible", ("another material",), SECOND),
+    # what the session states
+    Mistake("nu 0.035", setting('nu = "0.35"', 'nu = "0.035"'), "doubtful", ("decimal point",), TOML, "nu"),
+    Mistake("nu 0.05", setting('nu = "0.35"', 'nu = "0.05"'), "doubtful", ("nu",), TOML, "nu"),
+    Mistake("torsion for tension", setting('"tension"', '"torsion"'), "doubtful", ("not torsion",), TOML, "mode"),
+    Mistake("shear for tension", setting('"tension"', '"shear"'), "doubtful", ("not shear",), TOML, "mode"),
+    Mistake("reference of 200 degrees", setting('"20 degC"', '"200 degC"'), "doubtful", ("T_ref",), TOML, "T_ref"),
+)
