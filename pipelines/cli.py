@@ -100,7 +100,8 @@ class LazyGroup(click.Group):
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="labpipe")
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
-def cli(debug: bool) -> None:
+@click.option("--quiet", is_flag=True, help="Print errors alone; the exit code says how it ended.")
+def cli(debug: bool, quiet: bool) -> None:
     """From raw contact-mechanics files to calibrated results, the simulation, and a report.
 
     \b
@@ -110,6 +111,12 @@ def cli(debug: bool) -> None:
       labpipe plan  my-session
       labpipe process my-session   # then open my-session/labpipe/reports/
     """  # noqa: D301
+
+
+def is_quiet() -> bool:
+    """Tell whether the command that runs was asked to print errors alone."""
+    context = click.get_current_context(silent=True)
+    return context is not None and bool(context.find_root().params.get("quiet"))
 
 
 def as_document(error: LabpipeError) -> dict[str, Any]:
@@ -173,8 +180,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         _end_cleanly()
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     debug, wants_json = "--debug" in arguments, "--json" in arguments
-    # --debug is welcome anywhere in the line; click knows it only before the command
-    arguments = ["--debug"] * debug + [a for a in arguments if a != "--debug"]
+    # These are welcome anywhere in the line; click knows them only before the command.
+    anywhere = ("--debug", "--quiet")
+    arguments = [a for a in anywhere if a in arguments] + [a for a in arguments if a not in anywhere]
     if (clash := foreign_package(["instruments", "calibration"])) is not None:
         sys.exit(report_error(InstallationError(clash), wants_json))
     try:

@@ -15,13 +15,14 @@ from starlette.routing import Route
 from labpipe.errors import InputError, LabpipeError
 from labpipe.files import safe_join
 from labpipe.workflow.session import FILE_NAME
+from pipelines.app import _measuring as measuring
 from pipelines.app import _setup as setup
 from pipelines.app._pictures import Pictures
 from pipelines.app._runs import Runs
 
 _ASSETS = Path(__file__).parent / "assets"
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".html": "text/html", ".svg": "image/svg+xml"}
-_NAMES = ("app.js", "setup.js", "app.css")
+_NAMES = ("app.js", "setup.js", "measure.js", "app.css")
 Told = dict[str, Any]
 
 
@@ -47,17 +48,20 @@ class Answers:
             "/assets/{name}": lambda request: _asset(request.path_params["name"], _NAMES),
             "/reports/{name:path}": self._report,
             "/api/picture": self._picture,
+            "/api/frame": lambda request: Response(self._image(request).png(), media_type="image/png"),
         }
         tells: dict[str, Callable[[Request], Told]] = {
             "/api/files": lambda request: self.files(),
             "/api/run": lambda request: self.runs.state(_number(request, "after")),
         }
+        tells["/api/image"] = lambda request: {"frames": self._image(request).frames}
         tells["/api/session"] = lambda request: self.session()
         posts: dict[str, Callable[[Told], Told]] = {
             "/api/run": self.run,
             "/api/init": self.init,
             "/api/check": self.check,
             "/api/write": self.write,
+            "/api/length": self.length,
         }
         routes = [Route(path, _guarded(answer), methods=["GET"]) for path, answer in gets.items()]
         routes += [Route(path, _told(answer), methods=["GET"]) for path, answer in tells.items()]
@@ -93,6 +97,22 @@ class Answers:
     def _picture(self, request: Request) -> Response:
         path = self.path(request.query_params.get("name"))
         return Response(self.pictures.of(path), media_type="image/png")
+
+    def _image(self, request: Request) -> measuring.Picture:
+        return measuring.picture(self.path(request.query_params.get("name")), _number(request, "index"))
+
+    def length(self, asked: Told) -> Told:
+        """Measure between two clicks in a picture or a frame."""
+        try:
+            first, second = (tuple(map(float, point)) for point in asked["points"])
+            index = int(asked.get("index", 0))
+            (x1, y1), (x2, y2) = first, second
+        except (KeyError, TypeError, ValueError):
+            message = "expected two points of x and y"
+            raise InputError(message) from None
+        grey = measuring.picture(self.path(asked.get("name")), index).grey
+        found = measuring.length(grey, (x1, y1), (x2, y2))
+        return {"points": found.points, "text": measuring.rounded(found.value, found.u), "found": found.found}
 
     def _report(self, request: Request) -> Response:
         path = self.path(f"labpipe/{request.path_params['name']}")

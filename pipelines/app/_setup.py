@@ -19,7 +19,7 @@ from labpipe.errors import ConfigError, InputError, LabpipeError
 from labpipe.files import safe_join
 from labpipe.workflow import config
 from labpipe.workflow import session as sessions
-from labpipe.workflow.document import parse
+from labpipe.workflow.document import dotted, parse
 from labpipe.workflow.fields import GAP, Dimension, FileMark, ReferenceMark, describe, is_gap, mark, split
 from labpipe.workflow.session import FILE_NAME
 from pipelines.app import _edits as edits
@@ -197,10 +197,10 @@ def state(folder: Path, texts: Mapping[str, str]) -> Told:
                 "kind": "" if kind is None else kind.name,
                 "title": "no known kind" if kind is None else kind.title,
                 "fields": [] if kind is None else _fields(kind.settings, table, place, FILE_NAME, names, records),
-                "waits": name in waiting,
+                "waits": name in waiting or _has_problem(name, table, problems),
             }
         )
-    shown = []
+    shown: list[Told] = []
     for name in records:
         record = _tree(texts[name])
         kind_of = RECORDS.get(str(record.get("kind")))
@@ -229,10 +229,10 @@ def _fields(kind: Any, table: Any, prefix: edits.Place, file: str, names: list[s
             {
                 "file": file,
                 "place": list(place),
-                "label": " ".join(f"{key + 1}" if isinstance(key, int) else key.replace("_", " ") for key in path),
+                "label": _label(path),
                 "text": "" if value is None or is_gap(value) else _as_text(value),
                 "files": value if is_files and isinstance(value, list) else None,
-                "expected": f"one of {', '.join(library_names())}" if path[-1] == "material" else describe(of),
+                "expected": _expected(of, path),
                 "required": _is_required(kind, path),
                 "gap": is_gap(value),
                 "choices": choices,
@@ -242,7 +242,30 @@ def _fields(kind: Any, table: Any, prefix: edits.Place, file: str, names: list[s
     return found
 
 
+def _has_problem(name: str, table: Mapping[str, Any], problems: list[Told]) -> bool:
+    """Tell whether something is wrong or to come in an experiment, or in a record that it names."""
+    place = dotted((edits.EXPERIMENTS, name))
+    return any(
+        problem["place"] == place
+        or problem["place"].startswith((f"{place}.", f"{place}["))
+        or problem["file"] in (table.get(key) for key in _RECORD_FIELDS)
+        for problem in problems
+    )
+
+
 _RECORD_FIELDS = ("calibration", "camera", "record")
+
+
+def _label(path: edits.Place) -> str:
+    words = (f"{key + 1}" if isinstance(key, int) else key.replace("_", " ") for key in path if key != "values")
+    return " ".join(words)
+
+
+def _expected(kind: Any, path: edits.Place) -> str:
+    """Say what a field takes when it is typed here, where texts need no quotation marks."""
+    if path[-1] == "material":
+        return f"one of {', '.join(library_names())}"
+    return describe(kind).replace("text in quotation marks", "a text").replace(" (without quotation marks)", "")
 
 
 def _as_text(value: Any) -> str:
@@ -265,23 +288,32 @@ def _problems(folder: Path, texts: Mapping[str, str]) -> tuple[list[Told], Mappi
         told += error.problems
     except LabpipeError as error:
         told.append(f"{FILE_NAME}:1: {error}")
+    told = [line for line in told if line.startswith(f"{FILE_NAME}:")]  # records are told by themselves
     for name, text in texts.items():
         kind = RECORDS.get(str(_tree(text).get("kind"))) if name != FILE_NAME else None
         if kind is not None:
-            try:
-                config.read(folder / name, kind, text=text)
-            except ConfigError as error:
-                told += [f"{name}:{line.partition(':')[2]}" for line in error.problems]
-            except LabpipeError as error:
-                told.append(f"{name}:1: {error}")
-    problems = []
-    for line in dict.fromkeys(told):
+            told += [f"{name}:{line.partition(':')[2]}" for line in _record_problems(folder / name, kind, text)]
+    problems: dict[tuple[str, ...], Told] = {}
+    for line in told:
         match = _PROBLEM.match(line)
-        if match is None:
-            problems.append({"file": FILE_NAME, "line": 1, "place": "", "message": line})
-        else:
-            problems.append({"file": match[1], "line": int(match[2]), "place": match[3] or "", "message": match[4]})
-    return problems, waiting
+        file, number, place, message = match.groups() if match is not None else (FILE_NAME, "1", "", line)
+        told_before = (file, place) if place else (file, "", message)
+        problems.setdefault(told_before, {"file": file, "line": int(number), "place": place or "", "message": message})
+    return list(problems.values()), waiting
+
+
+def _record_problems(path: Path, kind: Any, text: str) -> list[str]:
+    """Return what is wrong or still to come in a record."""
+    gaps: list[str] = []
+    try:
+        document = parse(path, text)
+        config.Checker(document, path.parent, gaps=gaps).structure(kind, document.tree, ())
+        document.finish()
+    except ConfigError as error:
+        return [*error.problems, *gaps]
+    except LabpipeError as error:
+        return [f"{path.name}:1: {error}"]
+    return gaps
 
 
 def difference(old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:

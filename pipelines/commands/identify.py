@@ -6,6 +6,7 @@ from typing import Literal
 
 import click
 
+from pipelines.cli import is_quiet
 from pipelines.commands.options import echo, echo_json, jobs_option, json_option, session_argument
 
 
@@ -76,5 +77,5 @@ def identify(session: Path, experiments: tuple[str, ...], prior: str | None,
 
 def _say(text: str) -> None:
     """Tell a terminal what goes on; a file or a pipe gets nothing."""
-    if sys.stderr.isatty():
+    if sys.stderr.isatty() and not is_quiet():
         click.echo(text, err=True)

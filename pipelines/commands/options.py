@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import click
 
 from labpipe.errors import InputError, SourceError, UsageError
-from pipelines.cli import printable
+from pipelines.cli import is_quiet, printable
 
 #: Each may hold half a gigabyte; more are for who knows the machine.
 _MOST_JOBS = 8
@@ -129,8 +129,9 @@ def cluster_option(function: F) -> F:
 
 
 def echo(text: str) -> None:
-    """Print text to stdout, stripped of what could repaint the terminal."""
-    click.echo(printable(text))
+    """Print text to stdout, stripped of what could repaint the terminal, unless told to be quiet."""
+    if not is_quiet():
+        click.echo(printable(text))
 
 
 def echo_json(document: Any) -> None:

@@ -13,10 +13,17 @@ if TYPE_CHECKING:
     from labpipe.workflow.runner import Event
 
 
+def _is_shown(enabled: bool) -> bool:
+    """Tell whether progress may be shown: to a person at a terminal who wants to see it."""
+    from pipelines.cli import is_quiet
+
+    return enabled and sys.stderr.isatty() and not is_quiet()
+
+
 @contextmanager
 def watching(enabled: bool = True) -> "Iterator[Callable[[Event], None] | None]":
     """Give a function that shows the events of a run, or None without a terminal."""
-    if not enabled or not sys.stderr.isatty():
+    if not _is_shown(enabled):
         yield None
         return
     from rich.console import Console
@@ -91,7 +98,7 @@ def counted(
     when : {"begun", "done"}
         Whether the function is called when a piece begins or when it has ended.
     """
-    if not enabled or not sys.stderr.isatty():
+    if not _is_shown(enabled):
         yield None
         return
     from rich.console import Console
@@ -115,7 +122,7 @@ def counted(
 @contextmanager
 def waiting(text: str, enabled: bool = True) -> Iterator[None]:
     """Show the elapsed time of a long task of unknown duration."""
-    if not enabled or not sys.stderr.isatty():
+    if not _is_shown(enabled):
         yield
         return
     from rich.console import Console

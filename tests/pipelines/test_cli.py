@@ -33,6 +33,15 @@ def test_help_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
     assert all(name in out for name in COMMANDS)
 
 
+def test_quiet_prints_errors_alone(capsys: pytest.CaptureFixture[str], small_session: Path) -> None:
+    assert run(capsys, "--quiet", "plan", str(small_session)) == (0, "", "")
+    assert run(capsys, "plan", str(small_session), "--quiet") == (0, "", "")
+    code, out, err = run(capsys, "--quiet", "plan", str(small_session), "--only", "no_such")
+    assert (code, out) == (2, "")
+    assert "no_such" in err
+    assert json.loads(run(capsys, "--quiet", "plan", str(small_session), "--json")[1])["rows"]
+
+
 @pytest.mark.parametrize("name", sorted(COMMANDS))
 def test_every_command_has_help_with_an_example(capsys: pytest.CaptureFixture[str], name: str) -> None:
     code, out, _ = run(capsys, name, "--help")

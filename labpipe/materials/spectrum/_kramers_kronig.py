@@ -29,6 +29,9 @@ Verdict = Literal["pass", "warn", "fail"]
 
 #: Misfit of the common fit over the misfit of either modulus alone: limits of pass and warn.
 PASS_RATIO, WARN_RATIO = 1.5, 3.0
+#: Relative misfit of the common fit, of the worse modulus: a pass or a warning is none beyond. Where
+#: both moduli are that rough by themselves, they are too rough to judge.
+PASS_MISFIT, WARN_MISFIT = 0.1, 0.3
 #: Share of the logarithmic frequency window, about its middle, where predictions are compared;
 #: near the ends one modulus cannot know what lies beyond.
 MIDDLE_SHARE = 0.7
@@ -111,7 +114,7 @@ def kramers_kronig(frequency: ArrayLike, storage: ArrayLike, loss: ArrayLike) ->
     ratio = max(common.misfit[0] / max(noise[0], _LEAST_MISFIT), common.misfit[1] / max(noise[1], _LEAST_MISFIT))
     middle = _middle(ln_omega)
     errors = (_rms((alone_storage.loss / second - 1.0)[middle]), _rms((storage_from_loss / first - 1.0)[middle]))
-    verdict, reason = _verdict(ratio, errors, f.size)
+    verdict, reason = _verdict(ratio, max(common.misfit), errors, f.size)
     return KramersKronig(
         verdict=verdict,
         ratio=ratio,
@@ -199,17 +202,17 @@ def _checked(frequency: ArrayLike, storage: ArrayLike, loss: ArrayLike) -> tuple
     return arrays[0][order], arrays[1][order], arrays[2][order]
 
 
-def _verdict(ratio: float, errors: tuple[float, float], points: int) -> tuple[Verdict, str]:
+def _verdict(ratio: float, misfit: float, errors: tuple[float, float], points: int) -> tuple[Verdict, str]:
     text = (
-        f"the common fit misses by {ratio:.2f} times what either modulus reaches alone; "
+        f"the common fit misses by {100 * misfit:.2g} %, {ratio:.2f} times what either modulus reaches alone; "
         f"predicted from each other they agree within {100 * errors[0]:.1f} % (loss) and "
         f"{100 * errors[1]:.1f} % (storage)"
     )
     if points < _LEAST_POINTS:
         return "warn", f"only {points} points: too few for a verdict; {text}"
-    if ratio <= PASS_RATIO:
+    if ratio <= PASS_RATIO and misfit <= PASS_MISFIT:
         return "pass", text
-    return ("warn" if ratio <= WARN_RATIO else "fail"), text
+    return ("warn" if ratio <= WARN_RATIO and misfit <= WARN_MISFIT else "fail"), text
 
 
 def _middle(ln_omega: Floats) -> NDArray[np.bool_]:

@@ -15,6 +15,7 @@ from labpipe.materials.spectrum import TERMS_PER_DECADE
 from labpipe.materials.superposition._joint_fit import Points
 from labpipe.materials.superposition._reweighting import Superposition
 from labpipe.materials.superposition._shift_law import fit_law
+from labpipe.materials.superposition._shift_parameters import LEAST_SPACING
 from labpipe.uncertainty import propagated_covariance
 
 # Weight of every shift in the law that carries the interpolation (decades, equal for all).
@@ -79,9 +80,35 @@ def anchor_at(points: Points, found: Superposition) -> Anchor:
         changes = np.array([other for _, other in found.alternatives]) - state.log10_aT
         changes = changes - (changes @ share)[:, None]
         covariance = covariance + changes.T @ changes / len(found.alternatives)
+    if found.rival is not None:
+        change = found.rival.log10_aT - state.log10_aT
+        change = change - float(share @ change)
+        apart = np.eye(model.temperature.size) - share
+        covariance = covariance + np.outer(change, change) + propagated_covariance(apart, found.rival.covariance)
+    if model.horizontal == "free":
+        apart = np.eye(count) - share
+        covariance = covariance + repeatability(model.temperature, state.log10_aT, covariance) ** 2 * (apart @ apart.T)
     # An error of the interpolation moves all shifts together.
     covariance = covariance + interpolation**2
     return Anchor(offset, share, moves, covariance)
+
+
+def repeatability(temperature: Floats, log10_aT: Floats, covariance: Floats) -> float:
+    """Return what a sweep's own error (its temperature, its specimen) adds to every shift, in decades.
+
+    Known where a temperature was measured more than once: the shifts of repeats differ by more
+    than their uncertainty says, and what they differ by nobody can exclude elsewhere.
+    """
+    deviation = log10_aT - _trend(temperature, log10_aT, float(np.median(temperature)))[:-1]
+    first, second = np.triu_indices(temperature.size, 1)
+    repeated = np.abs(temperature[first] - temperature[second]) < LEAST_SPACING
+    first, second = first[repeated], second[repeated]
+    if not first.size:
+        return 0.0
+    variance = np.diag(covariance)
+    expected = variance[first] + variance[second] - 2.0 * covariance[first, second]
+    excess = np.mean((deviation[first] - deviation[second]) ** 2 - expected) / 2.0
+    return float(max(float(excess), 0.0) ** 0.5)
 
 
 def _gaps(points: Points, temperature: Floats, log10_aT: Floats) -> tuple[Floats, Floats]:

@@ -26,7 +26,7 @@ from labpipe.materials.superposition._reweighting import (
     weights_of,
 )
 from labpipe.materials.superposition._shift_parameters import OuterModel, State, expected_shifts
-from labpipe.materials.superposition._vertical_law import vertical_values
+from labpipe.materials.superposition._vertical_law import is_physical, vertical_values
 
 # Before the first fit the shifts may still move: the grid of times reaches further out.
 FIRST_MARGIN = 1.5
@@ -65,7 +65,7 @@ def extended_by_a_law(
         for first in [current.fit.state, *([] if is_removal else first_states)]:
             fit = screened(points, weight, current, model, first)
             score = _criterion(points, fit, model)
-            if score < least:
+            if score < least and is_physical(fit.state.ln_bT, model.temperature, model.T_ref):
                 best, least = Candidate(model, fit, current.starts), score
     return best
 

@@ -3,11 +3,11 @@
 import numpy as np
 import xarray as xr
 
-from labpipe.materials.spectrum import KramersKronig
 from labpipe.materials.superposition._law_choice import free_shifts_gain
 from labpipe.materials.superposition._reweighting import Superposition
 from labpipe.materials.superposition._shift_law import LawName, ShiftLaw
 from labpipe.materials.superposition._sweep_data import SweepData
+from labpipe.materials.superposition._verdict import Verdict
 
 #: A step between neighbours known worse than this (decades) is called barely determined.
 BARELY_DETERMINED = 0.15
@@ -19,7 +19,7 @@ _LAW_HOLDS = 4.0
 
 
 def limits_of(
-    data: SweepData, found: Superposition, law: LawName | None, chosen: ShiftLaw, overlap: xr.Dataset, kk: KramersKronig
+    data: SweepData, found: Superposition, law: LawName | None, chosen: ShiftLaw, overlap: xr.Dataset, verdict: Verdict
 ) -> list[str]:
     """Say everything that limits the result, one sentence each."""
     notes: list[str] = []
@@ -28,7 +28,6 @@ def limits_of(
     if found.model.horizontal == "free":
         notes += _identifiability(overlap)
         notes += _other_solutions(found)
-        notes += _violation(found)
     notes += _gaps(overlap)
     if law is not None and data.points.count > len(chosen.parameters) + 1:
         gain = free_shifts_gain(data.points, found)
@@ -37,25 +36,7 @@ def limits_of(
                 f"the {law} law does not hold over these temperatures: free shifts fit better "
                 f"(F = {gain:.1f}); use law=None and look for a transition"
             )
-    if kk.verdict != "pass":
-        notes.append(f"Kramers-Kronig {kk.verdict}: {kk.reason}")
-    return notes
-
-
-def _violation(found: Superposition) -> list[str]:
-    if not found.alternatives:
-        return []
-    state, model = found.fit.state, found.model
-    shifts = np.array([other for _, other in found.alternatives])
-    change = np.abs(shifts - shifts[:, [model.reference]] - state.log10_aT)
-    worst = np.unravel_index(int(np.argmax(change)), change.shape)
-    return [
-        "time-temperature superposition does not hold to the scatter of the sweeps (the fit "
-        f"misses by {found.violation:.1f} times as much): with other weights of the moduli, "
-        "another vertical law or another start the shifts change by up to "
-        f"{change[worst]:.1f} decades ({float(model.temperature[worst[1]]):.0f} °C); their "
-        f"uncertainties include these changes"
-    ]
+    return [*notes, *verdict.reasons]
 
 
 def _gaps(overlap: xr.Dataset) -> list[str]:

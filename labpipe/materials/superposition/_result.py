@@ -26,6 +26,7 @@ from labpipe.materials.superposition._tables import (
     predictions,
     terms_of,
 )
+from labpipe.materials.superposition._verdict import Verdict, verdict_on
 from labpipe.notebook import html_table, text_table
 from labpipe.uncertainty import propagated_u
 from labpipe.variables import described, variable
@@ -76,6 +77,8 @@ class MasterCurve:
         Relative noise of ``storage`` and ``loss`` as found from the residuals.
     starts : tuple of (str, float, float)
         Name of every start, final cost, largest distance of its shifts from the best ones.
+    verdict : Verdict
+        Whether time-temperature superposition holds: pass, doubtful, or fail, with the reasons.
     warnings : tuple of str
     work : dict
         Counts for the ledger: isotherms, points, terms.
@@ -102,6 +105,7 @@ class MasterCurve:
     overlap: xr.Dataset
     noise: dict[str, float]
     starts: tuple[tuple[str, float, float], ...]
+    verdict: Verdict
     warnings: tuple[str, ...]
     work: dict[str, int]
 
@@ -164,6 +168,7 @@ class MasterCurve:
             "shift_law": self.law.name,
             "shift_law_parameters": json.dumps(list(self.law.parameters)),
             "kramers_kronig": self.kramers_kronig.verdict,
+            "superposition": self.verdict.level,
             "work": json.dumps(self.work),
         }
         return merged
@@ -185,7 +190,8 @@ def assembled(sweeps: xr.Dataset, data: SweepData, found: Superposition, law: La
     kk = kramers_kronig(*(reduced[name].values[data.row, data.column] for name in _REDUCED_NAMES))
     overlap = overlap_of_neighbours(data, log10_aT, covariance, BARELY_DETERMINED)
     window = (float(np.nanmin(reduced["reduced_frequency"])), float(np.nanmax(reduced["reduced_frequency"])))
-    notes = limits_of(data, found, law, chosen, overlap, kk)
+    verdict = verdict_on(found, kk)
+    notes = limits_of(data, found, law, chosen, overlap, verdict)
     for note in notes:
         warnings.warn(note, UserWarning, stacklevel=4)
     temperature = sweeps["temperature"]
@@ -217,6 +223,7 @@ def assembled(sweeps: xr.Dataset, data: SweepData, found: Superposition, law: La
         overlap=overlap,
         noise={"storage": float(found.noise.storage), "loss": float(found.noise.loss)},
         starts=found.starts,
+        verdict=verdict,
         warnings=(*data.warnings, *notes),
         work={"isotherms": data.points.count, "points": int(data.points.omega.size), "terms": int(prony.E.size)},
     )

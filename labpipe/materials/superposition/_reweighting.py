@@ -18,6 +18,7 @@ from labpipe.materials.superposition._joint_fit import (
 from labpipe.materials.superposition._noise import Noise, Scatter, next_noise
 from labpipe.materials.superposition._shift_parameters import OuterModel, expected_shifts
 from labpipe.materials.superposition._step_search import Probe
+from labpipe.materials.superposition._two_processes import TwoProcesses
 from labpipe.materials.superposition._vertical_law import Vertical
 from labpipe.uncertainty import propagated_variance
 
@@ -54,6 +55,10 @@ class Superposition:
         log10 a_T with the model changed, where superposition does not hold to the scatter.
     violation : float
         Noise of the fit over scatter of the sweeps, of the worse modulus.
+    rival : TwoProcesses, optional
+        Two processes that describe the sweeps better than superposition does.
+    refused : tuple of str
+        Vertical laws that fit only with factors of no material.
     """
 
     model: OuterModel
@@ -65,6 +70,8 @@ class Superposition:
     probe: Probe | None = None
     alternatives: tuple[tuple[str, Floats], ...] = ()
     violation: float = 1.0
+    rival: TwoProcesses | None = None
+    refused: tuple[Vertical, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,11 @@ VERTICAL_SIZE: dict[Vertical, int] = {"none": 0, "rho_T": 0, "linear": 1, "quadr
 _UNIT = 100.0
 # A factor this small means that the law has run away.
 _LEAST = 0.02
+#: Fastest fall and rise of ln b_T per kelvin that a material can show, and what is left to a
+#: sweep's own error: a glass softens by at most 0.6 % per kelvin, a rubber at constant density
+#: stiffens as T does, by less than 0.5 % from −70 °C on. A factor beyond is no vertical shift; it
+#: makes up for sweeps that do not superpose.
+STEEPEST_FALL, STEEPEST_RISE, _SLACK = 0.006, 0.005, 0.1
 
 
 def vertical_values(name: Vertical, parameters: Floats, temperature: Floats, T_ref: float) -> Floats | None:
@@ -44,6 +49,23 @@ def fit_vertical(name: Vertical, ln_bT: Floats, temperature: Floats, T_ref: floa
     if not powers.size:
         return np.empty(0)
     return np.asarray(np.linalg.lstsq(powers, np.expm1(ln_bT), rcond=None)[0])
+
+
+def is_physical(ln_bT: Floats, temperature: Floats, T_ref: float) -> bool:
+    """Tell whether vertical factors stay within what the modulus of a material can do.
+
+    Examples
+    --------
+    >>> celsius = np.array([-40.0, 20.0, 80.0])
+    >>> is_physical(vertical_values("rho_T", np.empty(0), celsius, 20.0), celsius, 20.0)
+    True
+    >>> is_physical(np.log([1.8, 1.0, 1.3]), celsius, 20.0)
+    False
+    """
+    step = temperature - T_ref
+    highest = np.where(step > 0, STEEPEST_RISE, -STEEPEST_FALL) * step + _SLACK
+    lowest = np.where(step > 0, -STEEPEST_FALL, STEEPEST_RISE) * step - _SLACK
+    return bool(np.all((ln_bT <= highest) & (ln_bT >= lowest)))
 
 
 def _powers(name: Vertical, temperature: Floats, T_ref: float) -> Floats:

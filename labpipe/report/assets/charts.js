@@ -443,16 +443,29 @@
     });
   };
 
+  /** Where a series is read: a line or band between its points as it is drawn, so that curves of different x can be subtracted; all else at point i. */
+  const placeOn = (chart, s, i, x) => {
+    const next = lowerBound(s.x, x);
+    const isBetween = !chart.isPlane && (s.style === "line" || s.style === "band") && next > 0 && next < s.x.length;
+    if (!isBetween) return { along: s.x[i], of: (values) => values[i] };
+    const f = forward(chart.description.xScale), height = chart.description.yScale;
+    const share = (f(x) - f(s.x[next - 1])) / (f(s.x[next]) - f(s.x[next - 1]));
+    const between = (values, scale) => backward(scale)((1 - share) * forward(scale)(values[next - 1]) + share * forward(scale)(values[next]));
+    return { along: x, of: (values) => between(values, values === s.u ? "linear" : height) };
+  };
+
   const hoverOne = (chart, s, left, top) => {
     const u = chart.plot;
     if (s.onHover && s.name !== chart.lit) { s.mark.style.display = "none"; return; }
     const i = chart.isPlane ? nearestInPlane(chart, s, left, top) : nearestAlong(s, u.posToVal(left, "x"));
     if (i < 0 || s.x.length === 0 || !s.shown) { s.value.textContent = ""; s.mark.style.display = "none"; return; }
     const say = (v) => readout(v, widthOf(u, "y"));
-    if (s.low !== null) { s.value.textContent = `${say(s.low[i])} … ${say(s.high[i])}`; return; }
-    const error = s.u !== null && s.u[i] === s.u[i] ? ` ± ${say(s.u[i])}` : "";
-    s.value.textContent = (s.onHover ? `${s.name}: ` : "") + (chart.isPlane ? `(${readout(s.x[i], widthOf(u, "x"))}, ${say(s.y[i])})` : say(s.y[i])) + error;
-    const x = u.valToPos(s.x[i], "x"), y = u.valToPos(s.y[i], "y");
+    const { along, of } = placeOn(chart, s, i, u.posToVal(left, "x"));
+    if (s.low !== null) { s.value.textContent = `${say(of(s.low))} … ${say(of(s.high))}`; return; }
+    const value = of(s.y), spread = s.u === null ? NaN : of(s.u);
+    const error = spread === spread ? ` ± ${say(spread)}` : "";
+    s.value.textContent = (s.onHover ? `${s.name}: ` : "") + (chart.isPlane ? `(${readout(along, widthOf(u, "x"))}, ${say(value)})` : say(value)) + error;
+    const x = u.valToPos(along, "x"), y = u.valToPos(value, "y");
     const isInside = x >= 0 && x <= u.over.clientWidth && y >= 0 && y <= u.over.clientHeight;
     s.mark.style.display = isInside ? "block" : "none";
     s.mark.style.background = inkOf(s);

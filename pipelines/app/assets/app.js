@@ -69,6 +69,14 @@ function fileCard(file) {
   card.append(make("p", { textContent: `${file.kind || "not recognised"} · ${size(file.size)} · ${file.modified}` }));
   if (file.copy_of) card.append(make("p", { className: "is-warning", textContent: `copy of ${file.copy_of}` }));
   card.append(make("p", { className: state, textContent: file.used_by.length ? `used by ${file.used_by.join(", ")}` : `not used: ${file.reason}` }));
+  if (file.content === "picture" || file.content === "film") {
+    const button = make("button", { type: "button", textContent: "Measure in it" });
+    button.addEventListener("click", () => {
+      show("measure");
+      trying(measureFile)(file.name);
+    });
+    card.append(make("p", {}, button));
+  }
   return card;
 }
 
@@ -104,7 +112,7 @@ by("begin").addEventListener("click", trying(async () => {
   const found = await ask("api/init", {});
   await loadFiles();
   show("setup");
-  say(`${found.experiments.length} experiments proposed, ${found.gaps.length} values to fill in.`);
+  say(`Proposed: ${found.experiments.join(", ")}; to fill in: ${found.gaps.length}.`);
 }));
 
 // --- run ---

@@ -71,14 +71,15 @@ function mark() {
   const others = setup.data.problems.filter((problem) => !known.has(problem.message));
   by("setup-problems").replaceChildren(...others.map((problem) => make("li", { textContent: `${problem.file}:${problem.line}: ${problem.place} ${problem.message}` })));
   const n = setup.data.problems.length;
-  by("setup-state").textContent = `${setup.data.experiments.length} experiments, ${setup.data.experiments.filter((one) => one.waits).length} wait; ${n} value${n === 1 ? "" : "s"} to fill in or correct`;
+  const all = setup.data.experiments.length;
+  by("setup-state").textContent = `${all} experiment${all === 1 ? "" : "s"}, of which ${setup.data.experiments.filter((one) => one.waits).length} must wait; ${n} value${n === 1 ? "" : "s"} to fill in or correct`;
   by("setup-write").disabled = by("setup-undo").disabled = !setup.edits.length;
 }
 
 const row = (field) => {
   const [input, ...more] = control(field);
   input.note = make("p", { className: "note" });
-  return make("label", { className: "field" }, make("span", { textContent: field.label + (field.required ? "" : " (optional)") }), input, ...more, input.note);
+  return make("label", { className: "field" }, make("span", { textContent: field.label + (field.required || field.gap ? "" : " (optional)") }), input, ...more, input.note);
 };
 
 async function restructure(edit) {

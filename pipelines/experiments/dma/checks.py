@@ -43,6 +43,7 @@ _FEW_ROWS, _MOST = 4, 0.6  # readings, and share of them at one temperature, tha
 _FOREIGN, _TORN = 0.25, 3.0
 """Share of the span of the shifts by which a table may differ, and times that residuals may grow:
 batches and laboratories differ by less than that, polymers by more."""
+_APART = "the material has two processes, or the specimen, its clamping or its temperature changed between sweeps"
 _NAMES = {"storage_modulus": "storage modulus", "loss_modulus": "loss modulus"}
 _FAILED = {
     "readings": "the file is not what the session says, or was not copied whole",
@@ -131,6 +132,7 @@ def judgement(
         _one_place(isotherms),
         *_files_alike(exports, found),
         _shifts(master_curve),
+        _superposition(master_curve),
         _foreign(published, master_curve),
     ]
     return judgements.judgement(Scene(checks))
@@ -651,6 +653,18 @@ def _files_alike(exports: Sequence[_Export], found: Sequence[Sequence[_Sweep]]) 
 def _is_copy(a: _Export, b: _Export) -> bool:
     names = ("storage_modulus", "loss_modulus")
     return a.good.sum() == b.good.sum() and all(np.array_equal(a.values(n), b.values(n)) for n in names)
+
+
+def _superposition(curve: xr.Dataset | None) -> Check:
+    """Hand on the verdict of the master curve: a material may defy it, the predictions then do as well."""
+    name, law = "superposition", "one spectrum and one shift for each temperature describe all sweeps"
+    if curve is None:
+        return not_made(name, law, "a master curve of several temperatures")
+    verdict = json.loads(curve.attrs["superposition"])
+    level: Level | None = {"pass": None, "doubtful": "note", "fail": "doubtful"}[verdict["level"]]
+    noise = json.loads(curve.attrs["noise"])
+    fit = f"the master curve misses E′ by {100 * noise['storage']:.2g} % and E″ by {100 * noise['loss']:.2g} %"
+    return stated(name, law, "; ".join(verdict["reasons"]) or fit, level, cause=_APART if level else "")
 
 
 def _shifts(curve: xr.Dataset | None) -> Check:

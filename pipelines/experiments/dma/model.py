@@ -65,6 +65,7 @@ def _stored(made: MasterCurve, sweeps: xr.Dataset, u_nu: float) -> xr.Dataset:
     kk.pop("curves")
     result.attrs |= {
         "kramers_kronig": json.dumps(kk),
+        "superposition": json.dumps(asdict(made.verdict), ensure_ascii=False),
         "laws": json.dumps({name: _law(law) for name, law in made.laws.items()}),
         "law": json.dumps(_law(made.law)),
         "noise": json.dumps(made.noise),

@@ -82,6 +82,9 @@ def _summary(sweeps: xr.Dataset | None, curve: xr.Dataset | None, ramp: xr.Datas
     if curve is not None:
         rows += _curve_rows(curve)
         verdict = json.loads(curve.attrs["kramers_kronig"])["verdict"]
+        superposition = json.loads(curve.attrs["superposition"])
+        reason = _sentence(superposition["reasons"][0]) if superposition["reasons"] else "one spectrum fits all sweeps"
+        rows.append(("superposition", superposition["level"], reason))
         rows.append(("Kramers–Kronig verdict", verdict, "consistency of storage and loss modulus"))
     rows += _transition_rows(ramp)
     blocks.append(KeyValues(rows))

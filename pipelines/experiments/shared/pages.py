@@ -42,7 +42,8 @@ def document(context: Context, subtitle: str, sections: Sequence[Section]) -> Do
     """Assemble a page: the sections of its kind between the head and the sections of every page."""
     head = (*((synthetic_notice(),) if context.synthetic else ()), *kept_notice(context))
     first, *rest = sections
-    opening = Section(first.title, (*head, *first.blocks), first.anchor)
+    answer = first.blocks[:1] if isinstance(first.blocks[0], Notice) else ()  # the verdict, before all else
+    opening = Section(first.title, (*answer, *head, *first.blocks[len(answer) :]), first.anchor)
     return Document(
         title=context.experiment,
         subtitle=f"{subtitle} · {context.title}" if context.title else subtitle,

@@ -1,14 +1,20 @@
 """The local page in a real browser: from raw files to a report, with the keyboard alone as well."""
 
 import shutil
+import tomllib
 from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from instruments import phantom
+from instruments.phantom._writer import Recording
 from pipelines.session import open_session
 from tests.labpipe.report.conftest import CHROMIUM, Browser
 from tests.pipelines.app.conftest import Page
+from tests.pipelines.app.test_measuring import ruler
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +100,7 @@ def test_from_raw_files_to_a_verdict_by_the_keyboard_alone(
     for width in (1400, 390):
         window.visit(page.address, width=width)
         window.until("document.querySelectorAll('#file-list li').length === 4")
-        for part in ("Files", "Set-up", "Run", "Reports"):
+        for part in ("Files", "Set-up", "Measure", "Run", "Reports"):
             window.run(f"[...document.querySelectorAll('nav button')].find(b => b.textContent === '{part}').click()")
             window.settle()
             assert window.run("document.documentElement.scrollWidth") <= width, part
@@ -144,3 +150,85 @@ def test_the_page_says_when_its_server_is_gone(window: Browser, page: Page) -> N
     window.until("document.querySelectorAll('#file-list li').length === 4")
     page.served.stop()
     window.until("document.getElementById('message').textContent.includes('does not answer')")
+
+
+@pytest.fixture
+def filmed(tmp_path: Path) -> Path:
+    """A film of a body between two edges 380 px apart, and nothing else."""
+    folder = tmp_path / "filmed"
+    folder.mkdir()
+    grey = ruler(0.0, 380.0, "edge", np.random.default_rng(3)).astype(np.uint8)
+    day = int(datetime(2024, 5, 14, 9, 30, tzinfo=UTC).timestamp())
+    recording = Recording(frame_rate=4000, exposure=5e-5, bits=8, trigger=day)
+    phantom.write(folder / "acrylic_front.cine", np.stack([grey] * 3), (3, *grey.shape), np.arange(3) / 4000, recording)
+    return folder
+
+
+def test_two_clicks_and_a_drag_make_a_scale_and_a_subset(
+    window: Browser, filmed: Path, serving: Callable[[Path], Page]
+) -> None:
+    page = serving(filmed)
+    page.told("api/init", {})
+    window.visit(page.address)
+    window.until("document.querySelectorAll('#file-list button').length === 1")
+    window.run("document.querySelector('#file-list button').click()")
+    window.until("stage.image !== null && document.getElementById('measure-canvas').width > 100")
+    window.settle()
+
+    def at(x: float, y: float) -> tuple[float, float]:
+        window.run("document.getElementById('measure-canvas').scrollIntoView({block: 'center'})")
+        left, top = window.run(
+            "(() => { const b = document.getElementById('measure-canvas').getBoundingClientRect();"
+            " return [b.left, b.top]; })()"
+        )
+        return left + x + 0.5, top + y + 0.5
+
+    window.click(*at(62, 150))
+    window.click(*at(438, 150))
+    text = window.until("stage.result && stage.result.text")
+    value, u = (float(part) for part in text.removesuffix(" px").split(" ± "))
+    assert abs(value - 380.0) < 0.06
+    assert 0 < u < 0.06
+    window.until("document.getElementById('measure-length') !== null")
+    window.run("document.getElementById('measure-length').value = '30,00 ± 0,02 mm'")
+    window.run("[...document.querySelectorAll('#measure button')].find(b => b.textContent === 'Use as scale').click()")
+    window.until("!document.getElementById('setup').hidden")
+    window.run("show('measure')")
+    window.run(
+        "(() => { const t = document.getElementById('measure-tool'); t.value = 'body';"
+        " t.dispatchEvent(new Event('change')); })()"
+    )
+    window.drag(at(250, 150), at(290, 150))
+    window.until("document.getElementById('measure-experiment') !== null")
+    window.run("[...document.querySelectorAll('#measure-use button')].at(-1).click()")
+    window.until("!document.getElementById('setup').hidden")
+    window.run("document.getElementById('setup-write').click()")
+    window.until("document.querySelector('#difference[open] .plus') !== null")
+    window.run("document.getElementById('difference-write').click()")
+    window.until("document.getElementById('message').textContent.startsWith('Written')")
+    record = (filmed / "calibration/camera_front.toml").read_text("utf-8")
+    assert f'pixel_length = "{text}"' in record
+    assert 'reference_length = "30,00 ± 0,02 mm"' in record
+    tracking = tomllib.loads((filmed / "session.toml").read_text("utf-8"))["experiments"]["acrylic_front"]["tracking"]
+    assert tracking["body_subset"] == 81
+    assert tracking["body"] == pytest.approx([250, 150], abs=1.5)
+    quiet(window, page)
+
+
+def test_places_are_set_with_the_keyboard_too(window: Browser, filmed: Path, serving: Callable[[Path], Page]) -> None:
+    page = serving(filmed)
+    window.visit(page.address, width=390)
+    window.until("document.querySelectorAll('#file-list button').length === 1")
+    window.run("document.querySelector('#file-list button').click()")
+    window.until("stage.image !== null")
+    window.run("stage.cursor = [64, 150]; document.getElementById('measure-canvas').focus()")
+    person = Person(window)
+    for key, code in (("ArrowLeft", 37), ("ArrowLeft", 37)):
+        person.press(key, code=code)
+    person.enter()
+    window.run("stage.cursor = [436, 150]")
+    person.press("ArrowRight", code=39)
+    person.enter()
+    text = window.until("stage.result && stage.result.text")
+    assert abs(float(text.split(" ± ")[0]) - 380.0) < 0.06
+    assert window.run("document.documentElement.scrollWidth") <= 390

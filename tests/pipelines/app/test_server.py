@@ -3,9 +3,12 @@
 import hashlib
 import json
 import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -28,7 +31,7 @@ def test_the_page_and_its_parts_come_from_here_alone(page: Page) -> None:
     assert b"http" not in text
     assert "default-src 'none'" in page.headers["content-security-policy"]
     assert page.headers["x-content-type-options"] == "nosniff"
-    for name in ("app.js", "setup.js", "app.css"):
+    for name in ("app.js", "setup.js", "measure.js", "app.css"):
         assert page.ask(f"assets/{name}")[0] == 200
     assert page.ask("assets/../_serve.py")[0] == 404
     assert page.ask("assets/app.html")[0] == 404
@@ -175,3 +178,51 @@ def test_a_run_is_stopped_and_goes_on_to_its_verdicts(page: Page, raw: Path) -> 
     assert not done & again
     assert {e["experiment"] for e in ended["events"] if e["kind"] == "verdict"} == {"drop", "nbr"}
     assert "reports/drop.html" in page.told("api/files")["pages"]
+
+
+def fill_in(page: Page) -> None:
+    page.told("api/init", {})
+    base = page.told("api/session")["base"]
+    page.told("api/write", {"base": base, "edits": edits(*FILLED)})
+
+
+@pytest.mark.slow
+def test_after_a_kill_the_run_ends_and_goes_on_where_it_was(
+    raw: Path, serving: Callable[[Path], Page], tmp_path: Path
+) -> None:
+    fill_in(serving(raw))
+    command = [sys.executable, "-m", "labpipe", "open", str(raw), "--no-browser"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, text=True, env=os.environ | {"PYTHONUNBUFFERED": "1"}
+    ) as one:
+        assert one.stdout is not None
+        first = Page(SimpleNamespace(address=one.stdout.readline().rpartition(": ")[2].strip()))
+        first.told("api/run", {"action": "process"})
+        state = until(first, lambda state: any(e["kind"] == "done" for e in state["events"]))
+        one.kill()
+    done = {(e["experiment"], e["stage"], e["recording"]) for e in state["events"] if e["kind"] == "done"}
+    log = raw / "labpipe/run.jsonl"
+    end = time.monotonic() + 120
+    while '"run interrupted"' not in log.read_text("utf-8"):  # its process has noticed
+        assert time.monotonic() < end
+        time.sleep(0.2)
+    again = serving(raw)
+    again.told("api/run", {"action": "process"})
+    ended = until(again, lambda state: not state["running"])
+    assert ended["code"] in (0, 1), ended
+    assert not done & {(e["experiment"], e["stage"], e["recording"]) for e in ended["events"] if e["kind"] == "done"}
+
+
+@pytest.mark.slow
+def test_what_arrives_while_it_is_watched_is_processed(page: Page, raw: Path) -> None:
+    fill_in(page)
+    late = raw / "mach1/nbr.txt"
+    data = late.read_bytes()
+    late.unlink()
+    page.told("api/run", {"action": "watch"})
+    until(page, lambda state: ("nbr", "waiting") in [(e.get("experiment"), e.get("state")) for e in state["events"]])
+    late.write_bytes(data)
+    state = until(page, lambda state: "nbr" in [e["experiment"] for e in state["events"] if e["kind"] == "verdict"])
+    assert ("nbr", "processed") in [(e.get("experiment"), e.get("state")) for e in state["events"]]
+    page.told("api/run", {"action": "stop"})
+    assert until(page, lambda state: not state["running"])["code"] == 130

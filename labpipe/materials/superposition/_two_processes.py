@@ -1,0 +1,209 @@
+r"""The alternative to superposition: two processes that shift apart.
+
+.. math::
+    E_k(\omega) = E_{relaxed} + \sum_j g_j \frac{i\omega a_k\tau_j}{1 + i\omega a_k\tau_j}
+                  + \sum_j h_j \frac{i\omega a_k^r\tau_j}{1 + i\omega a_k^r\tau_j}
+
+The second spectrum shifts by the share r of the first one's decades, as a secondary relaxation
+does whose activation energy is lower. Vertical factors, levels and a delay can imitate this over
+a few decades so well that both moduli stay consistent; only the comparison tells. It costs one
+number more than superposition and no vertical law.
+
+References
+----------
+Plazek, J. Rheol. 40 (1996) 987, doi:10.1122/1.550776.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from labpipe.arrays import Floats
+from labpipe.materials.spectrum import (
+    MARGIN_DECADES,
+    Grid,
+    Solution,
+    compress,
+    make_grid,
+    maxwell_shapes,
+    solve,
+    solve_nearby,
+    solve_normal,
+)
+from labpipe.materials.superposition._joint_fit import Points
+from labpipe.materials.superposition._shift_law import fit_law, law_values
+from labpipe.materials.superposition._shift_parameters import OuterModel
+
+# Shares of the second process to start from; it stays between these limits.
+_SHARES, _LEAST_SHARE, _MOST_SHARE = (0.35, 0.65), 0.05, 0.97
+_DAMPINGS = (1e-3, 1e-1, 10.0)
+_MAX_ITERATIONS, _TOLERANCE = 20, 1e-3
+# Shifts move by this much (decades) in one step at most, the share by a tenth of it.
+_MAX_STEP = 0.5
+_LN10 = float(np.log(10.0))
+
+
+@dataclass(frozen=True, slots=True)
+class TwoProcesses:
+    """The best fit of two processes.
+
+    Attributes
+    ----------
+    share : float
+        Decades that the second process shifts for each of the first.
+    log10_aT : array (isotherm,)
+        Of the first process, zero at the reference isotherm.
+    covariance : array (isotherm, isotherm)
+        Of ``log10_aT``, the spectra and the share having followed.
+    cost : float
+        Misfit, twice the effective number of terms, and the expectation of shifts: comparable
+        with :func:`._joint_fit.predictive_cost` at the same weights.
+    """
+
+    share: float
+    log10_aT: Floats
+    covariance: Floats
+    cost: float
+
+
+def two_processes(points: Points, weight: Floats, model: OuterModel, log10_aT: Floats, strength: float) -> TwoProcesses:
+    """Fit two processes to the sweeps.
+
+    Parameters
+    ----------
+    points : Points
+    weight : array (2 point,)
+        One over the noise, storage first.
+    model : OuterModel
+        Free shifts; its vertical law, levels and delay are left out.
+    log10_aT : array (isotherm,)
+        Shifts of one process, to start from.
+    strength : float
+        Smoothing of either spectrum.
+    """
+    hot = np.argsort(model.temperature)[-max(4, model.temperature.size // 2) :]
+    law = fit_law("wlf", model.temperature[hot], log10_aT[hot], np.eye(hot.size), model.T_ref)
+    continued = law_values("wlf", np.array(law.parameters), model.temperature, model.T_ref)
+    starts = [log10_aT]
+    if continued is not None:
+        starts.append(continued - continued[model.reference])
+    fits = [_Search(points, weight, model, strength).best(first, share) for first in starts for share in _SHARES]
+    return min(fits, key=lambda fit: fit.cost)
+
+
+@dataclass(frozen=True, slots=True)
+class _Spectra:
+    """Both spectra at one set of shifts, with the sensitivities to the shifts of either process."""
+
+    solution: Solution
+    residual: Floats
+    rows: Floats
+    normal: Floats
+    by_first: Floats
+    by_second: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class _Search:
+    points: Points
+    weight: Floats
+    model: OuterModel
+    strength: float
+
+    def best(self, log10_aT: Floats, share: float) -> TwoProcesses:
+        """Improve all shifts and the share by damped Gauss-Newton steps."""
+        grids = (self._grid(log10_aT), self._grid(share * log10_aT))
+        penalty = _stacked(*grids)
+        found = self._spectra(grids, penalty, log10_aT, share, None)
+        cost = self._cost(found, log10_aT)
+        for _ in range(_MAX_ITERATIONS):
+            gain = 0.0
+            for damping in _DAMPINGS:
+                shifts, other = self._step(found, log10_aT, share, damping)
+                trial = self._spectra(grids, penalty, shifts, other, found.solution)
+                lower = self._cost(trial, shifts)
+                if lower < cost:
+                    gain, found, cost, log10_aT, share = cost - lower, trial, lower, shifts, other
+                    break
+            if gain <= _TOLERANCE * cost:
+                break
+        normal, _, free = self._problem(found, log10_aT, share)
+        covariance = free @ np.linalg.pinv(normal, hermitian=True)[:-1, :-1] @ free.T
+        predictive = found.solution.misfit + 2.0 * found.solution.freedom + self._pull(log10_aT)
+        return TwoProcesses(share, log10_aT, covariance, predictive)
+
+    def _grid(self, log10_aT: Floats) -> Grid:
+        points = self.points
+        x = np.log(points.omega) + _LN10 * log10_aT[points.isotherm]
+        return make_grid(x, points.storage, points.loss, terms_per_decade=2, margin=MARGIN_DECADES)
+
+    def _spectra(
+        self, grids: tuple[Grid, Grid], penalty: Floats, log10_aT: Floats, share: float, guess: Solution | None
+    ) -> _Spectra:
+        points = self.points
+        storage, loss, slopes = [], [], []
+        for grid, shifts in zip(grids, (log10_aT, share * log10_aT), strict=True):
+            x = np.log(points.omega) + _LN10 * shifts[points.isotherm]
+            up, down = maxwell_shapes(x, grid.ln_time)
+            scale = grid.scale[:-1]
+            storage.append(up * scale)
+            loss.append(down * scale)
+            slopes.append(np.vstack([2.0 * down**2, down * (1.0 - 2.0 * up)]) * scale)
+        constant = np.full((points.omega.size, 1), grids[0].scale[-1])
+        design = np.vstack([np.hstack([*storage, constant]), np.hstack([*loss, 0.0 * constant])])
+        rows = design * self.weight[:, None]
+        target = np.concatenate([points.storage, points.loss]) * self.weight
+        solution = solve_nearby(rows, target, penalty, guess) if guess is not None else None
+        if solution is None:
+            solution = solve(*compress(rows, target), penalty, self.strength)
+        weights, active = solution.coefficient, solution.coefficient > 0
+        first = grids[0].ln_time.size
+        used = rows[:, active]
+        return _Spectra(
+            solution=solution,
+            residual=target - rows @ weights,
+            rows=used,
+            normal=used.T @ used + self.strength * penalty[:, active].T @ penalty[:, active],
+            by_first=(slopes[0] @ weights[:first]) * self.weight * _LN10,
+            by_second=(slopes[1] @ weights[first:-1]) * self.weight * _LN10,
+        )
+
+    def _step(self, found: _Spectra, log10_aT: Floats, share: float, damping: float) -> tuple[Floats, float]:
+        """Return the next shifts and share."""
+        normal, gradient, free = self._problem(found, log10_aT, share)
+        diagonal = np.maximum(np.diag(normal), 1e-12)
+        step = solve_normal(normal + damping * np.diag(diagonal), gradient)
+        step /= max(1.0, float(np.max(np.abs(step[:-1]))) / _MAX_STEP, abs(float(step[-1])) / (0.1 * _MAX_STEP))
+        return log10_aT + free @ step[:-1], float(np.clip(share + step[-1], _LEAST_SHARE, _MOST_SHARE))
+
+    def _problem(self, found: _Spectra, log10_aT: Floats, share: float) -> tuple[Floats, Floats, Floats]:
+        """Return normal matrix and gradient of free shifts and share; the spectra follow (Kaufman's form)."""
+        isotherm = np.concatenate([self.points.isotherm, self.points.isotherm])
+        free = np.delete(np.eye(log10_aT.size), self.model.reference, axis=1)
+        change = np.column_stack(
+            [(found.by_first + share * found.by_second)[:, None] * free[isotherm], found.by_second * log10_aT[isotherm]]
+        )
+        coupling = found.rows.T @ change
+        normal = change.T @ change - coupling.T @ solve_normal(found.normal, coupling)
+        gradient = change.T @ found.residual
+        if self.model.expectation is not None:
+            known = self.model.expectation
+            pull = known.rows @ free
+            normal[:-1, :-1] += pull.T @ pull
+            gradient[:-1] -= pull.T @ (known.rows @ log10_aT - known.target)
+        return normal, gradient, free
+
+    def _pull(self, log10_aT: Floats) -> float:
+        return 0.0 if self.model.expectation is None else self.model.expectation.cost(log10_aT)
+
+    def _cost(self, found: _Spectra, log10_aT: Floats) -> float:
+        return found.solution.misfit + found.solution.roughness + self._pull(log10_aT)
+
+
+def _stacked(first: Grid, second: Grid) -> Floats:
+    """Return the penalty on either spectrum; the relaxed modulus, last, pays none."""
+    one, other = first.penalty[:, :-1], second.penalty[:, :-1]
+    penalty = np.zeros((one.shape[0] + other.shape[0], one.shape[1] + other.shape[1] + 1))
+    penalty[: one.shape[0], : one.shape[1]] = one
+    penalty[one.shape[0] :, one.shape[1] : -1] = other
+    return penalty

@@ -1,0 +1,99 @@
+"""Whether a master curve can be trusted: one verdict from everything that contradicts it.
+
+Storage and loss may obey Kramers and Kronig although the sweeps do not superpose, and a fit may
+follow the sweeps to their scatter although its vertical factors are those of no material. So the
+verdict asks all of it: residuals against the scatter and in absolute terms, causality, the
+vertical law, and the alternative of two processes that shift apart.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from labpipe.materials.spectrum import KramersKronig
+from labpipe.materials.superposition._model_doubt import VIOLATED
+from labpipe.materials.superposition._reweighting import Superposition
+
+Level = Literal["pass", "doubtful", "fail"]
+
+# Residuals over scatter from which no smaller error explains them; and relative residuals that no
+# rheometer's noise explains, however rough the sweeps: doubtful, and failed.
+_FAR_BEYOND = 3.0
+_ROUGH, _HOPELESS = {"storage": 0.05, "loss": 0.10}, {"storage": 0.15, "loss": 0.30}
+# Shifts that differ by less (decades) between one process and two are the same for most uses.
+_SAME_SHIFT = 0.15
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Whether time-temperature superposition holds.
+
+    Attributes
+    ----------
+    level : {"pass", "doubtful", "fail"}
+    reasons : tuple of str
+        Everything that speaks against it, one sentence each; empty for a pass.
+    """
+
+    level: Level
+    reasons: tuple[str, ...]
+
+
+def verdict_on(found: Superposition, kk: KramersKronig) -> Verdict:
+    """Judge a fit."""
+    objections = [*_two_processes(found), *_residuals(found), *_vertical(found), *_causality(kk)]
+    order: tuple[Level, ...] = ("pass", "doubtful", "fail")
+    worst = max((order.index(level) for level, _ in objections), default=0)
+    return Verdict(order[worst], tuple(reason for _, reason in objections))
+
+
+def _two_processes(found: Superposition) -> Iterator[tuple[Level, str]]:
+    if found.rival is None:
+        return
+    change = np.abs(found.rival.log10_aT - found.fit.state.log10_aT)
+    worst = int(np.argmax(change))
+    yield (
+        "fail" if change[worst] > _SAME_SHIFT else "doubtful",
+        "two processes that shift apart, the second by "
+        f"{found.rival.share:.2f} decades for each decade of the first, describe the sweeps better than one master "
+        f"curve does; their shifts differ by up to {change[worst]:.2f} decades "
+        f"({float(found.model.temperature[worst]):.0f} °C), and the stated uncertainties include that",
+    )
+
+
+def _residuals(found: Superposition) -> Iterator[tuple[Level, str]]:
+    if found.violation > VIOLATED:
+        text = (
+            "time-temperature superposition does not hold to the scatter of the sweeps (the fit misses by "
+            f"{found.violation:.1f} times as much)"
+        )
+        if found.alternatives:
+            shifts = np.array([other for _, other in found.alternatives])
+            change = np.abs(shifts - shifts[:, [found.model.reference]] - found.fit.state.log10_aT)
+            worst = np.unravel_index(int(np.argmax(change)), change.shape)
+            text += (
+                ": with other weights of the moduli, another vertical law or another start the shifts change by up "
+                f"to {change[worst]:.1f} decades ({float(found.model.temperature[worst[1]]):.0f} °C); their "
+                "uncertainties include these changes"
+            )
+        yield ("fail" if found.violation > _FAR_BEYOND else "doubtful", text)
+    for name, size in (("storage", found.noise.storage), ("loss", found.noise.loss)):
+        if size > _ROUGH[name]:
+            level: Level = "fail" if size > _HOPELESS[name] else "doubtful"
+            yield level, f"the master curve misses the {name} modulus by {100 * size:.0f} % (root mean square)"
+
+
+def _vertical(found: Superposition) -> Iterator[tuple[Level, str]]:
+    if found.refused:
+        yield (
+            "doubtful",
+            f"the sweeps ask for a {' or '.join(found.refused)} vertical factor steeper than a material's modulus can "
+            "change; it was refused, for it would make up for sweeps that do not superpose",
+        )
+
+
+def _causality(kk: KramersKronig) -> Iterator[tuple[Level, str]]:
+    if kk.verdict != "pass":
+        yield ("fail" if kk.verdict == "fail" else "doubtful", f"Kramers-Kronig {kk.verdict}: {kk.reason}")

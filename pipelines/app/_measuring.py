@@ -1,0 +1,228 @@
+"""Lengths in a picture or a frame: two clicks, refined to what lies under them, with uncertainty.
+
+Across each end, profiles along the line between the clicks are taken, one beside the other. Each
+is fitted by an edge (an error function) or a graduation (a Gaussian line), whichever leaves less; a
+straight line through the places found gives the place on the line of the clicks, its scatter the
+standard uncertainty, and its slope by how much the line was drawn askew.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from labpipe.errors import InputError
+from pipelines.app._pictures import PHOTOGRAPHS, photograph
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_REACH = 12
+"""px on either side of a click that are looked at along the line."""
+_ROWS = 6
+"""Profiles on either side of the line, one px apart."""
+_LEAST_ROWS = 5
+_LEAST_SIGNAL = 5.0
+"""Step or line over the noise that is left, below which nothing is found."""
+_SHORTEST = 4 * _REACH
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """Grey levels (row, column) of a picture or frame, and of how many frames."""
+
+    grey: NDArray[np.float64]
+    frames: int
+
+    def png(self) -> bytes:
+        """Return it as an 8-bit PNG."""
+        from PIL import Image
+
+        stream = io.BytesIO()
+        Image.fromarray(np.clip(np.round(self.grey), 0, 255).astype(np.uint8)).save(stream, "png", compress_level=1)
+        return stream.getvalue()
+
+
+def picture(path: Path, index: int = 0) -> Picture:
+    """Read a picture, or one frame of a film, as grey levels from 0 (black) to 255 (white).
+
+    Raises
+    ------
+    LabpipeError
+        It is neither, the frame is not there, or is damaged.
+    """
+    if path.is_file() and path.suffix.lower() in PHOTOGRAPHS:
+        return Picture(np.asarray(photograph(path).convert("L"), dtype=np.float64), 1)
+    import instruments
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # told where the film is inspected or processed
+        film: Any = instruments.read(path)
+    if not hasattr(film, "levels"):
+        message = f"{path.name} holds readings, no pictures"
+        raise InputError(message)
+    if not 0 <= index < len(film) or not film.valid[index]:
+        message = f"{path.name} has no frame {index} that can be read"
+        raise InputError(message)
+    black, white = film.levels
+    grey = (np.asarray(film[index], dtype=np.float64) - black) * (255.0 / max(white - black, 1e-9))
+    return Picture(grey, len(film))
+
+
+@dataclass(frozen=True, slots=True)
+class Length:
+    """A length between two places of a picture.
+
+    Attributes
+    ----------
+    points : tuple of (float, float)
+        x to the right and y down [px], the centre of the first pixel at (0, 0).
+    value, u : float [px]
+        Length, with its standard uncertainty.
+    found : tuple of str
+        What lies at either end, ``"edge"`` or ``"graduation"``.
+    """
+
+    points: tuple[tuple[float, float], tuple[float, float]]
+    value: float
+    u: float
+    found: tuple[str, str]
+
+
+def length(grey: NDArray[np.float64], first: tuple[float, float], second: tuple[float, float]) -> Length:
+    """Refine two clicks to the edges or graduations under them.
+
+    Parameters
+    ----------
+    grey : array (row, column)
+        Grey levels.
+    first, second : (float, float)
+        x and y of the clicks [px].
+
+    Returns
+    -------
+    Length
+        Measured across the graduations: a line drawn askew by an angle ε is longer by 1/cos ε,
+        which their slope tells.
+
+    Raises
+    ------
+    InputError
+        The clicks are too near to each other or to the border, or nothing is found under one.
+    """
+    start, stop = np.asarray(first, float), np.asarray(second, float)
+    distance = float(np.hypot(*(stop - start)))
+    if not distance >= _SHORTEST:
+        message = f"the two places are {distance:.0f} px apart; choose them at least {_SHORTEST} px apart"
+        raise InputError(message)
+    along = (stop - start) / distance
+    ends = [_refined(grey, place, along) for place in (start, stop)]
+    places = [place + end.shift * along for place, end in zip((start, stop), ends, strict=True)]
+    askew = math.atan((ends[0].slope + ends[1].slope) / 2)
+    value = float(np.hypot(*(places[1] - places[0]))) * math.cos(askew)
+    (x1, y1), (x2, y2) = (tuple(map(float, place)) for place in places)
+    return Length(((x1, y1), (x2, y2)), value, math.hypot(ends[0].u, ends[1].u), (ends[0].kind, ends[1].kind))
+
+
+@dataclass(frozen=True, slots=True)
+class _End:
+    shift: float
+    slope: float
+    u: float
+    kind: str
+
+
+def _refined(grey: NDArray[np.float64], place: NDArray[np.float64], along: NDArray[np.float64]) -> _End:
+    """Find what lies near a place, along a direction."""
+    across = np.array([-along[1], along[0]])
+    x, rows = np.arange(-_REACH, _REACH + 1.0), np.arange(-_ROWS, _ROWS + 1.0)
+    at = place + x[None, :, None] * along + rows[:, None, None] * across
+    inside = (at >= 0) & (at <= np.array(grey.shape[::-1]) - 1.0)
+    if not inside.all():
+        message = f"({place[0]:.0f}, {place[1]:.0f}) is too near to the border of the picture"
+        raise InputError(message)
+    profiles = _interpolated(grey, at)
+    start = _coarse(x, profiles.mean(axis=0))
+    fits = {kind: _fitted(x, profiles.mean(axis=0), kind, start[kind]) for kind in start}
+    kind = min(fits, key=lambda name: fits[name][1])
+    model, _, signal, noise = fits[kind]
+    each = [_fitted(x, profile, kind, model) for profile in profiles]
+    reach = 3.0 * abs(model[2]) + 2.0
+    kept = np.array([abs(m[1] - model[1]) < reach and np.sign(m[0]) == np.sign(model[0]) for m, _, _, _ in each])
+    if signal < _LEAST_SIGNAL * noise or kept.sum() < _LEAST_ROWS or abs(model[1]) > _REACH - 1:
+        message = f"nothing is found at ({place[0]:.0f}, {place[1]:.0f}): click on an edge or a graduation"
+        raise InputError(message)
+    shifts = np.array([m[1] for m, _, _, _ in each])[kept]
+    slope, middle = np.polyfit(rows[kept], shifts, 1)
+    rest = shifts - (slope * rows[kept] + middle)
+    # Interpolation between pixels makes neighbouring profiles alike where the line is oblique.
+    oblique = 1.0 + abs(along[0] * along[1])
+    u = oblique * float(np.sqrt(np.sum(rest**2) / (kept.sum() - 2) / kept.sum()))
+    return _End(float(middle), float(slope), u, kind)
+
+
+def _interpolated(grey: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return grey levels at places (…, [x, y]) by cubic splines, which shift no edge."""
+    from scipy.ndimage import map_coordinates, spline_filter
+
+    low = np.maximum(np.floor(at.min(axis=(0, 1))).astype(int) - 8, 0)
+    high = np.minimum(np.ceil(at.max(axis=(0, 1))).astype(int) + 9, np.array(grey.shape[::-1]))
+    part = spline_filter(grey[low[1] : high[1], low[0] : high[0]], order=3)
+    found: NDArray[np.float64] = map_coordinates(
+        part, [at[..., 1] - low[1], at[..., 0] - low[0]], order=3, prefilter=False
+    )
+    return found
+
+
+def _coarse(x: NDArray[np.float64], profile: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """Return first guesses: the steepest place, and the place that stands out most, near the click."""
+    window = np.exp(-0.5 * (x / (0.5 * _REACH)) ** 2)
+    steep = np.gradient(profile)
+    edge = int(np.argmax(np.abs(steep) * window))
+    apart = profile - np.median(profile)
+    line = int(np.argmax(np.abs(apart) * window))
+    base = float(np.median(profile))
+    return {
+        "edge": np.array([float(np.ptp(profile)) / 2 * np.sign(steep[edge]), x[edge], 1.5, float(profile.mean())]),
+        "graduation": np.array([apart[line], x[line], 1.5, base]),
+    }
+
+
+def _fitted(
+    x: NDArray[np.float64], profile: NDArray[np.float64], kind: str, start: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], float, float, float]:
+    """Fit a profile; return height, place, width and base, what is left, the height, and the noise.
+
+    Only the neighbourhood of the first guess counts: graduations stand side by side.
+    """
+    from scipy.optimize import least_squares
+    from scipy.special import erf
+
+    near = np.abs(x - start[1]) <= max(5.0, 4.0 * abs(start[2]))
+    x, profile = x[near], profile[near]
+
+    def shape(p: NDArray[np.float64]) -> NDArray[np.float64]:
+        t = (x - p[1]) / (abs(p[2]) + 1e-3)
+        return np.asarray(erf(t / math.sqrt(2)) if kind == "edge" else np.exp(-0.5 * t**2))
+
+    done = least_squares(lambda p: p[3] + p[0] * shape(p) - profile, start, max_nfev=60)
+    left = float(np.sqrt(np.sum(done.fun**2) / max(len(x) - 4, 1)))
+    return done.x, left, abs(float(done.x[0])), left
+
+
+def rounded(value: float, u: float) -> str:
+    """Write a length with its uncertainty as a record does: ``386.21 ± 0.12 px``.
+
+    Examples
+    --------
+    >>> rounded(386.2134, 0.1234)
+    '386.21 ± 0.12 px'
+    """
+    digits = max(0, 1 - math.floor(math.log10(u))) if u > 0 else 4
+    return f"{value:.{digits}f} ± {u:.{digits}f} px"

@@ -1,0 +1,195 @@
+"use strict";
+// Click to measure: two places give a scale, a drag the line of subsets or the rigid subset.
+
+const stage = { name: "", index: 0, image: null, frames: 1, points: [], cursor: [0, 0], result: null, from: null };
+const TOOLS = {
+  scale: "Scale: click on two edges or graduations",
+  line: "Line of subsets: drag, or set both ends",
+  body: "Rigid subset: drag from its centre to its border, or set both",
+};
+
+function drawMeasure() {
+  const part = by("measure");
+  if (part.childElementCount) return;
+  const file = make("select", { id: "measure-file" });
+  const tool = make("select", { id: "measure-tool" }, ...Object.entries(TOOLS).map(([value, textContent]) => make("option", { value, textContent })));
+  const zoom = make("select", { id: "measure-zoom" }, ...[["fit", "whole"], ["1", "1:1"], ["2", "2:1"], ["4", "4:1"]].map(([value, textContent]) => make("option", { value, textContent })));
+  const index = make("input", { id: "measure-index", type: "number", min: 0, value: 0 });
+  const canvas = make("canvas", { id: "measure-canvas", tabIndex: 0 });
+  canvas.setAttribute("role", "application");
+  canvas.setAttribute("aria-label", "Picture: arrow keys move the cross, Shift ten times as far, Enter sets a place, Escape begins again");
+  part.append(
+    make("div", { className: "bar" }, make("label", {}, "File ", file), make("label", { id: "measure-frame" }, "Frame ", index), make("label", {}, "Tool ", tool), make("label", {}, "Zoom ", zoom)),
+    make("div", { id: "stage" }, canvas), make("p", { id: "measure-result", className: "note" }), make("div", { className: "bar", id: "measure-use" }));
+  file.addEventListener("change", trying(() => measureFile(file.value)));
+  index.addEventListener("change", trying(() => loadPicture(stage.name, Math.max(0, Math.floor(Number(index.value) || 0)))));
+  tool.addEventListener("change", begin);
+  zoom.addEventListener("change", paint);
+  canvas.addEventListener("pointerdown", (event) => { stage.from = placeOf(event); });
+  canvas.addEventListener("pointerup", trying(async (event) => {
+    const start = stage.from;
+    stage.from = null;
+    if (!start) return;
+    const end = placeOf(event);
+    const isDrag = Math.hypot(end[0] - start[0], end[1] - start[1]) * scale() > 6;
+    if (isDrag && tool.value !== "scale") stage.points = [start];
+    await place(isDrag ? end : start);
+  }));
+  canvas.addEventListener("keydown", trying(async (event) => {
+    const step = event.shiftKey ? 10 : 1;
+    const moves = { ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, -step], ArrowDown: [0, step] };
+    if (moves[event.key]) {
+      stage.cursor = stage.cursor.map((value, axis) => Math.min(Math.max(0, value + moves[event.key][axis]), (axis ? canvas.height : canvas.width) / scale() - 1));
+      paint();
+    } else if (event.key === "Enter") await place([...stage.cursor]);
+    else if (event.key === "Escape") begin();
+    else return;
+    event.preventDefault();
+  }));
+}
+
+const scale = () => {
+  const chosen = by("measure-zoom").value;
+  if (chosen !== "fit") return Number(chosen);
+  return stage.image ? Math.min(1, (by("stage").clientWidth - 2) / stage.image.naturalWidth) : 1;
+};
+
+function placeOf(event) {
+  const box = by("measure-canvas").getBoundingClientRect();
+  // The centre of the first pixel is (0, 0).
+  return [(event.clientX - box.left) / scale() - 0.5, (event.clientY - box.top) / scale() - 0.5];
+}
+
+function paint() {
+  const canvas = by("measure-canvas");
+  if (!stage.image) return;
+  const s = scale();
+  canvas.width = Math.round(stage.image.naturalWidth * s);
+  canvas.height = Math.round(stage.image.naturalHeight * s);
+  const pen = canvas.getContext("2d");
+  pen.imageSmoothingEnabled = s < 1;
+  pen.drawImage(stage.image, 0, 0, canvas.width, canvas.height);
+  const cross = ([x, y], colour, size) => {
+    const [a, b] = [(x + 0.5) * s, (y + 0.5) * s];
+    for (const [width, style] of [[3, "#000"], [1.5, colour]]) {
+      pen.lineWidth = width;
+      pen.strokeStyle = style;
+      pen.beginPath();
+      pen.moveTo(a - size, b);
+      pen.lineTo(a + size, b);
+      pen.moveTo(a, b - size);
+      pen.lineTo(a, b + size);
+      pen.stroke();
+    }
+  };
+  const points = stage.result && stage.result.points ? stage.result.points : stage.points;
+  if (points.length === 2) {
+    pen.strokeStyle = "#ffd400";
+    pen.lineWidth = 1.5;
+    const [[x1, y1], [x2, y2]] = points.map(([x, y]) => [(x + 0.5) * s, (y + 0.5) * s]);
+    pen.beginPath();
+    if (by("measure-tool").value === "body") {
+      const half = Math.max(Math.abs(x2 - x1), Math.abs(y2 - y1));
+      pen.rect(x1 - half, y1 - half, 2 * half, 2 * half);
+    } else {
+      pen.moveTo(x1, y1);
+      pen.lineTo(x2, y2);
+    }
+    pen.stroke();
+  }
+  points.forEach((point) => cross(point, "#ffd400", 9));
+  cross(stage.cursor, "#4cf", 14);
+}
+
+function begin() {
+  Object.assign(stage, { points: [], result: null });
+  by("measure-result").textContent = TOOLS[by("measure-tool").value];
+  by("measure-use").replaceChildren();
+  paint();
+}
+
+async function loadPicture(name, index) {
+  const image = new Image();
+  const found = await ask(`api/image?name=${encodeURIComponent(name)}&index=${index}`);
+  image.src = `api/frame?name=${encodeURIComponent(name)}&index=${index}`;
+  await image.decode();
+  Object.assign(stage, { name, index, image, frames: found.frames, cursor: [Math.floor(image.naturalWidth / 2), Math.floor(image.naturalHeight / 2)] });
+  by("measure-frame").hidden = found.frames < 2;
+  by("measure-index").max = found.frames - 1;
+  by("measure-index").value = index;
+  begin();
+}
+
+async function measureFile(name) {
+  await views.measure();
+  if (!name) return;
+  by("measure-file").value = name;
+  await loadPicture(name, 0);
+}
+
+async function place(point) {
+  if (stage.points.length === 2) begin();
+  stage.points.push(point);
+  if (stage.points.length === 2) await measured();
+  paint();
+}
+
+async function measured() {
+  const tool = by("measure-tool").value;
+  const use = by("measure-use");
+  const [[x1, y1], [x2, y2]] = stage.points;
+  if (tool === "scale") {
+    try {
+      stage.result = await ask("api/length", { name: stage.name, index: stage.index, points: stage.points });
+    } catch (error) {
+      begin();
+      throw error;
+    }
+    by("measure-result").textContent = `${stage.result.text} between ${stage.result.found.join(" and ")}`;
+    await views.setup();
+    const records = setup.data.records.filter((record) => record.kind === "camera");
+    const record = make("select", { id: "measure-record" }, ...records.map((one) => make("option", { value: one.name, textContent: one.name })));
+    const known = make("input", { id: "measure-length", type: "text", placeholder: "30,00 ± 0,02 mm" });
+    use.replaceChildren(make("label", {}, "This is truly ", known), make("label", {}, "Record ", record), button("Use as scale", () => {
+      const set = (key, text) => setField({ file: record.value, place: ["values", key] }, text);
+      if (!record.value) throw new Error("There is no camera record; propose a session with a film first.");
+      set("reference_length", known.value);
+      set("pixel_length", stage.result.text);
+      set("scale", "");
+      return taken();
+    }));
+    say("");
+    return;
+  }
+  await views.setup();
+  const films = setup.data.experiments.filter((one) => one.fields.some((field) => field.place.includes("tracking")));
+  const experiment = make("select", { id: "measure-experiment" }, ...films.map((one) => make("option", { value: one.name, textContent: one.name })));
+  const round = (value) => Math.round(value * 10) / 10;
+  const half = Math.max(Math.abs(x2 - x1), Math.abs(y2 - y1));
+  const width = 2 * Math.round(half) + 1;
+  by("measure-result").textContent = tool === "line" ? `line from (${round(x1)}, ${round(y1)}) to (${round(x2)}, ${round(y2)})` : `square of ${width} px around (${round(x1)}, ${round(y1)})`;
+  use.replaceChildren(make("label", {}, "Experiment ", experiment), button("Use for the experiment", () => {
+    if (!experiment.value) throw new Error("No experiment of the session tracks a film.");
+    const set = (key, text) => setField({ file: "session.toml", place: ["experiments", experiment.value, "tracking", key] }, text);
+    if (tool === "line") set("line", JSON.stringify([[round(x1), round(y1)], [round(x2), round(y2)]]));
+    else {
+      set("body", JSON.stringify([round(x1), round(y1)]));
+      set("body_subset", String(width));
+    }
+    return taken();
+  }));
+}
+
+async function taken() {
+  await check(true);
+  show("setup");
+  by("setup-write").focus();
+}
+
+views.measure = async () => {
+  drawMeasure();
+  await loadFiles();
+  const names = files.filter((file) => file.content === "film" || file.content === "picture").map((file) => file.name);
+  by("measure-file").replaceChildren(make("option", { value: "", textContent: names.length ? "choose …" : "no film or picture here" }), ...names.map((name) => make("option", { value: name, textContent: name })));
+  by("measure-file").value = names.includes(stage.name) ? stage.name : "";
+};

@@ -1,0 +1,126 @@
+"""A wrong model cannot pass: two processes, impossible vertical factors, rough residuals, repeats."""
+
+import warnings
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from labpipe.materials import kramers_kronig, master_curve
+
+TEMPERATURES = np.arange(0.0, 101.0, 10.0)
+
+
+def dispersion(omega, tau, alpha, gamma):
+    """Havriliak and Negami's function of the modulus, zero below the dispersion and one above."""
+    return (1 + (1j * omega * tau) ** -alpha) ** -gamma
+
+
+def shift(T):
+    return -10 * (T - 50.0) / (150.0 + T - 50.0)
+
+
+def sweeps(seed, share=1.0, factor=lambda T: 1.0, delay=0.0, noise=0.02):
+    """Two dispersions, the second of which shifts by a share of the first one's decades."""
+    rng = np.random.default_rng(seed)
+    frequency = np.logspace(-1, 2, 16)
+    omega = 2 * np.pi * frequency
+    modulus = np.array(
+        [
+            factor(T)
+            * (
+                8e6
+                + 6e8 * dispersion(omega, 0.1 * 10 ** shift(T), 0.5, 0.7)
+                + 4e8 * dispersion(omega, 1e-4 * 10 ** (share * shift(T)), 0.4, 1.0)
+            )
+            * np.exp(1j * omega * delay)
+            for T in TEMPERATURES
+        ]
+    )
+    dims = ("temperature", "frequency")
+    scatter = 1 + noise * rng.standard_normal((2, *modulus.shape))
+    return xr.Dataset(
+        {
+            "storage": (dims, modulus.real * scatter[0], {"units": "Pa"}),
+            "loss": (dims, modulus.imag * scatter[1], {"units": "Pa"}),
+        },
+        coords={"temperature": TEMPERATURES, "frequency": frequency},
+    )
+
+
+def quiet(measured, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        return master_curve(measured, 50.0, **options)
+
+
+def check_two(share, seed):
+    found = quiet(sweeps(seed, share))
+    assert found.verdict.level == "fail"
+    assert "two processes that shift apart" in " ".join(found.verdict.reasons)
+    error = np.abs(found.log10_aT.values - shift(TEMPERATURES))
+    assert np.all(error <= 3.0 * found.u_log10_aT.values + 0.02)
+
+
+@pytest.mark.parametrize("share", [0.7, 0.55, 0.4])
+def test_two_processes_that_shift_apart_do_not_pass_and_widen_the_uncertainties(share):
+    check_two(share, 11)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(20, 24))
+@pytest.mark.parametrize("share", [0.75, 0.65, 0.5, 0.3])
+def test_two_processes_over_more_shares(share, seed):
+    check_two(share, seed)
+
+
+HONEST = {
+    "plain": {},
+    "entropic": {"factor": lambda T: (T + 273.15) / 323.15},
+    "softening glass": {"factor": lambda T: 1 - 0.003 * (T - 50.0)},
+    "levels": {"factor": lambda T: 1 + 0.03 * np.sin(12.9898 * T)},
+    "delay": {"delay": 60e-6},
+    "noisy": {"noise": 0.04},
+}
+
+
+@pytest.mark.parametrize("name", HONEST)
+def test_one_process_passes_with_every_law_that_it_may_need(name):
+    found = quiet(sweeps(12, **HONEST[name]))
+    assert found.verdict.level == "pass", found.verdict.reasons
+    error = found.log10_aT.values - shift(TEMPERATURES)
+    assert np.sqrt(np.mean(error**2)) < 0.08
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(30, 36))
+@pytest.mark.parametrize("name", HONEST)
+def test_one_process_passes_over_more_seeds(name, seed):
+    assert quiet(sweeps(seed, **HONEST[name])).verdict.level == "pass"
+
+
+def test_a_vertical_factor_of_no_material_is_not_taken():
+    found = quiet(sweeps(13, factor=lambda T: 1 + 4e-4 * (T - 50.0) ** 2))
+    step = np.abs(TEMPERATURES - 50.0)
+    assert np.all(np.abs(np.log(found.b_T.values)) <= 0.006 * step + 0.1)
+    assert found.verdict.level != "pass"
+
+
+def test_residuals_count_in_absolute_terms_too():
+    frequency = np.logspace(-2, 2, 60)
+    rng = np.random.default_rng(14)
+    modulus = dispersion(2 * np.pi * frequency, 0.1, 0.5, 1.0) * 1e9 + 1e6
+    rough = np.exp(0.5 * rng.standard_normal((2, 60)))
+    assert kramers_kronig(frequency, modulus.real, modulus.imag).verdict == "pass"
+    assert kramers_kronig(frequency, modulus.real * rough[0], modulus.imag * rough[1]).verdict == "fail"
+
+
+def test_repeats_that_disagree_widen_every_uncertainty():
+    measured = sweeps(15)
+    shifted = measured.assign_coords(frequency=measured["frequency"] * 10**0.3).isel(temperature=[5])
+    again = shifted.interp(frequency=measured["frequency"], kwargs={"fill_value": np.nan})
+    alone = quiet(measured)
+    twice = quiet(xr.concat([measured, again], "temperature"))
+    u = twice.u_log10_aT.values[: TEMPERATURES.size]
+    assert np.all(np.delete(u, 5) > 0.1)
+    assert np.max(alone.u_log10_aT.values) < 0.1
