@@ -32,6 +32,7 @@ from labpipe.materials.superposition import (
     MasterCurve,
     ShiftLaw,
     TableRun,
+    UncertainSpectrum,
     arrhenius,
     gather_sweeps,
     isothermal_runs,
@@ -41,6 +42,7 @@ from labpipe.materials.superposition import (
     read_sweeps,
     shift_at,
     trusted_tables,
+    uncertain_spectra,
     wlf,
 )
 
@@ -62,6 +64,7 @@ __all__ = [
     "StatedLaw",
     "TableRun",
     "Thermal",
+    "UncertainSpectrum",
     "arrhenius",
     "compress",
     "creep_from_relaxation",
@@ -94,6 +97,7 @@ __all__ = [
     "standard_linear_solid",
     "thermal",
     "trusted_tables",
+    "uncertain_spectra",
     "with_responses",
     "wlf",
     "wlf_of_melt",

@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from labpipe import files, materials
+from labpipe import files
 from labpipe.errors import LabpipeError
 from labpipe.workflow.engines import Died, choose, side_by_side
 from pipelines.rig import film_front, film_under
 from pipelines.rig.calibration_images import write_calibration_images
-from pipelines.rig.dma import Protocol, write_dma
+from pipelines.rig.dma import CAMPAIGN, Protocol, write_dma
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import Body, DropRig
 from pipelines.rig.film_front import FrontCamera
@@ -40,14 +40,23 @@ from pipelines.rig.indentations import Harmonic
 from pipelines.rig.plate import PLATE, PLATE_RIG
 from pipelines.rig.plate_session import plate_laser_record, plate_section, write_ringing_of
 from pipelines.rig.relaxations import Relaxation
-from pipelines.rig.session_text import NOTE, dma_section, drop_section, height_name, laser_record, session_head
-from pipelines.rig.solids import SOLIDS
+from pipelines.rig.session_text import (
+    NOTE,
+    dma_section,
+    drop_section,
+    from_dma,
+    height_name,
+    laser_record,
+    session_head,
+)
+from pipelines.rig.solids import SOLIDS, specimen_of
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
 
 POLYMERS = ("acrylic", "nylon", "peek", "ptfe")
 HEATED = 39.0
 """degC; of the sphere that was heated, dropped from the highest height."""
 
+_THERMOMETER = 0.4  # K
 _REST, _REST_PER_ROOT_HEIGHT = 0.28, 5.4
 """s and s/sqrt(m) after the third impact: acrylic is at rest."""
 
@@ -93,7 +102,7 @@ THESIS = Extent(
     front_height=FRONT_HEIGHT,
     relaxation=Relaxation(),
     harmonic=Harmonic(frequencies=FREQUENCIES),
-    dma=Protocol(),
+    dma=CAMPAIGN,
 )
 """Four materials, four heights, five repeats; films of about ten megabytes."""
 
@@ -114,8 +123,10 @@ SMALL = replace(
     front_height=1.5e-3,
     relaxation=Relaxation(hold=12.0),
     harmonic=Harmonic(hold=10.0, frequencies=(0.5, 2.0), cycles=6),
-    dma=Protocol(
-        frequencies=tuple(np.geomspace(10.0, 0.1, 6).tolist()), ramp=tuple(np.arange(-40.0, 121.0, 8.0).tolist())
+    dma=replace(
+        CAMPAIGN,
+        frequencies=tuple(np.geomspace(10.0, 0.1, 6).tolist()),
+        ramp=tuple(np.arange(-40.0, 121.0, 8.0).tolist()),
     ),
 )
 """Every kind once or twice, coarse and short: two megabytes, every figure can be drawn."""
@@ -237,7 +248,7 @@ def _film(height: float, temperature: float | None) -> str:
 def _contact_film(folder: Path, height: float, temperature: float | None, extent: Extent) -> str:
     """Film the contact of acrylic through the disc."""
     name = _film(height, temperature)
-    body = Body(materials.load("acrylic", temperature=temperature), height, floor=PLATE)
+    body = Body(specimen_of("acrylic", _true(temperature)), height, floor=PLATE)
     if extent.bursts is None:
         times = np.arange(_FULL_FRAMES, dtype=np.float64) / _FULL_RATE
     else:
@@ -245,7 +256,7 @@ def _contact_film(folder: Path, height: float, temperature: float | None, extent
         times = burst_times(body, extent.under.release, replace(extent.bursts, rest=rest))
     seed = 3700 + round(1e4 * height) + (0 if temperature is None else 1)
     film = write_under(folder, f"{name}_under", body, extent.under, times, seed)
-    return under_section(film, name, height, temperature=temperature, extra=_ON_PLATE)
+    return under_section(film, name, height, extra=_ON_PLATE, source=from_dma("acrylic", temperature))
 
 
 def _front_film(folder: Path, extent: Extent) -> str:
@@ -265,10 +276,14 @@ def _drops(
     temperature: float | None = None,
 ) -> str:
     """Record the repeats of one height by the laser."""
-    solid = materials.load(material, temperature=temperature)
+    solid = specimen_of(material, _true(temperature))
     recordings = write_drops(folder, name, extent.rig, solid, height, extent.repeats, seed, start)
-    section = drop_section(name, recordings, height, material, _ON_PLATE)
-    return section if temperature is None else f'{section}temperature = "{temperature:g} degC"\n'
+    return drop_section(name, recordings, height, material, _ON_PLATE, from_dma(material, temperature))
+
+
+def _true(temperature: float | None) -> float | None:
+    """Return where a heated sphere truly is: the thermometer is a little off, within its u of 1 K."""
+    return None if temperature is None else temperature + _THERMOMETER
 
 
 def _rings(folder: Path, material: str, height: float, seed: int, start: datetime, extent: Extent) -> str:
@@ -277,8 +292,8 @@ def _rings(folder: Path, material: str, height: float, seed: int, start: datetim
 
 def _static(folder: Path, start: datetime) -> str:
     rig = StaticRig()
-    file = write_static(folder, "ptfe_static", rig, materials.load("ptfe"), 90, start)
-    return static_section("ptfe_static", file, rig, "ptfe")
+    file = write_static(folder, "ptfe_static", rig, specimen_of("ptfe"), 90, start)
+    return static_section("ptfe_static", file, rig, "ptfe", from_dma("ptfe"))
 
 
 def _indentations(folder: Path, start: datetime, extent: Extent) -> str:

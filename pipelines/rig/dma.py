@@ -26,7 +26,9 @@ _SETTLE = 300.0  # s at a new temperature before its sweep begins
 class Protocol:
     """Isothermal sweeps from high to low frequency [Hz], then one temperature sweep.
 
-    ``u_storage`` and ``u_loss`` are the relative noise of the moduli.
+    ``u_storage`` and ``u_loss`` are the relative noise of the moduli, ``u_scale`` the relative
+    scatter of all moduli over specimens, whose dimensions are known so well; ``delay`` [s] is
+    that of the phase.
     """
 
     temperatures: tuple[float, ...] = tuple(np.arange(-40.0, 121.0, 10.0).tolist())
@@ -37,12 +39,19 @@ class Protocol:
     u_loss: float = 0.02
     u_temperature: float = 0.03
     offset_temperature: float = 0.2
+    u_scale: float = 0.0
+    delay: float = 0.0
+
+
+CAMPAIGN = Protocol(u_scale=0.01, delay=20e-6)
+"""What the campaign's rheometer does to a modulus."""
 
 
 def write_dma(folder: Path, name: str, solid: Solid, protocol: Protocol, seed: int) -> str:
     """Write one export and the truth beside it; returns the export's name in the folder."""
     generator = np.random.default_rng(seed)
     clock = 0.0
+    scale = float(np.exp(protocol.u_scale * generator.standard_normal())) if protocol.u_scale else 1.0
     intervals = []
     for number, temperature in enumerate(protocol.temperatures, 1):
         frequency = np.asarray(protocol.frequencies)
@@ -50,7 +59,7 @@ def write_dma(folder: Path, name: str, solid: Solid, protocol: Protocol, seed: i
         clock += _SETTLE
         time = np.asarray(clock + np.cumsum(3.0 / frequency), dtype=np.float64)
         clock = float(time[-1])
-        columns = _columns(solid, protocol, generator, time, frequency, T)
+        columns = _columns(solid, protocol, generator, time, frequency, T, scale)
         intervals.append(anton_paar.make_interval(f"{name} (synthetic)", "Frequency sweeps", number, columns))
     T = np.asarray(protocol.ramp)
     columns = _columns(
@@ -60,12 +69,13 @@ def write_dma(folder: Path, name: str, solid: Solid, protocol: Protocol, seed: i
         30.0 * np.arange(1.0, T.size + 1.0, dtype=np.float64),
         np.full(T.size, protocol.ramp_frequency),
         T,
+        scale,
     )
     intervals.append(anton_paar.make_interval(f"{name} ramp (synthetic)", "Temperature sweep 1", 1, columns))
     project = f"{name}, SYNTHETIC, layout assumed | the virtual rig, 5/14/2024 | 1"
     export = anton_paar.assemble(intervals, project=project)
     anton_paar.write(folder / f"dma/{name}.csv", export, digits=_DIGITS)
-    text = json.dumps(_truth(solid, protocol), indent=1) + "\n"
+    text = json.dumps(_truth(solid, protocol) | {"scale": scale}, indent=1) + "\n"
     files.write_text(folder / f"truth/{name}.json", text)
     return f"dma/{name}.csv"
 
@@ -77,9 +87,11 @@ def _columns(
     time: Floats,
     frequency: Floats,
     temperature: Floats,
+    scale: float,
 ) -> list[anton_paar.Column]:
     """Make the columns of one table: the moduli with multiplicative noise."""
-    true = solid.modulus(frequency, temperature)
+    phase = np.exp(2j * np.pi * frequency * protocol.delay)
+    true = scale * phase * solid.modulus(frequency, temperature)
     factor = 2 * (1 + solid.nu) if solid.mode == "torsion" else 1.0
     storage = true.real / factor * np.exp(protocol.u_storage * generator.standard_normal(time.size))
     loss = true.imag / factor * np.exp(protocol.u_loss * generator.standard_normal(time.size))
@@ -123,4 +135,8 @@ def _truth(solid: Solid, protocol: Protocol) -> dict[str, Any]:
         "loss": curve.imag.tolist(),
         "u_storage": protocol.u_storage,
         "u_loss": protocol.u_loss,
+        "delay": protocol.delay,
+        "law": {"energy": solid.energy, "kink": min(solid.kink, 1e3), "C1": solid.C1, "C2": solid.C2},
+        "softening": solid.softening,
+        "is_entropic": solid.is_entropic,
     }

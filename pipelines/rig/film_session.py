@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from labpipe import materials
 from labpipe.arrays import Floats
 from pipelines.rig import film_front, film_under
 from pipelines.rig.calibration_images import write_calibration_images
@@ -15,7 +14,8 @@ from pipelines.rig.fall import Body, DropRig, fall
 from pipelines.rig.film_front import FrontCamera, write_front_film, write_truth
 from pipelines.rig.film_under import UnderCamera, write_under_film
 from pipelines.rig.reference_drop import Floor
-from pipelines.rig.session_text import height_name
+from pipelines.rig.session_text import from_dma, from_library, height_name
+from pipelines.rig.solids import specimen_of
 
 FRONT_HEIGHT, UNDER_HEIGHT = 7e-3, 1.5e-3  # m
 _IMPACTS = 3
@@ -81,7 +81,7 @@ def write_front(
 ) -> str:
     """Film a drop from the front; returns the film's name in the session."""
     floor = DropRig().floor if floor is None else floor
-    body = Body(materials.load(material), height, floor=floor)
+    body = Body(specimen_of(material), height, floor=floor)
     motion = fall(body, camera.duration - camera.release + 1e-3)
     name = f"film/{material}_front.cine"
     truth = write_front_film(folder / name, motion, height, camera, seed)
@@ -125,10 +125,10 @@ def write_films(folder: Path, start: datetime, *, full_size: bool = False) -> tu
     full_size : bool
         1280 × 480 px and 9,367 frames (5.8 GB each) instead of a few megabytes.
     """
-    laser = write_drops(folder, "ptfe_7mm", DropRig(), materials.load("ptfe"), FRONT_HEIGHT, 3, 4711, start)
+    laser = write_drops(folder, "ptfe_7mm", DropRig(), specimen_of("ptfe"), FRONT_HEIGHT, 3, 4711, start)
     front = film_front.FULL_SIZE if full_size else FrontCamera(rows=144, columns=64, duration=0.138)
     under = film_under.FULL_SIZE if full_size else UnderCamera()
-    body = Body(materials.load("acrylic"), UNDER_HEIGHT, floor=Floor())
+    body = Body(specimen_of("acrylic"), UNDER_HEIGHT, floor=Floor())
     if full_size:
         times = np.arange(_FULL_FRAMES, dtype=np.float64) / _FULL_RATE
         under = replace(under, release=5e-3)
@@ -137,7 +137,7 @@ def write_films(folder: Path, start: datetime, *, full_size: bool = False) -> tu
     front_film = write_front(folder, "ptfe", FRONT_HEIGHT, front, 31)
     under_film = write_under(folder, "acrylic_under", body, under, times, 37)
     write_calibration_images(folder)
-    sections = front_section(front_film, front) + under_section(under_film)
+    sections = front_section(front_film, front) + under_section(under_film, source=from_dma("acrylic"))
     return laser, sections
 
 
@@ -167,15 +167,9 @@ subset = {small}
 
 
 def under_section(
-    film: str,
-    name: str = "acrylic_film",
-    height: float = UNDER_HEIGHT,
-    *,
-    temperature: float | None = None,
-    extra: str = "",
+    film: str, name: str = "acrylic_film", height: float = UNDER_HEIGHT, *, extra: str = "", source: str = ""
 ) -> str:
-    """Return the table of a film under the disc in session.toml."""
-    heated = "" if temperature is None else f'temperature = "{temperature:g} degC"\n'
+    """Return the table of a film under the disc; ``source`` as for :func:`.drop_section`."""
     return f"""
 [experiments.{name}]
 kind = "contact_area"
@@ -188,5 +182,4 @@ wavelength = "633 nm"
 [experiments.{name}.sphere]
 radius = "9.525 ± 0.005 mm"
 mass = "505.0 ± 0.5 g"
-material = "acrylic"
-{heated}"""
+{source or from_library("acrylic")}"""

@@ -3,9 +3,11 @@
 from datetime import datetime, timedelta
 from pathlib import Path
 
-from labpipe import files, materials
+from labpipe import files
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
+from pipelines.rig.session_text import from_dma, from_library
+from pipelines.rig.solids import specimen_of
 
 FREQUENCIES = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0)
 """Hz; ten as in the thesis, 0.5 and 2 Hz among them."""
@@ -32,7 +34,7 @@ filter_delay = "15.9 ± 0.2 ms"  # against an elastic reference
 """
 
 
-def punch_section(name: str, specimen: Specimen, material: str = _MATERIAL) -> str:
+def punch_section(name: str, specimen: Specimen, source: str = "") -> str:
     """Return the tables of punch, substrate, load cell and model of an indentation."""
     return f"""
 [experiments.{name}.punch]
@@ -42,8 +44,7 @@ depth = "{specimen.depth * 1e3:g} ± 0.006 mm"
 tips = {specimen.tips}
 
 [experiments.{name}.substrate]
-material = "{material}"
-
+{source or from_library(_MATERIAL)}
 [experiments.{name}.load_cell]
 record = "calibration/load_cell.toml"
 
@@ -52,7 +53,7 @@ profile = "parabola"  # the virtual tip is one
 """
 
 
-def relaxation_section(name: str, mach1: list[str], specimen: Specimen) -> str:
+def relaxation_section(name: str, mach1: list[str], specimen: Specimen, source: str = "") -> str:
     """Return the tables of relaxation tests in session.toml."""
     listed = "".join(f'  "{each}",\n' for each in mach1)
     head = f"""
@@ -61,10 +62,10 @@ kind = "relaxation"
 mach1 = [
 {listed}]
 """
-    return head + punch_section(name, specimen)
+    return head + punch_section(name, specimen, source)
 
 
-def oscillation_section(name: str, specimen: Specimen) -> str:
+def oscillation_section(name: str, specimen: Specimen, source: str = "") -> str:
     """Return the tables of a harmonic indentation with a calibrated load cell."""
     head = f"""
 [experiments.{name}]
@@ -72,17 +73,18 @@ kind = "harmonic"
 mach1 = "mach1/{name}.txt"
 characteristic_time = "1.56e-10 s"  # tau_0 of the thesis
 """
-    return head + punch_section(name, specimen)
+    return head + punch_section(name, specimen, source)
 
 
 def write_indentations(
     folder: Path, note: str, start: datetime, held: Relaxation, oscillating: Harmonic
 ) -> tuple[list[str], str]:
     """Write recordings, truth and the cell's record; returns experiments and their sections."""
-    specimen = Specimen(materials.load(_MATERIAL))
+    specimen = Specimen(specimen_of(_MATERIAL))
     relaxation, harmonic = f"{_MATERIAL}_relaxation", f"{_MATERIAL}_harmonic"
     recordings = write_relaxation(folder, relaxation, specimen, held, TESTER, 70, start)
     write_harmonic(folder, harmonic, specimen, oscillating, TESTER, 80, start + timedelta(hours=3))
     files.write_text(folder / "calibration/load_cell.toml", cell_record(note))
-    text = relaxation_section(relaxation, recordings, specimen)
-    return [relaxation, harmonic], text + oscillation_section(harmonic, specimen)
+    source = from_dma(_MATERIAL)
+    text = relaxation_section(relaxation, recordings, specimen, source)
+    return [relaxation, harmonic], text + oscillation_section(harmonic, specimen, source)

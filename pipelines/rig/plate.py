@@ -14,12 +14,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from instruments import keyence
-from labpipe import files, materials
+from labpipe import files
 from labpipe.arrays import Floats
-from labpipe.materials import Prony
 from pipelines.rig.fall import DropRig, let_go
 from pipelines.rig.laser_sensor import LaserSensor
 from pipelines.rig.reference_drop import Floor, Trajectory
+from pipelines.rig.solids import Truth, specimen_of
 
 PLATE = Floor(mass=30.0, frequency=180.0, damping_ratio=0.03)
 """A plate that rings by a few micrometres, as light as to be felt in the rebound."""
@@ -43,7 +43,7 @@ class Ring:
     height: float
 
 
-def ring_once(rig: DropRig, material: Prony, height: float, seed: int) -> Ring:
+def ring_once(rig: DropRig, material: Truth, height: float, seed: int) -> Ring:
     """Drop a sphere once and record the plate; everything random comes from ``seed``."""
     begun = let_go(rig, material, height, seed)
     motion = begun.motion
@@ -88,7 +88,7 @@ def write_ringing(
 
     Parameters as for :func:`pipelines.rig.drops.write_drops`.
     """
-    solid = materials.load(material)
+    solid = specimen_of(material)
     names = []
     for repeat in range(repeats):
         ring = ring_once(rig, solid, height, seed + repeat)

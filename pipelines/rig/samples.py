@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from pathlib import Path
 
-from labpipe import files, materials
+from labpipe import files
 from labpipe.errors import UsageError
 from labpipe.workflow.session import FILE_NAME
-from pipelines.rig.dma import Protocol, write_dma
+from pipelines.rig.dma import CAMPAIGN, write_dma
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.film_session import FRONT_HEIGHT, front_record, under_record, write_films
@@ -22,8 +22,18 @@ from pipelines.rig.mach1_tester import Tester
 from pipelines.rig.plate import PLATE, PLATE_RIG
 from pipelines.rig.plate_session import plate_laser_record, write_plate
 from pipelines.rig.relaxations import Relaxation
-from pipelines.rig.session_text import NOTE, dma_section, drop_section, height_name, laser_record, session_head
-from pipelines.rig.solids import SOLIDS
+from pipelines.rig.session_text import (
+    NOTE,
+    dma_name,
+    dma_section,
+    drop_section,
+    from_dma,
+    from_library,
+    height_name,
+    laser_record,
+    session_head,
+)
+from pipelines.rig.solids import SOLIDS, specimen_of
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
 
 _START = datetime(2024, 5, 14, 9, 30)
@@ -76,7 +86,7 @@ def holds_demo(folder: Path) -> bool:
     return source.is_file() and f'title = "{_DEMO_TITLE}"' in source.read_text("utf-8", "replace")
 
 
-def harmonic_section(name: str, specimen: Specimen, material: str) -> str:
+def harmonic_section(name: str, specimen: Specimen, material: str, source: str = "") -> str:
     """Return the table of one harmonic indentation in session.toml."""
     return f"""
 [experiments.{name}]
@@ -90,11 +100,20 @@ depth = "{specimen.depth * 1e3:g} mm"
 tips = {specimen.tips}
 
 [experiments.{name}.substrate]
-material = "{material}"
-
+{source or from_library(material)}
 [experiments.{name}.model]
 profile = "parabola"  # the virtual tip is one
 """
+
+
+def sweeps(folder: Path, *of: str) -> str:
+    """Write the rheometer's exports of materials; returns their sections."""
+    sections = ""
+    for material in of:
+        name, solid = dma_name(material), SOLIDS[material]
+        export = write_dma(folder, name, solid, CAMPAIGN, 500 + list(SOLIDS).index(material))
+        sections += dma_section(name, export, solid)
+    return sections
 
 
 STATED_FLOOR = 'plate = { mass = "1450 ± 100 kg", frequency = "390 ± 20 Hz", damping_ratio = "0.03" }\n'
@@ -105,7 +124,7 @@ def write_series(
     folder: Path, rig: DropRig, material: str, heights: tuple[float, ...], repeats: int
 ) -> tuple[list[str], str]:
     """Record one sphere from several heights; returns experiment names and their sections."""
-    solid = materials.load(material)
+    solid = specimen_of(material)
     names, sections = [], ""
     for number, height in enumerate(heights):
         name = f"{material}_{height_name(height)}"
@@ -114,18 +133,19 @@ def write_series(
             folder, name, rig, solid, height, repeats, seed, _START + timedelta(minutes=20 * number)
         )
         names.append(name)
-        sections += drop_section(name, recordings, height, material, STATED_FLOOR)
+        sections += drop_section(name, recordings, height, material, STATED_FLOOR, from_dma(material))
     return names, sections
 
 
 def _write_core(folder: Path, title: str, heights: tuple[float, ...], repeats: int, protocol: Harmonic) -> list[str]:
     names, sections = write_series(folder, DropRig(), "acrylic", heights, repeats)
-    specimen = Specimen(materials.load("nbr"))
+    specimen = Specimen(specimen_of("nbr"))
     write_harmonic(folder, "nbr_harmonic", specimen, protocol, Tester(), 7, _START + timedelta(days=1))
-    sections += harmonic_section("nbr_harmonic", specimen, "nbr")
+    sections += harmonic_section("nbr_harmonic", specimen, "nbr", from_dma("nbr"))
+    sections += sweeps(folder, "acrylic", "nbr")
     files.write_text(folder / "calibration/laser.toml", laser_record())
     files.write_text(folder / "session.toml", session_head(title) + sections)
-    return [*names, "nbr_harmonic"]
+    return [*names, "nbr_harmonic", "acrylic_dma", "nbr_dma"]
 
 
 def _demo(folder: Path, full_size: bool) -> list[str]:
@@ -142,20 +162,18 @@ def _core(folder: Path, full_size: bool) -> list[str]:
 
 def _dma(folder: Path, full_size: bool) -> list[str]:
     del full_size  # this sample holds no film
-    names, sections = [], ""
-    for number, (material, solid) in enumerate(SOLIDS.items()):
-        name = f"{material}_dma"
-        export = write_dma(folder, name, solid, Protocol(), 500 + number)
-        names.append(name)
-        sections += dma_section(name, export, solid)
     head = session_head("Rheometer sweeps of five materials (synthetic)")
-    files.write_text(folder / "session.toml", head + sections)
-    return names
+    files.write_text(folder / "session.toml", head + sweeps(folder, *SOLIDS))
+    return [dma_name(material) for material in SOLIDS]
 
 
 def _films(folder: Path, full_size: bool) -> list[str]:
     laser, sections = write_films(folder, _START, full_size=full_size)
-    sections = drop_section("ptfe_7mm", laser, FRONT_HEIGHT, "ptfe") + sections
+    sections = (
+        drop_section("ptfe_7mm", laser, FRONT_HEIGHT, "ptfe", source=from_dma("ptfe"))
+        + sections
+        + sweeps(folder, "ptfe", "acrylic")
+    )
     records = {
         "laser": laser_record(),
         "camera_front": front_record(),
@@ -165,7 +183,7 @@ def _films(folder: Path, full_size: bool) -> list[str]:
         files.write_text(folder / f"calibration/{name}.toml", text)
     title = "Films of PTFE and acrylic (synthetic)"
     files.write_text(folder / "session.toml", session_head(title) + sections)
-    return ["ptfe_7mm", "ptfe_film", "acrylic_film"]
+    return ["ptfe_7mm", "ptfe_film", "acrylic_film", "ptfe_dma", "acrylic_dma"]
 
 
 def _indentation(folder: Path, full_size: bool) -> list[str]:
@@ -174,18 +192,21 @@ def _indentation(folder: Path, full_size: bool) -> list[str]:
         folder, NOTE, _START + timedelta(days=1), Relaxation(), Harmonic(frequencies=FREQUENCIES)
     )
     head = session_head("NBR under a periodic punch (synthetic)")
-    files.write_text(folder / "session.toml", head + sections)
-    return names
+    files.write_text(folder / "session.toml", head + sections + sweeps(folder, "nbr"))
+    return [*names, "nbr_dma"]
 
 
 def _static(folder: Path, full_size: bool) -> list[str]:
     del full_size  # this sample holds no film
     rig, name = StaticRig(), "ptfe_static"
-    file = write_static(folder, name, rig, materials.load("ptfe"), 90, _START)
+    file = write_static(folder, name, rig, specimen_of("ptfe"), 90, _START)
     files.write_text(folder / "calibration/laser.toml", laser_record())
     head = session_head("PTFE sphere under five loads (synthetic)")
-    files.write_text(folder / "session.toml", head + static_section(name, file, rig, "ptfe"))
-    return [name]
+    files.write_text(
+        folder / "session.toml",
+        head + static_section(name, file, rig, "ptfe", from_dma("ptfe")) + sweeps(folder, "ptfe"),
+    )
+    return [name, "ptfe_dma"]
 
 
 def _plate(folder: Path, full_size: bool) -> list[str]:
@@ -196,17 +217,20 @@ def _plate(folder: Path, full_size: bool) -> list[str]:
         folder,
         "acrylic_10mm",
         DropRig(floor=PLATE),
-        materials.load("acrylic"),
+        specimen_of("acrylic"),
         heights[1],
         2,
         4242,
         _START + timedelta(days=1),
     )
-    sections += drop_section("acrylic_10mm", recordings, heights[1], "acrylic", 'plate_from = "plate"\n')
+    sections += drop_section(
+        "acrylic_10mm", recordings, heights[1], "acrylic", 'plate_from = "plate"\n', from_dma("acrylic")
+    )
     files.write_text(folder / "calibration/laser.toml", laser_record())
     files.write_text(folder / "calibration/laser_plate.toml", plate_laser_record())
+    sections += sweeps(folder, "acrylic")
     files.write_text(folder / "session.toml", session_head("Ringing of the plate (synthetic)") + sections)
-    return ["plate", "acrylic_10mm"]
+    return ["plate", "acrylic_10mm", "acrylic_dma"]
 
 
 def _thesis(folder: Path, full_size: bool) -> list[str]:

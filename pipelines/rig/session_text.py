@@ -9,6 +9,15 @@ NOTE = (
 )
 """What every synthetic file says of itself."""
 
+_STATED_ROOM = 20.0  # degC; the truth differs within its u of 0.5 K
+_STATED_NU = {
+    "nbr": "0.490 ± 0.005",
+    "acrylic": "0.35 ± 0.01",
+    "peek": "0.38 ± 0.01",
+    "nylon": "0.40 ± 0.01",
+    "ptfe": "0.46 ± 0.01",
+}
+_WARMEST = 120.0  # degC, of the rheometer's sweeps
 _STATED_INCLINATION = 12.0  # degrees, what the calibration found; the truth differs within its u
 _U_INCLINATION = 0.1
 
@@ -49,8 +58,29 @@ synthetic = true
 """
 
 
-def drop_section(name: str, recordings: list[str], height: float, material: str, extra: str = "") -> str:
-    """Return the table of one ball drop in session.toml; ``extra`` are more of its lines."""
+def from_library(material: str) -> str:
+    """Return the line that takes a material from the library."""
+    return f'material = "{material}"\n'
+
+
+def from_dma(material: str, temperature: float | None = None) -> str:
+    """Return the lines that take a material from its DMA experiment, in the room or heated [degC]."""
+    stated = f"{_STATED_ROOM:.1f} ± 0.5" if temperature is None else f"{temperature:g} ± 1"
+    return f'material_from = "{dma_name(material)}"\ntemperature = "{stated} degC"\n'
+
+
+def dma_name(material: str) -> str:
+    """Name the DMA experiment of a material."""
+    return f"{material}_dma"
+
+
+def drop_section(
+    name: str, recordings: list[str], height: float, material: str, extra: str = "", source: str = ""
+) -> str:
+    """Return the table of one ball drop in session.toml; ``extra`` are more of its lines.
+
+    ``source`` are the lines that name the material; without it, it is the library's.
+    """
     listed = "".join(f'  "{r}",\n' for r in recordings)
     return f"""
 [experiments.{name}]
@@ -63,17 +93,27 @@ height = "{height * 1e3:g} ± 0.005 mm"
 [experiments.{name}.sphere]
 radius = "9.525 ± 0.005 mm"
 mass = "505.0 ± 0.5 g"
-material = "{material}"
-"""
+{source or from_library(material)}"""
 
 
 def dma_section(name: str, export: str, solid: Solid) -> str:
-    """Return the table of one dynamic mechanical analysis in session.toml."""
+    """Return the table of one dynamic mechanical analysis in session.toml.
+
+    A reference temperature above the sweeps, as the thesis has for PEEK, needs a law.
+    """
+    vertical = "rho_T" if solid.is_entropic else "linear"
+    law = "" if solid.T_ref <= _WARMEST else 'law = "arrhenius"  # T_ref is above the sweeps\n'
+    nu = _STATED_NU.get(name.removesuffix("_dma"), f"{solid.nu:g}")
     return f"""
 [experiments.{name}]
 kind = "dma"
 rheometer = ["{export}"]
 mode = "{solid.mode}"  # what was loaded; the file does not say it
-nu = "{solid.nu:g}"
+nu = "{nu}"
 T_ref = "{solid.T_ref:g} degC"
-"""
+scale = "1.000 ± 0.010"  # of the moduli, by the specimen's dimensions
+
+[experiments.{name}.fit]
+delay = "on"  # the phase of any rheometer lags by some microseconds
+vertical = "{vertical}"  # a rubber is entropic, a plastic expands and softens a little
+{law}"""

@@ -11,6 +11,7 @@ from instruments import keyence
 from labpipe import files
 from pipelines.rig.laser_sensor import LaserSensor
 from pipelines.rig.reference_static import reference_static
+from pipelines.rig.session_text import from_library
 from pipelines.rig.solids import Truth, solid_of, truth_of_solid
 
 
@@ -68,7 +69,7 @@ def write_static(folder: Path, name: str, rig: StaticRig, material: Truth, seed:
     return file
 
 
-def static_section(name: str, file: str, rig: StaticRig, material: str) -> str:
+def static_section(name: str, file: str, rig: StaticRig, material: str, source: str = "") -> str:
     """Return the tables of a static loading in session.toml."""
     loads = "".join(
         f'  {{ mass = "{mass:g} ± 0.0005 kg", time = "{begin / 60:.2f} min" }},\n'
@@ -84,8 +85,7 @@ loads = [
 
 [experiments.{name}.sphere]
 radius = "{rig.radius * 1e3:g} ± 0.005 mm"
-material = "{material}"
-
+{source or from_library(material)}
 [experiments.{name}.steps]
 drift = "{rig.drift * 1e6:g} um"
 """

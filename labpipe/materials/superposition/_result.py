@@ -23,8 +23,15 @@ from labpipe.materials.superposition._limits import BARELY_DETERMINED, limits_of
 from labpipe.materials.superposition._reweighting import Superposition
 from labpipe.materials.superposition._shift_law import LawName, ShiftLaw, fit_law, shift_at
 from labpipe.materials.superposition._shift_parameters import OuterModel
+from labpipe.materials.superposition._spectrum_modes import modes_of
 from labpipe.materials.superposition._sweep_data import SweepData
-from labpipe.materials.superposition._tables import bands, overlap_of_neighbours, predictions, terms_of
+from labpipe.materials.superposition._tables import (
+    bands,
+    overlap_of_neighbours,
+    possible_spectra,
+    predictions,
+    terms_of,
+)
 from labpipe.materials.superposition._verdict import Verdict, verdict_on
 from labpipe.notebook import html_table, text_table
 from labpipe.uncertainty import propagated_u
@@ -67,6 +74,8 @@ class MasterCurve:
         ``storage_fitted``, ``loss_fitted`` (in the frame of the measurement), residuals.
     curve : Dataset over ``reduced_frequency``
         ``storage``, ``loss``, their uncertainties, and ``loss_factor`` at T_ref.
+    modes : Dataset over ``mode``
+        What is uncertain of curve and shifts, as independent changes.
     overlap : Dataset over ``pair``
         Neighbouring temperatures, their step, its uncertainty, the overlap in decades, and
         whether the step is ``determined``.
@@ -98,6 +107,7 @@ class MasterCurve:
     kramers_kronig: KramersKronig
     data: xr.Dataset
     curve: xr.Dataset
+    modes: xr.Dataset
     overlap: xr.Dataset
     noise: dict[str, float]
     starts: tuple[tuple[str, float, float], ...]
@@ -227,7 +237,7 @@ class MasterCurve:
         curve = self.curve.rename({name: f"master_{name}" for name in _CURVE_NAMES})
         curve = curve.rename({f"u_{name}": f"u_master_{name}" for name in _CURVE_NAMES[:2]})
         data = self.data.rename({"reduced_frequency": "point_reduced_frequency"})
-        merged = xr.merge([shifts, data, curve, self.terms, self.overlap])
+        merged = xr.merge([shifts, data, curve, self.modes, self.terms, self.overlap])
         merged.attrs = {
             "T_ref": self.T_ref,
             "E_relaxed": self.prony.E_relaxed,
@@ -265,6 +275,7 @@ def assembled(sweeps: xr.Dataset, data: SweepData, found: Superposition, law: La
     for note in notes:
         warnings.warn(note, UserWarning, stacklevel=4)
     temperature = sweeps["temperature"]
+    possible = possible_spectra(data.points, found.fit)
     levels = model.levels(state.parameters)
     law_b_T = np.exp(state.ln_bT - levels)
     tail = found.covariance[model.size - 1, model.size - 1] if model.has_delay else 0.0
@@ -287,7 +298,8 @@ def assembled(sweeps: xr.Dataset, data: SweepData, found: Superposition, law: La
         terms=terms_of(prony, window),
         kramers_kronig=kk,
         data=reduced,
-        curve=bands(data.points, found, anchor, window),
+        curve=bands(data.points, found, anchor, window, possible),
+        modes=modes_of(data.points, found, anchor, window, possible),
         overlap=overlap,
         noise={"storage": float(found.noise.storage), "loss": float(found.noise.loss)},
         starts=found.starts,

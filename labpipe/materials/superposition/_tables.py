@@ -98,7 +98,9 @@ def terms_of(prony: Prony, window: tuple[float, float]) -> xr.Dataset:
     return xr.Dataset(variables)
 
 
-def bands(points: Points, found: Superposition, anchor: Anchor, window: tuple[float, float]) -> xr.Dataset:
+def bands(
+    points: Points, found: Superposition, anchor: Anchor, window: tuple[float, float], possible: list[tuple[float, Fit]]
+) -> xr.Dataset:
     """Return the master curve over the covered window with standard uncertainties.
 
     The uncertainty joins that of the spectrum and that of the shifts, vertical law and delay. How
@@ -120,7 +122,6 @@ def bands(points: Points, found: Superposition, anchor: Anchor, window: tuple[fl
     ]
     active = fit.solution.coefficient > 0
     variables = {}
-    possible = _possible_spectra(points, fit)
     for name, design in zip(("storage", "loss"), designs, strict=True):
         value = design @ fit.solution.coefficient
         squared = sum(share * _from_spectrum(one, design, value) for share, one in possible)
@@ -140,7 +141,7 @@ def bands(points: Points, found: Superposition, anchor: Anchor, window: tuple[fl
     return dataset.assign(loss_factor=factor)
 
 
-def _possible_spectra(points: Points, fit: Fit) -> list[tuple[float, Fit]]:
+def possible_spectra(points: Points, fit: Fit) -> list[tuple[float, Fit]]:
     """Return the fit and those of other smoothing at its shifts, with their shares."""
     weight = fit.by_vertical / fit.predicted
     chosen = fit.solution

@@ -33,6 +33,9 @@ _UNCERTAIN = (
     "impact_speed",
 )
 _MODULUS = "modulus"
+_TIMES = 1e-4, 1e-2
+"""s; an impact depends on how the solid relaxes from a tenth of it to ten times its duration."""
+
 _STIFFER = 0.01  # relative change of the modulus by which its sensitivity is found
 
 
@@ -59,7 +62,7 @@ def model(
     substrate = resolve_plate(settings.plate, plate)
     floor = plate_inputs(settings.plate, plate)
     inputs = body | {f"{_OF_PLATE}{name}": quantity for name, quantity in floor.items()}
-    solids = variations(sphere, material_file, fitted)
+    solids = variations(sphere, material_file, fitted, _TIMES)
 
     def simulate(other: Prony, rtol: float, times: Floats | None, **change: float) -> xr.Dataset:
         values = {name: quantity.value for name, quantity in inputs.items()} | change

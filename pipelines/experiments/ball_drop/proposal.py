@@ -25,4 +25,4 @@ with its uncertainty
 [experiments.{name}.sphere]
 {proposals.SPHERE}
 {proposals.MOVING_MASS}
-{proposals.material_line(name)}"""
+{proposals.material_line(name, found)}"""

@@ -111,7 +111,7 @@ def _relative_sources(
     sources = [Source.of(name, q, power / q.value) for name, q, power in given]
     omega = np.pi / float(made["contact_duration"][0])
     stiffness = abs(complex(solid.complex_modulus(omega)))
-    for name, (q, step, other) in variations(sphere, material_file, fitted).items():
+    for name, (q, step, other) in variations(sphere, material_file, fitted, (1 / omega, 1 / omega)).items():
         slope = -0.2 * float(np.log(abs(complex(other.complex_modulus(omega))) / stiffness)) / step
         sources.append(Source.of(name, q, slope))
     return sources

@@ -24,4 +24,4 @@ wavelength = "{GAP} nm"  # of the light; "none" for white light
 [experiments.{name}.sphere]
 {proposals.SPHERE}
 {proposals.MOVING_MASS}
-{proposals.material_line(name)}"""
+{proposals.material_line(name, found)}"""

@@ -42,7 +42,7 @@ _STAGES = (
         "sweeps",
         "pipelines.experiments.dma.measured:gathered",
         ("readings",),
-        ("mode", "nu", "sweeps"),
+        ("mode", "nu", "scale", "sweeps"),
         schema="sweeps",
         summary="collect isothermal sweeps, converted to tension",
     ),
@@ -65,7 +65,7 @@ _STAGES = (
         "temperature_sweep",
         "pipelines.experiments.dma.measured:temperature_sweep",
         ("readings",),
-        ("mode", "nu"),
+        ("mode", "nu", "scale"),
         summary="find the glass transition",
     ),
     Stage(

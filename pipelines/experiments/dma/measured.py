@@ -70,12 +70,16 @@ def gathered(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
     )  # fmt: skip
     u_factor = 2.0 * settings.nu.u if settings.mode in ("shear", "torsion") else 0.0
     made.attrs["u_modulus_factor"] = u_factor
+    scale = settings.scale
+    for name in ("storage", "loss"):
+        made[name] = made[name].copy(data=made[name].values * scale.value)
+    made.attrs["u_scale"] = scale.u / scale.value
     return made
 
 
 def temperature_sweep(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
     """Find the glass transition in sweeps of temperature at one frequency, if there are any."""
-    factor = modulus_factor(settings.mode, settings.nu.value)
+    factor = modulus_factor(settings.mode, settings.nu.value) * settings.scale.value
     ramps = [
         _glass_transition.Ramp(
             float(np.median(run.values("frequency"))), run.values("temperature"),

@@ -105,6 +105,7 @@ def _stored(made: MasterCurve, sweeps: xr.Dataset, u_nu: float) -> xr.Dataset:
         "notes": json.dumps(made.warnings, ensure_ascii=False),
         "u_modulus_factor": sweeps.attrs.get("u_modulus_factor", 0.0),
         "modulus_factor": sweeps.attrs["modulus_factor"],
+        "u_scale": sweeps.attrs.get("u_scale", 0.0),
     }
     return result
 

@@ -4,6 +4,7 @@ from typing import Annotated, Literal, get_args
 
 import msgspec
 
+from labpipe.units import Quantity
 from labpipe.workflow.config import POSITIVE, Dimensionless, File, Range, Temperature
 from pipelines.experiments.shared.settings import Table
 
@@ -85,8 +86,10 @@ class Dma(Table, frozen=True, kw_only=True):
 
     ``mode`` says what was loaded; the file does not tell tension from shear. Moduli are taken to
     tension, for shear by E = 2 (1 + ν) G. ``nu`` goes on with the material. ``T_ref`` is the
-    temperature of the master curve; by default the middle isotherm. ``temperature`` is that of
-    files without such a column, ``temperatures`` those of files at one temperature each, in
+    temperature of the master curve; by default the middle isotherm. ``scale`` is what all moduli are
+    to be multiplied by; its uncertainty is that of the specimen's dimensions (in torsion a bar's
+    stiffness goes with the fourth power of its thickness) and of the force. ``temperature`` is that
+    of files without such a column, ``temperatures`` those of files at one temperature each, in
     their order. Relaxation and creep tests count as sweeps. ``melt`` corrects T_ref for the molar
     mass.
     """
@@ -96,6 +99,7 @@ class Dma(Table, frozen=True, kw_only=True):
     mode: Mode
     nu: Annotated[Dimensionless, Range(at_least=0.0, at_most=0.5)]
     T_ref: Temperature | None = None
+    scale: Annotated[Dimensionless, POSITIVE] = Quantity(1.0, 0.0, "1")
     temperature: Temperature | None = None
     temperatures: list[Temperature] | None = None
     export: Export = Export()

@@ -12,7 +12,7 @@ from labpipe.variables import variable
 from pipelines.experiments.harmonic.measured import COLUMNS
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
-from pipelines.experiments.shared.material_choice import resolve
+from pipelines.experiments.shared.material_choice import resolve, variations
 from pipelines.experiments.shared.punch_model import Geometry, simulated
 
 
@@ -35,16 +35,22 @@ def model(
     touch, how = mach1_readings.contact_position(loads, settings.contact)
     solid = resolve(substrate, material_file, fitted)
     geometry = Geometry.of(punch, substrate, settings.model, float(solid.nu))
-    force, u_force, attrs = simulated(loads, touch, solid, geometry)
-    result = _model_rows(loads, oscillations, force, u_force)
+    slowest = 1.0 / (2.0 * np.pi * float(oscillations["frequency"].min()))
+    fastest = 1.0 / (2.0 * np.pi * float(oscillations["frequency"].max()))
+    others = variations(substrate, material_file, fitted, (fastest, slowest))
+    force, u_force, of_solid, attrs = simulated(loads, touch, solid, geometry, others)
+    result = _model_rows(loads, oscillations, force, [u_force, *of_solid])
     result["contact_position"] = variable((), touch.value, "m", "stage position of first touch")
     result["u_contact_position"] = variable((), touch.u, "m", "standard uncertainty: position of first touch")
     result.attrs |= attrs | {"contact": how}
     return result
 
 
-def _model_rows(loads: xr.Dataset, oscillations: xr.Dataset, force: Floats, u_force: Floats) -> xr.Dataset:
-    """Fit the simulated force as the measured one was, and keep its curve beside the readings."""
+def _model_rows(loads: xr.Dataset, oscillations: xr.Dataset, force: Floats, changes: list[Floats]) -> xr.Dataset:
+    """Fit the simulated force as the measured one was, and keep its curve beside the readings.
+
+    ``changes`` (sample,) are what every uncertain input does to the force.
+    """
     rows, lost = [], []
     for i in range(oscillations.sizes["oscillation"]):
         at = oscillations.isel(oscillation=i)
@@ -53,21 +59,29 @@ def _model_rows(loads: xr.Dataset, oscillations: xr.Dataset, force: Floats, u_fo
         used = (time >= float(at["begin"])) & (time <= float(at["end"]))
         x = loads["position_z"].values[where][used]
         fit = common_fit(time[used], x, force[where][used], float(at["frequency"]))
-        shifted = common_fit(time[used], x, (force - u_force)[where][used], float(at["frequency"]))
+        shifted = [common_fit(time[used], x, (force - c)[where][used], float(at["frequency"])) for c in changes]
         rows.append((fit, shifted))
         lost.append(float(np.mean(force[where][used] <= 0.0)))
     table: dict[str, Any] = {
         "force": variable("sample", force, "N", "simulated force"),
-        "u_force": variable("sample", u_force, "N", "standard uncertainty from first touch and punch"),
+        "u_force": variable(
+            "sample",
+            np.sqrt(np.sum(np.square(changes), axis=0)),
+            "N",
+            "standard uncertainty from first touch, punch and solid",
+        ),
         "contact_loss": variable("oscillation", np.array(lost), "1", "share of a cycle without contact, simulated"),
     }
     for name in ("storage_stiffness", "loss_stiffness"):
         values = np.array([getattr(fit, name) for fit, _ in rows])
-        moved = np.array([getattr(shifted, name) for _, shifted in rows])
+        moved = np.array([[getattr(one, name) for one in shifted] for _, shifted in rows])
         units, text = COLUMNS[name]
         table[name] = variable("oscillation", values, units, f"{text}, simulated")
         table[f"u_{name}"] = variable(
-            "oscillation", np.abs(moved - values), units, f"standard uncertainty, touch and punch: {text}"
+            "oscillation",
+            np.sqrt(np.sum((moved - values[:, None]) ** 2, axis=1)),
+            units,
+            f"standard uncertainty, touch, punch and solid: {text}",
         )
     amplitude = np.array([fit.position.amplitude for fit, _ in rows])
     for prefix in ("", "u_"):

@@ -9,8 +9,10 @@ from labpipe.units import Quantity
 from labpipe.variables import variable
 from pipelines.experiments.relaxation.moduli import BINS_PER_DECADE
 from pipelines.experiments.relaxation.settings import Relaxation
-from pipelines.experiments.shared.material_choice import resolve
+from pipelines.experiments.shared.material_choice import resolve, variations
 from pipelines.experiments.shared.punch_model import Geometry, simulated
+
+_SHORTEST = 0.02  # s; the fastest part of a ramp that shows in a force
 
 
 def model(
@@ -29,14 +31,17 @@ def model(
     solid = resolve(settings.substrate, material_file, fitted)
     geometry = Geometry.of(settings.punch, settings.substrate, settings.model, float(solid.nu))
     at = Quantity(touch, float(ramps["u_contact_position"]), "m")
-    force, u_force, attrs = simulated(loads, at, solid, geometry)
+    longest = float(ramps["duration"].max())
+    others = variations(settings.substrate, material_file, fitted, (_SHORTEST, longest))
+    force, u_force, of_solid, attrs = simulated(loads, at, solid, geometry, others)
+    u_force = np.sqrt(u_force**2 + np.sum(of_solid**2, axis=0))
     text = "simulated force, before the cell's filter"
-    interval, longest = float(loads["sampling_interval"][0]), float(ramps["duration"].max())
+    interval = float(loads["sampling_interval"][0])
     elapsed = np.geomspace(interval, longest, int(np.log10(longest / interval) * BINS_PER_DECADE))
     return xr.Dataset(
         {
             "force": variable("sample", force, "N", text),
-            "u_force": variable("sample", u_force, "N", "standard uncertainty from first touch and punch"),
+            "u_force": variable("sample", u_force, "N", "standard uncertainty from first touch, punch and solid"),
             "reduced_modulus": variable(
                 (), float(solid.E_relaxed) / (1 - float(solid.nu) ** 2), "Pa", "relaxed reduced modulus of the material"
             ),

@@ -17,6 +17,7 @@ from pipelines.experiments.shared.settings import MaterialChoice
 
 _LEAST_WARMER = 3.0  # K
 _LEAST_POISSON = 0.03
+_LEAST_SCALE = 0.02
 
 
 def resolve(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None) -> Prony:
@@ -60,17 +61,22 @@ class Variation(NamedTuple):
     solid: Prony
 
 
-def variations(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None) -> dict[str, Variation]:
+def variations(
+    choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None, times: tuple[float, float]
+) -> dict[str, Variation]:
     """Return what is uncertain of the material, each with the solid of a changed input.
 
     The temperature shifts the material by its law; Poisson's ratio changes the modulus of a
-    contact, E / (1 - nu^2), and nothing else. The changes are large enough for a simulation to
+    contact, E / (1 - nu^2), and nothing else. A rheometer's uncertainty comes as independent
+    changes of the whole spectrum, of unit size. The changes are large enough for a simulation to
     tell them from its own error.
 
     Parameters
     ----------
     choice, file, fitted
         As for :func:`resolve`.
+    times : (float, float) [s]
+        Shortest and longest time on which the experiment depends.
 
     Returns
     -------
@@ -84,6 +90,8 @@ def variations(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | N
         off = Quantity(stated.value + step, 0.0, stated.si)
         warmer = msgspec.structs.replace(choice, temperature=off)
         found["temperature"] = Variation(stated, step, resolve(warmer, file, fitted))
+    if fitted is not None:
+        found |= _of_dma(choice, fitted, times)
     nu = _poisson_ratio(choice, file, fitted)
     if nu.u > 0.0:
         # of a modulus that was measured in shear, nu has made the one in tension before
@@ -93,6 +101,23 @@ def variations(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | N
         factor = (1.0 - nu.value**power) / (1.0 - (nu.value + step) ** power)
         solid = resolve(choice, file, fitted).scaled(factor)
         found["Poisson's ratio"] = Variation(nu, step, solid)
+    return found
+
+
+def _of_dma(choice: MaterialChoice, fitted: xr.Dataset, times: tuple[float, float]) -> dict[str, Variation]:
+    """Return what the rheometer leaves uncertain: the modes of its spectrum, and the specimen's size."""
+    found: dict[str, Variation] = {}
+    at = None if choice.temperature is None else choice.temperature.value
+    best = fitted_at(fitted, None)
+    where = float(fitted["T_ref"]) if at is None else at
+    slower, stiffer = _shift(fitted, where)
+    for name, solid in materials.uncertain_spectra(fitted, best, where, times, slower):
+        found[name] = Variation(Quantity(0.0, 1.0, "1"), 1.0, solid.shifted(slower, stiffer))
+    u_scale = float(fitted.attrs["u_scale"])
+    if u_scale > 0.0:
+        step = max(u_scale, _LEAST_SCALE)
+        solid = best.shifted(slower, stiffer).scaled(1.0 + step)
+        found["DMA, specimen"] = Variation(Quantity(1.0, u_scale, "1"), step, solid)
     return found
 
 
@@ -121,18 +146,26 @@ def fitted_at(fitted: xr.Dataset, temperature: float | None) -> Prony:
     at_reference = Prony(float(fitted["E_relaxed"]), fitted["E"].values, fitted["rho"].values, nu=float(fitted["nu"]))
     if temperature is None or temperature == float(fitted["T_ref"]):
         return at_reference
-    stored = json.loads(fitted.attrs["law"])
-    size = len(stored["parameters"])
-    law = ShiftLaw(stored["name"], stored["T_ref"], tuple(stored["parameters"]), np.zeros((size, size)))
     measured = fitted["temperature"].values
-    log10_aT = shift_at(law, measured, fitted["log10_aT"].values, temperature)
     if not measured.min() <= temperature <= measured.max():
         warnings.warn(
             f"{temperature:g} °C lies outside the isotherms of the DMA experiment "
-            f"({measured.min():g} to {measured.max():g} °C); its {law.name} law is extrapolated",
+            f"({measured.min():g} to {measured.max():g} °C); its {json.loads(fitted.attrs['law'])['name']} law "
+            "is extrapolated",
             UserWarning,
             stacklevel=3,
         )
+    return at_reference.shifted(*_shift(fitted, temperature))
+
+
+def _shift(fitted: xr.Dataset, temperature: float) -> tuple[float, float]:
+    """Return a_T and b_T of a master curve at a temperature [degC]."""
+    if temperature == float(fitted["T_ref"]):
+        return 1.0, 1.0
+    stored = json.loads(fitted.attrs["law"])
+    size = len(stored["parameters"])
+    law = ShiftLaw(stored["name"], stored["T_ref"], tuple(stored["parameters"]), np.zeros((size, size)))
+    log10_aT = shift_at(law, fitted["temperature"].values, fitted["log10_aT"].values, temperature)
     vertical = fitted["b_T"].dropna("temperature").sortby("temperature")
     b_T = float(np.interp(temperature, vertical["temperature"].values, vertical.values))
-    return at_reference.shifted(10.0**log10_aT, b_T)
+    return 10.0 ** float(log10_aT), b_T

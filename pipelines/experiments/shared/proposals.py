@@ -13,6 +13,7 @@ from pathlib import Path
 import instruments
 from labpipe.errors import LabpipeError
 from labpipe.workflow import fields
+from pipelines.experiments._kind import Found
 
 GAP = fields.GAP
 
@@ -83,12 +84,37 @@ def material_word(name: str) -> str | None:
     return _SYNONYMS.get(found, found) if found else None
 
 
-def material_line(name: str) -> str:
-    """Return the line of the material, from a file's name where it tells."""
+def material_line(name: str, found: Found | None = None) -> str:
+    """Return the line of the material, from a file's name where it tells.
+
+    A DMA export of the same material in the folder is preferred to the library, whose numbers are
+    no measurement of it.
+    """
     known = material_word(name)
+    measured = None if found is None or known is None else dma_of(known, found)
+    if measured is not None:
+        return (
+            f'material_from = "{measured}"  # the DMA experiment of the same material, by the file names\n'
+            f'temperature = "{GAP} degC"  # of the specimen, e.g. "21.0 ± 0.5 degC"'
+        )
     if known is None:
         return f'material = "{GAP}"  # acrylic, peek, nylon, ptfe, nbr, or use material_file'
     return f'material = "{known}"  # proposed from the file name'
+
+
+def dma_of(material: str, found: Found) -> str | None:
+    """Name the DMA experiment that ``init`` proposes for a material.
+
+    None unless exactly one file with sweeps is of it, and no other file could take its name.
+    """
+    sweeps = found.of("sweep")
+    same = [name for name in sweeps if material_word(name) == material]
+    if len(same) != 1:
+        return None
+    wanted = identifier(whole_stem(same[0]))
+    others = {other for names in found.names.values() for other in names} - set(same)
+    taken = {identifier(stem(other)) for other in others for stem in (whole_stem, without_repeat, without_depth)}
+    return None if wanted in taken else wanted
 
 
 def height_line(name: str) -> str:

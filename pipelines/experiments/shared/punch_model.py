@@ -5,6 +5,7 @@ measured one, whatever was commanded.
 """
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +20,7 @@ from labpipe.materials import Prony
 from labpipe.uncertainty import Source, combined_uncertainty
 from labpipe.units import Quantity
 from pipelines.experiments.shared import mach1_readings
+from pipelines.experiments.shared.material_choice import Variation
 from pipelines.experiments.shared.punch_settings import IndentationModel, Punch, Substrate
 
 _RELATIVE_CHANGE = 1e-3  # of an input by which a sensitivity is found
@@ -114,14 +116,26 @@ def relative_sources(displacement: float, u_touch: float, geometry: Geometry) ->
 
 
 def simulated(
-    loads: xr.Dataset, touch: Quantity, solid: Prony, geometry: Geometry
-) -> tuple[Floats, Floats, dict[str, Any]]:
+    loads: xr.Dataset, touch: Quantity, solid: Prony, geometry: Geometry, others: Mapping[str, Variation]
+) -> tuple[Floats, Floats, Floats, dict[str, Any]]:
     """Simulate a whole file with its measured displacement.
+
+    Parameters
+    ----------
+    loads : Dataset
+    touch : Quantity [m]
+        Stage position of first touch.
+    solid : Prony
+    geometry : Geometry
+    others : mapping of str to Variation
+        What is uncertain of the solid.
 
     Returns
     -------
     force, u_force : array (sample,) [N]
         The uncertainty is that of first touch and of the punch's dimensions.
+    of_solid : array (variation, sample) [N]
+        Change of the force with each uncertainty of the solid, by its standard uncertainty.
     attrs : dict
         ``solver``, ``solver_reason``, ``datum`` and the JSON counts ``work``.
     """
@@ -156,4 +170,39 @@ def simulated(
     work = json.loads(made.attrs["work"])
     work.pop("seconds", None)  # the clock has no place in a stored result
     work |= {"history_samples": int(kept.size), "history_samples_total": int(time.size)}
-    return force, np.hypot(u_touch, relative * force), attrs | {"work": json.dumps(work)}
+    area = elastic_force(depth[kept], geometry)
+    of_solid = np.array(
+        [
+            np.interp(time, time[kept], change)
+            for change in _changes(time[kept], area, solid, others) / (1.0 - geometry.nu**2)
+        ]
+    ).reshape(-1, time.size)
+    return force, np.hypot(u_touch, relative * force), of_solid, attrs | {"work": json.dumps(work)}
+
+
+def _changes(time: Floats, area: Floats, solid: Prony, others: Mapping[str, Variation]) -> Floats:
+    """Return the change (variation, sample) of the force with every uncertainty of the solid.
+
+    By Lee and Radok's superposition of elastic forces, J. Appl. Mech. 27 (1960) 438,
+    doi:10.1115/1.3644020: exact while the contact grows, and close enough for an uncertainty while it
+    recedes a little.
+    """
+    best = _superposed(time, area, solid)
+    made = [(_superposed(time, area, other.solid) - best) * (other.given.u / other.change) for other in others.values()]
+    return np.array(made).reshape(-1, time.size)
+
+
+def _superposed(time: Floats, area: Floats, solid: Prony) -> Floats:
+    """Return ∫ E(t − s) dA(s) for A linear between samples and 0 before [Pa m²]."""
+    E, rho = np.asarray(solid.E), np.asarray(solid.rho)
+    level = np.full(rho.size, area[0])
+    force = solid.E_relaxed * area
+    force[0] += float(E @ level)
+    step = np.diff(time)
+    x = step[:, None] / rho
+    decay = np.exp(-x)
+    gained = np.where(x > 0.0, -np.expm1(-x) / np.where(x > 0.0, x, 1.0), 1.0) * np.diff(area)[:, None]
+    for n in range(step.size):
+        level = level * decay[n] + gained[n]
+        force[n + 1] += float(E @ level)
+    return force

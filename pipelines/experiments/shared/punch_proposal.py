@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from pipelines.experiments._kind import Found
+from pipelines.experiments.shared import proposals
 
 _BLOCKS = ("Sinusoid", "Stress Relaxation")
 
@@ -16,6 +17,9 @@ def blocks(path: Path) -> set[str]:
 def tables(found: Found, head: str, name: str) -> str:
     """Return the tables of an experiment that begins with some lines."""
     record = next(iter(found.of("record:load_cell")), None)
+    word = proposals.material_word(name) or "nbr"
+    measured = proposals.dma_of(word, found)
+    solid = f'material = "{word}"' if measured is None else f'material_from = "{measured}"'
     cell = "" if record is None else f'\n[experiments.{name}.load_cell]\nrecord = "{record}"'
     return f"""[experiments.{name}]
 {head}
@@ -26,4 +30,4 @@ def tables(found: Found, head: str, name: str) -> str:
 # depth = "6 mm"       # length of one tip
 # tips = 3
 # [experiments.{name}.substrate]
-# material = "nbr"{cell}"""
+# {solid}{cell}"""

@@ -106,5 +106,5 @@ def _softer(
     whole = float(solid.creep(lasted))
     return [
         Source.of(name, given, float(np.log(float(other.creep(lasted)) / whole)) / step)
-        for name, (given, step, other) in variations(settings.sphere, material_file, fitted).items()
+        for name, (given, step, other) in variations(settings.sphere, material_file, fitted, (lasted, lasted)).items()
     ]

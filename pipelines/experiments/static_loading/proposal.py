@@ -25,7 +25,7 @@ with its uncertainty
 
 [experiments.{name}.sphere]
 {proposals.SPHERE}
-{proposals.material_line(name)}
+{proposals.material_line(name, found)}
 
 [[experiments.{name}.loads]]  # on from the beginning
 mass = "{GAP} kg"  # all that rests on the disc, holder included

@@ -16,9 +16,11 @@ from pipelines.experiments import KINDS, Found
 from pipelines.experiments.dma.proposal import _published, mode_line
 from pipelines.experiments.shared.proposals import without_repeat
 from pipelines.process import open_session
+from pipelines.rig.dma import Protocol, write_dma
 from pipelines.rig.indentations import Specimen
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.session_text import laser_record
+from pipelines.rig.solids import SOLIDS
 from pipelines.rig.static_loading import StaticRig, write_static
 from pipelines.session import Gap, describe, init
 
@@ -195,6 +197,17 @@ def test_slow_readings_of_a_laser_are_a_static_loading(tmp_path: Path) -> None:
     (experiment,) = open_session(tmp_path).experiments.values()
     assert experiment.kind == "static_loading"
     assert len(experiment.settings.loads) == 2
+
+
+def test_a_material_comes_from_its_dma_export_where_one_lies_in_the_folder(pile: Path) -> None:
+    write_dma(pile, "acrylic_dma", SOLIDS["acrylic"], Protocol(temperatures=(20.0, 40.0), ramp=(0.0, 10.0)), 3)
+    text = init(pile).path.read_text("utf-8")
+    assert 'material_from = "acrylic_dma"' in text
+    assert "[experiments.acrylic_dma]" in text
+    assert '# material = "nbr"' in text  # of the punch: there is no export of rubber
+    # two exports of one material: the choice is the user's
+    write_dma(pile, "pmma_again", SOLIDS["acrylic"], Protocol(temperatures=(20.0, 40.0), ramp=(0.0, 10.0)), 4)
+    assert "material_from" not in init(pile, replace=True).path.read_text("utf-8")
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from labpipe import files, materials
+from labpipe import files
 from labpipe.uncertainty import linear_budget
 from pipelines.figures import make
 from pipelines.process import process, result
@@ -17,6 +17,7 @@ from pipelines.rig.fall import DropRig
 from pipelines.rig.film_front import FrontCamera
 from pipelines.rig.film_session import front_record, front_section, under_record, write_front
 from pipelines.rig.samples import drop_section, laser_record, session_head
+from pipelines.rig.solids import specimen_of
 from tests.labpipe.report.conftest import assert_fit_to_read
 from tests.pipelines.asked import quantities
 
@@ -27,7 +28,7 @@ HEIGHT = 1.5e-3
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("film")
-    acrylic = materials.load("acrylic")
+    acrylic = specimen_of("acrylic")
     start = datetime(2024, 5, 14, 9, 30)
     laser = write_drops(folder, "drop", DropRig(duration=0.1), acrylic, HEIGHT, 2, 5, start)
     film = write_front(folder, "acrylic", HEIGHT, CAMERA, 9)
