@@ -15,6 +15,12 @@ from labpipe.materials import Prony, ShiftLaw, shift_at
 from labpipe.units import Quantity
 from pipelines.experiments.shared.settings import MaterialChoice
 
+IMPACT_TIMES = 1e-4, 1e-2
+"""s; an impact depends on how the solid relaxes from a tenth of it to ten times its duration."""
+
+TEMPERATURE, POISSONS_RATIO, SPECIMEN = "temperature", "Poisson's ratio", "DMA, specimen"
+"""Names of variations; all others are modes of the rheometer's spectrum."""
+
 _LEAST_WARMER = 3.0  # K
 _LEAST_POISSON = 0.03
 _LEAST_SCALE = 0.02
@@ -89,7 +95,7 @@ def variations(
         step = max(stated.u, _LEAST_WARMER)
         off = Quantity(stated.value + step, 0.0, stated.si)
         warmer = msgspec.structs.replace(choice, temperature=off)
-        found["temperature"] = Variation(stated, step, resolve(warmer, file, fitted))
+        found[TEMPERATURE] = Variation(stated, step, resolve(warmer, file, fitted))
     if fitted is not None:
         found |= _of_dma(choice, fitted, times)
     nu = _poisson_ratio(choice, file, fitted)
@@ -100,7 +106,7 @@ def variations(
         step = max(nu.u, _LEAST_POISSON)
         factor = (1.0 - nu.value**power) / (1.0 - (nu.value + step) ** power)
         solid = resolve(choice, file, fitted).scaled(factor)
-        found["Poisson's ratio"] = Variation(nu, step, solid)
+        found[POISSONS_RATIO] = Variation(nu, step, solid)
     return found
 
 
@@ -117,7 +123,7 @@ def _of_dma(choice: MaterialChoice, fitted: xr.Dataset, times: tuple[float, floa
     if u_scale > 0.0:
         step = max(u_scale, _LEAST_SCALE)
         solid = best.shifted(slower, stiffer).scaled(1.0 + step)
-        found["DMA, specimen"] = Variation(Quantity(1.0, u_scale, "1"), step, solid)
+        found[SPECIMEN] = Variation(Quantity(1.0, u_scale, "1"), step, solid)
     return found
 
 
