@@ -202,5 +202,7 @@ ROWS = (
     Mistake("nu 0.05", setting('nu = "0.35 ± 0.01"', 'nu = "0.05"'), "doubtful", ("nu",), TOML, "nu"),
     Mistake("tension for torsion", setting('"torsion"', '"tension"'), "doubtful", ("not tension",), TOML, "mode"),
     Mistake("bending for torsion", setting('"torsion"', '"bending"'), "doubtful", ("not bending",), TOML, "mode"),
-    Mistake("reference of 200 degrees", setting('"20.042 degC"', '"200.42 degC"'), "doubtful", ("T_ref",), TOML, "T_ref"),
+    Mistake(
+        "reference of 200 degrees", setting('"20.042 degC"', '"200.42 degC"'), "doubtful", ("T_ref",), TOML, "T_ref"
+    ),
 )
