@@ -21,6 +21,7 @@ IMPACT_TIMES = 1e-4, 1e-2
 TEMPERATURE, POISSONS_RATIO, SPECIMEN = "temperature", "Poisson's ratio", "DMA, specimen"
 """Names of variations; all others are modes of the rheometer's spectrum."""
 
+_OF_DMA = "DMA, "
 _LEAST_WARMER = 3.0  # K
 _LEAST_POISSON = 0.03
 _LEAST_SCALE = 0.02
@@ -57,6 +58,17 @@ def resolve(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None
         message = "no material is named"
         raise InputError(message)
     return materials.load(choice.material, temperature=temperature)
+
+
+def is_of_spectrum(name: str) -> bool:
+    """Tell whether a variation is a change of a rheometer's spectrum, which nobody states.
+
+    Examples
+    --------
+    >>> [is_of_spectrum(name) for name in ("DMA, mode 1", "DMA, specimen", "temperature")]
+    [True, False, False]
+    """
+    return name.startswith(_OF_DMA) and not name.startswith(SPECIMEN)
 
 
 class Variation(NamedTuple):
