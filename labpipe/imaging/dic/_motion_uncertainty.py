@@ -93,7 +93,7 @@ class NoiseModel:
 
     def most_noise(self, subsets: Subsets, model: int) -> Floats:
         """Variance (point,) [grey²] of a pixel up to which the texture of subsets exceeds noise."""
-        least = _LEAST_TEXTURE / np.sqrt(2.0 * subsets.half + 1.0)
+        least = _LEAST_TEXTURE / subsets.level[:, 2] ** 0.25
         share = self.coarse_slope * self.directions(subsets, model).coarse_share
         return np.asarray((1.0 - least) * self.static_frames / share)
 

@@ -11,6 +11,7 @@ from labpipe.arrays import Floats32
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource
 from labpipe.imaging.dic._film_window import smooth
+from labpipe.imaging.dic._inputs import LEAST_SUBSET
 from labpipe.imaging.dic._motion_uncertainty import COARSE, NoiseModel, make_noise_model
 from labpipe.imaging.dic._seeding import Pyramid, make_pyramid
 from labpipe.imaging.dic._spline import node_gradients, prefilter
@@ -44,6 +45,7 @@ class Status(IntEnum):
     FRAME_DAMAGED = 4  # the file says so, or the frame holds NaN
     LOST = 5  # no place in the frame correlates well enough
     OUTVOTED = 6  # its neighbours agree on another place
+    COVERED = 7  # the mask leaves too few of its pixels
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,8 @@ class Reference:
         """
         if not weights.any():
             return np.ones((len(chosen), 2))
-        own = (self.images.slope_x, self.images.slope_y)
+        inside = np.float32(1.0) if self.images.inside is None else self.images.inside
+        own = (self.images.slope_x * inside, self.images.slope_y * inside)
         bent = [node_gradients(prefilter(image, self.order), self.order) for image in self.images.bend]
         left = np.ones((len(chosen), 2))
         for axis in range(2):
@@ -156,6 +159,7 @@ def make_reference(
     order: int,
     static_frames: int,
     blur: float,
+    inside: Floats32 | None = None,
 ) -> Reference:
     """Average the static frames and cut the subsets that can be used.
 
@@ -175,6 +179,8 @@ def make_reference(
         Frames at the start in which nothing moves.
     blur : float [px]
         Gaussian blur.
+    inside : float32 array (row, column), optional
+        0 where a mask covers the first frame.
     """
     mean, used = average_static_frames(frames, static_frames)
     grey = smooth(mean, blur)
@@ -186,14 +192,16 @@ def make_reference(
     is_outside = (low < 0).any(axis=1) | (high >= np.array([columns, rows])).any(axis=1)
     status[is_outside] = Status.OUTSIDE
     usable = np.flatnonzero(~is_outside)
-    images = Images(grey, gradient_x, gradient_y, _bends(grey))
+    images = Images(grey, gradient_x, gradient_y, _bends(grey), inside)
 
     def cut(chosen: NDArray[np.int64]) -> Subsets:
         return cut_subsets(images, centres[chosen], half[chosen], is_rigid[chosen])
 
     subsets = cut(usable)
     is_integer = frames[0].dtype.kind in "iu"
-    found = _reference_status(mean, subsets, frames.levels if is_integer else None)
+    counted = mean if inside is None else _filled_up(mean, inside)
+    found = _reference_status(counted, subsets, frames.levels if is_integer else None)
+    found[subsets.level[:, 2] < LEAST_SUBSET**2] = Status.COVERED
     status[usable] = found
     if found.any():
         usable = usable[found == Status.OK]
@@ -202,11 +210,11 @@ def make_reference(
     if blur > 0.0:
         # The noise of the motion is that of the slopes blurred once more.
         slopes = smooth(gradient_x, blur), smooth(gradient_y, blur)
-        twice = motion_matrices(*slopes, grey, subsets)
+        twice = motion_matrices(*slopes, grey, subsets, inside)
         normal = subsets.normal
         smoothing = (twice[:, 0, 0] + twice[:, 3, 3]) / (normal[:, 0, 0] + normal[:, 3, 3])
     slopes = smooth(gradient_x, COARSE), smooth(gradient_y, COARSE)
-    coarse = motion_matrices(*slopes, smooth(grey, COARSE), subsets)
+    coarse = motion_matrices(*slopes, smooth(grey, COARSE), subsets, inside)
     noise = make_noise_model(order, blur, used, smoothing, coarse, _bend_of_noise(blur))
     return Reference(
         subsets,
@@ -214,11 +222,17 @@ def make_reference(
         points[usable] - centres[usable],
         status,
         noise,
-        make_pyramid(grey),
+        make_pyramid(grey if inside is None else _filled_up(grey, inside)),
         noise.shown(_ROUNDING**2 if is_integer else (_FINEST * float(np.ptp(mean))) ** 2),
         images,
         order,
     )
+
+
+def _filled_up(image: NDArray[Any], inside: Floats32) -> NDArray[Any]:
+    """Image with the mean of what counts where a mask covers it: neither pattern nor clipped."""
+    counts = inside > 0.0
+    return np.where(counts, image, image[counts].mean() if counts.any() else 0.0).astype(image.dtype)
 
 
 def _bends(grey: Floats32) -> Floats32:
@@ -263,7 +277,7 @@ def _reference_status(
     is_blind = (variance <= 0.0) | (floor * np.sqrt(variance) > _WORST_RESOLUTION)
     status[is_blind] = Status.TEXTURELESS
     span = levels[1] - levels[0] if levels else float(np.ptp(mean))
-    contrast = np.sqrt(subsets.level[:, 1] / subsets.level[:, 2])
+    contrast = np.sqrt(subsets.level[:, 1] / np.maximum(subsets.level[:, 2], 1.0))
     for n in np.flatnonzero(contrast < _WEAK_CONTRAST * span):
         x, y, half = subsets.layout[n, :3]
         if _is_noise(mean[y - half : y + half + 1, x - half : x + half + 1]):
@@ -276,8 +290,8 @@ def _reference_status(
 
 
 def _share(flags: NDArray[np.bool_], subsets: Subsets) -> NDArray[np.float64]:
-    """Share of flagged pixels in every subset."""
-    return np.asarray(_sums(flags, subsets) / (2 * subsets.half + 1) ** 2)
+    """Share of flagged pixels among those of every subset that count."""
+    return np.asarray(_sums(flags, subsets) / np.maximum(subsets.level[:, 2], 1.0))
 
 
 def _sums(values: NDArray[Any], subsets: Subsets) -> NDArray[np.float64]:

@@ -39,12 +39,15 @@ class Images:
     bend : array (3, row, column)
         Second derivatives of the softened reference: their sum, their difference along x and y,
         and the mixed one.
+    inside : array, optional
+        0 where a mask covers the reference, else 1.
     """
 
     grey: Floats32
     slope_x: Floats32
     slope_y: Floats32
     bend: Floats32
+    inside: Floats32 | None = None
 
 
 @dataclass(frozen=True)
@@ -264,11 +267,12 @@ def cut_subsets(
     gram = np.zeros((count, columns, columns))
     scratch = np.zeros((COLUMNS + 2, int(pitch.max(initial=LANES))), np.float32)
     stack = np.stack([images.grey, images.slope_x, images.slope_y, *images.bend])
-    _cut(stack, layout, packed, level, gram, scratch)
+    nowhere = np.zeros((0, 0), np.float32)
+    _cut(stack, nowhere if images.inside is None else images.inside, layout, packed, level, gram, scratch)
     energy = gram[:, 1, 1]
     level[:, 1] = energy
     ones, greys = gram[:, 0, 2:], gram[:, 1, 2:]
-    normal = gram[:, 2:, 2:] - ones[:, :, None] * ones[:, None, :] / level[:, 2, None, None]
+    normal = gram[:, 2:, 2:] - ones[:, :, None] * ones[:, None, :] / np.maximum(level[:, 2, None, None], 1.0)
     normal -= greys[:, :, None] * greys[:, None, :] / np.where(energy > 0, energy, 1.0)[:, None, None]
     ramps = [0, 2 + MOTIONS, 2 + MOTIONS + 1] if with_all else [0, 0, 0]
     moments = np.stack([ones, greys], axis=1)
@@ -276,7 +280,15 @@ def cut_subsets(
 
 
 @compiled(nogil=True, fastmath=FAST)
-def _cut(stack: Floats32, layout: Integers, packed: Floats32, level: Floats, gram: Floats, scratch: Floats32) -> None:
+def _cut(
+    stack: Floats32,
+    inside: Floats32,
+    layout: Integers,
+    packed: Floats32,
+    level: Floats,
+    gram: Floats,
+    scratch: Floats32,
+) -> None:
     """Pack the subsets; products of their columns row by row, so that the inner loops are vectors.
 
     The columns are 1, f, and those of the kernel, see ``COLUMNS``.
@@ -291,8 +303,13 @@ def _cut(stack: Floats32, layout: Integers, packed: Floats32, level: Floats, gra
                 for c in range(np.uint64(width)):
                     target[c] = source[c]
             weight = packed[6, place + i * pitch : place + i * pitch + width]
-            for c in range(np.uint64(width)):
-                weight[c] = np.float32(1.0)
+            if len(inside):
+                counts = inside[y - h + i, x - h : x + h + 1]
+                for c in range(np.uint64(width)):
+                    weight[c] = counts[c]
+            else:
+                for c in range(np.uint64(width)):
+                    weight[c] = np.float32(1.0)
         _multiply(layout[n], packed, level[n], gram[n], scratch)
 
 
@@ -313,6 +330,7 @@ def _multiply(layout: Integers, packed: Floats32, level: Floats, gram: Floats, s
         number += float(many)
     level[0] = total / max(number, 1.0)
     level[2] = number
+    layout[5] = np.int64(number < width * width - 0.5)
     mean = np.float32(level[0])
     centre = np.float32(h)
     lanes = np.uint64(pitch)
@@ -361,7 +379,9 @@ def _multiply(layout: Integers, packed: Floats32, level: Floats, gram: Floats, s
             gram[b, a] = gram[a, b]
 
 
-def motion_matrices(slope_x: Floats32, slope_y: Floats32, grey: Floats32, subsets: Subsets) -> Floats:
+def motion_matrices(
+    slope_x: Floats32, slope_y: Floats32, grey: Floats32, subsets: Subsets, inside: Floats32 | None
+) -> Floats:
     """Compute the normal matrices (point, 6, 6) of the motions alone, from other slopes than the solver's.
 
     Parameters
@@ -369,9 +389,11 @@ def motion_matrices(slope_x: Floats32, slope_y: Floats32, grey: Floats32, subset
     slope_x, slope_y, grey : float32 arrays (row, column)
         Slopes, and the grey levels to which contrast is fitted.
     subsets : Subsets
-        Which pixels.
+        Where.
+    inside : float32 array (row, column), optional
+        See :class:`Images`.
     """
     none = np.broadcast_to(np.zeros((), np.float32), (3, *grey.shape))
-    images = Images(grey, slope_x, slope_y, none)
+    images = Images(grey, slope_x, slope_y, none, inside)
     centres = np.stack([subsets.x, subsets.y], axis=1)
     return cut_subsets(images, centres, subsets.half, subsets.is_rigid, with_all=False).normal

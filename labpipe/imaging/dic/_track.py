@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from labpipe.arrays import Floats
 from labpipe.frames import FrameSource, as_frames
-from labpipe.imaging.dic._inputs import check_points, check_seeds, check_settings, selected_frames
+from labpipe.imaging.dic._inputs import check_points, check_seeds, check_settings, mask_of, selected_frames
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -46,6 +46,8 @@ def track(
     tolerance: float = DEFAULT_TOLERANCE,
     max_iterations: int = DEFAULT_ITERATIONS,
     adapt: bool = True,
+    regions: Sequence[ArrayLike] | None = None,
+    covers: Sequence[ArrayLike] | None = None,
 ) -> xr.Dataset:
     """Follow points through a film by digital image correlation.
 
@@ -84,6 +86,12 @@ def track(
     adapt : bool
         Solve for light that slopes across a subset and for a change of blur (focus, motion within
         the exposure) where the residual shows them. They cost nothing where they are not needed.
+    regions : list of arrays (corner, 2) [px], optional
+        Polygons in the first frame within which pixels count: the specimen without what is around
+        it. A subset partly outside uses what is left of it. What lies within the reach of blur and
+        interpolation of their border, 3 px, does not count. Polygons move with the subsets.
+    covers : list of arrays (corner, 2) [px], optional
+        Polygons in the first frame within which no pixel counts: a screw, a rim, a reflection.
 
     Returns
     -------
@@ -107,8 +115,8 @@ def track(
     Raises
     ------
     InputError
-        A parameter out of its range, an empty film, images that are not grey, or a film whose
-        static frames are all damaged.
+        A parameter out of its range, an empty film, images that are not grey, a film whose static
+        frames are all damaged, or a polygon that no pixel lies in.
 
     Warns
     -----
@@ -147,7 +155,8 @@ def track(
     places, half, shapes = check_points(points, subset, shape)
     check_settings(film, order, static_frames, blur, tolerance, max_iterations, min_zncc)
     wanted = selected_frames(select, len(film))
-    reference = make_reference(film, places, half, shapes != "affine", order, static_frames, blur)
+    inside = mask_of(regions, covers, film.shape, blur)
+    reference = make_reference(film, places, half, shapes != "affine", order, static_frames, blur, inside)
     options = Options(order, tolerance, max_iterations, min_zncc, adaptable(shapes, adapt))
     window = FilmWindow(film, order, blur)
     window.frames_read = static_frames

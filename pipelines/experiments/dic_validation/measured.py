@@ -38,13 +38,28 @@ def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
     chosen = settings.tracking
     points, subsets = _points(source, chosen)
     static = chosen.static_frames or _static_frames(source, points[0], subsets[0])
-    options: dict[str, Any] = {"subset": subsets, "shape": "auto", "order": chosen.order, "static_frames": static}
+    options: dict[str, Any] = {"subset": subsets, "order": chosen.order, "static_frames": static}
+    options |= {"regions": chosen.regions, "covers": chosen.covers}
+    if chosen.regions or chosen.covers:
+        _refuse_covered(imaging.track(source, points[:1], select=[0], **{**options, "subset": subsets[:1]}))
     if full:
         found = imaging.track(source, points, **options)
         return _with_bytes(found, source, {})
     coarse, wanted = _worth_reading(source, points[:1], {**options, "subset": subsets[:1]}, static)
     found = imaging.track(source, points, select=wanted, **options)
     return _with_bytes(found, source, coarse)
+
+
+def _refuse_covered(body: xr.Dataset) -> None:
+    """Raise when the masks leave nothing of the large subset: no frame would tell its motion."""
+    names = str(body["status"].attrs["flag_meanings"]).split()
+    if names[int(body["status"][0, 0])] == "covered":
+        at, width = f"[{float(body['x'][0]):g}, {float(body['y'][0]):g}]", int(body["subset"][0])
+        message = (
+            f"tracking.regions and tracking.covers leave too few pixels of the square of {width} px about {at}, "
+            "which tells the motion: draw them in px of the first image, or give another tracking.body"
+        )
+        raise InputError(message)
 
 
 def _points(source: FrameSource, chosen: Tracking) -> tuple[list[tuple[float, float]], list[int]]:
@@ -184,6 +199,7 @@ def keys(film: Path, track: xr.Dataset, bounces: xr.Dataset, *, settings: DicVal
     for axis, text in (("x", "column"), ("y", "row")):
         place = at[axis].values + at[f"d{axis}"].values
         found[f"point_{axis}"] = variable(("key", "point"), place, "px", f"{text} of a tracked point")
+        found[f"start_{axis}"] = variable("point", at[axis].values, "px", f"{text} of a point in the first image")
     found["turn"] = variable(("key", "point"), at["rotation"].values, "rad", "rotation")
     found["subset"] = variable("point", at["subset"].values, "px", "subset")
     return found.assign_attrs(work=json.dumps({"key_frames": len(near)}))

@@ -6,6 +6,7 @@ import math
 import cv2
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from labpipe.report import (
     Band,
@@ -27,7 +28,7 @@ from labpipe.report import (
 from labpipe.workflow.context import Context
 from pipelines.experiments.dic_validation.budget import quantities
 from pipelines.experiments.dic_validation.comparison import rows as compared_rows
-from pipelines.experiments.dic_validation.settings import DicValidation
+from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 from pipelines.experiments.shared import budget_blocks, pages
 from pipelines.experiments.shared.film_frames import enlarged, png
 from pipelines.experiments.shared.judgements import verdict_section
@@ -35,6 +36,7 @@ from pipelines.experiments.shared.judgements import verdict_section
 _VIEWS = 3  # impacts that get a button
 _BEFORE, _AFTER = 1e-3, 4e-3  # s around a touch that show one impact
 _SMALLEST_PICTURE = 480  # px; smaller frames are enlarged by a whole factor
+_REGION, _COVER = (80, 200, 80), (80, 80, 230)  # BGR: green, red
 _BODY, _POINT = (80, 200, 255), (255, 200, 60)  # BGR: orange square, blue points
 _GROUP = "film"  # charts and frames over the film's time
 _SPREAD = "± 2 sd of the laser's repeats"
@@ -137,24 +139,36 @@ def _summary(
 
 
 def _key_frames(keys: xr.Dataset, settings: DicValidation, start: float | None) -> Section:
-    pictures = [_picture(keys.isel(key=i), start) for i in range(keys.sizes["key"])]
+    pictures = [_picture(keys.isel(key=i), start, settings.tracking) for i in range(keys.sizes["key"])]
     gallery = Gallery(
         "Key frames with the tracked subsets",
         pictures,
         caption="Orange: the large subset whose motion is the result, with its rotation. "
-        "Blue: the line of small subsets. The charts below mark the frame that is shown.",
+        "Blue: the line of small subsets. " + _told_masks(settings.tracking) + "The charts below mark the "
+        "frame that is shown.",
         group=_GROUP,
     )
     header = pages.raw_header(keys.assign_attrs(source=settings.film))
     return Section("Film", (gallery,) if header is None else (gallery, header))
 
 
-def _picture(key: xr.Dataset, start: float | None) -> Picture:
+def _told_masks(tracking: Tracking) -> str:
+    """Explain the polygons of the pictures."""
+    drawn = []
+    if tracking.regions:
+        drawn.append("Green: what counts. ")
+    if tracking.covers:
+        drawn.append("Red: what is covered and does not count. ")
+    return "".join(drawn) + ("They move with the large subset. " if drawn else "")
+
+
+def _picture(key: xr.Dataset, start: float | None, tracking: Tracking) -> Picture:
     image = key["image"].values
     factor = max(1, math.ceil(_SMALLEST_PICTURE / max(image.shape)))
     canvas = enlarged(image, factor)
     scale = factor / float(key["reduction"])
     half = factor / 2 - 0.5  # the centre of an enlarged pixel
+    _draw_masks(canvas, key, tracking, scale, half)
     for n in range(key.sizes["point"]):
         x, y = float(key["point_x"][n]), float(key["point_y"][n])
         if not (math.isfinite(x) and math.isfinite(y)):
@@ -173,6 +187,20 @@ def _picture(key: xr.Dataset, start: float | None) -> Picture:
         f"frame {frame}, {time:.2f} ms in the film",
         at=None if start is None else time - start * 1e3,
     )
+
+
+def _draw_masks(canvas: NDArray[np.uint8], key: xr.Dataset, tracking: Tracking, scale: float, half: float) -> None:
+    """Draw the polygons of the masks, moved and turned as the large subset is."""
+    body = key.isel(point=0)
+    start, now = (np.array([float(body[f"{name}_x"]), float(body[f"{name}_y"])]) for name in ("start", "point"))
+    if not np.isfinite(now).all():
+        return
+    cosine, sine = math.cos(float(body["turn"])), math.sin(float(body["turn"]))
+    turn = np.array([[cosine, -sine], [sine, cosine]])
+    for polygons, colour in ((tracking.regions, _REGION), (tracking.covers, _COVER)):
+        for polygon in polygons or ():
+            corners = now + (np.array(polygon) - start) @ turn.T
+            cv2.polylines(canvas, [np.rint(corners * scale + half).astype(np.int32)], True, colour, 2, cv2.LINE_AA)
 
 
 def _calibration(motion: xr.Dataset) -> Section:
@@ -317,12 +345,25 @@ def _agreement(comparison: xr.Dataset) -> Section:
     return Section("Agreement", (Paragraph(text), KeyValues(rows), Table(columns, table)))
 
 
+def _also_solved(body: xr.Dataset) -> str:
+    """Tell in how many frames light, blur and stretch were solved for."""
+    found = body["model"].where(body["valid"], 0).values.astype(int)
+    names = {"light": "sloping light", "blur": "a change of blur", "affine": "stretch and shear"}
+    attrs = body["model"].attrs
+    parts = []
+    for name, mask in zip(str(attrs["flag_meanings"]).split(), attrs["flag_masks"], strict=True):
+        if count := int((found & int(mask) > 0).sum()):
+            parts.append(f"{names[name]} in {count}")
+    return f"{', '.join(parts)} of {len(found)} frames" if parts else "nothing"
+
+
 def _tracking(track: xr.Dataset, motion: xr.Dataset | None) -> Section:
     frames = track["frame"].values
     body = track.isel(point=0)
     size = track["subset"].values[0]
     rows = [
-        ("subset on the holder", f"{size} px", "rigid: two shifts and a rotation"),
+        ("subset on the holder", f"{size} px", "two shifts and a rotation"),
+        ("solved for beside them", _also_solved(body), "where the residual shows it"),
         ("standard uncertainty of a displacement (noise)", quantity(float(np.nanmedian(body["u_dy"])), "px"), "median"),
         ("correlation", f"{float(np.nanmin(body['zncc'])):.4f}", "smallest over all frames"),
         ("lost", str(int((~body["valid"].values).sum())), "frames without a value"),

@@ -3,11 +3,15 @@
 from datetime import date
 from typing import Annotated, Literal
 
+import msgspec
+
 from labpipe.workflow.config import POSITIVE, ExperimentName, File, Frequency, Range
 from pipelines.experiments.shared.settings import Table
 
 Pixel = Annotated[float, Range(at_least=-1e5, at_most=1e5)]
 Place = tuple[Pixel, Pixel]
+Polygon = Annotated[list[Place], msgspec.Meta(min_length=3)]
+Polygons = Annotated[list[Polygon], msgspec.Meta(min_length=1)]
 
 
 class Tracking(Table, frozen=True, kw_only=True):
@@ -15,8 +19,10 @@ class Tracking(Table, frozen=True, kw_only=True):
 
     ``body`` is the centre of one large square on the holder, ``body_subset`` its width: it gives
     the motion. ``line`` are the ends of a line of ``points`` small subsets, as in the thesis.
-    ``static_frames`` are those before the release; by default they are found. ``order`` 5 is the
-    accurate interpolation, 3 the fast one.
+    ``regions`` are polygons within which pixels count (the holder without what is around it),
+    ``covers`` polygons within which none does (a screw, a rim); a square partly outside uses what
+    is left of it, and the polygons move with the holder. ``static_frames`` are those before the
+    release; by default they are found. ``order`` 5 is the accurate interpolation, 3 the fast one.
     """
 
     body: Place | None = None
@@ -26,6 +32,8 @@ class Tracking(Table, frozen=True, kw_only=True):
     subset: Annotated[int, Range(at_least=9, at_most=501)] = 31
     static_frames: Annotated[int, Range(at_least=1, at_most=100000)] | None = None
     order: Literal[5, 3] = 5
+    regions: Polygons | None = None
+    covers: Polygons | None = None
 
 
 class DicValidation(Table, frozen=True, kw_only=True):

@@ -164,6 +164,7 @@ def fitted_at(fitted: xr.Dataset, temperature: float | None) -> Prony:
     at_reference = Prony(float(fitted["E_relaxed"]), fitted["E"].values, fitted["rho"].values, nu=float(fitted["nu"]))
     if temperature is None or temperature == float(fitted["T_ref"]):
         return at_reference
+    shift = _shift(fitted, temperature)
     measured = fitted["temperature"].values
     if not measured.min() <= temperature <= measured.max():
         warnings.warn(
@@ -173,7 +174,7 @@ def fitted_at(fitted: xr.Dataset, temperature: float | None) -> Prony:
             UserWarning,
             stacklevel=3,
         )
-    return at_reference.shifted(*_shift(fitted, temperature))
+    return at_reference.shifted(*shift)
 
 
 def _shift(fitted: xr.Dataset, temperature: float) -> tuple[float, float]:

@@ -90,6 +90,37 @@ def test_the_figures_show_the_line_of_subsets(session: Path, tmp_path: Path) -> 
     assert "subsets of" in (tmp_path / "D.1.txt").read_text("utf-8")
 
 
+def masked(session: Path, tmp_path: Path, masks: str) -> Path:
+    """Copy of the session whose film has masks, before the first table that follows its tracking."""
+    folder = tmp_path / "session"
+    shutil.copytree(session, folder)
+    path = folder / "session.toml"
+    head, tracking = path.read_text("utf-8").split("[experiments.film.tracking]\n")
+    path.write_text(f"{head}[experiments.film.tracking]\n{masks}\n{tracking}", "utf-8")
+    return folder
+
+
+def test_masks_are_followed_and_drawn(session: Path, tmp_path: Path) -> None:
+    masks = "regions = [[[4, 4], [40, 4], [40, 68], [4, 68]]]\ncovers = [[[18, 20], [28, 20], [28, 30], [18, 30]]]"
+    folder = masked(session, tmp_path, masks)
+    outcome = process(folder, only=["film"], jobs=0)
+    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
+    found, plain = (result(where, "film", "track").isel(point=0) for where in (folder, session))
+    expected = np.array(truth(session)["dy"])[found["frame"].values]
+    assert np.abs(found["dy"].values - expected).max() < 0.04
+    assert float(found["u_dy"].median()) > 1.1 * float(plain["u_dy"].median())
+    page = (folder / "labpipe/reports/film.html").read_text("utf-8")
+    assert "Green: what counts. Red: what is covered and does not count." in page
+    assert "what is covered" not in (session / "labpipe/reports/film.html").read_text("utf-8")
+
+
+def test_masks_that_leave_nothing_of_the_holder_are_refused(session: Path, tmp_path: Path) -> None:
+    folder = masked(session, tmp_path, "covers = [[[0, 0], [47, 0], [47, 71], [0, 71]]]")
+    outcome = process(folder, ["track"], ["film"], jobs=0)
+    assert outcome.exit_code == 3
+    assert "leave too few pixels of the square of" in outcome.failures[0].message
+
+
 def test_a_wrong_pixel_size_shows_against_the_laser(session: Path, tmp_path: Path) -> None:
     """The comparison can fail: 355 instead of 386 px in 30 mm make every length 9 % too large."""
     folder = tmp_path / "session"
