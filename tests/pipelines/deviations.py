@@ -85,7 +85,11 @@ def write_specimens(folder: Path, seed: int) -> None:
         section = dma_section(name, export, solid)
         text += _NU.sub(lambda m, nu=solid.nu, e=error: f'nu = "{nu + e * float(m[1]):.5f} ± {m[1]}"', section)
     delay = cell_record(NOTE).replace('"15.9 ± 0.2 ms"', f'"{15.915 + 0.2 * random.standard_normal():.4f} ± 0.2 ms"')
-    for name, record in (("laser", laser_record()), ("laser_plate", plate_laser_record()), ("load_cell", delay)):
+    gains = [
+        record.replace('scale = "1.0000 ±', f'scale = "{1 + 5e-4 * random.standard_normal():.6f} ±')
+        for record in (laser_record(), plate_laser_record())
+    ]
+    for name, record in zip(("laser", "laser_plate", "load_cell"), (*gains, delay), strict=True):
         files.write_text(folder / f"calibration/{name}.toml", record)
     files.write_text(folder / "session.toml", session_head("Specimens (synthetic)") + text)
 
