@@ -98,8 +98,8 @@ def _summary(
             (
                 "restitution of the first impact, model",
                 value_with_uncertainty(e, u, "1"),
-                "uncertainty from height, radius, mass, plate, and from temperature and Poisson's "
-                "ratio where stated with an uncertainty; the moduli are taken as exact",
+                "uncertainty from height, radius, mass, plate, and from temperature and Poisson's ratio where "
+                f"stated with an uncertainty; {_of_moduli(settings)}",
             )
         )
     if comparison is not None:
@@ -328,6 +328,13 @@ def _model(model: xr.Dataset) -> Section:
     return Section("Model", tuple(blocks))
 
 
+def _of_moduli(settings: BallDrop) -> str:
+    """Say whether the uncertainty of the moduli is part of the model's."""
+    if settings.sphere.material_from is not None:
+        return f"that of the moduli, by {settings.sphere.source}, is included"
+    return "the moduli are taken as exact"
+
+
 def _times(n: int) -> str:
     return {1: "once", 2: "twice"}.get(n, f"{n} times")
 
@@ -340,7 +347,6 @@ def _methods(
     comparison: xr.Dataset | None,
 ) -> str:
     sphere = settings.sphere
-    source = sphere.material or sphere.material_file or sphere.material_from
     text = (
         f"A sphere of radius {pages.stated(sphere.radius)} with a total moving mass of "
         f"{pages.stated(sphere.mass)} was dropped {_times(len(settings.laser))} from "
@@ -361,7 +367,7 @@ def _methods(
     )
     if model is not None:
         text += (
-            f"The drop was simulated with the material “{source}” by the method of dimensionality "
+            f"The drop was simulated with the material “{sphere.source}” by the method of dimensionality "
             f"reduction (profile: {settings.model.profile}, tolerance {settings.model.rtol:g}). "
         )
     if comparison is not None:
