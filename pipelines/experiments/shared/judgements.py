@@ -34,6 +34,12 @@ from pipelines.experiments.shared.material_choice import is_of_spectrum
 
 MATTERS = 0.2
 """Relative error of an input that a comparison must be able to show before it can agree."""
+_LINEAR, _FAR = 0.3, 20.0
+"""Part of an input's value, or times its u, beyond which its effect is no longer known by its slope."""
+_UNEXPLAINED = (
+    "no input alone explains it: the specimen is probably of another material or in another state than stated, or "
+    "the model leaves something out"
+)
 _LEAST_OWN = 0.05
 """Least part of a difference's uncertainty that is its own, not shared with other rows."""
 _SHOWN = 3  # detectable errors in the opening sentence
@@ -127,19 +133,21 @@ def _suspected(
     names: Sequence[str], known: Mapping[str, Quantity], differences: Sequence[float], slopes: Any, covariance: Any
 ) -> list[str]:
     """Say of the likeliest inputs by how much each would have to be stated wrongly, and what that explains."""
-    said = []
-    for suspect in suspects(differences, slopes, covariance)[:_SUSPECTS] if names else ():
-        if suspect.share < _EXPLAINS:
+    said: list[str] = []
+    for suspect in suspects(differences, slopes, covariance) if names else ():
+        if suspect.share < _EXPLAINS or len(said) == _SUSPECTS:
             break
         first, *others = (names[i] for i in suspect.inputs)
         given = known[first]
+        if given.value and abs(suspect.error) > max(_LINEAR * abs(given.value), _FAR * given.u):
+            continue
         way = "too large" if suspect.error > 0.0 else "too small"
         size = quantity(abs(suspect.error), given.si)
         if given.si == "1" and given.value:
             size = f"{100 * abs(suspect.error / given.value):.2g} %"
         like = f" (or {', '.join(others)})" if others else ""
         said.append(f"{first}{like} stated {size} {way} would explain {100 * suspect.share:.0f} % of it")
-    return said
+    return said or [_UNEXPLAINED]
 
 
 def _covariance(rows: Sequence[Row], slopes: Any, u: Sequence[float]) -> Any:
