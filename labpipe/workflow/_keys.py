@@ -80,6 +80,8 @@ def _key(
         entry: dict[str, Any] = {"input": argument.name}
         if argument.tasks:
             entry["keys"] = [keys[before].value for before in argument.tasks]
+        if argument.places is not None:
+            entry["places"] = list(argument.places)
         try:
             if argument.files:
                 entry["files"] = [describe_file(session.root, n, store.index) for n in argument.files]

@@ -333,9 +333,7 @@ class _Run:
             values = [self.job.session.root / name for name in argument.files]
         else:
             values = [self._input(task, name) for name in argument.tasks]
-        if argument.is_list:
-            return values
-        return values[0] if values else None
+        return argument.arranged(values)
 
     def _input(self, task: Task, name: TaskId) -> Any:
         value = self.plan.keys[name].value

@@ -39,7 +39,9 @@ class Stage:
         that runs per recording over that very field, the one Path of the recording.
         ``"other:material/master_curve"``: the result of the stage ``master_curve`` of the
         experiment that the settings field ``material`` names as ``"experiment:NAME"``; None when
-        the field names none. Of stages that run per recording, the list of all results.
+        the field names none. Of stages that run per recording, the list of all results. Through
+        a list of tables (``"other:drops.material_from/master_curve"``), the list of one result or
+        None for every item.
     parameters : tuple of str
         Settings fields that the result depends on, dotted (``"sphere.radius"``), or ``"*"``.
     per : {"experiment", "recording"}

@@ -96,9 +96,7 @@ class Results:
     def _value(self, argument: Argument) -> Any:
         found: list[Any] = [self.folder / name for name in argument.files]
         found += [self.result(*task) for task in argument.tasks]
-        if argument.is_list:
-            return found
-        return found[0] if found else None
+        return argument.arranged(found)
 
 
 def _which_recording(task: TaskId, known: Sequence[str]) -> str:

@@ -1,7 +1,7 @@
 """The stages of a session spelled out: one task per experiment, stage and recording."""
 
 import graphlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -30,12 +30,25 @@ class TaskId(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """One input of a task: results of other tasks, or files, or nothing."""
+    """One input of a task: results of other tasks, or files, or nothing.
+
+    ``places`` belongs to a field that leads through a list of tables: for every item, the number
+    of its task, or None for an item that names no experiment.
+    """
 
     name: str
     tasks: tuple[TaskId, ...] = ()
     files: tuple[str, ...] = ()
     is_list: bool = False
+    places: tuple[int | None, ...] | None = None
+
+    def arranged(self, values: Sequence[Any]) -> Any:
+        """Return what a function gets, of the values of files or tasks: a list, one value, or None."""
+        if self.places is not None:
+            return [None if place is None else values[place] for place in self.places]
+        if self.is_list:
+            return list(values)
+        return values[0] if values else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,14 +109,12 @@ def recordings(experiment: Experiment, stage: Stage) -> tuple[str | None, ...]:
 
 def references(experiment: Experiment, stages: Iterable[Stage]) -> dict[str, str]:
     """Other experiments whose results the stages take, with the field that names each."""
-    found = {}
+    found: dict[str, str] = {}
     for stage in stages:
         for text in stage.inputs:
             if text.startswith(OTHER):
                 field = text.removeprefix(OTHER).split("/")[0]
-                other = _reference(experiment, field)
-                if other is not None:
-                    found[other] = field
+                found |= {other: place for place, other in _named(experiment, field) if other is not None}
     return found
 
 
@@ -121,10 +132,25 @@ def field_value(settings: Any, dotted: str) -> Any:
     return settings
 
 
-def _reference(experiment: Experiment, field: str) -> str | None:
-    value = field_value(experiment.settings, field)
-    is_reference = isinstance(value, str) and value.startswith(REFERENCE)
-    return value.removeprefix(REFERENCE) if is_reference else None
+def _named(experiment: Experiment, field: str) -> list[tuple[str, str | None]]:
+    """List the experiments that a field names, each with its place (``drops[1].material_from``)."""
+    found = _ends(experiment.settings, field.split("."), "")
+    return [
+        (place, value.removeprefix(REFERENCE) if isinstance(value, str) and value.startswith(REFERENCE) else None)
+        for place, value in found
+    ]
+
+
+def _ends(node: Any, names: Sequence[str], place: str) -> Iterator[tuple[str, Any]]:
+    """Follow a field, into every item of a list on the way; where a table is absent, the value is None."""
+    if isinstance(node, list | tuple):
+        for number, item in enumerate(node):
+            yield from _ends(item, names, f"{place}[{number}]")
+    elif names and node is not None:
+        first, *rest = names
+        yield from _ends(getattr(node, first, None), rest, f"{place}.{first}" if place else first)
+    else:
+        yield place, node
 
 
 def _names(value: Any) -> tuple[str, ...]:
@@ -171,24 +197,42 @@ def _argument(
         if recording is not None and field == over:
             return Argument(text, files=(recording,))
         return Argument(text, files=_names(value), is_list=isinstance(value, list | tuple))
-    source, name = experiment, text
     if text.startswith(OTHER):
-        field, name = text.removeprefix(OTHER).split("/")
-        other = _reference(experiment, field)
-        if other is None:
-            return Argument(text)
-        source = session.experiments[other]
-    known = {s.name: s for s in plans[source.kind]}
-    if name not in known:
-        line = experiment.lines.get(field, 1)
-        near = suggest(name, known)
-        message = f'"{source.name}" is of kind "{source.kind}", which has no stage "{name}"{near}'
-        raise ConfigError([f"{FILE_NAME}:{line}: experiments.{experiment.name}.{field}: {message}"])
-    taken = known[name]
-    if source is experiment and recording is not None and taken.per == "recording":
-        return Argument(text, tasks=(TaskId(source.name, name, recording),))
-    ids = tuple(TaskId(source.name, name, r) for r in recordings(source, taken))
+        return _of_others(session, plans, experiment, text)
+    taken = next(s for s in plans[experiment.kind] if s.name == text)
+    if recording is not None and taken.per == "recording":
+        return Argument(text, tasks=(TaskId(experiment.name, text, recording),))
+    ids = tuple(TaskId(experiment.name, text, r) for r in recordings(experiment, taken))
     return Argument(text, tasks=ids, is_list=taken.per == "recording")
+
+
+def _of_others(session: Session, plans: Stages, experiment: Experiment, text: str) -> Argument:
+    """Resolve an input that is a result of other experiments; through a list, one for every item."""
+    field, name = text.removeprefix(OTHER).split("/")
+    named = _named(experiment, field)
+    is_through_list = not named or any("[" in place for place, _ in named)
+    ids: dict[str, tuple[TaskId, ...]] = {}
+    is_list = False
+    for place, other in named:
+        if other is None:
+            continue
+        source = session.experiments[other]
+        known = {s.name: s for s in plans[source.kind]}
+        problem = "" if name in known else f', which has no stage "{name}"{suggest(name, known)}'
+        if not problem and is_through_list and known[name].per == "recording":
+            problem = f', whose stage "{name}" gives one result for each recording; a list of tables takes single ones'
+        if problem:
+            line = experiment.lines.get(place, 1)
+            message = f'"{source.name}" is of kind "{source.kind}"{problem}'
+            raise ConfigError([f"{FILE_NAME}:{line}: experiments.{experiment.name}.{place}: {message}"])
+        ids[other] = tuple(TaskId(other, name, r) for r in recordings(source, known[name]))
+        is_list = known[name].per == "recording"
+    tasks = tuple(task for each in ids.values() for task in each)
+    if not is_through_list:
+        return Argument(text, tasks=tasks, is_list=is_list)
+    numbers = {other: number for number, other in enumerate(ids)}
+    places = tuple(None if other is None else numbers[other] for _, other in named)
+    return Argument(text, tasks=tasks, is_list=True, places=places)
 
 
 def ancestors(tasks: Mapping[TaskId, Task], *task_ids: TaskId) -> list[TaskId]:

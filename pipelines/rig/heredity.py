@@ -123,6 +123,8 @@ def remember(history: History, begin: float, end: float, increments: Floats, rea
     place = history.blocks[0]
     if place >= history.order.size:
         raise RuntimeError("the history has more blocks than room")
+    if end < begin or (place > 0 and begin < history.edges[history.order[place - 1], 1] * (1 - 1e-12)):
+        raise RuntimeError("the history would run backwards")
     b = history.order[place]
     history.edges[b, 0], history.edges[b, 1] = begin, end
     history.is_single[b] = True

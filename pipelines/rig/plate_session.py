@@ -6,6 +6,7 @@ from pathlib import Path
 
 from pipelines.rig.fall import DropRig
 from pipelines.rig.plate import write_ringing
+from pipelines.rig.session_text import from_dma
 
 _STATED_INCLINATION = 5.0  # degrees, what the calibration found; the truth differs within its u
 _U_INCLINATION = 0.1
@@ -35,13 +36,15 @@ def write_plate(
 ) -> str:
     """Record the plate under drops of several materials and heights; returns its section.
 
+    The solids are those of DMA experiments, which the session must hold.
+
     Parameters
     ----------
     folder : Path
         The session folder.
     rig : DropRig
     names : sequence of str
-        Materials of the library.
+        Solids of the rig.
     heights : sequence of float [m]
     repeats : int
     start : datetime
@@ -66,7 +69,7 @@ def write_ringing_of(
     return f"""
 [[experiments.plate.drops]]
 material = "{material}"
-height = "{height * 1e3:g} ± 0.005 mm"
+{from_dma(material)}height = "{height * 1e3:g} ± 0.005 mm"
 laser = [
 {listed}]
 """

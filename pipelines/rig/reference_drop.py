@@ -455,7 +455,7 @@ def _flight_time(
     if not len(below):
         return float(span)
     k = int(below[0])
-    if k == 0:
-        return float(grid[0])
+    if k == 0 or clearance[k - 1] <= 0.0:  # a floor on its way up is there at the apex already
+        return float(grid[k])
     share = clearance[k - 1] / (clearance[k - 1] - clearance[k])
     return float(grid[k - 1] + share * (grid[k] - grid[k - 1]))

@@ -12,7 +12,7 @@ from pathlib import Path
 from labpipe import files
 from labpipe.errors import UsageError
 from labpipe.workflow.session import FILE_NAME
-from pipelines.rig.dma import CAMPAIGN, write_dma
+from pipelines.rig.dma import CAMPAIGN, Protocol, write_dma
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.film_session import FRONT_HEIGHT, front_record, under_record, write_films
@@ -106,12 +106,12 @@ profile = "parabola"  # the virtual tip is one
 """
 
 
-def sweeps(folder: Path, *of: str) -> str:
+def sweeps(folder: Path, *of: str, protocol: Protocol = CAMPAIGN) -> str:
     """Write the rheometer's exports of materials; returns their sections."""
     sections = ""
     for material in of:
         name, solid = dma_name(material), SOLIDS[material]
-        export = write_dma(folder, name, solid, CAMPAIGN, 500 + list(SOLIDS).index(material))
+        export = write_dma(folder, name, solid, protocol, 500 + list(SOLIDS).index(material))
         sections += dma_section(name, export, solid)
     return sections
 
@@ -228,9 +228,9 @@ def _plate(folder: Path, full_size: bool) -> list[str]:
     )
     files.write_text(folder / "calibration/laser.toml", laser_record())
     files.write_text(folder / "calibration/laser_plate.toml", plate_laser_record())
-    sections += sweeps(folder, "acrylic")
+    sections += sweeps(folder, "acrylic", "ptfe")
     files.write_text(folder / "session.toml", session_head("Ringing of the plate (synthetic)") + sections)
-    return ["plate", "acrylic_10mm", "acrylic_dma"]
+    return ["plate", "acrylic_10mm", "acrylic_dma", "ptfe_dma"]
 
 
 def _thesis(folder: Path, full_size: bool) -> list[str]:

@@ -309,21 +309,34 @@ def _material_names(session: Session) -> Iterator[tuple[str, Finding]]:
     """Hold the material that is stated against the one that names of experiment and files tell."""
     known = set(library_names())
     for e in session.experiments.values():
-        places = [("", e.name), *((n.setting, n.name) for n in named_files(session) if n.experiment == e.name)]
-        names = [name for _, name in places]
-        stated = [(setting, m) for setting, m in _materials(e.settings, "") if m in known]
-        for setting, material in stated:
-            told = next((name for name in names if _words(name) & known), "")
-            if told and not _mentions(names, material):
-                yield e.name, _misnamed(f'the material is "{material}"', told, known, setting)
-        first = next((name for name in names if len(_words(name) & known) == 1), "")
-        for setting, name in () if stated or not first else places:
-            if _words(name) & known and not _words(name) & _words(first) & known:
-                yield (
-                    e.name,
-                    _misnamed(f"{first} is named after {', '.join(_words(first) & known)}", name, known, setting),
-                )
-                break
+        named = [("", e.name), *((n.setting, n.name) for n in named_files(session) if n.experiment == e.name)]
+        # a table in a list that states a material of its own has files of its own
+        tables = {setting.rpartition(".")[0] for setting, _ in _materials(e.settings, "") if "[" in setting}
+        for table in sorted(tables):
+            yield from _named_alike(e, [p for p in named if p[0].startswith(f"{table}.")], known, table)
+        rest = [p for p in named if not any(p[0].startswith(f"{table}.") for table in tables)]
+        yield from _named_alike(e, rest, known, "")
+
+
+def _named_alike(
+    e: Experiment, places: Sequence[tuple[str, str]], known: set[str], table: str
+) -> Iterator[tuple[str, Finding]]:
+    """Hold names, each with its setting, against the material of their table, else against each other."""
+    names = [name for _, name in places]
+    materials = [(setting, m) for setting, m in _materials(e.settings, "") if m in known]
+    stated = [pair for pair in materials if ("[" not in pair[0] if not table else pair[0].startswith(f"{table}."))]
+    for setting, material in stated:
+        told = next((name for name in names if _words(name) & known), "")
+        if told and not _mentions(names, material):
+            yield e.name, _misnamed(f'the material is "{material}"', told, known, setting)
+    first = next((name for name in names if len(_words(name) & known) == 1), "")
+    for setting, name in () if stated or not first else places:
+        if _words(name) & known and not _words(name) & _words(first) & known:
+            yield (
+                e.name,
+                _misnamed(f"{first} is named after {', '.join(_words(first) & known)}", name, known, setting),
+            )
+            break
 
 
 def _misnamed(what: str, name: str, known: set[str], setting: str) -> Finding:
@@ -342,7 +355,10 @@ def _mentions(names: Sequence[str], material: str) -> bool:
 
 
 def _materials(table: Any, place: str) -> Iterator[tuple[str, str]]:
-    if isinstance(table, msgspec.Struct):
+    if isinstance(table, list | tuple):
+        for number, item in enumerate(table):
+            yield from _materials(item, f"{place}[{number}]")
+    elif isinstance(table, msgspec.Struct):
         for name in table.__struct_fields__:
             value, where = getattr(table, name), f"{place}.{name}" if place else name
             if name == "material" and isinstance(value, str):

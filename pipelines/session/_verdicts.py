@@ -207,9 +207,7 @@ def _tolerant(results: Results, argument: Any) -> Any:
             found.append(results.result(*task))
         except LabpipeError:
             found.append(None)
-    if argument.is_list:
-        return found
-    return found[0] if found else None
+    return argument.arranged(found)
 
 
 def _placed(session: Session, experiment: Experiment, finding: Finding) -> Finding:

@@ -78,6 +78,8 @@ def laboratory(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "toy_laboratory", toy)
     # The state of the repository may change while the tests run; a result must not differ by that.
     monkeypatch.setattr(provenance, "git_state", lambda folder: None)
+    # Nor by what other tests have left beside the compiled modules.
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
 
 
 def run_toys(folder: Path) -> None:

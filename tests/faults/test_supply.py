@@ -14,8 +14,8 @@ from tests.faults.test_failed_inputs import GARBAGE, session
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ["labpipe", "instruments", "calibration", "pipelines"]
-SPEAKS = {"instruments/keyence/_live.py"}
-"""Modules that open a connection: the live acquisition."""
+SPEAKS = {"instruments/keyence/_live.py", "pipelines/app/_serve.py", "pipelines/commands/open.py"}
+"""Modules that open a connection: the live acquisition, and the local page, which listens on 127.0.0.1."""
 NETWORK = {
     "socket",
     "ssl",
@@ -47,7 +47,7 @@ def modules_of(path: Path) -> set[str]:
     return found
 
 
-def test_only_acquisition_can_open_a_connection() -> None:
+def test_only_acquisition_and_the_local_page_can_open_a_connection() -> None:
     speaking = {
         path.relative_to(ROOT).as_posix()
         for package in PACKAGES

@@ -198,9 +198,11 @@ ROWS = (
     Mistake("second file of PTFE", _of("ptfe"), "doubtful", ("another material",), SECOND),
     Mistake("second file of NBR", _of("nbr"), "impossible", ("another material",), SECOND),
     # what the session states
-    Mistake("nu 0.035", setting('nu = "0.35"', 'nu = "0.035"'), "doubtful", ("decimal point",), TOML, "nu"),
-    Mistake("nu 0.05", setting('nu = "0.35"', 'nu = "0.05"'), "doubtful", ("nu",), TOML, "nu"),
-    Mistake("torsion for tension", setting('"tension"', '"torsion"'), "doubtful", ("not torsion",), TOML, "mode"),
-    Mistake("shear for tension", setting('"tension"', '"shear"'), "doubtful", ("not shear",), TOML, "mode"),
-    Mistake("reference of 200 degrees", setting('"20 degC"', '"200 degC"'), "doubtful", ("T_ref",), TOML, "T_ref"),
+    Mistake("nu 0.035", setting('nu = "0.35 ± 0.01"', 'nu = "0.035"'), "doubtful", ("decimal point",), TOML, "nu"),
+    Mistake("nu 0.05", setting('nu = "0.35 ± 0.01"', 'nu = "0.05"'), "doubtful", ("nu",), TOML, "nu"),
+    Mistake("tension for torsion", setting('"torsion"', '"tension"'), "doubtful", ("not tension",), TOML, "mode"),
+    Mistake("bending for torsion", setting('"torsion"', '"bending"'), "doubtful", ("not bending",), TOML, "mode"),
+    Mistake(
+        "reference of 200 degrees", setting('"20.042 degC"', '"200.42 degC"'), "doubtful", ("T_ref",), TOML, "T_ref"
+    ),
 )

@@ -9,9 +9,11 @@ import numpy as np
 
 from labpipe import files
 from labpipe.arrays import Floats
+from pipelines.rig.campaign import SMALL
 from pipelines.rig.plate import PLATE_RIG
 from pipelines.rig.plate_session import plate_laser_record, write_plate
-from pipelines.rig.samples import session_head
+from pipelines.rig.samples import session_head, sweeps
+from pipelines.rig.session_text import from_dma
 from tests.mistakes.drop_rows import Mistake
 from tests.mistakes.recordings import Edit, cells, header, setting, values
 
@@ -28,6 +30,7 @@ def write(folder: Path) -> Path:
     """Write the clean session: acrylic and PTFE from two heights, one recording of each."""
     rig = replace(PLATE_RIG, duration=0.12)
     text = write_plate(folder, rig, ("acrylic", "ptfe"), (1.5e-3, 5e-3), 1, START)
+    text += sweeps(folder, "acrylic", "ptfe", "nbr", protocol=SMALL.dma)
     files.write_text(folder / RECORD, plate_laser_record())
     files.write_text(folder / _TOML, session_head("Mistakes (synthetic)") + text)
     return folder
@@ -41,7 +44,8 @@ def _exchanged(folder: Path) -> None:
 
 
 def _height(material: str, old: str, new: str) -> Edit:
-    return setting(f'material = "{material}"\nheight = "{old} ', f'material = "{material}"\nheight = "{new} ')
+    named = f'material = "{material}"\n{from_dma(material)}height = '
+    return setting(f'{named}"{old} ', f'{named}"{new} ')
 
 
 def _upside_down(x: Floats) -> Floats:
@@ -70,7 +74,7 @@ ROWS = (
     Mistake("height 15 for 1.5 mm", _height("acrylic", "1.5", "15"), "impossible", ("height of acrylic",), _TOML),
     Mistake("height 10 for 5 mm", _height("acrylic", "5", "10"), "impossible", ("height of acrylic",), _TOML),
     Mistake("uncertainty 5 mm", setting("5 ± 0.005 mm", "5 ± 5 mm"), "doubtful", ("uncertainty",), _TOML),
-    Mistake("acrylic is said to be nylon", setting('"acrylic"', '"nbr"'), "impossible", (), _TOML),
+    Mistake("acrylic is said to be rubber", setting('"acrylic_dma"', '"nbr_dma"'), "impossible", (), _TOML),
     Mistake(
         "mass ten times too large", setting("505.0 ± 0.5 g", "5.05 ± 0.005 kg"), "doubtful", ("sphere.mass",), _TOML
     ),

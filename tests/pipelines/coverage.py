@@ -39,6 +39,7 @@ from pipelines.experiments.shared.punch_model import Geometry, elastic_force
 from pipelines.experiments.static_loading import load_steps
 from pipelines.experiments.static_loading import measured as static_loading
 from pipelines.process import open_session
+from pipelines.rig.campaign import SMALL
 from pipelines.rig.dma import Protocol, write_dma
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import Body, DropRig
@@ -61,7 +62,7 @@ from pipelines.rig.plate import PLATE_RIG, write_ringing
 from pipelines.rig.plate_session import plate_laser_record, plate_section
 from pipelines.rig.reference_drop import Floor
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
-from pipelines.rig.session_text import NOTE, drop_section, laser_record, session_head
+from pipelines.rig.session_text import NOTE, dma_name, dma_section, drop_section, from_dma, laser_record, session_head
 from pipelines.rig.solids import SOLIDS
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
 from tests.pipelines.small import START
@@ -137,7 +138,7 @@ def ball_drops(folder: Path, seed: int, scores: Scores) -> None:
 
 
 def plates(folder: Path, seed: int, scores: Scores) -> None:
-    """A plate whose mass, frequency and damping are drawn, heard under one drop."""
+    """A plate whose mass, frequency and damping are drawn, heard under one drop of a solid known by its DMA."""
     random = np.random.default_rng(seed)
     floor = Floor(float(random.uniform(20, 60)), float(random.uniform(170, 300)), float(random.uniform(0.02, 0.05)))
     angle = float(np.deg2rad(5 + random.normal(0.0, 0.1)))
@@ -146,11 +147,16 @@ def plates(folder: Path, seed: int, scores: Scores) -> None:
     solid, height = POLYMERS[seed % 4], _HEIGHTS[(seed // 4) % 4]
     (name,) = write_ringing(folder, "p", rig, solid, height, 1, 1000 * seed, START)
     table = (
-        f'\n[[experiments.plate.drops]]\nmaterial = "{solid}"\n'
+        f'\n[[experiments.plate.drops]]\nmaterial = "{solid}"\n{from_dma(solid)}'
         f'height = "{height * 1e3:g} ± 0.005 mm"\nlaser = ["{name}"]\n'
     )
-    begun(folder, plate_section([table]), laser_plate=plate_laser_record())
-    settings = settings_of(folder, "plate")
+    export = write_dma(folder, dma_name(solid), SOLIDS[solid], SMALL.dma, seed)
+    sections = plate_section([table]) + dma_section(dma_name(solid), export, SOLIDS[solid])
+    begun(folder, sections, laser_plate=plate_laser_record())
+    settings, sweeps = settings_of(folder, "plate"), settings_of(folder, dma_name(solid))
+    curve = dma_model.master_curve(
+        dma.gathered([dma.readings(folder / export, settings=sweeps)], settings=sweeps), settings=sweeps
+    )
     readings = plate_vibration.readings(folder / name, settings=settings)
     record = folder / "calibration/laser_plate.toml"
     moved = plate_vibration.displacement(readings, record, settings=settings)
@@ -160,7 +166,7 @@ def plates(folder: Path, seed: int, scores: Scores) -> None:
         error = found[quantity].values[0] - known[quantity]
         note(scores, quantity.replace("_", " "), error, found[f"u_{quantity}"].values[0])
     note(scores, "time of impact", float(ringing["blow_time"]) - known["blow_time"], float(ringing["u_blow_time"]))
-    made = plate_vibration_model.plate(found, settings=settings)
+    made = plate_vibration_model.plate(found, [curve], settings=settings)
     note(scores, "modal mass", float(made["mass"]) - floor.mass, float(made["u_mass"]))
 
 
@@ -281,6 +287,7 @@ def rheometers(folder: Path, seed: int, scores: Scores) -> None:
     """Five isotherms of a solid that no sum of exponentials equals, noise 1 % and 2 %."""
     name = POLYMERS[seed % 4]
     solid = SOLIDS[name]
+    at = min(solid.T_ref, 20.0)  # within these few sweeps
     protocol = Protocol(
         temperatures=(-40.0, -20.0, 0.0, 20.0, 40.0), frequencies=tuple(np.geomspace(10.0, 0.1, 9).tolist())
     )
@@ -290,15 +297,14 @@ def rheometers(folder: Path, seed: int, scores: Scores) -> None:
         rheometer=[export],
         mode=solid.mode,
         nu=Quantity(solid.nu, 0.0, "1"),
-        T_ref=Quantity(solid.T_ref, 0.0, "degC"),
+        T_ref=Quantity(at, 0.0, "degC"),
     )
     read = dma.readings(folder / export, settings=settings)
     found = dma_model.master_curve(dma.gathered([read], settings=settings), settings=settings)
-    note(
-        scores, "shift factors", found["log10_aT"].values - truth(folder, name)["log10_aT"], found["u_log10_aT"].values
-    )
+    shift = np.array(truth(folder, name)["log10_aT"]) - solid.log10_aT(at)
+    note(scores, "shift factors", found["log10_aT"].values - shift, found["u_log10_aT"].values)
     frequency = found["reduced_frequency"].values
-    true = solid.modulus(frequency, np.full(frequency.size, solid.T_ref))
+    true = solid.modulus(frequency, np.full(frequency.size, at))
     for part, values in (("storage", true.real), ("loss", true.imag)):
         note(scores, f"{part} modulus", found[f"master_{part}"].values - values, found[f"u_master_{part}"].values)
 

@@ -213,5 +213,5 @@ def test_a_result_per_recording_names_the_recordings(processed_session: Path) ->
 
 def test_a_sample_is_a_session(tmp_path: Path) -> None:
     made = lp.sample("static", tmp_path / "s")
-    assert list(made.experiments) == ["ptfe_static"]
+    assert list(made.experiments) == ["ptfe_static", "ptfe_dma"]
     assert "synthetic data" in repr(made)

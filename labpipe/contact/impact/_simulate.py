@@ -18,7 +18,6 @@ from labpipe.contact.impact._dataset import DropRun, Setting
 from labpipe.contact.impact._flight import time_to_touch, time_to_touch_plate
 from labpipe.contact.impact._motion import MOTION, Body, Motion, Stillness, motion
 from labpipe.contact.impact._setup import (
-    ALL_SHORTCUTS,
     LONGEST_STEP,
     MARGIN,
     Effort,
@@ -127,7 +126,7 @@ def simulate(
         tolerance = _CONDENSE_SHARE * effort.rtol
         condensed = condense(creep, expected.duration, setting.duration, tolerance)
     bouncer = None
-    if setting.solver == "mdr" and looks is None and effort.shortcuts == ALL_SHORTCUTS:
+    if setting.solver == "mdr" and looks is None and effort.shortcuts.flights and effort.shortcuts.near:
         condensed = replace(condensed, creep=distinct(condensed.creep))
         bouncer = _bouncer(setting, condensed.creep, expected, effort)
     _refuse_endless(setting, condensed.creep, expected, effort)

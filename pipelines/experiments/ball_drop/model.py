@@ -16,7 +16,7 @@ from labpipe.units import Quantity
 from labpipe.variables import variable
 from pipelines.experiments.ball_drop.measured import padded
 from pipelines.experiments.ball_drop.settings import BallDrop
-from pipelines.experiments.shared.material_choice import resolve, variations
+from pipelines.experiments.shared.material_choice import IMPACT_TIMES, resolve, variations
 from pipelines.experiments.shared.plate_under_drop import plate_inputs, resolve_plate
 
 _CURVE_STEP = 5e-5  # s, spacing of the model's curve; contacts of 1 ms get twenty points
@@ -33,9 +33,6 @@ _UNCERTAIN = (
     "impact_speed",
 )
 _MODULUS = "modulus"
-_TIMES = 1e-4, 1e-2
-"""s; an impact depends on how the solid relaxes from a tenth of it to ten times its duration."""
-
 _STIFFER = 0.01  # relative change of the modulus by which its sensitivity is found
 
 
@@ -62,7 +59,7 @@ def model(
     substrate = resolve_plate(settings.plate, plate)
     floor = plate_inputs(settings.plate, plate)
     inputs = body | {f"{_OF_PLATE}{name}": quantity for name, quantity in floor.items()}
-    solids = variations(sphere, material_file, fitted, _TIMES)
+    solids = variations(sphere, material_file, fitted, IMPACT_TIMES)
 
     def simulate(other: Prony, rtol: float, times: Floats | None, **change: float) -> xr.Dataset:
         values = {name: quantity.value for name, quantity in inputs.items()} | change

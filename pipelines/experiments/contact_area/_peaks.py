@@ -14,6 +14,7 @@ WINDOW = 3e-3  # s around the largest radius in which film and model are compare
 # all of them by 0.07 to 0.08 %.
 _FITS = ((3, 4), (2, 3), (1, 2))
 BESIDE = _FITS[0][0]
+_PARABOLA = 0.1  # of the steps between three frames beside a missing one, what their parabola leaves open
 _REAL = 1e-9  # imaginary part of a root that is real
 
 
@@ -38,18 +39,30 @@ def peak_of(time: Floats, a: Floats, u: Floats) -> Peak:
     is_known = np.isfinite(a)
     time, a, u = time[is_known], a[is_known], u[is_known]
     top = int(np.argmax(a))
-    found = [p for beside, degree in _FITS if (p := _fitted(time, a, u, top, beside, degree))]
-    alone = Peak(float(time[top]), float(a[top]), float(u[top]))
-    if not found:
-        low, high = max(0, top - 1), min(len(a), top + 2)
-        return alone._replace(sampling=float(np.ptp(a[low:high])) / np.sqrt(12.0))
-    best, lower, *_ = *found, alone
+    windows = [(top - beside, top + beside + 1, degree) for beside, degree in _FITS]
+    found = [p for window in windows if (p := _fitted(time, a, u, top, *window))]
+    if not found:  # a frame beside the largest could not be read: the three nearest, wherever they lie
+        return _of_few(time, a, u, top)
+    best, lower, *_ = *found, Peak(float(time[top]), float(a[top]), float(u[top]))
     return best._replace(sampling=abs(best.radius - lower.radius) / np.sqrt(3.0))
 
 
-def _fitted(time: Floats, a: Floats, u: Floats, top: int, beside: int, degree: int) -> Peak | None:
-    """Fit the frames beside the largest; nothing where they are too few or have no maximum."""
-    low, high = top - beside, top + beside + 1
+def _of_few(time: Floats, a: Floats, u: Floats, top: int) -> Peak:
+    """Find the largest radius where frames beside the largest are missing, by the three nearest."""
+    alone = Peak(float(time[top]), float(a[top]), float(u[top]))
+    low, high = max(0, top - 1), min(len(a), top + 2)
+    steps = float(np.ptp(a[low:high])) / np.sqrt(12.0)
+    first = min(low, max(0, len(a) - 3))
+    found = _fitted(time, a, u, top, first, first + 3, 2)
+    if found is None:
+        return alone._replace(sampling=steps)
+    # the parabola may cross the largest frame by chance
+    sampling = max(abs(found.radius - alone.radius) / np.sqrt(3.0), _PARABOLA * steps)
+    return found._replace(sampling=sampling)
+
+
+def _fitted(time: Floats, a: Floats, u: Floats, top: int, low: int, high: int, degree: int) -> Peak | None:
+    """Fit the frames from low to before high; nothing where they are too few or have no maximum."""
     if low < 0 or high > len(a):
         return None
     x, near = time[low:high] - time[top], a[low:high]

@@ -40,9 +40,10 @@ _NEAR = 0.6  # K from a set temperature
 _FEW = 20  # readings; more of them with one and the same temperature were not read from a sensor
 _CONSTANT = 1.0  # K within which all temperatures are one
 _FEW_ROWS, _MOST = 4, 0.6  # readings, and share of them at one temperature, that make an isothermal interval
-_FOREIGN, _TORN = 0.25, 3.0
+_FOREIGN, _TORN = 0.25, 1.5
 """Share of the span of the shifts by which a table may differ, and times that residuals may grow:
-batches and laboratories differ by less than that, polymers by more."""
+batches and laboratories differ by less than that share, polymers by more; where readings hardly
+tell the shifts, as of broad relaxations, a wrong table tears them little."""
 _APART = "the material has two processes, or the specimen, its clamping or its temperature changed between sweeps"
 _NAMES = {"storage_modulus": "storage modulus", "loss_modulus": "loss modulus"}
 _FAILED = {

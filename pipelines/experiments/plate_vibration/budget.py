@@ -7,8 +7,10 @@ import numpy as np
 import xarray as xr
 
 from labpipe.uncertainty import Input, excess_uncertainty
+from pipelines.experiments.plate_vibration.model import of_solids
 from pipelines.experiments.plate_vibration.settings import FallingBody, PlateVibration
 from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, clock
+from pipelines.experiments.shared.material_choice import POISSONS_RATIO, TEMPERATURE
 
 _NO_CAMERA = ("pixel size", "there is no camera")
 _LAG = ("filter lag", "the moving average of the sensor delays all readings equally")
@@ -23,11 +25,10 @@ _OF_MASS = (
     _LAG,
     ("zero", "the vibration is measured from its own mean"),
     ("sampling", "the effect of the clock, 5e-5, is a twentieth of that of the sphere's mass"),
-    (
-        "radius, Poisson's ratio, temperature",
-        "they change the duration of the impact, not its momentum; materials are the library's",
-    ),
 )
+_RADIUS = "it changes the duration of the impact, not its momentum"
+_NOT_STATED = "stated without an uncertainty, or not stated"
+_RHEOMETER = "DMA"
 
 
 def quantities(
@@ -67,17 +68,16 @@ def _modal_mass(settings: PlateVibration, ball: FallingBody, moved: xr.Dataset, 
     tilt = Input(angle, float(moved["u_inclination"]), "rad")
     shared = mass * np.array([gain, np.tan(angle) * tilt.u, ball.mass.u / ball.mass.value])
     by_height, count = _by_heights(settings, plate)
-    rest = excess_uncertainty(float(plate["u_mass"]), *map(float, shared), by_height)
+    solids = _by_solids(plate)
+    rest = excess_uncertainty(float(plate["u_mass"]), *map(float, shared), by_height, *solids.values())
+    silent = [name for name in (POISSONS_RATIO, TEMPERATURE) if name not in solids]
+    inert = [("noise", "included in the repeatability"), *_OF_MASS, ("radius", _RADIUS)]
+    inert += [(", ".join(silent), _NOT_STATED)] if silent else []
     return Quantity(
         "modal mass",
         "kg",
-        lambda measured, gain, inclination, mass_of_sphere, heights, repeatability: (
-            (measured + heights + repeatability)
-            * mass_of_sphere
-            / ball.mass.value
-            / gain
-            * cos(inclination)
-            / cos(angle)
+        lambda measured, gain, inclination, mass_of_sphere, **errors: (
+            (measured + sum(errors.values())) * mass_of_sphere / ball.mass.value / gain * cos(inclination) / cos(angle)
         ),
         {
             MEASURED: Input(mass, 0.0, "kg"),
@@ -86,9 +86,22 @@ def _modal_mass(settings: PlateVibration, ball: FallingBody, moved: xr.Dataset, 
             "mass_of_sphere": Input(ball.mass.value, ball.mass.u, "kg"),
             "heights": Input(0.0, by_height, "kg"),
             "repeatability": Input(0.0, rest, "kg", max(count - 1.0, 1.0)),
-        },
-        (("noise", "included in the repeatability"), *_OF_MASS),
+        }
+        | {name: Input(0.0, u, "kg") for name, u in solids.items()},
+        tuple(inert),
     )
+
+
+def _by_solids(plate: xr.Dataset) -> dict[str, float]:
+    """Return what temperature, Poisson's ratio and the rheometer leave uncertain of the mass [kg]."""
+    found: dict[str, float] = {}
+    if not of_solids(plate):
+        return found
+    for name, (given, _) in of_solids(plate).items():
+        kind = next((k for k in (TEMPERATURE, POISSONS_RATIO) if name.startswith(k)), _RHEOMETER)
+        part = given.u * float(plate["solid_mass"].sel(solid_input=name))
+        found[kind] = float(np.hypot(found.get(kind, 0.0), part))
+    return found
 
 
 def _by_heights(settings: PlateVibration, plate: xr.Dataset) -> tuple[float, int]:

@@ -19,9 +19,9 @@ from labpipe.judging import Cause, Check, Level, bounded, compared, explain, not
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
-from pipelines.experiments.plate_vibration.comparison import SERIES, from_others, height_name, rows
+from pipelines.experiments.plate_vibration.comparison import SERIES, by_solids, from_others, height_name, rows
 from pipelines.experiments.plate_vibration.measured import drops_label
-from pipelines.experiments.plate_vibration.model import relative_uncertainty
+from pipelines.experiments.plate_vibration.model import of_solids, relative_uncertainty
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared import fall_checks, judgements, trace_checks
 from pipelines.experiments.shared.fall_checks import Fall, shown
@@ -33,8 +33,8 @@ _BLOCK = 16
 _FREE_AFTER = 8
 """Readings after the contact that the free stretch leaves out at least."""
 _MATERIAL = 0.1
-"""Standard uncertainty of the logarithm of a flight's duration for a solid known by its name: it
-goes with the restitution."""
+"""Standard uncertainty of the logarithm of a flight's duration for a solid known by its name or its
+DMA: it goes with the restitution."""
 _MOMENTUM = 0.03
 """The same of the momentum of an impact, which goes with 1 + e."""
 _PLATES = (0.3, 3e3)  # kg, modal masses of what spheres are dropped on in a laboratory
@@ -95,6 +95,7 @@ def judgement(
         own = relative_uncertainty(table, settings)
         shared = {f"{SERIES} {i + 1}": Quantity(1.0, float(u), "1") for i, u in enumerate(own.amplitude)}
         inputs = {height_name(settings, i): drops.height for i, drops in enumerate(settings.drops)}
+        inputs |= {} if plate is None else {name: given for name, (given, _) in of_solids(plate).items()}
     if comparison is not None and table is not None and plate is not None:
         compared_rows = list(rows(comparison, table, plate, settings=settings))
     causes = list(_causes(table, plate, settings))
@@ -216,7 +217,7 @@ def _of_plate(plate: xr.Dataset | None, settings: PlateVibration) -> Iterator[Ch
     name, law = "modal mass of the plate", "a plate that spheres are dropped on weighs between 0.3 kg and 3 t"
     mass = nan if plate is None else float(plate["mass"])
     if not np.isfinite(mass):
-        yield not_made(name, law, "a sphere, and a material of the library")
+        yield not_made(name, law, "a sphere, and a DMA experiment or a material of the library")
         return
     low, high = _PLATES
     relative = float(plate["u_mass"]) / mass if plate is not None else nan
@@ -296,7 +297,7 @@ def _contacts(
                 gaps.append(float(found[file]["free_from"] - found[file]["blow_time"]) / half)
                 own.append(_FREE_AFTER * interval / half)
     if not gaps:
-        return not_made(name, law, "a sphere, and a material of the library")
+        return not_made(name, law, "a sphere, and a DMA experiment or a material of the library")
     seen, u = float(np.mean(gaps)), float(np.mean(own)) / sqrt(len(own))
     text = f"the plate rings freely {seen:.2g} times half a contact of the stated sphere after the blow"
     check = bounded(name, law, text, seen, hypot(u, 0.05), at_least=1.0, is_law=False, setting="sphere.mass")
@@ -314,13 +315,15 @@ def _momenta(table: xr.Dataset | None, plate: xr.Dataset | None, settings: Plate
         return
     predicted, weights = from_others(table, plate)
     total = relative_uncertainty(table, settings).total
+    solids = by_solids(plate, weights)
     for i, drops in enumerate(settings.drops):
         name = _name_of_momentum(settings, i)
         if not np.isfinite(predicted[i]):
-            yield not_made(name, _ONE_MASS, "another drop of a material of the library")
+            yield not_made(name, _ONE_MASS, "another drop whose material is of a DMA experiment or of the library")
             continue
         seen = float(table["amplitude"][i])
-        u = hypot(float(total[i]), float(np.linalg.norm(weights[i] * total)), _MOMENTUM)
+        solid = [float(slope[i]) * given.u for given, slope in solids.values()]
+        u = hypot(float(total[i]), float(np.linalg.norm(weights[i] * total)), *solid, _MOMENTUM)
         text = (
             f"{drops_label(drops)}: an amplitude of {quantity(seen, 'm')} seen, {quantity(float(predicted[i]), 'm')} "
             "expected for the plate that the other drops find"

@@ -8,9 +8,10 @@ import xarray as xr
 
 from labpipe import signals
 from labpipe.arrays import Floats
+from labpipe.units import Quantity
 from labpipe.variables import described
 from pipelines.experiments.plate_vibration.measured import drops_label
-from pipelines.experiments.plate_vibration.model import relative_uncertainty
+from pipelines.experiments.plate_vibration.model import of_solids, relative_uncertainty
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared.comparison_rows import Row, row
 
@@ -44,6 +45,7 @@ def comparison(
         {
             "measured": (("series", "time"), measured, described("m", "displacement, mean of the repeats")),
             "model": (("series", "time"), theirs, described("m", "simulated displacement")),
+            "u_model": model["u_displacement"].variable,
             "nrmse": ("series", errors, described("1", "root-mean-square error over the range of the fit")),
             "bias": ("series", bias, described("m", "mean of measured minus model")),
         },
@@ -93,11 +95,26 @@ def from_others(table: xr.Dataset, plate: xr.Dataset) -> tuple[Floats, Floats]:
     return np.where(known, amplitude * np.exp(logs - weights @ logs), np.nan), weights
 
 
+def by_solids(plate: xr.Dataset, weights: Floats) -> dict[str, tuple[Quantity, Floats]]:
+    """Return what is uncertain of the solids, and the relative change (series,) of the predictions per unit.
+
+    Parameters
+    ----------
+    plate : Dataset
+        The plate that all drops find.
+    weights : array (series, series)
+        As :func:`from_others` returns them. What two drops share cancels in the prediction of one
+        by the other.
+    """
+    return {name: (given, slope - weights @ slope) for name, (given, slope) in of_solids(plate).items()}
+
+
 def rows(comparison: xr.Dataset, table: xr.Dataset, plate: xr.Dataset, *, settings: PlateVibration) -> Iterator[Row]:
     """Yield the rows of ``compare``: the curve against its fit, the amplitude against the other drops."""
     predicted, weights = from_others(table, plate)
     amplitude = table["amplitude"].values
     own = relative_uncertainty(table, settings)
+    solids = by_solids(plate, weights)
     for i in range(table.sizes["series"]):
         where: dict[str, Any] = {
             "material": str(table["material"].values[i]),
@@ -122,7 +139,9 @@ def rows(comparison: xr.Dataset, table: xr.Dataset, plate: xr.Dataset, *, settin
             for j, move in enumerate(moves)
             if move
         }
-        by_others = float(predicted[i] * np.linalg.norm(weights[i] * own.total))
+        slopes |= {name: float(-predicted[i] * slope[i]) for name, (_, slope) in solids.items() if slope[i]}
+        solid = [float(predicted[i] * slope[i] * given.u) for given, slope in solids.values()]
+        by_others = float(np.hypot(predicted[i] * np.linalg.norm(weights[i] * own.total), np.linalg.norm(solid)))
         by_own = float(predicted[i] * own.total[i])
         yield row(
             "amplitude at impact",

@@ -66,7 +66,7 @@ _STAGES = (
     Stage(
         "plate",
         "pipelines.experiments.plate_vibration.model:plate",
-        ("table",),
+        ("table", "other:drops.material_from/master_curve"),
         ("drops", "sphere", "model"),
         schema="plate",
         summary="find the modal mass from amplitude and momentum",
@@ -74,7 +74,7 @@ _STAGES = (
     Stage(
         "model",
         "pipelines.experiments.plate_vibration.model:model",
-        ("table", "plate"),
+        ("table", "plate", "other:drops.material_from/master_curve"),
         ("drops", "sphere", "model"),
         shortcuts=True,
         imports=("labpipe.contact.impact._simulate",),

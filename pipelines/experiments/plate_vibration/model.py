@@ -2,31 +2,61 @@
 
 import json
 import warnings
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 
-from labpipe import contact, materials
+from labpipe import contact
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials import Prony
+from labpipe.units import Quantity
 from labpipe.variables import described
+from labpipe.workflow.fields import REFERENCE
 from pipelines.experiments.plate_vibration.measured import NAMES, drops_label, scalar, weighted_mean
-from pipelines.experiments.plate_vibration.settings import PlateVibration
+from pipelines.experiments.plate_vibration.settings import Drops, FallingBody, PlateVibration
+from pipelines.experiments.shared.material_choice import (
+    IMPACT_TIMES,
+    POISSONS_RATIO,
+    SPECIMEN,
+    TEMPERATURE,
+    Variation,
+    resolve,
+    variations,
+)
 
 _COVERED = 6e-3  # s of simulation after first touch: any contact ends before
 _FINE = 4e-6  # s, spacing of the simulated force: 250 points in a contact
 _ROUNDS = 3  # the plate's yielding changes the blow by M/m: the rounds converge like its powers
 _BEFORE, _AFTER = 3e-3, 60e-3  # s around the blow in which measurement and model are compared
 _STEP = 5e-5  # s, of the compared curves
+_COARSE = 1e-3  # tolerance of the simulations by which the curves' sensitivities are found
 
 
-def plate(table: xr.Dataset, *, settings: PlateVibration) -> xr.Dataset:
+class Solid(NamedTuple):
+    """The solid of some drops, and what is uncertain of it by names that drops of one solid share."""
+
+    best: Prony
+    uncertain: dict[str, Variation]
+
+
+def plate(table: xr.Dataset, fitted: Sequence[xr.Dataset | None], *, settings: PlateVibration) -> xr.Dataset:
     """Find the plate's modal mass from amplitude and momentum: m = J / (A omega).
 
     J is the part of the simulated force that the plate listens to, the modulus of its transform at
-    the plate's damped frequency; the plate's own yielding is part of the simulation.
+    the plate's damped frequency; the plate's own yielding is part of the simulation. What is
+    uncertain of the solids moves the masses of all drops of one solid together.
+
+    Parameters
+    ----------
+    table : Dataset
+        Frequency, damping and amplitudes of the drops.
+    fitted : sequence of Dataset or None
+        For each of the drops the master curve of its DMA experiment, where it names one.
+    settings : PlateVibration
     """
     made = xr.Dataset(
         {
@@ -35,7 +65,7 @@ def plate(table: xr.Dataset, *, settings: PlateVibration) -> xr.Dataset:
             for name, kept in ((f"{prefix}frequency", "natural_frequency"), (f"{prefix}damping_ratio", "damping_ratio"))
         }
     )
-    known = _known(settings)
+    known = _known(settings, fitted)
     if settings.sphere is None or not known:
         nothing = np.nan
         made["mass"] = scalar(nothing, "kg", NAMES["modal_mass"])
@@ -49,18 +79,41 @@ def plate(table: xr.Dataset, *, settings: PlateVibration) -> xr.Dataset:
         substrate = None if np.isinf(mass) else contact.Plate(mass, frequency, zeta)
         heard = np.array(
             [
-                _momentum(settings, solid, settings.drops[i].height.value, substrate, frequency, zeta)
+                _momentum(settings, solid.best, settings.drops[i].height.value, substrate, frequency, zeta)
                 for i, solid in known.items()
             ]
         )
         solves += len(known)
         each = heard / (amplitude * damped)
-        u_each = each * relative_uncertainty(table, settings).total[list(known)]
-        mass, u_mass, _ = weighted_mean(each, u_each)
+        own = each * relative_uncertainty(table, settings).total[list(known)]
+        mass, *_ = weighted_mean(each, own)
+    inputs, slopes = _slopes(known, heard, settings, substrate, frequency, zeta)
+    solves += int(np.count_nonzero(np.isfinite(slopes)))
+    slopes = np.nan_to_num(slopes)
+    sizes = np.array([given.u for given in inputs.values()])
+    u_each = np.hypot(own, each * np.sqrt(np.sum((slopes * sizes[:, None]) ** 2, axis=0)))
+    mass, _, ratio = weighted_mean(each, u_each)
+    weights = u_each**-2.0 / np.sum(u_each**-2.0)
+    by_solids = slopes @ (weights * each)
+    scatter = np.sqrt(max(1.0, ratio)) * np.linalg.norm(weights * own)
     shared = float(table.attrs["u_systematic_relative"])
-    shared = float(np.hypot(shared, settings.sphere.mass.u / settings.sphere.mass.value))
+    shared = float(np.hypot(shared, settings.sphere.mass.u / settings.sphere.mass.value)) * mass
+    u_mass = float(np.sqrt(scatter**2 + np.sum((by_solids * sizes) ** 2) + shared**2))
     made["mass"] = scalar(mass, "kg", NAMES["modal_mass"])
-    made["u_mass"] = scalar(np.hypot(u_mass, shared * mass), "kg", f"standard uncertainty: {NAMES['modal_mass']}")
+    made["u_mass"] = scalar(u_mass, "kg", f"standard uncertainty: {NAMES['modal_mass']}")
+    if inputs:
+        whole = np.zeros((len(inputs), table.sizes["series"]))
+        whole[:, list(known)] = slopes
+        made = made.assign_coords(solid_input=np.array(list(inputs), dtype=str))
+        for name, values, text in (
+            ("solid_value", [given.value for given in inputs.values()], "value of an input of the solids, SI"),
+            ("solid_u", sizes, "standard uncertainty of an input of the solids, SI"),
+            ("solid_mass", by_solids, "change of the modal mass per SI unit of an input of the solids"),
+        ):
+            made[name] = ("solid_input", values, described("kg" if name == "solid_mass" else "1", text))
+        text = "relative change of the momentum per SI unit of an input of the solids"
+        made["solid_momentum"] = (("solid_input", "series"), whole, described("1", text))
+        made.attrs["solid_units"] = json.dumps([given.si for given in inputs.values()])
     full = np.full((2, table.sizes["series"]), np.nan)
     full[0, list(known)], full[1, list(known)] = each, u_each
     made["modal_mass"] = ("series", full[0], described("kg", "modal mass by each of the drops"))
@@ -68,15 +121,80 @@ def plate(table: xr.Dataset, *, settings: PlateVibration) -> xr.Dataset:
     return made.assign_attrs(work=json.dumps({"simulated_impacts": solves}))
 
 
-def _known(settings: PlateVibration) -> dict[int, Prony]:
-    """Materials of those drops whose material the library knows, by number."""
-    found = {}
-    for i, drops in enumerate(settings.drops):
+def _known(settings: PlateVibration, fitted: Sequence[xr.Dataset | None]) -> dict[int, Solid]:
+    """Solids of those drops that name a DMA experiment or whose material the library knows, by number."""
+    found: dict[int, Solid] = {}
+    solids: dict[str, Solid] = {}
+    for i, (drops, curve) in enumerate(zip(settings.drops, fitted, strict=True)):
+        if drops.material_from is not None and curve is None:
+            continue  # the DMA experiment failed
+        key = f"{_source(drops)} {drops.temperature}"
         try:
-            found[i] = materials.load(drops.material)
+            if key not in solids:
+                solids[key] = _solid(drops, curve)
+            found[i] = solids[key]
         except InputError as error:
+            if drops.material_from is not None:
+                raise
             warnings.warn(f"{drops_label(drops)}: {error}", UserWarning, stacklevel=3)
     return found
+
+
+def _source(drops: Drops) -> str:
+    """Name where the solid comes from: the DMA experiment, or the material of the library."""
+    return drops.material if drops.material_from is None else drops.material_from.removeprefix(REFERENCE)
+
+
+def _solid(drops: Drops, fitted: xr.Dataset | None) -> Solid:
+    uncertain = variations(drops.choice, None, fitted, IMPACT_TIMES)
+    at = "" if drops.temperature is None else f" at {drops.temperature.value:g} °C"
+    named = {}
+    for name, variation in uncertain.items():
+        # a thermometer is one for all solids, Poisson's ratio and specimen are one for all temperatures
+        if name == TEMPERATURE:
+            label = f"{name}, {at.removeprefix(' at ')}"
+        elif name in (POISSONS_RATIO, SPECIMEN):
+            label = f"{name}, {_source(drops)}"
+        else:
+            label = f"{name}, {_source(drops)}{at}"
+        named[label] = variation
+    return Solid(resolve(drops.choice, None, fitted), named)
+
+
+def _slopes(
+    known: dict[int, Solid],
+    heard: Floats,
+    settings: PlateVibration,
+    substrate: contact.Plate | None,
+    frequency: float,
+    zeta: float,
+) -> tuple[dict[str, Quantity], Floats]:
+    """Return what is uncertain of the solids, and the relative change (input, known) of every momentum.
+
+    NaN where an input is not one of a solid.
+    """
+    inputs = {name: each.given for solid in known.values() for name, each in solid.uncertain.items()}
+    slopes = np.full((len(inputs), len(known)), np.nan)
+    for place, (i, solid) in enumerate(known.items()):
+        for row, name in enumerate(inputs):
+            if name in solid.uncertain:
+                changed = solid.uncertain[name]
+                height = settings.drops[i].height.value
+                moved = _momentum(settings, changed.solid, height, substrate, frequency, zeta)
+                slopes[row, place] = (moved / heard[place] - 1.0) / changed.change
+    return inputs, slopes
+
+
+def of_solids(plate: xr.Dataset) -> dict[str, tuple[Quantity, Floats]]:
+    """Return what is uncertain of the solids, with the relative change (series,) of the momenta per unit."""
+    if "solid_input" not in plate.coords:
+        return {}
+    columns = (plate["solid_input"], plate["solid_value"], plate["solid_u"], plate["solid_momentum"])
+    units = json.loads(plate.attrs["solid_units"])
+    return {
+        str(name): (Quantity(float(value), float(u), unit), slope)
+        for name, value, u, slope, unit in zip(*(c.values for c in columns), units, strict=True)
+    }
 
 
 class Relative(NamedTuple):
@@ -94,7 +212,7 @@ class Relative(NamedTuple):
 def relative_uncertainty(table: xr.Dataset, settings: PlateVibration) -> Relative:
     """Return what amplitude and height leave uncertain of the mass that each of the drops gives.
 
-    What all share, the scale of length, is left out.
+    What several share, the scale of length and the solids, is left out.
     """
     amplitude = table["amplitude"].values
     shared = float(table.attrs["u_systematic_relative"]) * amplitude
@@ -129,10 +247,7 @@ def _transform(
     A force F(s) leaves the ringing Im[exp(i w t) int F(s) exp((r - i w) s) ds] exp(-r t) / (m w);
     its phase is the time of the equivalent blow, and its modulus, decayed until then, the momentum.
     """
-    body = settings.sphere
-    if body is None:
-        message = "the experiment names no sphere; the momentum of an impact needs mass and radius"
-        raise InputError(message)
+    body = _body(settings)
     gravity = settings.model.gravity.value
     fall = float(np.sqrt(2 * height / gravity))
     times = np.arange(fall, fall + _COVERED, _FINE)
@@ -157,54 +272,92 @@ def _transform(
     return float(np.abs(whole) * np.exp(-rate * blow)), blow
 
 
-def model(table: xr.Dataset, plate: xr.Dataset, *, settings: PlateVibration, full: bool = False) -> xr.Dataset:
+def _body(settings: PlateVibration) -> FallingBody:
+    if settings.sphere is None:
+        message = "the experiment names no sphere; the momentum of an impact needs mass and radius"
+        raise InputError(message)
+    return settings.sphere
+
+
+def model(
+    table: xr.Dataset,
+    plate: xr.Dataset,
+    fitted: Sequence[xr.Dataset | None],
+    *,
+    settings: PlateVibration,
+    full: bool = False,
+) -> xr.Dataset:
     """Simulate every drop on the plate that was found: what the laser should have seen.
 
-    ``full`` takes the simulator's shortcuts away; the numbers stay the same within ``rtol``.
+    The uncertainty is that of the solids, the plate's mass following them. ``full`` takes the
+    simulator's shortcuts away; the numbers stay the same within ``rtol``.
     """
     mass = float(plate["mass"])
     if not np.isfinite(mass) or settings.sphere is None:
         message = (
             "no modal mass is known for the simulation; name the sphere, with radius and mass, and "
-            "a material of the library"
+            "a DMA experiment (material_from) or a material of the library"
         )
         raise InputError(message)
     found = contact.Plate(mass, float(plate["frequency"]), float(plate["damping_ratio"]))
-    again, lasts = np.full((2, table.sizes["series"]), np.nan)
     time = np.arange(-_BEFORE, _AFTER, _STEP)
-    curves = np.full((table.sizes["series"], time.size), np.nan)
-    body, gravity = settings.sphere, settings.model.gravity.value
-    for i, solid in _known(settings).items():
+    best, u = np.full((2, table.sizes["series"], time.size + 2), np.nan)
+    masses = dict(zip(of_solids(plate), plate["solid_mass"].values, strict=True)) if of_solids(plate) else {}
+    for i, solid in _known(settings, fitted).items():
         height = settings.drops[i].height.value
-        _, blow = _transform(settings, solid, height, found, found.frequency, found.damping_ratio)
-        start = float(np.sqrt(2 * height / gravity)) + blow
-        times = time + start
-        made = contact.drop(
-            solid,
-            body.radius.value,
-            body.mass.value,
-            height,
-            float(times[-1]),
-            settings.model.solver,
-            settings.model.profile,
-            settings.model.rtol,
-            gravity=gravity,
-            plate=found,
-            times=times,
-            fold=not full,
-            shortcuts=contact.Shortcuts.chosen(full=full),
-        )
-        curves[i] = -made["plate_displacement"].values
-        touches = made["impact_time"].values
-        if touches.size:
-            lasts[i] = float(made["contact_duration"][0])
-        if touches.size > 1:
-            again[i] = float(touches[1]) - start
-    return xr.Dataset(
-        {
-            "displacement": (("series", "time"), curves, described("m", "simulated displacement of the plate")),
-            "second_touch": ("series", again, described("s", "time from the blow to the second touch")),
-            "contact_duration": ("series", lasts, described("s", "duration of the first contact")),
-        },
-        coords={"series": table["series"], "time": ("time", time, described("s", "time since impact"))},
+        best[i] = _seen(settings, solid.best, height, found, time, settings.model.rtol, full=full)
+        coarse = max(settings.model.rtol, _COARSE)
+        reference = _seen(settings, solid.best, height, found, time, coarse, full=full)
+        u[i] = 0.0
+        for name, (given, change, other) in solid.uncertain.items():
+            moved = replace(found, mass=mass + float(masses[name]) * change)
+            off = _seen(settings, other, height, moved, time, coarse, full=full) - reference
+            u[i] = np.hypot(u[i], off / change * given.u)
+    made = xr.Dataset(coords={"series": table["series"], "time": ("time", time, described("s", "time since impact"))})
+    for prefix, values, text in (("", best, ""), ("u_", u, "standard uncertainty by the solids: ")):
+        displacement = described("m", f"{text}simulated displacement of the plate")
+        made[f"{prefix}displacement"] = (("series", "time"), values[:, :-2], displacement)
+        touch = described("s", f"{text}time from the blow to the second touch")
+        made[f"{prefix}second_touch"] = ("series", values[:, -2], touch)
+        duration = described("s", f"{text}duration of the first contact")
+        made[f"{prefix}contact_duration"] = ("series", values[:, -1], duration)
+    return made
+
+
+def _seen(
+    settings: PlateVibration,
+    solid: Prony,
+    height: float,
+    found: contact.Plate,
+    time: Floats,
+    rtol: float,
+    *,
+    full: bool,
+) -> Floats:
+    """Return the displacement [m] at times since the blow, the second touch and the contact's duration [s].
+
+    The two numbers stand behind the displacements; NaN where there is none.
+    """
+    body, gravity = _body(settings), settings.model.gravity.value
+    _, blow = _transform(settings, solid, height, found, found.frequency, found.damping_ratio)
+    start = float(np.sqrt(2 * height / gravity)) + blow
+    times = time + start
+    made = contact.drop(
+        solid,
+        body.radius.value,
+        body.mass.value,
+        height,
+        float(times[-1]),
+        settings.model.solver,
+        settings.model.profile,
+        rtol,
+        gravity=gravity,
+        plate=found,
+        times=times,
+        fold=not full,
+        shortcuts=contact.Shortcuts.chosen(full=full),
     )
+    touches = made["impact_time"].values
+    again = float(touches[1]) - start if touches.size > 1 else np.nan
+    lasts = float(made["contact_duration"][0]) if touches.size else np.nan
+    return np.concatenate([-made["plate_displacement"].values, [again, lasts]])

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.report import (
+    Band,
     Block,
     Column,
     KeyValues,
@@ -49,7 +50,10 @@ def page(
     context: Context,
 ) -> str:
     """Write the page; a step that failed leaves its section out and its error in."""
-    sections = [_summary(table, plate, comparison, context), _measured(settings, pages.present(readings), context)]
+    sections = [
+        _summary(settings, table, plate, comparison, context),
+        _measured(settings, pages.present(readings), context),
+    ]
     compared = []
     if comparison is not None and table is not None and plate is not None:
         compared = list(compared_rows(comparison, table, plate, settings=settings))
@@ -73,8 +77,21 @@ def page(
     return pages.document(context, "Vibration of the plate", sections).render()
 
 
+def _of_materials(settings: PlateVibration) -> str:
+    """Say what of the solids stands in the uncertainty of the modal mass."""
+    measured = sorted({drops.material for drops in settings.drops if drops.material_from is not None})
+    library = sorted({drops.material for drops in settings.drops if drops.material_from is None})
+    parts = [f"the uncertainty of the DMA of {' and '.join(measured)} is included"] if measured else []
+    parts += [f"the uncertainty of the library's moduli of {' and '.join(library)} is not included"] if library else []
+    return "; ".join(parts)
+
+
 def _summary(
-    table: xr.Dataset | None, plate: xr.Dataset | None, comparison: xr.Dataset | None, context: Context
+    settings: PlateVibration,
+    table: xr.Dataset | None,
+    plate: xr.Dataset | None,
+    comparison: xr.Dataset | None,
+    context: Context,
 ) -> Section:
     rows = []
     blocks: list[Block] = []
@@ -89,7 +106,7 @@ def _summary(
             (
                 "modal mass",
                 value_with_uncertainty(float(plate["mass"]), float(plate["u_mass"]), "kg"),
-                "from amplitude and simulated momentum; the material's uncertainty is not included",
+                f"from amplitude and simulated momentum; {_of_materials(settings)}",
             )
         )
     if comparison is not None:
@@ -173,11 +190,13 @@ def _motion(settings: PlateVibration, comparison: xr.Dataset) -> Section:
     charts: list[Block] = []
     numbered = sorted(enumerate(settings.drops), key=lambda pair: pair[1].height.value)
     for height, group in groupby(numbered, key=lambda pair: pair[1].height.value):
-        curves: list[Series] = []
+        curves: list[Band | Series] = []
         for i, drops in group:
             at = comparison.isel(series=i)
             curves.append(Series(drops.material, time, at["measured"].values * _UM, role="measured"))
             if np.isfinite(at["model"].values).any():
+                if drops.material_from is not None:
+                    curves.append(_by_the_dma(drops.material, at))
                 curves.append(Series(f"{drops.material}, model", time, at["model"].values * _UM, role="model"))
         charts.append(
             LineChart(
@@ -195,6 +214,13 @@ def _motion(settings: PlateVibration, comparison: xr.Dataset) -> Section:
         "the instantaneous impulse that would start the same vibration."
     )
     return Section("Motion", (Paragraph(text), *charts))
+
+
+def _by_the_dma(material: str, at: xr.Dataset) -> Band:
+    """Return what the DMA leaves uncertain of a simulated motion, twice to either side."""
+    wide, centre = 2.0 * at["u_model"].values, at["model"].values
+    low, high = (centre - wide) * _UM, (centre + wide) * _UM
+    return Band(f"{material}, model ± 2 u of its DMA", at["time"].values * 1e3, low, high, role="model")
 
 
 def _table(

@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 import msgspec
 
 from labpipe.units import Quantity
-from labpipe.workflow.config import POSITIVE, File, Length, Mass, Time
-from pipelines.experiments.shared.settings import DropModel, Keyence, Sensor, Table
+from labpipe.workflow.config import POSITIVE, ExperimentName, File, Length, Mass, Temperature, Time
+from pipelines.experiments.shared.settings import DropModel, Keyence, MaterialChoice, Sensor, Table
 
 
 class FallingBody(Table, frozen=True, kw_only=True):
@@ -20,13 +20,24 @@ class FallingBody(Table, frozen=True, kw_only=True):
 class Drops(Table, frozen=True, kw_only=True):
     """Repeated drops of one material from one height.
 
-    ``material`` is a name of the library; drops of a material that is not in it are measured but
-    give no modal mass, which needs the momentum of a simulated impact.
+    ``material`` is the name that is shown. The solid is that of ``material_from``, a DMA
+    experiment of this session, or else the library's of that name, at ``temperature``. Drops of a
+    material without either are measured but give no modal mass, which needs the momentum of a
+    simulated impact.
     """
 
     material: Annotated[str, msgspec.Meta(min_length=1, max_length=60)]
+    material_from: ExperimentName | None = None
+    temperature: Temperature | None = None
     height: Annotated[Length, POSITIVE]
     laser: Annotated[list[File], msgspec.Meta(min_length=1)]
+
+    @property
+    def choice(self) -> MaterialChoice:
+        """Where the solid comes from."""
+        if self.material_from is not None:
+            return MaterialChoice(material_from=self.material_from, temperature=self.temperature)
+        return MaterialChoice(material=self.material, temperature=self.temperature)
 
 
 class Blow(Table, frozen=True, kw_only=True):

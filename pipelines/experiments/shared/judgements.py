@@ -29,6 +29,7 @@ from labpipe.units import Quantity
 from labpipe.variables import variable
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared.comparison_rows import Row
+from pipelines.experiments.shared.material_choice import is_of_spectrum
 
 MATTERS = 0.2
 """Relative error of an input that a comparison must be able to show before it can agree."""
@@ -100,12 +101,13 @@ def judgement(scene: Scene) -> xr.Dataset:
     judged = judge(scene.checks, scene.causes)
     rows = [row for row in scene.rows if row.deviation is not None]
     named = {name for row in rows for name in row.slopes}
-    names = sorted(named & set(scene.inputs))
+    known = {**scene.inputs, **scene.shared}
+    # a change of a rheometer's spectrum is no value that could have been stated wrongly
+    names = sorted(name for name in named & set(scene.inputs) if not is_of_spectrum(name))
     found, smallest = None, np.full(len(names), np.inf)
     if rows:
-        every = [*names, *sorted(named & set(scene.shared))]
+        every = [*names, *sorted(named & set(known) - set(names))]
         slopes = np.array([[row.slopes.get(name, 0.0) for name in every] for row in rows])
-        known = {**scene.inputs, **scene.shared}
         covariance = _covariance(rows, slopes, [known[name].u for name in every])
         found = agreement([row.difference or 0.0 for row in rows], covariance)
         smallest = detectable(slopes[:, : len(names)], covariance) if names else smallest

@@ -15,6 +15,13 @@ from labpipe.materials import Prony, ShiftLaw, shift_at
 from labpipe.units import Quantity
 from pipelines.experiments.shared.settings import MaterialChoice
 
+IMPACT_TIMES = 1e-4, 1e-2
+"""s; an impact depends on how the solid relaxes from a tenth of it to ten times its duration."""
+
+TEMPERATURE, POISSONS_RATIO, SPECIMEN = "temperature", "Poisson's ratio", "DMA, specimen"
+"""Names of variations; all others are modes of the rheometer's spectrum."""
+
+_OF_DMA = "DMA, "
 _LEAST_WARMER = 3.0  # K
 _LEAST_POISSON = 0.03
 _LEAST_SCALE = 0.02
@@ -53,6 +60,17 @@ def resolve(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None
     return materials.load(choice.material, temperature=temperature)
 
 
+def is_of_spectrum(name: str) -> bool:
+    """Tell whether a variation is a change of a rheometer's spectrum, which nobody states.
+
+    Examples
+    --------
+    >>> [is_of_spectrum(name) for name in ("DMA, mode 1", "DMA, specimen", "temperature")]
+    [True, False, False]
+    """
+    return name.startswith(_OF_DMA) and not name.startswith(SPECIMEN)
+
+
 class Variation(NamedTuple):
     """An uncertain input of a material, a change of it, and the solid that it makes."""
 
@@ -89,7 +107,7 @@ def variations(
         step = max(stated.u, _LEAST_WARMER)
         off = Quantity(stated.value + step, 0.0, stated.si)
         warmer = msgspec.structs.replace(choice, temperature=off)
-        found["temperature"] = Variation(stated, step, resolve(warmer, file, fitted))
+        found[TEMPERATURE] = Variation(stated, step, resolve(warmer, file, fitted))
     if fitted is not None:
         found |= _of_dma(choice, fitted, times)
     nu = _poisson_ratio(choice, file, fitted)
@@ -100,7 +118,7 @@ def variations(
         step = max(nu.u, _LEAST_POISSON)
         factor = (1.0 - nu.value**power) / (1.0 - (nu.value + step) ** power)
         solid = resolve(choice, file, fitted).scaled(factor)
-        found["Poisson's ratio"] = Variation(nu, step, solid)
+        found[POISSONS_RATIO] = Variation(nu, step, solid)
     return found
 
 
@@ -117,7 +135,7 @@ def _of_dma(choice: MaterialChoice, fitted: xr.Dataset, times: tuple[float, floa
     if u_scale > 0.0:
         step = max(u_scale, _LEAST_SCALE)
         solid = best.shifted(slower, stiffer).scaled(1.0 + step)
-        found["DMA, specimen"] = Variation(Quantity(1.0, u_scale, "1"), step, solid)
+        found[SPECIMEN] = Variation(Quantity(1.0, u_scale, "1"), step, solid)
     return found
 
 
@@ -146,6 +164,7 @@ def fitted_at(fitted: xr.Dataset, temperature: float | None) -> Prony:
     at_reference = Prony(float(fitted["E_relaxed"]), fitted["E"].values, fitted["rho"].values, nu=float(fitted["nu"]))
     if temperature is None or temperature == float(fitted["T_ref"]):
         return at_reference
+    shift = _shift(fitted, temperature)
     measured = fitted["temperature"].values
     if not measured.min() <= temperature <= measured.max():
         warnings.warn(
@@ -155,7 +174,7 @@ def fitted_at(fitted: xr.Dataset, temperature: float | None) -> Prony:
             UserWarning,
             stacklevel=3,
         )
-    return at_reference.shifted(*_shift(fitted, temperature))
+    return at_reference.shifted(*shift)
 
 
 def _shift(fitted: xr.Dataset, temperature: float) -> tuple[float, float]:

@@ -93,13 +93,30 @@ def material_line(name: str, found: Found | None = None) -> str:
     known = material_word(name)
     measured = None if found is None or known is None else dma_of(known, found)
     if measured is not None:
-        return (
-            f'material_from = "{measured}"  # the DMA experiment of the same material, by the file names\n'
-            f'temperature = "{GAP} degC"  # of the specimen, e.g. "21.0 ± 0.5 degC"'
-        )
+        return _from_dma(measured)
     if known is None:
         return f'material = "{GAP}"  # acrylic, peek, nylon, ptfe, nbr, or use material_file'
-    return f'material = "{known}"  # proposed from the file name'
+    return _named(known)
+
+
+def named_material_lines(name: str, found: Found) -> str:
+    """Return the lines of a material that is shown by its name wherever its solid comes from."""
+    known = material_word(name)
+    if known is None:
+        return f'material = "{GAP}"  # acrylic, peek, nylon, ptfe, nbr; or any name, with material_from'
+    measured = dma_of(known, found)
+    return _named(known) if measured is None else f"{_named(known)}\n{_from_dma(measured)}"
+
+
+def _named(material: str) -> str:
+    return f'material = "{material}"  # proposed from the file name'
+
+
+def _from_dma(experiment: str) -> str:
+    return (
+        f'material_from = "{experiment}"  # the DMA experiment of the same material, by the file names\n'
+        f'temperature = "{GAP} degC"  # of the specimen, e.g. "21.0 ± 0.5 degC"'
+    )
 
 
 def dma_of(material: str, found: Found) -> str | None:

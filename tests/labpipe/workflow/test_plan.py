@@ -4,15 +4,18 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import pytest
 import toy_laboratory as toy
 
 from labpipe.errors import ConfigError, InputError, UsageError
+from labpipe.workflow.config import ExperimentName
 from labpipe.workflow.graph import Stage
 from labpipe.workflow.plan import Plan, plan
 from labpipe.workflow.runner import RunResult, run
-from labpipe.workflow.session import Session
+from labpipe.workflow.session import Session, load
 from labpipe.workflow.store import Store
+from labpipe.workflow.tasks import Task, TaskId, spell_out
 
 NEVER = "never run"
 
@@ -242,6 +245,57 @@ def test_a_reference_to_a_kind_without_the_stage_is_refused_at_its_line(tmp_path
     session = toy.make_session(tmp_path, text)
     with pytest.raises(ConfigError, match=r'session.toml:12: .* no stage "curve"'):
         plan(session, toy.STAGES)
+
+
+class Part(msgspec.Struct, frozen=True):
+    material: ExperimentName | None = None
+
+
+class Campaign(msgspec.Struct, frozen=True):
+    drops: list[Part]
+
+
+LISTED = """\
+labpipe = 1
+[session]
+title = "Toys"
+[experiments.plate]
+kind = "campaign"
+[[experiments.plate.drops]]
+material = "rubber"
+[[experiments.plate.drops]]
+[[experiments.plate.drops]]
+material = "experiment:glass"
+[[experiments.plate.drops]]
+material = "rubber"
+[experiments.rubber]
+kind = "dma"
+sweep = "dma.txt"
+[experiments.glass]
+kind = "dma"
+sweep = "dma.txt"
+"""
+
+
+def _of_list(folder: Path, text: str, wanted: str) -> dict[TaskId, Task]:
+    toy.make_session(folder)
+    (folder / "session.toml").write_text(text)
+    stages = {"campaign": (Stage("all", "toy_laboratory:mean", (wanted,)),), "dma": toy.DMA}
+    return spell_out(load(folder, {"campaign": Campaign, "dma": toy.Dma}), stages)
+
+
+def test_references_of_a_list_of_tables_give_one_result_for_every_item(tmp_path: Path) -> None:
+    tasks = _of_list(tmp_path, LISTED, "other:drops.material/curve")
+    task = tasks[TaskId("plate", "all")]
+    assert [before.experiment for before in task.before] == ["rubber", "glass"]
+    assert list(tasks)[-1] == task.id  # after both
+    (argument,) = task.arguments
+    assert argument.arranged(["of rubber", "of glass"]) == ["of rubber", None, "of glass", "of rubber"]
+
+
+def test_a_reference_within_a_list_to_a_kind_without_the_stage_is_refused_at_its_line(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r'session.toml:7: experiments\.plate\.drops\[0\].* no stage "table"'):
+        _of_list(tmp_path, LISTED, "other:drops.material/table")
 
 
 def test_a_kind_without_stages_is_refused(tmp_path: Path) -> None:

@@ -80,7 +80,7 @@ def test_a_lost_recording_concerns_its_figure_alone_and_computes_nothing_again(c
     assert drawn(campaign, figures) == {"2.4": make.DRAWN, "3.4": make.DRAWN}
     first = computed(campaign)
     kinds = {e["experiment"] for e in events(open_session(campaign)) if e.get("state") == "done"}
-    assert kinds == {"nbr_relaxation", "peek_dma"}  # of 17 experiments
+    assert kinds == {"nbr_relaxation", "nbr_dma", "peek_dma"}  # of 17 experiments
     assert drawn(campaign, figures) == {"2.4": make.UP_TO_DATE, "3.4": make.UP_TO_DATE}
     without(campaign, TESTS[1])
     assert drawn(campaign, figures) == {"2.4": make.DRAWN, "3.4": make.UP_TO_DATE}

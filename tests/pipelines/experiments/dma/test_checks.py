@@ -32,7 +32,7 @@ def settings_for(name, count=1, **changes):
         rheometer=[f"dma/{i}.csv" for i in range(count)],
         mode=solid.mode,
         nu=Quantity(solid.nu, 0.0, "1"),
-        T_ref=Quantity(solid.T_ref, 0.0, "degC"),
+        T_ref=Quantity(min(solid.T_ref, 40.0), 0.0, "degC"),  # within these few sweeps
     )
     return msgspec.structs.replace(table, **changes)
 
@@ -184,7 +184,7 @@ def test_an_implausible_poisson_ratio_is_doubtful(acrylic, nu, level):
     assert ("0.49" in " ".join(found.causes)) == (level is not None)
 
 
-@pytest.mark.parametrize(("name", "mode"), [("acrylic", "torsion"), ("nbr", "tension")])
+@pytest.mark.parametrize(("name", "mode"), [("acrylic", "tension"), ("nbr", "torsion")])
 def test_torsion_for_tension_names_the_mode(exports, name, mode):
     found = finding(judged([exports[name]], name, mode=mode), "mode of loading")
     assert found.level == "doubtful"
@@ -194,7 +194,7 @@ def test_torsion_for_tension_names_the_mode(exports, name, mode):
 def test_a_session_says_its_verdict_and_its_page_opens_with_it(tmp_path):
     export = write_dma(tmp_path, "ptfe", SOLIDS["ptfe"], SMALL, 3)
     text = session_head("one material") + dma_section("ptfe", export, SOLIDS["ptfe"])
-    wrong = text.replace('nu = "0.46"', 'nu = "0.046"')
+    wrong = text.replace('nu = "0.46 ± 0.01"', 'nu = "0.046"')
     assert wrong != text
     (tmp_path / "session.toml").write_text(wrong, "utf-8")
     process(tmp_path, jobs=0)

@@ -13,11 +13,13 @@ from labpipe.errors import ConfigError
 from labpipe.uncertainty import linear_budget
 from pipelines.figures import make
 from pipelines.process import open_session, process, result
+from pipelines.rig.campaign import SMALL
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.plate import PLATE, PLATE_RIG
 from pipelines.rig.plate_session import plate_laser_record, write_plate
-from pipelines.rig.samples import drop_section, laser_record, session_head
+from pipelines.rig.samples import drop_section, laser_record, session_head, sweeps
+from pipelines.rig.session_text import from_dma
 from tests.pipelines.asked import quantities
 from tests.pipelines.small import START
 
@@ -34,7 +36,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rig = DropRig(duration=0.3, floor=PLATE)
     recordings = write_drops(folder, "drop", rig, materials.load("acrylic"), 5e-3, 1, 5, START)
     text += drop_section("drop", recordings, 5e-3, "acrylic", 'plate_from = "plate"\n')
-    text += drop_section("rigid", recordings, 5e-3, "acrylic")
+    text += drop_section("rigid", recordings, 5e-3, "acrylic") + sweeps(folder, *NAMES, protocol=SMALL.dma)
     files.write_text(folder / "calibration/laser.toml", laser_record())
     files.write_text(folder / "calibration/laser_plate.toml", plate_laser_record())
     files.write_text(folder / "session.toml", session_head("Plate (synthetic)") + text)
@@ -72,9 +74,31 @@ def test_measurement_and_model_of_the_plate_agree(session: Path) -> None:
     assert float(result(session, "plate", "comparison")["nrmse"].max()) < 0.03
 
 
+def test_the_dma_s_uncertainty_stands_in_mass_and_curves(session: Path) -> None:
+    plate, model = result(session, "plate", "plate"), result(session, "plate", "model")
+    names = [str(name) for name in plate["solid_input"].values]
+    for said in ("temperature, 20 °C", "Poisson's ratio, ptfe_dma", "DMA, specimen, acrylic_dma"):
+        assert said in names
+    assert any("mode 1, ptfe_dma at 20 °C" in name for name in names)
+    by_solids = float(np.linalg.norm(plate["solid_mass"].values * plate["solid_u"].values))
+    assert 0.0 < by_solids < float(plate["u_mass"])
+    of_ptfe = plate["solid_momentum"].sel(solid_input="DMA, specimen, ptfe_dma").values
+    assert of_ptfe[0] == 0.0  # acrylic knows nothing of it
+    assert of_ptfe[1] != 0.0
+    ringing = model.sel(time=slice(0.0, 10e-3))  # at the second blow its moment counts, too
+    share = ringing["u_displacement"].max("time") / ringing["displacement"].max("time")
+    assert (share > 1e-4).all()
+    assert (share < 0.02).all()
+    assert "the uncertainty of the DMA of acrylic and ptfe is included" in _page(session)
+
+
+def _page(session: Path) -> str:
+    return (session / "labpipe/reports/plate.html").read_text("utf-8")
+
+
 @pytest.mark.parametrize(
     ("old", "new"),
-    [('height = "5 ', 'height = "10 '), ('material = "ptfe"', 'material = "peek"')],
+    [('height = "5 ', 'height = "10 '), (f'material = "ptfe"\n{from_dma("ptfe")}', 'material = "peek"\n')],
     ids=["height", "material"],
 )
 def test_a_wrong_input_shows_in_the_comparison(session: Path, tmp_path: Path, old: str, new: str) -> None:
@@ -106,7 +130,7 @@ def test_a_drop_on_a_plate_needs_the_plate_in_its_model(session: Path) -> None:
 
 
 def test_the_page_says_what_was_found(session: Path) -> None:
-    page = (session / "labpipe/reports/plate.html").read_text("utf-8")
+    page = _page(session)
     for text in ("natural frequency", "modal mass", "same for all materials", "Methods"):
         assert text in page
 
@@ -140,6 +164,7 @@ def test_without_a_sphere_there_is_no_mass_and_a_drop_says_so(session: Path, tmp
         ('plate_from = "plate"\n', 'plate_from = "plate"\n' + RIGID, "not both"),
         (f"{PTFE}_1.csv", "laser_plate/plate_acrylic_5mm_1.csv", "more than one"),
         (f"{PTFE}_1.csv", f"{PTFE}_7.csv", "no file"),
+        ('"ptfe_dma"', '"ptfe_drop"', r"drops\[1\].*no experiment"),
     ],
 )
 def test_mistakes_in_the_session_are_named(session: Path, tmp_path: Path, old: str, new: str, says: str) -> None:
