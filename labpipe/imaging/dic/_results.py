@@ -120,7 +120,7 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     if len(seen):
         status[(status == Status.OK) & (most_noise < _NOISE_OF_FILM * np.quantile(seen, 0.25))] = Status.TEXTURELESS
     one_way = (status == Status.OK) & (strongest > ONE_WAY * texture) & ~is_static[:, None]
-    for n in np.flatnonzero(one_way.any(axis=0)):
+    for n in np.flatnonzero(one_way.any(axis=0)).tolist():
         k = int(np.argmax(one_way[:, n]))
         xx, yy = deviation[k, n, :2] ** 2
         weakest = 0.5 * math.atan2(2.0 * covariance[k, n], xx - yy)
