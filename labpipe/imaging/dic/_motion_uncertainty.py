@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats
 from labpipe.imaging.dic._spline import noise_gain, slope_noise_gain
 from labpipe.imaging.dic._subset_cutting import Subsets, invert_within, solved_columns
 from labpipe.imaging.dic._subset_kernel import MOTIONS
@@ -22,6 +22,12 @@ _LEAST_TEXTURE = 3.0
 _MOST_UNCERTAIN = 0.4
 #: Factor by which the texture must exceed noise where more than the motion is solved for.
 _CLEARLY = 4.0
+#: Ratio of the squared slopes along the strongest and the weakest direction from which a pattern
+#: counts as an edge or a grating.
+ONE_WAY = 50.0
+#: Shift (px) along the weakest direction that a misfit may hide at most, and how many standard
+#: deviations of the residual of noise it is beyond it.
+_HIDDEN, _SIGNIFICANT = 0.2, 4.0
 #: Squared slopes that are left at least when those of noise are taken off.
 _LEAST_LEFT = 0.05
 #: Blur (px) at which texture is looked for: a pattern outlives it, noise does not.
@@ -132,6 +138,8 @@ class Variances:
     texture : array (result,) [grey²/px²]
         Smallest eigenvalue of the texture matrix: the sum of the squared slopes along the direction in
         which the pattern is weakest, without those of noise and those that another motion explains.
+    strongest : array (result,) [grey²/px²]
+        Largest eigenvalue of the same matrix.
     is_told : bool array (result,)
         Whether the texture exceeds noise in every direction.
     noise, most_noise : arrays (result,) [grey²]
@@ -142,6 +150,7 @@ class Variances:
     motion: Floats
     covariance: Floats
     texture: Floats
+    strongest: Floats
     is_told: NDArray[np.bool_]
     noise: Floats
     most_noise: Floats
@@ -270,8 +279,34 @@ def motion_variance(
     both = np.asarray((root[:, 0] * root[:, 3] * along).sum(axis=1))
     is_told &= _largest(found[:, 0], found[:, 1], both) < _MOST_UNCERTAIN**2
     resisted = [(root[:, a] * root[:, b] / texture).sum(axis=1) for a, b in ((0, 0), (3, 3), (0, 3))]
-    weakest = 1.0 / np.maximum(_largest(*resisted), 1e-30)
-    return Variances(np.where(is_told[:, None], found, np.nan), both, weakest, is_told, pixel_noise, most_noise)
+    largest = _largest(*resisted)
+    weakest, strongest = (1.0 / np.maximum(value, 1e-30) for value in (largest, resisted[0] + resisted[1] - largest))
+    values = np.where(is_told[:, None], found, np.nan)
+    return Variances(values, both, weakest, strongest, is_told, pixel_noise, most_noise)
+
+
+def is_beyond_texture(
+    noise: Floats, own: float, spread: float, texture: Floats, strongest: Floats, pixels: float
+) -> Flags:
+    """Tell which results misfit by more than a wrong place along the weakest direction would.
+
+    Where a pattern is an edge or a grating with little else, the correlation hardly falls at a wrong
+    place along it, and the uncertainty, which takes the residual for noise, does not know of it. But
+    the residual there is larger than noise by what the faint texture leaves unmatched.
+
+    Parameters
+    ----------
+    noise : array (result,) [grey²]
+        Variance of a pixel as the residual shows it.
+    own, spread : float [grey²], [1]
+        Variance of a pixel without a misfit, and its relative variance times the pixels.
+    texture, strongest : arrays (result,) [grey²/px²]
+        As in :class:`Variances`.
+    pixels : float
+        Number of pixels.
+    """
+    excess = (noise - own) * pixels - _SIGNIFICANT * np.sqrt((2.0 + spread) * pixels) * own
+    return np.asarray((strongest > ONE_WAY * texture) & (excess > _HIDDEN**2 * texture))
 
 
 def _largest(xx: Floats, yy: Floats, xy: Floats) -> Floats:

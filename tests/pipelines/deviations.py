@@ -1,0 +1,141 @@
+"""Deviations of measurement and model by the thesis's own chain, over many specimens.
+
+``python -m tests.pipelines.deviations --seeds 30`` records one session for every seed: the
+rheometer's sweeps of a polymer, of rubber and of PTFE, drops of the polymer on a plate that rings
+or on a table, the plate under two polymers, loads on PTFE, and a punch in rubber. Everything that
+session.toml or a calibration record states with an uncertainty has a random error of that size.
+Every prediction stands on the sweeps; a deviation is measured minus model, over its standard
+uncertainty.
+"""
+
+import argparse
+import re
+import sys
+import tempfile
+import warnings
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from labpipe import files
+from pipelines.experiments import KINDS
+from pipelines.process import process
+from pipelines.rig.campaign import SMALL
+from pipelines.rig.dma import write_dma
+from pipelines.rig.drops import write_drops
+from pipelines.rig.fall import DropRig
+from pipelines.rig.indentation_session import cell_record, oscillation_section, relaxation_section
+from pipelines.rig.indentations import Specimen, write_harmonic
+from pipelines.rig.laser_sensor import LaserSensor
+from pipelines.rig.plate import PLATE_RIG
+from pipelines.rig.plate_session import plate_laser_record, plate_section, write_ringing_of
+from pipelines.rig.reference_drop import Floor
+from pipelines.rig.relaxations import TESTER, write_relaxation
+from pipelines.rig.samples import STATED_FLOOR
+from pipelines.rig.session_text import NOTE, dma_name, dma_section, drop_section, from_dma, laser_record, session_head
+from pipelines.rig.solids import SOLIDS, specimen_of
+from pipelines.rig.static_loading import StaticRig, static_section, write_static
+from pipelines.session import derive, opened
+from tests.pipelines.coverage import INSIDE, POLYMERS
+from tests.pipelines.small import START
+
+_HEIGHTS = (1.5e-3, 5e-3, 10e-3)
+_NU = re.compile(r'nu = "[\d.]+ ± ([\d.]+)"')
+
+
+def write_specimens(folder: Path, seed: int) -> None:
+    """Write one session whose true values differ from the stated ones within their uncertainties."""
+    random = np.random.default_rng(seed)
+    polymer, height = POLYMERS[seed % 4], _HEIGHTS[seed % 3]
+    room = 20.0 + 0.5 * random.standard_normal()
+    body = {"radius": 9.525e-3 + 5e-6 * random.standard_normal(), "mass": 0.505 + 0.5e-3 * random.standard_normal()}
+    angle, of_plate = np.deg2rad(np.array([12.0, 5.0]) + 0.1 * random.standard_normal(2)).tolist()
+    table = Floor(1450 + 100 * random.standard_normal(), 390 + 20 * random.standard_normal(), 0.03)
+    ringing = Floor(random.uniform(20, 60), random.uniform(170, 300), random.uniform(0.02, 0.05))
+    on_plate = seed % 2 == 0
+    fallen = height + 5e-6 * random.standard_normal()
+    drops = DropRig(sensor=LaserSensor(inclination=angle), floor=ringing if on_plate else table, duration=0.3, **body)
+    names = write_drops(folder, "drop", drops, specimen_of(polymer, room), fallen, 2, 1000 * seed, START)
+    floor = 'plate_from = "plate"\n' if on_plate else STATED_FLOOR
+    text = drop_section("drop", names, height, polymer, floor, from_dma(polymer))
+    if on_plate:
+        rig = replace(PLATE_RIG, floor=ringing, duration=0.12, **body)
+        rig = replace(rig, sensor=replace(rig.sensor, inclination=of_plate))
+        rung = [
+            write_ringing_of(folder, rig, name, h, 1, 1000 * seed + 10 * i, START)
+            for i, (name, h) in enumerate(((polymer, 1.5e-3), ("ptfe", 5e-3)))
+        ]
+        text += plate_section(rung)
+    stated = StaticRig()
+    loads = replace(stated, radius=body["radius"], sensor=replace(stated.sensor, inclination=angle))
+    file = write_static(folder, "static", loads, specimen_of("ptfe", room), seed, START)
+    text += static_section("static", file, stated, "ptfe", from_dma("ptfe"))
+    text += _indentations(folder, room, seed, random)
+    for number, material in enumerate(sorted({polymer, "ptfe", "nbr"})):
+        name, solid = dma_name(material), SOLIDS[material]
+        export = write_dma(folder, name, solid, SMALL.dma, 10 * seed + number)
+        error = random.standard_normal()
+        section = dma_section(name, export, solid)
+        text += _NU.sub(lambda m, nu=solid.nu, e=error: f'nu = "{nu + e * float(m[1]):.5f} ± {m[1]}"', section)
+    delay = cell_record(NOTE).replace('"15.9 ± 0.2 ms"', f'"{15.915 + 0.2 * random.standard_normal():.4f} ± 0.2 ms"')
+    for name, record in (("laser", laser_record()), ("laser_plate", plate_laser_record()), ("load_cell", delay)):
+        files.write_text(folder / f"calibration/{name}.toml", record)
+    files.write_text(folder / "session.toml", session_head("Specimens (synthetic)") + text)
+
+
+def _indentations(folder: Path, room: float, seed: int, random: np.random.Generator) -> str:
+    stated = Specimen(specimen_of("nbr", room))
+    true = replace(
+        stated,
+        tip_radius=stated.tip_radius + 2e-6 * random.standard_normal(),
+        depth=stated.depth + 6e-6 * random.standard_normal(),
+        surface=stated.surface + 1e-5 * random.standard_normal(),
+    )
+    tester = replace(TESTER, force_gain=1 / (1 + 1e-3 * random.standard_normal()), force_offset=0.3)
+    held, wave = replace(SMALL.relaxation, depths=(0.1e-3, 0.2e-3)), SMALL.harmonic
+    names = write_relaxation(folder, "relaxation", true, held, tester, seed, START)
+    write_harmonic(folder, "harmonic", true, wave, tester, seed + 1, START)
+    source = from_dma("nbr")
+    return relaxation_section("relaxation", names, stated, source) + oscillation_section("harmonic", stated, source)
+
+
+def deviations(folder: Path) -> Iterator[tuple[str, str, float]]:
+    """Process a session; yield kind, quantity and deviation of every row that has one."""
+    outcome = process(folder, ["judgement"], jobs=0)
+    failed = [o.message for o in outcome.failures]
+    if failed:
+        raise RuntimeError(failed)
+    results = opened(folder)
+    for experiment in results.experiments.values():
+        rows = KINDS[experiment.kind].rows
+        for row in () if rows is None else derive(results, experiment, rows):
+            if row.deviation is not None:
+                yield experiment.kind, row.quantity.partition(",")[0], row.deviation
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=30)
+    parser.add_argument("--first", type=int, default=0)
+    chosen = parser.parse_args()
+    found: dict[tuple[str, str], list[float]] = defaultdict(list)
+    for seed in range(chosen.first, chosen.first + chosen.seeds):
+        with tempfile.TemporaryDirectory() as name, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            folder = Path(name)
+            write_specimens(folder, seed)
+            for kind, quantity, deviation in deviations(folder):
+                found[kind, quantity].append(deviation)
+    for (kind, quantity), z in sorted(found.items()):
+        inside = np.mean(np.abs(z) <= INSIDE)
+        sys.stdout.write(
+            f"| {kind} | {quantity} | {chosen.seeds} | {len(z)} | {inside:.3f} | {np.mean(z):+.2f} | "
+            f"{np.sqrt(np.mean(np.square(z))):.2f} |\n"
+        )
+
+
+if __name__ == "__main__":
+    main()
