@@ -55,8 +55,20 @@ def test_what_a_change_costs_is_recovered_and_the_uncertainty_is_right(name: str
     assert u == pytest.approx(error, rel=0.1)
 
 
-@pytest.mark.parametrize("name", by_day(["out of focus", "smeared by 4 px"], 1))
-@pytest.mark.parametrize(("feature", "subset", "static_frames"), [(1.4, 31, 1), (1.4, 31, 8), (1.9, 61, 4)])
+@pytest.mark.parametrize(
+    ("name", "feature", "subset", "static_frames"),
+    by_day(
+        [
+            ("out of focus", 1.4, 31, 1),
+            ("out of focus", 1.4, 31, 8),
+            ("smeared by 4 px", 1.4, 31, 1),
+            ("smeared by 4 px", 1.9, 31, 8),
+            ("smeared aslant", 1.9, 31, 4),
+            ("out of focus", 1.9, 61, 4),
+        ],
+        2,
+    ),
+)
 def test_the_uncertainty_of_a_softer_frame_is_right(name: str, feature: float, subset: int, static_frames: int) -> None:
     before, after = CHANGES[name]
     views = [*(before,) * static_frames, *(replace(after, shift=shift) for shift in SHIFTS)]
