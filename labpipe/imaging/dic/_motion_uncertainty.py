@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats
 from labpipe.imaging.dic._spline import noise_gain, slope_noise_gain
 from labpipe.imaging.dic._subset_cutting import Subsets, invert_within, solved_columns
 from labpipe.imaging.dic._subset_kernel import MOTIONS
@@ -22,6 +22,12 @@ _LEAST_TEXTURE = 3.0
 _MOST_UNCERTAIN = 0.4
 #: Factor by which the texture must exceed noise where more than the motion is solved for.
 _CLEARLY = 4.0
+#: Ratio of the squared slopes along the strongest and the weakest direction from which a pattern
+#: counts as an edge or a grating.
+ONE_WAY = 50.0
+#: Shift (px) along the weakest direction that a misfit may hide at most, and how many standard
+#: deviations of the residual of noise it is beyond it.
+_HIDDEN, _SIGNIFICANT = 0.2, 4.0
 #: Squared slopes that are left at least when those of noise are taken off.
 _LEAST_LEFT = 0.05
 #: Blur (px) at which texture is looked for: a pattern outlives it, noise does not.
@@ -71,8 +77,9 @@ class NoiseModel:
         Variance of the motion relative to unblurred noise of the same strength.
     coarse : array (point, 6, 6)
         Normal matrices of the motions of the reference blurred by :data:`COARSE`.
-    bend : float [1/px²]
-        Mean product of noise and its bend, for noise of variance 1.
+    bends : (float, array (3,)) [1/px²], [1/px⁴]
+        Mean products of the noise of a blurred image and the sum of its bends, and of each of the
+        bends and itself, over the variance of the noise.
     """
 
     fraction: Floats
@@ -82,7 +89,7 @@ class NoiseModel:
     static_frames: int
     smoothing: Floats
     coarse: Floats
-    bend: float
+    bends: tuple[float, Floats]
     _directions: dict[int, Directions] = field(default_factory=dict, repr=False)
 
     def directions(self, subsets: Subsets, model: int) -> Directions:
@@ -116,7 +123,7 @@ class NoiseModel:
         share = 1.0 / self.static_frames
         seen = float(self.gain.mean() ** 2 + share * self.gain[0] ** 2)
         own = share * float(self.gain[0] ** 2)
-        return NoiseShown((1.0 + share) / seen, -share * self.bend / seen, own / seen, floor * seen)
+        return NoiseShown((1.0 + share) / seen, -own * self.bends[0] / seen, own / seen, floor * seen)
 
 
 @dataclass(frozen=True)
@@ -132,6 +139,8 @@ class Variances:
     texture : array (result,) [grey²/px²]
         Smallest eigenvalue of the texture matrix: the sum of the squared slopes along the direction in
         which the pattern is weakest, without those of noise and those that another motion explains.
+    strongest : array (result,) [grey²/px²]
+        Largest eigenvalue of the same matrix.
     is_told : bool array (result,)
         Whether the texture exceeds noise in every direction.
     noise, most_noise : arrays (result,) [grey²]
@@ -142,13 +151,14 @@ class Variances:
     motion: Floats
     covariance: Floats
     texture: Floats
+    strongest: Floats
     is_told: NDArray[np.bool_]
     noise: Floats
     most_noise: Floats
 
 
 def make_noise_model(
-    order: int, blur: float, static_frames: int, smoothing: Floats, coarse: Floats, bend: float
+    order: int, blur: float, static_frames: int, smoothing: Floats, coarse: Floats, bends: tuple[float, Floats]
 ) -> NoiseModel:
     """Tabulate the noise model.
 
@@ -164,12 +174,12 @@ def make_noise_model(
         See :class:`NoiseModel`.
     coarse : array (point, 6, 6)
         See :class:`NoiseModel`, as for the next.
-    bend : float [1/px²]
+    bends : (float, array (3,)) [1/px²], [1/px⁴]
     """
     fraction = np.linspace(0.0, 1.0, 33)
     gain = noise_gain(order, fraction, blur)
     slope, coarse_slope = slope_noise_gain(order, blur), slope_noise_gain(order, float(np.hypot(blur, COARSE)))
-    return NoiseModel(fraction, gain, slope, coarse_slope, static_frames, smoothing, coarse, bend)
+    return NoiseModel(fraction, gain, slope, coarse_slope, static_frames, smoothing, coarse, bends)
 
 
 def _directions(subsets: Subsets, coarse: Floats, model: int) -> Directions:
@@ -202,6 +212,8 @@ def motion_variance(
     residual: Floats,
     is_static: NDArray[np.bool_],
     solved: int = 0,
+    left: Floats | None = None,
+    kept: Floats | None = None,
 ) -> Variances:
     """Variance of the motions and whether the subsets have texture beyond noise.
 
@@ -220,6 +232,8 @@ def motion_variance(
         The frame is one of those averaged into the reference.
     solved : int
         The model of all results, see :meth:`.Subsets.model`.
+    left, kept : arrays (result, 2) and (result,), optional
+        See :meth:`.Reference.softened`; 1 by default.
 
     Returns
     -------
@@ -247,7 +261,8 @@ def motion_variance(
     at_pixels = model.gain[0] ** 2
     # A static frame and the reference share noise; unmoved, their difference is not reduced.
     sampled = np.where(is_static, at_pixels, sampled)
-    seen = square * sampled + shared * at_pixels
+    left = np.ones((len(chosen), 2)) if left is None else left
+    seen = square * sampled + shared * at_pixels * (1.0 if kept is None else kept)
     # A single static frame is its own reference: their difference shows no noise at all.
     shows_noise = seen > _LEAST_NOISE_SEEN
     pixel_noise = np.where(shows_noise, variance / np.where(shows_noise, seen, 1.0), 0.0)
@@ -261,17 +276,45 @@ def motion_variance(
     most_noise = model.most_noise(subsets, solved)[chosen]
     is_told = pixel_noise < most_noise
     along = (pixel_noise * model.smoothing[chosen])[:, None] * np.maximum(
-        square[:, None] + shared[:, None] * texture, 0.0
+        square[:, None] + (shared * left.prod(axis=1))[:, None] * texture, 0.0
     )
     along /= texture**2
     root = seen_by.root[chosen]
     turn = 0.5 * (root[:, 4] - root[:, 2])
     found = np.stack([(row**2 * along).sum(axis=1) for row in (root[:, 0], root[:, 3], turn)], axis=1)
-    both = np.asarray((root[:, 0] * root[:, 3] * along).sum(axis=1))
+    # A frame that is softer than the reference resists an error less.
+    found /= np.column_stack([left, left.mean(axis=1)]) ** 2
+    both = np.asarray((root[:, 0] * root[:, 3] * along).sum(axis=1)) / left.prod(axis=1)
     is_told &= _largest(found[:, 0], found[:, 1], both) < _MOST_UNCERTAIN**2
     resisted = [(root[:, a] * root[:, b] / texture).sum(axis=1) for a, b in ((0, 0), (3, 3), (0, 3))]
-    weakest = 1.0 / np.maximum(_largest(*resisted), 1e-30)
-    return Variances(np.where(is_told[:, None], found, np.nan), both, weakest, is_told, pixel_noise, most_noise)
+    largest = _largest(*resisted)
+    weakest, strongest = (1.0 / np.maximum(value, 1e-30) for value in (largest, resisted[0] + resisted[1] - largest))
+    values = np.where(is_told[:, None], found, np.nan)
+    return Variances(values, both, weakest, strongest, is_told, pixel_noise, most_noise)
+
+
+def is_beyond_texture(
+    noise: Floats, own: float, spread: float, texture: Floats, strongest: Floats, pixels: float
+) -> Flags:
+    """Tell which results misfit by more than a wrong place along the weakest direction would.
+
+    Where a pattern is an edge or a grating with little else, the correlation hardly falls at a wrong
+    place along it, and the uncertainty, which takes the residual for noise, does not know of it. But
+    the residual there is larger than noise by what the faint texture leaves unmatched.
+
+    Parameters
+    ----------
+    noise : array (result,) [grey²]
+        Variance of a pixel as the residual shows it.
+    own, spread : float [grey²], [1]
+        Variance of a pixel without a misfit, and its relative variance times the pixels.
+    texture, strongest : arrays (result,) [grey²/px²]
+        As in :class:`Variances`.
+    pixels : float
+        Number of pixels.
+    """
+    excess = (noise - own) * pixels - _SIGNIFICANT * np.sqrt((2.0 + spread) * pixels) * own
+    return np.asarray((strongest > ONE_WAY * texture) & (excess > _HIDDEN**2 * texture))
 
 
 def _largest(xx: Floats, yy: Floats, xy: Floats) -> Floats:

@@ -1,5 +1,6 @@
 """The reference of image correlation: the mean of the frames before anything moves."""
 
+import math
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
@@ -7,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.arrays import Floats32
+from labpipe.arrays import Floats, Floats32
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource
 from labpipe.imaging.dic._film_window import smooth
@@ -27,10 +28,18 @@ _NOISE_LIKENESS = 0.2
 #: Best standard deviation of the motion (px) that rounding to whole levels must allow.
 _WORST_RESOLUTION = 0.1
 _ROUNDING = 1.0 / np.sqrt(12.0)
+#: Steps (column, row) along which the image is compared with itself.
+_STEPS = ((1, 0), (0, 1), *((i, sign * k) for i, k in ((1, 1), (2, 1), (1, 2)) for sign in (1, -1)))
+#: Median of the size of third differences of white noise of deviation 1.
+_MEDIAN_OF_CHANGES = 20.0**0.5 * 0.6745
+#: Relative variance of the variance of white noise that this median tells, times the pixels.
+_SPREAD_OF_CHANGES = 12.0
 #: Share of the range of an image of real numbers that counts as its rounding.
 _FINEST = 1e-6
 #: Share of the slopes that a growing blur leaves at least: beyond, the first order does not hold.
 _LEAST_LEFT = 0.2
+#: Reach (px) of the mirrored image in the slopes at the border of the frame.
+_FRAME_BORDER = 3
 #: Blur (px) of the image whose bend tells a change of the blur, and where its kernel is cut off.
 _SOFT, _BEND_REACH = 0.8, 4
 
@@ -41,7 +50,7 @@ class Status(IntEnum):
     OK = 0
     OUTSIDE = 1  # the subset is not wholly inside the frame
     SATURATED = 2  # too many pixels at the black or white level in the reference
-    TEXTURELESS = 3  # nothing but noise, or edges in one direction only
+    TEXTURELESS = 3  # nothing but noise or misfit, or edges in one direction only
     FRAME_DAMAGED = 4  # the file says so, or the frame holds NaN
     LOST = 5  # no place in the frame correlates well enough
     OUTVOTED = 6  # its neighbours agree on another place
@@ -72,6 +81,8 @@ class Reference:
         The reference itself.
     order : 3 or 5
         Spline order.
+    mean : array (row, column)
+        Mean of the static frames, not blurred.
     """
 
     subsets: Subsets
@@ -83,9 +94,48 @@ class Reference:
     shown: NoiseShown
     images: Images
     order: int
+    mean: NDArray[np.float64]
 
-    def softened(self, chosen: NDArray[np.int64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Slopes left in frames whose blur has grown, over those of the reference.
+    def own_noise(self, point: int, static: NDArray[np.float64], weakest: float) -> tuple[float, float]:
+        """Variance of a pixel around a usable point in one frame without any misfit, and how well it is known.
+
+        Parameters
+        ----------
+        point : int
+        static : array (static frame,) [grey²]
+            As its residual in the static frames shows it.
+        weakest : float [rad]
+            Direction in which the pattern is weakest, from x towards y.
+
+        Returns
+        -------
+        variance : float [grey²]
+        spread : float [1]
+            Relative variance of that, times the number of pixels.
+
+        Notes
+        -----
+        A single static frame is the reference itself and shows none. Then third differences of the
+        image tell it, by steps that lead along the weakest direction: along an edge or the lines of a
+        grating, noise is all that changes. Their median leaves out what else there is.
+        """
+        shown = static[np.isfinite(static) & (static > 0.0)]
+        if len(shown):
+            return float(shown.mean()), 2.0 / len(shown)
+        x, y, half = self.subsets.layout[point, :3]
+        cut = np.s_[y - half : y + half + 1, x - half : x + half + 1]
+        area = self.mean[cut].copy()
+        if self.images.inside is not None:
+            area[self.images.inside[cut] == 0.0] = np.nan
+        step = min(_STEPS, key=lambda step: abs(step[0] * math.sin(weakest) - step[1] * math.cos(weakest)))
+        change = np.abs(_third_difference(area[:, ::-1] if step[1] < 0 else area, (step[0], abs(step[1]))))
+        seen = float(np.nanmedian(change)) if np.isfinite(change).any() else 0.0
+        return max(seen / _MEDIAN_OF_CHANGES, _ROUNDING) ** 2, _SPREAD_OF_CHANGES
+
+    def softened(
+        self, chosen: NDArray[np.int64], weights: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Slopes and noise of frames whose blur has grown, over those of the reference.
 
         Parameters
         ----------
@@ -96,20 +146,39 @@ class Reference:
 
         Returns
         -------
-        array (result, 2)
-            Along x and along y.
+        left : array (result, 2)
+            Slopes along x and along y of the frame, in the contrast of the reference.
+        kept : array (result,)
+            Variance of the noise of the reference where it is blurred as the frame is.
+
+        Notes
+        -----
+        What the bends have in common with the grey levels themselves is part of the gain.
         """
+        left, kept = np.ones((len(chosen), 2)), np.ones(len(chosen))
         if not weights.any():
-            return np.ones((len(chosen), 2))
+            return left, kept
         inside = np.float32(1.0) if self.images.inside is None else self.images.inside
         own = (self.images.slope_x * inside, self.images.slope_y * inside)
         bent = [node_gradients(prefilter(image, self.order), self.order) for image in self.images.bend]
-        left = np.ones((len(chosen), 2))
+        common = self.subsets.moments[:, 1, -3:] / np.maximum(self.subsets.level[:, 1:2], 1e-30)
+        level = 1.0 - (common[chosen] * weights).sum(axis=1)
         for axis in range(2):
             square = _sums(own[axis] * own[axis], self.subsets)
             shares = [_sums(own[axis] * slopes[axis], self.subsets) / square for slopes in bent]
-            left[:, axis] += (np.stack(shares, axis=1)[chosen] * weights).sum(axis=1)
-        return np.maximum(left, _LEAST_LEFT)
+            left[:, axis] = level + (np.stack(shares, axis=1)[chosen] * weights).sum(axis=1)
+        along, squares = self.noise.bends
+        kept = level**2 + 2.0 * level * weights[:, 0] * along + (weights**2 * squares).sum(axis=1)
+        return np.maximum(left, _LEAST_LEFT), np.maximum(kept, 0.0)
+
+
+def _third_difference(area: NDArray[np.float64], step: tuple[int, int]) -> NDArray[np.float64]:
+    """Third difference (row, column) along a step of whole columns and rows, none of them negative."""
+    across, down = step
+    for _ in range(3):
+        rows, columns = area.shape
+        area = area[down:, across:] - area[: max(rows - down, 0), : max(columns - across, 0)]
+    return area
 
 
 def average_static_frames(frames: FrameSource, count: int) -> tuple[NDArray[np.float64], int]:
@@ -192,6 +261,14 @@ def make_reference(
     is_outside = (low < 0).any(axis=1) | (high >= np.array([columns, rows])).any(axis=1)
     status[is_outside] = Status.OUTSIDE
     usable = np.flatnonzero(~is_outside)
+    # Slopes at the border are those of the mirrored image: along a bare edge they would be texture.
+    margin = min(
+        int(low[usable].min(initial=rows)), int((np.array([columns, rows]) - 1 - high[usable]).min(initial=rows))
+    )
+    if margin < _FRAME_BORDER:
+        inside = np.ones_like(grey) if inside is None else inside.copy()
+        for side in (inside, inside.T):
+            side[:_FRAME_BORDER] = side[-_FRAME_BORDER:] = 0.0
     images = Images(grey, gradient_x, gradient_y, _bends(grey), inside)
 
     def cut(chosen: NDArray[np.int64]) -> Subsets:
@@ -215,7 +292,7 @@ def make_reference(
         smoothing = (twice[:, 0, 0] + twice[:, 3, 3]) / (normal[:, 0, 0] + normal[:, 3, 3])
     slopes = smooth(gradient_x, COARSE), smooth(gradient_y, COARSE)
     coarse = motion_matrices(*slopes, smooth(grey, COARSE), subsets, inside)
-    noise = make_noise_model(order, blur, used, smoothing, coarse, _bend_of_noise(blur))
+    noise = make_noise_model(order, blur, used, smoothing, coarse, _bends_of_noise(blur))
     return Reference(
         subsets,
         usable,
@@ -226,6 +303,7 @@ def make_reference(
         noise.shown(_ROUNDING**2 if is_integer else (_FINEST * float(np.ptp(mean))) ** 2),
         images,
         order,
+        mean,
     )
 
 
@@ -258,13 +336,18 @@ def _bends(grey: Floats32) -> Floats32:
     return np.stack([xx + yy, xx - yy, xy])
 
 
-def _bend_of_noise(blur: float) -> float:
-    """Mean product (1/px²) of blurred white noise of variance 1 and the sum of its bends."""
+def _bends_of_noise(blur: float) -> tuple[float, Floats]:
+    """Mean products of blurred white noise and the sum of its bends, and of each bend and itself.
+
+    Relative to the variance of the noise, in 1/px² and 1/px⁴.
+    """
     size = 2 * (int(np.ceil(4.0 * blur)) + _BEND_REACH) + 1
     impulse = np.zeros((size, size))
     impulse[size // 2, size // 2] = 1.0
     blurred = smooth(impulse, blur)
-    return float((blurred * _bends(blurred)[0]).sum())
+    bends = _bends(blurred).astype(np.float64)
+    variance = float((blurred**2).sum())
+    return float((blurred * bends[0]).sum()) / variance, (bends**2).sum(axis=(1, 2)) / variance
 
 
 def _reference_status(

@@ -1,6 +1,7 @@
 """Assemble the tracked motions into the Dataset of displacements."""
 
 import json
+import math
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.imaging.dic._motion_uncertainty import motion_variance
+from labpipe.imaging.dic._motion_uncertainty import ONE_WAY, is_beyond_texture, motion_variance
 from labpipe.imaging.dic._reference import Reference, Status
 from labpipe.imaging.dic._seeding import shift_of
 from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, LIGHT
@@ -90,11 +91,12 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     status = table.status.copy()
     value = np.full((*shape, 3), np.nan)
     deviation = np.full((*shape, 3), np.nan)
-    covariance, texture, noise, most_noise = np.full((4, *shape), np.nan)
+    covariance, texture, strongest, noise, most_noise = np.full((5, *shape), np.nan)
     for model, row, column in _alike(table):
         motion = table.motion[row, column]
         value[row, column, :2] = shift_of(motion, reference.offset[column])
         value[row, column, 2] = np.arctan2(motion[:, 4] - motion[:, 2], 2.0 + motion[:, 1] + motion[:, 5])
+        left, kept = reference.softened(column, table.change[row, column, 2:])
         found = motion_variance(
             reference.noise,
             reference.subsets,
@@ -104,19 +106,28 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
             table.residual[row, column],
             is_static[row],
             model,
+            left,
+            kept,
         )
-        # A frame that is softer than the reference resists an error less.
-        left = reference.softened(column, table.change[row, column, 2:])
-        left = np.column_stack([left, left.mean(axis=1)])
-        deviation[row, column] = np.sqrt(found.motion) / left
-        covariance[row, column], texture[row, column] = found.covariance / (left[:, 0] * left[:, 1]), found.texture
+        deviation[row, column] = np.sqrt(found.motion)
+        covariance[row, column], texture[row, column] = found.covariance, found.texture
         status[row, column] = np.where(found.is_told, Status.OK, Status.TEXTURELESS)
         noise[row, column], most_noise[row, column] = found.noise, found.most_noise
+        strongest[row, column] = found.strongest
     # The columns of light and blur can take noise for a change where there is hardly a pattern:
     # what the film's noise would hide is not told either.
     seen = noise[~is_static][np.isfinite(noise[~is_static])]
     if len(seen):
         status[(status == Status.OK) & (most_noise < _NOISE_OF_FILM * np.quantile(seen, 0.25))] = Status.TEXTURELESS
+    one_way = (status == Status.OK) & (strongest > ONE_WAY * texture) & ~is_static[:, None]
+    for n in np.flatnonzero(one_way.any(axis=0)).tolist():
+        k = int(np.argmax(one_way[:, n]))
+        xx, yy = deviation[k, n, :2] ** 2
+        weakest = 0.5 * math.atan2(2.0 * covariance[k, n], xx - yy)
+        own, spread = reference.own_noise(n, noise[is_static, n], weakest)
+        pixels = float(reference.subsets.level[n, 2])
+        beyond = is_beyond_texture(noise[:, n], own, spread, texture[:, n], strongest[:, n], pixels)
+        status[one_way[:, n] & beyond, n] = Status.TEXTURELESS
     _warn_of_motion(value[is_static], status[is_static])
     is_origin = is_static[:, None] & (status == Status.OK)
     seen = is_origin.sum(axis=0)

@@ -14,7 +14,7 @@ from labpipe.arrays import Flags, Floats, Integers
 from labpipe.imaging.dic._film_window import Box, FilmWindow, Loaded
 from labpipe.imaging.dic._motion_state import contradicted, converged_nearby, extent, predicted, remember
 from labpipe.imaging.dic._reference import Reference
-from labpipe.imaging.dic._subset_kernel import AFFINE
+from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR
 from labpipe.imaging.dic._subset_solver import CHANGES, SOLVED, Solution, empty_solution, put, solve
 
 #: Distance from the prediction (px) up to which a converged point needs no confirmation:
@@ -161,6 +161,8 @@ class Tracker:
         self._stride = int(np.clip(count // _TESTED, 1, _TURNS))
         self._turn = 0
         self._noise = reference.shown
+        #: Whether the frame at hand is one of those averaged into the reference.
+        self.is_static = False
         self.is_tracked = np.ones(count, bool)
         self.misses = np.zeros(count, np.int64)
         self._predictions: dict[int, Floats] = {}
@@ -218,7 +220,8 @@ class Tracker:
             is_tested[:] = True
         is_tested &= self._adapt[chosen] > 0
         found = self._solve(loaded, chosen, start, models, is_tested)
-        adapt = self._adapt[chosen]
+        # The mean of the static frames shares their noise, which would be taken for a change of blur.
+        adapt = self._adapt[chosen] & (~BLUR if self.is_static else ~0)
         adapt = np.where(found.residual < self._most_misfit[chosen], adapt, adapt & AFFINE)
         lacking = found.needed & ~models & adapt
         if (lacking > 0).sum() > _CHANCE * is_tested.sum() and not is_tested.all():

@@ -29,6 +29,8 @@ from labpipe.materials.superposition._law_choice import (
     STRONG_EVIDENCE,
     entropic_ln_bT,
     extended_by_a_law,
+    possible_slope,
+    with_possible_slope,
 )
 from labpipe.materials.superposition._model_doubt import (
     VIOLATED,
@@ -128,8 +130,10 @@ def superpose(
             continue
         current = _probed(points, further, options)
     found = replace(_doubted(points, current, options, starts), refused=refused)
-    can_differ = base.horizontal == "free" and points.count >= _RIVAL_NEEDS
-    return replace(found, rival=_rival(points, found, options)) if can_differ else found
+    if base.horizontal == "free" and points.count >= _RIVAL_NEEDS:
+        found = replace(found, rival=_rival(points, found, options))
+    # A law that the user has chosen holds as it is; one without numbers was chosen for want of evidence.
+    return with_possible_slope(points, found) if len(verticals) > 1 else found
 
 
 def _rival(points: Points, current: Superposition, options: Options) -> TwoProcesses | None:
@@ -153,7 +157,10 @@ def _rival(points: Points, current: Superposition, options: Options) -> TwoProce
         levels = replace(model, expectation=None).pull_cost(state)
         rivals.append(replace(rival, cost=rival.cost + levels))
     best = min(rivals, key=lambda rival: rival.cost)
-    return best if predictive_cost(present, model) - best.cost > _RIVAL_GAIN else None
+    # A small slope of the modulus is no second process.
+    slope = possible_slope(points, replace(current, fit=present))
+    cost = predictive_cost(present, model) - (slope.gain if slope else 0.0)
+    return best if cost - best.cost > _RIVAL_GAIN else None
 
 
 def _without_laws(points: Points, state: State) -> tuple[Points, Floats]:

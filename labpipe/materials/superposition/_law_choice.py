@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from labpipe.materials.superposition._reweighting import (
     huber,
     weights_of,
 )
-from labpipe.materials.superposition._shift_parameters import OuterModel, State, expected_shifts
+from labpipe.materials.superposition._shift_parameters import SLOPE_SPREAD, OuterModel, State, expected_shifts
 from labpipe.materials.superposition._vertical_law import is_physical, vertical_values
 
 # Before the first fit the shifts may still move: the grid of times reaches further out.
@@ -35,6 +36,8 @@ FIRST_STRENGTH = 100.0
 #: Evidence (difference of Schwarz's criterion) that counts as strong, Kass & Raftery, J. Am. Stat.
 # Assoc. 90 (1995) 773: a smoothed spectrum leaves small systematic residuals of its own.
 STRONG_EVIDENCE = 6.0
+# Exponent at which odds are certain.
+_SURE = 50.0
 # Candidates are compared before they have settled to the last digit: tolerance and iterations.
 _SCREENING = (1e-3, 8)
 
@@ -147,6 +150,58 @@ def _criterion(points: Points, fit: Fit, model: OuterModel) -> float:
         covariance = np.linalg.pinv(normal, hermitian=True)[at, at]
         score += price - float(np.linalg.slogdet(covariance / model.level_spread**2)[1])
     return score
+
+
+class PossibleSlope(NamedTuple):
+    """A slope of ln b about a vertical law without numbers, in its standard deviations.
+
+    ``along`` are the changes of all parameters with it; ``gain`` is what it would take off the cost.
+    """
+
+    model: OuterModel
+    fit: Fit
+    value: float
+    variance: float
+    along: Floats
+
+    @property
+    def gain(self) -> float:
+        """Squared residuals that the slope explains."""
+        return self.value**2 / self.variance
+
+
+def possible_slope(points: Points, found: Superposition) -> PossibleSlope | None:
+    """Return the slope that a fit may have beside its vertical law; None where the law has numbers."""
+    model = replace(found.model, slope_spread=SLOPE_SPREAD)
+    if not model.has_slope or not model.horizontal_size:
+        return None
+    at, state = model.horizontal_size, found.fit.state
+    fit = replace(found.fit, state=replace(state, parameters=np.insert(state.parameters, at, 0.0)))
+    normal, gradient = outer_problem(points, fit, model)
+    joint = np.linalg.pinv(normal, hermitian=True)
+    variance = float(joint[at, at])
+    if variance <= 0.0:
+        return None
+    return PossibleSlope(model, fit, float(joint[at] @ gradient), variance, joint[at] / variance)
+
+
+def with_possible_slope(points: Points, found: Superposition) -> Superposition:
+    """Widen a fit whose vertical law has no numbers by the slope that it may have all the same.
+
+    Sweeps of a broad spectrum hardly tell a vertical slope from shifts that all differ by a share,
+    and what is not told is left out by the criterion. No modulus is the same at all temperatures,
+    though: with even odds before the data there is a slope of :data:`SLOPE_SPREAD`, with the odds
+    after them its variance, and its best value squared, are part of the covariance. The fit stays.
+    """
+    slope = possible_slope(points, found)
+    if slope is None:
+        return found
+    odds = np.sqrt(slope.variance) * np.exp(min(0.5 * slope.gain, _SURE))
+    share = odds / (1.0 + odds)
+    at = slope.model.horizontal_size
+    covariance = np.insert(np.insert(found.covariance, at, 0.0, axis=0), at, 0.0, axis=1)
+    covariance = covariance + share * (slope.variance + slope.value**2) * np.outer(slope.along, slope.along)
+    return replace(found, model=slope.model, fit=slope.fit, covariance=covariance)
 
 
 def free_shifts_gain(points: Points, found: Superposition) -> float:

@@ -21,6 +21,7 @@ from threadpoolctl import threadpool_limits
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials.superposition._fit import superpose
+from labpipe.materials.superposition._joint_fit import Points
 from labpipe.materials.superposition._result import MasterCurve, assembled
 from labpipe.materials.superposition._shift_law import LawName
 from labpipe.materials.superposition._shift_parameters import Horizontal, OuterModel
@@ -29,6 +30,8 @@ from labpipe.materials.superposition._sweep_readings import Mode, gather_sweeps
 from labpipe.materials.superposition._vertical_law import VERTICAL_SIZE, Vertical
 from labpipe.units import Measure, si
 
+#: Storage modulus [Pa] above which no reading is of a rubber.
+_GLASS = 3e8
 _ALL_VERTICALS: tuple[Vertical, ...] = tuple(VERTICAL_SIZE)
 # Levels about a vertical law are looked for from this many isotherms on.
 _LEVELS_NEED = 5
@@ -148,7 +151,7 @@ def master_curve(
             data.points,
             model,
             starts=starts,
-            verticals=_verticals(vertical, data.points.count),
+            verticals=_verticals(vertical, data.points),
             delay=None if delay == "auto" else delay,
             levels=_levels(levels, data.points.count),
             robust=robust,
@@ -157,12 +160,17 @@ def master_curve(
         return assembled(sweeps, data, found, law, nu)
 
 
-def _verticals(vertical: str, count: int) -> tuple[Vertical, ...]:
-    """One isotherm has no vertical shift; two cannot carry two parameters."""
-    if count == 1:
+def _verticals(vertical: str, points: Points) -> tuple[Vertical, ...]:
+    """One isotherm has no vertical shift; two cannot carry two parameters.
+
+    A modulus that grows as T does is one of entropy: that of a network or a melt, not of a glass.
+    """
+    if points.count == 1:
         return ("none",)
     if vertical == "auto":
-        return _ALL_VERTICALS if count > 3 else ("none",)
+        is_glass = bool(points.storage.min() > _GLASS)
+        laws = tuple(law for law in _ALL_VERTICALS if not (is_glass and law == "rho_T"))
+        return laws if points.count > 3 else ("none",)
     return (vertical,)  # type: ignore[return-value]
 
 

@@ -26,6 +26,12 @@ Horizontal = Literal["free", "wlf", "arrhenius", "fixed"]
 STEP_PER_KELVIN, STEP_SPREAD, STEP_SPREAD_PER_KELVIN = 0.08, 0.5, 0.12
 #: The step per isotherm changes from one to the next by this much (decades), plus this share.
 CHANGE, CHANGE_SHARE = 0.4, 0.5
+#: Standard deviation of the slope of ln b_T (per kelvin) about a law without numbers: no modulus is
+#: the same at all temperatures. Stiff plastics soften by 0.02 to 0.1 % per kelvin beside their
+#: relaxations; densities fall by 0.03 to 0.1 %.
+SLOPE_SPREAD = 5e-4
+# What a start takes over of a level or a slope, in its standard deviations.
+_MOST_SPREADS = 2.0
 #: Closer isotherms than this (K) are repeats; their spacing is not resolved.
 LEAST_SPACING = 1.0
 
@@ -107,6 +113,8 @@ class OuterModel:
     level_spread : float
         Standard deviation (relative) of a level of its own per isotherm about the vertical law,
         as a sample that is clamped or tempered anew shows; 0 allows none.
+    slope_spread : float [1/K]
+        Standard deviation of a slope of ln b about a vertical law that has no numbers; 0 allows none.
     expectation : Expectation, optional
         Weak pull on free shifts.
     """
@@ -120,6 +128,7 @@ class OuterModel:
     vertical: Vertical = "none"
     has_delay: bool = False
     level_spread: float = 0.0
+    slope_spread: float = 0.0
     expectation: Expectation | None = None
 
     @property
@@ -137,17 +146,23 @@ class OuterModel:
     def vertical_size(self) -> int:
         """Number of vertical parameters, levels included."""
         levels = self.temperature.size if self.level_spread > 0 else 0
-        return VERTICAL_SIZE[self.vertical] + levels
+        return VERTICAL_SIZE[self.vertical] + int(self.has_slope) + levels
+
+    @property
+    def has_slope(self) -> bool:
+        """Whether the vertical law has a slope about it."""
+        return self.slope_spread > 0 and not VERTICAL_SIZE[self.vertical]
 
     @property
     def law_size(self) -> int:
         """Number of parameters that are not held back by an expectation of zero."""
-        return self.size - (self.temperature.size if self.level_spread > 0 else 0)
+        levels = self.temperature.size if self.level_spread > 0 else 0
+        return self.size - levels - int(self.has_slope)
 
     @property
     def level_slice(self) -> slice:
         """Where the levels stand among the parameters."""
-        first = self.horizontal_size + VERTICAL_SIZE[self.vertical]
+        first = self.horizontal_size + VERTICAL_SIZE[self.vertical] + int(self.has_slope)
         return slice(first, first + (self.temperature.size if self.level_spread > 0 else 0))
 
     def levels(self, parameters: Floats) -> Floats:
@@ -166,9 +181,14 @@ class OuterModel:
         if law is None:
             vertical = np.zeros(vertical.size)
             law = np.zeros(shifts.size)
+        if self.has_slope:
+            warmer = self.temperature - self.T_ref
+            slope = float((ln_bT - law) @ warmer / max(float(warmer @ warmer), 1.0)) / self.slope_spread
+            vertical = np.array([np.clip(slope, -_MOST_SPREADS, _MOST_SPREADS)])
+            law = law + vertical[0] * self.slope_spread * warmer
         if self.level_spread > 0:
             # What the law leaves, shrunk into the spread that levels may have.
-            limit = 2.0 * self.level_spread
+            limit = _MOST_SPREADS * self.level_spread
             vertical = np.concatenate([vertical, np.clip(ln_bT - law, -limit, limit)])
         tail = [delay / self.delay_unit] if self.has_delay else []
         head = self._horizontal_from(shifts)
@@ -189,6 +209,8 @@ class OuterModel:
         if law is None:
             return None
         ln_bT = law + self.levels(parameters)
+        if self.has_slope:
+            ln_bT = ln_bT + vertical[0] * self.slope_spread * (self.temperature - self.T_ref)
         delay = float(tail[0]) * self.delay_unit if self.has_delay else 0.0
         return State(parameters, shifts, ln_bT, delay)
 
@@ -205,6 +227,10 @@ class OuterModel:
             levels = state.parameters[at]
             normal[at, at] += 1.0 / self.level_spread**2
             gradient[at] -= levels / self.level_spread**2
+        if self.has_slope:
+            at_slope = self.horizontal_size
+            normal[at_slope, at_slope] += 1.0
+            gradient[at_slope] -= state.parameters[at_slope]
         return normal, gradient
 
     def pull_cost(self, state: State) -> float:
@@ -215,6 +241,8 @@ class OuterModel:
         if self.level_spread > 0:
             levels = state.parameters[self.level_slice]
             cost += float(np.sum((levels / self.level_spread) ** 2))
+        if self.has_slope:
+            cost += float(state.parameters[self.horizontal_size] ** 2)
         return cost
 
     def directions(self, state: State) -> tuple[Floats, Floats, Floats]:
@@ -228,9 +256,11 @@ class OuterModel:
             head = state.parameters[:n]
             shift[:, :n] = law_slopes(self.horizontal, head, self.temperature, self.T_ref)
         at = self.level_slice
-        vertical[:, n : at.start] = vertical_slopes(
-            self.vertical, state.parameters[n : at.start], self.temperature, self.T_ref
-        )
+        if self.has_slope:
+            vertical[:, n] = self.slope_spread * (self.temperature - self.T_ref)
+        else:
+            numbers = state.parameters[n : at.start]
+            vertical[:, n : at.start] = vertical_slopes(self.vertical, numbers, self.temperature, self.T_ref)
         if self.level_spread > 0:
             vertical[:, at] = np.eye(count)
         if self.has_delay:

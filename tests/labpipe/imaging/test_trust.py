@@ -78,6 +78,40 @@ def test_along_the_lines_of_a_grating_nothing_is_found(angle: float, period: flo
         assert not found.valid[1:].any()
 
 
+@pytest.mark.parametrize("angle", [0.35, np.pi / 4])
+def test_the_border_of_the_frame_is_no_texture(angle: float) -> None:
+    """The image that interpolation mirrors there bends every line."""
+    views = PATHS["still"]
+    frames = [from_formula(film_scenes.grating(angle, 8.0), SIZE, view) for view in views]
+    corners = [(15.0, 15.0), (SIZE - 16.0, 15.0), (15.0, SIZE - 16.0), (SIZE - 16.0, SIZE - 16.0), (15.0, 80.0)]
+    found = track(digitised(frames, 0.5, 3), corners, blur=1.0)
+    assert not found.valid[1:].any()
+
+
+def test_a_faint_grain_on_a_grating_that_jumps_is_not_sought_along_its_lines() -> None:
+    """At a wrong place along the lines the correlation is above 0.99; the residual tells it."""
+    static_frames = 3
+    grating, grain = film_scenes.grating(0.4, 9.0), film_scenes.perlin(4.0, 11, octaves=1)
+    views = (View(),) * static_frames + (View((5.3, -9.2)), View((-7.7, 12.9)))
+    frames = [from_formula(lambda x, y: grating(x, y) + 0.05 * grain(x, y), SIZE, view) for view in views]
+    found = track(digitised(frames, 1.0, 12), grid((SIZE, SIZE), 26, 12), 31, static_frames=static_frames)
+    right = error(found, views, SIZE) < 5.0 * np.hypot(found.u_dx, found.u_dy)
+    assert (found.valid & ~right)[static_frames:].sum() == 0
+
+
+def test_noise_that_static_frames_share_with_their_mean_is_no_change_of_blur() -> None:
+    views = (View(),) * 2 + tuple(View((0.3 * k, 0.2 * k)) for k in range(1, 4))
+    edge = film_scenes.edge(0.3, (80.3, 79.6), 2.0, 14)
+    found = track(
+        digitised([from_formula(edge, SIZE, view) for view in views], NOISE, 15),
+        grid((SIZE, SIZE), 26, 12),
+        31,
+        static_frames=2,
+    )
+    assert (found.model == 0).mean() > 0.99
+    assert wrong(found, views) == 0
+
+
 @pytest.mark.parametrize("path", by_day(["slow", "jump"], 1))
 @pytest.mark.parametrize("shape", ["rigid", "affine"])
 @pytest.mark.parametrize("scene", ["photograph", "field", "perlin"])

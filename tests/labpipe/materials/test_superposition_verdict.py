@@ -124,3 +124,38 @@ def test_repeats_that_disagree_widen_every_uncertainty():
     u = twice.u_log10_aT.values[: TEMPERATURES.size]
     assert np.all(np.delete(u, 5) > 0.1)
     assert np.max(alone.u_log10_aT.values) < 0.1
+
+
+def broad(seed, slope):
+    """Five sweeps of one broad relaxation of a stiff plastic, as rarely tell a vertical slope."""
+    rng = np.random.default_rng(seed)
+    temperature, frequency = np.linspace(-40.0, 40.0, 5), np.logspace(-1, 1, 9)
+    omega = 2 * np.pi * frequency
+    shifts = 4200.0 * (1 / (temperature + 273.15) - 1 / 273.15)
+    modulus = np.array(
+        [
+            (1 + slope * T) * (0.5e9 + 3e9 * dispersion(omega, 0.05 * 10**a, 0.3, 1.0))
+            for T, a in zip(temperature, shifts, strict=True)
+        ]
+    )
+    dims = ("temperature", "frequency")
+    measured = xr.Dataset(
+        {
+            "storage": (dims, modulus.real * (1 + 0.01 * rng.standard_normal(modulus.shape)), {"units": "Pa"}),
+            "loss": (dims, modulus.imag * (1 + 0.02 * rng.standard_normal(modulus.shape)), {"units": "Pa"}),
+        },
+        coords={"temperature": temperature, "frequency": frequency},
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        found = master_curve(measured, 0.0)
+    other = np.arange(5) != 2
+    return found, ((found.log10_aT.values - shifts) / np.where(other, found.u_log10_aT.values, 1.0))[other]
+
+
+def test_a_slope_that_sweeps_hardly_tell_is_part_of_the_uncertainty():
+    both = {slope: [broad(seed, slope) for seed in range(6)] for slope in (0.0, -3e-4)}
+    assert all(found.verdict.level != "fail" for parts in both.values() for found, _ in parts)
+    z = {slope: np.sqrt(np.mean([z**2 for _, z in parts])) for slope, parts in both.items()}
+    assert 0.2 < z[0.0] < 1.3
+    assert 0.5 < z[-3e-4] < 1.7
