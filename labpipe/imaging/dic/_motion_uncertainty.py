@@ -77,8 +77,9 @@ class NoiseModel:
         Variance of the motion relative to unblurred noise of the same strength.
     coarse : array (point, 6, 6)
         Normal matrices of the motions of the reference blurred by :data:`COARSE`.
-    bend : float [1/px²]
-        Mean product of noise and its bend, for noise of variance 1.
+    bends : (float, array (3,)) [1/px²], [1/px⁴]
+        Mean products of the noise of a blurred image and the sum of its bends, and of each of the
+        bends and itself, over the variance of the noise.
     """
 
     fraction: Floats
@@ -88,7 +89,7 @@ class NoiseModel:
     static_frames: int
     smoothing: Floats
     coarse: Floats
-    bend: float
+    bends: tuple[float, Floats]
     _directions: dict[int, Directions] = field(default_factory=dict, repr=False)
 
     def directions(self, subsets: Subsets, model: int) -> Directions:
@@ -122,7 +123,7 @@ class NoiseModel:
         share = 1.0 / self.static_frames
         seen = float(self.gain.mean() ** 2 + share * self.gain[0] ** 2)
         own = share * float(self.gain[0] ** 2)
-        return NoiseShown((1.0 + share) / seen, -share * self.bend / seen, own / seen, floor * seen)
+        return NoiseShown((1.0 + share) / seen, -own * self.bends[0] / seen, own / seen, floor * seen)
 
 
 @dataclass(frozen=True)
@@ -157,7 +158,7 @@ class Variances:
 
 
 def make_noise_model(
-    order: int, blur: float, static_frames: int, smoothing: Floats, coarse: Floats, bend: float
+    order: int, blur: float, static_frames: int, smoothing: Floats, coarse: Floats, bends: tuple[float, Floats]
 ) -> NoiseModel:
     """Tabulate the noise model.
 
@@ -173,12 +174,12 @@ def make_noise_model(
         See :class:`NoiseModel`.
     coarse : array (point, 6, 6)
         See :class:`NoiseModel`, as for the next.
-    bend : float [1/px²]
+    bends : (float, array (3,)) [1/px²], [1/px⁴]
     """
     fraction = np.linspace(0.0, 1.0, 33)
     gain = noise_gain(order, fraction, blur)
     slope, coarse_slope = slope_noise_gain(order, blur), slope_noise_gain(order, float(np.hypot(blur, COARSE)))
-    return NoiseModel(fraction, gain, slope, coarse_slope, static_frames, smoothing, coarse, bend)
+    return NoiseModel(fraction, gain, slope, coarse_slope, static_frames, smoothing, coarse, bends)
 
 
 def _directions(subsets: Subsets, coarse: Floats, model: int) -> Directions:
@@ -211,6 +212,8 @@ def motion_variance(
     residual: Floats,
     is_static: NDArray[np.bool_],
     solved: int = 0,
+    left: Floats | None = None,
+    kept: Floats | None = None,
 ) -> Variances:
     """Variance of the motions and whether the subsets have texture beyond noise.
 
@@ -229,6 +232,8 @@ def motion_variance(
         The frame is one of those averaged into the reference.
     solved : int
         The model of all results, see :meth:`.Subsets.model`.
+    left, kept : arrays (result, 2) and (result,), optional
+        See :meth:`.Reference.softened`; 1 by default.
 
     Returns
     -------
@@ -256,7 +261,8 @@ def motion_variance(
     at_pixels = model.gain[0] ** 2
     # A static frame and the reference share noise; unmoved, their difference is not reduced.
     sampled = np.where(is_static, at_pixels, sampled)
-    seen = square * sampled + shared * at_pixels
+    left = np.ones((len(chosen), 2)) if left is None else left
+    seen = square * sampled + shared * at_pixels * (1.0 if kept is None else kept)
     # A single static frame is its own reference: their difference shows no noise at all.
     shows_noise = seen > _LEAST_NOISE_SEEN
     pixel_noise = np.where(shows_noise, variance / np.where(shows_noise, seen, 1.0), 0.0)
@@ -270,13 +276,15 @@ def motion_variance(
     most_noise = model.most_noise(subsets, solved)[chosen]
     is_told = pixel_noise < most_noise
     along = (pixel_noise * model.smoothing[chosen])[:, None] * np.maximum(
-        square[:, None] + shared[:, None] * texture, 0.0
+        square[:, None] + (shared * left.prod(axis=1))[:, None] * texture, 0.0
     )
     along /= texture**2
     root = seen_by.root[chosen]
     turn = 0.5 * (root[:, 4] - root[:, 2])
     found = np.stack([(row**2 * along).sum(axis=1) for row in (root[:, 0], root[:, 3], turn)], axis=1)
-    both = np.asarray((root[:, 0] * root[:, 3] * along).sum(axis=1))
+    # A frame that is softer than the reference resists an error less.
+    found /= np.column_stack([left, left.mean(axis=1)]) ** 2
+    both = np.asarray((root[:, 0] * root[:, 3] * along).sum(axis=1)) / left.prod(axis=1)
     is_told &= _largest(found[:, 0], found[:, 1], both) < _MOST_UNCERTAIN**2
     resisted = [(root[:, a] * root[:, b] / texture).sum(axis=1) for a, b in ((0, 0), (3, 3), (0, 3))]
     largest = _largest(*resisted)

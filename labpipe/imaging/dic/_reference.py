@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.arrays import Floats32
+from labpipe.arrays import Floats, Floats32
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource
 from labpipe.imaging.dic._film_window import smooth
@@ -132,8 +132,10 @@ class Reference:
         seen = float(np.nanmedian(change)) if np.isfinite(change).any() else 0.0
         return max(seen / _MEDIAN_OF_CHANGES, _ROUNDING) ** 2, _SPREAD_OF_CHANGES
 
-    def softened(self, chosen: NDArray[np.int64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Slopes left in frames whose blur has grown, over those of the reference.
+    def softened(
+        self, chosen: NDArray[np.int64], weights: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Slopes and noise of frames whose blur has grown, over those of the reference.
 
         Parameters
         ----------
@@ -144,20 +146,30 @@ class Reference:
 
         Returns
         -------
-        array (result, 2)
-            Along x and along y.
+        left : array (result, 2)
+            Slopes along x and along y of the frame, in the contrast of the reference.
+        kept : array (result,)
+            Variance of the noise of the reference where it is blurred as the frame is.
+
+        Notes
+        -----
+        What the bends have in common with the grey levels themselves is part of the gain.
         """
+        left, kept = np.ones((len(chosen), 2)), np.ones(len(chosen))
         if not weights.any():
-            return np.ones((len(chosen), 2))
+            return left, kept
         inside = np.float32(1.0) if self.images.inside is None else self.images.inside
         own = (self.images.slope_x * inside, self.images.slope_y * inside)
         bent = [node_gradients(prefilter(image, self.order), self.order) for image in self.images.bend]
-        left = np.ones((len(chosen), 2))
+        common = self.subsets.moments[:, 1, -3:] / np.maximum(self.subsets.level[:, 1:2], 1e-30)
+        level = 1.0 - (common[chosen] * weights).sum(axis=1)
         for axis in range(2):
             square = _sums(own[axis] * own[axis], self.subsets)
             shares = [_sums(own[axis] * slopes[axis], self.subsets) / square for slopes in bent]
-            left[:, axis] += (np.stack(shares, axis=1)[chosen] * weights).sum(axis=1)
-        return np.maximum(left, _LEAST_LEFT)
+            left[:, axis] = level + (np.stack(shares, axis=1)[chosen] * weights).sum(axis=1)
+        along, squares = self.noise.bends
+        kept = level**2 + 2.0 * level * weights[:, 0] * along + (weights**2 * squares).sum(axis=1)
+        return np.maximum(left, _LEAST_LEFT), np.maximum(kept, 0.0)
 
 
 def _third_difference(area: NDArray[np.float64], step: tuple[int, int]) -> NDArray[np.float64]:
@@ -280,7 +292,7 @@ def make_reference(
         smoothing = (twice[:, 0, 0] + twice[:, 3, 3]) / (normal[:, 0, 0] + normal[:, 3, 3])
     slopes = smooth(gradient_x, COARSE), smooth(gradient_y, COARSE)
     coarse = motion_matrices(*slopes, smooth(grey, COARSE), subsets, inside)
-    noise = make_noise_model(order, blur, used, smoothing, coarse, _bend_of_noise(blur))
+    noise = make_noise_model(order, blur, used, smoothing, coarse, _bends_of_noise(blur))
     return Reference(
         subsets,
         usable,
@@ -324,13 +336,18 @@ def _bends(grey: Floats32) -> Floats32:
     return np.stack([xx + yy, xx - yy, xy])
 
 
-def _bend_of_noise(blur: float) -> float:
-    """Mean product (1/px²) of blurred white noise of variance 1 and the sum of its bends."""
+def _bends_of_noise(blur: float) -> tuple[float, Floats]:
+    """Mean products of blurred white noise and the sum of its bends, and of each bend and itself.
+
+    Relative to the variance of the noise, in 1/px² and 1/px⁴.
+    """
     size = 2 * (int(np.ceil(4.0 * blur)) + _BEND_REACH) + 1
     impulse = np.zeros((size, size))
     impulse[size // 2, size // 2] = 1.0
     blurred = smooth(impulse, blur)
-    return float((blurred * _bends(blurred)[0]).sum())
+    bends = _bends(blurred).astype(np.float64)
+    variance = float((blurred**2).sum())
+    return float((blurred * bends[0]).sum()) / variance, (bends**2).sum(axis=(1, 2)) / variance
 
 
 def _reference_status(

@@ -96,6 +96,7 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
         motion = table.motion[row, column]
         value[row, column, :2] = shift_of(motion, reference.offset[column])
         value[row, column, 2] = np.arctan2(motion[:, 4] - motion[:, 2], 2.0 + motion[:, 1] + motion[:, 5])
+        left, kept = reference.softened(column, table.change[row, column, 2:])
         found = motion_variance(
             reference.noise,
             reference.subsets,
@@ -105,12 +106,11 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
             table.residual[row, column],
             is_static[row],
             model,
+            left,
+            kept,
         )
-        # A frame that is softer than the reference resists an error less.
-        left = reference.softened(column, table.change[row, column, 2:])
-        left = np.column_stack([left, left.mean(axis=1)])
-        deviation[row, column] = np.sqrt(found.motion) / left
-        covariance[row, column], texture[row, column] = found.covariance / (left[:, 0] * left[:, 1]), found.texture
+        deviation[row, column] = np.sqrt(found.motion)
+        covariance[row, column], texture[row, column] = found.covariance, found.texture
         status[row, column] = np.where(found.is_told, Status.OK, Status.TEXTURELESS)
         noise[row, column], most_noise[row, column] = found.noise, found.most_noise
         strongest[row, column] = found.strongest

@@ -55,6 +55,36 @@ def test_what_a_change_costs_is_recovered_and_the_uncertainty_is_right(name: str
     assert u == pytest.approx(error, rel=0.1)
 
 
+@pytest.mark.parametrize(
+    ("name", "feature", "subset", "static_frames"),
+    by_day(
+        [
+            ("out of focus", 1.4, 31, 1),
+            ("out of focus", 1.4, 31, 8),
+            ("smeared by 4 px", 1.4, 31, 1),
+            ("smeared by 4 px", 1.9, 31, 8),
+            ("smeared aslant", 1.9, 31, 4),
+            ("out of focus", 1.9, 61, 4),
+        ],
+        2,
+    ),
+)
+def test_the_uncertainty_of_a_softer_frame_is_right(name: str, feature: float, subset: int, static_frames: int) -> None:
+    before, after = CHANGES[name]
+    views = [*(before,) * static_frames, *(replace(after, shift=shift) for shift in SHIFTS)]
+    points = grid((SIZE, SIZE), 40, 14)
+    square_error, square_u = [], []
+    for seed in (0, 1, 2):
+        pattern = 0.7 * film_scenes.random_field(SIZE, feature, 400 + seed)
+        film = digitised([from_spectrum(pattern, view) for view in views], NOISE, seed)
+        found = track(film, points, subset, static_frames=static_frames).isel(frame=slice(static_frames, None))
+        truth = np.stack([view.displacement(points, SIZE) for view in views[static_frames:]])
+        square_error.append(((np.stack([found.dx, found.dy], axis=-1) - truth) ** 2).mean())
+        square_u.append(float((found.u_dx**2 + found.u_dy**2).mean()) / 2)
+        assert found.valid.all()
+    assert np.sqrt(np.mean(square_u) / np.mean(square_error)) == pytest.approx(1.0, abs=0.15)
+
+
 def test_nothing_is_solved_for_that_is_not_needed() -> None:
     film = digitised(
         [from_spectrum(0.7 * film_scenes.random_field(SIZE, 1.9, 7), View(shift)) for shift in [(0.0, 0.0), *SHIFTS]],
