@@ -75,6 +75,10 @@ def page(
     return pages.document(context, subtitle, sections).render()
 
 
+def _moduli(settings: BallDrop) -> str:
+    return "with that of their DMA" if settings.sphere.material_from else "are taken as exact"
+
+
 def _summary(
     settings: BallDrop,
     repeats: xr.Dataset | None,
@@ -98,8 +102,8 @@ def _summary(
             (
                 "restitution of the first impact, model",
                 value_with_uncertainty(e, u, "1"),
-                "uncertainty from height, radius, mass, plate, and from temperature and Poisson's ratio where "
-                f"stated with an uncertainty; {_of_moduli(settings)}",
+                "uncertainty from height, radius, mass, plate, and from temperature and Poisson's ratio where stated "
+                f"with an uncertainty; the moduli {_moduli(settings)}",
             )
         )
     if comparison is not None:
@@ -326,13 +330,6 @@ def _model(model: xr.Dataset) -> Section:
             )
         )
     return Section("Model", tuple(blocks))
-
-
-def _of_moduli(settings: BallDrop) -> str:
-    """Say whether the uncertainty of the moduli is part of the model's."""
-    if settings.sphere.material_from is not None:
-        return f"that of the moduli, by {settings.sphere.source}, is included"
-    return "the moduli are taken as exact"
 
 
 def _times(n: int) -> str:
