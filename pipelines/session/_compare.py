@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from labpipe import files
+from labpipe.workflow.fields import REFERENCE
 from labpipe.workflow.plan import Plan
 from labpipe.workflow.session import Experiment
 from pipelines.experiments import JUDGEMENT, KINDS
@@ -120,7 +121,7 @@ def labelled(row: Row, experiment: Experiment) -> Row:
 def _material(experiment: Experiment) -> str:
     body = getattr(experiment.settings, KINDS[experiment.kind].body, None)
     texts = (getattr(body, n, None) for n in ("material", "material_from", "material_file"))
-    return next((text for text in texts if isinstance(text, str)), "")
+    return next((text.removeprefix(REFERENCE) for text in texts if isinstance(text, str)), "")
 
 
 def _condition(experiment: Experiment) -> str:

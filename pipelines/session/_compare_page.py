@@ -40,9 +40,9 @@ def render(session: Session, found: Comparison) -> str:
     curves = [row for row in found.rows if row.is_curve]
     # What deviates most is read first; what has no uncertainty cannot be judged and comes last.
     events = sorted((row for row in found.rows if not row.is_curve), key=lambda row: -abs(row.deviation or 0.0))
-    head: tuple[Block, ...] = (synthetic_notice(),) if session.synthetic else ()
+    tail: tuple[Block, ...] = (synthetic_notice(),) if session.synthetic else ()
     sections = [
-        Section("Answer", (*head, *summary(curves, events, found))),
+        Section("Answer", (*summary(curves, events, found), *tail)),
         Section("Deviations", _deviations(found.rows)),
         Section("Values", _events(events)),
         Section("Curves", _curves(curves)),
@@ -174,8 +174,9 @@ def _events(rows: Sequence[Row]) -> tuple[Block, ...]:
         body.append((r.deviation, _what(r), r.experiment, _of(r), *values, shown.text, r.n))
     text = (
         "The largest deviation first: measured minus model in units of the difference's standard uncertainty. The "
-        "uncertainty of the model includes height, radius, mass and plate, not the material: a difference of many u "
-        "means that one of the stated inputs, or the material, is wrong."
+        "uncertainty of the model includes that of every input that is stated with one, and of the DMA from which a "
+        "material is taken; a material of the library or of a file counts as exact. A difference of many u means "
+        "that one of the inputs, or the material, is wrong."
     )
     return Paragraph(text), Table(columns, body)
 

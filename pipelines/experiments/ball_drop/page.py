@@ -75,6 +75,10 @@ def page(
     return pages.document(context, subtitle, sections).render()
 
 
+def _moduli(settings: BallDrop) -> str:
+    return "with that of their DMA" if settings.sphere.material_from else "are taken as exact"
+
+
 def _summary(
     settings: BallDrop,
     repeats: xr.Dataset | None,
@@ -98,8 +102,8 @@ def _summary(
             (
                 "restitution of the first impact, model",
                 value_with_uncertainty(e, u, "1"),
-                "uncertainty from height, radius, mass, plate, and from temperature and Poisson's "
-                "ratio where stated with an uncertainty; the moduli are taken as exact",
+                "uncertainty from height, radius, mass, plate, and from temperature and Poisson's ratio where stated "
+                f"with an uncertainty; the moduli {_moduli(settings)}",
             )
         )
     if comparison is not None:

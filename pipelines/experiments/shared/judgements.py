@@ -183,7 +183,12 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
         return level, f"{word}: {found[0].message}.{cause} {_counted(judged)}."
     checks = _counted(judged) if made else "no check could be made"
     model = result.attrs["model"]
-    example = next((r for r in rows if r.deviation is not None and r.measured is not None), None)
+    known = [r for r in rows if r.deviation is not None and r.measured is not None]
+    # what depends on an input tells more of the model than a constant of nature
+    known = [r for r in known if r.slopes and r.against == "model"] or known
+    if model == "differs":
+        known.sort(key=lambda r: -abs(r.deviation or 0.0))
+    example = next(iter(known), None)
     shown = "" if example is None else f": {_compared(example)}"
     if model == "agrees":
         return "ok", f"The model agrees{shown}; {checks}."
