@@ -23,11 +23,11 @@ _MOST_UNCERTAIN = 0.4
 #: Factor by which the texture must exceed noise where more than the motion is solved for.
 _CLEARLY = 4.0
 #: Ratio of the squared slopes along the strongest and the weakest direction from which a pattern
-#: counts as an edge or a grating.
-ONE_WAY = 50.0
-#: Shift (px) along the weakest direction that a misfit may hide at most, and how many standard
-#: deviations of the residual of noise it is beyond it.
-_HIDDEN, _SIGNIFICANT = 0.2, 4.0
+#: may be taken for an edge or a grating, and from which it is hardly more than one.
+ONE_WAY, _EDGE = 10.0, 50.0
+#: Shift (px) along the weakest direction that a misfit may hide at most, in patterns of the one and
+#: of the other kind, and how many standard deviations of the residual of noise it is beyond it.
+_HIDDEN, _HIDDEN_BY_EDGE, _SIGNIFICANT = 1.0, 0.2, 4.0
 #: Squared slopes that are left at least when those of noise are taken off.
 _LEAST_LEFT = 0.05
 #: Blur (px) at which texture is looked for: a pattern outlives it, noise does not.
@@ -314,7 +314,8 @@ def is_beyond_texture(
         Number of pixels.
     """
     excess = (noise - own) * pixels - _SIGNIFICANT * np.sqrt((2.0 + spread) * pixels) * own
-    return np.asarray((strongest > ONE_WAY * texture) & (excess > _HIDDEN**2 * texture))
+    hidden = np.where(strongest > _EDGE * texture, _HIDDEN_BY_EDGE, _HIDDEN)
+    return np.asarray((strongest > ONE_WAY * texture) & (excess > hidden**2 * texture))
 
 
 def _largest(xx: Floats, yy: Floats, xy: Floats) -> Floats:
