@@ -4,7 +4,8 @@ A check holds two ways to the same quantity against each other, or a quantity ag
 (:func:`compared`, :func:`bounded`, :func:`stated`, :func:`not_made`); :func:`judge` makes one
 verdict of all checks of a record and ranks the mistakes that would explain them
 (:class:`Cause`). :func:`agreement` compares measured with predicted values, with their whole
-covariance, and :func:`detectable` says how large an error of each input it would have shown.
+covariance, :func:`detectable` says how large an error of each input it would have shown, and
+:func:`suspects` which input, stated wrongly, would explain a difference.
 
 Nothing here knows a kind of experiment; the scheme of levels follows the flags that
 oceanographers use (QARTOD: pass, not evaluated, suspect, fail).
@@ -14,6 +15,7 @@ from labpipe.judging._agreement import Agreement, agreement, block_means, model_
 from labpipe.judging._causes import Cause, Explanation, explain
 from labpipe.judging._checks import FLAGS, IMPOSSIBLE, Check, Finding, Level, bounded, compared, not_made, stated
 from labpipe.judging._detectability import detectable
+from labpipe.judging._suspects import Suspect, suspects
 from labpipe.judging._verdict import Judgement, Verdict, from_json, judge, to_json
 
 __all__ = [
@@ -26,6 +28,7 @@ __all__ = [
     "Finding",
     "Judgement",
     "Level",
+    "Suspect",
     "Verdict",
     "agreement",
     "block_means",
@@ -38,5 +41,6 @@ __all__ = [
     "model_verdict",
     "not_made",
     "stated",
+    "suspects",
     "to_json",
 ]

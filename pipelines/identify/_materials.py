@@ -16,9 +16,8 @@ def choice(experiment: Experiment) -> Any:
 def material_name(experiment: Experiment) -> str:
     """Return how the session names the material; another temperature is another material."""
     chosen = choice(experiment)
-    name = chosen.material or chosen.material_from or chosen.material_file
     at = "" if chosen.temperature is None else f" at {chosen.temperature.value:g} degC"
-    return str(name).removeprefix(REFERENCE) + at
+    return str(chosen.source) + at
 
 
 def temperature_of(experiment: Experiment) -> float | None:

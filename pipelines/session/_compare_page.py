@@ -67,6 +67,8 @@ def summary(curves: Sequence[Row], events: Sequence[Row], found: Comparison) -> 
         sentence = f"{text}{': ' if others else ''}{'; '.join(others)}."
         differs = "differs" in judged.values()
         blocks.append(Notice("ok" if not others else "error" if differs else "warning", sentence))
+    for document in found.experiments:
+        blocks += [Notice("warning", f"{document['experiment']}: {text}.") for text in document["suspects"]]
     rows = []
     known = [row.deviation for row in events if row.deviation is not None]
     if known:

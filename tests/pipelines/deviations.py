@@ -2,7 +2,8 @@
 
 ``python -m tests.pipelines.deviations --seeds 30`` records one session for every seed: the
 rheometer's sweeps of a polymer, of rubber and of PTFE, drops of the polymer on a plate that rings
-or on a table, the plate under two polymers, loads on PTFE, and a punch in rubber. Everything that
+or on a table, the plate under two polymers, loads on PTFE, a punch in rubber, and a film of the
+polymer's contact. Everything that
 session.toml or a calibration record states with an uncertainty has a random error of that size.
 Every prediction stands on the sweeps; a deviation is measured minus model, over its standard
 uncertainty.
@@ -26,7 +27,8 @@ from pipelines.process import process
 from pipelines.rig.campaign import SMALL
 from pipelines.rig.dma import write_dma
 from pipelines.rig.drops import write_drops
-from pipelines.rig.fall import DropRig
+from pipelines.rig.fall import Body, DropRig
+from pipelines.rig.film_session import Bursts, burst_times, under_record, under_section, write_under
 from pipelines.rig.indentation_session import cell_record, oscillation_section, relaxation_section
 from pipelines.rig.indentations import Specimen, write_harmonic
 from pipelines.rig.laser_sensor import LaserSensor
@@ -66,7 +68,7 @@ def write_specimens(folder: Path, seed: int) -> None:
         rig = replace(rig, sensor=replace(rig.sensor, inclination=of_plate))
         rung = [
             write_ringing_of(folder, rig, name, h, 1, 1000 * seed + 10 * i, START)
-            for i, (name, h) in enumerate(((polymer, 1.5e-3), ("ptfe", 5e-3)))
+            for i, (name, h) in enumerate(((polymer, 5e-3), ("ptfe", 10e-3)))
         ]
         text += plate_section(rung)
     stated = StaticRig()
@@ -74,6 +76,8 @@ def write_specimens(folder: Path, seed: int) -> None:
     file = write_static(folder, "static", loads, specimen_of("ptfe", room), seed, START)
     text += static_section("static", file, stated, "ptfe", from_dma("ptfe"))
     text += _indentations(folder, room, seed, random)
+    if polymer != "ptfe":  # its contact is wider than the image
+        text += _film(folder, polymer, room, body, seed, random)
     for number, material in enumerate(sorted({polymer, "ptfe", "nbr"})):
         name, solid = dma_name(material), SOLIDS[material]
         export = write_dma(folder, name, solid, SMALL.dma, 10 * seed + number)
@@ -81,7 +85,11 @@ def write_specimens(folder: Path, seed: int) -> None:
         section = dma_section(name, export, solid)
         text += _NU.sub(lambda m, nu=solid.nu, e=error: f'nu = "{nu + e * float(m[1]):.5f} ± {m[1]}"', section)
     delay = cell_record(NOTE).replace('"15.9 ± 0.2 ms"', f'"{15.915 + 0.2 * random.standard_normal():.4f} ± 0.2 ms"')
-    for name, record in (("laser", laser_record()), ("laser_plate", plate_laser_record()), ("load_cell", delay)):
+    gains = [
+        record.replace('scale = "1.0000 ±', f'scale = "{1 + 5e-4 * random.standard_normal():.6f} ±')
+        for record in (laser_record(), plate_laser_record())
+    ]
+    for name, record in zip(("laser", "laser_plate", "load_cell"), (*gains, delay), strict=True):
         files.write_text(folder / f"calibration/{name}.toml", record)
     files.write_text(folder / "session.toml", session_head("Specimens (synthetic)") + text)
 
@@ -100,6 +108,19 @@ def _indentations(folder: Path, room: float, seed: int, random: np.random.Genera
     write_harmonic(folder, "harmonic", true, wave, tester, seed + 1, START)
     source = from_dma("nbr")
     return relaxation_section("relaxation", names, stated, source) + oscillation_section("harmonic", stated, source)
+
+
+def _film(
+    folder: Path, polymer: str, room: float, sphere: dict[str, float], seed: int, random: np.random.Generator
+) -> str:
+    """Film the first impact from 1.5 mm on a rigid floor through the disc."""
+    stated, height = SMALL.under, 1.5e-3
+    camera = replace(stated, pixel_size=stated.pixel_size * (1 + random.standard_normal() / 461))
+    body = Body(specimen_of(polymer, room), height + 5e-6 * random.standard_normal(), floor=Floor(), **sphere)
+    times = burst_times(body, camera.release, SMALL.bursts or Bursts())
+    film = write_under(folder, "film", body, camera, times, seed)
+    files.write_text(folder / "calibration/camera_under.toml", under_record())
+    return under_section(film, "film", height, source=from_dma(polymer))
 
 
 def deviations(folder: Path) -> Iterator[tuple[str, str, float]]:

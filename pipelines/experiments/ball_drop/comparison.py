@@ -11,7 +11,7 @@ from labpipe.variables import variable
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, row
 
-SCALE = "scale of length"
+SCALE = "scale of length (gain and inclination)"
 """Input of the rows beside those of the model: the laser's gain and inclination together."""
 
 

@@ -344,7 +344,6 @@ def _methods(
     comparison: xr.Dataset | None,
 ) -> str:
     sphere = settings.sphere
-    source = sphere.material or sphere.material_file or sphere.material_from
     text = (
         f"A sphere of radius {pages.stated(sphere.radius)} with a total moving mass of "
         f"{pages.stated(sphere.mass)} was dropped {_times(len(settings.laser))} from "
@@ -365,7 +364,7 @@ def _methods(
     )
     if model is not None:
         text += (
-            f"The drop was simulated with the material “{source}” by the method of dimensionality "
+            f"The drop was simulated with the material “{sphere.source}” by the method of dimensionality "
             f"reduction (profile: {settings.model.profile}, tolerance {settings.model.rtol:g}). "
         )
     if comparison is not None:

@@ -9,6 +9,7 @@ from labpipe.judging import Check, not_made
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.harmonic.comparison import rows
+from pipelines.experiments.harmonic.model import uncertain_inputs
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import judgements, mach1_checks
 from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS, TOUCH
@@ -63,8 +64,9 @@ def judgement(
         causes = list(mach1_checks.causes(name, readings, settings.punch, settings.load_cell, checks))
     relative = 0.0 if loads is None else relative_gain(loads)
     inputs = {FORCE_SCALE: Quantity(1.0, relative, "1"), STIFFNESS: Quantity(1.0, 0.0, "1")}
-    shared = {TOUCH: Quantity(0.0, 1.0, "1")}
-    return judgements.judgement(Scene(checks, causes, compared, inputs, shared))
+    simulated = {} if model is None else uncertain_inputs(model)
+    shared = {TOUCH: simulated.pop(TOUCH)} if simulated else {}
+    return judgements.judgement(Scene(checks, causes, compared, inputs | simulated, shared))
 
 
 def _phase(name: str, oscillations: xr.Dataset, settings: Harmonic) -> Check:

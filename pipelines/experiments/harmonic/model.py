@@ -1,5 +1,6 @@
 """The indentation simulated with the measured displacement."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -8,10 +9,12 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.signals import common_fit
+from labpipe.units import Quantity
 from labpipe.variables import variable
 from pipelines.experiments.harmonic.measured import COLUMNS
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
+from pipelines.experiments.shared.comparison_rows import TOUCH
 from pipelines.experiments.shared.material_choice import resolve, variations
 from pipelines.experiments.shared.punch_model import Geometry, simulated
 
@@ -39,7 +42,15 @@ def model(
     fastest = 1.0 / (2.0 * np.pi * float(oscillations["frequency"].max()))
     others = variations(substrate, material_file, fitted, (fastest, slowest))
     force, u_force, of_solid, attrs = simulated(loads, touch, solid, geometry, others)
+    given = {TOUCH: Quantity(0.0, 1.0, "1")} | {name: other.given for name, other in others.items()}
     result = _model_rows(loads, oscillations, force, [u_force, *of_solid])
+    result = result.assign_coords(uncertain=np.array(list(given), dtype=str))
+    for name, values, text in (
+        ("input_value", [q.value for q in given.values()], "value of an input of the model, SI"),
+        ("input_u", [q.u for q in given.values()], "standard uncertainty of an input of the model, SI"),
+    ):
+        result[name] = variable("uncertain", values, "1", text)
+    result.attrs["input_units"] = json.dumps([q.si for q in given.values()])
     result["contact_position"] = variable((), touch.value, "m", "stage position of first touch")
     result["u_contact_position"] = variable((), touch.u, "m", "standard uncertainty: position of first touch")
     result.attrs |= attrs | {"contact": how}
@@ -72,14 +83,16 @@ def _model_rows(loads: xr.Dataset, oscillations: xr.Dataset, force: Floats, chan
         ),
         "contact_loss": variable("oscillation", np.array(lost), "1", "share of a cycle without contact, simulated"),
     }
+    parts = {}
     for name in ("storage_stiffness", "loss_stiffness"):
         values = np.array([getattr(fit, name) for fit, _ in rows])
         moved = np.array([[getattr(one, name) for one in shifted] for _, shifted in rows])
         units, text = COLUMNS[name]
         table[name] = variable("oscillation", values, units, f"{text}, simulated")
+        parts[name] = values[:, None] - moved
         table[f"u_{name}"] = variable(
             "oscillation",
-            np.sqrt(np.sum((moved - values[:, None]) ** 2, axis=1)),
+            np.sqrt(np.sum(parts[name] ** 2, axis=1)),
             units,
             f"standard uncertainty, touch, punch and solid: {text}",
         )
@@ -91,4 +104,20 @@ def _model_rows(loads: xr.Dataset, oscillations: xr.Dataset, force: Floats, chan
             "J",
             f"{prefix and 'standard uncertainty: '}simulated work",
         )
+    parts["work_per_cycle"] = np.pi * amplitude[:, None] ** 2 * parts["loss_stiffness"]
+    for name, moved in parts.items():
+        units, text = COLUMNS[name]
+        text = f"change by one standard uncertainty of an input: {text}, simulated"
+        table[f"part_{name}"] = variable(("oscillation", "uncertain"), moved, units, text)
     return xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]})
+
+
+def uncertain_inputs(model: xr.Dataset) -> dict[str, Quantity]:
+    """Return the uncertain inputs of a simulated indentation; empty where nothing was simulated."""
+    if "uncertain" not in model.coords:
+        return {}
+    columns = (model[name].values for name in ("uncertain", "input_value", "input_u"))
+    units = json.loads(model.attrs["input_units"])
+    return {
+        str(name): Quantity(float(value), float(u), unit) for name, value, u, unit in zip(*columns, units, strict=True)
+    }

@@ -22,6 +22,7 @@ from labpipe.judging import (
     judge,
     model_verdict,
     stated,
+    suspects,
     to_json,
 )
 from labpipe.report import Block, Column, Details, Notice, Paragraph, Section, Table, quantity, value_with_uncertainty
@@ -33,9 +34,16 @@ from pipelines.experiments.shared.material_choice import is_of_spectrum
 
 MATTERS = 0.2
 """Relative error of an input that a comparison must be able to show before it can agree."""
+_LINEAR, _FAR = 0.3, 20.0
+"""Part of an input's value, or times its u, beyond which its effect is no longer known by its slope."""
+_UNEXPLAINED = (
+    "no input alone explains it: the specimen is probably of another material or in another state than stated, or "
+    "the model leaves something out"
+)
 _LEAST_OWN = 0.05
 """Least part of a difference's uncertainty that is its own, not shared with other rows."""
 _SHOWN = 3  # detectable errors in the opening sentence
+_SUSPECTS, _EXPLAINS = 2, 0.2  # inputs that are named where the model differs, and the least share that each explains
 
 
 class Scene(NamedTuple):
@@ -96,7 +104,7 @@ def judgement(scene: Scene) -> xr.Dataset:
         ``chi_square``, ``degrees_of_freedom``, ``p``, ``n_checks`` [1]; over ``input`` the
         smallest error that the comparison would have shown, ``detectable`` (relative, NaN
         where the input is 0). Attributes ``judgement``, ``model`` and ``believable`` hold the
-        words and, as JSON, all checks.
+        words and, as JSON, all checks; ``suspects`` what would explain a model that differs.
     """
     judged = judge(scene.checks, scene.causes)
     rows = [row for row in scene.rows if row.deviation is not None]
@@ -104,19 +112,42 @@ def judgement(scene: Scene) -> xr.Dataset:
     known = {**scene.inputs, **scene.shared}
     # a change of a rheometer's spectrum is no value that could have been stated wrongly
     names = sorted(name for name in named & set(scene.inputs) if not is_of_spectrum(name))
-    found, smallest = None, np.full(len(names), np.inf)
+    found, smallest, told = None, np.full(len(names), np.inf), []
     if rows:
         every = [*names, *sorted(named & set(known) - set(names))]
         slopes = np.array([[row.slopes.get(name, 0.0) for name in every] for row in rows])
         covariance = _covariance(rows, slopes, [known[name].u for name in every])
         found = agreement([row.difference or 0.0 for row in rows], covariance)
         smallest = detectable(slopes[:, : len(names)], covariance) if names else smallest
+        told = _suspected(names, known, [row.difference or 0.0 for row in rows], slopes[:, : len(names)], covariance)
     values = np.array([scene.inputs[name].value for name in names])
     # an error of an input that is 0 has no size to be compared with
     relative = np.divide(smallest, np.abs(values), out=np.full(len(names), np.nan), where=values != 0.0)
     could_notice = bool((relative < MATTERS).any()) if names else True
     units = [scene.inputs[name].si for name in names]
-    return _dataset(judged, found, dict(zip(names, units, strict=True)), smallest, relative, could_notice)
+    made = _dataset(judged, found, dict(zip(names, units, strict=True)), smallest, relative, could_notice)
+    return made.assign_attrs(suspects=json.dumps(told if made.attrs["model"] == "differs" else []))
+
+
+def _suspected(
+    names: Sequence[str], known: Mapping[str, Quantity], differences: Sequence[float], slopes: Any, covariance: Any
+) -> list[str]:
+    """Say of the likeliest inputs by how much each would have to be stated wrongly, and what that explains."""
+    said: list[str] = []
+    for suspect in suspects(differences, slopes, covariance) if names else ():
+        if suspect.share < _EXPLAINS or len(said) == _SUSPECTS:
+            break
+        first, *others = (names[i] for i in suspect.inputs)
+        given = known[first]
+        if given.value and abs(suspect.error) > max(_LINEAR * abs(given.value), _FAR * given.u):
+            continue
+        way = "too large" if suspect.error > 0.0 else "too small"
+        size = quantity(abs(suspect.error), given.si)
+        if given.si == "1" and given.value:
+            size = f"{100 * abs(suspect.error / given.value):.2g} %"
+        like = f" (or {', '.join(others)})" if others else ""
+        said.append(f"{first}{like} stated {size} {way} would explain {100 * suspect.share:.0f} % of it")
+    return said or ([_UNEXPLAINED] if names else [])
 
 
 def _covariance(rows: Sequence[Row], slopes: Any, u: Sequence[float]) -> Any:
@@ -194,10 +225,11 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
         return "ok", f"The model agrees{shown}; {checks}."
     if model == "differs":
         p = float(result["p"])
+        explained = "".join(f" {_capital(text)}." for text in json.loads(result.attrs.get("suspects", "[]")))
         return (
             "warning",
             f"The model differs from the measurement (p = {p:.1g}, largest deviation "
-            f"{float(result['largest_deviation']):.1f} u){shown}; {checks}.",
+            f"{float(result['largest_deviation']):.1f} u){shown}; {checks}.{explained}",
         )
     if model == "undecided":
         return "info", f"Whether the model agrees is undecided{shown}; {checks}."
@@ -334,6 +366,7 @@ def compared(result: xr.Dataset) -> dict[str, Any]:
         "chi2": _finite(result["chi_square"]),
         "degrees_of_freedom": int(result["degrees_of_freedom"]),
         "p": _finite(result["p"]),
+        "suspects": json.loads(result.attrs.get("suspects", "[]")),
         "detectable": {
             name: {"value": float(error) if np.isfinite(error) else None, "unit": unit}
             for name, error, unit in zip(names, errors, units, strict=True)

@@ -23,9 +23,7 @@ def punch_rows(punch: Punch | None) -> list[tuple[str, str, str]]:
 
 def substrate_name(substrate: Substrate | None) -> str:
     """Return where the material comes from."""
-    if substrate is None:
-        return ""
-    return substrate.material or substrate.material_file or substrate.material_from or ""
+    return "" if substrate is None else substrate.source
 
 
 def columns(*wanted: str | tuple[str, str]) -> tuple[Column, ...]:

@@ -18,6 +18,7 @@ from labpipe.workflow.config import (
     Temperature,
     Time,
 )
+from labpipe.workflow.fields import REFERENCE
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -46,6 +47,11 @@ class MaterialChoice(Table, frozen=True, kw_only=True):
                 f"and material_from (a DMA experiment); found {len(given)}"
             )
             raise ValueError(message)
+
+    @property
+    def source(self) -> str:
+        """The material, its file or the DMA experiment, by the name that it has in the session."""
+        return self.material or self.material_file or (self.material_from or "").removeprefix(REFERENCE)
 
 
 class Sphere(MaterialChoice, frozen=True, kw_only=True):

@@ -11,7 +11,7 @@ from pipelines.experiments.shared.comparison_rows import Row, row
 from pipelines.experiments.static_loading.measured import spans, windows
 from pipelines.experiments.static_loading.settings import StaticLoading
 
-SCALE, MODULUS, LOADS = "scale of length", "modulus", "loads"
+SCALE, MODULUS, LOADS = "scale of length (gain and inclination)", "modulus", "loads"
 """Inputs of the rows, relative: the laser's gain and inclination together, the material as a whole, all masses."""
 TOUCH = "first touch"
 

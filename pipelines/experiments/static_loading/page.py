@@ -101,11 +101,10 @@ def _measured(
     context: Context,
 ) -> Section:
     ball = settings.sphere
-    source = ball.material or ball.material_file or ball.material_from or ""
     rows = [
         ("file", settings.laser, ""),
         ("radius of the sphere", value_with_uncertainty(ball.radius.value, ball.radius.u, "m"), ""),
-        ("material", source.removeprefix("experiment:"), ""),
+        ("material", ball.source, ""),
         ("operator", context.operator, ""),
         ("notes", context.notes, ""),
     ]

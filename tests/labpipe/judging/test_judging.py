@@ -18,6 +18,7 @@ from labpipe.judging import (
     model_verdict,
     not_made,
     stated,
+    suspects,
     to_json,
 )
 
@@ -195,3 +196,27 @@ def test_the_usual_factor_wins_over_a_free_one_that_fits_as_well():
     assert [e.sentence for e in explain(checks, [free, named])] == ["named", "free"]
     assert explain(checks, [named])[0].factor == pytest.approx(2.0)
     assert log(explain(checks, [free])[0].factor) == pytest.approx(log(2.0), abs=0.02)
+
+
+def test_the_input_that_was_stated_wrongly_is_suspected_first():
+    """Five rows, three inputs with effects of their own, a fourth that looks like the first."""
+    generator = np.random.default_rng(3)
+    S = generator.normal(size=(5, 3))
+    S = np.column_stack([S, 2.0 * S[:, 0]])
+    C = np.diag(generator.uniform(0.5, 2.0, 5)) + 0.3
+    root = np.linalg.cholesky(C)
+    for wrong in (0, 1, 2):
+        first = []
+        for _ in range(200):
+            found = suspects(12.0 * S[:, wrong] + root @ generator.normal(size=5), S, C)
+            first.append(found[0].inputs[0] % 3 == wrong)
+            assert found[0].share > 0.8
+        assert np.mean(first) > 0.95
+    found = suspects(12.0 * S[:, 0], S, C)
+    assert set(found[0].inputs) == {0, 3}
+    assert found[0].error == pytest.approx(12.0 if found[0].inputs[0] == 0 else 6.0)
+
+
+def test_nothing_is_suspected_where_nothing_differs_or_acts():
+    assert suspects([0.0, 0.0], [[1.0], [1.0]], np.eye(2)) == []
+    assert suspects([1.0, 0.0], [[0.0], [0.0]], np.eye(2)) == []
