@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from labpipe.arrays import Floats
 from labpipe.imaging import track
 from pipelines.bench import dic_peers
+from pipelines.bench.dic_scenes import disturbances
 from pipelines.bench.measure import Bound, Point, Suite, paired, peak_bytes
 
 Film = NDArray[np.uint8]
@@ -47,14 +48,18 @@ class Contender:
     thinning: int = 1
 
 
-def run(quick: bool) -> Suite:
-    """Measure error and time of every setting.
+def run(quick: bool) -> list[Suite]:
+    """Measure error and time of every setting, and of the default in scenes of other making.
 
     Parameters
     ----------
     quick : bool
         A smaller film and fewer repeats; only the default's memory is traced.
     """
+    return [_settings(quick), disturbances(quick)]
+
+
+def _settings(quick: bool) -> Suite:
     size, frames, repeats = (320, _PIXEL, 3) if quick else (512, 41, 7)
     film, truth = make_film(size, frames, _NOISE)
     clean, exact = make_film(size, _PIXEL, 0.0)

@@ -5,6 +5,7 @@ import pytest
 
 from pipelines.bench.dic import make_film, run
 from pipelines.bench.dic_peers import keys_correlation
+from pipelines.bench.dic_scenes import disturbances
 
 
 def test_the_film_is_shifted_exactly() -> None:
@@ -21,9 +22,21 @@ def test_the_emulation_of_dice_has_the_bias_that_dice_has() -> None:
     assert 0.0008 < bias < 0.0024
 
 
+def test_scenes_in_which_more_changes_than_the_place() -> None:
+    points = {point.setting: point for point in disturbances(quick=True).points}
+    assert all(point.extra["off by more than 5 u"] == 0 for point in points.values())
+    clean = points["nothing changes"]
+    assert clean.error == pytest.approx(clean.extra["error, change not solved for (px)"], rel=0.02)
+    for name in ("defocus 0.6 to 1.2 px", "light sloping by 0.2 % per px", "scale 1.03"):
+        lost = points[name].extra["error, change not solved for (px)"] - clean.error
+        assert points[name].error - clean.error < 0.25 * lost
+        assert points[name].extra["lost (%)"] == 0.0
+
+
 @pytest.mark.slow
 def test_every_setting_beats_lucas_kanade_and_nears_the_bound() -> None:
-    suite = run(quick=True)
+    suite, scenes = run(quick=True)
+    assert sum(p.is_default for p in scenes.points) == 1
     assert sum(p.is_default for p in suite.points) == 1
     by_window = {(p.group, w): p for p in suite.points for w in (21, 31) if f"{w} px" in p.setting}
     for point in suite.points:

@@ -1,0 +1,119 @@
+"""Image correlation where more changes than the place: blur, light, stretch, and bare edges.
+
+The pattern of each row is of another making than the film of :mod:`pipelines.bench.dic`; every row
+states what the default reaches, what it reaches without solving for the change, and how its stated
+uncertainty compares with the scatter.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+import xarray as xr
+
+from labpipe.arrays import Floats
+from labpipe.imaging import track
+from pipelines.bench.film_scenes import (
+    View,
+    digitised,
+    edge,
+    from_formula,
+    from_spectrum,
+    perlin,
+    photograph,
+    random_field,
+)
+from pipelines.bench.measure import Point, Suite
+
+_SUBSET, _SPACING, _NOISE = 31, 13, 1.0
+_STEP = (0.13, 0.07)  # px from frame to frame
+_FEATURE, _CELL, _WEAK = 1.9, 7.0, 0.7  # px, px, contrast of a pattern that is not strong
+_UNCHANGED = "nothing changes"
+_PLAIN = View()
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """A pattern, and how it is seen before and after."""
+
+    draw: Callable[[View], Floats]
+    before: View = _PLAIN
+    after: View = _PLAIN
+
+
+def scenes(size: int) -> dict[str, Scene]:
+    """Return the scenes by name; images are ``size`` px wide and high."""
+    speckle, texture, cells = _WEAK * random_field(size, _FEATURE, 1), perlin(_CELL, 2), perlin(_CELL, 3)
+    field = partial(from_spectrum, speckle)
+    middle = 0.5 * (size - 1)
+    noise = partial(from_formula, lambda x, y: _WEAK * texture(x, y), size)
+    return {
+        _UNCHANGED: Scene(field),
+        "defocus 0.6 to 1.2 px": Scene(field, View(defocus=0.6), View(defocus=1.2)),
+        "defocus 1.2 to 0.6 px": Scene(field, View(defocus=1.2), View(defocus=0.6)),
+        "motion of 4 px in the exposure": Scene(field, _PLAIN, View(smear=(4.0, 0.0))),
+        "light sloping by 0.2 % per px": Scene(field, _PLAIN, View(light=(1.0, 0.002, -0.001))),
+        "scale 1.03": Scene(noise, _PLAIN, View(scale=1.03)),
+        "photograph": Scene(partial(from_spectrum, photograph(size))),
+        "Perlin noise": Scene(partial(from_formula, cells, size)),
+        "edge with a grain of 2 grey levels": Scene(partial(from_formula, edge(0.4, (middle, middle), 2.0, 4), size)),
+    }
+
+
+def disturbances(quick: bool) -> Suite:
+    """Measure error, uncertainty and time in every scene.
+
+    Parameters
+    ----------
+    quick : bool
+        Fewer frames.
+    """
+    size, frames = 192, 4 if quick else 12
+    rows = [_row(name, scene, size, frames) for name, scene in scenes(size).items()]
+    return Suite(
+        "dic-scenes",
+        f"Displacement of subsets of {_SUBSET} px where more changes than the place, noise of {_NOISE:g} grey levels",
+        "RMS error (px)",
+        rows,
+        time_label="run time per point and frame (s)",
+    )
+
+
+def _row(name: str, scene: Scene, size: int, frames: int) -> Point:
+    shifts = [(k * _STEP[0], k * _STEP[1]) for k in range(1, frames)]
+    views = [scene.before, *(replace(scene.after, shift=shift) for shift in shifts)]
+    film = digitised([scene.draw(view) for view in views], _NOISE, 5)
+    axis = np.arange(_SUBSET, size - _SUBSET, float(_SPACING))
+    points = np.stack([axis.ravel() for axis in np.meshgrid(axis, axis)], axis=1)
+    truth = np.stack([view.displacement(points, size) for view in views])[1:]
+    track(film[:2], points, _SUBSET)
+    start = time.perf_counter()
+    found = track(film, points, _SUBSET)
+    seconds = time.perf_counter() - start
+    error, u = _compared(found, truth)
+    plain, _ = _compared(track(film, points, _SUBSET, "rigid", adapt=False), truth)
+    beyond = np.hypot(*error.T) > 5.0 * np.hypot(*u.T)
+    return Point(
+        name,
+        _rms(error),
+        seconds / (frames * len(points)),
+        is_default=name == _UNCHANGED,
+        extra={
+            "error, change not solved for (px)": _rms(plain),
+            "u / scatter": _rms(u) / _rms(error),
+            "lost (%)": 100.0 * float(np.isnan(error).any(axis=-1).mean()),
+            "off by more than 5 u": int(beyond.sum()),
+        },
+    )
+
+
+def _compared(found: xr.Dataset, truth: Floats) -> tuple[Floats, Floats]:
+    """Error and stated uncertainty (frame, point, 2) in px, without the frame of the reference."""
+    value = np.stack([found["dx"].values, found["dy"].values], axis=-1)[1:]
+    return value - truth, np.stack([found["u_dx"].values, found["u_dy"].values], axis=-1)[1:]
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.nanmean(values**2)))
