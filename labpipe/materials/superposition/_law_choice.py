@@ -36,6 +36,8 @@ FIRST_STRENGTH = 100.0
 #: Evidence (difference of Schwarz's criterion) that counts as strong, Kass & Raftery, J. Am. Stat.
 # Assoc. 90 (1995) 773: a smoothed spectrum leaves small systematic residuals of its own.
 STRONG_EVIDENCE = 6.0
+# Odds of a slope before the data; even odds would make the limits of materials without one too wide.
+_ODDS = 1.0 / 3.0
 # Exponent at which odds are certain.
 _SURE = 50.0
 # Candidates are compared before they have settled to the last digit: tolerance and iterations.
@@ -190,13 +192,13 @@ def with_possible_slope(points: Points, found: Superposition) -> Superposition:
 
     Sweeps of a broad spectrum hardly tell a vertical slope from shifts that all differ by a share,
     and what is not told is left out by the criterion. No modulus is the same at all temperatures,
-    though: with even odds before the data there is a slope of :data:`SLOPE_SPREAD`, with the odds
+    though: with odds of one to three before the data there is a slope of :data:`SLOPE_SPREAD`, with the odds
     after them its variance, and its best value squared, are part of the covariance. The fit stays.
     """
     slope = possible_slope(points, found)
     if slope is None:
         return found
-    odds = np.sqrt(slope.variance) * np.exp(min(0.5 * slope.gain, _SURE))
+    odds = _ODDS * np.sqrt(slope.variance) * np.exp(min(0.5 * slope.gain, _SURE))
     share = odds / (1.0 + odds)
     at = slope.model.horizontal_size
     covariance = np.insert(np.insert(found.covariance, at, 0.0, axis=0), at, 0.0, axis=1)
