@@ -23,6 +23,8 @@ SURPRISE = 1.5
 #: Points that are tested in a frame for what they need beside the motion: at least so many, and
 #: each once in so many frames; and the share of them above which it is no chance.
 _TESTED, _TURNS, _CHANCE = 8, 8, 0.1
+#: Share of the points whose blur has changed from which that of all has.
+_COMMON = 0.5
 #: Rounds in which what a point needs is added to its model.
 _ROUNDS = 3
 #: Neighbours that are asked whether a point is right.
@@ -231,6 +233,10 @@ class Tracker:
             found.iterations[others] += retried.iterations
             put(found, others, retried, slice(None))
             lacking = found.needed & ~models & adapt
+        # Focus and exposure change in the whole frame: noise hides it in some of the points only.
+        needs_blur = (found.needed & BLUR) > 0
+        if len(chosen) >= _TESTED and needs_blur.mean() > _COMMON:
+            lacking |= adapt & BLUR & ~models
         for _ in range(_ROUNDS):
             if not lacking.any():
                 break

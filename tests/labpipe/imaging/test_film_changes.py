@@ -85,6 +85,15 @@ def test_the_uncertainty_of_a_softer_frame_is_right(name: str, feature: float, s
     assert np.sqrt(np.mean(square_u) / np.mean(square_error)) == pytest.approx(1.0, abs=0.15)
 
 
+def test_a_change_of_blur_that_noise_hides_in_some_points_is_solved_for_in_all() -> None:
+    views = [View(), *(View(shift, smear=(4.0, 0.0)) for shift in SHIFTS)]
+    pattern = film_scenes.random_field(SIZE, 2.6, 31)
+    found = track(digitised([from_spectrum(pattern, view) for view in views], 2.0, 32), POINTS, 21)
+    meanings, masks = str(found.model.attrs["flag_meanings"]).split(), found.model.attrs["flag_masks"]
+    blur = masks[meanings.index("blur")]
+    assert ((found.model.values[1:] & blur) > 0).mean() > 0.98
+
+
 def test_nothing_is_solved_for_that_is_not_needed() -> None:
     film = digitised(
         [from_spectrum(0.7 * film_scenes.random_field(SIZE, 1.9, 7), View(shift)) for shift in [(0.0, 0.0), *SHIFTS]],
