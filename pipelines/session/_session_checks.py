@@ -198,7 +198,7 @@ def _records(session: Session) -> Iterator[tuple[str, Finding]]:
         elif _is_one_sensor(record, twin):
             text = f"{name} and {other} calibrate one {record.kind.replace('_', ' ')} for the same days"
             for owner in dict.fromkeys(users[other]):
-                cause = "experiments of one sensor should use one of them"
+                cause = "experiments of one sensor in one place should use one of them"
                 yield owner, _finding("calibration record", "note", text, cause, other, "id")
 
 
