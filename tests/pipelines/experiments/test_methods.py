@@ -12,10 +12,9 @@ from pipelines.experiments.ball_drop import page as drop
 from pipelines.experiments.contact_area import page as film
 from pipelines.experiments.dic_validation import page as camera
 from pipelines.experiments.relaxation import page as relaxation
+from pipelines.experiments.shared.settings import Sphere
 
-SPHERE = SimpleNamespace(
-    radius=Quantity(9.5e-3, 5e-6, "m"), mass=Quantity(0.5, 1e-3, "kg"), material="acrylic", material_file=None
-)
+SPHERE = Sphere(radius=Quantity(9.5e-3, 5e-6, "m"), mass=Quantity(0.5, 1e-3, "kg"), material="acrylic")
 
 
 @pytest.mark.parametrize(
