@@ -49,7 +49,7 @@ def _inside(folder: Path) -> Iterator[None]:
 def _parts(source: Path, folder: Path) -> Iterator[str]:
     made, session = folder / "made", folder / _SESSION
     sample("core", made)
-    for part in ("laser", "mach1"):  # as they come from the instruments
+    for part in ("laser", "mach1", "dma"):  # as they come from the instruments
         shutil.copytree(made / part, session / part)
     yield (
         "# A first session\n\nA folder of files from the laboratory becomes calibrated results, the simulation that "
