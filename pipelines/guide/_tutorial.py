@@ -49,8 +49,9 @@ def _inside(folder: Path) -> Iterator[None]:
 def _parts(source: Path, folder: Path) -> Iterator[str]:
     made, session = folder / "made", folder / _SESSION
     sample("core", made)
-    for part in ("laser", "mach1", "dma"):  # as they come from the instruments
-        shutil.copytree(made / part, session / part)
+    for part in made.iterdir():  # as they come from the instruments
+        if part.is_dir() and part.name not in ("calibration", "truth"):
+            shutil.copytree(part, session / part.name)
     yield (
         "# A first session\n\nA folder of files from the laboratory becomes calibrated results, the simulation that "
         "belongs to them, and pages that say whether both agree. Everything below was run while this page was "
