@@ -33,7 +33,7 @@ _SERIES = {
     "plate_displacement": ("m", "displacement of the plate, downwards"),
     "plate_energy": ("J", "kinetic and elastic energy of the plate"),
 }
-_ROWS = {
+ROWS = {
     "impact_time": ("s", "time of touch"),
     "lift_off_time": ("s", "time of lift-off"),
     "contact_duration": ("s", "duration of the contact"),
@@ -224,7 +224,7 @@ def _assemble(
     variables: dict[str, object] = {}
     for names, dims, values in (
         (_SERIES, ("time",), series),
-        (_ROWS, ("impact",), rows),
+        (ROWS, ("impact",), rows),
         (_SCALARS, (), given | scalars),
     ):
         for name, value in values.items():
@@ -313,8 +313,8 @@ def _rows(run: DropRun, setting: Setting) -> dict[str, Floats]:
                 steps.stored[-1],
             )
         )
-    table = np.array(rows, dtype=float).reshape(len(rows), len(_ROWS))
-    return dict(zip(_ROWS, table.T, strict=True))
+    table = np.array(rows, dtype=float).reshape(len(rows), len(ROWS))
+    return dict(zip(ROWS, table.T, strict=True))
 
 
 def _thesis_rows(run: ThesisRun, setting: Setting) -> dict[str, Floats]:
@@ -344,5 +344,5 @@ def _thesis_rows(run: ThesisRun, setting: Setting) -> dict[str, Floats]:
                 nan,
             )
         )
-    table = np.array(rows, dtype=float).reshape(len(rows), len(_ROWS))
-    return dict(zip(_ROWS, table.T, strict=True))
+    table = np.array(rows, dtype=float).reshape(len(rows), len(ROWS))
+    return dict(zip(ROWS, table.T, strict=True))
