@@ -193,7 +193,8 @@ def thesis_dataset(run: ThesisRun, setting: Setting, times: Floats | None, secon
         fall = np.linspace(0.0, setting.fall_time, 26)[:-1]
         height = setting.height - 0.5 * setting.gravity * fall**2
         zero = np.zeros_like(fall)
-        before = {"displacement": height, "velocity": -setting.gravity * fall, "approach": -height, "reduced_gap": height}
+        before = {"displacement": height, "velocity": -setting.gravity * fall}
+        before |= {"approach": -height, "reduced_gap": height}
         series = {name: np.concatenate([before.get(name, zero), values]) for name, values in series.items()}
         time = np.concatenate([fall, time])
     if times is not None:
