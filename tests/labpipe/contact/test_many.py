@@ -67,7 +67,7 @@ def test_what_is_given_is_checked():
         impacts(SOLID, [R, R], [MASS] * 3, 1e-3, 0.05)
     with pytest.raises(InputError, match="most is 0 impacts"):
         impacts(SOLID, R, MASS, 1e-3, 0.05, 0)
-    with pytest.raises(InputError, match="height is -0.001"):
-        impacts(SOLID, R, MASS, [1e-3, -1e-3], 0.05)
+    with pytest.raises(InputError, match="height is -1"):
+        impacts(SOLID, R, MASS, [1e-3, -1.0], 0.05)
     with pytest.raises(InputError, match="wider than the sphere"):
         impacts(Prony(1e3, [1e3], [1e-3], nu=0.35), R, MASS, 1e-3, 0.05)
