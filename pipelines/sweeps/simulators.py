@@ -6,7 +6,7 @@ process, in another one, and on another machine.
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -40,20 +40,22 @@ def _first_impacts(points: Sequence[Mapping[str, Value]], rtol: float) -> list[O
     from labpipe import contact
 
     solids: dict[tuple[Value, ...], Prony] = {}
-    given: dict[str, list[Any]] = {name: [] for name in ("material", "radius", "mass", "height", "gravity", "plate")}
+    given: list[Prony] = []
+    plates: list[contact.Plate | None] = []
     duration = []
     for point in points:
         number = numbers(point)
         material = tuple(point[name] for name in ("material", "temperature", "vertical_shift"))
         if material not in solids:
             solids[material] = solid(point)
-        given["material"].append(solids[material])
-        for name in ("radius", "mass", "height", "gravity"):
-            given[name].append(number[name])
+        given.append(solids[material])
         plate = number["plate_mass"], number["plate_frequency"], number["plate_damping"]
-        given["plate"].append(contact.Plate(*plate) if plate[0] > 0.0 else None)
+        plates.append(contact.Plate(*plate) if plate[0] > 0.0 else None)
         duration.append(float(np.sqrt(2.0 * number["height"] / number["gravity"])) + number["after_touch"])
-    made = contact.impacts(**given, duration=duration, rtol=rtol)
+    radius, mass, height, gravity = (
+        [numbers(point)[name] for point in points] for name in ("radius", "mass", "height", "gravity")
+    )
+    made = contact.impacts(given, radius, mass, height, duration, rtol=rtol, gravity=gravity, plate=plates)
     for point, happened in zip(points, made["impacts"].values.tolist(), strict=True):
         if not happened:
             after = numbers(point)["after_touch"]

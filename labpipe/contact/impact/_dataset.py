@@ -47,7 +47,7 @@ ROWS = {
     "energy_dissipated": ("J", "energy dissipated during the contact"),
     "energy_stored": ("J", "elastic energy remaining in the dent at lift-off"),
 }
-_SCALARS = {
+SCALARS = {
     "sphere_radius": ("m", "radius of the sphere"),
     "mass": ("kg", "mass that falls"),
     "drop_height": ("m", "fall from rest to first touch"),
@@ -228,7 +228,7 @@ def _assemble(
     for names, dims, values in (
         (_SERIES, ("time",), series),
         (ROWS, ("impact",), rows),
-        (_SCALARS, (), given | scalars),
+        (SCALARS, (), given | scalars),
     ):
         for name, value in values.items():
             units, long_name = names[name]

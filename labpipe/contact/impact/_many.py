@@ -9,7 +9,7 @@ import xarray as xr
 
 from labpipe.arrays import Floats, Integers
 from labpipe.contact.impact._checks import checked
-from labpipe.contact.impact._dataset import ROWS, Setting
+from labpipe.contact.impact._dataset import ROWS, SCALARS, Setting
 from labpipe.contact.impact._drop import ENERGY_LIMIT, drop
 from labpipe.contact.impact._line_springs import Profile
 from labpipe.contact.impact._plate import Plate
@@ -53,7 +53,8 @@ def impacts(
         Over (``drop``, ``impact``), NaN for what does not happen within the duration:
         ``impact_time``, ``lift_off_time``, ``contact_duration`` [s], ``impact_speed``,
         ``rebound_speed`` [m/s], ``restitution``, ``peak_force`` [N], ``peak_contact_radius``,
-        ``peak_approach`` [m]. Over ``drop``: ``impacts``, how many happened, and ``solver_steps``.
+        ``peak_approach`` [m]. Over ``drop``: ``impacts``, how many happened; ``final_contact_time`` [s] as of
+        :func:`drop`, NaN unless it came among these; ``solver_steps``.
         ``attrs["work"]`` is JSON: steps, rejected ones, impacts, and drops that were left to
         :func:`drop`, because the sphere stays or touches twice in one contact.
 
@@ -88,9 +89,10 @@ def impacts(
         found = follow(creep, [cases[i].setting for i in numbers], most, ENERGY_LIMIT * rtol, fold=fold)
         rows[numbers], work[numbers] = found.rows, found.work
         left += [i for i, leave in zip(numbers, found.is_left.tolist(), strict=True) if leave]
+    final = np.full(len(cases), np.nan)
     for i in left:
-        rows[i], work[i, 0] = _one_by_one(cases[i], most, COLUMNS, fold=fold)
-    return _dataset(COLUMNS, rows, work, len(left))
+        rows[i], work[i, 0], final[i] = _one_by_one(cases[i], most, COLUMNS, fold=fold)
+    return _dataset(COLUMNS, rows, work, final, len(left))
 
 
 class _Case(NamedTuple):
@@ -121,7 +123,7 @@ def _cases(
         "gravity": gravity,
         "plate": plate,
     }
-    lengths = {name: len(values) for name, values in given.items() if _is_many(values)}
+    lengths = {name: count for name, values in given.items() if (count := _count(values)) is not None}
     if len(set(lengths.values())) > 1:
         told = ", ".join(f"{name} has {n}" for name, n in lengths.items())
         message = f"what is given drop by drop must have an entry for each: {told}"
@@ -137,8 +139,9 @@ def _cases(
     return cases
 
 
-def _is_many(values: object) -> bool:
-    return isinstance(values, list | tuple | np.ndarray)
+def _count(values: object) -> int | None:
+    """Return how many entries something has that is given drop by drop."""
+    return len(values) if isinstance(values, list | tuple | np.ndarray) else None
 
 
 def _by_material(cases: Sequence[_Case]) -> list[list[int]]:
@@ -149,8 +152,8 @@ def _by_material(cases: Sequence[_Case]) -> list[list[int]]:
     return list(known.values())
 
 
-def _one_by_one(case: _Case, most: int, columns: Sequence[str], *, fold: bool) -> tuple[Floats, int]:
-    """Rows (impact, column) of the general solver, and its steps."""
+def _one_by_one(case: _Case, most: int, columns: Sequence[str], *, fold: bool) -> tuple[Floats, int, float]:
+    """Rows (impact, column) of the general solver, its steps, and the touch after which it stays."""
     setting = case.setting
     found = drop(
         case.material,
@@ -168,10 +171,11 @@ def _one_by_one(case: _Case, most: int, columns: Sequence[str], *, fold: bool) -
     rows = np.full((most, len(columns)), np.nan)
     happened = min(found.sizes["impact"], most)
     rows[:happened] = np.stack([found[name].values[:happened] for name in columns], axis=1)
-    return rows, int(json.loads(found.attrs["work"])["solver_steps"])
+    final = float(found["final_contact_time"]) if found.sizes["impact"] < most else np.nan
+    return rows, int(json.loads(found.attrs["work"])["solver_steps"]), final
 
 
-def _dataset(columns: Sequence[str], rows: Floats, work: Integers, n_left: int) -> xr.Dataset:
+def _dataset(columns: Sequence[str], rows: Floats, work: Integers, final: Floats, n_left: int) -> xr.Dataset:
     """Assemble the result."""
     values = dict(zip(columns, np.moveaxis(rows, 2, 0), strict=True))
     values["contact_duration"] = values["lift_off_time"] - values["impact_time"]
@@ -181,6 +185,7 @@ def _dataset(columns: Sequence[str], rows: Floats, work: Integers, n_left: int) 
     made: dict[str, object] = {name: variable(("drop", "impact"), value, *ROWS[name]) for name, value in values.items()}
     happened = np.isfinite(values["lift_off_time"]).sum(axis=1)
     made["impacts"] = variable("drop", happened, "1", "impacts that happened, at most those asked for")
+    made["final_contact_time"] = variable("drop", final, *SCALARS["final_contact_time"])
     made["solver_steps"] = variable("drop", work[:, 0], "1", "steps of the solver")
     total = work.sum(axis=0).tolist()
     counts = {"solver_steps": total[0], "rejected_steps": total[1], "impacts": total[2], "left_to_drop": n_left}
