@@ -117,6 +117,17 @@ def test_uncertainty_in_scenes_is_near_the_scatter(case: str) -> None:
     assert scatter / 3.0 < u < 3.0 * scatter + 0.002 * UM
 
 
+def test_contacts_in_a_thin_strip_are_read() -> None:
+    """32 rows, fringes hardly wider than pixels; gaps as Hertz's, then on a body that recovers."""
+    strip = Scene(rows=32, columns=416, pixel_size=4.34e-6, blur=0.45, noise=4.0)
+    growing, receding = [v * UM for v in (403.0, 671.0, 770.0)], [v * UM for v in (700.3, 520.0)]
+    slowly = dict.fromkeys(receding, 0.86)
+    radii = growing + receding
+    film = film_of(Disturbed(strip), lambda r, a: slowly.get(a, 1.0) * hertz(r, a), radii, (211.8, 12.9))
+    found = contact_radius(film, strip.pixel_size, SPHERE, LIGHT)
+    check(found, radii, 0.3 * UM)
+
+
 def test_a_worn_flat_is_told_and_no_other_is_seen() -> None:
     found, said = measure(film_of(PLAIN, worn, RADII, CENTRE))
     assert found.attrs["flat_radius"] == pytest.approx(120 * UM, rel=0.03)
