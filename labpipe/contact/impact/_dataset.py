@@ -23,6 +23,7 @@ _SERIES = {
     "displacement": ("m", "displacement of the sphere, upwards, 0 at first touch"),
     "velocity": ("m/s", "velocity of the sphere, upwards"),
     "approach": ("m", "approach of sphere and substrate, inwards"),
+    "reduced_gap": ("m", "gap between the deformed sphere and the substrate at the axis"),
     "force": ("N", "contact force"),
     "contact_radius": ("m", "contact radius"),
     "kinetic_energy": ("J", "kinetic energy of the sphere"),
@@ -182,6 +183,7 @@ def thesis_dataset(run: ThesisRun, setting: Setting, times: Floats | None, secon
         "displacement": -run.position,
         "velocity": -run.velocity,
         "approach": run.position,
+        "reduced_gap": run.reduced_gap,
         "force": run.force,
         "contact_radius": run.contact_radius,
     }
@@ -191,7 +193,8 @@ def thesis_dataset(run: ThesisRun, setting: Setting, times: Floats | None, secon
         fall = np.linspace(0.0, setting.fall_time, 26)[:-1]
         height = setting.height - 0.5 * setting.gravity * fall**2
         zero = np.zeros_like(fall)
-        before = {"displacement": height, "velocity": -setting.gravity * fall, "approach": -height}
+        before = {"displacement": height, "velocity": -setting.gravity * fall}
+        before |= {"approach": -height, "reduced_gap": height}
         series = {name: np.concatenate([before.get(name, zero), values]) for name, values in series.items()}
         time = np.concatenate([fall, time])
     if times is not None:
@@ -277,6 +280,7 @@ def _series(values: Columns, ledger: dict[str, Floats], *, has_plate: bool) -> d
         "displacement": -values.position,
         "velocity": -values.velocity,
         "approach": values.approach,
+        "reduced_gap": values.surface - values.approach,
         "force": values.force,
         "contact_radius": values.contact_radius,
         **ledger,

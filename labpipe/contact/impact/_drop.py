@@ -109,7 +109,9 @@ def drop(
     Dataset
         Over ``time`` [s]: ``displacement`` [m], upwards positive, ``height`` at the release, 0 at
         first touch, negative when pressed in; ``velocity`` [m/s], upwards positive; ``approach``
-        [m], of the bodies, inwards positive; ``force`` [N]; ``contact_radius`` [m]; the ledger
+        [m], of the bodies, inwards positive; ``reduced_gap`` [m], ``z_O - R + w`` on the axis, with
+        ``w`` the displacement of the surface there: 0 in contact, positive in flight, in which the
+        dent that is left counts; ``force`` [N]; ``contact_radius`` [m]; the ledger
         ``kinetic_energy``, ``potential_energy``, ``stored_energy``, ``dissipated_energy`` and
         ``numerical_energy`` [J], whose sum is constant; with a plate ``plate_displacement``
         (downwards positive) and ``plate_energy``.

@@ -138,7 +138,7 @@ def simulate(
     touch = _fall_further(setting, float(stepper.springs.gap[0]))
     fall = _at_release(setting)
     silent = np.zeros(condensed.creep.rate.size)
-    segments: list[Segment] = [Flight(fall, min(touch, end), silent, condensed.creep.rate)]
+    segments: list[Segment] = [Flight(fall, min(touch, end), silent, silent, condensed.creep.rate)]
     final_touch = rest_start = nan
     stepper.now.velocity, stepper.now.acceleration = setting.speed, setting.gravity
     if touch < end:
@@ -232,7 +232,8 @@ def _bounce(
         stop = min(now.time + flight, end)
         start = motion(**{name: getattr(now, name) for name in MOTION.names or ()})
         stored = stepper.free_stored() if bouncer is None else bouncer.dents.stored()
-        segments.append(Flight(start, stop, stored, stepper.creep_law.rate))
+        dent = stepper.springs.pole(stepper.memory) if bouncer is None else bouncer.dents.centre
+        segments.append(Flight(start, stop, stored, dent, stepper.creep_law.rate))
         if stop >= end or first_contact_only:
             stepper.look_at_dent(end)
             return nan, nan
