@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from pipelines.session._sensitivity_page import advice
     from pipelines.session._survey import Surveyed, survey
     from pipelines.session._template import bare_type, gap_for
+    from pipelines.session._together import beside
     from pipelines.session._verdicts import Verdict, Verdicts, verdict, verdict_on, verdicts_of
 
 __all__ = [
@@ -52,6 +53,7 @@ __all__ = [
     "Verdicts",
     "advice",
     "bare_type",
+    "beside",
     "catalogue",
     "check_store",
     "checked",
@@ -111,6 +113,7 @@ _HOMES = {
     "Sensitivity": "_sensitivity:Sensitivity",
     "advice": "_sensitivity_page:advice",
     "bare_type": "_template:bare_type",
+    "beside": "_together:beside",
     "gap_for": "_template:gap_for",
     "catalogue": "_catalogue:catalogue",
     "check_store": "_processing:check_store",
