@@ -13,7 +13,8 @@ from labpipe.workflow.session import Session
 from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import Stages, spell_out
 from pipelines import experiments
-from pipelines.experiments import JUDGEMENT, Kind
+from pipelines.experiments import Kind
+from pipelines.session._verdicts import Verdict, stored_verdicts
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -90,12 +91,13 @@ def _page(results: Results) -> str:
 
     session = results.plan.session
     caption = _CAPTION
+    verdicts = stored_verdicts(results)
     sections, states = [], []
     if links := _links(session):
         sections.append(Section("Together", links))
     for title, names in _groups(session):
         columns, cells = _columns(results, names)
-        rows = tuple(_row(results, name, cells[name]) for name in names)
+        rows = tuple(_row(results, name, cells[name], verdicts.get(name)) for name in names)
         sections.append(Section(title, (IndexTable(tuple(columns), rows, caption),)))
         states += [row.state for row in rows]
         caption = ""  # once is enough
@@ -222,7 +224,7 @@ def _warnings(plan: Plan, name: str) -> int:
     return sum(len(record.warnings) for record in records if record is not None)
 
 
-def _row(results: Results, name: str, cells: Sequence[Any]) -> "IndexRow":
+def _row(results: Results, name: str, cells: Sequence[Any], verdict: Verdict | None) -> "IndexRow":
     from labpipe.report import IndexRow
 
     plan = results.plan
@@ -230,7 +232,7 @@ def _row(results: Results, name: str, cells: Sequence[Any]) -> "IndexRow":
     has_page = (plan.session.folder / page_name(name)).is_file()
     waiting = [row for row in rows if row.state not in READY]
     kept = [row for row in rows if row.state == KEPT]
-    kind = plan.session.experiments[name].kind.replace("_", " ")
+    kind = experiments.KINDS[plan.session.experiments[name].kind].title
     unreadable = next((plan.keys[r.task].problem for r in rows if plan.keys[r.task].problem), "")
     state, level = _DONE, "ok"
     if unreadable:
@@ -243,8 +245,8 @@ def _row(results: Results, name: str, cells: Sequence[Any]) -> "IndexRow":
         state, level = "not processed", "info"
     elif kept:
         state, level = f"{_DONE}, {len(kept)} results of earlier code", "warning"
-    elif (judged := first_result(results, name, JUDGEMENT)) is not None:
-        state, level = _judged(judged.attrs["believable"], judged.attrs["model"])
+    elif verdict is not None:
+        state, level = _judged(verdict.believable, verdict.model)
     return IndexRow(
         name,
         state,

@@ -75,11 +75,13 @@ def beside(folder: str | Path, first: str, second: str) -> Path:
             message = f"{name} has no results that are up to date; run: labpipe process {folder} --only {name}"
             raise InputError(message)
     own, others = rows[first] or (), rows[second] or ()
-    blocks = [*_verdicts((first, second), verdicts), *_difference(own, others, first, second)]
+    said, *difference = _difference(own, others, first, second)
     found = Comparison((*own, *others), {}, {}, session.folder / PAGE)
+    names = (first, second)
+    answer = (*_verdicts(names, verdicts), said, *_chart(results, names))
     sections = [
-        Section("Answer", (*blocks, *_reports(session, (first, second)), *_synthetic(session))),
-        *_chart(results, (first, second)),
+        Section("Answer", answer),
+        Section("Difference", (*difference, *_reports(session, names), *_synthetic(session))),
         *parts(found),
     ]
     path = session.folder / f"{BESIDE}{_safe(first)}{AND}{_safe(second)}.html"
@@ -143,8 +145,14 @@ def _verdicts(names: Iterable[str], verdicts: Mapping[str, Verdict]) -> Iterator
         said += model.get(one.model, f"; the model {one.model}")
         level = _LEVELS.get(one.believable, "info")
         level = "warning" if level == "ok" and one.model == "differs" else level
-        causes = f" Probable cause: {one.causes[0]}." if one.causes else ""
-        yield Notice(level, f"{name}: {said}.{causes}")  # type: ignore[arg-type]
+        grave = [finding for finding in one.findings if finding.level == one.believable]
+        reason = f" {_sentence(grave[0].message)}" if grave else ""
+        causes = f" Probable cause: {one.causes[0].rstrip('.')}." if one.causes else ""
+        yield Notice(level, f"{name}: {said}.{reason}{causes}")  # type: ignore[arg-type]
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:].rstrip('.')}."
 
 
 def _reports(session: Session, names: Iterable[str]) -> Iterator[Block]:
@@ -168,7 +176,7 @@ def _difference(first: Sequence[Row], second: Sequence[Row], a: str, b: str) -> 
         scaled = [None if value is None else value / shown.factor for value in values]
         body.append((gap / u if u else None, (what(row), *scaled, shown.text)))
     if not body:
-        yield Paragraph("No quantity is measured in both: what each was compared with stands below.")
+        yield Notice("info", "No quantity is measured in both: what each was compared with stands below.")
         return
     body.sort(key=lambda found: -abs(found[0] or 0.0))
     apart = sum(1 for deviation, _ in body if deviation is not None and abs(deviation) >= SURE)
@@ -196,7 +204,7 @@ def _difference(first: Sequence[Row], second: Sequence[Row], a: str, b: str) -> 
     )
 
 
-def _chart(results: Results, names: Sequence[str]) -> Iterator[Section]:
+def _chart(results: Results, names: Sequence[str]) -> Iterator[Block]:
     """Lay the curve that stands for each experiment over the other's, where both are of one kind."""
     import numpy as np
 
@@ -227,7 +235,7 @@ def _chart(results: Results, names: Sequence[str]) -> Iterator[Section]:
     )
     scale: Literal["linear", "log"] = "log" if source.scale == "log" else "linear"
     title = y_label.partition(" / ")[0].capitalize()
-    yield Section("Both", (LineChart(title, x_label, y_label, series, x_scale=scale, y_scale=scale),))
+    yield LineChart(title, x_label, y_label, series, x_scale=scale, y_scale=scale)
 
 
 def _materials(session: Session, rows: Sequence[Row]) -> dict[str, list[str]]:

@@ -32,9 +32,10 @@ def test_two_experiments_stand_side_by_side_and_the_index_leads_there(
     page = beside(twins, "drop", "twin")
     text = page.read_text("utf-8")
     assert page.name == "beside-drop--twin.html"
-    assert headings(page)[:2] == ["Answer", "Both"]
+    assert headings(page)[:2] == ["Answer", "Difference"]
     assert re.search(r"0 of \d+ quantities measured in both differ by more", text)
     assert 'href="reports/drop.html"' in text
+    assert text.index("quantities measured in both") < text.index("<figure") < text.index("drop minus twin")
     assert text.index("drop: ") < text.index("quantities measured in both")
     index = (twins / "labpipe/index.html").read_text("utf-8")
     assert 'href="beside-drop--twin.html"' in index
