@@ -14,12 +14,12 @@ from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import Stages, spell_out
 from pipelines import experiments
 from pipelines.experiments import Kind
-from pipelines.session._verdicts import Verdict, stored_verdicts
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from labpipe.report import Column, IndexRow, IndexTable, LineChart, Link, ScatterChart
+    from pipelines.session._verdicts import Verdict
 
 PAGE = "index.html"
 """Below ``SESSION/labpipe``; an experiment cannot have a page of that name there."""
@@ -88,6 +88,7 @@ def _state_digest(plan: Plan, code: Identity) -> str:
 
 def _page(results: Results) -> str:
     from labpipe.report import Document, IndexTable, Paragraph, Section
+    from pipelines.session._verdicts import stored_verdicts
 
     session = results.plan.session
     caption = _CAPTION
@@ -224,7 +225,7 @@ def _warnings(plan: Plan, name: str) -> int:
     return sum(len(record.warnings) for record in records if record is not None)
 
 
-def _row(results: Results, name: str, cells: Sequence[Any], verdict: Verdict | None) -> "IndexRow":
+def _row(results: Results, name: str, cells: Sequence[Any], verdict: "Verdict | None") -> "IndexRow":
     from labpipe.report import IndexRow
 
     plan = results.plan
