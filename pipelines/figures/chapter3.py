@@ -13,20 +13,25 @@ SPHERE_RADIUS, MASS, GRAVITY = 9.525e-3, 0.505, 9.81
 HEIGHTS = (1.5e-3, 5e-3, 7e-3, 10e-3)
 
 _SHOWN_IMPACTS = 3
+_UNTIL_REST = 0.8  # s from the release, in which the sphere comes to rest
+_AFTER_LIFT_OFF = 1e-4  # s
 
 
 def reduced_gap() -> Drawing:
-    """Figure 3.3: reduced gap and contact radius of a drop, and what its symbols mean."""
+    """Figure 3.3: reduced gap and contact radius of a drop to rest, and what its symbols mean."""
     solid, height = materials.load("acrylic"), HEIGHTS[0]
-    made = contact.drop(solid, SPHERE_RADIUS, MASS, height, 0.35)
+    made = contact.drop(solid, SPHERE_RADIUS, MASS, height, _UNTIL_REST)
     first = float(made["impact_time"][0])
     t = (made["time"].values - first) * 1e3
     rest = _static_radius(MASS)
     with panels(2, 2, width=2, aspect=0.52, width_ratios=(2.0, 1.0)) as (figure, axes):
         gap, radius, sketch, near = axes[0, 0], axes[1, 0], axes[0, 1], axes[1, 1]
-        gap.plot(t, made["displacement"].values * 1e3, **line_arguments("measured"))
+        under = made["displacement"].values * 1e3
+        gap.plot(t, np.where(under < 0, under, np.nan), label="$z_O - R$ in contact", **line_arguments("model"))
+        gap.plot(t, made["reduced_gap"].values * 1e3, label="$g_r$", **line_arguments("measured"))
         gap.axhline(0.0, **line_arguments("reference"))
         gap.set(ylabel="reduced gap $g_r$ (mm)", xlabel="time since first contact $t_c$ (ms)")
+        gap.legend(loc="upper right")
         letter(gap, "a", f"$h_0$ = {height * 1e3:g} mm")
         radius.plot(t, made["contact_radius"].values * 1e6, **line_arguments("measured"))
         radius.axhline(rest * 1e6, label="Hertz at rest", **line_arguments("reference"))
@@ -38,26 +43,36 @@ def reduced_gap() -> Drawing:
             radius.annotate(
                 "I" * (number + 1),
                 (start, peaks[number] * 1e6),
-                (-2, 2),
+                (0, 3),
                 textcoords="offset points",
-                ha="right",
+                ha="center",
                 fontsize=7,
             )
         _sketch(sketch)
         letter(sketch, "b")
+    dents = (made["reduced_gap"] + made["approach"]).values
+    left = np.interp(made["lift_off_time"].values[0] + _AFTER_LIFT_OFF, made["time"].values, dents)
     return Drawing(
         Caption(
             "(a) Reduced gap at the centre and contact radius of an acrylic sphere dropped from "
-            "1.5 mm; I, II, III are the impacts that are analysed, each shown over t_p = 0 at its "
+            "1.5 mm, to rest; I, II, III are the impacts that are analysed, each shown over t_p = 0 at its "
             "largest contact radius (below right). (b) The quantities: drop height h_0, centre O, "
             "contact radius a.",
             computed=(
-                "drop simulation with the library's acrylic, R = 9.525 mm, 505 g; drawn is the "
-                "height of the sphere's underside without its deformation (z_O - R), to which the "
-                "remaining dent in flight would add less than a line width. Dotted: Hertz radius "
-                f"under the weight with E = 3.2 GPa, nu = 0.35: {rest * 1e6:.0f} µm."
+                "drop simulation with the library's acrylic, R = 9.525 mm, 505 g. g_r = z_O - R + w with "
+                "the displacement w of the surface at the centre: 0 as long as sphere and disc touch there, "
+                f"in flight with the dent that is left ({left * 1e6:.1f} µm 0.1 ms after the first "
+                f"lift-off). {made.sizes['impact']} bounces; the last touch comes at "
+                f"{(float(made['final_contact_time']) - first) * 1e3:.0f} ms, and nothing swings after "
+                f"{(float(made['rest_time']) - first) * 1e3:.0f} ms. Contact radius at the end "
+                f"{float(made['contact_radius'][-1]) * 1e6:.1f} µm; dotted: Hertz radius under the weight with "
+                f"E = 3.2 GPa, nu = 0.35: {rest * 1e6:.1f} µm."
             ),
-            difference="the printed figure is a sketch without numbers.",
+            difference=(
+                "the printed figure is a sketch without numbers. The text has g_r negative in contact, "
+                "by the approach; with the printed g_r = z_O - R + w it cannot be, as w makes up for it. "
+                "The approach is drawn beside it."
+            ),
         ),
         figure,
     )

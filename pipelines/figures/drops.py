@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from labpipe.arrays import Floats
 from labpipe.report import line_arguments
 from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs
@@ -12,9 +13,12 @@ from pipelines.figures.inputs import Inputs
 _COVERAGE = 2.0
 """Standard deviations of the repeats in the band."""
 
-_BEFORE, _AFTER = 20.0, 250.0
+_BEFORE, _PAST_REST = 20.0, 1.05
+"""Shown before first contact in ms, and until when, as a multiple of the time until rest."""
+
 _ZOOM = (-0.5, 2.0)
-_MOST_HEIGHTS = 4
+_MOST_HEIGHTS, _REPEATS = 4, 5
+_GREEN = "#bfe3c6"
 
 
 def acrylic(inputs: Inputs) -> Drawing:
@@ -45,65 +49,103 @@ def heights(inputs: Inputs, sphere: str) -> Drawing:
     chosen = sorted(inputs.experiments, key=lambda name: inputs.experiments[name].height.value)
     chosen = chosen[:_MOST_HEIGHTS]
     notes = []
-    aspect = 0.58 if len(chosen) > 1 else 1.2
-    with panels(2, len(chosen), width=2, aspect=aspect) as (figure, axes):
-        for column, name in enumerate(chosen):
+    aspect = 0.1 + 0.25 * len(chosen)
+    with panels(len(chosen), 3, width=2, aspect=aspect, width_ratios=(1.7, 1.2, 1.0)) as (figure, axes):
+        for row, name in enumerate(chosen):
             height = inputs.experiments[name].height.value
             results = {stage: inputs.result(name, stage) for stage in ("repeats", "model", "comparison")}
-            _column(axes[:, column], results, inputs.origin)
-            letter(axes[0, column], "abcd"[column], f"$h_0$ = {height * 1e3:g} mm")
+            _row(axes[row], results, inputs.origin)
+            letter(axes[row, 0], "abcd"[row], f"$h_0$ = {height * 1e3:g} mm")
             notes.append(_agreement(height, results))
-        for row in range(2):
-            axes[row, 0].set_ylabel("displacement (mm)" if row == 0 else "displacement (µm)")
+        for place in axes[-1]:
+            place.set_xlabel("time $t_c$ (ms)")
         legend_above(figure, axes[0, 0])
     number = int(results["repeats"].sizes["repeat"])
     return Drawing(
         Caption(
-            f"Displacement of {sphere} sphere after drops from {len(chosen)} heights, from first "
-            "contact (above), and the first penetration (below).",
+            f"Displacement of {sphere} sphere after drops from {len(chosen)} "
+            f"{'heights' if len(chosen) > 1 else 'height'}, from first contact to rest (left); green: the "
+            "penetration, magnified in all impacts (middle) and in the first (right).",
             computed=(
                 "lines: drop simulation with the material that the session names. Agreement with "
                 f"the mean of the repeats: {'; '.join(notes)}."
             ),
-            difference="the printed figures give no number for the agreement.",
+            difference="the printed figures give no number for the agreement." + _larger_sample(len(chosen), number),
             **inputs.data_note(
-                f"bands: mean of {number} laser recordings per height, plus and minus two "
-                "standard deviations over the repeats."
+                f"bands: {number} laser recordings per height, their mean plus and minus two "
+                f"standard deviations over the repeats ({'; '.join(_widths(inputs, chosen))}; the left "
+                "panels hold them within the line's width until the bounces run apart)."
             ),
         ),
         figure,
     )
 
 
-def _column(places: Any, results: dict[str, xr.Dataset], origin: str) -> None:
+def _larger_sample(heights_: int, repeats: int) -> str:
+    """Say what the printed figure shows beyond a small sample; nothing of a complete one."""
+    if heights_ == _MOST_HEIGHTS and repeats >= _REPEATS:
+        return ""
+    return (
+        " They show four heights and five repeats, as the samples core (acrylic) and thesis (every polymer) do; "
+        f"this session has {heights_} and {repeats}."
+    )
+
+
+def _widths(inputs: Inputs, chosen: list[str]) -> list[str]:
+    """Say how wide the band of each height is, at the first impact and at most."""
+    found = []
+    for name in chosen:
+        repeats = inputs.result(name, "repeats")
+        time, half = repeats["time"].values * 1e3, _half_width(repeats) * 1e6
+        first = float(np.nanmedian(half[(time >= _ZOOM[0]) & (time <= _ZOOM[1])]))
+        late = time >= 0
+        found.append(
+            f"{inputs.experiments[name].height.value * 1e3:g} mm: ± {first:.1f} µm in the first impact, "
+            f"at most ± {float(np.nanmax(half[late])):.0f} µm later"
+        )
+    return found
+
+
+def _half_width(repeats: xr.Dataset) -> Floats:
+    """Return the band's half width (time,) in m; a single recording has only its own uncertainty."""
+    spread = repeats["displacement_sd"].values
+    return np.where(np.isfinite(spread), spread, repeats["u_displacement_mean"].values) * _COVERAGE
+
+
+def _row(places: Any, results: dict[str, xr.Dataset], origin: str) -> None:
+    """Draw one height: the whole drop in mm, all penetrations and the first one in µm."""
     repeats, model = results["repeats"], results["model"]
     t = repeats["time"].values * 1e3
     first = float(model["impact_time"][0])
     t_model = (model["time"].values - first) * 1e3
-    # A single recording has no scatter: its band is its own uncertainty.
-    spread = repeats["displacement_sd"].values
-    half = np.where(np.isfinite(spread), spread, repeats["u_displacement_mean"].values) * _COVERAGE
-    mean = repeats["displacement_mean"].values
-    look = line_arguments("measured")
-    for place, factor, limits in zip(places, (1e3, 1e6), ((-_BEFORE, _AFTER), _ZOOM), strict=True):
-        shown = (t >= limits[0]) & (t <= limits[1])
-        place.fill_between(
-            t[shown],
-            (mean - half)[shown] * factor,
-            (mean + half)[shown] * factor,
-            color=look["color"],
-            alpha=0.35,
-            linewidth=0.0,
-            label=f"laser, {origin}",
-        )
-        place.plot(t[shown], mean[shown] * factor, **(look | {"linewidth": 0.6}))
-        inside = (t_model >= limits[0]) & (t_model <= limits[1])
-        place.plot(
-            t_model[inside], model["displacement"].values[inside] * factor, label="model", **line_arguments("model")
-        )
-        place.set(xlim=limits, xlabel="time $t_c$ (ms)")
+    half, mean = _half_width(repeats), repeats["displacement_mean"].values
     deepest = float(model["displacement"].min()) * 1e6
-    places[1].set_ylim(1.3 * deepest, -0.6 * deepest)
+    end = _end_of_motion(model, first, float(t[-1]))
+    look = line_arguments("measured")
+    spans = ((-_BEFORE, end), (-_BEFORE, end), _ZOOM)
+    for place, factor, limits in zip(places, (1e3, 1e6, 1e6), spans, strict=True):
+        place.axhspan(1.3 * deepest * factor * 1e-6, 0.0, color=_GREEN, linewidth=0, zorder=-1, label="penetration")
+        shown = (t >= limits[0]) & (t <= limits[1])
+        low, high = ((mean + side * half)[shown] * factor for side in (-1, 1))
+        # An edge keeps a band visible that is narrower than a line on this scale.
+        place.fill_between(
+            t[shown], low, high, facecolor="#8cc1e6", edgecolor=look["color"], linewidth=0.5, label=f"laser, {origin}"
+        )
+        inside = (t_model >= limits[0]) & (t_model <= limits[1])
+        moved = model["displacement"].values[inside] * factor
+        place.plot(t_model[inside], moved, label="model", **(line_arguments("model") | {"linewidth": 0.8}))
+        place.set_xlim(limits)
+    places[0].set(ylabel="displacement (mm)", ylim=(1.3e-3 * deepest, None))
+    places[1].set(ylabel="displacement (µm)", ylim=(1.3 * deepest, -0.6 * deepest))
+    places[2].set(ylim=(1.3 * deepest, -0.6 * deepest))
+
+
+def _end_of_motion(model: xr.Dataset, first: float, recorded: float) -> float:
+    """Return until when to draw in ms: a little beyond rest, or what is recorded if that is less."""
+    rest = float(model["rest_time"]) if "rest_time" in model else np.nan
+    if not np.isfinite(rest):
+        return recorded
+    return min(recorded, _PAST_REST * (rest - first) * 1e3)
 
 
 def _agreement(height: float, results: dict[str, xr.Dataset]) -> str:

@@ -23,6 +23,7 @@ _SERIES = {
     "displacement": ("m", "displacement of the sphere, upwards, 0 at first touch"),
     "velocity": ("m/s", "velocity of the sphere, upwards"),
     "approach": ("m", "approach of sphere and substrate, inwards"),
+    "reduced_gap": ("m", "gap between the deformed sphere and the substrate at the axis"),
     "force": ("N", "contact force"),
     "contact_radius": ("m", "contact radius"),
     "kinetic_energy": ("J", "kinetic energy of the sphere"),
@@ -33,7 +34,7 @@ _SERIES = {
     "plate_displacement": ("m", "displacement of the plate, downwards"),
     "plate_energy": ("J", "kinetic and elastic energy of the plate"),
 }
-_ROWS = {
+ROWS = {
     "impact_time": ("s", "time of touch"),
     "lift_off_time": ("s", "time of lift-off"),
     "contact_duration": ("s", "duration of the contact"),
@@ -46,7 +47,7 @@ _ROWS = {
     "energy_dissipated": ("J", "energy dissipated during the contact"),
     "energy_stored": ("J", "elastic energy remaining in the dent at lift-off"),
 }
-_SCALARS = {
+SCALARS = {
     "sphere_radius": ("m", "radius of the sphere"),
     "mass": ("kg", "mass that falls"),
     "drop_height": ("m", "fall from rest to first touch"),
@@ -182,6 +183,7 @@ def thesis_dataset(run: ThesisRun, setting: Setting, times: Floats | None, secon
         "displacement": -run.position,
         "velocity": -run.velocity,
         "approach": run.position,
+        "reduced_gap": run.reduced_gap,
         "force": run.force,
         "contact_radius": run.contact_radius,
     }
@@ -191,7 +193,8 @@ def thesis_dataset(run: ThesisRun, setting: Setting, times: Floats | None, secon
         fall = np.linspace(0.0, setting.fall_time, 26)[:-1]
         height = setting.height - 0.5 * setting.gravity * fall**2
         zero = np.zeros_like(fall)
-        before = {"displacement": height, "velocity": -setting.gravity * fall, "approach": -height}
+        before = {"displacement": height, "velocity": -setting.gravity * fall}
+        before |= {"approach": -height, "reduced_gap": height}
         series = {name: np.concatenate([before.get(name, zero), values]) for name, values in series.items()}
         time = np.concatenate([fall, time])
     if times is not None:
@@ -224,8 +227,8 @@ def _assemble(
     variables: dict[str, object] = {}
     for names, dims, values in (
         (_SERIES, ("time",), series),
-        (_ROWS, ("impact",), rows),
-        (_SCALARS, (), given | scalars),
+        (ROWS, ("impact",), rows),
+        (SCALARS, (), given | scalars),
     ):
         for name, value in values.items():
             units, long_name = names[name]
@@ -277,6 +280,7 @@ def _series(values: Columns, ledger: dict[str, Floats], *, has_plate: bool) -> d
         "displacement": -values.position,
         "velocity": -values.velocity,
         "approach": values.approach,
+        "reduced_gap": values.surface - values.approach,
         "force": values.force,
         "contact_radius": values.contact_radius,
         **ledger,
@@ -313,8 +317,8 @@ def _rows(run: DropRun, setting: Setting) -> dict[str, Floats]:
                 steps.stored[-1],
             )
         )
-    table = np.array(rows, dtype=float).reshape(len(rows), len(_ROWS))
-    return dict(zip(_ROWS, table.T, strict=True))
+    table = np.array(rows, dtype=float).reshape(len(rows), len(ROWS))
+    return dict(zip(ROWS, table.T, strict=True))
 
 
 def _thesis_rows(run: ThesisRun, setting: Setting) -> dict[str, Floats]:
@@ -344,5 +348,5 @@ def _thesis_rows(run: ThesisRun, setting: Setting) -> dict[str, Floats]:
                 nan,
             )
         )
-    table = np.array(rows, dtype=float).reshape(len(rows), len(_ROWS))
-    return dict(zip(_ROWS, table.T, strict=True))
+    table = np.array(rows, dtype=float).reshape(len(rows), len(ROWS))
+    return dict(zip(ROWS, table.T, strict=True))

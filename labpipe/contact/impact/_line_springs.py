@@ -90,6 +90,10 @@ class LineSprings:
         inside = np.diff(angle, axis=1) @ starts + np.diff(moment, axis=1) @ slopes
         return np.where(radius > 0.0, 2.0 / pi * inside, displacement[0])
 
+    def pole(self, displacement: Floats) -> Floats:
+        """Displacement (element,) in m of the surface on the axis: that of the central spring."""
+        return np.ascontiguousarray(displacement[:, 0])
+
     def extended(self, radius: float) -> "LineSprings":
         """Return the same springs and further ones out to a radius [m]."""
         return line_springs(self.radius_of_sphere, radius, self.core, self.per_radius, self.profile)

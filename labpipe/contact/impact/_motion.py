@@ -112,6 +112,9 @@ class Springs(Protocol):
     def surface(self, displacement: Floats, radius: Floats) -> Floats:
         """Displacement in m of the surface at given radii in m."""
 
+    def pole(self, displacement: Floats) -> Floats:
+        """Displacement (element,) in m of the surface on the axis, of the springs' (element, spring)."""
+
     def extended(self, radius: float) -> Self:
         """Return the same springs and further ones out to a radius."""
 

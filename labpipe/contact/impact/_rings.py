@@ -158,6 +158,10 @@ class RingSprings:
         known[: displacement.size] = displacement * self.unit[: displacement.size]
         return np.asarray(np.interp(radius, self.position, lower @ known))
 
+    def pole(self, displacement: Floats) -> Floats:
+        """Displacement (element,) in m of the innermost ring, to which its own spring adds alone."""
+        return np.asarray(displacement[:, 0] * self.unit[0])
+
     def covering(self, radius: float) -> int:
         """Return how many springs reach out to a radius [m] (at least two)."""
         return max(2, ceil(radius / self.width) + 1)

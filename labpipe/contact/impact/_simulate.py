@@ -15,7 +15,7 @@ from labpipe.arrays import Floats
 from labpipe.contact.impact._bounce import Bouncer
 from labpipe.contact.impact._collocation import distinct
 from labpipe.contact.impact._dataset import DropRun, Setting
-from labpipe.contact.impact._flight import time_to_touch, time_to_touch_plate
+from labpipe.contact.impact._flight import time_to_touch
 from labpipe.contact.impact._motion import MOTION, Body, Motion, Stillness, motion
 from labpipe.contact.impact._setup import (
     LONGEST_STEP,
@@ -34,10 +34,10 @@ from labpipe.contact.memory import Condensed, Creep, condense
 from labpipe.errors import InputError
 
 # Terms may be folded away or frozen where that costs this part of rtol.
-_CONDENSE_SHARE = 0.01
+CONDENSE_SHARE = 0.01
 # A sphere that sinks in from a lower speed than this part of the speed at rest will not lift off
 # again unless its material is all but elastic; down to here its energy is followed closely enough.
-_SLOWEST_BOUNCE = 0.03
+SLOWEST_BOUNCE = 0.03
 # Rest is an amplitude below rtol times the static sag, within these bounds.
 _REST_RANGE = (1e-5, 1e-3)
 
@@ -123,7 +123,7 @@ def simulate(
     expected = scales(creep, setting.radius, setting.mass, setting.gravity, setting.speed)
     condensed = Condensed(creep, 0, 0)
     if effort.fold:
-        tolerance = _CONDENSE_SHARE * effort.rtol
+        tolerance = CONDENSE_SHARE * effort.rtol
         condensed = condense(creep, expected.duration, setting.duration, tolerance)
     bouncer = None
     if setting.solver == "mdr" and looks is None and effort.shortcuts.flights and effort.shortcuts.near:
@@ -138,7 +138,7 @@ def simulate(
     touch = _fall_further(setting, float(stepper.springs.gap[0]))
     fall = _at_release(setting)
     silent = np.zeros(condensed.creep.rate.size)
-    segments: list[Segment] = [Flight(fall, min(touch, end), silent, condensed.creep.rate)]
+    segments: list[Segment] = [Flight(fall, min(touch, end), silent, silent, condensed.creep.rate)]
     final_touch = rest_start = nan
     stepper.now.velocity, stepper.now.acceleration = setting.speed, setting.gravity
     if touch < end:
@@ -196,7 +196,7 @@ def _bounce(
 ) -> tuple[float, float]:
     """Alternate contacts and flights; return the last touch and the start of rest, or NaN."""
     now = stepper.now
-    least_speed = _SLOWEST_BOUNCE * stepper.stillness.speed
+    least_speed = SLOWEST_BOUNCE * stepper.stillness.speed
     while True:
         touched = now.time
         stepper.speed_scale = max(now.velocity, least_speed)
@@ -232,7 +232,8 @@ def _bounce(
         stop = min(now.time + flight, end)
         start = motion(**{name: getattr(now, name) for name in MOTION.names or ()})
         stored = stepper.free_stored() if bouncer is None else bouncer.dents.stored()
-        segments.append(Flight(start, stop, stored, stepper.creep_law.rate))
+        dent = stepper.springs.pole(stepper.memory) if bouncer is None else bouncer.dents.centre
+        segments.append(Flight(start, stop, stored, dent, stepper.creep_law.rate))
         if stop >= end or first_contact_only:
             stepper.look_at_dent(end)
             return nan, nan
@@ -267,7 +268,6 @@ def _one_contact(stepper: Stepper, end: float, reach: float) -> tuple[str, float
 
 def _time_of_flight(stepper: Stepper, dent: Floats) -> float:
     body, rate = stepper.body, stepper.creep_law.rate
-    speed = stepper.now.velocity
-    if body.plate is None:
-        return time_to_touch(speed, body.gravity, dent, rate)
-    return time_to_touch_plate(speed, body.gravity, dent, rate, body.plate, stepper.plate_state)
+    return time_to_touch(
+        stepper.now.velocity, body.gravity, np.ascontiguousarray(dent), rate, body.plate, stepper.plate_state
+    )

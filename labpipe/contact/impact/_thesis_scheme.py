@@ -46,6 +46,7 @@ class ThesisRun:
     velocity: Floats
     force: Floats
     contact_radius: Floats
+    reduced_gap: Floats
     active_set_solves: int
     history_products: int
 
@@ -117,7 +118,7 @@ def drop_thesis(
         ring_width,
     )
     time = np.linspace(0.0, steps, steps + 1) * time_step
-    position, velocity, force, contact = np.zeros((4, steps + 1))
+    position, velocity, force, contact, reduced_gap = np.zeros((5, steps + 1))
     velocity[0], acceleration = speed, gravity
     creep_at_lag = creep.compliance(time)
     pressure, increments = np.zeros(count), np.zeros((steps + 1, count))
@@ -135,13 +136,15 @@ def drop_thesis(
         previous, acceleration = acceleration, gravity - force[n] / mass
         velocity[n] = velocity[n - 1] + half * (previous + acceleration)
         contact[n] = ring_width * np.count_nonzero(pressure > 0.0)
+        surface = past[0] + creep_at_lag[0] * float(rings.matrix[0] @ pressure)
+        reduced_gap[n] = surface + rings.gap[0] - position[n]
         if pressure[-1] > 0.0:
             message = f"the contact outgrew the rings ({reach:.4g} m); give more reach"
             raise LabpipeError(message)
         if observe is not None:
             observe(float(time[n]))
     products = steps * (steps + 1) // 2 * count
-    return ThesisRun(time, position, velocity, force, contact, solves, products)
+    return ThesisRun(time, position, velocity, force, contact, reduced_gap, solves, products)
 
 
 def _active_set(matrix: Floats, compliance: float, overlap: Floats, active: NDArray[np.bool_]) -> tuple[Floats, int]:

@@ -34,6 +34,8 @@ class Flight:
     end : float [s]
     stored : array (element,) [J]
         Energy that each element of the memory holds at the start.
+    dent : array (element,) [m]
+        Displacement that each element leaves at the pole at the start.
     rate : array (element,) [1/s]
         How fast the elements recover.
     """
@@ -41,6 +43,7 @@ class Flight:
     start: Motion
     end: float
     stored: Floats
+    dent: Floats
     rate: Floats
 
 
@@ -71,6 +74,7 @@ class Columns(NamedTuple):
     position: Floats
     velocity: Floats
     approach: Floats
+    surface: Floats
     force: Floats
     contact_radius: Floats
     stored: Floats
@@ -113,8 +117,10 @@ def record_columns(records: Trail, plate: Plate | None) -> Columns:
     if plate is not None:
         squares = plate.mass * records["plate_velocity"] ** 2
         energy = 0.5 * (squares + plate.stiffness * records["plate_displacement"] ** 2)
-    known = {name: records[name] for name in Columns._fields if name != "plate_energy"}
-    return Columns(plate_energy=energy, **known)
+    derived = ("plate_energy", "surface")
+    known = {name: records[name] for name in Columns._fields if name not in derived}
+    # In contact the pole lies on the substrate: its surface has moved by the approach.
+    return Columns(plate_energy=energy, surface=records["approach"], **known)
 
 
 def _natural(segment: Segment, body: Body, *, is_first: bool, is_last: bool) -> Columns:
@@ -150,6 +156,7 @@ def _of_flight(flight: Flight, times: Floats, body: Body) -> Columns:
         position=position,
         velocity=start.velocity + body.gravity * s,
         approach=position - displacement,
+        surface=np.exp(-s[:, None] * flight.rate) @ flight.dent,
         force=zero,
         contact_radius=zero,
         stored=np.exp(-2.0 * s[:, None] * flight.rate) @ flight.stored,
@@ -174,7 +181,8 @@ def _of_contact(contact: Contact, times: Floats, body: Body) -> Columns:
     motion = CubicHermiteSpline(steps.time, steps.position, steps.velocity)(inside)
     acceleration = body.gravity - steps.force / body.mass
     speed = CubicHermiteSpline(steps.time, steps.velocity, acceleration)(inside)
-    return result._replace(time=times, position=motion, velocity=speed, approach=motion - result.plate_displacement)
+    approach = motion - result.plate_displacement
+    return result._replace(time=times, position=motion, velocity=speed, approach=approach, surface=approach)
 
 
 def peak(time: Floats, values: Floats) -> float:

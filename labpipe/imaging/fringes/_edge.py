@@ -12,8 +12,9 @@ from labpipe.imaging.fringes._circle import fit_circle
 from labpipe.imaging.fringes._interference import Optics, distance_at_phase
 from labpipe.imaging.fringes._radial_scan import radial_profile
 
-#: Directions in which the edge is looked for, and the fewest that must show it.
-_SECTORS, _LEAST_SECTORS = 72, 12
+#: Directions of a whole circle in which the edge is looked for, and the fewest that must show it.
+#: Of a circle that the frame cuts as many are wanted in what is left, none narrower than this (px).
+_SECTORS, _LEAST_SECTORS, _LEAST_ARC = 72, 12, 2.5
 #: The spot is searched from this share of its radius to this multiple.
 _NEAR, _FAR = 0.6, 1.5
 #: The spot's brightness is taken within this share of its radius.
@@ -30,6 +31,11 @@ _CORRECTION_UNCERTAINTY = 0.5
 #: Half width of the ring in which the edge is looked for, as a share of the radius, and at most
 #: (px); pixels used.
 _REACH, _MOST_REACH, _MOST_PIXELS = 0.15, 40.0, 40_000
+#: Share of the ring in the frame below which the frame cuts it, and share of a line across the
+#: ring, from the inside, that the frame must hold.
+_CUT, _LEAST_LINE = 0.5, 0.75
+#: Greatest uncertainty of the radius as a share of it.
+_MOST_UNCERTAINTY = 0.1
 #: Rounds of centring.
 _ROUNDS = 2
 
@@ -46,6 +52,9 @@ class Edge:
         Standard deviation of these points about the circle.
     points : int
         Their number.
+    leverage : float [1]
+        Standard uncertainty of the circle's radius per scatter of a point; large where the frame
+        leaves a short arc.
     softness : float [px]
         Width over which the light rises from a quarter to three quarters.
     inside, outside : float [grey levels]
@@ -57,6 +66,7 @@ class Edge:
     half_radius: float
     scatter: float
     points: int
+    leverage: float
     softness: float
     inside: float
     outside: float
@@ -120,7 +130,20 @@ def _edge_about(frame: NDArray[np.generic], x: float, y: float, radius: float, b
     if scatter > max(_MOST_SCATTER * new_radius, 1.0) or not 0.5 < new_radius / radius < 2.0:
         return None
     softness = max(three - quarter, 0.0)
-    return Edge(new_x, new_y, new_radius, scatter, len(points), softness, inside, outside)
+    leverage = _leverage(points, new_x, new_y)
+    if scatter * leverage > _MOST_UNCERTAINTY * new_radius:
+        return None
+    return Edge(new_x, new_y, new_radius, scatter, len(points), leverage, softness, inside, outside)
+
+
+def _leverage(points: Floats, x: float, y: float) -> float:
+    """Return the standard uncertainty of a circle's radius per scatter of its points, centre fitted too."""
+    away = points - (x, y)
+    columns = np.column_stack([away / np.hypot(*away.T)[:, None], np.ones(len(points))])
+    normal = columns.T @ columns
+    # Points in a narrow sector leave the radius free; less than one part in 10^9 is rounding.
+    own = float(np.linalg.pinv(normal, rcond=1e-9)[2, 2])
+    return math.sqrt(own * len(points) / max(len(points) - 3, 1))
 
 
 def _crossing(line: Floats, level: float) -> float | None:
@@ -151,19 +174,23 @@ def _points(frame: NDArray[np.generic], x: float, y: float, radius: float, level
     r, dx, dy = np.sqrt(square[ring]), dx[ring], dy[ring]
     grey = frame[top:bottom:stride, left:right][ring].astype(float)
     angle = np.arctan2(dy, dx)
-    sector = np.minimum(((angle / (2.0 * np.pi) + 0.5) * _SECTORS).astype(int), _SECTORS - 1)
+    seen = len(r) * stride / (4.0 * math.pi * radius * reach)
+    most = max(int(2.0 * math.pi * radius / (_LEAST_ARC * stride)), _SECTORS)
+    sectors = min(int(_SECTORS / max(seen, 1e-3)), most) if seen < _CUT else _SECTORS
+    sector = np.minimum(((angle / (2.0 * np.pi) + 0.5) * sectors).astype(int), sectors - 1)
     steps = int(2 * reach)
     place = np.minimum((r - (radius - reach)).astype(int), steps - 1)
     cell = sector * steps + place
-    counts = np.bincount(cell, minlength=_SECTORS * steps).reshape(_SECTORS, steps)
-    sums = np.bincount(cell, grey, minlength=_SECTORS * steps).reshape(_SECTORS, steps)
+    counts = np.bincount(cell, minlength=sectors * steps).reshape(sectors, steps)
+    sums = np.bincount(cell, grey, minlength=sectors * steps).reshape(sectors, steps)
     found = []
-    for k in range(_SECTORS):
-        if (counts[k] == 0).any():
+    for k in range(sectors):
+        end = steps if counts[k].all() else int(counts[k].argmin())
+        if end < _LEAST_LINE * steps:
             continue
-        at = _crossing(_smooth(sums[k] / counts[k]), level)
+        at = _crossing(_smooth(sums[k, :end] / counts[k, :end]), level)
         if at is not None:
-            direction = ((k + 0.5) / _SECTORS - 0.5) * 2.0 * np.pi
+            direction = ((k + 0.5) / sectors - 0.5) * 2.0 * np.pi
             distance = radius - reach + at + 0.5
             found.append((x + distance * np.cos(direction), y + distance * np.sin(direction)))
     return np.array(found).reshape(-1, 2)
@@ -193,5 +220,5 @@ def corrected_radius(edge: Edge, optics: Optics) -> tuple[float, float]:
     for _ in range(8):
         offset = distance_at_phase(0.5 * math.pi, radius, optics) - radius
         radius = max(edge.half_radius - offset, 0.0)
-    noise = edge.scatter / math.sqrt(max(edge.points - 3, 1))
+    noise = edge.scatter * edge.leverage
     return radius, math.hypot(_CORRECTION_UNCERTAINTY * offset, noise)

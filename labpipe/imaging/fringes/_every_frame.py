@@ -12,13 +12,20 @@ from labpipe.imaging.films import FilmReader, Place, frames_in_windows, plan_rea
 from labpipe.imaging.fringes._arguments import FilmOptions, exposure_times
 from labpipe.imaging.fringes._blank_frames import FilmResult, choose_edges, find_filled, look_without_fringes
 from labpipe.imaging.fringes._calibration import calibrate
-from labpipe.imaging.fringes._edge import corrected_radius
 from labpipe.imaging.fringes._interference import make_optics
 from labpipe.imaging.fringes._open_gap import fit_open_gap, is_doubtful
 from labpipe.imaging.fringes._optics_search import OtherOptics, rebase
 from labpipe.imaging.fringes._radial_scan import edge_width
 from labpipe.imaging.fringes._ring_fit import HARMONICS, USUAL, FitSettings, Parameter, RingFit, fit_contact
-from labpipe.imaging.fringes._search import GOOD_MISFIT, View, fit_at, fit_from, is_contact, search_contact
+from labpipe.imaging.fringes._search import (
+    GOOD_MISFIT,
+    View,
+    fit_at,
+    fit_from,
+    is_contact,
+    search_contact,
+    start_at_edge,
+)
 
 #: Wavelength assumed for the edge of the spot when it is not known: the middle of white light.
 NOMINAL_WAVELENGTH = 550e-9
@@ -295,20 +302,15 @@ def _open_gaps(reader: FilmReader, result: FilmResult, time: Floats, read: Flags
             continue
         near = _neighbours(result.fits, index)
         edges = result.blanks[index].edges if index in result.blanks else ()
-        if old is None and not near:
-            continue
         starts = [old.parameters.copy()] if old is not None else []
         if near:
             beside = min(near, key=lambda other: abs(other - index))
             start = near[beside].parameters.copy()
             start[Parameter.RADIUS] = max(expected_radius(near, index, time)[0], 1.0)
             starts.append(start)
-            for edge in edges:
-                place = start.copy()
-                place[Parameter.RADIUS] = corrected_radius(edge, result.view.optics)[0]
-                starts.append(place)
+        starts += [start_at_edge(edge, result.view) for edge in edges]
         fit = fit_open_gap(reader.whole(index), result.view, starts, old)
-        if fit is not None and (old is not None or _continues(fit, near, index, time)):
+        if fit is not None and (old is not None or not near or _continues(fit, near, index, time)):
             result.fits[index] = fit
 
 

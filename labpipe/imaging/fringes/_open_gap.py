@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._radial_scan import edge_width
 from labpipe.imaging.fringes._ring_fit import FitSettings, Parameter, RingFit, fit_contact
-from labpipe.imaging.fringes._search import View, is_contact
+from labpipe.imaging.fringes._search import View, is_clear, is_contact
 
 #: Fringes of Hertz's gap over which the power law is taken to hold, and over which its error shows.
 _NEAR_FRINGES, _FAR_FRINGES = 2.0, 3.0
@@ -100,7 +100,8 @@ def _best_trial(frame: NDArray[np.generic], view: View, starts: Sequence[Floats]
                 trial[Parameter.SCALE] = math.log(factor)
                 trial[Parameter.SMEAR] = min(trial[Parameter.SMEAR], (0.3 * width) ** 2)
                 fit = fit_contact(frame, trial, view.optics, quick, view.white)
-                if fit is None or not _is_right(fit):
+                # Without light to modulate, as inside the contact, anything fits.
+                if fit is None or not _is_right(fit) or not is_clear(view, fit):
                     continue
                 if best is None or fit.misfit < best.misfit:
                     best = fit

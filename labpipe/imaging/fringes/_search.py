@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._centre_votes import find_centres
+from labpipe.imaging.fringes._edge import Edge, corrected_radius, find_edge
 from labpipe.imaging.fringes._interference import SAMPLES_PER_PIXEL, Optics, radial_table, ring_limits
 from labpipe.imaging.fringes._radial_scan import (
     Match,
@@ -135,8 +136,20 @@ def search_contact(frame: NDArray[np.generic], view: View, centre: tuple[float, 
         found = fit_at(frame, view, *centre)
         if found is not None:
             return found
-    sights = [sight for spot in find_spots(frame)[:_MOST_SPOTS] for sight in look_at(frame, view, spot.x, spot.y)]
+    spots = find_spots(frame)[:_MOST_SPOTS]
+    sights = [sight for spot in spots for sight in look_at(frame, view, spot.x, spot.y)]
     sights.sort(key=lambda sight: -sight[0].score)
+    plain = replace(view, alternatives=())
+    for match, x, y in sights[:_MOST_FITS]:
+        found = fit_match(frame, plain, match, x, y)
+        if found is not None:
+            return found
+    # Uneven light, blur and an oblique view lead the comparison astray more than they do an edge.
+    edges = (find_edge(frame, spot.x, spot.y, spot.radius, view.black) for spot in spots)
+    for edge in (edge for edge in edges if edge is not None):
+        found = fit_edge(frame, view, edge)
+        if found is not None:
+            return found
     for match, x, y in sights[:_MOST_FITS]:
         found = fit_match(frame, view, match, x, y)
         if found is not None:
@@ -218,6 +231,29 @@ def start_of(match: Match, view: View, x: float, y: float) -> Floats:
     start[list(HARMONICS)] = view.harmonics
     start[Parameter.SMEAR] = match.travel**2
     return start
+
+
+def start_at_edge(edge: Edge, view: View) -> Floats:
+    """Parameters to start a fit from where a spot has its edge."""
+    sign = math.copysign(1.0, math.cos(view.optics.phase))
+    start = np.zeros(PARAMETERS)
+    start[Parameter.RADIUS] = max(corrected_radius(edge, view.optics)[0], 1.0)
+    start[[Parameter.X, Parameter.Y]] = edge.x, edge.y
+    start[Parameter.GAIN] = 0.5 * (edge.inside + edge.outside)
+    start[Parameter.MODULATION] = 0.5 * sign * (edge.inside - edge.outside)
+    start[Parameter.PHASE] = view.optics.phase
+    start[[Parameter.STRETCH, Parameter.SHEAR]] = view.ellipse
+    start[list(HARMONICS)] = view.harmonics
+    return start
+
+
+def fit_edge(frame: NDArray[np.generic], view: View, edge: Edge) -> RingFit | None:
+    """Fit the fringes beside the edge of a spot; None when they do not explain it well."""
+    found = fit_from(frame, view, start_at_edge(edge, view))
+    if found is None or found.misfit > GOOD_MISFIT:
+        return None
+    final = fit_contact(frame, found.parameters, view.optics, replace(view.settings, free=found.free), view.white)
+    return final if final is not None and final.misfit <= GOOD_MISFIT and is_contact(frame, view, final) else None
 
 
 def fit_from(frame: NDArray[np.generic], view: View, start: Floats) -> RingFit | None:

@@ -479,3 +479,25 @@ def test_a_map_is_drawn_at_its_instant_while_the_sphere_sinks_in_at_rest():
     np.testing.assert_allclose(result.map_time, [7.0], rtol=rounding(10))
     until_then = drop(soft, R, 0.01, 1e-4, 7.0, rtol=1e-3)
     assert float(result.surface[0, 0]) == pytest.approx(float(until_then.approach[-1]), rel=1e-9)
+
+
+@pytest.mark.parametrize("plate", [None, Plate(mass=5.0, frequency=200.0, damping_ratio=0.02)])
+def test_the_reduced_gap_is_closed_in_contact_and_counts_the_dent_in_flight(plate):
+    found = {s: drop(SLS, R, M, 1.5e-3, 0.06, solver=s, plate=plate) for s in ("mdr", "rings")}
+    dents = {}
+    for solver, made in found.items():
+        gap, loaded = made.reduced_gap.values, made.force.values > 0
+        assert np.all(gap[loaded] == 0.0)
+        assert gap.min() > -1e-9
+        after = float(made.lift_off_time[0]) + np.array([1e-4, 1e-3, 5e-3])
+        asked = drop(SLS, R, M, 1.5e-3, 0.06, solver=solver, plate=plate, times=after)
+        dents[solver] = (asked.reduced_gap + asked.approach).values
+    # What is left 0.1 ms after lift-off recovers with the material's one retardation time.
+    np.testing.assert_allclose(dents["mdr"][0] / dents["mdr"][1], np.exp(0.9), rtol=0.01)
+    np.testing.assert_allclose(dents["rings"], dents["mdr"], rtol=2e-3)
+
+
+def test_the_reduced_gap_is_that_of_the_surface_drawn_in_a_map():
+    at = float(drop(SLS, R, M, 1.5e-3, 0.03).lift_off_time[0]) + 5e-4
+    made = drop(SLS, R, M, 1.5e-3, 0.03, times=[at], maps=[at])
+    assert float(made.reduced_gap[0] + made.approach[0]) == pytest.approx(float(made.surface[0, 0]), rel=1e-6)

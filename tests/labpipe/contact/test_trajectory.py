@@ -31,7 +31,7 @@ def test_a_peak_at_the_end_stays():
 
 
 def test_segments_meet_without_repeating_an_instant():
-    fall = Flight(record(-1.0, -5.0, 0.0), 0.0, np.array([]), np.array([]))
+    fall = Flight(record(-1.0, -5.0, 0.0), 0.0, np.array([]), np.array([]), np.array([]))
     contact = Contact(trail(record(0.0, 0.0, 10.0), record(0.1, 0.9, 8.0, 40.0, 1e-3)))
     rest = Contact(trail(contact.records[-1], record(0.2, 1.0, 0.0, 20.0, 1e-3)), is_resting=True)
     result = columns([fall, contact, rest], BODY, None)
@@ -45,7 +45,7 @@ def test_segments_meet_without_repeating_an_instant():
 
 def test_a_flight_between_contacts_is_sampled_evenly_from_end_to_end():
     before = Contact(trail(record(-0.2, 0.1, -8.0), record(0.0, 0.0, -10.0)))
-    fly = Flight(record(0.0, 0.0, -10.0), 2.0, np.array([]), np.array([]))
+    fly = Flight(record(0.0, 0.0, -10.0), 2.0, np.array([]), np.array([]), np.array([]))
     after = Contact(trail(record(2.0, 0.0, 10.0), record(2.1, 0.9, 8.0, 40.0, 1e-3)))
     result = columns([before, fly, after], BODY, None)
     steps = np.diff(result.time[1:-1])
