@@ -91,12 +91,19 @@ def model(
             found = [simulate(trial.solid, rtol, None, trial.change) for trial in trials]
             return {name: np.stack([padded(one[name].values[:count], count) for one in found]) for name in _UNCERTAIN}
         values, beneath = zip(*(values_of(trial.change) for trial in trials), strict=True)
-        body = [[one[name] for one in values] for name in ("radius", "mass", "height")]
-        solids = [trial.solid for trial in trials]
-        found = contact.impacts(
-            solids, *body, duration, count, chosen.profile, rtol, gravity=gravity, plate=list(beneath)
+        made = contact.impacts(
+            [trial.solid for trial in trials],
+            [one["radius"] for one in values],
+            [one["mass"] for one in values],
+            [one["height"] for one in values],
+            duration,
+            count,
+            chosen.profile,
+            rtol,
+            gravity=gravity,
+            plate=beneath,
         )
-        return {name: found[name].values for name in _UNCERTAIN}
+        return {name: made[name].values for name in _UNCERTAIN}
 
     made = simulate(solid, chosen.rtol, times, {})
     # On a ringing plate a later touch meets it at another moment when the height changes, so the
