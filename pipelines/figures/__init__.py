@@ -172,8 +172,8 @@ FIGURES: tuple[Figure, ...] = (
         "3.16",
         "Heated sphere against room temperature",
         f"{_HOME}.contacts:heated",
-        _ACRYLIC_FILM,
-        also=(Need("contact_area", _FILM, "acrylic", heated=True),),
+        Need("contact_area", (*_FILM, "keys"), "acrylic"),
+        also=(Need("contact_area", (*_FILM, "keys"), "acrylic", heated=True),),
     ),
     Figure(
         "3.17",

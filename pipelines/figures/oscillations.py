@@ -11,9 +11,7 @@ from labpipe.arrays import Floats
 from labpipe.contact.line import dissipation
 from labpipe.materials import Prony
 from labpipe.report import line_arguments
-from labpipe.workflow.fields import REFERENCE
 from pipelines.experiments.shared import mach1_readings
-from pipelines.experiments.shared.material_choice import resolve
 from pipelines.figures.chapter2 import CHARACTERISTIC_TIME
 from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs
@@ -39,12 +37,7 @@ _AXIS = CHARACTERISTIC_TIME * 1e10
 def _only(inputs: Inputs) -> tuple[str, Any, Prony]:
     """Return name, settings and solid of the first harmonic experiment that has a model."""
     name, settings = next((n, s) for n, s in inputs.experiments.items() if s.punch is not None and s.substrate)
-    chosen = settings.substrate
-    file = None if chosen.material_file is None else inputs.folder / chosen.material_file
-    fitted = None
-    if chosen.material_from is not None:
-        fitted = inputs.result(chosen.material_from.removeprefix(REFERENCE), "master_curve")
-    return name, settings, resolve(chosen, file, fitted)
+    return name, settings, inputs.solid_of(settings.substrate)
 
 
 def loops(inputs: Inputs) -> Drawing:
