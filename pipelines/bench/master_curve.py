@@ -1,18 +1,23 @@
 """Time–temperature superposition: error of the shifts against run time, on known materials."""
 
+import time
 import warnings
 from collections.abc import Callable
+from functools import partial
 from typing import Any, cast
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from labpipe.materials import MasterCurve, master_curve
 from pipelines.bench import rheology_peers
 from pipelines.bench.measure import Point, Suite, Timing, paired, peak_bytes
+from pipelines.bench.rheology_scenes import scenes
 from pipelines.bench.rheology_truth import FRACTIONAL, GLASS, MAXWELL, SINGLE_TIMES, Measured, Truth, measured
 
 _FIRST_SEED = 700
 _QUICK_SEEDS = 2
+_LONGEST = 20.0  # processor time (s) that a peer may take on the records of one scene
 _DEFAULT = "free shifts"
 _OTHER_DATA: tuple[tuple[str, dict[str, Any]], ...] = (
     ("6 temperatures", {"temperatures": 6}),
@@ -31,7 +36,88 @@ def run(quick: bool) -> tuple[Suite, ...]:
         _against_peers("master-curve-fractional", FRACTIONAL, quick),
         _other_truths(quick),
         _other_data(quick),
+        _ten_scenes(quick),
     )
+
+
+def _ten_scenes(quick: bool) -> Suite:
+    """Compare ours with peers on ten kinds of record: errors, what the bars hold, processor time."""
+    points = []
+    for scene in scenes():
+        sets = [scene.build(_FIRST_SEED + k) for k in range(1 if quick else 10)]
+        runs = [_timed(partial(_result, made, {})) for made in sets]
+        found = [cast(MasterCurve, value) for value, _ in runs]
+        errors = [made.error(one.log10_aT.values) for made, one in zip(sets, found, strict=True)]
+        verdicts = [one.verdict.level for one in found]
+        points.append(
+            Point(
+                scene.name,
+                float(np.mean(errors)),
+                float(np.median([seconds for _, seconds in runs])),
+                is_default=True,
+                extra={
+                    "worst (decades)": float(np.max(errors)),
+                    "95 % bars that hold (%)": 100.0 * _covered(sets, found),
+                    "verdicts": ", ".join(f"{verdicts.count(v)} {v}" for v in dict.fromkeys(verdicts)),
+                },
+            )
+        )
+        points += [] if quick else _peers_on(scene.name, sets)
+    notes = [f"{1 if quick else 10} records of each kind, processor time of one call, one thread"]
+    notes += ["peers are left out of the quick run"] if quick else rheology_peers.missing()
+    return Suite(
+        "master-curve-scenes",
+        "Shifts of ten kinds of record",
+        "RMS error of log10 a_T (decades)",
+        points,
+        notes=notes,
+        time_label="processor time of a call (s)",
+    )
+
+
+def _peers_on(name: str, sets: list[Measured]) -> list[Point]:
+    """Run every peer on the records of a scene, on fewer of them where it takes long."""
+    points = []
+    for label, (group, _) in rheology_peers.shifters(sets[0]).items():
+        errors: list[float] = []
+        seconds: list[float] = []
+        for made in sets:
+            if sum(seconds) > _LONGEST:
+                break
+            answer = _answered(rheology_peers.shifters(made)[label][1])
+            if answer is not None:
+                seconds.append(answer[1])
+                errors.append(made.error(_shifts(answer[0])))
+        finite = [error for error in errors if np.isfinite(error)]
+        points.append(
+            Point(
+                f"{name}: {label}",
+                float(np.mean(finite)) if finite else float("nan"),
+                float(np.median(seconds)) if seconds else float("nan"),
+                group,
+                extra={
+                    "worst (decades)": float(np.max(finite)) if finite else None,
+                    "records with an answer": f"{len(finite)} of {len(sets)}",
+                },
+            )
+        )
+    return points
+
+
+def _answered(call: Callable[[], object]) -> tuple[object, float] | None:
+    """Return the answer of a peer and its processor time; None whatever it raises instead."""
+    try:
+        return _timed(call)
+    except Exception:
+        return None
+
+
+def _timed(call: Callable[[], object]) -> tuple[object, float]:
+    """Return what a call returns, and its processor time (s) on one thread of linear algebra."""
+    with threadpool_limits(limits=1, user_api="blas"):
+        start = time.process_time()
+        value = call()
+        return value, time.process_time() - start
 
 
 def _against_peers(name: str, truth: Truth, quick: bool) -> Suite:

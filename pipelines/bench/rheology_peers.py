@@ -6,25 +6,77 @@ import importlib.util
 import io
 import warnings
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.optimize import minimize
 
 from labpipe.arrays import Floats
 from pipelines.bench.rheology_truth import Measured
 
 PEERS = ("pyvisco", "mastercurves")
+#: RepTate itself has no interface without windows: its procedure is written out below.
+_PROCEDURE = "RepTate's procedure"
+# Decades that two isotherms have to share, and what a pair that shares less is worth.
+_LEAST_OVERLAP, _APART = 0.05, 1e3
 
 
 def shifters(made: Measured) -> dict[str, tuple[str, Callable[[], object]]]:
     """Name every installed way to find shifts: group and a call that returns log10 a."""
-    found: dict[str, tuple[str, Callable[[], object]]] = {}
+    found: dict[str, tuple[str, Callable[[], object]]] = {
+        f"{_PROCEDURE}, {label}": (_PROCEDURE, partial(pairwise_shifts, made, is_vertical))
+        for label, is_vertical in (("horizontal", False), ("horizontal and vertical", True))
+    }
     if importlib.util.find_spec("pyvisco"):
         found["pyvisco, storage"] = ("pyvisco", lambda: _pyvisco_shifts(made))
     if importlib.util.find_spec("mastercurves"):
         found["mastercurves, loss"] = ("mastercurves", lambda: _gaussian_processes(made))
     return found
+
+
+def pairwise_shifts(made: Measured, is_vertical: bool) -> Floats:
+    """Shift one isotherm after the other, nearest to the reference first, onto a table that grows.
+
+    Both moduli count by the mean square of the distances of their logarithms over the frequencies
+    that an isotherm shares with the table; the simplex of Nelder and Mead moves it.
+
+    Returns
+    -------
+    array (temperature,)
+        log10 a, zero at the reference.
+    """
+    temperature = made.sweeps["temperature"].values
+    x = np.log10(made.sweeps["frequency"].values)
+    moduli = np.stack([np.log10(made.sweeps[name].values) for name in ("storage", "loss")], axis=1)
+    order = np.argsort(np.abs(temperature - made.reference), kind="stable")
+    shifts = np.zeros(temperature.size)
+    table_x, table_y = x.copy(), moduli[order[0]].copy()
+    for k in order[1:]:
+        nearest = order[: list(order).index(k)]
+        start = shifts[nearest[np.argmin(np.abs(temperature[nearest] - temperature[k]))]]
+        moved = partial(_distance, table_x, table_y, x, moduli[k])
+        size = 2 if is_vertical else 1
+        simplex = np.vstack([np.zeros(size), 0.5 * np.eye(size)]) + np.array([start, 0.0])[:size]
+        best = minimize(moved, simplex[0], method="Nelder-Mead", options={"initial_simplex": simplex}).x
+        shifts[k] = best[0]
+        table_x = np.concatenate([table_x, x + best[0]])
+        table_y = np.concatenate([table_y, moduli[k] - (best[1] if is_vertical else 0.0)], axis=1)
+        by = np.argsort(table_x, kind="stable")
+        table_x, table_y = table_x[by], table_y[:, by]
+    return shifts
+
+
+def _distance(table_x: Floats, table_y: Floats, x: Floats, y: Floats, move: Floats) -> float:
+    """Return the mean squared distance of a moved isotherm from the table, in decades squared."""
+    at = x + move[0]
+    inside = (at >= table_x[0]) & (at <= table_x[-1])
+    if not inside.any() or np.ptp(at[inside]) < _LEAST_OVERLAP:
+        return _APART + float(np.min(np.abs(at[:, None] - table_x)))
+    down = move[1] if move.size > 1 else 0.0
+    rest = [(row[inside] - down) - np.interp(at[inside], table_x, known) for row, known in zip(y, table_y, strict=True)]
+    return float(np.mean(np.square(rest)))
 
 
 def missing() -> list[str]:

@@ -63,13 +63,38 @@ def measured(truth: Truth, seed: int, temperatures: int = 12, noise: float = 0.0
     """Measure a material from −40 to 120 °C at 0.1 to 10 Hz, relative noise on both moduli."""
     temperature = np.linspace(-40.0, 120.0, temperatures)
     frequency = np.logspace(-1.0, 1.0, points)
+    return recorded(truth, temperature, frequency, np.random.default_rng(seed), (noise, noise))
+
+
+def recorded(
+    truth: Truth,
+    temperature: Floats,
+    frequency: Floats,
+    rng: np.random.Generator,
+    noise: tuple[float, float] = (0.02, 0.02),
+    vertical: Callable[[Floats], Floats] | None = None,
+) -> Measured:
+    """Measure a material anywhere.
+
+    Parameters
+    ----------
+    truth : Truth
+    temperature : array (temperature,) [degC]
+    frequency : array (frequency,) [Hz]
+    rng : Generator
+    noise : (float, float)
+        Relative, of storage and loss.
+    vertical : callable, optional
+        b_T at temperatures in degC; default one.
+    """
     at = int(np.argmin(np.abs(temperature - truth.T_ref)))
     law = truth.shift(temperature)
     from_reference = law - truth.shift(np.array([truth.T_ref]))[0]
     exact = truth.modulus(2.0 * np.pi * frequency * 10.0 ** from_reference[:, None])
-    rng = np.random.default_rng(seed)
-    storage = exact.real * (1.0 + noise * rng.standard_normal(exact.shape))
-    loss = exact.imag * (1.0 + noise * rng.standard_normal(exact.shape))
+    if vertical is not None:
+        exact = exact * vertical(temperature)[:, None]
+    storage = exact.real * (1.0 + noise[0] * rng.standard_normal(exact.shape))
+    loss = exact.imag * (1.0 + noise[1] * rng.standard_normal(exact.shape))
     dims = ("temperature", "frequency")
     sweeps = xr.Dataset(
         {"storage": (dims, storage, {"units": "Pa"}), "loss": (dims, loss, {"units": "Pa"})},

@@ -77,7 +77,8 @@ def master_curve(
         Whether every sweep has a small level of its own about the vertical law, as after
         clamping or tempering the sample anew; kept apart in ``level``, not part of b_T.
     robust : bool
-        Weaken residuals beyond three standard deviations.
+        Leave out readings that lie far off their own sweep (more than a third), and weaken
+        residuals beyond three standard deviations.
     noise_ratio : float, optional
         Relative noise of the loss over that of the storage modulus; default estimated from the
         residuals. 10 makes the storage modulus dominate, for glasses whose loss is not trusted.
@@ -123,7 +124,7 @@ def master_curve(
     """
     if "storage_modulus" in sweeps:
         sweeps = gather_sweeps(sweeps, mode, nu)
-    data = read_sweeps(sweeps)
+    data = read_sweeps(sweeps, robust)
     T_ref = None if T_ref is None else si(T_ref, "degC", "T_ref")
     _check_options(law, vertical, delay, levels, noise_ratio)
     given = None if shifts is None else _given_shifts(shifts, sweeps, data)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials.superposition._joint_fit import Points
+from labpipe.materials.superposition._outlying import outlying
 from labpipe.materials.superposition._shift_law import ZERO_CELSIUS
 
 _UNITS = {"storage": "Pa", "loss": "Pa", "frequency": "Hz", "temperature": "degC"}
@@ -55,7 +56,7 @@ class SweepData:
     warnings: tuple[str, ...]
 
 
-def read_sweeps(sweeps: xr.Dataset) -> SweepData:
+def read_sweeps(sweeps: xr.Dataset, is_robust: bool = True) -> SweepData:
     """Check a Dataset of sweeps and flatten it into points.
 
     Parameters
@@ -63,6 +64,8 @@ def read_sweeps(sweeps: xr.Dataset) -> SweepData:
     sweeps : Dataset
         Variables ``storage`` and ``loss`` [Pa] over ``temperature`` [degC] and ``frequency``
         [Hz]; NaN where a sweep has no point. Any order, repeated temperatures allowed.
+    is_robust : bool
+        Whether readings far off their own sweep are left out.
 
     Raises
     ------
@@ -95,23 +98,45 @@ def read_sweeps(sweeps: xr.Dataset) -> SweepData:
     if present.sum() < _LEAST_POINTS:
         message = f"only {present.sum()} points with both moduli; a spectrum needs {_LEAST_POINTS} at least"
         raise InputError(message)
+    if is_robust:
+        notes += _leave_out_outlying(present, storage, loss, temperature, frequency)
     kept = np.flatnonzero(present.any(axis=1))
     notes += [
         f"no valid point at {temperature[k]:g} °C; its shift is NaN" for k in np.flatnonzero(~present.any(axis=1))
     ]
     notes += _repeated(temperature[kept])
     row, column = np.nonzero(present)
-    points = Points(
+    points = _points(present, storage, loss, frequency)
+    notes += _falling(points, temperature[kept])
+    for note in notes:
+        warnings.warn(note, UserWarning, stacklevel=3)
+    return SweepData(points, temperature[kept], kept, row, column, tuple(notes))
+
+
+def _points(present: NDArray[np.bool_], storage: Floats, loss: Floats, frequency: Floats) -> Points:
+    """Flatten the readings in use."""
+    kept = np.flatnonzero(present.any(axis=1))
+    row, column = np.nonzero(present)
+    return Points(
         omega=2.0 * np.pi * frequency[column],
         isotherm=np.searchsorted(kept, row),
         storage=storage[row, column],
         loss=loss[row, column],
         count=kept.size,
     )
-    notes += _falling(points, temperature[kept])
-    for note in notes:
-        warnings.warn(note, UserWarning, stacklevel=3)
-    return SweepData(points, temperature[kept], kept, row, column, tuple(notes))
+
+
+def _leave_out_outlying(
+    present: NDArray[np.bool_], storage: Floats, loss: Floats, temperature: Floats, frequency: Floats
+) -> list[str]:
+    """Drop readings far off their own sweep from those in use, and say so."""
+    far = np.zeros_like(present)
+    far[present] = outlying(_points(present, storage, loss, frequency))
+    if not far.any():
+        return []
+    present &= ~far
+    where = _where(far, temperature, frequency)
+    return [f"{far.sum()} readings lie far off the other readings of their sweep, {where}; left out"]
 
 
 def _arrays(sweeps: xr.Dataset) -> tuple[Floats, Floats, Floats, Floats]:

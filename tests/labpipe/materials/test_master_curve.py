@@ -10,6 +10,8 @@ import xarray as xr
 
 from labpipe.errors import InputError
 from labpipe.materials import master_curve
+from labpipe.materials.superposition._joint_fit import Points
+from labpipe.materials.superposition._outlying import outlying
 
 
 def rms(values):
@@ -192,6 +194,28 @@ def test_single_outliers_do_not_matter(maxwell_truth):
     sweeps["storage"][0, 0] *= 0.8
     assert error(quiet(sweeps, T_ref=60.0), maxwell_truth) < 0.034
     assert error(quiet(sweeps, T_ref=60.0, robust=False), maxwell_truth) > 0.034
+
+
+@pytest.mark.parametrize("factor", [10.0, 100.0, 0.1])
+def test_readings_far_off_their_sweep_are_left_out_and_told(maxwell_truth, factor):
+    sweeps = maxwell_truth.sweeps(6)
+    for name, places in (("storage", [(4, 5), (8, 0), (8, 9)]), ("loss", [(5, 5), (2, 10)])):
+        for place in places:
+            sweeps[name].values[place] *= factor
+    with pytest.warns(UserWarning, match="5 readings lie far off the other readings of their sweep"):
+        found = master_curve(sweeps, T_ref=60.0)
+    assert error(found, maxwell_truth) < 0.05
+    off = np.abs(found.log10_aT.values - maxwell_truth.log10_aT)
+    assert np.all(off <= 3.0 * found.u_log10_aT.values + 1e-3)
+    assert found.verdict.level == "pass"
+
+
+def test_narrow_loss_peaks_are_no_outlying_readings():
+    omega = 2 * np.pi * np.logspace(-1, 1, 21)
+    z = 1j * omega[:, None] * np.array([2e-3, 0.3])
+    modulus = 1e6 + (z / (1 + z)) @ np.array([1e9, 1e8])
+    points = Points(omega, np.zeros(21, dtype=int), modulus.real, modulus.imag, 1)
+    assert not outlying(points).any()
 
 
 def test_hand_set_shifts_are_refined_or_kept(curve, maxwell_truth):
