@@ -20,7 +20,7 @@ def laser_and_film(inputs: Inputs) -> Drawing:
     """Figure 3.9: displacement and velocity by image correlation and by laser."""
     name = next(n for n, s in inputs.experiments.items() if s.laser_experiment)
     drop = referred(inputs.experiments[name].laser_experiment)
-    height = inputs.plan.session.experiments[drop].settings.height.value
+    drops: Any = inputs.plan.session.experiments[drop].settings
     made, speed = inputs.result(name, "comparison"), inputs.result(name, "velocity")
     bounces = inputs.result(name, "bounces")
     repeats = inputs.result(drop, "repeats")
@@ -59,7 +59,7 @@ def laser_and_film(inputs: Inputs) -> Drawing:
             difference=(
                 "the thesis gives no number for the agreement. First contact is printed as about 0.04 s for "
                 f"7 mm (37.8 ms of free fall); here it comes at {touch * 1e3:.2f} ms of a recording that begins "
-                f"before the release, from {height * 1e3:g} mm. The printed figure lasts until rest; this film "
+                f"before the release, from {drops.height.value * 1e3:g} mm. The printed figure lasts until rest; this film "
                 f"ends {'before' if t.max() < _TO_REST else 'after'} 0.15 s."
             ),
             **inputs.data_note(f"the film {name} and the laser recordings {drop}."),
