@@ -27,9 +27,10 @@ _VARIANCES = 30.0
 _SIGNIFICANT = 5.0
 #: Greatest logarithm of the phase scale that is believed: a factor of two.
 _MOST_SCALE = 0.7
-#: Rounds in which the blur is found, its least (px), the relative change at which they end, the
-#: step by which its effect is told, and the square of an even motion over its variance.
-_BLUR_ROUNDS, _LEAST_BLUR, _SAME_BLUR, _BLUR_STEP, _EVEN = 4, 0.2, 0.02, 0.1, 12.0
+#: Rounds in which the blur is found, its least (px), the relative change at which they end (with
+#: all else free), the step by which its effect is told, and the square of an even motion over its
+#: variance.
+_BLUR_ROUNDS, _LEAST_BLUR, _SAME_BLUR, _SETTLED_BLUR, _BLUR_STEP, _EVEN = 4, 0.2, 0.02, 0.003, 0.1, 12.0
 #: Flats that are tried as shares of the smallest contact, until one leaves so much more than
 #: another; frames and pixels for that, and variances by which one must lower the sum of squares.
 _FLATS, _WORSE = (0.35, 0.5, 0.62, 0.74, 0.86, 0.96), 1.2
@@ -227,7 +228,7 @@ def calibrate(
     ) -> _Trial | None:
         seen = known.applied(view)
         if pixels is not None:
-            seen = replace(seen, settings=replace(seen.settings, max_pixels=pixels))
+            seen = replace(seen, settings=replace(seen.settings, max_pixels=pixels, tells_memory=False))
         return _attempt(images[:count], starts[:count], seen, tuple(extra))
 
     plain_axes = _AXES if shape == "ellipse" else ()
@@ -266,7 +267,10 @@ def calibrate(
             # The scale would be bent to make up for a phase that is not what it is said to be.
             return replace(result, doubted_phase=view.optics.phase + found.phase_shift)
         result, best = found, trial
-    return result
+        starts[:] = best.fits
+    best, result = _settle_blur(attempt, plain_axes, result, best)
+    starts[:] = best.fits
+    return _refine(attempt, plain_axes, result, view)
 
 
 def _with_rough(trial: _Trial, known: Calibration, rough: Sequence[Parameter], view: View) -> Calibration:
@@ -309,12 +313,52 @@ def _find_blur(
     """
     if known.blur or not any(fit.model_deviation > 0.0 for fit in best.fits):
         return None
-    trial, blur, u_square = best, 0.0, 0.0
+    lens = _blur_of_lens(attempt, axes, known, best)
+    if lens is None or not lens.trial.is_better_than(best):
+        return None
+    return lens.trial, lens.known(attempt, axes, known)
+
+
+@dataclass(frozen=True)
+class _Lens:
+    """Fits with a blur of the lens (px), and the uncertainty of its square."""
+
+    trial: _Trial
+    blur: float
+    u_square: float
+
+    def known(self, attempt: _Attempt, axes: Sequence[Parameter], known: Calibration) -> Calibration:
+        """Return what is known with this blur, and what its uncertainty makes of the radius."""
+        sharper = attempt(axes, replace(known, blur=(1.0 - _BLUR_STEP) * self.blur))
+        slope = 0.0 if sharper is None else self.trial.changes(sharper) / (_BLUR_STEP * self.blur)
+        own = slope * self.u_square / (2.0 * self.blur)
+        uneven = np.array([_shift_by_uneven_light(fit, self.blur) for fit in self.trial.fits])
+        return replace(known, blur=self.blur).with_shared(self.trial, np.hypot(own, uneven))
+
+
+def _shift_by_uneven_light(fit: RingFit, blur: float) -> float:
+    """Return u of the radius (px) where blurred rings lie in light that falls off outwards.
+
+    To first order the blur moves them by its variance times the relative slope of the light, if that
+    is how the light falls on the body; not if the camera darkens its corners.
+    """
+    radius, bowl = (float(fit.parameters[p]) for p in (Parameter.RADIUS, Parameter.BOWL))
+    return blur**2 * bowl * 2.0 * radius / fit.curvature / math.sqrt(3.0)
+
+
+def _seen_blurs(trial: _Trial, blur: float) -> list[tuple[float, float]]:
+    """Variance (px²) of lens and motion together in every frame with its uncertainty, least first."""
+    return sorted(
+        (blur**2 + float(fit.parameters[Parameter.SMEAR]) / _EVEN, fit.deviation(Parameter.SMEAR) / _EVEN)
+        for fit in trial.fits
+    )
+
+
+def _blur_of_lens(attempt: _Attempt, axes: Sequence[Parameter], known: Calibration, best: _Trial) -> _Lens | None:
+    """Fit the frames with a lens that blurs as much as the one of least blur shows."""
+    trial, blur, u_square = best, known.blur, 0.0
     for _ in range(_BLUR_ROUNDS):
-        variances = sorted(
-            (blur**2 + float(fit.parameters[Parameter.SMEAR]) / _EVEN, fit.deviation(Parameter.SMEAR) / _EVEN)
-            for fit in trial.fits
-        )
+        variances = _seen_blurs(trial, blur)
         if variances[0][0] <= _LEAST_BLUR**2:
             return None
         change = math.sqrt(variances[0][0]) - blur
@@ -327,11 +371,64 @@ def _find_blur(
         trial = found
         if abs(change) < _SAME_BLUR * blur:
             break
-    if not trial.is_better_than(best):
-        return None
-    sharper = attempt(axes, replace(known, blur=(1.0 - _BLUR_STEP) * blur))
-    slope = 0.0 if sharper is None else trial.changes(sharper) / (_BLUR_STEP * blur)
-    return trial, replace(known, blur=blur).with_shared(trial, slope * u_square / (2.0 * blur))
+    return _Lens(trial, blur, u_square)
+
+
+def _settle_blur(
+    attempt: _Attempt, axes: Sequence[Parameter], known: Calibration, best: _Trial
+) -> tuple[_Trial, Calibration]:
+    """Lay a blur that every frame shows to the lens or to motion, as the frames tell.
+
+    Either explains the frames nearly as well, with radii some hundredths of a pixel apart: what is
+    likelier is taken, and the other counts as what may be wrong.
+    """
+    least, deviation = _seen_blurs(best, 0.0)[0]
+    if known.blur or least <= max(_LEAST_BLUR**2, _SIGNIFICANT * deviation):
+        return best, known
+    lens = _blur_of_lens(attempt, axes, known, best)
+    if lens is None:
+        return best, known
+    gain = sum(
+        (a.residual**2 / b.residual**2 - 1.0) * b.pixels for a, b in zip(best.fits, lens.trial.fits, strict=True)
+    )
+    # The probability of the less likely one; logarithms of likelihoods go with half the squares.
+    doubt = 1.0 / (1.0 + math.exp(min(0.5 * abs(gain), 700.0)))
+    changes = lens.trial.changes(best) * math.sqrt(doubt)
+    if gain <= 0.0:
+        return best, known.with_shared(best, changes)
+    return lens.trial, lens.known(attempt, axes, known).with_shared(lens.trial, changes)
+
+
+def _refine(attempt: _Attempt, axes: Sequence[Parameter], known: Calibration, view: View) -> Calibration:
+    """Find again, with the blur, what was found while motion stood in for it."""
+    groups = (
+        ((Parameter.PHASE,), known.phase_shift != 0.0),
+        ((Parameter.SCALE,), known.log_scale != 0.0),
+        (HARMONICS, known.harmonics != (0.0, 0.0)),
+        (_AXES, known.ellipse != (0.0, 0.0)),
+    )
+    free = [parameter for group, is_found in groups if is_found for parameter in group]
+    if not known.blur or not free:
+        return known
+    blur = known.blur
+    for _ in range(_BLUR_ROUNDS):
+        trial = attempt((*axes, *free), known)
+        if trial is None:
+            return known
+        known = _with_rough(trial, known, [p for p in free if p is Parameter.PHASE], view)
+        if Parameter.SCALE in free:
+            change, u = trial.mean(Parameter.SCALE)
+            known = replace(known, log_scale=known.log_scale + change, u_log_scale=u)
+        if Parameter.SECOND in free:
+            known = replace(known, harmonics=(trial.mean(Parameter.SECOND)[0], trial.mean(Parameter.THIRD)[0]))
+        if Parameter.STRETCH in free:
+            known = replace(known, ellipse=(trial.mean(Parameter.STRETCH)[0], trial.mean(Parameter.SHEAR)[0]))
+        square = _seen_blurs(trial, known.blur)[0][0]
+        known = replace(known, blur=math.sqrt(max(square, _LEAST_BLUR**2)))
+        if abs(known.blur - blur) < _SETTLED_BLUR * blur:
+            break
+        blur = known.blur
+    return known
 
 
 def _find_flat(

@@ -21,7 +21,6 @@ from labpipe.imaging.fringes._search import (
     GOOD_MISFIT,
     View,
     fit_at,
-    fit_edge,
     fit_from,
     is_contact,
     search_contact,
@@ -71,7 +70,6 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
     result.has_fringes = options.wavelength is not None and view.templates is not None
     if result.has_fringes:
         read = _follow_film(reader, result, options, wanted)
-        _fit_edges(reader, result)
         _repair(reader, result, film.time, exposure_times(film, options), read)
         _open_gaps(reader, result, film.time, read)
     else:
@@ -294,21 +292,6 @@ def _repair(reader: FilmReader, result: FilmResult, time: Floats, exposure: Floa
             fit = _fit_blurred(reader, result.view, index, near, time, exposure)
             if fit is not None and (old is None or fit.residual < old.residual):
                 result.fits[index] = fit
-
-
-def _fit_edges(reader: FilmReader, result: FilmResult) -> None:
-    """Fit frames from the edges of their spots.
-
-    In the thin strip of a fast film, and where fringes are hardly wider than pixels, an edge tells
-    the radius better than a comparison with rings.
-    """
-    view = replace(result.view, alternatives=())
-    for index, blank in result.blanks.items():
-        if blank.edges and index not in reader.damaged:
-            fits = (fit_edge(reader.whole(index), view, edge) for edge in blank.edges)
-            found = next((fit for fit in fits if fit is not None), None)
-            if found is not None:
-                result.fits[index] = found
 
 
 def _open_gaps(reader: FilmReader, result: FilmResult, time: Floats, read: Flags) -> None:

@@ -89,18 +89,21 @@ _DAMPING, _BAD_DAMPING, _LESS, _MORE, _MOST_DAMPING = 1e-8, 1e-3, 0.01, 10.0, 1e
 #: Travel (px) below which the effect of the smear is taken as proportional to its square, so that
 #: noise may also make it negative.
 _LEAST_TRAVEL = 0.3
+#: Pixels left out at the border of the frame, in standard deviations of the blur.
+_BORDER = 2.0
 #: Expected gain of a step, in variances of a pixel, below which the iteration ends: the fit is then
 #: within a tenth of its uncertainty of the minimum, and the step itself is still made.
 _SMALL_GAIN = 0.01
 #: Share of the errors of the model that noise with a memory must reach to be told from them.
 _OWN_SHARE = 0.3
-#: Misfit from which noise with a memory is looked for.
-_NOTABLE_MISFIT = 0.01
+#: Misfit from which noise with a memory is looked for, and from which nothing is explained.
+_NOTABLE_MISFIT, _HOPELESS_MISFIT = 0.01, 1.0
 #: Standard deviations by which the residual exceeds the noise before that counts as an error of
 #: the model; their ratio, squared, scatters by one over the root of the number of pixels.
 _BY_CHANCE = 5.0
-#: Greatest logarithm of the phase scale, stretch and shear in an iteration: far beyond any view.
-_MOST_LOG_SCALE, _MOST_OBLIQUE = 1.0, 0.5
+#: Greatest logarithm of the phase scale, stretch and shear, and square of the blur (px²) in an
+#: iteration: far beyond any view.
+_MOST_LOG_SCALE, _MOST_OBLIQUE, _MOST_BLUR = 1.0, 0.5, 150.0
 
 
 @dataclass(frozen=True)
@@ -122,6 +125,9 @@ class FitSettings:
         Evaluations of the ring.
     tolerance : float [px]
         Step of radius and centre at which the iteration ends even where there is no noise.
+    tells_memory : bool
+        Tell noise with a memory from errors of the model; a fit of which only the residual counts
+        needs it not.
     is_compiled : bool
         Use the compiled loops (the others are there to test them).
     """
@@ -132,6 +138,7 @@ class FitSettings:
     max_pixels: int = 100_000
     max_iterations: int = 25
     tolerance: float = 2e-4
+    tells_memory: bool = True
     is_compiled: bool = True
 
 
@@ -167,6 +174,8 @@ class RingFit:
     slow : float or None [grey levels]
         Root mean square of the residual that changes slowly along the rings, an error of the
         model; None where the noise between neighbours tells it.
+    curvature : float [px²]
+        Half the difference of the squares of the ring's limits, in which BOWL is told.
     spread : float [px]
         What is known from elsewhere about errors of the model, as a standard uncertainty.
     """
@@ -183,6 +192,7 @@ class RingFit:
     evaluations: int
     inverse: Floats
     between: float
+    curvature: float
     slow: float | None = None
     spread: float = 0.0
 
@@ -255,16 +265,25 @@ def pixels_in_ring(shape: tuple[int, int], x: float, y: float, inner: float, out
 
 
 def cut_ring(
-    frame: NDArray[np.generic], start: Floats, inner: float, outer: float, ceiling: float, max_pixels: int
+    frame: NDArray[np.generic],
+    start: Floats,
+    inner: float,
+    outer: float,
+    ceiling: float,
+    max_pixels: int,
+    margin: int = 0,
 ) -> Ring | None:
-    """Cut the piece of a frame that holds a ring, or None when they do not meet."""
+    """Cut the piece of a frame that holds a ring, or None when they do not meet.
+
+    Pixels that are less than ``margin`` from the border of the frame are left out.
+    """
     rows, columns = frame.shape
     x, y = start[Parameter.X], start[Parameter.Y]
     slack = 2.0 + outer * (abs(start[Parameter.STRETCH]) + abs(start[Parameter.SHEAR]))
-    top = max(0, math.floor(y - outer - slack))
-    bottom = min(rows, math.ceil(y + outer + slack) + 1)
-    left = max(0, math.floor(x - outer - slack))
-    right = min(columns, math.ceil(x + outer + slack) + 1)
+    top = max(margin, math.floor(y - outer - slack))
+    bottom = min(rows - margin, math.ceil(y + outer + slack) + 1)
+    left = max(margin, math.floor(x - outer - slack))
+    right = min(columns - margin, math.ceil(x + outer + slack) + 1)
     if bottom - top < 2 or right - left < 2:
         return None
     count = pixels_in_ring((rows, columns), float(x), float(y), inner, outer)
@@ -450,7 +469,7 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
     reported = np.array([*settings.free, *(p for p in ASSUMED if p not in settings.free)], np.int64)
     moves = np.isin(free, (Parameter.RADIUS, Parameter.X, Parameter.Y))
     best = start.astype(float).copy()
-    damping, evaluations, is_settled = _DAMPING, 1, False
+    damping, evaluations, is_settled, is_small = _DAMPING, 1, False, False
     sums = sums_of(ring, best, free, optics, False)
     while evaluations < settings.max_iterations and damping < _MOST_DAMPING:
         if sums.pixels <= len(free):
@@ -460,7 +479,7 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
             break
         trial = best.copy()
         trial[free] += step
-        if not _is_possible(trial):
+        if not _is_possible(trial) or trial[Parameter.RADIUS] > ring.outer:
             damping = max(damping * _MORE, _BAD_DAMPING)
             continue
         gain = float(sums.right @ step) * sums.pixels
@@ -479,14 +498,19 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
         else:
             damping = max(damping * _MORE, _BAD_DAMPING)
         if is_small:
-            return _with_memory(_result(best, sums, settings.free, True, evaluations), ring, optics)
-    sums = sums_of(ring, best, reported, optics, True)
-    return _with_memory(_result(best, sums, settings.free, is_settled, evaluations + 1), ring, optics)
+            is_settled = True
+            break
+    if not is_small:
+        sums = sums_of(ring, best, reported, optics, True)
+        evaluations += 1
+    curvature = 0.5 * (ring.outer**2 - ring.inner**2)
+    found = _result(best, sums, settings.free, is_settled, evaluations, curvature)
+    return _with_memory(found, ring, optics) if settings.tells_memory else found
 
 
 def _with_memory(fit: RingFit, ring: Ring, optics: Optics) -> RingFit:
     """Count as noise what changes along the rings, where more is left than pixels scatter alone."""
-    if fit.misfit < _NOTABLE_MISFIT or fit.model_deviation == 0.0:
+    if not _NOTABLE_MISFIT <= fit.misfit < _HOPELESS_MISFIT or fit.model_deviation == 0.0:
         return fit
     from labpipe.imaging.fringes._fit_kernel import accumulate_cells
 
@@ -529,6 +553,7 @@ def _is_possible(parameters: Floats) -> bool:
         and parameters[Parameter.RADIUS] >= 0.0
         and abs(parameters[Parameter.SCALE]) <= _MOST_LOG_SCALE
         and oblique <= _MOST_OBLIQUE
+        and parameters[Parameter.BLUR] <= _MOST_BLUR
     )
 
 
@@ -544,7 +569,7 @@ def _solve(sums: Sums, damping: float) -> Floats | None:
 
 
 def _result(
-    parameters: Floats, sums: Sums, free: tuple[Parameter, ...], is_converged: bool, evaluations: int
+    parameters: Floats, sums: Sums, free: tuple[Parameter, ...], is_converged: bool, evaluations: int, curvature: float
 ) -> RingFit:
     """Covariance, residuals and sensitivities at the end of an iteration."""
     count = len(free)
@@ -574,6 +599,7 @@ def _result(
         evaluations,
         inverse,
         noise,
+        curvature,
     )
 
 
@@ -602,5 +628,7 @@ def fit_contact(
     """
     radius = float(start[Parameter.RADIUS])
     inner, outer = ring_limits(radius, optics, settings.fringes, settings.least_spacing)
-    ring = cut_ring(frame, start, inner, outer, ceiling, settings.max_pixels)
+    # A filter of the camera or of a program makes up what lies beyond the border.
+    margin = math.ceil(_BORDER * optics.blur)
+    ring = cut_ring(frame, start, inner, outer, ceiling, settings.max_pixels, margin)
     return None if ring is None else fit_ring(ring, start, optics, settings)

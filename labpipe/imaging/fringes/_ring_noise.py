@@ -38,16 +38,19 @@ def slow_power(sums: Floats, counts: Floats) -> float | None:
         0 when it is there by chance; None when too little of the ring is seen to tell.
     """
     total = power = variance = 0.0
-    for line, count in zip(sums, counts, strict=True):
-        seen = count >= _LEAST_PIXELS
-        number = int(seen.sum())
-        if number < _LEAST_SECTORS:
-            continue
-        # Sectors in their order from the end of the widest gap on.
-        start = 0 if number == len(seen) else _after_gap(seen)
-        order = np.roll(np.arange(len(seen)), -start)
-        order = order[seen[order]]
-        wave = np.asarray(dct(line[order] / count[order], norm="ortho")) ** 2
+    seen_by_all = counts >= _LEAST_PIXELS
+    numbers = seen_by_all.sum(axis=1)
+    is_whole = numbers == counts.shape[1]
+    waves = np.zeros(sums.shape)
+    waves[is_whole] = np.asarray(dct(sums[is_whole] / counts[is_whole], norm="ortho", axis=1)) ** 2
+    for place in np.flatnonzero(numbers >= _LEAST_SECTORS).tolist():
+        seen, count, number = seen_by_all[place], counts[place], int(numbers[place])
+        wave = waves[place]
+        if not is_whole[place]:
+            # Sectors in their order from the end of the widest gap on.
+            order = np.roll(np.arange(len(seen)), -_after_gap(seen))
+            order = order[seen[order]]
+            wave = np.asarray(dct(sums[place, order] / count[order], norm="ortho")) ** 2
         slow = max(1, round(_SLOW * number / len(seen)))
         level = float(wave[slow : slow + _NEXT].mean())
         weight = float(count.sum())

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._centre_votes import find_centres
-from labpipe.imaging.fringes._edge import Edge, corrected_radius
+from labpipe.imaging.fringes._edge import Edge, corrected_radius, find_edge
 from labpipe.imaging.fringes._interference import SAMPLES_PER_PIXEL, Optics, radial_table, ring_limits
 from labpipe.imaging.fringes._radial_scan import (
     Match,
@@ -136,8 +136,20 @@ def search_contact(frame: NDArray[np.generic], view: View, centre: tuple[float, 
         found = fit_at(frame, view, *centre)
         if found is not None:
             return found
-    sights = [sight for spot in find_spots(frame)[:_MOST_SPOTS] for sight in look_at(frame, view, spot.x, spot.y)]
+    spots = find_spots(frame)[:_MOST_SPOTS]
+    sights = [sight for spot in spots for sight in look_at(frame, view, spot.x, spot.y)]
     sights.sort(key=lambda sight: -sight[0].score)
+    plain = replace(view, alternatives=())
+    for match, x, y in sights[:_MOST_FITS]:
+        found = fit_match(frame, plain, match, x, y)
+        if found is not None:
+            return found
+    # Uneven light, blur and an oblique view lead the comparison astray more than they do an edge.
+    edges = (find_edge(frame, spot.x, spot.y, spot.radius, view.black) for spot in spots)
+    for edge in (edge for edge in edges if edge is not None):
+        found = fit_edge(frame, view, edge)
+        if found is not None:
+            return found
     for match, x, y in sights[:_MOST_FITS]:
         found = fit_match(frame, view, match, x, y)
         if found is not None:

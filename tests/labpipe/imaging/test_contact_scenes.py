@@ -93,6 +93,18 @@ SCENES: dict[str, tuple[Disturbed, Callable[[Floats, float], Floats], float]] = 
     "ellipse": (replace(PLAIN, ellipse=0.04), hertz, 0.01),
     "wide ellipse": (replace(PLAIN, ellipse=0.06, turn=0.0), hertz, 0.01),
     "worn flat": (PLAIN, worn, 0.02),
+    "ellipse, defocus, speckle, uneven light": (
+        replace(PLAIN, ellipse=0.04, speckle=0.1, gradient=0.5, optics=OPTICS.change(blur=2.0)),
+        hertz,
+        0.12,
+    ),
+    "phase and defocus": (replace(PLAIN, optics=OPTICS.change(phase=6.04, blur=1.67)), hertz, 0.02),
+    "uneven light and defocus": (
+        replace(PLAIN, gradient=0.7, optics=OPTICS.change(vignette=0.3, blur=1.4)),
+        hertz,
+        0.02,
+    ),
+    "saturated": (replace(PLAIN, optics=OPTICS.change(mean=170.0)), hertz, 0.01),
 }
 
 
@@ -126,6 +138,22 @@ def test_contacts_in_a_thin_strip_are_read() -> None:
     film = film_of(Disturbed(strip), lambda r, a: slowly.get(a, 1.0) * hertz(r, a), radii, (211.8, 12.9))
     found = contact_radius(film, strip.pixel_size, SPHERE, LIGHT)
     check(found, radii, 0.3 * UM)
+
+
+@pytest.mark.parametrize(("x", "y"), by_day([(28.0, 150.0), (9.0, 12.0), (-31.0, 160.0)], 1))
+def test_blurred_contacts_partly_out_of_the_frame_in_uneven_light(x: float, y: float) -> None:
+    scene = replace(PLAIN, gradient=0.5, optics=OPTICS.change(blur=1.5))
+    found, _ = measure(film_of(scene, hertz, RADII, (x, y), seed=4))
+    check(found, RADII, 0.08 * UM)
+
+
+def test_a_large_contact_in_a_wide_frame_of_uneven_light() -> None:
+    wide = Scene(rows=300, columns=900, noise=4.0, blur=1.5)
+    radii = [700 * UM, 850 * UM]
+    found = contact_radius(
+        film_of(Disturbed(wide, gradient=0.5), hertz, radii, (453.7, 121.2)), wide.pixel_size, SPHERE, LIGHT
+    )
+    check(found, radii, 0.02 * UM)
 
 
 def test_a_worn_flat_is_told_and_no_other_is_seen() -> None:

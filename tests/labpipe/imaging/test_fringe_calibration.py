@@ -26,6 +26,7 @@ def trial(misfit: float, count: int = 4, smear: float = 0.0) -> _Trial:
         pixels=1000,
         noise=1.0,
         between=1.0,
+        curvature=1000.0,
         model_deviation=1.0,
         parameters=parameters,
         deviation=lambda _: 1.0,
