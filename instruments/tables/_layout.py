@@ -110,7 +110,7 @@ def headings_of(line: str, below: Sequence[str] = ()) -> tuple[list[Heading], st
     The lines below tell how many columns there are, where it can be seen.
     """
     bare = _MARK.sub("", line)
-    if len(bare) > _LONGEST:
+    if len(bare) > _LONGEST or not any(letter.isalpha() for letter in bare):
         return None
     best: tuple[tuple[bool, int, int], list[Heading], str] | None = None
     widths = {len(row) for text in below for way in _OF_ROWS if _is_all_numbers(row := trimmed(cells(text, way)))}

@@ -16,7 +16,7 @@ from labpipe.contact.beyond import (
     self_heating,
     tabor,
 )
-from labpipe.contact.impact import Plate, Shortcuts, drop
+from labpipe.contact.impact import Plate, Shortcuts, drop, impacts
 from labpipe.contact.line import (
     dissipated_work,
     dissipation_map,
@@ -44,6 +44,7 @@ __all__ = [
     "drop",
     "dynamic_stiffness",
     "flash_temperature",
+    "impacts",
     "indent",
     "indent_load",
     "jkr",

@@ -10,9 +10,10 @@ unknowns cost no run: on a rigid floor the motion depends on modulus, mass and r
 derivatives are those of a common factor of all moduli. A plate moves by the ratio of the masses.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import ceil, log10, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ from labpipe.identification._evidence import Evidence, Given, Group
 from labpipe.materials import Prony
 
 _CHANGE = 0.002  # of all moduli, a height or a mass, for central differences
+_BOTH_SIDES = (1.0 + _CHANGE, 1.0 - _CHANGE)
 _ONE_SIDED = 5e-4
 """Of the modulus of a contact. A lossy term as large shifts the last touch by some ten of its
 deviations; ten times larger steps turned the phase of a ringing plate there by a radian."""
@@ -102,42 +104,36 @@ class DropModel:
 
         An impact that does not happen any more counts as at the last one, with no contact.
         """
-        height = self._value("height", self.height, given)
-        return self._finished(self._run(material, height, given), given)
+        return self._finished(self._runs([_Trial(material, given)])[0], given)
 
     def derivatives(self, material: Prony, given: Given) -> tuple[Floats, dict[str, Floats]]:
         """Return differences; see :meth:`Model.derivatives`."""
-        height = self._value("height", self.height, given)
-        at = self._run(material, height, given)
-        by_term = self._by_term(material, material.rho, self._own_nodes(material.rho), height, given, at)
+        nodes = self._own_nodes(material.rho)
         moved = ["height", "plate"] if self.plate is None else ["height", "plate", "mass"]
-        others = {
-            self.names[role]: self._central(material, self.names[role], given) for role in moved if role in self.names
-        }
-        others = self._of_body(self._by_factor(material, height, given), at, given) | others
+        moved = [self.names[role] for role in moved if role in self.names]
+        trials = [_Trial(material, given), *self._term_trials(material, nodes, given)]
+        trials += self._factor_trials(material, given)
+        for name in moved:
+            trials += [_Trial(material, {**given, name: factor * given[name]}) for factor in _BOTH_SIDES]
+        made = iter(self._runs(trials))
+        at = next(made)
+        by_term = self._by_term(material, material.rho, nodes, at, made)
+        others = self._of_body(self._by_factor(made), at, given)
+        for name in moved:
+            others[name] = _central(made) / given[name]
         factor = self._film(given)
         finished = {name: factor * column for name, column in others.items()}
         return factor[:, None] * by_term, finished | self._of_recording(at, given)
 
-    def _central(self, material: Prony, name: str, given: Given) -> Floats:
-        """Return the derivative (n,) by an unknown that changes the motion."""
-        step = _CHANGE * given[name]
-        ends = []
-        for sign in (1, -1):
-            changed = {**given, name: given[name] + sign * step}
-            ends.append(self._run(material, self._value("height", self.height, changed), changed))
-        return np.asarray((ends[0] - ends[1]) / (2.0 * step))
-
     def by_times(self, material: Prony, given: Given, rho: Floats) -> Floats:
         """Return the derivatives by terms of any times; see :meth:`Model.by_times`."""
-        height = self._value("height", self.height, given)
-        at = self._run(material, height, given)
         quick = _VISCOUS * self.expected_duration
         count = ceil(log10(_FROZEN * self.last / quick) * _LATTICE)
         nodes = quick * 10.0 ** (np.arange(count + 1) / _LATTICE)
         chosen = nodes[_nodes(nodes / self.expected_duration)]
-        made = self._by_term(material, rho, chosen, height, given, at)
-        return np.asarray(self._film(given)[:, None] * made)
+        made = iter(self._runs([_Trial(material, given), *self._term_trials(material, chosen, given)]))
+        at = next(made)
+        return np.asarray(self._film(given)[:, None] * self._by_term(material, rho, chosen, at, made))
 
     def _own_nodes(self, rho: Floats) -> Floats:
         """Choose from the times of a material those whose derivatives are worth a run."""
@@ -146,58 +142,60 @@ class DropModel:
         moving = rho[first:][rho[first:] <= _FROZEN * self.last]
         return np.asarray(moving[_nodes(moving / self.expected_duration)])
 
-    def _by_term(self, material: Prony, rho: Floats, nodes: Floats, height: float, given: Given, at: Floats) -> Floats:
+    def _by_term(self, material: Prony, rho: Floats, nodes: Floats, at: Floats, made: Iterator[Floats]) -> Floats:
         """Return derivatives (n, 1 + term) by the long-time modulus and terms of times [1/Pa].
 
         A term that relaxes long after the record is stiffness to it, one that relaxes at once is
         viscosity: neither costs a run. Between the nodes the derivative is a smooth curve.
         """
-        made = np.empty((self._size, rho.size + 1))
-        omega = np.pi / self.expected_duration
-        scale = abs(complex(material.complex_modulus(np.array([omega]))[0]))
-        made[:, 0] = self._difference(material, None, scale, height, given, at)
-        made[:, 1:] = made[:, :1]
+        step = self._term_step(material)
+        found = np.empty((self._size, rho.size + 1))
+        found[:, 0] = (next(made) - at) / step
+        found[:, 1:] = found[:, :1]
         if not nodes.size:
-            return made
-        columns = [self._difference(material, time, scale, height, given, at) for time in nodes.tolist()]
+            return found
+        columns = [(next(made) - at) / step for _ in nodes]
         inside = np.clip(rho, nodes[0], nodes[-1])
         is_moving = rho <= _FROZEN * self.last
         if len(columns) > 1:
             curve = PchipInterpolator(np.log(nodes), np.stack(columns))
-            made[:, 1:][:, is_moving] = curve(np.log(inside[is_moving])).T
+            found[:, 1:][:, is_moving] = curve(np.log(inside[is_moving])).T
         else:
-            made[:, 1:][:, is_moving] = columns[0][:, None]
-        made[:, 1:] *= np.where(rho < nodes[0], rho / nodes[0], 1.0)
-        return made
+            found[:, 1:][:, is_moving] = columns[0][:, None]
+        found[:, 1:] *= np.where(rho < nodes[0], rho / nodes[0], 1.0)
+        return found
 
-    def _difference(
-        self, material: Prony, time: float | None, scale: float, height: float, given: Given, at: Floats
-    ) -> Floats:
-        """Return the derivative (n,) by a term of a time, by the long-time modulus for None."""
-        step = _ONE_SIDED * scale
-        relaxed = material.E_relaxed + (step if time is None else 0.0)
-        terms, rho = material.E, material.rho
-        if time is not None:
+    def _term_step(self, material: Prony) -> float:
+        """Return by how much [Pa] a term is changed for a difference."""
+        omega = np.pi / self.expected_duration
+        return _ONE_SIDED * abs(complex(material.complex_modulus(np.array([omega]))[0]))
+
+    def _term_trials(self, material: Prony, nodes: Floats, given: Given) -> list["_Trial"]:
+        """Return what to run for differences by the long-time modulus and by terms of times."""
+        step, terms, rho = self._term_step(material), material.E, material.rho
+        changed = [Prony(material.E_relaxed + step, terms, rho, nu=material.nu)]
+        for time in nodes.tolist():
             known = rho == time
-            terms = terms + step * known if known.any() else np.append(terms, step)
-            rho = rho if known.any() else np.append(rho, time)
-        changed = Prony(relaxed, terms, rho, nu=material.nu)
-        return np.asarray((self._run(changed, height, given) - at) / step)
+            E = terms + step * known if known.any() else np.append(terms, step)
+            times = rho if known.any() else np.append(rho, time)
+            changed.append(Prony(material.E_relaxed, E, times, nu=material.nu))
+        return [_Trial(other, given) for other in changed]
 
-    def _by_factor(self, material: Prony, height: float, given: Given) -> Floats:
+    def _factor_trials(self, material: Prony, given: Given) -> list["_Trial"]:
+        """Return what to run for differences by a common factor of all moduli."""
+        is_asked = {"mass", "radius"} & set(self.names)
+        return [_Trial(material.scaled(factor), given) for factor in _BOTH_SIDES] if is_asked else []
+
+    def _by_factor(self, made: Iterator[Floats]) -> Floats:
         """Return the derivative (n,) by a common factor of all moduli.
 
         The sum of those by the terms would be a small difference of large ones.
         """
-        if not {"mass", "radius"} & set(self.names):
-            return np.zeros(self._size)
-        ends = [self._run(material.scaled(1.0 + s * _CHANGE), height, given) for s in (1, -1)]
-        return np.asarray((ends[0] - ends[1]) / (2.0 * _CHANGE))
+        return _central(made) if {"mass", "radius"} & set(self.names) else np.zeros(self._size)
 
     def refined(self, material: Prony, given: Given) -> Floats | None:
         """Return the numbers of an accurate run."""
-        height = self._value("height", self.height, given)
-        numbers = self._run(material, height, given, is_full=True)
+        numbers = self._runs([_Trial(material, given)], is_full=True)[0]
         return self._finished(numbers, given)
 
     def _of_body(self, by_factor: Floats, at: Floats, given: Given) -> dict[str, Floats]:
@@ -261,44 +259,67 @@ class DropModel:
         ratio = self.mass / self._value("mass", self.mass, given)
         return replace(self.plate, mass=self._value("plate", self.plate.mass, given) * ratio)
 
-    def _run(self, material: Prony, height: float, given: Given, *, is_full: bool = False) -> Floats:
-        """Simulate with the best mass and radius and a material that makes up for them."""
-        mass = self._value("mass", self.mass, given)
-        radius = self._value("radius", self.radius, given)
-        stiffened = material.scaled(self.mass / mass * sqrt(radius / self.radius))
+    def _runs(self, trials: "Sequence[_Trial]", *, is_full: bool = False) -> list[Floats]:
+        """Simulate with the best mass and radius and materials that make up for them."""
         needed = 1 + max((int(w.max()) for w in (self.touches, self.durations, self.radii) if w.size), default=0)
-        duration = sqrt(2.0 * height / self.gravity)
-        duration += _MORE_TIME * self.last + 2.0 * self.expected_duration
-        for _ in range(_TRIES):
-            made = contact.drop(
-                stiffened,
+        wider, solids, heights = [], [], []
+        for material, given in trials:
+            mass, radius = self._value("mass", self.mass, given), self._value("radius", self.radius, given)
+            wider.append(sqrt(radius / self.radius))
+            solids.append(material.scaled(self.mass / mass * wider[-1]))
+            heights.append(self._value("height", self.height, given))
+        plates = [self._plate(given) for _, given in trials]
+        after = _MORE_TIME * self.last + 2.0 * self.expected_duration
+        found = np.full((len(trials), 3, needed), np.nan)
+        missing = list(range(len(trials)))
+        for attempt in range(_TRIES):
+            longer = 1.5**attempt
+            made = contact.impacts(
+                [solids[i] for i in missing],
                 self.radius,
                 self.mass,
-                height,
-                duration,
-                "mdr",
+                [heights[i] for i in missing],
+                [longer * (sqrt(2.0 * heights[i] / self.gravity) + after) for i in missing],
+                needed,
                 self.profile,
                 self.rtol if is_full else max(_FAST, self.rtol),
                 gravity=self.gravity,
-                plate=self._plate(given),
-                times=[0.0],
+                plate=[plates[i] for i in missing],
             )
-            done = made.sizes["impact"] >= needed or np.isfinite(float(made["final_contact_time"]))
-            if done:
+            happened = made["impacts"].values
+            for column, name in enumerate(("impact_time", "contact_duration", "peak_contact_radius")):
+                found[missing, column] = made[name].values
+            is_done = (happened >= needed) | np.isfinite(made["final_contact_time"].values)
+            missing = [i for i, done in zip(missing, is_done.tolist(), strict=True) if not done]
+            if not missing:
                 break
-            duration *= 1.5
-        touch = made["impact_time"].values
+        return [self._observed(columns, factor) for columns, factor in zip(found, wider, strict=True)]
+
+    def _observed(self, columns: Floats, wider: float) -> Floats:
+        """Return what was observed of the impacts, from touch, duration and radius (column, impact)."""
+        touch, lasted, radii = columns[:, np.isfinite(columns[0])]
         if not touch.size:
             message = "the sphere does not bounce: there is nothing to predict"
             raise InputError(message)
-        lasted, radii = made["contact_duration"].values, made["peak_contact_radius"].values
         return np.concatenate(
             [
                 touch[np.minimum(self.touches, touch.size - 1)] - touch[0],
                 np.where(self.durations < touch.size, _at(lasted, self.durations), 0.0),
-                np.where(self.radii < touch.size, _at(radii, self.radii), 0.0) * sqrt(radius / self.radius),
+                np.where(self.radii < touch.size, _at(radii, self.radii), 0.0) * wider,
             ]
         )
+
+
+class _Trial(NamedTuple):
+    """What to simulate: a material, and the values of the unknowns."""
+
+    material: Prony
+    given: Given
+
+
+def _central(made: Iterator[Floats]) -> Floats:
+    """Return the derivative (n,) by the logarithm of what was changed on both sides."""
+    return np.asarray((next(made) - next(made)) / (2.0 * _CHANGE))
 
 
 def _at(values: Floats, index: NDArray[np.int64]) -> Floats:

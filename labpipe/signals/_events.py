@@ -6,7 +6,7 @@ of free flight); :mod:`._impact_fit` then fits each with its two ballistic arcs.
 
 import json
 import warnings
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
@@ -173,11 +173,13 @@ def bounces(
     if not impacts:
         message = "no bounce found: no impact between two flights of constant acceleration"
         raise InputError(message)
-    result = _per_impact(impacts, direction)
-    _add_release(result, time, height, (sigma, corner), turns[0], impacts[0], (fall, u_fall))
-    _add_rest(result, time, values, speed, u_speed, last_touch)
-    result["fall_acceleration"] = _scalar(fall, "m/s2", "acceleration of the free fall")
-    result["u_fall_acceleration"] = _scalar(u_fall, "m/s2", "standard uncertainty of the fall")
+    found = _per_impact(impacts, direction)
+    found |= _release(time, height, (sigma, corner), turns[0], impacts[0], (fall, u_fall), direction)
+    found |= _rest(time, values, speed, u_speed, impacts[0], last_touch)
+    found["fall_acceleration"] = variable((), fall, "m/s2", "acceleration of the free fall")
+    found["u_fall_acceleration"] = variable((), u_fall, "m/s2", "standard uncertainty of the fall")
+    numbered = variable("impact", np.arange(1, len(impacts) + 1), "1", "number of the impact")
+    result = xr.Dataset(found, coords={"impact": numbered})
     counts = {
         "samples": len(time),
         "band_solves": fit.n_updates,
@@ -255,7 +257,7 @@ def _fitted(
     return impacts, float(impacts[-1].value[0]) if impacts else np.nan
 
 
-def _per_impact(impacts: list[ImpactFit], direction: int) -> xr.Dataset:
+def _per_impact(impacts: list[ImpactFit], direction: int) -> dict[str, Any]:
     """Collect the fits over the dimension impact."""
     columns: dict[str, list[tuple[float, float, float]]] = {name: [] for name in _LABELS}
     for impact in impacts:
@@ -265,21 +267,17 @@ def _per_impact(impacts: list[ImpactFit], direction: int) -> xr.Dataset:
                 float(propagated_u(gradient, covariance)) for covariance in (impact.covariance, impact.shape_covariance)
             )
             columns[name].append((value, u, u_shape))
-    result = xr.Dataset(coords={"impact": np.arange(1, len(impacts) + 1)})
-    result["impact"].attrs = described("1", "number of the impact")
+    found: dict[str, Any] = {}
     for name, (unit, label) in _LABELS.items():
-        pairs = np.array(columns[name])
-        result[name] = variable("impact", pairs[:, 0], unit, label)
-        u_attributes = described(unit, f"standard uncertainty of {label}")
-        result[f"u_{name}"] = ("impact", pairs[:, 1], u_attributes)
+        values, u_values, shared = np.array(columns[name]).T
+        found[name] = variable("impact", values, unit, label)
+        found[f"u_{name}"] = variable("impact", u_values, unit, f"standard uncertainty of {label}")
         if name in _SHARED:
             text = f"standard uncertainty of {label} common to all repeats, from the pulse shape"
-            attributes = described(unit, text)
-            result[f"shared_u_{name}"] = ("impact", pairs[:, 2], attributes)
+            found[f"shared_u_{name}"] = variable("impact", shared, unit, text)
     chi_square = [impact.chi_square for impact in impacts]
-    label = "scatter about the fit over the noise, squared"
-    result["chi_square"] = variable("impact", chi_square, "1", label)
-    return result
+    found["chi_square"] = variable("impact", chi_square, "1", "scatter about the fit over the noise, squared")
+    return found
 
 
 def _combined(name: str, value: Floats, direction: int) -> tuple[float, Floats]:
@@ -304,18 +302,17 @@ def _combined(name: str, value: Floats, direction: int) -> tuple[float, Floats]:
     return float(0.5 * out**2 / fall), gradient
 
 
-def _add_release(
-    result: xr.Dataset,
+def _release(
     time: Floats,
     height: Floats,
     noise: tuple[float, float],
     turn: Turn,
     impact: ImpactFit,
     gravity: tuple[float, float],
-) -> None:
+    direction: int,
+) -> dict[str, Any]:
     """Release: where the falling arc has no speed. First contact: the first touch."""
     sigma, corner = noise
-    direction = 1.0 if float(result["touch_level"][0]) == impact.value[4] else -1.0
     start, touch = turn.before + (turn.descent - turn.before) // 10, float(impact.value[0])
     # Slow drift or hum makes the turn begin while the body still rests. The last third of what is
     # left falls for certain and says when the release was.
@@ -347,20 +344,13 @@ def _add_release(
     if release < time[0]:
         text = f"the body was already falling when the record began; its release at {release:.6g} s is extrapolated"
         warnings.warn(text, UserWarning, stacklevel=3)
-    quantities = {
-        "release_time": (release, float(propagated_u(by_arc, covariance)), "s", "release"),
-        "first_contact_time": (float(impact.value[0]), u_touch, "s", "first contact"),
-        "contact_level": (direction * impact.value[4], u_level, "m", "displacement at first touch"),
-        "drop_height": (
-            float(drop),
-            float(np.hypot(propagated_u(drop_by_arc, covariance), u_level)),
-            "m",
-            "height of the fall",
-        ),
-    }
-    for name, (value, u, unit, label) in quantities.items():
-        result[name] = _scalar(value, unit, label)
-        result[f"u_{name}"] = _scalar(u, unit, f"standard uncertainty of {label}")
+    u_drop = float(np.hypot(propagated_u(drop_by_arc, covariance), u_level))
+    return (
+        _with_u("release_time", release, float(propagated_u(by_arc, covariance)), "s", "release")
+        | _with_u("first_contact_time", float(impact.value[0]), u_touch, "s", "first contact")
+        | _with_u("contact_level", direction * float(impact.value[4]), u_level, "m", "displacement at first touch")
+        | _with_u("drop_height", float(drop), u_drop, "m", "height of the fall")
+    )
 
 
 def _falling_arc(
@@ -377,11 +367,11 @@ def _falling_arc(
     return (level, speed, rate), design
 
 
-def _add_rest(
-    result: xr.Dataset, time: Floats, values: Floats, speed: Floats, u_speed: Floats, last_touch: float
-) -> None:
+def _rest(
+    time: Floats, values: Floats, speed: Floats, u_speed: Floats, first: ImpactFit, last_touch: float
+) -> dict[str, Any]:
     """Rest: the last time that the speed is above a hundredth of the first impact's."""
-    limit = _REST_FRACTION * float(result["incoming_speed"][0])
+    limit = _REST_FRACTION * float(first.value[OUTPUTS.index("incoming_speed")])
     moving = np.flatnonzero(np.abs(speed) > np.maximum(limit, 3.0 * np.minimum(u_speed, limit)))
     last = int(moving.max())
     # The envelope passes the limit somewhere between two extremes of the speed.
@@ -395,14 +385,13 @@ def _add_rest(
         level, u_level = float(np.mean(still)), float(np.std(still, ddof=1) / np.sqrt(len(still)))
     else:
         warnings.warn("the record ends before the body is at rest", UserWarning, stacklevel=3)
-    for name, value, u, unit, label in (
-        ("rest_time", rest, u_rest, "s", "rest"),
-        ("rest_level", level, u_level, "m", "mean displacement at rest"),
-    ):
-        result[name] = _scalar(value, unit, label)
-        result[f"u_{name}"] = _scalar(u, unit, f"standard uncertainty of {label}")
-    result["settling_time"] = _scalar(last_touch, "s", "last touch followed by no resolved flight")
+    return (
+        _with_u("rest_time", rest, u_rest, "s", "rest")
+        | _with_u("rest_level", level, u_level, "m", "mean displacement at rest")
+        | {"settling_time": variable((), last_touch, "s", "last touch followed by no resolved flight")}
+    )
 
 
-def _scalar(value: float, unit: str, label: str) -> xr.DataArray:
-    return xr.DataArray(float(value), attrs=described(unit, label))
+def _with_u(name: str, value: float, u: float, unit: str, label: str) -> dict[str, Any]:
+    u_label = f"standard uncertainty of {label}"
+    return {name: variable((), value, unit, label), f"u_{name}": variable((), u, unit, u_label)}

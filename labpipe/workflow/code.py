@@ -269,7 +269,7 @@ class Code:
     def group(self, name: str) -> list[str]:
         """Return what the entry points of a group name."""
         if name not in self._groups:
-            self._groups[name] = sorted(p.value for p in importlib.metadata.entry_points(group=name))
+            self._groups[name] = _group(name, tuple(sys.path))
         return self._groups[name]
 
     def version(self, top: str) -> str | None:
@@ -302,6 +302,13 @@ class Code:
                 if path.is_relative_to(folder) and Path(face).stem == "__init__":
                     name = f"{package}/{path.relative_to(folder).as_posix()}"
                     yield name, files.digest(path)[:16]
+
+
+@cache
+def _group(name: str, search: tuple[str, ...]) -> list[str]:
+    """Look once, as for the plug-ins themselves; `search` is where."""
+    del search
+    return sorted(p.value for p in importlib.metadata.entry_points(group=name))
 
 
 @cache

@@ -13,7 +13,7 @@ from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Route
 
 from labpipe.errors import InputError, LabpipeError
-from labpipe.files import safe_join
+from labpipe.files import files_below, safe_join
 from labpipe.workflow.session import FILE_NAME
 from pipelines.app import _measuring as measuring
 from pipelines.app import _setup as setup
@@ -40,6 +40,7 @@ class Answers:
         self.runs = Runs(folder)
         self.pictures = Pictures()
         self._writing = threading.Lock()
+        self._surveyed: tuple[object, list[Told]] = (None, [])
 
     def application(self) -> Starlette:
         """Return what answers (ASGI)."""
@@ -72,16 +73,25 @@ class Answers:
 
     def files(self) -> Told:
         """List the files of the folder, and the pages that there are."""
-        from pipelines.session import survey
-
         made = self.folder / "labpipe"
         pages = sorted(p.relative_to(made).as_posix() for p in made.rglob("*.html")) if made.is_dir() else []
         return {
             "folder": self.folder.name,
             "is_session": (self.folder / FILE_NAME).is_file(),
-            "files": [entry.document() for entry in survey(self.folder)],
+            "files": self._survey(),
             "pages": pages,
         }
+
+    def _survey(self) -> list[Told]:
+        """Look at the files again only when one is new, gone or changed: the page asks every second."""
+        from pipelines.session import survey
+
+        made = self.folder / "labpipe"
+        states = ((p, p.stat()) for p in files_below(self.folder) if not p.is_relative_to(made))
+        seen = tuple((p, state.st_size, state.st_mtime_ns) for p, state in states)
+        if seen != self._surveyed[0]:
+            self._surveyed = (seen, [entry.document() for entry in survey(self.folder)])
+        return self._surveyed[1]
 
     def path(self, name: object) -> Path:
         """Return where a file of the folder is, and refuse what is not inside it or not there."""

@@ -20,11 +20,11 @@ from labpipe.files import safe_join
 from labpipe.workflow import config
 from labpipe.workflow import session as sessions
 from labpipe.workflow.document import dotted, parse
-from labpipe.workflow.fields import FileMark, ReferenceMark, describe, is_gap, mark, split
+from labpipe.workflow.fields import GAP, FileMark, ReferenceMark, describe, is_gap, mark, split
 from labpipe.workflow.session import FILE_NAME
 from pipelines.app import _edits as edits
 from pipelines.experiments import KINDS
-from pipelines.session import SETTINGS, bare_type, gap_for, library_names
+from pipelines.session import SETTINGS, bare_type, gap_for, in_unit, library_names
 
 Told = dict[str, Any]
 _PROBLEM = re.compile(r"^([^:\n]+):(\d+)(?::\d+)?: (?:([^\s:]+): )?(.*)$", re.DOTALL)
@@ -105,7 +105,7 @@ def _apply(texts: dict[str, str], edit: Any) -> None:
             message = f"{place[-1]}: a value is one line of at most {_LONGEST} characters"
             raise InputError(message)
         kind, required = _type_at(texts[name], name, place)
-        value = edits.as_value(kind, typed) if typed else gap_for(kind) if required else None
+        value = _as_value(kind, typed, _at(texts[name], place)) if typed else gap_for(kind) if required else None
         texts[name] = edits.set_value(texts[name], place, value)
         return
     text, name = texts[FILE_NAME], str(edit["name"])
@@ -123,6 +123,23 @@ def _apply(texts: dict[str, str], edit: Any) -> None:
 
 
 _LONGEST = 2000
+
+
+def _as_value(kind: Any, typed: str, before: Any) -> Any:
+    """Return what is written for a typed text; a bare number gets the unit that stood there, or the usual one."""
+    usual = gap_for(kind).removeprefix(GAP).strip()
+    stood = before.rpartition(" ")[2] if usual and isinstance(before, str) else usual
+    return edits.as_value(kind, in_unit(typed, usual if any(c.isdigit() for c in stood) else stood))
+
+
+def _at(text: str, place: edits.Place) -> Any:
+    node: Any = _tree(text)
+    try:
+        for key in place:
+            node = node[key]
+    except (KeyError, IndexError, TypeError):
+        return None
+    return node
 
 
 def _type_at(text: str, name: str, place: edits.Place) -> tuple[Any, bool]:
@@ -245,8 +262,15 @@ def _has_problem(name: str, table: Mapping[str, Any], problems: list[Told]) -> b
 _RECORD_FIELDS = ("calibration", "camera", "record")
 
 
+_SYMBOLS = {"nu": "Poisson's ratio ν", "T_ref": "reference temperature"}
+
+
 def _label(path: edits.Place) -> str:
-    words = (f"{key + 1}" if isinstance(key, int) else key.replace("_", " ") for key in path if key != "values")
+    words = (
+        f"{key + 1}" if isinstance(key, int) else _SYMBOLS.get(key, key.replace("_", " "))
+        for key in path
+        if key != "values"
+    )
     return " ".join(words)
 
 
@@ -254,7 +278,8 @@ def _expected(kind: Any, path: edits.Place) -> str:
     """Say what a field takes when it is typed here, where texts need no quotation marks."""
     if path[-1] == "material":
         return f"one of {', '.join(library_names())}"
-    return describe(kind).replace("text in quotation marks", "a text").replace(" (without quotation marks)", "")
+    said = describe(kind).replace("text in quotation marks", "a text").replace(" (without quotation marks)", "")
+    return said.partition(" (units: 1")[0]  # a pure number has none
 
 
 def _as_text(value: Any) -> str:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pipelines.session._doctor import Health, doctor
     from pipelines.session._examined import Examined, examine
     from pipelines.session._export import FORMATS, Exported, export
-    from pipelines.session._gaps import Gap, checked, library_names
+    from pipelines.session._gaps import Gap, checked, in_unit, library_names
     from pipelines.session._inspection import Inspected, describe, inspect
     from pipelines.session._opening import SCHEMAS, SETTINGS, STAGES, open_session, reopen_session
     from pipelines.session._overview import COMPARISON_PAGE, PAGE, write_overview
@@ -62,6 +62,7 @@ __all__ = [
     "examine",
     "export",
     "gap_for",
+    "in_unit",
     "init",
     "inspect",
     "library_names",
@@ -122,6 +123,7 @@ _HOMES = {
     "export": "_export:export",
     "init": "_proposal:init",
     "inspect": "_inspection:inspect",
+    "in_unit": "_gaps:in_unit",
     "library_names": "_gaps:library_names",
     "needed": "_results:needed",
     "open_session": "_opening:open_session",

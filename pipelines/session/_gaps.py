@@ -130,9 +130,20 @@ def _day(answer: str) -> str:
         raise InputError(message) from None
 
 
+def in_unit(answer: str, unit: str) -> str:
+    """Give a bare number, with or without its ±, the unit that was asked for.
+
+    Examples
+    --------
+    >>> in_unit("9,525 ± 0,005", "mm"), in_unit("1 cm", "mm")
+    ('9,525 ± 0,005 mm', '1 cm')
+    """
+    return f"{answer} {unit}" if unit not in ("", "1") and _BARE_NUMBERS.fullmatch(answer) else answer
+
+
 def _with_unit(gap: Gap, answer: str) -> str:
     wanted = gap.unit or "1"
-    text = f"{answer} {wanted}" if _BARE_NUMBERS.fullmatch(answer) and wanted != "1" else answer
+    text = in_unit(answer, wanted)
     expected = f'expected for example "{f"12.3 ± 0.1 {gap.unit}".strip()}"'
     try:
         found = quantity(text)

@@ -17,6 +17,7 @@ from pipelines.session._proposal import PICTURE, recognise, wholes, why_unknown
 
 _MOST = 5000
 """Entries; more would be nobody's list."""
+_BY_CONTENT = "recognised by its content"
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,16 +81,16 @@ def survey(folder: Path) -> list[Surveyed]:
         if Path(name).parent.as_posix() in whole:
             continue
         copy_of = reason.split('"')[1] if reason.startswith("a copy of") else ""
-        instrument = of_instrument.get(name)
+        instrument = of_instrument.get(copy_of or name)
         content: str = instrument.content if instrument else "record" if name.endswith(".toml") else ""
         why = reason
         if name in used or (not has_session and not copy_of and not (instrument and instrument.unproposed)):
-            why = "its content says so" if has_session else "its content says so; no session is proposed yet"
+            why = _BY_CONTENT if has_session else f"{_BY_CONTENT}; no session is proposed yet"
         is_record = title.startswith("record:")
         kind = f"calibration record of a {title.partition(':')[2]}" if is_record else title
         entries.append(_entry(folder, name, kind, content, why, copy_of, used))
     for name, each in whole.items():
-        reason = "its images say so" if name in used else each.unproposed
+        reason = "recognised by its images" if name in used else each.unproposed
         entries.append(_entry(folder, name, each.title, each.content, reason, "", used))
     for name in found.unknown:
         if Path(name).parent.as_posix() not in whole:

@@ -1,6 +1,6 @@
 """Simulators as functions of named parameters with plain values in SI."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -25,11 +25,16 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Simulator:
-    """A function, its parameters, and the units of what it returns."""
+    """A function, its parameters, and the units of what it returns.
+
+    ``together`` does the same for many points at once, where that is faster; when one of them has
+    no answer it raises.
+    """
 
     run: Callable[[Mapping[str, Value]], Outputs]
     parameters: dict[str, Parameter]
     outputs: dict[str, tuple[str, str]]
+    together: Callable[[Sequence[Mapping[str, Value]]], list[Outputs]] | None = None
 
 
 _MATERIAL = {

@@ -5,7 +5,8 @@ process, in another one, and on another machine.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,34 +14,57 @@ from pipelines.simulator_inputs import ramp_hold_oscillation
 from pipelines.sweeps.beyond import BEYOND
 from pipelines.sweeps.parameters import FALL, OSCILLATION, Outputs, Parameter, Simulator, Value, numbers, solid
 
+if TYPE_CHECKING:
+    from labpipe.materials import Prony
+
 _PER_CYCLE = 200
 
 
 def drop(point: Mapping[str, Value]) -> Outputs:
     """First impact of a viscoelastic sphere on a rigid flat (or a ringing plate)."""
+    return drops([point])[0]
+
+
+def drops(points: Sequence[Mapping[str, Value]]) -> list[Outputs]:
+    """First impacts of many: each material is made once."""
+    found: list[Outputs] = [{} for _ in points]
+    for rtol in {numbers(point)["rtol"] for point in points}:
+        places = [i for i, point in enumerate(points) if numbers(point)["rtol"] == rtol]
+        for i, made in zip(places, _first_impacts([points[i] for i in places], rtol), strict=True):
+            found[i] = made
+    return found
+
+
+def _first_impacts(points: Sequence[Mapping[str, Value]], rtol: float) -> list[Outputs]:
+    """First impacts at one tolerance."""
     from labpipe import contact
 
-    number = numbers(point)
-    plate = None
-    if number["plate_mass"] > 0.0:
-        plate = contact.Plate(number["plate_mass"], number["plate_frequency"], number["plate_damping"])
-    fall = np.sqrt(2.0 * number["height"] / number["gravity"])
-    found = contact.drop(
-        solid(point),
-        number["radius"],
-        number["mass"],
-        number["height"],
-        float(fall) + number["after_touch"],
-        rtol=number["rtol"],
-        gravity=number["gravity"],
-        plate=plate,
+    solids: dict[tuple[Value, ...], Prony] = {}
+    given: list[Prony] = []
+    plates: list[contact.Plate | None] = []
+    duration = []
+    for point in points:
+        number = numbers(point)
+        material = tuple(point[name] for name in ("material", "temperature", "vertical_shift"))
+        if material not in solids:
+            solids[material] = solid(point)
+        given.append(solids[material])
+        plate = number["plate_mass"], number["plate_frequency"], number["plate_damping"]
+        plates.append(contact.Plate(*plate) if plate[0] > 0.0 else None)
+        duration.append(float(np.sqrt(2.0 * number["height"] / number["gravity"])) + number["after_touch"])
+    radius, mass, height, gravity = (
+        [numbers(point)[name] for point in points] for name in ("radius", "mass", "height", "gravity")
     )
-    if not found.sizes["impact"] or not np.isfinite(found["lift_off_time"].values[0]):
-        message = f"the sphere has not left within {number['after_touch']:g} s after its fall; raise after_touch"
-        raise ValueError(message)
+    made = contact.impacts(given, radius, mass, height, duration, rtol=rtol, gravity=gravity, plate=plates)
+    for point, happened in zip(points, made["impacts"].values.tolist(), strict=True):
+        if not happened:
+            after = numbers(point)["after_touch"]
+            message = f"the sphere has not left within {after:g} s after its fall; raise after_touch"
+            raise ValueError(message)
     names = ("restitution", "peak_force", "peak_contact_radius", "contact_duration")
-    values = {name: float(found[name].values[0]) for name in names}
-    return values | {"solver_steps": float(json.loads(found.attrs["work"])["solver_steps"])}
+    columns = {name: made[name].values[:, 0].tolist() for name in names}
+    columns["solver_steps"] = made["solver_steps"].values.astype(float).tolist()
+    return [{name: values[i] for name, values in columns.items()} for i in range(len(points))]
 
 
 def indent(point: Mapping[str, Value]) -> Outputs:
@@ -95,6 +119,7 @@ SIMULATORS = {
             "contact_duration": ("s", "Duration of the first contact"),
             "solver_steps": ("1", "Steps of the simulator"),
         },
+        drops,
     ),
     "indent": Simulator(
         indent,

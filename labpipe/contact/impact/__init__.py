@@ -3,9 +3,10 @@
 from labpipe.contact.impact._checks import Solver
 from labpipe.contact.impact._drop import drop
 from labpipe.contact.impact._line_springs import Profile, line_springs
+from labpipe.contact.impact._many import impacts
 from labpipe.contact.impact._motion import Springs
 from labpipe.contact.impact._plate import Plate
 from labpipe.contact.impact._rings import ring_springs
 from labpipe.contact.impact._setup import Shortcuts
 
-__all__ = ["Plate", "Profile", "Shortcuts", "Solver", "Springs", "drop", "line_springs", "ring_springs"]
+__all__ = ["Plate", "Profile", "Shortcuts", "Solver", "Springs", "drop", "impacts", "line_springs", "ring_springs"]

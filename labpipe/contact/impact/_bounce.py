@@ -20,9 +20,9 @@ from labpipe.contact.memory import Creep
 _RECORDS_PER_STEP = 12
 _GAUSS_POINTS = 40
 # First and longest step over the duration of the first contact.
-_FIRST, _LONGEST = 1e-6, 0.34
+FIRST, LONGEST = 1e-6, 0.34
 # Tolerance of a step over rtol: restitution errs by less than that, a long train by some ten times.
-_STEP_SHARE = 0.05
+STEP_SHARE = 0.05
 
 
 class _Dent(NamedTuple):
@@ -211,9 +211,9 @@ class Bouncer:
             self.radius,
             self.is_sphere,
             *self.plate,
-            _STEP_SHARE * self.rtol * speed,
-            _LONGEST * self.duration,
-            _FIRST * self.duration,
+            STEP_SHARE * self.rtol * speed,
+            LONGEST * self.duration,
+            FIRST * self.duration,
         )
         touched = now.time
         origin = now.position - now.plate_displacement - float(centre.sum())

@@ -24,11 +24,19 @@ from typing import NamedTuple
 from labpipe.arrays import Floats
 from labpipe.compilation import compiled
 
-# What only compiled code calls needs no way in from Python: half of the time to compile.
-_inner = compiled(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+# What only compiled code calls needs no way in from Python, and what allocates nothing need not
+# count references to some fifty arrays: each halves the time to compile.
+_inner = compiled(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=False)
+_entry = compiled(error_model="numpy", no_cfunc_wrapper=True, _nrt=False)
 
 # How a contact ends.
 LIFTED, TURNED, FAILED, FULL = range(4)
+# Looks for the largest force within a step; at a ringing plate within a period.
+_LOOKS, _LOOKS_PER_PERIOD = 16, 32
+# Halvings of a bracket, more than a number has digits.
+_HALVINGS = 200
+# A bounce is not sought at a smaller part of the time of the parabola.
+_SHORTEST_FLIGHT = 1e-290
 STAGES = 5
 _NEWTON_LIMIT = 12
 _EDGE_LIMIT = 60
@@ -730,8 +738,8 @@ def _summit(coefficients: Floats) -> float:
 
 
 @_inner
-def _edge_powers(scheme: Scheme, room: Room, phase: Phase, of_load: bool) -> Floats:
-    """Coefficients over the step of the edge, or of the load of the central spring."""
+def _edge_powers(scheme: Scheme, room: Room, phase: Phase, of_load: bool) -> None:
+    """Fill in ``short``: coefficients over the step of the edge, or of the load of the central spring."""
     found = room.short
     for p in range(scheme.c.size):
         found[p] = 0.0
@@ -741,7 +749,6 @@ def _edge_powers(scheme: Scheme, room: Room, phase: Phase, of_load: bool) -> Flo
             else:
                 change = (room.edge[m] if phase.recedes else room.edge[m] ** 2) - phase.start_edge
             found[p] += scheme.to_powers[p, m] * change
-    return found
 
 
 @_inner
@@ -913,7 +920,8 @@ def _shorter(scheme: Scheme, room: Room, phase: Phase, error: float) -> float:
     shorter = max(_SHRINK, _SAFETY * max(error, 1.0) ** (-1.0 / (S + 1.0)))
     if phase.recedes and error < _UNSOLVED and room.bulk[S - 1] < 0.0:
         # What lies behind the lift-off says nothing on the step before it.
-        lifted = _crossing(_edge_powers(scheme, room, phase, True), -phase.bulk, 1.0)
+        _edge_powers(scheme, room, phase, True)
+        lifted = _crossing(room.short, -phase.bulk, 1.0)
         shorter = min(max(shorter, lifted), _SAFETY)
     return shorter
 
@@ -929,12 +937,14 @@ def _event(
     S = scheme.c.size
     if phase.recedes:
         if room.bulk[S - 1] <= _AT_LIFT_OFF * central:
-            part = _crossing(_edge_powers(scheme, room, phase, True), -phase.bulk, 1.25)
+            _edge_powers(scheme, room, phase, True)
+            part = _crossing(room.short, -phase.bulk, 1.25)
             return part, abs(part - 1.0) < 1e-9
         return (-1.0 if room.edge[S - 1] <= phase.start_edge else 1.0), False
     # Over the square of the radius that a steady growth would add in this step.
     steady = room.edge[S - 1] ** 2 * h / (path.time[n] + h)
-    rise = _slope(_edge_powers(scheme, room, phase, False), 1.0) / steady
+    _edge_powers(scheme, room, phase, False)
+    rise = _slope(room.short, 1.0) / steady
     if rise > _AT_SUMMIT:
         return 1.0, False
     return _summit(room.short), abs(rise) <= _AT_SUMMIT
@@ -955,7 +965,7 @@ def _turn(
     return load
 
 
-@compiled(error_model="numpy", no_cfunc_wrapper=True)
+@_entry
 def contact(
     law: Law,
     scheme: Scheme,
@@ -1042,3 +1052,209 @@ def contact(
         _sample_release(law, scheme, fall, room, path, peak, n, nodes)
         _store(law, scheme, fall, center, path, n, path.state[peak, 3], nodes)
     return LIFTED, n, peak, rejected
+
+
+@_inner
+def _fallen(velocity: float, gravity: float, dent: Floats, rate: Floats, time: float) -> float:
+    """Approach [m] gained since lift-off over a recovering dent, on ground that stands still."""
+    gained = (velocity + 0.5 * gravity * time) * time
+    for k in range(rate.size):
+        gained -= math.expm1(-rate[k] * time) * dent[k]
+    return gained
+
+
+@_inner
+def _touch_of_dent(velocity: float, gravity: float, dent: Floats, rate: Floats) -> float:
+    """Time of flight on rigid ground; 0 when the surface follows."""
+    high = -2.0 * velocity / gravity
+    low = 1e-3 * high
+    while _fallen(velocity, gravity, dent, rate, low) >= 0.0:
+        low *= 1e-3
+        if low < _SHORTEST_FLIGHT * high:
+            return 0.0
+    if _fallen(velocity, gravity, dent, rate, high) <= 0.0:
+        return high
+    time = high
+    for _ in range(_HALVINGS):
+        over = _fallen(velocity, gravity, dent, rate, time)
+        if over > 0.0:
+            high = time
+        else:
+            low = time
+        slope = velocity + gravity * time
+        for k in range(rate.size):
+            slope += rate[k] * math.exp(-rate[k] * time) * dent[k]
+        new = time - over / slope if slope > 0.0 else low
+        if not low < new < high:
+            new = 0.5 * (low + high)
+        if abs(new - time) <= 4e-16 * time:
+            break
+        time = new
+    return time
+
+
+@_inner
+def _swing_free(fall: Fall, u: float, w: float, time: float) -> tuple[float, float]:
+    """Displacement and velocity of the plate, left alone for a time [s]."""
+    omega = math.sqrt(fall.plate_stiffness / fall.plate_mass)
+    rate = 0.5 * fall.plate_damping / fall.plate_mass
+    damped = math.sqrt(max(omega**2 - rate**2, 0.0))
+    left, c, s = math.exp(-rate * time), math.cos(damped * time), math.sin(damped * time)
+    place = left * (u * c + (w + rate * u) / damped * s)
+    return place, left * (w * c - (rate * w + omega**2 * u) / damped * s)
+
+
+@_inner
+def _reach(fall: Fall, u: float, w: float) -> float:
+    """Largest displacement that the plate, left alone, can reach from now on."""
+    return math.sqrt(fall.plate_mass / fall.plate_stiffness * w * w + u * u)
+
+
+@_inner
+def _over_plate(fall: Fall, velocity: float, dent: Floats, rate: Floats, u: float, w: float, time: float) -> float:
+    """How far the sphere, let alone, would have sunk into the surface on the plate."""
+    return _fallen(velocity, fall.gravity, dent, rate, time) - (_swing_free(fall, u, w, time)[0] - u)
+
+
+@_inner
+def _touch_of_plate(fall: Fall, velocity: float, dent: Floats, rate: Floats, u: float, w: float) -> float:
+    """Time of flight above a ringing plate; -1 when the sphere does not come back, a defect.
+
+    The plate is looked at so often that no touch is missed that lasts longer than a small part of
+    its period, but only within reach of its swing, which only falls: a sphere above it is clear
+    until it has fallen back.
+    """
+    look = 2.0 * math.pi * math.sqrt(fall.plate_mass / fall.plate_stiffness) / _LOOKS_PER_PERIOD
+    rise = 2.0 * _reach(fall, u, w)
+    longest = (-velocity + math.sqrt(velocity**2 + 2.0 * fall.gravity * rise)) / fall.gravity * 1.001
+    start, end = 1e-9 * look, look
+    while start < longest:
+        if _over_plate(fall, velocity, dent, rate, u, w, end) > 0.0:
+            while _over_plate(fall, velocity, dent, rate, u, w, start) >= 0.0:
+                start *= 1e-2
+                if start < _SHORTEST_FLIGHT * look:
+                    return 0.0
+            for _ in range(_HALVINGS):
+                middle = 0.5 * (start + end)
+                if not start < middle < end:
+                    break
+                if _over_plate(fall, velocity, dent, rate, u, w, middle) > 0.0:
+                    end = middle
+                else:
+                    start = middle
+            return end
+        place, pace = _swing_free(fall, u, w, end)
+        clear = u + _reach(fall, place, pace)
+        if _fallen(velocity, fall.gravity, dent, rate, end) + clear < 0.0:
+            low, high = end, longest
+            for _ in range(_HALVINGS):
+                middle = 0.5 * (low + high)
+                if not low < middle < high:
+                    break
+                if _fallen(velocity, fall.gravity, dent, rate, middle) + clear < 0.0:
+                    low = middle
+                else:
+                    high = middle
+            end = low
+        start, end = end, end + look
+    return -1.0
+
+
+@_entry
+def time_of_flight(fall: Fall, velocity: float, dent: Floats, rate: Floats, u: float, w: float) -> float:
+    """Time [s] from lift-off at a velocity [m/s] to the next touch.
+
+    Parameters
+    ----------
+    fall : Fall
+        What falls onto what.
+    velocity : float [m/s]
+        At lift-off, downwards positive.
+    dent, rate : array (element,) [m], [1/s]
+        Displacements of the elements of the central spring, and their rates of recovery.
+    u, w : float [m], [m/s]
+        Displacement and velocity of the plate.
+
+    Returns
+    -------
+    float
+        0 when the surface follows at once; negative when no touch was found, a defect.
+    """
+    parting = velocity - w
+    for k in range(rate.size):
+        parting += rate[k] * dent[k]
+    if parting >= 0.0:
+        return 0.0
+    if fall.plate_mass > 0.0:
+        return _touch_of_plate(fall, velocity, dent, rate, u, w)
+    return _touch_of_dent(velocity, fall.gravity, dent, rate)
+
+
+@_inner
+def _largest(scheme: Scheme, path: Path, n: int, column: int, less: int, short: Floats) -> float:
+    """Largest value over a contact of a column of the state, or of its difference to another."""
+    S = scheme.c.size
+    best = 0.0
+    for step in range(n):
+        start = path.state[step, column] - (path.state[step, less] if less >= 0 else 0.0)
+        for p in range(S):
+            short[p] = 0.0
+        for m in range(S):
+            value = path.stages[step, m, column] - (path.stages[step, m, less] if less >= 0 else 0.0)
+            for p in range(S):
+                short[p] += scheme.to_powers[p, m] * (value - start)
+        for look in range(_LOOKS):
+            low, high = look / _LOOKS, (look + 1) / _LOOKS
+            best = max(best, start + _power_sum(short, high))
+            if _slope(short, low) > 0.0 and _slope(short, high) < 0.0:
+                for _ in range(50):
+                    middle = 0.5 * (low + high)
+                    if _slope(short, middle) > 0.0:
+                        low = middle
+                    else:
+                        high = middle
+                best = max(best, start + _power_sum(short, low))
+    return best
+
+
+@_inner
+def _energy_lost(fall: Fall, path: Path, n: int, lost: float) -> tuple[float, float]:
+    """Energy [J] that the motion has mislaid at lift-off, and the most on the way there."""
+    first = path.state[0]
+    most = abs(lost)
+    now = lost
+    for i in range(n + 1):
+        end = path.state[i]
+        now = lost + 0.5 * fall.mass * (end[1] ** 2 - first[1] ** 2) + end[6] + end[7]
+        now -= fall.mass * fall.gravity * (end[0] - first[0])
+        now += 0.5 * fall.plate_mass * (end[5] ** 2 - first[5] ** 2)
+        now += 0.5 * fall.plate_stiffness * (end[4] ** 2 - first[4] ** 2)
+        most = max(most, abs(now))
+    return now, most
+
+
+@_entry
+def outcome_of(scheme: Scheme, fall: Fall, path: Path, n: int, room: Room, lost: float, row: Floats) -> float:
+    """Fill in largest force, approach and energy mislaid, of a contact of ``n`` steps.
+
+    Parameters
+    ----------
+    scheme, fall, path, room
+        As :func:`contact` left them.
+    n : int
+        Steps.
+    lost : float [J]
+        Energy mislaid before.
+    row : array (4,)
+        Filled: largest force [N], approach [m] and plate's displacement [m], energy mislaid [J].
+
+    Returns
+    -------
+    float
+        The most energy mislaid on the way [J].
+    """
+    row[0] = _largest(scheme, path, n, 2, -1, room.short)
+    row[1] = _largest(scheme, path, n, 0, 4, room.short)
+    row[2] = _largest(scheme, path, n, 4, -1, room.short)
+    row[3], most = _energy_lost(fall, path, n, lost)
+    return most

@@ -34,7 +34,7 @@ _SERIES = {
     "plate_displacement": ("m", "displacement of the plate, downwards"),
     "plate_energy": ("J", "kinetic and elastic energy of the plate"),
 }
-_ROWS = {
+ROWS = {
     "impact_time": ("s", "time of touch"),
     "lift_off_time": ("s", "time of lift-off"),
     "contact_duration": ("s", "duration of the contact"),
@@ -47,7 +47,7 @@ _ROWS = {
     "energy_dissipated": ("J", "energy dissipated during the contact"),
     "energy_stored": ("J", "elastic energy remaining in the dent at lift-off"),
 }
-_SCALARS = {
+SCALARS = {
     "sphere_radius": ("m", "radius of the sphere"),
     "mass": ("kg", "mass that falls"),
     "drop_height": ("m", "fall from rest to first touch"),
@@ -227,8 +227,8 @@ def _assemble(
     variables: dict[str, object] = {}
     for names, dims, values in (
         (_SERIES, ("time",), series),
-        (_ROWS, ("impact",), rows),
-        (_SCALARS, (), given | scalars),
+        (ROWS, ("impact",), rows),
+        (SCALARS, (), given | scalars),
     ):
         for name, value in values.items():
             units, long_name = names[name]
@@ -317,8 +317,8 @@ def _rows(run: DropRun, setting: Setting) -> dict[str, Floats]:
                 steps.stored[-1],
             )
         )
-    table = np.array(rows, dtype=float).reshape(len(rows), len(_ROWS))
-    return dict(zip(_ROWS, table.T, strict=True))
+    table = np.array(rows, dtype=float).reshape(len(rows), len(ROWS))
+    return dict(zip(ROWS, table.T, strict=True))
 
 
 def _thesis_rows(run: ThesisRun, setting: Setting) -> dict[str, Floats]:
@@ -348,5 +348,5 @@ def _thesis_rows(run: ThesisRun, setting: Setting) -> dict[str, Floats]:
                 nan,
             )
         )
-    table = np.array(rows, dtype=float).reshape(len(rows), len(_ROWS))
-    return dict(zip(_ROWS, table.T, strict=True))
+    table = np.array(rows, dtype=float).reshape(len(rows), len(ROWS))
+    return dict(zip(ROWS, table.T, strict=True))

@@ -33,7 +33,7 @@ from labpipe.units import Measure, si
 _PROGRESS_EVERY = 0.01
 # A run that mislays more than this times rtol of the drop's energy (usual are 0.4 for one impact
 # and 0.8 for a long train) is repeated once with rtol divided by the refinement, down to the limit.
-_ENERGY_LIMIT, _REFINEMENT, _FINEST = 5.0, 10.0, 1e-6
+ENERGY_LIMIT, _REFINEMENT, _FINEST = 5.0, 10.0, 1e-6
 
 
 def drop(
@@ -212,10 +212,10 @@ def _refined(
         if not may_refine:
             raise
         error = inf
-    if error > _ENERGY_LIMIT * setting.rtol and may_refine:
+    if error > ENERGY_LIMIT * setting.rtol and may_refine:
         run = simulate(setting, creep, finer, looks, observe)
         error = energy_error(run, setting)
-    if error <= _ENERGY_LIMIT * setting.rtol:
+    if error <= ENERGY_LIMIT * setting.rtol:
         return run, error
     message = (
         f"the numerical energy error is {error:.1e} of the drop's energy, more than expected for "

@@ -15,7 +15,7 @@ from labpipe.arrays import Floats
 from labpipe.contact.impact._bounce import Bouncer
 from labpipe.contact.impact._collocation import distinct
 from labpipe.contact.impact._dataset import DropRun, Setting
-from labpipe.contact.impact._flight import time_to_touch, time_to_touch_plate
+from labpipe.contact.impact._flight import time_to_touch
 from labpipe.contact.impact._motion import MOTION, Body, Motion, Stillness, motion
 from labpipe.contact.impact._setup import (
     LONGEST_STEP,
@@ -34,10 +34,10 @@ from labpipe.contact.memory import Condensed, Creep, condense
 from labpipe.errors import InputError
 
 # Terms may be folded away or frozen where that costs this part of rtol.
-_CONDENSE_SHARE = 0.01
+CONDENSE_SHARE = 0.01
 # A sphere that sinks in from a lower speed than this part of the speed at rest will not lift off
 # again unless its material is all but elastic; down to here its energy is followed closely enough.
-_SLOWEST_BOUNCE = 0.03
+SLOWEST_BOUNCE = 0.03
 # Rest is an amplitude below rtol times the static sag, within these bounds.
 _REST_RANGE = (1e-5, 1e-3)
 
@@ -123,7 +123,7 @@ def simulate(
     expected = scales(creep, setting.radius, setting.mass, setting.gravity, setting.speed)
     condensed = Condensed(creep, 0, 0)
     if effort.fold:
-        tolerance = _CONDENSE_SHARE * effort.rtol
+        tolerance = CONDENSE_SHARE * effort.rtol
         condensed = condense(creep, expected.duration, setting.duration, tolerance)
     bouncer = None
     if setting.solver == "mdr" and looks is None and effort.shortcuts.flights and effort.shortcuts.near:
@@ -196,7 +196,7 @@ def _bounce(
 ) -> tuple[float, float]:
     """Alternate contacts and flights; return the last touch and the start of rest, or NaN."""
     now = stepper.now
-    least_speed = _SLOWEST_BOUNCE * stepper.stillness.speed
+    least_speed = SLOWEST_BOUNCE * stepper.stillness.speed
     while True:
         touched = now.time
         stepper.speed_scale = max(now.velocity, least_speed)
@@ -268,7 +268,6 @@ def _one_contact(stepper: Stepper, end: float, reach: float) -> tuple[str, float
 
 def _time_of_flight(stepper: Stepper, dent: Floats) -> float:
     body, rate = stepper.body, stepper.creep_law.rate
-    speed = stepper.now.velocity
-    if body.plate is None:
-        return time_to_touch(speed, body.gravity, dent, rate)
-    return time_to_touch_plate(speed, body.gravity, dent, rate, body.plate, stepper.plate_state)
+    return time_to_touch(
+        stepper.now.velocity, body.gravity, np.ascontiguousarray(dent), rate, body.plate, stepper.plate_state
+    )

@@ -37,8 +37,6 @@ from labpipe.contact.impact._steps import PACE, Block, Pace, Rules
 from labpipe.contact.memory import Creep
 from labpipe.errors import InputError
 
-# A plate's oscillation is followed with at least this many steps.
-_STEPS_PER_PLATE_PERIOD = 40
 # A contact that has lasted longer than the period at rest only rings down: its steps may err more.
 _LENIENCY = 8.0
 # Work that a step may take on average, in updates of one element of one spring.
@@ -183,9 +181,6 @@ class Stepper:
         self._take_block(expected_radius)
         pace.acceleration_before, pace.dt_before = now.acceleration, 0.0
         pace.dt, pace.longest = FIRST_STEP * self.time_scale, LONGEST_STEP * self.time_scale
-        if self.body.plate is not None:
-            look = 1.0 / (_STEPS_PER_PLATE_PERIOD * self.body.plate.frequency)
-            pace.longest = min(pace.longest, look)
         pace.leniency, pace.lenient_from = 1.0, now.time + self.stillness.period
         pace.late_leniency = _LENIENCY * max(1.0, self.stillness.speed / self.speed_scale)
         self.rules = self.rules._replace(allowed=self.tolerance * self.speed_scale)

@@ -55,6 +55,7 @@ function show(name) {
 
 let files = [];
 let last = "";
+let isSession = false;
 const size = (n) => (n < 1e3 ? `${n} B` : n < 1e6 ? `${(n / 1e3).toFixed(0)} kB` : n < 1e9 ? `${(n / 1e6).toFixed(1)} MB` : `${(n / 1e9).toFixed(2)} GB`);
 const hasPicture = (file) => ["displacement", "force", "film", "sweep", "picture"].includes(file.content);
 
@@ -67,8 +68,8 @@ function fileCard(file) {
     card.append(image);
   }
   card.append(make("p", { textContent: `${file.kind || "not recognised"} · ${size(file.size)} · ${file.modified}` }));
-  if (file.copy_of) card.append(make("p", { className: "is-warning", textContent: `copy of ${file.copy_of}` }));
-  card.append(make("p", { className: state, textContent: file.used_by.length ? `used by ${file.used_by.join(", ")}` : `not used: ${file.reason}` }));
+  const use = file.used_by.length ? `used by ${file.used_by.join(", ")}; ${file.reason}` : isSession || !file.content || file.copy_of || file.content === "picture" ? `not used: ${file.reason}` : file.reason;
+  card.append(make("p", { className: state, textContent: use }));
   if (file.content === "picture" || file.content === "film") {
     const button = make("button", { type: "button", textContent: "Measure in it" });
     button.addEventListener("click", () => {
@@ -83,8 +84,9 @@ function fileCard(file) {
 function drawFiles() {
   const wanted = by("show-files").value;
   const fits = { "": () => true, used: (f) => f.used_by.length, unused: (f) => !f.used_by.length, copies: (f) => f.copy_of || files.some((g) => g.copy_of === f.name) };
-  // A copy stands beside what it is a copy of.
-  const place = (file) => `${file.copy_of || file.name}\n${file.copy_of ? 1 : 0}${file.name}`;
+  // Recordings first, then pictures, then what nothing recognises; a copy stands beside what it is a copy of.
+  const rank = (file) => (!file.kind ? 2 : file.content === "picture" ? 1 : 0);
+  const place = (file) => `${rank(file)}${file.copy_of || file.name}\n${file.copy_of ? 1 : 0}${file.name}`;
   const chosen = files.filter(fits[wanted]).sort((a, b) => (place(a) < place(b) ? -1 : 1));
   by("file-list").replaceChildren(...chosen.map(fileCard));
   by("count").textContent = `${chosen.length} of ${files.length} files`;
@@ -98,22 +100,28 @@ async function loadFiles() {
   by("folder").textContent = found.folder;
   document.title = `${found.folder} – labpipe`;
   files = found.files;
-  by("begin").hidden = found.is_session;
+  isSession = found.is_session;
+  by("begin").hidden = isSession;
+  by("start").disabled = by("watch").disabled = !isSession;
+  by("run-hint").hidden = isSession;
   drawFiles();
   const chosen = by("pages").value;
   by("pages").replaceChildren(...found.pages.map((page) => make("option", { value: page, textContent: page.replace(/^reports\/|\.html$/g, "") })));
   if (found.pages.includes(chosen)) by("pages").value = chosen;
+  by("report-hint").hidden = found.pages.length > 0;
+  by("page").hidden = by("pages").parentElement.hidden = !found.pages.length;
 }
 views.files = loadFiles;
 
 by("show-files").addEventListener("change", drawFiles);
-by("begin").addEventListener("click", trying(async () => {
+const proposeSession = trying(async () => {
   say("Looking at every file …");
   const found = await ask("api/init", {});
   await loadFiles();
   show("setup");
   say(`Proposed: ${found.experiments.join(", ")}; to fill in: ${found.gaps.length}.`);
-}));
+});
+by("begin").addEventListener("click", proposeSession);
 
 // --- run ---
 
@@ -178,7 +186,7 @@ async function loadRun() {
   run.next = found.next;
   found.events.forEach(take);
   if (found.events.length) by("experiments").replaceChildren(...[...run.of.keys()].map(experimentCard));
-  by("start").disabled = by("watch").disabled = found.running;
+  by("start").disabled = by("watch").disabled = found.running || !isSession;
   by("stop").disabled = !found.running;
   by("start").textContent = found.code === 130 ? "Go on" : "Process";
   if (found.error) say(found.error, true);
@@ -199,6 +207,8 @@ for (const [id, action] of [["start", "process"], ["watch", "watch"], ["stop", "
 
 function openPage(page) {
   show("report");
+  by("report-hint").hidden = true;
+  by("page").hidden = by("pages").parentElement.hidden = false;
   if (page && [...by("pages").options].every((option) => option.value !== page)) by("pages").append(make("option", { value: page, textContent: page.replace(/^reports\/|\.html$/g, "") }));
   if (page) by("pages").value = page;
   openPageChosen();

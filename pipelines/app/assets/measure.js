@@ -6,7 +6,10 @@ const TOOLS = {
   scale: "Scale: click on two edges or graduations",
   line: "Line of subsets: drag, or set both ends",
   body: "Rigid subset: drag from its centre to its border, or set both",
+  region: "Region that counts, of the contact or the holder: drag from corner to corner, or set both",
+  cover: "Mask, within which nothing counts: drag from corner to corner, or set both",
 };
+const MASKS = { region: "regions", cover: "covers" };
 
 function drawMeasure() {
   const part = by("measure");
@@ -19,7 +22,7 @@ function drawMeasure() {
   canvas.setAttribute("role", "application");
   canvas.setAttribute("aria-label", "Picture: arrow keys move the cross, Shift ten times as far, Enter sets a place, Escape begins again");
   part.append(
-    make("div", { className: "bar" }, make("label", {}, "File ", file), make("label", { id: "measure-frame" }, "Frame ", index), make("label", {}, "Tool ", tool), make("label", {}, "Zoom ", zoom)),
+    make("div", { className: "bar" }, make("label", {}, "File ", file), make("label", { id: "measure-frame", hidden: true }, "Frame ", index), make("label", {}, "Tool ", tool), make("label", {}, "Zoom ", zoom)),
     make("div", { id: "stage" }, canvas), make("p", { id: "measure-result", className: "note" }), make("div", { className: "bar", id: "measure-use" }));
   file.addEventListener("change", trying(() => measureFile(file.value)));
   index.addEventListener("change", trying(() => loadPicture(stage.name, Math.max(0, Math.floor(Number(index.value) || 0)))));
@@ -91,6 +94,8 @@ function paint() {
     if (by("measure-tool").value === "body") {
       const half = Math.max(Math.abs(x2 - x1), Math.abs(y2 - y1));
       pen.rect(x1 - half, y1 - half, 2 * half, 2 * half);
+    } else if (MASKS[by("measure-tool").value]) {
+      pen.rect(Math.min(x1, x2), Math.min(y1, y2), Math.abs(x2 - x1), Math.abs(y2 - y1));
     } else {
       pen.moveTo(x1, y1);
       pen.lineTo(x2, y2);
@@ -147,8 +152,11 @@ async function measured() {
     }
     by("measure-result").textContent = `${stage.result.text} between ${stage.result.found.join(" and ")}`;
     await views.setup();
+  if (!setup.data) throw new Error("Propose a session from the files first; a measurement is written into it.");
     const records = setup.data.records.filter((record) => record.kind === "camera");
     const record = make("select", { id: "measure-record" }, ...records.map((one) => make("option", { value: one.name, textContent: one.name })));
+    const camera = setup.data.experiments.filter(films).flatMap((one) => one.fields).find((field) => field.place.at(-1) === "camera");
+    if (camera && records.some((one) => one.name === camera.text)) record.value = camera.text;
     const known = make("input", { id: "measure-length", type: "text", placeholder: "30,00 ± 0,02 mm" });
     use.replaceChildren(make("label", {}, "This is truly ", known), make("label", {}, "Record ", record), button("Use as scale", () => {
       const set = (key, text) => setField({ file: record.value, place: ["values", key] }, text);
@@ -162,23 +170,45 @@ async function measured() {
     return;
   }
   await views.setup();
-  const films = setup.data.experiments.filter((one) => one.fields.some((field) => field.place.includes("tracking")));
-  const experiment = make("select", { id: "measure-experiment" }, ...films.map((one) => make("option", { value: one.name, textContent: one.name })));
+  if (!setup.data) throw new Error("Propose a session from the files first; a measurement is written into it.");
+  const has = (one, key) => one.fields.some((field) => field.place.length > 2 && field.place.at(-1) === key);
+  const key = MASKS[tool] || { line: "line", body: "body" }[tool];
+  const able = setup.data.experiments.filter((one) => has(one, key) || (tool === "region" && has(one, "region")));
+  const experiment = make("select", { id: "measure-experiment" }, ...able.map((one) => make("option", { value: one.name, textContent: one.name })));
+  const own = able.find(films);
+  if (own) experiment.value = own.name;
   const round = (value) => Math.round(value * 10) / 10;
   const half = Math.max(Math.abs(x2 - x1), Math.abs(y2 - y1));
   const width = 2 * Math.round(half) + 1;
-  by("measure-result").textContent = tool === "line" ? `line from (${round(x1)}, ${round(y1)}) to (${round(x2)}, ${round(y2)})` : `square of ${width} px around (${round(x1)}, ${round(y1)})`;
+  const [left, right] = [x1, x2].sort((a, b) => a - b).map(round);
+  const [top, bottom] = [y1, y2].sort((a, b) => a - b).map(round);
+  by("measure-result").textContent = {
+    line: `line from (${round(x1)}, ${round(y1)}) to (${round(x2)}, ${round(y2)})`,
+    body: `square of ${width} px around (${round(x1)}, ${round(y1)})`,
+  }[tool] || `${tool === "cover" ? "mask" : "region"} from (${left}, ${top}) to (${right}, ${bottom})`;
   use.replaceChildren(make("label", {}, "Experiment ", experiment), button("Use for the experiment", () => {
-    if (!experiment.value) throw new Error("No experiment of the session tracks a film.");
-    const set = (key, text) => setField({ file: "session.toml", place: ["experiments", experiment.value, "tracking", key] }, text);
+    const one = setup.data.experiments.find((each) => each.name === experiment.value);
+    if (!one) throw new Error("No experiment of the session takes this from a film.");
+    const set = (name, text) => {
+      const field = one.fields.find((each) => each.place.at(-1) === name);
+      setField(field, text);
+      return field;
+    };
     if (tool === "line") set("line", JSON.stringify([[round(x1), round(y1)], [round(x2), round(y2)]]));
-    else {
+    else if (tool === "body") {
       set("body", JSON.stringify([round(x1), round(y1)]));
       set("body_subset", String(width));
+    } else if (tool === "region" && has(one, "region")) set("region", JSON.stringify([[left, top], [right, bottom]]));
+    else {
+      const field = one.fields.find((each) => each.place.at(-1) === key);
+      const before = JSON.parse(typed(field) || "[]");
+      set(key, JSON.stringify([...before, [[left, top], [right, top], [right, bottom], [left, bottom]]]));
     }
     return taken();
   }));
 }
+
+const films = (one) => one.fields.some((field) => field.place.at(-1) === "film" && field.text === stage.name);
 
 async function taken() {
   await check(true);

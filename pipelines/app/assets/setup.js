@@ -72,7 +72,8 @@ function mark() {
   by("setup-problems").replaceChildren(...others.map((problem) => make("li", { textContent: `${problem.file}:${problem.line}: ${problem.place} ${problem.message}` })));
   const n = setup.data.problems.length;
   const all = setup.data.experiments.length;
-  by("setup-state").textContent = `${all} experiment${all === 1 ? "" : "s"}, of which ${setup.data.experiments.filter((one) => one.waits).length} must wait; ${n} value${n === 1 ? "" : "s"} to fill in or correct`;
+  const waiting = setup.data.experiments.filter((one) => one.waits).length;
+  by("setup-state").textContent = `${all} experiment${all === 1 ? "" : "s"}, ${waiting || "none"} of them waiting; ${n} value${n === 1 ? "" : "s"} to fill in or correct`;
   by("setup-write").disabled = by("setup-undo").disabled = !setup.edits.length;
 }
 
@@ -100,8 +101,9 @@ function button(text, work) {
 
 function experiment(one) {
   const lists = one.fields.filter((field) => field.files);
-  const needed = one.fields.filter((field) => !field.files && (field.required || field.text || field.gap));
-  const further = one.fields.filter((field) => !field.files && !needed.includes(field));
+  const above = one.fields.filter((field) => isSpecimen(one, field));
+  const needed = one.fields.filter((field) => !field.files && !above.includes(field) && (field.required || field.text || field.gap));
+  const further = one.fields.filter((field) => !field.files && !above.includes(field) && !needed.includes(field));
   const name = make("input", { type: "text", value: one.name, spellcheck: false });
   name.setAttribute("aria-label", `Name of ${one.name}`);
   const card = make("li", { dataset: { name: one.name } }, make("h3", {}, name), make("p", { textContent: one.title + (one.waits ? " · waits for values" : "") }));
@@ -132,6 +134,7 @@ function experiment(one) {
     bar.append(choice);
   }
   card.append(bar, make("div", { className: "fields" }, ...needed.map(row)));
+  if (above.length) card.append(make("details", {}, make("summary", { textContent: "Its specimen alone" }), make("div", { className: "fields" }, ...above.map(row))));
   if (further.length) card.append(make("details", {}, make("summary", { textContent: "More settings" }), make("div", { className: "fields" }, ...further.map(row))));
   return card;
 }
@@ -144,27 +147,38 @@ function free(name) {
   return wanted;
 }
 
+// A table of an experiment that names a material is a specimen; what is asked of it, and how it is called.
+const SPECIMEN = { material: "material", material_from: "or its DMA", radius: "radius", mass: "mass", thickness: "thickness", temperature: "temperature" };
+const isSpecimen = (one, field) => field.place.length === 4 && field.place[3] in SPECIMEN && one.fields.some((other) => other.place.length === 4 && other.place[2] === field.place[2] && other.place[3] === "material_from");
+
 function specimens() {
-  const kinds = ["material", "radius", "mass", "temperature"];
   const groups = new Map();
   for (const one of setup.data.experiments) {
-    const of = (key) => one.fields.find((field) => field.place.length === 4 && field.place[2] === "sphere" && field.place[3] === key);
-    if (!of("radius")) continue;
-    const material = of("material") ? typed(of("material")) || of("material").text : "";
-    if (!groups.has(material)) groups.set(material, { names: [], fields: Object.fromEntries(kinds.map((key) => [key, []])) });
-    groups.get(material).names.push(one.name);
-    for (const key of kinds) if (of(key)) groups.get(material).fields[key].push(of(key));
+    const own = one.fields.filter((field) => isSpecimen(one, field));
+    for (const table of new Set(own.map((field) => field.place[2]))) {
+      const of = (key) => own.find((field) => field.place[2] === table && field.place[3] === key);
+      const material = ["material", "material_from"].map((key) => (of(key) ? typed(of(key)) : "")).find(Boolean) || "";
+      const key = `${table}\n${material}`;
+      if (!groups.has(key)) groups.set(key, { material, names: [], fields: {} });
+      const group = groups.get(key);
+      group.names.push(one.name);
+      for (const column of Object.keys(SPECIMEN)) if (of(column)) (group.fields[column] ||= []).push(of(column));
+    }
   }
-  const rows = [...groups].map(([material, group]) => {
-    const cells = kinds.map((key) => {
-      const fields = group.fields[key];
-      return make("td", {}, ...(fields.length ? control(fields[0], fields, `${key} of the specimen ${material || "without a material"}`) : []));
+  if (!groups.size) return null;
+  const columns = Object.keys(SPECIMEN).filter((column) => [...groups.values()].some((group) => group.fields[column]));
+  const rows = [...groups.values()].map((group) => {
+    const cells = columns.map((column) => {
+      const fields = group.fields[column];
+      if (!fields) return make("td", { className: "is-empty" });
+      const [input, ...more] = control(fields[0], fields, `${column.replace("_", " ")} of the specimen ${group.material || "without a material"}`);
+      input.note = make("p", { className: "note" });
+      return make("td", { dataset: { label: SPECIMEN[column] } }, input, ...more, input.note);
     });
-    return make("tr", {}, ...cells, make("td", { textContent: group.names.join(", ") }));
+    return make("tr", {}, ...cells, make("td", { dataset: { label: "experiments" }, textContent: group.names.join(", ") }));
   });
-  if (!rows.length) return null;
-  const head = make("tr", {}, ...[...kinds, "experiments"].map((text) => make("th", { textContent: text, scope: "col" })));
-  return make("div", {}, make("h2", { textContent: "Specimens" }), make("p", { className: "note", textContent: "A value is asked for once and used by all experiments of its row, e.g. 9,525 ± 0,005 mm." }), make("div", { className: "wide" }, make("table", {}, make("thead", {}, head), make("tbody", {}, ...rows))));
+  const head = make("tr", {}, ...[...columns.map((column) => SPECIMEN[column]), "experiments"].map((text) => make("th", { textContent: text, scope: "col" })));
+  return make("div", {}, make("h2", { textContent: "Specimens" }), make("p", { className: "note", textContent: "A value is asked for once and used by all experiments of its row, e.g. 9,525 ± 0,005 mm." }), make("div", { className: "wide" }, make("table", { className: "specimens" }, make("thead", {}, head), make("tbody", {}, ...rows))));
 }
 
 function records() {
@@ -222,12 +236,19 @@ async function look() {
   });
   put.id = "difference-write";
   put.className = "main";
-  dialog.replaceChildren(make("h2", { textContent: "What changes" }), make("pre", {}, ...(lines.length ? lines : ["nothing"])), make("div", { className: "bar" }, put, button("Back", () => dialog.close())));
+  const wrong = [...new Set([...document.querySelectorAll("#setup .is-wrong")].flatMap((input) => input.fields.map((field) => `${field.place.join(".")} in ${field.file}`)))];
+  const warning = wrong.length ? make("p", { className: "is-error", textContent: `Nothing runs before ${wrong.length === 1 ? "this is" : "these are"} corrected: ${wrong.join(", ")}.` }) : "";
+  dialog.replaceChildren(make("h2", { textContent: "What changes" }), warning, make("pre", {}, ...(lines.length ? lines : ["nothing"])), make("div", { className: "bar" }, put, button("Back", () => dialog.close())));
   dialog.showModal();
 }
 
 views.setup = async (again = false) => {
   if (setup.data && setup.edits.length && !again) return;
+  if (!isSession) await loadFiles();
+  if (!isSession) {
+    by("setup").replaceChildren(make("p", { textContent: "There is no session here yet. labpipe proposes one from the files; what no file says is asked for then." }), button("Propose a session", proposeSession));
+    return;
+  }
   const found = await ask("api/session").catch((error) => {
     by("setup").replaceChildren(make("p", { textContent: error.message }));
     throw error;

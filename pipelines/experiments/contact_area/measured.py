@@ -4,6 +4,7 @@ Each impact is counted from its largest radius (t_p = 0), as in the thesis.
 """
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from pipelines.experiments.contact_area._peaks import STILL, peak_of
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.film_frames import key_frames, open_film, recorded_on
 
+_LEAST_REGION = 32  # px: below it no contact with a ring would fit
 _IMPACTS = 3  # the thesis analyses the first three
 _GAP = 4.0  # usual intervals between two frames that end a contact even when both see one
 _MISSED = 2  # frames without contact within one: a flight lasts longer
@@ -36,8 +38,9 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
     day = settings.measured_on or recorded_on(source) or None
     size, checked = camera_scale.image_scale(known, settings.view, measured=day)
     sphere, light = settings.sphere.radius, settings.wavelength
+    rows, columns = _region(source.shape[1:], settings)
     found = imaging.contact_radius(
-        source,
+        source if settings.region is None else source.roi(rows, columns),
         size.value,
         sphere.value,
         None if light is None else light.value,
@@ -49,6 +52,8 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
     )
     time = variable("frame", source.time, "s", "time in the film")
     found = found.assign_coords(time=time)
+    found["centre_x"].values += columns.start
+    found["centre_y"].values += rows.start
     found["pixel_size"] = variable((), size.value, "m/px", "length of one pixel")
     found["u_pixel_size"] = variable((), size.u, "m/px", "standard uncertainty: length of one pixel")
     return found.assign_attrs(
@@ -56,6 +61,23 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
         calibration=json.dumps(checked, ensure_ascii=False),
         u_systematic_relative=size.u / size.value,
     )
+
+
+def _region(shape: tuple[int, ...], settings: ContactArea) -> tuple[slice, slice]:
+    """Return the rows and columns in which the contact is looked for."""
+    if settings.region is None:
+        return slice(0, shape[0]), slice(0, shape[1])
+    (x1, y1), (x2, y2) = settings.region
+    found = []
+    for low, high, size in ((*sorted((y1, y2)), shape[0]), (*sorted((x1, x2)), shape[1])):
+        found.append(slice(min(math.floor(low), size), min(math.ceil(high) + 1, size)))
+    if min(part.stop - part.start for part in found) < _LEAST_REGION:
+        message = (
+            f"region: the part from ({x1:g}, {y1:g}) to ({x2:g}, {y2:g}) of a film of {shape[1]} x {shape[0]} px is "
+            f"less than {_LEAST_REGION} px wide or high; draw it around the contact with its rings"
+        )
+        raise InputError(message)
+    return found[0], found[1]
 
 
 def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:

@@ -3,8 +3,11 @@
 from datetime import date
 from typing import Annotated, Literal
 
-from labpipe.workflow.config import POSITIVE, ExperimentName, File, Frequency, Length, Time
+from labpipe.workflow.config import POSITIVE, ExperimentName, File, Frequency, Length, Range, Time
 from pipelines.experiments.shared.settings import DropModel, Plate, Sphere, Table, refuse_two_plates
+
+Pixel = Annotated[float, Range(at_least=0, at_most=1e5)]
+Corner = tuple[Pixel, Pixel]
 
 
 class ContactArea(Table, frozen=True, kw_only=True):
@@ -15,6 +18,9 @@ class ContactArea(Table, frozen=True, kw_only=True):
     several micrometres worse. ``exposure`` replaces that in the film's file. ``frame_rate``
     is needed for exported images, which hold no time. ``measured_on`` is
     the day of the film, for the validity of the record; by default that of its trigger.
+    ``region`` are two opposite corners, in px (x right, y down), of the part of the frames in which
+    the contact is looked for: without it all of each frame, in which a second sphere, a scratch or
+    a label may be taken for it.
     """
 
     kind: Literal["contact_area"]
@@ -27,6 +33,7 @@ class ContactArea(Table, frozen=True, kw_only=True):
     exposure: Annotated[Time, POSITIVE] | None = None
     measured_on: date | None = None
     frame_rate: Annotated[Frequency, POSITIVE] | None = None
+    region: tuple[Corner, Corner] | None = None
     model: DropModel = DropModel()
     plate: Plate | None = None
     plate_from: ExperimentName | None = None

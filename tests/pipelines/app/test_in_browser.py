@@ -169,6 +169,7 @@ def test_two_clicks_and_a_drag_make_a_scale_and_a_subset(
 ) -> None:
     page = serving(filmed)
     page.told("api/init", {})
+    before = (filmed / "session.toml").read_text("utf-8").splitlines()
     window.visit(page.address)
     window.until("document.querySelectorAll('#file-list button').length === 1")
     window.run("document.querySelector('#file-list button').click()")
@@ -193,15 +194,22 @@ def test_two_clicks_and_a_drag_make_a_scale_and_a_subset(
     window.run("document.getElementById('measure-length').value = '30,00 ± 0,02 mm'")
     window.run("[...document.querySelectorAll('#measure button')].find(b => b.textContent === 'Use as scale').click()")
     window.until("!document.getElementById('setup').hidden")
-    window.run("show('measure')")
-    window.run(
-        "(() => { const t = document.getElementById('measure-tool'); t.value = 'body';"
-        " t.dispatchEvent(new Event('change')); })()"
-    )
-    window.drag(at(250, 150), at(290, 150))
-    window.until("document.getElementById('measure-experiment') !== null")
-    window.run("[...document.querySelectorAll('#measure-use button')].at(-1).click()")
-    window.until("!document.getElementById('setup').hidden")
+    drags = {
+        "body": ((250, 150), (290, 150)),
+        "line": ((100, 80), (400, 80)),
+        "region": ((420, 40), (80, 260)),
+        "cover": ((200, 100), (240, 130)),
+    }
+    for tool, (start, stop) in drags.items():
+        window.run("show('measure')")
+        window.run(
+            "(() => { const t = document.getElementById('measure-tool');"
+            f" t.value = '{tool}'; t.dispatchEvent(new Event('change')); }})()"
+        )
+        window.drag(at(*start), at(*stop))
+        window.until("document.getElementById('measure-experiment') !== null")
+        window.run("[...document.querySelectorAll('#measure-use button')].at(-1).click()")
+        window.until("!document.getElementById('setup').hidden")
     window.run("document.getElementById('setup-write').click()")
     window.until("document.querySelector('#difference[open] .plus') !== null")
     window.run("document.getElementById('difference-write').click()")
@@ -212,6 +220,11 @@ def test_two_clicks_and_a_drag_make_a_scale_and_a_subset(
     tracking = tomllib.loads((filmed / "session.toml").read_text("utf-8"))["experiments"]["acrylic_front"]["tracking"]
     assert tracking["body_subset"] == 81
     assert tracking["body"] == pytest.approx([250, 150], abs=1.5)
+    assert np.allclose(tracking["line"], drags["line"], atol=1.5)
+    assert np.allclose(tracking["regions"], [[(80, 40), (420, 40), (420, 260), (80, 260)]], atol=1.5)
+    assert np.allclose(tracking["covers"], [[(200, 100), (240, 100), (240, 130), (200, 130)]], atol=1.5)
+    after = iter((filmed / "session.toml").read_text("utf-8").splitlines())
+    assert all(line in after for line in before)  # remarks and order are kept
     quiet(window, page)
 
 

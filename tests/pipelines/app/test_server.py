@@ -151,6 +151,17 @@ def test_a_session_is_set_up_and_written_after_its_difference(page: Page, raw: P
     assert (status, "changed elsewhere" in json.loads(text)["error"]) == (400, True)
 
 
+def test_a_bare_number_gets_the_unit_that_was_asked_for(page: Page) -> None:
+    page.told("api/init", {})
+    base = page.told("api/session")["base"]
+    bare = edits(("height", "1,5 ± 0,005"), ("sphere.radius", "9,53"), ("sphere.mass", "0.505 kg"))
+    looked = page.told("api/check", {"base": base, "edits": bare})
+    difference = "\n".join(looked["difference"])
+    for line in ('+height = "1,5 ± 0,005 mm"', '+radius = "9,53 mm"', '+mass = "0.505 kg"'):
+        assert line in difference
+    assert {problem["place"] for problem in looked["problems"]} == {"experiments.drop.sphere.material"}
+
+
 def until(page: Page, is_so: Callable[[dict], bool]) -> dict:
     end = time.monotonic() + 240
     while not is_so(state := page.told("api/run")):

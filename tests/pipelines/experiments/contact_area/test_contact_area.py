@@ -4,11 +4,14 @@ import json
 import shutil
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
 from labpipe import files, materials
+from labpipe.errors import InputError
 from labpipe.uncertainty import linear_budget
+from pipelines.experiments.contact_area.measured import radius
 from pipelines.figures import make
 from pipelines.process import process, result
 from pipelines.rig.fall import Body
@@ -16,6 +19,7 @@ from pipelines.rig.film_session import UNDER_HEIGHT, Bursts, burst_times, under_
 from pipelines.rig.film_under import UnderCamera
 from pipelines.rig.reference_drop import Floor
 from pipelines.rig.samples import session_head
+from pipelines.session import open_session
 from tests.labpipe.report.conftest import assert_fit_to_read
 from tests.pipelines.asked import quantities
 
@@ -137,3 +141,21 @@ def test_budgets_are_those_of_the_results(session: Path) -> None:
     ):
         budget = linear_budget(found[name].model, found[name].inputs)
         assert budget.u == pytest.approx(float(u[0]), rel=1e-3)
+
+
+@pytest.mark.filterwarnings("ignore:.*dropped by the camera")
+def test_a_region_around_the_contact_gives_the_same_circle(session: Path) -> None:
+    whole = result(session, "acrylic_film", "radius")
+    settings = open_session(session).experiments["acrylic_film"].settings
+    rows, columns = CAMERA.rows, CAMERA.columns
+    corners = ((columns - 5.5, rows - 7.0), (4.0, 6.0))
+    film, record = session / settings.film, session / settings.camera
+    found = radius(film, record, settings=msgspec.structs.replace(settings, region=corners), full=False)
+    both = whole["in_contact"].values.astype(bool)
+    assert (found["in_contact"].values.astype(bool) == both).mean() > 0.98
+    assert np.nanmedian(np.abs(found["radius"] - whole["radius"])[both]) < 0.2e-6
+    for name in ("centre_x", "centre_y"):
+        assert np.nanmedian(np.abs(found[name] - whole[name])[both]) < 0.1  # px of the whole frame
+    small = msgspec.structs.replace(settings, region=((0.0, 0.0), (20.0, 50.0)))
+    with pytest.raises(InputError, match="less than 32 px wide or high"):
+        radius(film, record, settings=small, full=False)

@@ -1,0 +1,73 @@
+"""The first impacts of many drops against one drop at a time."""
+
+import json
+
+import numpy as np
+import pytest
+
+from labpipe.contact import Plate, drop, impacts
+from labpipe.errors import InputError
+from labpipe.materials import Prony, load
+
+SOLID = Prony(1e9, [1e9, 5e8, 2e8], [1e-5, 5e-4, 1e-2], nu=0.35)
+LIQUID = Prony(0.0, [2e9, 1e9], [1e-3, 1e-2], nu=0.35)
+R, MASS = 9.525e-3, 0.505
+HEIGHTS = [0.5e-3, 1.5e-3, 4e-3]
+NAMES = ("impact_time", "lift_off_time", "contact_duration", "impact_speed", "rebound_speed", "restitution")
+PEAKS = ("peak_force", "peak_contact_radius", "peak_approach")
+
+
+@pytest.mark.parametrize("profile", ["parabola", "sphere"])
+@pytest.mark.parametrize("plate", [None, Plate(20.0, 180.0, 0.02), Plate(2.0, 1e4)], ids=["floor", "plate", "fast"])
+@pytest.mark.parametrize("material", [SOLID, LIQUID], ids=["solid", "liquid"])
+def test_each_is_as_if_dropped_alone(material, plate, profile):
+    rtol = 1e-5
+    found = impacts(material, R, MASS, HEIGHTS, 0.08, 3, profile, rtol, plate=plate)
+    for i, height in enumerate(HEIGHTS):
+        alone = drop(material, R, MASS, height, 0.08, profile=profile, rtol=rtol, plate=plate)
+        happened = min(alone.sizes["impact"], 3)
+        assert int(found["impacts"][i]) == happened > 0
+        for name in (*NAMES, *PEAKS):
+            np.testing.assert_allclose(found[name].values[i, :happened], alone[name].values[:happened], rtol=10 * rtol)
+            assert np.isnan(found[name].values[i, happened:]).all()
+            assert found[name].attrs == alone[name].attrs
+
+
+def test_each_may_have_its_own_of_everything():
+    solids, radii, masses = [SOLID, LIQUID, SOLID], [5e-3, 8e-3, "9.525 mm"], ["100 g", 0.3, 0.505]
+    plates = [None, Plate(20.0, 180.0, 0.02), None]
+    found = impacts(solids, radii, masses, HEIGHTS, [0.03, 0.04, 0.08], plate=plates, gravity=[9.8, 9.81, 9.82])
+    for i, (solid, r, m, h, t, plate, g) in enumerate(
+        zip(solids, radii, masses, HEIGHTS, [0.03, 0.04, 0.08], plates, [9.8, 9.81, 9.82], strict=True)
+    ):
+        alone = drop(solid, r, m, h, t, plate=plate, gravity=g)
+        assert float(found["restitution"][i, 0]) == pytest.approx(float(alone["restitution"][0]), rel=1e-4)
+
+
+def test_a_sphere_that_stays_is_left_to_the_general_solver():
+    """PTFE touches a fifth time and stays: four rows are asked for alone, a fifth needs that contact."""
+    ptfe = load("ptfe")
+    few, all_of_them = (impacts(ptfe, R, MASS, 1.5e-3, 0.08, most) for most in (4, 5))
+    assert json.loads(few.attrs["work"])["left_to_drop"] == 0
+    assert json.loads(all_of_them.attrs["work"])["left_to_drop"] == 1
+    alone = drop(ptfe, R, MASS, 1.5e-3, 0.08)
+    assert int(all_of_them["impacts"][0]) == alone.sizes["impact"] == 4
+    np.testing.assert_allclose(few["restitution"][0], alone["restitution"], rtol=1e-4)
+    np.testing.assert_allclose(all_of_them["restitution"][0, :4], alone["restitution"], rtol=1e-12)
+
+
+def test_a_drop_that_ends_before_its_touch_has_no_impact():
+    found = impacts(SOLID, R, MASS, [1e-3, 1.0], 0.05)
+    assert found["impacts"].values.tolist() == [1, 0]
+    assert np.isnan(found["restitution"].values[1]).all()
+
+
+def test_what_is_given_is_checked():
+    with pytest.raises(InputError, match="radius has 2, mass has 3"):
+        impacts(SOLID, [R, R], [MASS] * 3, 1e-3, 0.05)
+    with pytest.raises(InputError, match="most is 0 impacts"):
+        impacts(SOLID, R, MASS, 1e-3, 0.05, 0)
+    with pytest.raises(InputError, match="height is -1"):
+        impacts(SOLID, R, MASS, [1e-3, -1.0], 0.05)
+    with pytest.raises(InputError, match="wider than the sphere"):
+        impacts(Prony(1e3, [1e3], [1e-3], nu=0.35), R, MASS, 1e-3, 0.05)
