@@ -63,6 +63,7 @@ class Answers:
             "/api/check": self.check,
             "/api/write": self.write,
             "/api/length": self.length,
+            "/api/beside": self.beside,
         }
         routes = [Route(path, _guarded(answer), methods=["GET"]) for path, answer in gets.items()]
         routes += [Route(path, _told(answer), methods=["GET"]) for path, answer in tells.items()]
@@ -158,6 +159,14 @@ class Answers:
             texts, new = self._changed(asked)
             written = setup.write(self.folder, texts, new)
         return self.session() | {"written": written}
+
+    def beside(self, asked: Told) -> Told:
+        """Write the page of two experiments side by side."""
+        from pipelines.session import beside
+
+        with self._writing:
+            page = beside(self.folder, str(asked.get("first")), str(asked.get("second")))
+        return {"page": page.name}
 
     def _changed(self, asked: Told) -> tuple[dict[str, str], dict[str, str]]:
         texts = setup.read(self.folder)

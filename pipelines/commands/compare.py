@@ -15,19 +15,29 @@ if TYPE_CHECKING:
 @session_argument
 @jobs_option
 @keep_option
+@click.option("--beside", nargs=2, metavar="A B", help="Two experiments side by side, by what is processed.")
 @json_option
-def compare(session: Path, jobs: int, keep: bool, as_json: bool) -> None:
+def compare(session: Path, jobs: int, keep: bool, beside: tuple[str, str] | None, as_json: bool) -> None:
     r"""Compare measurement and model of every experiment in SESSION, on one page.
 
     What is missing is processed first; results of earlier code that `process --keep` took are
-    taken again, and marked. The page is SESSION/labpipe/compare.html.
+    taken again, and marked. The page is SESSION/labpipe/compare.html; beside it is one for every
+    material of several experiments. With --beside nothing is processed, and one page is written
+    of two experiments.
 
     \b
     Example:
       labpipe compare my-session
+      labpipe compare my-session --beside acrylic_7mm acrylic_10mm
     """
     from pipelines.commands.progress import watching
+    from pipelines.session import beside as side_by_side
     from pipelines.session import compare as verb
+
+    if beside:
+        page = side_by_side(session, *beside)
+        echo_json({"page": str(page)}) if as_json else echo(f"page: {page}")
+        return
 
     with watching(enabled=not as_json) as progress:
         found = verb(session, jobs=jobs, keep=keep or None, progress=progress)

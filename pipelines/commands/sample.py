@@ -39,7 +39,8 @@ def sample(name: str | None, dest: Path | None, full_size: bool, as_json: bool) 
     if as_json:
         echo_json({"folder": str(dest), "experiments": experiments})
     else:
-        echo(f"wrote {len(experiments)} synthetic experiment(s) into {dest}")
+        n = len(experiments)
+        echo(f"wrote {n} synthetic experiment{'s' * (n != 1)} into {dest}")
 
 
 @click.command()

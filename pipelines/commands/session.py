@@ -71,7 +71,8 @@ def init(folder: Path, force: bool, ask: bool | None, template: tuple[str, ...],
             }
         )
         return
-    echo(f"wrote {found.path} with {len(found.experiments)} experiment(s)")
+    n = len(found.experiments)
+    echo(f"wrote {found.path} with {n} experiment{'s' * (n != 1)}")
     for path in found.records:
         is_open = any(line.startswith(path.relative_to(folder).as_posix()) for line in found.gaps)
         echo(f"wrote {path}, a calibration record{' to complete' if is_open else ''}")

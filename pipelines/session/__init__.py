@@ -21,14 +21,15 @@ if TYPE_CHECKING:
     from pipelines.session._inspection import Inspected, describe, inspect
     from pipelines.session._opening import SCHEMAS, SETTINGS, STAGES, open_session, reopen_session
     from pipelines.session._overview import COMPARISON_PAGE, PAGE, write_overview
-    from pipelines.session._processing import check_store, plan, process, process_all, report, watch
+    from pipelines.session._processing import check_store, plan, process, process_all, report, verdict, watch
     from pipelines.session._proposal import Scan, init
     from pipelines.session._results import derive, needed, opened, result, results
     from pipelines.session._sensitivity import Sensitivity, sensitivity
     from pipelines.session._sensitivity_page import advice
     from pipelines.session._survey import Surveyed, survey
     from pipelines.session._template import bare_type, gap_for
-    from pipelines.session._verdicts import Verdict, Verdicts, verdict, verdict_on, verdicts_of
+    from pipelines.session._together import beside
+    from pipelines.session._verdicts import Verdict, Verdicts, verdict_on, verdicts_of
 
 __all__ = [
     "CATALOGUE",
@@ -52,6 +53,7 @@ __all__ = [
     "Verdicts",
     "advice",
     "bare_type",
+    "beside",
     "catalogue",
     "check_store",
     "checked",
@@ -90,7 +92,7 @@ __all__ = [
 _HOMES = {
     "Verdict": "_verdicts",
     "Verdicts": "_verdicts",
-    "verdict": "_verdicts",
+    "verdict": "_processing",
     "verdict_on": "_verdicts",
     "verdicts_of": "_verdicts",
     "CATALOGUE": "_catalogue:FILE",
@@ -111,6 +113,7 @@ _HOMES = {
     "Sensitivity": "_sensitivity:Sensitivity",
     "advice": "_sensitivity_page:advice",
     "bare_type": "_template:bare_type",
+    "beside": "_together:beside",
     "gap_for": "_template:gap_for",
     "catalogue": "_catalogue:catalogue",
     "check_store": "_processing:check_store",

@@ -13,18 +13,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from labpipe import files
-from labpipe.workflow.fields import REFERENCE
 from labpipe.workflow.plan import Plan
-from labpipe.workflow.session import Experiment
 from pipelines.experiments import JUDGEMENT, KINDS
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.judgements import compared
 from pipelines.session._compare_page import render
-from pipelines.session._comparison import Comparison
+from pipelines.session._comparison import Comparison, labelled
 from pipelines.session._opening import STAGES, reopen_session
 from pipelines.session._overview import COMPARISON_PAGE, write_overview
 from pipelines.session._processing import process
 from pipelines.session._results import derive, needed, opened
+from pipelines.session._together import write_materials
 
 if TYPE_CHECKING:
     from labpipe.workflow.runner import Event
@@ -96,7 +95,7 @@ def compare(
             absent[name] = "it has no model: session.toml names nothing to simulate"
     whole = [{"experiment": name, **compared(results.result(name, JUDGEMENT))} for name in judged if name not in failed]
     found = Comparison(tuple(rows), failed, absent, session.folder / COMPARISON_PAGE, tuple(whole))
-    files.write_text(found.page, render(session, found))
+    files.write_text(found.page, render(session, found, write_materials(results, found)))
     write_overview(session, STAGES)
     return found
 
@@ -105,32 +104,3 @@ def _kept(plan: Plan, experiment: str) -> tuple[str, ...]:
     """Name the results of earlier code behind those of an experiment."""
     wanted = [name for name in plan.tasks if name.experiment == experiment]
     return tuple(dict.fromkeys(f"{n.experiment}/{n.stage}" for n in plan.kept(*wanted)))
-
-
-def labelled(row: Row, experiment: Experiment) -> Row:
-    """Say of a row which experiment it is of and, where it does not, of what and how."""
-    return replace(
-        row,
-        experiment=experiment.name,
-        kind=experiment.kind,
-        material=row.material or _material(experiment),
-        condition=row.condition or _condition(experiment),
-    )
-
-
-def _material(experiment: Experiment) -> str:
-    body = getattr(experiment.settings, KINDS[experiment.kind].body, None)
-    texts = (getattr(body, n, None) for n in ("material", "material_from", "material_file"))
-    return next((text.removeprefix(REFERENCE) for text in texts if isinstance(text, str)), "")
-
-
-def _condition(experiment: Experiment) -> str:
-    parts = []
-    height = getattr(experiment.settings, "height", None)
-    if height is not None:
-        parts.append(f"{height.value * 1e3:g} mm")
-    body = getattr(experiment.settings, KINDS[experiment.kind].body, None)
-    temperature = getattr(body, "temperature", None)
-    if temperature is not None:
-        parts.append(f"{temperature.value:g} °C")
-    return ", ".join(parts)

@@ -1,6 +1,7 @@
 """The page of all comparisons of a session."""
 
 from collections.abc import Sequence
+from typing import Any
 
 from labpipe.report import (
     SURE,
@@ -10,6 +11,7 @@ from labpipe.report import (
     DisplayUnit,
     Document,
     KeyValues,
+    Link,
     Notice,
     Paragraph,
     Section,
@@ -29,24 +31,21 @@ _TIED = "\N{NO-BREAK SPACE}"  # a number stays with its unit
 _AGREES = "agrees"
 
 
-def render(session: Session, found: Comparison) -> str:
+def render(session: Session, found: Comparison, materials: Sequence[tuple[str, str]] = ()) -> str:
     """Return the page as HTML text.
 
     Parameters
     ----------
     session : Session
     found : Comparison
+    materials : sequence of (name, file)
+        The pages of one material each, beside this one.
     """
     curves = [row for row in found.rows if row.is_curve]
-    # What deviates most is read first; what has no uncertainty cannot be judged and comes last.
-    events = sorted((row for row in found.rows if not row.is_curve), key=lambda row: -abs(row.deviation or 0.0))
+    events = [row for row in found.rows if not row.is_curve]
     tail: tuple[Block, ...] = (synthetic_notice(),) if session.synthetic else ()
-    sections = [
-        Section("Answer", (*summary(curves, events, found), *tail)),
-        Section("Deviations", _deviations(found.rows)),
-        Section("Values", _events(events)),
-        Section("Curves", _curves(curves)),
-    ]
+    links = tuple(Link(material, page, "this material over all its experiments") for material, page in materials)
+    sections = [Section("Answer", (*summary(curves, events, found), *links, *tail)), *parts(found)]
     return Document(
         title="Measurement against model",
         subtitle=session.title,
@@ -54,6 +53,19 @@ def render(session: Session, found: Comparison) -> str:
         home=PAGE,
         sections=tuple(section for section in sections if section.blocks),
     ).render()
+
+
+def parts(found: Comparison) -> list[Section]:
+    """Return the charts and tables of a comparison."""
+    curves = [row for row in found.rows if row.is_curve]
+    # What deviates most is read first; what has no uncertainty cannot be judged and comes last.
+    events = sorted((row for row in found.rows if not row.is_curve), key=lambda row: -abs(row.deviation or 0.0))
+    return [
+        Section("Deviations", _deviations(found.rows)),
+        Section("Experiments", tuple(_experiments(found))),
+        Section("Values", _events(events)),
+        Section("Curves", _curves(curves)),
+    ]
 
 
 def summary(curves: Sequence[Row], events: Sequence[Row], found: Comparison) -> tuple[Block, ...]:
@@ -83,7 +95,6 @@ def summary(curves: Sequence[Row], events: Sequence[Row], found: Comparison) -> 
     for name, stages in kept.items():
         text = f"{name}: of results that earlier code made and that were kept: {', '.join(stages)}"
         blocks.append(Notice("warning", text))
-    blocks += _experiments(found)
     for why in dict.fromkeys(found.absent.values()):
         names = ", ".join(name for name, text in found.absent.items() if text == why)
         blocks.append(Notice("info", f"{names}: {why}"))
@@ -91,7 +102,7 @@ def summary(curves: Sequence[Row], events: Sequence[Row], found: Comparison) -> 
 
 
 def _experiments(found: Comparison) -> list[Block]:
-    """One line for each experiment that is judged as a whole."""
+    """One line for each experiment that is judged as a whole, the largest deviation first."""
     if not found.experiments:
         return []
     columns = (
@@ -103,7 +114,7 @@ def _experiments(found: Comparison) -> list[Block]:
         Column("degrees of freedom"),
         Column("p", digits=2),
     )
-    body = []
+    body: list[tuple[Any, ...]] = []
     for document in found.experiments:
         own = [row for row in found.rows if row.experiment == document["experiment"] and row.deviation is not None]
         worst = max(own, key=lambda row: abs(row.deviation or 0.0), default=None)
@@ -111,6 +122,7 @@ def _experiments(found: Comparison) -> list[Block]:
         freedom = document["degrees_of_freedom"] or None
         chi2 = document["chi2"] if freedom else None
         body.append((document["experiment"], document["model"], *most, chi2, freedom, document["p"]))
+    body.sort(key=lambda cells: -abs(cells[2] or 0.0))
     return [Table(columns, body)]
 
 
@@ -118,7 +130,7 @@ def _deviations(rows: Sequence[Row]) -> tuple[Block, ...]:
     points: dict[str, list[tuple[float, str]]] = {}
     for row in rows:
         if row.deviation is not None:
-            points.setdefault(_what(row), []).append((row.deviation, f"{row.experiment}, {row.condition}".rstrip(", ")))
+            points.setdefault(what(row), []).append((row.deviation, f"{row.experiment}, {row.condition}".rstrip(", ")))
     if not points:
         return ()
     caption = (
@@ -145,7 +157,7 @@ def _curves(rows: Sequence[Row]) -> tuple[Block, ...]:
     for r in sorted(rows, key=lambda row: -(row.nrmse or 0.0)):
         shown = display_unit(_known(r.difference), r.unit)
         bias = _scaled((r.difference, r.u_difference), shown)
-        body.append((r.experiment, _of(r), _what(r), 100 * (r.nrmse or 0.0), *bias, shown.text, r.n))
+        body.append((r.experiment, _of(r), what(r), 100 * (r.nrmse or 0.0), *bias, shown.text, r.n))
     text = (
         "Root mean square of measured minus model over the range of the model, and its mean. "
         "The bias has an uncertainty where the scale of the calibration contributes to it; n "
@@ -173,7 +185,7 @@ def _events(rows: Sequence[Row]) -> tuple[Block, ...]:
     for r in rows:
         shown = display_unit(_known(r.measured, r.model), r.unit)
         values = _scaled((r.measured, r.u_measured, r.model, r.u_model), shown)
-        body.append((r.deviation, _what(r), r.experiment, _of(r), *values, shown.text, r.n))
+        body.append((r.deviation, what(r), r.experiment, _of(r), *values, shown.text, r.n))
     text = (
         "The largest deviation first: measured minus model in units of the difference's standard uncertainty. The "
         "uncertainty of the model includes that of every input that is stated with one, and of the DMA from which a "
@@ -189,7 +201,8 @@ def _of(row: Row) -> str:
     return ", ".join(part.replace(" ", _TIED) for part in parts if part)
 
 
-def _what(row: Row) -> str:
+def what(row: Row) -> str:
+    """Name what a row compares, and with what where that is no model."""
     return row.quantity if row.against == "model" else f"{row.quantity} ({row.against})"
 
 

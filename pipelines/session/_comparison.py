@@ -1,10 +1,13 @@
 """What a comparison of measurement and model found, and how it shows itself."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from labpipe.notebook import html_table, text_table
+from labpipe.workflow.fields import REFERENCE
+from labpipe.workflow.session import Experiment
+from pipelines.experiments import KINDS
 from pipelines.experiments.shared.comparison_rows import Row
 
 
@@ -49,3 +52,32 @@ def _agreement(row: Row) -> str:
         return f"nRMSE {100 * row.nrmse:.2f} %"
     u = "" if row.u_difference is None else f" ± {row.u_difference:.1e}"
     return "" if row.difference is None else f"{row.difference:+.2e}{u} {row.unit}"
+
+
+def labelled(row: Row, experiment: Experiment) -> Row:
+    """Say of a row which experiment it is of and, where it does not, of what and how."""
+    return replace(
+        row,
+        experiment=experiment.name,
+        kind=experiment.kind,
+        material=row.material or _material(experiment),
+        condition=row.condition or _condition(experiment),
+    )
+
+
+def _material(experiment: Experiment) -> str:
+    body = getattr(experiment.settings, KINDS[experiment.kind].body, None)
+    texts = (getattr(body, n, None) for n in ("material", "material_from", "material_file"))
+    return next((text.removeprefix(REFERENCE) for text in texts if isinstance(text, str)), "")
+
+
+def _condition(experiment: Experiment) -> str:
+    parts = []
+    height = getattr(experiment.settings, "height", None)
+    if height is not None:
+        parts.append(f"{height.value * 1e3:g} mm")
+    body = getattr(experiment.settings, KINDS[experiment.kind].body, None)
+    temperature = getattr(body, "temperature", None)
+    if temperature is not None:
+        parts.append(f"{temperature.value:g} °C")
+    return ", ".join(parts)

@@ -13,17 +13,20 @@ from labpipe.workflow.session import Session
 from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import Stages, spell_out
 from pipelines import experiments
-from pipelines.experiments import JUDGEMENT, Kind
+from pipelines.experiments import Kind
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from labpipe.report import Column, IndexRow, IndexTable, LineChart, ScatterChart
+    from labpipe.report import Column, IndexRow, IndexTable, LineChart, Link, ScatterChart
+    from pipelines.session._verdicts import Verdict
 
 PAGE = "index.html"
 """Below ``SESSION/labpipe``; an experiment cannot have a page of that name there."""
 COMPARISON_PAGE = "compare.html"
 """Beside it, once ``labpipe compare`` has written it."""
+MATERIAL, BESIDE, AND = "material-", "beside-", "--"
+"""How the names of the other pages of several experiments begin, and what is between two names."""
 
 
 _REPORT, _DONE, _WAITING = "report", "done", "waits for values"
@@ -78,28 +81,32 @@ def _state_digest(plan: Plan, code: Identity) -> str:
         ]
         for row in plan.rows
     ]
-    has_comparison = (session.folder / COMPARISON_PAGE).is_file()
-    head = [code, session.title, session.operator, session.notes, session.synthetic, has_comparison, session.waiting]
+    together = [(session.folder / COMPARISON_PAGE).is_file(), pages_together(session.folder)]
+    head = [code, session.title, session.operator, session.notes, session.synthetic, together, session.waiting]
     return hashlib.sha256(files.canonical([head, rows]).encode("utf-8", "replace")).hexdigest()
 
 
 def _page(results: Results) -> str:
-    from labpipe.report import Document, IndexTable, Section
+    from labpipe.report import Document, IndexTable, Paragraph, Section
+    from pipelines.session._verdicts import stored_verdicts
 
     session = results.plan.session
     caption = _CAPTION
+    verdicts = stored_verdicts(results)
     sections, states = [], []
+    if links := _links(session):
+        sections.append(Section("Together", links))
     for title, names in _groups(session):
         columns, cells = _columns(results, names)
-        rows = tuple(_row(results, name, cells[name]) for name in names)
+        rows = tuple(_row(results, name, cells[name], verdicts.get(name)) for name in names)
         sections.append(Section(title, (IndexTable(tuple(columns), rows, caption),)))
         states += [row.state for row in rows]
         caption = ""  # once is enough
     if session.waiting:
         sections.append(Section("Waiting", (_those_that_wait(session),)))
         states += [_WAITING] * len(session.waiting)
-    if below := _below(session):
-        sections.append(Section("Session", below))
+    if session.notes:
+        sections.append(Section("Session", (Paragraph(session.notes),)))
     about = [f"{sum(state.startswith(_DONE) for state in states)} of {len(states)} experiments done"]
     if session.operator:
         about.insert(0, f"recorded by {session.operator}")
@@ -132,17 +139,31 @@ def _groups(session: Session) -> list[tuple[str, list[str]]]:
     return [(experiments.KINDS[kind].title, names) for kind, names in by_kind.items()]
 
 
-def _below(session: Session) -> tuple[Any, ...]:
-    """Lead to the comparison of all experiments, and show the notes."""
-    from labpipe.report import Link, Paragraph
+def _links(session: Session) -> "tuple[Link, ...]":
+    """Lead to the pages of several experiments, the comparison of all of them first."""
+    from labpipe.report import Link
 
-    blocks: list[Any] = []
+    found = []
     if (session.folder / COMPARISON_PAGE).is_file():
         remark = "all experiments in one table, as of the last labpipe compare"
-        blocks.append(Link("Measurement against model", COMPARISON_PAGE, remark))
-    if session.notes:
-        blocks.append(Paragraph(session.notes))
-    return tuple(blocks)
+        found.append(Link("Measurement against model", COMPARISON_PAGE, remark))
+    return (*found, *(Link(text, name) for text, name in pages_together(session.folder)))
+
+
+def pages_together(folder: Path) -> list[tuple[str, str]]:
+    """Return what every page of one material, or of two experiments, is called, and its file.
+
+    Parameters
+    ----------
+    folder : Path
+        ``SESSION/labpipe``.
+    """
+    forms = ((MATERIAL, "{} over all its experiments"), (BESIDE, "side by side: {}"))
+    return [
+        (form.format(path.stem.removeprefix(before).replace(AND, " and ")), path.name)
+        for before, form in forms
+        for path in sorted(folder.glob(f"{before}*.html"))
+    ]
 
 
 def _columns(results: Results, names: Sequence[str]) -> "tuple[list[Column], dict[str, list[Any]]]":
@@ -180,7 +201,7 @@ def _key_numbers(shown: Iterable[Kind]) -> list[tuple[str, str]]:
 def _number(results: Results, name: str, source: tuple[str, str] | None, *, is_worst: bool = False) -> float | None:
     import numpy as np
 
-    dataset = _dataset(results, name, source[0]) if source else None
+    dataset = first_result(results, name, source[0]) if source else None
     if dataset is None or source is None or source[1] not in dataset:
         return None
     values = np.atleast_1d(np.asarray(dataset[source[1]].values, float))
@@ -190,7 +211,8 @@ def _number(results: Results, name: str, source: tuple[str, str] | None, *, is_w
     return float(values.max() if is_worst else values.flat[0])
 
 
-def _dataset(results: Results, name: str, stage: str) -> "xr.Dataset | None":
+def first_result(results: Results, name: str, stage: str) -> "xr.Dataset | None":
+    """Return what a stage of an experiment gave, for its first recording; None where it is not there."""
     rows = (row for row in results.plan.rows if (row.experiment, row.stage) == (name, stage))
     row = next(rows, None)
     return None if row is None else results.up_to_date(row)
@@ -203,7 +225,7 @@ def _warnings(plan: Plan, name: str) -> int:
     return sum(len(record.warnings) for record in records if record is not None)
 
 
-def _row(results: Results, name: str, cells: Sequence[Any]) -> "IndexRow":
+def _row(results: Results, name: str, cells: Sequence[Any], verdict: "Verdict | None") -> "IndexRow":
     from labpipe.report import IndexRow
 
     plan = results.plan
@@ -211,7 +233,7 @@ def _row(results: Results, name: str, cells: Sequence[Any]) -> "IndexRow":
     has_page = (plan.session.folder / page_name(name)).is_file()
     waiting = [row for row in rows if row.state not in READY]
     kept = [row for row in rows if row.state == KEPT]
-    kind = plan.session.experiments[name].kind.replace("_", " ")
+    kind = experiments.KINDS[plan.session.experiments[name].kind].title
     unreadable = next((plan.keys[r.task].problem for r in rows if plan.keys[r.task].problem), "")
     state, level = _DONE, "ok"
     if unreadable:
@@ -224,8 +246,8 @@ def _row(results: Results, name: str, cells: Sequence[Any]) -> "IndexRow":
         state, level = "not processed", "info"
     elif kept:
         state, level = f"{_DONE}, {len(kept)} results of earlier code", "warning"
-    elif (judged := _dataset(results, name, JUDGEMENT)) is not None:
-        state, level = _judged(judged.attrs["believable"], judged.attrs["model"])
+    elif verdict is not None:
+        state, level = _judged(verdict.believable, verdict.model)
     return IndexRow(
         name,
         state,
@@ -250,7 +272,7 @@ def _picture(results: Results, name: str) -> bytes | None:
     from labpipe.report import thumbnail
 
     source = experiments.KINDS[results.plan.session.experiments[name].kind].picture
-    dataset = _dataset(results, name, source.stage) if source else None
+    dataset = first_result(results, name, source.stage) if source else None
     if source is None or dataset is None or not {source.x, source.y} <= set(dataset.variables):
         return None
     chart = _chart(dataset, source.x, source.y, source.scale)

@@ -1,4 +1,4 @@
-"""Plan a session, process it, watch it, show its reports, check its store."""
+"""Plan a session, process it, judge it, watch it, show its reports, check its store."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from pipelines.session._overview import write_overview
 if TYPE_CHECKING:
     from labpipe.report import Report
     from labpipe.workflow.runner import Event, RunResult
+    from pipelines.session._verdicts import Verdicts
 
 
 def plan(
@@ -272,3 +273,32 @@ def check_store(folder: str | Path) -> list[str]:
     from labpipe.workflow.store import Store
 
     return Store(reopen_session(folder).folder).check()
+
+
+def verdict(
+    folder: str | Path, targets: Iterable[str] | None = None, only: Iterable[str] | None = None, *, jobs: int = 1
+) -> Verdicts:
+    """Judge a session: is each record believable, and does the model agree.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder; what it lacks is processed first.
+    targets, only : str or iterable of str, optional
+        Stages and experiments that are wanted; all by default. With stages, what was measured is
+        judged by what is there.
+    jobs : int
+        Experiments computed side by side.
+
+    Returns
+    -------
+    Verdicts
+
+    Examples
+    --------
+    >>> for one in verdict("my-session").experiments:  # doctest: +SKIP
+    ...     print(one.experiment, one.believable, one.model)
+    """
+    from pipelines.session._verdicts import verdicts_of
+
+    return verdicts_of(process(folder, targets, only, jobs=jobs))

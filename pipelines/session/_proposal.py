@@ -137,11 +137,22 @@ def _gaps_in(texts: Mapping[str, str]) -> list[str]:
 def _unused_files(found: Found, text: str) -> list[str]:
     """Name every file that the text does not, with the reason; what is alike in one line."""
     whole = wholes(found.folder)
-    lines = [
-        f"{name} ({title}): {reason}"
-        for name, (title, reason) in found.owners.items()
-        if f'"{quoted(name)}"' not in text and (found.folder / name).parent not in whole
-    ]
+    lines: list[str] = []
+    copies: dict[tuple[str, str, Path], list[str]] = {}
+    for name, (title, reason) in found.owners.items():
+        if f'"{quoted(name)}"' in text or (found.folder / name).parent in whole:
+            continue
+        if reason.startswith(_COPY_OF):
+            first = Path(reason.removeprefix(_COPY_OF).strip('"'))
+            copies.setdefault((title, Path(name).parent.as_posix(), first.parent), []).append(name)
+        else:
+            lines.append(f"{name} ({title}): {reason}")
+    for (title, place, first_place), names in copies.items():
+        if len(names) == 1:
+            lines.append(f"{names[0]} ({title}): {found.owners[names[0]][1]}")
+        else:
+            kept = f"{first_place.as_posix()}/" if first_place != Path() else "the session folder"
+            lines.append(f"{len(names)} files in {place}/ ({title}): copies of those in {kept}")
     lines += [
         f"{place.relative_to(found.folder).as_posix()}/ ({each.title}): {_why_not(each)}"
         for place, each in whole.items()
@@ -157,6 +168,7 @@ def _unused_files(found: Found, text: str) -> list[str]:
     return lines
 
 
+_COPY_OF = "a copy of "
 UNKNOWN = "no instrument recognises the content"
 LINK = "a link that leads out of the folder"
 PICTURE = "a picture; one of a ruler in the plane of focus gives the image scale of a camera record"
@@ -232,7 +244,7 @@ def recognise(folder: Path) -> Found:
         copies = copies_among(folder, found.get(each.name, []))
         if each.name in found:
             found[each.name] = [name for name in found[each.name] if name not in copies]
-        owners |= {name: (each.title, f'a copy of "{first}"') for name, first in copies.items()}
+        owners |= {name: (each.title, f'{_COPY_OF}"{first}"') for name, first in copies.items()}
         for name in found.get(each.name, []):
             owners[name] = (each.title, _why_not(each))
             if not each.unproposed:

@@ -22,7 +22,7 @@ from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment
 from pipelines.experiments import JUDGEMENT, KINDS
 from pipelines.experiments.shared.comparison_rows import Row, row
-from pipelines.session._compare import labelled
+from pipelines.session._comparison import labelled
 from pipelines.session._export_formats import one_line, text_cell
 from pipelines.session._results import derive
 

@@ -81,35 +81,6 @@ class Verdicts:
         return [verdict.document() for verdict in self.experiments]
 
 
-def verdict(
-    folder: str | Path, targets: Iterable[str] | None = None, only: Iterable[str] | None = None, *, jobs: int = 1
-) -> Verdicts:
-    """Judge a session: is each record believable, and does the model agree.
-
-    Parameters
-    ----------
-    folder : path-like
-        The session folder; what it lacks is processed first.
-    targets, only : str or iterable of str, optional
-        Stages and experiments that are wanted; all by default. With stages, what was measured is
-        judged by what is there.
-    jobs : int
-        Experiments computed side by side.
-
-    Returns
-    -------
-    Verdicts
-
-    Examples
-    --------
-    >>> for one in verdict("my-session").experiments:  # doctest: +SKIP
-    ...     print(one.experiment, one.believable, one.model)
-    """
-    from pipelines.session._processing import process
-
-    return verdicts_of(process(folder, targets, only, jobs=jobs))
-
-
 def verdicts_of(run: RunResult) -> Verdicts:
     """Return the verdicts on the experiments that a run has processed."""
     session = run.session

@@ -107,9 +107,10 @@ async function loadFiles() {
   drawFiles();
   const chosen = by("pages").value;
   by("pages").replaceChildren(...found.pages.map((page) => make("option", { value: page, textContent: page.replace(/^reports\/|\.html$/g, "") })));
-  if (found.pages.includes(chosen)) by("pages").value = chosen;
+  by("pages").value = found.pages.includes(chosen) ? chosen : found.pages.includes("index.html") ? "index.html" : found.pages[0] || "";
   by("report-hint").hidden = found.pages.length > 0;
-  by("page").hidden = by("pages").parentElement.hidden = !found.pages.length;
+  by("page").hidden = by("report-bar").hidden = !found.pages.length;
+  drawBeside();
 }
 views.files = loadFiles;
 
@@ -208,7 +209,7 @@ for (const [id, action] of [["start", "process"], ["watch", "watch"], ["stop", "
 function openPage(page) {
   show("report");
   by("report-hint").hidden = true;
-  by("page").hidden = by("pages").parentElement.hidden = false;
+  by("page").hidden = by("report-bar").hidden = false;
   if (page && [...by("pages").options].every((option) => option.value !== page)) by("pages").append(make("option", { value: page, textContent: page.replace(/^reports\/|\.html$/g, "") }));
   if (page) by("pages").value = page;
   openPageChosen();
@@ -217,8 +218,25 @@ views.report = async () => {
   await loadFiles();
   if (!by("page").getAttribute("src")) openPageChosen();
 };
-const openPageChosen = () => { if (by("pages").value) by("page").src = `reports/${by("pages").value.split("/").map(encodeURIComponent).join("/")}`; };
+function openPageChosen() {
+  if (by("pages").value) by("page").src = `reports/${by("pages").value.split("/").map(encodeURIComponent).join("/")}`;
+  drawBeside();
+}
 by("pages").addEventListener("change", openPageChosen);
+
+const experimentOf = (page) => (page.match(/^reports\/(.*)\.html$/) || [])[1];
+function drawBeside() {
+  const own = experimentOf(by("pages").value);
+  const others = [...by("pages").options].map((option) => experimentOf(option.value)).filter((name) => name && name !== own);
+  by("beside").parentElement.hidden = !own || !others.length;
+  by("beside").replaceChildren(make("option", { value: "", textContent: "…" }), ...others.map((name) => make("option", { value: name, textContent: name })));
+}
+by("beside").addEventListener("change", trying(async () => {
+  if (!by("beside").value) return;
+  const found = await ask("api/beside", { first: experimentOf(by("pages").value), second: by("beside").value });
+  await loadFiles();
+  openPage(found.page);
+}));
 
 // --- beginning ---
 

@@ -140,7 +140,7 @@ def _measured(settings: BallDrop, readings: list[xr.Dataset], context: Context) 
         if first.attrs.get("layout") == "assumed":
             blocks.append(Notice("info", "The layout of Keyence storage files is assumed, as no such file is public."))
         blocks += pages.raw_headers(readings)
-    return Section("What was measured", (KeyValues([r for r in rows if r[1]]), *blocks))
+    return pages.folded("What was measured", "Files and readings", (KeyValues([r for r in rows if r[1]]), *blocks))
 
 
 def _calibration(displacement: list[xr.Dataset]) -> Section:
@@ -170,7 +170,7 @@ def _calibration(displacement: list[xr.Dataset]) -> Section:
         shown = value_with_uncertainty(recorded["value"], recorded["u"], "rad")
         text = f"The inclination was fitted from the drop height; the record says {shown}."
         blocks.insert(1, Notice("info", text))
-    return Section("Calibration and its uncertainty", tuple(blocks))
+    return pages.folded("Calibration and its uncertainty", "Record and what follows from it", blocks)
 
 
 def _bounces(repeats: xr.Dataset, comparison: xr.Dataset | None) -> Section:

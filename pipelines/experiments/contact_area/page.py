@@ -282,7 +282,7 @@ def _calibration(radius: xr.Dataset, impacts: xr.Dataset | None) -> Section:
         *budget_table(json.loads(radius.attrs["scale_budget"]), "Budget of the image scale", "m/px"),
         *_budget(radius, impacts),
     ]
-    return Section("Calibration and its uncertainty", tuple(blocks))
+    return pages.folded("Calibration and its uncertainty", "Record and what follows from it", blocks)
 
 
 def _over_time(

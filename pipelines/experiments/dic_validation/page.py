@@ -218,7 +218,7 @@ def _calibration(motion: xr.Dataset) -> Section:
         ),
         *budget_table(json.loads(motion.attrs["budget"]), "Budget of the image scale", "m/px"),
     ]
-    return Section("Calibration and its uncertainty", tuple(blocks))
+    return pages.folded("Calibration and its uncertainty", "Record and what follows from it", blocks)
 
 
 def _motion(

@@ -114,7 +114,7 @@ def _measured(settings: Harmonic, readings: xr.Dataset | None, loads: xr.Dataset
     header = pages.raw_header(readings)
     if header is not None:
         blocks.append(header)
-    return Section("What was measured, and its calibration", tuple(blocks))
+    return pages.folded("What was measured, and its calibration", "File, punch and calibration record", blocks)
 
 
 def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None) -> Section:

@@ -159,7 +159,7 @@ def _measured(settings: PlateVibration, readings: list[xr.Dataset], context: Con
         rows.insert(1, ("sampling", value_with_uncertainty(1 / interval, 0.0, "Hz"), f"{first.sizes['time']} points"))
         header = pages.raw_header(first)
         blocks += [] if header is None else [header]
-    return Section("What was measured", (KeyValues([r for r in rows if r[1]]), *blocks))
+    return pages.folded("What was measured", "Files and readings", (KeyValues([r for r in rows if r[1]]), *blocks))
 
 
 def _calibration(first: xr.Dataset) -> Section:
@@ -180,9 +180,8 @@ def _calibration(first: xr.Dataset) -> Section:
     budget = budget_table(
         json.loads(attrs["budget"]), "Budget for the largest displacement of the first recording", "m"
     )
-    return Section(
-        "Calibration and its uncertainty", (pages.calibration_rows(attrs["calibration"]), KeyValues(rows), *budget)
-    )
+    inside = (pages.calibration_rows(attrs["calibration"]), KeyValues(rows), *budget)
+    return pages.folded("Calibration and its uncertainty", "Record and what follows from it", inside)
 
 
 def _motion(settings: PlateVibration, comparison: xr.Dataset) -> Section:

@@ -146,7 +146,7 @@ def _measured(
         ours = None if loads is None else loads[number]
         raw = None if readings is None else readings[number]
         blocks += header_blocks(raw, ours, name)
-    return Section("What was measured, and its calibration", tuple(blocks))
+    return pages.folded("What was measured, and its calibration", "File, punch and calibration record", blocks)
 
 
 def _tests(tests: xr.Dataset) -> Section:

@@ -6,6 +6,7 @@ of its comparison; here they become the stage ``judgement`` and the first sectio
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from math import floor, log10
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -237,9 +238,19 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
 
 
 def _compared(row: Row) -> str:
-    measured = value_with_uncertainty(row.measured or 0.0, row.u_measured or 0.0, row.unit)
-    model = value_with_uncertainty(row.model or 0.0, row.u_model or 0.0, row.unit)
+    measured, model = (
+        value_with_uncertainty(value or 0.0, u, row.unit) if u else _as_exact(value or 0.0, row)
+        for value, u in ((row.measured, row.u_measured), (row.model, row.u_model))
+    )
     return f"{row.quantity} {measured} measured, {model} expected, {abs(row.deviation or 0.0):.1f} u"
+
+
+def _as_exact(value: float, row: Row) -> str:
+    """Write a value without an uncertainty of its own with the digits that the difference's can tell."""
+    if row.u_difference and value:
+        digits = max(1, floor(log10(abs(value))) - floor(log10(row.u_difference)) + 2)
+        value = float(f"{value:.{digits}g}")
+    return value_with_uncertainty(value, 0.0, row.unit)
 
 
 def _counted(judged: Judgement) -> str:

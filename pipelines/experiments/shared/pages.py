@@ -4,7 +4,8 @@ What is special to a kind of experiment stands in its own page module.
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import xarray as xr
 
@@ -14,8 +15,10 @@ from labpipe.report import (
     Details,
     Document,
     KeyValues,
+    LineChart,
     Notice,
     Paragraph,
+    ScatterChart,
     Section,
     Table,
     value_with_uncertainty,
@@ -39,11 +42,22 @@ def counted(n: int, noun: str, plural: str | None = None) -> str:
 
 
 def document(context: Context, subtitle: str, sections: Sequence[Section]) -> Document:
-    """Assemble a page: the sections of its kind between the head and the sections of every page."""
+    """Assemble a page that answers first.
+
+    The verdict comes before all else, then the one chart that shows it, the first of the kind's
+    sections; what the verdict rests on follows the key numbers, and the sections of every page
+    follow those of the kind.
+    """
     head = (*((synthetic_notice(),) if context.synthetic else ()), *kept_notice(context))
-    first, *rest = sections
-    answer = first.blocks[:1] if isinstance(first.blocks[0], Notice) else ()  # the verdict, before all else
-    opening = Section(first.title, (*answer, *head, *first.blocks[len(answer) :]), first.anchor)
+    (first, *rest), shown = _without_first_chart(sections)
+    n_answers = next((i for i, block in enumerate(first.blocks) if not isinstance(block, Notice)), len(first.blocks))
+    answer, behind = first.blocks[:n_answers], first.blocks[n_answers:]
+    if answer and rest:  # a verdict, and the key numbers after it
+        opening = Section(first.title, (*answer, *head, *shown), first.anchor)
+        basis = (Section("What the verdict rests on", behind),) if behind else ()
+        rest = [*rest[:1], *basis, *rest[1:]]
+    else:
+        opening = Section(first.title, (*answer, *head, *behind, *shown), first.anchor)
     return Document(
         title=context.experiment,
         subtitle=f"{subtitle} · {context.title}" if context.title else subtitle,
@@ -51,6 +65,25 @@ def document(context: Context, subtitle: str, sections: Sequence[Section]) -> Do
         home=SESSION_PAGE,
         sections=(opening, *rest, problems(context), ledger(context), provenance(context)),
     )
+
+
+def _without_first_chart(sections: Sequence[Section]) -> tuple[list[Section], tuple[Block, ...]]:
+    """Take the first chart out of its section; a section of which nothing is left goes with it."""
+    for place, section in enumerate(sections):
+        for i, block in enumerate(section.blocks):
+            if isinstance(block, LineChart | ScatterChart):
+                left = replace(section, blocks=(*section.blocks[:i], *section.blocks[i + 1 :]))
+                others = [left] if left.blocks else []
+                return [*sections[:place], *others, *sections[place + 1 :]], (block,)
+    return list(sections), ()
+
+
+def folded(title: str, summary: str, blocks: Iterable[Block]) -> Section:
+    """Make a section that is folded away until it is asked for; what warns stays in sight."""
+    found = tuple(blocks)
+    inside = tuple(block for block in found if not isinstance(block, Notice))
+    notices = tuple(block for block in found if isinstance(block, Notice))
+    return Section(title, (*notices, *((Details(summary, blocks=inside),) if inside else ())))
 
 
 def synthetic_notice() -> Notice:

@@ -115,7 +115,8 @@ def _measured(
         caption = "Budget of a single reading of the approach, at the largest load"
         blocks += budget_table(json.loads(approach.attrs["budget"]), caption, "m")
     header = pages.raw_header(readings)
-    return Section("What was measured, and its calibration", (*blocks, *([header] if header is not None else [])))
+    inside = (*blocks, *([header] if header is not None else []))
+    return pages.folded("What was measured, and its calibration", "File, sphere and calibration record", inside)
 
 
 def _radii(steps: xr.Dataset, approach: xr.Dataset, model: xr.Dataset | None, comparison: xr.Dataset | None) -> Section:

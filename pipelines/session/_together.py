@@ -1,0 +1,271 @@
+"""Pages that lay experiments beside each other: two of them, and all of one material."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import msgspec
+
+from labpipe import files
+from labpipe.errors import InputError, LabpipeError, UsageError
+from labpipe.report import SURE, Block, Column, Document, Link, Notice, Paragraph, Section, Table, display_unit
+from labpipe.workflow.fields import REFERENCE
+from labpipe.workflow.plan import page_name
+from labpipe.workflow.session import Session
+from pipelines.experiments import KINDS
+from pipelines.experiments.shared.comparison_rows import Row
+from pipelines.experiments.shared.pages import SYNTHETIC, synthetic_notice
+from pipelines.session._compare_page import parts, what
+from pipelines.session._comparison import Comparison, labelled
+from pipelines.session._opening import STAGES
+from pipelines.session._overview import AND, BESIDE, MATERIAL, PAGE, first_result, write_overview
+from pipelines.session._results import derive, opened
+from pipelines.session._verdicts import Verdict, stored_verdicts
+
+if TYPE_CHECKING:
+    from labpipe.workflow.results import Results
+
+_LEVELS = {"yes": "ok", "doubtful": "warning", "impossible": "error"}
+_WORDS = {"yes": "the record is believable", "unknown": "whether the record is believable is not known"}
+
+
+def beside(folder: str | Path, first: str, second: str) -> Path:
+    """Write the page of two experiments side by side, from the results that are there.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder.
+    first, second : str
+        Names of two experiments.
+
+    Returns
+    -------
+    Path
+        ``FOLDER/labpipe/beside-FIRST--SECOND.html``.
+
+    Raises
+    ------
+    UsageError
+        There is no such experiment, or it is one and the same.
+    InputError
+        One of them has no results that are up to date.
+
+    Examples
+    --------
+    >>> beside("my-session", "acrylic_7mm", "acrylic_10mm")  # doctest: +SKIP
+    """
+    results = opened(folder)
+    session = results.plan.session
+    for name in (first, second):
+        if name not in session.experiments:
+            message = f'there is no experiment "{name}" that is complete'
+            raise UsageError(message)
+    if first == second:
+        message = f'name two experiments; "{first}" was named twice'
+        raise UsageError(message)
+    verdicts = stored_verdicts(results)
+    rows = {name: _rows(results, name) for name in (first, second)}
+    for name, own in rows.items():
+        if own is None and name not in verdicts:
+            message = f"{name} has no results that are up to date; run: labpipe process {folder} --only {name}"
+            raise InputError(message)
+    own, others = rows[first] or (), rows[second] or ()
+    said, *difference = _difference(own, others, first, second)
+    found = Comparison((*own, *others), {}, {}, session.folder / PAGE)
+    names = (first, second)
+    answer = (*_verdicts(names, verdicts), said, *_chart(results, names))
+    sections = [
+        Section("Answer", answer),
+        Section("Difference", (*difference, *_reports(session, names), *_synthetic(session))),
+        *parts(found),
+    ]
+    path = session.folder / f"{BESIDE}{_safe(first)}{AND}{_safe(second)}.html"
+    files.write_text(path, _document(session, f"{first} beside {second}", sections))
+    write_overview(session, STAGES)
+    return path
+
+
+def write_materials(results: Results, found: Comparison) -> list[tuple[str, str]]:
+    """Write a page for every material of several experiments; return each one's name and file."""
+    session = results.plan.session
+    verdicts = stored_verdicts(results)
+    pages = []
+    for material, names in _materials(session, found.rows).items():
+        rows = tuple(row for row in found.rows if row.experiment in names and _is_of(row, material, session))
+        own = tuple(document for document in found.experiments if document["experiment"] in names)
+        part = replace(found, rows=rows, experiments=own, failed={}, absent={})
+        sections = [
+            Section("Answer", (*_verdicts(names, verdicts), *_reports(session, names), *_synthetic(session))),
+            *parts(part),
+        ]
+        name = f"{MATERIAL}{_safe(material)}.html"
+        files.write_text(session.folder / name, _document(session, f"{material} over all its experiments", sections))
+        pages.append((material, name))
+    return pages
+
+
+def _rows(results: Results, name: str) -> tuple[Row, ...] | None:
+    """Return what an experiment compares, by the results that are there; None where they are not."""
+    experiment = results.plan.session.experiments[name]
+    derived = KINDS[experiment.kind].rows
+    if derived is None:
+        return ()
+    try:
+        return tuple(labelled(row, experiment) for row in derive(results, experiment, derived))
+    except LabpipeError:
+        return None
+
+
+def _document(session: Session, title: str, sections: Iterable[Section]) -> str:
+    shown = tuple(section for section in sections if section.blocks)
+    badge = SYNTHETIC if session.synthetic else ""
+    return Document(title=title, subtitle=session.title, badge=badge, home=PAGE, sections=shown).render()
+
+
+def _synthetic(session: Session) -> tuple[Block, ...]:
+    return (synthetic_notice(),) if session.synthetic else ()
+
+
+def _safe(name: str) -> str:
+    return re.sub(r"[^\w.-]+", "_", name)
+
+
+def _verdicts(names: Iterable[str], verdicts: Mapping[str, Verdict]) -> Iterator[Block]:
+    for name in names:
+        if (one := verdicts.get(name)) is None:
+            yield Notice("info", f"{name}: no verdict that is up to date.")
+            continue
+        said = _WORDS.get(one.believable, f"the record is {one.believable}")
+        model = {"none": "", "undecided": "; whether the model agrees is undecided"}
+        said += model.get(one.model, f"; the model {one.model}")
+        level = _LEVELS.get(one.believable, "info")
+        level = "warning" if level == "ok" and one.model == "differs" else level
+        grave = [finding for finding in one.findings if finding.level == one.believable]
+        reason = f" {_sentence(grave[0].message)}" if grave else ""
+        causes = f" Probable cause: {one.causes[0].rstrip('.')}." if one.causes else ""
+        yield Notice(level, f"{name}: {said}.{reason}{causes}")  # type: ignore[arg-type]
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:].rstrip('.')}."
+
+
+def _reports(session: Session, names: Iterable[str]) -> Iterator[Block]:
+    for name in names:
+        if (session.folder / page_name(name)).is_file():
+            yield Link(name, page_name(name), KINDS[session.experiments[name].kind].title)
+
+
+def _difference(first: Sequence[Row], second: Sequence[Row], a: str, b: str) -> Iterator[Block]:
+    """Say in what two experiments differ, in units of the difference's uncertainty."""
+    others = {(row.quantity, row.unit, row.against): row for row in second if row.measured is not None}
+    body: list[tuple[float | None, tuple[float | str | None, ...]]] = []
+    for row in first:
+        other = others.get((row.quantity, row.unit, row.against))
+        if row.measured is None or other is None or other.measured is None:
+            continue
+        gap = row.measured - other.measured
+        u = ((row.u_measured or 0.0) ** 2 + (other.u_measured or 0.0) ** 2) ** 0.5
+        shown = display_unit([row.measured, other.measured], row.unit)
+        values = (row.measured, row.u_measured, other.measured, other.u_measured, gap, u or None)
+        scaled = [None if value is None else value / shown.factor for value in values]
+        body.append((gap / u if u else None, (what(row), *scaled, shown.text)))
+    if not body:
+        yield Notice("info", "No quantity is measured in both: what each was compared with stands below.")
+        return
+    body.sort(key=lambda found: -abs(found[0] or 0.0))
+    apart = sum(1 for deviation, _ in body if deviation is not None and abs(deviation) >= SURE)
+    n = len(body)
+    yield Notice(
+        "info",
+        f"{apart} of {n} quantit{'y' if n == 1 else 'ies'} measured in both differ{'s' if apart == 1 else ''} by more "
+        "than the 95 % interval of the difference.",
+    )
+    columns = (
+        Column("difference", "u", digits=2),
+        Column("quantity"),
+        Column(a, u=3),
+        Column("u"),
+        Column(b, u=5),
+        Column("u"),
+        Column(f"{a} minus {b}", u=7),
+        Column("u"),
+        Column("in"),
+    )
+    yield Table(columns, [(deviation, *cells) for deviation, cells in body])
+    yield Paragraph(
+        "The largest difference first, of what was measured. What both share, such as the calibration of one sensor, "
+        "is counted in each: where they share much, the difference is known better than is said here."
+    )
+
+
+def _chart(results: Results, names: Sequence[str]) -> Iterator[Block]:
+    """Lay the curve that stands for each experiment over the other's, where both are of one kind."""
+    import numpy as np
+
+    from labpipe.report import LineChart, Series
+
+    session = results.plan.session
+    kinds = {session.experiments[name].kind for name in names}
+    source = KINDS[next(iter(kinds))].picture if len(kinds) == 1 else None
+    found = [] if source is None else [first_result(results, name, source.stage) for name in names]
+    if source is None or any(one is None or not {source.x, source.y} <= set(one.variables) for one in found):
+        return
+    curves = [(np.asarray(one[source.x], float), np.asarray(one[source.y], float)) for one in found if one is not None]
+    if any(x.ndim != 1 or np.isfinite(x + y).sum() < 2 for x, y in curves):
+        return
+    units = []
+    for i, variable in enumerate((source.x, source.y)):
+        values = np.concatenate([curve[i] for curve in curves])
+        si = next(str(one[variable].attrs.get("units", "1")) for one in found if one is not None)
+        units.append(display_unit(values[np.isfinite(values)].tolist(), si))
+    roles: tuple[Literal["measured", "reference"], ...] = ("measured", "reference")
+    series = []
+    for name, (x, y), role in zip(names, curves, roles, strict=True):
+        order = np.flatnonzero(np.isfinite(x))
+        order = order[np.argsort(x[order], kind="stable")]
+        series.append(Series(name, x[order] / units[0].factor, y[order] / units[1].factor, role=role))
+    x_label, y_label = (
+        f"{v.replace('_', ' ')} / {unit.text}" for v, unit in zip((source.x, source.y), units, strict=True)
+    )
+    scale: Literal["linear", "log"] = "log" if source.scale == "log" else "linear"
+    title = y_label.partition(" / ")[0].capitalize()
+    yield LineChart(title, x_label, y_label, series, x_scale=scale, y_scale=scale)
+
+
+def _materials(session: Session, rows: Sequence[Row]) -> dict[str, list[str]]:
+    """Return the experiments of every material that has several, in the order of the session."""
+    same = _same(session)
+    names: dict[str, list[str]] = {}
+    for row in rows:
+        material = same.get(row.material, row.material) or row.experiment
+        if row.experiment not in names.setdefault(material, []):
+            names[material].append(row.experiment)
+    return {material: own for material, own in names.items() if len(own) > 1}
+
+
+def _is_of(row: Row, material: str, session: Session) -> bool:
+    return (_same(session).get(row.material, row.material) or row.experiment) == material
+
+
+def _same(session: Session) -> dict[str, str]:
+    """Return the DMA that a material's name stands for, where an experiment states both."""
+    found: dict[str, str] = {}
+    for experiment in session.experiments.values():
+        for table in _tables(msgspec.to_builtins(experiment.settings, enc_hook=str)):
+            name, source = table.get("material"), table.get("material_from")
+            if isinstance(name, str) and isinstance(source, str):
+                found[name] = source.removeprefix(REFERENCE)
+    return found
+
+
+def _tables(node: Any) -> Iterator[dict[str, Any]]:
+    if isinstance(node, dict):
+        yield node
+    for child in node.values() if isinstance(node, dict) else node if isinstance(node, list | tuple) else ():
+        yield from _tables(child)
