@@ -111,7 +111,7 @@ FIGURES: tuple[Figure, ...] = (
         "2.4",
         "Relaxation at three depths",
         f"{_HOME}.relaxations:relaxation",
-        Need("relaxation", ("loads", "ramps", "comparison"), "nbr", is_optional=True),
+        Need("relaxation", ("loads", "ramps", "curves", "comparison"), "nbr", is_optional=True),
     ),
     Figure(
         "2.5",

@@ -54,13 +54,16 @@ def _recorded_relaxation(inputs: Inputs) -> Drawing:
             )
             place.semilogx(since[inside][thin], simulated[inside][thin], label="model", **line_arguments("model"))
             depth = float(at["depth"])
+            curves = inputs.result(name, "curves", file)
             peak, plateau = float(at["peak_force"]), float(at["plateau_force"])
+            clean, u_clean = (float(curves[f"{p}peak_force_unfiltered"][0]) for p in ("", "u_"))
             moved = loads["position_z"].values - float(ramps["contact_position"])
             others.append(_depth_axis(place, since[inside][thin], moved[inside][thin] * 1e3, is_last=file == files[-1]))
             place.set(xlabel="time from the ramp's begin (s)", ylim=(0.0, 1.3 * peak))
             letter(place, letter_, f"$\\Delta$ = {depth * 1e3:.3f} mm")
             notes.append(
-                f"{depth * 1e3:.2g} mm: peak {peak:.1f} N, plateau {plateau:.2f} ± "
+                f"{depth * 1e3:.2g} mm: peak {clean:.1f} ± {u_clean:.1f} N before the filter and {peak:.1f} N "
+                f"behind it, plateau {plateau:.2f} ± "
                 f"{float(at['u_plateau_force']):.2f} N (model "
                 f"{float(made['plateau_force_model'][0]):.2f} N), nRMSE "
                 f"{100 * float(made['nrmse_all'][0]):.2f} %{_printed(depth)}"
@@ -72,7 +75,7 @@ def _recorded_relaxation(inputs: Inputs) -> Drawing:
             "Force while the punch is pressed in at 1 mm/s and held, at three depths; right axis: "
             "indentation from the recorded position.",
             computed=("boundary-element simulation with the measured displacement, after the load cell's filter."),
-            difference=f"{'; '.join(notes)}. The peak is as attenuated by the filter.",
+            difference=f"{'; '.join(notes)}.",
             **inputs.data_note(f"the Mach-1 recordings of {name}, thinned to equal steps of log time."),
         ),
         figure,
