@@ -63,7 +63,7 @@ def model(
     solids = variations(sphere, material_file, fitted, IMPACT_TIMES)
 
     def values_of(change: Mapping[str, float]) -> tuple[dict[str, float], contact.Plate | None]:
-        values = {name: quantity.value for name, quantity in inputs.items()} | change
+        values = {**{name: quantity.value for name, quantity in inputs.items()}, **change}
         moved = {name: values[f"{_OF_PLATE}{name}"] for name in floor}
         return values, None if substrate is None else replace(substrate, **moved)
 
