@@ -13,12 +13,24 @@ oceanographers use (QARTOD: pass, not evaluated, suspect, fail).
 
 from labpipe.judging._agreement import Agreement, agreement, block_means, model_verdict
 from labpipe.judging._causes import Cause, Explanation, explain
-from labpipe.judging._checks import FLAGS, IMPOSSIBLE, Check, Finding, Level, bounded, compared, not_made, stated
+from labpipe.judging._checks import (
+    DOUBTFUL,
+    FLAGS,
+    IMPOSSIBLE,
+    Check,
+    Finding,
+    Level,
+    bounded,
+    compared,
+    not_made,
+    stated,
+)
 from labpipe.judging._detectability import detectable
 from labpipe.judging._suspects import Suspect, suspects
 from labpipe.judging._verdict import Judgement, Verdict, from_json, judge, to_json
 
 __all__ = [
+    "DOUBTFUL",
     "FLAGS",
     "IMPOSSIBLE",
     "Agreement",

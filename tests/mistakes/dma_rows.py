@@ -14,14 +14,20 @@ from tests.mistakes.rows import Mistake
 
 FIRST, SECOND, TOML = "dma/acrylic.csv", "dma/acrylic_2.csv", "session.toml"
 _CODE = "utf-16"
+_POINTS = 9
 _PROTOCOL = Protocol(
     temperatures=(-40.0, -20.0, 0.0, 20.0, 40.0),
     frequencies=tuple(np.geomspace(10.0, 0.1, 9).tolist()),
     ramp=(0.0, 5.0),
 )
+_HEATED = Protocol(
+    temperatures=(-20.0, 0.0, 10.0, 20.0, 30.0, 40.0, 60.0),
+    frequencies=tuple(np.geomspace(20.0, 0.2, _POINTS).tolist()),
+    ramp=tuple(np.arange(-20.0, 61.0, 4.0).tolist()),
+)
+"""Closer isotherms, and a temperature sweep whose readings wait for the heat."""
 TIME, T, OMEGA, STORAGE, LOSS, FACTOR, STRAIN, STRESS = range(2, 10)
 """Cells of a row; the first is empty, the second its number."""
-_POINTS = 9
 
 Change = Callable[[list[str], int, int], list[str]]
 """Takes the cells of a row, its interval and its point, from 0, and returns the cells."""
@@ -96,6 +102,16 @@ def _label(old: str, new: str, count: int = -1) -> Edit:
     return _rewritten(lambda text: text.replace(old, new, count))
 
 
+def _exported(protocol: Protocol) -> Edit:
+    """Write the first export anew, by another protocol."""
+
+    def edit(folder: Path) -> None:
+        name = write_dma(folder / "other", Path(FIRST).stem, SOLIDS["acrylic"], protocol, 5)
+        (folder / FIRST).write_bytes((folder / "other" / name).read_bytes())
+
+    return edit
+
+
 def _both(*edits: Edit) -> Edit:
     def edit(folder: Path) -> None:
         for one in edits:
@@ -164,6 +180,13 @@ ROWS = (
     Mistake("fahrenheit under degrees", _scaled(T, 1.8, 32.0), "doubtful", ("in °F",), FIRST),
     Mistake("degrees labelled K", _label("[°C]", "[K]"), "impossible", (), FIRST),
     Mistake("hertz under radians", _scaled(OMEGA, 1 / (2 * np.pi)), "doubtful", ("Hz under rad/s",), FIRST),
+    Mistake(
+        "hertz under radians beside a long temperature sweep",
+        _both(_exported(_HEATED), _scaled(OMEGA, 1 / (2 * np.pi))),
+        "doubtful",
+        ("Hz under rad/s", "interval"),
+        FIRST,
+    ),
     Mistake("radians labelled Hz", _label("[rad/s]", "[Hz]"), "doubtful", ("Hz",), FIRST),
     Mistake("time in min labelled s", _scaled(TIME, 1 / 60), "doubtful", ("time",), FIRST),
     # one value, one row
@@ -184,6 +207,13 @@ ROWS = (
     # intervals
     Mistake("one interval 30 K too high", _scaled(T, 1.0, 30.0, 2), "impossible", ("interval 3",), FIRST),
     Mistake("two intervals exchanged", _rows(_swapped_intervals), "doubtful", ("wrong order",), FIRST),
+    Mistake(
+        "one interval 20 K too high, where the modulus hardly depends on it",
+        _both(_exported(_HEATED), _scaled(T, 1.0, 20.0, 3)),
+        "doubtful",
+        ("interval 4", "differ by a factor", "temperature"),
+        FIRST,
+    ),
     Mistake("constant temperature", _put(T, "20"), "impossible", ("constant",), FIRST),
     Mistake(
         "one interval slipped",
@@ -200,6 +230,8 @@ ROWS = (
     # what the session states
     Mistake("nu 0.035", setting('nu = "0.35 ± 0.01"', 'nu = "0.035"'), "doubtful", ("decimal point",), TOML, "nu"),
     Mistake("nu 0.05", setting('nu = "0.35 ± 0.01"', 'nu = "0.05"'), "doubtful", ("nu",), TOML, "nu"),
+    Mistake("nu of a rubber", setting('nu = "0.35 ± 0.01"', 'nu = "0.50 ± 0.01"'), "doubtful", ("rubber",), TOML, "nu"),
+    Mistake("scale 10", setting('"1.000 ± 0.010"', '"10.00 ± 0.10"'), "doubtful", ("decimal point",), TOML, "scale"),
     Mistake("tension for torsion", setting('"torsion"', '"tension"'), "doubtful", ("not tension",), TOML, "mode"),
     Mistake("bending for torsion", setting('"torsion"', '"bending"'), "doubtful", ("not bending",), TOML, "mode"),
     Mistake(

@@ -11,7 +11,7 @@ from labpipe.arrays import Floats
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.samples import drop_section, laser_record, session_head
-from tests.mistakes.recordings import ALL, Edit, cells, header, setting, values
+from tests.mistakes.recordings import ALL, HEAD, Edit, cells, header, setting, values
 from tests.mistakes.rows import Mistake
 
 FIRST = ALL[:1]
@@ -137,6 +137,17 @@ def _lost_point(texts: list[str]) -> list[str]:
 
 def _copied(folder: Path) -> None:
     (folder / ALL[2]).write_bytes((folder / ALL[1]).read_bytes())
+
+
+def _of_first(kept: slice, *, own: bool = False) -> Edit:
+    """Put readings of the first record below the header of the third, then its own if wanted."""
+
+    def edit(folder: Path) -> None:
+        lines = (folder / ALL[0]).read_text("utf-8").splitlines()[HEAD:]
+        taken = [line.partition(",")[2] for line in lines][kept]
+        cells(lambda texts: taken + texts[len(taken) :] if own else taken, LAST)(folder)
+
+    return edit
 
 
 def _other_height(height: float, material: str = "acrylic") -> Edit:
@@ -309,6 +320,13 @@ ROWS = (
     Mistake("upside down readings", values(_upside_down), "impossible", ("direction",)),
     # repeats
     Mistake("same file twice", _copied, "doubtful", ("same bytes",), ALL[2]),
+    Mistake(
+        "same readings under another header", _of_first(slice(None)), "doubtful", ("digit by digit", "copy"), ALL[2]
+    ),
+    Mistake(
+        "same readings without their beginning", _of_first(slice(40, None)), "doubtful", ("digit by digit",), ALL[2]
+    ),
+    Mistake("end of another repeat pasted on", _of_first(slice(0, 900), own=True), "impossible", ("pasted",), ALL[2]),
     Mistake("repeat of another height", _other_height(1.7e-3), "impossible", ("1.7", "another height"), ALL[2]),
     Mistake(
         "repeat of another polymer",

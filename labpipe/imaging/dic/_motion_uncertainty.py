@@ -19,7 +19,7 @@ _PLACES = np.linspace(-1.0, 1.0, 5)
 _LEAST_TEXTURE = 3.0
 #: Largest standard uncertainty (px) of a shift across the direction in which the pattern is
 #: weakest: beyond it the correlation has several tops, and the nearest need not be the right one.
-_MOST_UNCERTAIN = 0.4
+MOST_UNCERTAIN = 0.4
 #: Factor by which the texture must exceed noise where more than the motion is solved for.
 _CLEARLY = 4.0
 #: Ratio of the squared slopes along the strongest and the weakest direction from which a pattern
@@ -28,6 +28,17 @@ ONE_WAY, _EDGE = 10.0, 50.0
 #: Shift (px) along the weakest direction that a misfit may hide at most, in patterns of the one and
 #: of the other kind, and how many standard deviations of the residual of noise it is beyond it.
 _HIDDEN, _HIDDEN_BY_EDGE, _SIGNIFICANT = 1.0, 0.2, 4.0
+#: Share of its frames in which a point shows its own noise, the largest multiple of what points of its
+#: brightness show that it may be, and the multiple from which a point is hit by what misfits.
+_BETTER, _BRIGHTER, _HIT = 0.1, 1.5, 2.0
+#: Standard deviations by which that share lies below the mean by chance.
+_BELOW_MEAN = 1.28
+#: Standard deviations, and share of the noise, by which a misfit exceeds noise at least.
+_BY_CHANCE, _LEAST_EXCESS = 4.0, 0.12
+#: Points that a line needs, its rounds, and the weight of those below it.
+_LEAST_POINTS, _ROUNDS, _BELOW = 8, 12, 4.0
+#: Width over which pixels share a misfit, as a share of that of the subset.
+_SHARED = 0.2
 #: Squared slopes that are left at least when those of noise are taken off.
 _LEAST_LEFT = 0.05
 #: Blur (px) at which texture is looked for: a pattern outlives it, noise does not.
@@ -285,7 +296,7 @@ def motion_variance(
     # A frame that is softer than the reference resists an error less.
     found /= np.column_stack([left, left.mean(axis=1)]) ** 2
     both = np.asarray((root[:, 0] * root[:, 3] * along).sum(axis=1)) / left.prod(axis=1)
-    is_told &= _largest(found[:, 0], found[:, 1], both) < _MOST_UNCERTAIN**2
+    is_told &= _largest(found[:, 0], found[:, 1], both) < MOST_UNCERTAIN**2
     resisted = [(root[:, a] * root[:, b] / texture).sum(axis=1) for a, b in ((0, 0), (3, 3), (0, 3))]
     largest = _largest(*resisted)
     weakest, strongest = (1.0 / np.maximum(value, 1e-30) for value in (largest, resisted[0] + resisted[1] - largest))
@@ -316,6 +327,62 @@ def is_beyond_texture(
     excess = (noise - own) * pixels - _SIGNIFICANT * np.sqrt((2.0 + spread) * pixels) * own
     hidden = np.where(strongest > _EDGE * texture, _HIDDEN_BY_EDGE, _HIDDEN)
     return np.asarray((strongest > ONE_WAY * texture) & (excess > hidden**2 * texture))
+
+
+def misfit_factor(noise: Floats, is_static: Flags, pixels: Floats, grey: Floats) -> Floats:
+    """Factor (frame, point) of the standard uncertainty where a subset misfits by more than noise.
+
+    What stands before the specimen, a reflection, or lines of another moment do not move with the
+    subset. What they leave in the residual is no noise: neighbouring pixels share it, so that it
+    moves the answer as few independent places would.
+
+    Parameters
+    ----------
+    noise : array (frame, point) [grey²]
+        Variance of a pixel as the residual shows it; NaN where nothing was found.
+    is_static : bool array (frame,)
+        Frames averaged into the reference.
+    pixels, grey : arrays (point,) [1], [grey levels]
+        Number of pixels of the subsets, and their mean.
+
+    Notes
+    -----
+    A point's own noise is what it shows in its better frames, but not much more than points of its
+    brightness mostly show: bright places are noisier than dark ones, and a subset that misfits in
+    every frame shows none without misfit.
+    """
+    factor = np.ones(noise.shape)
+    moved = noise[~is_static]
+    found = np.flatnonzero((moved > 0.0).any(axis=0))
+    if not len(found):
+        return factor
+    moved = np.where(moved > 0.0, moved, np.nan)
+    own = np.full(noise.shape[1], np.nan)
+    own[found] = np.nanquantile(moved[:, found], _BETTER, axis=0) * (1.0 + _BELOW_MEAN * np.sqrt(2.0 / pixels[found]))
+    usual = _usual(own[found], grey[found])
+    own[found] = np.minimum(own[found], _BRIGHTER * usual)
+    # What is hit in most frames is hit in the others as well, where it moves too little to show much.
+    is_hit = np.nanmedian(moved[:, found], axis=0) > _HIT * own[found]
+    own[found[is_hit]] = np.minimum(own[found], usual)[is_hit]
+    by_chance = np.maximum(_BY_CHANCE * np.sqrt(2.0 / pixels), _LEAST_EXCESS)
+    excess = 1.0 - own * (1.0 + by_chance) / moved
+    factor[~is_static] = np.sqrt(1.0 + _SHARED**2 * pixels * np.clip(np.nan_to_num(excess), 0.0, 1.0))
+    return factor
+
+
+def _usual(noise: Floats, grey: Floats) -> Floats:
+    """Lower edge of the noise of points as a line over their brightness: that of counted light is one."""
+    level = np.full(len(noise), np.quantile(noise, 0.25))
+    if len(noise) < _LEAST_POINTS or np.ptp(grey) == 0.0:
+        return level
+    columns = np.stack([np.ones(len(grey)), grey / np.ptp(grey)], axis=1)
+    for _ in range(_ROUNDS):
+        weight = np.where(noise < level, _BELOW, 1.0) / level
+        line, *_ = np.linalg.lstsq(columns * weight[:, None], noise * weight, rcond=None)
+        if line[1] <= 0.0:
+            return np.full(len(noise), np.quantile(noise, 0.25))
+        level = np.maximum(columns @ line, 0.3 * level)
+    return level
 
 
 def _largest(xx: Floats, yy: Floats, xy: Floats) -> Floats:

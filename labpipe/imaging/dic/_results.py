@@ -11,7 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.imaging.dic._motion_uncertainty import ONE_WAY, is_beyond_texture, motion_variance
+from labpipe.imaging.dic._motion_uncertainty import (
+    MOST_UNCERTAIN,
+    ONE_WAY,
+    is_beyond_texture,
+    misfit_factor,
+    motion_variance,
+)
 from labpipe.imaging.dic._reference import Reference, Status
 from labpipe.imaging.dic._seeding import shift_of
 from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, LIGHT
@@ -128,6 +134,11 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
         pixels = float(reference.subsets.level[n, 2])
         beyond = is_beyond_texture(noise[:, n], own, spread, texture[:, n], strongest[:, n], pixels)
         status[one_way[:, n] & beyond, n] = Status.TEXTURELESS
+    misfit = misfit_factor(noise, is_static, reference.subsets.level[:, 2], reference.subsets.level[:, 0])
+    deviation *= misfit[..., None]
+    covariance *= misfit**2
+    is_vague = np.hypot(deviation[..., 0], deviation[..., 1]) > MOST_UNCERTAIN
+    status[(status == Status.OK) & is_vague] = Status.TEXTURELESS
     _warn_of_motion(value[is_static], status[is_static])
     is_origin = is_static[:, None] & (status == Status.OK)
     seen = is_origin.sum(axis=0)

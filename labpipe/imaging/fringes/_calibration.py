@@ -25,6 +25,8 @@ _FACTOR = 2.0
 _VARIANCES = 30.0
 #: ... and differs from its assumed value by this many standard uncertainties.
 _SIGNIFICANT = 5.0
+#: Variances in all from which a phase is hinted at.
+_HINT = 25.0
 #: Greatest logarithm of the phase scale that is believed: a factor of two.
 _MOST_SCALE = 0.7
 #: Rounds in which the blur is found, its least (px), the relative change at which they end (with
@@ -223,13 +225,22 @@ def calibrate(
     images = [frame_of(index) for index in chosen]
     starts = [fits[index] for index in chosen]
 
+    made: dict[tuple[object, ...], _Trial | None] = {}
+
     def attempt(
         extra: Sequence[Parameter], known: Calibration, count: int = _FRAMES, pixels: int | None = None
     ) -> _Trial | None:
-        seen = known.applied(view)
-        if pixels is not None:
-            seen = replace(seen, settings=replace(seen.settings, max_pixels=pixels, tells_memory=False))
-        return _attempt(images[:count], starts[:count], seen, tuple(extra))
+        key = (tuple(extra), known, count, pixels)
+        if key not in made:
+            seen = known.applied(view)
+            if pixels is not None:
+                seen = replace(seen, settings=replace(seen.settings, max_pixels=pixels, tells_memory=False))
+            made[key] = _attempt(images[:count], starts[:count], seen, tuple(extra))
+        return made[key]
+
+    def begin_from(trial: _Trial) -> None:
+        starts[:] = trial.fits
+        made.clear()
 
     plain_axes = _AXES if shape == "ellipse" else ()
     result = Calibration(frames=chosen)
@@ -267,10 +278,28 @@ def calibrate(
             # The scale would be bent to make up for a phase that is not what it is said to be.
             return replace(result, doubted_phase=view.optics.phase + found.phase_shift)
         result, best = found, trial
-        starts[:] = best.fits
-    best, result = _settle_blur(attempt, plain_axes, result, best)
-    starts[:] = best.fits
-    return _refine(attempt, plain_axes, result, view)
+        begin_from(best)
+    settled, result = _settle_blur(attempt, plain_axes, result, best)
+    if settled is not best:
+        best = settled
+        begin_from(best)
+    result = _refine(attempt, plain_axes, result, view)
+    if not is_phase_free or result.phase_shift != 0.0:
+        return result
+    return _with_hidden_phase(attempt, plain_axes, result, best, view)
+
+
+def _with_hidden_phase(
+    attempt: _Attempt, axes: Sequence[Parameter], known: Calibration, best: _Trial, view: View
+) -> Calibration:
+    """Count what a phase that the film hints at, but not beyond doubt, would make of the radius."""
+    trial = attempt((*axes, Parameter.PHASE), known)
+    if trial is None or trial.gain_over(best) < _HINT:
+        return known
+    phase, deviation = trial.mean(Parameter.PHASE)
+    if abs(phase - view.optics.phase) <= _SIGNIFICANT * deviation:
+        return known
+    return known.with_shared(trial, float(np.median(trial.changes(best))))
 
 
 def _with_rough(trial: _Trial, known: Calibration, rough: Sequence[Parameter], view: View) -> Calibration:

@@ -18,16 +18,15 @@ _SAMPLES = 2
 _LEAST_WIDTH = 0.5
 #: Fringes count as resolved when the phase changes by this within those that are used (rad).
 _LEAST_PHASE = 0.9 * math.pi
-#: Radii of the templates are this many rings apart: a third of the first bright ring.
-_RINGS_PER_RADIUS = 2
+#: Radii of the templates are so many rings apart, a third of the first bright ring, but not farther
+#: than this share of the finest fringe.
+_RINGS_PER_RADIUS, _SHARE_OF_FRINGE = 2, 0.4
 #: Rows read for a profile: every so many that about this many pixels are summed.
 _PROFILE_PIXELS = 150_000
 #: Travels of the radius in the exposure that are tried, in widths of the first bright ring.
 _TRAVELS = (0.0, 1.5, 4.0)
 #: Share of the rings of a template that must lie in the frame.
 _LEAST_SEEN = 0.75
-#: A sphere without load must leave this many times the squares that a contact leaves.
-_CONTACT_BETTER = 2.0
 #: The contact of the other brightness is a match too from this share of the better score.
 _NEARLY = 0.8
 #: Variance below which a window counts as even.
@@ -112,10 +111,13 @@ def make_templates(shape: tuple[int, int], optics: Optics, fringes: float, least
     reach = math.hypot(*shape)
     edge = edge_width(0.5 * reach, optics)
     width = max(_LEAST_WIDTH, 0.5 * math.floor(2.0 * edge / _RINGS_PER_EDGE))
+    middle = ring_limits(0.5 * reach, optics, fringes, least_spacing)[1]
+    finest = 2.0 * math.pi / phase_slope(middle, 0.5 * reach, optics)
+    step = _RINGS_PER_RADIUS if _RINGS_PER_RADIUS * width <= _SHARE_OF_FRINGE * finest else 1
     radii = np.array(
         [
             a
-            for a in width * np.arange(math.ceil(2.0 / width), reach / width, _RINGS_PER_RADIUS)
+            for a in width * np.arange(math.ceil(2.0 / width), reach / width, step)
             if has_resolved_fringes(a, optics, least_spacing)
         ]
     )
@@ -286,7 +288,7 @@ def is_edge(window: Window, term: Floats, factor: float) -> bool:
     return bool(window.left_by(edges).min() < factor * window.left_by(term)[0])
 
 
-def is_sphere(window: Window, term: Floats, distance: Floats, optics: Optics) -> bool:
+def is_sphere(window: Window, term: Floats, distance: Floats, optics: Optics, factor: float = 2.0) -> bool:
     """Tell whether a sphere that touches or hovers explains a profile nearly as well as a contact.
 
     Parameters
@@ -299,7 +301,9 @@ def is_sphere(window: Window, term: Floats, distance: Floats, optics: Optics) ->
         Distances of the rings from the centre.
     optics : Optics
         The interference.
+    factor : float, optional
+        Multiple of the squares left by the contact that the sphere may leave.
     """
     phase = 0.5 * optics.phase_scale * (distance**2 + 1.0 / 6.0)
     sphere = window.left_by_both(np.cos(phase), np.sin(phase))
-    return sphere < _CONTACT_BETTER * float(window.left_by(term)[0])
+    return sphere < factor * float(window.left_by(term)[0])

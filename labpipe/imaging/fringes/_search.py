@@ -53,6 +53,9 @@ _LEAST_VISIBILITY, _LEAST_SIGNIFICANCE = 0.1, 10.0
 #: Light is never negative, so that fringes have a visibility of one at most; clipped light and
 #: cameras that are not linear were seen to fit with a fifth more.
 _MOST_VISIBILITY = 1.5
+#: A sphere is believed at once when it leaves less than this share of the squares that the nearest
+#: template leaves: that is up to half a pixel off.
+_SPHERE_SURE = 0.65
 #: Contacts smaller than this many Newton spots are compared with a sphere that does not press.
 _SMALL_CONTACT = 4.0
 #: A contact is at least this share of a Newton spot; smaller ones are not distinguished from
@@ -195,7 +198,7 @@ def look_at(frame: NDArray[np.generic], view: View, x: float, y: float) -> list[
         if window.is_seen and is_edge(window, term, _EDGE_SURE):
             continue
         is_small = match.radius < _SMALL_CONTACT * view.newton_spot
-        if is_small and is_sphere(window, term, distance, view.optics):
+        if is_small and is_sphere(window, term, distance, view.optics, _SPHERE_SURE):
             continue
         matches.append((match, x, y))
     return matches

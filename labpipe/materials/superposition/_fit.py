@@ -39,6 +39,7 @@ from labpipe.materials.superposition._model_doubt import (
     run_length,
     started_anew,
     violation,
+    with_less_smoothing,
 )
 from labpipe.materials.superposition._noise import Noise, first_noise, scatter_of_sweeps
 from labpipe.materials.superposition._reweighting import (
@@ -132,6 +133,7 @@ def superpose(
     found = replace(_doubted(points, current, options, starts), refused=refused)
     if base.horizontal == "free" and points.count >= _RIVAL_NEEDS:
         found = replace(found, rival=_rival(points, found, options))
+    found = with_less_smoothing(points, found, options)
     # A law that the user has chosen holds as it is; one without numbers was chosen for want of evidence.
     return with_possible_slope(points, found) if len(verticals) > 1 else found
 
@@ -148,7 +150,7 @@ def _rival(points: Points, current: Superposition, options: Options) -> TwoProce
     weight = weights_of(points, current.noise, current.fit.predicted) * huber(current, options)
     strength = current.fit.solution.strength
     present = evaluate(points, weight, current.fit.grid, state, strength)
-    plain = replace(model, vertical="none", has_delay=False, level_spread=0.0)
+    plain = replace(model, vertical="none", slope_spread=0.0, has_delay=False, level_spread=0.0)
     rivals = [two_processes(points, weight, plain, state.log10_aT, strength)]
     if has_law:
         # Laws may be real and processes two: the laws are taken out of the sweeps first.

@@ -27,7 +27,7 @@ from labpipe.materials.superposition._reweighting import (
     weights_of,
 )
 from labpipe.materials.superposition._shift_parameters import SLOPE_SPREAD, OuterModel, State, expected_shifts
-from labpipe.materials.superposition._vertical_law import is_physical, vertical_values
+from labpipe.materials.superposition._vertical_law import Vertical, is_physical, vertical_values
 
 # Before the first fit the shifts may still move: the grid of times reaches further out.
 FIRST_MARGIN = 1.5
@@ -77,12 +77,20 @@ def extended_by_a_law(
 
 def _moves(model: OuterModel, options: Options) -> list[OuterModel]:
     """List the models one change away from the present one."""
-    moves = [replace(model, vertical=v) for v in options.verticals if v != model.vertical]
+    moves = [under_law(model, v) for v in options.verticals if v != model.vertical]
     if options.delay is None:
         moves.append(replace(model, has_delay=not model.has_delay))
     if options.levels is None:
         moves.append(replace(model, level_spread=0.0 if model.level_spread else FIRST_LEVELS))
     return moves
+
+
+def under_law(model: OuterModel, vertical: Vertical) -> OuterModel:
+    """Return a model under another vertical law, one among several.
+
+    Where a modulus grows as T does, the density falls as well, by a slope that is known in size.
+    """
+    return replace(model, vertical=vertical, slope_spread=SLOPE_SPREAD if vertical == "rho_T" else 0.0)
 
 
 def _may_gain(points: Points, current: Superposition, moves: list[OuterModel]) -> bool:
@@ -146,11 +154,14 @@ def _criterion(points: Points, fit: Fit, model: OuterModel) -> float:
     count = model.law_size + (0.5 if model.vertical == "rho_T" else 0.0)
     laws = (model.vertical != "none") + model.has_delay + (model.level_spread > 0)
     score = total_cost(fit, model) + count * price + laws * STRONG_EVIDENCE
-    if model.level_spread > 0:
+    if model.level_spread > 0 or model.has_slope:
         normal, _ = outer_problem(points, fit, model)
+        covariance = np.linalg.pinv(normal, hermitian=True)
+    if model.level_spread > 0:
         at = model.level_slice
-        covariance = np.linalg.pinv(normal, hermitian=True)[at, at]
-        score += price - float(np.linalg.slogdet(covariance / model.level_spread**2)[1])
+        score += price - float(np.linalg.slogdet(covariance[at, at] / model.level_spread**2)[1])
+    if model.has_slope:
+        score -= float(np.log(covariance[model.horizontal_size, model.horizontal_size]))
     return score
 
 
@@ -173,7 +184,9 @@ class PossibleSlope(NamedTuple):
 
 
 def possible_slope(points: Points, found: Superposition) -> PossibleSlope | None:
-    """Return the slope that a fit may have beside its vertical law; None where the law has numbers."""
+    """Return the slope that a fit may have beside its vertical law; None where the law has one."""
+    if found.model.has_slope:
+        return None
     model = replace(found.model, slope_spread=SLOPE_SPREAD)
     if not model.has_slope or not model.horizontal_size:
         return None

@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.materials.superposition._joint_fit import Fit, Points, predictive_cost
-from labpipe.materials.superposition._law_choice import restarts, screened
+from labpipe.materials.superposition._joint_fit import Fit, Points, evaluate, outer_problem, predictive_cost
+from labpipe.materials.superposition._law_choice import restarts, screened, under_law
 from labpipe.materials.superposition._reweighting import (
     FIRST_LEVELS,
     Candidate,
@@ -33,6 +33,8 @@ _EMPHASIS = 3.0
 # this (three standard deviations) times the length of a run of residuals, and replaces the present
 # one when its cost is lower by this much.
 _SIMILAR, _BETTER = 9.0, 1.0
+# Smoothing, in units of the noise, that biases no shift: below it their covariance hardly depends on it.
+_UNBIASED = 1.0
 # Neighbours are not taken to be more alike than this: a sweep still holds two statements.
 _MOST_CORRELATION = 0.8
 
@@ -109,6 +111,29 @@ def alternatives(
     return tuple(found)
 
 
+def with_less_smoothing(points: Points, current: Superposition, options: Options) -> Superposition:
+    """Widen a covariance to what it is with a spectrum that is free to bend.
+
+    Cross-validation smooths until the moduli are predicted best, and trades bias for variance. The
+    flat loss of a glass is predicted best by a spectrum that hardly bends; as if that were known of
+    the material, the shifts then look far better determined than the sweeps determine them.
+
+    References
+    ----------
+    Hall, Ann. Stat. 20 (1992) 675, doi:10.1214/aos/1176348651.
+    """
+    model, fit = current.model, current.fit
+    if fit.solution.strength <= _UNBIASED or not model.size:
+        return current
+    loose = evaluate(points, _weight(points, current, options), fit.grid, fit.state, _UNBIASED)
+    normal, _ = outer_problem(points, loose, model)
+    free = np.linalg.pinv(normal, hermitian=True)
+    unit = np.sqrt(np.maximum(np.diag(current.covariance), np.finfo(float).tiny))
+    value, vector = np.linalg.eigh((free - current.covariance) / np.outer(unit, unit))
+    wider = (vector * np.maximum(value, 0.0)) @ vector.T * np.outer(unit, unit)
+    return replace(current, covariance=current.covariance + wider)
+
+
 def _weight(points: Points, current: Superposition, options: Options) -> Floats:
     weight = weights_of(points, current.noise, current.fit.predicted)
     return np.asarray(weight * huber(current, options))
@@ -119,7 +144,7 @@ def _other_laws(model: OuterModel, options: Options) -> list[OuterModel]:
     found = []
     if len(options.verticals) > 1:
         found += [
-            replace(model, vertical=name)
+            under_law(model, name)
             for name in ("none", "linear")
             if name in options.verticals and name != model.vertical
         ]

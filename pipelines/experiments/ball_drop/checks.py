@@ -70,6 +70,7 @@ def judgement(
     ]
     looked = {trace.name: trace_checks.checks_of(trace, gravity) for trace in traces}
     of_traces = [check for found, _, _ in looked.values() for check in found]
+    of_traces.append(trace_checks.shared_rows(traces))
     hums = {name: (amplitude, pulsation) for name, (_, amplitude, pulsation) in looked.items()}
     checks = [_explained(check, of_traces, settings.calibration) for check in judgements.failed_steps(context, _FAILED)]
     checks += [*of_traces, *_statements(settings)]

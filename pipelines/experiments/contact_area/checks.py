@@ -127,7 +127,8 @@ def _method(radius: xr.Dataset, settings: ContactArea) -> Check:
     edges, fringes = edges_only(radius)
     if settings.wavelength is None:
         return not_made(name, law, "the wavelength of monochromatic light")
-    message = f"{settings.film}: {edges} frames measured by the edge of the spot, {fringes} by fringes"
+    frames = "1 frame" if edges == 1 else f"{edges} frames"
+    message = f"{settings.film}: {frames} measured by the edge of the spot, {fringes} by fringes"
     level: Level | None = "doubtful" if edges > fringes else "note" if edges else None
     cause = "fringes are not resolved: the scale of another view, another wavelength, or a lens out of focus"
     return stated(name, law, message, level, cause=cause, file=settings.film)

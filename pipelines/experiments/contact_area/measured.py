@@ -134,7 +134,7 @@ def _brief_contacts(time: Floats, a: Floats, runs: list[NDArray[np.int64]]) -> l
     """
     brief = [run for run in runs if time[run[-1]] - time[run[0]] < STILL]
     brief = [run for run in brief if np.isfinite(a[run]).any()]
-    brief = _without_rest(time, brief)
+    brief = _without_rest(time, _seen_through(time, brief))
     longest = max((float(time[run[-1]] - time[run[0]]) for run in brief), default=0.0)
     most = max(map(len, brief), default=0)
     last = len(time) - 1
@@ -145,6 +145,16 @@ def _brief_contacts(time: Floats, a: Floats, runs: list[NDArray[np.int64]]) -> l
         return bool(between >= _BRIEF * longest) and not is_alone
 
     return [run for run in brief if is_impact(run)]
+
+
+def _seen_through(time: Floats, brief: list[NDArray[np.int64]]) -> list[NDArray[np.int64]]:
+    """Leave out contacts in frames between which another whole contact would have fitted.
+
+    Films that the camera thins out between the impacts show several last bounces as one contact.
+    """
+    whole = [float(time[run[-1]] - time[run[0]]) for run in brief if len(run) > 2]
+    shortest = min(whole, default=np.inf)
+    return [run for run in brief if len(run) < 2 or float(np.diff(time[run]).max()) <= shortest]
 
 
 def _without_rest(time: Floats, brief: list[NDArray[np.int64]]) -> list[NDArray[np.int64]]:

@@ -5,15 +5,15 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from math import log, log10, pi
+from math import hypot, log, log10, pi, sqrt
 
 import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
-from labpipe.judging import Check, Level, bounded, compared, not_made, stated
+from labpipe.judging import DOUBTFUL, Check, Level, bounded, compared, not_made, stated
 from labpipe.materials import isothermal_runs, modulus_factor, trusted_tables
-from labpipe.report import quantity
+from labpipe.report import quantity, value_with_uncertainty
 from labpipe.workflow.context import Context
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import judgements
@@ -27,6 +27,8 @@ _POLYMERS = (3e4, 5e10)
 """Pa in tension: the stiffest reading of a polymer, from a gel to a fibre composite."""
 _GLASS = 4e8  # Pa in tension, above which a polymer does not flow
 _NU = 0.2  # lowest Poisson's ratio of a polymer that is no foam
+_BULK = 1e10  # Pa, above the bulk modulus of any polymer
+_OFF_SCALE = 2.0  # factor by which no specimen's dimensions are in doubt
 _SPECIMENS = 3.0
 """Factor between moduli of two specimens of one polymer, of clamping and size at the worst."""
 _SAME_PLACE = 2.0  # K, ln(frequency) 0.05: readings of one condition
@@ -35,10 +37,13 @@ _MISTYPED = 1.6  # decades from which a single value is a slip, not noise
 _ABOUT = 0.2  # decades within which neighbours tell by what power of ten a value is wrong
 _RISE = 0.3  # decades of shift that hysteresis and ageing explain
 _OWN = 0.005  # decades of modulus that drift, drying and clamping add to noise
+_AGED = 0.02  # decades by which a specimen that was heated, or dried, between two sweeps may differ
+_TRANSITION = 0.1  # decades of modulus per kelvin of the steepest glass transition
 _STEP = 5.0  # K, of which set temperatures are multiples
 _NEAR = 0.6  # K from a set temperature
 _FEW = 20  # readings; more of them with one and the same temperature were not read from a sensor
 _CONSTANT = 1.0  # K within which all temperatures are one
+_FEW_LASTS = 5  # readings of an interval that tell how long one takes
 _FEW_ROWS, _MOST = 4, 0.6  # readings, and share of them at one temperature, that make an isothermal interval
 _FOREIGN, _TORN = 0.25, 1.5
 """Share of the span of the shifts by which a table may differ, and times that residuals may grow:
@@ -112,7 +117,7 @@ def judgement(
     exports = [e for e in exports if e.good.any()]
     found = [list(_isotherms(e, settings)) for e in exports]
     checks = judgements.failed_steps(context, _FAILED)
-    checks.append(_poisson(settings))
+    checks += [_poisson(settings), _bulk(exports, settings), _scale(settings)]
     for export, own in zip(exports, found, strict=True):
         checks += [
             _whole(export),
@@ -170,6 +175,33 @@ def _poisson(settings: Dma) -> Check:
     if found.level and 0.25 <= 10 * nu.value <= 0.5:
         return replace(found, cause=f"nu is probably {10 * nu.value:g}, not {nu.value:g}: its decimal point slipped")
     return found
+
+
+def _bulk(exports: Sequence[_Export], settings: Dma) -> Check:
+    """Hold Poisson's ratio against the modulus: a glass as incompressible as a rubber would be stiffer than metal."""
+    name, law = "bulk modulus", "K = E/(3 (1 − 2ν)) of a polymer is a few GPa"
+    sizes = [float(np.median(e.values("storage_modulus"))) for e in exports]
+    if not sizes or not min(sizes) > 0:
+        return not_made(name, law, "moduli")
+    nu = settings.nu
+    E = min(sizes) * modulus_factor(settings.mode, nu.value) * settings.scale.value
+    most = 0.5 - E / (6 * _BULK)
+    message = f"nu = {nu.value:g} at a modulus of {quantity(E, 'Pa')}, where polymers have {max(most, _NU):.3g} at most"
+    found = bounded(name, law, message, nu.value, max(nu.u, 1e-3), at_most=max(most, _NU), is_law=False, setting="nu")
+    return replace(found, cause="nu is that of a rubber, or the unit of the moduli is wrong") if found.level else found
+
+
+def _scale(settings: Dma) -> Check:
+    name, law = "scale of the moduli", "a specimen's dimensions are known far better than to a factor 2"
+    scale = settings.scale.value
+    is_far = abs(log(scale)) > log(_OFF_SCALE)
+    cause = ""
+    if is_far and abs(log10(scale) - round(log10(scale))) > 0.02:
+        cause = "scale is mistyped: it corrects the specimen's dimensions alone"
+    elif is_far:
+        cause = "scale is probably 1: its decimal point slipped, or it was taken for a unit"
+    text = f"all moduli are multiplied by {scale:g}"
+    return stated(name, law, text, "doubtful" if is_far else None, cause=cause, setting="scale")
 
 
 def _loss_factor(export: _Export) -> Check:
@@ -272,21 +304,30 @@ def _frequencies(export: _Export) -> Check:
         return stated(name, law, message, "doubtful", cause=cause, file=file)
     if "time" not in data:
         return not_made(name, law, "a column of time, or both frequencies")
-    time, all_hertz = data["time"].values, data["frequency"].values
-    # a reading that begins a table has no beginning of its own
-    lasts = np.diff(time) * all_hertz[1:]
-    is_same = np.ones(lasts.size, bool)
-    for key in ("interval", "test", "result"):
-        if key in data.variables:
-            is_same &= np.diff(data[key].values) == 0
-    lasts = lasts[is_same & np.isfinite(lasts) & (lasts > 0)]
-    if lasts.size < 5:
-        return not_made(name, law, "times of five readings")
-    periods = float(np.quantile(lasts, 0.9))
-    message = f"{file}: readings take {periods:.2g} periods at most"
+    # each table by itself: the readings of a temperature sweep wait many periods for the heat
+    shortest = min(_periods(data), default=None)
+    if shortest is None:
+        return not_made(name, law, f"times of {_FEW_LASTS} readings of an interval")
+    periods, place = shortest[0], export.place(shortest[1]).rpartition(", point")[0] or file
+    message = f"{place}: readings take {periods:.2g} periods at most"
     level: Level | None = "doubtful" if periods < 0.7 else None
     cause = "frequencies are too low for their times: Hz under rad/s (a factor 6.28), or times in another unit"
     return stated(name, law, message, level, cause=cause, file=file)
+
+
+def _periods(data: xr.Dataset) -> Iterator[tuple[float, int]]:
+    """Yield how many periods nearly every reading of an interval takes at most, and its first row."""
+    keys = [key for key in ("interval", "test", "result") if key in data.variables]
+    label = np.zeros(data.sizes["sample"], np.int64)
+    for key in keys:
+        label[1:] += np.cumsum(data[key].values[1:] != data[key].values[:-1])
+    # a reading that begins a table has no beginning of its own
+    lasts = np.diff(data["time"].values) * data["frequency"].values[1:]
+    is_known = (np.diff(label) == 0) & np.isfinite(lasts) & (lasts > 0)
+    for interval in np.unique(label):
+        own = lasts[is_known & (label[1:] == interval)]
+        if own.size >= _FEW_LASTS:
+            yield float(np.quantile(own, 0.9)), int(np.argmax(label == interval))
 
 
 def _is_turned(levels: Floats) -> bool:
@@ -579,7 +620,9 @@ def _levels(isotherms: Sequence[_Sweep]) -> Floats | None:
 
 def _roughness(T: Floats, level: Floats) -> float:
     """Return the residual of a parabola through levels over temperature."""
-    degree = min(2, T.size - 2)
+    degree = min(2, np.unique(T).size - 2)
+    if degree < 0:
+        return float(np.sum((level - level.mean()) ** 2))
     return float(np.sum((level - np.polynomial.Polynomial.fit(T, level, degree)(T)) ** 2))
 
 
@@ -593,25 +636,44 @@ def _broken(T: Floats, level: Floats) -> float:
 def _one_place(isotherms: Sequence[_Sweep]) -> Check:
     """Hold sweeps that repeat a temperature against each other."""
     name, law = "repeated temperatures", "a repeated sweep gives the moduli of the first"
-    worst: tuple[float, _Sweep, _Sweep] | None = None
+    slope = _steepest(isotherms)
+    worst: tuple[float, float, _Sweep, _Sweep] | None = None
     for a, b in combinations(isotherms, 2):
-        # between files it is another check; a tenth of a decade per kelvin is the steepest transition
+        # between files it is another check
         if a.export is b.export and abs(a.temperature - b.temperature) <= _SAME_PLACE:
             apart = _apart(a, b)
             if apart is not None:
-                beyond = abs(apart) - 0.1 * abs(a.temperature - b.temperature)
-                worst = max(worst or (beyond, a, b), (beyond, a, b), key=lambda w: w[0])
+                gap, u = apart
+                beyond = abs(gap) - slope * abs(a.temperature - b.temperature)
+                u = hypot(u, sqrt(2.0) * _OWN)
+                worst = max(worst or (beyond, u, a, b), (beyond, u, a, b), key=lambda w: w[0] / w[1])
     if worst is None:
         return not_made(name, law, "a temperature that is repeated")
-    beyond, a, b = worst
-    text = f"{a.place} and {b.place} at {a.temperature:.1f} °C differ by a factor {10.0**beyond:.3g}"
-    level: Level | None = "doubtful" if beyond > log10(1.5) else "note" if beyond > log10(1.15) else None
+    beyond, u, a, b = worst
+    factor = 10.0 ** max(beyond, 0.0)
+    text = (
+        f"{a.place} and {b.place} at {a.temperature:.1f} °C differ by a factor "
+        f"{value_with_uncertainty(factor, factor * (10.0**u - 1), '1')}"
+    )
+    is_apart = beyond > DOUBTFUL * u
+    level: Level | None = None if not is_apart else "doubtful" if beyond > _AGED else "note"
     cause = f"the temperature of {a.place} or {b.place} is wrong, or the specimen changed between them"
     return stated(name, law, text, level, cause=cause, file=a.export.name)
 
 
-def _apart(a: _Sweep, b: _Sweep) -> float | None:
-    """Return the median log10 ratio of the storage moduli of two sweeps over common frequencies."""
+def _steepest(isotherms: Sequence[_Sweep]) -> float:
+    """Return the steepest change of the modulus over temperature [decades/K], at most that of a glass transition."""
+    levels = _levels(isotherms)
+    if levels is None:
+        return _TRANSITION
+    T = np.array([s.temperature for s in isotherms])
+    far = np.diff(T) > _SAME_PLACE
+    steps = np.abs(np.diff(levels)[far] / np.diff(T)[far])
+    return min(float(steps.max()), _TRANSITION) if steps.size else _TRANSITION
+
+
+def _apart(a: _Sweep, b: _Sweep) -> tuple[float, float] | None:
+    """Return the median log10 ratio of the storage moduli of two sweeps over common frequencies, and its u."""
     fa, fb = a.values("frequency"), b.values("frequency")
     low, high = max(fa[0], fb[0]), min(fa[-1], fb[-1])
     ya, yb = a.values("storage_modulus"), b.values("storage_modulus")
@@ -619,7 +681,9 @@ def _apart(a: _Sweep, b: _Sweep) -> float | None:
         return None
     x = np.linspace(log(low), log(high), 7)
     gap = np.interp(x, np.log(fa), np.log10(ya)) - np.interp(x, np.log(fb), np.log10(yb))
-    return float(np.median(gap))
+    # median of noise: pi/2 of the mean's variance; the gap may turn steadily with frequency
+    rest = gap - np.polynomial.Polynomial.fit(x, gap, 1)(x)
+    return float(np.median(gap)), float(np.sqrt(0.5 * pi * np.mean(rest**2) / (x.size - 2)))
 
 
 def _files_alike(exports: Sequence[_Export], found: Sequence[Sequence[_Sweep]]) -> Iterator[Check]:
@@ -633,10 +697,10 @@ def _files_alike(exports: Sequence[_Export], found: Sequence[Sequence[_Sweep]]) 
             yield stated("same values twice", "repeats differ by noise", text, "doubtful", cause=cause, file=b.name)
             continue
         gaps = [
-            gap
+            apart[0]
             for s in own
             for t in other
-            if abs(s.temperature - t.temperature) <= 2 * _SAME_PLACE and (gap := _apart(s, t)) is not None
+            if abs(s.temperature - t.temperature) <= 2 * _SAME_PLACE and (apart := _apart(s, t)) is not None
         ]
         if not gaps:
             yield not_made(name, law, f"isotherms that {a.name} and {b.name} share")

@@ -107,12 +107,10 @@ def judgement(
 def _of_traces(
     names: Sequence[str], readings: Sequence[xr.Dataset | None] | None, settings: PlateVibration
 ) -> list[Check]:
-    found: list[Check] = []
-    for name, read in zip(names, readings or (), strict=False):
-        trace = None if read is None else Trace.of(name, read, settings.sensor.output)
-        if trace is not None:
-            found += trace_checks.checks_of(trace, settings.model.gravity.value)[0]
-    return found
+    pairs = [(n, read) for n, read in zip(names, readings or (), strict=False) if read is not None]
+    traces = [t for name, read in pairs if (t := Trace.of(name, read, settings.sensor.output)) is not None]
+    found = [c for trace in traces for c in trace_checks.checks_of(trace, settings.model.gravity.value)[0]]
+    return [*found, trace_checks.shared_rows(traces)]
 
 
 def _explained(failed: Check, of_traces: Sequence[Check], record: str) -> Check:

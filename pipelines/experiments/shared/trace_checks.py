@@ -5,7 +5,9 @@ stand still in mid-flight, and its noise never repeats itself. What breaks that 
 cable or the file, and it is told with its place in time.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from math import pi
 
 import numpy as np
@@ -23,8 +25,11 @@ _LEAST_JUMP = 0.02  # of the travel
 _IN_NOISE = 8.0  # standard deviations of noise that a jump exceeds
 _RETURN = 3  # readings within which a spike is over
 _MANY_SPIKES = 0.01  # of all readings
-_BLOCK = 48  # readings that do not repeat by chance
+_BLOCK = 48  # = 2 · 2 · 2 · 2 · 3, readings that do not repeat by chance
 _LIVELY = 24  # of which at least so many differ from the one before
+_MIXING = np.uint64(0x9E3779B97F4A7C15)
+_LONG = 200  # stretches in a row that two records share by copying alone, also where noise is below the display's step
+_WHOLE = 0.8  # of the shorter record
 _COARSE, _TOO_COARSE = 5e-3, 3e-2  # of the travel
 _SINE = 0.98  # of the variance
 _QUIET = 200  # readings at the beginning that should be still
@@ -57,11 +62,14 @@ class Trace:
         File, for messages.
     time, reading : array (time,)
         In s and m; NaN where there is no valid reading.
+    header : str
+        What the file says above its readings.
     """
 
     name: str
     time: np.ndarray
     reading: np.ndarray
+    header: str = ""
 
     @classmethod
     def of(cls, name: str, readings: xr.Dataset, output: str) -> "Trace | None":
@@ -72,7 +80,7 @@ class Trace:
         state = output.replace("out", "status")
         if state in readings:
             x[readings[state].values != 0] = np.nan
-        return cls(name, readings["time"].values, x)
+        return cls(name, readings["time"].values, x, str(readings.attrs.get("header", "")))
 
     @property
     def travel(self) -> float:
@@ -161,17 +169,9 @@ def held_readings(trace: Trace) -> Check:
 def repeated_rows(trace: Trace) -> Check:
     """Look for a stretch of readings that comes twice, digit by digit."""
     title, law = "rows that come twice", "noise does not repeat itself"
-    x, step = trace.reading, trace.resolution
-    if x.size < 3 * _BLOCK or step == 0.0:
+    if trace.reading.size < 3 * _BLOCK or trace.resolution == 0.0:
         return not_made(title, law, f"{3 * _BLOCK} readings that differ")
-    count = np.round(np.nan_to_num(x) / step).astype(np.int64).astype(np.uint64)
-    weights = np.random.default_rng(0).integers(1, 2**63, _BLOCK, dtype=np.uint64) | np.uint64(1)
-    keys = np.zeros(x.size - _BLOCK + 1, np.uint64)
-    for k, weight in enumerate(weights):
-        keys += weight * count[k : k + keys.size]
-    changes = np.concatenate([[0], np.cumsum(np.diff(count.astype(np.int64)) != 0)])
-    is_lively = changes[_BLOCK - 1 :] - changes[: keys.size] >= _LIVELY
-    places = np.flatnonzero(is_lively)
+    keys, places = _stretches(trace, trace.resolution)
     _, first, inverse = np.unique(keys[places], return_index=True, return_inverse=True)
     again = places[first[inverse]]
     twice = np.flatnonzero((again != places) & (np.abs(places - again) >= _BLOCK))
@@ -191,6 +191,50 @@ def repeated_rows(trace: Trace) -> Check:
         file=trace.name,
         cause="rows were doubled, or two copies pasted together, when the file was made or edited",
     )
+
+
+def _stretches(trace: Trace, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return a digest of every stretch of readings, and where those are whose readings differ.
+
+    The digest is a polynomial in a random odd number modulo 2^64, put together from those of
+    stretches of half the length.
+    """
+    count = np.round(np.nan_to_num(trace.reading) / step).astype(np.int64)
+    keys, length, factor = count.astype(np.uint64), 1, _MIXING
+    for times in (2, 2, 2, 2, 3):
+        whole = keys[: keys.size - (times - 1) * length]
+        for part in range(1, times):
+            whole = whole * factor + keys[part * length :][: whole.size]
+        keys, length, factor = whole, times * length, factor**times
+    changes = np.concatenate([[0], np.cumsum(np.diff(count) != 0)])
+    is_lively = changes[_BLOCK - 1 :] - changes[: keys.size] >= _LIVELY
+    return keys, np.flatnonzero(is_lively)
+
+
+def shared_rows(traces: Sequence[Trace]) -> Check:
+    """Look for a stretch of readings that two records share, digit by digit.
+
+    Files with the same bytes are left to the check of the session.
+    """
+    title, law = "readings of another record", "no two records have the same noise"
+    steps = [t.resolution for t in traces if t.reading.size >= 3 * _BLOCK and t.resolution > 0.0]
+    if len(steps) < 2:
+        return not_made(title, law, "two records with readings that differ")
+    known = [t for t in traces if t.reading.size >= 3 * _BLOCK and t.resolution > 0.0]
+    found = [_stretches(t, min(steps)) for t in known]
+    alive = [keys[places] for keys, places in found]
+    for (i, first), (j, later) in combinations(enumerate(known), 2):
+        if first.header == later.header and np.array_equal(first.reading, later.reading, equal_nan=True):
+            continue
+        longest, start = _longest_run(np.isin(alive[j], alive[i]))
+        if longest < _LONG:
+            continue
+        rows, begin = longest + _BLOCK - 1, later.at(int(found[j][1][start]))
+        text = f"{later.name}: {rows} readings in a row from {begin} are those of {first.name}, digit by digit"
+        is_copy = rows > _WHOLE * min(first.reading.size, later.reading.size)
+        cause = "a copy was taken for a repeat" if is_copy else "two recordings were pasted together"
+        return stated(title, law, text, "doubtful" if is_copy else "impossible", file=later.name, cause=cause)
+    return stated(title, law, f"{len(known)} records share no stretch of readings", None)
 
 
 def jumps(trace: Trace) -> Check:

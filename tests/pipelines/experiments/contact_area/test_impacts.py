@@ -54,6 +54,19 @@ def test_slow_film_with_one_frame_for_each_impact_keeps_them() -> None:
     assert found["peak_time"].values == pytest.approx([20e-3, 44e-3, 62e-3])
 
 
+def test_last_bounces_in_thinned_frames_are_no_impact() -> None:
+    """The first three contacts at 10 kHz; then frames 5 ms apart, two in a row of which show a contact."""
+    time, radius, seen = three_impacts()
+    fast = time < 45e-3
+    slow = 0.2 + 5e-3 * np.arange(8)
+    time = np.concatenate([time[fast], slow])
+    radius = np.concatenate([radius[fast], [np.nan, 300e-6, 280e-6, 310e-6, np.nan, np.nan, 290e-6, np.nan]])
+    seen = np.isfinite(radius)
+    found = impacts(seen_in_film(time, radius, seen), settings=None)
+    assert found["peak_time"].values == pytest.approx([5.6e-3, 25.6e-3, 40.6e-3], abs=2e-5)
+    assert found["peak_radius"].values == pytest.approx([700e-6, 600e-6, 500e-6], rel=0.002)
+
+
 def test_rest_that_the_film_hardly_shows_is_no_impact() -> None:
     """Four frames, 5 ms apart, long after the third impact: contact for 15 ms, less than rest."""
     time, radius, _ = three_impacts()

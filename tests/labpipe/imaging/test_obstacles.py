@@ -1,0 +1,82 @@
+"""What stands before the specimen: a subset that it partly covers is uncertain, the others are not."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from labpipe.arrays import Floats
+from labpipe.imaging import track
+from labpipe.imaging.dic._motion_uncertainty import misfit_factor
+from pipelines.bench import film_scenes
+from pipelines.bench.film_scenes import View, digitised, from_spectrum
+from tests.by_day import by_day
+from tests.labpipe.imaging.speckle import grid
+
+SIZE, SUBSET = 240, 31
+FALL = tuple(View((0.0, 0.12 * k**2)) for k in range(6))
+DRIFT = tuple(View((0.4 * k, -0.3 * k)) for k in range(6))
+
+
+def cover(kind: str, seed: int) -> Floats:
+    """Share (row, column) of the light that comes from what stands before the specimen."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[:SIZE, :SIZE].astype(float)
+    if kind == "wire":
+        angle = rng.uniform(0.0, np.pi)
+        across = np.abs((x - SIZE / 2) * np.cos(angle) + (y - SIZE / 2) * np.sin(angle))
+        return 1.0 / (1.0 + np.exp(2.0 * (across - 4.0)))
+    places = rng.uniform(30.0, SIZE - 30.0, (5, 2))
+    return np.max([1.0 / (1.0 + np.exp(2.0 * (np.hypot(x - a, y - b) - 10.0))) for a, b in places], axis=0)
+
+
+def films(kind: str, views: tuple[View, ...], seed: int) -> Iterator[tuple[np.ndarray, Floats]]:
+    """Films with an even and with a grained obstacle, and its share in and around every subset."""
+    pattern, grain = (film_scenes.random_field(SIZE, width, seed + k) for k, width in enumerate((1.9, 1.5)))
+    hidden = cover(kind, seed)
+    points = grid((SIZE, SIZE), 34, 11)
+    half = SUBSET // 2 + 5  # a subset moves
+    share = np.array([hidden[y - half : y + half + 1, x - half : x + half + 1].mean() for x, y in points.astype(int)])
+    for contrast in (0.0, 0.7):
+        before = 70.0 + contrast * grain
+        frames = [(1.0 - hidden) * from_spectrum(pattern, view) + hidden * before for view in views]
+        yield digitised(frames, 2.0, seed), share
+
+
+@pytest.mark.parametrize(("kind", "views"), by_day([("discs", FALL), ("wire", DRIFT), ("wire", FALL)], 1))
+def test_a_subset_behind_an_obstacle_is_uncertain(kind: str, views: tuple[View, ...]) -> None:
+    for film, share in films(kind, views, seed=3):
+        points = grid((SIZE, SIZE), 34, 11)
+        found = track(film, points, SUBSET)
+        truth = np.stack([view.displacement(points, SIZE) for view in views])
+        there = np.hypot(found.dx - truth[..., 0], found.dy - truth[..., 1]).values
+        still = np.hypot(found.dx, found.dy).values  # where it follows the obstacle
+        u = np.hypot(found.u_dx, found.u_dy).values
+        wrong = found.valid.values & (np.minimum(there, still) > 5.0 * u + 0.002)
+        # Where the specimen has moved by a quarter of a pixel, hardly anything shows.
+        assert wrong.mean() < 0.02
+        free = share < 1e-3
+        assert found.valid.values[:, free].mean() >= 0.995
+        assert (there[1:, free] < 5.0 * u[1:, free] + 0.002).all()
+        assert np.sqrt(np.mean(u[1:, free] ** 2) / np.mean(there[1:, free] ** 2)) == pytest.approx(1.0, abs=0.4)
+
+
+def test_brighter_places_are_noisier_without_a_misfit() -> None:
+    rng = np.random.default_rng(1)
+    grey, pixels = rng.uniform(20.0, 220.0, 60), np.full(60, 961.0)
+    noise = (1.0 + 0.05 * grey) * rng.normal(1.0, 0.05, (40, 60))
+    is_static = np.arange(40) == 0
+    assert (misfit_factor(noise, is_static, pixels, grey) == 1.0).mean() > 0.99
+    noise[:, 7] *= 4.0  # one that misfits in every frame
+    factor = misfit_factor(noise, is_static, pixels, grey)
+    assert (factor[1:, 7] > 4.0).all()
+    assert factor[0, 7] == 1.0
+    assert (np.delete(factor, 7, axis=1) == 1.0).mean() > 0.99
+
+
+def test_nothing_but_static_frames_has_no_misfit() -> None:
+    noise = np.full((3, 2), 4.0)
+    ones = np.ones((3, 2))
+    assert (misfit_factor(noise, np.ones(3, bool), np.full(2, 441.0), np.full(2, 90.0)) == ones).all()
+    noise[1:] = np.nan
+    assert (misfit_factor(noise, np.arange(3) == 0, np.full(2, 441.0), np.full(2, 90.0)) == ones).all()
