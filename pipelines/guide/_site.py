@@ -14,7 +14,7 @@ from pipelines.guide import _gallery, _reference, _tutorial
 
 GUIDES = Path(labpipe.__file__).parent / "documentation"
 
-_FIRST = ("tutorial", "experimenter", "analyst", "rheology", "films", "gallery")
+_FIRST = ("tutorial", "page", "experimenter", "analyst", "rheology", "films", "gallery")
 _METHODS = ("beyond", "validation", "agreement", "budgets", "identification", "reliability", "scale")
 _REFERENCE = ("settings", "commands", "python")
 _OTHERS = ("developer", "architecture", "coverage")
