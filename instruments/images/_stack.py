@@ -62,8 +62,8 @@ def read(
     Warns
     -----
     UserWarning
-        Numbers are missing in the names of the images; a video's levels and rate are not the
-        camera's.
+        Numbers are missing in the names of the images; images are cut off; a video's levels and rate
+        are not the camera's.
     """
     path = Path(path)
     if fps is None:
@@ -76,6 +76,7 @@ def read(
         return VideoFrames(path, fps, exposure)
     places, numbers = _folder(path) if path.is_dir() else _pages(path)
     _check_alike(places)
+    _warn_of_cut(path, places)
     time = (numbers - numbers[0]) / fps
     return ImageFrames(places, time, exposure)
 
@@ -142,6 +143,18 @@ def _warn_of_gaps(folder: Path, numbers: NDArray[np.int64]) -> None:
 def _pages(path: Path) -> tuple[list[_Place], NDArray[np.float64]]:
     places = [_Place(path, i, header) for i, header in enumerate(read_headers(path))]
     return places, np.arange(len(places), dtype=float)
+
+
+def _warn_of_cut(path: Path, places: Sequence[_Place]) -> None:
+    """Warn of images that are not whole, as after a copy that broke off."""
+    cut = [place for place in places if place.header.fault]
+    if cut:
+        warnings.warn(
+            f"{path.name}: {len(cut)} of {len(places)} images are not whole, the first {cut[0].path.name}: "
+            f"{cut[0].header.fault}; they are left out. Copy the film from the camera again",
+            UserWarning,
+            stacklevel=4,
+        )
 
 
 def _check_alike(places: Sequence[_Place]) -> None:

@@ -24,6 +24,7 @@ from labpipe.frames import ShownFrames
 #: Bytes that the system maps when one of them is looked at (Linux: 16 pages).
 _FAULT_AROUND = 64 * 2**10
 _HIGHEST_LEVEL = 2**16 - 1
+_LEAST_ANNOTATION = 8  # bytes before the pixels of a frame
 _MOST_NEIGHBOURS = 16  # damaged offsets within one frame; with more, none of them is believed
 
 
@@ -44,9 +45,29 @@ def read(path: str | os.PathLike[str]) -> "CineFrames":
     ------
     SourceError
         The file is no .cine, is colour or JPEG, or declares sizes that it does not hold.
+
+    Warns
+    -----
+    UserWarning
+        The file ends before some of its frames.
     """
     window = Window(Path(path))
-    return CineFrames(window, read_header(window))
+    header = read_header(window)
+    _warn_of_end(window, header)
+    return CineFrames(window, header)
+
+
+def _warn_of_end(window: Window, header: Header) -> None:
+    """Warn of frames that lie beyond the end of the file, as after a copy that broke off."""
+    last = window.size - _LEAST_ANNOTATION - header.image_bytes
+    beyond = np.flatnonzero(header.offsets > last)
+    if beyond.size:
+        warnings.warn(
+            f"{window.path.name}: {beyond.size} of {header.count} frames lie beyond the end of the file, the "
+            f"first is frame {beyond[0]}; they are left out. Copy the film from the camera again",
+            UserWarning,
+            stacklevel=3,
+        )
 
 
 class CineFrames(ShownFrames):
@@ -240,7 +261,7 @@ class CineFrames(ShownFrames):
         if not 0 <= start <= size - 8:
             return f"its offset {start} lies outside the file of {size} bytes"
         annotation = self._window.integer("I", start, "AnnotationSize")
-        if not 8 <= annotation <= size - start:
+        if not _LEAST_ANNOTATION <= annotation <= size - start:
             return f"its annotation claims {annotation} bytes"
         stored = self._window.integer("I", start + annotation - 4, "ImageSize")
         if stored != self._header.image_bytes:

@@ -18,6 +18,7 @@ from labpipe.contact.beyond import (
 )
 from labpipe.contact.impact import Plate, Shortcuts, drop, impacts
 from labpipe.contact.line import (
+    dissipated_power,
     dissipated_work,
     dissipation_map,
     dynamic_stiffness,
@@ -38,6 +39,7 @@ __all__ = [
     "adhesive_pull_off",
     "amplitude_sweep",
     "collision",
+    "dissipated_power",
     "dissipated_work",
     "dissipation_map",
     "dmt",

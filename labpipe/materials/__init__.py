@@ -2,6 +2,7 @@
 
 from labpipe.materials._kraus import Kraus
 from labpipe.materials._melts import isofrictional_temperature, wlf_of_melt
+from labpipe.materials._response import Inequality, inequalities, respond
 from labpipe.materials._time_domain import with_responses
 from labpipe.materials.codes import BULKS, CODES, Bulk, Deck, StatedLaw, deck_text, make_deck
 from labpipe.materials.library import Material, Solid, Thermal, describe, load, load_file, read_material, solid, thermal
@@ -52,6 +53,7 @@ __all__ = [
     "TERMS_PER_DECADE",
     "Bulk",
     "Deck",
+    "Inequality",
     "KramersKronig",
     "Kraus",
     "MasterCurve",
@@ -73,6 +75,7 @@ __all__ = [
     "fewest_terms",
     "gather_sweeps",
     "generalised_maxwell",
+    "inequalities",
     "isofrictional_temperature",
     "isothermal_runs",
     "kelvin_voigt",
@@ -91,6 +94,7 @@ __all__ = [
     "read_material",
     "read_sweeps",
     "relaxation_from_creep",
+    "respond",
     "shift_at",
     "solid",
     "solve_by_cross_validation",

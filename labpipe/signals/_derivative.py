@@ -18,6 +18,7 @@ from scipy import sparse
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
+from labpipe.signals._colour import estimate_corner, velocity_factor
 from labpipe.signals._noise import Noise, estimate_noise, is_spike
 from labpipe.signals._readings import checked_times, refuse_infinite
 from labpipe.signals._smoothing import Smooth, evaluate, smooth
@@ -205,10 +206,12 @@ def _spline(
     _warn_of_fast_motion((y - level)[~spike], float(np.ptp(y)), known)
     v, u = evaluate(fit, t, 1)
     share = (u_level / fit.sigma) ** 2
+    corner = estimate_corner(((y - level) / known.sigma)[~spike], share[~spike], fit.time_scale)
+    u = u * velocity_factor(share, fit.time_scale, corner)
     half_rate = 0.5 / fit.time_scale
     band = [half_rate * float(share.min()), half_rate * min(float(share.max()), 1.0)]
     counts |= {"coefficients": len(fit.coefficients), "band_solves": n_updates}
-    return v, u, _attributes(known, band, n_spikes, counts)
+    return v, u, _attributes(known, band, n_spikes, counts) | {"noise_corner": corner}
 
 
 def _warn_of_fast_motion(residual: Floats, extent: float, known: Noise) -> None:

@@ -13,6 +13,7 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
+from labpipe.signals._colour import coloured_normal, estimate_corner, velocity_factor
 from labpipe.signals._derivative import checked_record
 from labpipe.signals._impact_fit import OUTPUTS, PRIORS, ImpactFit, ShapePrior, fit_impact
 from labpipe.signals._noise import estimate_noise, is_spike
@@ -90,7 +91,8 @@ def bounces(
         the record ends before), ``contact_level``, ``drop_height``, ``rest_level`` [m],
         ``fall_acceleration`` [m/s2]. Scalar ``settling_time`` [s]: the last touch seen, after
         which no flight can be resolved. Attributes: ``direction`` (+1 when larger displacement is
-        higher), ``noise`` (m), ``work``.
+        higher), ``noise`` (m) of neighbouring samples, ``noise_corner`` (Hz) below which the noise is
+        more than twice as strong (0 when it is white), ``work``.
 
     Raises
     ------
@@ -145,9 +147,13 @@ def bounces(
     direction = _direction(fit, time)
     height = direction * values
     speed, u_speed = evaluate(fit, time, 1)
+    level, u_level = evaluate(fit, time, 0)
+    share = (u_level / fit.sigma) ** 2
+    corner = estimate_corner((values - level) / sigma, share, fit.time_scale)
+    u_speed = u_speed * velocity_factor(share, fit.time_scale, corner)
     speed *= direction
     turns = find_turns(time, speed, u_speed)
-    fall, u_fall = common_fall(time, height, sigma, turns, gravity)
+    fall, u_fall = common_fall(time, height, sigma, turns, gravity, corner)
     if turns[0].jump < _IMPULSIVE * fall * turns[0].duration:
         message = (
             f"no bounce found: the strongest reversal changes the speed by {turns[0].jump:.3g} "
@@ -155,7 +161,7 @@ def bounces(
         )
         raise InputError(message)
     prior = PRIORS[contact]
-    impacts, last_touch = _fitted(time, height, sigma, turns, (fall, u_fall), prior)
+    impacts, last_touch = _fitted(time, height, (sigma, corner), turns, (fall, u_fall), prior)
     for number, impact in enumerate(impacts, 1):
         if impact.unread is not None:
             text = (
@@ -168,7 +174,7 @@ def bounces(
         message = "no bounce found: no impact between two flights of constant acceleration"
         raise InputError(message)
     found = _per_impact(impacts, direction)
-    found |= _release(time, height, sigma, turns[0], impacts[0], (fall, u_fall), direction)
+    found |= _release(time, height, (sigma, corner), turns[0], impacts[0], (fall, u_fall), direction)
     found |= _rest(time, values, speed, u_speed, impacts[0], last_touch)
     found["fall_acceleration"] = variable((), fall, "m/s2", "acceleration of the free fall")
     found["u_fall_acceleration"] = variable((), u_fall, "m/s2", "standard uncertainty of the fall")
@@ -179,7 +185,7 @@ def bounces(
         "band_solves": fit.n_updates,
         "impact_evaluations": sum(impact.n_evaluations for impact in impacts),
     }
-    result.attrs = {"direction": direction, "noise": sigma, "work": json.dumps(counts)}
+    result.attrs = {"direction": direction, "noise": sigma, "noise_corner": corner, "work": json.dumps(counts)}
     return result
 
 
@@ -223,13 +229,19 @@ def _direction(fit: Smooth, time: Floats) -> int:
 
 
 def _fitted(
-    time: Floats, height: Floats, sigma: float, turns: list[Turn], gravity: tuple[float, float], prior: ShapePrior
+    time: Floats,
+    height: Floats,
+    noise: tuple[float, float],
+    turns: list[Turn],
+    gravity: tuple[float, float],
+    prior: ShapePrior,
 ) -> tuple[list[ImpactFit], float]:
     """Fit impact after impact until flights can no longer be distinguished from vibration."""
+    sigma, corner = noise
     impacts: list[ImpactFit] = []
     fall, _ = gravity
     for turn, after in zip(turns, flights_after(time, turns), strict=True):
-        value, u = curvature(time[after], height[after], sigma)
+        value, u = curvature(time[after], height[after], sigma, corner)
         tolerance = max(_FALL_TOLERANCE * fall, 3.0 * u)
         if u > _FALL_TOLERANCE * fall or abs(value - fall) > tolerance:
             return impacts, turn.touch
@@ -241,7 +253,7 @@ def _fitted(
         end = min(time[after.stop - 1], turn.liftoff + _LONGEST_ARC)
         window = slice(*(int(i) for i in np.searchsorted(time, [begin, end])))
         guess = (turn.touch, turn.liftoff)
-        impacts.append(fit_impact(time[window], height[window], sigma, guess, *gravity, prior))
+        impacts.append(fit_impact(time[window], height[window], sigma, guess, *gravity, prior, corner))
     return impacts, float(impacts[-1].value[0]) if impacts else np.nan
 
 
@@ -293,13 +305,14 @@ def _combined(name: str, value: Floats, direction: int) -> tuple[float, Floats]:
 def _release(
     time: Floats,
     height: Floats,
-    sigma: float,
+    noise: tuple[float, float],
     turn: Turn,
     impact: ImpactFit,
     gravity: tuple[float, float],
     direction: int,
 ) -> dict[str, Any]:
     """Release: where the falling arc has no speed. First contact: the first touch."""
+    sigma, corner = noise
     start, touch = turn.before + (turn.descent - turn.before) // 10, float(impact.value[0])
     # Slow drift or hum makes the turn begin while the body still rests. The last third of what is
     # left falls for certain and says when the release was.
@@ -311,7 +324,11 @@ def _release(
     (level, speed, fall_rate), design = _falling_arc(time, height, sigma, start, impact, gravity)
     t = time[start : int(np.searchsorted(time, touch))]
     try:
-        covariance = sigma**2 * np.linalg.inv(design.T @ design)
+        inverse = np.linalg.inv(design.T @ design)
+        # The last row is the common fall, not a reading.
+        middle = coloured_normal(design[:-1], float(np.median(np.diff(t))), corner)
+        middle = middle + np.outer(design[-1], design[-1])
+        covariance = sigma**2 * inverse @ middle @ inverse
     except np.linalg.LinAlgError as error:
         message = (
             f"{len(t)} readings of the fall before the first touch at {impact.value[0]:.6g} s do "

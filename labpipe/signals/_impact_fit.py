@@ -25,6 +25,7 @@ from scipy.integrate import cumulative_simpson
 from scipy.optimize import least_squares
 
 from labpipe.arrays import Floats
+from labpipe.signals._colour import coloured_normal, coloured_power
 from labpipe.uncertainty import propagated_covariance
 
 _EXPONENT = 1.5
@@ -144,6 +145,7 @@ def fit_impact(
     gravity: float,
     u_gravity: float,
     prior: ShapePrior = PRIORS["any"],
+    corner: float = 0.0,
 ) -> ImpactFit:
     """Fit arcs and pulse to the samples around one impact.
 
@@ -159,6 +161,8 @@ def fit_impact(
         Acceleration of the fall (> 0) and its standard uncertainty.
     prior : ShapePrior
         One of :data:`PRIORS`.
+    corner : float [Hz]
+        Colour of the noise, see :mod:`._colour`.
 
     Returns
     -------
@@ -177,17 +181,21 @@ def fit_impact(
         if n_evaluations == 0:
             start[3:6] = mean
         pull = _Pull(np.append(mean, gravity), np.append(spread, u_gravity))
-        p, normal, misfit, n = _minimise(t, y, sigma, pull, start, scale)
+        p, jacobian, misfit, n = _minimise(t, y, sigma, pull, start, scale)
         n_evaluations += n
         previous, (loss, weight) = loss, _character(p)
         start = p
         if abs(loss - previous) < _LOSS_SETTLED:
             break
+    interval = float(np.median(np.diff(t)))
     chi_square = misfit / max(len(t) - len(NAMES) + len(_WITH_PRIOR), 1)
+    excess = chi_square / coloured_power(len(t), interval, corner)
     # More scatter than the noise means a motion that the model lacks (a vibrating plate).
-    factor = max(chi_square, 1.0) * (1.0 + (max(loss - _TESTED_LOSS, 0.0) / _UNTESTED_SCALE) ** 2)
-    inverse = np.linalg.pinv(normal, hermitian=True)
-    covariance = factor * inverse * np.outer(scale, scale)
+    factor = max(excess, 1.0) * (1.0 + (max(loss - _TESTED_LOSS, 0.0) / _UNTESTED_SCALE) ** 2)
+    read, ties_rows = jacobian[: len(t)], jacobian[len(t) :]
+    inverse = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
+    middle = coloured_normal(read, interval, corner) + ties_rows.T @ ties_rows
+    covariance = factor * inverse @ middle @ inverse * np.outer(scale, scale)
     ties = inverse[:, _SHAPE] * (scale[_SHAPE] / pull.spread[:-1])
     of_shape = factor * (ties @ ties.T) * np.outer(scale, scale)
     value, gradient = _outputs(p, scale)
@@ -244,7 +252,7 @@ class _Pull(NamedTuple):
 def _minimise(
     t: Floats, y: Floats, sigma: float, pull: _Pull, start: Floats, scale: Floats
 ) -> tuple[Floats, Floats, float, int]:
-    """Parameters, normal matrix of the scaled ones, sum of squared misfits, evaluations."""
+    """Parameters, derivatives of all residuals by the scaled ones, sum of squared misfits, evaluations."""
 
     def residual(scaled: Floats) -> Floats:
         p = scaled * scale
@@ -260,7 +268,7 @@ def _minimise(
         residual, start / scale, jacobian, method="lm", x_scale="jac", ftol=1e-7, max_nfev=_MOST_EVALUATIONS
     )
     misfit = float(np.sum(found.fun[: len(t)] ** 2))
-    return found.x * scale, found.jac.T @ found.jac, misfit, int(found.nfev)
+    return found.x * scale, found.jac, misfit, int(found.nfev)
 
 
 def _character(p: Floats) -> tuple[float, float]:

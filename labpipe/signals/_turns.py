@@ -6,6 +6,7 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
+from labpipe.signals._colour import coloured_normal
 
 SURE = 4.0  # standard uncertainties by which a speed must differ from zero to have a direction
 FEWEST_IN_FLIGHT = 6
@@ -93,8 +94,11 @@ def flights_after(time: Floats, turns: list[Turn]) -> list[slice]:
     return flights
 
 
-def curvature(time: Floats, height: Floats, sigma: float) -> tuple[float, float]:
-    """Downward acceleration of a parabola through the samples, and its standard uncertainty."""
+def curvature(time: Floats, height: Floats, sigma: float, corner: float = 0.0) -> tuple[float, float]:
+    """Downward acceleration of a parabola through the samples, and its standard uncertainty.
+
+    ``corner`` [Hz] is the colour of the noise, see :mod:`._colour`.
+    """
     if len(time) < FEWEST_IN_FLIGHT:
         return np.nan, np.inf
     half = 0.5 * (time[-1] - time[0])
@@ -103,12 +107,14 @@ def curvature(time: Floats, height: Floats, sigma: float) -> tuple[float, float]
     found, *_ = np.linalg.lstsq(design, height - height.mean(), rcond=None)
     misfit = height - height.mean() - design @ found
     scatter = max(sigma, float(np.sqrt(np.sum(misfit**2) / (len(time) - 3))))
-    u = scatter * float(np.sqrt(np.linalg.inv(design.T @ design)[2, 2]))
+    inverse = np.linalg.inv(design.T @ design)
+    coloured = inverse @ coloured_normal(design, float(np.median(np.diff(time))), corner) @ inverse
+    u = max(scatter * float(np.sqrt(inverse[2, 2])), sigma * float(np.sqrt(coloured[2, 2])))
     return float(found[2]) / half**2, u / half**2
 
 
 def common_fall(
-    time: Floats, height: Floats, sigma: float, turns: list[Turn], gravity: float | None
+    time: Floats, height: Floats, sigma: float, turns: list[Turn], gravity: float | None, corner: float = 0.0
 ) -> tuple[float, float]:
     """Acceleration of the free fall, common to the longest flights."""
     if not turns:
@@ -119,7 +125,7 @@ def common_fall(
     start = first.before + (first.descent - first.before) // 3
     end = int(np.searchsorted(time, first.touch - _MARGIN * first.duration))
     stretches = [slice(start, max(end, start)), *flights_after(time, turns)]
-    found = [curvature(time[stretch], height[stretch], sigma) for stretch in stretches]
+    found = [curvature(time[stretch], height[stretch], sigma, corner) for stretch in stretches]
     values = np.array([value for value, u in found if np.isfinite(u) and 0.0 < 3.0 * u < value])
     spread = np.array([u for value, u in found if np.isfinite(u) and 0.0 < 3.0 * u < value])
     if len(values) == 0:

@@ -111,7 +111,7 @@ FIGURES: tuple[Figure, ...] = (
         "2.4",
         "Relaxation at three depths",
         f"{_HOME}.relaxations:relaxation",
-        Need("relaxation", ("loads", "ramps", "comparison"), "nbr", is_optional=True),
+        Need("relaxation", ("loads", "ramps", "curves", "comparison"), "nbr", is_optional=True),
     ),
     Figure(
         "2.5",
@@ -172,8 +172,8 @@ FIGURES: tuple[Figure, ...] = (
         "3.16",
         "Heated sphere against room temperature",
         f"{_HOME}.contacts:heated",
-        _ACRYLIC_FILM,
-        also=(Need("contact_area", _FILM, "acrylic", heated=True),),
+        Need("contact_area", (*_FILM, "keys"), "acrylic"),
+        also=(Need("contact_area", (*_FILM, "keys"), "acrylic", heated=True),),
     ),
     Figure(
         "3.17",

@@ -1,5 +1,6 @@
 """Figures and tables of the appendices that are computed."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -7,9 +8,11 @@ import xarray as xr
 
 from calibration.camera import pixel_size
 from labpipe import contact
+from labpipe.arrays import Floats
 from labpipe.report import Role, line_arguments
+from labpipe.signals import nrmse
 from labpipe.units import Quantity
-from pipelines.figures.chapter3 import HEIGHTS, MASS, SPHERE_RADIUS
+from pipelines.figures.chapter3 import GRAVITY, HEIGHTS, MASS, SPHERE_RADIUS
 from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs
 
@@ -17,48 +20,85 @@ _YIELD_DEPTH = 2.0e-5
 _DAMPING = (13_700.0, 16_800.0)
 """Range of c_v in N s/m^1.5; the text does not say which height has which."""
 
+_FITTED_IMPACTS = 4
+_BOUNDS = ((0.0, 5e4), (1e-5, 3e-4), (1.0, 2.0))
+"""Of c_v [N s/m^1.5], yield depth [m] and unloading multiplier in the fit."""
 
-_VERSIONS: tuple[tuple[str, bool, float, Role], ...] = (
-    ("as printed, yield 20 µm", True, _YIELD_DEPTH, "residual"),
-    ("as printed, no yield", True, np.inf, "model"),
-    ("sphere on a flat, no yield", False, np.inf, "reference"),
-)
-"""Words, whether the stiffness is the printed one, elastic depth in m, look."""
+_EVALUATIONS = 60
+_SHOWN = (-60.0, 250.0)  # ms
+_FIRST_BOUNCE = 1.7
+"""Until which multiple of the fall's time from first contact the first bounce lasts."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Law:
+    """One version of appendix A's law: its words, its look, its numbers."""
+
+    words: str
+    look: Role
+    is_printed: bool
+    damping: float
+    yield_depth: float
+    unloading: float = 1.0
+
+    def drop(self, height: float, duration: float) -> xr.Dataset:
+        """Follow a drop from a height [m] for a time [s] from the release."""
+        return contact.collision(
+            SPHERE_RADIUS,
+            MASS,
+            height,
+            damping=self.damping,
+            yield_depth=self.yield_depth,
+            unloading_multiplier=self.unloading,
+            duration=duration,
+            as_printed=self.is_printed,
+        )
+
+
+_PRINTED = _Law("as printed", "residual", True, float(np.mean(_DAMPING)), _YIELD_DEPTH)
+_ON_A_FLAT = _Law("sphere on a flat, no yield", "model", False, float(np.mean(_DAMPING)), np.inf)
 
 
 def collision_model(inputs: Inputs | None) -> Drawing:
-    """Figure A.1: the semi-empirical collision model, as printed and corrected."""
+    """Figure A.1: the semi-empirical collision model, as printed and fitted to the drops."""
     measured = {} if inputs is None else _first_contacts(inputs)
-    restitution: dict[str, list[float]] = {words: [] for words, *_ in _VERSIONS}
+    law, said = (_ON_A_FLAT, "") if inputs is None or not measured else _fitted(inputs)
+    notes: list[str] = []
     with panels(2, 4, width=2, aspect=0.58) as (figure, axes):
         for column, height in enumerate(HEIGHTS):
             _height_column(axes[:, column], height)
-            for words, made in _runs(height).items():
-                restitution[words].append(float(made["restitution"][0]))
-                _draw_run(axes[:, column], made, words)
+            runs = [(one, one.drop(height, 0.35)) for one in (_PRINTED, law)]
+            _draw_run(axes[:, column], runs[0][1], _PRINTED)
             for curve in measured.get(round(height * 1e6), ()):
                 for place in axes[:, column]:
                     place.plot(*curve, label=f"laser ({inputs.origin if inputs else ''})", **line_arguments("measured"))
+                notes.append(_agreement(height, runs[1][1], curve))
+            _draw_run(axes[:, column], runs[1][1], law)
+            deepest = [-1e3 * float(made["displacement"].min()) for _, made in runs]
+            notes.append(f"{height * 1e3:g} mm: it sinks {deepest[0]:.2f} mm as printed, {deepest[1]:.3f} mm here")
             letter(axes[0, column], "abcd"[column], f"$h_0$ = {height * 1e3:g} mm")
         for row in range(2):
             axes[row, 0].set_ylabel("displacement (mm)")
         legend_above(figure, axes[0, 0])
-    first = "; ".join(f"{words}: {', '.join(f'{e:.2f}' for e in values)}" for words, values in restitution.items())
     laser = "laser displacement, mean of the repeats at each height, from first contact."
+    missing = [f"{h * 1e3:g}" for h in HEIGHTS if round(h * 1e6) not in measured]
+    lacking = ""
+    if inputs is not None and missing:
+        lacking = f" From {', '.join(missing)} mm this session has no drops; the sample core has."
     return Drawing(
         Caption(
             "Displacement of an acrylic sphere after drops from four heights, and the first impact magnified (below).",
             computed=(
-                "appendix A's model with E = 3.2 GPa, nu = 0.35, 505 g and the mean of the stated "
-                "damping range (13 700 to 16 800 N s/m^1.5). The printed stiffness is that of two "
-                "identical spheres; a sphere on a rigid flat has twice as much. First "
-                f"restitution from 1.5, 5, 7 and 10 mm: {first}."
+                "appendix A's model with E = 3.2 GPa, nu = 0.35, 505 g. As printed: the stiffness of two identical "
+                "spheres, the mean of the stated damping range (13 700 to 16 800 N s/m^1.5), yield at 20 µm, "
+                "unloading multiplier 1. The other: the stiffness of a sphere on a rigid flat, twice as much, "
+                f"{said or 'the same damping, no yield'}. {'; '.join(notes)}."
             ),
             difference=(
                 "the text gives ranges of damping and unloading multiplier, not the values per "
                 "height, so the printed curves cannot be repeated exactly. The 'yield stress of "
                 "2.0e-5 m' is a depth; taken as the update rule says, every overlap beyond 20 µm "
-                "stays, and the sphere hardly bounces: the printed agreement requires a larger one."
+                "stays, and the sphere hardly bounces: the printed agreement requires a larger one." + lacking
             ),
             **(inputs.data_note(laser) if inputs is not None and measured else {}),
         ),
@@ -66,32 +106,81 @@ def collision_model(inputs: Inputs | None) -> Drawing:
     )
 
 
-def _runs(height: float) -> dict[str, xr.Dataset]:
-    return {
-        words: contact.collision(
-            SPHERE_RADIUS,
-            MASS,
-            height,
-            damping=float(np.mean(_DAMPING)),
-            yield_depth=depth,
-            duration=0.35,
-            as_printed=printed,
-        )
-        for words, printed, depth, _ in _VERSIONS
-    }
+def _fitted(inputs: Inputs) -> tuple[_Law, str]:
+    """Fit damping, yield depth and unloading to the restitutions; return the law and its words."""
+    from scipy.optimize import minimize
+
+    wanted = [
+        (settings.height.value, inputs.result(name, "repeats")["restitution"].values[:_FITTED_IMPACTS])
+        for name, settings in inputs.experiments.items()
+    ]
+
+    def law(unit: Floats) -> _Law:
+        damping, depth, unloading = (low + x * (high - low) for x, (low, high) in zip(unit, _BOUNDS, strict=True))
+        return _Law("fitted to the drops", "model", False, float(damping), float(depth), float(unloading))
+
+    def misfit(unit: Floats) -> float:
+        return float(np.mean(np.concatenate([_missed(law(unit), *one) for one in wanted]) ** 2))
+
+    least = minimize(
+        misfit,
+        np.array([0.3, 0.5, 0.05]),
+        method="Nelder-Mead",
+        bounds=[(0.0, 1.0)] * len(_BOUNDS),
+        options={"maxfev": _EVALUATIONS, "xatol": 3e-3, "fatol": 1e-8},
+    )
+    found = law(least.x)
+    left = float(np.sqrt(least.fun))
+    count = sum(values.size for _, values in wanted)
+    heights = len({height for height, _ in wanted})
+    most = max(float(found.drop(height, _until(height))["peak_overlap"].max()) for height, _ in wanted)
+    depth = f"yield depth {found.yield_depth * 1e6:.0f} µm"
+    if found.yield_depth > most:
+        depth += f" (never reached: the overlap is at most {most * 1e6:.0f} µm)"
+    return found, (
+        f"c_v = {found.damping:.0f} N s/m^1.5, {depth} and unloading multiplier "
+        f"{found.unloading:.3f} by a fit to {count} restitutions from {heights} "
+        f"{'heights' if heights > 1 else 'height, which do not determine all three'}, left {left:.4f} rms"
+    )
 
 
-def _draw_run(places: Any, made: xr.Dataset, words: str) -> None:
-    role = next(role for name, *_, role in _VERSIONS if name == words)
+def _until(height: float) -> float:
+    """Return a time in s from the release that holds the impacts of the fit."""
+    return 2.0 * (_FITTED_IMPACTS + 0.5) * float(np.sqrt(2.0 * height / GRAVITY))
+
+
+def _missed(law: _Law, height: float, restitution: Floats) -> Floats:
+    """Return model minus measured restitution (impact,); an impact that is not reached counts as lost."""
+    made = law.drop(height, _until(height))["restitution"].values[: restitution.size]
+    return np.nan_to_num(np.pad(made, (0, restitution.size - made.size))) - restitution
+
+
+def _agreement(height: float, made: xr.Dataset, curve: tuple[Floats, Floats]) -> str:
+    """Say how well a run agrees with a measured curve over what is drawn, and in the first contact."""
+    since, moved = curve
+    time = (made["time"].values - float(made["impact_time"][0])) * 1e3
+    notes = []
+    spans = ((*_SHOWN, "over all"), (0.0, _FIRST_BOUNCE * _fall(height), "in the first bounce"))
+    for low, high, words in spans:
+        inside = (since >= low) & (since <= min(high, time[-1])) & np.isfinite(moved)
+        ours = np.interp(since[inside], time, made["displacement"].values * 1e3)
+        notes.append(f"{100 * nrmse(moved[inside], ours):.1f} % {words}")
+    return f"{height * 1e3:g} mm: nRMSE {', '.join(notes)}"
+
+
+def _fall(height: float) -> float:
+    return 1e3 * float(np.sqrt(2.0 * height / GRAVITY))
+
+
+def _draw_run(places: Any, made: xr.Dataset, law: _Law) -> None:
     t = (made["time"].values - float(made["impact_time"][0])) * 1e3
     for place in places:
-        look = line_arguments(role)
-        place.plot(t, made["displacement"].values * 1e3, label=words, **look)
+        place.plot(t, made["displacement"].values * 1e3, label=law.words, **line_arguments(law.look))
 
 
 def _height_column(places: Any, height: float) -> None:
     """Set the limits of the two panels of one height: the whole drop, the first impact."""
-    for place, limits in zip(places, ((-60.0, 250.0), (-1.2, 2.4)), strict=True):
+    for place, limits in zip(places, (_SHOWN, (-1.2, 2.4)), strict=True):
         place.set_xlim(*limits)
         place.set_xlabel("time $t_c$ (ms)")
     places[0].set_ylim(-0.15 * height * 1e3, 1.1 * height * 1e3)

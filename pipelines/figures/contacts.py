@@ -13,6 +13,10 @@ from pipelines.figures.inputs import Inputs, is_heated, temperature_of
 
 _IMPACTS = 3
 _MOST_HEIGHTS = 4
+_SHOWN_RADIUS = 1250.0  # µm on either side of the centre that a frame shows
+_WHOLE_SHARE, _LEAST_SHARE = 0.3, 0.12
+"""Height over width from which on a frame shows more than a strip, and the least that is laid out."""
+
 _BEFORE = 25.0  # ms before first contact that are shown
 _RADIUS = {"color": "#00795a", "marker": "s", "markersize": 2.4, "linestyle": "none"}
 _SHADES = {"bouncing": "#dceaf5", "vibration": "#fbe9d3", "static": "#e4efe4"}
@@ -171,19 +175,22 @@ def spots(inputs: Inputs) -> Drawing:
     keys, impacts = inputs.result(name, "keys"), inputs.result(name, "impacts")
     model, made = inputs.result(name, "model"), inputs.result(name, "comparison")
     size = float(inputs.result(name, "radius")["pixel_size"]) * 1e6
+    first = _first_contact(inputs, name)
     chosen = [
-        (int(np.argmin(np.abs(keys["key_time"].values - t))), float(r) * 1e6, "I" * (i + 1))
+        (_key_at(keys, t), float(r) * 1e6, "I" * (i + 1))
         for i, (t, r) in enumerate(zip(impacts["peak_time"].values, made["peak_radius_model"].values, strict=False))
     ]
     chosen.append((keys.sizes["key"] - 1, float(model["contact_radius"][-1]) * 1e6, "at rest"))
     notes = []
-    with panels(len(chosen), 1, width=1, aspect=0.36 * len(chosen)) as (figure, axes):
+    share = _shown_share(keys, size)
+    with panels(len(chosen), 1, width=1, aspect=0.2 + len(chosen) * (0.11 + share), sharex="all") as (figure, axes):
         for number, (key, radius, word) in enumerate(chosen):
             at = keys.isel(key=key)
             place = axes[number, 0]
             _spot(place, at, radius, size, float(keys["reduction"]))
             place.set_ylabel("y (µm)")
-            letter(place, _LETTERS[number], word)
+            when = (float(at["key_time"]) - first) * 1e3
+            letter(place, _LETTERS[number], f"{word}, $t_c$ = {when:.1f} ms")
             ours = float(at["circle_radius"]) * size
             notes.append(f"{word}: {ours:.1f} µm in this frame, model {radius:.1f} µm")
         axes[-1, 0].set_xlabel("x (µm)")
@@ -192,20 +199,51 @@ def spots(inputs: Inputs) -> Drawing:
         Caption(
             "The contact of an acrylic sphere through the disc at the largest radius of the first "
             "impacts and at rest, from "
-            f"{inputs.experiments[name].height.value * 1e3:g} mm.",
+            f"{inputs.experiments[name].height.value * 1e3:g} mm; t_c is the time since first contact.",
             computed=(
                 "orange: contact circle of the simulated drop, centred on the fit; light blue, "
                 f"dashed: circle fitted to the fringes. {'; '.join(notes)}."
             ),
-            difference=("the printed caption gives 2.17 mm per pixel; 2.17 µm is meant. The radii are not printed."),
+            difference=(
+                "the printed caption gives 2.17 mm per pixel; 2.17 µm is meant. The radii are not printed."
+                + _whole_frames(share)
+            ),
             **inputs.data_note(f"frames of the film {name}, {size:.3f} µm per pixel."),
         ),
         figure,
     )
 
 
-def _spot(place: Any, at: Any, radius: float, size: float, reduction: float) -> None:
-    """Draw one frame around the fitted centre, in µm."""
+def _key_at(keys: Any, time: float) -> int:
+    """Return the number of the key frame that is nearest to a time [s]."""
+    return int(np.argmin(np.abs(keys["key_time"].values - time)))
+
+
+def _shown_share(keys: Any, size: float) -> float:
+    """Return height over width of what is shown of a frame."""
+    rows, columns = keys["image"].shape[-2:]
+    scale = size * float(keys["reduction"])
+    return rows * scale / min(columns * scale, 2 * _SHOWN_RADIUS)
+
+
+def _whole_frames(share: float) -> str:
+    """Say which sample shows the whole contact; nothing of frames that do."""
+    if share > _WHOLE_SHARE:
+        return ""
+    return (
+        " The film's frames are a strip through the contact; labpipe sample films --full-size writes films of the "
+        "camera's full size (1280 x 480 px, which cuts the largest contacts too)."
+    )
+
+
+def _first_contact(inputs: Inputs, film: str) -> float:
+    """Return the time of first contact in s on the film's clock, see :func:`_since_contact`."""
+    times = inputs.result(film, "radius")["time"].values
+    return float(times[0]) - float(_since_contact(inputs, film)[0]) * 1e-3
+
+
+def _spot(place: Any, at: Any, radius: float | None, size: float, reduction: float) -> None:
+    """Draw one frame around the fitted centre, in µm, with the model's circle where there is one."""
     from matplotlib.patches import Circle
 
     x, y = (float(at[f"circle_{axis}"]) for axis in "xy")
@@ -215,48 +253,40 @@ def _spot(place: Any, at: Any, radius: float, size: float, reduction: float) -> 
     low, high = (-0.5 - y) * size, (rows * reduction - 0.5 - y) * size
     place.imshow(at["image"].values, cmap="gray", extent=(left, right, -high, -low), interpolation="nearest")
     fitted = float(at["circle_radius"]) * size
-    place.add_patch(Circle((0, 0), radius, fill=False, edgecolor="#ff8c1a", linewidth=2.0, label="model"))
+    if radius is not None:
+        place.add_patch(Circle((0, 0), radius, fill=False, edgecolor="#ff8c1a", linewidth=2.0, label="model"))
     place.add_patch(
         Circle((0, 0), fitted, fill=False, edgecolor="#56c8ff", linewidth=1.1, linestyle=(0, (4, 3)), label="fit")
     )
-    place.set(xlim=(max(left, -1250), min(right, 1250)), ylim=(-high, -low))
+    place.set(xlim=(max(left, -_SHOWN_RADIUS), min(right, _SHOWN_RADIUS)), ylim=(-high, -low))
     place.grid(visible=False)
 
 
 def heated(inputs: Inputs) -> Drawing:
-    """Figure 3.16: contact radius at room temperature and heated, first impacts and at rest."""
+    """Figure 3.16: contact radius and images at room temperature and heated, first impacts and at rest."""
     pair = _temperatures(inputs)
     looks = ({"color": "#0066a6", "marker": "o"}, {"color": "#cc2a1e", "marker": "s"})
-    with panels(1, _IMPACTS + 1, width=2, aspect=0.36, width_ratios=(1, 1, 1, 0.7)) as (figure, axes):
-        for look, (name, label) in zip(looks, pair, strict=True):
-            made, impacts = inputs.result(name, "comparison"), inputs.result(name, "impacts")
+    sizes = [float(inputs.result(name, "radius")["pixel_size"]) * 1e6 for name, _ in pair]
+    share = _shown_share(inputs.result(pair[0][0], "keys"), sizes[0])
+    ratios = (1.0, max(share, _LEAST_SHARE), max(share, _LEAST_SHARE))
+    with panels(3, _IMPACTS + 1, width=2, aspect=0.14 + 0.25 * sum(ratios), height_ratios=ratios) as (figure, axes):
+        rise = _rises(inputs, pair[0][0])
+        for row, (look, size, (name, label)) in enumerate(zip(looks, sizes, pair, strict=True), start=1):
             for number in range(_IMPACTS):
-                inside = made["impact_number"].values == number + 1
-                t = made["since_peak"].values[inside] * 1e3
-                place = axes[0, number]
-                place.plot(
-                    t,
-                    made["film"].values[inside] * 1e6,
-                    label=f"film, {label}",
-                    markersize=2.6,
-                    linestyle="none",
-                    **look,
-                )
-                since, radius = around_peak(inputs.result(name, "model"), float(made["model_peak_time"][number]))
-                place.plot(since, radius, color=look["color"], linewidth=0.9, label=f"model, {label}")
-                place.set(xlabel="time $t_p$ (ms)", ylim=(0, None))
-                letter(place, _LETTERS[number], "I" * (number + 1))
-            last = axes[0, _IMPACTS]
-            last.errorbar(
-                [label],
-                [float(impacts["static_radius"]) * 1e6],
-                yerr=[2e6 * float(impacts["u_static_radius"])],
-                markersize=3.5,
-                capsize=2,
-                **look,
-            )
-            rest = float(inputs.result(name, "model")["contact_radius"][-1]) * 1e6
-            last.plot([label], [rest], marker="_", markersize=14, color=look["color"])
+                _heated_impact(axes[0, number], inputs, name, label, number, float(rise[number]), look)
+                letter(axes[0, number], _LETTERS[number], "I" * (number + 1))
+            _heated_rest(axes[0, _IMPACTS], inputs, name, label, look)
+            keys, impacts = inputs.result(name, "keys"), inputs.result(name, "impacts")
+            frames = [_key_at(keys, t) for t in impacts["peak_time"].values[:_IMPACTS]] + [keys.sizes["key"] - 1]
+            for place, key in zip(axes[row], frames, strict=True):
+                _spot(place, keys.isel(key=key), None, size, float(keys["reduction"]))
+                place.set(yticks=[], xticks=(-500, 0, 500))
+                place.tick_params(labelbottom=row == len(pair))
+                for edge in place.spines.values():
+                    edge.set(visible=True, color=look["color"], linewidth=1.2)
+            axes[row, 0].set_ylabel(label, color=look["color"], rotation=0, ha="right", va="center")
+        for place in axes[-1]:
+            place.set_xlabel("x (µm)")
         axes[0, 0].set_ylabel("contact radius (µm)")
         letter(axes[0, _IMPACTS], _LETTERS[_IMPACTS], "at rest")
         axes[0, _IMPACTS].margins(x=0.5)
@@ -265,18 +295,66 @@ def heated(inputs: Inputs) -> Drawing:
         Caption(
             "Contact radius of an acrylic sphere at room temperature and heated, dropped from "
             f"{inputs.experiments[pair[0][0]].height.value * 1e3:g} mm: (a) to (c) the first three "
-            "impacts, t_p = 0 at the largest radius; (d) at rest (bars: 95 %; dashes: the "
-            "simulation at the end of the film).",
+            "impacts, over a common time: from the touch of each impact, with t_p = 0 where the contact at room "
+            "temperature is largest; (d) at rest (bars: 95 %; dashes: the "
+            "simulation at the end of the film). Below: the frame nearest to the largest radius and one at rest, "
+            "with the circle fitted to the fringes.",
             computed=(
-                "simulated drops; the heated one with the material shifted by its law. " + _warming(inputs, pair)
+                "simulated drops; the heated one with the material shifted by its law. A film is laid on the "
+                "simulation of its own impact in time. " + _warming(inputs, pair) + " " + _later(inputs, pair)
             ),
             difference=(
                 "the thesis prints no radii; it says that the heated contact is larger in every "
-                "impact and at rest, and forms earlier. Our numbers are given above."
+                "impact and at rest, and forms earlier. A softer contact takes longer to its largest radius; "
+                "what comes earlier is the next impact, after a lower bounce." + _whole_frames(share)
             ),
             **inputs.data_note(f"the films {pair[0][0]} and {pair[1][0]}."),
         ),
         figure,
+    )
+
+
+def _rises(inputs: Inputs, name: str) -> Floats:
+    """Return the time (impact,) in s from touch to the largest radius, simulated."""
+    made, model = inputs.result(name, "comparison"), inputs.result(name, "model")
+    peaks = made["model_peak_time"].values[:_IMPACTS]
+    return np.asarray(peaks - model["impact_time"].values[: peaks.size])
+
+
+def _heated_impact(
+    place: Any, inputs: Inputs, name: str, label: str, number: int, rise: float, look: dict[str, str]
+) -> None:
+    """Draw one impact of one film and its model over the time from touch less ``rise`` [s]."""
+    made, model = inputs.result(name, "comparison"), inputs.result(name, "model")
+    inside = made["impact_number"].values == number + 1
+    late = float(_rises(inputs, name)[number]) - rise
+    seen = made["since_peak"].values[inside] + float(made["time_shift"][number]) + late
+    place.plot(
+        seen * 1e3, made["film"].values[inside] * 1e6, label=f"film, {label}", markersize=2.6, linestyle="none", **look
+    )
+    since, radius = around_peak(model, float(made["model_peak_time"][number]))
+    place.plot(since + late * 1e3, radius, color=look["color"], linewidth=0.9, label=f"model, {label}")
+    place.set(xlabel="time $t_p$ (ms)", ylim=(0, None))
+
+
+def _heated_rest(place: Any, inputs: Inputs, name: str, label: str, look: dict[str, str]) -> None:
+    """Draw the radius at rest of one film, and a dash for its model."""
+    impacts = inputs.result(name, "impacts")
+    seen, u = (float(impacts[f"{prefix}static_radius"]) * 1e6 for prefix in ("", "u_"))
+    place.errorbar([label], [seen], yerr=[2 * u], markersize=3.5, capsize=2, **look)
+    rest = float(inputs.result(name, "model")["contact_radius"][-1]) * 1e6
+    place.plot([label], [rest], marker="_", markersize=14, color=look["color"])
+
+
+def _later(inputs: Inputs, pair: list[tuple[str, str]]) -> str:
+    """Say how the heated impacts lie in time beside those at room temperature, by the simulation."""
+    cold, warm = (inputs.result(name, "model") for name, _ in pair)
+    rises = (_rises(inputs, pair[1][0]) - _rises(inputs, pair[0][0])) * 1e6
+    starts = [made["impact_time"].values[:_IMPACTS] - float(made["impact_time"][0]) for made in (cold, warm)]
+    gaps = (starts[0] - starts[1])[1:] * 1e3
+    return (
+        f"From touch to the largest radius the heated sphere takes {', '.join(f'{r:+.0f}' for r in rises)} µs more "
+        f"(impacts I to III); impacts II and III themselves come {', '.join(f'{g:.1f}' for g in gaps)} ms earlier."
     )
 
 

@@ -13,6 +13,7 @@ from pipelines.figures import Need
 if TYPE_CHECKING:
     import xarray as xr
 
+    from labpipe.materials import Prony
     from labpipe.workflow.plan import Plan
 
 _WARM = 30.0
@@ -55,6 +56,16 @@ class Inputs:
             It is missing or out of date.
         """
         return Results(self.plan).result(experiment, stage, recording)
+
+    def solid_of(self, body: Any) -> "Prony":
+        """Return the solid that a sphere or a substrate of session.toml names, at its temperature."""
+        from pipelines.experiments.shared.material_choice import resolve
+
+        file = None if body.material_file is None else self.folder / body.material_file
+        fitted = None
+        if body.material_from is not None:
+            fitted = self.result(referred(body.material_from), "master_curve")
+        return resolve(body, file, fitted)
 
     def of_kind(self, kind: str) -> dict[str, Any]:
         """Return the experiments of one kind, from the lowest height."""

@@ -1,8 +1,10 @@
 """Figures 2.4 and 3.17: relaxation after a ramp, and a sphere under stepwise load."""
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labpipe import contact, materials
 from labpipe.arrays import Floats
@@ -21,6 +23,8 @@ _LOADS = (0.5, 2.5, 3.5, 4.5, 5.5)
 _STARTS_MIN = (0.0, 2.55, 18.20, 33.10, 47.55)
 _END_MIN = 63.0
 _MOST_TESTS, _DRAWN_POINTS = 3, 400
+_SMOOTHED, _CREEP = 9, 1e4
+"""Readings in the moving mean; time in s until which the last load is held in the simulation."""
 
 
 def relaxation(inputs: Inputs | None) -> Drawing:
@@ -50,13 +54,16 @@ def _recorded_relaxation(inputs: Inputs) -> Drawing:
             )
             place.semilogx(since[inside][thin], simulated[inside][thin], label="model", **line_arguments("model"))
             depth = float(at["depth"])
+            curves = inputs.result(name, "curves", file)
             peak, plateau = float(at["peak_force"]), float(at["plateau_force"])
+            clean, u_clean = (float(curves[f"{p}peak_force_unfiltered"][0]) for p in ("", "u_"))
             moved = loads["position_z"].values - float(ramps["contact_position"])
             others.append(_depth_axis(place, since[inside][thin], moved[inside][thin] * 1e3, is_last=file == files[-1]))
             place.set(xlabel="time from the ramp's begin (s)", ylim=(0.0, 1.3 * peak))
             letter(place, letter_, f"$\\Delta$ = {depth * 1e3:.3f} mm")
             notes.append(
-                f"{depth * 1e3:.2g} mm: peak {peak:.1f} N, plateau {plateau:.2f} ± "
+                f"{depth * 1e3:.2g} mm: peak {clean:.1f} ± {u_clean:.1f} N before the filter and {peak:.1f} N "
+                f"behind it, plateau {plateau:.2f} ± "
                 f"{float(at['u_plateau_force']):.2f} N (model "
                 f"{float(made['plateau_force_model'][0]):.2f} N), nRMSE "
                 f"{100 * float(made['nrmse_all'][0]):.2f} %{_printed(depth)}"
@@ -68,7 +75,7 @@ def _recorded_relaxation(inputs: Inputs) -> Drawing:
             "Force while the punch is pressed in at 1 mm/s and held, at three depths; right axis: "
             "indentation from the recorded position.",
             computed=("boundary-element simulation with the measured displacement, after the load cell's filter."),
-            difference=f"{'; '.join(notes)}. The peak is as attenuated by the filter.",
+            difference=f"{'; '.join(notes)}.",
             **inputs.data_note(f"the Mach-1 recordings of {name}, thinned to equal steps of log time."),
         ),
         figure,
@@ -160,27 +167,39 @@ def _recorded_loading(inputs: Inputs) -> Drawing:
     radii = model["hertz_radius_relaxed"].values * 1e6
     edges = np.append(steps["begin"].values / 60, t[-1])
     masses = [load.mass.value for load in inputs.experiments[name].loads]
-    with panels(2, 1, width=1, aspect=1.25, height_ratios=(2.0, 1.0)) as (figure, grid):
-        axes, circles = grid[:, 0]
-        axes.plot(
-            t, a, label=f"laser, {inputs.origin}", **line_arguments("measured", style="points") | {"markersize": 1.2}
-        )
+    held = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, len(masses) - 1)
+    means = np.array([float(np.nanmean(a[held == number])) for number in range(len(masses))])
+    later, further = _held_on(inputs, name, steps["force"].values, steps["begin"].values, float(t[-1]) * 60)
+    with panels(3, 1, width=1, aspect=1.75, height_ratios=(2.0, 1.0, 1.2)) as (figure, grid):
+        axes, circles, creep = grid[:, 0]
+        raw = line_arguments("measured", style="points") | {"markersize": 1.2, "color": "#9a9a9a"}
+        raw |= {"markerfacecolor": "#9a9a9a", "markeredgecolor": "#9a9a9a"}
+        axes.plot(t, a, label=f"laser, {inputs.origin}", **raw)
+        axes.plot(t, _smoothed(a, held), label=f"mean of {_SMOOTHED}", **line_arguments("measured"))
         axes.plot(t, model["contact_radius"].values * 1e6, label="viscoelastic", **line_arguments("model"))
+        look = line_arguments("reference")
         axes.stairs(
-            radii,
-            edges,
-            baseline=None,
-            label="Hertz, relaxed",
-            color=line_arguments("reference")["color"],
-            linestyle=line_arguments("reference")["linestyle"],
+            radii, edges, baseline=None, label="Hertz, relaxed", color="#cc2a1e", linestyle=look["linestyle"], zorder=3
         )
+        axes.hlines(means, edges[:-1], edges[1:], colors="#444444", linewidth=0.8, linestyle=(0, (6, 2)), label="means")
+        for edge in edges[1:-1]:
+            axes.axvline(edge, color="#888888", linewidth=0.6, linestyle="--")
         axes.set(xlabel="time (min)", ylabel="contact radius (µm)", ylim=(0, 1.1 * radii.max()))
         for mass, start, radius in zip(masses, edges, radii, strict=False):
-            axes.text(max(start, edges[1]) + 0.8, radius - 75, f"{mass:g} kg", fontsize=7)
+            axes.text(max(start, edges[1]) + 0.8, radius - 95, f"{mass:g} kg", fontsize=7)
         letter(axes, "a")
         _circles(circles, radii)
         letter(circles, "b")
+        last = t >= edges[-2]
+        creep.semilogx((t[last] - edges[-2]) * 60, a[last], **raw)
+        creep.semilogx(later, further * 1e6, **line_arguments("model"))
+        creep.axhline(radii[-1], color="#cc2a1e", linestyle=look["linestyle"])
+        creep.set(xlabel="time under the last load (s)", ylabel="contact radius (µm)", xlim=(1.0, _CREEP))
+        low, high = float(further[later >= 1.0].min()) * 1e6, float(radii[-1])
+        creep.set_ylim(low - 0.4 * (high - low), high + 0.4 * (high - low))
+        letter(creep, "c")
         legend_above(figure, axes, columns=3)
+    grown = np.interp([10.0, _CREEP], later, further) * 1e6
     found = [
         f"{m:g} kg: {1e6 * float(r + d):.1f} ± {1e6 * float(u):.1f} (model {1e6 * float(r):.1f}, Hertz {h:.1f}) µm"
         for m, r, d, u, h in zip(
@@ -194,13 +213,17 @@ def _recorded_loading(inputs: Inputs) -> Drawing:
     ]
     return Drawing(
         Caption(
-            "(a) Contact radius of a PTFE sphere on a rigid flat while masses are added, from the "
-            "approach by a = sqrt(R delta); (b) Hertz contact circles to scale.",
+            "(a) Contact radius of a PTFE sphere on a rigid flat while masses are added (vertical lines), from the "
+            f"approach by a = sqrt(R delta): readings, their moving mean over {_SMOOTHED} readings within a load, and "
+            "the mean of every load (horizontal); (b) Hertz contact circles to scale; (c) creep under the last load, "
+            "the simulation until 10^4 s.",
             computed=(
                 "quasi-static viscoelastic contact, and Hertz with the relaxed modulus. Radius at "
                 f"the end of each load: {'; '.join(found)}. nRMSE of the model "
                 f"{100 * float(made['nrmse_contact_radius_model']):.2f} %, of Hertz "
-                f"{100 * float(made['nrmse_contact_radius_hertz']):.2f} %."
+                f"{100 * float(made['nrmse_contact_radius_hertz']):.2f} %. Means over the loads: "
+                f"{', '.join(f'{m:.1f}' for m in means)} µm. Between 10 s and 10^4 s under the last load the "
+                f"simulated radius grows from {grown[0]:.1f} to {grown[1]:.1f} µm, towards Hertz's {radii[-1]:.1f} µm."
             ),
             difference=(
                 "the thesis prints the loads and times, not the radii. The first load is held 3 "
@@ -210,6 +233,35 @@ def _recorded_loading(inputs: Inputs) -> Drawing:
         ),
         figure,
     )
+
+
+def _smoothed(values: Floats, held: NDArray[np.int64]) -> Floats:
+    """Return the moving mean (time,) over readings of the same load only."""
+    found = np.full(values.size, np.nan)
+    half = _SMOOTHED // 2
+    for place in range(values.size):
+        near = slice(max(place - half, 0), place + half + 1)
+        found[place] = np.nanmean(values[near][held[near] == held[place]])
+    return found
+
+
+def _held_on(inputs: Inputs, name: str, force: Floats, begin: Floats, end: float) -> tuple[Floats, Floats]:
+    """Simulate the loads with the last one held on; return times [s] under it and radii [m]."""
+    settings = inputs.experiments[name]
+    solid = inputs.solid_of(settings.sphere)
+    edges = np.append(begin, max(end, begin[-1] + _CREEP))
+    stretches = [
+        start + np.concatenate([[0.0], np.geomspace(0.5, stop - start, 100)]) for start, stop in pairwise(edges)
+    ]
+    made = contact.load_sphere(
+        solid,
+        settings.sphere.radius.value,
+        np.concatenate(stretches),
+        np.repeat(force, [stretch.size for stretch in stretches]),
+        profile=settings.model.profile,
+    )
+    count = stretches[-1].size
+    return stretches[-1] - begin[-1], made["contact_radius"].values[-count:]
 
 
 def _computed_loading() -> Drawing:

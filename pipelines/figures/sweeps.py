@@ -11,6 +11,7 @@ from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, pa
 from pipelines.figures.inputs import Inputs
 
 _COVERAGE = 2.0
+_LEAST_DECADES = 0.5
 
 
 def nbr(inputs: Inputs) -> Drawing:
@@ -56,14 +57,18 @@ def master_curve(inputs: Inputs, printed_T_ref: float, note: str = "", *, with_s
     name = next(iter(inputs.experiments))
     made = inputs.result(name, "master_curve")
     count = 3 if with_spectrum else 2
-    with panels(1, count, width=2, aspect=0.4) as (figure, axes):
-        _moduli(axes[0, 0], made, inputs.origin)
+    is_shear = inputs.experiments[name].mode in ("shear", "torsion")
+    with panels(1, count, width=2, aspect=0.4, width_ratios=(1.0,) * count if with_spectrum else (1.5, 1.0)) as (
+        figure,
+        axes,
+    ):
+        drawn = _moduli(axes[0, 0], made, inputs.origin, is_shear=is_shear, is_split=not with_spectrum)
         _shifts(axes[0, 1], made)
         if with_spectrum:
             _spectrum(axes[0, 2], made)
         for place, letter_ in zip(axes[0], "abc", strict=False):
             letter(place, letter_)
-        legend_above(figure, axes[0, 0])
+        legend_above(figure, drawn)
     verdict = json.loads(made.attrs["kramers_kronig"])["verdict"]
     residual = [100 * float(np.sqrt(np.nanmean(made[f"{part}_residual"] ** 2))) for part in ("storage", "loss")]
     reference = float(made["T_ref"])
@@ -73,7 +78,8 @@ def master_curve(inputs: Inputs, printed_T_ref: float, note: str = "", *, with_s
     )
     return Drawing(
         Caption(
-            "(a) Storage and loss modulus in tension, shifted to the reference temperature "
+            f"(a) Storage and loss modulus{'' if with_spectrum else ' (right axis)'} in "
+            f"{'shear' if is_shear else 'tension'}, shifted to the reference temperature "
             f"{reference:g} degC, with the fitted generalised Maxwell model; (b) horizontal shift "
             "factors with two standard uncertainties"
             + ("; (c) creep compliances over retardation times." if with_spectrum else "."),
@@ -90,27 +96,46 @@ def master_curve(inputs: Inputs, printed_T_ref: float, note: str = "", *, with_s
     )
 
 
-def _moduli(axes: Any, made: xr.Dataset, origin: str) -> None:
+def _moduli(left: Any, made: xr.Dataset, origin: str, *, is_shear: bool, is_split: bool) -> list[Any]:
+    """Draw both moduli in the mode that was loaded, the loss on an axis of its own if split; return the axes."""
     f = made["point_reduced_frequency"].values.ravel()
     x = made["reduced_frequency"].values
-    for part, role in (("storage", "measured"), ("loss", "model")):
+    scale = 1.0 / (2.0 * (1.0 + float(made["nu"]))) if is_shear else 1.0
+    symbol = "G" if is_shear else "E"
+    right = left.twinx() if is_split else left
+    if is_split:
+        right.grid(visible=False)
+        right.spines["right"].set_visible(True)
+    for axes, part, role, dashes in ((left, "storage", "measured", "'"), (right, "loss", "model", "''")):
         look = line_arguments(role)  # type: ignore[arg-type]
         points = line_arguments(role, style="points")  # type: ignore[arg-type]
         axes.loglog(
             f,
-            made[f"{part}_reduced"].values.ravel(),
+            made[f"{part}_reduced"].values.ravel() * scale,
             label=f"{part}, {origin}",
             **(points | {"markersize": 2.2, "markerfacecolor": "white", "markeredgewidth": 0.5}),
         )
-        centre = made[f"master_{part}"].values
-        half = _COVERAGE * made[f"u_master_{part}"].values
+        centre = made[f"master_{part}"].values * scale
+        half = _COVERAGE * made[f"u_master_{part}"].values * scale
         axes.fill_between(
             x, np.maximum(centre - half, centre / 10), centre + half, color=look["color"], alpha=0.25, linewidth=0
         )
         axes.loglog(x, centre, label=f"{part}, fit", **look)
-    low = float(np.nanmin(made["loss_reduced"]))
-    high = float(np.nanmax(made["storage_reduced"]))
-    axes.set(xlabel="frequency $a_T f$ (Hz)", ylabel="modulus $E'$, $E''$ (Pa)", ylim=(low / 3, high * 3))
+        if not is_split:
+            continue
+        low, high = (float(g(made[f"{part}_reduced"])) * scale for g in (np.nanmin, np.nanmax))
+        # Whole decades in different halves of the two axes: neither curve hides the other.
+        span = 2.0 * max(np.log10(high / low), _LEAST_DECADES)
+        limits = (high / 10**span * 1.3, high * 1.3) if part == "storage" else (low / 1.3, low / 1.3 * 10**span)
+        axes.set_ylim(limits)
+        axes.set_ylabel(f"{part} modulus ${symbol}{dashes}$ (Pa)")
+        axes.tick_params(axis="y", which="both", colors=look["color"], labelcolor=look["color"])
+        axes.yaxis.label.set_color(look["color"])
+    if not is_split:
+        low, high = float(np.nanmin(made["loss_reduced"])) * scale, float(np.nanmax(made["storage_reduced"])) * scale
+        left.set(ylim=(low / 3, high * 3), ylabel=f"modulus ${symbol}'$, ${symbol}''$ (Pa)")
+    left.set_xlabel("frequency $a_T f$ (Hz)")
+    return [left, right]
 
 
 def _shifts(axes: Any, made: xr.Dataset) -> None:

@@ -8,6 +8,7 @@ from labpipe.contact.line._thesis_scheme import indent_thesis_scheme
 from labpipe.contact.line.dissipation import (
     dimensionless_frequency,
     dimensionless_length,
+    dissipated_power,
     dissipated_work,
     dissipation_map,
     dynamic_stiffness,
@@ -19,6 +20,7 @@ __all__ = [
     "GeneralContact",
     "dimensionless_frequency",
     "dimensionless_length",
+    "dissipated_power",
     "dissipated_work",
     "dissipation",
     "dissipation_map",

@@ -30,6 +30,12 @@ from labpipe.errors import InputError
 from labpipe.materials import Prony
 from labpipe.variables import described
 
+_FEWEST = 8
+"""Samples of a record whose spectrum is asked for."""
+
+_UNEVEN = 1e-3
+"""Spread of the sampling interval, over itself, that still counts as even."""
+
 
 class Equilibrium(NamedTuple):
     """Fully relaxed state of a cosine indenter.
@@ -172,6 +178,59 @@ def dissipated_work(
         front = tapping_amplitude(material, frequency, mean_indentation, tip_radius, period)
         work = np.where(alpha <= front, work, np.nan)
     return np.asarray(work)
+
+
+def dissipated_power(
+    material: Prony, time: ArrayLike, displacement: ArrayLike, tip_radius: float, period: float, depth: float = 1.0
+) -> float:
+    """Mean power [W] that a recorded oscillation dissipates, by its spectrum: eqs. (2.26)-(2.30).
+
+    The power of force and velocity is summed over the lines of the displacement's spectrum,
+    ``sum omega Im kappa(omega) |x(omega)|^2 / 2``, each with the stiffness at its own frequency. For a
+    sine it is (2.31) divided by the period; a displacement that is none needs no amplitude.
+
+    Parameters
+    ----------
+    material : Prony
+    time : array (n,) [s]
+        Even, over whole cycles: the sample after the last would be the first again.
+    displacement : array (n,) [m]
+        Approach from first touch, positive into the surface; its mean is the mean indentation.
+    tip_radius, period, depth : float [m]
+        As for :func:`equilibrium`.
+
+    Raises
+    ------
+    InputError
+        The record is short, uneven or not finite, or as for :func:`equilibrium`.
+
+    Examples
+    --------
+    >>> rubber = Prony(7.6e6, [76e6], [1e-3], nu=0.5)
+    >>> time = np.arange(200) / 200 / 2.0
+    >>> moved = 1e-4 + 1e-5 * np.sin(2 * np.pi * 2.0 * time)
+    >>> power = dissipated_power(rubber, time, moved, 2e-3, 8e-3, 18e-3)
+    >>> work = float(dissipated_work(rubber, 2.0, 1e-5, 1e-4, 2e-3, 8e-3, 18e-3))
+    >>> round(power / 2.0 / work, 9)
+    1.0
+    """
+    t, x = np.asarray(time, dtype=float), np.asarray(displacement, dtype=float)
+    if t.ndim != 1 or t.shape != x.shape or t.size < _FEWEST:
+        message = f"time has shape {t.shape}, displacement {x.shape}: expected {_FEWEST} or more samples of both"
+        raise InputError(message)
+    interval = np.diff(t)
+    if not (np.isfinite(t).all() and np.isfinite(x).all() and float(interval.min()) > 0.0):
+        message = "times must rise, and times and displacements be finite numbers"
+        raise InputError(message)
+    if float(np.ptp(interval)) > _UNEVEN * float(interval.mean()):
+        message = f"the samples are uneven ({interval.min():.4g} to {interval.max():.4g} s apart); interpolate them"
+        raise InputError(message)
+    frequency = np.fft.rfftfreq(t.size, float(interval.mean()))[1:]
+    line = 2.0 * np.abs(np.fft.rfft(x)[1:]) / t.size
+    if t.size % 2 == 0:
+        line[-1] *= 0.5
+    stiffness = dynamic_stiffness(material, frequency, float(x.mean()), tip_radius, period, depth)
+    return float(np.sum(np.pi * frequency * stiffness.imag * line**2))
 
 
 def tapping_amplitude(

@@ -385,6 +385,13 @@ def _usual(noise: Floats, grey: Floats) -> Floats:
     return level
 
 
+def one_way(subsets: Subsets) -> Flags:
+    """Tell which subsets (point,) hold hardly more than an edge or a grating."""
+    xx, xy, yy = (subsets.normal[:, a, b] for a, b in ((0, 0), (0, 3), (3, 3)))
+    strongest = _largest(xx, yy, xy)
+    return np.asarray(strongest > _EDGE * np.maximum(xx + yy - strongest, 0.0))
+
+
 def _largest(xx: Floats, yy: Floats, xy: Floats) -> Floats:
     """Larger eigenvalue of symmetric matrices of two rows."""
     return np.asarray(0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy))

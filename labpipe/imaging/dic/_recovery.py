@@ -91,7 +91,7 @@ class Recovery:
     def _trust_agreement(self) -> None:
         """Trust surprised points that all tell of the same rigid motion."""
         attempt, tracker = self._attempt, self._tracker
-        solved = np.flatnonzero(tracker.accepts(attempt.code, attempt.zncc) & ~attempt.trusted)
+        solved = np.flatnonzero(tracker.accepts(attempt.code, attempt.zncc) & ~attempt.trusted & ~tracker.is_one_way)
         if len(solved) < _MUTUAL_COUNT:
             return
         middle = tracker.places[solved].mean(axis=0)
@@ -137,7 +137,7 @@ class Recovery:
     def _seed(self) -> bool:
         """Match templates for some untrusted points; True when one was found."""
         attempt, tracker = self._attempt, self._tracker
-        waiting = np.flatnonzero(~attempt.trusted & ~attempt.reached & ~self._tried)
+        waiting = np.flatnonzero(~attempt.trusted & ~attempt.reached & ~self._tried & ~tracker.is_one_way)
         misses = tracker.misses[waiting]
         waiting = waiting[(misses < _PATIENCE) | (misses % _SELDOM == 0)]
         if not len(waiting):

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from labpipe.arrays import Flags, Floats, Integers
 from labpipe.imaging.dic._film_window import Box, FilmWindow, Loaded
 from labpipe.imaging.dic._motion_state import contradicted, converged_nearby, extent, predicted, remember
+from labpipe.imaging.dic._motion_uncertainty import one_way
 from labpipe.imaging.dic._reference import Reference
 from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR
 from labpipe.imaging.dic._subset_solver import CHANGES, SOLVED, Solution, empty_solution, put, solve
@@ -163,6 +164,9 @@ class Tracker:
         self._stride = int(np.clip(count // _TESTED, 1, _TURNS))
         self._turn = 0
         self._noise = reference.shown
+        #: Edges and gratings: they match in so many places that nothing but their neighbours finds
+        #: them again.
+        self.is_one_way = one_way(reference.subsets)
         #: Whether the frame at hand is one of those averaged into the reference.
         self.is_static = False
         self.is_tracked = np.ones(count, bool)

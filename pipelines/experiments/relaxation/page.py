@@ -96,9 +96,9 @@ def _summary(tests: xr.Dataset | None, comparison: Sequence[xr.Dataset] | None, 
             at = tests.isel(test=i)
             shown = ", ".join(
                 value_with_uncertainty(float(at[name]), float(at[f"u_{name}"]), "N")
-                for name in ("peak_force", "plateau_force")
+                for name in (_peak(tests), "plateau_force")
             )
-            rows.append((f"peak and plateau at {_label(tests, i)}", shown, "force"))
+            rows.append((f"peak and plateau at {_label(tests, i)}", shown, _of_peak(tests)))
         if "mean_relaxed_modulus" in tests and np.isfinite(float(tests["mean_relaxed_modulus"])):
             rows.append(
                 (
@@ -149,13 +149,27 @@ def _measured(
     return pages.folded("What was measured, and its calibration", "File, punch and calibration record", blocks)
 
 
+def _peak(tests: xr.Dataset) -> str:
+    """Return the name of the peak that the hold had: before the cell's filter where that is known."""
+    clean = "peak_force_unfiltered"
+    return clean if clean in tests and bool(np.isfinite(tests[clean]).all()) else "peak_force"
+
+
+def _of_peak(tests: xr.Dataset) -> str:
+    return "force; the peak before the cell's filter" if _peak(tests) != "peak_force" else "force as recorded"
+
+
 def _tests(tests: xr.Dataset) -> Section:
-    names = ["depth", "peak_force", "plateau_force", "ratio"]
+    peak = _peak(tests)
+    names = ["depth", peak, "plateau_force"]
+    if peak != "peak_force":
+        names.insert(2, "peak_force")
     has_model = "nrmse_all" in tests
     wanted: list[str | tuple[str, str]] = [
         "test",
         ("depth", "m"),
         ("peak", "N"),
+        *([("peak as recorded", "N")] if peak != "peak_force" else []),
         ("plateau", "N"),
         ("peak/plateau", ""),
     ]
@@ -164,13 +178,22 @@ def _tests(tests: xr.Dataset) -> Section:
     for i, name in enumerate(_names(tests)):
         at = tests.isel(test=i)
         pair = {n: (float(at[n]), float(at[f"u_{n}"])) for n in names}
+        (top, u_top), (level, u_level) = pair[peak], pair["plateau_force"]
+        # The cell's gain is in both and cancels, so that this is rather too large.
+        ratio = top / level
         row: list[Cell] = [name, *(number for n in names for number in pair[n])]
+        row += [ratio, abs(ratio) * float(np.hypot(u_top / top, u_level / level))]
         rows.append(row)
         motion: list[Cell] = [_label(tests, i), float(at["speed"]), float(at["duration"])]
         if has_model:
             motion += [float(at[f"nrmse_{p}"]) * 100 for p in parts]
         errors.append(motion)
-    caption = "The peak is as recorded, after the load cell's filter; the plateau is the mean over the end of the hold."
+    caption = (
+        "The peak is that before the load cell's filter, from the relaxation fitted to the force behind it"
+        if peak != "peak_force"
+        else "The peak is as recorded, behind the load cell's filter if it has one"
+    )
+    caption += "; the plateau is the mean over the end of the hold."
     second = [Column("test"), Column("ramp speed", "m/s"), Column("hold", "s")]
     if has_model:
         second += [Column(f"nRMSE {p}", "%", digits=3) for p in parts]

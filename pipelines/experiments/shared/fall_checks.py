@@ -13,12 +13,18 @@ import numpy as np
 import xarray as xr
 from scipy import stats
 
+from labpipe.arrays import Floats
 from labpipe.judging import IMPOSSIBLE, Check, Level, bounded, compared, not_made, stated
 from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
 
 GUIDE = 5e-3
 """Largest share of g that the friction of a guide or the drag of the air takes from a fall."""
+_SWING = 0.07
+"""Largest share of the first impact's speed that a plate, still swinging, adds to a later bounce.
+
+A plate takes (1 + e) m/M of the speed and returns at most twice its own: 0.07 is a plate
+55 times as heavy as what falls."""
 _CLOCK = 1e-4
 """Relative uncertainty of a sampling interval as manufacturers state it."""
 _MATERIAL = 0.25
@@ -131,24 +137,37 @@ def speed(fall: Fall, gravity: Quantity) -> Check:
 
 
 def restitution(fall: Fall) -> Check:
-    """Hold every bounce against 0 < e < 1."""
-    name, law = "coefficients of restitution", "a bounce gives back less than it took: 0 < e < 1"
+    """Hold every bounce against 0 < e < 1; after the first, a swinging plate may return some speed."""
+    name = "coefficients of restitution"
+    law = "a bounce gives back less than it took, but for what a plate that still swings returns: 0 < e < 1"
     values, u = fall.bounces["restitution"].values, fall.bounces["u_restitution"].values
+    values = np.where(values > 1.0, np.maximum(values - _returned(fall), np.minimum(values, 1.0)), values)
     known = np.isfinite(values) & np.isfinite(u) & (u > 0)
     if not known.any():
         return not_made(name, law, "a bounce")
     beyond = np.where(known, (np.abs(values - 0.5) - 0.5) / np.where(u > 0, u, 1.0), -np.inf)
     worst = int(np.argmax(beyond))
-    message = f"{fall.name}: e = {shown(float(values[worst]), float(u[worst]), '1')} at impact {worst + 1}"
+    seen = float(fall.bounces["restitution"].values[worst])
+    message = f"{fall.name}: e = {shown(seen, float(u[worst]), '1')} at impact {worst + 1}"
     return bounded(name, law, message, float(values[worst]), float(u[worst]), at_least=0.0, at_most=1.0, file=fall.name)
 
 
+def _returned(fall: Fall) -> Floats:
+    """Return what a swinging plate may add to the restitution of each impact; 0 for the first."""
+    into = fall.bounces["incoming_speed"].values
+    share = _SWING * into[0] / np.where(into > 0, into, np.inf)
+    return np.where(np.arange(into.size) > 0, np.nan_to_num(share), 0.0)
+
+
 def apexes(fall: Fall) -> Check:
-    """Hold the heights of all flights against their order."""
-    name, law = "heights of the rebounds", "no flight is higher than the one before it"
+    """Hold the heights of all flights against their order; a swinging plate may return some height."""
+    name = "heights of the rebounds"
+    law = "no flight is higher than the one before it, but for what a plate that still swings returns"
     heights = np.concatenate([[float(fall.bounces["drop_height"])], fall.bounces["apex_height"].values])
     u = np.concatenate([[float(fall.bounces["u_drop_height"])], fall.bounces["u_apex_height"].values])
-    rises, u_rises = np.diff(heights), np.hypot(u[1:], u[:-1])
+    # A height goes with the square of the speed.
+    given = heights[:-1] * ((1.0 + _returned(fall)) ** 2 - 1.0)
+    rises, u_rises = np.diff(heights) - np.nan_to_num(given), np.hypot(u[1:], u[:-1])
     known = np.isfinite(rises) & np.isfinite(u_rises) & (u_rises > 0)
     if not known.any():
         return not_made(name, law, "two flights")

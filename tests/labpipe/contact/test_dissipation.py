@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from labpipe.contact import indent
+from labpipe.contact import dissipated_power, dissipated_work, indent
 from labpipe.contact.line import dissipation
 from labpipe.errors import InputError
 from labpipe.materials import Prony
@@ -78,3 +78,31 @@ def test_dimensionless_helpers_match_the_thesis() -> None:
 def test_impossible_equilibria_are_refused(mean) -> None:
     with pytest.raises(InputError):
         dissipation.tapping_amplitude(RUBBER, 1.0, mean, RADIUS, PERIOD)
+
+
+def test_the_spectral_route_is_the_closed_form_and_adds_harmonics():
+    rubber = Prony(7.6e6, [30e6, 76e6], [0.05, 1e-3], nu=0.5)
+    frequency, mean = 2.0, 1e-4
+    time = np.arange(240) / 240 * 3 / frequency
+    first, third = (np.sin(2 * np.pi * n * frequency * time) for n in (1, 3))
+    power = [
+        dissipated_power(rubber, time, mean + one, 2e-3, 8e-3, 18e-3)
+        for one in (1e-5 * first, 2e-6 * third, 1e-5 * first + 2e-6 * third)
+    ]
+    works = [dissipated_work(rubber, n * frequency, a, mean, 2e-3, 8e-3, 18e-3) for n, a in ((1, 1e-5), (3, 2e-6))]
+    assert power[0] == pytest.approx(float(works[0]) * frequency, rel=1e-9)
+    assert power[1] == pytest.approx(float(works[1]) * 3 * frequency, rel=1e-9)
+    assert power[2] == pytest.approx(power[0] + power[1], rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("time", "moved", "said"),
+    [
+        (np.arange(4.0), np.ones(4), "8 or more"),
+        (np.arange(10.0)[::-1], np.ones(10), "rise"),
+        (np.arange(10.0) ** 2, np.ones(10), "uneven"),
+    ],
+)
+def test_a_record_without_a_spectrum_is_refused(time, moved, said):
+    with pytest.raises(InputError, match=said):
+        dissipated_power(Prony(7.6e6, [], [], nu=0.5), time, moved, 2e-3, 8e-3)

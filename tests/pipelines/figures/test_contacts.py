@@ -36,6 +36,7 @@ class Results:
             "repeats": repeats,
             "bounces": bounces,
             "radius": radius,
+            "keys": keys,
             "model": model,
             "impacts": lambda: impacts(self.rest[name]),
             "comparison": lambda: comparison(self.rest[name]),
@@ -63,7 +64,16 @@ def bounces() -> xr.Dataset:
 def radius() -> xr.Dataset:
     time = np.concatenate([t + np.arange(0.0, 1e-3, 1e-4) for t in TOUCHES] + [[0.35, 0.36]])
     a = contact_at(time)
-    return xr.Dataset({"radius": ("frame", a), "in_contact": ("frame", a > 0)}, {"time": ("frame", time)})
+    found = {"radius": ("frame", a), "in_contact": ("frame", a > 0), "pixel_size": ((), 4e-6)}
+    return xr.Dataset(found, {"time": ("frame", time)})
+
+
+def keys() -> xr.Dataset:
+    times = np.append(np.array(TOUCHES) + HALF, 0.36)
+    circle = {f"circle_{axis}": ("key", np.full(4, value)) for axis, value in (("x", 40.0), ("y", 6.0))}
+    circle["circle_radius"] = ("key", contact_at(times) / 4e-6)
+    image = ("key", "row", "column"), np.zeros((4, 12, 80))
+    return xr.Dataset({"image": image, "key_time": ("key", times), "reduction": ((), 1.0), **circle})
 
 
 def impacts(rest: float) -> xr.Dataset:
@@ -99,6 +109,7 @@ def comparison(rest: float) -> xr.Dataset:
             "since_peak": ("sample", since),
             "film": ("sample", 700e-6 * np.sqrt(1 - (since / HALF) ** 2)),
             "model_peak_time": ("impact", np.array(TOUCHES) + HALF),
+            "time_shift": ("impact", np.zeros(3)),
             "peak_radius_film": ("impact", np.full(3, 700e-6) + larger),
             "peak_radius_model": ("impact", np.full(3, 701e-6) + larger),
             "u_peak_radius_difference": ("impact", np.full(3, 3e-6)),

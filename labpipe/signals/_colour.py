@@ -1,0 +1,138 @@
+"""Colour of a sensor's noise: how much stronger it is at low frequencies than between neighbours.
+
+Neighbouring samples tell the white part of the noise. Drift and hum change little from sample to
+sample, but they pass every fit over many samples. What a smoothing spline leaves of a record holds
+the noise at all frequencies above those that the spline follows, which are few where the body rests,
+flies or creeps. Its power there is described by one number more, ``1 + corner / f`` times that of
+the white part: a flicker noise is exactly so, and other noise counts as the flicker that is as strong.
+"""
+
+from typing import Any, cast
+
+import numpy as np
+
+from labpipe.arrays import Floats
+
+_SIZES = (1024, 512, 256, 128)
+"""Samples of a stretch, the longest that fit first."""
+
+_FITTING = 3.0
+"""Root mean square over the white part's that what is left of a stretch keeps to if the spline follows it."""
+
+_FOLLOWED = 1.5
+"""Multiple of the spline's cutoff from which on it takes less than a tenth of the noise's power."""
+
+_LEAST, _LOW_SHARE = 2, 8
+"""Lowest frequency that is compared, in inverse lengths, and the share of the lowest ones that are."""
+
+_CORNERS = np.concatenate([[0.0], np.geomspace(1e-4, 0.5, 200)])  # in units of the sampling rate
+_CERTAIN = 2.0
+"""Gain in log likelihood below which the noise is called white."""
+
+# Of a spline that penalises the fourth derivative, response 1 / (1 + (f / cutoff)^8): the integral of
+# f over that of f^2 times the cutoff, and the integral of the response over the cutoff.
+_PASSED = float(np.sin(3 * np.pi / 8) / np.sin(np.pi / 4))
+_WIDTH = float(np.pi / 8 / np.sin(np.pi / 8))
+
+
+def estimate_corner(residual: Floats, share: Floats, interval: float) -> float:
+    """Find the frequency below which the noise is more than twice as strong as its white part.
+
+    Parameters
+    ----------
+    residual : array (n,)
+        What a smoothing spline leaves of samples in their order, at nearly even times, over the
+        standard deviation of the white part.
+    share : array (n,)
+        Variance of the spline over that of a sample: its parameters per sample.
+    interval : float [s]
+        Between samples.
+
+    Returns
+    -------
+    float [Hz]
+        0 for white noise, and where the spline follows everything that is slow.
+
+    Notes
+    -----
+    Whittle's likelihood of the periodograms of stretches, each from a multiple of the spline's own
+    cutoff on.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> estimate_corner(rng.standard_normal(4000), np.full(4000, 1e-3), 1e-4)
+    0.0
+    """
+    cutoff = share / (2.0 * _WIDTH)
+    frequencies, powers = [], []
+    is_used = np.zeros(len(residual), bool)
+    for size in _SIZES:
+        every = np.fft.rfftfreq(size)
+        for start in range(0, len(residual) - size + 1, size // 2):
+            part = slice(start, start + size)
+            fits = float(np.mean(residual[part] ** 2)) < _FITTING**2
+            kept = (every > max(_LEAST / size, _FOLLOWED * float(cutoff[part].max()))) & (every < 0.5 / _LOW_SHARE)
+            if not fits or is_used[part].any() or not kept.any():
+                continue
+            is_used[part] = True
+            frequencies.append(every[kept])
+            powers.append(np.abs(np.fft.rfft(residual[part])[kept]) ** 2 / size)
+    if not powers:
+        return 0.0
+    f, power = np.concatenate(frequencies), np.concatenate(powers)
+    expected = 1.0 + _CORNERS[:, None] / f
+    cost = np.sum(np.log(expected) + power / expected, axis=1)
+    best = int(np.argmin(cost))
+    return float(_CORNERS[best] / interval) if cost[0] - cost[best] > _CERTAIN else 0.0
+
+
+def coloured_normal(design: Floats, interval: float, corner: float) -> Floats:
+    """Return ``J' C J`` of a least-squares fit, C the covariance of noise with a white part of 1.
+
+    Parameters
+    ----------
+    design : array (n, p)
+        Derivative of the model by its parameters, at even times.
+    interval : float [s]
+    corner : float [Hz]
+
+    Returns
+    -------
+    array (p, p)
+        ``J' J`` for white noise. Below the inverse of twice the length the power grows no further.
+    """
+    if corner <= 0.0:
+        return design.T @ design
+    size = 2 * len(design)
+    waves = np.fft.rfft(design, size, axis=0)
+    frequency = np.maximum(np.fft.rfftfreq(size, interval), 1.0 / (size * interval))
+    weight = np.full(len(frequency), 2.0)
+    weight[[0, -1]] = 1.0
+    power = weight * (1.0 + corner / frequency) / size
+    return cast("Floats", np.real(waves.conj().T @ (power[:, None] * waves)))
+
+
+def coloured_power(count: int, interval: float, corner: float) -> float:
+    """Return the mean power of what a fit leaves of ``count`` samples, over that of the white part."""
+    frequency = np.fft.rfftfreq(count, interval)[_LEAST:]
+    return 1.0 + corner * float(np.mean(1.0 / frequency)) if len(frequency) else 1.0
+
+
+def velocity_factor(share: Floats, interval: float, corner: float) -> Any:
+    """Return by how much colour enlarges the uncertainty of a spline's velocity.
+
+    Parameters
+    ----------
+    share : array (n,)
+        Variance of the spline over that of a sample, if the noise were white: parameters per sample.
+    interval : float [s]
+        Between samples.
+    corner : float [Hz]
+
+    Returns
+    -------
+    array (n,)
+    """
+    cutoff = np.maximum(share, 1e-12) / (2.0 * _WIDTH * interval)
+    return np.sqrt(1.0 + _PASSED * corner / cutoff)
