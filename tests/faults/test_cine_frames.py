@@ -130,8 +130,8 @@ def test_a_pause_is_told_apart_from_dropped_frames(tmp_path: Path) -> None:
         assert read(film(tmp_path, time=time)).time.size == 14
     texts = [str(w.message) for w in caught]
     assert texts == [
-        "the recording pauses 2 time(s) (first before frame 5), the longest for 60 s",
-        "1 frame(s) were dropped by the camera",
+        "the recording pauses 2 times (first before frame 5), the longest for 60 s",
+        "1 frame was dropped by the camera",
     ]
 
 
