@@ -100,7 +100,7 @@ def _lines(profile: Floats) -> Floats:
     peaks, _ = signal.find_peaks(flat, height=max(0.4 * strongest, _CLEAR * noise), distance=4)
     if len(peaks) < _FEWEST_LINES:
         message = (
-            f"only {len(peaks)} graduation(s) stand out; at least {_FEWEST_LINES} are needed. Cut "
+            f"graduations that stand out: {len(peaks)}; at least {_FEWEST_LINES} are needed. Cut "
             "the image to the ruler, check the axis, or measure by hand"
         )
         raise InputError(message)

@@ -68,9 +68,10 @@ class TimeAxis:
         flags = int(np.bitwise_or.reduce(self.flag)) if self.flag.size else 0
         if flags & TimeFlag.RECONSTRUCTED:
             where = np.flatnonzero(self.flag & TimeFlag.RECONSTRUCTED)
+            n = where.size
             found.append(
-                f"{where.size} time stamp(s) are impossible (first at frame {where[0]}); "
-                "their times continue the median interval"
+                f"{n} time stamp{' is' if n == 1 else 's are'} impossible (first at frame {where[0]}); "
+                f"{'its time continues' if n == 1 else 'their times continue'} the median interval"
             )
         if flags & TimeFlag.CLOCK_UNSET:
             found.append("the camera's clock was not set: time 0 is the frame numbered 0")
@@ -81,11 +82,11 @@ class TimeAxis:
         if pauses.size:
             longest = float(np.diff(self.time)[pauses - 1].max())
             found.append(
-                f"the recording pauses {pauses.size} time(s) (first before frame {pauses[0]}), "
+                f"the recording pauses {pauses.size} time{'s' * (pauses.size != 1)} (first before frame {pauses[0]}), "
                 f"the longest for {longest:.4g} s"
             )
         if dropped:
-            found.append(f"{dropped} frame(s) were dropped by the camera")
+            found.append(f"{dropped} frame{' was' if dropped == 1 else 's were'} dropped by the camera")
         return tuple(found)
 
 

@@ -238,7 +238,7 @@ class Checker:
         least = (bounds.min_length if bounds is not None else None) or 0
         if value is _BAD or len(value) >= least:
             return value
-        self.report(place, f"expected at least {least} item(s), found {len(value)}")
+        self.report(place, f"expected at least {least} item{'s' * (least != 1)}, found {len(value)}")
         return _BAD
 
     def _refuse_repeated(self, names: Sequence[Any], place: _toml_lines.Path) -> None:

@@ -11,8 +11,12 @@ from typing import TYPE_CHECKING
 from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
-    from pipelines.app._serve import Served, open  # noqa: A004 (the verb of the command of that name)
+    from pipelines.app._serve import (
+        Served,
+        open,  # noqa: A004 (the verb of the command of that name)
+        open_guide,
+    )
 else:
-    __getattr__ = lazily(__name__, {"Served": "_serve", "open": "_serve"})
+    __getattr__ = lazily(__name__, {"Served": "_serve", "open": "_serve", "open_guide": "_serve"})
 
-__all__ = ["Served", "open"]
+__all__ = ["Served", "open", "open_guide"]

@@ -15,6 +15,7 @@ from pipelines.app._guard import Guard
 
 if TYPE_CHECKING:
     import uvicorn
+    from starlette.applications import Starlette
 
 _HOST = "127.0.0.1"
 
@@ -28,7 +29,7 @@ class Served:
 
     folder: Path
     address: str
-    answers: Answers = field(repr=False)
+    answers: Answers | None = field(repr=False)
     server: uvicorn.Server = field(repr=False)
     listening: socket.socket = field(repr=False)
 
@@ -37,7 +38,8 @@ class Served:
         try:
             self.server.run(sockets=[self.listening])
         finally:
-            self.answers.runs.close()
+            if self.answers is not None:
+                self.answers.runs.close()
             self.listening.close()
 
     def stop(self) -> None:
@@ -74,22 +76,41 @@ def open(  # noqa: A001 (the verb of the command of that name)
     >>> served = open("my-session")  # doctest: +SKIP
     >>> served.run()  # doctest: +SKIP
     """
-    import uvicorn
-
     root = Path(folder)
     if not root.is_dir():
         raise SourceError(root, "there is no such folder", hint="Name the folder that holds the recordings.")
+    answers = Answers(root.resolve())
+    return _served(root, answers.application(), answers, port, show)
+
+
+def open_guide(*, port: int = 0, show: Callable[[str], object] | None = None) -> Served:
+    """Prepare the guide of the installed package as a local page; no network is needed.
+
+    Parameters
+    ----------
+    port, show
+        As for :func:`open`.
+    """
+    from pipelines.app._guide import application
+
+    return _served(Path(), application(), None, port, show)
+
+
+def _served(
+    folder: Path, pages: Starlette, answers: Answers | None, port: int, show: Callable[[str], object] | None
+) -> Served:
+    import uvicorn
+
     listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     listening.bind((_HOST, port))
     listening.listen(64)  # a browser that is shown the address at once waits in the queue
     token, number = secrets.token_urlsafe(24), listening.getsockname()[1]
-    answers = Answers(root.resolve())
-    app: Any = Guard(answers.application(), token, number)
+    app: Any = Guard(pages, token, number)
     config = uvicorn.Config(
         app, log_level="critical", access_log=False, lifespan="off", ws="none", http="h11", server_header=False
     )
     address = f"http://{_HOST}:{number}/{token}/"
     if show is not None:
         show(address)
-    return Served(root, address, answers, uvicorn.Server(config), listening)
+    return Served(folder, address, answers, uvicorn.Server(config), listening)

@@ -1,8 +1,11 @@
-"""The guide as a site: the texts that come with labpipe, and references made from the code.
+"""The guide: the texts that come with labpipe, and references made from the code.
 
-``python -m pipelines.guide SITE`` builds it; it needs the extra ``guide`` (Sphinx and its parts).
+:func:`pages` are plain pages from the installed package. ``python -m pipelines.guide SITE`` builds
+the site, with a tutorial that is run and pictures; it needs the extra ``guide`` (Sphinx and its
+parts).
 """
 
+from pipelines.guide._offline import FIRST, pages
 from pipelines.guide._site import build
 
-__all__ = ["build"]
+__all__ = ["FIRST", "build", "pages"]

@@ -36,15 +36,16 @@ FACES = (
 
 def write(source: Path) -> None:
     """Write the three references into the folder of the site's sources."""
-    files.write_text(source / "settings.md", _settings())
-    files.write_text(source / "commands.md", _commands())
+    files.write_text(source / "settings.md", settings())
+    files.write_text(source / "commands.md", commands())
     files.write_text(source / "python.rst", _python(source))
 
 
 # --- session.toml ---
 
 
-def _settings() -> str:
+def settings() -> str:
+    """Return the page of all settings, as Markdown."""
     parts = [
         "# Settings of session.toml\n\nEach experiment is a table `[experiments.NAME]` with a `kind`; a field without "
         'default must be there. Quantities are texts with unit, such as `"9.525 ± 0.005 mm"`: the number after ± '
@@ -107,7 +108,8 @@ def _plain(text: str) -> str:
 # --- commands ---
 
 
-def _commands() -> str:
+def commands() -> str:
+    """Return the page of all commands, as Markdown."""
     context = click.Context(cli, info_name="labpipe")
     parts = ["# Commands\n\nEvery command has `--help`; those that say so write one JSON document with `--json`.\n\n"]
     for name in COMMANDS:

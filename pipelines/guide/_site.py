@@ -14,10 +14,16 @@ from pipelines.guide import _gallery, _reference, _tutorial
 
 GUIDES = Path(labpipe.__file__).parent / "documentation"
 
-_FIRST = ("tutorial", "experimenter", "analyst", "rheology", "films", "gallery")
+_FIRST = ("tutorial", "page", "experimenter", "analyst", "rheology", "films", "gallery")
 _METHODS = ("beyond", "validation", "agreement", "budgets", "identification", "reliability", "scale")
 _REFERENCE = ("settings", "commands", "python")
 _OTHERS = ("developer", "architecture", "coverage")
+PARTS = {
+    "First steps": _FIRST,
+    "Methods and their errors": _METHODS,
+    "Reference": _REFERENCE,
+    "For developers": _OTHERS,
+}
 _CONFIGURATION = {
     "project": "labpipe",
     "copyright": "the labpipe developers, MIT licence",
@@ -105,8 +111,7 @@ def _within(text: str, source: Path) -> str:
 
 
 def _index() -> str:
-    parts = {"First steps": _FIRST, "Methods and their errors": _METHODS, "Reference": _REFERENCE}
-    trees = "".join(_tree(title, names) for title, names in (parts | {"For developers": _OTHERS}).items())
+    trees = "".join(_tree(title, names) for title, names in PARTS.items())
     return (
         "# labpipe\n\nFrom a folder of raw contact-mechanics and polymer test files to calibrated quantities with "
         "uncertainties, the matching simulation, and a page that says whether the record can be believed and "

@@ -33,8 +33,14 @@ from pipelines.identify._result import dataset, structure, verdicts
 from pipelines.session import PAGE
 
 _REACH = 1.96
-_MOST_COMBINATIONS = 12
 SHAPE = ("change ", "lump ")  # begin the names of the unknowns of a spectrum's shape
+_STRUCTURE_WORDS = {
+    "smooth": "a smooth spectrum describes the data (probability {})",
+    "one term per decade": "a series with one term per decade, as published ones are, describes the data better than a "
+    "smooth spectrum (probability {}); no polymer has such a spectrum, and its terms are not the material's",
+    "rough": "no smooth spectrum describes the data (probability of a rough one {}): the single terms are those of "
+    "this fit, what was found is what they add up to at the frequencies of the data",
+}
 _DIGITS = 4  # of the ends of an interval
 _NOTHING = 1e-4  # relative: a smaller discrepancy is in the table only
 _LOUD = 2.5  # standard deviations by which a nuisance may leave its prior without a remark
@@ -92,13 +98,10 @@ def statements(found: Identified) -> list[str]:
     """Return what else a reader must know, one sentence each."""
     known = found.known
     texts = [_at_middle(found)]
+    texts += _on_the_prior(found)
     if chances := structure(found):
-        said = ", ".join(f"{name} {100 * chance:.0f} %" for name, chance in chances.items())
-        texts.append(f"structure of the spectrum: {said}")
-    texts.append(
-        f"{known.n_determined} of {len(known.fit.xi)} combinations of unknowns are determined "
-        f"better by the data than by the prior"
-    )
+        name, chance = next(iter(chances.items()))
+        texts.append(_STRUCTURE_WORDS[name].format(f"{100 * chance:.3g} %"))
     for (experiment, group), misfit in known.fit.misfits.items():
         if misfit.relative < _NOTHING:
             continue
@@ -113,6 +116,19 @@ def statements(found: Identified) -> list[str]:
     if not known.fit.is_converged:
         texts.append("the fit did not converge; use the intervals with care")
     return [*texts, *found.remarks]
+
+
+def _on_the_prior(found: Identified) -> list[str]:
+    """Say between which frequencies the data speak, and that the rest is the prior."""
+    made = dataset(found)
+    inside = made["frequency"].values[made["is_determined"].values.astype(bool)]
+    if not inside.size:
+        return []
+    low, high = (quantity(float(f), "Hz") for f in (inside.min(), inside.max()))
+    return [
+        f"the data determine modulus and loss from {low} to {high}; what is shown at lower and higher "
+        f"frequencies rests on what is assumed of polymers, not on these experiments"
+    ]
 
 
 def _at_middle(found: Identified) -> str:
@@ -136,8 +152,7 @@ def _answer(found: Identified) -> tuple[Block, ...]:
     is_known = found.relaxed is not None and found.relaxed.verdict == "identified"
     first = Notice("ok" if is_known else "warning", relaxed_text(found))
     rows = [("experiments", ", ".join(e.name for e in found.known.fit.problem.evidence), "")]
-    rows += [(f"{i + 1}", text, "") for i, text in enumerate(statements(found))]
-    return first, KeyValues(rows)
+    return first, KeyValues(rows), *(Paragraph(f"{text}.") for text in statements(found))
 
 
 def _curves(found: Identified) -> tuple[Block, ...]:
@@ -422,17 +437,9 @@ def _draws(found: Identified) -> tuple[Block, ...]:
 def _combinations(found: Identified) -> tuple[Block, ...]:
     known = found.known
     parameters = known.fit.problem.parameters
-    rows = []
-    for value, vector in zip(known.singular_values[:_MOST_COMBINATIONS], known.combinations, strict=False):
-        order = np.argsort(-np.abs(vector))[:4]
-        text = ", ".join(f"{vector[i]:+.2f} {parameters[i].name}" for i in order.tolist())
-        rows.append((float(value), "yes" if value > 1.0 else "no", text))
-    table = Table(
-        (Column("singular value", digits=3), Column("determined"), Column("main components")),
-        rows,
-        caption="Combinations of unknowns, in standard deviations of their prior; the singular "
-        "value is the ratio of prior to data standard deviation.",
-        sortable=False,
+    text = (
+        "How much of what was not known of a quantity before these experiments they have told: 1 where they "
+        "determine it, 0 where what the page says of it is only what was stated or assumed before."
     )
     bars = Bars(
         "Reduction of the prior's variance by the data",
@@ -442,7 +449,7 @@ def _combinations(found: Identified) -> tuple[Block, ...]:
             if not p.name.startswith(SHAPE)
         ],
     )
-    return table, bars
+    return Paragraph(text), bars
 
 
 def _method(found: Identified) -> tuple[Block, ...]:

@@ -7,6 +7,7 @@ from labpipe.report import (
     SURE,
     Block,
     Column,
+    Details,
     Deviations,
     DisplayUnit,
     Document,
@@ -91,10 +92,11 @@ def summary(curves: Sequence[Row], events: Sequence[Row], found: Comparison) -> 
         rows.append(("curves", f"{good} of {len(curves)}", f"with an nRMSE below {GOOD:.0%}"))
     blocks += [KeyValues(rows)] if rows else []
     blocks += [Notice("error", f"{name}: {why}") for name, why in found.failed.items()]
-    kept = {row.experiment: row.kept for row in found.rows if row.kept}
-    for name, stages in kept.items():
-        text = f"{name}: of results that earlier code made and that were kept: {', '.join(stages)}"
-        blocks.append(Notice("warning", text))
+    if kept := {row.experiment: row.kept for row in found.rows if row.kept}:
+        n = len(kept)
+        table = KeyValues([(name, ", ".join(stages), "") for name, stages in kept.items()])
+        text = f"{n} experiment{'s' * (n != 1)} with results that earlier code made and that were kept."
+        blocks += [Notice("warning", text), Details("Results of earlier code", blocks=(table,))]
     for why in dict.fromkeys(found.absent.values()):
         names = ", ".join(name for name, text in found.absent.items() if text == why)
         blocks.append(Notice("info", f"{names}: {why}"))

@@ -120,7 +120,7 @@ def test_dropped_frames_are_counted_where_they_are_missing(tmp_path: Path) -> No
         axis = read(tmp_path / "f.cine").time_axis
     assert list(axis.missing_before) == [0, 0, 0, 2, 0, 0]
     np.testing.assert_allclose(axis.time, time, atol=1e-9)
-    assert "2 frame(s) were dropped" in axis.warnings[0]
+    assert "2 frames were dropped" in axis.warnings[0]
 
 
 def test_stamps_rounded_to_a_microsecond_are_no_dropped_frames(tmp_path: Path) -> None:

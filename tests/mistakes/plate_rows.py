@@ -43,6 +43,16 @@ def _exchanged(folder: Path) -> None:
     second.write_bytes(kept)
 
 
+def _second_in_um(folder: Path) -> None:
+    """Add a second recording of one drop, whose header says another unit."""
+    second = PTFE.replace("_1.csv", "_2.csv")
+    (folder / second).write_bytes((folder / PTFE).read_bytes())
+    noise = np.random.default_rng(4)
+    values(lambda x: x + noise.normal(0.0, 3e-5, x.size), (second,), decimals=5)(folder)
+    header("Unit,mm", "Unit,um", (second,))(folder)
+    setting(f'"{PTFE}",', f'"{PTFE}",\n  "{second}",')(folder)
+
+
 def _height(material: str, old: str, new: str) -> Edit:
     named = f'material = "{material}"\n{from_dma(material)}height = '
     return setting(f'{named}"{old} ', f'{named}"{new} ')
@@ -107,6 +117,7 @@ ROWS = (
     # length
     Mistake("unit um", header("Unit,mm", "Unit,um", ALL), "doubtful", ("unit",), _TOML),
     Mistake("unit um in one file", header("Unit,mm", "Unit,um", (PTFE,)), "impossible", ("unit", "0.001"), PTFE),
+    Mistake("unit um in one of two repeats", _second_in_um, "impossible", ("factor 1000", "unit")),
     Mistake("display x10 in one file", _changed(_scaled(10.0), (PTFE,)), "impossible", ("10 times",), PTFE),
     Mistake("record expired", setting("2025-04-30", "2024-05-05", RECORD), "impossible", ("calibration record",)),
     # sensor

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from pipelines.session import beside, compare
 from tests.labpipe.report.conftest import CHROMIUM, Browser, Charts
 
 
@@ -28,6 +29,29 @@ def test_a_report_opens_without_complaints_or_requests(
     assert window.complaints() == []
     assert window.requests() == [path.as_uri()]
     assert window.run("document.documentElement.scrollWidth") <= width
+
+
+def test_pages_of_several_experiments_fit_and_ask_for_nothing(window: Browser, session_copy: Path) -> None:
+    beside(session_copy, "drop", "nbr")
+    compare(session_copy, jobs=0)
+    pages = [session_copy / "labpipe" / name for name in ("compare.html", "beside-drop--nbr.html", "index.html")]
+    for path in pages:
+        for width in (390, 1400):
+            window.open(path, width=width)
+            assert window.complaints() == []
+            assert window.requests() == [path.as_uri()]
+            assert window.run("document.documentElement.scrollWidth") <= width
+
+
+@pytest.mark.parametrize("name", ["drop", "nbr"])
+def test_the_chart_that_shows_the_verdict_is_on_the_first_screen(
+    window: Browser, processed_session: Path, name: str
+) -> None:
+    window.open(processed_session / f"labpipe/reports/{name}.html", width=1400, height=900)
+    top = window.run("document.querySelector('figure.chart').getBoundingClientRect().top")
+    assert top < 600
+    titles = window.run("[...document.querySelectorAll('h2')].map(h => h.textContent)")
+    assert titles[:3] == ["Verdict", "Summary", "What the verdict rests on"]
 
 
 def test_the_slider_leads_into_one_impact_of_one_millisecond_and_back(window: Browser, processed_session: Path) -> None:

@@ -80,6 +80,9 @@ def anchor_at(points: Points, found: Superposition) -> Anchor:
         changes = np.array([other for _, other in found.alternatives]) - state.log10_aT
         changes = changes - (changes @ share)[:, None]
         covariance = covariance + changes.T @ changes / len(found.alternatives)
+    if found.slopes:
+        apart = np.eye(count) - share
+        covariance = covariance + propagated_covariance(apart, found.spread_of_slopes)
     if found.rival is not None:
         change = found.rival.log10_aT - state.log10_aT
         change = change - float(share @ change)

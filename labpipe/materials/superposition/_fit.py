@@ -40,6 +40,7 @@ from labpipe.materials.superposition._model_doubt import (
     started_anew,
     violation,
     with_less_smoothing,
+    with_other_slopes,
 )
 from labpipe.materials.superposition._noise import Noise, first_noise, scatter_of_sweeps
 from labpipe.materials.superposition._reweighting import (
@@ -131,11 +132,13 @@ def superpose(
             continue
         current = _probed(points, further, options)
     found = replace(_doubted(points, current, options, starts), refused=refused)
+    if base.horizontal == "free" and starts is None and len(verticals) > 1:
+        found = with_other_slopes(points, found, options)
     if base.horizontal == "free" and points.count >= _RIVAL_NEEDS:
         found = replace(found, rival=_rival(points, found, options))
     found = with_less_smoothing(points, found, options)
     # A law that the user has chosen holds as it is; one without numbers was chosen for want of evidence.
-    return with_possible_slope(points, found) if len(verticals) > 1 else found
+    return with_possible_slope(points, found, options) if len(verticals) > 1 else found
 
 
 def _rival(points: Points, current: Superposition, options: Options) -> TwoProcesses | None:

@@ -36,6 +36,8 @@ FIRST_STRENGTH = 100.0
 #: Evidence (difference of Schwarz's criterion) that counts as strong, Kass & Raftery, J. Am. Stat.
 # Assoc. 90 (1995) 773: a smoothed spectrum leaves small systematic residuals of its own.
 STRONG_EVIDENCE = 6.0
+# Smoothing, in units of the noise, that biases no shift: below it their covariance hardly depends on it.
+_UNBIASED = 1.0
 # Odds of a slope before the data; even odds would make the limits of materials without one too wide.
 _ODDS = 1.0 / 3.0
 # Exponent at which odds are certain.
@@ -200,7 +202,24 @@ def possible_slope(points: Points, found: Superposition) -> PossibleSlope | None
     return PossibleSlope(model, fit, float(joint[at] @ gradient), variance, joint[at] / variance)
 
 
-def with_possible_slope(points: Points, found: Superposition) -> Superposition:
+def less_smoothed(points: Points, current: Superposition, options: Options) -> Fit | None:
+    """Evaluate a fit with a spectrum that is free to bend; None where it is free already.
+
+    Cross-validation smooths until the moduli are predicted best, and trades bias for variance. The
+    flat loss of a glass is predicted best by a spectrum that hardly bends; as if that were known of
+    the material, its shifts would look far better determined than the sweeps determine them.
+
+    References
+    ----------
+    Hall, Ann. Stat. 20 (1992) 675, doi:10.1214/aos/1176348651.
+    """
+    if current.fit.solution.strength <= _UNBIASED:
+        return None
+    weight = weights_of(points, current.noise, current.fit.predicted) * huber(current, options)
+    return evaluate(points, weight, current.fit.grid, current.fit.state, _UNBIASED)
+
+
+def with_possible_slope(points: Points, found: Superposition, options: Options) -> Superposition:
     """Widen a fit whose vertical law has no numbers by the slope that it may have all the same.
 
     Sweeps of a broad spectrum hardly tell a vertical slope from shifts that all differ by a share,
@@ -208,7 +227,8 @@ def with_possible_slope(points: Points, found: Superposition) -> Superposition:
     though: with odds of one to three before the data there is a slope of :data:`SLOPE_SPREAD`, with the odds
     after them its variance, and its best value squared, are part of the covariance. The fit stays.
     """
-    slope = possible_slope(points, found)
+    loose = less_smoothed(points, found, options)
+    slope = possible_slope(points, replace(found, fit=loose or found.fit))
     if slope is None:
         return found
     odds = _ODDS * np.sqrt(slope.variance) * np.exp(min(0.5 * slope.gain, _SURE))
@@ -216,7 +236,8 @@ def with_possible_slope(points: Points, found: Superposition) -> Superposition:
     at = slope.model.horizontal_size
     covariance = np.insert(np.insert(found.covariance, at, 0.0, axis=0), at, 0.0, axis=1)
     covariance = covariance + share * (slope.variance + slope.value**2) * np.outer(slope.along, slope.along)
-    return replace(found, model=slope.model, fit=slope.fit, covariance=covariance)
+    # The parameters have one more, of value zero; the spectrum stays the one that predicts best.
+    return replace(found, model=slope.model, fit=replace(found.fit, state=slope.fit.state), covariance=covariance)
 
 
 def free_shifts_gain(points: Points, found: Superposition) -> float:

@@ -12,17 +12,18 @@ from dataclasses import replace
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.materials.superposition._joint_fit import Fit, Points, evaluate, outer_problem, predictive_cost
-from labpipe.materials.superposition._law_choice import restarts, screened, under_law
+from labpipe.materials.superposition._joint_fit import Fit, Points, outer_problem, predictive_cost
+from labpipe.materials.superposition._law_choice import less_smoothed, restarts, screened, under_law
 from labpipe.materials.superposition._reweighting import (
     FIRST_LEVELS,
     Candidate,
     Options,
     Superposition,
     huber,
+    settled,
     weights_of,
 )
-from labpipe.materials.superposition._shift_parameters import OuterModel
+from labpipe.materials.superposition._shift_parameters import SLOPE_SPREAD, OuterModel
 
 #: Noise of the fit over scatter of the sweeps, from which superposition counts as violated. The
 #: scatter of the fewest sweeps that are judged is known to a fifth.
@@ -33,8 +34,9 @@ _EMPHASIS = 3.0
 # this (three standard deviations) times the length of a run of residuals, and replaces the present
 # one when its cost is lower by this much.
 _SIMILAR, _BETTER = 9.0, 1.0
-# Smoothing, in units of the noise, that biases no shift: below it their covariance hardly depends on it.
-_UNBIASED = 1.0
+# Slopes of ln b (per kelvin) from which a glass is fitted anew where they could move its shifts by
+# this much (decades), and the smoothing of the comparison at most, in units of the noise.
+_SLOPES, _REACH, _STIFF = (-1e-3, -4e-4, -1e-4), 0.5, 100.0
 # Neighbours are not taken to be more alike than this: a sweep still holds two statements.
 _MOST_CORRELATION = 0.8
 
@@ -112,26 +114,53 @@ def alternatives(
 
 
 def with_less_smoothing(points: Points, current: Superposition, options: Options) -> Superposition:
-    """Widen a covariance to what it is with a spectrum that is free to bend.
-
-    Cross-validation smooths until the moduli are predicted best, and trades bias for variance. The
-    flat loss of a glass is predicted best by a spectrum that hardly bends; as if that were known of
-    the material, the shifts then look far better determined than the sweeps determine them.
-
-    References
-    ----------
-    Hall, Ann. Stat. 20 (1992) 675, doi:10.1214/aos/1176348651.
-    """
-    model, fit = current.model, current.fit
-    if fit.solution.strength <= _UNBIASED or not model.size:
+    """Widen a covariance to what it is with a spectrum that is free to bend (:func:`.less_smoothed`)."""
+    model, loose = current.model, less_smoothed(points, current, options)
+    if loose is None or not model.size:
         return current
-    loose = evaluate(points, _weight(points, current, options), fit.grid, fit.state, _UNBIASED)
     normal, _ = outer_problem(points, loose, model)
     free = np.linalg.pinv(normal, hermitian=True)
     unit = np.sqrt(np.maximum(np.diag(current.covariance), np.finfo(float).tiny))
     value, vector = np.linalg.eigh((free - current.covariance) / np.outer(unit, unit))
     wider = (vector * np.maximum(value, 0.0)) @ vector.T * np.outer(unit, unit)
     return replace(current, covariance=current.covariance + wider)
+
+
+def with_other_slopes(points: Points, current: Superposition, options: Options) -> Superposition:
+    """Fit a glass anew from slopes of its modulus, go on from the best answer and keep all of them.
+
+    Where the loss is small and flat, E′ rises by about (2/π) ln(10) tan δ a decade, and a glass that
+    softens by some percent over all temperatures looks like one that shifts by decades more. No
+    curvature at one of the answers tells of the others.
+    """
+    model = current.model
+    rise = 2.0 / np.pi * np.log(10.0) * float(np.median(points.loss / points.storage))
+    if SLOPE_SPREAD * float(np.ptp(model.temperature)) / 2.0 < _REACH * rise or current.violation > VIOLATED:
+        return current
+    if model.vertical == "none":
+        model = replace(model, slope_spread=SLOPE_SPREAD)
+    solution = replace(current.fit.solution, strength=min(current.fit.solution.strength, _STIFF))
+    softer = replace(current, fit=replace(current.fit, solution=solution))
+    weight = _weight(points, current, options)
+    warmer = model.temperature - model.T_ref
+    starts = [current.fit.state]
+    for slope in _SLOPES:
+        starts += restarts(points, current, slope * warmer)
+    fits = [screened(points, weight, softer, model, start) for start in starts]
+    costs = np.array([predictive_cost(fit, model) for fit in fits])
+    shares = np.exp(-0.5 * (costs - costs.min()) / run_length(points, current))
+    shares /= shares.sum()
+    best = Candidate(model, fits[int(np.argmin(costs))], current.starts)
+    found = settled(points, best, current.noise, options)
+    return replace(
+        current,
+        model=found.model,
+        fit=found.fit,
+        noise=found.noise,
+        covariance=found.covariance,
+        standardised=found.standardised,
+        slopes=tuple((float(share), fit.state.log10_aT) for share, fit in zip(shares, fits, strict=True)),
+    )
 
 
 def _weight(points: Points, current: Superposition, options: Options) -> Floats:

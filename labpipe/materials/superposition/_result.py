@@ -57,7 +57,7 @@ class MasterCurve:
     level : DataArray (temperature,)
         Level of every sweep about the vertical law, one where none was needed.
     vertical : {"none", "rho_T", "linear", "quadratic"}
-        The vertical law that was used.
+        The vertical law that was used. With "rho_T" of several, b_T holds the fall of the density too.
     delay, u_delay : float [s]
         Delay of the instrument's phase; zero when none was needed.
     law : ShiftLaw
@@ -289,7 +289,7 @@ def assembled(sweeps: xr.Dataset, data: SweepData, found: Superposition, law: La
         b_T=_over(temperature, data, law_b_T, "1", "vertical shift factor"),
         u_b_T=_over(temperature, data, law_b_T * _u_ln_bT(found), "1", "standard uncertainty of b_T"),
         level=_over(temperature, data, np.exp(levels), "1", "level of the sweep about the vertical law"),
-        vertical=model.vertical,
+        vertical=_vertical_law(found),
         delay=state.delay,
         u_delay=float(np.sqrt(max(tail, 0.0))) * model.delay_unit,
         law=chosen,
@@ -307,6 +307,13 @@ def assembled(sweeps: xr.Dataset, data: SweepData, found: Superposition, law: La
         warnings=(*data.warnings, *notes),
         work={"isotherms": data.points.count, "points": int(data.points.omega.size), "terms": int(prony.E.size)},
     )
+
+
+def _vertical_law(found: Superposition) -> str:
+    """Name the law of b_T; a slope that a glass turned out to have is a linear one."""
+    model = found.model
+    is_sloped = model.has_slope and bool(found.fit.state.parameters[model.horizontal_size])
+    return "linear" if model.vertical == "none" and is_sloped else model.vertical
 
 
 def _u_ln_bT(found: Superposition) -> Floats:

@@ -1,5 +1,6 @@
 """Iterate one joint fit: noise levels, outliers and smoothing estimated from the residuals."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -59,6 +60,9 @@ class Superposition:
         Two processes that describe the sweeps better than superposition does.
     refused : tuple of str
         Vertical laws that fit only with factors of no material.
+    slopes : tuple of (float, array (isotherm,))
+        Of a glass with little loss: relative likelihood and log10 a_T of fits from other slopes of its
+        modulus.
     """
 
     model: OuterModel
@@ -72,6 +76,13 @@ class Superposition:
     violation: float = 1.0
     rival: TwoProcesses | None = None
     refused: tuple[Vertical, ...] = ()
+    slopes: tuple[tuple[float, Floats], ...] = ()
+
+    @property
+    def spread_of_slopes(self) -> Floats:
+        """Second moment of log10 a_T (isotherm, isotherm) over fits from other slopes, about this one."""
+        moved = np.array([math.sqrt(share) * (shifts - self.fit.state.log10_aT) for share, shifts in self.slopes])
+        return np.asarray(moved.T @ moved)
 
 
 @dataclass(frozen=True, slots=True)

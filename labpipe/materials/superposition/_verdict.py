@@ -24,6 +24,8 @@ _FAR_BEYOND = 3.0
 _ROUGH, _HOPELESS = {"storage": 0.05, "loss": 0.10}, {"storage": 0.15, "loss": 0.30}
 # Shifts that differ by less (decades) between one process and two are the same for most uses.
 _SAME_SHIFT = 0.15
+# Root mean square by which fits from other slopes of a glass may differ (decades).
+_LOOSE_SLOPE = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +45,7 @@ class Verdict:
 
 def verdict_on(found: Superposition, kk: KramersKronig) -> Verdict:
     """Judge a fit."""
-    objections = [*_two_processes(found), *_residuals(found), *_vertical(found), *_causality(kk)]
+    objections = [*_two_processes(found), *_residuals(found), *_vertical(found), *_slopes(found), *_causality(kk)]
     order: tuple[Level, ...] = ("pass", "doubtful", "fail")
     worst = max((order.index(level) for level, _ in objections), default=0)
     return Verdict(order[worst], tuple(reason for _, reason in objections))
@@ -91,6 +93,20 @@ def _vertical(found: Superposition) -> Iterator[tuple[Level, str]]:
             "doubtful",
             f"the sweeps ask for a {' or '.join(found.refused)} vertical factor steeper than a material's modulus can "
             "change; it was refused, for it would make up for sweeps that do not superpose",
+        )
+
+
+def _slopes(found: Superposition) -> Iterator[tuple[Level, str]]:
+    if not found.slopes:
+        return
+    spread = np.sqrt(np.diag(found.spread_of_slopes))
+    worst = int(np.argmax(spread))
+    if spread[worst] > _LOOSE_SLOPE:
+        yield (
+            "doubtful",
+            "the loss is too small and flat to tell shifts from a slope of the modulus over temperature: fits with "
+            f"other slopes describe the sweeps nearly as well, with shifts that differ by {spread[worst]:.1f} decades "
+            f"({float(found.model.temperature[worst]):.0f} °C), and the stated uncertainties include that",
         )
 
 

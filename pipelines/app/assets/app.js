@@ -53,6 +53,7 @@ function show(name) {
 
 // --- files ---
 
+by("count").textContent = "Looking at every file …";
 let files = [];
 let last = "";
 let isSession = false;

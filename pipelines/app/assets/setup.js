@@ -249,6 +249,7 @@ views.setup = async (again = false) => {
     by("setup").replaceChildren(make("p", { textContent: "There is no session here yet. labpipe proposes one from the files; what no file says is asked for then." }), button("Propose a session", proposeSession));
     return;
   }
+  if (!setup.data) by("setup").replaceChildren(make("p", { textContent: "Reading the set-up …" }));
   const found = await ask("api/session").catch((error) => {
     by("setup").replaceChildren(make("p", { textContent: error.message }));
     throw error;

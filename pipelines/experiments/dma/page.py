@@ -22,6 +22,7 @@ from labpipe.report import (
     Series,
     Table,
     display_unit,
+    number,
     quantity,
     value_with_uncertainty,
 )
@@ -110,7 +111,7 @@ def _curve_rows(curve: xr.Dataset) -> list[tuple[str, str, str]]:
         ("reference temperature", reference, ""),
         (
             "covered frequencies",
-            f"{covered[0]:.2g} to {covered[-1]:.2g} Hz",
+            f"{number(float(covered[0]), 2)} to {number(float(covered[-1]), 2)} Hz",
             f"{np.log10(covered[-1] / covered[0]):.1f} decades at the reference temperature",
         ),
         ("relaxed modulus", _modulus(float(curve["E_relaxed"])), f"after an infinite time; {_open_end(curve)}"),

@@ -294,7 +294,12 @@ def _dependence(settings: PlateVibration, table: xr.Dataset) -> Section:
             ("Damping ratio", "damping ratio / %", "damping_ratio", 100.0),
         )
     )
-    return Section("Dependence on height and material", charts)
+    several = (
+        ("height", {drop.height.value for drop in settings.drops}),
+        ("material", {drop.material for drop in settings.drops}),
+    )
+    on = " and ".join(word for word, found in several if len(found) > 1)
+    return Section(f"Dependence on {on}" if on else "Series side by side", charts)
 
 
 def _recordings(settings: PlateVibration, ringing: Sequence[xr.Dataset | None]) -> Section:

@@ -159,3 +159,38 @@ def test_a_slope_that_sweeps_hardly_tell_is_part_of_the_uncertainty():
     z = {slope: np.sqrt(np.mean([z**2 for _, z in parts])) for slope, parts in both.items()}
     assert 0.2 < z[0.0] < 1.3
     assert 0.5 < z[-2e-4] < 1.7
+
+
+def softening_glass(seed, slope, width):
+    """Ten sweeps of a plastic far below its transition: it loses a hundredth, at every frequency alike."""
+    rng = np.random.default_rng(seed)
+    temperature, frequency = np.linspace(-40.0, 120.0, 10), np.logspace(-1, 1, 11)
+    shifts = 4200.0 * (1 / (temperature + 273.15) - 1 / (temperature[4] + 273.15))
+    modulus = np.array(
+        [
+            (1 + slope * (T - temperature[4]))
+            * (3e9 + 0.5e9 * dispersion(2 * np.pi * frequency, 0.05 * 10**a, width, 1.0))
+            for T, a in zip(temperature, shifts, strict=True)
+        ]
+    )
+    dims = ("temperature", "frequency")
+    measured = xr.Dataset(
+        {
+            "storage": (dims, modulus.real * (1 + 0.003 * rng.standard_normal(modulus.shape)), {"units": "Pa"}),
+            "loss": (dims, modulus.imag * (1 + 0.03 * rng.standard_normal(modulus.shape)), {"units": "Pa"}),
+        },
+        coords={"temperature": temperature, "frequency": frequency},
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        found = master_curve(measured, float(temperature[4]))
+    off = np.abs(found.log10_aT.values - shifts)
+    return found, off, np.all(off <= 3.0 * found.u_log10_aT.values + 1e-3)
+
+
+@pytest.mark.parametrize("slope", [-2e-4, -4e-4, -8e-4])
+def test_a_softening_glass_of_little_loss_is_not_decades_off(slope):
+    found, off, is_covered = softening_glass(3, slope, 0.12)
+    assert is_covered, (off, found.u_log10_aT.values)
+    assert np.max(off) < 1.0 or found.verdict.level != "pass"
+    assert found.vertical != "none"

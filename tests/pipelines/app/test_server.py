@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +14,7 @@ from types import SimpleNamespace
 import pytest
 
 from labpipe import files
+from pipelines.app import open_guide
 from pipelines.session import open_session
 from tests.pipelines.app.conftest import Page
 
@@ -160,6 +162,34 @@ def test_a_bare_number_gets_the_unit_that_was_asked_for(page: Page) -> None:
     for line in ('+height = "1,5 ± 0,005 mm"', '+radius = "9,53 mm"', '+mass = "0.505 kg"'):
         assert line in difference
     assert {problem["place"] for problem in looked["problems"]} == {"experiments.drop.sphere.material"}
+
+
+def test_two_reports_are_laid_side_by_side(serving: Callable[[Path], Page], session_copy: Path) -> None:
+    page = serving(session_copy)
+    made = page.told("api/beside", {"first": "drop", "second": "nbr"})["page"]
+    assert made in page.told("api/files")["pages"]
+    assert b"drop beside nbr" in page.ask(f"reports/{made}")[1]
+    assert page.ask("api/beside", {"first": "drop", "second": "../x"})[0] == 400
+    assert page.ask("api/beside", {"first": "drop"})[0] == 400
+
+
+def test_the_guide_comes_from_the_installation_and_shows_nothing_else() -> None:
+    served = open_guide()
+    thread = threading.Thread(target=served.run)
+    thread.start()
+    try:
+        page = Page(served)
+        assert page.ask("")[0] == 307
+        status, text = page.ask("experimenter.html")
+        assert (status, b"For the experimenter" in text) == (200, True)
+        assert "default-src 'none'" in page.headers["content-security-policy"]
+        assert page.ask("app.css")[0] == 200
+        for name in ("../app.css", "api/files", "etc/passwd.html", "nothing.html"):
+            assert page.ask(name)[0] == 404
+        assert page.ask("/experimenter.html", whole=True)[0] == 404
+    finally:
+        served.stop()
+        thread.join(60)
 
 
 def until(page: Page, is_so: Callable[[dict], bool]) -> dict:

@@ -1,0 +1,37 @@
+"""The guide of the installed package as a local page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from starlette.applications import Starlette
+from starlette.responses import HTMLResponse, RedirectResponse, Response
+from starlette.routing import Route
+
+if TYPE_CHECKING:
+    from starlette.requests import Request
+
+_STYLE = Path(__file__).parent / "assets/app.css"
+
+
+def application() -> Starlette:
+    """Return what answers (ASGI)."""
+    from pipelines.guide import FIRST, pages
+
+    made = pages()
+
+    def page(request: Request) -> Response:
+        found = made.get(request.path_params["name"])
+        return Response("not found", 404) if found is None else HTMLResponse(found)
+
+    def first(request: Request) -> Response:
+        del request
+        return RedirectResponse(f"{FIRST}.html")
+
+    def style(request: Request) -> Response:
+        del request
+        return Response(_STYLE.read_bytes(), media_type="text/css")
+
+    routes = [Route("/", first), Route("/app.css", style), Route("/{name}.html", page)]
+    return Starlette(routes=[Route(route.path, route.endpoint, methods=["GET"]) for route in routes])

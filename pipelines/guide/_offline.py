@@ -1,0 +1,93 @@
+"""The guide as plain pages from the installed package: no network, nothing to build.
+
+What the site has beyond these, the tutorial and the gallery, is run and drawn while it is built.
+"""
+
+import html
+import itertools
+import re
+from pathlib import Path
+
+from markdown_it import MarkdownIt
+from markdown_it.token import Token
+
+from pipelines.guide import _reference, _site
+
+FIRST = "experimenter"
+_PAGE = """<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title} – labpipe</title>
+<link rel="icon" href="data:,">
+<link rel="stylesheet" href="app.css">
+</head>
+<body class="guide">
+<nav aria-label="Guide">{contents}</nav>
+<main>{text}</main>
+</body>
+</html>
+"""
+
+
+def pages() -> dict[str, str]:
+    """Return every page of the guide as HTML, by its name.
+
+    Examples
+    --------
+    >>> sorted(pages())[:3]
+    ['agreement', 'analyst', 'architecture']
+    """
+    texts = _texts()
+    titles = {name: _title(name, texts[name]) for name in texts}
+    parser = MarkdownIt("commonmark", {"html": False}).enable("table")
+    made = {}
+    for name, text in texts.items():
+        tokens = parser.parse(_linked(text, set(texts)))
+        _name_headings(tokens)
+        shown = parser.renderer.render(tokens, parser.options, {})
+        made[name] = _PAGE.format(title=html.escape(titles[name]), contents=_contents(titles, name), text=shown)
+    return made
+
+
+def _texts() -> dict[str, str]:
+    written = {path.stem: path for path in sorted(_site.GUIDES.glob("*.md"))}
+    written["architecture"] = _site.GUIDES.parent / "ARCHITECTURE.md"
+    made = {"settings": _reference.settings(), "commands": _reference.commands()}
+    order = [name for part in _site.PARTS.values() for name in part if name in written or name in made]
+    return {name: made[name] if name in made else written[name].read_text("utf-8") for name in order}
+
+
+def _title(name: str, text: str) -> str:
+    return next((line[2:].replace("`", "").strip() for line in text.splitlines() if line.startswith("# ")), name)
+
+
+def _contents(titles: dict[str, str], shown: str) -> str:
+    items = []
+    for part, names in _site.PARTS.items():
+        known = [name for name in names if name in titles]
+        marks = {name: " aria-current=page" if name == shown else "" for name in known}
+        links = (f'<li><a href="{name}.html"{marks[name]}>{html.escape(titles[name])}</a></li>' for name in known)
+        items.append(f"<h2>{html.escape(part)}</h2><ul>{''.join(links)}</ul>")
+    return "".join(items)
+
+
+def _linked(text: str, names: set[str]) -> str:
+    """Let links lead to the other pages; of files that are none the words remain."""
+
+    def link(found: re.Match[str]) -> str:
+        words, target = found.groups()
+        file, _, anchor = target.partition("#")
+        name = Path(file).stem.lower()
+        return f"[{words}]({name}.html{'#' + anchor if anchor else ''})" if name in names else words
+
+    return re.sub(r"(?<!!)\[([^\]]+)\]\((?!https?:|#)([^)\s]+)\)", link, text)
+
+
+def _name_headings(tokens: list[Token]) -> None:
+    """Give headings the names that links to them use."""
+    for token, inline in itertools.pairwise(tokens):
+        if token.type == "heading_open":
+            words = re.sub(r"[^\w\- ]", "", inline.content.lower())
+            token.attrSet("id", words.replace(" ", "-"))
