@@ -222,9 +222,14 @@ def _head(lines: Sequence[tuple[int, str]], k: int) -> tuple[list[Heading], str,
     return (*head, k + 1)
 
 
+def is_of_parameters(line: str) -> bool:
+    """Tell the header of a RepTate file, ``T=20;Mw=94.9;``, whose columns are in rad/s and Pa."""
+    return _PARAMETERS.match(line) is not None
+
+
 def _facts(line: str) -> Iterator[tuple[str, tuple[float, str]]]:
     """Yield temperature and frequency as a line above a table states them, with their unit."""
-    is_parameters = _PARAMETERS.match(line) is not None
+    is_parameters = is_of_parameters(line)
     for match in _FACT.finditer(_MARK.sub("", line)):
         heading = _words.parsed(match["key"].strip())
         if heading.name not in ("temperature", "temperature_set", "frequency"):

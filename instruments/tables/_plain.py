@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from instruments.anton_paar import Column, Interval, assemble
 from instruments.tables import _layout, _words
-from instruments.tables._layout import ABSENT, Block
+from instruments.tables._layout import ABSENT, Block, is_of_parameters
 from instruments.tables._moduli import missing, with_moduli
 from instruments.tables._words import Heading
 from labpipe.arrays import Floats
@@ -353,6 +353,8 @@ def _column(path: Path, block: Block, heading: Heading, values: Floats) -> Colum
     wanted = _words.SI_OF.get(name, ("1",))
     if not stated and name == "angular_frequency":
         stated = "rad/s"  # that is what an angular frequency is in
+    if not stated and is_of_parameters(block.above[1]):
+        stated = {"frequency": "rad/s"}.get(name, "Pa" if "Pa" in wanted else "")  # RepTate's own units
     try:
         unit = _words.unit_of(stated) if stated or name in _UNITLESS or "1" in wanted else None
     except InputError:

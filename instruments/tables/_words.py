@@ -174,7 +174,8 @@ _SPELLINGS: dict[str, Unit] = {
     **dict.fromkeys(
         ("deg C", "º C", "ºC", "oC", "° C", "celsius", "degrees C", "degree C", "deg. C", "deg_c", "degree celsius",
          "degrees celsius", "°c", "degc", "grad c", "deg.c", "°celsius", "^oc", "^circ c", "c°", "degreec",
-         "˚c", "\u02da c", "?c"),
+         "˚c", "\u02da c", "?c",
+         "\u00a1c"),
         Unit(1.0, "degC"),
     ),
     **dict.fromkeys(("kelvin", "°k", "deg k", "degk"), Unit(1.0, "K")),

@@ -122,7 +122,7 @@ def test_every_layout_gives_the_truth(tmp_path, name):
     assert_is_the_truth(read(tmp_path, LAYOUTS[name]))
 
 
-@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "cp1252"])
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "cp1252", "mac_roman"])
 def test_in_every_encoding(tmp_path, encoding):
     assert_is_the_truth(read(tmp_path, LAYOUTS["units in brackets"], encoding))
 
@@ -140,6 +140,8 @@ def test_a_file_of_reptate_gives_its_temperature(tmp_path):
     rows = T == 40
     bare = table("Mw=2.4;T=40;PDI=1.09;\nw\tG'\tG''\nrad/s\tPa\tPa", OMEGA[rows], STORAGE[rows], LOSS[rows], sep=" ")
     assert read(tmp_path, bare).temperature.values.tolist() == [40.0] * 4
+    without_units = bare.replace("rad/s\tPa\tPa\n", "")
+    np.testing.assert_allclose(read(tmp_path, without_units).loss_modulus, LOSS[rows], rtol=1e-9)
 
 
 def trios(points="Number of points\t4"):
