@@ -24,7 +24,9 @@ from pipelines.bench.measure import Bound, Point, Suite, paired, peak_bytes
 Film = NDArray[np.uint8]
 
 _MICROMETRE = 1e-6
-_MEAN, _VISIBILITY, _NOISE = 120.0, 0.8, 5.0
+_MEAN, _VISIBILITY, _NOISE, _WHITE = 120.0, 0.8, 5.0, 255.0
+#: Period of stray fringes, and size of the grains of speckle (px).
+_STRAY_PERIOD, _GRAIN = 23.0, 2.0
 #: Step of the radial table of light (px), and samples along a pixel's side.
 _TABLE_STEP, _SAMPLES = 0.01, 4
 #: Nodes of the integral for the surface, and moments of an exposure.
@@ -51,6 +53,10 @@ class Scene:
     blur: float = 0.0
     slope: float = 0.0
     stretch: float = 0.0
+    phase: float = math.pi
+    speckle: float = 0.0
+    stray: float = 0.0
+    gamma: float = 1.0
 
 
 def run(quick: bool) -> list[Suite]:
@@ -133,6 +139,11 @@ def _contenders(film: Film, scene: Scene, *, is_quick: bool) -> dict[str, Callab
 
 
 def _fitted(film: Film, scene: Scene, **options: object) -> Floats:
+    return _measured(film, scene, **options)[0]
+
+
+def _measured(film: Film, scene: Scene, **options: object) -> Floats:
+    """Radius and standard uncertainty (2, frame) in m."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # disturbed films are measured on purpose
         found = contact_radius(
@@ -142,7 +153,8 @@ def _fitted(film: Film, scene: Scene, **options: object) -> Floats:
             scene.wavelength,
             **options,  # type: ignore[arg-type]
         )
-    return np.asarray(found["radius"].values)
+    u = np.hypot(found["u_radius"].values, found["radius_systematic"].values)
+    return np.stack([found["radius"].values, u])
 
 
 def _each(film: Film, scene: Scene, method: Callable[[Film], float]) -> Floats:
@@ -207,6 +219,7 @@ def _static(scene: Scene) -> list[Point]:
 def _disturbances(scene: Scene, frames: int) -> Suite:
     """Errors of the default and of the plain edge where the image is not ideal."""
     wide = replace(scene, sphere=1.02 * scene.sphere)
+    all_at_once = replace(scene, stretch=0.04, blur=2.0, speckle=0.1, slope=0.3)
     cases: Mapping[str, Scene] = {
         "ideal": scene,
         "radius moves 10 µm in the exposure": replace(scene, travel=10e-6),
@@ -216,17 +229,29 @@ def _disturbances(scene: Scene, frames: int) -> Suite:
         "sphere 2 % larger than stated": wide,
         "ellipse, 1.5 %": replace(scene, stretch=0.015),
         "centre at the border": replace(scene, centre=(scene.centre[0], 2.4)),
+        "phase of 2.4 rad": replace(scene, phase=2.4),
+        "wavelength stated as 532 nm": scene,
+        "speckle of 15 %": replace(scene, speckle=0.15),
+        "stray fringes of 20 %": replace(scene, stray=0.2),
+        "ellipse, 4 %": replace(scene, stretch=0.04),
+        "blur of 2.5 px": replace(scene, blur=2.5),
+        "gamma of 0.7": replace(scene, gamma=0.7),
+        "ellipse, blur, speckle, light together": all_at_once,
     }
     rows = []
     for name, case in cases.items():
         film = make_film(case, frames, 2)
         truth = scene.radius * math.sqrt(1.0 + case.stretch)
+        stated = replace(case, sphere=scene.sphere)
+        if name.startswith("wavelength"):
+            stated = replace(stated, wavelength=532e-9)
         calls: dict[str, Callable[[], object]] = {
-            "fringes": partial(_fitted, film, replace(case, sphere=scene.sphere)),
+            "fringes": partial(_measured, film, stated),
             "edge": partial(_each, film, case, outline_radius),
         }
         timings = paired(calls, 1)
-        ours, edge = (np.asarray(t.value, float) - truth for t in timings.values())
+        found = np.asarray(timings["fringes"].value, float)
+        ours, edge = found[0] - truth, np.asarray(timings["edge"].value, float) - truth
         rows.append(
             Point(
                 name,
@@ -235,6 +260,7 @@ def _disturbances(scene: Scene, frames: int) -> Suite:
                 is_default=name == "ideal",
                 extra={
                     "bias (µm)": float(np.mean(ours)) / _MICROMETRE,
+                    "error / u": float(np.sqrt(np.mean((ours / found[1]) ** 2))),
                     "edge, RMS (µm)": float(np.sqrt(np.mean(edge**2))) / _MICROMETRE,
                 },
             )
@@ -274,7 +300,7 @@ def make_image(scene: Scene) -> Floats:
     light = np.zeros_like(r)
     for radius in radii:
         phase = 4.0 * math.pi * surface_gap(r, radius, scene.sphere) / scene.wavelength
-        light += (1.0 - _VISIBILITY * np.cos(phase)) / len(radii)
+        light += (1.0 + _VISIBILITY * np.cos(phase + scene.phase)) / len(radii)
     total = np.zeros((scene.rows, scene.columns))
     steps = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
     across = (np.arange(scene.columns) - x)[None, :]
@@ -285,7 +311,15 @@ def make_image(scene: Scene) -> Floats:
             total += light[np.rint(at).astype(np.int64)]
     grey = _MEAN * total / _SAMPLES**2
     grey *= 1.0 + scene.slope * (2.0 * np.arange(scene.columns) / scene.columns - 1.0)
-    return gaussian_filter(grey, scene.blur, mode="nearest") if scene.blur else grey
+    if scene.stray:
+        along = 0.76 * np.arange(scene.columns) + 0.65 * np.arange(scene.rows)[:, None]
+        grey *= 1.0 + scene.stray * np.cos(2.0 * math.pi * along / _STRAY_PERIOD)
+    if scene.speckle:
+        grain = gaussian_filter(np.random.default_rng(7).standard_normal(grey.shape), 0.5 * _GRAIN)
+        grey *= 1.0 + scene.speckle * grain / grain.std()
+    if scene.blur:
+        grey = gaussian_filter(grey, scene.blur, mode="nearest")
+    return np.asarray(_WHITE * (np.clip(grey, 0.0, None) / _WHITE) ** scene.gamma)
 
 
 def make_film(scene: Scene, frames: int, seed: int) -> Film:

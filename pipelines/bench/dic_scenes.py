@@ -31,6 +31,7 @@ _SUBSET, _SPACING, _NOISE = 31, 13, 1.0
 _STEP = (0.13, 0.07)  # px from frame to frame
 _FEATURE, _CELL, _WEAK = 1.9, 7.0, 0.7  # px, px, contrast of a pattern that is not strong
 _UNCHANGED = "nothing changes"
+_COVERED = "a wire before the specimen"
 _PLAIN = View()
 
 
@@ -48,6 +49,7 @@ def scenes(size: int) -> dict[str, Scene]:
     speckle, texture, cells = _WEAK * random_field(size, _FEATURE, 1), perlin(_CELL, 2), perlin(_CELL, 3)
     field = partial(from_spectrum, speckle)
     middle = 0.5 * (size - 1)
+    hidden = _wire(size)
     noise = partial(from_formula, lambda x, y: _WEAK * texture(x, y), size)
     return {
         _UNCHANGED: Scene(field),
@@ -58,8 +60,15 @@ def scenes(size: int) -> dict[str, Scene]:
         "scale 1.03": Scene(noise, _PLAIN, View(scale=1.03)),
         "photograph": Scene(partial(from_spectrum, photograph(size))),
         "Perlin noise": Scene(partial(from_formula, cells, size)),
+        _COVERED: Scene(lambda view: (1.0 - hidden) * field(view) + 70.0 * hidden),
         "edge with a grain of 2 grey levels": Scene(partial(from_formula, edge(0.4, (middle, middle), 2.0, 4), size)),
     }
+
+
+def _wire(size: int) -> Floats:
+    """Share (row, column) of a slanting wire, 8 px wide, in the light."""
+    y, x = np.mgrid[:size, :size] - 0.5 * (size - 1)
+    return np.asarray(1.0 / (1.0 + np.exp(2.0 * (np.abs(0.9 * x + 0.44 * y) - 4.0))))
 
 
 def disturbances(quick: bool) -> Suite:

@@ -141,6 +141,16 @@ class _Trial:
         """Mean squared misfit."""
         return float(np.mean([fit.misfit**2 for fit in self.fits]))
 
+    @property
+    def rough_excess(self) -> float:
+        """Mean square, in amplitudes of the fringes, of what is left beyond differences of neighbours.
+
+        An ellipse taken for a circle leaves what changes along the rings as quickly as speckle does.
+        """
+        beyond = [max(fit.residual**2 - fit.between**2, 0.0) for fit in self.fits]
+        amplitudes = [max(abs(float(fit.parameters[Parameter.MODULATION])), 1e-12) for fit in self.fits]
+        return float(np.mean(np.array(beyond) / np.array(amplitudes) ** 2))
+
     def mean(self, parameter: Parameter) -> tuple[float, float]:
         """Weighted mean over the frames, and its uncertainty from their scatter."""
         values = np.array([fit.parameters[parameter] for fit in self.fits])
@@ -248,11 +258,7 @@ def calibrate(
     if best is None:
         return Calibration()
     if shape == "auto":
-        oblique = attempt(_AXES, result)
-        if oblique is not None and oblique.is_better_than(best):
-            axes = (oblique.mean(Parameter.STRETCH)[0], oblique.mean(Parameter.SHEAR)[0])
-            result = replace(result, ellipse=axes)
-            best = attempt(plain_axes, result) or oblique
+        best, result = _find_ellipse(attempt, result, best)
     if rough:
         trial = attempt((*plain_axes, *rough), result)
         if trial is not None:
@@ -300,6 +306,31 @@ def _with_hidden_phase(
     if abs(phase - view.optics.phase) <= _SIGNIFICANT * deviation:
         return known
     return known.with_shared(trial, float(np.median(trial.changes(best))))
+
+
+def _find_ellipse(attempt: _Attempt, known: Calibration, best: _Trial) -> tuple[_Trial, Calibration]:
+    """Ellipse that explains the frames much better than circles, its area being right or not.
+
+    A view that is oblique, or scaled along one axis, changes the area that a contact of known fringes
+    covers: then neither ellipse nor scale explains anything without the other.
+    """
+    for extra in (_AXES, (*_AXES, Parameter.SCALE)):
+        oblique = attempt(extra, known)
+        if oblique is None or oblique.gain_over(best) <= _VARIANCES * len(best.fits):
+            continue
+        if oblique.rough_excess * _FACTOR >= best.rough_excess:
+            continue
+        (stretch, u_stretch), (shear, u_shear) = (oblique.mean(axis) for axis in _AXES)
+        if max(abs(stretch) / u_stretch, abs(shear) / u_shear) <= _SIGNIFICANT:
+            continue
+        found = replace(known, ellipse=(stretch, shear))
+        if Parameter.SCALE in extra:
+            scale, u = oblique.mean(Parameter.SCALE)
+            if abs(scale) <= _SIGNIFICANT * u or abs(scale) > _MOST_SCALE:
+                continue
+            found = replace(found, log_scale=scale, u_log_scale=u)
+        return attempt((), found) or oblique, found
+    return best, known
 
 
 def _with_rough(trial: _Trial, known: Calibration, rough: Sequence[Parameter], view: View) -> Calibration:

@@ -43,6 +43,8 @@ _SMALL_JUMP = 2.0
 #: A contact beside another differs from what is expected by this share of the other's radius at
 #: most, and its centre lies within this share of its own radius from the other's.
 _MOST_CHANGE, _SAME_CENTRE = 0.5, 0.3
+#: Share of its longer side below which the shorter side of a frame makes it a strip.
+_STRIP = 0.25
 _CIRCLE = (Parameter.RADIUS, Parameter.X, Parameter.Y)
 #: Frames before and after from which motion is estimated.
 _NEIGHBOURS = 3
@@ -98,7 +100,11 @@ def _make_view(reader: FilmReader, options: FilmOptions, wanted: Flags) -> View:
     free: tuple[Parameter, ...] = USUAL
     if options.shape == "ellipse":
         free = (*USUAL, Parameter.STRETCH, Parameter.SHEAR)
-    oblique = ((Parameter.STRETCH, Parameter.SHEAR),) if options.shape == "auto" else ()
+    axes = (Parameter.STRETCH, Parameter.SHEAR)
+    # In a thin strip the axes and the factor of the gap are not told from each other.
+    is_strip = min(film.shape[1:]) < _STRIP * max(film.shape[1:])
+    tried = (axes,) if is_strip else (axes, (*axes, Parameter.SCALE))
+    oblique = tried if options.shape == "auto" else ()
     alternatives = (*oblique, (Parameter.SCALE,), (Parameter.BLUR,), HARMONICS)
     settings = FitSettings(options.fringes, LEAST_SPACING, free)
     black, white = film.levels

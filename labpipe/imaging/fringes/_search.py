@@ -45,6 +45,8 @@ MOST_TRAVEL = 1.5
 #: Travel in the exposure, in widths of the first bright ring, from which fringes may be mistaken
 #: for a soft edge.
 _LONG_TRAVEL = 0.5
+#: Widths of the first bright ring by which an axis differs from a circle that its profile tells of.
+_ROUND = 0.25
 #: A plain edge is believed at once when it leaves less than this share of the squares that the
 #: nearest template leaves, and against a fit when it leaves less than this multiple.
 _EDGE_SURE, _FRINGES_SURE = 0.4, 2.0
@@ -312,7 +314,10 @@ def is_contact(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
     travel = math.sqrt(max(float(found.parameters[Parameter.SMEAR]), 0.0))
     if travel > MOST_TRAVEL * radius:
         return False
-    may_be_edge = travel > _LONG_TRAVEL * edge_width(radius, view.optics)
+    edge = edge_width(radius, view.optics)
+    oblique = math.hypot(float(found.parameters[Parameter.STRETCH]), float(found.parameters[Parameter.SHEAR]))
+    # The mean around the centre of an ellipse is softer than its rings.
+    may_be_edge = travel > _LONG_TRAVEL * edge and oblique * radius < _ROUND * edge
     is_small = radius < _SMALL_CONTACT * view.newton_spot
     if not may_be_edge and not is_small:
         return True

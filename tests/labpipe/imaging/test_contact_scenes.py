@@ -1,5 +1,6 @@
 """Scenes of real microscopes: the error lies within the stated uncertainty, and that near the scatter."""
 
+import math
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,6 +12,7 @@ import xarray as xr
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.imaging import adhesive_edge, contact_radius
+from pipelines.bench import contact_radius as bench
 from tests.by_day import by_day
 from tests.labpipe.imaging.contact_scenes import Disturbed, film_of, gap_of_jkr, gap_of_worn_flat
 from tests.labpipe.imaging.fringe_film import Scene
@@ -154,6 +156,19 @@ def test_a_large_contact_in_a_wide_frame_of_uneven_light() -> None:
         film_of(Disturbed(wide, gradient=0.5), hertz, radii, (453.7, 121.2)), wide.pixel_size, SPHERE, LIGHT
     )
     check(found, radii, 0.02 * UM)
+
+
+@pytest.mark.parametrize("stretch", by_day([0.015, 0.1, -0.04], 1))
+@pytest.mark.filterwarnings("ignore:the fringes are:UserWarning")
+def test_a_view_scaled_along_one_axis(stretch: float) -> None:
+    """As an oblique view scales it: the contact is an ellipse of another area than its fringes say."""
+    scene = bench.Scene(rows=300, columns=500, radius=300 * UM, centre=(250.3, 151.2), stretch=stretch)
+    found = contact_radius(bench.make_film(scene, 2, 2), scene.pixel, scene.sphere, scene.wavelength)
+    equal_area = scene.radius * math.sqrt(1.0 + stretch)
+    u = np.hypot(found.u_radius.values, found.radius_systematic.values)
+    assert (np.abs(found.radius.values - equal_area) < 3.0 * u + 0.003 * UM).all()
+    assert u.max() < 0.02 * UM
+    assert found.attrs["phase_scale_ratio"] == pytest.approx(1.0 / (1.0 + stretch), rel=2e-3)
 
 
 def test_a_worn_flat_is_told_and_no_other_is_seen() -> None:
