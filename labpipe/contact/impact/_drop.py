@@ -244,8 +244,14 @@ class _Throttle:
 def _rigid_restitution(setting: Setting, creep: Creep, effort: Effort) -> float:
     """Restitution of the first impact on a rigid substrate; NaN when it does not lift off."""
     from labpipe.contact.impact._simulate import simulate
+    from labpipe.contact.impact._trains import COLUMNS, follow
 
     rigid = replace(setting, plate=None)
+    if setting.solver == "mdr" and effort.shortcuts == ALL_SHORTCUTS:
+        found = follow(creep, [rigid], 1, ENERGY_LIMIT * setting.rtol, fold=effort.fold)
+        if not found.is_left[0]:
+            row = dict(zip(COLUMNS, found.rows[0, 0].tolist(), strict=True))
+            return row["rebound_speed"] / row["impact_speed"]
     run = simulate(rigid, creep, effort, None, None, first_contact_only=True)
     if len(run.segments) < 3 or not isinstance(run.segments[2], Flight):
         return nan

@@ -67,8 +67,8 @@ def indent(
     elements : int, optional
         Strips per period, even; 1024, or the length of the profile's array.
     rtol : float or None
-        Error of the force in one step, relative to the force; steps adapt. None takes one step
-        between two samples whatever their distance.
+        Error to aim at, over the largest force (or approach, by load); steps adapt, at least two
+        between samples. None takes one step whatever their distance.
     outputs : sequence of {"pressure", "surface", "energy"}
         Further variables.
     solver : {"auto", "springs", "general"}

@@ -1,9 +1,10 @@
 """The drop simulated, with the uncertainty of its inputs."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -61,9 +62,13 @@ def model(
     inputs = body | {f"{_OF_PLATE}{name}": quantity for name, quantity in floor.items()}
     solids = variations(sphere, material_file, fitted, IMPACT_TIMES)
 
-    def simulate(other: Prony, rtol: float, times: Floats | None, **change: float) -> xr.Dataset:
-        values = {name: quantity.value for name, quantity in inputs.items()} | change
+    def values_of(change: Mapping[str, float]) -> tuple[dict[str, float], contact.Plate | None]:
+        values = {**{name: quantity.value for name, quantity in inputs.items()}, **change}
         moved = {name: values[f"{_OF_PLATE}{name}"] for name in floor}
+        return values, None if substrate is None else replace(substrate, **moved)
+
+    def simulate(other: Prony, rtol: float, times: Floats | None, change: Mapping[str, float]) -> xr.Dataset:
+        values, beneath = values_of(change)
         return contact.drop(
             other,
             values["radius"],
@@ -75,26 +80,54 @@ def model(
             rtol,
             gravity=gravity,
             times=times,
-            plate=None if substrate is None else replace(substrate, **moved),
+            plate=beneath,
             fold=not full,
             shortcuts=contact.Shortcuts.chosen(full=full),
         )
 
-    made = simulate(solid, chosen.rtol, times)
+    def bounces(trials: Sequence[_Trial], rtol: float, count: int) -> dict[str, Floats]:
+        """Return each uncertain result (trial, impact), NaN where there is none."""
+        if full or chosen.solver != "mdr":
+            found = [simulate(trial.solid, rtol, None, trial.change) for trial in trials]
+            return {name: np.stack([padded(one[name].values[:count], count) for one in found]) for name in _UNCERTAIN}
+        values, beneath = zip(*(values_of(trial.change) for trial in trials), strict=True)
+        made = contact.impacts(
+            [trial.solid for trial in trials],
+            [one["radius"] for one in values],
+            [one["mass"] for one in values],
+            [one["height"] for one in values],
+            duration,
+            count,
+            chosen.profile,
+            rtol,
+            gravity=gravity,
+            plate=beneath,
+        )
+        return {name: made[name].values for name in _UNCERTAIN}
+
+    made = simulate(solid, chosen.rtol, times, {})
     # On a ringing plate a later touch meets it at another moment when the height changes, so the
     # body's sensitivities are those on the plate; a few per cent of a sensitivity do no harm.
-    coarse = max(chosen.rtol, _COARSE)
-    reference, count = simulate(solid, coarse, None), made.sizes["impact"]
-    slopes = {}
+    count = made.sizes["impact"]
+    trials = [_Trial("", Quantity(0.0, 0.0, "1"), 1.0, solid)]
     for key, given in inputs.items():
         if given.u > 0.0:
             change = max(given.u, _LEAST_CHANGE * given.value)
-            off = simulate(solid, coarse, None, **{key: given.value + change})
-            slopes[key] = given, _slopes(off, reference, change, count)
-    for key, (given, change, other) in solids.items():
-        slopes[key] = given, _slopes(simulate(other, coarse, None), reference, change, count)
-    stiffer = simulate(solid.scaled(1.0 + _STIFFER), coarse, None)
-    slopes[_MODULUS] = Quantity(1.0, 0.0, "1"), _slopes(stiffer, reference, _STIFFER, count)
+            trials.append(_Trial(key, given, change, solid, {key: given.value + change}))
+    trials += [_Trial(key, given, change, other) for key, (given, change, other) in solids.items()]
+    trials.append(_Trial(_MODULUS, Quantity(1.0, 0.0, "1"), _STIFFER, solid.scaled(1.0 + _STIFFER)))
+    found = (
+        bounces(trials, max(chosen.rtol, _COARSE), count)
+        if count
+        else {name: np.zeros((len(trials), 0)) for name in _UNCERTAIN}
+    )
+    # what is compared counts from the first contact
+    found["impact_time"] = found["impact_time"] - found["impact_time"][:, :1]
+    slopes = {
+        trial.name: (trial.given, {name: (found[name][i] - found[name][0]) / trial.step for name in _UNCERTAIN})
+        for i, trial in enumerate(trials)
+        if i > 0
+    }
     made = _with_uncertainty(made, slopes)
     made.attrs["plate"] = json.dumps(None if substrate is None else asdict(substrate))
     work = json.loads(made.attrs["work"])
@@ -103,16 +136,14 @@ def model(
     return made
 
 
-def _slopes(other: xr.Dataset, reference: xr.Dataset, change: float, count: int) -> dict[str, Floats]:
-    """Return the change (impact,) of each uncertain result per change of one input."""
-    shared = min(other.sizes["impact"], reference.sizes["impact"], count)
-    found = {}
-    for name in _UNCERTAIN:
-        values = other[name].values[:shared], reference[name].values[:shared]
-        if name == "impact_time":  # what is compared counts from the first contact
-            values = values[0] - values[0][0], values[1] - values[1][0]
-        found[name] = padded((values[0] - values[1]) / change, count)
-    return found
+class _Trial(NamedTuple):
+    """A simulation with one input changed by a step: a solid, or another value of the body or plate."""
+
+    name: str
+    given: Quantity
+    step: float
+    solid: Prony
+    change: Mapping[str, float] = {}
 
 
 def _with_uncertainty(made: xr.Dataset, slopes: Mapping[str, tuple[Quantity, dict[str, Floats]]]) -> xr.Dataset:
