@@ -316,8 +316,9 @@ def is_contact(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
         return False
     edge = edge_width(radius, view.optics)
     oblique = math.hypot(float(found.parameters[Parameter.STRETCH]), float(found.parameters[Parameter.SHEAR]))
-    # The mean around the centre of an ellipse is softer than its rings.
-    may_be_edge = travel > _LONG_TRAVEL * edge and oblique * radius < _ROUND * edge
+    # The mean around the centre of an ellipse is softer than its rings; but a shadow is no ellipse.
+    is_ellipse = oblique * radius > _ROUND * edge and found.misfit < 0.5 * GOOD_MISFIT
+    may_be_edge = travel > _LONG_TRAVEL * edge and not is_ellipse
     is_small = radius < _SMALL_CONTACT * view.newton_spot
     if not may_be_edge and not is_small:
         return True
