@@ -148,7 +148,8 @@ class Health:
         """Say what is wrong as lines of text."""
         found = [f"problem: {line}" for line in (*self.problems, *self.session_problems)]
         found += [f"damaged: {line}; the next `labpipe process` makes it again" for line in self.damaged_results]
-        return found or ["no problem found"]
+        where = "the installation" if self.audit is None else "the installation and the stored results"
+        return found or [f"no problem found in {where}"]
 
     def __repr__(self) -> str:
         head = [f"{name:24}{version}" for name, version in self.versions.items()]
