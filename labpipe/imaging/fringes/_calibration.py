@@ -290,17 +290,18 @@ def calibrate(
         best = settled
         begin_from(best)
     result = _refine(attempt, plain_axes, result, view)
-    if not is_phase_free or result.phase_shift != 0.0:
+    # What a sharp film shows beyond the third harmonic looks like a small phase.
+    is_cut = result.harmonics != (0.0, 0.0) and not result.blur
+    if not is_phase_free or result.phase_shift != 0.0 or is_cut:
         return result
-    return _with_hidden_phase(attempt, plain_axes, result, best, view)
+    return _with_hidden_phase(attempt, plain_axes, result, view)
 
 
-def _with_hidden_phase(
-    attempt: _Attempt, axes: Sequence[Parameter], known: Calibration, best: _Trial, view: View
-) -> Calibration:
+def _with_hidden_phase(attempt: _Attempt, axes: Sequence[Parameter], known: Calibration, view: View) -> Calibration:
     """Count what a phase that the film hints at, but not beyond doubt, would make of the radius."""
     trial = attempt((*axes, Parameter.PHASE), known)
-    if trial is None or trial.gain_over(best) < _HINT:
+    best = attempt(tuple(axes), known)  # with all that is known by now, or its gain would be the phase's
+    if trial is None or best is None or trial.gain_over(best) < _HINT:
         return known
     phase, deviation = trial.mean(Parameter.PHASE)
     if abs(phase - view.optics.phase) <= _SIGNIFICANT * deviation:
