@@ -11,7 +11,8 @@ from pathlib import Path
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
 
-from pipelines.guide import _reference, _site
+from pipelines.guide import _reference
+from pipelines.guide._texts import GUIDES, PARTS
 
 FIRST = "experimenter"
 _PAGE = """<!doctype html>
@@ -52,10 +53,10 @@ def pages() -> dict[str, str]:
 
 
 def _texts() -> dict[str, str]:
-    written = {path.stem: path for path in sorted(_site.GUIDES.glob("*.md"))}
-    written["architecture"] = _site.GUIDES.parent / "ARCHITECTURE.md"
+    written = {path.stem: path for path in sorted(GUIDES.glob("*.md"))}
+    written["architecture"] = GUIDES.parent / "ARCHITECTURE.md"
     made = {"settings": _reference.settings(), "commands": _reference.commands()}
-    order = [name for part in _site.PARTS.values() for name in part if name in written or name in made]
+    order = [name for part in PARTS.values() for name in part if name in written or name in made]
     return {name: made[name] if name in made else written[name].read_text("utf-8") for name in order}
 
 
@@ -65,7 +66,7 @@ def _title(name: str, text: str) -> str:
 
 def _contents(titles: dict[str, str], shown: str) -> str:
     items = []
-    for part, names in _site.PARTS.items():
+    for part, names in PARTS.items():
         known = [name for name in names if name in titles]
         marks = {name: " aria-current=page" if name == shown else "" for name in known}
         links = (f'<li><a href="{name}.html"{marks[name]}>{html.escape(titles[name])}</a></li>' for name in known)

@@ -7,28 +7,17 @@ import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
-import labpipe
 from labpipe import files
+from labpipe.build import __version__
 from labpipe.errors import InputError, UsageError
 from pipelines.guide import _gallery, _reference, _tutorial
+from pipelines.guide._texts import GUIDES, PARTS
 
-GUIDES = Path(labpipe.__file__).parent / "documentation"
-
-_FIRST = ("tutorial", "page", "experimenter", "analyst", "rheology", "films", "gallery")
-_METHODS = ("beyond", "validation", "agreement", "budgets", "identification", "reliability", "scale")
-_REFERENCE = ("settings", "commands", "python")
-_OTHERS = ("developer", "architecture", "coverage")
-PARTS = {
-    "First steps": _FIRST,
-    "Methods and their errors": _METHODS,
-    "Reference": _REFERENCE,
-    "For developers": _OTHERS,
-}
 _CONFIGURATION = {
     "project": "labpipe",
     "copyright": "the labpipe developers, MIT licence",
-    "version": labpipe.__version__,
-    "release": labpipe.__version__,
+    "version": __version__,
+    "release": __version__,
     "html_title": "labpipe",
     "html_theme": "furo",
     "html_copy_source": False,

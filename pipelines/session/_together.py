@@ -95,10 +95,10 @@ def write_materials(results: Results, found: Comparison) -> list[tuple[str, str]
     session = results.plan.session
     verdicts = stored_verdicts(results)
     pages = []
-    for material, names in _materials(session, found.rows).items():
-        rows = tuple(row for row in found.rows if row.experiment in names and _is_of(row, material, session))
+    for material, rows in _by_material(session, found.rows).items():
+        names = list(dict.fromkeys(row.experiment for row in rows))
         own = tuple(document for document in found.experiments if document["experiment"] in names)
-        part = replace(found, rows=rows, experiments=own, failed={}, absent={})
+        part = replace(found, rows=tuple(rows), experiments=own, failed={}, absent={})
         sections = [
             Section("Answer", (*_verdicts(names, verdicts), *_reports(session, names), *_synthetic(session))),
             *parts(part),
@@ -238,19 +238,13 @@ def _chart(results: Results, names: Sequence[str]) -> Iterator[Block]:
     yield LineChart(title, x_label, y_label, series, x_scale=scale, y_scale=scale)
 
 
-def _materials(session: Session, rows: Sequence[Row]) -> dict[str, list[str]]:
-    """Return the experiments of every material that has several, in the order of the session."""
+def _by_material(session: Session, rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Return the rows of every material of several experiments, in the order of the session."""
     same = _same(session)
-    names: dict[str, list[str]] = {}
+    found: dict[str, list[Row]] = {}
     for row in rows:
-        material = same.get(row.material, row.material) or row.experiment
-        if row.experiment not in names.setdefault(material, []):
-            names[material].append(row.experiment)
-    return {material: own for material, own in names.items() if len(own) > 1}
-
-
-def _is_of(row: Row, material: str, session: Session) -> bool:
-    return (_same(session).get(row.material, row.material) or row.experiment) == material
+        found.setdefault(same.get(row.material, row.material) or row.experiment, []).append(row)
+    return {material: own for material, own in found.items() if len({row.experiment for row in own}) > 1}
 
 
 def _same(session: Session) -> dict[str, str]:

@@ -6,7 +6,7 @@ the undeformed surface would be.
 
 from labpipe.arrays import Floats
 from labpipe.contact.impact._bounce_steps import Fall, time_of_flight
-from labpipe.contact.impact._plate import Plate, PlateState
+from labpipe.contact.impact._plate import Plate, PlateState, modal
 from labpipe.errors import LabpipeError
 
 
@@ -47,9 +47,8 @@ def time_to_touch(
     zero lies before the sphere falls back to where it lifted off. Above a plate that rings the
     surface is looked at while the sphere is within reach of the plate's swing, and only then.
     """
-    modal = (plate.mass, plate.stiffness, plate.damping) if plate else (0.0, 0.0, 0.0)
     u, w, _ = state or PlateState()
-    time = time_of_flight(Fall(1.0, gravity, 1.0, False, *modal, 0.0, 0.0, 0.0), velocity, dent, rate, u, w)
+    time = time_of_flight(Fall(1.0, gravity, 1.0, False, *modal(plate), 0.0, 0.0, 0.0), velocity, dent, rate, u, w)
     if time < 0.0:
         message = "the sphere does not come back to the plate"
         raise LabpipeError(message)

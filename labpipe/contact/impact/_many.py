@@ -1,8 +1,8 @@
-"""The first impacts of many drops at once: tables shared, one compiled call per material, one result."""
+"""The first impacts of many drops at once: tables of a material made once, one compiled call a contact, one result."""
 
 import json
-from collections.abc import Hashable, Sequence
-from typing import NamedTuple
+from collections.abc import Hashable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -81,7 +81,16 @@ def impacts(
     if most < 1:
         message = f"most is {most} impacts, expected at least 1"
         raise InputError(message)
-    cases = _cases(material, radius, mass, height, duration, profile, rtol, gravity, plate)
+    given = {
+        "material": material,
+        "radius": radius,
+        "mass": mass,
+        "height": height,
+        "duration": duration,
+        "gravity": gravity,
+        "plate": plate,
+    }
+    cases = _cases(given, profile, rtol)
     rows = np.full((len(cases), most, len(COLUMNS)), np.nan)
     work, left = np.zeros((len(cases), 3), np.int64), []
     for numbers in _by_material(cases):
@@ -102,27 +111,8 @@ class _Case(NamedTuple):
     setting: Setting
 
 
-def _cases(
-    material: Solid | Sequence[Solid],
-    radius: Measure | Sequence[Measure],
-    mass: Measure | Sequence[Measure],
-    height: Measure | Sequence[Measure],
-    duration: Measure | Sequence[Measure],
-    profile: Profile,
-    rtol: float,
-    gravity: Measure | Sequence[Measure],
-    plate: Plate | Sequence[Plate | None] | None,
-) -> list[_Case]:
-    """Lay out the drops, each checked."""
-    given = {
-        "material": material,
-        "radius": radius,
-        "mass": mass,
-        "height": height,
-        "duration": duration,
-        "gravity": gravity,
-        "plate": plate,
-    }
+def _cases(given: Mapping[str, Any], profile: Profile, rtol: float) -> list[_Case]:
+    """Lay out the drops, each checked, from what is given for all or drop by drop."""
     lengths = {name: count for name, values in given.items() if (count := _count(values)) is not None}
     if len(set(lengths.values())) > 1:
         told = ", ".join(f"{name} has {n}" for name, n in lengths.items())

@@ -88,3 +88,8 @@ class Plate:
         velocity = envelope * (v * c - (rate * v + omega**2 * u) / damped * s)
         pull = self.damping * velocity + self.stiffness * displacement
         return PlateState(displacement, velocity, -pull / self.mass)
+
+
+def modal(plate: Plate | None) -> tuple[float, float, float]:
+    """Mass [kg], stiffness [N/m] and damping [N s/m] as compiled steps take them; 0 for rigid ground."""
+    return (plate.mass, plate.stiffness, plate.damping) if plate else (0.0, 0.0, 0.0)

@@ -17,6 +17,7 @@ from labpipe.contact.impact._collocation import distinct
 from labpipe.contact.impact._dataset import DropRun, Setting
 from labpipe.contact.impact._flight import time_to_touch
 from labpipe.contact.impact._motion import MOTION, Body, Motion, Stillness, motion
+from labpipe.contact.impact._plate import modal
 from labpipe.contact.impact._setup import (
     LONGEST_STEP,
     MARGIN,
@@ -172,14 +173,13 @@ def _at_release(setting: Setting) -> Motion:
 
 
 def _bouncer(setting: Setting, creep: Creep, expected: Scales, effort: Effort) -> Bouncer:
-    plate = setting.plate
     return Bouncer(
         creep=creep,
         mass=setting.mass,
         gravity=setting.gravity,
         radius=setting.radius,
         is_sphere=setting.profile == "sphere",
-        plate=(plate.mass, plate.stiffness, plate.damping) if plate else (0.0, 0.0, 0.0),
+        plate=modal(setting.plate),
         duration=expected.duration,
         rtol=effort.rtol,
     )

@@ -11,7 +11,7 @@ from labpipe.contact.impact._bounce_steps import LIFTED, Fall, Law, Nodes, Path,
 from labpipe.contact.impact._collocation import distinct, law_of, scheme, work_space
 from labpipe.contact.impact._dataset import Setting
 from labpipe.contact.impact._flight import time_to_touch
-from labpipe.contact.impact._plate import PlateState
+from labpipe.contact.impact._plate import PlateState, modal
 from labpipe.contact.impact._setup import Scales, scales
 from labpipe.contact.impact._simulate import CONDENSE_SHARE, SLOWEST_BOUNCE
 from labpipe.contact.memory import Creep, condense
@@ -103,7 +103,6 @@ def _train(tables: _Tables, one: Setting, scale: Scales, rows: Floats, work: Int
     twice in one contact.
     """
     law, path, room, nodes = tables
-    plate = (one.plate.mass, one.plate.stiffness, one.plate.damping) if one.plate else (0.0, 0.0, 0.0)
     until, clock, position, velocity = one.duration - one.fall_time, 0.0, 0.0, one.speed
     state, centre, dent = PlateState(), np.zeros(law.creep_rate.size), np.zeros_like(nodes.after)
     outer = lost = deepest = error = 0.0
@@ -111,7 +110,7 @@ def _train(tables: _Tables, one: Setting, scale: Scales, rows: Floats, work: Int
     for i, row in enumerate(rows):
         tolerance = STEP_SHARE * one.rtol * max(velocity, SLOWEST_BOUNCE * scale.rest_speed)
         steps = tolerance, LONGEST * scale.duration, FIRST * scale.duration
-        fall = Fall(one.mass, one.gravity, one.radius, one.profile == "sphere", *plate, *steps)
+        fall = Fall(one.mass, one.gravity, one.radius, one.profile == "sphere", *modal(one.plate), *steps)
         origin = position - state.displacement - float(centre.sum())
         path.state[0] = position - origin, velocity, 0.0, 0.0, state.displacement, state.velocity, 0.0, 0.0
         path.approach[0] = 0.0
