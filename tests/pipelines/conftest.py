@@ -15,20 +15,28 @@ def small_session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def processed_session(small_session: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The small session, processed; tests must not change it."""
+def pristine_session(small_session: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The small session as `process` leaves it: to be copied, never given to a verb."""
     from pipelines.process import process
 
-    folder = tmp_path_factory.mktemp("processed") / "session"
+    folder = tmp_path_factory.mktemp("pristine") / "session"
     shutil.copytree(small_session, folder)
     outcome = process(folder, jobs=0)
     assert outcome.exit_code == 0, [o.message for o in outcome.failures]
     return folder
 
 
+@pytest.fixture(scope="session")
+def processed_session(pristine_session: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The small session, processed, for tests that change no result; comparisons may have added their pages."""
+    folder = tmp_path_factory.mktemp("processed") / "session"
+    shutil.copytree(pristine_session, folder)
+    return folder
+
+
 @pytest.fixture
-def session_copy(processed_session: Path, tmp_path: Path) -> Path:
+def session_copy(pristine_session: Path, tmp_path: Path) -> Path:
     """A processed session that a test may change."""
     folder = tmp_path / "session"
-    shutil.copytree(processed_session, folder)
+    shutil.copytree(pristine_session, folder)
     return folder

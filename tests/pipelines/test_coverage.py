@@ -63,7 +63,7 @@ def stored(folder: Path) -> dict[str, bytes]:
 
 @pytest.mark.slow
 def test_a_run_killed_again_and_again_ends_as_an_undisturbed_one(
-    small_session: Path, processed_session: Path, tmp_path: Path, amount: Callable[[int, int], int]
+    small_session: Path, pristine_session: Path, tmp_path: Path, amount: Callable[[int, int], int]
 ) -> None:
     folder = tmp_path / "session"
     shutil.copytree(small_session, folder)
@@ -78,5 +78,5 @@ def test_a_run_killed_again_and_again_ends_as_an_undisturbed_one(
         running.wait()
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert stored(folder) == stored(processed_session)
+    assert stored(folder) == stored(pristine_session)
     assert not list(folder.rglob("*.part"))

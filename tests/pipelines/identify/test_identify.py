@@ -29,10 +29,10 @@ DROP = KINDS["ball_drop"].evidence
 
 
 @pytest.fixture(scope="module")
-def rubber(processed_session: Path, tmp_path_factory: pytest.TempPathFactory):
+def rubber(pristine_session: Path, tmp_path_factory: pytest.TempPathFactory):
     """What the harmonic indentation of the small session tells, by the command line."""
     folder = tmp_path_factory.mktemp("identified") / "session"
-    shutil.copytree(processed_session, folder)
+    shutil.copytree(pristine_session, folder)
     (folder / "laser/drop_2.csv").unlink()  # what is lost elsewhere is of no concern here
     said = io.StringIO()
     with pytest.MonkeyPatch.context() as patch:

@@ -15,11 +15,11 @@ from pipelines.session._catalogue import FILE
 
 
 @pytest.fixture(scope="module")
-def sessions(processed_session: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def sessions(pristine_session: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A processed session, the same one unprocessed under another name, and a broken one."""
     root = tmp_path_factory.mktemp("sessions")
-    shutil.copytree(processed_session, root / "monday")
-    shutil.copytree(processed_session, root / "2026" / "tuesday")
+    shutil.copytree(pristine_session, root / "monday")
+    shutil.copytree(pristine_session, root / "2026" / "tuesday")
     shutil.rmtree(root / "2026" / "tuesday" / "labpipe")
     (root / "broken").mkdir()
     (root / "broken" / "session.toml").write_text("[session\n", "utf-8")

@@ -50,8 +50,6 @@ def test_a_failed_experiment_is_marked_and_the_other_kept(session_copy: Path) ->
 
 
 def test_it_leads_to_the_comparison_once_there_is_one(session_copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (session_copy / "labpipe/compare.html").unlink(missing_ok=True)  # of another test on the shared session
-    write_overview(open_session(session_copy), STAGES)
     assert "compare.html" not in page(session_copy)
     with pytest.raises(SystemExit):
         main(["compare", str(session_copy), "--jobs", "0"])

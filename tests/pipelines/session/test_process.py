@@ -169,7 +169,7 @@ def test_the_thesis_velocity_is_a_choice(session_copy: Path) -> None:
 
 @pytest.mark.slow
 def test_two_workers_give_the_bytes_of_this_process(
-    small_session: Path, processed_session: Path, tmp_path: Path
+    small_session: Path, pristine_session: Path, tmp_path: Path
 ) -> None:
     import shutil
 
@@ -178,7 +178,7 @@ def test_two_workers_give_the_bytes_of_this_process(
     assert process(folder, jobs=2).exit_code == 0
     here, by_two = (
         {p.name: p.read_bytes() for part in ("reports", "store") for p in files_in(root, part)}
-        for root in (processed_session, folder)
+        for root in (pristine_session, folder)
     )
     assert here == by_two
     assert any(name.endswith(".html") for name in by_two)
@@ -189,10 +189,10 @@ def files_in(session: Path, part: str) -> list[Path]:
     return [path for path in found if path.suffix in {".html", ".nc"}]
 
 
-def test_raw_files_are_never_touched(small_session: Path, processed_session: Path) -> None:
+def test_raw_files_are_never_touched(small_session: Path, pristine_session: Path) -> None:
     for path in small_session.rglob("*"):
         if path.is_file():
-            twin = processed_session / path.relative_to(small_session)
+            twin = pristine_session / path.relative_to(small_session)
             assert twin.read_bytes() == path.read_bytes()
 
 

@@ -36,7 +36,7 @@ def states(watcher: Watcher) -> dict[str, str]:
 
 @pytest.mark.parametrize("jobs", by_day([0, 1], 1))
 def test_a_session_copied_in_pieces_gives_the_bytes_that_process_gives(
-    small_session: Path, processed_session: Path, tmp_path: Path, jobs: int
+    small_session: Path, pristine_session: Path, tmp_path: Path, jobs: int
 ) -> None:
     """Every file comes in three pieces with looks in between; results are those of one run."""
     folder, clock = tmp_path / "session", Clock()
@@ -57,10 +57,10 @@ def test_a_session_copied_in_pieces_gives_the_bytes_that_process_gives(
                         processed_after[news.experiment] = (name, end == len(data))
     assert processed_after == {"nbr": ("mach1/nbr.txt", True), "drop": ("laser/drop_2.csv", True)}
     assert watcher.is_done
-    assert results(folder) == results(processed_session)
+    assert results(folder) == results(pristine_session)
     assert plan(folder).to_run == ()
     assert process(folder, jobs=0).exit_code == 0
-    assert results(folder) == results(processed_session)
+    assert results(folder) == results(pristine_session)
 
 
 def test_a_watch_started_again_computes_nothing_twice(session_copy: Path) -> None:
@@ -134,9 +134,9 @@ def test_a_file_counts_as_arrived_when_it_was_the_same_over_all_looks(tmp_path: 
     assert found == [False] * 5 + [True, True, False]
 
 
-def test_ctrl_c_ends_the_watch_with_130_and_nothing_half_done(processed_session: Path, tmp_path: Path) -> None:
+def test_ctrl_c_ends_the_watch_with_130_and_nothing_half_done(pristine_session: Path, tmp_path: Path) -> None:
     folder = tmp_path / "session"
-    shutil.copytree(processed_session, folder)
+    shutil.copytree(pristine_session, folder)
     child = subprocess.Popen(
         [sys.executable, "-u", "-m", "labpipe", "watch", str(folder), "--every", "0.05"],
         stdout=subprocess.PIPE,
