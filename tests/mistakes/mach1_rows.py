@@ -275,10 +275,6 @@ HOLD_ROWS = (
         "one row of the ramp lost", rows(_renumbered(lambda r: r[:6] + r[7:]), HOLD, 1), "doubtful", ("leaps",), HOLD
     ),
     Mistake(
-        "stage slips in the ramp",
-        rows(_slipped(5, 0.03), HOLD, 1),
-        "impossible",
-        ("leaps by 40.0 µm", "slipped"),
-        HOLD,
+        "stage slips in the ramp", rows(_slipped(5, 0.03), HOLD, 1), "impossible", ("leaps by 40.0 µm", "slipped"), HOLD
     ),
 )

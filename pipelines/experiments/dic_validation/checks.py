@@ -51,7 +51,7 @@ def judgement(
     context: Context,
 ) -> xr.Dataset:
     """Judge one film; what gave no result is judged by that."""
-    checks: list[Check] = judgements.failed_steps(context, _FAILED)
+    checks = [explained(check) for check in judgements.failed_steps(context, _FAILED)]
     if track is not None:
         checks.append(_found(track, settings))
     if motion is not None:
