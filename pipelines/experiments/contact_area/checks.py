@@ -161,10 +161,7 @@ def _damaged(radius: xr.Dataset, settings: ContactArea) -> Check:
 
 
 def _blanked(radius: xr.Dataset, settings: ContactArea) -> Check:
-    name, law = (
-        "whole frames",
-        "a sensor has noise: no row of pixels holds one value while its neighbours in time do not",
-    )
+    name, law = ("whole frames", "a sensor has noise: no row of pixels holds one value that was not there before")
     if "blanked" not in radius.attrs:
         return not_made(name, law, "the frames")
     found = {int(i): int(size) for i, size in json.loads(radius.attrs["blanked"]).items()}
@@ -173,9 +170,7 @@ def _blanked(radius: xr.Dataset, settings: ContactArea) -> Check:
     first, size = next(iter(found.items()))
     more = f"; {len(found)} such frames" if len(found) > 1 else ""
     text = f"{settings.film}: {size} pixels in a row of frame {first} are blank, those before them are not{more}"
-    cause = (
-        f"pixels of frame {first} were lost: the film was not copied whole, its file was damaged, or the light failed"
-    )
+    cause = f"pixels of frame {first} were lost: the film was not copied whole, was damaged, or the light failed"
     return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
 
 

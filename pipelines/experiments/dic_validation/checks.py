@@ -15,6 +15,7 @@ from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.fall_checks import Fall
+from pipelines.experiments.shared.film_frames import explained
 from pipelines.experiments.shared.judgements import Scene
 
 _GRAVITY = Quantity(9.81, 0.0, "m/s2")

@@ -58,7 +58,7 @@ def _is_exchanged(film: FrameSource) -> bool:
     The shape of a film is a number in its header: pixels below each other look alike at the distance
     of a row, and nowhere near it.
     """
-    count, rows, columns = film.shape
+    _, rows, columns = film.shape
     sound = np.flatnonzero(film.valid) if rows != columns else np.empty(0, int)
     if not sound.size or 2 * rows * columns < 3 * max(rows, columns):
         return False
@@ -79,9 +79,7 @@ def explained(failed: Check) -> Check:
     """Give a step that failed over an exchanged width and height that cause."""
     if _EXCHANGED not in failed.message:
         return failed
-    cause = (
-        "width and height are exchanged in the header of the film: it was edited or written wrongly; export it again"
-    )
+    cause = "width and height are exchanged in the header of the film, which was edited or damaged: export it again"
     return replace(failed, cause=cause)
 
 
