@@ -8,7 +8,7 @@
     ├── ConfigError (3)           session.toml holds one or more mistakes, all listed
     ├── CalibrationError (3)      a calibration record is missing, expired, or for another view
     ├── InputError (3)            a value handed to a function lies outside its domain
-    ├── InstallationError (3)     another distribution replaced a package of ours
+    ├── InstallationError (3)     files of the program are not its own, or not those it began with
     ├── StageError (1)            one step of one experiment failed; the others go on
     ├── StoreError (4)            a stored result is damaged
     └── StorageError (5)          no space, or no permission, to write a result
@@ -21,9 +21,19 @@ from os import PathLike
 
 
 class LabpipeError(Exception):
-    """Root of all errors that labpipe raises on purpose."""
+    """Root of all errors that labpipe raises on purpose.
+
+    Attributes
+    ----------
+    exit_code : int
+        Of the command line.
+    is_of_run : bool
+        Whether the run was stopped by something else than what it was given: such an error says
+        nothing about a record, and the same run may succeed another time.
+    """
 
     exit_code = 1
+    is_of_run = False
 
 
 class UsageError(LabpipeError):
@@ -113,9 +123,10 @@ class ConfigError(LabpipeError):
 
 
 class InstallationError(LabpipeError):
-    """A package of labpipe is not its own: another distribution has replaced or removed it."""
+    """The program is not whole: another distribution has replaced a package, or files were changed under it."""
 
     exit_code = 3
+    is_of_run = True
 
 
 class CalibrationError(LabpipeError):
@@ -131,7 +142,7 @@ class InputError(LabpipeError, ValueError):
 
 
 class StageError(LabpipeError):
-    """One step of one experiment failed.
+    """One step of one experiment could not be made, or gave what no step may give.
 
     Parameters
     ----------
@@ -140,6 +151,8 @@ class StageError(LabpipeError):
     message : str
         What was found, what was expected, what to do.
     """
+
+    is_of_run = True
 
     def __init__(self, experiment: str, stage: str, message: str) -> None:
         self.experiment = experiment
@@ -156,9 +169,11 @@ class StoreError(LabpipeError):
     """A stored result is damaged or does not belong to its key."""
 
     exit_code = 4
+    is_of_run = True
 
 
 class StorageError(LabpipeError):
     """A result could not be written: no space or no permission."""
 
     exit_code = 5
+    is_of_run = True

@@ -264,7 +264,7 @@ class Objective:
         is_fresh, damping, learned = not is_kept, _DAMPING, 0
         for _ in range(_MOST_STEPS):
             surrogate = self._surrogate(xi, rest)
-            trial, promised = surrogate.lowest(damping, None, _BOUND)
+            trial, promised = surrogate.lowest(damping, _BOUND)
             if height - promised < decrease:
                 if is_fresh or is_kept:
                     break

@@ -30,7 +30,7 @@ from labpipe.identification._tangent import Surrogate
 
 _SEED = 20  # fixed: the same draws every time
 _DRAWS = 600
-_MOST_STEPS = 60  # of Newton's method for a draw
+_MOST_STEPS = 300  # of Newton's method for a draw
 _LONGEST = 1.0  # standard coordinate that one of them changes by
 _FARTHEST = 12.0  # standard coordinates: beyond there is no answer
 _SHORTEST = 1e-4  # part of a step that is still tried

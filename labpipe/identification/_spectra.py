@@ -11,8 +11,9 @@ would allow for kinks that no polymer has, and the loss factor at a given freque
 uncertain as they are. Level and long-time modulus are known within a factor of a hundred of a
 polymer's. Nothing else is assumed; where data are silent the answer is the prior.
 
-Rough spectrum. The same, and every term may besides be a few times larger or smaller than its
-neighbours: structure finer than a decade (:mod:`.structure` asks whether the data show any).
+Uneven spectrum. The same with slopes that turn within half a decade: a shoulder or a narrow peak,
+as the steep ends of Havriliak and Negami's dispersions are (:mod:`.structure` asks whether the
+data show any).
 
 Fractional solid (Cole and Cole's; a springpot where its time lies outside the data):
 
@@ -52,16 +53,16 @@ _PER_DECADE = 0.5 * log(10.0)
 coordinates the flanks of spectra are seldom steeper than one to one, which makes two of them."""
 
 _TURN = 2.0
-"""Decades within which the slope of a spectrum forgets itself."""
+"""Decades within which the slope of a smooth spectrum forgets itself."""
 
 _FINE, _COARSE = 2, 1  # terms per decade where data are, and where only the prior speaks
 _MARGIN = 10.0  # the fine grid goes a decade beyond the data
 _QUICKER = 2
 """Decades below the fine grid, one term each: a spectrum that rises towards a glass transition
 reaches into the data from there (its loss modulus falls only as the frequency)."""
-_LUMP = 2.0  # standard deviation of ln of a term of a rough spectrum: a factor of 50 both ways
 _LEAST = 1e-9  # Pa: a term that has fallen to nothing
-_HORIZON = 1e4  # s; "relaxed" is what is left after hours
+HORIZON = 1e9
+"""s; "relaxed" is what is left after thirty years, not after a record."""
 _FRACTIONAL_PER_DECADE = 2
 
 
@@ -102,7 +103,7 @@ def material(spectrum: Spectrum, log_terms: Floats) -> Prony:
     return Prony(float(terms[0]), terms[1:], spectrum.rho, nu=spectrum.nu)
 
 
-def relaxation_times(shortest: float, longest: float, horizon: float = _HORIZON, per_decade: int = _FINE) -> Floats:
+def relaxation_times(shortest: float, longest: float, horizon: float = HORIZON, per_decade: int = _FINE) -> Floats:
     """Choose relaxation times for data that reach from one time to another.
 
     Parameters
@@ -135,21 +136,6 @@ def relaxation_times(shortest: float, longest: float, horizon: float = _HORIZON,
     return np.asarray(10.0 ** np.concatenate([quick, fine, slow]))
 
 
-def one_per_decade(shortest: float, longest: float, phase: float, horizon: float = _HORIZON) -> Floats:
-    """Choose one relaxation time per decade, over the times of :func:`relaxation_times`.
-
-    Parameters
-    ----------
-    shortest, longest, horizon : float [s]
-        As there.
-    phase : float
-        Decades by which all are moved, 0 to 1.
-    """
-    low = log10(shortest / _MARGIN) - _QUICKER + phase
-    high = max(log10(longest * _MARGIN), log10(horizon))
-    return np.asarray(10.0 ** (low + np.arange(ceil(high - low) + 1)))
-
-
 @dataclass(frozen=True, eq=False)
 class SmoothSpectrum:
     """Weights on a grid, of which the logarithm per decade is a random walk.
@@ -160,6 +146,8 @@ class SmoothSpectrum:
         Relaxation times, ascending; at least two.
     nu : float
         Poisson's ratio.
+    turn : float
+        Decades within which its slope forgets itself.
 
     Examples
     --------
@@ -170,6 +158,7 @@ class SmoothSpectrum:
 
     rho: Floats
     nu: float
+    turn: float = _TURN
 
     def __post_init__(self) -> None:
         if self.rho.size < 2 or not np.all(np.diff(self.rho) > 0.0) or not self.rho[0] > 0.0:
@@ -227,12 +216,12 @@ class SmoothSpectrum:
     def _root(self) -> Floats:
         """Root (change, change) of the covariance of the changes: integrals of a slope."""
         decades = np.log10(self.rho)
-        lasting = np.diff(decades) / _TURN
-        middle = 0.5 * (decades[1:] + decades[:-1]) / _TURN
+        lasting = np.diff(decades) / self.turn
+        middle = 0.5 * (decades[1:] + decades[:-1]) / self.turn
         apart = np.exp(-np.abs(middle[:, None] - middle))
         covariance = 4.0 * np.outer(np.sinh(lasting / 2.0), np.sinh(lasting / 2.0)) * apart
         np.fill_diagonal(covariance, _variance(lasting))
-        scale = _PER_DECADE / np.sqrt(_variance(np.array(1.0 / _TURN)))
+        scale = _PER_DECADE / np.sqrt(_variance(np.array(1.0 / self.turn)))
         return np.asarray(scale * np.linalg.cholesky(covariance))
 
     @cached_property
@@ -269,58 +258,6 @@ class SmoothSpectrum:
         return np.asarray(np.linalg.solve(self._by_xi, terms - here))
 
 
-@dataclass(frozen=True, eq=False)
-class RoughSpectrum:
-    """A smooth spectrum of which every term may differ from its neighbours.
-
-    Attributes
-    ----------
-    smooth : SmoothSpectrum
-        About which the terms scatter.
-    """
-
-    smooth: SmoothSpectrum
-
-    @property
-    def rho(self) -> Floats:
-        """Relaxation times (term,) in s."""
-        return self.smooth.rho
-
-    @property
-    def nu(self) -> float:
-        """Poisson's ratio."""
-        return self.smooth.nu
-
-    @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Those of the smooth spectrum, then one per term."""
-        lumps = (
-            Parameter(f"lump {i + 1}", 0.0, _LUMP, "1", f"ln of the term at {rho:.2g} s over the smooth spectrum")
-            for i, rho in enumerate(self.rho.tolist())
-        )
-        return (*self.smooth.parameters, *lumps)
-
-    def log_terms(self, xi: Floats) -> Floats:
-        """Return ln of (E_relaxed, E_1, ..., E_n) in Pa."""
-        n = len(self.smooth.parameters)
-        terms = self.smooth.log_terms(xi[:n])
-        terms[1:] += _LUMP * xi[n:]
-        return terms
-
-    def slopes(self, xi: Floats) -> Floats:
-        """Return the derivative (1 + term, parameter); the map is linear."""
-        lumps = np.vstack([np.zeros(self.rho.size), _LUMP * np.eye(self.rho.size)])
-        return np.hstack([self.smooth.slopes(xi), lumps])
-
-    def start(self, modulus: float, loss: float) -> Floats:
-        """Return a flat spectrum without lumps."""
-        return np.append(self.smooth.start(modulus, loss), np.zeros(self.rho.size))
-
-    def coordinates_of(self, solid: Prony) -> Floats:
-        """Return coordinates of a spectrum without lumps that goes as another series does."""
-        return np.append(self.smooth.coordinates_of(solid), np.zeros(self.rho.size))
-
-
 def _variance(lasting: Floats) -> Floats:
     """Return the variance of a slope's integral over a time, both in units of its memory."""
     return np.asarray(2.0 * (lasting + np.expm1(-lasting)))
@@ -347,7 +284,7 @@ class FractionalSpectrum:
     @classmethod
     def over(cls, shortest: float, longest: float, nu: float) -> "FractionalSpectrum":
         """Choose the grid for data between two times [s]; it goes two decades beyond them."""
-        low, high = log10(shortest) - 2.0, max(log10(longest) + 2.0, log10(_HORIZON))
+        low, high = log10(shortest) - 2.0, max(log10(longest) + 2.0, log10(HORIZON))
         count = ceil((high - low) * _FRACTIONAL_PER_DECADE) + 1
         return cls(np.logspace(low, high, count), nu, float(np.sqrt(shortest * longest)))
 

@@ -1,15 +1,15 @@
-r"""The structure of a spectrum (smooth, one term per decade, rough), and the average over it.
+r"""How uneven a spectrum is, and the average over it.
 
-Published series mostly have one term per decade, polymers have smooth spectra, and short series
-that were fitted have whatever terms a fit gave them. Storage and loss modulus of a series with one
-term per decade wave about those of a smooth spectrum by 4 % of the loss modulus (Poisson's
-formula), so that an answer depends on which of them is true. Here each is a candidate: the smooth
-spectrum, one term per decade at any of 24 places, and a spectrum of which every term stands for
-itself. Their probability after the data is that of Laplace's approximation to the evidence,
+Spectra of polymers are smooth: broad dispersions that overlap. Some have a shoulder or a narrow
+peak, or end steeply. How soon a slope may turn decides what the moduli between two readings and
+beyond the last one can be, so that an answer depends on it. Each is a candidate: the smooth spectrum, and an
+uneven one whose slope turns within half a decade. (A series of single terms is neither, and no
+polymer has one; recorded from one, a misfit remains and is said.) Their probability after the data is
+that of Laplace's approximation to the evidence,
 
 .. math:: \ln Z = -\tfrac12 |R(\hat\xi)|^2 - \tfrac12 \ln\det(J^\top J + 1),
 
-and a modulus is averaged over all of them with their posterior probabilities.
+and a modulus is averaged over both with their posterior probabilities.
 
 A candidate takes no run of a simulator: what the numbers do with a term of any time is known from
 the derivatives at one point (:mod:`.tangent`).
@@ -23,7 +23,7 @@ doi:10.1214/ss/1009212519.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import log
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,21 +33,16 @@ from labpipe.identification._evidence import Evidence
 from labpipe.identification._fit import Fit, Objective, fit, laplace
 from labpipe.identification._posterior import Posterior, Structure, posterior
 from labpipe.identification._problem import Problem
-from labpipe.identification._spectra import RoughSpectrum, SmoothSpectrum, one_per_decade, relaxation_times
+from labpipe.identification._spectra import SmoothSpectrum, relaxation_times
 from labpipe.identification._tangent import Surrogate
 from labpipe.materials import Prony
 
 Rebuilt = Callable[[Floats], tuple[Evidence, ...]]
 
-SMOOTH, SPACED, ROUGH = "smooth", "one term per decade", "rough"
-STRUCTURE_PRIORS = {SMOOTH: 0.5, SPACED: 0.25, ROUGH: 0.25}
+SMOOTH, UNEVEN = "smooth", "uneven"
+STRUCTURE_PRIORS = {SMOOTH: 0.5, UNEVEN: 0.5}
 """Probabilities before the data."""
-_PLACES = 24
-"""Of a series with one term per decade: a tenth of a decade would show in forces of 0.2 %."""
-_CUT, _FINER, _ALONE = 8, 3, 0.5
-"""Where one place has more than half of their probability its surroundings are cut into eighths, at
-most three times: between two places precise readings would fit none."""
-_ROUGH_PER_DECADE = 8
+_UNEVEN_PER_DECADE, _UNEVEN_TURN = 4, 0.5
 _LEAST_DAMPING, _BOUND = 1e-9, 6.0
 _NEGLIGIBLE = 1e-4  # probability of a candidate that is not kept
 
@@ -115,49 +110,23 @@ def structures(found: Fit, rebuilt: Rebuilt, begin: Prony) -> tuple[Structure, .
     data = min(w[0] for w in windows), max(w[1] for w in windows)
     nu = found.problem.spectrum.nu
 
-    def on(rho: Floats) -> SmoothSpectrum:
-        return SmoothSpectrum(rho, nu)
-
-    def spaced(places: NDArray[np.floating[Any]], before: float) -> list[_Candidate]:
-        return [_Candidate(SPACED, on(one_per_decade(*data, p)), before, p) for p in places.tolist()]
-
-    fine = relaxation_times(*data, per_decade=_ROUGH_PER_DECADE)
-    step, before = 1.0 / _PLACES, STRUCTURE_PRIORS[SPACED] / _PLACES
-    made = _weighed(
-        found,
-        rebuilt,
-        begin,
-        [
-            _Candidate(SMOOTH, on(relaxation_times(*data)), STRUCTURE_PRIORS[SMOOTH]),
-            _Candidate(ROUGH, RoughSpectrum(on(fine)), STRUCTURE_PRIORS[ROUGH]),
-            *spaced(step * np.arange(_PLACES, dtype=float), before),
-        ],
-    )
-    for _ in range(_FINER):
-        best = max((m for m in made if m.asked.name == SPACED), key=lambda one: one.logarithm)
-        if _share(made, best) < _ALONE:
-            break
-        # precise readings know the place of the terms better than to a step
-        step, before = step / _CUT, before / _CUT
-        made = [one for one in made if one.asked.name != SPACED] + _weighed(
-            found, rebuilt, begin, spaced(best.asked.place + step * np.arange(-_CUT, _CUT + 1.0), before)
-        )
-    return _probable(made)
+    candidates = [
+        _Candidate(SMOOTH, SmoothSpectrum(relaxation_times(*data), nu)),
+        _Candidate(UNEVEN, SmoothSpectrum(relaxation_times(*data, per_decade=_UNEVEN_PER_DECADE), nu, _UNEVEN_TURN)),
+    ]
+    return _probable(_weighed(found, rebuilt, begin, candidates))
 
 
 class _Candidate(NamedTuple):
-    """Name, spectrum, probability before the data, place of the terms in decades."""
+    """Name and spectrum."""
 
     name: str
-    spectrum: SmoothSpectrum | RoughSpectrum
-    before: float
-    place: float = 0.0
+    spectrum: SmoothSpectrum
 
 
 class _Weighed(NamedTuple):
-    """A candidate, the logarithm of its evidence, and what it says."""
+    """The logarithm of a candidate's evidence, and what it says."""
 
-    asked: _Candidate
     logarithm: float
     found: Structure
 
@@ -167,18 +136,12 @@ def _weighed(found: Fit, rebuilt: Rebuilt, begin: Prony, candidates: list[_Candi
     made = []
     for each in candidates:
         surrogate = tangent.surrogate(each.spectrum, each.spectrum.coordinates_of(begin))
-        xi, cost = surrogate.lowest(_LEAST_DAMPING, None, _BOUND)
+        xi, cost = surrogate.lowest(_LEAST_DAMPING, _BOUND)
         covariance, size = laplace(surrogate.jacobian(xi))
-        logarithm = log(each.before) - cost - 0.5 * size
+        logarithm = log(STRUCTURE_PRIORS[each.name]) - cost - 0.5 * size
         structure = Structure(each.name, each.spectrum, xi, covariance, 0.0)
-        made.append(_Weighed(each, logarithm, structure))
+        made.append(_Weighed(logarithm, structure))
     return made
-
-
-def _share(made: list[_Weighed], best: _Weighed) -> float:
-    """Return the probability of the best among those of its name."""
-    alike = [one.logarithm - best.logarithm for one in made if one.asked.name == best.asked.name]
-    return 1.0 / float(np.exp(alike).sum())
 
 
 def _probable(made: list[_Weighed]) -> tuple[Structure, ...]:
@@ -235,7 +198,7 @@ class _Anywhere:
         own = by_terms[:, _columns(rho, problem.spectrum.rho)] @ terms
         return cls(found, rho, base.rest, by_terms, base.by_values, own)
 
-    def surrogate(self, spectrum: SmoothSpectrum | RoughSpectrum, material: Floats) -> Surrogate:
+    def surrogate(self, spectrum: SmoothSpectrum, material: Floats) -> Surrogate:
         """Return the surrogate of a candidate about some coordinates of its material."""
         problem, xi = self.found.problem, self.found.xi
         own = replace(problem, spectrum=spectrum)

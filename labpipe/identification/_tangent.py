@@ -138,45 +138,32 @@ class Surrogate:
         own = [p.slope(x) for p, x in zip(self.problem.nuisances, xi[n:].tolist(), strict=True)]
         return np.hstack([self.by_terms @ slopes, self.by_values * np.array(own)])
 
-    def lowest(
-        self, damping: float, held: int | None, bound: float, begin: Floats | None = None, belief: float = 1.0
-    ) -> tuple[Floats, float]:
+    def lowest(self, damping: float, bound: float) -> tuple[Floats, float]:
         """Return where the surrogate's cost is least, and that cost.
 
         Parameters
         ----------
         damping : float
             Weight of half the squared way from the point.
-        held : int, optional
-            Unknown that stays where it is, and whose prior does not count.
         bound : float
             Within which standard coordinates stay.
-        begin : array (parameter,), optional
-            Where to begin, the point itself by default.
-        belief : float
-            Weight of the prior of the material.
         """
-        xi, own = self.at if begin is None else begin, np.ones(self.at.size)
-        own[: self.problem.n_material] = belief
-        if held is not None:
-            own[held] = 0.0
+        xi = self.at
         rest, rows = self.rows(xi)
-        height, brake = self._height(xi, rest, own, damping), _BRAKE
+        height, brake = self._height(xi, rest, damping), _BRAKE
         for _ in range(_MOST_STEPS):
-            pull = own * xi + damping * (xi - self.at)
+            pull = xi + damping * (xi - self.at)
             gradient = rows.T @ rest + pull
             # what leans against its bound stays there, or the others could not move past it
             stays = (np.abs(xi) >= bound) & (np.sign(xi) == -np.sign(gradient))
-            if held is not None:
-                stays[held] = True
             free = np.flatnonzero(~stays)
             while brake < _MOST_BRAKE:
                 step = np.zeros(xi.size)
-                stiff = np.sqrt((own + damping + brake)[free])
+                stiff = np.full(free.size, np.sqrt(1.0 + damping + brake))
                 step[free] = -_least(rows[:, free], rest, stiff, pull[free])
                 trial = np.clip(xi + step, -bound, bound)
                 found, slopes = self.rows(trial)
-                new = self._height(trial, found, own, damping)
+                new = self._height(trial, found, damping)
                 if new < height:
                     break
                 brake *= _WORSE
@@ -186,11 +173,11 @@ class Surrogate:
             xi, rest, rows, height, brake = trial, found, slopes, new, max(brake * _BETTER, 1e-12)
             if gained < _ENOUGH and brake < _FREE:
                 break
-        return xi, self._height(xi, rest, own, 0.0)
+        return xi, self._height(xi, rest, 0.0)
 
-    def _height(self, xi: Floats, rest: Floats, own: Floats, damping: float) -> float:
+    def _height(self, xi: Floats, rest: Floats, damping: float) -> float:
         way = xi - self.at
-        return 0.5 * float(rest @ rest + own * xi @ xi + damping * way @ way)
+        return 0.5 * float(rest @ rest + xi @ xi + damping * way @ way)
 
     def terms(self, xi: Floats) -> Floats:
         """Return (E_relaxed, E) in Pa (1 + term,) at a point."""

@@ -24,6 +24,7 @@ from labpipe.judging._checks import (
     compared,
     not_made,
     stated,
+    unfinished,
 )
 from labpipe.judging._detectability import detectable
 from labpipe.judging._suspects import Suspect, suspects
@@ -55,4 +56,5 @@ __all__ = [
     "stated",
     "suspects",
     "to_json",
+    "unfinished",
 ]

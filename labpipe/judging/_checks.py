@@ -233,6 +233,11 @@ def not_made(name: str, law: str, needs: str) -> Check:
     return Check(name, law, "", needs=needs)
 
 
+def unfinished(name: str, law: str, message: str, cause: str) -> Check:
+    """Return a check that could not be made because the run was stopped; it is told as a note."""
+    return Check(name, law, message, "note", needs="a run that was not stopped", cause=cause)
+
+
 def _as_normal(t: float, degrees_of_freedom: float) -> float:
     """Return the normal deviate that is as unlikely as a deviate of Student's distribution."""
     if degrees_of_freedom == inf:

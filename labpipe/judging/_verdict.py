@@ -20,7 +20,7 @@ class Judgement:
     Attributes
     ----------
     believable : "yes", "doubtful", "impossible" or "unknown"
-        Unknown when no check could be made.
+        Unknown when no check could be made, or when nothing was found by a run that was stopped.
     checks : tuple of Check
         All of them, those that could not be made too.
     causes : tuple of str
@@ -75,7 +75,7 @@ def judge(checks: Sequence[Check], causes: Sequence[Cause] = ()) -> Judgement:
         believable = "impossible"
     elif "doubtful" in levels:
         believable = "doubtful"
-    elif not any(c.is_made for c in checks):
+    elif not any(c.is_made for c in checks) or any(c.level is not None and not c.is_made for c in checks):
         believable = "unknown"
     own = [c.cause for c in explained if c.cause and c.level is not None]
     sentences = dict.fromkeys([*(e.sentence for e in ranked), *own])

@@ -36,6 +36,13 @@ _OURS = ("work", "provenance")
 """Attributes that belong to one result and must not travel into the next one made of it."""
 
 
+class Failure(NamedTuple):
+    """Why a task gave no result, and whether the run was at fault rather than what it was given."""
+
+    text: str
+    is_of_run: bool = False
+
+
 @dataclass(frozen=True, slots=True)
 class Job:
     """What a worker is told: the session, the experiment, and the tasks wanted of it.
@@ -53,7 +60,7 @@ class Job:
     keep: bool | None
     fail_fast: bool
     program: Mapping[str, Any]
-    failures: Mapping[TaskId, str]
+    failures: Mapping[TaskId, Failure]
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +68,8 @@ class Outcome:
     """How one task ended: ``done``, ``cached``, ``kept``, ``failed`` or ``skipped``.
 
     ``key`` finds the result in the store (None where there is none). ``message`` says why there
-    is none; ``exit_code`` and ``error`` (the class) tell what went wrong, ``details`` where.
+    is none; ``exit_code`` and ``error`` (the class) tell what went wrong, ``details`` where;
+    ``is_of_run`` that the run was at fault, which tells nothing about what was recorded.
     ``seconds`` passed on the clock, ``processor_seconds`` on all cores of this process.
     """
 
@@ -76,6 +84,7 @@ class Outcome:
     details: str = ""
     seconds: float = 0.0
     processor_seconds: float = 0.0
+    is_of_run: bool = False
 
     @property
     def task(self) -> TaskId:
@@ -144,7 +153,7 @@ def run_job(job: Job, emit: Emit) -> None:
         # Outside a task, as when the lock or the list of last keys cannot be written.
         for task in sorted(job.wanted - ended, key=str):
             kind = type(error).__name__
-            emit("ended", Outcome(*task, FAILED, None, str(error), error.exit_code, kind))
+            emit("ended", Outcome(*task, FAILED, None, str(error), error.exit_code, kind, is_of_run=error.is_of_run))
 
 
 def _attempts(job: Job, emit: Emit) -> None:
@@ -188,7 +197,7 @@ class _Run:
     plan: Plan
     emit: Emit
     retried: frozenset[TaskId]
-    failures: dict[TaskId, str]
+    failures: dict[TaskId, Failure]
     stopped: bool = field(default=False)
     passed: dict[TaskId, Any] = field(default_factory=dict)
 
@@ -203,13 +212,14 @@ class _Run:
                 continue
             outcome = self._one(self.plan.tasks[row.task])
             if outcome.state in (FAILED, SKIPPED):
-                self.failures[row.task] = outcome.message
+                self.failures[row.task] = Failure(outcome.message, outcome.is_of_run)
                 self.stopped |= self.job.fail_fast
             self.emit("ended", outcome)
 
     def _one(self, task: Task) -> Outcome:
         if task.id in self.job.failures:
-            return Outcome(*task.id, FAILED, message=self.job.failures[task.id], exit_code=1)
+            text, is_of_run = self.job.failures[task.id]
+            return Outcome(*task.id, FAILED, message=text, exit_code=1, is_of_run=is_of_run)
         if self.stopped:
             return Outcome(*task.id, SKIPPED, message="stopped after the first failure")
         missing = self._missing(task)
@@ -243,6 +253,7 @@ class _Run:
             details=details,
             seconds=seconds,
             processor_seconds=processor,
+            is_of_run=isinstance(error, LabpipeError) and error.is_of_run,
         )
 
     def _missing(self, task: Task) -> list[TaskId]:
@@ -252,7 +263,7 @@ class _Run:
             if name.experiment == self.job.experiment or name in self.failures:
                 continue
             if value is None or self.store.state(value) != "stored":
-                self.failures[name] = f"{name} gave no result"
+                self.failures[name] = Failure(f"{name} gave no result")
         return [name for name in task.before if name in self.failures]
 
     def _relative(self, text: str) -> str:
@@ -325,7 +336,9 @@ class _Run:
                     raise _StartAgain(task.id)
                 hint = "wait until it is complete, or copy it here first, and run again"
                 message = "still being written: its content changed while it was read"
-                raise SourceError(known["name"], message, hint=hint)
+                error = SourceError(known["name"], message, hint=hint)
+                error.is_of_run = True  # the same file may be whole the next time
+                raise error
 
     def _argument(self, task: Task, argument: Argument) -> Any:
         values: list[Any]
@@ -433,7 +446,7 @@ class _Run:
                 for w in record.warnings
             ),
             failures=tuple(
-                Failed(_stage_name(task, name), name.recording, self.failures[name])
+                Failed(_stage_name(task, name), name.recording, *self.failures[name])
                 for name in behind
                 if name in self.failures
             ),

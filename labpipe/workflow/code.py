@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from labpipe import files
-from labpipe.errors import InputError, SourceError, StorageError
+from labpipe.errors import InstallationError, SourceError, StorageError
 from labpipe.workflow._definitions import OURS, Module, joined, short
 
 _ENDINGS = (*importlib.machinery.EXTENSION_SUFFIXES, ".py", ".pyc")
@@ -242,14 +242,14 @@ class Code:
 
         Raises
         ------
-        InputError
+        InstallationError
             The file of one was changed while the program ran.
         """
         for path, stamp in self._files(modules).items():
             is_known = max(stamp.modified, stamp.changed) < _BORN or _awaited.get(path) == stamp
             if not is_known or _stamp(Path(path).stat()) != stamp:
                 message = f"{path} was changed while this program ran; start it again"
-                raise InputError(message)
+                raise InstallationError(message)
 
     def _files(self, modules: Iterable[str]) -> dict[str, Stamp]:
         """Files of modules."""

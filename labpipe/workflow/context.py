@@ -34,11 +34,15 @@ class Warned:
 
 @dataclass(frozen=True, slots=True)
 class Failed:
-    """A stage before the page that gave no result, and why."""
+    """A stage before the page that gave no result, and why.
+
+    ``is_of_run`` says that the run was at fault, which tells nothing about what was recorded.
+    """
 
     stage: str
     recording: str | None
     text: str
+    is_of_run: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from labpipe.schema import Schema
 from labpipe.workflow import engines, provenance
 from labpipe.workflow._ledger import LedgerRow, summarise
 from labpipe.workflow._log import LOG
-from labpipe.workflow._worker import DONE, FAILED, SKIPPED, WORK, Job, Outcome, check_schemas
+from labpipe.workflow._worker import DONE, FAILED, SKIPPED, WORK, Failure, Job, Outcome, check_schemas
 from labpipe.workflow.engines import Call, Crew, Died
 from labpipe.workflow.plan import READY, Plan, make_plan, page_name, wanted_tasks
 from labpipe.workflow.results import Results, read
@@ -469,7 +469,7 @@ class _State:
         else:
             for row in self.plan.to_run:
                 if row.experiment == experiment and row.task not in self.outcomes:
-                    self.tell("ended", Outcome(*row.task, FAILED, message=how, exit_code=1))
+                    self.tell("ended", Outcome(*row.task, FAILED, message=how, exit_code=1, is_of_run=True))
 
     def _needs(self) -> dict[str, set[str]]:
         """Experiments to run, in order, each with those that must end before it."""
@@ -482,7 +482,7 @@ class _State:
     def _job(self, experiment: str, killed: Mapping[TaskId, str]) -> Job:
         """Make the job of an experiment, with what has failed in others or killed its workers."""
         known = {
-            o.task: o.message
+            o.task: Failure(o.message, o.is_of_run)
             for o in self.outcomes.values()
             if o.state in (FAILED, SKIPPED) and o.experiment != experiment
         }
@@ -490,7 +490,7 @@ class _State:
             self.template,
             experiment=experiment,
             wanted=frozenset(r.task for r in self.plan.rows if r.experiment == experiment),
-            failures=known | dict(killed),
+            failures=known | {task: Failure(how, is_of_run=True) for task, how in killed.items()},
         )
 
     def _imports(self) -> tuple[str, ...]:

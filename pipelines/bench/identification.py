@@ -1,11 +1,11 @@
 """Identification of random known materials: bias, coverage, width of intervals.
 
-Truths come by a way of their own. A spectrum is the sum of three dispersions of Cole and Cole,
-drawn from what is published of polymers, with six terms per decade or one, on no grid of the fit;
-forces of a hold come from the closed form of a ramp, bounces from the virtual rig's dense
-reference. Every error that the problem leaves unknown (gain, tare, height, mass, radius,
-trigger) is drawn from what is stated of it. The Cramér–Rao bound is that of Bayes (van Trees):
-the inverse of the data's information and that of the prior.
+Truths come by a way of their own, and not from the prior: fractional solids (Cole and Cole's, Havriliak
+and Negami's) with orders and strengths as published of polymers, which no sum of exponentials
+equals. Forces of a hold come from the exact mean of the relaxation function over a ramp, bounces from the
+virtual rig's dense reference. Every error that the problem leaves unknown (gain, tare, height, mass,
+radius, trigger) is drawn from what is stated of it. The Cramér–Rao bound is that of Bayes (van
+Trees): the inverse of the data's information and that of the prior.
 """
 
 import time as clock
@@ -27,14 +27,13 @@ from labpipe.identification import (
     force_evidence,
     infer,
     lee_radok_basis,
+    long_time_modulus,
     moduli,
-    profile,
     relaxation_times,
 )
-from labpipe.materials import Prony
 from pipelines.bench.measure import Point, Suite
 from pipelines.rig.reference_drop import CONTACT_STEP, reference_drop
-from pipelines.rig.solids import solid_of
+from pipelines.rig.solids import Element, Viscoelastic
 
 _Range = tuple[float, float]
 
@@ -48,8 +47,7 @@ _RADIUS, _MASS, _HEIGHT = 9.525e-3, 0.505, 1.5e-3
 _U_RADIUS, _U_MASS, _U_HEIGHT = 5e-6, 5e-4, 5e-6
 _U_TOUCH, _U_DURATION = 5e-6, 9e-6  # s
 _BOUNCES, _RECORD = 6, 0.26  # s
-_PER_DECADE = 6  # terms of a truth
-_OMEGA = 2.0 * np.pi * 1e3  # rad/s
+_CONTACT = 1e3  # Hz, about that of an impact
 
 
 class Trial(NamedTuple):
@@ -63,47 +61,45 @@ class Trial(NamedTuple):
     seconds: float
 
 
-def random_solid(seed: int, *, is_rubber: bool) -> Prony:
+def random_solid(seed: int, *, is_rubber: bool) -> Viscoelastic:
     """Draw a polymer: a rubber of some megapascals or a glass of some gigapascals.
 
     A glass has three secondary dispersions, the loss factor at 1 kHz lies between 0.01 and 0.08; a
-    rubber has its glass transition far below a millisecond and two slow dispersions. Even seeds are
-    smooth, with six terms per decade; odd ones have one, as the bundled materials and most
-    published series do, whose loss factor goes in waves of five per cent.
+    rubber has its glass transition far below a millisecond and two slow dispersions. Those of even
+    seeds are symmetric (Cole and Cole's); those of odd ones end steeply on one side, as Havriliak and Negami's.
     """
     rng = np.random.default_rng(seed)
-    step = 1.0 / _PER_DECADE if is_smooth(seed) else 1.0
-    rho = 10.0 ** (np.arange(-10.0, 5.0, step) + rng.uniform(0.0, step))
+    is_skewed = not is_symmetric(seed)
     if is_rubber:
         relaxed = 10.0 ** rng.uniform(6.3, 7.5)
-        shape = _dispersion(rho, rng, (-9.0, -5.0), (1.5, 2.5))
-        for _ in range(2):
-            shape += _dispersion(rho, rng, (-3.0, 3.0), (-1.5, -0.3))
-        return Prony(relaxed, relaxed * shape, rho, nu=0.5)
+        glass = _dispersion(relaxed, rng, (-9.0, -5.0), (1.5, 2.5), is_skewed=is_skewed)
+        slow = [_dispersion(relaxed, rng, (-3.0, 3.0), (-1.5, -0.3), is_skewed=is_skewed) for _ in range(2)]
+        return Viscoelastic((glass, *slow), relaxed, 0.5)
     relaxed = 10.0 ** rng.uniform(8.8, 9.5)
     while True:
-        parts = [_dispersion(rho, rng, (-8.0, 2.0), (-1.5, 0.0)) for _ in range(3)]
-        solid = Prony(relaxed, relaxed * np.sum(parts, axis=0), rho, nu=0.35)
-        modulus = complex(solid.complex_modulus(np.array([_OMEGA]))[0])
+        parts = [_dispersion(relaxed, rng, (-8.0, 2.0), (-1.5, 0.0), is_skewed=is_skewed) for _ in range(3)]
+        solid = Viscoelastic(tuple(parts), relaxed, 0.35)
+        modulus = complex(solid.modulus(_CONTACT))
         if 0.01 < modulus.imag / modulus.real < 0.08:
             return solid
 
 
-def is_smooth(seed: int) -> bool:
-    """Tell whether the polymer of a seed has a smooth spectrum, or one term per decade."""
+def is_symmetric(seed: int) -> bool:
+    """Tell whether the dispersions of the polymer of a seed are symmetric."""
     return seed % 2 == 0
 
 
-def _dispersion(rho: Floats, rng: np.random.Generator, centres: _Range, strengths: _Range) -> Floats:
-    """Return weights (term,) of a random dispersion of Cole and Cole over the long-time modulus.
+def _dispersion(
+    relaxed: float, rng: np.random.Generator, centres: _Range, strengths: _Range, *, is_skewed: bool
+) -> Element:
+    """Return a random dispersion; centres and strengths over ``relaxed`` are decadic logarithms.
 
-    Centres and strengths are decadic logarithms; secondary and primary dispersions of polymers
-    have orders of 0.2 to 0.6.
+    Secondary and primary dispersions of polymers have orders of 0.2 to 0.6; skewed ones are drawn
+    a little broader on their other side.
     """
-    order = rng.uniform(0.2, 0.6)
-    x = order * np.log(rho / 10.0 ** rng.uniform(*centres))
-    spectrum = np.sin(np.pi * order) / (np.cosh(x) + np.cos(np.pi * order)) / (2.0 * np.pi)
-    return np.asarray(10.0 ** rng.uniform(*strengths) * np.gradient(np.log(rho)) * spectrum)
+    order, skew = rng.uniform(0.2, 0.6), rng.uniform(0.3, 0.8)
+    time, strength = 10.0 ** rng.uniform(*centres), relaxed * 10.0 ** rng.uniform(*strengths)
+    return Element(strength, time, min(order / skew**0.5, 0.8), skew) if is_skewed else Element(strength, time, order)
 
 
 def run(quick: bool) -> Suite:
@@ -135,12 +131,12 @@ def run(quick: bool) -> Suite:
 
 
 def _both_kinds(name: str, trials: list[Trial]) -> list[Point]:
-    """Return the points of all truths, and those of smooth spectra and of coarse series apart."""
-    smooth = [t for i, t in enumerate(trials) if is_smooth(_SEED + i)]
-    coarse = [t for i, t in enumerate(trials) if not is_smooth(_SEED + i)]
+    """Return the points of all truths, and those of symmetric and of skewed dispersions apart."""
+    symmetric = [t for i, t in enumerate(trials) if is_symmetric(_SEED + i)]
+    skewed = [t for i, t in enumerate(trials) if not is_symmetric(_SEED + i)]
     return [
-        *_moduli_points(f"{name}, smooth spectra", smooth),
-        *_moduli_points(f"{name}, one term per decade", coarse),
+        *_moduli_points(f"{name}, symmetric dispersions", symmetric),
+        *_moduli_points(f"{name}, skewed dispersions", skewed),
         *_points(name, trials),
     ]
 
@@ -194,9 +190,8 @@ def hold_trial(seed: int) -> Trial:
     solid = random_solid(seed, is_rubber=True)
     rng = np.random.default_rng(seed + 1)
     lag = np.geomspace(0.2, _HOLD, 42)
-    clean = np.full(lag.size, solid.E_relaxed)
-    for weight, rho in zip(solid.E.tolist(), solid.rho.tolist(), strict=True):
-        clean += weight * rho / _RAMP * np.exp(-lag / rho) * -np.expm1(-_RAMP / rho)
+    end = lag + _RAMP
+    clean = (end * solid.mean_relaxation(end) - lag * solid.mean_relaxation(lag)) / _RAMP
     clean *= _AREA / (1.0 - solid.nu**2)
     u = _NOISE * clean
     force = clean * (1.0 + _GAIN * rng.standard_normal()) + _TARE * rng.standard_normal()
@@ -226,7 +221,7 @@ def drop_trial(seed: int) -> Trial:
     radius, mass, height = (
         best + u * rng.standard_normal() for best, u in ((_RADIUS, _U_RADIUS), (_MASS, _U_MASS), (_HEIGHT, _U_HEIGHT))
     )
-    made = reference_drop(solid_of(solid), radius=radius, mass=mass, height=height, duration=_RECORD)
+    made = reference_drop(solid, radius=radius, mass=mass, height=height, duration=_RECORD)
     count = min(_BOUNCES + 1, made.liftoff.size)
     touch = made.touch[:count] + _U_TOUCH * rng.standard_normal(count)
     # the reference tells the end of the step in which the sphere left
@@ -254,13 +249,13 @@ def drop_trial(seed: int) -> Trial:
 
 
 def _trial(
-    problem: Problem, rebuilt: Callable[[Floats], tuple[Evidence, ...]], solid: Prony, frequency: Floats
+    problem: Problem, rebuilt: Callable[[Floats], tuple[Evidence, ...]], solid: Viscoelastic, frequency: Floats
 ) -> Trial:
     started = clock.perf_counter()
     known = infer(problem, rebuilt)
     seconds = clock.perf_counter() - started
     found = moduli(known, frequency)
-    exact = solid.complex_modulus(2.0 * np.pi * frequency)
+    exact = solid.modulus(frequency)
     bounds = np.sqrt(np.diag(known.covariance_of(found.derivatives)))
     deviation, width, bound = {}, {}, {}
     names = [f" at {f:.3g} Hz" for f in frequency] if frequency.size > 1 else [" of the contact"]
@@ -278,6 +273,6 @@ def _trial(
             deviation[text + at] = float(np.log(value / true) / u)
             width[text + at] = float(u)
             bound[text + at] = float(least)
-    relaxed = profile(known, 0)
-    is_right = relaxed.low <= solid.E_relaxed <= relaxed.high
+    relaxed = long_time_modulus(known)
+    is_right = relaxed.low <= solid.relaxed <= relaxed.high
     return Trial(deviation, width, bound, relaxed.verdict, is_right, seconds)

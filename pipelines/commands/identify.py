@@ -35,9 +35,6 @@ from pipelines.commands.options import echo, echo_json, jobs_option, json_option
     help="Number of bounces of a drop that are evaluated.",
 )
 @click.option(
-    "--no-profile", is_flag=True, help="Do not examine whether the data determine the long-time modulus (faster)."
-)
-@click.option(
     "--sampler",
     type=click.Choice(["laplace", "rto"]),
     default="laplace",
@@ -47,7 +44,7 @@ from pipelines.commands.options import echo, echo_json, jobs_option, json_option
 @jobs_option
 @json_option
 def identify(session: Path, experiments: tuple[str, ...], prior: str | None,
-             spectrum: Literal["smooth", "fractional"], impacts: int, no_profile: bool,
+             spectrum: Literal["smooth", "fractional"], impacts: int,
              sampler: Literal["laplace", "rto"], jobs: int, as_json: bool,
              ) -> None:  # fmt: skip
     r"""Identify the viscoelastic materials of the experiments in SESSION, with credible intervals.
@@ -66,7 +63,7 @@ def identify(session: Path, experiments: tuple[str, ...], prior: str | None,
 
     found = verb(
         session, experiments, prior=prior, spectrum=spectrum, impacts=impacts,
-        profile=not no_profile, sampler=sampler, jobs=jobs, say=_say,
+        sampler=sampler, jobs=jobs, say=_say,
     )  # fmt: skip
     if as_json:
         echo_json(found.documents())

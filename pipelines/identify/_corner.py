@@ -26,14 +26,14 @@ class MainQuantities:
     Attributes
     ----------
     names : tuple of str
-        With units, in lines: lg E_relaxed, storage modulus and loss factor where they are known
-        best, and unknowns of the experiments.
+        With units, in lines: storage modulus and loss factor where they are known best, and
+        unknowns of the experiments.
     centre, covariance : array (n,), array (n, n)
         Unknowns of the experiments in standard deviations of their prior.
     curve : Moduli
         Modulus and loss factor, at one frequency.
     numbers : tuple of int
-        Of the unknowns shown, E_relaxed first.
+        Of the unknowns shown.
     """
 
     names: tuple[str, ...]
@@ -46,11 +46,9 @@ class MainQuantities:
         """Return them for every draw (draw, n) of the posterior."""
         if found.drawn is None:
             return np.empty((0, len(self.names)))
-        problem, draws = found.known.fit.problem, found.drawn.draws
-        relaxed = problem.parameters[0]
+        draws = found.drawn.draws
         storage, loss = sampled_moduli(found.drawn, found.known, self.curve)
-        first = np.log10([relaxed.value(x) for x in draws[:, 0].tolist()])
-        return np.column_stack([first, storage / 1e6, loss, draws[:, list(self.numbers[1:])]])
+        return np.column_stack([storage / 1e6, loss, draws[:, list(self.numbers)]])
 
 
 def best_frequency(found: Identified) -> float:
@@ -75,23 +73,21 @@ def main_quantities(found: Identified) -> MainQuantities:
     frequency = best_frequency(found)
     curve = moduli(known, np.array([frequency]))
     at, loss = float(curve.storage[0]), float(curve.loss_factor[0])
-    by_xi = np.zeros((3, xi.size))
-    by_xi[0, 0] = parameters[0].sd / np.log(10.0)
-    by_xi[1:] = curve.derivatives * np.array([[at / 1e6], [loss]])
-    chosen = _related(found, by_xi[1:])
+    by_xi = curve.derivatives * np.array([[at / 1e6], [loss]])
+    chosen = _related(found, by_xi)
     by_xi = np.vstack([by_xi, np.eye(xi.size)[chosen]])
     covariance = known.covariance_of(by_xi)
-    covariance[1, 1] += (at / 1e6 * curve.structure_ln_storage[0]) ** 2
-    covariance[2, 2] += (loss * curve.structure_ln_loss_factor[0]) ** 2
-    centre = [np.log10(parameters[0].value(float(xi[0]))), at / 1e6, loss, *xi[chosen]]
+    covariance[0, 0] += (at / 1e6 * curve.structure_ln_storage[0]) ** 2
+    covariance[1, 1] += (loss * curve.structure_ln_loss_factor[0]) ** 2
+    centre = [at / 1e6, loss, *xi[chosen]]
     where = quantity(frequency, "Hz")
-    names = ("lg E_relaxed\n/ Pa", f"E′ / MPa\nat {where}", f"tan δ\nat {where}")
+    names = (f"E′ / MPa\nat {where}", f"tan δ\nat {where}")
     return MainQuantities(
         (*names, *(_folded(parameters[i].name) for i in chosen)),
         np.array(centre, dtype=float),
         covariance,
         curve,
-        (0, *chosen),
+        tuple(chosen),
     )
 
 
@@ -171,7 +167,7 @@ def _panel(panel: Any, shown: MainQuantities, points: Floats, i: int, j: int) ->
         panel.locator_params(axis="y", nbins=3)
         if j > 0:
             panel.tick_params(labelleft=False)
-    if j > 2:
+    if j > 1:
         panel.axvspan(-1.0, 1.0, alpha=0.08)
     panel.set_xlim(shown.centre[j] - reach[j], shown.centre[j] + reach[j])
     panel.locator_params(axis="x", nbins=3)

@@ -16,15 +16,15 @@ from labpipe.errors import InputError, UsageError
 from labpipe.identification import (
     Evidence,
     FractionalSpectrum,
+    LongTimeModulus,
     Posterior,
     Problem,
-    Profile,
     Sample,
     SmoothSpectrum,
     fit,
     infer,
+    long_time_modulus,
     posterior,
-    profile,
     relaxation_times,
     sample,
 )
@@ -48,8 +48,8 @@ class Identified:
         As the session names it.
     known : Posterior
         Its fit is ``known.fit``.
-    relaxed : Profile or None
-        Profile of the long-time modulus; None when it was not asked for.
+    relaxed : LongTimeModulus
+        What is known of the long-time modulus.
     prior : Posterior or None
         What the rheometer alone says, when it was taken as prior.
     remarks : tuple of str
@@ -60,7 +60,7 @@ class Identified:
 
     material: str
     known: Posterior
-    relaxed: Profile | None
+    relaxed: LongTimeModulus
     prior: Posterior | None
     remarks: tuple[str, ...]
     drawn: Sample | None = None
@@ -80,8 +80,6 @@ class Wish:
         Family of spectra.
     impacts : int
         Bounces of a drop that count; later ones are small and say little new.
-    with_profile : bool
-        Follow the long-time modulus to see whether it is determined.
     sampler : {"laplace", "rto"}
         Whether to draw from the posterior too, by randomise-then-optimise.
     """
@@ -90,7 +88,6 @@ class Wish:
     prior: str | None = None
     spectrum: str = "smooth"
     impacts: int = 6
-    with_profile: bool = True
     sampler: str = "laplace"
 
 
@@ -134,7 +131,7 @@ def identify_materials(
     --------
     >>> (found,) = identify_materials("my-session", Wish(("acrylic_1p5mm",)))  # doctest: +SKIP
     >>> found.relaxed.verdict  # doctest: +SKIP
-    'only an upper limit'
+    'bounded from above'
     """
     wish, tell = wish or Wish(), say or _silent
     session = reopen_session(folder)
@@ -243,17 +240,13 @@ def _identified(results: Results, material: str, group: _Group, wish: Wish, rema
     known = infer(problem, rebuilt, progress=say)
     if not known.fit.is_converged:
         warnings.warn(f"{material}: the fit did not converge; use its intervals with care", UserWarning, stacklevel=2)
-    relaxed = None
-    if wish.with_profile:
-        say("profile of the long-time modulus")
-        relaxed = profile(known, 0)
     if group.prior is not None:
         before = posterior(fit(problem.only(prior=True)))
     drawn = None
     if wish.sampler == "rto":
         say("draws of the posterior")
         drawn = sample(known)
-    return Identified(material, known, relaxed, before, tuple(remarks), drawn)
+    return Identified(material, known, long_time_modulus(known), before, tuple(remarks), drawn)
 
 
 def _silent(text: str) -> None:

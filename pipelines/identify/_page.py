@@ -4,15 +4,17 @@ from math import isfinite
 from typing import Literal
 
 import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
 
-from labpipe.identification import STRUCTURE_PRIORS, informative_range, moduli, predictive_bands
+from labpipe.arrays import Floats
+from labpipe.identification import DETERMINED, informative_range, moduli, predictive_bands
 from labpipe.identification import Band as Prediction
 from labpipe.report import (
     Band,
     Bars,
     Block,
     Column,
-    Details,
     Document,
     KeyValues,
     LineChart,
@@ -27,20 +29,13 @@ from labpipe.report import (
 from labpipe.uncertainty import propagated_u
 from labpipe.workflow.session import Session
 from pipelines.experiments.shared.pages import SYNTHETIC, synthetic_notice
-from pipelines.identify._corner import corner, main_quantities
+from pipelines.identify._corner import best_frequency, corner, main_quantities
 from pipelines.identify._identify import Identified
-from pipelines.identify._result import dataset, structure, verdicts
+from pipelines.identify._result import dataset, verdicts
 from pipelines.session import PAGE
 
 _REACH = 1.96
-SHAPE = ("change ", "lump ")  # begin the names of the unknowns of a spectrum's shape
-_STRUCTURE_WORDS = {
-    "smooth": "a smooth spectrum describes the data (probability {})",
-    "one term per decade": "a series with one term per decade, as published ones are, describes the data better than a "
-    "smooth spectrum (probability {}); no polymer has such a spectrum, and its terms are not the material's",
-    "rough": "no smooth spectrum describes the data (probability of a rough one {}): the single terms are those of "
-    "this fit, what was found is what they add up to at the frequencies of the data",
-}
+SHAPE = ("level", "change ")  # begin the names of the unknowns of a spectrum's shape
 _DIGITS = 4  # of the ends of an interval
 _NOTHING = 1e-4  # relative: a smaller discrepancy is in the table only
 _LOUD = 2.5  # standard deviations by which a nuisance may leave its prior without a remark
@@ -61,7 +56,7 @@ def render(session: Session, found: Identified) -> str:
         Section("Fit and residuals", _fits(found)),
         Section("Unknowns", _unknowns(found)),
         *([Section("Draws of the posterior", _draws(found))] if found.drawn is not None else []),
-        Section("What the data determine", _combinations(found)),
+        Section("What the experiments told of themselves", _contraction(found)),
         Section("Method", _method(found)),
     )
     return Document(
@@ -74,19 +69,30 @@ def render(session: Session, found: Identified) -> str:
 
 
 def relaxed_text(found: Identified) -> str:
-    """Say what is known of the long-time modulus."""
-    value, low, high = (_shown(v, "Pa") for v in found.known.interval(0))
+    """Say what is known of the long-time modulus, and what that rests on."""
     said = found.relaxed
-    if said is None:
-        return f"E_relaxed {value}, {low} to {high} if it is determined at all, which was not examined"
+    end, high = quantity(said.end, "s"), _shown(said.high, "Pa")
+    if said.verdict == "not identifiable":
+        return (
+            f"E_relaxed is not identifiable from these experiments: the modulus at {end}, the longest time they tell "
+            f"of, is not known to within a factor of two"
+        )
+    fall, most = (f"{100 * share:.2g} %" for share in (said.fall, said.most_fall))
+    falls = f"{fall} per decade of time" + (f" (at most {most})" if most != fall else "")
     if said.verdict == "identified":
-        return f"E_relaxed {value} (95 %: {_shown(said.low, 'Pa')} to {_shown(said.high, 'Pa')})"
-    texts = {
-        "only an upper limit": f"below {_shown(said.high, 'Pa')} (95 %)",
-        "only a lower limit": f"above {_shown(said.low, 'Pa')} (95 %)",
-        "not identifiable": "without any limit",
-    }
-    return f"E_relaxed is not identifiable from these experiments: {texts[said.verdict]}"
+        return (
+            f"E_relaxed is {_shown(said.low, 'Pa')} to {high} (95 %): at {end} there is a plateau, on which "
+            f"the modulus falls by {falls}; the lower end is what is left if it falls like that for thirty years"
+        )
+    left = (
+        f"if it goes on at this rate, {_shown(said.left, 'Pa')} is left after thirty years"
+        if said.left > 0.0
+        else "if it goes on at this rate, nothing is left within thirty years"
+    )
+    return (
+        f"E_relaxed is bounded from above only: it is below {high} (95 %). There is no plateau: at {end}, the longest "
+        f"time of which these experiments tell, the modulus still falls by {falls}; {left}"
+    )
 
 
 def _shown(value: float, unit: str) -> str:
@@ -95,13 +101,9 @@ def _shown(value: float, unit: str) -> str:
 
 
 def statements(found: Identified) -> list[str]:
-    """Return what else a reader must know, one sentence each."""
+    """Return what else was found, what was not, and what a reader must know, one sentence each."""
     known = found.known
-    texts = [_at_middle(found)]
-    texts += _on_the_prior(found)
-    if chances := structure(found):
-        name, chance = next(iter(chances.items()))
-        texts.append(_STRUCTURE_WORDS[name].format(f"{100 * chance:.3g} %"))
+    texts = [*_found(found), *_not_found(found)]
     for (experiment, group), misfit in known.fit.misfits.items():
         if misfit.relative < _NOTHING:
             continue
@@ -118,41 +120,76 @@ def statements(found: Identified) -> list[str]:
     return [*texts, *found.remarks]
 
 
-def _on_the_prior(found: Identified) -> list[str]:
-    """Say between which frequencies the data speak, and that the rest is the prior."""
+def _found(found: Identified) -> list[str]:
+    """Say where modulus and loss are known, how well, and what that owes to what is assumed."""
     made = dataset(found)
-    inside = made["frequency"].values[made["is_determined"].values.astype(bool)]
-    if not inside.size:
-        return []
-    low, high = (quantity(float(f), "Hz") for f in (inside.min(), inside.max()))
-    return [
-        f"the data determine modulus and loss from {low} to {high}; what is shown at lower and higher "
-        f"frequencies rests on what is assumed of polymers, not on these experiments"
-    ]
-
-
-def _at_middle(found: Identified) -> str:
-    """Say modulus and loss where the data know them best."""
-    made = dataset(found)
-    spread = made["u_ln_storage"].values ** 2 + made["u_ln_loss_factor"].values ** 2
     inside = made["is_determined"].values.astype(bool)
     if not inside.any():
-        return "modulus and loss are not determined at any frequency"
-    best = int(np.argmin(np.where(inside, spread, np.inf)))
-    frequency = float(made["frequency"][best])
-    storage, loss = float(made["storage"][best]), float(made["loss_factor"][best])
-    u, u_loss = (float(made[f"u_ln_{n}"][best]) for n in ("storage", "loss_factor"))
+        return ["modulus and loss are not determined at any frequency"]
+    frequency = made["frequency"].values[inside]
+    low, high = (quantity(float(f), "Hz") for f in (frequency.min(), frequency.max()))
+    u, u_loss = (100.0 * made[f"u_ln_{n}"].values[inside] for n in ("storage", "loss_factor"))
+    texts = [
+        f"found: from {low} to {high} the storage modulus to {_span(u)} and the loss factor to {_span(u_loss)} "
+        f"(standard uncertainties); {_at_best(found)}"
+    ]
+    if found.known.structures:
+        texts.append(
+            "of a polymer's spectrum it is assumed that it is smooth, or that it has a shoulder or a peak half a "
+            f"decade wide: which of them makes up to {_most(made, 'storage', inside)} of the modulus and "
+            f"{_most(made, 'loss_factor', inside)} of the loss factor there, included in what is stated"
+        )
+    return texts
+
+
+def _most(made: xr.Dataset, name: str, inside: NDArray[np.bool_]) -> str:
+    """Write the largest share that the unknown structure has in a curve."""
+    return f"{100.0 * float(made[f'open_ln_{name}'].values[inside].max()):.1g} %"
+
+
+def _span(percent: Floats) -> str:
+    """Write the least and the largest of uncertainties in %."""
+    least, most = f"{percent.min():.2g}", f"{percent.max():.2g}"
+    return f"{most} %" if least == most else f"{least} to {most} %"
+
+
+def _at_best(found: Identified) -> str:
+    """Say modulus and loss where the data know them best."""
+    made = dataset(found)
+    frequency = best_frequency(found)
+    at = made.sel(frequency=frequency)
+    storage, loss, u, u_loss = (float(at[n]) for n in ("storage", "loss_factor", "u_ln_storage", "u_ln_loss_factor"))
     return (
-        f"best known at {quantity(frequency, 'Hz')}: storage modulus {quantity(storage, 'Pa')} "
-        f"± {100 * u:.2g} %, loss factor {loss:.3g} ± {100 * u_loss:.2g} %"
+        f"best at {quantity(frequency, 'Hz')}: {quantity(storage, 'Pa')} ± {100 * u:.2g} %, "
+        f"loss factor {loss:.3g} ± {100 * u_loss:.2g} %"
     )
 
 
+def _not_found(found: Identified) -> list[str]:
+    """Say what the experiments do not tell."""
+    texts = [
+        "not found: modulus and loss at lower and higher frequencies; what is drawn there is what is assumed of "
+        "polymers, and the bands are as wide as that leaves them"
+    ]
+    known = found.known
+    silent = [
+        p.name
+        for p, sd in zip(known.fit.problem.parameters, known.sd.tolist(), strict=True)
+        if p.is_nuisance and sd >= DETERMINED
+    ]
+    if silent:
+        texts.append(
+            f"nothing new of {', '.join(silent)}: taken as stated, within what is stated of them, and included in "
+            "every uncertainty"
+        )
+    return texts
+
+
 def _answer(found: Identified) -> tuple[Block, ...]:
-    is_known = found.relaxed is not None and found.relaxed.verdict == "identified"
-    first = Notice("ok" if is_known else "warning", relaxed_text(found))
+    is_known = found.relaxed.verdict == "identified"
+    first = Notice("ok" if is_known else "warning", f"{relaxed_text(found)}.")
     rows = [("experiments", ", ".join(e.name for e in found.known.fit.problem.evidence), "")]
-    return first, KeyValues(rows), *(Paragraph(f"{text}.") for text in statements(found))
+    return first, KeyValues(rows), *(Paragraph(f"{text[0].upper()}{text[1:]}.") for text in statements(found))
 
 
 def _curves(found: Identified) -> tuple[Block, ...]:
@@ -191,9 +228,8 @@ def _curves(found: Identified) -> tuple[Block, ...]:
         for prefix in ("u", "prior")
     ]
     text = (
-        "Outside the two marks there are no data: the curves follow the prior, and the bands are "
-        "its width. Curves and bands are averages over the structures of the spectrum, weighted "
-        "with their probabilities."
+        "Outside the two marks there are no data: the curves follow what is assumed of polymers, and the "
+        "bands are the width of that."
     )
     chart = LineChart(
         "Prior against posterior",
@@ -205,30 +241,7 @@ def _curves(found: Identified) -> tuple[Block, ...]:
         y_scale="log",
         vlines=marks,
     )
-    return Paragraph(text), *charts, chart, *_structure(found)
-
-
-def _structure(found: Identified) -> tuple[Block, ...]:
-    """Tell how probable each structure of the spectrum is."""
-    chances = structure(found)
-    if not chances:
-        return ()
-    rows = [(name, 100.0 * STRUCTURE_PRIORS[name], 100.0 * chances.get(name, 0.0)) for name in STRUCTURE_PRIORS]
-    return (
-        Table(
-            (
-                Column("structure of the spectrum"),
-                Column("before the data", "%", digits=2),
-                Column("after the data", "%", digits=3),
-            ),
-            rows,
-            caption="Storage and loss modulus of a series with one term per decade, like most "
-            "published ones, oscillate around those of a smooth spectrum by 4 % of the "
-            "loss modulus; in a rough spectrum all terms are independent. Where the data "
-            "do not distinguish them, the bands include the difference.",
-            sortable=False,
-        ),
-    )
+    return Paragraph(text), *charts, chart
 
 
 def _fits(found: Identified) -> tuple[Block, ...]:
@@ -301,7 +314,7 @@ def _unknowns(found: Identified) -> tuple[Block, ...]:
     rows = _rows(found)
     is_change = [p.name.startswith(SHAPE) for p in parameters]
     main = [row for row, own in zip(rows, is_change, strict=True) if not own]
-    blocks: list[Block] = [_table(main), *_profile(found)]
+    blocks: list[Block] = [_table(main)]
     blocks.append(
         Picture(
             corner(found),
@@ -314,9 +327,6 @@ def _unknowns(found: Identified) -> tuple[Block, ...]:
         )
     )
     blocks.append(_spectrum(found))
-    if any(is_change):
-        rest = [row for row, own in zip(rows, is_change, strict=True) if own]
-        blocks.append(Details(f"The {len(rest)} unknowns of the spectrum's shape", [_table(rest)]))
     return tuple(blocks)
 
 
@@ -352,25 +362,6 @@ def _table(rows: list[tuple[str, ...]]) -> Table:
         ),
         rows,
         sortable=False,
-    )
-
-
-def _profile(found: Identified) -> tuple[Block, ...]:
-    if found.relaxed is None or found.relaxed.values.size < 2:
-        return ()
-    values = found.relaxed.values
-    return (
-        LineChart(
-            "Profile of the long-time modulus",
-            "E_relaxed / Pa",
-            "rise of −ln likelihood",
-            (
-                Series("all others optimised", values, np.minimum(found.relaxed.rise, 10.0), role="model"),
-                Series("95 %", values[[0, -1]], [1.92, 1.92], role="reference"),
-            ),
-            x_scale="log" if values[-1] > 10.0 * values[0] else "linear",
-            caption="Values below the line are compatible with the data.",
-        ),
     )
 
 
@@ -434,19 +425,19 @@ def _draws(found: Identified) -> tuple[Block, ...]:
     return Notice(kind, drawn.statement), table
 
 
-def _combinations(found: Identified) -> tuple[Block, ...]:
+def _contraction(found: Identified) -> tuple[Block, ...]:
     known = found.known
     parameters = known.fit.problem.parameters
     text = (
-        "How much of what was not known of a quantity before these experiments they have told: 1 where they "
-        "determine it, 0 where what the page says of it is only what was stated or assumed before."
+        "How much of what was not known of a quantity of the experiments before they have told of it: 1 where they "
+        "determine it, 0 where what the page says of it is only what was stated before."
     )
     bars = Bars(
         "Reduction of the prior's variance by the data",
         [
             (p.name, float(np.clip(1.0 - sd**2, 0.0, 1.0)), "")
             for p, sd in zip(parameters, known.sd.tolist(), strict=True)
-            if not p.name.startswith(SHAPE)
+            if p.is_nuisance
         ],
     )
     return Paragraph(text), bars
@@ -458,14 +449,14 @@ def _method(found: Identified) -> tuple[Block, ...]:
     text = (
         "Least squares in coordinates in which the prior is standard normal, from several "
         "starts; more expensive models (finite amplitude, a vibrating plate, finer steps) "
-        "correct the fast ones until convergence. Intervals follow from Laplace's approximation; "
-        "that of the long-time modulus from its profile likelihood. Spectra of several "
-        "structures are averaged with weights from Laplace's approximation to their evidence; "
-        "fit and unknowns are those of the most probable one. The prior of the spectrum is a "
-        "random walk over the decades: a factor of ten per decade is two standard deviations, "
-        "and the slope has a correlation length of two decades. Poisson's ratio is taken as "
-        "stated, since only E/(1 − ν²) is observed. Relaxation times of hours and more count as "
-        "relaxed."
+        "correct the fast ones until convergence. Intervals follow from Laplace's approximation. The long-time "
+        "modulus is bounded by the modulus at the longest time of the data, and stated only where at most 5 % of "
+        "it would relax within thirty years at the rate of the last decade. What is assumed of the spectrum: its "
+        "weight per decade of time is a random walk over the decades, in which a factor of ten per decade is two "
+        "standard deviations; its slope has a correlation length of two decades (smooth) or of half a decade "
+        "(uneven), each with a probability of one half before the data, and the curves are averages over "
+        "both with their probabilities after the data. Fit and unknowns are those of the more probable one. "
+        "Poisson's ratio is taken as stated, since only E/(1 − ν²) is observed."
     )
     rows = [
         ("cost after each start", starts, "half the sum of squares; fits from a start end roughly"),

@@ -1,6 +1,7 @@
 """The result of an identification as one Dataset, for the store, Python and JSON."""
 
 import json
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -108,13 +109,13 @@ def structure(found: Identified) -> dict[str, float]:
 def verdicts(found: Identified) -> list[str]:
     """Return for every unknown whether the data determine it.
 
-    The long-time modulus is judged by its profile; any other unknown is determined where the data
-    at least halve the standard deviation of its prior.
+    The long-time modulus is judged by whether the data show a plateau; any other unknown is
+    determined where the data at least halve the standard deviation of its prior.
     """
     texts = [
         "determined by the data" if sd < DETERMINED else "known from the prior only" for sd in found.known.sd.tolist()
     ]
-    texts[0] = "not examined" if found.relaxed is None else found.relaxed.verdict
+    texts[0] = found.relaxed.verdict
     return texts
 
 
@@ -123,8 +124,7 @@ def _parameters(found: Identified) -> dict[str, Any]:
     parameters = known.fit.problem.parameters
     reach = float(norm.ppf(0.5 + 0.5 * _LEVEL))
     ends = np.array([known.interval(i, _LEVEL) for i in range(len(parameters))])
-    if found.relaxed is not None:
-        ends[0, 1:] = found.relaxed.low, found.relaxed.high
+    ends[0, 1:] = found.relaxed.low, found.relaxed.high
     columns = {
         "value": (ends[:, 0], "most probable value"),
         "low": (ends[:, 1], "lower end of the 95 % interval; 0 or less where there is none"),
@@ -175,7 +175,7 @@ def _attributes(found: Identified) -> dict[str, Any]:
         "costs_from_starts": json.dumps(list(fit.costs_from_starts)),
         "is_settled": int(fit.is_converged),
         "discrepancies": json.dumps(misfits),
-        "n_determined": found.known.n_determined,
+        "long_time": json.dumps(asdict(found.relaxed)),
         "remarks": json.dumps(list(found.remarks), ensure_ascii=False),
         "sampler": "laplace" if found.drawn is None else found.drawn.statement,
         "work": json.dumps(work),
@@ -199,15 +199,25 @@ def document(found: Identified) -> dict[str, Any]:
     return {
         "material": found.material,
         "experiments": json.loads(made.attrs["experiments"]),
-        "E_relaxed": rows[0],
+        "E_relaxed": rows[0] | _long_time(found),
         "unknowns": rows[1:],
         "structure": structure(found),
-        "combinations_determined": found.known.n_determined,
         "frequency_range": [float(made["lowest_frequency"]), float(made["highest_frequency"])],
         "is_settled": found.known.fit.is_converged,
         "discrepancies": json.loads(made.attrs["discrepancies"]),
         "sampler": made.attrs["sampler"],
         "remarks": list(found.remarks),
+    }
+
+
+def _long_time(found: Identified) -> dict[str, Any]:
+    """Return what the limits of the long-time modulus rest on."""
+    said = found.relaxed
+    return {
+        "end": said.end,
+        "modulus_at_end": said.modulus,
+        "fall_per_decade": said.fall,
+        "after_thirty_years": said.left,
     }
 
 

@@ -63,7 +63,6 @@ def identify(
     prior: str | None = None,
     spectrum: Literal["smooth", "fractional"] = "smooth",
     impacts: int = 6,
-    profile: bool = True,
     sampler: Literal["laplace", "rto"] = "laplace",
     jobs: int = 1,
     say: Callable[[str], None] | None = None,
@@ -85,8 +84,6 @@ def identify(
         Family of relaxation spectra.
     impacts : int
         Bounces of a drop that are evaluated.
-    profile : bool
-        Examine whether the data determine the long-time modulus.
     sampler : {"laplace", "rto"}
         Normal approximation alone, or with independent draws of the posterior.
     jobs : int
@@ -110,7 +107,7 @@ def identify(
     >>> identify("my-session", ["acrylic_5mm", "acrylic_10mm"])  # doctest: +SKIP
     """
     names = (experiments,) if isinstance(experiments, str) else tuple(experiments)
-    wish = Wish(names, prior, spectrum, impacts, profile, sampler)
+    wish = Wish(names, prior, spectrum, impacts, sampler)
     found = identify_materials(folder, wish, say=say, jobs=jobs)
     session = reopen_session(folder)
     pages, paths = [], []

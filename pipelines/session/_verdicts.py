@@ -87,7 +87,7 @@ def verdicts_of(run: RunResult) -> Verdicts:
     names = list(dict.fromkeys(outcome.experiment for outcome in run.outcomes))
     failures: dict[str, list[Failed]] = {}
     for outcome in run.failures:
-        failed = Failed(outcome.stage, outcome.recording, outcome.message)
+        failed = Failed(outcome.stage, outcome.recording, outcome.message, outcome.is_of_run)
         failures.setdefault(outcome.experiment, []).append(failed)
     results = opened(session.root, names or None)
     found = [_one(session, results, session.experiments[name], failures.get(name, ())) for name in names]

@@ -17,7 +17,7 @@ def points(trials: Sequence[Trial]) -> list[Point]:
     for kind in dict.fromkeys(t.kind for t in trials):
         own = [t for t in trials if t.kind == kind]
         done = [t for t in own if t.failure is None]
-        for group in ("smooth", "one term per decade"):
+        for group in ("symmetric", "skewed"):
             made += _of_moduli(f"{kind}, {group}", [t for t in done if t.group == group])
         made += _of_unknowns(kind, done)
         made += _of_evidence(kind, done)

@@ -15,7 +15,6 @@ import numpy as np
 
 from labpipe import files
 from labpipe.errors import InputError
-from labpipe.materials import Prony
 from pipelines.bench.identification import random_solid
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
@@ -27,6 +26,7 @@ from pipelines.rig.plate import PLATE
 from pipelines.rig.reference_drop import GRAVITY, Floor
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.session_text import NOTE, drop_section, laser_record, session_head
+from pipelines.rig.solids import Viscoelastic
 
 KINDS = ("drop", "rubber", "hold")
 """A glassy ball on a floor; a rubber held and oscillated; a rubber held."""
@@ -66,7 +66,7 @@ class Truth:
     kind : str
         Of :data:`KINDS`.
     seed : int
-    solid : Prony
+    solid : Viscoelastic
         The material.
     height : float [m]
         Of a drop as session.toml states it.
@@ -83,7 +83,7 @@ class Truth:
 
     kind: str
     seed: int
-    solid: Prony
+    solid: Viscoelastic
     height: float
     mean_height: float
     rig: DropRig
@@ -110,7 +110,7 @@ def drawn(kind: str, number: int) -> Truth:
     kind : str
         Of :data:`KINDS`.
     number : int
-        Of the session, from 0; even ones have smooth spectra, odd ones one term per decade.
+        Of the session, from 0; even ones have symmetric dispersions, odd ones skewed ones.
 
     Raises
     ------
@@ -149,7 +149,7 @@ def _rig(rng: np.random.Generator, height: float, *, is_on_plate: bool) -> DropR
     )
 
 
-def _indenter(rng: np.random.Generator, solid: Prony) -> tuple[Specimen, Tester]:
+def _indenter(rng: np.random.Generator, solid: Viscoelastic) -> tuple[Specimen, Tester]:
     stated = Specimen(solid)
     specimen = replace(
         stated,

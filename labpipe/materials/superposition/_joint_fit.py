@@ -20,6 +20,7 @@ Kaufman, BIT 15 (1975) 49, doi:10.1007/BF01932995.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,6 +63,8 @@ class Points:
     storage, loss : array (point,) [Pa]
     count : int
         Number of isotherms.
+    readings : array (point,), optional
+        Of how many readings every point is the mean; by default of one.
     """
 
     omega: Floats
@@ -69,6 +72,24 @@ class Points:
     storage: Floats
     loss: Floats
     count: int
+    readings: Floats | None = None
+
+    def only(self, kept: NDArray[np.bool_] | NDArray[np.intp]) -> "Points":
+        """Return some of the points, isotherms numbered as before."""
+        return Points(
+            self.omega[kept],
+            self.isotherm[kept],
+            self.storage[kept],
+            self.loss[kept],
+            self.count,
+            None if self.readings is None else self.readings[kept],
+        )
+
+    @property
+    def certainty(self) -> Floats:
+        """How many times more certain than one reading every modulus is, (2 point,)."""
+        readings = np.ones(self.omega.size) if self.readings is None else self.readings
+        return np.tile(np.sqrt(readings), 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,16 +157,13 @@ def evaluate(
     ``strength`` None chooses the smoothing by cross-validation, walking from ``near`` if given.
     A ``guess`` is the solution at a nearby state, with the strength to keep.
     """
-    storage, loss = maxwell_shapes(reduced(points, state), grid.ln_time)
-    scale, relaxed_scale = grid.scale[:-1], grid.scale[-1]
+    shapes = maxwell_shapes(reduced(points, state), grid.ln_time)
     vertical = np.exp(state.ln_bT[points.isotherm])
     phase = points.omega * state.delay
-    turn, lean = (np.cos(phase) * vertical)[:, None], (np.sin(phase) * vertical)[:, None]
-    plain = np.column_stack([storage * scale, np.full(storage.shape[0], relaxed_scale)])
-    lossy = np.column_stack([loss * scale, np.zeros(storage.shape[0])])
-    design = np.vstack([turn * plain - lean * lossy, lean * plain + turn * lossy])
+    turn, lean = np.cos(phase) * vertical, np.sin(phase) * vertical
+    rows = _design(shapes, turn, lean, grid)
+    rows *= weight[:, None]
     measured = np.concatenate([points.storage, points.loss])
-    rows = design * weight[:, None]
     target = measured * weight
     solution = solve_nearby(rows, target, grid.penalty, guess) if guess is not None else None
     if solution is None:
@@ -156,17 +174,16 @@ def evaluate(
             solution = solve(*system, grid.penalty, strength)
     coefficient = solution.coefficient
     active = coefficient > 0
-    predicted = design @ coefficient
+    predicted = rows @ coefficient / weight
     # d/d ln ω of the two shapes: 2 L² and L (1 − 2 S).
-    weights = coefficient[:-1] * scale
+    weights = coefficient[:-1] * grid.scale[:-1]
+    storage, loss = shapes
     storage_slope = 2.0 * loss**2 @ weights
     loss_slope = (loss * (1.0 - 2.0 * storage)) @ weights
     half = points.omega.size
-    by_shift = np.concatenate(
-        [turn[:, 0] * storage_slope - lean[:, 0] * loss_slope, lean[:, 0] * storage_slope + turn[:, 0] * loss_slope]
-    )
+    by_shift = np.concatenate([turn * storage_slope - lean * loss_slope, lean * storage_slope + turn * loss_slope])
     by_delay = np.concatenate([-points.omega * predicted[half:], points.omega * predicted[:half]])
-    used = rows[:, active]
+    used = rows if active.all() else rows[:, active]
     normal = used.T @ used
     normal += solution.strength * grid.penalty[:, active].T @ grid.penalty[:, active]
     return Fit(
@@ -183,6 +200,32 @@ def evaluate(
     )
 
 
+def _design(shapes: tuple[Floats, Floats], turn: Floats, lean: Floats, grid: Grid) -> Floats:
+    """Return storage and loss of every term and of the relaxed modulus, (2 point, term + 1).
+
+    ``turn`` and ``lean`` are the vertical factor times cosine and sine of the phase error.
+    """
+    half, terms = shapes[0].shape
+    design = np.empty((2 * half, terms + 1))
+    for part, first, sign, second in ((design[:half], 0, -1.0, 1), (design[half:], 1, 1.0, 0)):
+        np.multiply(shapes[first], turn[:, None], out=part[:, :-1])
+        if lean.any():
+            part[:, :-1] += sign * lean[:, None] * shapes[second]
+    design[:half, -1], design[half:, -1] = turn, lean
+    design *= grid.scale
+    return design
+
+
+def modelled(points: Points, fit: Fit) -> Floats:
+    """Return the moduli that a fit has at any points of its isotherms, (2 point,) [Pa]."""
+    state, grid = fit.state, fit.grid
+    vertical = np.exp(state.ln_bT[points.isotherm])
+    phase = points.omega * state.delay
+    shapes = maxwell_shapes(reduced(points, state), grid.ln_time)
+    design = _design(shapes, np.cos(phase) * vertical, np.sin(phase) * vertical, grid)
+    return np.asarray(design @ fit.solution.coefficient)
+
+
 def sensitivity(points: Points, fit: Fit, model: OuterModel) -> Floats:
     """Return the weighted change of every prediction per outer parameter, spectrum held."""
     shift, vertical, delay = model.directions(fit.state)
@@ -194,18 +237,27 @@ def sensitivity(points: Points, fit: Fit, model: OuterModel) -> Floats:
     )
 
 
-def projected_normal(fit: Fit, change: Floats) -> tuple[Floats, Floats]:
-    """Return the outer normal matrix once the spectrum has followed, and the gradient."""
-    coupling = fit.rows.T @ change
-    followed = solve_normal(fit.normal, coupling)
-    return change.T @ change - coupling.T @ followed, change.T @ fit.residual
-
-
 def outer_problem(points: Points, fit: Fit, model: OuterModel) -> tuple[Floats, Floats]:
-    """Return normal matrix and gradient of the outer parameters, expectation included."""
-    normal, gradient = projected_normal(fit, sensitivity(points, fit, model))
+    """Return normal matrix and gradient of the outer parameters, expectation included.
+
+    The spectrum follows. A point knows the parameters only through shift and level of its own
+    isotherm and the delay, so sums over each isotherm tell all that :func:`sensitivity` would.
+    """
+    by = np.column_stack([fit.by_shift, fit.by_vertical, fit.by_delay])
+    both = np.column_stack([by, fit.residual, fit.rows])
+    isotherm = np.concatenate([points.isotherm, points.isotherm])
+    order = np.argsort(isotherm, kind="stable")
+    ends = np.searchsorted(isotherm[order], np.arange(points.count + 1))
+    both = both[order]
+    sums = np.stack([both[a:b, :3].T @ both[a:b] for a, b in pairwise(ends.tolist())])
+    shift, vertical, delay = model.directions(fit.state)
+    along = np.stack([_LN10 * shift, vertical, np.broadcast_to(delay, shift.shape)], axis=1)
+    along, flat = along.reshape(-1, model.size), sums.reshape(-1, sums.shape[2])
+    own = (sums[:, :, :3] @ along.reshape(points.count, 3, -1)).reshape(along.shape)
+    coupling = flat[:, 4:].T @ along
+    normal = along.T @ own - coupling.T @ solve_normal(fit.normal, coupling)
     more_normal, more_gradient = model.pull(fit.state)
-    return normal + more_normal, gradient + more_gradient
+    return normal + more_normal, along.T @ flat[:, 3] + more_gradient
 
 
 def minimise(

@@ -31,6 +31,7 @@ from labpipe.materials.superposition._tables import (
     possible_spectra,
     predictions,
     terms_of,
+    without_delay,
 )
 from labpipe.materials.superposition._verdict import Verdict, verdict_on
 from labpipe.notebook import html_table, text_table
@@ -38,7 +39,6 @@ from labpipe.uncertainty import propagated_u
 from labpipe.variables import described, variable
 
 _CURVE_NAMES = ("storage", "loss", "loss_factor")
-_REDUCED_NAMES = ("reduced_frequency", "storage_reduced", "loss_reduced")
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,7 +267,9 @@ def assembled(sweeps: xr.Dataset, data: SweepData, found: Superposition, law: La
     laws = _laws(model, log10_aT, covariance)
     chosen = _chosen_law(found, law, laws)
     reduced = predictions(sweeps, data, found, log10_aT)
-    kk = kramers_kronig(*(reduced[name].values[data.row, data.column] for name in _REDUCED_NAMES))
+    moduli = without_delay(data.points, found.fit)
+    frequency = data.points.omega / (2.0 * np.pi) * 10.0 ** log10_aT[data.points.isotherm]
+    kk = kramers_kronig(frequency, moduli.real, moduli.imag)
     overlap = overlap_of_neighbours(data, log10_aT, covariance, BARELY_DETERMINED)
     window = (float(np.nanmin(reduced["reduced_frequency"])), float(np.nanmax(reduced["reduced_frequency"])))
     verdict = verdict_on(found, kk)
@@ -305,7 +307,7 @@ def assembled(sweeps: xr.Dataset, data: SweepData, found: Superposition, law: La
         starts=found.starts,
         verdict=verdict,
         warnings=(*data.warnings, *notes),
-        work={"isotherms": data.points.count, "points": int(data.points.omega.size), "terms": int(prony.E.size)},
+        work={"isotherms": data.points.count, "points": int(data.readings.omega.size), "terms": int(prony.E.size)},
     )
 
 

@@ -153,7 +153,7 @@ def weights_of(points: Points, noise: Noise, expected: Floats | None = None) -> 
     size = np.concatenate([points.storage, points.loss]) if expected is None else expected
     half = points.omega.size
     sigma = np.concatenate([np.full(half, noise.storage), np.full(half, noise.loss)])
-    return np.asarray(1.0 / (sigma * np.maximum(np.abs(size), np.finfo(float).tiny)))
+    return np.asarray(points.certainty / (sigma * np.maximum(np.abs(size), np.finfo(float).tiny)))
 
 
 def huber(current: Superposition, options: Options) -> Floats:

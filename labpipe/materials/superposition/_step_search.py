@@ -6,7 +6,7 @@ leaves a gap between its sweeps, is walked over a wide range, the spectrum follo
 found widens its uncertainty.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -175,14 +175,7 @@ def _near_the_step(points: Points, weight: Floats, model: OuterModel, group: Flo
     near = np.zeros(group.size, dtype=bool)
     near[order[max(step + 1 - _NEIGHBOURS, 0) : step + 1 + _NEIGHBOURS]] = True
     kept = near[points.isotherm]
-    fewer = replace(
-        points,
-        omega=points.omega[kept],
-        isotherm=points.isotherm[kept],
-        storage=points.storage[kept],
-        loss=points.loss[kept],
-    )
-    return fewer, weight[np.concatenate([kept, kept])]
+    return points.only(kept), weight[np.concatenate([kept, kept])]
 
 
 def _moved(model: OuterModel, state: State, log10_aT: Floats) -> State:

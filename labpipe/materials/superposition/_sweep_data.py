@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
+from labpipe.materials.superposition._dense_sweeps import means_of
 from labpipe.materials.superposition._joint_fit import Points
 from labpipe.materials.superposition._outlying import outlying
 from labpipe.materials.superposition._shift_law import ZERO_CELSIUS
@@ -37,18 +38,22 @@ class SweepData:
     Attributes
     ----------
     points : Points
-        Of the isotherms that hold any, numbered in the order of ``kept``.
+        Of the isotherms that hold any, numbered in the order of ``kept``; means of neighbouring
+        readings where there are very many.
+    readings : Points
+        All readings.
     temperature : array (isotherm,) [degC]
         Of the isotherms in use.
     kept : array (isotherm,)
         Index of every isotherm in use along the Dataset's ``temperature``.
-    row, column : array (point,)
-        Index of every point along ``temperature`` and ``frequency``.
+    row, column : array (reading,)
+        Index of every reading along ``temperature`` and ``frequency``.
     warnings : tuple of str
         What the report has to say.
     """
 
     points: Points
+    readings: Points
     temperature: Floats
     kept: NDArray[np.intp]
     row: NDArray[np.intp]
@@ -106,11 +111,11 @@ def read_sweeps(sweeps: xr.Dataset, is_robust: bool = True) -> SweepData:
     ]
     notes += _repeated(temperature[kept])
     row, column = np.nonzero(present)
-    points = _points(present, storage, loss, frequency)
-    notes += _falling(points, temperature[kept])
+    readings = _points(present, storage, loss, frequency)
+    notes += _falling(readings, temperature[kept])
     for note in notes:
         warnings.warn(note, UserWarning, stacklevel=3)
-    return SweepData(points, temperature[kept], kept, row, column, tuple(notes))
+    return SweepData(means_of(readings), readings, temperature[kept], kept, row, column, tuple(notes))
 
 
 def _points(present: NDArray[np.bool_], storage: Floats, loss: Floats, frequency: Floats) -> Points:

@@ -3,11 +3,11 @@
 import numpy as np
 import xarray as xr
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Complexes, Floats
 from labpipe.materials.prony import Prony
 from labpipe.materials.spectrum import maxwell_shapes, solve_normal
 from labpipe.materials.superposition._anchoring import Anchor
-from labpipe.materials.superposition._joint_fit import Fit, Points, evaluate, sensitivity
+from labpipe.materials.superposition._joint_fit import Fit, Points, evaluate, modelled, sensitivity
 from labpipe.materials.superposition._reweighting import Superposition
 from labpipe.materials.superposition._sweep_data import SweepData
 from labpipe.uncertainty import propagated_variance
@@ -27,12 +27,12 @@ def predictions(sweeps: xr.Dataset, data: SweepData, found: Superposition, log10
     reference temperature, the delay of the instrument taken out; ``storage_fitted`` and
     ``loss_fitted`` are the model in the frame of the measurement, delay included.
     """
-    points, state = data.points, found.fit.state
+    points = data.readings
     half = points.omega.size
-    undone = (points.storage + 1j * points.loss) * np.exp(-1j * points.omega * state.delay)
-    undone = undone / np.exp(state.ln_bT[points.isotherm])
+    undone = without_delay(points, found.fit)
     measured = np.concatenate([points.storage, points.loss])
-    residual = found.fit.predicted / measured - 1.0
+    fitted = found.fit.predicted if points is data.points else modelled(points, found.fit)
+    residual = fitted / measured - 1.0
     columns = {
         "reduced_frequency": (
             points.omega / (2.0 * np.pi) * 10.0 ** log10_aT[points.isotherm],
@@ -41,8 +41,8 @@ def predictions(sweeps: xr.Dataset, data: SweepData, found: Superposition, log10
         ),
         "storage_reduced": (undone.real, "Pa", "storage modulus at the reference temperature"),
         "loss_reduced": (undone.imag, "Pa", "loss modulus at the reference temperature"),
-        "storage_fitted": (found.fit.predicted[:half], "Pa", "fitted storage modulus"),
-        "loss_fitted": (found.fit.predicted[half:], "Pa", "fitted loss modulus"),
+        "storage_fitted": (fitted[:half], "Pa", "fitted storage modulus"),
+        "loss_fitted": (fitted[half:], "Pa", "fitted loss modulus"),
         "storage_residual": (residual[:half], "1", "fitted over measured storage modulus less one"),
         "loss_residual": (residual[half:], "1", "fitted over measured loss modulus less one"),
     }
@@ -54,6 +54,12 @@ def predictions(sweeps: xr.Dataset, data: SweepData, found: Superposition, log10
         variables[name] = variable(("temperature", "frequency"), full, units, text)
     coordinates = {name: sweeps[name] for name in ("temperature", "frequency")}
     return xr.Dataset(variables, coords=coordinates)
+
+
+def without_delay(points: Points, fit: Fit) -> Complexes:
+    """Return the complex moduli of points as they would have been at the reference temperature."""
+    undone = (points.storage + 1j * points.loss) * np.exp(-1j * points.omega * fit.state.delay)
+    return np.asarray(undone / np.exp(fit.state.ln_bT[points.isotherm]))
 
 
 def overlap_of_neighbours(data: SweepData, log10_aT: Floats, covariance: Floats, limit: float) -> xr.Dataset:

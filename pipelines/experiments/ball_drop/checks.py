@@ -95,6 +95,8 @@ def judgement(
 
 def _explained(failed: Check, of_traces: Sequence[Check], record: str) -> Check:
     """Give a step that failed its line, and the cause that the readings themselves show."""
+    if not failed.is_made:
+        return failed
     place = re.search(rf"{re.escape(failed.file)}:(\d+)", failed.message) if failed.file else None
     if place is not None:
         failed = replace(failed, line=int(place[1]))

@@ -115,6 +115,8 @@ def _of_traces(
 
 def _explained(failed: Check, of_traces: Sequence[Check], record: str) -> Check:
     """Give a step that failed its place, and the cause that the readings themselves show."""
+    if not failed.is_made:
+        return failed
     of_record = re.search(rf"{re.escape(record.rpartition('/')[2])}:(\d+): values", failed.message)
     if of_record is not None:
         return replace(failed, file=record, line=int(of_record[1]))

@@ -25,6 +25,7 @@ from labpipe.judging import (
     stated,
     suspects,
     to_json,
+    unfinished,
 )
 from labpipe.report import Block, Column, Details, Notice, Paragraph, Section, Table, quantity, value_with_uncertainty
 from labpipe.units import Quantity
@@ -71,7 +72,10 @@ class Scene(NamedTuple):
 
 
 def failed_steps(context: Context, causes: Mapping[str, str]) -> list[Check]:
-    """Turn steps that gave no result into checks that failed.
+    """Turn steps that gave no result into checks that failed, or that could not be made.
+
+    Where the run was at fault, as by a program that changed under it or a full disk, nothing is
+    said of the record but that the verdict lacks a step.
 
     Parameters
     ----------
@@ -85,6 +89,14 @@ def failed_steps(context: Context, causes: Mapping[str, str]) -> list[Check]:
         if "gave no result" in failure.text or failure.stage in found:
             continue
         where = f"{failure.recording}: " if failure.recording else ""
+        if failure.is_of_run:
+            found[failure.stage] = unfinished(
+                f"step {failure.stage}",
+                "what is judged must have been computed",
+                f"{where}{failure.text}",
+                "the run was stopped, which tells nothing about the record: run it again",
+            )
+            continue
         found[failure.stage] = stated(
             f"step {failure.stage}",
             "what an experiment records must be in the record",
@@ -214,6 +226,12 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
         level = "error" if judged.believable == "impossible" else "warning"
         return level, f"{word}: {found[0].message}.{cause} {_counted(judged)}."
     checks = _counted(judged) if made else "no check could be made"
+    stopped = next((c for c in judged.checks if c.level is not None and not c.is_made), None)
+    if stopped is not None:
+        return (
+            "warning",
+            f"Not known: {stopped.name} was not carried out: {stopped.message}; {checks}. {_capital(stopped.cause)}.",
+        )
     model = result.attrs["model"]
     known = [r for r in rows if r.deviation is not None and r.measured is not None]
     # what depends on an input tells more of the model than a constant of nature

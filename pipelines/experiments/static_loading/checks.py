@@ -90,6 +90,8 @@ def _explained(
     failed: Check, readings: xr.Dataset | None, displacement: xr.Dataset | None, settings: StaticLoading
 ) -> Check:
     """Give a step that failed its place, and the cause that the record itself shows."""
+    if not failed.is_made:
+        return failed
     record = settings.calibration
     of_record = re.search(rf"{re.escape(record.rpartition('/')[2])}:(\d+): values", failed.message)
     if of_record is not None:

@@ -13,7 +13,6 @@ from labpipe.identification import (
     modulus_evidence,
     posterior,
     predictive_bands,
-    profile,
     relaxation_times,
 )
 from tests.labpipe.identification.holds import RUBBER, hold_problem, with_values
@@ -24,30 +23,6 @@ _SEEDS = 24
 @pytest.fixture(scope="module")
 def known():
     return posterior(fit(hold_problem(1)))
-
-
-def test_hold_identifies_the_relaxed_modulus(known) -> None:
-    found = profile(known, 0)
-    assert found.verdict == "identified"
-    assert found.low < RUBBER.E_relaxed < found.high
-    assert found.high / found.low < 1.25
-
-
-def test_profile_rises_to_both_sides_and_its_interval_holds_the_normal_one(known) -> None:
-    found = profile(known, 0)
-    _, low, high = known.interval(0)
-    least = int(np.argmin(found.rise))
-    assert (np.diff(found.rise[: least + 1]) < 0).all()
-    assert (np.diff(found.rise[least:]) > 0).all()
-    assert found.low <= low
-    assert found.high >= high
-
-
-def test_short_hold_says_that_the_relaxed_modulus_is_not_identified() -> None:
-    known = posterior(fit(hold_problem(2, longest=0.3)))
-    found = profile(known, 0)
-    assert found.verdict in {"only an upper limit", "not identifiable"}
-    assert found.low < RUBBER.E_relaxed < found.high
 
 
 def test_moduli_are_determined_where_the_data_are_and_nowhere_else(known) -> None:

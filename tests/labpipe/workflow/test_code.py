@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from labpipe.errors import InputError, SourceError
+from labpipe.errors import InstallationError, SourceError
 from labpipe.workflow import code
 from labpipe.workflow._definitions import OURS, Module
 from labpipe.workflow.code import Code, Identity
@@ -207,7 +207,7 @@ def test_a_file_changed_under_a_running_program_is_refused(toys: Path) -> None:
     modules = made.behind("toys.stages:first").modules
     made.refuse_changed(modules)
     edit(toys / "toys/face/home.py", "x + CONSTANT", "x - CONSTANT")
-    with pytest.raises(InputError, match=r"home\.py was changed while this program ran"):
+    with pytest.raises(InstallationError, match=r"home\.py was changed while this program ran"):
         made.refuse_changed(modules)
 
 

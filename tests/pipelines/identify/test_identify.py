@@ -56,10 +56,10 @@ def test_indentation_finds_the_rigs_modulus_where_it_oscillated(rubber: Path) ->
 
 def test_indentation_alone_does_not_claim_the_long_time_modulus(rubber: Path) -> None:
     found = files.read_dataset(rubber / "labpipe/identify_nbr.nc")
-    assert str(found["verdict"].values[0]) == "only an upper limit"
+    assert str(found["verdict"].values[0]) == "bounded from above"
     assert float(found["high"][0]) > materials.load("nbr").E_relaxed
     page = (rubber / "labpipe/identify_nbr.html").read_text(encoding="utf-8")
-    assert "not identifiable from these experiments" in page
+    assert "bounded from above only" in page
     assert "Synthetic data" in page
 
 
@@ -71,7 +71,6 @@ def test_draws_of_the_posterior_stand_beside_the_normal_approximation(rubber: Pa
         assert (found[f"drawn_{name}_high"] > found[name]).values[known].all()
     page = (rubber / "labpipe/identify_nbr.html").read_text(encoding="utf-8")
     assert "of 60 draws" in page
-    assert "unknowns of the spectrum" in page
 
 
 def test_result_is_a_material_again(rubber: Path) -> None:
@@ -86,9 +85,8 @@ def test_result_is_a_material_again(rubber: Path) -> None:
 
 def test_document_names_the_unknowns_with_verdicts(rubber: Path) -> None:
     (document,) = json.loads((rubber / "said.json").read_text(encoding="utf-8"))
-    assert document["E_relaxed"]["verdict"] == "only an upper limit"
+    assert document["E_relaxed"]["verdict"] == "bounded from above"
     verdicts = {row["name"]: row["verdict"] for row in document["unknowns"]}
-    assert verdicts["level"] == "determined by the data"
     assert verdicts["filter"] in {"determined by the data", "known from the prior only"}
     assert document["frequency_range"][0] == pytest.approx(1.0, rel=0.02)
 
@@ -137,7 +135,6 @@ def test_relaxations_at_two_depths_are_one_material(tmp_path: Path) -> None:
     assert curve.is_determined.all()
     assert (np.abs(np.log(curve.storage / truth.real)) < 3 * curve.u_ln_storage).all()
     assert curve.u_ln_storage.max() < 0.02
-    assert found.relaxed is not None
     assert found.relaxed.low < solid.E_relaxed < found.relaxed.high
 
 
@@ -180,12 +177,12 @@ def test_unknown_experiment_is_named(processed_session: Path) -> None:
 
 def test_prior_without_a_rheometer_is_refused(processed_session: Path) -> None:
     with pytest.raises(UsageError, match="there are: none"):
-        identify_materials(processed_session, Wish(("nbr",), prior="dma", with_profile=False))
+        identify_materials(processed_session, Wish(("nbr",), prior="dma"))
 
 
 def test_prior_without_a_rheometer_is_refused_by_its_name(processed_session: Path) -> None:
     with pytest.raises(UsageError, match='no rheometer experiment "paper"; known are: none'):
-        identify_materials(processed_session, Wish(("nbr",), prior="paper", with_profile=False))
+        identify_materials(processed_session, Wish(("nbr",), prior="paper"))
 
 
 def test_another_temperature_is_another_material(processed_session: Path) -> None:

@@ -1,0 +1,39 @@
+"""A run that is stopped by the program or the disk says nothing about a record."""
+
+from pathlib import Path
+
+import pytest
+
+from labpipe.errors import InstallationError
+from labpipe.workflow.code import Code
+from labpipe.workflow.context import Context, Failed
+from pipelines.experiments.shared.judgements import Scene, believed, failed_steps, judgement, sentence
+from pipelines.session import verdict
+from tests.mistakes.drop_rows import write
+
+_WHY = "home.py was changed while this program ran; start it again"
+
+
+def test_a_program_changed_under_the_run_is_no_judgement_of_the_record(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = write(tmp_path / "session")
+
+    def refuse(*_: object) -> None:
+        raise InstallationError(_WHY)
+
+    monkeypatch.setattr(Code, "refuse_changed", refuse)
+    (found,) = verdict(folder, "bounces", jobs=0).experiments
+    assert (found.state, found.believable) == ("failed", "unknown")
+    assert {f.level for f in found.findings} == {"note"}
+    assert _WHY in found.findings[0].message
+    assert "run it again" in found.findings[0].cause
+
+
+@pytest.mark.parametrize(("is_of_run", "word"), [(True, "Not known"), (False, "Impossible")])
+def test_the_sentence_tells_a_stopped_run_from_a_record_that_fails(*, is_of_run: bool, word: str) -> None:
+    failures = (Failed("bounces", None, "why", is_of_run),)
+    context = Context("drop", "ball_drop", "", "", "", True, (), (), failures, (), {})
+    result = judgement(Scene(failed_steps(context, {})))
+    assert believed(result).believable == ("unknown" if is_of_run else "impossible")
+    assert sentence(result)[1].startswith(word)
