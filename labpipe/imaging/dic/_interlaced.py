@@ -11,9 +11,7 @@ from labpipe.imaging.dic._results import Displacements
 from labpipe.imaging.films import read_rows
 
 
-def refuse_rows(
-    found: Displacements, rows: dict[int, Floats], indices: NDArray[np.int64], is_static: Flags
-) -> str:
+def refuse_rows(found: Displacements, rows: dict[int, Floats], indices: NDArray[np.int64], is_static: Flags) -> str:
     """Take back the results of frames whose rows show two instants, or repeat each other.
 
     A frame of two instants shows two displacements. Where most moving frames do, the film is

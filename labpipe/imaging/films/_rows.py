@@ -106,7 +106,7 @@ def pieces_of(image: NDArray[np.generic], corners: NDArray[np.int64]) -> Floats3
 
 @compiled(nogil=True, fastmath={"reassoc", "contract", "nsz"})
 def row_sums(pieces: Floats32) -> Floats:
-    """Sums (piece, 10) over square pieces of a frame.
+    """Sum (piece, 10) over square pieces of a frame.
 
     Products of the slopes along x and y, of each with the alternating residual of a row against its
     neighbours, squares of that residual on rows of both parities, and squared differences of rows: next

@@ -150,4 +150,5 @@ def test_a_repaired_film_is_a_film(kind: type[np.generic]) -> None:
     assert repaired.valid.all()
     part = repaired.roi(slice(40, 90), slice(20, 100))
     assert np.array_equal(part[3][8:-8, 8:-8], repaired[3][48:82, 28:92])
-    assert all(np.array_equal(one, repaired[k]) for k, one in enumerate(repaired))
+    everything = [repaired[k] for k in range(len(repaired))]
+    assert np.array_equal(np.stack(list(repaired)), np.stack(everything))
