@@ -26,7 +26,7 @@ def commands() -> list[tuple[str, str]]:
     for page in PAGES:
         text = page.read_text("utf-8")
         lines = [line for block in blocks(page, "sh") for line in block.splitlines()]
-        lines += re.findall(r"`(labpipe [^`\n]*)`", text)
+        lines += re.findall(r"`(labpipe [^`\n]*)`", text) + re.findall(r"^\$ (labpipe .*)$", text, re.M)
         for line in lines:
             for part in line.split("&&"):
                 words = part.split("#")[0].strip().removeprefix(".venv/bin/")
