@@ -77,7 +77,8 @@ def _parts(source: Path, folder: Path) -> Iterator[str]:
     shutil.copyfile(made / "session.toml", session / "session.toml")
     yield f"```toml\n{_first_experiment(session / 'session.toml')}\n```\n\n"
     yield (
-        "The answers that belong to these recordings lie beside them; to go on with those in place of your own:\n\n```sh\ncp -r made/session.toml made/calibration my-session\n```\n\n"
+        "The answers that belong to these recordings lie beside them; to go on with those in place of your own:\n\n"
+        "```sh\ncp -r made/session.toml made/calibration my-session\n```\n\n"
         "## 3. Process\n\n`plan` says what would run and why:\n\n"
     )
     yield _run("plan", _SESSION)
