@@ -24,6 +24,7 @@ _PACKINGS: dict[tuple[int, int], Packing] = {
     (16, 1024): "12-packed",
 }
 _BITS_OF_LEVELS = {2**bits: bits for bits in (8, 10, 12, 14, 16)}
+_SIZE_AT = 1588  # of SETUP: columns and rows of the images
 _LARGEST_SIDE = 1 << 15  # pixels; no sensor of this family is larger
 _MOST_BLOCKS = 1 << 10  # tagged blocks; a film has about five
 
@@ -98,6 +99,7 @@ def read_header(window: Window) -> Header:
     packing, bits = _packing(window, bitmap)
     image_bytes = _image_bytes(window, bitmap, width, height, packing)
     setup, setup_length = _setup(window, setup_at)
+    _require_upright(window, bitmap, setup_at, setup_length, width, height)
     if setup.colour_filter:
         _refuse_colour(window, f"the sensor has a colour filter (CFA {setup.colour_filter})")
     kind = "<i8" if version == 1 else "<u4"
@@ -196,6 +198,20 @@ def _image_bytes(window: Window, bitmap: int, width: int, height: int, packing: 
             f"biSizeImage is {declared} bytes, but {width} × {height} px of this format need {expected}",
         )
     return expected
+
+
+def _require_upright(window: Window, bitmap: int, setup_at: int, length: int, width: int, height: int) -> None:
+    """Hold the size of the images against that in the camera's settings, where these are long enough."""
+    if length < _SIZE_AT + 8:
+        return
+    own = [int(window.field("I", setup_at + _SIZE_AT + 4 * i, "SETUP")) for i in (0, 1)]
+    if own == [height, width] and width != height:
+        _refuse(
+            window,
+            bitmap + 4,
+            f"the images are {width} × {height} px, in the camera's settings {height} × {width} px: "
+            "width and height are exchanged",
+        )
 
 
 def _setup(window: Window, start: int) -> tuple[Setup, int]:

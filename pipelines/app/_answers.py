@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from starlette.applications import Starlette
 from starlette.requests import Request
@@ -17,8 +17,12 @@ from labpipe.files import files_below, safe_join
 from labpipe.workflow.session import FILE_NAME
 from pipelines.app import _measuring as measuring
 from pipelines.app import _setup as setup
+from pipelines.app._outlook import outlook
 from pipelines.app._pictures import Pictures
 from pipelines.app._runs import Runs
+
+if TYPE_CHECKING:
+    from pipelines.session import Surveyed
 
 _ASSETS = Path(__file__).parent / "assets"
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".html": "text/html", ".svg": "image/svg+xml"}
@@ -40,7 +44,7 @@ class Answers:
         self.runs = Runs(folder)
         self.pictures = Pictures()
         self._writing = threading.Lock()
-        self._surveyed: tuple[object, list[Told]] = (None, [])
+        self._surveyed: tuple[object, list[Surveyed]] = (None, [])
 
     def application(self) -> Starlette:
         """Return what answers (ASGI)."""
@@ -57,6 +61,7 @@ class Answers:
         }
         tells["/api/image"] = lambda request: {"frames": self._image(request).frames}
         tells["/api/session"] = lambda request: self.session()
+        tells["/api/plan"] = lambda request: self.outlook()
         posts: dict[str, Callable[[Told], Told]] = {
             "/api/run": self.run,
             "/api/init": self.init,
@@ -79,11 +84,11 @@ class Answers:
         return {
             "folder": self.folder.name,
             "is_session": (self.folder / FILE_NAME).is_file(),
-            "files": self._survey(),
+            "files": [entry.document() for entry in self._survey()],
             "pages": pages,
         }
 
-    def _survey(self) -> list[Told]:
+    def _survey(self) -> list[Surveyed]:
         """Look at the files again only when one is new, gone or changed: the page asks every second."""
         from pipelines.session import survey
 
@@ -91,7 +96,7 @@ class Answers:
         states = ((p, p.stat()) for p in files_below(self.folder) if not p.is_relative_to(made))
         seen = tuple((p, state.st_size, state.st_mtime_ns) for p, state in states)
         if seen != self._surveyed[0]:
-            self._surveyed = (seen, [entry.document() for entry in survey(self.folder)])
+            self._surveyed = (seen, survey(self.folder))
         return self._surveyed[1]
 
     def path(self, name: object) -> Path:
@@ -176,6 +181,10 @@ class Answers:
             )
             raise InputError(message)
         return texts, setup.changed(texts, asked.get("edits"))
+
+    def outlook(self) -> Told:
+        """Say what a run would do."""
+        return outlook(self.folder, self._survey())
 
     def run(self, asked: Told) -> Told:
         """Begin a run, watch, or stop."""

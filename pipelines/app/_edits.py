@@ -146,6 +146,17 @@ def join(text: str, name: str, other: str, key: str) -> str:
     return remove(set_value(text, (EXPERIMENTS, name, key), files), other)
 
 
+def add(text: str, name: str, key: str, names: Sequence[str]) -> str:
+    """Put recordings behind those of an experiment."""
+    tree = _tree(text)
+    _require(tree, name)
+    here = tree[EXPERIMENTS][name].get(key)
+    if not isinstance(here, list):
+        message = f"{name}: {key} is no list of recordings"
+        raise InputError(message)
+    return set_value(text, (EXPERIMENTS, name, key), [*here, *(file for file in names if file not in here)])
+
+
 def leaves(tree: Mapping[str, Any], kinds: Mapping[str, type[msgspec.Struct]]) -> Iterator[tuple[Place, Any, Any]]:
     """Yield place, type and value of every setting of every experiment that is written."""
     for name, table in tree.get(EXPERIMENTS, {}).items():

@@ -73,7 +73,7 @@ def changed(texts: Mapping[str, str], asked: Any) -> dict[str, str]:
     asked : list of dict
         ``{"op": "set", "file", "place", "text"}``, ``rename`` (``name``, ``to``), ``remove``
         (``name``), ``merge`` (``name``, ``other``, ``key``), ``split`` (``name``, ``to``, ``key``,
-        ``names``).
+        ``names``), ``add`` (``name``, ``key``, ``names``).
 
     Raises
     ------
@@ -117,6 +117,8 @@ def _apply(texts: dict[str, str], edit: Any) -> None:
         text = edits.join(text, name, str(edit["other"]), str(edit["key"]))
     elif op == "split":
         text = edits.separate(text, name, str(edit["to"]).strip(), str(edit["key"]), list(edit["names"]))
+    elif op == "add":
+        text = edits.add(text, name, str(edit["key"]), [str(file) for file in edit["names"]])
     else:
         raise KeyError(op)
     texts[FILE_NAME] = text

@@ -71,11 +71,24 @@ def _force(change: Callable[[int, float], float]) -> Callable[[list[str]], list[
     return changed
 
 
+def _slipped(at: int, by: float) -> Callable[[list[str]], list[str]]:
+    """Return what moves the position of a block from some row on."""
+
+    def changed(found: list[str]) -> list[str]:
+        return found[:at] + [
+            _cell(r, 1, f"{float(r.split(chr(9))[1]) + by:.6f}") if "\t" in r else r for r in found[at:]
+        ]
+
+    return changed
+
+
 def _renumbered(kept: Callable[[list[str]], list[str]]) -> Callable[[list[str]], list[str]]:
     """Return what leaves rows out and takes the times of a whole block."""
 
     def changed(found: list[str]) -> list[str]:
-        return [a.partition("\t")[0] + "\t" + b.partition("\t")[2] for a, b in zip(found, kept(found), strict=False)]
+        cells, others = [r for r in found if "\t" in r], [r for r in found if "\t" not in r]
+        pairs = zip(cells, kept(cells), strict=False)
+        return [a.partition("\t")[0] + "\t" + b.partition("\t")[2] for a, b in pairs] + others
 
     return changed
 
@@ -250,5 +263,18 @@ HOLD_ROWS = (
         "impossible",
         ("a force in a hold falls",),
         HOLD,
+    ),
+    Mistake(
+        "rows of the ramp lost and renumbered",
+        rows(_renumbered(lambda r: r[:4] + r[9:]), HOLD, 1),
+        "impossible",
+        ("leaps by 60.0 µm", "rows were lost"),
+        HOLD,
+    ),
+    Mistake(
+        "one row of the ramp lost", rows(_renumbered(lambda r: r[:6] + r[7:]), HOLD, 1), "doubtful", ("leaps",), HOLD
+    ),
+    Mistake(
+        "stage slips in the ramp", rows(_slipped(5, 0.03), HOLD, 1), "impossible", ("leaps by 40.0 µm", "slipped"), HOLD
     ),
 )

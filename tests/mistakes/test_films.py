@@ -140,6 +140,12 @@ ROWS = (
         "sphere at rest", "impossible", ("at rest",), lambda f: _put("in_contact", True)(_put("radius", 4e-4)(f))
     ),
     FilmMistake("film not copied whole", "impossible", ("damaged",), _put("valid", False)),
+    FilmMistake(
+        "pixels of a frame lost",
+        "doubtful",
+        ("960 pixels in a row of frame 182 are blank", "2 such frames", "were lost"),
+        lambda film: film.assign_attrs(blanked='{"182": 960, "183": 500}'),
+    ),
     FilmMistake("a third damaged", "doubtful", ("damaged",), _put("valid", np.arange(_COUNT) < 600)),
     FilmMistake(
         "lens out of focus", "doubtful", ("not resolved",), lambda film: film.assign(method=film["method"] * 2)
@@ -168,7 +174,7 @@ def film() -> xr.Dataset:
     return xr.Dataset(
         {name: ("frame", array) for name, array in values.items()},
         {"time": ("frame", _STEP * np.arange(_COUNT)), "frame": np.arange(_COUNT)},
-        {"phase_scale_ratio": 1.0, "u_systematic_relative": 2.2e-3},
+        {"phase_scale_ratio": 1.0, "u_systematic_relative": 2.2e-3, "blanked": "{}"},
     )
 
 

@@ -112,6 +112,7 @@ async function loadFiles() {
   by("report-hint").hidden = found.pages.length > 0;
   by("page").hidden = by("report-bar").hidden = !found.pages.length;
   drawBeside();
+  if (shown === "run") await loadOutlook();
 }
 views.files = loadFiles;
 
@@ -129,10 +130,17 @@ by("begin").addEventListener("click", proposeSession);
 
 let run = { number: 0, next: 0, of: new Map() };
 
+let outlook = { summary: "", known: true, experiments: [], problem: "", unused: [] };
+
+const steps = (n) => `${n} step${n === 1 ? "" : "s"}`;
+
 function experimentCard(name) {
   const one = run.of.get(name) || {};
-  const level = { yes: "is-ok", doubtful: "is-warning", impossible: "is-error" }[one.believable] || (one.state === "failed" ? "is-error" : "");
-  const card = make("li", {}, make("h3", { textContent: name }), make("p", { className: level, textContent: one.text || one.state || "" }));
+  const ahead = outlook.experiments.find((card) => card.name === name);
+  const level = { yes: "is-ok", doubtful: "is-warning", impossible: "is-error" }[one.believable] || (one.state === "failed" ? "is-error" : one.state === "waiting" ? "is-warning" : "");
+  const card = make("li", {}, make("h3", { textContent: name }));
+  if (ahead && ahead.title) card.append(make("p", { textContent: ahead.title }));
+  if (one.text || one.state) card.append(make("p", { className: level, textContent: one.text || one.state }));
   for (const finding of one.findings || []) {
     if (finding.level === "note") continue;
     const where = finding.file ? ` (${finding.file}${finding.line ? `:${finding.line}` : ""})` : "";
@@ -140,12 +148,61 @@ function experimentCard(name) {
   }
   if (one.causes && one.causes.length) card.append(make("p", { textContent: `probable cause: ${one.causes[0]}` }));
   if (one.failure) card.append(make("p", { className: "is-error", textContent: one.failure }));
-  if (one.page) {
-    const button = make("button", { type: "button", textContent: "Report" });
+  if (ahead && !run.isRunning) card.append(...aheadOf(ahead, one));
+  const bar = make("div", { className: "bar" });
+  if (one.page || (ahead && ahead.page)) {
+    const button = make("button", { type: "button", textContent: ahead && ahead.to_run && !run.isRunning ? "Last report" : "Report" });
     button.addEventListener("click", () => openPage(`reports/${name}.html`));
-    card.append(make("p", {}, button));
+    bar.append(button);
   }
+  if (!run.isRunning && ((ahead && (ahead.waits.length || ahead.failed)) || one.failure)) {
+    const button = make("button", { type: "button", textContent: "Set-up" });
+    button.addEventListener("click", () => show("setup"));
+    bar.append(button);
+  }
+  if (bar.children.length) card.append(bar);
   return card;
+}
+
+// What the next run would do with an experiment.
+function aheadOf(ahead, told) {
+  const lines = [];
+  if (ahead.waits.length && told.state !== "waiting") lines.push(make("p", { className: "is-warning", textContent: `waits for values:\n${ahead.waits.join("\n")}` }));
+  if (ahead.failed && !told.failure) lines.push(make("p", { className: "is-error", textContent: `failed last time: ${ahead.failed}` }));
+  if (!ahead.steps) return lines;
+  if (!ahead.to_run) return told.text || told.state ? lines : [...lines, make("p", { className: "is-ok", textContent: "up to date" })];
+  const of = ahead.to_run === ahead.steps ? steps(ahead.steps) : `${ahead.to_run} of ${steps(ahead.steps)}`;
+  lines.push(make("p", { textContent: `would run: ${of} (${ahead.why})` }));
+  lines.push(make("details", {}, make("summary", { textContent: "What they do" }), make("ul", { className: "note" }, ...ahead.what.map((text) => make("li", { textContent: text })))));
+  return lines;
+}
+
+function drawRun() {
+  const shownNames = [...new Set([...outlook.experiments.map((card) => card.name), ...run.of.keys()])];
+  const isOpen = new Set([...document.querySelectorAll("#experiments > li")].filter((card) => card.querySelector("details[open]")).map((card) => card.dataset.name));
+  by("experiments").replaceChildren(...shownNames.map((name) => {
+    const card = experimentCard(name);
+    card.dataset.name = name;
+    if (isOpen.has(name) && card.querySelector("details")) card.querySelector("details").open = true;
+    return card;
+  }));
+  const parts = [];
+  if (!run.isRunning && isSession) {
+    if (outlook.summary) parts.push(outlook.experiments.every((card) => !card.to_run && !card.waits.length) ? "Everything is up to date." : `${outlook.summary}.`);
+    if (outlook.summary && !outlook.known) parts.push("How long these take is known once they have run.");
+  }
+  by("outlook").textContent = parts.join(" ");
+  by("progress").hidden = !run.number;
+  by("log").parentElement.hidden = !by("log").children.length;
+  const more = [];
+  if (outlook.problem && !run.isRunning) more.push(make("p", { className: "is-error", textContent: `Nothing can be processed yet: ${outlook.problem}` }), make("p", { className: "note", textContent: "While you record, “Watch the folder” processes each experiment as soon as its files are there." }));
+  if (outlook.unused.length && isSession) more.push(make("p", { className: "is-warning", textContent: `No experiment uses ${outlook.unused.length === 1 ? "this recording" : `these ${outlook.unused.length} recordings`} yet: ${outlook.unused.slice(0, 8).join(", ")}${outlook.unused.length > 8 ? " …" : ""}. The set-up adds a recording on the card of its experiment.` }));
+  by("outlook-more").replaceChildren(...more);
+}
+
+async function loadOutlook() {
+  outlook = isSession ? await ask("api/plan") : { summary: "", known: true, experiments: [], problem: "", unused: [] };
+  drawRun();
 }
 
 const note = (name, facts) => run.of.set(name, { ...(run.of.get(name) || {}), ...facts });
@@ -158,7 +215,7 @@ function take(event) {
   } else if (event.kind === "news") {
     note(name || "session", { state: event.state, text: `${event.state}: ${event.message}`, page: event.state === "processed" });
   } else if (event.kind === "waiting") {
-    note(name, { state: "waiting", text: `waiting for values:\n${event.message}` });
+    note(name, { state: "waiting", text: `waits for values:\n${event.message}` });
   } else if (event.kind === "finished") {
     for (const page of event.reports) note(page, { page: true });
     say(`Finished: ${event.message}`);
@@ -187,15 +244,25 @@ async function loadRun() {
   }
   run.next = found.next;
   found.events.forEach(take);
-  if (found.events.length) by("experiments").replaceChildren(...[...run.of.keys()].map(experimentCard));
+  run.isRunning = found.running;
+  if (found.events.length) drawRun();
   by("start").disabled = by("watch").disabled = found.running || !isSession;
   by("stop").disabled = !found.running;
+  if (found.running && found.mode === "watch") by("progress-text").textContent = "watching; each experiment is processed when its files are complete";
   by("start").textContent = found.code === 130 ? "Go on" : "Process";
   if (found.error) say(found.error, true);
-  if (run.wasRunning && !found.running) await loadFiles();
+  if (run.wasRunning && !found.running) {
+    await loadFiles();
+    await loadOutlook();
+  }
+  if (!run.wasRunning && found.running) drawRun();
   run.wasRunning = found.running;
 }
-views.run = loadRun;
+views.run = async () => {
+  await loadFiles();
+  await loadRun();
+  await loadOutlook();
+};
 
 for (const [id, action] of [["start", "process"], ["watch", "watch"], ["stop", "stop"]]) {
   by(id).addEventListener("click", trying(async () => {

@@ -133,6 +133,18 @@ function experiment(one) {
     choice.addEventListener("change", trying(() => choice.value && restructure({ op: "merge", name: one.name, other: choice.value, key: lists[0].place.at(-1) })));
     bar.append(choice);
   }
+  if (lists.length) {
+    // A recording that came later belongs to one of the experiments that hold its like.
+    const like = (files.find((file) => file.name === lists[0].files[0]) || {}).kind;
+    const taken = setup.data.experiments.flatMap((two) => two.fields.flatMap((field) => field.files || []));
+    const new_ = files.filter((file) => like && file.kind === like && !file.copy_of && !taken.includes(file.name));
+    if (new_.length && lists[0].files.length) {
+      const choice = make("select", {}, make("option", { value: "", textContent: "Add a recording …" }), ...new_.map((file) => make("option", { value: file.name, textContent: file.name })));
+      choice.setAttribute("aria-label", `Add a recording to ${one.name}`);
+      choice.addEventListener("change", trying(() => choice.value && restructure({ op: "add", name: one.name, key: lists[0].place.at(-1), names: [choice.value] })));
+      bar.append(choice);
+    }
+  }
   card.append(bar, make("div", { className: "fields" }, ...needed.map(row)));
   if (above.length) card.append(make("details", {}, make("summary", { textContent: "Its specimen alone" }), make("div", { className: "fields" }, ...above.map(row))));
   if (further.length) card.append(make("details", {}, make("summary", { textContent: "More settings" }), make("div", { className: "fields" }, ...further.map(row))));

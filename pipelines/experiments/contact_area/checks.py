@@ -1,5 +1,6 @@
 """Whether a film of a contact can be believed: its size, fringes, flights, and order of frames."""
 
+import json
 from collections.abc import Iterator
 from dataclasses import replace
 from math import hypot, isfinite, log, sqrt
@@ -14,6 +15,7 @@ from labpipe.workflow.context import Context
 from pipelines.experiments.contact_area.comparison import SCALE, rows
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import judgements
+from pipelines.experiments.shared.film_frames import explained
 from pipelines.experiments.shared.judgements import Scene, times_over
 
 _LARGEST = 0.5
@@ -50,7 +52,7 @@ def judgement(
     context: Context,
 ) -> xr.Dataset:
     """Judge one film; what gave no result is judged by that."""
-    checks: list[Check] = judgements.failed_steps(context, _FAILED)
+    checks = [explained(check) for check in judgements.failed_steps(context, _FAILED)]
     if radius is not None:
         checks += [
             _fringes(radius, settings),
@@ -60,7 +62,7 @@ def judgement(
             _flies(radius, settings),
             _stays(radius, settings),
         ]
-        checks += [_damaged(radius, settings), _copies(radius, settings)]
+        checks += [_damaged(radius, settings), _blanked(radius, settings), _copies(radius, settings)]
     if impacts is not None and impacts.sizes["impact"]:
         checks += [_size(impacts, settings), _like_model(impacts, model, settings), _order(impacts, settings)]
         checks += [_flight(impacts, model, settings), _duration(impacts, model, settings), _rest(impacts, settings)]
@@ -156,6 +158,20 @@ def _damaged(radius: xr.Dataset, settings: ContactArea) -> Check:
         level = "impossible" if share > 0.5 else "doubtful"
     cause = "the film was not copied whole, or frames were lost"
     return stated(name, law, text, level, cause=cause, file=settings.film)
+
+
+def _blanked(radius: xr.Dataset, settings: ContactArea) -> Check:
+    name, law = ("whole frames", "a sensor has noise: no row of pixels holds one value that was not there before")
+    if "blanked" not in radius.attrs:
+        return not_made(name, law, "the frames")
+    found = {int(i): int(size) for i, size in json.loads(radius.attrs["blanked"]).items()}
+    if not found:
+        return stated(name, law, f"{settings.film}: no pixels are missing in frames about a contact", None)
+    first, size = next(iter(found.items()))
+    more = f"; {len(found)} such frames" if len(found) > 1 else ""
+    text = f"{settings.film}: {size} pixels in a row of frame {first} are blank, those before them are not{more}"
+    cause = f"pixels of frame {first} were lost: the film was not copied whole, was damaged, or the light failed"
+    return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
 
 
 def _copies(radius: xr.Dataset, settings: ContactArea) -> Check:

@@ -20,8 +20,10 @@ from labpipe.errors import InputError
 from labpipe.variables import variable
 from pipelines.experiments.contact_area._peaks import STILL, peak_of
 from pipelines.experiments.contact_area.settings import ContactArea
-from pipelines.experiments.shared.film_frames import key_frames, open_film, recorded_on
+from pipelines.experiments.shared.film_frames import blanked, key_frames, open_film, recorded_on
 
+READ = (1, 2, 5)
+"""Methods of :func:`labpipe.imaging.contact_radius` that read the frame itself: fringes, edge, open gap."""
 _LEAST_REGION = 32  # px: below it no contact with a ring would fit
 _IMPACTS = 3  # the thesis analyses the first three
 _GAP = 4.0  # usual intervals between two frames that end a contact even when both see one
@@ -39,8 +41,9 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
     size, checked = camera_scale.image_scale(known, settings.view, measured=day)
     sphere, light = settings.sphere.radius, settings.wavelength
     rows, columns = _region(source.shape[1:], settings)
+    seen = source if settings.region is None else source.roi(rows, columns)
     found = imaging.contact_radius(
-        source if settings.region is None else source.roi(rows, columns),
+        seen,
         size.value,
         sphere.value,
         None if light is None else light.value,
@@ -50,6 +53,7 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
         u_sphere_radius=sphere.u,
         u_wavelength=0.0 if light is None else light.u,
     )
+    read = np.isin(found["method"].values, READ) & found["in_contact"].values.astype(bool)
     time = variable("frame", source.time, "s", "time in the film")
     found = found.assign_coords(time=time)
     found["centre_x"].values += columns.start
@@ -60,6 +64,7 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
         scale_budget=json.dumps(checked.pop("budget")),
         calibration=json.dumps(checked, ensure_ascii=False),
         u_systematic_relative=size.u / size.value,
+        blanked=json.dumps(blanked(seen, read)),
     )
 
 

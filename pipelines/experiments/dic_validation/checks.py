@@ -15,6 +15,7 @@ from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.fall_checks import Fall
+from pipelines.experiments.shared.film_frames import explained
 from pipelines.experiments.shared.judgements import Scene
 
 _GRAVITY = Quantity(9.81, 0.0, "m/s2")
@@ -51,7 +52,7 @@ def judgement(
     context: Context,
 ) -> xr.Dataset:
     """Judge one film; what gave no result is judged by that."""
-    checks: list[Check] = judgements.failed_steps(context, _FAILED)
+    checks = [explained(check) for check in judgements.failed_steps(context, _FAILED)]
     if track is not None:
         checks.append(_found(track, settings))
     if motion is not None:

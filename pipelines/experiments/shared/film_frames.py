@@ -1,7 +1,7 @@
 """Films in experiments: opening, recording date, key frames."""
 
 from collections.abc import Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -14,11 +14,17 @@ from numpy.typing import NDArray
 import instruments
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource
+from labpipe.judging import Check
 from labpipe.units import Quantity
 from labpipe.variables import variable
 
 _FIRST_DAY = 946_684_800  # s since 1970: the year 2000, before the format was in use
 _WIDEST = 640  # px of a stored key frame: what a page shows
+_EXCHANGED = "width and height are exchanged"
+_ALIKE, _BESIDE = 0.5, 0.25
+"""Part of the differences between stated neighbours that is left between true ones, and how far
+beside their distance, relative, nothing alike may lie: rows that are alike all along are a pattern."""
+_AROUND = 8  # frames read on either side of a contact
 
 
 def open_film(path: Path, frame_rate: Quantity | None = None) -> FrameSource:
@@ -27,7 +33,7 @@ def open_film(path: Path, frame_rate: Quantity | None = None) -> FrameSource:
     Raises
     ------
     InputError
-        The file holds readings, not images.
+        The file holds readings, not images; or rows and columns of its images are exchanged.
     """
     options: dict[str, Any] = {}
     if "fps" in instruments.by_name(instruments.identify(path)).option_names():
@@ -36,6 +42,79 @@ def open_film(path: Path, frame_rate: Quantity | None = None) -> FrameSource:
     if isinstance(found, xr.Dataset):
         message = f"{path}: expected a film, found a table of readings"
         raise InputError(message)
+    if _is_exchanged(found):
+        _, rows, columns = found.shape
+        message = (
+            f"{path}: rows of its images fit together when they are {rows} px long, not {columns} px as its header "
+            f"says: {_EXCHANGED}"
+        )
+        raise InputError(message)
+    return found
+
+
+def _is_exchanged(film: FrameSource) -> bool:
+    """Tell whether the pixels of an image are neighbours at the distance of its height, not of its width.
+
+    The shape of a film is a number in its header: pixels below each other look alike at the distance
+    of a row, and nowhere near it.
+    """
+    _, rows, columns = film.shape
+    sound = np.flatnonzero(film.valid) if rows != columns else np.empty(0, int)
+    if not sound.size or 2 * rows * columns < 3 * max(rows, columns):
+        return False
+    image = np.asarray(film[int(sound[sound.size // 2])], np.float64)
+
+    def apart(flat: NDArray[np.float64], distance: float) -> float:
+        by = round(distance)
+        return float(np.mean(np.abs(flat[by:] - flat[:-by])))
+
+    # rows of a file may begin at the bottom
+    return any(
+        apart(flat, rows) < _ALIKE * min(apart(flat, d) for d in (columns, (1 - _BESIDE) * rows, (1 + _BESIDE) * rows))
+        for flat in (image.ravel(), image[::-1].ravel())
+    )
+
+
+def explained(failed: Check) -> Check:
+    """Give a step that failed over an exchanged width and height that cause."""
+    if _EXCHANGED not in failed.message:
+        return failed
+    cause = "width and height are exchanged in the header of the film, which was edited or damaged: export it again"
+    return replace(failed, cause=cause)
+
+
+def blanked(film: FrameSource, is_seen: NDArray[np.bool_]) -> dict[int, int]:
+    """Find frames about a contact in which pixels are missing: rows of one value without noise.
+
+    Parameters
+    ----------
+    film : FrameSource
+    is_seen : ndarray of bool
+        Frames that show a contact and were measured; shape (frame,).
+
+    Returns
+    -------
+    dict
+        Frame to the number of pixels in a row that hold the lowest value, where they fill a row of
+        the image or more and most of them held more in the frame before.
+    """
+    wide = np.convolve(is_seen, np.ones(2 * _AROUND + 1), "same") > 0
+    found: dict[int, int] = {}
+    before: NDArray[Any] | None = None
+    for i in np.flatnonzero(wide[: len(is_seen)] & np.asarray(film.valid, bool)):
+        image = film[int(i)].ravel()
+        lowest = image == image.min()
+        # a lens cap, or a film that is dark throughout, has no frame that differs
+        if before is not None and np.count_nonzero(lowest) >= film.shape[2]:
+            edges = np.flatnonzero(np.diff(lowest, prepend=False, append=False))
+            starts, ends = edges[::2], edges[1::2]
+            at = int(np.argmax(ends - starts))
+            part = slice(int(starts[at]), int(ends[at]))
+            size = part.stop - part.start
+            if size >= film.shape[2] and np.count_nonzero(before[part] > image[part.start]) > size / 2:
+                found[int(i)] = size
+                continue
+        before = image
     return found
 
 

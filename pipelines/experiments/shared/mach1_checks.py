@@ -151,7 +151,17 @@ def _trace(name: str, part: Part) -> mach1_traces.Trace:
         rests = float(part.time[first][-1]) - lasted + _SETTLED if lasted > _SETTLED else np.inf
     x, f = part.position, part.force
     criterion = part.declared("Contact Criteria")[0] if part.function == _APPROACH else nan
-    return mach1_traces.Trace(name, part.number, part.header_line + 1, part.time, x, f, part.segment, rests, criterion)
+    return mach1_traces.Trace(
+        name, part.number, part.header_line + 1, part.time, x, f, part.segment, rests, criterion, _fastest(part)
+    )
+
+
+def _fastest(part: Part) -> float:
+    """Return the speed to which the command of a block leads at most [m/s]; NaN where it says none."""
+    if part.function == _SINUSOID:
+        return 2 * pi * part.declared("Frequency")[0] * abs(part.declared("Amplitude")[0])
+    key = "Velocity" if part.function == RELAXATION else "Stage Velocity"
+    return abs(part.declared(key)[0]) if part.function in (RELAXATION, _APPROACH) else nan
 
 
 def is_swapped(checks: Sequence[Check]) -> bool:

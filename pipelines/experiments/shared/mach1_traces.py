@@ -1,7 +1,8 @@
-"""Columns of a Mach-1 file by themselves: readings that stand alone, levels that jump, hum, drift.
+"""Columns of a Mach-1 file by themselves: readings that stand alone, leaps and levels that jump, hum, drift.
 
 A stage and a sample have inertia and the cell has a filter: no reading leaves both its neighbours
-by far, and under a motion that repeats itself, or none, a force does not jump to another level.
+by far, a stage goes no faster than it was told, and under a motion that repeats itself, or none, a
+force does not jump to another level.
 """
 
 from collections.abc import Iterator
@@ -15,6 +16,7 @@ from labpipe.report import quantity
 from labpipe.signals import quantisation_step
 
 SPIKE, JUMP, QUIET = "readings that stand alone", "level of the force", "force before contact"
+LEAP = "leaps of the stage"
 
 _ALONE = 15.0  # standard deviations of noise, or steps of the resolution
 _BESIDE = 3.0  # times the changes on either side
@@ -27,6 +29,10 @@ _AROUND = 8  # readings on either side whose medians must differ too
 _SURE = 1e-9  # probability by chance of a line in the noise
 _CLEAR = 2.0  # times the noise, or the resolution, of a line that is told
 _FEWEST = 40  # readings
+_EASED, _LEAPS = 1.5, 3.0
+"""Times its speed by which a stage may go between two readings, for times that are rounded and
+motions that ease, and beyond which it has not gone there at all."""
+_MATTERS = 0.05  # of a block's travel: less than that spoils nothing that is made of it
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +40,8 @@ class Trace:
     """Columns of one block, and where they stand.
 
     ``first`` is the line of the first row; ``rests`` says from when on the stage holds or only
-    oscillates; ``criterion`` [N] is the force by which contact was found, NaN without one.
+    oscillates; ``criterion`` [N] is the force by which contact was found, NaN without one;
+    ``fastest`` [m/s] is the speed that the command leads to at most, NaN where it says none.
     """
 
     file: str
@@ -46,6 +53,7 @@ class Trace:
     segment: Floats
     rests: float
     criterion: float
+    fastest: float
 
     def line(self, index: int) -> int:
         """Return the line of a reading; segments are parted by a line each."""
@@ -54,7 +62,7 @@ class Trace:
 
 def checks_of(traces: list[Trace]) -> Iterator[Check]:
     """Make all checks of the blocks of one file, the worst of each."""
-    for of_one in (_spikes, _jump, _quiet):
+    for of_one in (_spikes, _leap, _jump, _quiet):
         found = [check for trace in traces for check in of_one(trace)]
         worst = next((c for level in ("impossible", "doubtful", "note") for c in found if c.level == level), None)
         if worst is not None or found:
@@ -95,6 +103,38 @@ def _spikes(trace: Trace) -> Iterator[Check]:
             yield stated(SPIKE, law, text, "doubtful", cause=cause, file=trace.file, line=line)
             return
     yield stated(SPIKE, law, f"{trace.file}: no reading stands alone", None, file=trace.file)
+
+
+def _leap(trace: Trace) -> Iterator[Check]:
+    """Hold every step from reading to reading against the speed of the stage."""
+    law = "a stage goes no faster from reading to reading than it was told"
+    x, interval = trace.position, np.diff(trace.time)
+    if x.size < _FEWEST or not (np.isfinite(x).all() and np.isfinite(trace.fastest) and (interval > 0).all()):
+        yield not_made(LEAP, law, "a declared speed, and times that rise")
+        return
+    moved = np.diff(x)
+    rates = np.abs(moved / interval)
+    # a declared speed that is too low is another mistake: the stage then goes steadily beyond it
+    going = rates[rates > 0.3 * trace.fastest]
+    fastest = max(trace.fastest, float(np.median(going)) if going.size else 0.0)
+    noise, step = _noise(x)
+    allowed, spread = fastest * interval, _ALONE * max(noise, step)
+    # what the next reading undoes is one reading that stands alone
+    lasts = np.minimum(np.abs(moved[:-1]), np.abs(x[2:] - x[:-2])) * (moved[:-1] * (x[2:] - x[:-2]) > 0)
+    beyond = lasts - _EASED * allowed[:-1] - spread
+    at = int(np.argmax(beyond))
+    if not beyond[at] > 0:
+        yield stated(LEAP, law, f"{trace.file}: the stage goes steadily", None, file=trace.file)
+        return
+    line = trace.line(at + 1)
+    text = (
+        f"{trace.file}, block {trace.number + 1}: the stage leaps by {quantity(float(moved[at]), 'm')} in "
+        f"{quantity(float(interval[at]), 's')} at {quantity(float(trace.time[at + 1]), 's')}, where its speed of "
+        f"{quantity(fastest, 'm/s')} leads to {quantity(float(allowed[at]), 'm')}"
+    )
+    cause = f"rows were lost there and the rest numbered anew, or the stage slipped or was homed (line {line})"
+    is_far = lasts[at] > _LEAPS * allowed[at] + spread and lasts[at] > _MATTERS * float(np.ptp(x))
+    yield stated(LEAP, law, text, "impossible" if is_far else "doubtful", cause=cause, file=trace.file, line=line)
 
 
 def _jump(trace: Trace) -> Iterator[Check]:

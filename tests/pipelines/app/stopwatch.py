@@ -138,12 +138,12 @@ def to_verdicts(window: Browser, address: str, *, is_whole: bool = True) -> dict
     window.until("document.getElementById('message').textContent.startsWith('Written')")
     person.button("Run", "nav")
     person.button("Process", "#run")
-    window.until("document.querySelector('#experiments .is-ok, #experiments .is-warning') !== null", 240)
+    verdicts = "[...document.querySelectorAll('#experiments li p')].filter(p => p.textContent.startsWith('believable'))"
+    window.until(f"{verdicts}.length > 0", 240)
     person.read()
     note("first verdict")
     if not is_whole:
         return reached
-    verdicts = "[...document.querySelectorAll('#experiments li p')].filter(p => p.textContent.startsWith('believable'))"
     window.until(f"{verdicts}.length >= {len(HEIGHTS) + 2}", 240)
     person.click(
         "[...document.querySelectorAll('#experiments li')].find(e => e.querySelector('h3').textContent"

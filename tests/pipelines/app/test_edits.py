@@ -55,6 +55,14 @@ def test_an_experiment_is_renamed_where_it_is_and_where_it_is_named() -> None:
     )
 
 
+def test_a_recording_that_came_later_is_added_behind_the_others() -> None:
+    changed = edits.add(TEXT, "a", "laser", ["a2.csv", "a3.csv"])
+    assert tomllib.loads(changed)["experiments"]["a"]["laser"] == ["a1.csv", "a2.csv", "a3.csv"]
+    assert "# the second one" in changed
+    with pytest.raises(InputError, match="no list of recordings"):
+        edits.add(TEXT, "a", "height", ["a3.csv"])
+
+
 def test_an_experiment_is_left_out_with_its_remark() -> None:
     changed = edits.remove(TEXT, "a")
     assert "first one" not in changed

@@ -15,7 +15,7 @@ import pytest
 
 from labpipe import files
 from pipelines.app import open_guide
-from pipelines.session import open_session
+from pipelines.session import open_session, process
 from tests.pipelines.app.conftest import Page
 
 
@@ -164,6 +164,36 @@ def test_a_bare_number_gets_the_unit_that_was_asked_for(page: Page) -> None:
     assert {problem["place"] for problem in looked["problems"]} == {"experiments.drop.sphere.material"}
 
 
+def test_before_a_run_it_is_told_what_would_run_and_what_waits_for_which_line(page: Page, raw: Path) -> None:
+    page.told("api/init", {})
+    (raw / "laser/other_1.csv").write_bytes((raw / "laser/drop_1.csv").read_bytes().replace(b"0", b"1", 1))
+    told = page.told("api/plan")
+    cards = {card["name"]: card for card in told["experiments"]}
+    written = enumerate((raw / "session.toml").read_text("utf-8").splitlines(), 1)
+    line = next(number for number, text in written if text.startswith('height = "FILL'))
+    assert any(f"session.toml:{line}" in waits for waits in cards["drop"]["waits"]), cards["drop"]["waits"]
+    assert not told["known"]
+    assert cards["nbr"]["to_run"] == cards["nbr"]["steps"] > 0
+    assert cards["nbr"]["why"]
+    assert told["unused"] == ["laser/other_1.csv"]
+    page.told("api/write", {"base": page.told("api/session")["base"], "edits": edits(*FILLED)})
+    told = page.told("api/plan")
+    assert all(not card["waits"] and card["to_run"] for card in told["experiments"])
+    (raw / "mach1/nbr.txt").unlink()
+    assert "nbr.txt" in page.told("api/plan")["problem"]
+
+
+def test_after_a_failure_it_is_told_again_even_by_another_server(
+    serving: Callable[[Path], Page], session_copy: Path
+) -> None:
+    (session_copy / "laser/drop_1.csv").write_text("cut\n")
+    process(session_copy, jobs=0)
+    cards = {card["name"]: card for card in serving(session_copy).told("api/plan")["experiments"]}
+    assert "drop_1.csv" in cards["drop"]["failed"]
+    assert cards["drop"]["page"]
+    assert (cards["nbr"]["to_run"], cards["nbr"]["failed"]) == (0, "")
+
+
 def test_two_reports_are_laid_side_by_side(serving: Callable[[Path], Page], session_copy: Path) -> None:
     page = serving(session_copy)
     made = page.told("api/beside", {"first": "drop", "second": "nbr"})["page"]
@@ -200,6 +230,7 @@ def until(page: Page, is_so: Callable[[dict], bool]) -> dict:
     return state
 
 
+@pytest.mark.slow
 def test_a_run_is_stopped_and_goes_on_to_its_verdicts(page: Page, raw: Path) -> None:
     page.told("api/init", {})
     base = page.told("api/session")["base"]

@@ -1,12 +1,17 @@
-"""Key frames: what a page shows of a film."""
+"""Films in experiments: key frames, and what cannot be a film that a camera wrote."""
 
+import struct
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from labpipe.errors import InputError
-from pipelines.experiments.shared.film_frames import key_frames
+import instruments
+from instruments import phantom
+from labpipe.errors import InputError, LabpipeError
+from labpipe.judging import stated
+from pipelines.experiments.shared.film_frames import blanked, explained, key_frames, open_film
 
 
 @dataclass
@@ -53,3 +58,52 @@ def test_the_header_is_listed_without_tables_and_without_what_it_leaves_open():
 def test_damaged_frames_alone_are_refused():
     with pytest.raises(InputError, match="all frames selected for display are damaged"):
         key_frames(Film(), [1])
+
+
+def _film(path: Path, patterns: np.ndarray) -> Path:
+    phantom.write(
+        path, iter(patterns), patterns.shape, np.arange(len(patterns)) * 1e-4, phantom.Recording(10_000, 2e-6)
+    )
+    return path
+
+
+def _smooth(rows: int = 40, columns: int = 200) -> np.ndarray:
+    """Three images of rings with noise, as a camera sees them."""
+    y, x = np.mgrid[:rows, :columns]
+    rings = 120 + 60 * np.cos(2e-3 * ((x - 90) ** 2 + (y - 15) ** 2))
+    return (rings + np.random.default_rng(1).normal(0, 2, (3, rows, columns))).round().astype(np.uint8)
+
+
+def _exchange(path: Path, *, is_whole: bool) -> None:
+    """Exchange width and height where the images are described; where settings are too if all are."""
+    data = bytearray(path.read_bytes())
+    (bitmap, setup) = struct.unpack_from("<II", data, 24)
+    for layout, at in (("<ii", bitmap + 4), ("<HH", setup + 737), ("<II", setup + 1588))[: 3 if is_whole else 1]:
+        struct.pack_into(layout, data, at, *reversed(struct.unpack_from(layout, data, at)))
+    path.write_bytes(data)
+
+
+@pytest.mark.parametrize("is_whole", [False, True])
+def test_exchanged_width_and_height_are_told(tmp_path, *, is_whole):
+    path = _film(tmp_path / "a.cine", _smooth())
+    assert open_film(path).shape == (3, 40, 200)
+    _exchange(path, is_whole=is_whole)
+    with pytest.raises(LabpipeError, match="width and height are exchanged") as error:
+        open_film(path)
+    told = explained(stated("step radius", "", str(error.value), "impossible", cause="the record is of another view"))
+    assert told.cause.startswith("width and height are exchanged in the header")
+
+
+def test_lines_along_the_image_are_no_exchanged_header(tmp_path):
+    stripes = np.tile(np.where(np.arange(40) % 2, 40, 200)[:, np.newaxis], (3, 1, 200)).astype(np.uint8)
+    assert open_film(_film(tmp_path / "a.cine", stripes)).shape == (3, 40, 200)
+
+
+def test_missing_pixels_are_found_and_dark_ones_are_none(tmp_path):
+    images = np.concatenate([_smooth(), _smooth()])
+    images[:, :, 150:] = 0  # clipped in every frame
+    images[4, 10:13] = 0
+    film = instruments.read(_film(tmp_path / "a.cine", images))
+    assert blanked(film, np.ones(6, bool)).keys() == {4}
+    assert blanked(film, np.ones(6, bool))[4] >= 3 * 200
+    assert blanked(film, np.zeros(6, bool)) == {}

@@ -1,0 +1,83 @@
+"""What a run would do, by experiment: how many steps and why, what waits, what failed last time."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from labpipe.errors import LabpipeError
+from labpipe.workflow import events
+from labpipe.workflow.plan import READY, page_name
+from pipelines.experiments import KINDS
+from pipelines.session import plan
+
+if TYPE_CHECKING:
+    from labpipe.workflow.session import Session
+    from pipelines.session import Surveyed
+
+_RECORDINGS = ("displacement", "force", "film", "sweep")
+_MOST_STEPS = 60
+
+
+def outlook(folder: Path, surveyed: Iterable[Surveyed]) -> dict[str, Any]:
+    """Say what a run of a session would do; nothing is computed.
+
+    Parameters
+    ----------
+    folder : Path
+        The session folder.
+    surveyed : iterable of Surveyed
+        The files of the folder, for recordings that no experiment uses.
+
+    Returns
+    -------
+    dict
+        ``summary``, ``known`` (whether it is known how long it takes), ``experiments`` in the order
+        of a run, ``problem`` where nothing can run before session.toml is corrected, ``unused``.
+    """
+    unused = [each.name for each in surveyed if each.content in _RECORDINGS and not each.used_by and not each.copy_of]
+    told: dict[str, Any] = {"summary": "", "known": True, "experiments": [], "problem": "", "unused": unused}
+    try:
+        made = plan(folder)
+    except LabpipeError as error:
+        return told | {"problem": str(error)}
+    session = made.session
+    failed = _failures(session)
+    cards = []
+    for name, rows in itertools.groupby(made.rows, key=lambda row: row.experiment):
+        own = list(rows)
+        open_ = [row for row in own if row.state not in READY]
+        cards.append(
+            {
+                "name": name,
+                "title": KINDS[session.experiments[name].kind].title,
+                "steps": len(own),
+                "to_run": len(open_),
+                "why": open_[0].reason if open_ else "",
+                "what": list(dict.fromkeys(row.summary for row in open_))[:_MOST_STEPS],
+                "failed": failed.get(name, "") if open_ else "",
+                "waits": [],
+                "page": (session.folder / page_name(name)).is_file(),
+            }
+        )
+    cards += [
+        {"name": name, "title": "", "steps": 0, "to_run": 0, "why": "", "what": [], "failed": ""}
+        | {"waits": list(lines), "page": False}
+        for name, lines in session.waiting.items()
+    ]
+    return told | {"summary": made.summary, "known": bool(made.estimate or not made.to_run), "experiments": cards}
+
+
+def _failures(session: Session) -> dict[str, str]:
+    """Return what failed in every experiment when it was last tried, by the log of the runs."""
+    found: dict[str, dict[tuple[Any, Any], str]] = {}
+    for event in events(session):
+        if event.get("event") == "ended":
+            own = found.setdefault(str(event.get("experiment")), {})
+            step = event.get("stage"), event.get("recording")
+            own.pop(step, None)
+            if event.get("state") == "failed":
+                own[step] = f"{event.get('stage')}: {event.get('message')}"
+    return {name: next(iter(own.values())) for name, own in found.items() if own}
