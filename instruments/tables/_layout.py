@@ -305,11 +305,11 @@ def _of_two_rows(above: Sequence[str], below: Sequence[str]) -> list[Heading] | 
             tries = [f"{bottom} @ {common}"]
         else:
             tries = [f"{top} {bottom}".strip(), bottom, f"{common} {bottom}"]
-        made = next((h for text in tries if (h := _words.parsed(text)).is_known), None)
-        if made is None or (top and not made.is_known):
+        joined = next((h for text in tries if (h := _words.parsed(text)).is_known), None)
+        if joined is None:
             return None
         named += 1
-        found.append(made)
+        found.append(joined)
     return found if named else None
 
 
