@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 from numba import njit
@@ -33,6 +33,12 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         return kernel
 
     return decorate
+
+
+#: Of kernels that allocate nothing: not counting references to their arrays halves the time to compile.
+lean = partial(compiled, error_model="numpy", no_cfunc_wrapper=True, _nrt=False)
+#: Of those that only compiled code calls, which need no way in from Python either.
+inner = partial(lean, no_cpython_wrapper=True)
 
 
 def _forgive_a_full_disk(kernel: Any) -> None:

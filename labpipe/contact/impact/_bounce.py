@@ -46,7 +46,7 @@ class Dents:
     def add(self, edge: float, values: Floats) -> None:
         """Put the dent of a contact over those before it."""
         self.cover(edge)
-        share = edge * scheme().mean[0]
+        share = edge * scheme().means[0]
         self.layers.append(_Dent(edge, values, 0.5 * self.creep.inverse * (values**2 @ share)))
 
     def cover(self, edge: float) -> None:

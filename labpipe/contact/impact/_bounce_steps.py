@@ -19,15 +19,10 @@ References
 """
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from labpipe.arrays import Floats
-from labpipe.compilation import compiled
-
-# What only compiled code calls needs no way in from Python, and what allocates nothing need not
-# count references to some fifty arrays: each halves the time to compile.
-_inner = compiled(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=False)
-_entry = compiled(error_model="numpy", no_cfunc_wrapper=True, _nrt=False)
+from labpipe.compilation import inner, lean
 
 # How a contact ends.
 LIFTED, TURNED, FAILED, FULL = range(4)
@@ -71,14 +66,17 @@ class Law(NamedTuple):
     is_liquid: bool
 
 
-class Scheme(NamedTuple):
+class Scheme(Protocol):
     """Constants of the method: Radau's points, and polynomials over the radius.
+
+    What is handed on is one record with these fields: a single address to compiled code, where nine
+    arrays are some sixty arguments of each call.
 
     ``c`` (stage,), ``a`` (stage, stage) and its square ``aa``; ``to_powers`` (stage, stage) from
     values less the first to the coefficients of u, u^2, ...; ``gamma`` (stage + 1,) of the error.
     Fields over the radius are polynomials in s = sqrt(1 - (x / edge)^2), held at the nodes ``s``
     (node,) with barycentric weights ``bary``; ``slope`` (node, node) differentiates over s,
-    ``mean`` (node, node) gives twice the mean from the centre to each node.
+    ``means`` (node, node) gives twice the mean from the centre to each node.
     """
 
     c: Floats
@@ -89,7 +87,7 @@ class Scheme(NamedTuple):
     s: Floats
     bary: Floats
     slope: Floats
-    mean: Floats
+    means: Floats
 
 
 class Fall(NamedTuple):
@@ -200,7 +198,7 @@ class Room(NamedTuple):
     short: Floats
 
 
-@_inner
+@inner()
 def _moments(z: float, out: Floats) -> None:
     """Integrals of u^p exp(-z (1 - u)) over u from 0 to 1, p = 0 ... (power,)."""
     n = out.size
@@ -221,7 +219,7 @@ def _moments(z: float, out: Floats) -> None:
         out[p - 1] = (1.0 - z * out[p]) / p
 
 
-@_inner
+@inner()
 def gap(fall: Fall, x: float) -> float:
     """Approach at which an undeformed spring at ``x`` [m] touches."""
     if fall.is_sphere:
@@ -229,7 +227,7 @@ def gap(fall: Fall, x: float) -> float:
     return x * x / fall.radius
 
 
-@_inner
+@inner()
 def _gap_area(fall: Fall, x: float) -> float:
     """Integral of the gap from the centre to ``x`` [m]."""
     r = fall.radius
@@ -240,7 +238,7 @@ def _gap_area(fall: Fall, x: float) -> float:
     return 0.5 * r * r * ((ratio**2 - 1.0) * math.atanh(ratio) + ratio)
 
 
-@_inner
+@inner()
 def _inverse_gap(fall: Fall, depth: float) -> float:
     """Contact radius at which the gap is ``depth`` [m]."""
     if depth <= 0.0:
@@ -258,7 +256,7 @@ def _inverse_gap(fall: Fall, depth: float) -> float:
     return x
 
 
-@_inner
+@inner()
 def _at(scheme: Scheme, values: Floats, s: float) -> float:
     """Value at ``s`` of the polynomial with ``values`` (node,) at the nodes."""
     top = bottom = 0.0
@@ -272,7 +270,7 @@ def _at(scheme: Scheme, values: Floats, s: float) -> float:
     return top / bottom
 
 
-@_inner
+@inner()
 def _power_sum(coefficients: Floats, u: float) -> float:
     """Polynomial without constant term."""
     total = 0.0
@@ -281,7 +279,7 @@ def _power_sum(coefficients: Floats, u: float) -> float:
     return total
 
 
-@_inner
+@inner()
 def _fade(start: Floats, rate: Floats, h: float, u: float, powers: Floats, out: Floats, room: Floats) -> None:
     """Fading integrals (maxwell,) a part ``u`` of a step on, from those at its start."""
     for j in range(rate.size):
@@ -294,7 +292,7 @@ def _fade(start: Floats, rate: Floats, h: float, u: float, powers: Floats, out: 
         out[j] = math.exp(-z) * start[j] + total
 
 
-@_inner
+@inner()
 def _solve(matrix: Floats, right: Floats) -> None:
     """Gaussian elimination in place; the solution replaces ``right`` (stage, column)."""
     n = matrix.shape[0]
@@ -320,7 +318,7 @@ def _solve(matrix: Floats, right: Floats) -> None:
             right[i, c] /= matrix[i, i]
 
 
-@_inner
+@inner()
 def _prepare(law: Law, scheme: Scheme, fall: Fall, center: Floats, path: Path, n: int, h: float, room: Room) -> None:
     """Fill in what a step from the end ``n`` knows without its force: motion and weights."""
     t, S = path.time[n], scheme.c.size
@@ -338,7 +336,7 @@ def _prepare(law: Law, scheme: Scheme, fall: Fall, center: Floats, path: Path, n
     _gain(law, scheme, h, room)
 
 
-@_inner
+@inner()
 def _let_plate_answer(scheme: Scheme, fall: Fall, now: Floats, h: float, room: Room) -> None:
     """Add the motion of the plate: free, and per force."""
     S = scheme.c.size
@@ -359,7 +357,7 @@ def _let_plate_answer(scheme: Scheme, fall: Fall, now: Floats, h: float, room: R
         room.base[i] -= room.plate_free[i]
 
 
-@_inner
+@inner()
 def _gain(law: Law, scheme: Scheme, h: float, room: Room) -> None:
     """Weights of the fading integrals, and the force per approach that they amount to."""
     S = scheme.c.size
@@ -381,19 +379,19 @@ def _gain(law: Law, scheme: Scheme, h: float, room: Room) -> None:
                 room.gain[i, m] += total * scheme.to_powers[p, m]
 
 
-@_inner
+@inner()
 def _spread(scheme: Scheme, room: Room, i: int) -> None:
     """Fill in derivative over s and twice the mean of the stage's field."""
     for n in range(scheme.s.size):
         slope = area = 0.0
         for m in range(scheme.s.size):
             slope += scheme.slope[n, m] * room.field[i, m]
-            area += scheme.mean[n, m] * room.field[i, m]
+            area += scheme.means[n, m] * room.field[i, m]
         room.slope[i, n] = slope
         room.area[i, n] = area
 
 
-@_inner
+@inner()
 def _dented_edge(scheme: Scheme, fall: Fall, room: Room, i: int, depth: float, outer: float, guess: float) -> float:
     """Radius where a surface with dents, out to ``outer``, lies at ``depth``; it rises outwards."""
     if depth <= 0.0:
@@ -423,7 +421,7 @@ def _dented_edge(scheme: Scheme, fall: Fall, room: Room, i: int, depth: float, o
     return x
 
 
-@_inner
+@inner()
 def _receding_edge(
     law: Law, scheme: Scheme, fall: Fall, room: Room, i: int, depth: float, density: float, outer: float, guess: float
 ) -> float:
@@ -453,7 +451,7 @@ def _receding_edge(
     return s
 
 
-@_inner
+@inner()
 def _advance_force(
     law: Law, scheme: Scheme, fall: Fall, room: Room, time: float, h: float, bulk: float, outer: float, dented: bool
 ) -> None:
@@ -476,7 +474,7 @@ def _advance_force(
         _add_dents(law, scheme, room, time, h, outer)
 
 
-@_inner
+@inner()
 def _add_dents(law: Law, scheme: Scheme, room: Room, time: float, h: float, outer: float) -> None:
     """Add what the springs held when the edge reached them, integrated over time by parts."""
     S, K = scheme.c.size, law.creep_rate.size
@@ -504,7 +502,7 @@ def _add_dents(law: Law, scheme: Scheme, room: Room, time: float, h: float, oute
                 room.force[i] += room.table[i, k, m] * room.cross[m, k]
 
 
-@_inner
+@inner()
 def _recede_force(law: Law, scheme: Scheme, fall: Fall, room: Room, start: float, outer: float) -> None:
     """Force at the stages of a receding contact, from the approaches there."""
     S = scheme.c.size
@@ -524,7 +522,7 @@ def _recede_force(law: Law, scheme: Scheme, fall: Fall, room: Room, start: float
             room.force[i] = elastic + x * (_at(scheme, room.area[i], s) + 2.0 * density)
 
 
-@_inner
+@inner()
 def _differentiate(law: Law, scheme: Scheme, room: Room, phase: Phase) -> None:
     """Fill in the derivative of the miss of each stage; the load at the edge is 0 and adds none."""
     S = scheme.c.size
@@ -538,7 +536,7 @@ def _differentiate(law: Law, scheme: Scheme, room: Room, phase: Phase) -> None:
             room.matrix[i, m] = total + room.answer[i, m] * law.E_relaxed * 2.0 * x
 
 
-@_inner
+@inner()
 def _newton(law: Law, scheme: Scheme, fall: Fall, room: Room, path: Path, n: int, h: float, phase: Phase) -> bool:
     """Solve for the approaches at the stages: motion against force."""
     S = scheme.c.size
@@ -574,7 +572,7 @@ def _newton(law: Law, scheme: Scheme, fall: Fall, room: Room, path: Path, n: int
     return change <= 1e-10 * scale
 
 
-@_inner
+@inner()
 def _fields(law: Law, scheme: Scheme, room: Room, path: Path, n: int, h: float, phase: Phase, dent: Floats) -> None:
     """Fill in the field that the edge meets at each stage, and what is left of the start."""
     S, N = scheme.c.size, scheme.s.size
@@ -601,7 +599,7 @@ def _fields(law: Law, scheme: Scheme, room: Room, path: Path, n: int, h: float, 
         _cross(law, scheme, room)
 
 
-@_inner
+@inner()
 def _cross(law: Law, scheme: Scheme, room: Room) -> None:
     """Force per change of the dents' moments."""
     S = scheme.c.size
@@ -617,7 +615,7 @@ def _cross(law: Law, scheme: Scheme, room: Room) -> None:
                     room.table[i, k, m] += total * scheme.to_powers[p, m]
 
 
-@_inner
+@inner()
 def _accept(law: Law, scheme: Scheme, fall: Fall, room: Room, path: Path, n: int, h: float, phase: Phase) -> None:
     """Write the step behind the end ``n`` down."""
     S = scheme.c.size
@@ -652,7 +650,7 @@ def _accept(law: Law, scheme: Scheme, fall: Fall, room: Room, path: Path, n: int
     _fade_on(law, scheme, room, path, n, h, phase)
 
 
-@_inner
+@inner()
 def _move_plate(scheme: Scheme, room: Room, now: Floats, i: int, h: float, values: Floats) -> None:
     """Fill in displacement and velocity of the plate at a stage."""
     S = scheme.c.size
@@ -666,7 +664,7 @@ def _move_plate(scheme: Scheme, room: Room, now: Floats, i: int, h: float, value
     values[4], values[5] = place, pace
 
 
-@_inner
+@inner()
 def _fade_on(law: Law, scheme: Scheme, room: Room, path: Path, n: int, h: float, phase: Phase) -> None:
     """Bring the fading integrals to the end of a step."""
     S, K = scheme.c.size, law.creep_rate.size
@@ -690,7 +688,7 @@ def _fade_on(law: Law, scheme: Scheme, room: Room, path: Path, n: int, h: float,
             room.last[k] = room.moment[S - 1, k]
 
 
-@_inner
+@inner()
 def _slope(coefficients: Floats, u: float) -> float:
     total = 0.0
     for p in range(coefficients.size - 1, -1, -1):
@@ -698,7 +696,7 @@ def _slope(coefficients: Floats, u: float) -> float:
     return total
 
 
-@_inner
+@inner()
 def _crossing(coefficients: Floats, value: float, highest: float) -> float:
     """First u up to ``highest`` at which the polynomial, rising or falling to it, has a value."""
     rises = value > 0.0
@@ -717,7 +715,7 @@ def _crossing(coefficients: Floats, value: float, highest: float) -> float:
     return 0.5 * (low + high)
 
 
-@_inner
+@inner()
 def _summit(coefficients: Floats) -> float:
     """Part u of the step at which the polynomial first stops rising; 1 when it does not."""
     low, high = 0.0, 1.0
@@ -737,7 +735,7 @@ def _summit(coefficients: Floats) -> float:
     return 0.5 * (low + high)
 
 
-@_inner
+@inner()
 def _edge_powers(scheme: Scheme, room: Room, phase: Phase, of_load: bool) -> None:
     """Fill in ``short``: coefficients over the step of the edge, or of the load of the central spring."""
     found = room.short
@@ -751,7 +749,7 @@ def _edge_powers(scheme: Scheme, room: Room, phase: Phase, of_load: bool) -> Non
             found[p] += scheme.to_powers[p, m] * change
 
 
-@_inner
+@inner()
 def _sample_touch(
     law: Law, scheme: Scheme, fall: Fall, room: Room, path: Path, peak: int, dent: Floats, outer: float, nodes: Nodes
 ) -> None:
@@ -785,7 +783,7 @@ def _sample_touch(
             nodes.base[j, n] = total
 
 
-@_inner
+@inner()
 def _kelvin(law: Law, displacement: float, maxwell: Floats, load: float, out: Floats) -> None:
     """Kelvin elements (element,) of a spring from its Maxwell elements."""
     K = law.creep_rate.size
@@ -801,7 +799,7 @@ def _kelvin(law: Law, displacement: float, maxwell: Floats, load: float, out: Fl
         rest -= out[k]
 
 
-@_inner
+@inner()
 def _sample_release(
     law: Law, scheme: Scheme, fall: Fall, room: Room, path: Path, peak: int, last: int, nodes: Nodes
 ) -> None:
@@ -831,7 +829,7 @@ def _sample_release(
             nodes.after[k, n] = nodes.element[k]
 
 
-@_inner
+@inner()
 def _store(
     law: Law, scheme: Scheme, fall: Fall, center: Floats, path: Path, last: int, largest: float, nodes: Nodes
 ) -> None:
@@ -861,7 +859,7 @@ def _store(
             for k in range(law.C.size):
                 whole = nodes.element[k] + center[k] * math.exp(-law.creep_rate[k] * time)
                 energy += 0.5 * whole**2 / law.C[k]
-            total += scheme.mean[0, n] * largest * energy
+            total += scheme.means[0, n] * largest * energy
         path.stored[i] = total
     for n in range(N):
         for k in range(K):
@@ -870,7 +868,7 @@ def _store(
             nodes.after[k, n] += center[k] * math.exp(-law.creep_rate[k] * path.time[last])
 
 
-@_inner
+@inner()
 def _begin(law: Law, scheme: Scheme, room: Room, path: Path, n: int, dent: Floats) -> None:
     """Set what a contact has gathered to nothing, and prepare its dents."""
     for k in range(law.creep_rate.size):
@@ -878,7 +876,7 @@ def _begin(law: Law, scheme: Scheme, room: Room, path: Path, n: int, dent: Float
         for m in range(scheme.s.size):
             total = 0.0
             for o in range(scheme.s.size):
-                total += scheme.mean[m, o] * dent[k, o]
+                total += scheme.means[m, o] * dent[k, o]
             room.primitive[k, m] = total
         room.rim[k] = dent[k, 0]
     path.time[n] = 0.0
@@ -886,7 +884,7 @@ def _begin(law: Law, scheme: Scheme, room: Room, path: Path, n: int, dent: Float
         path.fading[n, j] = room.held[j] = 0.0
 
 
-@_inner
+@inner()
 def _attempt(
     law: Law,
     scheme: Scheme,
@@ -913,7 +911,7 @@ def _attempt(
     return abs(error) * h / (fall.mass * fall.tolerance)
 
 
-@_inner
+@inner()
 def _shorter(scheme: Scheme, room: Room, phase: Phase, error: float) -> float:
     """Part of a step with too large an error to try next."""
     S = scheme.c.size
@@ -926,7 +924,7 @@ def _shorter(scheme: Scheme, room: Room, phase: Phase, error: float) -> float:
     return shorter
 
 
-@_inner
+@inner()
 def _event(
     scheme: Scheme, room: Room, path: Path, n: int, h: float, phase: Phase, central: float
 ) -> tuple[float, bool]:
@@ -950,7 +948,7 @@ def _event(
     return _summit(room.short), abs(rise) <= _AT_SUMMIT
 
 
-@_inner
+@inner()
 def _turn(
     law: Law, scheme: Scheme, fall: Fall, room: Room, path: Path, peak: int, dent: Floats, outer: float, nodes: Nodes
 ) -> float:
@@ -965,7 +963,7 @@ def _turn(
     return load
 
 
-@_entry
+@lean()
 def contact(
     law: Law,
     scheme: Scheme,
@@ -1054,7 +1052,7 @@ def contact(
     return LIFTED, n, peak, rejected
 
 
-@_inner
+@inner()
 def _fallen(velocity: float, gravity: float, dent: Floats, rate: Floats, time: float) -> float:
     """Approach [m] gained since lift-off over a recovering dent, on ground that stands still."""
     gained = (velocity + 0.5 * gravity * time) * time
@@ -1063,7 +1061,7 @@ def _fallen(velocity: float, gravity: float, dent: Floats, rate: Floats, time: f
     return gained
 
 
-@_inner
+@inner()
 def _touch_of_dent(velocity: float, gravity: float, dent: Floats, rate: Floats) -> float:
     """Time of flight on rigid ground; 0 when the surface follows."""
     high = -2.0 * velocity / gravity
@@ -1093,7 +1091,7 @@ def _touch_of_dent(velocity: float, gravity: float, dent: Floats, rate: Floats) 
     return time
 
 
-@_inner
+@inner()
 def _swing_free(fall: Fall, u: float, w: float, time: float) -> tuple[float, float]:
     """Displacement and velocity of the plate, left alone for a time [s]."""
     omega = math.sqrt(fall.plate_stiffness / fall.plate_mass)
@@ -1104,19 +1102,19 @@ def _swing_free(fall: Fall, u: float, w: float, time: float) -> tuple[float, flo
     return place, left * (w * c - (rate * w + omega**2 * u) / damped * s)
 
 
-@_inner
+@inner()
 def _reach(fall: Fall, u: float, w: float) -> float:
     """Largest displacement that the plate, left alone, can reach from now on."""
     return math.sqrt(fall.plate_mass / fall.plate_stiffness * w * w + u * u)
 
 
-@_inner
+@inner()
 def _over_plate(fall: Fall, velocity: float, dent: Floats, rate: Floats, u: float, w: float, time: float) -> float:
     """How far the sphere, let alone, would have sunk into the surface on the plate."""
     return _fallen(velocity, fall.gravity, dent, rate, time) - (_swing_free(fall, u, w, time)[0] - u)
 
 
-@_inner
+@inner()
 def _touch_of_plate(fall: Fall, velocity: float, dent: Floats, rate: Floats, u: float, w: float) -> float:
     """Time of flight above a ringing plate; -1 when the sphere does not come back, a defect.
 
@@ -1160,7 +1158,7 @@ def _touch_of_plate(fall: Fall, velocity: float, dent: Floats, rate: Floats, u: 
     return -1.0
 
 
-@_entry
+@lean()
 def time_of_flight(fall: Fall, velocity: float, dent: Floats, rate: Floats, u: float, w: float) -> float:
     """Time [s] from lift-off at a velocity [m/s] to the next touch.
 
@@ -1190,7 +1188,7 @@ def time_of_flight(fall: Fall, velocity: float, dent: Floats, rate: Floats, u: f
     return _touch_of_dent(velocity, fall.gravity, dent, rate)
 
 
-@_inner
+@inner()
 def _largest(scheme: Scheme, path: Path, n: int, column: int, less: int, short: Floats) -> float:
     """Largest value over a contact of a column of the state, or of its difference to another."""
     S = scheme.c.size
@@ -1217,7 +1215,7 @@ def _largest(scheme: Scheme, path: Path, n: int, column: int, less: int, short: 
     return best
 
 
-@_inner
+@inner()
 def _energy_lost(fall: Fall, path: Path, n: int, lost: float) -> tuple[float, float]:
     """Energy [J] that the motion has mislaid at lift-off, and the most on the way there."""
     first = path.state[0]
@@ -1233,7 +1231,7 @@ def _energy_lost(fall: Fall, path: Path, n: int, lost: float) -> tuple[float, fl
     return now, most
 
 
-@_entry
+@lean()
 def outcome_of(scheme: Scheme, fall: Fall, path: Path, n: int, room: Room, lost: float, row: Floats) -> float:
     """Fill in largest force, approach and energy mislaid, of a contact of ``n`` steps.
 

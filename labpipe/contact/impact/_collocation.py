@@ -2,12 +2,14 @@
 
 from functools import cache
 from math import pi, sqrt
+from typing import cast
 
 import numpy as np
 from scipy.special import roots_jacobi
 
 from labpipe.arrays import Floats
 from labpipe.contact.impact._bounce_steps import Law, Nodes, Path, Room, Scheme
+from labpipe.contact.impact._motion import blank
 from labpipe.contact.memory import Creep
 from labpipe.materials.prony import Retardation, relaxation_from_creep
 
@@ -71,17 +73,19 @@ def scheme() -> Scheme:
     slope = bary / bary[:, None] / apart
     np.fill_diagonal(slope, 0.0)
     np.fill_diagonal(slope, -slope.sum(axis=1))
-    return Scheme(
-        c=c,
-        a=a,
-        aa=a @ a,
-        to_powers=np.linalg.inv(c[:, None] ** (powers + 1)),
-        gamma=_ERROR_SHARE * np.append(1.0, -at_start),
-        s=s,
-        bary=bary,
-        slope=slope,
-        mean=_means(s, bary),
-    )
+    arrays = {
+        "c": c,
+        "a": a,
+        "aa": a @ a,
+        "to_powers": np.linalg.inv(c[:, None] ** (powers + 1)),
+        "gamma": _ERROR_SHARE * np.append(1.0, -at_start),
+        "s": s,
+        "bary": bary,
+        "slope": slope,
+        "means": _means(s, bary),
+    }
+    dtype = np.dtype([(name, np.float64, values.shape) for name, values in arrays.items()])
+    return cast("Scheme", blank(dtype, **arrays))
 
 
 def interpolation(s: Floats, bary: Floats, places: Floats) -> Floats:

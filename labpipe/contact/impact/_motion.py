@@ -66,7 +66,7 @@ def motion(**values: float) -> Motion:
     return cast("Motion", blank(MOTION, **values))
 
 
-def blank(dtype: np.dtype[np.void], **values: float) -> np.record:
+def blank(dtype: np.dtype[np.void], **values: float | Floats) -> np.record:
     """Return one record of zeros, with the fields that are given."""
     row: np.recarray[tuple[int], np.dtype[np.record]] = np.recarray(1, dtype)
     row.fill(0)

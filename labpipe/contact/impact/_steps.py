@@ -15,7 +15,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.compilation import compiled
+from labpipe.compilation import inner, lean
 from labpipe.contact.impact._motion import Counts, Motion, Trail
 from labpipe.contact.impact._step_table import StepTable
 
@@ -100,22 +100,35 @@ class Block(NamedTuple):
     new_displacement: Floats
 
 
-@compiled()
+@inner()
+def _carrying(block: Block, approach: float) -> int:
+    """Count the springs, from the centre, that carry at an approach [m]."""
+    low, high = 0, block.reach.size
+    while low < high:
+        middle = (low + high) // 2
+        if block.reach[middle] < approach:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@inner()
 def _edge(block: Block, last: int, approach: float) -> float:
     """Where between two springs the load, linear in the square of the radius, is zero."""
     start = block.reach[last]
     fraction = (approach - start) / (block.reach[last + 1] - start)
-    inner, outer = block.position[last] ** 2, block.position[last + 1] ** 2
-    return sqrt(inner + fraction * (outer - inner))
+    square, beyond = block.position[last] ** 2, block.position[last + 1] ** 2
+    return sqrt(square + fraction * (beyond - square))
 
 
-@compiled()
+@lean()
 def force(block: Block, approach: float) -> tuple[float, float]:
     """Force and its slope, both times the step compliance, at an approach [m].
 
     Reads ``reach`` and ``moments`` of the block; the approach lies below the last reach.
     """
-    count = int(np.searchsorted(block.reach, approach))
+    count = _carrying(block, approach)
     if count == 0:
         return 0.0, 0.0
     if not isnan(block.edge_bias):
@@ -131,7 +144,7 @@ def force(block: Block, approach: float) -> tuple[float, float]:
     return inside + excess * (block.last_weight[last] + partial), 2.0 * edge
 
 
-@compiled()
+@lean()
 def contact_radius(block: Block, approach: float) -> float:
     """Radius in m where the load falls to zero.
 
@@ -139,7 +152,7 @@ def contact_radius(block: Block, approach: float) -> float:
     inwards, tells where it is; behind it the surface has a kink. A receding edge lies between its
     neighbours. Rings know the place between two of them only, and its bias.
     """
-    count = int(np.searchsorted(block.reach, approach))
+    count = _carrying(block, approach)
     if count == 0:
         return 0.0
     between = _edge(block, count - 1, approach)
@@ -152,7 +165,7 @@ def contact_radius(block: Block, approach: float) -> float:
     return sqrt(max(square - (block.reach[count] - approach) / slope, between**2))
 
 
-@compiled(fastmath=_FAST)
+@lean(fastmath=_FAST)
 def look_ahead(table: StepTable, i: int, block: Block, counts: Counts) -> None:
     """Fill the reach of each spring at the end of a step, and its running moment."""
     reach, memory = block.reach, block.memory
@@ -169,7 +182,7 @@ def look_ahead(table: StepTable, i: int, block: Block, counts: Counts) -> None:
     counts.spring_updates += memory.size
 
 
-@compiled(fastmath=_FAST)
+@inner(fastmath=_FAST)
 def _remember(table: StepTable, i: int, block: Block) -> tuple[float, float]:
     """Update the memory; return its weighted dwell on the change of load, and its energy."""
     dwelt, held = 0.0, 0.0
@@ -189,7 +202,7 @@ def _remember(table: StepTable, i: int, block: Block) -> tuple[float, float]:
     return dwelt, held
 
 
-@compiled(fastmath=_FAST)
+@inner(fastmath=_FAST)
 def _move_on(now: Motion, rules: Rules, table: StepTable, i: int, block: Block, approach: float) -> bool:
     """Bring springs, memory and ledger to the end of a step; false unless the inner ones carry.
 
@@ -202,7 +215,7 @@ def _move_on(now: Motion, rules: Rules, table: StepTable, i: int, block: Block, 
         new[j] = max(approach - block.reach[j], 0.0) / compliance
         loaded += new[j] > 0.0
         after[j] = block.reach[j] - block.gap[j] + compliance * new[j]
-    if loaded != np.searchsorted(block.reach, approach):
+    if loaded != _carrying(block, approach):
         return False
     work, jumped, on_old, on_new, squared = 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(load.size):
@@ -221,12 +234,12 @@ def _move_on(now: Motion, rules: Rules, table: StepTable, i: int, block: Block, 
     now.contact_radius = contact_radius(block, approach)
     now.approach = approach
     now.time += table.dt[i]
-    load[:] = new
-    before[:] = after
+    for j in range(load.size):
+        load[j], before[j] = new[j], after[j]
     return True
 
 
-@compiled()
+@inner()
 def _newton(block: Block, target: float, softness: float, approach: float, counts: Counts) -> float:
     """Solve ``approach - target + softness * force = 0``: convex and increasing."""
     for _ in range(_NEWTON_LIMIT):
@@ -239,7 +252,7 @@ def _newton(block: Block, target: float, softness: float, approach: float, count
     return approach
 
 
-@compiled()
+@lean()
 def free_motion(now: Motion, rules: Rules, dt: float) -> tuple[float, float, float, float]:
     """Position of the sphere, and of the plate, after a step without force; answers to one."""
     quarter = 0.25 * dt * dt
@@ -251,7 +264,7 @@ def free_motion(now: Motion, rules: Rules, dt: float) -> tuple[float, float, flo
     return position, answer, reached + quarter * acceleration, quarter / inertia
 
 
-@compiled()
+@inner()
 def _free_plate(now: Motion, rules: Rules, dt: float) -> tuple[float, float, float]:
     """Average acceleration of ``m u'' + c u' + k u = F``: what a step finds without force.
 
@@ -267,7 +280,7 @@ def _free_plate(now: Motion, rules: Rules, dt: float) -> tuple[float, float, flo
     return reached, -pull / inertia, inertia
 
 
-@compiled()
+@inner()
 def _move_plate(now: Motion, rules: Rules, dt: float, push: float) -> None:
     """Bring the plate to the end of a step, and count what its dashpot took."""
     if rules.plate_mass == 0.0:
@@ -281,7 +294,7 @@ def _move_plate(now: Motion, rules: Rules, dt: float, push: float) -> None:
     now.plate_acceleration = acceleration
 
 
-@compiled()
+@inner()
 def _error(now: Motion, pace: Pace, rules: Rules, acceleration: float, dt: float) -> float:
     """Error in velocity of a trial step over what is allowed."""
     slope = (acceleration - now.acceleration) / dt
@@ -292,7 +305,7 @@ def _error(now: Motion, pace: Pace, rules: Rules, acceleration: float, dt: float
     return dt**3 * curvature / (12.0 * pace.leniency * rules.allowed)
 
 
-@compiled()
+@lean()
 def one_step(
     now: Motion, pace: Pace, rules: Rules, table: StepTable, i: int, block: Block, counts: Counts, releases: bool
 ) -> int:
@@ -350,7 +363,7 @@ def one_step(
     return ACCEPTED
 
 
-@compiled()
+@lean()
 def rests(now: Motion, pace: Pace, rules: Rules) -> bool:
     """Look whether the contact has come to rest, as ``Stillness`` says."""
     unbalanced = abs(now.force / (rules.mass * rules.gravity) - 1.0)
@@ -370,7 +383,7 @@ def rests(now: Motion, pace: Pace, rules: Rules) -> bool:
     return False
 
 
-@compiled()
+@lean()
 def steps(
     now: Motion, pace: Pace, rules: Rules, table: StepTable, until: float, block: Block, counts: Counts, trail: Trail
 ) -> tuple[int, int]:
@@ -414,7 +427,7 @@ def steps(
     return row, FULL
 
 
-@compiled()
+@lean()
 def creep_step(now: Motion, rules: Rules, table: StepTable, i: int, block: Block, counts: Counts) -> int:
     """Sink in under the weight alone for one step.
 
@@ -426,7 +439,9 @@ def creep_step(now: Motion, rules: Rules, table: StepTable, i: int, block: Block
     wanted = weight * table.compliance[i]
     reach = block.reach
     approach = reach[0]
-    loaded = int(np.count_nonzero(block.load))
+    loaded = 0
+    for j in range(reach.size):
+        loaded += block.load[j] != 0.0
     for j in range(1, min(loaded + 1, reach.size)):
         approach = max(approach, reach[j])
     for _ in range(_NEWTON_LIMIT):
