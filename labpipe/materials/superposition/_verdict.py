@@ -73,8 +73,8 @@ def _two_processes(found: Superposition) -> Iterator[tuple[Level, str]]:
         "fail" if change[worst] > _SAME_SHIFT else "doubtful",
         "two processes that shift apart, the second by "
         f"{found.rival.share:.2f} decades for each decade of the first, describe the sweeps better than one master "
-        f"curve does; their shifts differ by up to {change[worst]:.2f} decades "
-        f"({float(found.model.temperature[worst]):.0f} °C), and the stated uncertainties include that",
+        f"curve; their shifts differ by up to {change[worst]:.2f} decades "
+        f"({float(found.model.temperature[worst]):.0f} °C), part of the uncertainties",
     )
 
 

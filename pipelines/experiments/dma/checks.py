@@ -729,7 +729,7 @@ def _superposition(curve: xr.Dataset | None) -> Check:
     level: Level | None = {"pass": None, "doubtful": "note", "fail": "doubtful"}[verdict["level"]]
     noise = json.loads(curve.attrs["noise"])
     fit = f"the master curve misses E′ by {100 * noise['storage']:.2g} % and E″ by {100 * noise['loss']:.2g} %"
-    return stated(name, law, "; ".join(verdict["reasons"]) or fit, level, cause=_APART if level else "")
+    return stated(name, law, verdict["reasons"][0] if verdict["reasons"] else fit, level, cause=_APART if level else "")
 
 
 def _shifts(curve: xr.Dataset | None) -> Check:

@@ -34,6 +34,9 @@ from pipelines.experiments.shared.judgements import verdict_section
 
 _MPA = 1e-6
 _COVERAGE = 1.96  # of the bands, 95 %
+# What a verdict on the model is called; the verdict on the record, above, has words of its own.
+_SUPERPOSITION = {"pass": "holds", "doubtful": "holds roughly at best", "fail": "does not hold"}
+_CONSISTENT = {"pass": "fulfilled", "warn": "nearly fulfilled", "fail": "violated"}
 _KIND = {"pass": "ok", "warn": "warning", "fail": "error"}
 
 
@@ -88,13 +91,17 @@ def _summary(sweeps: xr.Dataset | None, curve: xr.Dataset | None, ramp: xr.Datas
         rows += _curve_rows(curve)
         verdict = json.loads(curve.attrs["kramers_kronig"])["verdict"]
         superposition = json.loads(curve.attrs["superposition"])
-        reason = _sentence(superposition["reasons"][0]) if superposition["reasons"] else "one spectrum fits all sweeps"
-        rows.append(("superposition", superposition["level"], reason))
-        rows.append(("Kramers–Kronig verdict", verdict, "consistency of storage and loss modulus"))
+        remark = "see the verdict" if superposition["reasons"] else "one spectrum fits all sweeps"
+        rows.append(("superposition", _SUPERPOSITION[superposition["level"]], remark))
+        rows.append(("Kramers–Kronig", _CONSISTENT[verdict], "consistency of storage and loss modulus"))
     rows += _transition_rows(ramp)
     blocks.append(KeyValues(rows))
     if curve is not None:
-        blocks += [Notice("warning", _sentence(note)) for note in json.loads(curve.attrs["notes"])]
+        # The first reason stands in the verdict above.
+        notes = [note for note in json.loads(curve.attrs["notes"]) if note not in superposition["reasons"][:1]]
+        if notes:
+            title = f"What limits this curve ({pages.counted(len(notes), 'remark')})"
+            blocks.append(Details(title, [Paragraph(_sentence(note)) for note in notes]))
     return Section("Summary", tuple(blocks))
 
 
@@ -444,7 +451,7 @@ def _kramers_kronig(curve: xr.Dataset) -> Section:
         caption="The slope rule is for orientation only: on noisy data it errs by tens of "
         "percent. Near the ends the prediction lacks the data beyond the window.",
     )
-    notice = Notice(_KIND[kk["verdict"]], f"Verdict: {kk['verdict']}. {_sentence(kk['reason'])}")  # type: ignore[arg-type]
+    notice = Notice(_KIND[kk["verdict"]], f"{_CONSISTENT[kk['verdict']].capitalize()}: {kk['reason']}.")  # type: ignore[arg-type]
     folded = Details("Each modulus predicted from the other", (storage, loss))
     return Section("Consistency of storage and loss modulus", (notice, folded))
 
