@@ -490,7 +490,9 @@ def _rising(export: _Export, isotherms: Sequence[_Sweep]) -> Check:
     if worst is None:
         return not_made(name, law, "sweeps of four frequencies over half a decade")
     slope, u, sweep = worst
-    text = f"{sweep.place}: at {sweep.temperature:.1f} °C the storage modulus changes by {slope:+.3f} decades per decade"
+    text = (
+        f"{sweep.place}: at {sweep.temperature:.1f} °C the storage modulus changes by {slope:+.3f} decades per decade"
+    )
     check = bounded(name, law, text, slope, u, at_least=0.0, is_law=False, file=export.name)
     cause = f"frequencies and moduli of {sweep.place} stand in opposite order, or the instrument resonates"
     return replace(check, cause=cause) if check.level else check
