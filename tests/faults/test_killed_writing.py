@@ -90,9 +90,10 @@ PROGRAMS: dict[str, tuple[Callable[[Path], None], Callable[[Path], None]]] = {
     "configuration": (make_laser, write_configuration),
     "recording": (make_journal, finish_recording),
 }
+DRAWN = ("report", "figure")  # drawing takes a second
 
 
-@pytest.mark.parametrize("what", [pytest.param(p, marks=pytest.mark.slow) if p == "figure" else p for p in PROGRAMS])
+@pytest.mark.parametrize("what", [pytest.param(p, marks=pytest.mark.slow) if p in DRAWN else p for p in PROGRAMS])
 def test_killed_before_any_operation_the_next_run_ends_as_an_undisturbed_one(
     tmp_path: Path, what: str, amount: Amount
 ) -> None:
@@ -105,7 +106,7 @@ def test_killed_before_any_operation_the_next_run_ends_as_an_undisturbed_one(
     total = operations(folder, lambda: write(folder))
     assert total
     expected = contents(folder)
-    usual = 2 if what in ("report", "figure") else 4  # drawing takes a second
+    usual = 2 if what in DRAWN else 4
     for last in moments(total, amount(usual, 120)):
         shutil.rmtree(folder)
         prepare(folder)

@@ -186,8 +186,9 @@ class SpringBed:
     def _inverse(self, threshold: Floats, compliance: float, force: float) -> float:
         """Displacement at which springs with these thresholds carry the force.
 
-        Newton's method within a bracket; the force is continuous and made of a plain sum, which is
-        piecewise linear, and the edge's small part.
+        The secant method within a bracket; the force is continuous and made of a plain sum, which is
+        piecewise linear, and the edge's small part. It begins where the plain sum alone carries the
+        force, with the slope of that sum.
         """
         stiffness = np.cumsum(self.stiffness)
         moment = np.cumsum(self.stiffness * threshold)
@@ -204,11 +205,17 @@ class SpringBed:
             return plain - target, slope
 
         low, high = float(threshold[0]), np.inf
-        displacement = low + target / float(stiffness[-1])
+        plain = stiffness[:-1] * threshold[1:] - moment[:-1]  # as each next spring is just touched
+        last = int(np.searchsorted(plain, target))
+        displacement = (target + float(moment[last])) / float(stiffness[last])
+        old, old_miss = np.nan, np.nan
         for _ in range(_EDGE_ITERATIONS):
             miss, slope = excess(displacement)
             if abs(miss) <= _EDGE_TOLERANCE * target:
                 break
+            if (miss - old_miss) * (displacement - old) > 0.0:
+                slope = (miss - old_miss) / (displacement - old)
+            old, old_miss = displacement, miss
             low, high = (displacement, high) if miss < 0.0 else (low, displacement)
             displacement -= miss / slope
             if not low < displacement < high:

@@ -6,10 +6,11 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.arrays import Floats32
+from labpipe.arrays import Floats, Floats32
 from labpipe.frames import FrameSource
 from labpipe.imaging.dic._spline import HORIZON, prefilter
 from labpipe.imaging.dic._subset_solver import OVERHANG
+from labpipe.imaging.films import pieces_of, row_sums
 
 #: Rectangles start and end at multiples of this (px), so that they change seldom.
 _GRID = 32
@@ -92,6 +93,8 @@ class FilmWindow:
         self._grey: Floats32 | None = None
         self.frames_read = 0
         self.pixels_read = 0
+        #: What pieces of frames show of their rows, see :func:`.read_rows`.
+        self.rows: dict[int, Floats] = {}
 
     @property
     def whole(self) -> Box:
@@ -111,8 +114,11 @@ class FilmWindow:
             return self.whole
         return (low[0], high[0], low[1], high[1])
 
-    def load(self, index: int, box: Box) -> Loaded:
-        """Read a rectangle of a frame; the result is valid until the second next call."""
+    def load(self, index: int, box: Box, pieces: NDArray[np.int64]) -> Loaded:
+        """Read a rectangle of a frame; the result is valid until the second next call.
+
+        The rows of pieces of it (piece, 2), their first column and row, are compared on the way.
+        """
         if box != self._box:
             left, right, top, bottom = box
             is_whole = box == self.whole
@@ -121,6 +127,8 @@ class FilmWindow:
         image = self._part[index]
         self.frames_read += 1
         self.pixels_read += image.size
+        if len(pieces):
+            self.rows[index] = row_sums(pieces_of(image, pieces - (box[0], box[2])))
         self._grey = grey = smooth(image, self._blur, self._grey)
         window = self._exact_window(box)
         if image.dtype.kind == "f" and not np.isfinite(grey).all():

@@ -55,6 +55,7 @@ class Status(IntEnum):
     LOST = 5  # no place in the frame correlates well enough
     OUTVOTED = 6  # its neighbours agree on another place
     COVERED = 7  # the mask leaves too few of its pixels
+    INTERLACED = 8  # the rows of the frame show two instants, or repeat each other
 
 
 @dataclass(frozen=True)

@@ -65,6 +65,13 @@ class Displacements:
     model: NDArray[np.int8]
     change: Floats
 
+    def refuse(self, frames: NDArray[np.bool_], why: Status) -> None:
+        """Take back what was found in frames (frame,)."""
+        was_found = frames[:, None] & (self.status == Status.OK)
+        self.status[was_found] = why
+        for values in (self.value, self.deviation, self.covariance, self.change):
+            values[was_found] = np.nan
+
 
 def empty_table(frames: int, points: int) -> Table:
     """Return a table in which every frame counts as damaged until it is filled in."""
@@ -188,6 +195,7 @@ def make_dataset(
     found: Displacements,
     reference: Reference,
     work: dict[str, int],
+    note: str,
 ) -> "xr.Dataset":
     """Assemble the Dataset over (frame, point).
 
@@ -206,6 +214,8 @@ def make_dataset(
         Tells which points were usable and what is wrong with the others.
     work : dict
         Counts for the attribute ``work``.
+    note : str
+        What a reader must know of the film.
     """
     import xarray as xr
 
@@ -263,4 +273,4 @@ def make_dataset(
         "y": ("point", places[:, 1], pixel | {"long_name": "row of the point"}),
         "subset": ("point", 2 * half + 1, pixel | {"long_name": "width of the subset"}),
     }
-    return xr.Dataset(variables, coordinates, {"work": json.dumps(work)})
+    return xr.Dataset(variables, coordinates, {"work": json.dumps(work), "note": note})

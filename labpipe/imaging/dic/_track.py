@@ -111,7 +111,8 @@ def track(
         ``iterations`` : evaluations of the subset;
         ``valid``, ``status`` : whether there is a value, and if not why (``flag_meanings``).
         Values that are not valid are NaN. Coordinates ``frame`` (index in the film), ``time``
-        (s), ``x``, ``y``, ``subset``. The attribute ``work`` counts what was done.
+        (s), ``x``, ``y``, ``subset``. The attribute ``work`` counts what was done, ``note`` says what
+        was found of the camera: stuck pixels, which are interpolated, and rows of two instants.
 
     Raises
     ------
@@ -122,7 +123,8 @@ def track(
     Warns
     -----
     UserWarning
-        The static frames are not static.
+        The static frames are not static; the film is interlaced, or its rows repeat each other: such
+        frames have no results.
 
     Notes
     -----
@@ -147,12 +149,14 @@ def track(
     0.25
     """
     from labpipe.imaging.dic._film_window import FilmWindow
+    from labpipe.imaging.dic._interlaced import refuse_rows
     from labpipe.imaging.dic._reference import make_reference
     from labpipe.imaging.dic._results import displacements, make_dataset
     from labpipe.imaging.dic._subset_cutting import adaptable
     from labpipe.imaging.dic._tracker import Options, Tracker
+    from labpipe.imaging.films import without_stuck_pixels
 
-    film = as_frames(frames)
+    film, stuck = without_stuck_pixels(as_frames(frames))
     places, half, shapes = check_points(points, subset, shape)
     check_settings(film, order, static_frames, blur, tolerance, max_iterations, min_zncc)
     wanted = selected_frames(select, len(film))
@@ -167,16 +171,18 @@ def track(
     indices = np.union1d(np.arange(static_frames), wanted)
     table = _follow(film, window, tracker, reference, indices, static_frames, start)
     work = {
-        "frames_read": window.frames_read,
+        "frames_read": window.frames_read + stuck.frames_read,
         "frames_total": len(film),
-        "pixels_read": window.pixels_read,
+        "pixels_read": window.pixels_read + stuck.frames_read * film.shape[1] * film.shape[2],
         "pixels_total": int(np.prod(film.shape)),
         "subsets_solved": tracker.work.subsets_solved,
         "iterations": tracker.work.iterations,
         "reseeds": tracker.work.reseeds,
     }
-    found = displacements(table, reference, indices < static_frames)
-    return make_dataset(film.time, places, half, indices, wanted, found, reference, work)
+    is_static = indices < static_frames
+    found = displacements(table, reference, is_static)
+    note = "; ".join(filter(None, (stuck.note, refuse_rows(found, window.rows, indices, is_static))))
+    return make_dataset(film.time, places, half, indices, wanted, found, reference, work, note)
 
 
 def _follow(
@@ -224,13 +230,13 @@ def _read_ahead(
         return
     with ThreadPoolExecutor(max_workers=1, thread_name_prefix="film") as reader:
         first = int(indices[rows[0]])
-        pending = reader.submit(window.load, first, tracker.box(first))
+        pending = reader.submit(window.load, first, tracker.box(first), tracker.pieces(first))
         for k, row in enumerate(rows):
             loaded = pending.result()
             index = int(indices[row])
             if not tracker.covers(loaded, index):
-                loaded = reader.submit(window.load, index, tracker.box(index)).result()
+                loaded = reader.submit(window.load, index, tracker.box(index), tracker.pieces(index)).result()
             if k + 1 < len(rows):
                 following = int(indices[rows[k + 1]])
-                pending = reader.submit(window.load, following, tracker.box(following))
+                pending = reader.submit(window.load, following, tracker.box(following), tracker.pieces(following))
             yield int(row), loaded

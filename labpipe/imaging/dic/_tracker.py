@@ -17,6 +17,7 @@ from labpipe.imaging.dic._motion_uncertainty import one_way
 from labpipe.imaging.dic._reference import Reference
 from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR
 from labpipe.imaging.dic._subset_solver import CHANGES, SOLVED, Solution, empty_solution, put, solve
+from labpipe.imaging.films import PIECE
 
 #: Distance from the prediction (px) up to which a converged point needs no confirmation:
 #: the velocity of a bouncing holder changes by at most 1 px per frame.
@@ -30,6 +31,8 @@ _COMMON = 0.5
 _ROUNDS = 3
 #: Neighbours that are asked whether a point is right.
 NEIGHBOURS = 6
+#: Pieces of a frame whose rows are compared, and pixels of the subsets for each of them.
+_FEWEST_PIECES, _MOST_PIECES, _PIXELS_PER_PIECE = 4, 24, 40_000
 #: Drop of the correlation relative to the last frame that calls for a check.
 _DROP = 0.85
 
@@ -164,6 +167,7 @@ class Tracker:
         self._stride = int(np.clip(count // _TESTED, 1, _TURNS))
         self._turn = 0
         self._noise = reference.shown
+        self._piece_of, self._pieces = _spread_pieces(self.places, self._half)
         #: Edges and gratings: they match in so many places that nothing but their neighbours finds
         #: them again.
         self.is_one_way = one_way(reference.subsets)
@@ -193,6 +197,13 @@ class Tracker:
         """Rectangle of a frame that the tracked subsets will need."""
         wanted = self.is_tracked if self.is_tracked.any() else np.ones(len(self._seen), bool)
         return self.film.box_around(self._extent(index, wanted))
+
+    def pieces(self, index: int) -> Integers:
+        """First column and row (piece, 2) of the pieces of a frame whose rows are compared."""
+        shift = self.predict(index)[:, [0, 3]]
+        found = np.rint(self._pieces + shift[self._piece_of]).astype(np.int64)
+        found[:, 1] -= found[:, 1] % 2  # so that all pieces begin with the same field
+        return found
 
     def covers(self, loaded: Loaded, index: int) -> bool:
         """Whether a rectangle loaded ahead of time holds all that will be needed."""
@@ -333,6 +344,21 @@ class Tracker:
             self.misses,
         )
         self._predictions.clear()
+
+
+def _spread_pieces(places: Floats, half: Integers) -> tuple[Integers, Floats]:
+    """Points of pieces spread over the subsets, and their first columns and rows (piece, 2) [px].
+
+    As many as cost little beside the subsets themselves; wide subsets hold several.
+    """
+    side = np.maximum((2 * half + 1) // PIECE, 1)
+    most = int(np.clip((2.0 * half + 1.0) @ (2.0 * half + 1.0) / _PIXELS_PER_PIECE, _FEWEST_PIECES, _MOST_PIECES))
+    points = np.repeat(np.arange(len(half)), side**2)
+    own = np.arange(len(points)) - np.repeat(np.cumsum(side**2) - side**2, side**2)
+    steps = np.stack([own % side[points], own // side[points]], axis=1) - 0.5 * side[points][:, None]
+    corners = places[points] + PIECE * steps
+    chosen = np.unique(np.linspace(0, len(points) - 1, most).round().astype(int)) if len(points) else points
+    return points[chosen], corners[chosen]
 
 
 def nearest(places: Floats, others: Floats, count: int) -> Integers:

@@ -1,5 +1,18 @@
-"""Selection of the frames and rows of a film that need to be read."""
+"""Selection of the frames and rows of a film that need to be read, and what its camera does to them."""
 
 from labpipe.imaging.films._reading_plan import FilmReader, Place, frames_in_windows, plan_reading
+from labpipe.imaging.films._rows import PIECE, RowsSeen, pieces_of, read_rows, row_sums
+from labpipe.imaging.films._stuck_pixels import without_stuck_pixels
 
-__all__ = ["FilmReader", "Place", "frames_in_windows", "plan_reading"]
+__all__ = [
+    "PIECE",
+    "FilmReader",
+    "Place",
+    "RowsSeen",
+    "frames_in_windows",
+    "pieces_of",
+    "plan_reading",
+    "read_rows",
+    "row_sums",
+    "without_stuck_pixels",
+]

@@ -47,6 +47,14 @@ _LEAST_OWN = 0.05
 _SHOWN = 3  # detectable errors in the opening sentence
 _SUSPECTS, _EXPLAINS = 2, 0.2  # inputs that are named where the model differs, and the least share that each explains
 
+_BESIDE = {
+    "agrees": "The model agrees all the same.",
+    "differs": "The model differs, which may follow from it.",
+    "undecided": "Whether the model agrees is undecided.",
+    "none": "No model was compared.",
+}
+"""What is said of the model beside a record that cannot be believed as it is."""
+
 
 class Scene(NamedTuple):
     """What the checks of an experiment lead to.
@@ -224,7 +232,7 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
         cause = f" {_capital(judged.causes[0])}." if judged.causes else ""
         word = _capital(judged.believable)
         level = "error" if judged.believable == "impossible" else "warning"
-        return level, f"{word}: {found[0].message}.{cause} {_counted(judged)}."
+        return level, f"{word}: {found[0].message}.{cause} {_BESIDE[str(result.attrs['model'])]} {_counted(judged)}."
     checks = _counted(judged) if made else "no check could be made"
     stopped = next((c for c in judged.checks if c.level is not None and not c.is_made), None)
     if stopped is not None:

@@ -284,6 +284,7 @@ def test_no_stage_reaches_the_tables_of_all_stages(before: dict[str, Identity]) 
         assert len(found.modules) < 100, function
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", ["3.12", "3.13"])
 def test_other_versions_of_python_find_the_same(version: str, copy: Path, before: dict[str, Identity]) -> None:
     kept = sorted(Path.home().glob(f".pyenv/versions/{version}.*/bin/python"))

@@ -230,6 +230,7 @@ def until(page: Page, is_so: Callable[[dict], bool]) -> dict:
     return state
 
 
+@pytest.mark.slow
 def test_a_run_is_stopped_and_goes_on_to_its_verdicts(page: Page, raw: Path) -> None:
     page.told("api/init", {})
     base = page.told("api/session")["base"]

@@ -114,6 +114,7 @@ def test_captions_say_what_is_measured_synthetic_and_computed(tmp_path: Path) ->
             assert word in text
 
 
+@pytest.mark.slow
 def test_figures_of_a_session_read_its_results_and_follow_its_keys(processed_session: Path, tmp_path: Path) -> None:
     shelf = make.Shelf.of(tmp_path, processed_session)
     outcomes = make.make(shelf, make.chosen(["2.8", "3.10", "3.11"]))

@@ -34,6 +34,7 @@ def states(watcher: Watcher) -> dict[str, str]:
     return {name: state for name, (state, _) in watcher.states.items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", by_day([0, 1], 1))
 def test_a_session_copied_in_pieces_gives_the_bytes_that_process_gives(
     small_session: Path, pristine_session: Path, tmp_path: Path, jobs: int

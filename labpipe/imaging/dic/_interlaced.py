@@ -1,0 +1,84 @@
+"""Refuse what films show whose rows are not those of one instant."""
+
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.arrays import Flags, Floats
+from labpipe.imaging.dic._reference import Status
+from labpipe.imaging.dic._results import Displacements
+from labpipe.imaging.films import read_rows
+
+
+def refuse_rows(found: Displacements, rows: dict[int, Floats], indices: NDArray[np.int64], is_static: Flags) -> str:
+    """Take back the results of frames whose rows show two instants, or repeat each other.
+
+    A frame of two instants shows two displacements. Where most moving frames do, the film is
+    interlaced, and none of its frames tells where a point was when.
+
+    Parameters
+    ----------
+    found : Displacements
+        Changed in place.
+    rows : dict of arrays (piece, 10)
+        Of frames that were looked at, see :func:`.row_sums`.
+    indices : integer array (frame,)
+        Frames of ``found`` in the film.
+    is_static : bool array (frame,)
+        Frames of the reference.
+
+    Returns
+    -------
+    str
+        What is wrong with the film; empty when nothing is.
+
+    Warns
+    -----
+    UserWarning
+        The same.
+    """
+    seen = np.array([int(index) in rows for index in indices], bool)
+    if not seen.any():
+        return ""
+    told = read_rows([rows[int(index)] for index in indices[seen]])
+    refused = np.zeros(len(indices), bool)
+    text = ""
+    if told.is_repeated:
+        refused[:] = True
+        text = (
+            "every second row of the film repeats its neighbour or is the mean of both: it shows one field of "
+            "an interlaced recording, and displacements down the rows cannot be told; keep every second row of "
+            "it, and give the height of a row as twice that of a pixel"
+        )
+    elif told.is_interlaced(np.where(is_static[seen, None], np.nan, _steps(found.value)[seen])):
+        refused = ~is_static
+        text = (
+            "odd and even rows of the frames show different instants: the film is interlaced, so that no frame after "
+            "the static ones tells where a point was when; record progressive frames, or keep every second row and "
+            "give the height of a row as twice that of a pixel"
+        )
+    elif told.is_combed.any():
+        refused[np.flatnonzero(seen)[told.is_combed]] = True
+        most = int(np.argmax(told.apart))
+        text = (
+            f"odd and even rows of {int(told.is_combed.sum())} of {int(seen.sum())} frames show different instants, "
+            f"by {told.apart[most]:.2g} px in frame {int(indices[seen][most])}: these frames were left out"
+        )
+    if not text:
+        return ""
+    found.refuse(refused, Status.INTERLACED)
+    warnings.warn(text, UserWarning, stacklevel=3)
+    return text
+
+
+def _steps(value: Floats) -> Floats:
+    """Motion (frame, 2) in px from frame to frame, median of the points; NaN where none was found."""
+    mean_step = 0.5 * (value[2:, :, :2] - value[:-2, :, :2])
+    step = np.concatenate([value[1:2, :, :2] - value[:1, :, :2], mean_step, value[-1:, :, :2] - value[-2:-1, :, :2]])
+    found = np.full((len(value), 2), np.nan)
+    for k, one in enumerate(step[: len(value)]):
+        has = np.isfinite(one[:, 0])
+        if has.any():
+            found[k] = np.median(one[has], axis=0)
+    return found

@@ -1,0 +1,154 @@
+"""What cameras do to films: rows of two instants, repeated rows, pixels that do not follow the scene."""
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from labpipe.arrays import Floats
+from labpipe.frames import ArrayFrames, FrameSource, as_frames
+from labpipe.imaging import track
+from labpipe.imaging.films import without_stuck_pixels
+from pipelines.bench import film_scenes
+from pipelines.bench.film_scenes import View, digitised, from_formula, from_spectrum
+from tests.by_day import by_day
+from tests.labpipe.imaging.speckle import grid
+
+SIZE, NOISE = 160, 1.0
+POINTS = grid((SIZE, SIZE), 30, 14)
+Draw = Callable[[View], Floats]
+PATTERNS: dict[str, Draw] = {
+    "fine field": partial(from_spectrum, 0.7 * film_scenes.random_field(SIZE, 0.9, 1)),
+    "field": partial(from_spectrum, 0.7 * film_scenes.random_field(SIZE, 1.9, 2)),
+    "coarse field": partial(from_spectrum, 0.7 * film_scenes.random_field(SIZE, 3.0, 3)),
+    "Perlin noise": partial(from_formula, film_scenes.perlin(7.0, 4), SIZE),
+    "photograph": partial(from_spectrum, film_scenes.photograph(SIZE)),
+}
+#: Motion from frame to frame (px).
+STEPS = {"slow": (0.13, 0.07), "half a pixel": (0.5, 0.1), "fast": (1.3, 0.7), "down": (0.0, 0.9), "jumps": (4.3, 2.7)}
+
+
+def moving(draw: Draw, step: tuple[float, float], count: int = 6) -> list[Floats]:
+    return [draw(View((k * step[0], k * step[1]))) for k in range(count)]
+
+
+def interlaced(draw: Draw, step: tuple[float, float]) -> np.ndarray:
+    """A film whose odd rows are recorded half a frame later; the first frame is before the motion."""
+    even = moving(draw, step)
+    for k in range(1, len(even)):
+        odd = draw(View(((k + 0.5) * step[0], (k + 0.5) * step[1])))
+        even[k][1::2] = odd[1::2]
+    return digitised(even, NOISE, 5)
+
+
+def beyond_5_u(found: xr.Dataset, step: tuple[float, float]) -> int:
+    error = np.hypot(found.dx - step[0] * found.frame, found.dy - step[1] * found.frame)
+    return int((error > 5.0 * np.hypot(found.u_dx, found.u_dy) + 0.002).sum())
+
+
+@pytest.mark.parametrize("motion", by_day(STEPS, 3))
+@pytest.mark.parametrize("name", PATTERNS)
+def test_an_interlaced_film_is_refused(name: str, motion: str) -> None:
+    film = interlaced(PATTERNS[name], STEPS[motion])
+    with pytest.warns(UserWarning, match="interlaced"):
+        found = track(film, POINTS)
+    assert found.valid[0].any()
+    assert not found.valid[1:].any()
+    meanings = str(found.status.attrs["flag_meanings"]).split()
+    assert meanings[int(found.status[-1, 0])] == "interlaced"
+    assert "interlaced" in found.attrs["note"]
+
+
+def test_an_interlaced_film_of_what_stands_still_is_as_good_as_any() -> None:
+    found = track(interlaced(PATTERNS["field"], (0.0, 0.0)), POINTS)
+    assert found.valid.all()
+    assert found.attrs["note"] == ""
+
+
+@pytest.mark.parametrize("motion", by_day(STEPS, 2))
+@pytest.mark.parametrize("name", PATTERNS)
+def test_a_film_of_one_field_is_refused(name: str, motion: str) -> None:
+    film = digitised(moving(PATTERNS[name], STEPS[motion]), NOISE, 6)
+    twice, mean = film.copy(), film.astype(float)
+    twice[:, 1::2] = twice[:, ::2]
+    mean[:, 1:-1:2] = 0.5 * (mean[:, :-2:2] + mean[:, 2::2])
+    for one in (twice, np.rint(mean).astype(np.uint8)):
+        with pytest.warns(UserWarning, match="every second row"):
+            assert not track(one, POINTS).valid.any()
+
+
+def test_one_frame_of_two_instants_is_left_out() -> None:
+    film = digitised(moving(PATTERNS["field"], (0.8, 0.4)), NOISE, 7)
+    film[3, 1::2] = film[4, 1::2]
+    with pytest.warns(UserWarning, match="odd and even rows of 1 of 6 frames"):
+        found = track(film, POINTS)
+    assert found.valid.any(dim="point").values.tolist() == [True, True, True, False, True, True]
+
+
+@pytest.mark.parametrize("motion", by_day(STEPS, 2))
+@pytest.mark.parametrize("name", PATTERNS)
+def test_a_sound_film_is_left_as_it_is(name: str, motion: str) -> None:
+    film = digitised(moving(PATTERNS[name], STEPS[motion]), NOISE, 8)
+    source = as_frames(film)
+    assert without_stuck_pixels(source)[0] is source
+    assert track(film, POINTS).attrs["note"] == ""
+
+
+def stuck(film: np.ndarray, kind: str, seed: int) -> np.ndarray:
+    """The film as a sensor with faults records it."""
+    rng = np.random.default_rng(seed)
+    y, x = rng.integers(0, SIZE, (2, SIZE * SIZE // (1000 if kind == "hot" else 100)))
+    film = film.copy()
+    film[:, y, x] = np.where(rng.random(len(y)) < 0.5, 255, 0) if kind == "mixed" else 255
+    if kind == "pairs":
+        film[:, y, np.minimum(x + 1, SIZE - 1)] = 255
+    if kind == "column":
+        film = digitised([frame.astype(float) for frame in film], 0.0, 0)
+        film[:, :, 71] = 255
+    return film
+
+
+@pytest.mark.parametrize("motion", ["slow", "fast"])
+@pytest.mark.parametrize("kind", ["hot", "mixed", "pairs"])
+@pytest.mark.parametrize("name", by_day(["field", "coarse field", "Perlin noise"], 1))
+def test_pixels_that_are_stuck_do_not_bind_the_correlation(name: str, kind: str, motion: str) -> None:
+    clean = digitised(moving(PATTERNS[name], STEPS[motion]), NOISE, 9)
+    film = stuck(clean, kind, 10)
+    found, sound = track(film, POINTS), track(clean, POINTS)
+    assert found.valid[1:].all()
+    assert beyond_5_u(found, STEPS[motion]) == 0
+    away = np.abs(found.dx - sound.dx)
+    assert float(np.sqrt((away**2).mean())) < 0.01  # px; unrepaired 0.05 to 0.8
+    assert "not follow the scene" in found.attrs["note"]
+
+
+def test_stuck_pixels_are_found_and_nothing_else() -> None:
+    clean = digitised(moving(PATTERNS["field"], (0.9, 0.4)), NOISE, 11)
+    film = stuck(clean, "mixed", 12)
+    repaired, found = without_stuck_pixels(as_frames(film))
+    truth = (film != clean).all(axis=0)
+    assert found.count == pytest.approx(truth.sum(), rel=0.05)
+    before, after = (np.abs(one[2].astype(float) - clean[2])[truth] for one in (film, repaired))
+    assert np.sqrt((after**2).mean()) < 0.1 * np.sqrt((before**2).mean())
+    assert (repaired[2] != film[2])[~truth].mean() < 2e-4
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
+def test_a_repaired_film_is_a_film(kind: type[np.generic]) -> None:
+    clean = digitised(moving(PATTERNS["field"], (0.9, 0.4)), NOISE, 13)
+    time = np.arange(6) * 1e-4
+    film = ArrayFrames(stuck(clean, "mixed", 14).astype(kind), time, 2e-5)
+    repaired, found = without_stuck_pixels(film)
+    assert isinstance(repaired, FrameSource)
+    assert found.count > 200
+    assert repaired[0].dtype == kind
+    assert (len(repaired), repaired.shape, repaired.levels) == (6, film.shape, film.levels)
+    assert np.array_equal(repaired.time, time)
+    assert repaired.exposure is not None
+    assert repaired.valid.all()
+    part = repaired.roi(slice(40, 90), slice(20, 100))
+    assert np.array_equal(part[3][8:-8, 8:-8], repaired[3][48:82, 28:92])
+    everything = [repaired[k] for k in range(len(repaired))]
+    assert np.array_equal(np.stack(list(repaired)), np.stack(everything))
