@@ -10,6 +10,7 @@ the white part: a flicker noise is exactly so, and other noise counts as the fli
 from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 
@@ -87,7 +88,7 @@ def estimate_corner(residual: Floats, share: Floats, interval: float) -> float:
     return float(_CORNERS[best] / interval) if cost[0] - cost[best] > _CERTAIN else 0.0
 
 
-def coloured_covariance(design: Floats, inverse: Floats, time: Floats, corner: float) -> Floats:
+def coloured_covariance(design: Floats, inverse: NDArray[Any], time: Floats, corner: float) -> Floats:
     """Return the covariance (p, p) of a least-squares fit to readings with a white noise of 1.
 
     Parameters
@@ -103,7 +104,7 @@ def coloured_covariance(design: Floats, inverse: Floats, time: Floats, corner: f
     """
     read, ties = design[: len(time)], design[len(time) :]
     middle = _normal(read, float(np.median(np.diff(time))), corner) + ties.T @ ties
-    return inverse @ middle @ inverse
+    return np.asarray(inverse @ middle @ inverse, float)
 
 
 def _normal(design: Floats, interval: float, corner: float) -> Floats:
