@@ -257,8 +257,8 @@ ROWS = (
     Mistake(
         "the warmer isotherms in kelvin",
         _rows(lambda cells, i, p: _warmer(cells, 273.15) if i > 2 else cells),
-        "doubtful",
-        ("in k under °c", "20.0 °c and more are meant"),
+        "impossible",
+        ("in k under °c", "20.2 °c and more are meant"),
         FIRST,
     ),
 )
