@@ -18,7 +18,8 @@ ModelVerdict = Literal["agrees", "differs", "undecided", "none"]
 
 _SINGULAR = 1e-9
 """Part of the largest variance (of correlations) below which a direction carries no information."""
-_AGREES, _DIFFERS, _ROW = 0.05, 0.001, 4.0
+LIKELY, _DIFFERS, _ROW = 0.05, 0.001, 4.0
+"""Probability above which differences are ordinary, below which a model differs; u of a row that differs alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,4 +100,4 @@ def model_verdict(found: Agreement | None, could_notice: bool) -> ModelVerdict:
         return "none"
     if found.p < _DIFFERS or found.largest > _ROW:
         return "differs"
-    return "agrees" if found.p > _AGREES and could_notice else "undecided"
+    return "agrees" if found.p > LIKELY and could_notice else "undecided"
