@@ -2,13 +2,14 @@
 
 from labpipe.imaging.films._reading_plan import FilmReader, Place, frames_in_windows, plan_reading
 from labpipe.imaging.films._rows import PIECE, RowsSeen, pieces_of, read_rows, row_sums
-from labpipe.imaging.films._stuck_pixels import without_stuck_pixels
+from labpipe.imaging.films._stuck_pixels import StuckPixels, without_stuck_pixels
 
 __all__ = [
     "PIECE",
     "FilmReader",
     "Place",
     "RowsSeen",
+    "StuckPixels",
     "frames_in_windows",
     "pieces_of",
     "plan_reading",
