@@ -27,7 +27,7 @@ from labpipe.uncertainty import Source, budget_rows, combined_uncertainty, exces
 from labpipe.units import Quantity
 from labpipe.variables import described, variable
 
-__all__ = ["displacement", "inclination_from_drop", "reading"]
+__all__ = ["displacement", "inclination_from_drop"]
 
 _VALID = 0  # the state of a reading that is one
 _TOLERANCE = 3.0  # standard uncertainties by which a travel may exceed the height it fell
@@ -266,26 +266,6 @@ def _scalar(name: str, quantity: Quantity, long_name: str) -> dict[str, Any]:
         return variable((), value, quantity.si, text)
 
     return {name: one(quantity.value, long_name), f"u_{name}": one(quantity.u, f"standard uncertainty: {long_name}")}
-
-
-def reading(
-    moved: NDArray[np.float64], record: Record, *, zero: float = 0.0, direction: int = 1
-) -> NDArray[np.float64]:
-    """Return what the sensor shows for a motion: the inverse of :func:`displacement`.
-
-    Parameters
-    ----------
-    moved : array (n,) [m]
-        Displacement along the motion.
-    record : Record
-        Of the kind ``laser``.
-    zero : float [m]
-        Reading at no displacement.
-    direction : {1, -1}
-        As there.
-    """
-    values = _values(record)
-    return zero + direction * moved * math.cos(values.inclination.value) / values.scale.value
 
 
 def inclination_from_drop(travel: Quantity, height: Quantity) -> Quantity:

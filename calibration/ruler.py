@@ -1,6 +1,6 @@
-"""Lengths measured in an image: graduations of a ruler, and the edges of an object.
+"""The graduations of a ruler in an image.
 
-Both return pixels with a standard uncertainty, for the ``pixel_length`` of a camera record.
+Their distance in pixels, with a standard uncertainty, is for the ``pixel_length`` of a camera record.
 """
 
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, optimize, signal
+from scipy import ndimage, signal
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
@@ -136,66 +136,3 @@ def _slope(x: Floats, y: Floats) -> tuple[float, float]:
     per_line = (x @ y) / (x @ x)
     count = per_line.size
     return float(per_line.mean()), float(per_line.std(ddof=1) / np.sqrt(count))
-
-
-def edge_distance(
-    image: NDArray[np.generic], start: tuple[float, float], end: tuple[float, float], *, width: int = 9
-) -> Quantity:
-    """Measure the distance of two edges, for example those of the holder, along a line.
-
-    Parameters
-    ----------
-    image : array (row, column)
-        Grey levels.
-    start, end : (x, y) [px]
-        A line that crosses both edges at right angles; each edge lies in one half of it.
-    width : int [px]
-        How many parallel lines are measured; their scatter gives the uncertainty.
-
-    Returns
-    -------
-    Quantity [px]
-        Distance between the edges.
-
-    Raises
-    ------
-    InputError
-        The line leaves the image, or no edge stands out in one half.
-    """
-    grey = np.asarray(image, float)
-    a, b = np.asarray(start, float), np.asarray(end, float)
-    length = float(np.hypot(*(b - a)))
-    limits = np.array([grey.shape[1] - 1, grey.shape[0] - 1])
-    if length < 16 or np.any(np.minimum(a, b) < 0) or np.any(np.maximum(a, b) > limits):
-        message = f"the line from {start} to {end} is shorter than 16 px or leaves the image"
-        raise InputError(message)
-    along = (b - a) / length
-    across = np.array([-along[1], along[0]])
-    steps = np.linspace(0, length, int(2 * length) + 1)
-    found = []
-    for offset in np.arange(width) - (width - 1) / 2:
-        x, y = (a + offset * across)[:, None] + along[:, None] * steps
-        profile = ndimage.map_coordinates(grey, [y, x], order=3, mode="nearest")
-        half = steps.size // 2
-        first = _edge(steps[:half], profile[:half])
-        second = _edge(steps[half:], profile[half:])
-        found.append(second - first)
-    distance = np.array(found)
-    return Quantity(float(distance.mean()), float(distance.std(ddof=1) / np.sqrt(width)), "px")
-
-
-def _edge(position: Floats, profile: Floats) -> float:
-    """Locate one edge by a smooth step (tanh) fitted to the profile."""
-    gradient = np.abs(np.gradient(ndimage.gaussian_filter1d(profile, 2.0), position))
-    guess = float(position[np.argmax(gradient)])
-    low, high = float(profile[:5].mean()), float(profile[-5:].mean())
-    noise = 1.4826 * float(np.median(np.abs(np.diff(profile))))
-    if abs(high - low) < _CLEAR * max(noise, 1e-9):
-        message = "no edge stands out of the noise; move the line or improve the light"
-        raise InputError(message)
-
-    def step(x: Floats, centre: float, blur: float, left: float, right: float) -> Floats:
-        return left + (right - left) * 0.5 * (1 + np.tanh((x - centre) / blur))
-
-    fit, _ = optimize.curve_fit(step, position, profile, p0=(guess, 1.5, low, high), maxfev=2000)
-    return float(fit[0])

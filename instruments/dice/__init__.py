@@ -7,12 +7,12 @@ from instruments._instrument import Instrument
 from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
-    from instruments.dice._solutions import is_solution, read
+    from instruments.dice._solutions import read
 else:
-    _HOMES = {"is_solution": "_solutions", "read": "_solutions"}
+    _HOMES = {"read": "_solutions"}
     __getattr__ = lazily(__name__, _HOMES)
 
-__all__ = ["INSTRUMENT", "Options", "is_solution", "read"]
+__all__ = ["INSTRUMENT", "Options", "read"]
 
 
 class Options(TypedDict, total=False):

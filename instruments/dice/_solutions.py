@@ -35,11 +35,6 @@ _FIELDS = {
 _REQUIRED = ("COORDINATE_X", "COORDINATE_Y", "DISPLACEMENT_X", "DISPLACEMENT_Y")
 
 
-def is_solution(name: str) -> bool:
-    """Tell the name of a result file; runs of the stereo program write others."""
-    return _FILE.match(name) is not None
-
-
 def read(path: str | os.PathLike[str], *, fps: float | None = None) -> xr.Dataset:
     """Read all frames of a DICe run.
 

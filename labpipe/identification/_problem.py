@@ -1,6 +1,5 @@
 """The inverse problem: one material, its experiments, and their nuisance parameters."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -117,11 +116,6 @@ def split_by_group(evidence: Evidence, numbers: Floats) -> list[Floats]:
     """Cut the numbers of an experiment into those of its groups (along the first axis)."""
     ends = np.cumsum([g.values.size for g in evidence.groups])
     return list(np.split(numbers, ends[:-1]))
-
-
-def count(evidence: Sequence[Evidence]) -> int:
-    """Return how many numbers were observed."""
-    return sum(e.values.size for e in evidence)
 
 
 def _ratio(evidence: Evidence, solid: Prony, given: dict[str, float]) -> Floats | None:

@@ -11,7 +11,7 @@ Nothing here knows a kind of experiment; the scheme of levels follows the flags 
 oceanographers use (QARTOD: pass, not evaluated, suspect, fail).
 """
 
-from labpipe.judging._agreement import Agreement, agreement, block_means, model_verdict
+from labpipe.judging._agreement import LIKELY, Agreement, agreement, model_verdict
 from labpipe.judging._causes import Cause, Explanation, explain
 from labpipe.judging._checks import (
     DOUBTFUL,
@@ -34,6 +34,7 @@ __all__ = [
     "DOUBTFUL",
     "FLAGS",
     "IMPOSSIBLE",
+    "LIKELY",
     "Agreement",
     "Cause",
     "Check",
@@ -44,7 +45,6 @@ __all__ = [
     "Suspect",
     "Verdict",
     "agreement",
-    "block_means",
     "bounded",
     "compared",
     "detectable",

@@ -18,7 +18,8 @@ ModelVerdict = Literal["agrees", "differs", "undecided", "none"]
 
 _SINGULAR = 1e-9
 """Part of the largest variance (of correlations) below which a direction carries no information."""
-_AGREES, _DIFFERS, _ROW = 0.05, 0.001, 4.0
+LIKELY, _DIFFERS, _ROW = 0.05, 0.001, 4.0
+"""Probability above which differences are ordinary, below which a model differs; u of a row that differs alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,32 +100,4 @@ def model_verdict(found: Agreement | None, could_notice: bool) -> ModelVerdict:
         return "none"
     if found.p < _DIFFERS or found.largest > _ROW:
         return "differs"
-    return "agrees" if found.p > _AGREES and could_notice else "undecided"
-
-
-def block_means(residual: ArrayLike, u: ArrayLike, length: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Thin a curve to blocks that are longer than its noise remembers.
-
-    Parameters
-    ----------
-    residual, u : array (sample,)
-        Differences along the curve and their random standard uncertainty; NaN is left out.
-    length : int
-        Samples of a block.
-
-    Returns
-    -------
-    means, u_means : array (block,)
-        The uncertainty is the larger of what the samples state and what the scatter of residuals
-        inside the block says about its mean.
-    places : array (block,)
-        Index of the middle of each block.
-    """
-    r, s = np.asarray(residual, float), np.asarray(u, float)
-    known = np.flatnonzero(np.isfinite(r) & np.isfinite(s))
-    parts = [part for part in np.array_split(known, max(len(known) // max(length, 1), 1)) if len(part)]
-    means = np.array([r[part].mean() for part in parts])
-    of_stated = np.array([np.sqrt(np.mean(s[part] ** 2) / len(part)) for part in parts])
-    of_scatter = np.array([r[part].std(ddof=1) / np.sqrt(len(part)) if len(part) > 1 else 0.0 for part in parts])
-    places = np.array([part[len(part) // 2] for part in parts], int)
-    return means, np.maximum(of_stated, of_scatter), places
+    return "agrees" if found.p > LIKELY and could_notice else "undecided"

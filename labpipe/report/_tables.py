@@ -35,6 +35,7 @@ _FORMS: dict[str, tuple[tuple[float, str], ...]] = {
     "1/Pa": ((1.0, "1/Pa"), (1e-3, "1/kPa"), (1e-6, "1/MPa"), (1e-9, "1/GPa")),
     "Pa s": ((1e9, "GPa·s"), (1e6, "MPa·s"), (1e3, "kPa·s"), (1.0, "Pa·s"), (1e-3, "mPa·s")),
     "J": ((1.0, "J"), (1e-3, "mJ"), (1e-6, "µJ"), (1e-9, "nJ")),
+    "J/m2": ((1.0, "J/m²"), (1e-3, "mJ/m²")),
     "J/m": ((1.0, "J/m"), (1e-3, "mJ/m"), (1e-6, "µJ/m")),
     "rad": ((1.0, "rad"), (1e-3, "mrad"), (1e-6, "µrad")),
     "rad/s": ((1.0, "rad/s"),),
@@ -344,9 +345,13 @@ def table_view(table: Table) -> TableView:
 
 
 def _column_unit(table: Table, index: int) -> DisplayUnit:
-    unit = table.columns[index].unit
-    cells = [row[index] for row in table.rows]
-    return display_unit([float(c) for c in cells if _is_number(c)], unit)  # type: ignore[arg-type]
+    """Return the unit of a column; what is far below its own uncertainty takes the prefix of that."""
+    unit, beside = table.columns[index].unit, table.columns[index].u
+    sizes = []
+    for row in table.rows:
+        cells = (row[index], None if beside is None else row[beside])
+        sizes.append(max((abs(float(c)) for c in cells if _is_number(c)), default=0.0))  # type: ignore[arg-type]
+    return display_unit(sizes, unit)
 
 
 def _cell(table: Table, row: Sequence[Cell], index: int, factor: float) -> CellView:

@@ -327,10 +327,11 @@ def duration(seconds: float) -> str:
 
 def _parameter_changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     names = [*new, *(name for name in old if name not in new)]
+    # What is stored has lists where settings have tuples; compared is what would be stored.
     return [
         f"parameter {name} changed {_shown(old.get(name))} -> {_shown(new.get(name))}"
         for name in names
-        if old.get(name) != new.get(name)
+        if files.canonical(old.get(name)) != files.canonical(new.get(name))
     ]
 
 

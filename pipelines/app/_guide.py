@@ -17,9 +17,10 @@ _STYLE = Path(__file__).parent / "assets/app.css"
 
 def application() -> Starlette:
     """Return what answers (ASGI)."""
-    from pipelines.guide import FIRST, pages
+    from pipelines.guide import FIRST, PICTURES, pages
 
     made = pages()
+    pictures = {path.name: path for path in PICTURES.glob("*.webp")}
 
     def page(request: Request) -> Response:
         found = made.get(request.path_params["name"])
@@ -33,5 +34,10 @@ def application() -> Starlette:
         del request
         return Response(_STYLE.read_bytes(), media_type="text/css")
 
-    routes = [Route("/", first), Route("/app.css", style), Route("/{name}.html", page)]
+    def picture(request: Request) -> Response:
+        found = pictures.get(request.path_params["name"])
+        return Response("not found", 404) if found is None else Response(found.read_bytes(), media_type="image/webp")
+
+    routes = [Route("/", first), Route("/app.css", style), Route("/pictures/{name}", picture)]
+    routes.append(Route("/{name}.html", page))
     return Starlette(routes=[Route(route.path, route.endpoint, methods=["GET"]) for route in routes])

@@ -161,13 +161,3 @@ def edge(angle: float, place: tuple[float, float], grain: float, seed: int) -> F
         return np.asarray(60.0 * erf(across / (_SHARPNESS * math.sqrt(2.0))) + grain / 40.0 * texture(x, y))
 
     return grey
-
-
-def grating(angle: float, period: float) -> Formula:
-    """Wave of a period in px along one direction."""
-    wave = 2.0 * np.pi / period
-
-    def grey(x: Floats, y: Floats) -> Floats:
-        return np.asarray(50.0 * np.sin(wave * (x * math.cos(angle) + y * math.sin(angle))))
-
-    return grey

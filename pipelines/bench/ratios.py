@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from statistics import median
 
-from labpipe.report import Column, Table, number
+from labpipe.report import Column, Table
 from pipelines.bench.measure import OURS, Point, Suite
 
 
@@ -87,18 +87,3 @@ def table(suites: Iterable[Suite]) -> Table | None:
 
 def _known(value: float) -> float | None:
     return value if math.isfinite(value) else None
-
-
-def markdown(suites: Iterable[Suite]) -> str:
-    """Return the same as a table in Markdown."""
-    head = ("part", "other method", "ours", "its error / ours", "its time / ours (spread)")
-    lines = [f"| {' | '.join(head)} |", "|---|---|---|---|---|"]
-    for suite in suites:
-        for r in ratios_of(suite):
-            spread = "" if math.isnan(r.lowest) else f" ({_short(r.lowest)} – {_short(r.highest)})"
-            lines.append(f"| {r.suite} | {r.other} | {r.ours} | {_short(r.error)} | {_short(r.time)}{spread} |")
-    return "\n".join(lines) + "\n"
-
-
-def _short(value: float) -> str:
-    return number(value, 2)

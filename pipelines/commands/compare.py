@@ -52,8 +52,6 @@ def compare(session: Path, jobs: int, keep: bool, beside: tuple[str, str] | None
             }
         )
     else:
-        for row in found.rows:
-            echo(line(row))
         for whole in found.experiments:
             if whole["p"] is not None:
                 echo(
@@ -62,6 +60,9 @@ def compare(session: Path, jobs: int, keep: bool, beside: tuple[str, str] | None
                 )
         for name, why in (found.failed | found.absent).items():
             echo(f"{name}: {why}")
+        # As on the page: what deviates most is read first, then the curves.
+        for row in sorted(found.rows, key=lambda row: (row.is_curve, -abs(row.deviation or 0.0), -(row.nrmse or 0.0))):
+            echo(line(row))
         echo(f"page: {found.page}")
     click.get_current_context().exit(1 if found.failed else 0)
 
@@ -73,10 +74,15 @@ def line(row: "Row") -> str:
 
 
 def _line(row: "Row") -> str:
+    from labpipe.report import quantity, value_with_uncertainty
+
     where = f"{row.experiment:24} {row.condition:14} {row.quantity:32} n={row.n:<4}"
     if row.nrmse is not None:
-        bias = "" if row.difference is None else f"  bias {row.difference:+.2e} {row.unit}"
-        return f"{where} nRMSE {100 * row.nrmse:6.2f} %{bias}"
-    gap = "" if row.difference is None else f"{row.difference:+.2e}"
-    u = "" if row.u_difference is None else f" ± {row.u_difference:.1e}"
-    return f"{where} {row.measured:.5g} against {row.model:.5g}: {gap}{u} {row.unit}"
+        bias = "" if row.difference is None else f", bias {quantity(row.difference, row.unit, 3)}"
+        return f"{where} nRMSE {100 * row.nrmse:.2f} %{bias}"
+    deviation = "" if row.deviation is None else f", {row.deviation:+.1f} u"
+    measured, model = (
+        value_with_uncertainty(value, u, row.unit) if u else quantity(value, row.unit, 5)
+        for value, u in ((row.measured or 0.0, row.u_measured), (row.model or 0.0, row.u_model))
+    )
+    return f"{where} {measured} against {model}{deviation}"

@@ -203,6 +203,18 @@ class Kind:
     proposal: Proposal | None = None
 
 
+def judged(function: str, inputs: tuple[str, ...]) -> Stage:
+    """Return the stage that judges an experiment, as every kind has it."""
+    summary = "is it believable, does the model agree?"
+    return Stage(JUDGEMENT, function, inputs, ("*",), context=True, tolerant=True, summary=summary)
+
+
+def reported(function: str, inputs: tuple[str, ...]) -> Stage:
+    """Return the stage that writes the page, of the judgement and what else it shows."""
+    shown = (JUDGEMENT, *inputs)
+    return Stage("report", function, shown, ("*",), output="page", context=True, summary="write the page")
+
+
 def function(text: str) -> Callable[..., Any]:
     """Import what ``"module:function"`` names."""
     module, _, name = text.partition(":")

@@ -7,5 +7,6 @@ parts).
 
 from pipelines.guide._offline import FIRST, pages
 from pipelines.guide._site import build
+from pipelines.guide._texts import PICTURES
 
-__all__ = ["FIRST", "build", "pages"]
+__all__ = ["FIRST", "PICTURES", "build", "pages"]

@@ -1,6 +1,7 @@
 """The guide as plain pages from the installed package: no network, nothing to build.
 
-What the site has beyond these, the tutorial and the gallery, is run and drawn while it is built.
+The tutorial and the pictures were kept when the site was built; what the site has beyond these is the
+reference of Python, and the reports of the gallery as whole pages.
 """
 
 import html
@@ -11,10 +12,10 @@ from pathlib import Path
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
 
-from pipelines.guide import _reference
+from pipelines.guide import _gallery, _reference
 from pipelines.guide._texts import GUIDES, PARTS
 
-FIRST = "experimenter"
+FIRST = "tutorial"
 _PAGE = """<!doctype html>
 <html lang="en">
 <head>
@@ -55,7 +56,7 @@ def pages() -> dict[str, str]:
 def _texts() -> dict[str, str]:
     written = {path.stem: path for path in sorted(GUIDES.glob("*.md"))}
     written["architecture"] = GUIDES.parent / "ARCHITECTURE.md"
-    made = {"settings": _reference.settings(), "commands": _reference.commands()}
+    made = {"settings": _reference.settings(), "commands": _reference.commands(), "gallery": _gallery.text()}
     order = [name for part in PARTS.values() for name in part if name in written or name in made]
     return {name: made[name] if name in made else written[name].read_text("utf-8") for name in order}
 

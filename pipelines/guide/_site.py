@@ -1,6 +1,7 @@
 """The site's pages: guides as they are, what the code says of itself, a tutorial that was run."""
 
 import io
+import itertools
 import re
 import shutil
 import tempfile
@@ -9,10 +10,12 @@ from pathlib import Path
 
 from labpipe import files
 from labpipe.build import __version__
-from labpipe.errors import InputError, UsageError
+from labpipe.errors import InputError, SourceError, UsageError
 from pipelines.guide import _gallery, _reference, _tutorial
-from pipelines.guide._texts import GUIDES, PARTS
+from pipelines.guide._loaded import loaded
+from pipelines.guide._texts import GUIDES, PARTS, PICTURES
 
+_TUTORIAL = "tutorial.md"
 _CONFIGURATION = {
     "project": "labpipe",
     "copyright": "the labpipe developers, MIT licence",
@@ -31,8 +34,11 @@ _CONFIGURATION = {
 }
 
 
-def build(site: Path, sessions: Iterable[Path] = ()) -> Path:
+def build(site: Path, sessions: Iterable[Path] = (), *, keep: bool = False) -> Path:
     """Write the guide as a site; anything that Sphinx warns of is an error.
+
+    So is a page that would load something from another host, and a tutorial that says other words
+    than the one that was kept for the installed package.
 
     Parameters
     ----------
@@ -40,6 +46,8 @@ def build(site: Path, sessions: Iterable[Path] = ()) -> Path:
         Folder, made or written over.
     sessions : iterable of Path
         Processed sessions whose reports the gallery shows, one of each kind.
+    keep : bool
+        Keep tutorial and pictures in the package, for those who read it without the site.
 
     Returns
     -------
@@ -51,7 +59,7 @@ def build(site: Path, sessions: Iterable[Path] = ()) -> Path:
     UsageError
         The extra ``guide`` is not installed.
     InputError
-        Sphinx has warned; its words are in the message.
+        Sphinx has warned, or one of these holds; its words are in the message.
     """
     try:
         from sphinx.application import Sphinx
@@ -64,7 +72,7 @@ def build(site: Path, sessions: Iterable[Path] = ()) -> Path:
         shutil.copyfile(GUIDES.parent / "ARCHITECTURE.md", source / "architecture.md")
         for guide in source.glob("*.md"):
             files.write_text(guide, _within(guide.read_text("utf-8"), source))
-        (source / "pictures").mkdir()
+        (source / "pictures").mkdir(exist_ok=True)
         _tutorial.write(source)
         _gallery.write(source, sessions)
         _reference.write(source)
@@ -81,11 +89,43 @@ def build(site: Path, sessions: Iterable[Path] = ()) -> Path:
             warning=warnings,
         )
         app.build()
-    said = warnings.getvalue().strip()
-    if said or app.statuscode:
-        message = f"Sphinx warns:\n{said}"
-        raise InputError(message)
+        said = warnings.getvalue().strip()
+        if said or app.statuscode:
+            message = f"Sphinx warns:\n{said}"
+            raise InputError(message)
+        _alone(site)
+        if keep:
+            _keep(source)
+        else:
+            _same_words((source / _TUTORIAL).read_text("utf-8"), (GUIDES / _TUTORIAL).read_text("utf-8"))
     return site / "index.html"
+
+
+def _keep(source: Path) -> None:
+    shutil.copyfile(source / _TUTORIAL, GUIDES / _TUTORIAL)
+    for picture in (source / "pictures").glob("*.webp"):
+        files.write_bytes(PICTURES / picture.name, picture.read_bytes())
+
+
+def _same_words(told: str, kept: str) -> None:
+    """Refuse a kept tutorial whose words are no longer what the commands print; numbers may move."""
+    lines = itertools.zip_longest(told.splitlines(), kept.splitlines(), fillvalue="")
+    for number, (now, before) in enumerate(lines, 1):
+        if re.findall(r"[^\W\d_]+", now) != re.findall(r"[^\W\d_]+", before):
+            raise SourceError(
+                GUIDES / _TUTORIAL,
+                f'the tutorial now says "{now.strip()}", not "{before.strip()}"',
+                line=number,
+                hint="Keep it anew: python -m pipelines.guide SITE SESSION --keep",
+            )
+
+
+def _alone(site: Path) -> None:
+    """Refuse a site that would load something from another host."""
+    found = [f"{path.relative_to(site)}: {address}" for path in sorted(site.rglob("*")) for address in loaded(path)]
+    if found:
+        message = "the site would load from another host:\n" + "\n".join(found)
+        raise InputError(message)
 
 
 def _within(text: str, source: Path) -> str:
@@ -104,7 +144,7 @@ def _index() -> str:
     return (
         "# labpipe\n\nFrom a folder of raw contact-mechanics and polymer test files to calibrated quantities with "
         "uncertainties, the matching simulation, and a page that says whether the record can be believed and "
-        "whether the model agrees.\n\n![The first page of a session](pictures/session.png)\n\n"
+        "whether the model agrees.\n\n![The first page of a session](pictures/session.webp)\n\n"
         "All data that these pages show are synthetic: a virtual rig made them.\n\n" + trees
     )
 

@@ -5,6 +5,8 @@ from pathlib import Path
 from labpipe import files
 
 GUIDES = Path(files.__file__).parent / "documentation"
+PICTURES = GUIDES / "pictures"
+"""Drawn while the site is built, and kept for those who have the package alone."""
 
 _FIRST = ("tutorial", "page", "experimenter", "analyst", "rheology", "films", "gallery")
 _METHODS = ("beyond", "validation", "agreement", "budgets", "identification", "reliability", "scale")

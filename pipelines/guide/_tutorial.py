@@ -17,11 +17,13 @@ from labpipe import files
 from labpipe.errors import InputError
 from labpipe.workflow.plan import page_name
 from pipelines.cli import cli
-from pipelines.guide._screens import shown
+from pipelines.guide._screens import shown, shrink
 from pipelines.rig import sample
 
 _SESSION = "my-session"
-_MOST_LINES = 40
+_MOST_LINES = 24
+_HERE = ("--jobs", "0")
+"""Added to a command while this page is written: it is computed in this process."""
 
 
 def write(source: Path) -> None:
@@ -55,7 +57,9 @@ def _parts(source: Path, folder: Path) -> Iterator[str]:
     yield (
         "# A first session\n\nA folder of files from the laboratory becomes calibrated results, the simulation that "
         "belongs to them, and pages that say whether both agree. Everything below was run while this page was "
-        "written; the data are synthetic, made by the virtual rig (`labpipe sample core`).\n\n## 1. What is there\n\n"
+        "written; the data are synthetic, made by the virtual rig. To follow it, let the rig record, and take what the "
+        "instruments wrote:\n\n```sh\nlabpipe sample core made\nmkdir my-session\n"
+        "cp -r made/laser made/mach1 made/dma my-session\n```\n\n## 1. What is there\n\n"
         "The folder holds what the instruments wrote, and nothing else. `inspect` says what a file is:\n\n"
     )
     yield _run("inspect", f"{_SESSION}/laser/acrylic_1p5mm_1.csv")
@@ -72,39 +76,47 @@ def _parts(source: Path, folder: Path) -> Iterator[str]:
     shutil.copytree(made / "calibration", session / "calibration", dirs_exist_ok=True)
     shutil.copyfile(made / "session.toml", session / "session.toml")
     yield f"```toml\n{_first_experiment(session / 'session.toml')}\n```\n\n"
-    yield "## 3. Process\n\n`plan` says what would run and why, and `process` runs it:\n\n"
-    yield _run("process", _SESSION, "--jobs", "0")
+    yield (
+        "The answers that belong to these recordings lie beside them; to go on with those in place of your own:\n\n"
+        "```sh\ncp -r made/session.toml made/calibration my-session\n```\n\n"
+        "## 3. Process\n\n`plan` says what would run and why:\n\n"
+    )
+    yield _run("plan", _SESSION)
+    yield "`process` runs it:\n\n"
+    yield _run("process", _SESSION, here=_HERE)
     yield "Only what a change can reach is computed again; a second `process` does nothing.\n\n"
     yield "## 4. Can it be believed?\n\nThe session's page has a line for each experiment, with its verdict:\n\n"
-    yield shown(source, session / "labpipe/index.html", "session", "The first page of a session")
+    yield shown(source, "session", "The first page of a session", session / "labpipe/index.html")
     yield "Each report says first whether the record can be believed and whether the model agrees, and why:\n\n"
-    yield shown(source, session / "labpipe" / page_name("acrylic_7mm"), "report", "A report")
+    yield shown(source, "report", "A report", session / "labpipe" / page_name("acrylic_7mm"))
     yield "`compare` puts all experiments beside their models:\n\n"
-    yield _run("compare", _SESSION)
-    yield shown(source, session / "labpipe/compare.html", "compare", "Measurement against model")
+    yield _run("compare", _SESSION, here=_HERE)
+    yield shown(source, "compare", "Measurement against model", session / "labpipe/compare.html")
     yield (
-        "## 5. A mistake\n\nThe fall height of one experiment is typed as 15 mm in place of 1.5 mm. The result is "
-        "still computed and shown, marked, and the exit code is 1:\n\n"
+        "## 5. A mistake\n\nIn `session.toml` the fall height of `acrylic_1p5mm` is typed as 15 mm in place of 1.5 mm. "
+        "The result is still computed and shown, marked, and the exit code is 1:\n\n"
     )
     text = (session / "session.toml").read_text("utf-8")
     files.write_text(session / "session.toml", text.replace('height = "1.5', 'height = "15'))
-    yield _run("process", _SESSION, "--only", "acrylic_1p5mm", "--jobs", "0", code=1)
-    yield shown(source, session / "labpipe" / page_name("acrylic_1p5mm"), "impossible", "A report that says impossible")
+    yield _run("process", _SESSION, "--only", "acrylic_1p5mm", here=_HERE, code=1)
+    page = session / "labpipe" / page_name("acrylic_1p5mm")
+    yield shown(source, "impossible", "A report that says impossible", page)
     files.write_text(session / "session.toml", text)
+    yield "With the height as it was, `process` takes up what it had computed before.\n\n"
     yield (
         "## 6. Into the thesis\n\nFigures are drawn by their number, with the data beside them; `export` writes one "
         "table of all quantities, as `xlsx` or for LaTeX:\n\n"
     )
-    yield _run("figures", "3.10", "--session", _SESSION, "--out", "figures", "--jobs", "0")
-    shutil.copyfile(folder / "figures/3.10.png", source / "pictures/figure.png")
-    yield "![Displacement of the sphere for four heights, laser and model](pictures/figure.png)\n\n"
+    yield _run("figures", "3.10", "--session", _SESSION, "--out", "figures", here=_HERE)
+    shrink(folder / "figures/3.10.png", source / "pictures/figure.webp")
+    yield "![Displacement of the sphere for four heights, laser and model](pictures/figure.webp)\n\n"
     yield _run("export", _SESSION, "--format", "tex")
     yield f"```latex\n{_head(session / 'labpipe/export/quantities.tex')}\n```\n"
 
 
-def _run(*line: str, code: int = 0) -> str:
-    """Run a command and return it with what it printed."""
-    result = CliRunner().invoke(cli, [*line], standalone_mode=False)
+def _run(*line: str, here: tuple[str, ...] = (), code: int = 0) -> str:
+    """Run a command, with options that no reader needs, and return it with what it printed."""
+    result = CliRunner().invoke(cli, [*line, *here], standalone_mode=False)
     ended = result.return_value if isinstance(result.return_value, int) else 0
     if result.exception is not None or ended != code:
         message = f"labpipe {' '.join(line)}: ended with {result.exception or ended}, not {code}:\n{result.output}"
@@ -122,5 +134,5 @@ def _first_experiment(path: Path) -> str:
 
 
 def _head(path: Path) -> str:
-    lines = path.read_text("utf-8").splitlines()
-    return "\n".join([*lines[3:14], "..."])
+    lines = [line for line in path.read_text("utf-8").splitlines() if not line.startswith("%")]
+    return "\n".join([*lines[:10], "..."])

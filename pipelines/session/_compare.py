@@ -88,7 +88,7 @@ def compare(
         if name not in able:
             absent[name] = f"the kind {experiment.kind} holds no comparison with a model"
             continue
-        own = [labelled(row, experiment) for row in derive(results, experiment, able[name])]
+        own = [labelled(row, experiment, session) for row in derive(results, experiment, able[name])]
         kept = _kept(results.plan, name)
         rows += [replace(row, kept=kept) for row in own]
         if not own:

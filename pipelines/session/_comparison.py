@@ -6,7 +6,9 @@ from typing import Any
 
 from labpipe.notebook import html_table, text_table
 from labpipe.workflow.fields import REFERENCE
-from labpipe.workflow.session import Experiment
+from labpipe.workflow.graph import OTHER
+from labpipe.workflow.session import Experiment, Session
+from labpipe.workflow.tasks import field_value
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared.comparison_rows import Row
 
@@ -54,21 +56,32 @@ def _agreement(row: Row) -> str:
     return "" if row.difference is None else f"{row.difference:+.2e}{u} {row.unit}"
 
 
-def labelled(row: Row, experiment: Experiment) -> Row:
+def labelled(row: Row, experiment: Experiment, session: Session) -> Row:
     """Say of a row which experiment it is of and, where it does not, of what and how."""
     return replace(
         row,
         experiment=experiment.name,
         kind=experiment.kind,
-        material=row.material or _material(experiment),
+        material=row.material or _material(experiment, session),
         condition=row.condition or _condition(experiment),
     )
 
 
-def _material(experiment: Experiment) -> str:
-    body = getattr(experiment.settings, KINDS[experiment.kind].body, None)
+def _material(experiment: Experiment, session: Session) -> str:
+    """Return what a body is made of; of a film that names none, that of the drops it is laid against."""
+    kind = KINDS[experiment.kind]
+    body = getattr(experiment.settings, kind.body, None)
     texts = (getattr(body, n, None) for n in ("material", "material_from", "material_file"))
-    return next((text.removeprefix(REFERENCE) for text in texts if isinstance(text, str)), "")
+    own = next((text.removeprefix(REFERENCE) for text in texts if isinstance(text, str)), "")
+    if own:
+        return own
+    fields = {
+        name.removeprefix(OTHER).split("/")[0] for s in kind.stages for name in s.inputs if name.startswith(OTHER)
+    }
+    named = (field_value(experiment.settings, field) for field in sorted(fields))
+    others = (session.experiments.get(text.removeprefix(REFERENCE)) for text in named if isinstance(text, str))
+    found = (_material(other, session) for other in others if other is not None and other.name != experiment.name)
+    return next(filter(None, found), "")
 
 
 def _condition(experiment: Experiment) -> str:

@@ -109,15 +109,16 @@ def lines(results: Results, experiments: Iterable[str] = ()) -> list[Line]:
         Only these; empty for all.
     """
     wanted = set(experiments) or set(results.experiments)
+    session = results.plan.session
     found = []
     for name, experiment in results.experiments.items():
         if name not in wanted:
             continue
         judged = _dataset(results, name, JUDGEMENT)
         verdict = ("", "") if judged is None else _verdict(judged)
-        rows = [labelled(r, experiment) for r in _compared(results, experiment)]
+        rows = [labelled(r, experiment, session) for r in _compared(results, experiment)]
         known = {r.measured for r in rows}  # a key number may be what is compared
-        rows += [labelled(r, experiment) for r in _key_numbers(results, experiment) if r.measured not in known]
+        rows += [labelled(r, experiment, session) for r in _key_numbers(results, experiment) if r.measured not in known]
         found += [Line(r, *verdict) for r in rows]
     return found
 

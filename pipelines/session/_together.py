@@ -96,7 +96,9 @@ def write_materials(results: Results, found: Comparison) -> list[tuple[str, str]
     verdicts = stored_verdicts(results)
     pages = []
     for material, rows in _by_material(session, found.rows).items():
-        names = list(dict.fromkeys(row.experiment for row in rows))
+        # The DMA that a material is taken from bears its name, and stands before what rests on it.
+        source = [material] if material in session.experiments else []
+        names = list(dict.fromkeys([*source, *(row.experiment for row in rows)]))
         own = tuple(document for document in found.experiments if document["experiment"] in names)
         part = replace(found, rows=tuple(rows), experiments=own, failed={}, absent={})
         sections = [
@@ -116,7 +118,7 @@ def _rows(results: Results, name: str) -> tuple[Row, ...] | None:
     if derived is None:
         return ()
     try:
-        return tuple(labelled(row, experiment) for row in derive(results, experiment, derived))
+        return tuple(labelled(row, experiment, results.plan.session) for row in derive(results, experiment, derived))
     except LabpipeError:
         return None
 

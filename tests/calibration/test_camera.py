@@ -12,7 +12,7 @@ import xarray as xr
 import calibration
 from calibration.camera import image_scale, motion, pixel_size
 from calibration.record import CameraRecord, CameraValues, load_record
-from calibration.ruler import _near, edge_distance, graduations
+from calibration.ruler import _near, graduations
 from labpipe.errors import CalibrationError, ConfigError, InputError
 from labpipe.units import Quantity, quantity
 
@@ -172,23 +172,6 @@ def test_an_image_without_lines_is_refused() -> None:
     noise = np.random.default_rng(0).normal(100, 3, (40, 300))
     with pytest.raises(InputError, match=r"graduation|equally spaced"):
         graduations(noise)
-
-
-def test_the_holder_s_edges_are_measured_to_a_hundredth_of_a_pixel() -> None:
-    y, x = np.mgrid[0:60, 0:500]
-    image = 60 + 140 * 0.5 * (np.tanh((x - 50.37) / 1.2) - np.tanh((x - 436.52) / 1.2))
-    image = image + np.random.default_rng(2).normal(0, 2, image.shape) + 0 * y
-    found = edge_distance(image, (20, 30), (470, 30))
-    assert found.value == pytest.approx(386.15, abs=0.03)
-    assert 0 < found.u < 0.03
-
-
-def test_a_line_outside_the_image_or_without_edges_is_refused() -> None:
-    with pytest.raises(InputError, match="leaves the image"):
-        edge_distance(np.zeros((20, 20)), (0, 0), (40, 0))
-    flat = np.random.default_rng(0).normal(100, 2, (60, 200))
-    with pytest.raises(InputError, match="no edge"):
-        edge_distance(flat, (10, 30), (190, 30))
 
 
 def test_pixel_size_refuses_what_has_no_length() -> None:

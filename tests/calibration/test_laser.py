@@ -42,8 +42,14 @@ def drop(n=2000, rest=600, seed=1, noise=1e-6):
     return -np.minimum(0.5 * 9.81 * fall**2, 7e-3), np.random.default_rng(seed).normal(0, noise, n)
 
 
+def shown_by_sensor(moved, known, zero=2.5e-3, direction=1):
+    """Readings in m of a motion: the inverse of ``displacement``."""
+    values = known.values
+    return zero + direction * moved * math.cos(values.inclination.value) / values.scale.value
+
+
 def readings_of(moved, noise, known, zero=2.5e-3, direction=1, **options):
-    shown = laser.reading(moved, known, zero=zero, direction=direction) + noise
+    shown = shown_by_sensor(moved, known, zero, direction) + noise
     return keyence.make_recording({1: shown}, cycle="50 us", start=DAY, **options)
 
 
@@ -60,7 +66,7 @@ def test_displacement_is_the_reading_over_the_cosine():
 def test_calibrating_what_the_sensor_shows_gives_the_motion_back(angle, gain, direction, zero, seed):
     known = record(f"{angle:.6f} ± 0.01 deg", f"{gain:.6f} ± 0.001")
     moved = np.random.default_rng(seed).normal(0, 2e-3, 30)
-    shown = laser.reading(moved, known, zero=zero, direction=direction)
+    shown = shown_by_sensor(moved, known, zero, direction)
     made = keyence.make_recording({1: shown}, cycle="50 us", start=DAY, decimals=4)
     made["out1"] = made.out1.copy(data=shown)  # without the rounding of the display
     result = laser.displacement(made, known, zero=zero, direction=direction)

@@ -120,6 +120,14 @@ ROWS = (
     Mistake("unit um in one of two repeats", _second_in_um, "impossible", ("factor 1000", "unit")),
     Mistake("display x10 in one file", _changed(_scaled(10.0), (PTFE,)), "impossible", ("10 times",), PTFE),
     Mistake("record expired", setting("2025-04-30", "2024-05-05", RECORD), "impossible", ("calibration record",)),
+    Mistake(
+        "inclination 50 for 5 deg",
+        setting('"5.00 ±', '"50.0 ±', RECORD),
+        "doubtful",
+        ("inclination", "lost decimal point"),
+        RECORD,
+        13,
+    ),
     # sensor
     Mistake("upside down readings", _changed(_upside_down), "impossible", ("direction",)),
     Mistake("noise only", _changed(_noise, (PTFE,)), "impossible", ("no ringing",), PTFE),

@@ -13,7 +13,7 @@ from pipelines.rig.samples import drop_section, laser_record, session_head
 from pipelines.session import Verdict
 from tests.mistakes.drop_rows import RECORD, ROWS, START, write
 from tests.mistakes.recordings import values
-from tests.mistakes.rows import Mistake, hold, judged
+from tests.mistakes.rows import Mistake, by_day, hold, judged
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,7 @@ def test_clean_session_is_believed(clean: Path) -> None:
     assert found.checks > 40
 
 
-@pytest.mark.parametrize("mistake", ROWS, ids=lambda row: row.name)
+@pytest.mark.parametrize("mistake", by_day(ROWS, 2))
 def test_mistake_is_noticed_and_named(clean: Path, tmp_path: Path, mistake: Mistake) -> None:
     hold(clean, tmp_path / "session", mistake, "bounces")
 

@@ -73,10 +73,6 @@ class Plate:
         """Kinetic and elastic energy of the plate in J."""
         return 0.5 * (self.mass * state.velocity**2 + self.stiffness * state.displacement**2)
 
-    def swing(self, state: PlateState) -> float:
-        """Largest displacement in m that the plate, left alone, can reach from now on."""
-        return sqrt(2.0 * self.energy(state) / self.stiffness)
-
     def free(self, state: PlateState, dt: float) -> PlateState:
         """State after ``dt`` [s] without force, exactly."""
         omega = 2.0 * pi * self.frequency

@@ -263,19 +263,6 @@ def advance(weights: StepWeights, memory: Floats, load: Floats, new_load: Floats
     return result
 
 
-def decay(creep: Creep, memory: Floats, dt: float) -> Floats:
-    """Memory after a time ``dt`` [s] without load: a free flight or a hold is one step."""
-    return np.exp(-dt * creep.rate)[:, None] * memory
-
-
-def stored_energy(creep: Creep, memory: Floats, load: Floats) -> Floats:
-    """Energy (spring,) held elastically: ``(J(0) q^2 + sum w_k^2 / C_k) / 2``.
-
-    Its unit is that of load times displacement; multiply by the springs' weights and sum.
-    """
-    return 0.5 * (creep.instantaneous * load**2 + creep.inverse @ memory**2)
-
-
 @dataclass(frozen=True, slots=True)
 class Condensed:
     """A compliance with fewer terms, and how many were folded into one and frozen."""

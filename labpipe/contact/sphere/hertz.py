@@ -156,30 +156,6 @@ def drop_speed(height: ArrayLike, gravity: float = 9.81) -> Floats:
     return np.asarray(np.sqrt(2.0 * gravity * _not_negative("height", height, "m")))
 
 
-def damping_ratio(speed: ArrayLike, mass: float, stiffness: float, damping: float) -> Floats:
-    r"""Dimensionless damping b of m ẍ + c √x ẋ + k x^{3/2} = 0.
-
-    Scaled to unit speed the motion is x″ + b √x x′ + x^{3/2} = 0 with b = (c/m) (v/(k/m)^3)^{1/5}.
-
-    Parameters
-    ----------
-    speed : array [m/s]
-    mass : float [kg]
-    stiffness : float [N/m^1.5]
-        k = (4/3) E* √R.
-    damping : float [N s/m^1.5]
-        c.
-
-    Examples
-    --------
-    >>> float(damping_ratio(1.0, 1.0, 1.0, 0.1))
-    0.1
-    """
-    rate = stiffness / mass
-    v = _not_negative("speed", speed, "m/s")
-    return np.asarray(damping / mass * v**0.2 * rate**-0.6)
-
-
 def dashpot_restitution(damping: ArrayLike) -> Floats:
     """Coefficient of restitution of a dashpot sphere, Padé form of Müller and Pöschel.
 

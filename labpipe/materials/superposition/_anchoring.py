@@ -14,7 +14,7 @@ from labpipe.errors import InputError
 from labpipe.materials.spectrum import TERMS_PER_DECADE
 from labpipe.materials.superposition._joint_fit import Points
 from labpipe.materials.superposition._reweighting import Superposition
-from labpipe.materials.superposition._shift_law import fit_law
+from labpipe.materials.superposition._shift_law import ShiftLaw, fit_law
 from labpipe.materials.superposition._shift_parameters import LEAST_SPACING
 from labpipe.uncertainty import propagated_covariance
 
@@ -26,6 +26,9 @@ _GAP_ERROR = 0.05
 # A material of few single times needs a finer grid, and its times still fall between those of the
 # grid: on known materials every shift was then wrong by this share of the spacing.
 _GRID_SHARE = 0.07
+# Error of a sweep's temperature (K) in a furnace, and the factor by which that may be wrong; how
+# many sizes of it are weighed.
+_THERMOMETER, _TRIED = (0.3, 3.0), 61
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,28 +93,47 @@ def anchor_at(points: Points, found: Superposition) -> Anchor:
         covariance = covariance + np.outer(change, change) + propagated_covariance(apart, found.rival.covariance)
     if model.horizontal == "free":
         apart = np.eye(count) - share
-        covariance = covariance + repeatability(model.temperature, state.log10_aT, covariance) ** 2 * (apart @ apart.T)
+        own = repeatability(model.temperature, state.log10_aT, covariance)
+        covariance = covariance + (apart * own**2) @ apart.T
     # An error of the interpolation moves all shifts together.
     covariance = covariance + interpolation**2
     return Anchor(offset, share, moves, covariance)
 
 
-def repeatability(temperature: Floats, log10_aT: Floats, covariance: Floats) -> float:
+def repeatability(temperature: Floats, log10_aT: Floats, covariance: Floats) -> Floats:
     """Return what a sweep's own error (its temperature, its specimen) adds to every shift, in decades.
 
     Known where a temperature was measured more than once: the shifts of repeats differ by more
-    than their uncertainty says, and what they differ by nobody can exclude elsewhere.
+    than their uncertainty says, and what they differ by nobody can exclude elsewhere. It is taken as
+    an error of temperature, the larger in decades the steeper the shifts are. Few repeats leave its
+    size open: :data:`_THERMOMETER` is what furnaces have, and the mean square under both counts.
+
+    Returns
+    -------
+    array (isotherm,)
+        Standard uncertainties, zero where no temperature was repeated.
     """
-    deviation = log10_aT - _trend(temperature, log10_aT, float(np.median(temperature)))[:-1]
-    first, second = np.triu_indices(temperature.size, 1)
-    repeated = np.abs(temperature[first] - temperature[second]) < LEAST_SPACING
-    first, second = first[repeated], second[repeated]
-    if not first.size:
-        return 0.0
+    order = np.argsort(temperature, kind="stable")
+    repeated = np.flatnonzero(np.diff(temperature[order]) < LEAST_SPACING)
+    if not repeated.size:
+        return np.zeros(temperature.size)
+    first, second = order[repeated], order[repeated + 1]
+    law = _law(temperature, log10_aT, float(np.median(temperature)))
+    if law is None:
+        slope = np.full(temperature.size, np.ptp(log10_aT) / max(np.ptp(temperature), LEAST_SPACING))
+    else:
+        slope = np.abs(law.log10_aT(temperature + 0.5) - law.log10_aT(temperature - 0.5))
+    expected = slope * (temperature.mean() - temperature) if law is None else law.log10_aT(temperature)
+    change = (log10_aT - expected)[first] - (log10_aT - expected)[second]
     variance = np.diag(covariance)
-    expected = variance[first] + variance[second] - 2.0 * covariance[first, second]
-    excess = np.mean((deviation[first] - deviation[second]) ** 2 - expected) / 2.0
-    return float(max(float(excess), 0.0) ** 0.5)
+    known = variance[first] + variance[second] - 2.0 * covariance[first, second]
+    usual, factor = _THERMOMETER
+    error = np.geomspace(usual / factor**3, usual * factor**3, _TRIED)
+    spread = known + error[:, None] ** 2 * (slope[first] ** 2 + slope[second] ** 2)
+    likelihood = -0.5 * np.sum(change**2 / spread + np.log(spread), axis=1)
+    likelihood -= 0.5 * (np.log(error / usual) / np.log(factor)) ** 2
+    share = np.exp(likelihood - likelihood.max())
+    return np.asarray(np.sqrt(np.sum(share * error**2) / np.sum(share)) * slope)
 
 
 def _gaps(points: Points, temperature: Floats, log10_aT: Floats) -> tuple[Floats, Floats]:
@@ -167,10 +189,17 @@ def _slope(x: Floats, y: Floats, a: int, b: int) -> float:
 
 def _trend(temperature: Floats, log10_aT: Floats, T_ref: float) -> Floats:
     """WLF through the shifts, at the temperatures and (last) at T_ref; zero when there is none."""
+    law = _law(temperature, log10_aT, T_ref)
+    return np.zeros(temperature.size + 1) if law is None else law.log10_aT(np.append(temperature, T_ref))
+
+
+def _law(temperature: Floats, log10_aT: Floats, T_ref: float) -> ShiftLaw | None:
+    """Fit WLF through the shifts; None where there is no such law at all temperatures."""
     if temperature.size < 4:
-        return np.zeros(temperature.size + 1)
+        return None
     law = fit_law("wlf", temperature, log10_aT, _EQUAL**2 * np.eye(temperature.size), T_ref)
     try:
-        return law.log10_aT(np.append(temperature, T_ref))
+        law.log10_aT(np.append(temperature - LEAST_SPACING, T_ref))
     except InputError:
-        return np.zeros(temperature.size + 1)
+        return None
+    return law

@@ -26,6 +26,7 @@ from labpipe.materials.superposition._reweighting import (
     huber,
     weights_of,
 )
+from labpipe.materials.superposition._shift_law import ZERO_CELSIUS
 from labpipe.materials.superposition._shift_parameters import SLOPE_SPREAD, OuterModel, State, expected_shifts
 from labpipe.materials.superposition._vertical_law import Vertical, is_physical, vertical_values
 
@@ -39,7 +40,8 @@ STRONG_EVIDENCE = 6.0
 # Smoothing, in units of the noise, that biases no shift: below it their covariance hardly depends on it.
 _UNBIASED = 1.0
 # Odds of a slope before the data; even odds would make the limits of materials without one too wide.
-_ODDS = 1.0 / 3.0
+# A glass without one is the exception.
+_ODDS, _ODDS_OF_GLASS = 1.0 / 3.0, 3.0
 # Exponent at which odds are certain.
 _SURE = 50.0
 # Candidates are compared before they have settled to the last digit: tolerance and iterations.
@@ -68,7 +70,7 @@ def extended_by_a_law(
     clean = entropic_ln_bT(current.model)
     first_states = restarts(points, current, clean) if is_plain and starts is None else []
     for model in [move for move in moves if move.has_delay <= current.model.has_delay]:
-        is_removal = model.has_delay < current.model.has_delay
+        is_removal = replace(model, has_delay=True) == current.model
         for first in [current.fit.state, *([] if is_removal else first_states)]:
             fit = screened(points, weight, current, model, first)
             score = _criterion(points, fit, model)
@@ -78,9 +80,15 @@ def extended_by_a_law(
 
 
 def _moves(model: OuterModel, options: Options) -> list[OuterModel]:
-    """List the models one change away from the present one."""
+    """List the models one change away from the present one.
+
+    A delay may have come in the place of another law: of a liquid that flows, it changes the
+    storage modulus as a vertical factor would. So a law may come and the delay go at once.
+    """
     moves = [under_law(model, v) for v in options.verticals if v != model.vertical]
     if options.delay is None:
+        if model.has_delay:
+            moves += [replace(move, has_delay=False) for move in moves]
         moves.append(replace(model, has_delay=not model.has_delay))
     if options.levels is None:
         moves.append(replace(model, level_spread=0.0 if model.level_spread else FIRST_LEVELS))
@@ -224,18 +232,28 @@ def with_possible_slope(points: Points, found: Superposition, options: Options) 
 
     Sweeps of a broad spectrum hardly tell a vertical slope from shifts that all differ by a share,
     and what is not told is left out by the criterion. No modulus is the same at all temperatures,
-    though: with odds of one to three before the data there is a slope of :data:`SLOPE_SPREAD`, with the odds
-    after them its variance, and its best value squared, are part of the covariance. The fit stays.
+    though: with odds of one to three before the data (of a glass three to one) there is a slope of
+    :data:`SLOPE_SPREAD`, and with even odds that of entropy and density where the material is no
+    glass. With the odds after them the variance of either, and its best value squared, are part of
+    the covariance. The fit stays.
     """
     loose = less_smoothed(points, found, options)
     slope = possible_slope(points, replace(found, fit=loose or found.fit))
     if slope is None:
         return found
-    odds = _ODDS * np.sqrt(slope.variance) * np.exp(min(0.5 * slope.gain, _SURE))
-    share = odds / (1.0 + odds)
+    variance, priors = slope.variance, [(_ODDS_OF_GLASS, 0.0)]
+    if "rho_T" in options.verticals:
+        priors = [(_ODDS, 0.0), (1.0, 1.0 / (found.model.T_ref + ZERO_CELSIUS) / SLOPE_SPREAD)]
+    # Prior slopes of unit variance about zero and about that of entropy: where they end, and their evidence.
+    means = [slope.value + mean * variance for _, mean in priors]
+    gains = [0.5 * (mean**2 / variance - prior**2) for mean, (_, prior) in zip(means, priors, strict=True)]
+    odds = [
+        before * np.sqrt(variance) * np.exp(min(gain, _SURE)) for gain, (before, _) in zip(gains, priors, strict=True)
+    ]
+    second = sum(odd * (variance + mean**2) for odd, mean in zip(odds, means, strict=True)) / (1.0 + sum(odds))
     at = slope.model.horizontal_size
     covariance = np.insert(np.insert(found.covariance, at, 0.0, axis=0), at, 0.0, axis=1)
-    covariance = covariance + share * (slope.variance + slope.value**2) * np.outer(slope.along, slope.along)
+    covariance = covariance + second * np.outer(slope.along, slope.along)
     # The parameters have one more, of value zero; the spectrum stays the one that predicts best.
     return replace(found, model=slope.model, fit=replace(found.fit, state=slope.fit.state), covariance=covariance)
 

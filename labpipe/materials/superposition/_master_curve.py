@@ -11,6 +11,7 @@ of the starts, the Kramers-Kronig verdict, and which terms lie outside the cover
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -22,10 +23,11 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials.superposition._fit import superpose
 from labpipe.materials.superposition._joint_fit import Points
+from labpipe.materials.superposition._outlying import off_the_curve
 from labpipe.materials.superposition._result import MasterCurve, assembled
 from labpipe.materials.superposition._shift_law import LawName
 from labpipe.materials.superposition._shift_parameters import Horizontal, OuterModel
-from labpipe.materials.superposition._sweep_data import SweepData, read_sweeps
+from labpipe.materials.superposition._sweep_data import SweepData, read_sweeps, without_readings
 from labpipe.materials.superposition._sweep_readings import Mode, gather_sweeps
 from labpipe.materials.superposition._vertical_law import VERTICAL_SIZE, Vertical
 from labpipe.units import Measure, si
@@ -35,6 +37,8 @@ _GLASS = 3e8
 _ALL_VERTICALS: tuple[Vertical, ...] = tuple(VERTICAL_SIZE)
 # Levels about a vertical law are looked for from this many isotherms on.
 _LEVELS_NEED = 5
+# How often readings far off the curve are looked for: one of them may hide another.
+_LOOKS = 3
 # Measured means differ from set temperatures by this much (K) at most.
 _SAME_TEMPERATURE = 1.0
 
@@ -146,18 +150,25 @@ def master_curve(
     )
     is_started = given is not None or horizontal == "fixed"
     starts = (("given", model.given),) if is_started else None
+    fit = partial(
+        superpose,
+        model=model,
+        starts=starts,
+        verticals=_verticals(vertical, data.points),
+        delay=None if delay == "auto" else delay,
+        levels=_levels(levels, data.points.count),
+        robust=robust,
+        noise_ratio=noise_ratio,
+    )
     # Thousands of small systems: more threads of linear algebra would only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"):
-        found = superpose(
-            data.points,
-            model,
-            starts=starts,
-            verticals=_verticals(vertical, data.points),
-            delay=None if delay == "auto" else delay,
-            levels=_levels(levels, data.points.count),
-            robust=robust,
-            noise_ratio=noise_ratio,
-        )
+        found = fit(data.points)
+        for _ in range(_LOOKS if robust else 0):
+            far = off_the_curve(data.points, found.fit.predicted)
+            if not far.any():
+                break
+            data = without_readings(data, far)
+            found = fit(data.points)
         return assembled(sweeps, data, found, law, nu)
 
 

@@ -28,6 +28,8 @@ from labpipe.materials.superposition._shift_parameters import SLOPE_SPREAD, Oute
 #: Noise of the fit over scatter of the sweeps, from which superposition counts as violated. The
 #: scatter of the fewest sweeps that are judged is known to a fifth.
 VIOLATED = 1.5
+#: Relative residuals that no rheometer's noise explains.
+ROUGH = {"storage": 0.05, "loss": 0.10}
 # Either modulus counts this much more than the other in one of the repetitions.
 _EMPHASIS = 3.0
 # In units of twice the log-likelihood: another minimum counts when its cost is higher by less than
@@ -36,16 +38,20 @@ _EMPHASIS = 3.0
 _SIMILAR, _BETTER = 9.0, 1.0
 # Slopes of ln b (per kelvin) from which a glass is fitted anew where they could move its shifts by
 # this much (decades), and the smoothing of the comparison at most, in units of the noise.
-_SLOPES, _REACH, _STIFF = (-1e-3, -4e-4, -1e-4), 0.5, 100.0
+_SLOPES, _REACH, _STIFF = (-1e-3, -4e-4, -1e-4), 0.25, 100.0
 # Neighbours are not taken to be more alike than this: a sweep still holds two statements.
 _MOST_CORRELATION = 0.8
 
 
 def violation(current: Superposition, options: Options) -> float:
-    """Return the noise of the fit over the scatter of the sweeps, of the worse modulus."""
-    if options.scatter is None:
-        return 1.0
+    """Return the noise of the fit over the scatter of the sweeps, of the worse modulus.
+
+    Sweeps of a few readings do not tell their scatter; then it counts from :data:`ROUGH` on.
+    """
     noise, scatter = current.noise, options.scatter
+    if scatter is None:
+        rough = max(noise.storage / ROUGH["storage"], noise.loss / ROUGH["loss"])
+        return VIOLATED * rough if rough > 1.0 else 1.0
     return max(noise.storage / scatter.storage, noise.loss / scatter.loss)
 
 

@@ -2,7 +2,8 @@
 
 A factor of ten in one reading is three hundred times the noise. Weakened by the fit it would still
 have had its say before: in first shifts, in noise levels, in the choice of laws. So it is looked
-for where it shows without any shift, in its own sweep.
+for where it shows without any shift, in its own sweep; of a sweep of three or four readings, which
+do not tell the wrong one, on the master curve of all.
 """
 
 import numpy as np
@@ -15,8 +16,13 @@ from labpipe.materials.superposition._joint_fit import Points
 # A reading is suspected when it is off the parabola through its neighbours by this much of ln E, and
 # by this many times what others are; and left out when one spectrum through the rest of its sweep says so too.
 _FAR, _SCATTERS = 0.3, 8.0
-# Neighbours on either side, readings that a sweep keeps, and the share that may be left out of one.
-_SIDE, _LEAST_POINTS, _MOST_SHARE = 3, 5, 0.25
+# On the curve only those count that are off by more than half of the worst, which may have moved its
+# sweep; so many readings at most.
+_NEXT_TO_WORST, _MOST_OF_ALL, _FEW = 0.5, 0.04, 2
+#: Readings from which a sweep tells by itself which of them is wrong.
+LEAST_POINTS = 5
+# Neighbours on either side, and the share of a sweep that may be left out.
+_SIDE, _MOST_SHARE = 3, 0.25
 # Smoothing of the spectrum of one sweep whose readings are taken to be known to this.
 _NOISE, _STRENGTH = 0.05, 1e-3
 # Keeps a parabola through repeats of one frequency defined.
@@ -32,7 +38,7 @@ def outlying(points: Points) -> NDArray[np.bool_]:
     """
     found = np.zeros(points.omega.size, dtype=bool)
     rows = [np.flatnonzero(points.isotherm == k) for k in range(points.count)]
-    rows = [row[np.argsort(points.omega[row], kind="stable")] for row in rows if row.size >= _LEAST_POINTS]
+    rows = [row[np.argsort(points.omega[row], kind="stable")] for row in rows if row.size >= LEAST_POINTS]
     if not rows:
         return found
     columns = (points.storage, points.loss)
@@ -53,6 +59,30 @@ def outlying(points: Points) -> NDArray[np.bool_]:
         if not kept.all():
             found[row[_confirmed(points, row, kept)]] = True
     return found
+
+
+def off_the_curve(points: Points, predicted: Floats) -> NDArray[np.bool_]:
+    """Tell which single readings lie far off a master curve that all the others follow.
+
+    Parameters
+    ----------
+    points : Points
+    predicted : array (2 point,) [Pa]
+        Storage and loss of the master curve.
+
+    Returns
+    -------
+    array of bool (point,)
+        None where they are many: then the curve is wrong, or not only readings are.
+    """
+    measured = np.concatenate([points.storage, points.loss])
+    off = np.abs(np.log(measured / np.maximum(predicted, np.finfo(float).tiny))).reshape(2, -1)
+    limit = np.maximum(_FAR, _SCATTERS * np.median(off, axis=1))
+    off = np.max(np.where(off > limit[:, None], off, 0.0), axis=0)
+    far = off > _NEXT_TO_WORST * float(np.max(off))
+    left = np.bincount(points.isotherm, ~far, minlength=points.count)
+    is_many = np.count_nonzero(far) > max(_MOST_OF_ALL * off.size, _FEW)
+    return np.zeros_like(far) if is_many or np.any(left[points.isotherm[far]] < 1) else far
 
 
 def _off_neighbours(omega: Floats, values: Floats) -> Floats:

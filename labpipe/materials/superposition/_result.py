@@ -272,7 +272,7 @@ def assembled(sweeps: xr.Dataset, data: SweepData, found: Superposition, law: La
     kk = kramers_kronig(frequency, moduli.real, moduli.imag)
     overlap = overlap_of_neighbours(data, log10_aT, covariance, BARELY_DETERMINED)
     window = (float(np.nanmin(reduced["reduced_frequency"])), float(np.nanmax(reduced["reduced_frequency"])))
-    verdict = verdict_on(found, kk)
+    verdict = verdict_on(data.points, found, kk)
     notes = limits_of(data, found, law, chosen, overlap, verdict)
     for note in notes:
         warnings.warn(note, UserWarning, stacklevel=4)

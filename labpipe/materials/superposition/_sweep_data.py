@@ -5,7 +5,7 @@ frequency where it was found.
 """
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -116,6 +116,22 @@ def read_sweeps(sweeps: xr.Dataset, is_robust: bool = True) -> SweepData:
     for note in notes:
         warnings.warn(note, UserWarning, stacklevel=3)
     return SweepData(means_of(readings), readings, temperature[kept], kept, row, column, tuple(notes))
+
+
+def without_readings(data: SweepData, far: NDArray[np.bool_]) -> SweepData:
+    """Leave readings out that lie far off the master curve of all others, and say so."""
+    points = data.points
+    first = int(np.flatnonzero(far)[0])
+    note = (
+        f"{far.sum()} readings lie far off the master curve of all others, first at "
+        f"{data.temperature[points.isotherm[first]]:g} °C, {points.omega[first] / (2.0 * np.pi):.4g} Hz; left out"
+    )
+    warnings.warn(note, UserWarning, stacklevel=3)
+    kept = points.only(~far)
+    if data.readings is not points:
+        return replace(data, points=kept, warnings=(*data.warnings, note))
+    row, column = data.row[~far], data.column[~far]
+    return replace(data, points=kept, readings=kept, row=row, column=column, warnings=(*data.warnings, note))
 
 
 def _points(present: NDArray[np.bool_], storage: Floats, loss: Floats, frequency: Floats) -> Points:

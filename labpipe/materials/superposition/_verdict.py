@@ -13,17 +13,23 @@ from typing import Literal
 import numpy as np
 
 from labpipe.materials.spectrum import KramersKronig
-from labpipe.materials.superposition._model_doubt import VIOLATED
+from labpipe.materials.superposition._joint_fit import Points
+from labpipe.materials.superposition._model_doubt import ROUGH, VIOLATED
+from labpipe.materials.superposition._outlying import LEAST_POINTS
 from labpipe.materials.superposition._reweighting import Superposition
+from labpipe.materials.superposition._shift_parameters import CHANGE, CHANGE_SHARE, LEAST_SPACING
 
 Level = Literal["pass", "doubtful", "fail"]
 
-# Residuals over scatter from which no smaller error explains them; and relative residuals that no
-# rheometer's noise explains, however rough the sweeps: doubtful, and failed.
+# Residuals over scatter from which no smaller error explains them; and relative residuals of which no
+# part is a rheometer's noise (those of ROUGH are doubtful).
 _FAR_BEYOND = 3.0
-_ROUGH, _HOPELESS = {"storage": 0.05, "loss": 0.10}, {"storage": 0.15, "loss": 0.30}
+_HOPELESS = {"storage": 0.15, "loss": 0.30}
 # Shifts that differ by less (decades) between one process and two are the same for most uses.
 _SAME_SHIFT = 0.15
+# Changes of the step from one pair to the next, in units of what materials do, that count as abrupt; and
+# isotherms that two steps and their usual size need.
+_ABRUPT, _LEAST_STEPS = 1.0, 4
 # Root mean square by which fits from other slopes of a glass may differ (decades).
 _LOOSE_SLOPE = 0.3
 
@@ -43,9 +49,16 @@ class Verdict:
     reasons: tuple[str, ...]
 
 
-def verdict_on(found: Superposition, kk: KramersKronig) -> Verdict:
+def verdict_on(points: Points, found: Superposition, kk: KramersKronig) -> Verdict:
     """Judge a fit."""
-    objections = [*_two_processes(found), *_residuals(found), *_vertical(found), *_slopes(found), *_causality(kk)]
+    objections = [
+        *_two_processes(found),
+        *_residuals(found),
+        *_vertical(found),
+        *_slopes(found),
+        *_steps(points, found),
+        *_causality(kk),
+    ]
     order: tuple[Level, ...] = ("pass", "doubtful", "fail")
     worst = max((order.index(level) for level, _ in objections), default=0)
     return Verdict(order[worst], tuple(reason for _, reason in objections))
@@ -68,7 +81,7 @@ def _two_processes(found: Superposition) -> Iterator[tuple[Level, str]]:
 def _residuals(found: Superposition) -> Iterator[tuple[Level, str]]:
     if found.violation > VIOLATED:
         text = (
-            "time-temperature superposition does not hold to the scatter of the sweeps (the fit misses by "
+            "time-temperature superposition does not hold to the noise of the sweeps (the fit misses by "
             f"{found.violation:.1f} times as much)"
         )
         if found.alternatives:
@@ -82,7 +95,7 @@ def _residuals(found: Superposition) -> Iterator[tuple[Level, str]]:
             )
         yield ("fail" if found.violation > _FAR_BEYOND else "doubtful", text)
     for name, size in (("storage", found.noise.storage), ("loss", found.noise.loss)):
-        if size > _ROUGH[name]:
+        if size > ROUGH[name]:
             level: Level = "fail" if size > _HOPELESS[name] else "doubtful"
             yield level, f"the master curve misses the {name} modulus by {100 * size:.0f} % (root mean square)"
 
@@ -107,6 +120,30 @@ def _slopes(found: Superposition) -> Iterator[tuple[Level, str]]:
             "the loss is too small and flat to tell shifts from a slope of the modulus over temperature: fits with "
             f"other slopes describe the sweeps nearly as well, with shifts that differ by {spread[worst]:.1f} decades "
             f"({float(found.model.temperature[worst]):.0f} °C), and the stated uncertainties include that",
+        )
+
+
+def _steps(points: Points, found: Superposition) -> Iterator[tuple[Level, str]]:
+    """Doubt a short sweep that lies where no other would have led it: one wrong reading can do that."""
+    model = found.model
+    short = np.bincount(points.isotherm, minlength=points.count) < LEAST_POINTS
+    if model.horizontal != "free" or model.temperature.size < _LEAST_STEPS or not short.any():
+        return
+    order = np.argsort(model.temperature, kind="stable")
+    spacing = np.maximum(np.diff(model.temperature[order]), LEAST_SPACING)
+    slope = -np.diff(found.fit.state.log10_aT[order]) / spacing
+    mean = 0.5 * (spacing[1:] + spacing[:-1])
+    usual = CHANGE + CHANGE_SHARE * np.minimum(np.abs(slope[:-1]), np.abs(slope[1:])) * mean
+    jump = np.abs(np.diff(slope)) * mean / usual
+    worst = int(np.argmax(jump))
+    near = order[worst : worst + 3]
+    if jump[worst] > _ABRUPT and short[near].any():
+        low, middle, high = (float(model.temperature[k]) for k in near)
+        yield (
+            "doubtful",
+            f"the shifts of neighbours change abruptly, {slope[worst]:.2f} decades per kelvin from {low:.4g} to "
+            f"{middle:.4g} °C and {slope[worst + 1]:.2f} from there to {high:.4g} °C; in sweeps of a few readings a "
+            "wrong one can do that, and nothing tells it",
         )
 
 

@@ -128,6 +128,8 @@
         if (s.u !== null && s.u[i] === s.u[i]) { take(s.y[i] - s.u[i]); take(s.y[i] + s.u[i]); }
       }
     }
+    // A difference is judged against 0, unless that lies too far away to show anything beside it.
+    if (chart.hasResidual && !isLog && Math.min(Math.abs(low), Math.abs(high)) < 2 * (high - low)) take(0);
     return widened(low, high, chart.description.yScale, Y_MARGIN);
   };
 

@@ -1,8 +1,10 @@
 """The kind ``ball_drop``: its settings, stages and results."""
 
+from functools import partial
+
 from labpipe.schema import Schema, Variable
 from labpipe.workflow.graph import Stage
-from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal
+from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal, judged, reported
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.schemas import BOUNCES, DISPLACEMENT, DROP, VELOCITY
 
@@ -16,43 +18,37 @@ _REPEATS = Schema(
     },
 )
 
+_each = partial(Stage, per="recording", over="laser")
+
 _STAGES = (
-    Stage(
+    _each(
         "readings",
         "pipelines.experiments.ball_drop.measured:readings",
         ("file:laser",),
         ("keyence",),
-        per="recording",
-        over="laser",
         summary="read the laser export",
     ),
-    Stage(
+    _each(
         "displacement",
         "pipelines.experiments.ball_drop.measured:displacement",
         ("readings", "file:calibration"),
         ("sensor", "measured_on", "analysis.inclination_from_height", "analysis.contact", "height"),
-        per="recording",
-        over="laser",
         schema="displacement",
         summary="correct the inclination, with uncertainty",
     ),
-    Stage(
+    _each(
         "bounces",
         "pipelines.experiments.ball_drop.measured:bounces",
         ("displacement",),
         ("analysis.contact",),
-        per="recording",
-        over="laser",
         schema="bounces",
         summary="find release, contacts, bounces and rest",
     ),
-    Stage(
+    _each(
         "velocity",
         "pipelines.experiments.ball_drop.measured:velocity",
         ("displacement", "bounces"),
         ("analysis.velocity", "analysis.window"),
-        per="recording",
-        over="laser",
         schema="velocity",
         summary="differentiate, without smoothing the impacts",
     ),
@@ -81,23 +77,13 @@ _STAGES = (
         (),
         summary="measurement against model",
     ),
-    Stage(
-        "judgement",
+    judged(
         "pipelines.experiments.ball_drop.checks:judgement",
         ("readings", "displacement", "bounces", "repeats", "model", "comparison"),
-        ("*",),
-        context=True,
-        tolerant=True,
-        summary="is it believable, does the model agree?",
     ),
-    Stage(
-        "report",
+    reported(
         "pipelines.experiments.ball_drop.page:page",
-        ("judgement", "readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison"),
-        ("*",),
-        output="page",
-        context=True,
-        summary="write the page",
+        ("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison"),
     ),
 )
 

@@ -179,9 +179,7 @@ def _summary(
         )
         if model is not None:
             soft, stiff = (float(model[f"static_radius_{n}"]) for n in ("relaxed", "unrelaxed"))
-            rows.append(
-                ("Hertz radius at rest", f"{quantity(soft, 'm', 4)} relaxed, {quantity(stiff, 'm', 4)} unrelaxed", "")
-            )
+            rows.append(("Hertz radius at rest", f"{soft * 1e6:.4g} µm relaxed, {stiff * 1e6:.4g} µm unrelaxed", ""))
     blocks: list[Block] = [KeyValues(rows), *pages.failed_notice(context)]
     if settings.wavelength is None:
         blocks.append(

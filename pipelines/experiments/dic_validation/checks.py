@@ -1,6 +1,7 @@
 """Whether a film of a falling holder can be believed: free fall, bounces, frames, and the laser."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from math import hypot, isfinite, log
 
 import numpy as np
@@ -25,6 +26,10 @@ _DROPS = 0.02
 """Difference of first restitutions of one sphere on two days."""
 _STEP = 0.02  # of the usual interval between frames
 _FOUND = 0.9  # of the frames in which the holder should be found
+_GONE = 3  # frames in a row in which a holder that is in view does not vanish
+_KNOCKED = 0.02  # of the travel, by which a level jumps that counts
+_IN_NOISE, _RETURNS = 10.0, 0.3
+"""Standard deviations of noise of a jump, and the share of it by which the frames beside it may bend."""
 _SCALES = (36.0, 1 / 36.0, 1e3, 1e-3, 10.0, 0.1, 2.0, 0.5, 25.4, 1 / 25.4)
 _RATES = (10.0, 0.1, 100.0, 0.01, 2.0, 0.5, 4.0, 0.25, 1e3, 1e-3)
 _ANOTHER_VIEW = 3.0  # factor in scale beyond which it is no mistake of measuring it
@@ -56,7 +61,10 @@ def judgement(
     if track is not None:
         checks.append(_found(track, settings))
     if motion is not None:
-        checks += [_times(motion, settings), _copies(motion, settings)]
+        steady = _steady(motion, settings)
+        # where no bounce was found, what the displacement itself shows is the better cause
+        checks = [replace(c, cause=steady.cause) if c.name == "step bounces" and steady.level else c for c in checks]
+        checks += [_times(motion, settings), _copies(motion, settings), steady]
     if motion is not None and bounces is not None and bounces.sizes["impact"]:
         fall = Fall(settings.film, bounces, float(motion.attrs["u_systematic_relative"]))
         checks += [
@@ -81,6 +89,13 @@ def _found(track: xr.Dataset, settings: DicValidation) -> Check:
     level: Level | None = None if share >= _FOUND else "doubtful"
     message = f"{settings.film}: the holder was found in {share:.1%} of the frames"
     cause = "damaged or missing frames, or tracking.body is not on the holder"
+    lost = np.flatnonzero(np.diff(~track["valid"].isel(point=0).values.astype(bool), prepend=False, append=False))
+    runs = [(int(a), int(b - a)) for a, b in zip(lost[::2], lost[1::2], strict=True) if b < track.sizes["frame"]]
+    first, longest = max(runs, key=lambda run: run[1], default=(0, 0))
+    if level is None and longest >= _GONE:
+        text = f"{message}; it is gone for {longest} of them, the first is number {first + 1} of those read"
+        cause = "frames are black, damaged or of something else there: the light failed, or something came between"
+        return stated(name, law, text, "note", cause=cause, file=settings.film)
     return stated(name, law, message, level, cause=cause, setting="tracking.body")
 
 
@@ -116,6 +131,36 @@ def _copies(motion: xr.Dataset, settings: DicValidation) -> Check:
         text = f"{settings.film}: {same.size} frames equal the one before, the first is frame {at}"
         return stated(name, law, text, "doubtful", cause=f"frame {at} is a repeated frame", file=settings.film)
     return stated(name, law, f"{settings.film}: no frame equals the one before", None, file=settings.film)
+
+
+def _steady(motion: xr.Dataset, settings: DicValidation) -> Check:
+    """Look for a level that jumps between two frames: the speed before and after it is one.
+
+    A bounce bends the motion one way. A jump bends it one way and back in the next frame.
+    """
+    name, law = "level between frames", "a body has inertia and a camera stands still: no displacement jumps"
+    time, y = motion["time"].values, motion["displacement"].values
+    steps = np.diff(time)
+    bend = np.diff(y, 2)
+    even = np.abs(steps - np.median(steps)) < _STEP * np.median(steps)
+    bend = np.where(even[1:] & even[:-1], bend, np.nan)
+    known = bend[np.isfinite(bend)]
+    if known.size < 20:
+        return not_made(name, law, "twenty frames in a row")
+    noise = 1.4826 * float(np.median(np.abs(known - np.median(known))))
+    one, back = bend[1:-2], bend[2:-1]
+    size = np.where(one * back < 0, np.minimum(np.abs(one), np.abs(back)), 0.0)
+    beside = np.maximum(np.abs(bend[:-3]), np.abs(bend[3:]))
+    least = max(_IN_NOISE * noise, _KNOCKED * float(np.nanmax(y) - np.nanmin(y)))
+    # where nothing is known beside it, nothing is told
+    jumps = np.flatnonzero((size > least) & (beside < _RETURNS * size))
+    if not jumps.size:
+        return stated(name, law, f"{settings.film}: no displacement jumps", None, file=settings.film)
+    at = int(jumps[np.argmax(size[jumps])]) + 2
+    text = f"{settings.film}: the holder jumps by {quantity(float(y[at + 1] - y[at]), 'm')} between two frames at "
+    text += quantity(float(time[at + 1]), "s")
+    cause = "the camera or its mirror was knocked, frames of two films were joined, or the track slipped"
+    return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
 
 
 def _height(fall: Fall, laser: xr.Dataset | None) -> Check:

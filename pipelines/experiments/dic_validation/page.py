@@ -101,7 +101,7 @@ def _summary(
         count = track.sizes["point"]
         followed = "one point" if count == 1 else f"{count} points"
         rows.append(
-            ("frames", str(track.sizes["frame"]), f"{followed} followed; found in {share * 100:.2f} % of the frames")
+            ("frames", str(track.sizes["frame"]), f"{followed} followed; found in {100 * share:.4g} % of the frames")
         )
     if bounces is not None and bounces.sizes["impact"]:
         rows.append(

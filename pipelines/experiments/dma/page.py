@@ -23,7 +23,6 @@ from labpipe.report import (
     Table,
     display_unit,
     number,
-    quantity,
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
@@ -114,7 +113,7 @@ def _curve_rows(curve: xr.Dataset) -> list[tuple[str, str, str]]:
             f"{number(float(covered[0]), 2)} to {number(float(covered[-1]), 2)} Hz",
             f"{np.log10(covered[-1] / covered[0]):.1f} decades at the reference temperature",
         ),
-        ("relaxed modulus", _modulus(float(curve["E_relaxed"])), f"after an infinite time; {_open_end(curve)}"),
+        _relaxed(curve),
         ("unrelaxed modulus", _modulus(float(curve["E_unrelaxed"])), "instantaneous; extrapolated beyond the window"),
         ("relaxation terms", str(curve.sizes["term"]), f"{outside} outside the covered window"),
         _law_row(json.loads(curve.attrs["law"])),
@@ -124,14 +123,16 @@ def _curve_rows(curve: xr.Dataset) -> list[tuple[str, str, str]]:
     ]
 
 
-def _open_end(curve: xr.Dataset) -> str:
-    """Describe how far the slow end of the data determines the relaxed modulus."""
+def _relaxed(curve: xr.Dataset) -> tuple[str, str, str]:
+    """Return the relaxed modulus as far as the slow end of the data determines it."""
+    name, modulus = "relaxed modulus", float(curve["E_relaxed"])
     frequency = curve["reduced_frequency"].values
     left = still_falls(frequency, curve["master_loss"].values)
     if left >= float(curve["master_storage"][int(np.argmin(frequency))]):
-        return "extrapolated: with this loss the storage modulus may still fall to zero"
-    u = quantity(left / float(np.sqrt(3.0)), "Pa", 2)
-    return f"extrapolated: standard uncertainty {u}, from extrapolating the loss at the slow end"
+        text = "after an infinite time; extrapolated: with this loss the storage modulus may still fall to zero"
+        return name, _modulus(modulus), text
+    found = value_with_uncertainty(modulus, left / float(np.sqrt(3.0)), "Pa")
+    return name, found, "after an infinite time; standard uncertainty from extrapolating the loss at the slow end"
 
 
 def _vertical(curve: xr.Dataset) -> str:

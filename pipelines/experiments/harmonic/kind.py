@@ -2,7 +2,7 @@
 
 from labpipe.schema import Schema, Variable
 from labpipe.workflow.graph import Stage
-from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal
+from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal, judged, reported
 from pipelines.experiments.harmonic.settings import Harmonic
 
 _OSCILLATIONS = Schema(
@@ -75,23 +75,13 @@ _STAGES = (
         (),
         summary="measurement against model",
     ),
-    Stage(
-        "judgement",
+    judged(
         "pipelines.experiments.harmonic.checks:judgement",
         ("readings", "loads", "hold", "oscillations", "model", "comparison"),
-        ("*",),
-        context=True,
-        tolerant=True,
-        summary="is it believable, does the model agree?",
     ),
-    Stage(
-        "report",
+    reported(
         "pipelines.experiments.harmonic.page:page",
-        ("judgement", "readings", "loads", "hold", "oscillations", "loops", "model", "theory", "comparison"),
-        ("*",),
-        output="page",
-        context=True,
-        summary="write the page",
+        ("readings", "loads", "hold", "oscillations", "loops", "model", "theory", "comparison"),
     ),
 )
 

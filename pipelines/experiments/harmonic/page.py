@@ -195,8 +195,8 @@ def _stiffness(oscillations: xr.Dataset, model: xr.Dataset | None) -> Section:
     order = np.argsort(frequency)
     charts: list[Block] = []
     for name, title, unit, factor in (
-        ("storage_stiffness", "Storage stiffness", "N/mm", 1e-3),
-        ("loss_stiffness", "Loss stiffness", "N/mm", 1e-3),
+        ("storage_stiffness", "Storage stiffness", "(kN/m)", 1e-3),
+        ("loss_stiffness", "Loss stiffness", "(kN/m)", 1e-3),
         ("work_per_cycle", "Dissipated work per cycle", "µJ", 1e6),
     ):
         series = [

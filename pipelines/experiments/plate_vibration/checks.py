@@ -78,6 +78,7 @@ def judgement(
     checks += [*of_traces, *_statements(settings)]
     found = {n: ring for n, ring in zip(names, ringing or (), strict=False) if ring is not None}
     moved = {n: each for n, each in zip(names, displacement or (), strict=False) if each is not None}
+    checks.append(trace_checks.sight(next(iter(moved.values()), None), settings.calibration))
     checks += [_downwards(name, moved[name], ring) for name, ring in found.items() if name in moved]
     checks += _one_plate(found)
     for drops in settings.drops:

@@ -1,8 +1,10 @@
 """The kind ``plate_vibration``: its settings, stages and results."""
 
+from functools import partial
+
 from labpipe.schema import Schema, Variable
 from labpipe.workflow.graph import Stage
-from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal
+from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal, judged, reported
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared.schemas import DISPLACEMENT
 
@@ -26,33 +28,29 @@ _PLATE = Schema(
     },
 )
 
+_each = partial(Stage, per="recording", over="drops.laser")
+
 _STAGES = (
-    Stage(
+    _each(
         "readings",
         "pipelines.experiments.plate_vibration.measured:readings",
         ("file:drops.laser",),
         ("keyence",),
-        per="recording",
-        over="drops.laser",
         summary="read the laser export",
     ),
-    Stage(
+    _each(
         "displacement",
         "pipelines.experiments.plate_vibration.measured:displacement",
         ("readings", "file:calibration"),
         ("sensor", "measured_on"),
-        per="recording",
-        over="drops.laser",
         schema="displacement",
         summary="correct the inclination, with uncertainty",
     ),
-    Stage(
+    _each(
         "ringing",
         "pipelines.experiments.plate_vibration.measured:ringing",
         ("displacement",),
         ("blow",),
-        per="recording",
-        over="drops.laser",
         schema="ringing",
         summary="fit the free vibration after the first impact",
     ),
@@ -86,23 +84,13 @@ _STAGES = (
         ("displacement", "ringing", "table", "model"),
         summary="measurement against the fitted plate",
     ),
-    Stage(
-        "judgement",
+    judged(
         "pipelines.experiments.plate_vibration.checks:judgement",
         ("readings", "displacement", "ringing", "table", "plate", "model", "comparison"),
-        ("*",),
-        context=True,
-        tolerant=True,
-        summary="is it believable, does the model agree?",
     ),
-    Stage(
-        "report",
+    reported(
         "pipelines.experiments.plate_vibration.page:page",
-        ("judgement", "readings", "displacement", "ringing", "table", "plate", "comparison"),
-        ("*",),
-        output="page",
-        context=True,
-        summary="write the page",
+        ("readings", "displacement", "ringing", "table", "plate", "comparison"),
     ),
 )
 

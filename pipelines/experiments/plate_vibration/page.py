@@ -65,7 +65,8 @@ def page(
         sections.append(_motion(settings, comparison))
     if table is not None:
         sections.append(_table(settings, table, plate, comparison))
-        if table.sizes["series"] > 1:
+        # Of a single height the table says all; a chart over the height would be of one place.
+        if len({drops.height.value for drops in settings.drops}) > 1:
             sections.append(_dependence(settings, table))
     if pages.present(ringing):
         sections.append(_recordings(settings, ringing or ()))
@@ -209,7 +210,8 @@ def _motion(settings: PlateVibration, comparison: xr.Dataset) -> Section:
             )
         )
     text = (
-        "Mean of the repeats and the simulated drop on the fitted plate. Times are counted from "
+        "The charts show the mean of the repeats and the simulated drop on the fitted plate, the first of them under "
+        "the verdict. Times are counted from "
         "the instantaneous impulse that would start the same vibration."
     )
     return Section("Motion", (Paragraph(text), *charts))
@@ -309,13 +311,13 @@ def _recordings(settings: PlateVibration, ringing: Sequence[xr.Dataset | None]) 
         Column("blow", unit="s"),
         Column("free from", unit="s"),
         Column("free to", unit="s"),
-        Column("natural frequency", unit="Hz", u=6),
+        Column("frequency", unit="Hz", u=6),
         Column("u"),
         Column("damping ratio", u=8),
         Column("u"),
         Column("amplitude", unit="m", u=10),
         Column("u"),
-        Column("scatter over noise, squared", digits=2),
+        Column("reduced χ²", digits=2),
     )
     named = [(name, drops_label(drops)) for drops in settings.drops for name in drops.laser]
     rows: list[tuple[float | int | str | bool | None, ...]] = []
@@ -328,7 +330,8 @@ def _recordings(settings: PlateVibration, ringing: Sequence[xr.Dataset | None]) 
         rows.append((name, label, *values, float(found["chi_square"])))
     text = (
         "The free vibration is evaluated between the end of the first contact and the second, "
-        "over the longest interval that one damped oscillation predicts. Random uncertainties only."
+        "over the longest interval that one damped oscillation predicts. Random uncertainties only; the reduced χ² is "
+        "the scatter over the noise, squared."
     )
     return Section("Recordings", (Table(columns, rows, caption=text),))
 

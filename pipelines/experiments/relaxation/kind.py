@@ -1,8 +1,10 @@
 """The kind ``relaxation``: its settings, stages and results."""
 
+from functools import partial
+
 from labpipe.schema import Schema, Variable
 from labpipe.workflow.graph import Stage
-from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal
+from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal, judged, reported
 from pipelines.experiments.relaxation.settings import Relaxation
 
 _RAMPS = Schema(
@@ -30,59 +32,49 @@ _RELAXATIONS = Schema(
     },
 )
 
+_each = partial(Stage, per="recording", over="mach1")
+
 _STAGES = (
-    Stage(
+    _each(
         "readings",
         "pipelines.experiments.relaxation.measured:readings",
         ("file:mach1",),
-        per="recording",
-        over="mach1",
         summary="read the Mach-1 file",
     ),
-    Stage(
+    _each(
         "loads",
         "pipelines.experiments.relaxation.measured:loads",
         ("readings", "file:load_cell.record"),
         ("load_cell.tare",),
-        per="recording",
-        over="mach1",
         summary="compression-positive force, tared, with uncertainty",
     ),
-    Stage(
+    _each(
         "ramps",
         "pipelines.experiments.relaxation.measured:ramps",
         ("loads",),
         ("contact", "hold.plateau"),
-        per="recording",
-        over="mach1",
         schema="ramps",
         summary="find touch, ramps and holds: peak and plateau",
     ),
-    Stage(
+    _each(
         "curves",
         "pipelines.experiments.relaxation.moduli:curves",
         ("loads", "ramps", "file:substrate.material_file", "other:substrate.material_from/master_curve"),
         ("punch", "substrate", "model"),
-        per="recording",
-        over="mach1",
         summary="relaxation curve, and moduli from the force",
     ),
-    Stage(
+    _each(
         "model",
         "pipelines.experiments.relaxation.model:model",
         ("loads", "ramps", "file:substrate.material_file", "other:substrate.material_from/master_curve"),
         ("punch", "substrate", "model"),
-        per="recording",
-        over="mach1",
         summary="simulate with the measured displacement",
     ),
-    Stage(
+    _each(
         "comparison",
         "pipelines.experiments.relaxation.comparison:comparison",
         ("loads", "ramps", "model"),
         ("hold",),
-        per="recording",
-        over="mach1",
         summary="measurement against model: ramp, early, late",
     ),
     Stage(
@@ -93,23 +85,10 @@ _STAGES = (
         schema="relaxations",
         summary="combine the tests, average the modulus",
     ),
-    Stage(
-        "judgement",
-        "pipelines.experiments.relaxation.checks:judgement",
-        ("readings", "loads", "ramps", "comparison", "tests"),
-        ("*",),
-        context=True,
-        tolerant=True,
-        summary="is it believable, does the model agree?",
-    ),
-    Stage(
-        "report",
+    judged("pipelines.experiments.relaxation.checks:judgement", ("readings", "loads", "ramps", "comparison", "tests")),
+    reported(
         "pipelines.experiments.relaxation.page:page",
-        ("judgement", "readings", "loads", "ramps", "curves", "model", "comparison", "tests"),
-        ("*",),
-        output="page",
-        context=True,
-        summary="write the page",
+        ("readings", "loads", "ramps", "curves", "model", "comparison", "tests"),
     ),
 )
 

@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.judging import (
+    LIKELY,
     Agreement,
     Cause,
     Check,
@@ -42,10 +43,19 @@ _UNEXPLAINED = (
     "no input alone explains it: the specimen is probably of another material or in another state than stated, or "
     "the model leaves something out"
 )
+_TIED = "\N{NO-BREAK SPACE}"  # a number stays with its unit
 _LEAST_OWN = 0.05
 """Least part of a difference's uncertainty that is its own, not shared with other rows."""
 _SHOWN = 3  # detectable errors in the opening sentence
 _SUSPECTS, _EXPLAINS = 2, 0.2  # inputs that are named where the model differs, and the least share that each explains
+
+_BESIDE = {
+    "agrees": "The model agrees all the same.",
+    "differs": "The model differs, which may follow from it.",
+    "undecided": "Whether the model agrees is undecided.",
+    "none": "No model was compared.",
+}
+"""What is said of the model beside a record that cannot be believed as it is."""
 
 
 class Scene(NamedTuple):
@@ -224,7 +234,7 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
         cause = f" {_capital(judged.causes[0])}." if judged.causes else ""
         word = _capital(judged.believable)
         level = "error" if judged.believable == "impossible" else "warning"
-        return level, f"{word}: {found[0].message}.{cause} {_counted(judged)}."
+        return level, f"{word}: {found[0].message}.{cause} {_BESIDE[str(result.attrs['model'])]} {_counted(judged)}."
     checks = _counted(judged) if made else "no check could be made"
     stopped = next((c for c in judged.checks if c.level is not None and not c.is_made), None)
     if stopped is not None:
@@ -234,25 +244,34 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
         )
     model = result.attrs["model"]
     known = [r for r in rows if r.deviation is not None and r.measured is not None]
-    # what depends on an input tells more of the model than a constant of nature
-    known = [r for r in known if r.slopes and r.against == "model"] or known
-    if model == "differs":
-        known.sort(key=lambda r: -abs(r.deviation or 0.0))
-    example = next(iter(known), None)
-    shown = "" if example is None else f": {_compared(example)}"
+    worst = max(known, key=lambda r: abs(r.deviation or 0.0), default=None)
+    shown = "" if worst is None else f" Largest of {_many(known, 'deviation')}: {_compared(worst)}."
+    # A film is laid against the laser, no model.
+    by = "model" if not known or any(r.against == "model" for r in known) else known[0].against
     if model == "agrees":
-        return "ok", f"The model agrees{shown}; {checks}."
+        return "ok", f"The {by} agrees with the measurement; {checks}.{shown}"
     if model == "differs":
         p = float(result["p"])
         explained = "".join(f" {_capital(text)}." for text in json.loads(result.attrs.get("suspects", "[]")))
         return (
             "warning",
-            f"The model differs from the measurement (p = {p:.1g}, largest deviation "
-            f"{float(result['largest_deviation']):.1f} u){shown}; {checks}.{explained}",
+            f"The {by} differs from the measurement (p = {p:.1g}, largest deviation "
+            f"{float(result['largest_deviation']):.1f} u); {checks}.{shown}{explained}",
         )
     if model == "undecided":
-        return "info", f"Whether the model agrees is undecided{shown}; {checks}."
-    return "info", f"There is no model to compare with; {checks}."
+        return "info", f"Whether the {by} agrees is undecided; {checks}.{shown} {_capital(_undecided(result))}."
+    return "ok" if made else "info", f"{_capital(checks)}; there is no model to compare with."
+
+
+def _undecided(result: xr.Dataset) -> str:
+    """Say why an agreement says nothing: the differences are unlikely, or no error would have shown."""
+    if (p := float(result["p"])) < LIKELY:
+        return f"so large differences are unlikely by chance (p = {p:.1g}), but no proof of another model"
+    return f"no error of {MATTERS:.0%} in any input would have shown".replace("%", f"{_TIED}%")
+
+
+def _many(found: Sequence[object], noun: str) -> str:
+    return f"{len(found)} {noun}{'s' * (len(found) != 1)}"
 
 
 def _compared(row: Row) -> str:
@@ -260,7 +279,7 @@ def _compared(row: Row) -> str:
         value_with_uncertainty(value or 0.0, u, row.unit) if u else _as_exact(value or 0.0, row)
         for value, u in ((row.measured, row.u_measured), (row.model, row.u_model))
     )
-    return f"{row.quantity} {measured} measured, {model} expected, {abs(row.deviation or 0.0):.1f} u"
+    return f"{row.quantity}: {measured} measured, {model} expected (difference {abs(row.deviation or 0.0):.1f} u)"
 
 
 def _as_exact(value: float, row: Row) -> str:
@@ -306,10 +325,13 @@ def noticed(result: xr.Dataset) -> str:
 
     Examples
     --------
-    ``"Errors that would have shown: height 0.4 % · modulus 2.1 % · mass: cannot tell (below 100 %)"``
+    ``"Errors that would have shown: height 0.4 % · modulus 2.1 %. Not even 100 % would have shown in: mass."``
     """
-    parts = [f"{name} {size}" if size else f"{name}: cannot tell (below 100 %)" for name, size, _ in _errors(result)]
-    return f"Errors that would have shown: {' · '.join(parts)}."
+    errors = _errors(result)
+    parts = [f"{name}{_TIED}{size.replace(' ', _TIED)}" for name, size, _ in errors if size]
+    none = [name for name, size, _ in errors if not size]
+    said = f"Errors that would have shown: {f'{_TIED}· '.join(parts) or 'none below 100' + _TIED + '%'}."
+    return f"{said} Not even 100{_TIED}% would have shown in: {', '.join(none)}." if none and parts else said
 
 
 def _errors(result: xr.Dataset) -> list[tuple[str, str, float]]:

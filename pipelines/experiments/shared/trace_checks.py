@@ -39,6 +39,7 @@ _GONE = 0.1  # of the travel, by which a body has left its place
 _SURE = 1e-6  # probability by chance of a line in a spectrum that is told
 _PERIODS = 0.6  # of the mains, without which hum cannot be told from drift
 _HUM = 0.01  # of the travel, beyond which hum is doubtful
+_OBLIQUE = pi / 4  # between line of sight and motion: no makers' sensor sees its spot from further aside
 _LIMITS = (1e-3, 0.02, 0.2)  # of the travel: drift over the record that is told, doubtful, impossible
 
 _HELD = (
@@ -141,6 +142,24 @@ def unread(trace: Trace) -> Check:
     )
     level: Level = "doubtful" if longest >= FLAT else "note"
     return stated(title, law, text, level, file=trace.name, cause=OUT_OF_RANGE)
+
+
+def sight(displacement: xr.Dataset | None, record: str) -> Check:
+    """Hold the inclination that a calibration record states against what a sensor can see.
+
+    Where nothing falls freely no acceleration tells the cosine, and lengths alone would carry it.
+    """
+    name, law = "line of sight", "a triangulation sensor looks along the motion it measures, not from aside"
+    if displacement is None or "inclination" not in displacement:
+        return not_made(name, law, "a displacement")
+    angle = float(displacement["inclination"])
+    text = f"{record}: inclination {np.rad2deg(angle):.3g}°, lengths are divided by {np.cos(angle):.3g}"
+    level: Level | None = "doubtful" if angle > _OBLIQUE else None
+    cause = (
+        f"inclination in {record} is probably not {np.rad2deg(angle):.3g}°: a lost decimal point, or the angle to "
+        "the plate in place of that to the motion"
+    )
+    return stated(name, law, text, level, cause=cause if level else "", file=record, setting="values.inclination")
 
 
 def held_readings(trace: Trace) -> Check:

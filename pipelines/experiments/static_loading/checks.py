@@ -57,6 +57,7 @@ def judgement(
     checks = [_explained(c, readings, displacement, settings) for c in judgements.failed_steps(context, _FAILED)]
     checks += _of_readings(readings, settings)
     checks += _statements(settings)
+    checks.append(trace_checks.sight(displacement, settings.calibration))
     if displacement is None or steps is None:
         checks.append(not_made("steps of the record", "every load makes a step", "steps that were found"))
     else:

@@ -2,7 +2,7 @@
 
 from labpipe.schema import Schema, Variable
 from labpipe.workflow.graph import Stage
-from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal
+from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal, judged, reported
 from pipelines.experiments.shared.schemas import DISPLACEMENT
 from pipelines.experiments.static_loading.settings import StaticLoading
 
@@ -62,23 +62,13 @@ _STAGES = (
         ("loads", "steps"),
         summary="measurement against model and Hertz",
     ),
-    Stage(
-        "judgement",
+    judged(
         "pipelines.experiments.static_loading.checks:judgement",
         ("readings", "displacement", "steps", "approach", "model", "comparison"),
-        ("*",),
-        context=True,
-        tolerant=True,
-        summary="is it believable, does the model agree?",
     ),
-    Stage(
-        "report",
+    reported(
         "pipelines.experiments.static_loading.page:page",
-        ("judgement", "readings", "displacement", "steps", "approach", "model", "comparison"),
-        ("*",),
-        output="page",
-        context=True,
-        summary="write the page",
+        ("readings", "displacement", "steps", "approach", "model", "comparison"),
     ),
 )
 

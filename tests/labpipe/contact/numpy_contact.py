@@ -10,9 +10,14 @@ from math import floor, log2
 import numpy as np
 from scipy.optimize import brentq
 
-from labpipe.contact.memory._creep import advance, history, step_weights, stored_energy
+from labpipe.contact.memory._creep import advance, history, step_weights
 
 PER_OCTAVE, FIRST, LONGEST = 4, 1e-4, 0.05
+
+
+def stored_energy(creep, memory, load):
+    """Energy (spring,) held elastically: ``(J(0) q^2 + sum w_k^2 / C_k) / 2``."""
+    return 0.5 * (creep.instantaneous * load**2 + creep.inverse @ memory**2)
 
 
 def edge_between(springs, approach, reach, last):

@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labpipe.contact.memory._creep import Creep, advance, condense, decay, history, step_weights, stored_energy
+from labpipe.contact.memory._creep import Creep, advance, condense, history, step_weights
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 from tests.by_day import by_day
+from tests.labpipe.contact.numpy_contact import stored_energy
 from tests.rounding import rounding
 
 PMMA15 = Creep.from_terms(1 / 6e9, np.full(15, (1 / 2e9 - 1 / 6e9) / 15), np.logspace(-10, 2, 15), nu=0.35)
@@ -87,7 +88,6 @@ def test_a_liquid_flows_under_load_and_keeps_its_dent():
     found = displacement_under(liquid, times, times)
     np.testing.assert_allclose(found, times + 0.25 * times**2, rtol=rounding(50))
     np.testing.assert_allclose(liquid.compliance(times), 1.0 + 0.5 * times)
-    assert decay(liquid, np.array([[3.0]]), 1e9)[0, 0] == 3.0
     assert stored_energy(liquid, np.array([[3.0]]), np.zeros(1)) == 0.0
     assert liquid.relaxed == np.inf
     assert condense(liquid, 1e-3, 1.0, 1e-6).creep.fluidity == 0.5
@@ -104,14 +104,6 @@ def test_the_compliance_is_that_of_the_material_with_the_contact_factor():
 def test_a_material_without_instantaneous_compliance_is_refused():
     with pytest.raises(InputError, match="instantaneous"):
         Creep.of(Prony(1e9, [], [], viscosity=1e6))
-
-
-def test_free_decay_is_one_step():
-    memory = np.array([[1.0], [2.0]])
-    creep = Creep.from_terms(1.0, np.array([1.0, 1.0]), np.array([0.1, 1e9]))
-    after = decay(creep, decay(creep, memory, 0.3), 0.7)
-    np.testing.assert_allclose(after, decay(creep, memory, 1.0), rtol=rounding(10, 10.0))
-    np.testing.assert_allclose(after[:, 0], [np.exp(-10.0), 2.0], rtol=1e-8)
 
 
 @pytest.mark.parametrize("moves", by_day([40, 400], 1))

@@ -24,13 +24,6 @@ def test_free_vibration_may_be_split():
     np.testing.assert_allclose(split, PLATE.free(start, 4.2e-3), rtol=1e-12)
 
 
-def test_a_free_plate_never_swings_out_further_than_it_is_said():
-    start = PlateState(1e-5, -2e-2, 0.0)
-    times = np.linspace(0.0, 0.03, 500).tolist()
-    swung = [abs(PLATE.free(start, t).displacement) for t in times]
-    assert 0.8 * PLATE.swing(start) < max(swung) <= PLATE.swing(start)
-
-
 @pytest.mark.parametrize(
     ("mass", "frequency", "damping_ratio"),
     [(0.0, 1.0, 0.0), (1.0, -1.0, 0.0), (1.0, 1.0, 1.0), (1.0, 1.0, -0.1), (np.nan, 1.0, 0.0)],

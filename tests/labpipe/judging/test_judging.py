@@ -8,7 +8,6 @@ from labpipe.errors import InputError
 from labpipe.judging import (
     Cause,
     agreement,
-    block_means,
     bounded,
     compared,
     detectable,
@@ -179,14 +178,6 @@ def test_a_detectable_error_is_shown_as_often_as_said():
 
 def test_an_input_that_acts_on_nothing_is_never_noticed():
     assert detectable([[0.0], [0.0]], np.eye(2))[0] == inf
-
-
-def test_blocks_of_a_curve_carry_its_slow_noise():
-    random = np.random.default_rng(5)
-    slow = np.repeat(random.normal(size=40), 25)
-    means, u, places = block_means(slow + 0.01 * random.normal(size=1000), np.full(1000, 0.01), 100)
-    assert len(means) == len(u) == len(places) == 10
-    assert u.min() > 0.03  # the scatter inside a block, not the stated 0.001
 
 
 def test_the_usual_factor_wins_over_a_free_one_that_fits_as_well():

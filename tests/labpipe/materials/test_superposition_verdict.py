@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 
 from labpipe.materials import kramers_kronig, master_curve
+from labpipe.materials.superposition._anchoring import repeatability
 
 TEMPERATURES = np.arange(0.0, 101.0, 10.0)
 
@@ -124,6 +125,64 @@ def test_repeats_that_disagree_widen_every_uncertainty():
     u = twice.u_log10_aT.values[: TEMPERATURES.size]
     assert np.all(np.delete(u, 5) > 0.1)
     assert np.max(alone.u_log10_aT.values) < 0.1
+
+
+def test_repeats_tell_an_error_of_temperature_that_counts_where_shifts_are_steep():
+    cold = repeatability(
+        TEMPERATURES[[0, 1, 2, 3, 3, *range(4, 11)]],
+        shift(TEMPERATURES[[0, 1, 2, 3, 3, *range(4, 11)]]) + 0.1 * (np.arange(12) == 4),
+        1e-4 * np.eye(12),
+    )
+    assert cold[0] > 2 * cold[-1] > 0.0
+    assert not repeatability(TEMPERATURES, shift(TEMPERATURES), 1e-4 * np.eye(11)).any()
+
+
+def few(seed, factor, count=3):
+    """Sweeps of a few readings, one of which is wrong."""
+    measured = sweeps(seed).isel(frequency=np.linspace(1, 14, count, dtype=int))
+    rng = np.random.default_rng(seed)
+    name, row, column = rng.choice(["storage", "loss"]), rng.integers(1, 10), rng.integers(count)
+    measured[name].values[row, column] *= factor
+    return measured, (row, column)
+
+
+@pytest.mark.parametrize("factor", [10.0, 0.1, 3.0])
+def test_a_wrong_reading_of_a_short_sweep_shows_on_the_curve_of_all(factor):
+    measured, place = few(16, factor)
+    with pytest.warns(UserWarning, match="1 readings lie far off the master curve of all others"):
+        found = master_curve(measured, 50.0)
+    assert np.isnan(found.data["storage_fitted"].values[place])
+    off = np.abs(found.log10_aT.values - shift(TEMPERATURES))
+    assert np.all(off <= 3.0 * found.u_log10_aT.values + 1e-3)
+
+
+def test_a_short_sweep_that_nothing_holds_in_its_place_does_not_pass():
+    measured = sweeps(17).isel(frequency=[1, 8, 14], temperature=slice(2, None))
+    measured["loss"].values[0] *= 0.1
+    found = quiet(measured)
+    off = np.abs(found.log10_aT.values - shift(TEMPERATURES[2:]))
+    assert found.verdict.level != "pass" or np.all(off <= 3.0 * found.u_log10_aT.values)
+
+
+@pytest.mark.parametrize("seed", [5010, 5024, 5036])
+def test_the_vertical_factor_of_a_liquid_is_not_taken_for_a_delay(seed):
+    rng = np.random.default_rng(seed)
+    temperature, frequency = np.linspace(-45.0, 25.0, 6), np.logspace(-0.5, 2, 12)
+    shifts = -5.5 * (temperature - 25.0) / (125.0 + temperature)
+    z = 1j * 2 * np.pi * frequency[:, None] * 10 ** shifts[:, None, None] * np.array([1e-7, 1e-6, 1e-5])
+    factor = ((temperature + 273.15) / 298.15 * (1 - 6e-4 * (temperature - 25.0)))[:, None]
+    modulus = factor * ((z / (1 + z)) @ np.array([4e5, 2e5, 1e5]))
+    scatter = 1 + 0.02 * rng.standard_normal((2, *modulus.shape))
+    dims = ("temperature", "frequency")
+    measured = xr.Dataset(
+        {"storage": (dims, modulus.real * scatter[0]), "loss": (dims, modulus.imag * scatter[1])},
+        coords={"temperature": temperature, "frequency": frequency},
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        found = master_curve(measured, 25.0)
+    assert found.delay == 0.0
+    assert np.all(np.abs(found.log10_aT.values - shifts) <= 3.0 * found.u_log10_aT.values + 1e-3)
 
 
 def broad(seed, slope):

@@ -1,7 +1,13 @@
+import warnings
+
 import numpy as np
 import pytest
+import xarray as xr
 from scipy.integrate import solve_ivp
 
+from labpipe.contact.impact import drop
+from labpipe.materials import Prony
+from labpipe.signals import bounces
 from labpipe.signals._events import _combined
 from labpipe.signals._impact_fit import OUTPUTS, _of_unread, _unread_contact, fit_impact, pulse_integrals
 
@@ -10,14 +16,14 @@ GRAVITY = 9.81
 
 def test_integrals_are_those_of_the_pulse():
     s = np.linspace(-0.5, 2.0, 50_001)
-    shape = np.array([1.0, -0.3, -0.2, 0.1])
+    shape = np.array([1.0, -0.3, -0.2, 0.1, 0.03, 0.2])
     pulse, speed, position = pulse_integrals(s, shape)
     assert np.all(pulse[(s < 0) | (s > 1)] == 0.0)
     step = s[1] - s[0]
-    np.testing.assert_allclose(np.gradient(speed, step), pulse, atol=2e-4)
+    np.testing.assert_allclose(np.gradient(speed, step), pulse, atol=5e-4)  # the onset has an edge
     np.testing.assert_allclose(np.gradient(position, step), speed, atol=2e-4)
     # Beta(5/2, 5/2) = 3 pi / 128 is the impulse of the plain shape.
-    assert pulse_integrals(np.array([1.0]), np.eye(4)[0])[1][0] == pytest.approx(3 * np.pi / 128)
+    assert pulse_integrals(np.array([1.0]), np.eye(6)[0])[1][0] == pytest.approx(3 * np.pi / 128)
 
 
 def hertz(speed, rate, seed, noise=1e-6):
@@ -137,3 +143,38 @@ def test_derivatives_of_what_is_derived_are_differences(name):
         step = 1e-6 * np.eye(len(OUTPUTS))[i]
         difference = _combined(name, value + step, 1)[0] - _combined(name, value - step, 1)[0]
         assert derivative == pytest.approx(difference / 2e-6, rel=1e-6, abs=1e-9), OUTPUTS[i]
+
+
+_RHO = np.logspace(-7.0, 1.0, 33)
+BALLS = {
+    # a rubber in its transition: the modulus falls as t^-0.4 while the sphere is met
+    "soft": ("polymer", Prony(2e7, 4e6 * (_RHO / 1e-3) ** -0.4, _RHO, nu=0.49)),
+    # as quick as a twentieth of the contact
+    "one relaxation time": ("any", Prony(1e9, [6e8], [5e-5], nu=0.4)),
+}
+
+
+@pytest.mark.parametrize("name", BALLS)
+def test_first_three_restitutions_are_as_uncertain_as_stated(name: str) -> None:
+    """The force begins as t^(3/2 - 0.4), which Hertz's exponent missed by seven u of the touch."""
+    contact, solid = BALLS[name]
+    time = np.arange(0.0, 0.3, 5e-5)
+    release = 0.02
+    truth = drop(solid, 9.525e-3, 0.505, 5e-3, 0.28, times=np.maximum(time - release, 0.0)[400:], rtol=1e-5)
+    motion = np.concatenate([np.full(400, 5e-3), truth["displacement"].values])
+    z = []
+    for seed in range(4):
+        values = motion + 1e-6 * np.random.default_rng(seed).standard_normal(time.size)
+        record = xr.DataArray(values, {"time": time}, ["time"], attrs={"units": "m"})
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # the record ends before rest
+            found = bounces(record, contact=contact)
+        for quantity, exact in (
+            ("restitution", truth["restitution"].values),
+            ("touch_time", release + truth["impact_time"].values),
+            ("liftoff_time", release + truth["lift_off_time"].values),
+        ):
+            z.append((found[quantity].values[:3] - exact[:3]) / found[f"u_{quantity}"].values[:3])
+    assert np.sqrt(np.mean(np.square(z))) < 1.5
+    assert np.abs(z).max() < 3.5
+    assert found["u_restitution"].values[:3].max() < 0.01

@@ -1,6 +1,7 @@
 """The local page in a real browser: from raw files to a report, with the keyboard alone as well."""
 
 import shutil
+import threading
 import tomllib
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
@@ -11,6 +12,8 @@ import pytest
 
 from instruments import phantom
 from instruments.phantom._writer import Recording
+from pipelines.app import open_guide
+from pipelines.guide import pages
 from pipelines.session import open_session
 from tests.labpipe.report.conftest import CHROMIUM, Browser
 from tests.pipelines.app.conftest import Page
@@ -150,6 +153,21 @@ def test_the_page_says_when_its_server_is_gone(window: Browser, page: Page) -> N
     window.until("document.querySelectorAll('#file-list li').length === 4")
     page.served.stop()
     window.until("document.getElementById('message').textContent.includes('does not answer')")
+
+
+def test_every_page_of_the_guide_comes_from_here_with_its_pictures(window: Browser) -> None:
+    served = open_guide()
+    thread = threading.Thread(target=served.run)
+    thread.start()
+    try:
+        for name in sorted(pages()):
+            window.visit(f"{served.address}{name}.html", width=390)
+            assert window.run("[...document.images].every(i => i.complete && i.naturalWidth > 0)"), name
+            assert window.run("document.documentElement.scrollWidth") <= 390, name
+            quiet(window, Page(served))
+    finally:
+        served.stop()
+        thread.join(60)
 
 
 @pytest.fixture

@@ -5,7 +5,8 @@ from pathlib import Path
 import cv2
 import pytest
 
-from calibration.ruler import edge_distance, graduations
+from calibration.ruler import graduations
+from pipelines.app._measuring import length
 from pipelines.rig.calibration_images import write_calibration_images
 
 
@@ -16,5 +17,5 @@ def test_ruler_and_holder_measure_what_table_d1_says(tmp_path: Path) -> None:
     found = graduations(ruler)
     assert 10 * found.pitch.value == pytest.approx(461.0, abs=0.1)
     assert abs(found.tilt.value) == pytest.approx(0.012, abs=1e-3)
-    width = edge_distance(holder, (40.0, 119.5), (600.0, 119.5))
+    width = length(holder.astype(float), (126.5, 119.5), (512.5, 119.5))
     assert width.value == pytest.approx(386.0, abs=0.1)

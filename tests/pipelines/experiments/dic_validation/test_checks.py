@@ -133,6 +133,23 @@ def test_a_holder_that_is_seldom_found_is_doubtful(motion, laser):
     assert (told.level, told.setting) == ("doubtful", "tracking.body")
 
 
+def test_a_camera_that_is_knocked_is_doubtful(motion, laser):
+    motion["displacement"][320:] += 4e-4
+    told = finding(judged(motion, laser)[0], "level between frames")
+    assert (told.level, told.file) == ("doubtful", SETTINGS.film)
+    assert "80.0 ms" in told.message
+
+
+def test_frames_without_the_holder_are_noted(motion, laser):
+    track = xr.Dataset({"valid": (("frame", "point"), ~np.isin(np.arange(1000), range(400, 406))[:, None])})
+    found = measured.bounces(motion, settings=SETTINGS)
+    compared = comparison(motion, found, laser, settings=SETTINGS)
+    result = checks.judgement(track, motion, found, compared, laser, settings=SETTINGS, context=CONTEXT)
+    told = finding(believed(result), "holder is found")
+    assert told.level == "note"
+    assert "gone for 6 of them, the first is number 401" in told.message
+
+
 def test_a_record_of_another_view_is_impossible():
     failed = (Failed("motion", None, 'the record is of view "under"'),)
     context = Context("film", "dic_validation", "", "", "", True, (), (), failed, (), {})
