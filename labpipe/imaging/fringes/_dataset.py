@@ -289,7 +289,7 @@ def _warn(options: FilmOptions, result: FilmResult) -> None:
 
 
 def _rows_told(result: FilmResult) -> str:
-    """What is wrong with the rows of the film; empty when nothing is."""
+    """Tell what is wrong with the rows of the film; empty when nothing is."""
     if result.repeats_rows:
         return (
             "every second row of the film repeats its neighbour or is the mean of both: it shows one field of an "

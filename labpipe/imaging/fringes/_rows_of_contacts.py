@@ -1,5 +1,6 @@
 """Leave out frames of contacts whose odd and even rows are of two instants."""
 
+import itertools
 import math
 
 import numpy as np
@@ -56,14 +57,14 @@ def _changes(result: FilmResult) -> dict[int, float]:
     radius |= {index: float(fit.parameters[Parameter.RADIUS]) for index, fit in result.fits.items()}
     frames = sorted(radius)
     change = dict.fromkeys(frames, 0.0)
-    for one, other in zip(frames[:-1], frames[1:], strict=True):
+    for one, other in itertools.pairwise(frames):
         step = abs(radius[other] - radius[one])
         change[one], change[other] = max(change[one], step), max(change[other], step)
     return change
 
 
 def _told(reader: FilmReader, result: FilmResult, frames: list[int]) -> RowsSeen:
-    """What the rows of frames show about their contacts."""
+    """Look at the rows of frames where their contacts are."""
     return read_rows([row_sums(pieces_of(reader.whole(index), _corners(result, index))) for index in frames])
 
 

@@ -349,7 +349,7 @@ def _has_long_travel(view: View, found: RingFit) -> bool:
 
 
 def _blur_of(view: View, found: RingFit) -> float:
-    """Standard deviation (px) of the image of a point in a fit."""
+    """Return the standard deviation (px) of the image of a point in a fit."""
     return math.sqrt(max(view.optics.blur**2 + float(found.parameters[Parameter.BLUR]), 0.0))
 
 
