@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Literal, TypedDict, get_args
 
 from labpipe.errors import UsageError
+from labpipe.text import unmarked_codec
 
 HEAD_BYTES = 4096  # enough for every magic number and every text header known
 
@@ -150,4 +151,7 @@ def text_of(head: bytes) -> str:
     """Decode the first bytes of a text file of any codec, well enough to look for words."""
     if head.startswith((b"\xff\xfe", b"\xfe\xff")):
         return head.decode("utf-16", errors="replace")
+    wide = unmarked_codec(head)
+    if wide:
+        return head.decode(wide, errors="replace")
     return head.decode("latin-1").removeprefix("ï»¿")

@@ -1,8 +1,11 @@
 """Compile numerical kernels with numba, and cache the machine code where possible."""
 
+import re
+import sys
 import warnings
 from collections.abc import Callable
 from functools import cache, partial
+from pathlib import Path
 from typing import Any
 
 from numba import njit
@@ -29,6 +32,7 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
             reason = str(error).splitlines()[0].partition(": ")[2]
             _warn(reason.partition(" for file")[0])
             return njit(**options)(function)
+        _watch_imports(kernel, function.__module__)
         _forgive_a_full_disk(kernel)
         return kernel
 
@@ -39,6 +43,28 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 lean = partial(compiled, error_model="numpy", no_cfunc_wrapper=True, _nrt=False)
 #: Of those that only compiled code calls, which need no way in from Python either.
 inner = partial(lean, no_cpython_wrapper=True)
+
+
+def _watch_imports(kernel: Any, module: str) -> None:
+    """Let stored code count as old when another module changes whose kernels or constants it holds.
+
+    By itself numba looks at the time and size of the file of the kernel alone.
+    """
+    stored = getattr(getattr(kernel, "_cache", None), "_cache_file", None)
+    if stored is not None:
+        stored._source_stamp = (stored._source_stamp, _stamps(module))
+
+
+@cache
+def _stamps(module: str) -> tuple[object, ...]:
+    """Time and size of the modules of labpipe that a module of kernels imports, and so on."""
+    text = Path(str(sys.modules[module].__file__)).read_text("utf-8")
+    found: list[object] = []
+    if "labpipe.compilation" in text:
+        for name in sorted(set(re.findall(r"^from (labpipe[\w.]*) import", text, re.MULTILINE))):
+            state = Path(str(sys.modules[name].__file__)).stat()
+            found += [name, state.st_mtime_ns, state.st_size, *_stamps(name)]
+    return tuple(found)
 
 
 def _forgive_a_full_disk(kernel: Any) -> None:

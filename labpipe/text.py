@@ -40,6 +40,7 @@ __all__ = [
     "separators",
     "shorten",
     "survey",
+    "unmarked_codec",
 ]
 
 _PIECE = 1 << 20  # bytes decoded at a time: large enough for speed, small against any memory
@@ -52,6 +53,9 @@ _MARKS = (
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
+
+# Bytes at the beginning that tell the codec, and characters that tell one without a mark.
+_FIRST, _LEAST_WIDE = 512, 8
 
 # Every codec but the wide ones keeps these bytes for these characters alone.
 _CONTROL_BYTES = bytes(code for code in (*range(32), 127) if code not in b"\t\n\r")
@@ -151,7 +155,7 @@ def survey(
     path = Path(path)
     size = _checked_size(path, limits)
     head = _first_bytes(path)
-    marked = next((codec for mark, codec in _MARKS if head.startswith(mark)), None)
+    marked = next((codec for mark, codec in _MARKS if head.startswith(mark)), None) or unmarked_codec(head)
     candidates = (marked,) if marked else ("utf-8", *declared)
     failures = []
     for encoding in candidates:
@@ -166,6 +170,21 @@ def survey(
         f"no codec decodes the file; tried {'; '.join(failures)}",
         hint='Give the codec it was written with, for example encoding="cp932".',
     )
+
+
+def unmarked_codec(head: bytes) -> str | None:
+    """Tell UTF-16 without its mark by the zeros beside most characters; None of another text.
+
+    Examples
+    --------
+    >>> unmarked_codec("f (Hz), E' (MPa)".encode("utf-16-le")), unmarked_codec(b"f (Hz), E' (MPa)")
+    ('utf-16-le', None)
+    """
+    first, second = head[: len(head) // 2 * 2 : 2], head[1::2]
+    for codec, empty, full in (("utf-16-le", second, first), ("utf-16-be", first, second)):
+        if len(full) >= _LEAST_WIDE and 2 * empty.count(0) > len(empty) and not full.count(0):
+            return codec
+    return None
 
 
 def _checked_size(path: Path, limits: Limits) -> int:
@@ -189,14 +208,14 @@ def _checked_size(path: Path, limits: Limits) -> int:
 def _first_bytes(path: Path) -> bytes:
     try:
         with path.open("rb") as stream:
-            return stream.read(4)
+            return stream.read(_FIRST)
     except OSError as error:
         raise SourceError(path, f"cannot be opened: {error.strerror}") from None
 
 
 def _scan(path: Path, encoding: str, limits: Limits) -> tuple[int, bool]:
     """Count lines and find what is refused; UnicodeError when the codec does not fit."""
-    is_wide = encoding in ("utf-16", "utf-32")
+    is_wide = encoding.startswith(("utf-16", "utf-32"))
     decoder = codecs.getincrementaldecoder(encoding)(errors="strict")
     n_ends = 0
     open_length = 0  # characters after the last line end so far

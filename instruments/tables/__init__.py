@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, TypedDict
 
 from instruments._instrument import HEAD_BYTES, Instrument, text_of
 from labpipe.lazy import lazily
+from labpipe.text import unmarked_codec
 
 if TYPE_CHECKING:
     from instruments.tables._plain import read
@@ -65,6 +66,8 @@ def holds_rows(head: bytes) -> bool:
 
 def _text(head: bytes) -> str:
     """Decode the beginning of a file; symbols such as E′ stand in headings."""
+    if unmarked_codec(head):
+        return text_of(head)
     try:
         return head[: head.rfind(b"\n") + 1 or None].decode("utf-8")
     except UnicodeDecodeError:

@@ -8,7 +8,7 @@ mechanical analysis; what separates its columns is what names the most of them.
 import csv
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 from instruments.tables import _words
@@ -22,12 +22,18 @@ _OF_ROWS = (TAB, SEMICOLON, COMMA, BAR, BLANKS)
 #: What stands where there is no reading.
 ABSENT = ("", "-", "--", "---", "nan", "n/a", "na", "null", "none", "#n/a", "#num!", "#div/0!", "*", "inf", "-inf")
 
-_NUMERIC = re.compile(r"[+-]?(?:\d[\d.,'\u00a0 ]*|[.,]\d+)(?:[eEdD][+-]?\d+)?")
+_POWER = r"\s*[x×*·]\s*10\^?\(?([+-]?\d+)\)?"
+_NUMERIC = re.compile(rf"[+-]?(?:\d[\d.,'\u00a0\u202f\u2019 ]*|[.,]\d+)(?:[eEdD][+-]?\d+|{_POWER})?")
+_GROUPED = re.compile(r"([+-]?\d{1,3}(?:['\u2019\u00a0\u202f ]\d{3})+)((?:[.,]\d*)?(?:[eEdD].*)?)")
+_TIMES_TEN = re.compile(_POWER + "$")
 _MARK = re.compile(r"^\s*(?:#+|%+|//|!)\s*")
 _FACT = re.compile(
-    r"(?:^|[\s;,(])(?P<key>[A-Za-zα-ωΑ-Ω°'_ .]+?)\s*[:=\t]\s*(?P<value>[+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)"
+    r"(?:^|[\s;,(])(?P<key>[A-Za-zα-ωΑ-Ω°'_ .]+?(?:\s*[\[(][^\])]*[\])])?)\s*[:=\t]\s*"
+    r"(?P<value>[+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)"
     r"\s*(?P<unit>[^\s;,)]*(?:\s?C\b)?)"
 )
+_AT = re.compile(r"(?:^|\s)(?:at|@|bei|à)\s*([+-]?\d+(?:[.,]\d+)?)\s*(°\s?C|ºC|degC|K)\b")
+_PLACE = re.compile(r"[+-]?\d+(?:[.,]\d+)?\s*(?:°\s?C|ºC|degC|C|K|Hz|rad/s)")
 _PARAMETERS = re.compile(r"\s*[A-Za-z]\w*\s*=\s*[^=;]*;")  # key=value; of a RepTate header
 _SIGNAL = re.compile(r"\s*Sig\d+\s+(.+?)\s*", re.IGNORECASE)  # a column of a file of Universal Analysis
 _DATA = re.compile(r"\s*StartOfData\s*", re.IGNORECASE)
@@ -104,6 +110,22 @@ def is_numeric(cell: str) -> bool:
     return _NUMERIC.fullmatch(cell.strip()) is not None
 
 
+def plain(cell: str) -> str:
+    """Return a number without what people put in: blanks or apostrophes between thousands, ×10^.
+
+    Examples
+    --------
+    >>> plain("1'234'567.5"), plain("2 500,0"), plain("1.2x10^6")
+    ('1234567.5', '2500,0', '1.2e6')
+    """
+    grouped = _GROUPED.fullmatch(cell)
+    text = re.sub(r"\D", "", grouped[1]) if grouped else cell
+    if grouped:
+        sign = cell[0] if cell[0] in "+-" else ""
+        text = sign + text + grouped[2]
+    return _TIMES_TEN.sub(r"e\1", text)
+
+
 def headings_of(line: str, below: Sequence[str] = ()) -> tuple[list[Heading], str] | None:
     """Return the headings of a line that begins a table, and what separates them; None of others.
 
@@ -145,6 +167,9 @@ def numbers_of(line: str) -> list[str]:
 def _is_all_numbers(row: Sequence[str]) -> bool:
     return len(row) > 1 and all(is_numeric(cell) or cell.casefold() in ABSENT for cell in row)
 
+
+_BETWEEN = 4
+"""Lines of words inside a table at most."""
 
 _LONGEST = 20_000
 """Characters of a line of headings at most; a longer one is a row of something else."""
@@ -189,10 +214,18 @@ def blocks(lines: Sequence[tuple[int, str]], given: list[Heading] | None = None)
             facts |= dict(_facts(line))
             k += 1
             continue
-        block = Block(number, head[0], title=title, facts=dict(facts), above=lines[k - 1] if k else (0, ""))
+        above = lines[k - 1] if k else (0, "")
+        block = Block(number, head[0], title=title, facts=_stated_at(title) | _stated_at(above[1]) | facts, above=above)
         k = _fill(block, lines, head[2], head[1])
         in_step = False
         if block.rows or not found:
+            found.append(block)
+        while (go_on := _goes_on(block, lines, k)) is not None:
+            between = [line for _, line in lines[k:go_on]]
+            facts |= dict(fact for line in between for fact in _facts(line))
+            stated = {name: fact for line in between for name, fact in _stated_at(line).items()}
+            block = replace(block, rows=[], widths=[], facts=block.facts | facts | stated)
+            k = _fill(block, lines, go_on, block.separator)
             found.append(block)
     return [block for block in found if block.rows] or found
 
@@ -203,23 +236,81 @@ def signals_of(lines: Sequence[str]) -> str:
     return TAB.join(found)
 
 
+def _goes_on(block: Block, lines: Sequence[tuple[int, str]], k: int) -> int | None:
+    """Return where a table goes on below some lines of words, whose rows have the same columns."""
+    if not block.rows:
+        return None
+    width = max(block.widths)
+    for at in range(k, min(k + _BETWEEN, len(lines))):
+        line = lines[at][1]
+        if headings_of(line) is not None or _BEGINS.match(line):
+            return None
+        parts = cells(line, block.separator)
+        if len(parts) == width and _is_row(line, block, block.separator) and not any(_facts(line)):
+            return at
+    return None
+
+
+def _stated_at(line: str) -> dict[str, tuple[float, str]]:
+    """Return the temperature that a title states, ``Isotherm at 20 °C``."""
+    match = _AT.search(line)
+    if match is None:
+        return {}
+    return {"temperature": (float(match[1].replace(",", ".")), "K" if match[2] == "K" else "degC")}
+
+
 def _head(lines: Sequence[tuple[int, str]], k: int) -> tuple[list[Heading], str, int] | None:
     """Return headings that begin at a line, what separates them, and where what follows begins.
 
-    Names may stand in two rows, ``Storage`` above ``Modulus``.
+    Names may stand in two rows, ``Storage`` above ``Modulus``, or below what they have in common:
+    ``Modulus`` above ``E'`` and ``E''``, ``20 °C`` above both; cells that were merged are empty.
     """
     head = headings_of(lines[k][1], [text for _, text in lines[k + 1 : k + 4]])
-    if head is None or k + 1 >= len(lines):
-        return None if head is None else (*head, k + 1)
-    below = cells(lines[k + 1][1], head[1])
-    if len(trimmed(below)) <= len(head[0]) and any(below) and not any(map(is_numeric, below)):
-        both = [f"{h.text} {part}".strip() for h, part in zip(head[0], below + [""] * len(head[0]), strict=False)]
-        found = [_words.parsed(text) for text in both]
-        added = [h for h, part in zip(found, below, strict=False) if part]
-        # A row of units is no second row of names.
-        if all(h.is_known and not h.unit for h in added) and not all(map(_words.is_unit, filter(None, below))):
+    if head is None:
+        return None
+    if k + 1 < len(lines):
+        below = cells(_MARK.sub("", lines[k + 1][1]), head[1])
+        found = _of_two_rows([h.text for h in head[0]], below)
+        if found is not None:
             return found, head[1], k + 2
+    if k:
+        above = cells(_MARK.sub("", lines[k - 1][1]), head[1])
+        found = _of_two_rows(above, [h.text for h in head[0]]) if len(above) > 1 else None
+        if found is not None and _quantities(found) > _quantities(head[0]):
+            return found, head[1], k + 1
     return (*head, k + 1)
+
+
+def _quantities(headings: Sequence[Heading]) -> set[str]:
+    return {h.name for h in headings if h.is_known} | {"at" for h in headings if h.at is not None}
+
+
+def _of_two_rows(above: Sequence[str], below: Sequence[str]) -> list[Heading] | None:
+    """Join two rows of names; None where the second is one of units, or of something else."""
+    width = max(len(above), len(trimmed(list(below))))
+    if len(trimmed(list(below))) > len(above) and any(above[len(below) :]):
+        return None
+    found: list[Heading] = []
+    common, named = "", 0
+    for k in range(width):
+        top, bottom = (row[k].strip() if k < len(row) else "" for row in (above, below))
+        common = top or common
+        if is_numeric(bottom):
+            return None
+        if not bottom or (_words.is_unit(bottom) and not (top == "" and _words.parsed(bottom).is_known)):
+            made = _words.parsed(top)
+            found.append(_with_unit(made, bottom) if bottom and not made.unit else made)
+            continue
+        if _PLACE.fullmatch(common):
+            tries = [f"{bottom} @ {common}"]
+        else:
+            tries = [f"{top} {bottom}".strip(), bottom, f"{common} {bottom}"]
+        joined = next((h for text in tries if (h := _words.parsed(text)).is_known), None)
+        if joined is None:
+            return None
+        named += 1
+        found.append(joined)
+    return found if named else None
 
 
 def is_of_parameters(line: str) -> bool:
@@ -250,12 +341,23 @@ def _fill(block: Block, lines: Sequence[tuple[int, str]], k: int, separator: str
     while k < len(lines):
         number, line = lines[k]
         parts = cells(line, block.separator)
-        if not _is_row(line, block, block.separator) and (headings_of(line) or not _is_damaged(parts, block)):
+        is_row = _is_row(line, block, block.separator)
+        if not is_row and (headings_of(line) or any(_facts(line)) or not _is_damaged(parts, block)):
             break
         block.rows.append((number, trimmed(parts)))
         block.widths.append(len(parts))
         k += 1
+    _take_row_names(block)
     return k
+
+
+def _take_row_names(block: Block) -> None:
+    """Give the numbers of the rows, which some programs write without a heading, a column."""
+    whole = [cells for _, cells in block.rows if len(cells) == len(block.headings) + 1]
+    if whole and len(whole) == len(block.rows):
+        numbers = [row[0].strip('"') for row in whole]
+        if numbers in ([str(k + first) for k in range(len(whole))] for first in (0, 1)):
+            block.headings = [Heading("", ""), *block.headings]
 
 
 def _units(block: Block, lines: Sequence[tuple[int, str]], k: int, separator: str) -> int:

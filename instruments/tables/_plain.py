@@ -39,6 +39,7 @@ DEVICE = "plain table of a dynamic mechanical analysis"
 
 _LIMITS = Limits(max_bytes=128 << 20)
 _ZERO_CELSIUS = 273.15
+_ROUNDED = 2e-3  # of a column that was rounded to three digits
 _EXAMPLE = {
     "frequency": "Hz", "angular_frequency": "rad/s", "temperature": "degC", "temperature_set": "degC", "time": "s",
     "interval_time": "s", "phase_angle": "deg", "storage_compliance": "1/MPa", "loss_compliance": "1/MPa",
@@ -170,7 +171,7 @@ def _spoken(headings: Sequence[Heading]) -> str:
 def _signs(path: Path, blocks: Sequence[Block], decimal: str | None) -> Separators:
     """Decide the decimal sign; between commas it can only be the dot, unless cells are quoted."""
     found = [
-        cell
+        _layout.plain(cell)
         for block in blocks
         for _, cells in block.rows
         for heading, cell in zip(block.headings, cells, strict=False)
@@ -206,7 +207,12 @@ class _Table:
     def __init__(self, path: Path, block: Block, signs: Separators) -> None:
         self.block = block
         if not block.rows:
-            raise SourceError(path, "found no row of numbers below the headings", line=block.line)
+            raise SourceError(
+                path,
+                "found no row of numbers below the headings",
+                line=block.line,
+                hint="Cells hold numbers alone; the units stand in the headings or in a row below them.",
+            )
         self.missing = missing(block.names())
         self.columns: dict[str, Column] = {}
         self.is_whole = np.ones(len(block.rows), dtype=bool)
@@ -255,7 +261,7 @@ def _values(path: Path, block: Block, signs: Separators) -> Floats:
         for j, cell in enumerate(cells):
             if cell.casefold() in ABSENT:
                 continue
-            value = plain_number(cell.replace("D", "E").replace("d", "e"), signs)
+            value = plain_number(_layout.plain(cell).replace("D", "E").replace("d", "e"), signs)
             if value is None and block.headings[j].is_known:
                 at = sum(len(before) + 1 for before in cells[:j]) + 1
                 raise not_a_number(cell, path=path, line_number=number, column=at)
@@ -316,13 +322,22 @@ def _unique(path: Path, block: Block, pairs: Sequence[tuple[Heading, Floats]]) -
     for heading, column in pairs:
         if heading.name not in kept:
             kept[heading.name] = (heading, column)
-        elif heading.is_known and not np.array_equal(kept[heading.name][1], column, equal_nan=True):
+        elif heading.is_known and not _is_the_same(kept[heading.name], (heading, column)):
             warnings.warn(
                 f"{path}:{block.line}: two columns hold {_words.SPOKEN.get(heading.name, heading.name)} and differ; "
                 f'the first, "{kept[heading.name][0].text}", is taken',
                 stacklevel=3,
             )
     return list(kept.values())
+
+
+def _is_the_same(one: tuple[Heading, Floats], other: tuple[Heading, Floats]) -> bool:
+    """Tell two columns with the same readings, be they in units of their own: Hz and rad/s, MPa and Pa."""
+    if np.array_equal(one[1], other[1], equal_nan=True):
+        return True
+    ratio = np.nanmedian(other[1] / np.where(one[1] == 0, np.nan, one[1]))
+    is_own = one[0].unit != other[0].unit
+    return is_own and bool(np.allclose(other[1], ratio * one[1], rtol=_ROUNDED, equal_nan=True))
 
 
 def _converted(path: Path, block: Block, pairs: Sequence[tuple[Heading, Floats]]) -> dict[str, Column]:

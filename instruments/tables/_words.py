@@ -7,6 +7,7 @@ languages of the rheometer exports are known as well.
 """
 
 import re
+import unicodedata
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -19,15 +20,18 @@ SYMBOLS: dict[str, tuple[str, ...]] = {
     "frequency": (
         "f", "freq", "freqs", "frequency", "fset", "ν", "testfrequency", "testfreq", "measfreq",
         "oscillationfrequency", "oscfreq", "frequencies", "drivefrequency", "dynamicfrequency",
+        "frecuencia", "frequenza", "周波数", "频率", "测试频率",
     ),
     "angular_frequency": (
         "w", "omega", "ω", "angfreq", "angularfreq", "angularfrequency", "angfrequency", "circularfrequency",
         "omegas",
+        "frecuenciaangular", "pulsazione", "frequenzaangolare", "角周波数", "角频率",
     ),
     "temperature": (
         "T", "Ts", "temp", "tmeas", "temperature", "tsample", "sampletemp", "sampletemperature", "meastemp",
         "actualtemp", "actualtemperature", "chambertemperature", "oventemperature", "furnacetemperature",
         "testtemperature", "specimentemperature", "probetemperature", "meantemperature", "temperatures",
+        "temperatura", "temperaturacampione", "温度", "试样温度", "測定温度",
     ),
     "temperature_set": (
         "tset", "tround", "Tr", "settemp", "settemperature", "nominaltemperature", "nominaltemp", "tnominal",
@@ -44,6 +48,8 @@ SYMBOLS: dict[str, tuple[str, ...]] = {
         "realmodulus", "modulusstorage", "storagemodulus'", "modulus'", "est", "gst", "elastic", "elasticmodule",
         "youngsstoragemodulus",
         "shearmoduluselasticcomponent", "shearmodulusrealcomponent", "storagemodule", "emod'", "eelastic", "gelastic",
+        "moduloconservativo", "modulodialmacenamiento", "modulodealmacenamiento", "moduloelastico",
+        "moduleelastique", "貯蔵弾性率", "貯蔵せん断弾性率", "储能模量", "存储模量", "elastischesmodul",
     ),
     "loss_modulus": (
         "eloss", "gloss", "e''", "g''", "m''", "k''", "loss", "lossmodulus", "lossmod", "edoubleprime", "gdoubleprime",
@@ -54,20 +60,25 @@ SYMBOLS: dict[str, tuple[str, ...]] = {
         "youngslossmodulus",
         "shearmodulusviscouscomponent", "shearmodulusimaginarycomponent", "eviscous", "gviscous", "edblprime",
         "gdblprime",
+        "modulodissipativo", "modulodeperdida", "modulodeperdidas", "moduloviscoso", "modulevisqueux",
+        "損失弾性率", "損失せん断弾性率", "损耗模量", "损失模量",
     ),
     "loss_factor": (
         "tandelta", "tand", "tanδ", "tandel", "losstangent", "lossfactor", "damping", "dampingfactor", "tgdelta",
         "tgδ", "dissipationfactor", "tan", "tanphi", "tandeltae", "tandeltag", "tanδe", "tanδg", "lossfactortandelta",
+        "損失正接", "损耗因子", "损耗角正切", "factordeperdida", "fattorediperdita", "facteurdeperte",
     ),
     "phase_angle": (
         "delta", "δ", "phase", "phaseangle", "phaselag", "phaseshift", "lossangle", "phasedelta", "phaseangledelta",
         "phaseshiftangle", "deltaangle", "deltadegree",
+        "位相差", "相位角", "angulodefase", "angolodifase",
     ),
     "complex_modulus": (
         "e*", "g*", "m*", "k*", "estar", "gstar", "complexmodulus", "dynamicmodulus", "absestar", "emag", "gmag",
         "ecomplex", "gcomplex", "abse*", "absg*", "moduluscomplex", "complexmod", "ecplx", "gcplx", "absmodulus",
         "complexshearmodulus",
         "shearmoduluscomplexcomponent", "complexyoungsmodulus", "edyn", "gdyn", "absolutemodulus", "norme*", "normg*",
+        "複素弾性率", "复数模量", "modulocomplejo", "modulocomplesso",
     ),
     "storage_compliance": (
         "d'", "j'", "dstor", "jstor", "dprime", "jprime", "dp", "jp", "storagecompliance", "d1", "j1", "dstorage",
@@ -153,6 +164,11 @@ _PRIMES = {
 }  # fmt: skip
 _GREEK = {"\u2217": "*", "𝜔": "ω", "𝛿": "δ", "𝜂": "η", "\u0394": "δ", "\u2206": "δ"}
 _CASED = ("T", "t", "Ts", "Tr")
+_ACCENTS = "\u0300\u036f"
+# The wide brackets and letters of East Asian keyboards, and signs of one letter for two.
+_WIDE = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {0x2103: "°C", 0x2109: "°F", 0x3000: " "}
+# Words that say of a symbol beside them no more than that it is a modulus.
+_A_MODULUS = ("modulus", "modul", "module", "modulo", "moduli", "弾性率", "模量")
 _FOLDED_AWAY = re.compile(r"[\s_().,|:\[\]{}~^$\\-]+")
 _LOGARITHM = re.compile(r"^(?:log10|log_10|log|lg)(?![a-z]{3})[\s_(|]*(.*?)\)?$", re.IGNORECASE)
 _BRACKETS = re.compile(r"^(.*?\S)\s*[(\[{<]\s*([^()\[\]{}<>]*(?:\([^()]*\))?[^()\[\]{}<>]*)\s*[)\]}>]\s*$")
@@ -160,6 +176,7 @@ _AT = re.compile(
     r"\s*(?:[(\[@_]|\bat\b)\s*@?\s*(?:[fT]\s*=\s*)?([+-]?[0-9]+(?:[.,][0-9]+)?(?:[eE][+-]?[0-9]+)?)\s*"
     r"(Hz|rad/s|°\s?C|ºC|degC|C|K)\s*[)\]]?(?=$|[\s/,(\[])"
 )
+_POWER_OF_UNIT = re.compile(r"(?:[x×*]\s*)?10\s*(?:\^|\*\*)?\s*([+-]?\d+)\s*[*·]?\s*([A-Za-z].*)")
 _COMMENT = re.compile(r"^[#%!;/*]+\s*(?=\S)")
 
 # Spellings of units beyond those of labpipe.units, which are unambiguous in such a table.
@@ -175,7 +192,7 @@ _SPELLINGS: dict[str, Unit] = {
         ("deg C", "º C", "ºC", "oC", "° C", "celsius", "degrees C", "degree C", "deg. C", "deg_c", "degree celsius",
          "degrees celsius", "°c", "degc", "grad c", "deg.c", "°celsius", "^oc", "^circ c", "c°", "degreec",
          "˚c", "\u02da c", "?c",
-         "\u00a1c"),
+         "\u00a1c", "cel"),
         Unit(1.0, "degC"),
     ),
     **dict.fromkeys(("kelvin", "°k", "deg k", "degk"), Unit(1.0, "K")),
@@ -185,6 +202,7 @@ _SPELLINGS: dict[str, Unit] = {
     **dict.fromkeys(("percent", "pct"), Unit(1e-2, "1")),
     **dict.fromkeys(("none", "n/a", "dimensionless", "unitless", "/", "a.u.", "--", "–", "—", "[-]"), Unit(1.0, "1")),
     **dict.fromkeys(("n/mm2", "n/mm²", "n/mm^2", "n mm-2", "mpascal", "megapascal"), Unit(1e6, "Pa")),
+    **dict.fromkeys(("kgf/cm2", "kgf/cm²", "kgf/cm^2", "kg/cm2", "kg/cm²"), Unit(98066.5, "Pa")),
     **dict.fromkeys(("n/m2", "n/m²", "n/m^2", "pascal", "pascals"), Unit(1.0, "Pa")),
     **dict.fromkeys(("dyn/cm2", "dyn/cm²", "dyn/cm^2", "dyne/cm2", "dyne/cm^2", "dynes/cm2"), Unit(0.1, "Pa")),
     **dict.fromkeys(("psi", "lbf/in2", "lb/in2"), Unit(6894.757293168361, "Pa")),
@@ -245,6 +263,7 @@ def fold(heading: str) -> str:
     for table in (_PRIMES, _GREEK):
         for sign, plain in table.items():
             text = text.replace(sign, plain)
+    text = "".join(c for c in unicodedata.normalize("NFD", text) if not _ACCENTS[0] <= c <= _ACCENTS[1])
     text = _FOLDED_AWAY.sub("", text)
     text = text.translate(str.maketrans("₁₀", "10"))
     return text if text in _CASED else text.casefold()
@@ -263,9 +282,13 @@ def quantity(heading: str) -> str | None:
     found = _NAME_OF.get(fold(heading)) or anton_paar.column_name(heading)
     if found is not None:
         return found
-    words = re.split(r"[\s,;:(\[]+", heading.strip(" )]"))
+    words = re.split(r"[\s,;:(\[-]+", heading.strip(" )]"))
     for k in range(1, len(words)):
         first, second = " ".join(words[:k]), " ".join(words[k:])
+        if fold(first) in _A_MODULUS or fold(second) in _A_MODULUS:
+            found = _NAME_OF.get(fold(second if fold(first) in _A_MODULUS else first))
+            if found is not None:
+                return found
         one = _NAME_OF.get(fold(first)) or anton_paar.column_name(first)
         if one is not None and one == (_NAME_OF.get(fold(second)) or anton_paar.column_name(second)):
             return one
@@ -287,6 +310,12 @@ def unit_of(text: str) -> Unit:
     """
     bare = text.strip().strip("[]{}<>$").strip()
     bare = bare[1:-1].strip() if bare.startswith("(") and bare.endswith(")") else bare
+    if bare == "mHz":  # its capitals mean a billion times as much
+        return Unit(1e-3, "Hz")
+    power = _POWER_OF_UNIT.fullmatch(bare)
+    if power:
+        unit = unit_of(power[2])
+        return Unit(unit.factor * 10.0 ** int(power[1]), unit.si)
     try:
         return anton_paar.unit_of(bare or "1")
     except InputError:
@@ -322,7 +351,7 @@ def parsed(heading: str) -> Heading:
     >>> parsed("E' (MPa)").name, parsed("freq_hz").unit, parsed("E'(1.000 Hz)/MPa").at
     ('storage_modulus', 'hz', (1.0, 'Hz'))
     """
-    text = _COMMENT.sub("", anton_paar.repaired(heading.strip().strip("\ufeff"))).strip()
+    text = _COMMENT.sub("", anton_paar.repaired(heading.translate(_WIDE).strip().strip("\ufeff"))).strip()
     at = _AT.search(text)
     if at is not None:
         bare = (
@@ -376,6 +405,7 @@ def _parts(text: str) -> Iterator[tuple[str, str, bool]]:
     yield from ((text[: m.start()], text[m.end() :], True) for m in reversed([*re.finditer(r"\s*[,;:]\s*", text)]))
     yield from ((text[: m.start()], text[m.end() :], False) for m in re.finditer(r"\s+in\s+|_in_", text))
     yield from ((text[: m.start()], text[m.end() :], False) for m in re.finditer(r"[\s_.-]+", text) if m.start())
+    yield from ((text[: m.start()], text[m.start() :], False) for m in re.finditer(r"(?<=[a-z])(?=[A-Z])", text))
 
 
 def is_table(names: "set[str]") -> bool:

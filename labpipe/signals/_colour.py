@@ -10,6 +10,7 @@ the white part: a flicker noise is exactly so, and other noise counts as the fli
 from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 
@@ -87,20 +88,29 @@ def estimate_corner(residual: Floats, share: Floats, interval: float) -> float:
     return float(_CORNERS[best] / interval) if cost[0] - cost[best] > _CERTAIN else 0.0
 
 
-def coloured_normal(design: Floats, interval: float, corner: float) -> Floats:
-    """Return ``J' C J`` of a least-squares fit, C the covariance of noise with a white part of 1.
+def coloured_covariance(design: Floats, inverse: NDArray[Any], time: Floats, corner: float) -> Floats:
+    """Return the covariance (p, p) of a least-squares fit to readings with a white noise of 1.
 
     Parameters
     ----------
-    design : array (n, p)
-        Derivative of the model by its parameters, at even times.
-    interval : float [s]
+    design : array (n or more, p)
+        Derivative of the model by its parameters; rows beyond the times are ties, no readings: the
+        noise of each is 1 and of its own.
+    inverse : array (p, p)
+        Of ``J' J``, all rows taken.
+    time : array (n,) [s]
+        Even.
     corner : float [Hz]
+    """
+    read, ties = design[: len(time)], design[len(time) :]
+    middle = _normal(read, float(np.median(np.diff(time))), corner) + ties.T @ ties
+    return np.asarray(inverse @ middle @ inverse, float)
 
-    Returns
-    -------
-    array (p, p)
-        ``J' J`` for white noise. Below the inverse of twice the length the power grows no further.
+
+def _normal(design: Floats, interval: float, corner: float) -> Floats:
+    """Return ``J' C J``, C the covariance of the noise: ``J' J`` where it is white.
+
+    Below the inverse of twice the length the power grows no further.
     """
     if corner <= 0.0:
         return design.T @ design

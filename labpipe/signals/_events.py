@@ -13,7 +13,7 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.signals._colour import coloured_normal, estimate_corner, velocity_factor
+from labpipe.signals._colour import coloured_covariance, estimate_corner, velocity_factor
 from labpipe.signals._derivative import checked_record
 from labpipe.signals._impact_fit import OUTPUTS, PRIORS, ImpactFit, ShapePrior, fit_impact
 from labpipe.signals._noise import estimate_noise, is_spike
@@ -327,9 +327,7 @@ def _release(
     try:
         inverse = np.linalg.inv(design.T @ design)
         # The last row is the common fall, not a reading.
-        middle = coloured_normal(design[:-1], float(np.median(np.diff(t))), corner)
-        middle = middle + np.outer(design[-1], design[-1])
-        covariance = sigma**2 * inverse @ middle @ inverse
+        covariance = sigma**2 * coloured_covariance(design, inverse, t, corner)
     except np.linalg.LinAlgError as error:
         message = (
             f"{len(t)} readings of the fall before the first touch at {impact.value[0]:.6g} s do "

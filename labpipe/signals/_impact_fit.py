@@ -28,7 +28,7 @@ from scipy.integrate import cumulative_simpson
 from scipy.optimize import least_squares
 
 from labpipe.arrays import Floats
-from labpipe.signals._colour import coloured_normal, coloured_power
+from labpipe.signals._colour import coloured_covariance, coloured_power
 from labpipe.uncertainty import propagated_covariance
 
 NAMES = ("level", "speed", "pulse", "lean", "flatness", "skewness", "crest", "onset", "touch", "liftoff", "gravity")
@@ -209,10 +209,8 @@ def fit_impact(
     excess = chi_square / coloured_power(len(t), interval, corner)
     # More scatter than the noise means a motion that the model lacks (a vibrating plate).
     factor = max(excess, 1.0) * (1.0 + (max(loss - _TESTED_LOSS, 0.0) / _UNTESTED_SCALE) ** 2)
-    read, ties_rows = jacobian[: len(t)], jacobian[len(t) :]
     inverse = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
-    middle = coloured_normal(read, interval, corner) + ties_rows.T @ ties_rows
-    covariance = factor * inverse @ middle @ inverse * np.outer(scale, scale)
+    covariance = factor * coloured_covariance(jacobian, inverse, t, corner) * np.outer(scale, scale)
     ties = inverse[:, _SHAPE] * (scale[_SHAPE] / pull.spread[:-1])
     of_shape = factor * (ties @ ties.T) * np.outer(scale, scale)
     value, gradient = _outputs(p, scale)

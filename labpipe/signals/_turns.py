@@ -6,7 +6,7 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.signals._colour import coloured_normal
+from labpipe.signals._colour import coloured_covariance
 
 SURE = 4.0  # standard uncertainties by which a speed must differ from zero to have a direction
 FEWEST_IN_FLIGHT = 6
@@ -108,7 +108,7 @@ def curvature(time: Floats, height: Floats, sigma: float, corner: float = 0.0) -
     misfit = height - height.mean() - design @ found
     scatter = max(sigma, float(np.sqrt(np.sum(misfit**2) / (len(time) - 3))))
     inverse = np.linalg.inv(design.T @ design)
-    coloured = inverse @ coloured_normal(design, float(np.median(np.diff(time))), corner) @ inverse
+    coloured = coloured_covariance(design, inverse, time, corner)
     u = max(scatter * float(np.sqrt(inverse[2, 2])), sigma * float(np.sqrt(coloured[2, 2])))
     return float(found[2]) / half**2, u / half**2
 

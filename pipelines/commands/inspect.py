@@ -21,7 +21,8 @@ def inspect(source: Path, reading: dict[str, Any], out: Path | None, as_json: bo
     r"""Say what FILE is: instrument, columns, units, ranges, sampling, problems.
 
     Works on any single file: readings, films, calibration records, session.toml, results,
-    pictures. Nothing is written unless --out names a picture.
+    pictures; of a folder it says in a line what each file is. Nothing is written unless --out
+    names a picture.
 
     \b
     Example:

@@ -34,6 +34,9 @@ _KNOWN = (
     "decimal",
 )
 _LOOK, _SHOWN = 4096, 60  # bytes of an unknown file that are looked at, characters that are shown
+_OWN = (".toml", ".nc", ".png")
+_QUICK = 16 << 20
+"""Bytes of a file that is read whole to say a line about it."""
 _IRREGULAR = 0.01
 """Of the median interval: a step that differs by more is worth telling."""
 
@@ -47,6 +50,7 @@ class Inspected(dict[str, Any]):
     def _repr_html_(self) -> str:
         known = [(k.replace("_", " "), _shown(v)) for k, v in self._apart()]
         columns = [(r["name"], f"{_span(r)} {r['units']}".strip()) for r in self._columns()]
+        columns += [(part["file"], f"{part['reader']} {part['holds']}".strip()) for part in self.get("files", ())]
         problems = [("problem", line) for line in self["problems"]]
         return html_table(str(self["file"]), ("", ""), [*known[1:], *columns, *problems])
 
@@ -60,10 +64,13 @@ class Inspected(dict[str, Any]):
             name = f" ({row['long_name']})" if row["long_name"] not in ("", row["name"]) else ""
             head = f"  {row['name']:{width}}{row['units']:8}"
             found.append(f"{head}{_span(row)}{invalid}{name}")
+        parts = self.get("files", ())
+        width = max((len(part["file"]) for part in parts), default=0) + 2
+        found += [f"  {part['file']:{width}}{part['reader']:14}{part['holds']}".rstrip() for part in parts]
         return found + [f"problem: {line}" for line in self["problems"] or ["none found"]]
 
     def _apart(self) -> list[tuple[str, Any]]:
-        return [(k, v) for k, v in self.items() if k not in ("variables", "problems")]
+        return [(k, v) for k, v in self.items() if k not in ("variables", "problems", "files")]
 
     def _columns(self) -> list[dict[str, Any]]:
         return list(self.get("variables", []))
@@ -88,7 +95,7 @@ def inspect(
     ----------
     file : path-like
         Readings, a film or the folder of an image stack, a calibration record, session.toml, a
-        result, a picture.
+        result, a picture; or a folder of such files, of which each is told in a line.
     out : path-like, optional
         Draw it into this .png: frames of a film, columns of a table.
     instrument : str, optional
@@ -130,7 +137,7 @@ def describe(file: Path, options: dict[str, Any] | None = None) -> dict[str, Any
     Parameters
     ----------
     file : Path
-        Any single file, or the folder of an image stack.
+        Any single file, the folder of an image stack, or a folder of files.
     options : dict, optional
         Of :func:`instruments.read`: the instrument, where no content tells it, and what the file
         leaves unsaid, for example ``{"cycle": "50 us"}``.
@@ -139,7 +146,7 @@ def describe(file: Path, options: dict[str, Any] | None = None) -> dict[str, Any
     -------
     dict
         ``file``, ``reader``, ``kind`` (``table``, ``film``, ``record``, ``session``, ``result``,
-        ``picture``), what there is to say of that kind, and ``problems``. A table's columns are in
+        ``picture``, ``folder``), what there is to say of that kind, and ``problems``. A table's columns are in
         ``variables``: name, long name, unit, range, and number of invalid readings.
 
     Raises
@@ -178,6 +185,8 @@ def _instrument(file: Path, options: dict[str, Any]) -> dict[str, Any]:
     try:
         name = options.get("instrument") or instruments.identify(file)
     except SourceError as error:
+        if file.is_dir() and (found := _folder(file)):
+            return found
         raise _with_a_look(file, error) from None
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -187,6 +196,47 @@ def _instrument(file: Path, options: dict[str, Any]) -> dict[str, Any]:
     said = [str(w.message) for w in caught]
     problems = list(dict.fromkeys([*said, *found.pop("problems")]))
     return {"reader": name, "kind": "table" if is_table else "film", **found, "problems": problems}
+
+
+def _folder(folder: Path) -> dict[str, Any]:
+    """Say of every file in a folder what it is; {} where none of them is known."""
+    import instruments
+
+    rows, problems = [], []
+    for part in sorted(folder.iterdir()):
+        if not part.is_file() or part.name.startswith("."):
+            continue
+        row = {"file": part.name, "reader": "", "holds": "not known"}
+        try:
+            row |= {"reader": instruments.identify(part), "holds": "cannot be read"}
+        except SourceError:
+            if part.suffix not in _OWN:
+                rows.append(row)
+                continue
+        try:
+            row |= _briefly(part)
+        except LabpipeError as error:
+            problems.append(f"{part.name}: {getattr(error, 'message', '') or error}")
+        rows.append(row)
+    if not any(row["reader"] for row in rows):
+        return {}
+    return {"reader": "labpipe", "kind": "folder", "files": rows, "problems": problems}
+
+
+def _briefly(file: Path) -> dict[str, str]:
+    """Return what wrote a file and, of one that is quickly read, what it holds."""
+    import instruments
+
+    if file.stat().st_size > _QUICK and file.suffix not in _OWN:
+        return {"reader": instruments.identify(file), "holds": f"{file.stat().st_size >> 20} MB"}
+    found = describe(file)
+    spans = {row["name"]: row for row in found.get("variables", ()) if row.get("min") is not None}
+    said = [f"{found['kind']} of {found['sizes']}" if "sizes" in found else found["kind"]]
+    said += [
+        f"{_span(spans[name])} {unit}" for name, unit in (("temperature", "°C"), ("frequency", "Hz")) if name in spans
+    ]
+    said += [f"{len(found['problems'])} problems"] if found["problems"] else []
+    return {"reader": found["reader"], "holds": ", ".join(said)}
 
 
 def _with_a_look(file: Path, error: SourceError) -> SourceError:

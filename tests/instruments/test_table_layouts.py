@@ -122,7 +122,114 @@ def test_every_layout_gives_the_truth(tmp_path, name):
     assert_is_the_truth(read(tmp_path, LAYOUTS[name]))
 
 
-@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "cp1252", "mac_roman"])
+# Layouts of instruments, languages and programs as people send them; see :data:`LAYOUTS`.
+DE = {"sep": ";", "decimal": ","}
+SENT = {
+    "merged names over units, csv": table("Frequency,Temperature,Modulus,,\n,,E',E'',tan d\nHz,°C,MPa,MPa,",F,T,STORAGE/1e6,LOSS/1e6,TAN),
+    "merged quantity row + unit row": table("Frequency;Temperature;Dynamic modulus;;Loss factor\nHz;°C;Storage [MPa];Loss [MPa];-",F,T,STORAGE/1e6,LOSS/1e6,TAN,sep=";"),
+    "group row above names": table("Control,,Result,,\nFrequency (Hz),Temperature (°C),E' (MPa),E'' (MPa),tan d",F,T,STORAGE/1e6,LOSS/1e6,TAN),
+    "blank line between head and units": table("f\tE'\tE''\tT\n\nHz\tMPa\tMPa\t°C",*ALL,sep="\t"),
+    "Temperature merged over two E": "Temperature,20 °C,,40 °C,,60 °C,\nFrequency (Hz),E' (MPa),E'' (MPa),E' (MPa),E'' (MPa),E' (MPa),E'' (MPa)\n"+table("x",FREQUENCY,*(p[t == T]/1e6 for t in TEMPERATURE for p in (STORAGE,LOSS))).split("\n",1)[1],
+    "T over columns, units row below": "f,20 °C,,40 °C,,60 °C,\n,E',E'',E',E'',E',E''\nHz,MPa,MPa,MPa,MPa,MPa,MPa\n"+table("x",FREQUENCY,*(p[t == T]/1e6 for t in TEMPERATURE for p in (STORAGE,LOSS))).split("\n",1)[1],
+    "German Excel": table("Frequenz [Hz];Temperatur [°C];Speichermodul [MPa];Verlustmodul [MPa];Verlustfaktor",F,T,STORAGE/1e6,LOSS/1e6,TAN,**DE),
+    "German Excel E-Modul": table("Frequenz (Hz);Temp. (°C);E'-Modul (MPa);E''-Modul (MPa);tan delta",F,T,STORAGE/1e6,LOSS/1e6,TAN,**DE),
+    "French Excel": table("Fréquence (Hz);Température (°C);Module de conservation (MPa);Module de perte (MPa);Facteur de perte",F,T,STORAGE/1e6,LOSS/1e6,TAN,**DE),
+    "French Excel 2": table("Fréquence;Température;Module élastique E';Module visqueux E'';tan δ\nHz;°C;MPa;MPa;",F,T,STORAGE/1e6,LOSS/1e6,TAN,**DE),
+    "Japanese Excel": table("周波数 (Hz),温度 (°C),貯蔵弾性率 (MPa),損失弾性率 (MPa),損失正接",F,T,STORAGE/1e6,LOSS/1e6,TAN),
+    "Japanese 2": table("周波数[Hz],温度[℃],貯蔵弾性率 E'[Pa],損失弾性率 E''[Pa],tanδ",F,T,STORAGE,LOSS,TAN),
+    "Japanese fullwidth": table("周波数（Hz）,温度（℃）,貯蔵弾性率（MPa）,損失弾性率（MPa）",*(ALL[0],ALL[3],ALL[1],ALL[2])),
+    "Spanish": table("Frecuencia (Hz);Temperatura (°C);Módulo de almacenamiento (MPa);Módulo de pérdida (MPa)",F,T,STORAGE/1e6,LOSS/1e6,**DE),
+    "Italian": table("Frequenza (Hz);Temperatura (°C);Modulo conservativo (MPa);Modulo dissipativo (MPa)",F,T,STORAGE/1e6,LOSS/1e6,**DE),
+    "Portuguese": table("Frequência (Hz);Temperatura (°C);Módulo de armazenamento (MPa);Módulo de perda (MPa)",F,T,STORAGE/1e6,LOSS/1e6,**DE),
+    "Chinese": table("频率 (Hz),温度 (°C),储能模量 (MPa),损耗模量 (MPa),损耗因子",F,T,STORAGE/1e6,LOSS/1e6,TAN),
+    "rad/s under Frequency": table("Frequency (rad/s),E' (MPa),E'' (MPa),Temperature (K)",OMEGA,STORAGE/1e6,LOSS/1e6,T+273.15),
+    "Hz under omega": table("omega (Hz),E' (MPa),E'' (MPa),T (C)",*ALL),
+    "both freq": table("Freq (Hz),Freq (rad/s),E' (MPa),E'' (MPa),T (C)",F,OMEGA,STORAGE/1e6,LOSS/1e6,T),
+    "1/s": table("ω (1/s),G' (Pa),G'' (Pa),T (°C)",OMEGA,STORAGE,LOSS,T),
+    "log10 with brackets": table("log10(f/Hz),log10(E'/Pa),log10(E''/Pa),T/°C",np.log10(F),np.log10(STORAGE),np.log10(LOSS),T),
+    "lg": table("lg f [Hz];lg E' [MPa];lg E'' [MPa];T [°C]",np.log10(F),np.log10(STORAGE/1e6),np.log10(LOSS/1e6),T,**DE),
+    "log a unit behind": table("log(frequency) (Hz),log(E') (Pa),log(E'') (Pa),Temperature (C)",np.log10(F),np.log10(STORAGE),np.log10(LOSS),T),
+    "log ang": table("Log Angular Frequency (rad/s)\tLog Storage Modulus (Pa)\tLog Loss Modulus (Pa)\tTemp (C)",np.log10(OMEGA),np.log10(STORAGE),np.log10(LOSS),T,sep="\t"),
+    "thousands quoted": 'f (Hz),E\' (Pa),E\'\' (Pa),T (°C)\n'+"".join(f'{f!r},"{s:,.6f}","{g:,.6f}",{t}\n' for f, s, g, t in zip(F.tolist(),STORAGE,LOSS,T, strict=True)),
+    "thousands apostrophe": "f (Hz);E' (Pa);E'' (Pa);T (°C)\n"+"".join(f"{f!r};{s:,.6f};{g:,.6f};{t}\n".replace(",","'") for f, s, g, t in zip(F.tolist(),STORAGE,LOSS,T, strict=True)),
+    "thousands blank, decimal comma": "f (Hz);E' (Pa);E'' (Pa);T (°C)\n"+"".join(f"{f!r};{s:,.6f};{g:,.6f};{t}\n".replace(","," ").replace(".",",") for f, s, g, t in zip(F.tolist(),STORAGE,LOSS,T, strict=True)),
+    "thousands dot, decimal comma": "f (Hz);E' (Pa);E'' (Pa);T (°C)\n"+"".join(f"{f!r}".replace(".",",")+";"+";".join(f"{v:,.6f}".translate(str.maketrans(",.",".,")) for v in (s, g, t))+"\n" for f, s, g, t in zip(F.tolist(),STORAGE,LOSS,T, strict=True)),
+    "exponents 10^": "f (Hz),E' (Pa),E'' (Pa),T (°C)\n"+"".join(f"{f!r},{s/1e6:.12f}x10^6,{g/1e6:.12f}x10^6,{t}\n" for f, s, g, t in zip(F.tolist(),STORAGE,LOSS,T, strict=True)),
+    "E+009 (old Windows)": "f (Hz),E' (Pa),E'' (Pa),T (°C)\n"+"".join(f"{f!r},{s/1e9:.14f}E+009,{g/1e9:.14f}E+009,{t}\n" for f, s, g, t in zip(F.tolist(),STORAGE,LOSS,T, strict=True)),
+    "percent tan": table("f (Hz),E' (MPa),tan delta (%),T (°C)",F,STORAGE/1e6,100*TAN,T),
+    "mrad phase": table("f (Hz),|E*| (MPa),phase (mrad),T (°C)",F,SIZE/1e6,1e3*DELTA,T),
+    "kgf/cm2": table("f (Hz),E' (kgf/cm²),E'' (kgf/cm²),T (°C)",F,STORAGE/98066.5,LOSS/98066.5,T),
+    "N/mm²": table("f (Hz);E' (N/mm²);E'' (N/mm²);T (°C)",*ALL,**DE),
+    "10^6 Pa": table("f (Hz),E' (10^6 Pa),E'' (10^6 Pa),T (°C)",*ALL),
+    "kPa, mHz": table("f (mHz),E' (kPa),E'' (kPa),T (°C)",F*1e3,STORAGE/1e3,LOSS/1e3,T),
+    "TRIOS csv": "Filename,a.tri\nInstrument serial number,5343\n\n[step]\n"+table("Frequency,Storage modulus,Loss modulus,Tan(delta),Temperature\nHz,MPa,MPa,,°C",F,STORAGE/1e6,LOSS/1e6,TAN,T),
+    "TRIOS excel tab with step name": "Frequency sweep - 1\n"+table("Angular frequency\tOscillation strain\tTemperature\tStorage modulus\tLoss modulus\nrad/s\t%\t°C\tPa\tPa",OMEGA,F,T,STORAGE,LOSS,sep="\t"),
+    "Pyris": "Filename:\tC:\\a.dm8d\nData Collected:\t1/2/2020\n"+table("Index\tTime\tSample Temp.\tFrequency\tModulus\tStorage Modulus\tLoss Modulus\tTan Delta\tPhase\n\tmin\t°C\tHz\tPa\tPa\tPa\t\t°",np.arange(F.size),F,T,F,SIZE,STORAGE,LOSS,TAN,np.rad2deg(DELTA),sep="\t"),
+    "STARe German": "Kurvenname:\n  [1]DMA\nKurvenwerte:\n"+table("  Index        t       Tp       Tr        f       M'      M''   Tan Delta\n  []            [s]     [°C]     [°C]     [Hz]    [MPa]    [MPa]      []",np.arange(F.size),F,T,T,F,STORAGE/1e6,LOSS/1e6,TAN,sep="    "),
+    "Proteus German": "#EXPORTTYPE:DATEN ALLE\n#DECIMAL:KOMMA\n#SEPARATOR:SEMIKOLON\n\n"+table("##Temp./°C;Zeit/min;Freq./Hz;E'/MPa;E\"/MPa;tan d",T,F,F,STORAGE/1e6,LOSS/1e6,TAN,**DE),
+    "Proteus freq in columns": "#EXPORTTYPE:DATA ALL\n#SEPARATOR:SEMICOLON\n\n"+"##Temp./°C;"+";".join(f"E'({f:.10f} Hz)/MPa;E\"({f:.10f} Hz)/MPa" for f in FREQUENCY)+"\n"+table("x",TEMPERATURE,*(p[np.isclose(F,f)]/1e6 for f in FREQUENCY for p in (STORAGE,LOSS)),sep=";").split("\n",1)[1],
+    "Bohlin txt": "Bohlin Instruments\nSample: x\n\n"+table("Time\tTemperature\tFrequency\tPhase Angle\tComplex Modulus\tElastic Modulus\tViscous Modulus\ns\t°C\tHz\t°\tPa\tPa\tPa",F,T,F,np.rad2deg(DELTA),SIZE,STORAGE,LOSS,sep="\t"),
+    "RheoWin German": "Firma / Bediener: x\nDatum: 1.2.2020\n\n"+table("f in Hz;G' in Pa;G\" in Pa;|G*| in Pa;T in °C;t in s",F,STORAGE,LOSS,SIZE,T,F,**DE),
+    "RheoWin seg": "Element Definition: Osc\n"+"".join(f"\nSegment {k+1}\n"+table("t_seg in s;f in Hz;G' in Pa;G\" in Pa;T in °C",F[t == T],F[t == T],STORAGE[t == T],LOSS[t == T],T[t == T],sep=";") for k,t in enumerate(TEMPERATURE)),
+    "GABO Eplexor with header": "Eplexor 500N;;;\nProbe;x;;\n\n"+table("Nr.;Zeit;Temp.;Frequenz;|E*|;E';E\";tan delta\n;[s];[°C];[Hz];[MPa];[MPa];[MPa];[-]",np.arange(F.size),F,T,F,SIZE/1e6,STORAGE/1e6,LOSS/1e6,TAN,**DE),
+    "Metravib": table("Temperature (°C)\tFrequency (Hz)\tModulus E' (Pa)\tModulus E\" (Pa)\tTan(delta)",T,F,STORAGE,LOSS,TAN,sep="\t"),
+    "Hitachi DMA": table("Temp Cel\tFreq Hz\tE' Pa\tE\" Pa\ttanD",T,F,STORAGE,LOSS,TAN,sep="\t"),
+    "UBM Japanese": table("No.,温度(℃),周波数(Hz),E'(Pa),E''(Pa),tanδ",np.arange(F.size),T,F,STORAGE,LOSS,TAN),
+    "comments between": "# a\n"+table("f (Hz),E' (MPa),E'' (MPa),T (°C)",*ALL).replace("\n10,","\n# remark: clamp\n10,"),
+    "footer statistics": table("f (Hz),E' (MPa),E'' (MPa),T (°C)",*ALL)+"\nMean,,,\nMax;1;2\nEnd of file\n",
+    "sep=; line": "sep=;\n"+table("f (Hz);E' (MPa);E'' (MPa);T (°C)",*ALL,**DE),
+    "pandas index": table(",f,E',E'',T\n,Hz,MPa,MPa,degC",np.arange(F.size),*ALL),
+    "R write.table": "\"f_Hz\" \"E_storage_MPa\" \"E_loss_MPa\" \"T_C\"\n"+"".join(f'"{k+1}" {f!r} {s/1e6:.14g} {g/1e6:.14g} {t}\n' for k, (f, s, g, t) in enumerate(zip(F.tolist(),STORAGE,LOSS,T, strict=True))),
+    "two tabs between": table("Freq [Hz]\t\tE' [MPa]\t\tE'' [MPa]\t\tT [°C]",F,STORAGE/1e6,LOSS/1e6,T,sep="\t\t"),
+    "T in title line": "".join(f"Isotherm at {t:g} °C\n"+table("f (Hz);E' (MPa);E'' (MPa)",F[t == T],STORAGE[t == T]/1e6,LOSS[t == T]/1e6,**DE)+"\n" for t in TEMPERATURE),
+    "T = line": "".join(f"T = {t:g} degC\n"+table("f (Hz);E' (MPa);E'' (MPa)",F[t == T],STORAGE[t == T]/1e6,LOSS[t == T]/1e6,**DE)+"\n" for t in TEMPERATURE),
+    "T K line": "".join(f"Temperature [K]\t{t+273.15:g}\n"+table("f (Hz)\tE' (MPa)\tE'' (MPa)",F[t == T],STORAGE[t == T]/1e6,LOSS[t == T]/1e6,sep="\t")+"\n" for t in TEMPERATURE),
+    "Temp(F)": table("Freq(Hz),E'(psi),E''(psi),Temp(F)",F,STORAGE/6894.757293168361,LOSS/6894.757293168361,T*1.8+32),
+    "ksi": table("Freq(Hz),E'(ksi),E''(ksi),Temp(°F)",F,STORAGE/6894757.293168361,LOSS/6894757.293168361,T*1.8+32),
+    "compliance 1/MPa": table("f (Hz),J' (1/MPa),J'' (1/MPa),T (°C)",F,STORAGE/SIZE**2*1e6,LOSS/SIZE**2*1e6,T,form=".16g"),
+    "Storage Modulus E', MPa (colon)": table("Frequency: Hz,Storage modulus: MPa,Loss modulus: MPa,Temperature: °C",*ALL),
+    "underscored words": table("Frequency_Hz,Storage_Modulus_MPa,Loss_Modulus_MPa,Temperature_degC",*ALL),
+    "camel": table("FrequencyHz,StorageModulusMPa,LossModulusMPa,TemperatureC",*ALL),
+    "E1 E2": table("Frequency [Hz] E1 [MPa] E2 [MPa] Temperature [°C]",*ALL,sep=" "),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SENT)
+def test_every_layout_that_was_sent_gives_the_truth(tmp_path, name):
+    assert_is_the_truth(read(tmp_path, SENT[name]))
+
+
+def test_columns_of_fixed_width_are_read(tmp_path):
+    head = "Frequency   Temperature  Storage Modulus  Loss Modulus\n   Hz          C              MPa            MPa\n"
+    lines = (f"{f:12.10f} {t:12.6f} {s:24.14f} {g:20.14f}\n" for f, s, g, t in zip(*ALL, strict=True))
+    assert_is_the_truth(read(tmp_path, head + "".join(lines)))
+
+
+@pytest.mark.parametrize("row", ["100,NaN,NaN,60\n", "100,,,60\n", "100,-,-,60\n"])
+def test_a_row_without_readings_is_none(tmp_path, row):
+    found = read(tmp_path, LAYOUTS["units in brackets"] + row)
+    assert int(np.isnan(found.storage_modulus).sum()) == 1
+    assert_is_the_truth(found.isel(sample=slice(12)))
+
+
+def test_a_strain_sweep_between_is_no_part_of_the_frequency_sweep(tmp_path):
+    strain = table(
+        "Strain (%),Frequency (Hz),E' (MPa),E'' (MPa),T (°C)", [0.01, 0.1], [1, 1], [1e3, 9e2], [50, 50], [20, 20]
+    )
+    found = read(tmp_path, f"Strain sweep\n{strain}\nFrequency sweep\n" + LAYOUTS["units in brackets"])
+    assert_is_the_truth(found.isel(sample=slice(2, None)))
+    assert np.unique(found.interval).size == 2
+
+
+def test_units_in_the_cells_are_told(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text("f;E';E'';T\n0.1 Hz;900 MPa;45 MPa;20 °C\n", "utf-8")
+    with pytest.raises(SourceError, match="found no row of numbers below the headings") as caught:
+        tables.read(path)
+    assert "units stand in the headings" in caught.value.hint
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "cp1252", "mac_roman"])
 def test_in_every_encoding(tmp_path, encoding):
     assert_is_the_truth(read(tmp_path, LAYOUTS["units in brackets"], encoding))
 

@@ -11,8 +11,9 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from labpipe.arrays import Floats
-from labpipe.contact.impact._bounce_steps import LIFTED, Fall, Law, Nodes, Path, Room, contact
 from labpipe.contact.impact._collocation import interpolation, law_of, scheme, work_space
+from labpipe.contact.impact._contact import LIFTED, contact
+from labpipe.contact.impact._contact_records import Fall, Law, Nodes, Path, Room
 from labpipe.contact.impact._motion import MOTION, Counts, Motion, Trail
 from labpipe.contact.memory import Creep
 

@@ -7,8 +7,9 @@ import numpy as np
 
 from labpipe.arrays import Flags, Floats, Integers
 from labpipe.contact.impact._bounce import FIRST, LONGEST, STEP_SHARE
-from labpipe.contact.impact._bounce_steps import LIFTED, Fall, Law, Nodes, Path, Room, contact, outcome_of
 from labpipe.contact.impact._collocation import distinct, law_of, scheme, work_space
+from labpipe.contact.impact._contact import LIFTED, contact, outcome_of
+from labpipe.contact.impact._contact_records import Fall, Law, Nodes, Path, Room
 from labpipe.contact.impact._dataset import Setting
 from labpipe.contact.impact._flight import time_to_touch
 from labpipe.contact.impact._plate import PlateState, modal

@@ -122,7 +122,7 @@ def superpose(
             break
         law = extended.model.vertical
         further = _settled_finely(points, extended, current.noise, options)
-        if not is_physical(further.fit.state.ln_bT, base.temperature, base.T_ref):
+        if not is_physical(further.fit.state.ln_bT, base.temperature, base.T_ref, float(points.storage.min())):
             # It made up for sweeps that do not superpose: better a misfit that shows.
             if law == current.model.vertical:
                 options = replace(options, levels=False)

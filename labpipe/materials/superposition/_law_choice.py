@@ -66,6 +66,7 @@ def extended_by_a_law(
             # A delay bends the loss of every sweep; the other laws are judged without it.
             return Candidate(model, fit, current.starts)
     # Without a vertical law the shifts may have gone far to make up for it: start anew as well.
+    stiffness = float(points.storage.min())
     is_plain = current.model.vertical == "none" and not current.model.level_spread
     clean = entropic_ln_bT(current.model)
     first_states = restarts(points, current, clean) if is_plain and starts is None else []
@@ -74,7 +75,7 @@ def extended_by_a_law(
         for first in [current.fit.state, *([] if is_removal else first_states)]:
             fit = screened(points, weight, current, model, first)
             score = _criterion(points, fit, model)
-            if score < least and is_physical(fit.state.ln_bT, model.temperature, model.T_ref):
+            if score < least and is_physical(fit.state.ln_bT, model.temperature, model.T_ref, stiffness):
                 best, least = Candidate(model, fit, current.starts), score
     return best
 

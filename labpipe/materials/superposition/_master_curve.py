@@ -29,11 +29,9 @@ from labpipe.materials.superposition._shift_law import LawName
 from labpipe.materials.superposition._shift_parameters import Horizontal, OuterModel
 from labpipe.materials.superposition._sweep_data import SweepData, read_sweeps, without_readings
 from labpipe.materials.superposition._sweep_readings import Mode, gather_sweeps
-from labpipe.materials.superposition._vertical_law import VERTICAL_SIZE, Vertical
+from labpipe.materials.superposition._vertical_law import GLASS, VERTICAL_SIZE, Vertical
 from labpipe.units import Measure, si
 
-#: Storage modulus [Pa] above which no reading is of a rubber.
-_GLASS = 3e8
 _ALL_VERTICALS: tuple[Vertical, ...] = tuple(VERTICAL_SIZE)
 # Levels about a vertical law are looked for from this many isotherms on.
 _LEVELS_NEED = 5
@@ -180,7 +178,7 @@ def _verticals(vertical: str, points: Points) -> tuple[Vertical, ...]:
     if points.count == 1:
         return ("none",)
     if vertical == "auto":
-        is_glass = bool(points.storage.min() > _GLASS)
+        is_glass = bool(points.storage.min() > GLASS)
         laws = tuple(law for law in _ALL_VERTICALS if not (is_glass and law == "rho_T"))
         return laws if points.count > 3 else ("none",)
     return (vertical,)  # type: ignore[return-value]

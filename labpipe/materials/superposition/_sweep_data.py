@@ -27,6 +27,8 @@ _LEAST_POINTS = 4
 # A storage modulus that falls with frequency by more than this many times its scatter
 # (and by this share at least) is not that of a linear viscoelastic material.
 _FALL_SCATTERS, _LEAST_FALL = 5.0, 0.02
+# Moduli beyond this (Pa) and below its inverse are of no material, in whatever unit.
+_MOST = 1e30
 # Isotherms closer than this (K) are the same temperature measured twice.
 _REPEAT = 0.5
 
@@ -85,7 +87,7 @@ def read_sweeps(sweeps: xr.Dataset, is_robust: bool = True) -> SweepData:
     if half.any():
         where = _where(half, temperature, frequency)
         notes.append(f"{half.sum()} points have only one of the two moduli and are left out, {where}")
-    _refuse_bad_storage(storage, temperature, frequency)
+    _refuse_impossible(storage, loss, temperature, frequency)
     lost = present & ~(loss > 0)
     if lost.sum() > _MAX_SHARE_OF_LOST_POINTS * present.sum():
         message = (
@@ -190,7 +192,7 @@ def _arrays(sweeps: xr.Dataset) -> tuple[Floats, Floats, Floats, Floats]:
     return storage, loss, temperature, frequency
 
 
-def _refuse_bad_storage(storage: Floats, temperature: Floats, frequency: Floats) -> None:
+def _refuse_impossible(storage: Floats, loss: Floats, temperature: Floats, frequency: Floats) -> None:
     bad = np.isinf(storage) | (storage <= 0)
     if bad.any():
         message = (
@@ -199,6 +201,14 @@ def _refuse_bad_storage(storage: Floats, temperature: Floats, frequency: Floats)
             "readings as NaN"
         )
         raise InputError(message)
+    for name, values in (("storage", storage), ("loss", loss)):
+        far = (np.abs(values) > _MOST) | ((values != 0) & (np.abs(values) < 1.0 / _MOST))
+        if far.any():
+            message = (
+                f"{name} modulus of {values[far][0]:.3g} Pa, {_where(far, temperature, frequency)}; no "
+                "material has it: check the unit of its column, or mark failed readings as NaN"
+            )
+            raise InputError(message)
 
 
 def _where(mask: NDArray[np.bool_], temperature: Floats, frequency: Floats) -> str:

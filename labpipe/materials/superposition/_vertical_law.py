@@ -27,6 +27,8 @@ _LEAST = 0.02
 #: stiffens as T does, by less than 0.5 % from −70 °C on. A factor beyond is no vertical shift; it
 #: makes up for sweeps that do not superpose.
 STEEPEST_FALL, STEEPEST_RISE, _SLACK = 0.006, 0.005, 0.1
+#: Storage modulus [Pa] above which no reading is of a rubber or a melt: there nothing stiffens as T does.
+GLASS = 3e8
 
 
 def vertical_values(name: Vertical, parameters: Floats, temperature: Floats, T_ref: float) -> Floats | None:
@@ -51,8 +53,10 @@ def fit_vertical(name: Vertical, ln_bT: Floats, temperature: Floats, T_ref: floa
     return np.asarray(np.linalg.lstsq(powers, np.expm1(ln_bT), rcond=None)[0])
 
 
-def is_physical(ln_bT: Floats, temperature: Floats, T_ref: float) -> bool:
+def is_physical(ln_bT: Floats, temperature: Floats, T_ref: float, stiffness: float = 0.0) -> bool:
     """Tell whether vertical factors stay within what the modulus of a material can do.
+
+    ``stiffness`` is the least storage modulus (Pa) of its sweeps.
 
     Examples
     --------
@@ -61,10 +65,13 @@ def is_physical(ln_bT: Floats, temperature: Floats, T_ref: float) -> bool:
     True
     >>> is_physical(np.log([1.8, 1.0, 1.3]), celsius, 20.0)
     False
+    >>> is_physical(np.log([0.95, 1.0, 1.2]), celsius, 20.0, stiffness=2e9)
+    False
     """
     step = temperature - T_ref
-    highest = np.where(step > 0, STEEPEST_RISE, -STEEPEST_FALL) * step + _SLACK
-    lowest = np.where(step > 0, -STEEPEST_FALL, STEEPEST_RISE) * step - _SLACK
+    rise = 0.0 if stiffness > GLASS else STEEPEST_RISE
+    highest = np.where(step > 0, rise, -STEEPEST_FALL) * step + _SLACK
+    lowest = np.where(step > 0, -STEEPEST_FALL, rise) * step - _SLACK
     return bool(np.all((ln_bT <= highest) & (ln_bT >= lowest)))
 
 

@@ -6,18 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from labpipe.report import (
-    Block,
-    Column,
-    KeyValues,
-    Notice,
-    Paragraph,
-    Section,
-    Table,
-    budget_table,
-    quantity,
-    value_with_uncertainty,
-)
+from labpipe.report import Block, Column, KeyValues, Notice, Paragraph, Section, Table, quantity, value_with_uncertainty
 from labpipe.workflow.context import Context
 from pipelines.experiments.ball_drop._charts import motion
 from pipelines.experiments.ball_drop.budget import quantities
@@ -88,20 +77,18 @@ def _summary(
 ) -> Section:
     rows = [("drop height", pages.stated(settings.height), "from session.toml")]
     if repeats is not None and repeats.sizes["impact"]:
-        e, u = float(repeats["restitution"][0]), float(repeats["u_restitution"][0])
         rows.append(
             (
                 "restitution of the first impact, measured",
-                value_with_uncertainty(e, u, "1"),
+                pages.told(repeats, "restitution", 0),
                 f"mean of {pages.counted(int(repeats['n_repeats'][0]), 'repeat')}; standard uncertainty",
             )
         )
     if model is not None and model.sizes["impact"]:
-        e, u = float(model["restitution"][0]), float(model["u_restitution"][0])
         rows.append(
             (
                 "restitution of the first impact, model",
-                value_with_uncertainty(e, u, "1"),
+                pages.told(model, "restitution", 0),
                 "uncertainty from height, radius, mass, plate, and from temperature and Poisson's ratio where stated "
                 f"with an uncertainty; the moduli {_moduli(settings)}",
             )
@@ -144,27 +131,11 @@ def _measured(settings: BallDrop, readings: list[xr.Dataset], context: Context) 
 
 
 def _calibration(displacement: list[xr.Dataset]) -> Section:
-    first = displacement[0]
-    attrs = first.attrs
-    blocks: list[Block] = [
-        pages.calibration_rows(attrs["calibration"]),
-        KeyValues(
-            [
-                (
-                    "inclination used",
-                    value_with_uncertainty(float(first["inclination"]), float(first["u_inclination"]), "rad"),
-                    "true displacement = reading / cos(inclination)",
-                ),
-                (
-                    "relative uncertainty of the scale",
-                    f"{float(attrs['u_systematic_relative']) * 100:.3f} %",
-                    "inclination and gain; the same for every sample",
-                ),
-                ("noise of a sample", quantity(float(attrs["noise"]), "m"), "from the part at rest before the drop"),
-            ]
-        ),
-        *budget_table(json.loads(attrs["budget"]), "Budget for the largest displacement of the first repeat", "m"),
-    ]
+    attrs = displacement[0].attrs
+    caption = "Budget for the largest displacement of the first repeat"
+    blocks = pages.laser_calibration(
+        displacement[0], "for every sample", "from the part at rest before the drop", caption
+    )
     if "inclination_of_record" in attrs:
         recorded = json.loads(attrs["inclination_of_record"])
         shown = value_with_uncertainty(recorded["value"], recorded["u"], "rad")
@@ -296,18 +267,8 @@ def _phases(settings: BallDrop, bounces: Sequence[xr.Dataset | None]) -> Section
 def _model(model: xr.Dataset) -> Section:
     rows = [
         ("impacts in the simulated time", str(model.sizes["impact"]), ""),
-        (
-            "peak force",
-            value_with_uncertainty(float(model["peak_force"][0]), float(model["u_peak_force"][0]), "N"),
-            "first impact",
-        ),
-        (
-            "largest contact radius",
-            value_with_uncertainty(
-                float(model["peak_contact_radius"][0]), float(model["u_peak_contact_radius"][0]), "m"
-            ),
-            "first impact",
-        ),
+        ("peak force", pages.told(model, "peak_force", 0), "first impact"),
+        ("largest contact radius", pages.told(model, "peak_contact_radius", 0), "first impact"),
         ("contact duration", value_with_uncertainty(float(model["contact_duration"][0]), 0.0, "s"), "first impact"),
     ]
     plate = json.loads(model.attrs["plate"])
@@ -351,7 +312,7 @@ def _methods(
     )
     if displacement:
         angle = displacement[0]
-        shown = value_with_uncertainty(float(angle["inclination"]), float(angle["u_inclination"]), "rad")
+        shown = pages.told(angle, "inclination")
         text += f"The laser readings were divided by the cosine of the sensor's inclination ({shown}). "
     text += (
         "Velocity was obtained by a quintic smoothing spline with the noise level estimated from the record; "
@@ -373,8 +334,6 @@ def _methods(
             "relative to the range of the model, was "
             f"{float(comparison['nrmse']) * 100:.2f} %. "
         )
-    e, u = float(repeats["restitution"][0]), float(repeats["u_restitution"][0])
-    text += (
-        f"The coefficient of restitution of the first impact was {value_with_uncertainty(e, u)} (standard uncertainty)."
-    )
+    first = pages.told(repeats, "restitution", 0)
+    text += f"The coefficient of restitution of the first impact was {first} (standard uncertainty)."
     return text

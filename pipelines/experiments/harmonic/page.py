@@ -83,9 +83,7 @@ def _summary(oscillations: xr.Dataset | None, comparison: xr.Dataset | None, con
         frequency = oscillations["frequency"].values
         rows.append(("frequencies", ", ".join(f"{f:.4g}" for f in frequency), "Hz, fitted"))
         for at in (0, -1):
-            shown = value_with_uncertainty(
-                float(oscillations["work_per_cycle"][at]), float(oscillations["u_work_per_cycle"][at]), "J"
-            )
+            shown = pages.told(oscillations, "work_per_cycle", at)
             rows.append((f"dissipated work per cycle at {frequency[at]:.4g} Hz", shown, ""))
     blocks: list[Block] = []
     if comparison is not None and _is_there(comparison):
@@ -306,11 +304,11 @@ def _hold(loads: xr.Dataset, hold: xr.Dataset, oscillations: xr.Dataset | None) 
     if not _is_there(hold):
         return Section("Relaxation before", (Notice("info", f"{hold.attrs['absent']}."),))
     rows = [
-        (text, value_with_uncertainty(float(hold[name][-1]), float(hold[f"u_{name}"][-1]), unit), note)
-        for name, text, unit, note in (
-            ("depth", "indentation", "m", "from first touch"),
-            ("peak_force", "peak", "N", "as recorded"),
-            ("plateau_force", "plateau", "N", f"after {float(hold['duration'][-1]):.0f} s"),
+        (text, pages.told(hold, name, -1), note)
+        for name, text, note in (
+            ("depth", "indentation", "from first touch"),
+            ("peak_force", "peak", "as recorded"),
+            ("plateau_force", "plateau", f"after {float(hold['duration'][-1]):.0f} s"),
         )
     ]
     blocks: list[Block] = []
@@ -409,11 +407,7 @@ def _loops(
 def _model(settings: Harmonic, model: xr.Dataset) -> Section:
     rows = [
         ("material", substrate_name(settings.substrate), ""),
-        (
-            "first touch",
-            value_with_uncertainty(float(model["contact_position"]), float(model["u_contact_position"]), "m"),
-            model.attrs["contact"],
-        ),
+        ("first touch", pages.told(model, "contact_position"), model.attrs["contact"]),
         ("solver", model.attrs["solver"], model.attrs["solver_reason"]),
         ("datum of displacement", model.attrs["datum"], ""),
     ]

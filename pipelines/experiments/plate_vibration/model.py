@@ -17,7 +17,7 @@ from labpipe.units import Quantity
 from labpipe.variables import described
 from labpipe.workflow.fields import REFERENCE
 from pipelines.experiments.plate_vibration.measured import NAMES, drops_label, scalar, weighted_mean
-from pipelines.experiments.plate_vibration.settings import Drops, FallingBody, PlateVibration
+from pipelines.experiments.plate_vibration.settings import Drops, PlateVibration
 from pipelines.experiments.shared.material_choice import (
     IMPACT_TIMES,
     POISSONS_RATIO,
@@ -247,23 +247,9 @@ def _transform(
     A force F(s) leaves the ringing Im[exp(i w t) int F(s) exp((r - i w) s) ds] exp(-r t) / (m w);
     its phase is the time of the equivalent blow, and its modulus, decayed until then, the momentum.
     """
-    body = _body(settings)
-    gravity = settings.model.gravity.value
-    fall = float(np.sqrt(2 * height / gravity))
+    fall = float(np.sqrt(2 * height / settings.model.gravity.value))
     times = np.arange(fall, fall + _COVERED, _FINE)
-    made = contact.drop(
-        solid,
-        body.radius.value,
-        body.mass.value,
-        height,
-        float(times[-1]),
-        settings.model.solver,
-        settings.model.profile,
-        settings.model.rtol,
-        gravity=gravity,
-        plate=substrate,
-        times=times,
-    )
+    made = _dropped(settings, solid, height, substrate, times, settings.model.rtol)
     s, force = times - fall, made["force"].values
     omega = 2 * np.pi * frequency
     rate, damped = zeta * omega, omega * np.sqrt(1 - zeta**2)
@@ -272,11 +258,35 @@ def _transform(
     return float(np.abs(whole) * np.exp(-rate * blow)), blow
 
 
-def _body(settings: PlateVibration) -> FallingBody:
+def _dropped(
+    settings: PlateVibration,
+    solid: Prony,
+    height: float,
+    plate: contact.Plate | None,
+    times: Floats,
+    rtol: float,
+    *,
+    full: bool = False,
+) -> xr.Dataset:
+    """Simulate one drop of the sphere up to the last of the times (time,) [s]."""
     if settings.sphere is None:
         message = "the experiment names no sphere; the momentum of an impact needs mass and radius"
         raise InputError(message)
-    return settings.sphere
+    return contact.drop(
+        solid,
+        settings.sphere.radius.value,
+        settings.sphere.mass.value,
+        height,
+        float(times[-1]),
+        settings.model.solver,
+        settings.model.profile,
+        rtol,
+        gravity=settings.model.gravity.value,
+        plate=plate,
+        times=times,
+        fold=not full,
+        shortcuts=contact.Shortcuts.chosen(full=full),
+    )
 
 
 def model(
@@ -338,25 +348,9 @@ def _seen(
 
     The two numbers stand behind the displacements; NaN where there is none.
     """
-    body, gravity = _body(settings), settings.model.gravity.value
     _, blow = _transform(settings, solid, height, found, found.frequency, found.damping_ratio)
-    start = float(np.sqrt(2 * height / gravity)) + blow
-    times = time + start
-    made = contact.drop(
-        solid,
-        body.radius.value,
-        body.mass.value,
-        height,
-        float(times[-1]),
-        settings.model.solver,
-        settings.model.profile,
-        rtol,
-        gravity=gravity,
-        plate=found,
-        times=times,
-        fold=not full,
-        shortcuts=contact.Shortcuts.chosen(full=full),
-    )
+    start = float(np.sqrt(2 * height / settings.model.gravity.value)) + blow
+    made = _dropped(settings, solid, height, found, time + start, rtol, full=full)
     touches = made["impact_time"].values
     again = float(touches[1]) - start if touches.size > 1 else np.nan
     lasts = float(made["contact_duration"][0]) if touches.size else np.nan

@@ -1,6 +1,5 @@
 """The report of a plate vibration."""
 
-import json
 from collections.abc import Sequence
 from itertools import groupby
 
@@ -19,8 +18,6 @@ from labpipe.report import (
     Section,
     Series,
     Table,
-    budget_table,
-    quantity,
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
@@ -98,15 +95,15 @@ def _summary(
     blocks: list[Block] = []
     if table is not None:
         count = int(table["n"].sum())
-        for name, (title, unit) in _SHOWN.items():
-            shown = value_with_uncertainty(float(table[f"plate_{name}"]), float(table[f"u_plate_{name}"]), unit)
+        for name, (title, _) in _SHOWN.items():
+            shown = pages.told(table, f"plate_{name}")
             rows.append((title, shown, f"weighted mean of {pages.counted(count, 'recording')}; standard uncertainty"))
             blocks.append(_verdict(table, name, title))
     if plate is not None and np.isfinite(float(plate["mass"])):
         rows.append(
             (
                 "modal mass",
-                value_with_uncertainty(float(plate["mass"]), float(plate["u_mass"]), "kg"),
+                pages.told(plate, "mass"),
                 f"from amplitude and simulated momentum; {_of_materials(settings)}",
             )
         )
@@ -164,24 +161,8 @@ def _measured(settings: PlateVibration, readings: list[xr.Dataset], context: Con
 
 
 def _calibration(first: xr.Dataset) -> Section:
-    attrs = first.attrs
-    rows = [
-        (
-            "inclination used",
-            value_with_uncertainty(float(first["inclination"]), float(first["u_inclination"]), "rad"),
-            "true displacement = reading / cos(inclination)",
-        ),
-        (
-            "relative uncertainty of the scale",
-            f"{float(attrs['u_systematic_relative']) * 100:.3f} %",
-            "inclination and gain; the same in every recording",
-        ),
-        ("noise of a sample", quantity(float(attrs["noise"]), "m"), "from the quiet beginning"),
-    ]
-    budget = budget_table(
-        json.loads(attrs["budget"]), "Budget for the largest displacement of the first recording", "m"
-    )
-    inside = (pages.calibration_rows(attrs["calibration"]), KeyValues(rows), *budget)
+    caption = "Budget for the largest displacement of the first recording"
+    inside = pages.laser_calibration(first, "in every recording", "from the quiet beginning", caption)
     return pages.folded("Calibration and its uncertainty", "Record and what follows from it", inside)
 
 
@@ -338,10 +319,8 @@ def _recordings(settings: PlateVibration, ringing: Sequence[xr.Dataset | None]) 
 
 def _methods(settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | None) -> str:
     kinds = sorted({drops.material for drops in settings.drops})
-    frequency = value_with_uncertainty(
-        float(table["plate_natural_frequency"]), float(table["u_plate_natural_frequency"]), "Hz"
-    )
-    damping = value_with_uncertainty(float(table["plate_damping_ratio"]), float(table["u_plate_damping_ratio"]))
+    frequency = pages.told(table, "plate_natural_frequency")
+    damping = pages.told(table, "plate_damping_ratio")
     text = (
         f"The laser was directed at the plate beside the disc while spheres ({', '.join(kinds)}) "
         f"were dropped in {pages.counted(int(table['n'].sum()), 'recording')}. The free "
@@ -351,7 +330,7 @@ def _methods(settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | No
         "(standard uncertainties). "
     )
     if plate is not None and np.isfinite(float(plate["mass"])):
-        mass = value_with_uncertainty(float(plate["mass"]), float(plate["u_mass"]), "kg")
+        mass = pages.told(plate, "mass")
         text += (
             f"The modal mass, {mass}, follows from the amplitudes and the momentum of the "
             "simulated impacts at that frequency."

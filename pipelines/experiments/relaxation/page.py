@@ -94,18 +94,13 @@ def _summary(tests: xr.Dataset | None, comparison: Sequence[xr.Dataset] | None, 
         rows.append(("tests", str(tests.sizes["test"]), "ramps with their holds"))
         for i in range(tests.sizes["test"]):
             at = tests.isel(test=i)
-            shown = ", ".join(
-                value_with_uncertainty(float(at[name]), float(at[f"u_{name}"]), "N")
-                for name in (_peak(tests), "plateau_force")
-            )
+            shown = ", ".join(pages.told(at, name) for name in (_peak(tests), "plateau_force"))
             rows.append((f"peak and plateau at {_label(tests, i)}", shown, _of_peak(tests)))
         if "mean_relaxed_modulus" in tests and np.isfinite(float(tests["mean_relaxed_modulus"])):
             rows.append(
                 (
                     "relaxed modulus",
-                    value_with_uncertainty(
-                        float(tests["mean_relaxed_modulus"]), float(tests["u_mean_relaxed_modulus"]), "Pa"
-                    ),
+                    pages.told(tests, "mean_relaxed_modulus"),
                     "in tension, from the plateaus of all tests",
                 )
             )
@@ -113,9 +108,7 @@ def _summary(tests: xr.Dataset | None, comparison: Sequence[xr.Dataset] | None, 
             rows.append(
                 (
                     "relaxed reduced modulus",
-                    value_with_uncertainty(
-                        float(tests["mean_reduced_modulus"]), float(tests["u_mean_reduced_modulus"]), "Pa"
-                    ),
+                    pages.told(tests, "mean_reduced_modulus"),
                     "E/(1 − ν²), from the plateaus of all tests",
                 )
             )

@@ -21,6 +21,8 @@ from labpipe.report import (
     ScatterChart,
     Section,
     Table,
+    budget_table,
+    quantity,
     value_with_uncertainty,
 )
 from labpipe.units import Quantity
@@ -34,6 +36,14 @@ SESSION_PAGE = "../index.html"
 def stated(given: Quantity) -> str:
     """Write a quantity of the configuration with its uncertainty."""
     return value_with_uncertainty(given.value, given.u, given.si)
+
+
+def told(dataset: xr.Dataset, name: str, at: int | None = None) -> str:
+    """Write a value of a result, or the one at a place, with its standard uncertainty."""
+    value, u = dataset[name], dataset[f"u_{name}"]
+    if at is not None:
+        value, u = value[at], u[at]
+    return value_with_uncertainty(float(value), float(u), str(value.attrs["units"]))
 
 
 def counted(n: int, noun: str, plural: str | None = None) -> str:
@@ -161,6 +171,23 @@ def calibration_rows(text: str) -> KeyValues:
     }
     rows = [(title, str(checked[key]), "") for key, title in shown.items() if checked.get(key)]
     return KeyValues(rows, caption="Calibration record")
+
+
+def laser_calibration(displacement: xr.Dataset, same: str, quiet: str, caption: str) -> list[Block]:
+    """Show the record of a laser and what follows from it.
+
+    ``same`` says for what the uncertainty of the scale is the same, ``quiet`` where the noise is
+    from, and ``caption`` what the budget is for.
+    """
+    attrs = displacement.attrs
+    scale = f"{float(attrs['u_systematic_relative']) * 100:.3f} %"
+    rows = [
+        ("inclination used", told(displacement, "inclination"), "true displacement = reading / cos(inclination)"),
+        ("relative uncertainty of the scale", scale, f"inclination and gain; the same {same}"),
+        ("noise of a sample", quantity(float(attrs["noise"]), "m"), quiet),
+    ]
+    budget = budget_table(json.loads(attrs["budget"]), caption, "m")
+    return [calibration_rows(attrs["calibration"]), KeyValues(rows), *budget]
 
 
 def raw_header(dataset: xr.Dataset | None) -> Details | None:

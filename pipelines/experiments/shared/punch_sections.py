@@ -61,11 +61,7 @@ def cell(loads: xr.Dataset) -> list[Block]:
     gain, u_gain = float(loads["gain"]), float(loads["u_gain"])
     known = math.isfinite(u_gain)
     rows = [
-        (
-            "tare",
-            value_with_uncertainty(float(loads["tare"]), float(loads["u_tare"]), "N"),
-            "subtracted" if loads.attrs["is_tared"] else "not subtracted",
-        ),
+        ("tare", pages.told(loads, "tare"), "subtracted" if loads.attrs["is_tared"] else "not subtracted"),
         (
             "gain of the load cell",
             value_with_uncertainty(gain, u_gain if known else 0.0),

@@ -72,12 +72,10 @@ def _summary(approach: xr.Dataset | None, comparison: xr.Dataset | None, context
         radius = approach["level_contact_radius"].values * _UM
         rows.append(("loads", str(radius.size), "steps of the load"))
         for at, word in ((0, "first"), (-1, "last")):
-            shown = value_with_uncertainty(
-                float(approach["level_contact_radius"][at]), float(approach["u_level_contact_radius"][at]), "m"
-            )
+            shown = pages.told(approach, "level_contact_radius", at)
             rows.append((f"contact radius under the {word} load", shown, "at the end of the load"))
         largest = int(np.argmax(approach["creep"].values))
-        shown = value_with_uncertainty(float(approach["creep"][largest]), float(approach["u_creep"][largest]), "m")
+        shown = pages.told(approach, "creep", largest)
         rows.append(("largest creep under one load", shown, f"load {largest + 1}"))
     if comparison is not None:
         for other, word in (("model", "viscoelastic model"), ("hertz", "Hertz, relaxed modulus")):
@@ -247,11 +245,7 @@ def _loads(settings: StaticLoading, steps: xr.Dataset, approach: xr.Dataset, com
 
 def _touch(steps: xr.Dataset, model: xr.Dataset | None) -> Section:
     rows = [
-        (
-            "displacement at first touch",
-            value_with_uncertainty(float(steps["touch"]), float(steps["u_touch"]), "m"),
-            steps.attrs["touch"],
-        ),
+        ("displacement at first touch", pages.told(steps, "touch"), steps.attrs["touch"]),
         (
             "misfit of the creep fit",
             f"{float(steps['scatter']) * _UM:.2f} µm",

@@ -1,5 +1,8 @@
 """Where numba cannot keep its code: compiled again, said once, and the same answer."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +37,28 @@ def test_no_place_for_compiled_code_is_said_and_survived(tmp_path: Path) -> None
     assert "no locator available" in said
     assert "NUMBA_CACHE_DIR" in said
     assert said.count("compiled code cannot be kept") == 1
+
+
+def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(tmp_path: Path) -> None:
+    folder = tmp_path / "labpipe_kernels"
+    folder.mkdir()
+    head = "from labpipe.compilation import compiled\n"
+    outer = (
+        "from labpipe_kernels.within import FACTOR, twice\n@compiled()\ndef found(x):\n    return FACTOR * twice(x)\n"
+    )
+    (folder / "outer.py").write_text(head + outer)
+    program = "from labpipe_kernels.outer import found; print(found(1.0), sum(found.stats.cache_hits.values()))"
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
+    environment["PYTHONPATH"] = os.pathsep.join([str(tmp_path), *sys.path])
+    run = [sys.executable, "-c", program]
+    printed = []
+    for factor in (1.0, None, 10.0):
+        if factor is not None:
+            within = f"FACTOR = {factor}\n@compiled()\ndef twice(x):\n    return {2 * factor} * x\n"
+            (folder / "within.py").write_text(head + within)
+        done = subprocess.run(run, env=environment, capture_output=True, text=True, check=True)
+        printed.append(done.stdout.split())
+    assert printed == [["2.0", "0"], ["2.0", "1"], ["200.0", "0"]]
 
 
 def test_a_full_disk_is_said_and_survived(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -210,6 +210,12 @@ def test_readings_far_off_their_sweep_are_left_out_and_told(maxwell_truth, facto
     assert found.verdict.level == "pass"
 
 
+@pytest.mark.parametrize("factor", [1e150, 1e-150])
+def test_moduli_of_no_material_are_refused(maxwell_truth, factor):
+    with pytest.raises(InputError, match=r"storage modulus of .* Pa, first at -40 °C.*check the unit of its column"):
+        master_curve(maxwell_truth.sweeps(6) * factor, T_ref=60.0)
+
+
 def test_narrow_loss_peaks_are_no_outlying_readings():
     omega = 2 * np.pi * np.logspace(-1, 1, 21)
     z = 1j * omega[:, None] * np.array([2e-3, 0.3])

@@ -11,7 +11,7 @@ from instruments import keyence
 from instruments.keyence._markers import Status
 from labpipe.errors import SourceError, UsageError
 from labpipe.frames import ArrayFrames
-from pipelines.session import describe, write_sheet
+from pipelines.session import describe, inspect, write_sheet
 from pipelines.session._contact_sheet import strip
 from pipelines.session._inspection import film
 
@@ -58,6 +58,26 @@ def test_records_sessions_results_and_pictures_are_known(processed_session: Path
     assert any("missing" in line for line in describe(broken)["problems"])
     (tmp_path / "session.toml").write_text("labpipe = 1\n")
     assert "no experiment" in describe(tmp_path / "session.toml")["problems"][0]
+
+
+def test_a_folder_says_of_each_file_what_it_is(tmp_path: Path) -> None:
+    for celsius in (20, 40):
+        rows = "".join(f"{f};{100 + f};{5 + f};{celsius}\n" for f in (0.1, 1, 10))
+        (tmp_path / f"pp_{celsius}.csv").write_text("f (Hz);E' (MPa);E'' (MPa);T (°C)\n" + rows, "utf-8")
+    (tmp_path / "short.csv").write_text("f (Hz),E' (MPa),T (°C)\n1,2,3\n2,3,4\n", "utf-8")
+    (tmp_path / "notes.md").write_text("clamped anew\n", "utf-8")
+    found = inspect(tmp_path)
+    assert [part["reader"] for part in found["files"]] == ["", "plain_table", "plain_table", "plain_table"]
+    assert found["problems"] == [
+        "short.csv: found frequency, storage modulus, temperature; no loss modulus, tan δ or phase"
+    ]
+    text = repr(found)
+    assert "table of sample 3, 40 … 40 °C, 0.1 … 10 Hz" in text
+    assert "notes.md   " in text
+    assert "not known" in text
+    (tmp_path / "none").mkdir()
+    with pytest.raises(SourceError):
+        inspect(tmp_path / "none")
 
 
 def test_a_damaged_picture_is_refused(tmp_path: Path) -> None:
