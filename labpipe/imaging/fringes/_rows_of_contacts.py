@@ -41,7 +41,7 @@ def leave_out_rows(reader: FilmReader, result: FilmResult) -> None:
     if told.is_repeated:
         result.repeats_rows = True
         result.leave_out([*change, *result.blanks])
-    elif any(told.are_outwards(k, _outwards(result, tried[k])) for k in np.flatnonzero(told.is_combed)):
+    elif any(told.are_outwards(k, _outwards(result, tried[k])) for k in np.flatnonzero(told.is_combed).tolist()):
         every = sorted({*change, *result.blanks})
         combed = {index for index, shows in zip(every, _told(reader, result, every).is_combed, strict=True) if shows}
         result.combed = combed
