@@ -2,7 +2,7 @@
 
 from labpipe.materials._kraus import Kraus
 from labpipe.materials._melts import isofrictional_temperature, wlf_of_melt
-from labpipe.materials._response import Inequality, inequalities, respond
+from labpipe.materials._response import Inequality, entropy_inequality, inequalities, respond
 from labpipe.materials._time_domain import with_responses
 from labpipe.materials.codes import BULKS, CODES, Bulk, Deck, StatedLaw, deck_text, make_deck
 from labpipe.materials.library import Material, Solid, Thermal, describe, load, load_file, read_material, solid, thermal
@@ -72,6 +72,7 @@ __all__ = [
     "creep_from_relaxation",
     "deck_text",
     "describe",
+    "entropy_inequality",
     "fewest_terms",
     "gather_sweeps",
     "generalised_maxwell",

@@ -9,10 +9,15 @@ of the spring of element j,
 
 which is solved exactly for a strain that is linear between the samples. The stored energy (1.25) is
 :math:`\psi = \tfrac12 E_\infty \varepsilon^2 + \tfrac12 \sum_j E_j e_j^2` per volume (the double
-integral with :math:`G(2t - \tau - \eta)`), the rate of dissipation (1.20)
+integral with :math:`G(2t - \tau - \eta)`), the rate of dissipation (1.20), which is also (1.22),
 :math:`\Lambda = \sum_j E_j e_j^2 / \rho_j`. The balance of energy (1.16) without flow of heat,
-:math:`c \dot\theta = \Lambda`, gives the adiabatic rise of the temperature; what it changes in the
-solid, the coupling terms of (1.19), is left out.
+:math:`c \dot\theta = \Lambda`, gives the adiabatic rise of the temperature.
+
+Under a history of temperature too, a solid that expands by :math:`\alpha\Theta` is stressed by
+:math:`\varepsilon - \alpha\Theta` only: the kernels of the thesis's coupling terms (1.19) are then
+:math:`K = \alpha G` and :math:`M = \alpha^2 G`, its three integrals one of (1.20)'s form in that
+difference, and not negative. Of the work, :math:`\int \sigma\alpha \, d\Theta` is given as heat. With a
+flow of heat the entropy inequality (1.18) has one more term (:func:`entropy_inequality`).
 """
 
 from collections.abc import Sequence
@@ -57,7 +62,15 @@ class Inequality(NamedTuple):
     holds: bool
 
 
-def respond(solid: Prony, time: ArrayLike, strain: ArrayLike, *, heat_capacity: float | None = None) -> xr.Dataset:
+def respond(
+    solid: Prony,
+    time: ArrayLike,
+    strain: ArrayLike,
+    *,
+    heat_capacity: float | None = None,
+    temperature: ArrayLike | None = None,
+    expansion: float = 0.0,
+) -> xr.Dataset:
     """Follow a uniaxial strain history, exactly between the samples.
 
     Parameters
@@ -69,19 +82,26 @@ def respond(solid: Prony, time: ArrayLike, strain: ArrayLike, *, heat_capacity: 
         Linear between the samples.
     heat_capacity : float, optional [J/(m3 K)]
         Per volume; asks for the temperature without flow of heat.
+    temperature : array (time,), optional [K]
+        Above that at which there is neither stress nor strain; linear between the samples. How it
+        changes the relaxation times is not followed.
+    expansion : float [1/K]
+        Linear thermal expansion.
 
     Returns
     -------
     Dataset
         Over ``time``: ``strain``; ``stress`` [Pa], thesis (1.4); ``work`` done so far, ``stored_energy``
         (1.25) and ``dissipated_energy`` [J/m3], whose balance is (1.23); ``dissipation_rate`` [W/m3],
-        (1.20); with a heat capacity ``temperature_rise`` [K], (1.16).
+        (1.20); with a heat capacity ``temperature_rise`` [K], (1.16); with a temperature
+        ``reversible_heat`` [J/m3], the part of the work that thermal expansion exchanges as heat, and
+        the rate of dissipation is (1.19).
 
     Raises
     ------
     InputError
         The histories do not fit, are not finite, or time falls; or the solid has a dashpot in
-        parallel, whose stress follows the rate and jumps with it.
+        parallel, whose stress follows the rate and jumps with it; or a temperature without expansion.
 
     Examples
     --------
@@ -97,28 +117,102 @@ def respond(solid: Prony, time: ArrayLike, strain: ArrayLike, *, heat_capacity: 
     if heat_capacity is not None and not (np.isfinite(heat_capacity) and heat_capacity > 0):
         message = f"heat_capacity = {heat_capacity} J/(m3 K): expected a positive number"
         raise InputError(message)
+    expanded = _expanded(t, temperature, expansion)
+    held = strains - expanded
     inner = np.zeros(solid.rho.size)
     springs = np.empty((t.size, inner.size))
     # Before the first sample there is no strain: a first one that is not zero is a jump.
-    lengths, rises = np.diff(t, prepend=t[0]), np.diff(strains, prepend=0.0)
+    lengths, rises = np.diff(t, prepend=t[0]), np.diff(held, prepend=0.0)
     lost = np.empty(t.size)
     for i, (length, rise) in enumerate(zip(lengths.tolist(), rises.tolist(), strict=True)):
         inner, lost[i] = _step(solid, inner, length, rise)
         springs[i] = inner
-    stress = solid.E_relaxed * strains + springs @ solid.E
-    stored = 0.5 * (solid.E_relaxed * strains**2 + springs**2 @ solid.E)
+    stress = solid.E_relaxed * held + springs @ solid.E
+    stored = 0.5 * (solid.E_relaxed * held**2 + springs**2 @ solid.E)
     dissipated = np.cumsum(lost)
+    heat = np.cumsum(_mean_stress(solid, held, springs, lengths) * np.diff(expanded, prepend=0.0))
     table = {
         "strain": variable("time", strains, "1", "strain"),
         "stress": variable("time", stress, "Pa", "stress"),
-        "work": variable("time", stored + dissipated, "J/m3", "work done on the solid so far"),
+        "work": variable("time", stored + dissipated + heat, "J/m3", "work done on the solid so far"),
         "stored_energy": variable("time", stored, "J/m3", "elastically stored energy"),
         "dissipated_energy": variable("time", dissipated, "J/m3", "dissipated energy so far"),
         "dissipation_rate": variable("time", springs**2 @ (solid.E / solid.rho), "W/m3", "rate of dissipation"),
     }
     if heat_capacity is not None:
         table["temperature_rise"] = variable("time", dissipated / heat_capacity, "K", "adiabatic rise of temperature")
+    if temperature is not None:
+        table["reversible_heat"] = variable("time", heat, "J/m3", "work exchanged as heat by thermal expansion")
     return xr.Dataset(table, coords={"time": variable("time", t, "s", "time")})
+
+
+def entropy_inequality(
+    dissipation_rate: ArrayLike, temperature_gradient: ArrayLike, conductivity: float, temperature: float
+) -> Floats:
+    """Return the left side of the entropy inequality (1.18), with Fourier's flow of heat.
+
+    The flow q = -k grad(T) adds k |grad(T)|^2 / T, which is not negative either, so that neither
+    part can make up for the other.
+
+    Parameters
+    ----------
+    dissipation_rate : array (n,) [W/m3]
+        Of :func:`respond`.
+    temperature_gradient : array (n,) [K/m]
+    conductivity : float [W/(m K)]
+    temperature : float [K]
+        Absolute, about which the solid is linear.
+
+    Returns
+    -------
+    array (n,) [W/m3]
+
+    Raises
+    ------
+    InputError
+        Conductivity or absolute temperature are not positive.
+
+    Examples
+    --------
+    >>> entropy_inequality([2.0], [1000.0], 0.3, 300.0).tolist()
+    [1002.0]
+    """
+    if not (np.isfinite([conductivity, temperature]).all() and conductivity > 0 and temperature > 0):
+        message = (
+            f"conductivity = {conductivity} W/(m K), temperature = {temperature} K: expected positive numbers; "
+            "heat that flows to the hotter side breaks (1.17)"
+        )
+        raise InputError(message)
+    gradient = np.asarray(temperature_gradient, dtype=float)
+    return np.asarray(np.asarray(dissipation_rate, dtype=float) + conductivity * gradient**2 / temperature)
+
+
+def _expanded(t: Floats, temperature: ArrayLike | None, expansion: float) -> Floats:
+    """Return the strain (time,) of free thermal expansion."""
+    if temperature is None:
+        return np.zeros(t.size)
+    warm = np.asarray(temperature, dtype=float)
+    if warm.shape != t.shape or not np.isfinite(warm).all():
+        message = f"temperature has shape {warm.shape}: expected a finite number for each of {t.size} times"
+        raise InputError(message)
+    if not (np.isfinite(expansion) and expansion != 0.0):
+        message = f"expansion = {expansion} 1/K: a history of temperature needs the solid's thermal expansion"
+        raise InputError(message)
+    return np.asarray(expansion * warm)
+
+
+def _mean_stress(solid: Prony, held: Floats, springs: Floats, lengths: Floats) -> Floats:
+    """Return the mean stress [Pa] of every step, exactly; the first begins without strain."""
+    before = np.vstack([np.zeros(springs.shape[1]), springs[:-1]])
+    start = np.append(0.0, held[:-1])
+    rises = held - start
+    ends = 0.5 * (before + springs)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x = lengths[:, None] / solid.rho
+        steady = solid.rho * (rises / lengths)[:, None]
+        inside = steady + (before - steady) * -np.expm1(-x) / x
+    means = np.where(lengths[:, None] > 0.0, inside, ends)
+    return np.asarray(0.5 * solid.E_relaxed * (start + held) + means @ solid.E)
 
 
 def _checked(time: ArrayLike, strain: ArrayLike) -> tuple[Floats, Floats]:

@@ -17,6 +17,7 @@ SCALE = "scale of the image"
 
 _MOST_SHIFT = 2.0
 """Frame intervals by which the model may be shifted against the largest radius: it lies between frames."""
+_SIZE_STEPS = 8  # of Gauss and Newton, from the model's own size
 _FEWEST = 5  # frames of a contact from which its shift in time can be told from its size
 
 
@@ -30,9 +31,10 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
     count = min(impacts.sizes["impact"], model.sizes["impact"])
     time, a = radius["time"].values, radius["radius"].values
     seen = radius["in_contact"].values.astype(bool)
-    known = np.hypot(radius["u_radius"].values, radius["radius_systematic"].values)
+    random, shared = radius["u_radius"].values, radius["radius_systematic"].values
+    known = np.hypot(random, shared)
     points: dict[str, list[Floats]] = {"number": [], "since": [], "film": [], "u_film": [], "model": []}
-    errors, peak_times, shifts = [], [], []
+    errors, peak_times, shifts, sizes = [], [], [], []
     for i in range(count):
         peak = _model_peak(model, i)
         peak_times.append(peak)
@@ -42,6 +44,7 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
         inside &= time <= float(impacts["last_seen"][i])
         shift = _time_shift(since[inside] + peak, a[inside], model)
         shifts.append(shift)
+        sizes.append(_size(since[inside] + peak, a[inside], random[inside], shared[inside], model))
         theirs = np.interp(since[inside] + peak + shift[0], model["time"], model["contact_radius"])
         for key, values in (
             ("number", np.full(inside.sum(), i + 1.0)),
@@ -54,8 +57,15 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
         largest = max(float(np.max(theirs)), 1e-12)
         errors.append(float(np.sqrt(np.mean((a[inside] - theirs) ** 2))) / largest)
     joined = {k: np.concatenate(v) if v else np.empty(0) for k, v in points.items()}
-    ours, theirs = (impacts["peak_radius"].values[:count], model["peak_contact_radius"].values[:count])
-    u = np.hypot(impacts["u_peak_radius"].values[:count], model["u_peak_contact_radius"].values[:count])
+    theirs = model["peak_contact_radius"].values[:count]
+    # where the frames of a whole contact are too few, its largest radius alone
+    ours, u_ours = (
+        np.where(np.isfinite(fitted), fitted, impacts[name].values[:count])
+        for fitted, name in zip(
+            (theirs * np.array(sizes, dtype=float).reshape(-1, 2).T), ("peak_radius", "u_peak_radius"), strict=True
+        )
+    )
+    u = np.hypot(u_ours, model["u_peak_contact_radius"].values[:count])
     return xr.Dataset(
         {
             "impact_number": variable("sample", joined["number"], "1", "impact of a compared frame"),
@@ -67,6 +77,7 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
                 "impact", np.array(errors), "1", "root-mean-square error over largest radius of the model"
             ),
             "peak_radius_film": variable("impact", ours, "m", "largest radius, film"),
+            "u_peak_radius_film": variable("impact", u_ours, "m", "standard uncertainty: largest radius, film"),
             "peak_radius_model": variable("impact", theirs, "m", "largest radius, model"),
             "peak_radius_difference": variable("impact", ours - theirs, "m", "film minus model"),
             "u_peak_radius_difference": variable("impact", u, "m", "standard uncertainty"),
@@ -105,6 +116,32 @@ def _time_shift(time: Floats, radius: Floats, model: xr.Dataset) -> tuple[float,
     return shift, float(scatter / np.sqrt(max((rate**2).sum(), 1e-300)))
 
 
+def _size(time: Floats, radius: Floats, random: Floats, shared: Floats, model: xr.Dataset) -> tuple[float, float]:
+    """Return how many times as large a contact is in the film as in the model, and its uncertainty.
+
+    All frames of the contact tell it, in the model's form, together with its shift in time: the largest
+    radius lies between frames, and by itself is known as badly as they are far apart. A form that
+    the frames do not follow enlarges the uncertainty. NaN where there are too few frames.
+    """
+    if len(time) < _FEWEST:
+        return np.nan, np.nan
+    theirs, when = model["contact_radius"].values, model["time"].values
+    slope = np.gradient(theirs, when)
+    shift, size = 0.0, 1.0
+    for _ in range(_SIZE_STEPS):
+        form = np.interp(time + shift, when, theirs)
+        rows = np.column_stack([form, size * np.interp(time + shift, when, slope)]) / random[:, None]
+        rest = (radius - size * form) / random
+        normal = np.linalg.pinv(rows.T @ rows, hermitian=True)
+        change = normal @ rows.T @ rest
+        size, shift = size + float(change[0]), shift + float(change[1])
+    if abs(shift) > _MOST_SHIFT * float(np.median(np.diff(time))):
+        return np.nan, np.nan
+    scatter = float(rest @ rest) / (len(time) - 2)
+    common = float(np.mean(shared / np.maximum(radius, 1e-12)))
+    return size, float(np.hypot(np.sqrt(normal[0, 0] * max(scatter, 1.0)), size * common))
+
+
 def _model_peak(model: xr.Dataset, impact: int) -> float:
     """Time of the model's largest radius in one impact."""
     time = model["time"].values
@@ -138,7 +175,7 @@ def rows(comparison: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, sett
             "m",
             1,
             measured=comparison["peak_radius_film"][i],
-            u_measured=impacts["u_peak_radius"][i],
+            u_measured=comparison["u_peak_radius_film"][i],
             model=comparison["peak_radius_model"][i],
             u_model=model["u_peak_contact_radius"][i],
             difference=comparison["peak_radius_difference"][i],

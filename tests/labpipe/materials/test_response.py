@@ -5,7 +5,7 @@ import pytest
 
 from labpipe import materials
 from labpipe.errors import InputError
-from labpipe.materials import Prony, inequalities, respond
+from labpipe.materials import Prony, entropy_inequality, inequalities, respond
 from tests.rounding import rounding
 
 SOLID = Prony(2e6, [3e6, 1e7], [0.3, 1e-3], nu=0.4)
@@ -96,3 +96,37 @@ def test_a_dashpot_in_parallel_and_a_wrong_heat_capacity_are_refused():
         respond(SOLID, [0.0], [0.0], heat_capacity=-1.0)
     with pytest.raises(InputError, match="positive"):
         inequalities(1.0, [1.0], [0.0])
+
+
+def test_free_expansion_is_without_stress_and_a_held_bar_relaxes():
+    time = np.array([0.0, 0.1, 1.0, 30.0])
+    warm, expansion = np.array([0.0, 5.0, 20.0, 20.0]), 1e-4
+    free = respond(SOLID, time, expansion * warm, temperature=warm, expansion=expansion)
+    np.testing.assert_allclose(free.stress, 0.0, atol=1e-9)
+    held = respond(SOLID, time, np.zeros(4), temperature=warm, expansion=expansion)
+    assert float(held.stress[-1]) == pytest.approx(-SOLID.E_relaxed * expansion * 20.0, rel=1e-6)
+    np.testing.assert_allclose(held.work, 0.0, atol=1e-12 * SOLID.E_relaxed)  # nobody moves its ends
+    assert np.all(held.dissipation_rate >= 0)  # (1.19)
+
+
+def test_work_under_a_changing_temperature_is_the_integral_of_the_stress():
+    rng = np.random.default_rng(3)
+    time = np.linspace(0.0, 2.0, 30)
+    strain, warm = 1e-3 * np.cumsum(rng.standard_normal((2, 30)), axis=1) * np.array([[1.0], [1e3]])
+    made = respond(SOLID, time, strain, temperature=warm, expansion=7e-5)
+    fine = np.linspace(0.0, 2.0, 29 * 4000 + 1)
+    there = respond(SOLID, fine, np.interp(fine, time, strain), temperature=np.interp(fine, time, warm), expansion=7e-5)
+    first = 0.5 * float(there.stress[0]) * strain[0]
+    done = first + np.trapezoid(there.stress.values, there.strain.values)
+    assert float(made.work[-1]) == pytest.approx(done, rel=1e-4)
+    assert np.all(np.diff(made.dissipated_energy) >= 0)
+
+
+def test_heat_only_flows_to_the_colder_side():
+    assert entropy_inequality([0.0, 1.0], [-200.0, 0.0], 0.25, 293.0).min() > 0
+    with pytest.raises(InputError, match="hotter side"):
+        entropy_inequality([0.0], [1.0], -0.25, 293.0)
+    with pytest.raises(InputError, match="thermal expansion"):
+        respond(SOLID, [0.0], [0.0], temperature=[1.0])
+    with pytest.raises(InputError, match="for each of 1 times"):
+        respond(SOLID, [0.0], [0.0], temperature=[1.0, 2.0], expansion=1e-4)
