@@ -74,15 +74,17 @@ def line(row: "Row") -> str:
 
 
 def _line(row: "Row") -> str:
-    from labpipe.report import quantity, value_with_uncertainty
+    from labpipe.report import display_unit, number, plus_minus, quantity
 
     where = f"{row.experiment:24} {row.condition:14} {row.quantity:32} n={row.n:<4}"
     if row.nrmse is not None:
         bias = "" if row.difference is None else f", bias {quantity(row.difference, row.unit, 3)}"
         return f"{where} nRMSE {100 * row.nrmse:.2f} %{bias}"
     deviation = "" if row.deviation is None else f", {row.deviation:+.1f} u"
+    shown = display_unit([value for value in (row.measured, row.model) if value is not None], row.unit)
     measured, model = (
-        value_with_uncertainty(value, u, row.unit) if u else quantity(value, row.unit, 5)
+        plus_minus(value / shown.factor, u / shown.factor) if u else number(value / shown.factor, 5)
         for value, u in ((row.measured or 0.0, row.u_measured), (row.model or 0.0, row.u_model))
     )
-    return f"{where} {measured} against {model}{deviation}"
+    unit = f" {shown.text}" if shown.text else ""
+    return f"{where} {measured} against {model}{unit}{deviation}"

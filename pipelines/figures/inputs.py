@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment, Session
-from pipelines.figures import Need
+from pipelines.figures._list import Need
 
 if TYPE_CHECKING:
     import xarray as xr

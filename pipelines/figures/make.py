@@ -22,7 +22,7 @@ from labpipe.errors import LabpipeError, UsageError
 from labpipe.notebook import html_table, text_table
 from labpipe.workflow.code import Code
 from labpipe.workflow.session import Session
-from pipelines.figures import FIGURES, Figure
+from pipelines.figures._list import FIGURES, Figure
 from pipelines.figures.inputs import Inputs, matching, result_keys
 
 if TYPE_CHECKING:

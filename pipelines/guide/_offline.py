@@ -26,8 +26,9 @@ _PAGE = """<!doctype html>
 <link rel="stylesheet" href="app.css">
 </head>
 <body class="guide">
-<nav aria-label="Guide">{contents}</nav>
-<main>{text}</main>
+<nav id="contents" aria-label="Guide">{contents}</nav>
+<main><p class="to-contents"><a href="#contents">All pages of the guide</a></p>
+{text}</main>
 </body>
 </html>
 """

@@ -21,7 +21,8 @@ from pipelines.guide._screens import shown, shrink
 from pipelines.rig import sample
 
 _SESSION = "my-session"
-_MOST_LINES = 24
+_SHOWN = 12, 12
+"""First and last lines of what a command printed."""
 _HERE = ("--jobs", "0")
 """Added to a command while this page is written: it is computed in this process."""
 
@@ -90,7 +91,8 @@ def _parts(source: Path, folder: Path) -> Iterator[str]:
     yield "Each report says first whether the record can be believed and whether the model agrees, and why:\n\n"
     yield shown(source, "report", "A report", session / "labpipe" / page_name("acrylic_7mm"))
     yield "`compare` puts all experiments beside their models:\n\n"
-    yield _run("compare", _SESSION, here=_HERE)
+    # Its rows stand in the order of their deviations: which come first hangs on the last digit.
+    yield _run("compare", _SESSION, here=_HERE, shown_lines=(5, 1))
     yield shown(source, "compare", "Measurement against model", session / "labpipe/compare.html")
     yield (
         "## 5. A mistake\n\nIn `session.toml` the fall height of `acrylic_1p5mm` is typed as 15 mm in place of 1.5 mm. "
@@ -114,7 +116,7 @@ def _parts(source: Path, folder: Path) -> Iterator[str]:
     yield f"```latex\n{_head(session / 'labpipe/export/quantities.tex')}\n```\n"
 
 
-def _run(*line: str, here: tuple[str, ...] = (), code: int = 0) -> str:
+def _run(*line: str, here: tuple[str, ...] = (), code: int = 0, shown_lines: tuple[int, int] = _SHOWN) -> str:
     """Run a command, with options that no reader needs, and return it with what it printed."""
     result = CliRunner().invoke(cli, [*line, *here], standalone_mode=False)
     ended = result.return_value if isinstance(result.return_value, int) else 0
@@ -122,8 +124,9 @@ def _run(*line: str, here: tuple[str, ...] = (), code: int = 0) -> str:
         message = f"labpipe {' '.join(line)}: ended with {result.exception or ended}, not {code}:\n{result.output}"
         raise InputError(message)
     said = result.output.replace(str(Path.cwd()) + "/", "").splitlines()
-    if len(said) > _MOST_LINES:
-        said = [*said[: _MOST_LINES // 2], f"... ({len(said) - _MOST_LINES} lines)", *said[-_MOST_LINES // 2 :]]
+    first, last = shown_lines
+    if len(said) > first + last:
+        said = [*said[:first], f"... ({len(said) - first - last} lines)", *said[-last:]]
     return "```text\n$ labpipe " + " ".join(line) + "\n" + "\n".join(said) + "\n```\n\n"
 
 

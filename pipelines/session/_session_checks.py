@@ -35,6 +35,8 @@ _APART = 4.0  # standard uncertainties between two masses or radii of one body
 _ALIKE = 2.0  # standard uncertainties within which two values are one
 _LEAST = 1e-4  # relative uncertainty of a value that is stated without one
 _UNKNOWN = 0.5  # of a value, beyond which its uncertainty is no uncertainty
+_SLIPS = (2.0, 10.0, 25.4, 100.0, 1000.0)
+"""Factors of a diameter, a decimal point or a unit; bodies of other sizes are not so."""
 _SLIP = 0.01  # how near to a power of ten, or to two, a ratio must be to be that
 _OF_RECORD = {
     "it expired": "valid_until",
@@ -239,7 +241,7 @@ def _bodies(session: Session) -> Iterator[tuple[str, Finding]]:
         mass, radius = _distance(first.mass, later.mass), _distance(first.radius, later.radius)
         if radius <= _ALIKE and mass > _APART:
             odd, other, name = _odd(bodies, first, later, "mass")
-        elif mass <= _ALIKE and radius > _APART and _slip(later.radius.value / first.radius.value, (2.0, 10.0)):
+        elif mass <= _ALIKE and radius > _APART and _slip(later.radius.value / first.radius.value, _SLIPS):
             odd, other, name = _odd(bodies, first, later, "radius")
         else:
             continue
@@ -285,7 +287,7 @@ def _two_values(odd: _Body, other: _Body, name: str) -> Finding:
         f"{name} is {_written(value)} here and {_written(expected)} in {other.experiment.name}, "
         f"for bodies of one {same} and material"
     )
-    factor = _slip(value.value / expected.value, (2.0, 10.0, 100.0, 1000.0))
+    factor = _slip(value.value / expected.value, _SLIPS)
     cause = f"the {name} of this sphere is mistyped, or another one was used: then say so"
     if name == "radius" and factor == 2.0:
         cause = f"the radius is probably {_written(expected)}: its diameter was typed"

@@ -78,7 +78,7 @@ def beside(folder: str | Path, first: str, second: str) -> Path:
     said, *difference = _difference(own, others, first, second)
     found = Comparison((*own, *others), {}, {}, session.folder / PAGE)
     names = (first, second)
-    answer = (*_verdicts(names, verdicts), said, *_chart(results, names))
+    answer = (*_verdicts(names, verdicts, found.rows), said, *_chart(results, names))
     sections = [
         Section("Answer", answer),
         Section("Difference", (*difference, *_reports(session, names), *_synthetic(session))),
@@ -102,7 +102,7 @@ def write_materials(results: Results, found: Comparison) -> list[tuple[str, str]
         own = tuple(document for document in found.experiments if document["experiment"] in names)
         part = replace(found, rows=tuple(rows), experiments=own, failed={}, absent={})
         sections = [
-            Section("Answer", (*_verdicts(names, verdicts), *_reports(session, names), *_synthetic(session))),
+            Section("Answer", (*_verdicts(names, verdicts, rows), *_reports(session, names), *_synthetic(session))),
             *parts(part),
         ]
         name = f"{MATERIAL}{_safe(material)}.html"
@@ -137,16 +137,19 @@ def _safe(name: str) -> str:
     return re.sub(r"[^\w.-]+", "_", name)
 
 
-def _verdicts(names: Iterable[str], verdicts: Mapping[str, Verdict]) -> Iterator[Block]:
+def _verdicts(names: Iterable[str], verdicts: Mapping[str, Verdict], rows: Iterable[Row]) -> Iterator[Block]:
+    by: dict[str, str] = {}  # what an experiment is compared with; a film, the laser
+    for row in rows:
+        by[row.experiment] = "model" if by.get(row.experiment) == "model" else row.against
     for name in names:
         if (one := verdicts.get(name)) is None:
             yield Notice("info", f"{name}: no verdict that is up to date.")
             continue
         said = _WORDS.get(one.believable, f"the record is {one.believable}")
         model = {"none": "", "undecided": "; whether the model agrees is undecided"}
-        said += model.get(one.model, f"; the model {one.model}")
+        said += model.get(one.model, f"; the {by.get(name, 'model')} {one.model}")
         level = _LEVELS.get(one.believable, "info")
-        level = "warning" if level == "ok" and one.model == "differs" else level
+        level = {"differs": "warning", "undecided": "info"}.get(one.model, level) if level == "ok" else level
         grave = [finding for finding in one.findings if finding.level == one.believable]
         reason = f" {_sentence(grave[0].message)}" if grave else ""
         causes = f" Probable cause: {one.causes[0].rstrip('.')}." if one.causes else ""

@@ -98,6 +98,16 @@ def _exchanged(a: int, b: int, interval: int | None = None) -> Edit:
     return _rows(change)
 
 
+def _with_frequency(cells: list[str], point: int) -> list[str]:
+    cells[OMEGA] = f"{2 * np.pi * _PROTOCOL.frequencies[point]:.6g}"
+    return cells
+
+
+def _warmer(cells: list[str], by: float) -> list[str]:
+    cells[T] = f"{float(cells[T]) + by:.2f}"
+    return cells
+
+
 def _label(old: str, new: str, count: int = -1) -> Edit:
     return _rewritten(lambda text: text.replace(old, new, count))
 
@@ -236,5 +246,19 @@ ROWS = (
     Mistake("bending for torsion", setting('"torsion"', '"bending"'), "doubtful", ("not bending",), TOML, "mode"),
     Mistake(
         "reference of 200 degrees", setting('"20.042 degC"', '"200.42 degC"'), "doubtful", ("T_ref",), TOML, "T_ref"
+    ),
+    Mistake(
+        "frequencies of one interval reversed",
+        _rows(lambda cells, i, p: _with_frequency(cells, _POINTS - 1 - p) if i == 1 else cells),
+        "doubtful",
+        ("interval", "opposite order"),
+        FIRST,
+    ),
+    Mistake(
+        "the warmer isotherms in kelvin",
+        _rows(lambda cells, i, p: _warmer(cells, 273.15) if i > 2 else cells),
+        "impossible",
+        ("in k under °c", "20.2 °c and more are meant"),
+        FIRST,
     ),
 )

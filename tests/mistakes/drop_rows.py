@@ -107,6 +107,12 @@ def _spike(place: int, size: float) -> Callable[[Floats], Floats]:
     return change
 
 
+def _two_exchanged(x: Floats) -> Floats:
+    out = x.copy()
+    out[[1000, 1060]] = out[[1060, 1000]]
+    return out
+
+
 def _upside_down(x: Floats) -> Floats:
     return 2 * x[0] - x
 
@@ -317,6 +323,7 @@ ROWS = (
     Mistake("hum of 50 um", values(_hum(0.05)), "impossible", ("hum",)),
     Mistake("resolution 10 um", values(_rounded(0.01)), "note", ("resolution",)),
     Mistake("resolution 100 um", values(_rounded(0.1)), "impossible", ("resolution",)),
+    Mistake("two readings exchanged in flight", values(_two_exchanged), "note", ("2 spikes",)),
     Mistake("upside down readings", values(_upside_down), "impossible", ("direction",)),
     # repeats
     Mistake("same file twice", _copied, "doubtful", ("same bytes",), ALL[2]),

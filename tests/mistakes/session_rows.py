@@ -181,6 +181,15 @@ ROWS = (
         "9.525 ± 0.005 cm",
     ),
     SessionMistake(
+        "one radius in inch",
+        _in("acrylic_top", "9.525 ± 0.005 mm", "0.375 ± 0.0002 mm"),
+        "doubtful",
+        _BODY,
+        ("9.525 mm", "a factor 25.4"),
+        TOML,
+        "0.375",
+    ),
+    SessionMistake(
         "material of the experiment copied",
         _in("ptfe_low", 'material = "ptfe"', 'material = "acrylic"'),
         "doubtful",

@@ -146,7 +146,7 @@ function experimentCard(name) {
     const where = finding.file ? ` (${finding.file}${finding.line ? `:${finding.line}` : ""})` : "";
     card.append(make("p", { className: finding.level === "impossible" ? "is-error" : "is-warning", textContent: finding.message + where }));
   }
-  if (one.causes && one.causes.length) card.append(make("p", { textContent: `probable cause: ${one.causes[0]}` }));
+  if (one.causes && one.causes.length && (one.findings || []).some((finding) => finding.level !== "note")) card.append(make("p", { textContent: `probable cause: ${one.causes[0]}` }));
   if (one.failure) card.append(make("p", { className: "is-error", textContent: one.failure }));
   if (ahead && !run.isRunning) card.append(...aheadOf(ahead, one));
   const bar = make("div", { className: "bar" });

@@ -130,6 +130,7 @@ def judgement(
             _singles(export, own),
             _strayed(export, settings),
             _causal(export, own),
+            _rising(export, own),
         ]
     isotherms = sorted((s for own in found for s in own), key=lambda s: s.temperature)
     checks += [
@@ -208,7 +209,9 @@ def _loss_factor(export: _Export) -> Check:
     name, law = "loss factor", "the loss factor is the loss over the storage modulus"
     if "loss_factor" not in export.data:
         return not_made(name, law, "a column of the loss factor")
-    ratio = export.values("loss_modulus") / export.values("storage_modulus")
+    storage, loss = export.values("storage_modulus"), export.values("loss_modulus")
+    # what is not positive is told by another check
+    ratio = np.divide(loss, storage, out=np.zeros_like(loss), where=storage > 0)
     told = export.values("loss_factor")
     known = np.isfinite(told) & (told > 0) & (ratio > 0)
     if not known.any():
@@ -469,6 +472,32 @@ def _causal(export: _Export, isotherms: Sequence[_Sweep]) -> Check:
     return stated(name, law, message, level, cause=cause, file=export.name)
 
 
+def _rising(export: _Export, isotherms: Sequence[_Sweep]) -> Check:
+    """Look for a sweep whose storage modulus falls as the frequency rises: its rows stand in another order."""
+    name, law = "rise with frequency", "a relaxation spectrum is positive: the storage modulus rises with frequency"
+    worst: tuple[float, float, _Sweep] | None = None
+    for sweep in isotherms:
+        x, storage = np.log10(sweep.values("frequency")), sweep.values("storage_modulus")
+        if x.size < 4 or np.ptp(x) < 0.5 or not (storage > 0).all():
+            continue
+        y = np.log10(storage)
+        # the steps from reading to reading say how far they scatter about any curve
+        slope, level = np.polyfit(x, y, 1)
+        rest = y - level - slope * x
+        u = hypot(float(np.sqrt(np.sum(rest**2) / (x.size - 2) / np.sum((x - x.mean()) ** 2))), _OWN / float(np.ptp(x)))
+        if worst is None or slope / u < worst[0] / worst[1]:
+            worst = float(slope), u, sweep
+    if worst is None:
+        return not_made(name, law, "sweeps of four frequencies over half a decade")
+    slope, u, sweep = worst
+    text = (
+        f"{sweep.place}: at {sweep.temperature:.1f} °C the storage modulus changes by {slope:+.3f} decades per decade"
+    )
+    check = bounded(name, law, text, slope, u, at_least=0.0, is_law=False, file=export.name)
+    cause = f"frequencies and moduli of {sweep.place} stand in opposite order, or the instrument resonates"
+    return replace(check, cause=cause) if check.level else check
+
+
 def _slopes(sweep: _Sweep) -> tuple[float, float, float] | None:
     """Return the loss factor, that from the rise of the storage, and that were both exchanged."""
     x = np.log(sweep.values("frequency"))
@@ -534,6 +563,10 @@ def _range(export: _Export, isotherms: Sequence[float], settings: Dma) -> Check:
         message += f"; in °F the isotherms are multiples of {_STEP:g} °C"
         cause = f"temperatures are in °F under °C: {celsius[0]:.1f} to {celsius[1]:.1f} °C are meant"
         return stated(name, law, message, "doubtful", cause=cause, file=file)
+    if (part := _part_in_kelvin(np.asarray(isotherms))) is not None:
+        message += f"; without 273.15 K those from {part:.1f} °C on go on from the others"
+        cause = f"temperatures from {part:.1f} on are in K under °C: {part - 273.15:.1f} °C and more are meant"
+        return stated(name, law, message, "doubtful", cause=cause, file=file)
     if is_far:
         cause = "T_ref is wrong, or temperatures have another unit (K, °F) than °C"
         return stated(name, law, message, "doubtful", cause=cause, setting="T_ref")
@@ -541,6 +574,17 @@ def _range(export: _Export, isotherms: Sequence[float], settings: Dma) -> Check:
         cause = "temperatures have another unit (K, °F) than °C"
         return stated(name, law, message, "doubtful", cause=cause, file=file)
     return stated(name, law, message, None, file=file)
+
+
+def _part_in_kelvin(T: Floats) -> float | None:
+    """Return the isotherm from which on temperatures are in kelvin, where the steps of the others say so."""
+    T = np.unique(T)
+    if T.size < 4:
+        return None
+    gaps = np.diff(T)
+    at, usual = int(np.argmax(gaps)), float(np.median(gaps))
+    goes_on = float(gaps[at]) - 273.15
+    return float(T[at + 1]) if -0.5 * usual < goes_on < 2.5 * usual else None
 
 
 def _is_fahrenheit(T: Floats) -> bool:

@@ -14,7 +14,7 @@ import xarray as xr
 from scipy import stats
 
 from labpipe.arrays import Floats
-from labpipe.judging import IMPOSSIBLE, Check, Level, bounded, compared, not_made, stated
+from labpipe.judging import DOUBTFUL, IMPOSSIBLE, Check, Level, bounded, compared, not_made, stated
 from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
 
@@ -152,7 +152,21 @@ def restitution(fall: Fall) -> Check:
     worst = int(np.argmax(beyond))
     seen = float(fall.bounces["restitution"].values[worst])
     message = f"{fall.name}: e = {shown(seen, float(u[worst]), '1')} at impact {worst + 1}"
-    return bounded(name, law, message, float(values[worst]), float(u[worst]), at_least=0.0, at_most=1.0, file=fall.name)
+    check = bounded(
+        name, law, message, float(values[worst]), float(u[worst]), at_least=0.0, at_most=1.0, file=fall.name
+    )
+    return _moved_later(check, beyond, worst)
+
+
+def _moved_later(check: Check, beyond: Floats, worst: int) -> Check:
+    """Say what gains height or speed after bounces that lose them."""
+    if check.level is None or worst == 0 or (beyond[:worst] > DOUBTFUL).any():
+        return check
+    cause = (
+        f"until impact {worst} the body bounces, then something else moves it: it was touched or lifted, or another "
+        "drop follows in the record"
+    )
+    return replace(check, cause=cause)
 
 
 def _returned(fall: Fall) -> Floats:
@@ -180,7 +194,8 @@ def apexes(fall: Fall) -> Check:
         f"{fall.name}: after impact {worst + 1} the body rises to "
         f"{quantity(float(heights[worst + 1]), 'm')} after {quantity(float(heights[worst]), 'm')}"
     )
-    return bounded(name, law, message, float(rises[worst]), float(u_rises[worst]), at_most=0.0, file=fall.name)
+    check = bounded(name, law, message, float(rises[worst]), float(u_rises[worst]), at_most=0.0, file=fall.name)
+    return _moved_later(check, margin, worst)
 
 
 def flights_alike(fall: Fall, gravity: Quantity) -> Check:
@@ -238,18 +253,25 @@ def contact_duration(fall: Fall, radius: float, mass: float, contact_modulus: fl
         return float(2.868 * (mass**2 / (radius * modulus**2 * v)) ** 0.2)
 
     if contact_modulus is None:
-        message = f"{fall.name}: {shown(seen, own, 's')}"
-        return bounded(
+        shortest, longest = hertz(_PLAUSIBLE[1]), hertz(_PLAUSIBLE[0])
+        message = (
+            f"{fall.name}: {shown(seen, own, 's')} seen, {quantity(shortest, 's')} to {quantity(longest, 's')} would "
+            "be those of the stated sphere on any solid"
+        )
+        check = bounded(
             name,
             law,
             message,
             np.log(seen).item(),
             max(own / seen, 0.05),
-            at_least=np.log(hertz(_PLAUSIBLE[1])).item(),
-            at_most=np.log(hertz(_PLAUSIBLE[0])).item(),
+            at_least=np.log(shortest).item(),
+            at_most=np.log(longest).item(),
             is_law=False,
-            file=fall.name,
+            setting="sphere.mass",
         )
+        word = "large" if seen < shortest else "small"
+        cause = f"sphere.mass is too {word}: {quantity(mass, 'kg')} is in another unit than was typed (g, kg)"
+        return replace(check, cause=cause) if check.level else check
     expected = hertz(contact_modulus)
     message = (
         f"{fall.name}: {shown(seen, own, 's')} seen, about {quantity(expected, 's')} expected "

@@ -215,12 +215,17 @@ def raw_headers(datasets: Sequence[xr.Dataset]) -> tuple[Details, ...]:
 
 def ledger(context: Context) -> Section:
     """Show what was done and what was skipped for this page."""
-    rows = [(row.stage or "all steps", row.name.replace("_", " "), row.done, row.skipped) for row in context.ledger]
+    is_of_others = len({row.experiment for row in context.ledger}) > 1  # such as the DMA behind a drop
+    rows = [
+        (row.experiment, row.stage or "all steps", row.name.replace("_", " "), row.done, row.skipped)[
+            not is_of_others :
+        ]
+        for row in context.ledger
+    ]
+    columns = (Column("experiment"), Column("step"), Column("work"), Column("done"), Column("skipped"))
     blocks: tuple[Block, ...] = (
         Table(
-            (Column("step"), Column("work"), Column("done"), Column("skipped")),
-            rows,
-            caption="Counts of work; the same for the same inputs on every machine.",
+            columns[not is_of_others :], rows, caption="Counts of work; the same for the same inputs on every machine."
         ),
     )
     return Section("Work done and work skipped", blocks)

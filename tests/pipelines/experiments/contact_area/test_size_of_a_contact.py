@@ -1,0 +1,34 @@
+"""How large a contact is in the film, told by all of its frames in the model's form."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from pipelines.experiments.contact_area.comparison import _size
+
+_TIME = np.arange(0.0, 4e-3, 2e-5)
+_FORM = 7.5e-4 * np.sqrt(np.clip(np.sin(np.pi * (_TIME - 1e-3) / 1.3e-3), 0.0, None) * (_TIME < 2.3e-3))
+MODEL = xr.Dataset({"contact_radius": ("time", _FORM)}, coords={"time": _TIME})
+
+
+def film(size: float, seed: int, frames: int = 5) -> tuple[np.ndarray, ...]:
+    """Frames 0.2 ms apart, none of them at the largest radius, whose clock is 30 µs off."""
+    at = 1.23e-3 + 2e-4 * np.arange(frames)
+    u = np.full(frames, 1e-6)
+    radius = size * np.interp(at + 3e-5, _TIME, _FORM) + 1e-6 * np.random.default_rng(seed).standard_normal(frames)
+    return at, radius, u, 2e-3 * radius
+
+
+def test_frames_beside_the_largest_radius_tell_a_per_cent() -> None:
+    found = np.array([_size(*film(1.01, seed), MODEL) for seed in range(8)])
+    assert np.abs(found[:, 0] / 1.01 - 1.0).max() < 5e-3
+    assert found[:, 1].min() > 2e-3  # the length of a pixel is common to all frames
+    assert found[:, 1].max() < 5e-3
+
+
+def test_frames_of_another_form_are_less_certain_and_few_tell_nothing() -> None:
+    at, radius, u, shared = film(1.0, 1)
+    bent = radius * (1.0 + 0.02 * np.array([1.0, -1.0, 1.0, -1.0, 1.0]))
+    assert _size(at, bent, u, shared, MODEL)[1] > 5e-3
+    assert np.isnan(_size(at[:4], radius[:4], u[:4], shared[:4], MODEL)).all()
+    assert _size(at, radius, u, shared, MODEL)[0] == pytest.approx(1.0, abs=5e-3)

@@ -1,0 +1,33 @@
+"""Bounces against their order: what gains height after bounces that lose it was moved."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from pipelines.experiments.shared import fall_checks
+from pipelines.experiments.shared.fall_checks import Fall
+
+
+def _fall(restitution: list[float]) -> Fall:
+    e = np.array(restitution)
+    into = 0.2 * np.cumprod(np.concatenate([[1.0], e[:-1]]))
+    heights = (into * e) ** 2 / 19.62
+    table = {
+        "restitution": ("impact", e),
+        "u_restitution": ("impact", np.full(e.size, 1e-3)),
+        "incoming_speed": ("impact", into),
+        "apex_height": ("impact", heights),
+        "u_apex_height": ("impact", np.full(e.size, 1e-6)),
+        "drop_height": 0.2**2 / 19.62,
+        "u_drop_height": 1e-6,
+    }
+    return Fall("laser/a.csv", xr.Dataset(table), 1e-3)
+
+
+@pytest.mark.parametrize("check", [fall_checks.restitution, fall_checks.apexes])
+@pytest.mark.parametrize(("restitution", "is_moved"), [([0.9, 0.9, 0.9, 3.0], True), ([1.2, 1.2, 1.2, 1.2], False)])
+def test_a_body_that_is_lifted_after_its_bounces_is_told_from_a_reversed_record(check, restitution, is_moved):
+    found = check(_fall(restitution))
+    assert found.level == "impossible"
+    assert ("until impact 3 the body bounces" in found.cause) == is_moved
+    assert check(_fall([0.9, 0.9, 0.9])).level is None
