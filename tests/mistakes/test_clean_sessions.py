@@ -137,7 +137,7 @@ def _plate(folder: Path, number: int) -> tuple[str, ...]:
 def _disturbed(gain: float, hum: float, drift: float, phase: float, x: Floats) -> Floats:
     """Return readings [mm] with mains and a slow drift, at 50 µs."""
     t = 50e-6 * np.arange(x.size)
-    return np.asarray(x * gain + hum * np.sin(2 * np.pi * 50 * t + phase) + drift * t / 50e-6)
+    return np.asarray(x * gain + hum * np.sin(2 * np.pi * 50 * t + phase) + drift * t)
 
 
 def _under(folder: Path, number: int) -> tuple[str, ...]:

@@ -65,6 +65,10 @@ class RowsSeen:
     is_repeated: bool
     distances: list[Floats]
 
+    def are_outwards(self, frame: int, directions: Floats) -> bool:
+        """Tell whether the fields of a frame are apart along directions (piece, 2), or against all of them."""
+        return _differ_from_zero((self.distances[frame] * directions).sum(axis=1), _SIGNIFICANT_ALONG)
+
     def is_interlaced(self, step: Floats) -> bool:
         """Tell whether the film is interlaced.
 
@@ -86,6 +90,12 @@ class RowsSeen:
         return _differ_from_zero(np.concatenate(along), _SIGNIFICANT_ALONG) if along else False
 
 
+def is_inside(corners: NDArray[np.int64], shape: tuple[int, int]) -> Flags:
+    """Tell which pieces (piece, 2), by first column and row, lie in an image of rows and columns."""
+    rows, columns = shape
+    return np.asarray((corners >= 0).all(axis=1) & (corners[:, 0] <= columns - PIECE) & (corners[:, 1] <= rows - PIECE))
+
+
 def pieces_of(image: NDArray[np.generic], corners: NDArray[np.int64]) -> Floats32:
     """Copy the square pieces (piece, row, column) of an image that lie inside it.
 
@@ -97,7 +107,7 @@ def pieces_of(image: NDArray[np.generic], corners: NDArray[np.int64]) -> Floats3
         Column and row of the first pixel of each; the rows of all of them even, or odd.
     """
     rows, columns = image.shape
-    inside = (corners >= 0).all(axis=1) & (corners[:, 0] <= columns - PIECE) & (corners[:, 1] <= rows - PIECE)
+    inside = is_inside(corners, (rows, columns))
     found = np.empty((int(inside.sum()), PIECE, PIECE), np.float32)
     for piece, (x, y) in zip(found, corners[inside], strict=True):
         piece[:] = image[y : y + PIECE, x : x + PIECE]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Flags
+from labpipe.imaging.films import StuckPixels
 from labpipe.imaging.fringes._calibration import Calibration
 from labpipe.imaging.fringes._centre_votes import find_centres
 from labpipe.imaging.fringes._edge import Edge, find_edge
@@ -74,6 +75,12 @@ class FilmResult:
         Counts.
     damaged : set
         Frames that could not be used.
+    combed : set
+        Those of them whose odd and even rows show two instants.
+    repeats_rows : bool
+        Every second row of the film repeats its neighbour or is the mean of both.
+    stuck : StuckPixels
+        Pixels that do not follow the scene.
     """
 
     view: View
@@ -88,6 +95,16 @@ class FilmResult:
     is_phase_given: bool = False
     work: dict[str, int] = field(default_factory=dict)
     damaged: set[int] = field(default_factory=set)
+    combed: set[int] = field(default_factory=set)
+    repeats_rows: bool = False
+    stuck: StuckPixels = field(default_factory=StuckPixels)
+
+    def leave_out(self, frames: Iterable[int]) -> None:
+        """Count frames as damaged, whatever was found in them."""
+        for index in frames:
+            self.damaged.add(index)
+            for found in (self.fits, self.edges, self.blanks):
+                found.pop(index, None)
 
 
 def look_without_fringes(frame: NDArray[np.generic], view: View) -> Blank:

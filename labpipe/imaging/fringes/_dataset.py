@@ -245,7 +245,10 @@ def _static_radius(radius: Floats, deviation: Floats, method: NDArray[np.int8]) 
 def _warn(options: FilmOptions, result: FilmResult) -> None:
     """Tell what a reader of the results must know."""
     texts = []
-    if result.damaged:
+    rows = _rows_told(result)
+    if rows:
+        texts.append(rows)
+    elif result.damaged:
         texts.append(f"{len(result.damaged)} damaged frames were left out")
     if options.wavelength is None:
         texts.append(
@@ -283,6 +286,21 @@ def _warn(options: FilmOptions, result: FilmResult) -> None:
         )
     for text in texts:
         warnings.warn(text, UserWarning, stacklevel=4)
+
+
+def _rows_told(result: FilmResult) -> str:
+    """Tell what is wrong with the rows of the film; empty when nothing is."""
+    if result.repeats_rows:
+        return (
+            "every second row of the film repeats its neighbour or is the mean of both: it shows one field of an "
+            "interlaced recording, whose frames were left out"
+        )
+    if result.combed:
+        return (
+            f"odd and even rows of {len(result.combed)} frames show different instants: the film is interlaced, and "
+            f"{len(result.damaged)} frames were left out; record progressive frames"
+        )
+    return ""
 
 
 def _frames_by_edge(result: FilmResult) -> str:
@@ -326,7 +344,7 @@ def _attributes(options: FilmOptions, result: FilmResult, uncertainties: dict[st
         "blur": result.calibration.blur,
         "harmonics": list(result.view.harmonics),
         "wavelength_used": options.wavelength or NOMINAL_WAVELENGTH,
-        "note": note,
+        "note": "; ".join(filter(None, (note, _rows_told(result), result.stuck.note))),
         "uncertainties": json.dumps(uncertainties),
         "work": json.dumps(result.work),
     }

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats
 from labpipe.frames import FrameSource
-from labpipe.imaging.films import FilmReader, Place, frames_in_windows, plan_reading
+from labpipe.imaging.films import FilmReader, Place, frames_in_windows, plan_reading, without_stuck_pixels
 from labpipe.imaging.fringes._arguments import FilmOptions, exposure_times
 from labpipe.imaging.fringes._blank_frames import FilmResult, choose_edges, find_filled, look_without_fringes
 from labpipe.imaging.fringes._calibration import calibrate
@@ -17,6 +17,7 @@ from labpipe.imaging.fringes._open_gap import fit_open_gap, is_doubtful
 from labpipe.imaging.fringes._optics_search import OtherOptics, rebase
 from labpipe.imaging.fringes._radial_scan import edge_width
 from labpipe.imaging.fringes._ring_fit import HARMONICS, USUAL, FitSettings, Parameter, RingFit, fit_contact
+from labpipe.imaging.fringes._rows_of_contacts import leave_out_rows
 from labpipe.imaging.fringes._search import (
     GOOD_MISFIT,
     View,
@@ -62,12 +63,14 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
     options : FilmOptions
         Checked arguments.
     """
+    film, stuck = without_stuck_pixels(film)
     reader = FilmReader(film)
     wanted = np.asarray(film.valid, bool).copy()
     if options.windows is not None:
         wanted &= frames_in_windows(film.time, options.windows)
     view = _make_view(reader, options, wanted)
     result = FilmResult(view, np.zeros(len(film), bool))
+    result.stuck = stuck
     result.is_phase_given = options.phase is not None
     result.has_fringes = options.wavelength is not None and view.templates is not None
     if result.has_fringes:
@@ -79,10 +82,9 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
             result.blanks[index] = look_without_fringes(reader.whole(index), view)
     broken = np.flatnonzero(~np.asarray(film.valid, bool))
     result.damaged = reader.damaged | set(map(int, broken))
-    for index in reader.damaged:
-        result.blanks.pop(index, None)
-        result.fits.pop(index, None)
+    result.leave_out(reader.damaged)
     choose_edges(result)
+    leave_out_rows(reader, result)
     find_filled(result)
     result.work = reader.work() | {
         "fits": len(result.fits),

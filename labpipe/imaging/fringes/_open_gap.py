@@ -21,8 +21,9 @@ from labpipe.imaging.fringes._search import View, is_clear, is_contact
 
 #: Fringes of Hertz's gap over which the power law is taken to hold, and over which its error shows.
 _NEAR_FRINGES, _FAR_FRINGES = 2.0, 3.0
-#: Factors of the gap that are tried, and between which it must come out.
-_FACTORS, _LEAST_FACTOR, _MOST_FACTOR = (1.0, 0.7, 0.45), 0.3, 1.1
+#: Factors of the gap that are tried, and between which it must come out: an iteration that is held at
+#: the least factor it may take, 1/e, has found none.
+_FACTORS, _LEAST_FACTOR, _MOST_FACTOR = (1.0, 0.7, 0.45), 0.38, 1.1
 #: Logarithm of the factor from which the gap counts as other than Hertz's.
 _NOTABLE = 0.02
 #: Radii that are tried: below a start by these shares of the width of the first bright ring.

@@ -45,6 +45,8 @@ MOST_TRAVEL = 1.5
 #: Travel in the exposure, in widths of the first bright ring, from which fringes may be mistaken
 #: for a soft edge.
 _LONG_TRAVEL = 0.5
+#: Blur, in widths of the first bright ring, from which the same holds.
+_STRONG_BLUR = 0.25
 #: Widths of the first bright ring by which an axis differs from a circle that its profile tells of.
 _ROUND = 0.25
 #: A plain edge is believed at once when it leaves less than this share of the squares that the
@@ -69,8 +71,9 @@ _LEAST_RINGS = 24
 _BLOCK, _NOISE_PIXELS, _QUIET = 12, 80_000, 3.0
 #: Greatest uncertainty of a radius as a share of it.
 _MOST_UNCERTAINTY = 0.1
-#: Square of the blur (px²) from which it is sought.
-_FIRST_BLUR = 2.0
+#: Square of the blur (px²) from which it is sought, and the share of the misfit of a long travel in
+#: the exposure that a blur must stay below to be the better reason for soft fringes.
+_FIRST_BLUR, _BLUR_BEFORE_TRAVEL = 2.0, 0.5
 #: Share of the ring's pixels that must lie in the frame.
 _LEAST_PIXELS = 200
 
@@ -267,25 +270,34 @@ def fit_from(frame: NDArray[np.generic], view: View, start: Floats) -> RingFit |
     The first fringe needs less of a start than the finer ones farther out.
     """
     quick = replace(view.settings, max_pixels=_QUICK_PIXELS, max_iterations=_QUICK_ITERATIONS)
-    near = replace(quick, fringes=1.0)
+    # only where it ends counts of the first step
+    near = replace(quick, fringes=1.0, tells_memory=False)
     first = fit_contact(frame, start, view.optics, near, view.white)
     if first is None or first.pixels < _LEAST_PIXELS:
         return None
     found = fit_contact(frame, first.parameters, view.optics, quick, view.white)
-    if found is None or found.misfit < GOOD_MISFIT:
-        return found
+    if found is None:
+        return None
+    alternatives, least = view.alternatives, min(GOOD_MISFIT, found.misfit)
+    if found.misfit < GOOD_MISFIT:
+        if not _has_long_travel(view, found):
+            return found
+        alternatives = tuple(extra for extra in alternatives if Parameter.BLUR in extra)
+        least = _BLUR_BEFORE_TRAVEL * found.misfit
     # Perhaps the view is oblique or out of focus, R or the wavelength is not what it is said to
     # be, or there are many beams.
-    for extra in view.alternatives:
+    for extra in alternatives:
         free = (*view.settings.free, *extra)
         other = start.copy()
         other[Parameter.SMEAR] = 0.0
         other[Parameter.BLUR] = _FIRST_BLUR if Parameter.BLUR in extra else 0.0
-        first = fit_contact(frame, other, view.optics, replace(near, free=free), view.white)
+        # A blur and a travel are hardly told from each other by the first fringe alone.
+        started = tuple(p for p in free if p != Parameter.SMEAR) if Parameter.BLUR in extra else free
+        first = fit_contact(frame, other, view.optics, replace(near, free=started), view.white)
         if first is None:
             continue
         trial = fit_contact(frame, first.parameters, view.optics, replace(quick, free=free), view.white)
-        if trial is not None and trial.misfit < min(GOOD_MISFIT, found.misfit):
+        if trial is not None and trial.misfit < least:
             return trial
     return found
 
@@ -318,7 +330,7 @@ def is_contact(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
     oblique = math.hypot(float(found.parameters[Parameter.STRETCH]), float(found.parameters[Parameter.SHEAR]))
     # The mean around the centre of an ellipse is softer than its rings; but a shadow is no ellipse.
     is_ellipse = oblique * radius > _ROUND * edge and found.misfit < 0.5 * GOOD_MISFIT
-    may_be_edge = travel > _LONG_TRAVEL * edge and not is_ellipse
+    may_be_edge = (_has_long_travel(view, found) or _blur_of(view, found) > _STRONG_BLUR * edge) and not is_ellipse
     is_small = radius < _SMALL_CONTACT * view.newton_spot
     if not may_be_edge and not is_small:
         return True
@@ -330,13 +342,24 @@ def is_contact(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
     return not (is_small and is_sphere(window, term, distance, view.optics))
 
 
+def _has_long_travel(view: View, found: RingFit) -> bool:
+    """Tell whether the radius moves so far in the exposure that fringes look like a soft edge."""
+    travel = math.sqrt(max(float(found.parameters[Parameter.SMEAR]), 0.0))
+    return travel > _LONG_TRAVEL * edge_width(float(found.parameters[Parameter.RADIUS]), view.optics)
+
+
+def _blur_of(view: View, found: RingFit) -> float:
+    """Return the standard deviation (px) of the image of a point in a fit."""
+    return math.sqrt(max(view.optics.blur**2 + float(found.parameters[Parameter.BLUR]), 0.0))
+
+
 def _profile_of(frame: NDArray[np.generic], view: View, found: RingFit) -> tuple[Window, Floats, Floats]:
     """Profile about the centre of a fit, the term that was fitted, and its distances."""
     x, y, radius = (float(found.parameters[p]) for p in (Parameter.X, Parameter.Y, Parameter.RADIUS))
     travel = math.sqrt(max(float(found.parameters[Parameter.SMEAR]), 0.0))
     settings = view.settings
     scale = math.exp(float(found.parameters[Parameter.SCALE]))
-    optics = replace(view.optics, phase_scale=view.optics.phase_scale * scale)
+    optics = replace(view.optics, phase_scale=view.optics.phase_scale * scale, blur=_blur_of(view, found))
     inner, outer = ring_limits(radius, view.optics, settings.fringes, settings.least_spacing)
     width = min(1.0, (outer - inner) / _LEAST_RINGS)
     first, last = math.ceil(inner / width), math.floor(outer / width)

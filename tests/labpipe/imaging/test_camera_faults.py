@@ -9,11 +9,13 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.frames import ArrayFrames, FrameSource, as_frames
-from labpipe.imaging import track
+from labpipe.imaging import contact_radius, track
 from labpipe.imaging.films import without_stuck_pixels
 from pipelines.bench import film_scenes
 from pipelines.bench.film_scenes import View, digitised, from_formula, from_spectrum
 from tests.by_day import by_day
+from tests.labpipe.imaging.contact_scenes import Disturbed, film_of
+from tests.labpipe.imaging.fringe_film import Scene, gap_of_hertz
 from tests.labpipe.imaging.speckle import grid
 
 SIZE, NOISE = 160, 1.0
@@ -152,3 +154,55 @@ def test_a_repaired_film_is_a_film(kind: type[np.generic]) -> None:
     assert np.array_equal(part[3][8:-8, 8:-8], repaired[3][48:82, 28:92])
     everything = [repaired[k] for k in range(len(repaired))]
     assert np.array_equal(np.stack(list(repaired)), np.stack(everything))
+
+
+# --- fringes ------------------------------------------------------------------------------------
+
+OPTICS = Scene(rows=320, columns=420)
+RADII = [150e-6, 200e-6, 230e-6, 240e-6, 240e-6, 240e-6]
+
+
+def contacts(radii: list[float], seed: int = 0) -> np.ndarray:
+    def gap(r: Floats, a: float) -> Floats:
+        return gap_of_hertz(r, a, OPTICS.sphere_radius)
+
+    return film_of(Disturbed(OPTICS), gap, radii, seed=seed)
+
+
+def measured(film: np.ndarray) -> xr.Dataset:
+    return contact_radius(film, OPTICS.pixel_size, OPTICS.sphere_radius, OPTICS.wavelength)
+
+
+@pytest.mark.parametrize("radii", by_day([RADII, [200e-6 + k * 0.4e-6 for k in range(6)]], 1))
+def test_contacts_of_two_instants_are_left_out_and_those_at_rest_are_not(radii: list[float]) -> None:
+    later = [0.5 * (one + other) for one, other in zip(radii, [*radii[1:], radii[-1]], strict=True)]
+    film, odd = contacts(radii), contacts(later, 1)
+    film[:, 1::2] = odd[:, 1::2]
+    with pytest.warns(UserWarning, match="odd and even rows"):
+        found = measured(film)
+    is_moving = np.abs(np.gradient(radii)) > 0.0
+    assert not found.valid.values[is_moving].any()
+    rest = found.radius.values[~is_moving] - np.array(radii)[~is_moving]
+    assert np.abs(rest).max(initial=0.0) < 0.01e-6
+    assert "interlaced" in found.attrs["note"]
+
+
+def test_a_film_of_contacts_from_one_field_is_refused() -> None:
+    film = contacts(RADII)
+    film[:, 1::2] = film[:, ::2]
+    with pytest.warns(UserWarning, match="every second row"):
+        found = measured(film)
+    assert not found.valid.any()
+    assert not np.isfinite(found.radius).any()
+
+
+def test_stuck_pixels_do_not_change_a_radius() -> None:
+    film = contacts(RADII)
+    rng = np.random.default_rng(3)
+    y, x = rng.integers(0, 320, 1300), rng.integers(0, 420, 1300)
+    film[:, y, x] = np.where(rng.random(1300) < 0.5, 255, 0)
+    found = measured(film)
+    error = (found.radius - RADII) / np.hypot(found.u_radius, found.radius_systematic)
+    assert np.abs(error).max() < 3.0
+    assert found.u_radius.max() < 0.005e-6
+    assert "not follow the scene" in found.attrs["note"]

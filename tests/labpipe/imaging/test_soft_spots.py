@@ -1,0 +1,29 @@
+"""A soft round shadow is no contact, and a contact out of focus is one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from labpipe.imaging import contact_radius
+from pipelines.bench.contact_radius import Scene, make_film
+
+SCENE = Scene(rows=320, columns=420, radius=240e-6, centre=(208.3, 161.2))
+
+
+@pytest.mark.parametrize("softness", [9.0, 14.0])
+def test_a_soft_disc_without_fringes_is_no_contact(softness: float) -> None:
+    y, x = np.mgrid[:320, :420]
+    grey = 120.0 + 70.0 * np.tanh((np.hypot(x - 208.0, y - 161.0) - 110.0) / softness)
+    noise = 5.0 * np.random.default_rng(1).standard_normal((2, 320, 420))
+    film = np.clip(np.rint(grey + noise), 0.0, 255.0).astype(np.uint8)
+    assert not contact_radius(film, SCENE.pixel, SCENE.sphere, SCENE.wavelength).in_contact.any()
+
+
+@pytest.mark.parametrize("blur", [4.0, 8.0])
+def test_a_contact_out_of_focus_is_measured_all_the_same(blur: float) -> None:
+    found = contact_radius(make_film(replace(SCENE, blur=blur), 2, 1), SCENE.pixel, SCENE.sphere, SCENE.wavelength)
+    assert (found.method == 1).all()
+    u = np.hypot(found.u_radius, found.radius_systematic)
+    assert (np.abs(found.radius - SCENE.radius) < 3.0 * u).all()
+    assert (u < 0.2e-6).all()
