@@ -151,7 +151,7 @@ def entropy_inequality(
 ) -> Floats:
     """Return the left side of the entropy inequality (1.18), with Fourier's flow of heat.
 
-    The flow q = -k grad(T) adds k |grad(T)|^2 / T, which is not negative either, so that neither
+    The flow ``q = -k grad(T)`` adds ``k grad(T)^2 / T``, which is not negative either, so that neither
     part can make up for the other.
 
     Parameters

@@ -21,7 +21,7 @@ def refuse_rows(found: Displacements, rows: dict[int, Floats], indices: NDArray[
     ----------
     found : Displacements
         Changed in place.
-    rows : dict of arrays (piece, 10)
+    rows : dict of arrays (piece, 12)
         Of frames that were looked at, see :func:`.row_sums`.
     indices : integer array (frame,)
         Frames of ``found`` in the film.
@@ -41,7 +41,7 @@ def refuse_rows(found: Displacements, rows: dict[int, Floats], indices: NDArray[
     seen = np.array([int(index) in rows for index in indices], bool)
     if not seen.any():
         return ""
-    told = read_rows([rows[int(index)] for index in indices[seen]])
+    told = read_rows([rows[int(index)] for index in indices[seen]], is_first_still=bool(is_static[seen][0]))
     refused = np.zeros(len(indices), bool)
     text = ""
     if told.is_repeated:

@@ -51,19 +51,24 @@ class RowsSeen:
     Attributes
     ----------
     is_combed : bool array (frame,)
-        The frame shows two instants.
+        The frame shows two instants. In a film whose still frame has edges sharper than the pixels only
+        teeth count, rows that differ more from their neighbours than from the next but one: the steps of
+        such edges look like small distances, in random directions.
     apart : array (frame,) [px]
         Distance of what odd and even rows show, 0 where they show the same.
     is_repeated : bool
         Every second row repeats its neighbour or is the mean of both.
     distances : list of arrays (piece, 2) [px]
         Distance of the fields in every piece of every frame.
+    is_sharp : bool
+        The still frame has edges sharper than the pixels.
     """
 
     is_combed: Flags
     apart: Floats
     is_repeated: bool
     distances: list[Floats]
+    is_sharp: bool
 
     def are_outwards(self, frame: int, directions: Floats) -> bool:
         """Tell whether the fields of a frame are apart along directions (piece, 2), or against all of them."""
@@ -79,14 +84,16 @@ class RowsSeen:
 
         Notes
         -----
-        Most frames that move show two instants then; or, where the motion is too slow for that, the
-        fields are apart along the motion in all of them together.
+        Most frames that move show two instants then; or, where the motion is too slow or the edges are
+        too sharp for that, the fields are apart along the motion in all of them together, beyond what
+        the still frame shows.
         """
         length = np.hypot(*step.T)
         if self.is_combed.sum() >= max(1.0, _MOST_FRAMES * np.count_nonzero(length > _MOVING)):
             return True
-        chosen = np.flatnonzero((length > _CREEPING) & (length < _MOVING))
-        along = [self.distances[k] @ (step[k] / length[k]) for k in chosen]
+        chosen = np.flatnonzero((length > _CREEPING) & (self.is_sharp | (length < _MOVING)))
+        still = np.median(self.distances[0], axis=0) if self.is_sharp else np.zeros(2)
+        along = [(self.distances[k] - still) @ (step[k] / length[k]) for k in chosen]
         return _differ_from_zero(np.concatenate(along), _SIGNIFICANT_ALONG) if along else False
 
 
@@ -116,11 +123,12 @@ def pieces_of(image: NDArray[np.generic], corners: NDArray[np.int64]) -> Floats3
 
 @compiled(nogil=True, fastmath={"reassoc", "contract", "nsz"})
 def row_sums(pieces: Floats32) -> Floats:
-    """Sum (piece, 10) over square pieces of a frame.
+    """Sum (piece, 12) over square pieces of a frame.
 
     Products of the slopes along x and y, of each with the alternating residual of a row against its
     neighbours, squares of that residual on rows of both parities, and squared differences of rows: next
-    to each other from rows of both parities, and two apart.
+    to each other from rows of both parities, and two apart; last, of some rows, squared differences of
+    columns next to each other from columns of both parities.
 
     Parameters
     ----------
@@ -128,7 +136,7 @@ def row_sums(pieces: Floats32) -> Floats:
         Grey levels.
     """
     count, rows, columns = pieces.shape
-    sums = np.zeros((count, 10))
+    sums = np.zeros((count, 12))
     # a bare number would turn every product into one of double width
     half, quarter, eighth = np.float32(0.5), np.float32(0.25), np.float32(0.125)
     for n in range(count):
@@ -161,28 +169,37 @@ def row_sums(pieces: Floats32) -> Floats:
             sums[n, 5 + odd] += rr
             sums[n, 7 + odd] += near
             sums[n, 9] += far
+        for i in range(0, rows, 4):
+            for j in range(columns - 1):
+                sums[n, 10 + j % 2] += float((piece[i, j + 1] - piece[i, j]) ** 2)
     return sums
 
 
-def read_rows(sums: list[Floats]) -> RowsSeen:
+def read_rows(sums: list[Floats], *, is_first_still: bool) -> RowsSeen:
     """Tell what the rows of a film show.
 
     Parameters
     ----------
-    sums : list of arrays (piece, 10)
+    sums : list of arrays (piece, 12)
         One for every frame, from :func:`row_sums`.
+    is_first_still : bool
+        Nothing moves in the first frame, so that what looks like a distance there is the steps of edges.
     """
     combed, apart = np.zeros(len(sums), bool), np.zeros(len(sums))
     repeated, distances = [], []
+    is_sharp = False
     for k, one in enumerate(sums):
         distance, explained = _distance(one)
         distances.append(distance)
-        combed[k], apart[k] = _apart(one, distance, explained)
+        is_shifted, has_teeth = _shows(one, distance, explained)
+        if k == 0 and is_first_still:
+            is_sharp = bool(is_shifted.any()) and not _are_enough(has_teeth)
+        combed[k], apart[k] = _apart(distance, has_teeth if is_sharp else is_shifted | has_teeth, is_sharp=is_sharp)
         ratio = _parity(one)
         if ratio is not None:
             repeated.append(ratio)
     is_repeated = len(repeated) > 0 and bool(np.mean(repeated) > 1.0 - _SHARE)
-    return RowsSeen(combed, apart, is_repeated, distances)
+    return RowsSeen(combed, apart, is_repeated, distances, is_sharp)
 
 
 def _distance(sums: Floats) -> tuple[Floats, Floats]:
@@ -195,19 +212,25 @@ def _distance(sums: Floats) -> tuple[Floats, Floats]:
     return np.stack([dx, dy], axis=1), dx * xr + dy * yr
 
 
-def _apart(sums: Floats, distance: Floats, explained: Floats) -> tuple[bool, float]:
-    """Whether pieces of a frame show two instants, and how far (px) they are apart."""
-    if not len(sums):
-        return False, 0.0
+def _shows(sums: Floats, distance: Floats, explained: Floats) -> tuple[Flags, Flags]:
+    """Which pieces of a frame look shifted from row to row, and which have teeth."""
     pixels = float((PIECE - 2) ** 2)
     left = np.maximum((sums[:, 5] + sums[:, 6] - explained) / pixels, _ROUNDING)
-    length = np.hypot(*distance.T)
     near, far = sums[:, 7] + sums[:, 8], sums[:, 9]
-    has_teeth = (near > _TEETH * far) & (near > _LEAST_SHOWN * pixels)
-    shows = ((explained / left > _CLEAR) & (length > _LEAST_APART)) | has_teeth
-    if shows.sum() >= min(_FEWEST, len(sums)) and shows.mean() >= _SHARE:
-        return True, float(np.median(length[shows]))
-    if any(_differ_from_zero(values) for values in distance.T):
+    is_shifted = (explained / left > _CLEAR) & (np.hypot(*distance.T) > _LEAST_APART)
+    return np.asarray(is_shifted), np.asarray((near > _TEETH * far) & (near > _LEAST_SHOWN * pixels))
+
+
+def _are_enough(shows: Flags) -> bool:
+    """Tell whether so many pieces of a frame show something that the frame does."""
+    return bool(len(shows)) and bool(shows.sum() >= min(_FEWEST, len(shows)) and shows.mean() >= _SHARE)
+
+
+def _apart(distance: Floats, shows: Flags, *, is_sharp: bool) -> tuple[bool, float]:
+    """Whether pieces of a frame show two instants, and how far (px) they are apart."""
+    if _are_enough(shows):
+        return True, float(np.median(np.hypot(*distance[shows].T)))
+    if not is_sharp and any(_differ_from_zero(values) for values in distance.T):
         return True, float(np.hypot(*np.median(distance, axis=0)))
     return False, 0.0
 
@@ -222,11 +245,14 @@ def _differ_from_zero(values: Floats, significant: float = _SIGNIFICANT) -> bool
 
 
 def _parity(sums: Floats) -> bool | None:
-    """Whether rows of one parity repeat the others, or are their means; None where nothing shows."""
+    """Whether rows of one parity repeat the others, or are their means; None where nothing shows.
+
+    Where columns repeat as well the image was magnified, or shows blocks, and its rows are right.
+    """
     pixels = 0.5 * float((PIECE - 2) ** 2)
-    bend, step = sums[:, 5:7] / pixels + _ROUNDING, sums[:, 7:9] / pixels + _ROUNDING
+    bend, step, beside = (sums[:, k : k + 2] / pixels + _ROUNDING for k in (5, 7, 10))
     shown = step.max(axis=1) > _LEAST_SHOWN
     if not shown.any():
         return None
-    by_step, by_bend = (np.median(np.log(pair[shown, 0] / pair[shown, 1])) for pair in (step, bend))
-    return bool(abs(by_step) > _REPEATED or abs(by_bend) > _MEAN_OF_OTHERS)
+    by_step, by_bend, by_column = (np.median(np.log(pair[shown, 0] / pair[shown, 1])) for pair in (step, bend, beside))
+    return bool((abs(by_step) > _REPEATED or abs(by_bend) > _MEAN_OF_OTHERS) and abs(by_column) < _REPEATED)

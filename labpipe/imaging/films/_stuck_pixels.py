@@ -29,6 +29,8 @@ _AROUND, _MOVED, _MOVED_LITTLE = 3, 0.7, 0.3
 #: Share of its height above the neighbours by which the level of a stuck pixel may change, and the
 #: height of one that adds to its light; share and standard deviations of noise for a steady one.
 _SAME, _SAME_HEIGHT, _STEADY, _STEADY_NOISE = 0.15, 0.3, 0.04, 4.0
+#: Share of its height by which a stuck pixel must stand out in another frame at least once.
+_STILL_OUT = 0.5
 #: Median of the distances of noise from the median of three by three pixels, over its deviation.
 _MEDIAN_OF_REST = 0.76
 #: Weights of the next and the second next pixel on both sides in a cubic through four.
@@ -218,18 +220,22 @@ def _do_not_follow(
     inner = np.flatnonzero((np.abs(np.repeat(steps, len(steps))) <= 1) & (np.abs(np.tile(steps, len(steps))) <= 1))
     raised = before[:, middle] - np.median(before[:, inner], axis=1)
     is_strange = height > strange
-    has_moved, has_changed = np.zeros((2, len(asked)), bool)
+    has_moved, has_changed, stands_out = np.zeros((3, len(asked)), bool)
     for other in others:
         now = other.reshape(-1)[around].astype(np.float64)
         square = _mean((now - before) ** 2, counts)
         change = np.abs(now[:, middle] - before[:, middle])
-        by_height = np.abs(now[:, middle] - np.median(now[:, inner], axis=1) - raised)
+        stands = now[:, middle] - np.median(now[:, inner], axis=1)
+        by_height = np.abs(stands - raised)
         is_steady = change <= np.maximum(_STEADY_NOISE * noise, _STEADY * height)
         is_same = is_steady | (change <= _SAME * height) | (by_height <= _SAME_HEIGHT * height)
         far, little = (square > step**2 * slope for step in (_MOVED, _MOVED_LITTLE))
-        has_moved |= far | (little & is_steady & is_strange)
+        tells = far | (little & is_steady & is_strange)
+        has_moved |= tells
+        stands_out |= tells & (np.abs(stands) > _STILL_OUT * height)
         has_changed |= (far & ~is_same) | (little & ~is_steady & (by_height > _SAME_HEIGHT * height))
-    stuck = has_moved & ~has_changed
+    # One that has come to lie inside a larger feature keeps its level too, but stands out no more.
+    stuck = has_moved & ~has_changed & stands_out
     # Of a fine scene some keep their level by chance: of those that stick out as far, most must.
     order = np.argsort(-height)
     order = order[has_moved[order]]

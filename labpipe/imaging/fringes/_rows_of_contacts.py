@@ -62,7 +62,8 @@ def _changes(result: FilmResult) -> dict[int, float]:
 
 def _told(reader: FilmReader, result: FilmResult, frames: list[int]) -> RowsSeen:
     """Look at the rows of frames where their contacts are."""
-    return read_rows([row_sums(pieces_of(reader.whole(index), _corners(result, index))) for index in frames])
+    sums = [row_sums(pieces_of(reader.whole(index), _corners(result, index))) for index in frames]
+    return read_rows(sums, is_first_still=False)
 
 
 def _corners(result: FilmResult, index: int) -> NDArray[np.int64]:
