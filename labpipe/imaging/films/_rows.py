@@ -170,8 +170,8 @@ def row_sums(pieces: Floats32) -> Floats:
             sums[n, 7 + odd] += near
             sums[n, 9] += far
         for i in range(0, rows, 4):
-            for j in range(columns - 1):
-                sums[n, 10 + j % 2] += float((piece[i, j + 1] - piece[i, j]) ** 2)
+            for m in range(columns - 1):
+                sums[n, 10 + m % 2] += float((piece[i, m + 1] - piece[i, m]) ** 2)
     return sums
 
 

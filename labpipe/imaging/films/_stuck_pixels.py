@@ -5,7 +5,7 @@ sensor. One frame tells which pixels stick out from their neighbours as no lens 
 in which the scene around them has moved on, tell which of these still do.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -134,13 +134,19 @@ class StuckPixels:
         return f"{some} not follow the scene (stuck, or dust on the sensor) interpolated from the neighbours"
 
 
-def without_stuck_pixels(film: FrameSource) -> tuple[FrameSource, StuckPixels]:
+def without_stuck_pixels(
+    film: FrameSource, wanted: Flags | None = None, read: Callable[[int], NDArray[np.generic]] | None = None
+) -> tuple[FrameSource, StuckPixels]:
     """Repair the pixels of a film that are stuck; the same film when there are none.
 
     Parameters
     ----------
     film : FrameSource
         Grey images.
+    wanted : bool array (frame,), optional
+        Frames that may be read; by default all.
+    read : callable, optional
+        Returns the frame of an index, by default the film's own.
 
     Returns
     -------
@@ -154,16 +160,17 @@ def without_stuck_pixels(film: FrameSource) -> tuple[FrameSource, StuckPixels]:
     the same in all frames in which what surrounds it has moved by most of a pixel. While nothing has
     moved, nothing can tell, and nothing is harmed.
     """
-    sound = np.flatnonzero(np.asarray(film.valid, bool))
+    sound = np.flatnonzero(np.asarray(film.valid, bool) & (True if wanted is None else wanted))
+    read = film.__getitem__ if read is None else read
     if len(sound) < 2:
         return film, StuckPixels()
-    first = np.array(film[int(sound[0])])
+    first = np.array(read(int(sound[0])))
     candidates, height, noise, strange = _standing_out(first)
     sure = height > strange
     if not sure.any():
         return film, StuckPixels()
     chosen = sound[np.unique(np.linspace(1, len(sound) - 1, _FRAMES).round().astype(int))]
-    others = [np.array(film[int(index)]) for index in chosen]
+    others = [np.array(read(int(index))) for index in chosen]
     stuck = np.zeros(len(candidates), bool)
     stuck[sure] = _do_not_follow(candidates, candidates[sure], height[sure], noise, strange, first, others)
     # Where there are some, lesser ones are looked for as well.

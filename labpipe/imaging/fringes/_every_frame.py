@@ -63,11 +63,13 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
     options : FilmOptions
         Checked arguments.
     """
-    film, stuck = without_stuck_pixels(film)
     reader = FilmReader(film)
     wanted = np.asarray(film.valid, bool).copy()
     if options.windows is not None:
         wanted &= frames_in_windows(film.time, options.windows)
+    film, stuck = without_stuck_pixels(film, wanted, reader.whole)
+    if stuck.count:
+        reader = FilmReader(film)
     view = _make_view(reader, options, wanted)
     result = FilmResult(view, np.zeros(len(film), bool))
     result.stuck = stuck

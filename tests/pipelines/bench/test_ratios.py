@@ -5,7 +5,7 @@ import math
 import pytest
 
 from pipelines.bench.measure import Point, Suite
-from pipelines.bench.ratios import markdown, ratios_of, table
+from pipelines.bench.ratios import ratios_of, table
 
 SUITE = Suite(
     "toy",
@@ -37,4 +37,3 @@ def test_suites_without_others_have_no_row() -> None:
     alone = Suite("alone", "Alone", "error (1)", SUITE.points[:2])
     assert ratios_of(alone) == []
     assert table([alone]) is None
-    assert "| toy | thesis: steps, short | coarse | 2.0 | 3.0 (1.5 – 4.0) |" in markdown([alone, SUITE])
