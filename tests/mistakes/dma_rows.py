@@ -257,7 +257,7 @@ ROWS = (
     Mistake(
         "the warmer isotherms in kelvin",
         _rows(lambda cells, i, p: _warmer(cells, 273.15) if i > 2 else cells),
-        "impossible",
+        "doubtful",
         ("in k under °c", "20.2 °c and more are meant"),
         FIRST,
     ),

@@ -20,7 +20,7 @@ def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _judged(folder: Path) -> Verdict:
-    return next(v for v in verdict(folder, ["comparison"]).experiments if v.experiment == "plate")
+    return next(v for v in verdict(folder, ["comparison"], jobs=0).experiments if v.experiment == "plate")
 
 
 def test_clean_session_is_believed_and_agrees(clean: Path) -> None:

@@ -20,7 +20,7 @@ def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _judged(folder: Path) -> Verdict:
-    return verdict(folder, ["comparison"]).experiments[0]
+    return verdict(folder, ["comparison"], jobs=0).experiments[0]
 
 
 def test_clean_session_is_believed_and_agrees(clean: Path) -> None:

@@ -51,7 +51,8 @@ def test_a_drop_tells_its_velocity_and_simulates_only_what_was_simulated(
         analysis=SimpleNamespace(velocity=velocity),
         model=SimpleNamespace(profile="sphere", rtol=1e-4),
     )
-    repeats = xr.Dataset({"restitution": ("impact", [0.9]), "u_restitution": ("impact", [1e-3])})
+    one = {"units": "1"}
+    repeats = xr.Dataset({"restitution": ("impact", [0.9], one), "u_restitution": ("impact", [1e-3], one)})
     text = drop._methods(settings, [], repeats, xr.Dataset() if has_model else None, None)
     _holds(text, says, hides)
 
