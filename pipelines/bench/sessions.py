@@ -1,4 +1,4 @@
-"""Whole sessions: cold, side by side, and with nothing changed; the error is of restitution."""
+"""Whole sessions: cold, side by side, and with nothing changed; the error is of restitution, in units of u."""
 
 import json
 import shutil
@@ -52,7 +52,7 @@ def run(quick: bool) -> Suite:
     return Suite(
         "sessions",
         f"A session of {experiments} experiments with reports, every run in fresh processes",
-        "RMS error of restitution (1)",
+        "RMS error of restitution over its uncertainty (1)",
         points,
         notes=[
             f"Two experiments side by side took {two.seconds:.0f} s, one after the other "
@@ -98,7 +98,7 @@ def write_quick(folder: Path) -> None:
 
 
 def restitution_error(folder: Path) -> float:
-    """Return the RMS difference of the first restitutions of all drops from the truth."""
+    """Return the RMS error over uncertainty of the first restitutions of all drops."""
     wrong: list[float] = []
     for name, experiment in verbs.open_session(folder).experiments.items():
         settings = experiment.settings
@@ -109,5 +109,6 @@ def restitution_error(folder: Path) -> float:
             found = verbs.result(folder, name, "bounces", recording)
             ours = found["restitution"].values[:_IMPACTS]
             true = np.array(truth["restitution"][: len(ours)])
-            wrong.extend(ours[: len(true)] - true)
+            u = found["u_restitution"].values[: len(true)]
+            wrong.extend((ours[: len(true)] - true) / u)
     return float(np.sqrt(np.nanmean(np.square(wrong))))

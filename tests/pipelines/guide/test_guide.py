@@ -160,6 +160,7 @@ def test_the_installed_guide_is_small_whole_and_leads_nowhere_else() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*Check CHANGES for Sphinx API")  # of the parser of the texts, not ours
 def test_the_built_site_loads_nothing_from_elsewhere(
     processed_session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
