@@ -38,14 +38,19 @@ def sweeps(seed, share=1.0, factor=lambda T: 1.0, delay=0.0, noise=0.02):
             for T in TEMPERATURES
         ]
     )
+    return scattered(rng, TEMPERATURES, frequency, modulus, noise, noise)
+
+
+def scattered(rng, temperature, frequency, modulus, of_storage, of_loss):
+    """Sweeps of a complex modulus (temperature, frequency), with relative noise of either part."""
     dims = ("temperature", "frequency")
-    scatter = 1 + noise * rng.standard_normal((2, *modulus.shape))
+    storage, loss = rng.standard_normal((2, *modulus.shape))
     return xr.Dataset(
         {
-            "storage": (dims, modulus.real * scatter[0], {"units": "Pa"}),
-            "loss": (dims, modulus.imag * scatter[1], {"units": "Pa"}),
+            "storage": (dims, modulus.real * (1 + of_storage * storage), {"units": "Pa"}),
+            "loss": (dims, modulus.imag * (1 + of_loss * loss), {"units": "Pa"}),
         },
-        coords={"temperature": TEMPERATURES, "frequency": frequency},
+        coords={"temperature": temperature, "frequency": frequency},
     )
 
 
@@ -172,12 +177,7 @@ def test_the_vertical_factor_of_a_liquid_is_not_taken_for_a_delay(seed):
     z = 1j * 2 * np.pi * frequency[:, None] * 10 ** shifts[:, None, None] * np.array([1e-7, 1e-6, 1e-5])
     factor = ((temperature + 273.15) / 298.15 * (1 - 6e-4 * (temperature - 25.0)))[:, None]
     modulus = factor * ((z / (1 + z)) @ np.array([4e5, 2e5, 1e5]))
-    scatter = 1 + 0.02 * rng.standard_normal((2, *modulus.shape))
-    dims = ("temperature", "frequency")
-    measured = xr.Dataset(
-        {"storage": (dims, modulus.real * scatter[0]), "loss": (dims, modulus.imag * scatter[1])},
-        coords={"temperature": temperature, "frequency": frequency},
-    )
+    measured = scattered(rng, temperature, frequency, modulus, 0.02, 0.02)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         found = master_curve(measured, 25.0)
@@ -197,14 +197,7 @@ def broad(seed, slope):
             for T, a in zip(temperature, shifts, strict=True)
         ]
     )
-    dims = ("temperature", "frequency")
-    measured = xr.Dataset(
-        {
-            "storage": (dims, modulus.real * (1 + 0.01 * rng.standard_normal(modulus.shape)), {"units": "Pa"}),
-            "loss": (dims, modulus.imag * (1 + 0.02 * rng.standard_normal(modulus.shape)), {"units": "Pa"}),
-        },
-        coords={"temperature": temperature, "frequency": frequency},
-    )
+    measured = scattered(rng, temperature, frequency, modulus, 0.01, 0.02)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         found = master_curve(measured, 0.0)
@@ -232,14 +225,7 @@ def softening_glass(seed, slope, width):
             for T, a in zip(temperature, shifts, strict=True)
         ]
     )
-    dims = ("temperature", "frequency")
-    measured = xr.Dataset(
-        {
-            "storage": (dims, modulus.real * (1 + 0.003 * rng.standard_normal(modulus.shape)), {"units": "Pa"}),
-            "loss": (dims, modulus.imag * (1 + 0.03 * rng.standard_normal(modulus.shape)), {"units": "Pa"}),
-        },
-        coords={"temperature": temperature, "frequency": frequency},
-    )
+    measured = scattered(rng, temperature, frequency, modulus, 0.003, 0.03)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         found = master_curve(measured, float(temperature[4]))
