@@ -348,6 +348,7 @@ def _errors(result: xr.Dataset) -> list[tuple[str, str, float]]:
         else:
             size = f"{100 * relative:.2g} %" if np.isfinite(relative) and relative < 1.0 else ""
         what, _, of = str(name).partition(", ")
+        what = what.replace("_", " ")
         found.append((f"{what} ({of})" if of else what, size, float(relative)))
     return sorted(found, key=lambda each: (not each[1], each[2]))
 
