@@ -38,20 +38,24 @@ def sweeps(seed, share=1.0, factor=lambda T: 1.0, delay=0.0, noise=0.02):
             for T in TEMPERATURES
         ]
     )
-    return scattered(rng, TEMPERATURES, frequency, modulus, noise, noise)
+    return noisy(rng, TEMPERATURES, frequency, modulus, noise, noise)
 
 
-def scattered(rng, temperature, frequency, modulus, of_storage, of_loss):
-    """Sweeps of a complex modulus (temperature, frequency), with relative noise of either part."""
+def scattered(temperature, frequency, modulus, of_storage, of_loss):
+    """Sweeps of a complex modulus (temperature, frequency), with relative errors of either part."""
     dims = ("temperature", "frequency")
-    storage, loss = rng.standard_normal((2, *modulus.shape))
     return xr.Dataset(
         {
-            "storage": (dims, modulus.real * (1 + of_storage * storage), {"units": "Pa"}),
-            "loss": (dims, modulus.imag * (1 + of_loss * loss), {"units": "Pa"}),
+            "storage": (dims, modulus.real * (1 + of_storage), {"units": "Pa"}),
+            "loss": (dims, modulus.imag * (1 + of_loss), {"units": "Pa"}),
         },
         coords={"temperature": temperature, "frequency": frequency},
     )
+
+
+def noisy(rng, temperature, frequency, modulus, of_storage, of_loss):
+    storage, loss = rng.standard_normal((2, *modulus.shape))
+    return scattered(temperature, frequency, modulus, of_storage * storage, of_loss * loss)
 
 
 def quiet(measured, **options):
@@ -177,7 +181,7 @@ def test_the_vertical_factor_of_a_liquid_is_not_taken_for_a_delay(seed):
     z = 1j * 2 * np.pi * frequency[:, None] * 10 ** shifts[:, None, None] * np.array([1e-7, 1e-6, 1e-5])
     factor = ((temperature + 273.15) / 298.15 * (1 - 6e-4 * (temperature - 25.0)))[:, None]
     modulus = factor * ((z / (1 + z)) @ np.array([4e5, 2e5, 1e5]))
-    measured = scattered(rng, temperature, frequency, modulus, 0.02, 0.02)
+    measured = noisy(rng, temperature, frequency, modulus, 0.02, 0.02)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         found = master_curve(measured, 25.0)
@@ -197,7 +201,7 @@ def broad(seed, slope):
             for T, a in zip(temperature, shifts, strict=True)
         ]
     )
-    measured = scattered(rng, temperature, frequency, modulus, 0.01, 0.02)
+    measured = noisy(rng, temperature, frequency, modulus, 0.01, 0.02)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         found = master_curve(measured, 0.0)
@@ -215,6 +219,26 @@ def test_a_slope_that_sweeps_hardly_tell_is_fitted_all_the_same():
         assert abs(np.mean([share for _, _, share in parts])) < 0.018
 
 
+def test_noise_that_lasts_from_reading_to_reading_makes_all_less_certain():
+    """Four readings are worth one where neighbours err alike by 0.6: twice the uncertainty."""
+    temperature, frequency = np.linspace(-40.0, 40.0, 5), np.logspace(-1, 1, 15)
+    shifts = 4200.0 * (1 / (temperature + 273.15) - 1 / 273.15)
+    modulus = 0.5e9 + 3e9 * dispersion(2 * np.pi * frequency * 10 ** shifts[:, None], 0.05, 0.3, 1.0)
+    sizes = []
+    for lasting in (0.0, 0.6):
+        for seed in range(4):
+            noise = np.random.default_rng(seed).standard_normal((2, *modulus.shape))
+            for i in range(1, frequency.size):
+                noise[..., i] = lasting * noise[..., i - 1] + np.sqrt(1 - lasting**2) * noise[..., i]
+            measured = scattered(temperature, frequency, modulus, 0.01 * noise[0], 0.02 * noise[1])
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UserWarning)
+                found = master_curve(measured, 0.0, vertical="linear")
+            sizes.append(float(np.mean(found.curve["u_storage"] / found.curve["storage"])))
+    white, coloured = np.mean(np.reshape(sizes, (2, 4)), axis=1)
+    assert 1.5 < coloured / white < 3.0, sizes
+
+
 def softening_glass(seed, slope, width):
     """Ten sweeps of a plastic far below its transition: it loses a hundredth, at every frequency alike."""
     rng = np.random.default_rng(seed)
@@ -227,7 +251,7 @@ def softening_glass(seed, slope, width):
             for T, a in zip(temperature, shifts, strict=True)
         ]
     )
-    measured = scattered(rng, temperature, frequency, modulus, 0.003, 0.03)
+    measured = noisy(rng, temperature, frequency, modulus, 0.003, 0.03)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         found = master_curve(measured, float(temperature[4]))
