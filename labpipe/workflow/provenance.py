@@ -21,23 +21,25 @@ _GIT_SECONDS = 10
 """A repository on a share that does not answer must not stop a run."""
 
 
-@cache
 def program() -> dict[str, Any]:
     """Versions of labpipe, Python and the libraries, and the state of labpipe's own repository."""
-    libraries: dict[str, str | None] = {}
-    for name in LIBRARIES:
-        try:
-            libraries[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            libraries[name] = None
     return {
         "labpipe": __version__,
         "git": git_state(Path(__file__).parents[1]),
         "python": platform.python_version(),
-        "libraries": libraries,
+        "libraries": {name: _version(name) for name in LIBRARIES},
     }
 
 
+@cache
+def _version(distribution: str) -> str | None:
+    try:
+        return importlib.metadata.version(distribution)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+@cache
 def git_state(folder: Path) -> str | None:
     """Return the commit that a folder is at, with ``+`` when files differ; None outside git."""
     git = shutil.which("git")

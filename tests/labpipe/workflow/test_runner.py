@@ -368,7 +368,6 @@ def test_sessions_side_by_side_have_the_bytes_of_each_alone(
     tmp_path: Path, undisturbed: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(provenance, "git_state", lambda folder: None)
-    provenance.program.cache_clear()
     made = [toy.make_session(tmp_path / name) for name in "abc"]
     asked: list[str] = []
 
@@ -383,7 +382,6 @@ def test_sessions_side_by_side_have_the_bytes_of_each_alone(
     assert first.root.name in asked
     list(ended)
     assert [toy.contents(session) for session in made] == [undisturbed] * 3
-    provenance.program.cache_clear()
 
 
 def test_a_failure_stops_all_sessions_where_that_is_asked_for(tmp_path: Path) -> None:
@@ -400,7 +398,7 @@ def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(
     distributed = pytest.importorskip("distributed", reason="the extra cluster is not installed")
     for name, value in {"PYTHONPATH": str(HERE), "PATH": "", "TOY_DELAY": "0.05"}.items():
         monkeypatch.setenv(name, value)  # of the workers: without a path there is no git
-    provenance.program.cache_clear()
+    monkeypatch.setattr(provenance, "git_state", lambda folder: None)
     killed: list[int] = []
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=2, host="127.0.0.1", dashboard_address=":0"
@@ -423,7 +421,6 @@ def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(
         assert set(states(one).values()) == {"done"}
         assert set(states(other).values()) == {"cached"}
     assert [toy.contents(session) for session in made] == [undisturbed] * 2
-    provenance.program.cache_clear()
 
 
 def test_a_session_that_a_machine_does_not_see_is_named(tmp_path: Path) -> None:
