@@ -85,8 +85,8 @@ def extended_by_a_law(
             fit = _stiff(points, weight, current, model, first)
             tried.append((_criterion(points, fit, model), model, fit))
     tried.sort(key=lambda one: one[0])
-    for _, model, fit in tried[:_MOST_FITTED]:
-        fit = _loosened(points, weight, current, model, fit)
+    for _, model, stiff in tried[:_MOST_FITTED]:
+        fit = _loosened(points, weight, current, model, stiff)
         score = _criterion(points, fit, model)
         if score < least and is_physical(fit.state.ln_bT, model.temperature, model.T_ref, stiffness):
             best, least = Candidate(model, fit, current.starts), score
