@@ -93,7 +93,7 @@ def superpose(
     ----------
     points : Points
     model : OuterModel
-        Horizontal law; its vertical law and delay are chosen here.
+        Horizontal law, and the slope of a glass; vertical law and delay are chosen here.
     starts : sequence of (str, array (isotherm,)), optional
         Named first estimates of log10 a_T; default the pairwise scan and the overlap.
     verticals : sequence of str

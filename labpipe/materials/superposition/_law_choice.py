@@ -40,8 +40,7 @@ STRONG_EVIDENCE = 6.0
 # Smoothing, in units of the noise, that biases no shift: below it their covariance hardly depends on it.
 _UNBIASED = 1.0
 # Odds of a slope before the data; even odds would make the limits of materials without one too wide.
-# A glass without one is the exception.
-_ODDS, _ODDS_OF_GLASS = 1.0 / 3.0, 3.0
+_ODDS = 1.0 / 3.0
 # Exponent at which odds are certain.
 _SURE = 50.0
 # Starts that differ by less (decades) end in the same minimum.
@@ -99,7 +98,7 @@ def _moves(model: OuterModel, options: Options) -> list[OuterModel]:
     A delay may have come in the place of another law: of a liquid that flows, it changes the
     storage modulus as a vertical factor would. So a law may come and the delay go at once.
     """
-    moves = [under_law(model, v) for v in options.verticals if v != model.vertical]
+    moves = [under_law(model, v, options.verticals) for v in options.verticals if v != model.vertical]
     if options.delay is None:
         if model.has_delay:
             moves += [replace(move, has_delay=False) for move in moves]
@@ -109,12 +108,14 @@ def _moves(model: OuterModel, options: Options) -> list[OuterModel]:
     return moves
 
 
-def under_law(model: OuterModel, vertical: Vertical) -> OuterModel:
+def under_law(model: OuterModel, vertical: Vertical, among: Sequence[Vertical]) -> OuterModel:
     """Return a model under another vertical law, one among several.
 
-    Where a modulus grows as T does, the density falls as well, by a slope that is known in size.
+    Where a modulus grows as T does, the density falls as well, and a glass softens: by slopes that are
+    known in size.
     """
-    return replace(model, vertical=vertical, slope_spread=SLOPE_SPREAD if vertical == "rho_T" else 0.0)
+    is_sloped = vertical == "rho_T" or "rho_T" not in among
+    return replace(model, vertical=vertical, slope_spread=SLOPE_SPREAD if is_sloped else 0.0)
 
 
 def _may_gain(points: Points, current: Superposition, moves: list[OuterModel]) -> bool:
@@ -264,18 +265,16 @@ def with_possible_slope(points: Points, found: Superposition, options: Options) 
 
     Sweeps of a broad spectrum hardly tell a vertical slope from shifts that all differ by a share,
     and what is not told is left out by the criterion. No modulus is the same at all temperatures,
-    though: with odds of one to three before the data (of a glass three to one) there is a slope of
-    :data:`SLOPE_SPREAD`, and with even odds that of entropy and density where the material is no
-    glass. With the odds after them the variance of either, and its best value squared, are part of
-    the covariance. The fit stays.
+    though: with odds of one to three before the data there is a slope of :data:`SLOPE_SPREAD`, and with
+    even odds that of entropy and density. With the odds after them the variance of either, and its best
+    value squared, are part of the covariance. The fit stays. (A glass always has a slope.)
     """
     loose = less_smoothed(points, found, options)
     slope = possible_slope(points, replace(found, fit=loose or found.fit))
     if slope is None:
         return found
-    variance, priors = slope.variance, [(_ODDS_OF_GLASS, 0.0)]
-    if "rho_T" in options.verticals:
-        priors = [(_ODDS, 0.0), (1.0, 1.0 / (found.model.T_ref + ZERO_CELSIUS) / SLOPE_SPREAD)]
+    variance = slope.variance
+    priors = [(_ODDS, 0.0), (1.0, 1.0 / (found.model.T_ref + ZERO_CELSIUS) / SLOPE_SPREAD)]
     # Prior slopes of unit variance about zero and about that of entropy: where they end, and their evidence.
     means = [slope.value + mean * variance for _, mean in priors]
     gains = [0.5 * (mean**2 / variance - prior**2) for mean, (_, prior) in zip(means, priors, strict=True)]
