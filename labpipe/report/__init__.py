@@ -23,6 +23,7 @@ from labpipe.report._charts import Band, LineChart, ScatterChart, Series
 from labpipe.report._document import MAX_PAGE_BYTES, SURE, Document
 from labpipe.report._embedded import Report
 from labpipe.report._index import IndexRow, IndexTable
+from labpipe.report._media import Level
 from labpipe.report._style import Role, figure_bytes, figure_style, line_arguments, save_figure
 from labpipe.report._tables import (
     Cell,
@@ -52,6 +53,7 @@ __all__ = [
     "IndexRow",
     "IndexTable",
     "KeyValues",
+    "Level",
     "LineChart",
     "Link",
     "Notice",

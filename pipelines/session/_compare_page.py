@@ -24,12 +24,12 @@ from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.pages import SYNTHETIC, synthetic_notice
 from pipelines.session._comparison import Comparison
 from pipelines.session._overview import PAGE
+from pipelines.session._verdict_notices import agreement
 
 GOOD = 0.03
 """nRMSE that is called good: the aim for data made with the right material."""
 
 _TIED = "\N{NO-BREAK SPACE}"  # a number stays with its unit
-_AGREES = "agrees"
 
 
 def render(session: Session, found: Comparison, materials: Sequence[tuple[str, str]] = ()) -> str:
@@ -45,7 +45,7 @@ def render(session: Session, found: Comparison, materials: Sequence[tuple[str, s
     curves = [row for row in found.rows if row.is_curve]
     events = [row for row in found.rows if not row.is_curve]
     tail: tuple[Block, ...] = (synthetic_notice(),) if session.synthetic else ()
-    links = tuple(Link(material, page, "this material over all its experiments") for material, page in materials)
+    links = tuple(Link(f"material {material}", page) for material, page in materials)
     sections = [Section("Answer", (*summary(curves, events, found), *links, *tail)), *parts(found)]
     return Document(
         title="Measurement against model",
@@ -72,14 +72,8 @@ def parts(found: Comparison) -> list[Section]:
 def summary(curves: Sequence[Row], events: Sequence[Row], found: Comparison) -> tuple[Block, ...]:
     """Say in how many experiments the model agrees, and how many comparisons that rests on."""
     blocks: list[Block] = []
-    models = {document["experiment"]: document["model"] for document in found.experiments}
-    judged = {name: model for name, model in models.items() if model != "none"}
-    if judged:
-        others = [f"{name} {model}" for name, model in judged.items() if model != _AGREES]
-        text = f"The model agrees in {sum(m == _AGREES for m in judged.values())} of {len(judged)} experiments"
-        sentence = f"{text}{': ' if others else ''}{'; '.join(others)}."
-        differs = "differs" in judged.values()
-        blocks.append(Notice("ok" if not others else "error" if differs else "warning", sentence))
+    said = agreement({document["experiment"]: document["model"] for document in found.experiments})
+    blocks += [said] if said else []
     for document in found.experiments:
         blocks += [Notice("warning", f"{document['experiment']}: {text}.") for text in document["suspects"]]
     rows = []

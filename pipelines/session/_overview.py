@@ -1,7 +1,7 @@
 """The page of a whole session: every experiment with its state, key numbers and a small picture."""
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,7 @@ from pipelines.experiments import Kind
 if TYPE_CHECKING:
     import xarray as xr
 
-    from labpipe.report import Column, IndexRow, IndexTable, LineChart, Link, ScatterChart
+    from labpipe.report import Block, Column, IndexRow, IndexTable, LineChart, Link, Notice, ScatterChart
     from pipelines.session._verdicts import Verdict
 
 PAGE = "index.html"
@@ -31,8 +31,10 @@ MATERIAL, BESIDE, AND = "material-", "beside-", "--"
 
 _REPORT, _DONE, _WAITING = "report", "done", "waits for values"
 _FEW_KINDS = 3  # that share one table
-_CAPTION = (
-    "Select a heading to sort. The error is the root mean square of measurement minus model (or "
+_REASONS = 5  # what is wrong with more experiments stands in their rows
+_SORT = "Select a heading to sort. "
+_ERROR = (
+    "The error is the root mean square of measurement minus model (or "
     "film minus laser) over the range of the model (or of the laser), for the worst repeat, impact or "
     "frequency."
 )
@@ -91,28 +93,42 @@ def _page(results: Results) -> str:
     from pipelines.session._verdicts import stored_verdicts
 
     session = results.plan.session
-    caption = _CAPTION
+    sort, error = _SORT, _ERROR  # each is said once
     verdicts = stored_verdicts(results)
-    sections, states = [], []
-    if links := _links(session):
-        sections.append(Section("Together", links))
+    sections, done = [], 0
+    answer: list[Block] = [*_answer(verdicts), *_links(session)]
+    if answer:
+        sections.append(Section("Answer", answer))
     for title, names in _groups(session):
         columns, cells = _columns(results, names)
-        rows = tuple(_row(results, name, cells[name], verdicts.get(name)) for name in names)
-        sections.append(Section(title, (IndexTable(tuple(columns), rows, caption),)))
-        states += [row.state for row in rows]
-        caption = ""  # once is enough
+        rows = tuple(_row(results, name, cells[name], verdicts.get(name), title) for name in names)
+        can_sort = len(rows) > 1
+        sections.append(Section(title, (IndexTable(tuple(columns), rows, (sort if can_sort else "") + error),)))
+        done += sum(row.name in verdicts or row.state.startswith(_DONE) for row in rows)
+        sort, error = "" if can_sort else sort, ""
     if session.waiting:
         sections.append(Section("Waiting", (_those_that_wait(session),)))
-        states += [_WAITING] * len(session.waiting)
     if session.notes:
         sections.append(Section("Session", (Paragraph(session.notes),)))
-    about = [f"{sum(state.startswith(_DONE) for state in states)} of {len(states)} experiments done"]
+    about = [f"{done} of {len(session.experiments) + len(session.waiting)} experiments done"]
     if session.operator:
         about.insert(0, f"recorded by {session.operator}")
     return Document(
         session.title, " · ".join(about), "synthetic data" if session.synthetic else "", tuple(sections)
     ).render()
+
+
+def _answer(verdicts: "Mapping[str, Verdict]") -> "Iterator[Notice]":
+    """Say what the session came to, and of what cannot be believed or differs each with its reason."""
+    from pipelines.session._verdict_notices import agreement, belief, each
+
+    if not verdicts:
+        return
+    yield belief(verdicts)
+    if said := agreement({name: one.model for name, one in verdicts.items()}):
+        yield said
+    bad = [name for name, one in verdicts.items() if one.believable != "yes" or one.model == "differs"]
+    yield from each(bad[:_REASONS], verdicts, {})
 
 
 def _those_that_wait(session: Session) -> "IndexTable":
@@ -158,7 +174,7 @@ def pages_together(folder: Path) -> list[tuple[str, str]]:
     folder : Path
         ``SESSION/labpipe``.
     """
-    forms = ((MATERIAL, "{} over all its experiments"), (BESIDE, "side by side: {}"))
+    forms = ((MATERIAL, "material {}"), (BESIDE, "side by side: {}"))
     return [
         (form.format(path.stem.removeprefix(before).replace(AND, " and ")), path.name)
         for before, form in forms
@@ -225,7 +241,7 @@ def _warnings(plan: Plan, name: str) -> int:
     return sum(len(record.warnings) for record in records if record is not None)
 
 
-def _row(results: Results, name: str, cells: Sequence[Any], verdict: "Verdict | None") -> "IndexRow":
+def _row(results: Results, name: str, cells: Sequence[Any], verdict: "Verdict | None", heading: str) -> "IndexRow":
     from labpipe.report import IndexRow
 
     plan = results.plan
@@ -255,7 +271,7 @@ def _row(results: Results, name: str, cells: Sequence[Any], verdict: "Verdict | 
         href=page_name(name) if has_page else "",
         metrics=tuple(cells),
         thumbnail=_picture(results, name),
-        remark=f"{kind}; {unreadable}" if unreadable else kind,
+        remark="; ".join(text for text in ("" if kind == heading else kind, unreadable) if text),
     )
 
 
@@ -264,8 +280,8 @@ def _judged(believable: str, model: str) -> tuple[str, str]:
     if believable != "yes":
         return believable, "error" if believable == "impossible" else "warning"
     if model == "none":
-        return _DONE, "ok"
-    return f"{_DONE}, model {model}", "warning" if model == "differs" else "ok"
+        return "believable", "ok"
+    return f"believable, model {model}", "warning" if model == "differs" else "ok"
 
 
 def _picture(results: Results, name: str) -> bytes | None:

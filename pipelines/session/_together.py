@@ -24,13 +24,11 @@ from pipelines.session._comparison import Comparison, labelled
 from pipelines.session._opening import STAGES
 from pipelines.session._overview import AND, BESIDE, MATERIAL, PAGE, first_result, write_overview
 from pipelines.session._results import derive, opened
+from pipelines.session._verdict_notices import each
 from pipelines.session._verdicts import Verdict, stored_verdicts
 
 if TYPE_CHECKING:
     from labpipe.workflow.results import Results
-
-_LEVELS = {"yes": "ok", "doubtful": "warning", "impossible": "error"}
-_WORDS = {"yes": "the record is believable", "unknown": "whether the record is believable is not known"}
 
 
 def beside(folder: str | Path, first: str, second: str) -> Path:
@@ -141,23 +139,7 @@ def _verdicts(names: Iterable[str], verdicts: Mapping[str, Verdict], rows: Itera
     by: dict[str, str] = {}  # what an experiment is compared with; a film, the laser
     for row in rows:
         by[row.experiment] = "model" if by.get(row.experiment) == "model" else row.against
-    for name in names:
-        if (one := verdicts.get(name)) is None:
-            yield Notice("info", f"{name}: no verdict that is up to date.")
-            continue
-        said = _WORDS.get(one.believable, f"the record is {one.believable}")
-        model = {"none": "", "undecided": "; whether the model agrees is undecided"}
-        said += model.get(one.model, f"; the {by.get(name, 'model')} {one.model}")
-        level = _LEVELS.get(one.believable, "info")
-        level = {"differs": "warning", "undecided": "info"}.get(one.model, level) if level == "ok" else level
-        grave = [finding for finding in one.findings if finding.level == one.believable]
-        reason = f" {_sentence(grave[0].message)}" if grave else ""
-        causes = f" Probable cause: {one.causes[0].rstrip('.')}." if one.causes else ""
-        yield Notice(level, f"{name}: {said}.{reason}{causes}")  # type: ignore[arg-type]
-
-
-def _sentence(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:].rstrip('.')}."
+    return each(names, verdicts, by)
 
 
 def _reports(session: Session, names: Iterable[str]) -> Iterator[Block]:

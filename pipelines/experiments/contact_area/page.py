@@ -134,13 +134,14 @@ def _summary(
         ),
     ]
     if impacts is not None and impacts.sizes["impact"]:
-        rows.append(
-            (
-                "largest contact radius, film",
-                value_with_uncertainty(float(impacts["peak_radius"][0]), float(impacts["u_peak_radius"][0]), "m"),
-                "first impact; includes the uncertainty of the image scale",
-            )
-        )
+        alone = value_with_uncertainty(float(impacts["peak_radius"][0]), float(impacts["u_peak_radius"][0]), "m")
+        said = (alone, "first impact, between the frames; includes the uncertainty of the image scale")
+        if comparison is not None and comparison.sizes["impact"]:
+            seen, u = (float(comparison[name][0]) for name in ("peak_radius_film", "u_peak_radius_film"))
+            if (seen, u) != (float(impacts["peak_radius"][0]), float(impacts["u_peak_radius"][0])):
+                how = "first impact, all its frames, the course in time being the model's; includes the image scale"
+                said = (value_with_uncertainty(seen, u, "m"), f"{how} (by the frames at the top alone: {alone})")
+        rows.append(("largest contact radius, film", *said))
     if model is not None and model.sizes["impact"]:
         rows.append(
             (

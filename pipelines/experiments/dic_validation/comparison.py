@@ -67,10 +67,11 @@ def _impacts(film: xr.Dataset, laser: xr.Dataset) -> xr.Dataset:
         units = film[name].attrs["units"]
         ours = film[name].values[:count] - (start if name == "touch_time" else 0.0)
         theirs = laser[name].values[:count]
-        u = np.hypot(film[f"u_{name}"].values[:count], laser[f"u_{name}"].values[:count])
+        own, others = (one[f"u_{name}"].values[:count] for one in (film, laser))
         for key, values in (("film", ours), ("laser", theirs), ("difference", ours - theirs)):
             table[f"{name}_{key}"] = variable("impact", values, units, f"{name}, {key}")
-        table[f"u_{name}_difference"] = variable("impact", u, units, f"standard uncertainty: {name} difference")
+        for key, values in (("film", own), ("laser", others), ("difference", np.hypot(own, others))):
+            table[f"u_{name}_{key}"] = variable("impact", values, units, f"standard uncertainty: {name}, {key}")
     return xr.Dataset(table, coords={"impact": np.arange(1, count + 1)})
 
 
@@ -95,7 +96,9 @@ def rows(comparison: xr.Dataset, *, settings: DicValidation) -> Iterator[Row]:
             1,
             against="laser",
             measured=comparison["restitution_film"][i],
+            u_measured=comparison["u_restitution_film"][i],
             model=comparison["restitution_laser"][i],
+            u_model=comparison["u_restitution_laser"][i],
             difference=comparison["restitution_difference"][i],
             u_difference=comparison["u_restitution_difference"][i],
         )

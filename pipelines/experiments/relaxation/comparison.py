@@ -43,6 +43,7 @@ def comparison(loads: xr.Dataset, ramps: xr.Dataset, model: xr.Dataset, *, setti
             | {
                 "peak_force_model": peak,
                 "plateau_force_model": plateau,
+                "u_plateau_force_model": u_plateau,
                 "peak_force_difference": float(at["peak_force"]) - peak,
                 "plateau_force_difference": float(at["plateau_force"]) - plateau,
                 "u_plateau_force_difference": float(np.hypot(float(at["u_plateau_force"]), u_plateau)),
@@ -53,6 +54,7 @@ def comparison(loads: xr.Dataset, ramps: xr.Dataset, model: xr.Dataset, *, setti
     columns |= {
         "peak_force_model": ("N", "largest force, model behind the filter"),
         "plateau_force_model": ("N", "plateau force, model"),
+        "u_plateau_force_model": ("N", "standard uncertainty: plateau force, model"),
         "peak_force_difference": ("N", "largest force, measured minus model"),
         "plateau_force_difference": ("N", "plateau force, measured minus model"),
         "u_plateau_force_difference": ("N", "standard uncertainty: plateau force difference"),
@@ -106,6 +108,7 @@ def rows(tests: xr.Dataset, *, settings: Relaxation) -> Iterator[Row]:
             measured=tests["plateau_force"][i],
             u_measured=tests["u_plateau_force"][i],
             model=tests["plateau_force_model"][i],
+            u_model=tests["u_plateau_force_model"][i],
             difference=tests["plateau_force_difference"][i],
             u_difference=tests["u_plateau_force_difference"][i],
         )

@@ -330,8 +330,9 @@ def noticed(result: xr.Dataset) -> str:
     errors = _errors(result)
     parts = [f"{name}{_TIED}{size.replace(' ', _TIED)}" for name, size, _ in errors if size]
     none = [name for name, size, _ in errors if not size]
-    said = f"Errors that would have shown: {f'{_TIED}· '.join(parts) or 'none below 100' + _TIED + '%'}."
-    return f"{said} Not even 100{_TIED}% would have shown in: {', '.join(none)}." if none and parts else said
+    between = f"{_TIED}· "
+    said = f"Errors that would have shown: {between.join(parts) or 'none below 100' + _TIED + '%'}."
+    return f"{said} Not even 100{_TIED}% would have shown in: {between.join(none)}." if none and parts else said
 
 
 def _errors(result: xr.Dataset) -> list[tuple[str, str, float]]:
@@ -346,7 +347,9 @@ def _errors(result: xr.Dataset) -> list[tuple[str, str, float]]:
             size = quantity(float(error), unit) if np.isfinite(error) else ""
         else:
             size = f"{100 * relative:.2g} %" if np.isfinite(relative) and relative < 1.0 else ""
-        found.append((str(name), size, float(relative)))
+        what, _, of = str(name).partition(", ")
+        what = what.replace("_", " ")
+        found.append((f"{what} ({of})" if of else what, size, float(relative)))
     return sorted(found, key=lambda each: (not each[1], each[2]))
 
 

@@ -58,7 +58,7 @@ def test_a_material_of_several_experiments_has_a_page(twins: Path) -> None:
     assert {name for name in ("drop", "twin", "nbr") if f'href="reports/{name}.html"' in text} == {"drop", "twin"}
     assert not (twins / "labpipe/material-nbr.html").exists()  # one experiment has its report
     assert 'href="material-acrylic.html"' in (twins / "labpipe/compare.html").read_text("utf-8")
-    assert headings(twins / "labpipe/index.html")[0] == "Together"
+    assert headings(twins / "labpipe/index.html")[0] == "Answer"
 
 
 def test_what_cannot_stand_side_by_side_is_refused(small_session: Path, processed_session: Path) -> None:

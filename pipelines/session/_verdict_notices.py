@@ -1,0 +1,82 @@
+"""What the pages of several experiments say first: how many experiments can be believed, and where the model agrees."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING
+
+from labpipe.report import Level, Notice
+
+if TYPE_CHECKING:
+    from pipelines.session._verdicts import Verdict
+
+_LEVELS: dict[str, Level] = {"yes": "ok", "doubtful": "warning", "impossible": "error"}
+_WORDS = {"yes": "the record is believable", "unknown": "whether the record is believable is not known"}
+_NAMED = 5  # more experiments than these are not read in a sentence
+
+
+def belief(verdicts: Mapping[str, Verdict]) -> Notice:
+    """Say how many experiments of a session can be believed, and name the others."""
+    others: dict[str, list[str]] = {}
+    for name, one in verdicts.items():
+        if one.believable != "yes":
+            others.setdefault(one.believable, []).append(name)
+    n = len(verdicts)
+    if not others:
+        return Notice("ok", f"All {n} experiments are believable." if n > 1 else "The experiment is believable.")
+    known = {"impossible": "impossible", "doubtful": "doubtful", "unknown": "not known"}
+    named = "; ".join(f"{word}: {_listed(others[key])}" for key, word in known.items() if key in others)
+    worst: Level = "error" if "impossible" in others else "warning" if "doubtful" in others else "info"
+    sure = n - sum(map(len, others.values()))
+    return Notice(
+        worst, f"{sure} of {n} experiment{'s are' if n > 1 else ' is'} believable. {named[:1].upper()}{named[1:]}."
+    )
+
+
+def agreement(models: Mapping[str, str]) -> Notice | None:
+    """Say in how many experiments the model agrees, and name the others; None where none is compared."""
+    judged = {name: model for name, model in models.items() if model != "none"}
+    if not judged:
+        return None
+    words = ("differs", "undecided")
+    others = {word: [name for name, model in judged.items() if model == word] for word in words}
+    named = "; ".join(f"{word}: {_listed(names)}" for word, names in others.items() if names)
+    level: Level = "error" if others["differs"] else "info" if named else "ok"
+    n, agree = len(judged), sum(model == "agrees" for model in judged.values())
+    text = f"The model agrees in {agree} of {n} experiment{'s' * (n != 1)}."
+    return Notice(level, f"{text} {_sentence(named)}" if named else text)
+
+
+def each(names: Iterable[str], verdicts: Mapping[str, Verdict], against: Mapping[str, str]) -> Iterator[Notice]:
+    """Say of each experiment whether it can be believed and agrees, with the gravest reason.
+
+    Parameters
+    ----------
+    names : iterable of str
+    verdicts : mapping of str to Verdict
+    against : mapping of str to str
+        What an experiment is compared with, where it is not the model.
+    """
+    for name in names:
+        if (one := verdicts.get(name)) is None:
+            yield Notice("info", f"{name}: no verdict that is up to date.")
+            continue
+        said = _WORDS.get(one.believable, f"the record is {one.believable}")
+        model = {"none": "", "undecided": "; whether the model agrees is undecided"}
+        said += model.get(one.model, f"; the {against.get(name, 'model')} {one.model}")
+        level = _LEVELS.get(one.believable, "info")
+        if level == "ok":
+            level = {"differs": "warning", "undecided": "info"}.get(one.model, level)  # type: ignore[assignment]
+        grave = [finding for finding in one.findings if finding.level == one.believable]
+        reason = f" {_sentence(grave[0].message)}" if grave else ""
+        causes = f" Probable cause: {one.causes[0].rstrip('.')}." if one.causes else ""
+        yield Notice(level, f"{name}: {said}.{reason}{causes}")
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:].rstrip('.')}."
+
+
+def _listed(names: list[str]) -> str:
+    rest = len(names) - _NAMED
+    return ", ".join(names[:_NAMED]) + (f" and {rest} more" if rest > 0 else "")

@@ -1,0 +1,62 @@
+"""What pages of several experiments say first."""
+
+import pytest
+
+from pipelines.session._verdict_notices import agreement, belief
+from pipelines.session._verdicts import Verdict
+
+
+def verdicts(**believable: str) -> dict[str, Verdict]:
+    return {name: Verdict(name, "ball_drop", "done", word, "none") for name, word in believable.items()}
+
+
+@pytest.mark.parametrize(
+    ("words", "level", "sentence"),
+    [
+        ({"a": "yes"}, "ok", "The experiment is believable."),
+        ({"a": "yes", "b": "yes"}, "ok", "All 2 experiments are believable."),
+        ({"a": "yes", "b": "unknown"}, "info", "1 of 2 experiments are believable. Not known: b."),
+        ({"a": "doubtful"}, "warning", "0 of 1 experiment is believable. Doubtful: a."),
+        (
+            {"a": "doubtful", "b": "impossible", "c": "yes", "d": "impossible"},
+            "error",
+            "1 of 4 experiments are believable. Impossible: b, d; doubtful: a.",
+        ),
+    ],
+)
+def test_belief_counts_and_names_what_cannot_be_believed(words: dict[str, str], level: str, sentence: str) -> None:
+    said = belief(verdicts(**words))
+    assert (said.level, said.text) == (level, sentence)
+
+
+def test_more_names_than_can_be_read_are_counted() -> None:
+    said = belief(verdicts(**{f"e{i}": "doubtful" for i in range(8)}))
+    assert said.text.endswith("Doubtful: e0, e1, e2, e3, e4 and 3 more.")
+
+
+@pytest.mark.parametrize(
+    ("models", "level", "sentence"),
+    [
+        ({"a": "agrees"}, "ok", "The model agrees in 1 of 1 experiment."),
+        (
+            {"a": "agrees", "b": "undecided", "c": "none"},
+            "info",
+            "The model agrees in 1 of 2 experiments. Undecided: b.",
+        ),
+        (
+            {"a": "undecided", "b": "differs"},
+            "error",
+            "The model agrees in 0 of 2 experiments. Differs: b; undecided: a.",
+        ),
+    ],
+)
+def test_agreement_counts_and_names_where_the_model_does_not_agree(
+    models: dict[str, str], level: str, sentence: str
+) -> None:
+    said = agreement(models)
+    assert said is not None
+    assert (said.level, said.text) == (level, sentence)
+
+
+def test_nothing_compared_says_nothing() -> None:
+    assert agreement({"a": "none"}) is None
