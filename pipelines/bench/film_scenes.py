@@ -82,8 +82,11 @@ def from_formula(formula: Formula, size: int, view: View) -> Floats:
 def seen_by_pixels(formula: Formula, size: int, view: View) -> Floats:
     """Grey levels (row, column) of a formula, each the mean over the area of its pixel."""
     steps = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
-    parts = [from_formula(lambda x, y, a=a, b=b: formula(x + a, y + b), size, view) for a in steps for b in steps]
-    return np.asarray(np.mean(parts, axis=0))
+
+    def around(x: Floats, y: Floats) -> Floats:
+        return np.asarray(np.mean([formula(x + a, y + b) for a in steps for b in steps], axis=0))
+
+    return from_formula(around, size, view)
 
 
 def _lit(grey: Floats, view: View) -> Floats:

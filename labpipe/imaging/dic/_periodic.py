@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.arrays import Flags, Floats
+from labpipe.arrays import Flags, Floats, Floats32
 
 #: Half width of the tiles whose waves are looked at, and their distance (px).
 _REACH, _APART = 24, 24
@@ -67,17 +67,17 @@ def find_repeats(image: Floats, layout: NDArray[np.integer]) -> Repeats:
     )
     window = np.outer(*2 * [np.hanning(size + 2)[1:-1]]).astype(np.float32)
     columns, rows = (tiles[:, k, None] + np.arange(-half, half + 1) for k in (0, 1))
-    areas = image[rows[:, :, None], columns[:, None, :]].astype(np.float32)
+    areas: Floats32 = image[rows[:, :, None], columns[:, None, :]].astype(np.float32)
     areas -= (np.einsum("nij,ij->n", areas, window) / window.sum())[:, None, None]
     areas *= window
     for n in np.flatnonzero(_is_regular(areas)):
-        period, is_folded = _judge(areas[n].astype(float), window)
+        period, is_folded = _judge(areas[n].astype(float), window.astype(float))
         found.period[own.reshape(-1) == n] = period
         found.is_folded[own.reshape(-1) == n] = is_folded
     return found
 
 
-def _is_regular(areas: NDArray[np.float32]) -> Flags:
+def _is_regular(areas: Floats32) -> Flags:
     """Whether two waves have most of the variance of windowed areas (tile, row, column)."""
     from scipy.fft import rfft2
 
@@ -148,12 +148,13 @@ class _Spectrum:
         size = len(self._area)
         row, column = self._frequency[0][:, None], self._frequency[1][None, :]
         is_free = np.hypot(row, column) * size >= _LEAST_PERIODS
-        for k in () if other is None else (-3, -2, -1, 1, 2, 3):
-            away = np.maximum(np.abs(_wrapped(column - k * other[0])), np.abs(_wrapped(row - k * other[1])))
+        multiples = [] if other is None else [k * other for k in (-3, -2, -1, 1, 2, 3)]
+        for x, y in multiples:
+            away = np.maximum(np.abs(_wrapped(column - x)), np.abs(_wrapped(row - y)))
             is_free &= away * size > _LOBE
         power = np.where(is_free, self._power, 0.0)
-        y, x = np.unravel_index(int(power.argmax()), power.shape)
-        place = np.array([self._frequency[1][x], self._frequency[0][y]])
+        down, across = np.unravel_index(int(power.argmax()), power.shape)
+        place = np.array([self._frequency[1][across], self._frequency[0][down]])
         step = 0.5 / (_PADDED * size)
         for _ in range(3):
             for axis in np.eye(2):
