@@ -66,7 +66,8 @@ def difference_unit(unit: str) -> str:
 
 def shown_source(source: str) -> str:
     """Return the name of an input as a reader sees it: what it is, and in brackets of what."""
-    what, _, of = source.partition(", ")
+    text = source if " " in source else source.replace("_", " ")
+    what, _, of = text.partition(", ")  # behind it may stand the name of an experiment, as it is
     what = what.replace("_", " ")
     return f"{what} ({of})" if of else what
 
