@@ -15,6 +15,11 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 # The tests start hundreds of programs: what one of them has imported is compiled for all.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
+# What a test writes need not outlive a power cut: waiting for the disk after each of thousands of
+# small files takes longer than much that is tested. That files are flushed, and what happens when
+# that fails, is tested with a flush of its own; programs that tests start flush as they do for users.
+os.fsync = lambda _handle: None  # type: ignore[assignment]
+
 # Tests hold results, never seconds: a busy machine must not fail them. The same examples at every
 # run, so that a failure belongs to the change that caused it; `--hypothesis-profile=explore` looks
 # further.

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from click.testing import CliRunner
 
 import labpipe as lp
 from pipelines.commands.system import doctor
+from pipelines.session import process
 from tests.mistakes.recordings import setting
 from tests.mistakes.session_rows import ROWS, TOML, SessionMistake, write
 
@@ -19,6 +21,12 @@ def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = write(tmp_path_factory.mktemp("clean"))
     assert lp.doctor(folder).audit is not None
     return folder
+
+
+@pytest.fixture(autouse=True)
+def _in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The clean session was processed as the command does it; to start processes for each edit takes longer."""
+    monkeypatch.setattr("pipelines.session._audit.process", partial(process, jobs=0))
 
 
 def test_clean_session_has_no_row(clean: Path) -> None:

@@ -172,7 +172,9 @@ def broken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, session: Path) -> Ca
 
 
 @pytest.mark.parametrize("fault", BROKEN)
-def test_a_broken_one_is_named_once_and_left_out(fault: str, broken: Callable[[str], None], session: Path) -> None:
+def test_a_broken_one_is_named_once_and_left_out(
+    fault: str, broken: Callable[[str], None], session: Path, tmp_path: Path
+) -> None:
     source, reason = BROKEN[fault]
     broken(source)
     with telling() as told:
@@ -184,7 +186,7 @@ def test_a_broken_one_is_named_once_and_left_out(fault: str, broken: Callable[[s
     assert instruments.by_name("keyence") is keyence.INSTRUMENT
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", plugins.PluginWarning)
-        listed = json.loads(run("doctor", str(session), "--json"))["plugins"]
+        listed = json.loads(run("doctor", str(tmp_path), "--json"))["plugins"]
     assert listed == ['the plug-in "toy_vibrometer" of toy-instrument 1.0 is used', line]
 
 

@@ -11,30 +11,35 @@ from labpipe.materials import Prony
 from pipelines.cli import main
 from pipelines.figures import check
 
-ROWS = {(row.place, row.quantity): row for row in check.rows()}
+Rows = dict[tuple[str, str], check.Row]
 
 
-def test_there_are_forty_rows_and_each_difference_has_a_reason() -> None:
-    assert len(ROWS) >= 40
-    for row in ROWS.values():
+@pytest.fixture(scope="module")
+def table() -> Rows:
+    return {(row.place, row.quantity): row for row in check.rows()}
+
+
+def test_there_are_forty_rows_and_each_difference_has_a_reason(table: Rows) -> None:
+    assert len(table) >= 40
+    for row in table.values():
         assert bool(row.reason) != (row.verdict == "agrees"), row
 
 
-def test_every_stated_reason_and_only_those() -> None:
-    verdicts = Counter(row.verdict for row in ROWS.values())
-    assert verdicts["misprint"] == sum(bool(row.misprint) for row in ROWS.values())
-    assert verdicts["inconsistent"] == sum(bool(row.inconsistent) for row in ROWS.values())
+def test_every_stated_reason_and_only_those(table: Rows) -> None:
+    verdicts = Counter(row.verdict for row in table.values())
+    assert verdicts["misprint"] == sum(bool(row.misprint) for row in table.values())
+    assert verdicts["inconsistent"] == sum(bool(row.inconsistent) for row in table.values())
 
 
-def test_rows_that_agree_because_ours_was_chosen_say_so() -> None:
-    chosen = {row.quantity for row in ROWS.values() if row.verdict == "agrees, set to it"}
+def test_rows_that_agree_because_ours_was_chosen_say_so(table: Rows) -> None:
+    chosen = {row.quantity for row in table.values() if row.verdict == "agrees, set to it"}
     assert {f"plateau force at {depth} mm" for depth in ("0.1", "0.2", "0.3")} <= chosen
     assert "last lift-off is over, PTFE from 7 mm" in chosen
-    assert all(row.reason for row in ROWS.values() if row.set_by)
+    assert all(row.reason for row in table.values() if row.set_by)
 
 
-def test_no_spectrum_gives_the_printed_peaks() -> None:
-    rows = [ROWS["2.3.2", f"peak over plateau less 1 at {depth} mm"] for depth in ("0.1", "0.2", "0.3")]
+def test_no_spectrum_gives_the_printed_peaks(table: Rows) -> None:
+    rows = [table["2.3.2", f"peak over plateau less 1 at {depth} mm"] for depth in ("0.1", "0.2", "0.3")]
     # Printed, the excess rises from the second depth to the third; of any spectrum it falls.
     assert rows[1].printed < rows[2].printed
     assert rows[0].ours > rows[1].ours > rows[2].ours
@@ -77,21 +82,21 @@ def test_a_solid_of_one_term_is_found_again(rho: float) -> None:
         ),
     ],
 )
-def test_ours_is_the_hand_computed_number(place: str, quantity: str, expected: float) -> None:
-    assert ROWS[place, quantity].ours == pytest.approx(expected, rel=1e-6)
+def test_ours_is_the_hand_computed_number(table: Rows, place: str, quantity: str, expected: float) -> None:
+    assert table[place, quantity].ours == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize(("depth", "force"), [("0.1", 12.40), ("0.2", 30.90), ("0.3", 54.81)])
-def test_plateaus_follow_from_one_modulus(depth: str, force: float) -> None:
-    row = ROWS["2.3.2", f"plateau force at {depth} mm"]
+def test_plateaus_follow_from_one_modulus(table: Rows, depth: str, force: float) -> None:
+    row = table["2.3.2", f"plateau force at {depth} mm"]
     assert row.ours == pytest.approx(force, abs=0.03)
     assert row.verdict == "agrees, set to it"
 
 
-def test_the_command_prints_the_table_as_json(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_prints_the_table_as_json(table: Rows, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as left:
         main(["figures", "--check", "--json"])
     assert not left.value.code
     rows = json.loads(capsys.readouterr().out)["rows"]
-    assert len(rows) == len(ROWS)
+    assert len(rows) == len(table)
     assert {"printed", "ours", "difference", "verdict", "reason"} <= set(rows[0])
