@@ -40,10 +40,13 @@ STRONG_EVIDENCE = 6.0
 # Smoothing, in units of the noise, that biases no shift: below it their covariance hardly depends on it.
 _UNBIASED = 1.0
 # Odds of a slope before the data; even odds would make the limits of materials without one too wide.
-# A glass without one is the exception.
-_ODDS, _ODDS_OF_GLASS = 1.0 / 3.0, 3.0
+_ODDS = 1.0 / 3.0
 # Exponent at which odds are certain.
 _SURE = 50.0
+# Starts that differ by less (decades) end in the same minimum.
+_SAME_BASIN = 0.3
+# So many of the candidates that a stiff spectrum fits best are fitted with the present smoothing.
+_MOST_FITTED = 3
 # Candidates are compared before they have settled to the last digit: tolerance and iterations.
 _SCREENING = (1e-3, 8)
 
@@ -69,14 +72,23 @@ def extended_by_a_law(
     stiffness = float(points.storage.min())
     is_plain = current.model.vertical == "none" and not current.model.level_spread
     clean = entropic_ln_bT(current.model)
-    first_states = restarts(points, current, clean) if is_plain and starts is None else []
+    first_states = [
+        first
+        for first in (restarts(points, current, clean) if is_plain and starts is None else [])
+        if not _are_alike(first.log10_aT, current.fit.state.log10_aT)
+    ]
+    tried: list[tuple[float, OuterModel, Fit]] = []
     for model in [move for move in moves if move.has_delay <= current.model.has_delay]:
         is_removal = replace(model, has_delay=True) == current.model
         for first in [current.fit.state, *([] if is_removal else first_states)]:
-            fit = screened(points, weight, current, model, first)
-            score = _criterion(points, fit, model)
-            if score < least and is_physical(fit.state.ln_bT, model.temperature, model.T_ref, stiffness):
-                best, least = Candidate(model, fit, current.starts), score
+            fit = _stiff(points, weight, current, model, first)
+            tried.append((_criterion(points, fit, model), model, fit))
+    tried.sort(key=lambda one: one[0])
+    for _, model, stiff in tried[:_MOST_FITTED]:
+        fit = _loosened(points, weight, current, model, stiff)
+        score = _criterion(points, fit, model)
+        if score < least and is_physical(fit.state.ln_bT, model.temperature, model.T_ref, stiffness):
+            best, least = Candidate(model, fit, current.starts), score
     return best
 
 
@@ -86,7 +98,7 @@ def _moves(model: OuterModel, options: Options) -> list[OuterModel]:
     A delay may have come in the place of another law: of a liquid that flows, it changes the
     storage modulus as a vertical factor would. So a law may come and the delay go at once.
     """
-    moves = [under_law(model, v) for v in options.verticals if v != model.vertical]
+    moves = [under_law(model, v, options.verticals) for v in options.verticals if v != model.vertical]
     if options.delay is None:
         if model.has_delay:
             moves += [replace(move, has_delay=False) for move in moves]
@@ -96,12 +108,14 @@ def _moves(model: OuterModel, options: Options) -> list[OuterModel]:
     return moves
 
 
-def under_law(model: OuterModel, vertical: Vertical) -> OuterModel:
+def under_law(model: OuterModel, vertical: Vertical, among: Sequence[Vertical]) -> OuterModel:
     """Return a model under another vertical law, one among several.
 
-    Where a modulus grows as T does, the density falls as well, by a slope that is known in size.
+    Where a modulus grows as T does, the density falls as well, and a glass softens: by slopes that are
+    known in size.
     """
-    return replace(model, vertical=vertical, slope_spread=SLOPE_SPREAD if vertical == "rho_T" else 0.0)
+    is_sloped = vertical == "rho_T" or "rho_T" not in among
+    return replace(model, vertical=vertical, slope_spread=SLOPE_SPREAD if is_sloped else 0.0)
 
 
 def _may_gain(points: Points, current: Superposition, moves: list[OuterModel]) -> bool:
@@ -126,14 +140,24 @@ def _may_gain(points: Points, current: Superposition, moves: list[OuterModel]) -
 
 
 def restarts(points: Points, current: Superposition, ln_bT: Floats) -> list[State]:
-    """Start anew under a vertical law, the phase's present delay taken out of the data."""
+    """Start anew under a vertical law, the phase's present delay taken out of the data.
+
+    Of two starts that are alike, one will do.
+    """
     model, delay = current.model, current.fit.state.delay
     turned = (points.storage + 1j * points.loss) * np.exp(-1j * points.omega * delay)
     if not (turned.imag > 0).all():
         turned = points.storage + 1j * points.loss
     clean = replace(points, storage=turned.real, loss=turned.imag)
-    found = (overlapped_shifts(clean, model.temperature, ln_bT), scanned_shifts(clean, model.temperature, ln_bT))
-    return [State(np.empty(0), shifts - shifts[model.reference], ln_bT, delay) for shifts in found]
+    found = [start(clean, model.temperature, ln_bT) for start in (overlapped_shifts, scanned_shifts)]
+    found = [shifts - shifts[model.reference] for shifts in found]
+    kept = found[: 1 if _are_alike(*found) else 2]
+    return [State(np.empty(0), shifts, ln_bT, delay) for shifts in kept]
+
+
+def _are_alike(one: Floats, other: Floats) -> bool:
+    """Tell whether two starts will end in the same minimum."""
+    return float(np.max(np.abs(one - other))) < _SAME_BASIN
 
 
 def entropic_ln_bT(model: OuterModel) -> Floats:
@@ -144,13 +168,21 @@ def entropic_ln_bT(model: OuterModel) -> Floats:
 
 def screened(points: Points, weight: Floats, current: Superposition, model: OuterModel, first: State) -> Fit:
     """Fit another model from a state, well enough to compare it."""
-    strength, density = current.fit.solution.strength, current.fit.grid.terms_per_decade
+    return _loosened(points, weight, current, model, _stiff(points, weight, current, model, first))
+
+
+def _stiff(points: Points, weight: Floats, current: Superposition, model: OuterModel, first: State) -> Fit:
+    """Fit another model from a state with a spectrum that hardly bends."""
     state = model.start(first)
-    grid = grid_for(points, state, density, FIRST_MARGIN)
-    stiff = evaluate(points, weight, grid, state, max(strength, FIRST_STRENGTH))
-    stiff = minimise(points, weight, stiff, model, *_SCREENING)
-    grid = grid_for(points, stiff.state, density, MARGIN_DECADES)
-    fit = evaluate(points, weight, grid, stiff.state, strength)
+    grid = grid_for(points, state, current.fit.grid.terms_per_decade, FIRST_MARGIN)
+    fit = evaluate(points, weight, grid, state, max(current.fit.solution.strength, FIRST_STRENGTH))
+    return minimise(points, weight, fit, model, *_SCREENING)
+
+
+def _loosened(points: Points, weight: Floats, current: Superposition, model: OuterModel, stiff: Fit) -> Fit:
+    """Go on from a stiff fit with the smoothing of the present one."""
+    grid = grid_for(points, stiff.state, current.fit.grid.terms_per_decade, MARGIN_DECADES)
+    fit = evaluate(points, weight, grid, stiff.state, current.fit.solution.strength)
     return minimise(points, weight, fit, model, *_SCREENING)
 
 
@@ -233,18 +265,16 @@ def with_possible_slope(points: Points, found: Superposition, options: Options) 
 
     Sweeps of a broad spectrum hardly tell a vertical slope from shifts that all differ by a share,
     and what is not told is left out by the criterion. No modulus is the same at all temperatures,
-    though: with odds of one to three before the data (of a glass three to one) there is a slope of
-    :data:`SLOPE_SPREAD`, and with even odds that of entropy and density where the material is no
-    glass. With the odds after them the variance of either, and its best value squared, are part of
-    the covariance. The fit stays.
+    though: with odds of one to three before the data there is a slope of :data:`SLOPE_SPREAD`, and with
+    even odds that of entropy and density. With the odds after them the variance of either, and its best
+    value squared, are part of the covariance. The fit stays. (A glass always has a slope.)
     """
     loose = less_smoothed(points, found, options)
     slope = possible_slope(points, replace(found, fit=loose or found.fit))
     if slope is None:
         return found
-    variance, priors = slope.variance, [(_ODDS_OF_GLASS, 0.0)]
-    if "rho_T" in options.verticals:
-        priors = [(_ODDS, 0.0), (1.0, 1.0 / (found.model.T_ref + ZERO_CELSIUS) / SLOPE_SPREAD)]
+    variance = slope.variance
+    priors = [(_ODDS, 0.0), (1.0, 1.0 / (found.model.T_ref + ZERO_CELSIUS) / SLOPE_SPREAD)]
     # Prior slopes of unit variance about zero and about that of entropy: where they end, and their evidence.
     means = [slope.value + mean * variance for _, mean in priors]
     gains = [0.5 * (mean**2 / variance - prior**2) for mean, (_, prior) in zip(means, priors, strict=True)]

@@ -26,7 +26,7 @@ from labpipe.materials.superposition._joint_fit import Points
 from labpipe.materials.superposition._outlying import off_the_curve
 from labpipe.materials.superposition._result import MasterCurve, assembled
 from labpipe.materials.superposition._shift_law import LawName
-from labpipe.materials.superposition._shift_parameters import Horizontal, OuterModel
+from labpipe.materials.superposition._shift_parameters import SLOPE_SPREAD, Horizontal, OuterModel
 from labpipe.materials.superposition._sweep_data import SweepData, read_sweeps, without_readings
 from labpipe.materials.superposition._sweep_readings import Mode, gather_sweeps
 from labpipe.materials.superposition._vertical_law import GLASS, VERTICAL_SIZE, Vertical
@@ -145,6 +145,7 @@ def master_curve(
         given=np.zeros(data.points.count) if given is None else given - given[reference],
         delay_unit=1.0 / float(np.max(data.points.omega)),
         horizontal=horizontal,
+        slope_spread=SLOPE_SPREAD if vertical == "auto" and _is_glass(data.points) else 0.0,
     )
     is_started = given is not None or horizontal == "fixed"
     starts = (("given", model.given),) if is_started else None
@@ -178,10 +179,14 @@ def _verticals(vertical: str, points: Points) -> tuple[Vertical, ...]:
     if points.count == 1:
         return ("none",)
     if vertical == "auto":
-        is_glass = bool(points.storage.min() > GLASS)
-        laws = tuple(law for law in _ALL_VERTICALS if not (is_glass and law == "rho_T"))
+        laws = tuple(law for law in _ALL_VERTICALS if not (law == "rho_T" and _is_glass(points)))
         return laws if points.count > 3 else ("none",)
     return (vertical,)  # type: ignore[return-value]
+
+
+def _is_glass(points: Points) -> bool:
+    """Tell whether no sweep is of a rubber or a melt; the modulus of a glass always falls as it warms."""
+    return points.count > 1 and bool(points.storage.min() > GLASS)
 
 
 def _levels(levels: bool | Literal["auto"], count: int) -> bool | None:

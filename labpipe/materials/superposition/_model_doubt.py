@@ -143,8 +143,6 @@ def with_other_slopes(points: Points, current: Superposition, options: Options) 
     rise = 2.0 / np.pi * np.log(10.0) * float(np.median(points.loss / points.storage))
     if SLOPE_SPREAD * float(np.ptp(model.temperature)) / 2.0 < _REACH * rise or current.violation > VIOLATED:
         return current
-    if model.vertical == "none":
-        model = replace(model, slope_spread=SLOPE_SPREAD)
     solution = replace(current.fit.solution, strength=min(current.fit.solution.strength, _STIFF))
     softer = replace(current, fit=replace(current.fit, solution=solution))
     weight = _weight(points, current, options)
@@ -179,7 +177,7 @@ def _other_laws(model: OuterModel, options: Options) -> list[OuterModel]:
     found = []
     if len(options.verticals) > 1:
         found += [
-            under_law(model, name)
+            under_law(model, name, options.verticals)
             for name in ("none", "linear")
             if name in options.verticals and name != model.vertical
         ]

@@ -202,15 +202,17 @@ def broad(seed, slope):
         warnings.simplefilter("ignore", UserWarning)
         found = master_curve(measured, 0.0)
     other = np.arange(5) != 2
-    return found, ((found.log10_aT.values - shifts) / np.where(other, found.u_log10_aT.values, 1.0))[other]
+    off = (found.log10_aT.values - shifts)[other]
+    return found, off / found.u_log10_aT.values[other], off / shifts[other]
 
 
-def test_a_slope_that_sweeps_hardly_tell_is_part_of_the_uncertainty():
-    both = {slope: [broad(seed, slope) for seed in range(6)] for slope in (0.0, -2e-4)}
-    assert all(found.verdict.level != "fail" for parts in both.values() for found, _ in parts)
-    z = {slope: np.sqrt(np.mean([z**2 for _, z in parts])) for slope, parts in both.items()}
-    assert 0.2 < z[0.0] < 1.3
-    assert 0.5 < z[-2e-4] < 1.7
+def test_a_slope_that_sweeps_hardly_tell_is_fitted_all_the_same():
+    """Left out where the criterion does not ask for it, it makes all shifts too large by a share (2.8 %)."""
+    for slope in (0.0, -4e-4):
+        parts = [broad(seed, slope) for seed in range(6)]
+        assert all(found.verdict.level != "fail" for found, _, _ in parts)
+        assert 0.4 < np.sqrt(np.mean([z**2 for _, z, _ in parts])) < 1.5
+        assert abs(np.mean([share for _, _, share in parts])) < 0.018
 
 
 def softening_glass(seed, slope, width):
