@@ -205,9 +205,10 @@ def _settled_finely(points: Points, candidate: Candidate, noise: Noise, options:
     """Settle a fit, on a finer grid of times as long as that predicts much better.
 
     A single relaxation time between two of the grid leaves a misfit that delays and levels would
-    be called for; so this comes before them.
+    be called for; so this comes before them. What a grid was called for before a law came, the law
+    may explain: it starts coarse again. Neighbouring residuals that say the same count once.
     """
-    current = settled(points, candidate, noise, options)
+    current = settled(points, candidate, noise, options, TERMS_PER_DECADE)
     while 2 * current.fit.grid.terms_per_decade <= MOST_TERMS_PER_DECADE:
         fit, model = current.fit, current.model
         weight = weights_of(points, current.noise, fit.predicted) * huber(current, options)
@@ -217,7 +218,7 @@ def _settled_finely(points: Points, candidate: Candidate, noise: Noise, options:
             for count in (density, 2 * density)
         )
         gain = predictive_cost(present, model) - predictive_cost(finer, model)
-        if gain < STRONG_EVIDENCE:
+        if gain < STRONG_EVIDENCE * run_length(points, current):
             break
         candidate = Candidate(model, finer, current.starts)
         current = settled(points, candidate, current.noise, options)

@@ -43,6 +43,10 @@ _UNBIASED = 1.0
 _ODDS = 1.0 / 3.0
 # Exponent at which odds are certain.
 _SURE = 50.0
+# Starts that differ by less (decades) end in the same minimum.
+_SAME_BASIN = 0.3
+# So many of the candidates that a stiff spectrum fits best are fitted with the present smoothing.
+_MOST_FITTED = 3
 # Candidates are compared before they have settled to the last digit: tolerance and iterations.
 _SCREENING = (1e-3, 8)
 
@@ -68,14 +72,23 @@ def extended_by_a_law(
     stiffness = float(points.storage.min())
     is_plain = current.model.vertical == "none" and not current.model.level_spread
     clean = entropic_ln_bT(current.model)
-    first_states = restarts(points, current, clean) if is_plain and starts is None else []
+    first_states = [
+        first
+        for first in (restarts(points, current, clean) if is_plain and starts is None else [])
+        if not _are_alike(first.log10_aT, current.fit.state.log10_aT)
+    ]
+    tried: list[tuple[float, OuterModel, Fit]] = []
     for model in [move for move in moves if move.has_delay <= current.model.has_delay]:
         is_removal = replace(model, has_delay=True) == current.model
         for first in [current.fit.state, *([] if is_removal else first_states)]:
-            fit = screened(points, weight, current, model, first)
-            score = _criterion(points, fit, model)
-            if score < least and is_physical(fit.state.ln_bT, model.temperature, model.T_ref, stiffness):
-                best, least = Candidate(model, fit, current.starts), score
+            fit = _stiff(points, weight, current, model, first)
+            tried.append((_criterion(points, fit, model), model, fit))
+    tried.sort(key=lambda one: one[0])
+    for _, model, stiff in tried[:_MOST_FITTED]:
+        fit = _loosened(points, weight, current, model, stiff)
+        score = _criterion(points, fit, model)
+        if score < least and is_physical(fit.state.ln_bT, model.temperature, model.T_ref, stiffness):
+            best, least = Candidate(model, fit, current.starts), score
     return best
 
 
@@ -127,14 +140,24 @@ def _may_gain(points: Points, current: Superposition, moves: list[OuterModel]) -
 
 
 def restarts(points: Points, current: Superposition, ln_bT: Floats) -> list[State]:
-    """Start anew under a vertical law, the phase's present delay taken out of the data."""
+    """Start anew under a vertical law, the phase's present delay taken out of the data.
+
+    Of two starts that are alike, one will do.
+    """
     model, delay = current.model, current.fit.state.delay
     turned = (points.storage + 1j * points.loss) * np.exp(-1j * points.omega * delay)
     if not (turned.imag > 0).all():
         turned = points.storage + 1j * points.loss
     clean = replace(points, storage=turned.real, loss=turned.imag)
-    found = (overlapped_shifts(clean, model.temperature, ln_bT), scanned_shifts(clean, model.temperature, ln_bT))
-    return [State(np.empty(0), shifts - shifts[model.reference], ln_bT, delay) for shifts in found]
+    found = [start(clean, model.temperature, ln_bT) for start in (overlapped_shifts, scanned_shifts)]
+    found = [shifts - shifts[model.reference] for shifts in found]
+    kept = found[: 1 if _are_alike(*found) else 2]
+    return [State(np.empty(0), shifts, ln_bT, delay) for shifts in kept]
+
+
+def _are_alike(one: Floats, other: Floats) -> bool:
+    """Tell whether two starts will end in the same minimum."""
+    return float(np.max(np.abs(one - other))) < _SAME_BASIN
 
 
 def entropic_ln_bT(model: OuterModel) -> Floats:
@@ -145,13 +168,21 @@ def entropic_ln_bT(model: OuterModel) -> Floats:
 
 def screened(points: Points, weight: Floats, current: Superposition, model: OuterModel, first: State) -> Fit:
     """Fit another model from a state, well enough to compare it."""
-    strength, density = current.fit.solution.strength, current.fit.grid.terms_per_decade
+    return _loosened(points, weight, current, model, _stiff(points, weight, current, model, first))
+
+
+def _stiff(points: Points, weight: Floats, current: Superposition, model: OuterModel, first: State) -> Fit:
+    """Fit another model from a state with a spectrum that hardly bends."""
     state = model.start(first)
-    grid = grid_for(points, state, density, FIRST_MARGIN)
-    stiff = evaluate(points, weight, grid, state, max(strength, FIRST_STRENGTH))
-    stiff = minimise(points, weight, stiff, model, *_SCREENING)
-    grid = grid_for(points, stiff.state, density, MARGIN_DECADES)
-    fit = evaluate(points, weight, grid, stiff.state, strength)
+    grid = grid_for(points, state, current.fit.grid.terms_per_decade, FIRST_MARGIN)
+    fit = evaluate(points, weight, grid, state, max(current.fit.solution.strength, FIRST_STRENGTH))
+    return minimise(points, weight, fit, model, *_SCREENING)
+
+
+def _loosened(points: Points, weight: Floats, current: Superposition, model: OuterModel, stiff: Fit) -> Fit:
+    """Go on from a stiff fit with the smoothing of the present one."""
+    grid = grid_for(points, stiff.state, current.fit.grid.terms_per_decade, MARGIN_DECADES)
+    fit = evaluate(points, weight, grid, stiff.state, current.fit.solution.strength)
     return minimise(points, weight, fit, model, *_SCREENING)
 
 

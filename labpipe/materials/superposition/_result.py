@@ -269,7 +269,9 @@ def assembled(sweeps: xr.Dataset, data: SweepData, found: Superposition, law: La
     reduced = predictions(sweeps, data, found, log10_aT)
     moduli = without_delay(data.points, found.fit)
     frequency = data.points.omega / (2.0 * np.pi) * 10.0 ** log10_aT[data.points.isotherm]
-    kk = kramers_kronig(frequency, moduli.real, moduli.imag)
+    # Where the loss is small its noise may be larger than what the delay leaves of it.
+    lossy = moduli.imag > 0
+    kk = kramers_kronig(frequency[lossy], moduli.real[lossy], moduli.imag[lossy])
     overlap = overlap_of_neighbours(data, log10_aT, covariance, BARELY_DETERMINED)
     window = (float(np.nanmin(reduced["reduced_frequency"])), float(np.nanmax(reduced["reduced_frequency"])))
     verdict = verdict_on(data.points, found, kk)

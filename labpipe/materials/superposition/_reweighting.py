@@ -109,9 +109,15 @@ class Candidate:
     starts: tuple[tuple[str, float, float], ...]
 
 
-def settled(points: Points, candidate: Candidate, noise: Noise, options: Options) -> Superposition:
-    """Repeat fit, noise and smoothing until the noise levels stand still."""
+def settled(
+    points: Points, candidate: Candidate, noise: Noise, options: Options, density: float | None = None
+) -> Superposition:
+    """Repeat fit, noise and smoothing until the noise levels stand still.
+
+    ``density`` is that of the terms per decade; default the candidate's.
+    """
     fit, model = candidate.fit, candidate.model
+    density = density or fit.grid.terms_per_decade
     expected = fit.predicted
     near: float | None = None
     measured = np.concatenate([points.storage, points.loss])
@@ -120,7 +126,7 @@ def settled(points: Points, candidate: Candidate, noise: Noise, options: Options
         plain = weights_of(points, noise, expected)
         weight = plain * _root_of_influence(standardised, options)
         model = replace(model, expectation=expected_shifts(model.temperature, fit.state.log10_aT))
-        grid = grid_for(points, fit.state, fit.grid.terms_per_decade, MARGIN_DECADES)
+        grid = grid_for(points, fit.state, density, MARGIN_DECADES)
         fit = evaluate(points, weight, grid, fit.state, None, near)
         fit = minimise(points, weight, fit, model)
         near, expected = fit.solution.strength, fit.predicted

@@ -30,6 +30,8 @@ CHANGE, CHANGE_SHARE = 0.4, 0.5
 #: the same at all temperatures. Stiff plastics soften by 0.02 to 0.1 % per kelvin beside their
 #: relaxations; densities fall by 0.03 to 0.1 %.
 SLOPE_SPREAD = 5e-4
+# Slope to be expected beside b ∝ T, between constant density and that of most melts.
+_DENSITY_SLOPE = -3e-4
 # What a start takes over of a level or a slope, in its standard deviations.
 _MOST_SPREADS = 2.0
 #: Closer isotherms than this (K) are repeats; their spacing is not resolved.
@@ -154,6 +156,11 @@ class OuterModel:
         return self.slope_spread > 0 and not VERTICAL_SIZE[self.vertical]
 
     @property
+    def expected_slope(self) -> float:
+        """The slope parameter that is expected, in its standard deviations."""
+        return _DENSITY_SLOPE / self.slope_spread if self.vertical == "rho_T" else 0.0
+
+    @property
     def law_size(self) -> int:
         """Number of parameters that are not held back by an expectation of zero."""
         levels = self.temperature.size if self.level_spread > 0 else 0
@@ -230,7 +237,7 @@ class OuterModel:
         if self.has_slope:
             at_slope = self.horizontal_size
             normal[at_slope, at_slope] += 1.0
-            gradient[at_slope] -= state.parameters[at_slope]
+            gradient[at_slope] -= state.parameters[at_slope] - self.expected_slope
         return normal, gradient
 
     def pull_cost(self, state: State) -> float:
@@ -242,7 +249,7 @@ class OuterModel:
             levels = state.parameters[self.level_slice]
             cost += float(np.sum((levels / self.level_spread) ** 2))
         if self.has_slope:
-            cost += float(state.parameters[self.horizontal_size] ** 2)
+            cost += float((state.parameters[self.horizontal_size] - self.expected_slope) ** 2)
         return cost
 
     def directions(self, state: State) -> tuple[Floats, Floats, Floats]:

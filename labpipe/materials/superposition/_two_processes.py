@@ -37,7 +37,8 @@ from labpipe.materials.superposition._shift_parameters import OuterModel
 # Shares of the second process to start from; it stays between these limits.
 _SHARES, _LEAST_SHARE, _MOST_SHARE = (0.35, 0.65), 0.05, 0.97
 _DAMPINGS = (1e-3, 1e-1, 10.0)
-_MAX_ITERATIONS, _TOLERANCE = 20, 1e-3
+# Every start goes a few steps, the best one to its end.
+_SCREENING, _MAX_ITERATIONS, _TOLERANCE = 5, 20, 1e-3
 # Shifts move by this much (decades) in one step at most, the share by a tenth of it.
 _MAX_STEP = 0.5
 _LN10 = float(np.log(10.0))
@@ -87,8 +88,10 @@ def two_processes(points: Points, weight: Floats, model: OuterModel, log10_aT: F
     starts = [log10_aT]
     if continued is not None:
         starts.append(continued - continued[model.reference])
-    fits = [_Search(points, weight, model, strength).best(first, share) for first in starts for share in _SHARES]
-    return min(fits, key=lambda fit: fit.cost)
+    search = _Search(points, weight, model, strength)
+    tried = [search.best(first, share, _SCREENING) for first in starts for share in _SHARES]
+    found = min(tried, key=lambda fit: fit.cost)
+    return search.best(found.log10_aT, found.share, _MAX_ITERATIONS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,13 +113,13 @@ class _Search:
     model: OuterModel
     strength: float
 
-    def best(self, log10_aT: Floats, share: float) -> TwoProcesses:
+    def best(self, log10_aT: Floats, share: float, iterations: int) -> TwoProcesses:
         """Improve all shifts and the share by damped Gauss-Newton steps."""
         grids = (self._grid(log10_aT), self._grid(share * log10_aT))
         penalty = _stacked(*grids)
         found = self._spectra(grids, penalty, log10_aT, share, None)
         cost = self._cost(found, log10_aT)
-        for _ in range(_MAX_ITERATIONS):
+        for _ in range(iterations):
             gain = 0.0
             for damping in _DAMPINGS:
                 shifts, other = self._step(found, log10_aT, share, damping)
