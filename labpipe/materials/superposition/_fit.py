@@ -70,6 +70,8 @@ _LAW_ROUGHNESS = 0.1
 # the scatter, and count from this gain on: with one process
 # it was −3 ± 4 and never above 4.1 (30 sets with every law), with two that shift by 0.85 : 1 about 10.
 _RIVAL_NEEDS, _NOTHING_LEFT, _RIVAL_GAIN = 5, 1.15, 8.0
+# Odds of two processes before the data, and the exponent at which odds are certain.
+_RIVAL_ODDS, _SURE = 1.0 / 3.0, 50.0
 # Share of its measured value that a loss keeps at least when laws are taken out of it.
 _LEAST_LOSS = 1e-3
 # Starts are compared before they have settled to the last digit: tolerance and iterations.
@@ -148,7 +150,7 @@ def superpose(
 
 
 def _rival(points: Points, current: Superposition, options: Options) -> TwoProcesses | None:
-    """Return two processes where they describe the sweeps better than superposition and its laws.
+    """Return two processes, and how far they are to be believed beside superposition and its laws.
 
     A fit that needs no law and misses by no more than the scatter leaves them nothing to explain.
     """
@@ -171,7 +173,9 @@ def _rival(points: Points, current: Superposition, options: Options) -> TwoProce
     # A small slope of the modulus is no second process.
     slope = possible_slope(points, replace(current, fit=present))
     cost = predictive_cost(present, model) - (slope.gain if slope else 0.0)
-    return best if cost - best.cost > _RIVAL_GAIN else None
+    gain = cost - best.cost
+    odds = 1.0 / (1.0 + np.exp(np.clip(0.5 * gain, -_SURE, _SURE)) * _RIVAL_ODDS)
+    return replace(best, belief=1.0 if gain > _RIVAL_GAIN else float(1.0 - odds))
 
 
 def _without_laws(points: Points, state: State) -> tuple[Points, Floats]:

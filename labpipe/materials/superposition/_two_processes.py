@@ -60,12 +60,15 @@ class TwoProcesses:
     cost : float
         Misfit, twice the effective number of terms, and the expectation of shifts: comparable
         with :func:`._joint_fit.predictive_cost` at the same weights.
+    belief : float
+        Probability of two processes after the data; one where they are the better model beyond doubt.
     """
 
     share: float
     log10_aT: Floats
     covariance: Floats
     cost: float
+    belief: float = 1.0
 
 
 def two_processes(points: Points, weight: Floats, model: OuterModel, log10_aT: Floats, strength: float) -> TwoProcesses:

@@ -66,7 +66,7 @@ def verdict_on(points: Points, found: Superposition, kk: KramersKronig) -> Verdi
 
 
 def _two_processes(found: Superposition) -> Iterator[tuple[Level, str]]:
-    if found.rival is None:
+    if found.rival is None or found.rival.belief < 1.0:
         return
     change = np.abs(found.rival.log10_aT - found.fit.state.log10_aT)
     worst = int(np.argmax(change))
