@@ -59,7 +59,7 @@ class Superposition:
     run_length : float
         How many neighbouring readings are worth one; the covariance holds it.
     rival : TwoProcesses, optional
-        Two processes that describe the sweeps better than superposition does.
+        Two processes that describe the sweeps as well as superposition does, or better.
     refused : tuple of str
         Vertical laws that fit only with factors of no material.
     slopes : tuple of (float, array (isotherm,))
