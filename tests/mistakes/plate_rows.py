@@ -94,6 +94,20 @@ ROWS = (
         "radius in cm", setting('"9.525 ± 0.005 mm"', '"9.525 ± 0.005 cm"'), "impossible", ("sphere.radius",), _TOML
     ),
     Mistake(
+        "radius with a slipped decimal",
+        setting('"9.525 ±', '"0.9525 ±'),
+        "doubtful",
+        ("radius is probably 9.5",),
+        _TOML,
+    ),
+    Mistake(
+        "mass of the ball without its holder",
+        setting("505.0 ± 0.5 g", "28.20 ± 0.05 g"),
+        "doubtful",
+        ("moving mass is probably",),
+        _TOML,
+    ),
+    Mistake(
         "direction reversed",
         setting(_SPHERE, f"[experiments.plate.sensor]\ndirection = -1\n\n{_SPHERE}"),
         "impossible",

@@ -18,7 +18,7 @@ from labpipe.workflow.context import Context
 from pipelines.experiments.ball_drop.comparison import SCALE, rows
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import fall_checks, judgements, trace_checks
-from pipelines.experiments.shared.fall_checks import Fall
+from pipelines.experiments.shared.fall_checks import Fall, Stiffness
 from pipelines.experiments.shared.judgements import Scene, line_of, times_over
 from pipelines.experiments.shared.trace_checks import Trace
 
@@ -78,7 +78,8 @@ def judgement(
     headers = [d for d in readings or () if d is not None]
     is_damaged = any(check.level == "impossible" for check in of_traces)
     causes = [] if is_damaged else list(_causes(settings, headers, settings.laser, records))
-    of_records = {fall.name: _of_record(fall, moved, settings) for fall, moved in records}
+    stiffness = _stiffness(settings, model)
+    of_records = {fall.name: _of_record(fall, moved, stiffness, settings) for fall, moved in records}
     everything = [check for some in of_records.values() for check in some]
     if causes and not explain(everything, causes):
         by_name = dict(zip(settings.laser, readings or (), strict=False))
@@ -165,9 +166,10 @@ def _records(
             yield Fall(name, found, relative, *hums.get(name, (0.0, 0.0))), moved
 
 
-def _of_record(fall: Fall, moved: xr.Dataset, settings: BallDrop) -> list[Check]:
+def _of_record(fall: Fall, moved: xr.Dataset, stiffness: Stiffness | None, settings: BallDrop) -> list[Check]:
     gravity = settings.model.gravity
-    sphere = settings.sphere
+    radius, mass = settings.sphere.radius.value, settings.sphere.mass.value
+    speed, depth = (float(fall.bounces[of][0]) for of in ("incoming_speed", "penetration"))
     return [
         fall_checks.acceleration(fall, gravity),
         fall_checks.height(fall, settings.height),
@@ -175,27 +177,32 @@ def _of_record(fall: Fall, moved: xr.Dataset, settings: BallDrop) -> list[Check]
         fall_checks.restitution(fall),
         fall_checks.apexes(fall),
         fall_checks.flights_alike(fall, gravity),
-        fall_checks.contact_duration(fall, sphere.radius.value, sphere.mass.value, _contact_modulus(settings), gravity),
-        fall_checks.rest_level(fall, _sag(settings)),
+        fall_checks.contact_duration(fall, radius, mass, stiffness, gravity),
+        fall_checks.strain(fall.name, depth, radius, mass, speed),
+        fall_checks.rest_level(fall, _sag(settings, stiffness)),
         fall_checks.direction(fall),
         fall_checks.ends_early(fall, float(moved["time"][-1])),
     ]
 
 
-def _contact_modulus(settings: BallDrop) -> float | None:
-    """Return the modulus of the named material at a millisecond, over 1 - nu^2."""
-    if settings.sphere.material is None:
+def _stiffness(settings: BallDrop, model: xr.Dataset | None) -> Stiffness | None:
+    """Return how stiff the contact is: as simulated, else that of the named material at a millisecond."""
+    sphere = settings.sphere
+    if model is not None and model.sizes["impact"]:
+        is_measured = sphere.material_from is not None
+        return Stiffness.of_model(model, sphere.radius.value, sphere.mass.value, is_measured=is_measured)
+    if sphere.material is None:
         return None
     try:
-        solid = load(settings.sphere.material)
+        solid = load(sphere.material)
     except LabpipeError:
         return None
-    return float(np.asarray(solid.relaxation(1e-3))) / (1 - float(solid.nu) ** 2)
+    return Stiffness.by_name(float(np.asarray(solid.relaxation(1e-3))) / (1 - float(solid.nu) ** 2))
 
 
-def _sag(settings: BallDrop) -> float:
+def _sag(settings: BallDrop, stiffness: Stiffness | None) -> float:
     """Return the static approach of Hertz under the moving mass."""
-    sphere, modulus = settings.sphere, _contact_modulus(settings) or 1e9
+    sphere, modulus = settings.sphere, 1e9 if stiffness is None else stiffness.modulus
     force = sphere.mass.value * settings.model.gravity.value
     return float((0.75 * force / (modulus * np.sqrt(sphere.radius.value))) ** (2 / 3))
 

@@ -7,7 +7,7 @@ moves them by different powers, which tells the mistake.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import hypot, isfinite, log, log10, nan, sqrt
+from math import exp, hypot, inf, isfinite, log, log10, nan, pi, sqrt
 
 import numpy as np
 import xarray as xr
@@ -27,10 +27,18 @@ A plate takes (1 + e) m/M of the speed and returns at most twice its own: 0.07 i
 55 times as heavy as what falls."""
 _CLOCK = 1e-4
 """Relative uncertainty of a sampling interval as manufacturers state it."""
-_MATERIAL = 0.25
+_HERTZ = 2.868
+BY_NAME, MEASURED = 0.25, 0.1
 """Standard uncertainty of the logarithm of a contact's duration, for a solid that is known by its
-name: t goes with E*^-0.4, so that a factor of two in its modulus is one standard uncertainty."""
-_DECADE = 0.35  # by which a power of ten may be missed, since the material is not known well
+name and for one whose modulus was measured: t goes with E*^-0.4, so that factors of two and of 1.3
+in its modulus are one standard uncertainty."""
+_SLIPPED, _SLIPS_APART = 2.0, 0.2
+"""Standard uncertainties by which a slip of a unit may be missed, and the uncertainty beyond which
+slips of a decimal can no longer be told from anything else."""
+LIGHTEST = 800.0  # kg/m³, density of the lightest solid polymer
+_RIDER = 1e4  # times the weight of such a sphere, that may rest on it
+_PLASTIC = 3e8  # Pa, contact modulus above which a polymer is no rubber
+_YIELDS, _LARGEST = 0.3, 0.8  # of a contact's radius over its sphere's: of a plastic, of any solid
 _BY_HAND = 0.2
 """Relative, by which two repeats may differ since they were let go by hand."""
 _SLIP = 0.02  # decades by which two repeats that differ by a slipped decimal may miss it
@@ -236,7 +244,30 @@ def flights_alike(fall: Fall, gravity: Quantity) -> Check:
     )
 
 
-def contact_duration(fall: Fall, radius: float, mass: float, contact_modulus: float | None, gravity: Quantity) -> Check:
+@dataclass(frozen=True, slots=True)
+class Stiffness:
+    """Contact modulus E* [Pa] of a body at a contact, and what is uncertain of its contact's duration.
+
+    ``u_duration`` is the standard uncertainty of that duration's logarithm: t goes with E*^-0.4.
+    """
+
+    modulus: float
+    u_duration: float
+
+    @classmethod
+    def by_name(cls, modulus: float) -> "Stiffness":
+        """Of a solid that is known by its name alone."""
+        return cls(modulus, BY_NAME)
+
+    @classmethod
+    def of_model(cls, model: xr.Dataset, radius: float, mass: float, *, is_measured: bool) -> "Stiffness":
+        """By Hertz from the first contact of a simulation, for the sphere that was simulated."""
+        duration, v = float(model["contact_duration"][0]), float(model["impact_speed"][0])
+        modulus = sqrt((_HERTZ / duration) ** 5 * mass**2 / (radius * v))
+        return cls(modulus, MEASURED if is_measured else BY_NAME)
+
+
+def contact_duration(fall: Fall, radius: float, mass: float, stiffness: Stiffness | None, gravity: Quantity) -> Check:
     """Hold the first contact's duration against Hertz for the stated sphere.
 
     t = 2.868 (m^2 / (R E*^2 v))^(1/5), Johnson, Contact Mechanics (1985), eq. (11.24).
@@ -250,9 +281,9 @@ def contact_duration(fall: Fall, radius: float, mass: float, contact_modulus: fl
         return not_made(name, law, "a first contact")
 
     def hertz(modulus: float) -> float:
-        return float(2.868 * (mass**2 / (radius * modulus**2 * v)) ** 0.2)
+        return float(_HERTZ * (mass**2 / (radius * modulus**2 * v)) ** 0.2)
 
-    if contact_modulus is None:
+    if stiffness is None:
         shortest, longest = hertz(_PLAUSIBLE[1]), hertz(_PLAUSIBLE[0])
         message = (
             f"{fall.name}: {shown(seen, own, 's')} seen, {quantity(shortest, 's')} to {quantity(longest, 's')} would "
@@ -272,41 +303,91 @@ def contact_duration(fall: Fall, radius: float, mass: float, contact_modulus: fl
         word = "large" if seen < shortest else "small"
         cause = f"sphere.mass is too {word}: {quantity(mass, 'kg')} is in another unit than was typed (g, kg)"
         return replace(check, cause=cause) if check.level else check
-    expected = hertz(contact_modulus)
+    expected = hertz(stiffness.modulus)
     message = (
         f"{fall.name}: {shown(seen, own, 's')} seen, about {quantity(expected, 's')} expected "
         "for the stated sphere and material"
     )
-    gap = float(np.log(seen / expected))
-    margin = gap / hypot(own / seen, _MATERIAL)
+    gap, u = float(np.log(seen / expected)), hypot(own / seen, stiffness.u_duration)
     level: Level | None = None
-    if abs(gap) > np.log(3.0):
-        level = "impossible" if abs(margin) > IMPOSSIBLE else "doubtful"
-    of_mass = _of_mass(gap, mass)
-    return Check(
-        name,
-        law,
-        message,
-        level,
-        margin,
-        gap,
-        hypot(own / seen, _MATERIAL),
-        cause=of_mass,
-        file="" if of_mass else fall.name,
-        setting="sphere.mass" if of_mass else "",
-    )
+    if abs(gap) > DOUBTFUL * u:
+        level = "impossible" if abs(gap) > max(IMPOSSIBLE * u, log(3.0)) else "doubtful"
+    cause, setting = of_body(gap, u, radius, mass) if level else ("", "")
+    file = "" if setting else fall.name
+    return Check(name, law, message, level, gap / u, gap, u, cause=cause, file=file, setting=setting)
 
 
-def _of_mass(gap: float, mass: float) -> str:
-    """Say what a contact that is far too short or too long tells of the mass: t goes with m^0.4."""
-    decades = round(-2.5 * gap / log(10))
-    if abs(gap) < log(3.0) or abs(-2.5 * gap / log(10) - decades) > _DECADE:
-        return ""
-    right = quantity(mass / 10.0**decades, "kg")
-    return (
-        f"the moving mass is probably {right}, not {quantity(mass, 'kg')} (sphere.mass in session.toml); or the "
-        "sphere is of another material than is named"
+def of_body(gap: float, u: float, radius: float, mass: float) -> tuple[str, str]:
+    """Say what a contact that is too short or too long tells of the body, and its setting.
+
+    By Hertz t goes with m^0.4 R^-0.2: slips of a unit or a decimal in one of the two, else the
+    mass that explains it, where the stiffness is known well enough.
+
+    Parameters
+    ----------
+    gap : float
+        Logarithm of the duration that is seen over that which is expected.
+    u : float
+        Its standard uncertainty.
+    radius, mass : float
+        As stated [m, kg].
+    """
+    given = (("sphere.mass", "the moving mass", mass, "kg", 0.4), ("sphere.radius", "the radius", radius, "m", -0.2))
+    slips = [
+        (abs(gap - power * log(k)), abs(log(k)), f"{what} is probably {quantity(value * k, si)}", setting)
+        for setting, what, value, si, power in given
+        for k in (10.0, 0.1, 100.0, 0.01, 1e3, 1e-3, *((25.4, 1 / 25.4) if si == "m" else ()))
+        if (_is_body(radius * k, mass) if si == "m" else _is_body(radius, mass * k))
+    ]
+    # of two slips that explain it alike the smaller one is likelier
+    off, _, said, setting = min(slips, key=lambda slip: (round(slip[0], 2), slip[1]), default=(inf, inf, "", ""))
+    if off > _SLIPPED * min(u, _SLIPS_APART):
+        if u > _SLIPS_APART:
+            return "", ""
+        setting = "sphere.mass"
+        said = f"the moving mass is probably about {quantity(mass * exp(2.5 * gap), 'kg')}"
+    stands = quantity(mass, "kg") if setting == "sphere.mass" else quantity(radius, "m")
+    return f"{said}, not {stands} ({setting} in session.toml); or the sphere is of another material", setting
+
+
+def _is_body(radius: float, mass: float) -> bool:
+    """Whether a sphere of a solid may be part of what falls, and not a vanishing one."""
+    return 1.0 <= mass / (LIGHTEST * 4 / 3 * pi * radius**3) <= _RIDER
+
+
+def strain(name: str, approach: float, radius: float, mass: float, speed: float) -> Check:
+    """Hold the depth of a contact against what a sphere of that radius can bear.
+
+    Hertz: a² = R δ, and the mean pressure is 4 a E*/(3 π R); the hardest plastics yield at a tenth
+    of E* (Johnson, Contact Mechanics, 1985, section 6.1). Rubbers bear more, but stay spheres.
+
+    Parameters
+    ----------
+    name : str
+        What shows it, for the message.
+    approach : float
+        Largest approach of an impact [m].
+    radius, mass : float
+        As stated [m, kg].
+    speed : float
+        Of the impact [m/s].
+    """
+    title, law = "size of the contact", "a plastic yields before its contact is a third as wide as its sphere"
+    if not (approach > 0.0 and speed > 0.0):
+        return not_made(title, law, "a measured depth of the first contact")
+    ratio = sqrt(approach / radius)
+    modulus = 15 / 16 * mass * speed**2 / (sqrt(radius) * approach**2.5)
+    limit = _YIELDS if modulus > _PLASTIC else _LARGEST
+    text = (
+        f"{name}: {quantity(approach, 'm')} deep in a sphere of {quantity(radius, 'm')}, a contact {ratio:.2g} times "
+        "as wide as the sphere"
     )
+    level: Level | None = "doubtful" if ratio > limit else None
+    cause = (
+        f"sphere.radius in session.toml is too small for so deep a contact: {quantity(radius, 'm')} is in another "
+        "unit than was typed, or its decimal point slipped"
+    )
+    return stated(title, law, text, level, cause=cause if level else "", setting="sphere.radius")
 
 
 def rest_level(fall: Fall, sag: float) -> Check:
