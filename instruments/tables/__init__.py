@@ -15,6 +15,8 @@ else:
 
 __all__ = ["INSTRUMENT", "Options", "holds_rows", "read"]
 
+# Codecs of spreadsheets without Unicode, where words are found in none that is more usual.
+CODECS = ("cp932", "gbk", "euc_kr", "cp1251", "cp1250", "cp1254")
 _FAR = 64 * HEAD_BYTES  # how far into a file the lines about specimen and procedure may reach
 _PROCEDURE = (
     "[File Parameters]",
@@ -40,8 +42,6 @@ class Options(TypedDict, total=False):
 
 def _sniff(head: bytes, path: Path) -> bool:
     """Tell a table of sweeps, responses or shift factors by the quantities in its headings."""
-    from instruments.tables._layout import headings_of, signals_of
-
     text = _text(head)
     if "\0" in text or not head:
         return False
@@ -52,7 +52,16 @@ def _sniff(head: bytes, path: Path) -> bool:
         except OSError:
             return False
         text = _text(head)
-    lines = text.removeprefix("\N{ZERO WIDTH NO-BREAK SPACE}").splitlines()
+    if _has_headings(text):
+        return True
+    whole = head[: head.rfind(b"\n") + 1 or None]
+    return not text.isascii() and any(_has_headings(whole.decode(codec, errors="replace")) for codec in CODECS)
+
+
+def _has_headings(text: str) -> bool:
+    from instruments.tables._layout import headings_of, joined, signals_of
+
+    lines = [line for _, line in joined(text.removeprefix("\N{ZERO WIDTH NO-BREAK SPACE}").splitlines())]
     return any(headings_of(line) is not None for line in (*lines, signals_of(lines)) if line.strip())
 
 

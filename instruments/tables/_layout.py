@@ -7,7 +7,7 @@ mechanical analysis; what separates its columns is what names the most of them.
 
 import csv
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -20,19 +20,26 @@ _SEPARATORS = (TAB, SEMICOLON, COMMA, BAR, GAPS, BRACKETS, BLANKS)
 _OF_ROWS = (TAB, SEMICOLON, COMMA, BAR, BLANKS)
 
 #: What stands where there is no reading.
-ABSENT = ("", "-", "--", "---", "nan", "n/a", "na", "null", "none", "#n/a", "#num!", "#div/0!", "*", "inf", "-inf")
+ABSENT = (
+    "", "-", "--", "---", "nan", "n/a", "na", "n.a.", "nd", "n.d.", "null", "none", "#n/a", "#num!", "#div/0!",
+    "#value!", "#ref!", *("*" * count for count in range(1, 9)), "?", "...", "inf", "-inf",
+)  # fmt: skip
 
 _POWER = r"\s*[x×*·]\s*10\^?\(?([+-]?\d+)\)?"
 _NUMERIC = re.compile(rf"[+-]?(?:\d[\d.,'\u00a0\u202f\u2019 ]*|[.,]\d+)(?:[eEdD][+-]?\d+|{_POWER})?")
 _GROUPED = re.compile(r"([+-]?\d{1,3}(?:['\u2019\u00a0\u202f ]\d{3})+)((?:[.,]\d*)?(?:[eEdD].*)?)")
 _TIMES_TEN = re.compile(_POWER + "$")
-_MARK = re.compile(r"^\s*(?:#+|%+|//|!)\s*")
+_MARK = re.compile(
+    r"^\s*(?:#+|%+|//|!)\s*(?:(?:columns?|fields?|variables?|names?|header|units?)\s*[:=]\s*)?", re.IGNORECASE
+)
 _FACT = re.compile(
     r"(?:^|[\s;,(])(?P<key>[A-Za-zα-ωΑ-Ω°'_ .]+?(?:\s*[\[(][^\])]*[\])])?)\s*[:=\t]\s*"
     r"(?P<value>[+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)"
     r"\s*(?P<unit>[^\s;,)]*(?:\s?C\b)?)"
 )
 _AT = re.compile(r"(?:^|\s)(?:at|@|bei|à)\s*([+-]?\d+(?:[.,]\d+)?)\s*(°\s?C|ºC|degC|K)\b")
+_ALONE = re.compile(r"[\s#*=:-]*([+-]?\d+(?:[.,]\d+)?)\s*(°\s?C|ºC|degC|K)[\s#*=:-]*")
+_OPEN = re.compile(r'(?:^|[,;\t])\s*"[^"]*$')  # a cell in quotation marks that goes on in the next line
 _PLACE = re.compile(r"[+-]?\d+(?:[.,]\d+)?\s*(?:°\s?C|ºC|degC|C|K|Hz|rad/s)")
 _PARAMETERS = re.compile(r"\s*[A-Za-z]\w*\s*=\s*[^=;]*;")  # key=value; of a RepTate header
 _SIGNAL = re.compile(r"\s*Sig\d+\s+(.+?)\s*", re.IGNORECASE)  # a column of a file of Universal Analysis
@@ -80,6 +87,22 @@ class Block:
         places = {"Hz": "frequency", "rad/s": "frequency"}
         at = {places.get(heading.at[1], "temperature") for heading in self.headings if heading.at is not None}
         return named | at | set(self.facts)
+
+
+def joined(lines: Iterable[str]) -> Iterator[tuple[int, str]]:
+    """Yield lines with their numbers, those together that are one heading in quotation marks."""
+    held, first = "", 0
+    for number, line in enumerate(lines, 1):
+        text = f"{held} {line}" if held else line
+        first = first if held else number
+        is_open = _OPEN.search(text) is not None and any(map(str.isalpha, text))
+        if is_open and number - first < _MOST_LINES:
+            held = text
+            continue
+        held = ""
+        yield first, text
+    if held:
+        yield first, held
 
 
 def cells(line: str, separator: str) -> list[str]:
@@ -171,6 +194,9 @@ def _is_all_numbers(row: Sequence[str]) -> bool:
 _BETWEEN = 4
 """Lines of words inside a table at most."""
 
+_MOST_LINES = 8
+"""Lines of one heading at most."""
+
 _LONGEST = 20_000
 """Characters of a line of headings at most; a longer one is a row of something else."""
 
@@ -252,8 +278,8 @@ def _goes_on(block: Block, lines: Sequence[tuple[int, str]], k: int) -> int | No
 
 
 def _stated_at(line: str) -> dict[str, tuple[float, str]]:
-    """Return the temperature that a title states, ``Isotherm at 20 °C``."""
-    match = _AT.search(line)
+    """Return the temperature that a title states, ``Isotherm at 20 °C``, or that stands alone."""
+    match = _AT.search(line) or _ALONE.fullmatch(line)
     if match is None:
         return {}
     return {"temperature": (float(match[1].replace(",", ".")), "K" if match[2] == "K" else "degC")}
@@ -336,6 +362,7 @@ def _fill(block: Block, lines: Sequence[tuple[int, str]], k: int, separator: str
     """Read units and rows of a table; return the index of the first line behind it."""
     if k < len(lines) and not _is_row(lines[k][1], block, separator):
         k = _units(block, lines, k, separator)
+        k = _behind_remarks(block, lines, k, separator)
     if k < len(lines):
         block.separator = _separator_of_rows(lines[k][1], block, separator)
     while k < len(lines):
@@ -348,6 +375,17 @@ def _fill(block: Block, lines: Sequence[tuple[int, str]], k: int, separator: str
         block.widths.append(len(parts))
         k += 1
     _take_row_names(block)
+    return k
+
+
+def _behind_remarks(block: Block, lines: Sequence[tuple[int, str]], k: int, separator: str) -> int:
+    """Return where the rows begin below some lines of words, such as the comments of a worksheet."""
+    for at in range(k, min(k + _BETWEEN, len(lines))):
+        if _is_row(lines[at][1], block, separator):
+            return at
+        parts = cells(lines[at][1], separator)
+        if headings_of(lines[at][1]) or any(_facts(lines[at][1])) or any(map(is_numeric, parts)):
+            break
     return k
 
 

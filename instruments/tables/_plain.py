@@ -26,7 +26,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from instruments.anton_paar import Column, Interval, assemble
-from instruments.tables import _layout, _words
+from instruments.tables import CODECS, _layout, _words
 from instruments.tables._layout import ABSENT, Block, is_of_parameters
 from instruments.tables._moduli import missing, with_moduli
 from instruments.tables._words import Heading
@@ -47,6 +47,9 @@ _EXAMPLE = {
     "complex_viscosity_real": "Pa s", "complex_viscosity_imaginary": "Pa s",
 }  # fmt: skip
 _UNITLESS = ("loss_factor", "log10_aT", "ln_aT", "a_T", "b_T", "set")
+_ALONE = "Cells hold numbers alone; the units stand in the headings or in a row below them."
+_WITH_UNIT = re.compile(r"[+-]?\d[\d.,]*(?:[eE][+-]?\d+)?\s*(?:°\s?[CF]|[A-Za-z%][\w/°]*)")
+_OWN = ("point", "test", "result", "interval", "is_valid", "sample")  # names of the Dataset itself
 _ABOVE = re.compile(r"([+-]?\d+(?:[.,]\d+)?)\s*(°\s?C|ºC|degC|C|K)\b")
 
 
@@ -95,16 +98,34 @@ def read(
         message = f'decimal must be "." or ",", found "{decimal}"'
         raise InputError(message)
     path = Path(path)
-    source = survey(path, declared=(encoding,) if encoding else ("cp1252",), limits=_LIMITS)
-    lines = _lines(source, allow_incomplete)
-    blocks = _layout.blocks(lines, None if columns is None else _named(columns))
-    if not blocks:
-        raise _without_headings(path, lines)
+    named = None if columns is None else _named(columns)
+    source, blocks = _found(path, encoding, allow_incomplete, named)
     signs = _signs(path, blocks, decimal)
     if not source.is_ended and not allow_incomplete:
         _check_last_row(source, blocks[-1])
     whole = _complete(path, [_Table(path, block, signs) for block in blocks])
     return _assembled(path, source, whole, signs)
+
+
+def _found(
+    path: Path, encoding: str | None, allow_incomplete: bool, named: list[Heading] | None
+) -> tuple[TextFile, list[Block]]:
+    """Find the tables of a file, in the first codec in which there are any."""
+    first: SourceError | None = None
+    for codec in (encoding,) if encoding else ("cp1252", *CODECS):
+        try:
+            source = survey(path, declared=(codec,), limits=_LIMITS)
+            lines = _lines(source, allow_incomplete)
+            blocks = _layout.blocks(lines, named)
+        except SourceError as error:
+            first = first or error
+            continue
+        if blocks:
+            return source, blocks
+        first = first or _without_headings(path, lines)
+        if source.encoding != codec:  # it says itself what it is
+            break
+    raise first or SourceError(path, "no codec was given")
 
 
 def _named(columns: str) -> list[Heading]:
@@ -121,7 +142,7 @@ def _named(columns: str) -> list[Heading]:
 
 def _lines(source: TextFile, allow_incomplete: bool) -> list[tuple[int, str]]:
     """Return the lines that are not empty with their numbers; without a cut one, if that is asked for."""
-    found = [(number, line) for number, line in enumerate(source.lines(), 1) if line.strip("\t;,| ")]
+    found = [(number, line) for number, line in _layout.joined(source.lines()) if line.strip("\t;,| ")]
     if source.is_ended or not found or not allow_incomplete:
         return found
     warnings.warn(
@@ -207,12 +228,7 @@ class _Table:
     def __init__(self, path: Path, block: Block, signs: Separators) -> None:
         self.block = block
         if not block.rows:
-            raise SourceError(
-                path,
-                "found no row of numbers below the headings",
-                line=block.line,
-                hint="Cells hold numbers alone; the units stand in the headings or in a row below them.",
-            )
+            raise SourceError(path, "found no row of numbers below the headings", line=block.line, hint=_ALONE)
         self.missing = missing(block.names())
         self.columns: dict[str, Column] = {}
         self.is_whole = np.ones(len(block.rows), dtype=bool)
@@ -221,6 +237,7 @@ class _Table:
         short = _short_rows(path, block)
         values = _values(path, block, signs)
         values[short] = np.nan
+        _fill_merged(block, values)
         parts = list(_parted(path, block, values))
         self.is_whole = np.tile(~short, len(parts))
         self.columns = _joined([_converted(path, block, part) for part in parts])
@@ -234,6 +251,10 @@ def _short_rows(path: Path, block: Block) -> NDArray[np.bool_]:
     """
     width = max((k + 1 for k, heading in enumerate(block.headings) if heading.text), default=0)
     is_short = np.array(block.widths) < width
+    if is_short.all() and block.separator == _layout.BLANKS:
+        message = f"the headings name {width} columns, the rows hold {max(block.widths)} numbers between blanks"
+        hint = f'Name the columns in order: columns="{_example(block)}", without those that hold no numbers.'
+        raise SourceError(path, message, line=block.line, hint=hint)
     if is_short.all() and len(set(block.widths)) <= 1:
         return np.zeros(len(block.rows), dtype=bool)
     short = [number for (number, _), is_one in zip(block.rows, is_short, strict=True) if is_one]
@@ -263,10 +284,21 @@ def _values(path: Path, block: Block, signs: Separators) -> Floats:
                 continue
             value = plain_number(_layout.plain(cell).replace("D", "E").replace("d", "e"), signs)
             if value is None and block.headings[j].is_known:
+                if _WITH_UNIT.fullmatch(cell):
+                    raise SourceError(path, f"found {shorten(cell)}, expected a number alone", line=number, hint=_ALONE)
                 at = sum(len(before) + 1 for before in cells[:j]) + 1
                 raise not_a_number(cell, path=path, line_number=number, column=at)
             table[i, j] = np.nan if value is None else value
     return table
+
+
+def _fill_merged(block: Block, values: Floats) -> None:
+    """Give every row the temperature or number of its set where cells of a spreadsheet were merged."""
+    for heading, column in zip(block.headings, values.T, strict=True):
+        stated = np.isfinite(column)
+        is_merged = heading.name in ("temperature", "temperature_set", "set") and stated[0]
+        if is_merged and 2 * np.count_nonzero(stated) <= column.size:
+            column[:] = column[np.maximum.accumulate(np.where(stated, np.arange(column.size), 0))]
 
 
 def _parted(path: Path, block: Block, values: Floats) -> Iterator[list[tuple[Heading, Floats]]]:
@@ -345,7 +377,7 @@ def _converted(path: Path, block: Block, pairs: Sequence[tuple[Heading, Floats]]
     found: dict[str, Column] = {}
     for heading, values in pairs:
         if not heading.is_known:
-            if np.isfinite(values).any() and heading.name not in found:
+            if np.isfinite(values).any() and heading.name not in (*found, *_OWN):
                 found[heading.name] = Column(heading.name, heading.text, heading.unit, heading.unit or "1", values)
             continue
         if heading.name not in found:

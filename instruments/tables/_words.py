@@ -2,8 +2,8 @@
 
 Programs, supplements of papers and people write symbols (``E_stor``, ``G'``, ``log_aT``) as often
 as words, and the unit in brackets, behind a slash or a comma, or as the end of the name
-(``freq_hz``, ``G_storage_pa``). The case tells temperature ``T`` from time ``t``. Words in the four
-languages of the rheometer exports are known as well.
+(``freq_hz``, ``G_storage_pa``). The case tells temperature ``T`` from time ``t``. Words in the
+languages of the exports of instruments are known as well.
 """
 
 import re
@@ -20,18 +20,23 @@ SYMBOLS: dict[str, tuple[str, ...]] = {
     "frequency": (
         "f", "freq", "freqs", "frequency", "fset", "ν", "testfrequency", "testfreq", "measfreq",
         "oscillationfrequency", "oscfreq", "frequencies", "drivefrequency", "dynamicfrequency",
-        "frecuencia", "frequenza", "周波数", "频率", "测试频率",
+        "frecuencia", "frequenza", "周波数", "频率", "测试频率", "frequentie", "czestotliwosc", "частота", "주파수",
+        "frekans",
+        "frekvence", "frekvens", "taajuus",
     ),
     "angular_frequency": (
         "w", "omega", "ω", "angfreq", "angularfreq", "angularfrequency", "angfrequency", "circularfrequency",
         "omegas",
-        "frecuenciaangular", "pulsazione", "frequenzaangolare", "角周波数", "角频率",
+        "frecuenciaangular", "pulsazione", "frequenzaangolare", "角周波数", "角频率", "hoekfrequentie", "각주파수",
+        "угловая частота", "круговая частота", "vinkelfrekvens",
     ),
     "temperature": (
         "T", "Ts", "temp", "tmeas", "temperature", "tsample", "sampletemp", "sampletemperature", "meastemp",
         "actualtemp", "actualtemperature", "chambertemperature", "oventemperature", "furnacetemperature",
         "testtemperature", "specimentemperature", "probetemperature", "meantemperature", "temperatures",
-        "temperatura", "temperaturacampione", "温度", "试样温度", "測定温度",
+        "temperatura", "temperaturacampione", "温度", "试样温度", "測定温度", "temperatuur", "температура", "온도",
+        "sıcaklık",
+        "teplota", "lampotila",
     ),
     "temperature_set": (
         "tset", "tround", "Tr", "settemp", "settemperature", "nominaltemperature", "nominaltemp", "tnominal",
@@ -41,19 +46,31 @@ SYMBOLS: dict[str, tuple[str, ...]] = {
     "time": ("t", "time", "testtime", "elapsedtime", "timeelapsed", "totaltime", "runtime"),
     "interval_time": ("steptime", "segmenttime", "intervaltime", "relaxationtime", "creeptime", "actiontime"),
     "storage_modulus": (
-        "estor", "gstor", "e'", "g'", "m'", "k'", "estorage", "gstorage", "storage", "storagemodulus", "storagemod",
-        "eprime", "gprime", "ep", "gp", "e1", "g1", "ereal", "greal", "reale", "realg", "ree*", "reg*", "stormod",
+        "estor", "gstor", "e'", "g'", "m'", "k'", "estorage", "gstorage", "storage", "storagemodulus",
+        "storagemod",
+        "eprime", "gprime", "ep", "gp", "e1", "g1", "ereal", "greal", "reale", "realg", "ree*", "reg*",
+        "stormod",
         "elasticmodulus", "tensilestoragemodulus", "flexuralstoragemodulus", "shearstoragemodulus",
-        "bendingstoragemodulus", "compressivestoragemodulus", "dynamicstoragemodulus", "extensionalstoragemodulus",
-        "realmodulus", "modulusstorage", "storagemodulus'", "modulus'", "est", "gst", "elastic", "elasticmodule",
+        "bendingstoragemodulus", "compressivestoragemodulus", "dynamicstoragemodulus",
+        "extensionalstoragemodulus",
+        "realmodulus", "modulusstorage", "storagemodulus'", "modulus'", "est", "gst", "elastic",
+        "elasticmodule",
         "youngsstoragemodulus",
-        "shearmoduluselasticcomponent", "shearmodulusrealcomponent", "storagemodule", "emod'", "eelastic", "gelastic",
+        "shearmoduluselasticcomponent", "shearmodulusrealcomponent", "storagemodule", "emod'", "eelastic",
+        "gelastic",
         "moduloconservativo", "modulodialmacenamiento", "modulodealmacenamiento", "moduloelastico",
         "moduleelastique", "貯蔵弾性率", "貯蔵せん断弾性率", "储能模量", "存储模量", "elastischesmodul",
+        "opslagmodulus",
+        "modułzachowawczy", "модуль накопления", "저장탄성률", "저장탄성계수", "저장모듈러스", "depolamamodülü",
+        "elastickymodul",
+        "lagringsmodul", "varastomoduuli", "realpartof e*", "realpartof g*", "realpart",
+        "realpartofthecomplexmodulus",
     ),
     "loss_modulus": (
-        "eloss", "gloss", "e''", "g''", "m''", "k''", "loss", "lossmodulus", "lossmod", "edoubleprime", "gdoubleprime",
-        "eprimeprime", "gprimeprime", "epp", "gpp", "e2", "g2", "eimag", "gimag", "image", "imagg", "ime*", "img*",
+        "eloss", "gloss", "e''", "g''", "m''", "k''", "loss", "lossmodulus", "lossmod", "edoubleprime",
+        "gdoubleprime",
+        "eprimeprime", "gprimeprime", "epp", "gpp", "e2", "g2", "eimag", "gimag", "image", "imagg",
+        "ime*", "img*",
         "viscousmodulus", "tensilelossmodulus", "flexurallossmodulus", "shearlossmodulus", "bendinglossmodulus",
         "compressivelossmodulus", "dynamiclossmodulus", "extensionallossmodulus", "imaginarymodulus",
         "moduluslossm", "modulusloss", "modulus''", "edprime", "gdprime", "els", "gls", "viscous", "lossmodule",
@@ -61,38 +78,53 @@ SYMBOLS: dict[str, tuple[str, ...]] = {
         "shearmodulusviscouscomponent", "shearmodulusimaginarycomponent", "eviscous", "gviscous", "edblprime",
         "gdblprime",
         "modulodissipativo", "modulodeperdida", "modulodeperdidas", "moduloviscoso", "modulevisqueux",
-        "損失弾性率", "損失せん断弾性率", "损耗模量", "损失模量",
+        "損失弾性率", "損失せん断弾性率", "损耗模量", "损失模量", "verliesmodulus",
+        "modułstratności", "модуль потерь", "손실탄성률",
+        "손실탄성계수", "손실모듈러스", "kayıpmodülü", "ztratovymodul", "förlustmodul", "tapsmodul", "tabsmodul",
+        "haviomoduuli",
+        "imaginarypartof e*", "imaginarypartof g*", "imaginarypart", "imaginarypartofthecomplexmodulus",
     ),
     "loss_factor": (
-        "tandelta", "tand", "tanδ", "tandel", "losstangent", "lossfactor", "damping", "dampingfactor", "tgdelta",
-        "tgδ", "dissipationfactor", "tan", "tanphi", "tandeltae", "tandeltag", "tanδe", "tanδg", "lossfactortandelta",
-        "損失正接", "损耗因子", "损耗角正切", "factordeperdida", "fattorediperdita", "facteurdeperte",
+        "tandelta", "tand", "tanδ", "tandel", "losstangent", "lossfactor", "damping", "dampingfactor",
+        "tgdelta",
+        "tgδ", "dissipationfactor", "tan", "tanphi", "tandeltae", "tandeltag", "tanδe", "tanδg",
+        "lossfactortandelta",
+        "損失正接", "损耗因子", "损耗角正切", "verliesfactor", "тангенс угла потерь", "손실계수", "kayıpfaktörü",
+        "forlustfaktor",
+        "factordeperdida", "fattorediperdita", "facteurdeperte",
     ),
     "phase_angle": (
-        "delta", "δ", "phase", "phaseangle", "phaselag", "phaseshift", "lossangle", "phasedelta", "phaseangledelta",
+        "delta", "δ", "phase", "phaseangle", "phaselag", "phaseshift", "lossangle", "phasedelta",
+        "phaseangledelta",
         "phaseshiftangle", "deltaangle", "deltadegree",
         "位相差", "相位角", "angulodefase", "angolodifase",
     ),
     "complex_modulus": (
-        "e*", "g*", "m*", "k*", "estar", "gstar", "complexmodulus", "dynamicmodulus", "absestar", "emag", "gmag",
-        "ecomplex", "gcomplex", "abse*", "absg*", "moduluscomplex", "complexmod", "ecplx", "gcplx", "absmodulus",
+        "e*", "g*", "m*", "k*", "estar", "gstar", "complexmodulus", "dynamicmodulus", "absestar", "emag",
+        "gmag",
+        "ecomplex", "gcomplex", "abse*", "absg*", "moduluscomplex", "complexmod", "ecplx", "gcplx",
+        "absmodulus",
         "complexshearmodulus",
-        "shearmoduluscomplexcomponent", "complexyoungsmodulus", "edyn", "gdyn", "absolutemodulus", "norme*", "normg*",
+        "shearmoduluscomplexcomponent", "complexyoungsmodulus", "edyn", "gdyn", "absolutemodulus",
+        "norme*", "normg*",
         "複素弾性率", "复数模量", "modulocomplejo", "modulocomplesso",
     ),
     "storage_compliance": (
-        "d'", "j'", "dstor", "jstor", "dprime", "jprime", "dp", "jp", "storagecompliance", "d1", "j1", "dstorage",
+        "d'", "j'", "dstor", "jstor", "dprime", "jprime", "dp", "jp", "storagecompliance", "d1", "j1",
+        "dstorage",
         "jstorage",
     ),
     "loss_compliance": (
-        "d''", "j''", "dloss", "jloss", "ddoubleprime", "jdoubleprime", "dpp", "jpp", "losscompliance", "d2", "j2",
+        "d''", "j''", "dloss", "jloss", "ddoubleprime", "jdoubleprime", "dpp", "jpp", "losscompliance",
+        "d2", "j2",
     ),
     "complex_compliance": ("d*", "j*", "dstar", "jstar", "complexcompliance"),
     "complex_viscosity": ("eta*", "η*", "etastar", "complexviscosity", "compleviscosity", "abseta*", "complexvisc"),
     "complex_viscosity_real": ("eta'", "η'", "etaprime", "etap", "dynamicviscosity"),
     "complex_viscosity_imaginary": ("eta''", "η''", "etadoubleprime", "etapp"),
     "relaxation_modulus": (
-        "et", "gt", "erelax", "grelax", "relaxationmodulus", "erel", "grel", "relaxmodulus", "stressrelaxationmodulus",
+        "et", "gt", "erelax", "grelax", "relaxationmodulus", "erel", "grel", "relaxmodulus",
+        "stressrelaxationmodulus",
         "grelaxation", "erelaxation", "relaxedmodulus", "ert", "e0t", "modulusrelaxation",
     ),
     "creep_compliance": (
@@ -100,7 +132,8 @@ SYMBOLS: dict[str, tuple[str, ...]] = {
         "shearcreepcompliance", "creep", "compliance",
     ),
     "set": (
-        "set", "sweep", "isotherm", "step", "stepnumber", "stepno", "segment", "curve", "run", "setno", "sweepno",
+        "set", "sweep", "isotherm", "step", "stepnumber", "stepno", "segment", "curve", "run", "setno",
+        "sweepno",
         "stepindex", "sweepnumber", "segmentno", "cycle", "setnumber",
     ),
     "log10_aT": ("logat", "log10at", "lgat", "loga", "logshift", "logshiftfactor", "log10shiftfactor", "logah"),
@@ -156,7 +189,6 @@ SHIFTS = frozenset({"log10_aT", "ln_aT", "a_T"})
 FREQUENCIES = frozenset({"frequency", "angular_frequency"})
 TIMES = frozenset({"time", "interval_time"})
 
-_NAME_OF = {symbol: name for name, symbols in SYMBOLS.items() for symbol in symbols}
 # Primes of all sorts, and what folds away.
 _PRIMES = {
     "\u2034": "'''", "\u2032": "'", "\u2033": "''", "\u2019": "'", "\u2018": "'", "\u201d": "''", "\u201c": "''",
@@ -173,10 +205,10 @@ _FOLDED_AWAY = re.compile(r"[\s_().,|:\[\]{}~^$\\-]+")
 _LOGARITHM = re.compile(r"^(?:log10|log_10|log|lg)(?![a-z]{3})[\s_(|]*(.*?)\)?$", re.IGNORECASE)
 _BRACKETS = re.compile(r"^(.*?\S)\s*[(\[{<]\s*([^()\[\]{}<>]*(?:\([^()]*\))?[^()\[\]{}<>]*)\s*[)\]}>]\s*$")
 _AT = re.compile(
-    r"\s*(?:[(\[@_]|\bat\b)\s*@?\s*(?:[fT]\s*=\s*)?([+-]?[0-9]+(?:[.,][0-9]+)?(?:[eE][+-]?[0-9]+)?)\s*"
-    r"(Hz|rad/s|°\s?C|ºC|degC|C|K)\s*[)\]]?(?=$|[\s/,(\[])"
+    r"\s*(?:^|[(\[@_]|\bat\b)\s*@?\s*(?:[fT]\s*=\s*)?([+-]?[0-9]+(?:[.,][0-9]+)?(?:[eE][+-]?[0-9]+)?)\s*"
+    r"(Hz|rad/s|°\s?C|ºC|degC|C|K)\s*[)\]]?(?=$|[\s/,_(\[])"
 )
-_POWER_OF_UNIT = re.compile(r"(?:[x×*]\s*)?10\s*(?:\^|\*\*)?\s*([+-]?\d+)\s*[*·]?\s*([A-Za-z].*)")
+_POWER_OF_UNIT = re.compile(r"(?:(?:[x×*]\s*)?10\s*(?:\^|\*\*)?|1e)\s*([+-]?\d+)\s*[*·]?\s*([A-Za-z].*)")
 _COMMENT = re.compile(r"^[#%!;/*]+\s*(?=\S)")
 
 # Spellings of units beyond those of labpipe.units, which are unambiguous in such a table.
@@ -217,6 +249,13 @@ _SPELLINGS: dict[str, Unit] = {
     **dict.fromkeys(("poise", "p"), Unit(0.1, "Pa s")),
     **dict.fromkeys(("hz", "hertz", "cps", "cycles/s"), Unit(1.0, "Hz")),
     "khz": Unit(1e3, "Hz"),
+    **dict.fromkeys(("cpm", "cycles/min"), Unit(1.0 / 60.0, "Hz")),
+    "гц": Unit(1.0, "Hz"),
+    "рад/с": Unit(1.0, "rad/s"),
+    "па": Unit(1.0, "Pa"),
+    "кпа": Unit(1e3, "Pa"),
+    "мпа": Unit(1e6, "Pa"),
+    "гпа": Unit(1e9, "Pa"),
     **dict.fromkeys(("seconds", "second", "secs", "sec.", "sec", "s"), Unit(1.0, "s")),
     **dict.fromkeys(("minutes", "minute", "mins", "min.", "min"), Unit(60.0, "s")),
     **dict.fromkeys(("hours", "hour", "hr", "hrs", "h"), Unit(3600.0, "s")),
@@ -267,6 +306,9 @@ def fold(heading: str) -> str:
     text = _FOLDED_AWAY.sub("", text)
     text = text.translate(str.maketrans("₁₀", "10"))
     return text if text in _CASED else text.casefold()
+
+
+_NAME_OF = {fold(symbol): name for name, symbols in SYMBOLS.items() for symbol in symbols}
 
 
 def quantity(heading: str) -> str | None:

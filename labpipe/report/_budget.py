@@ -65,8 +65,11 @@ def difference_unit(unit: str) -> str:
 
 
 def shown_source(source: str) -> str:
-    """Return a name as a reader sees it."""
-    return source.replace("_", " ")
+    """Return the name of an input as a reader sees it: what it is, and in brackets of what."""
+    text = source if " " in source else source.replace("_", " ")
+    what, _, of = text.partition(", ")  # behind it may stand the name of an experiment, as it is
+    what = what.replace("_", " ")
+    return f"{what} ({of})" if of else what
 
 
 def _written(value: float, unit: str, digits: int) -> str:

@@ -22,6 +22,8 @@ Formula = Callable[[Floats, Floats], Floats]
 _MEAN, _CONTRAST = 127.0, 38.0
 #: Width of an edge (px, standard deviation of its blur), as of a lens in focus.
 _SHARPNESS = 0.8
+#: Samples along the side of a pixel.
+_SAMPLES = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +77,16 @@ def from_formula(formula: Formula, size: int, view: View) -> Floats:
     x, y = column - view.shift[0], row - view.shift[1]
     cosine, sine = math.cos(view.angle) / view.scale, math.sin(view.angle) / view.scale
     return _lit(formula(cosine * x + sine * y + middle, cosine * y - sine * x + middle), view)
+
+
+def seen_by_pixels(formula: Formula, size: int, view: View) -> Floats:
+    """Grey levels (row, column) of a formula, each the mean over the area of its pixel."""
+    steps = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
+
+    def around(x: Floats, y: Floats) -> Floats:
+        return np.asarray(np.mean([formula(x + a, y + b) for a in steps for b in steps], axis=0))
+
+    return from_formula(around, size, view)
 
 
 def _lit(grey: Floats, view: View) -> Floats:
@@ -159,5 +171,27 @@ def edge(angle: float, place: tuple[float, float], grain: float, seed: int) -> F
         across = (x - place[0]) * math.cos(angle) + (y - place[1]) * math.sin(angle)
         # 40 is the standard deviation of the texture as it is
         return np.asarray(60.0 * erf(across / (_SHARPNESS * math.sqrt(2.0))) + grain / 40.0 * texture(x, y))
+
+    return grey
+
+
+def bars(angle: float, period: float, sharpness: float) -> Formula:
+    """Square wave along one direction; ``sharpness`` is the share of its period in which it rises."""
+
+    def grey(x: Floats, y: Floats) -> Floats:
+        along = x * math.cos(angle) + y * math.sin(angle)
+        return np.asarray(60.0 * np.tanh(np.sin(2.0 * np.pi / period * along) / sharpness))
+
+    return grey
+
+
+def dots(angle: float, period: float, sharpness: float) -> Formula:
+    """Grid of spots of one size."""
+
+    def grey(x: Floats, y: Floats) -> Floats:
+        wave = 2.0 * np.pi / period
+        along = np.sin(wave * (x * math.cos(angle) + y * math.sin(angle)))
+        across = np.sin(wave * (y * math.cos(angle) - x * math.sin(angle)))
+        return np.asarray(60.0 * np.tanh((along * across - 0.3) / sharpness))
 
     return grey

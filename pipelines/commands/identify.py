@@ -14,6 +14,7 @@ from pipelines.commands.options import echo, echo_json, jobs_option, json_option
 @session_argument
 @click.option(
     "--experiments",
+    "--only",
     "-e",
     multiple=True,
     metavar="NAME",

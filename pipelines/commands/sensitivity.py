@@ -22,6 +22,7 @@ def sensitivity(session: Path, which: str | None, as_json: bool) -> None:
       labpipe sensitivity my-session
       labpipe sensitivity my-session ball_drop
     """
+    from labpipe.report import value_with_uncertainty
     from pipelines.session import sensitivity as verb
 
     found = verb(session, which)
@@ -30,7 +31,7 @@ def sensitivity(session: Path, which: str | None, as_json: bool) -> None:
         echo_json({"pages": [str(page) for page in found.pages], "quantities": rows})
         return
     for row in rows:
-        echo(f"{row['experiment']}, {row['quantity']}: {row['value']:.5g} ± {row['u']:.2g} "
-             f"{row['unit']}; to halve it: {row['to_halve']}")  # fmt: skip
+        value = value_with_uncertainty(row["value"], row["u"], row["unit"])
+        echo(f"{row['experiment']}, {row['quantity']}: {value}; to halve the uncertainty: {row['to_halve']}")
     for page in found.pages:
         echo(f"page: {page}")

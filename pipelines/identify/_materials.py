@@ -16,7 +16,7 @@ def choice(experiment: Experiment) -> Any:
 def material_name(experiment: Experiment) -> str:
     """Return how the session names the material; another temperature is another material."""
     chosen = choice(experiment)
-    at = "" if chosen.temperature is None else f" at {chosen.temperature.value:g} degC"
+    at = "" if chosen.temperature is None else f" at {chosen.temperature.value:g} °C"
     return str(chosen.source) + at
 
 

@@ -49,9 +49,9 @@ def render(session: Session, found: Identified) -> str:
     session : Session
     found : Identified
     """
-    head: tuple[Block, ...] = (synthetic_notice(),) if session.synthetic else ()
+    origin: tuple[Block, ...] = (synthetic_notice(),) if session.synthetic else ()
     sections = (
-        Section("Answer", (*head, *_answer(found))),
+        Section("Answer", (*_answer(found), *origin)),
         Section("Moduli over frequency", _curves(found)),
         Section("Fit and residuals", _fits(found)),
         Section("Unknowns", _unknowns(found)),
@@ -187,7 +187,7 @@ def _not_found(found: Identified) -> list[str]:
 
 def _answer(found: Identified) -> tuple[Block, ...]:
     is_known = found.relaxed.verdict == "identified"
-    first = Notice("ok" if is_known else "warning", f"{relaxed_text(found)}.")
+    first = Notice("ok" if is_known else "info", f"{relaxed_text(found)}.")
     rows = [("experiments", ", ".join(e.name for e in found.known.fit.problem.evidence), "")]
     return first, KeyValues(rows), *(Paragraph(f"{text[0].upper()}{text[1:]}.") for text in statements(found))
 
@@ -198,11 +198,11 @@ def _curves(found: Identified) -> tuple[Block, ...]:
     low, high = float(made["lowest_frequency"]), float(made["highest_frequency"])
     marks = (("data begin", low), ("data end", high))
     charts: list[Block] = []
-    for name, title, label in (
-        ("storage", "Storage modulus", "storage modulus / Pa"),
-        ("loss_factor", "Loss factor", "loss factor"),
+    for name, title, label, unit in (
+        ("storage", "Storage modulus", "storage modulus / MPa", 1e6),
+        ("loss_factor", "Loss factor", "loss factor", 1.0),
     ):
-        value, u = made[name].values, made[f"u_ln_{name}"].values
+        value, u = made[name].values / unit, made[f"u_ln_{name}"].values
         wide = np.minimum(_REACH * u, np.log(1e3))
         series: list[Series | Band] = [
             Band("95 % of the posterior", frequency, value * np.exp(-wide), value * np.exp(wide)),
@@ -211,7 +211,7 @@ def _curves(found: Identified) -> tuple[Block, ...]:
         if found.prior is not None:
             before = moduli(found.prior, frequency)
             values = before.storage if name == "storage" else before.loss_factor
-            series.append(Series("rheometer alone", frequency, values, role="reference"))
+            series.append(Series("rheometer alone", frequency, values / unit, role="reference"))
         charts.append(
             LineChart(
                 title, "frequency / Hz", label, series, group="frequency", x_scale="log", y_scale="log", vlines=marks
@@ -372,13 +372,13 @@ def _spectrum(found: Identified) -> Block:
     xi = known.fit.xi[:n]
     slopes = spectrum.slopes(xi)[1:]
     u = propagated_u(slopes, known.covariance[:n, :n])
-    weight = np.exp(spectrum.log_terms(xi)[1:]) / np.gradient(np.log10(spectrum.rho))
+    weight = np.exp(spectrum.log_terms(xi)[1:]) / np.gradient(np.log10(spectrum.rho)) / 1e6
     wide = np.exp(np.minimum(_REACH * u, np.log(1e3)))
     low, high = (0.5 / np.pi / f for f in reversed(informative_range(known)))
     return LineChart(
         "Relaxation spectrum",
         "relaxation time / s",
-        "modulus per decade / Pa",
+        "modulus per decade / MPa",
         (
             Band("95 % of the posterior", spectrum.rho, weight / wide, weight * wide),
             Series("most probable", spectrum.rho, weight, role="model"),

@@ -112,7 +112,7 @@ def identify(
     session = reopen_session(folder)
     pages, paths = [], []
     for one in found:
-        stem = STEM + "".join(c if c.isalnum() or c in "-_" else "_" for c in one.material)
+        stem = STEM + "".join(c if c.isalnum() or c in "-_" else "_" for c in one.material.replace("°", "deg"))
         paths.append(session.folder / f"{stem}.nc")
         pages.append(session.folder / f"{stem}.html")
         files.write_dataset(paths[-1], dataset(one))

@@ -6,6 +6,7 @@ from math import isinf
 from labpipe.report import Block, Column, Details, Document, Paragraph, Section, Table, shown_source
 from labpipe.uncertainty import inputs_to_halve
 from labpipe.workflow.session import Session
+from pipelines.experiments import KINDS
 from pipelines.experiments.shared import budget_blocks as budget_drawing
 from pipelines.experiments.shared.budget_blocks import half_width, overview
 from pipelines.experiments.shared.pages import SYNTHETIC, synthetic_notice
@@ -36,7 +37,7 @@ def render(session: Session, kind: str, found: Sequence[Examined]) -> str:
         folded = tuple(Details(e.quantity.name, blocks=budget_blocks(e)) for e in own)
         sections.append(Section(name, (*summary(own), *folded)))
     return Document(
-        title=f"Uncertainty and sensitivity: {kind}",
+        title=f"Uncertainty and sensitivity: {KINDS[kind].title}",
         subtitle=session.title,
         badge=SYNTHETIC if session.synthetic else "",
         home=PAGE,
@@ -59,7 +60,8 @@ def advice(found: Examined) -> str:
 
 
 def _known_better(names: Sequence[str], factor: float) -> str:
-    text = " and ".join(shown_source(n) for n in names)
+    *others, last = map(shown_source, names)
+    text = f"{', '.join(others)} and {last}" if others else last
     if isinf(factor) or factor > _BEST:
         return f"know {text} exactly"
     return f"know {text} {factor:.2g} times better"

@@ -124,6 +124,7 @@ def test_every_layout_gives_the_truth(tmp_path, name):
 
 # Layouts of instruments, languages and programs as people send them; see :data:`LAYOUTS`.
 DE = {"sep": ";", "decimal": ","}
+ROWS = list(zip(F.tolist(), (STORAGE / 1e6).tolist(), (LOSS / 1e6).tolist(), T.tolist(), strict=True))
 SENT = {
     "merged names over units, csv": table("Frequency,Temperature,Modulus,,\n,,E',E'',tan d\nHz,°C,MPa,MPa,",F,T,STORAGE/1e6,LOSS/1e6,TAN),
     "merged quantity row + unit row": table("Frequency;Temperature;Dynamic modulus;;Loss factor\nHz;°C;Storage [MPa];Loss [MPa];-",F,T,STORAGE/1e6,LOSS/1e6,TAN,sep=";"),
@@ -191,12 +192,81 @@ SENT = {
     "underscored words": table("Frequency_Hz,Storage_Modulus_MPa,Loss_Modulus_MPa,Temperature_degC",*ALL),
     "camel": table("FrequencyHz,StorageModulusMPa,LossModulusMPa,TemperatureC",*ALL),
     "E1 E2": table("Frequency [Hz] E1 [MPa] E2 [MPa] Temperature [°C]",*ALL,sep=" "),
+    "malvern rspace with action names":"\n".join(['Action Name,Time (action)(s),Temperature(°C),Frequency(Hz),Shear modulus (elastic component)(Pa),Shear modulus (viscous component)(Pa),Phase angle(°)']+[f'"Frequency sweep",{i},{t:.14g},{f:.14g},{s:.14g},{g:.14g},{np.rad2deg(d):.14g}' for i,(f,s,g,t,d) in enumerate(zip(F,STORAGE,LOSS,T,DELTA,strict=True))])+"\n",
+    "rad s^-1":table("omega [rad s^-1],G' [Pa],G'' [Pa],T [°C]",OMEGA,STORAGE,LOSS,T),
+    "rad·s⁻¹ behind slash":table("ω / rad·s⁻¹\tG′ / Pa\tG″ / Pa\tT / °C",OMEGA,STORAGE,LOSS,T,sep="\t"),
+    "s^-1":table("omega (s^-1);G' (Pa);G\" (Pa);T (K)",OMEGA,STORAGE,LOSS,T+273.15,sep=";"),
+    "Gprime Gdoubleprime":table("Frequency (rad/s),Gprime (Pa),Gdoubleprime (Pa),Temp (C)",OMEGA,STORAGE,LOSS,T),
+    "E_prime_MPa":table("freq_Hz,E_prime_MPa,E_double_prime_MPa,temp_C",*ALL),
+    "Eprime dblprime":table("freq_Hz,Eprime_MPa,Edblprime_MPa,temp_C",*ALL),
+    "Re Im":table("f (Hz),Re(E*) (MPa),Im(E*) (MPa),T (°C)",*ALL),
+    "E_real":table("frequency_hz,E_real_pa,E_imag_pa,temperature_c",F,STORAGE,LOSS,T),
+    "real part words":table("Frequency [Hz],Real part of E* [MPa],Imaginary part of E* [MPa],Temperature [°C]",*ALL),
+    "quoted name with comma":table('"Frequency, f [Hz]","Storage modulus, E\' [MPa]","Loss modulus, E\'\' [MPa]","Temperature, T [°C]"',*ALL),
+    "newline in quoted head":table('"Frequency\n(Hz)","Storage\nModulus\n(MPa)","Loss\nModulus\n(MPa)","Temp.\n(°C)"',*ALL),
+    "rad per s names":table("omega_rad_per_s,G_prime_Pa,G_doubleprime_Pa,temperature_K",OMEGA,STORAGE,LOSS,T+273.15),
+    "Frequency_rad_s":table("frequency_rad_s,storage_modulus_Pa,loss_modulus_Pa,temperature_degC",OMEGA,STORAGE,LOSS,T),
+    "Origin labelled rows": "Long Name\tFrequency\tE'\tE''\tT\nUnits\tHz\tMPa\tMPa\t°C\nComments\t\t\t\t\n"+"".join(f"\t{f:.14g}\t{s:.14g}\t{g:.14g}\t{t:.14g}\n" for f,s,g,t in ROWS),
+    "first row of block names T":"T (°C),f (Hz),E' (MPa),E'' (MPa)\n"+"".join((f"{t:g}" if i%4==0 else "")+f",{f:.14g},{s:.14g},{g:.14g}\n" for i,(f,s,g,t) in enumerate(ROWS)),
+    "gnuplot blocks":"# f(Hz) E'(MPa) E''(MPa) T(C)\n"+"".join(f"{f:.14g} {s:.14g} {g:.14g} {t:.14g}\n"+("\n\n" if i%4==3 else "") for i,(f,s,g,t) in enumerate(ROWS)),
+    "numbers in quotes":"f (Hz);E' (MPa);E'' (MPa);T (°C)\n"+"".join(";".join(f'"{v:.14g}"' for v in r)+"\n" for r in ROWS),
+    "quoted decimal comma in csv":"f (Hz),E' (MPa),E'' (MPa),T (°C)\n"+"".join(",".join('"'+f'{v:.14g}'.replace(".",",")+'"' for v in r)+"\n" for r in ROWS),
+    "Kreisfrequenz":table("Kreisfrequenz [1/s];Temperatur [°C];G' [Pa];G'' [Pa]",OMEGA,T,STORAGE,LOSS,sep=";",decimal=","),
+    "Dutch":table("Frequentie (Hz);Temperatuur (°C);Opslagmodulus (MPa);Verliesmodulus (MPa)",F,T,STORAGE/1e6,LOSS/1e6,sep=";",decimal=","),
+    "Polish":table("Częstotliwość [Hz];Temperatura [°C];Moduł zachowawczy [MPa];Moduł stratności [MPa]",F,T,STORAGE/1e6,LOSS/1e6,sep=";",decimal=","),
+    "Russian":table("Частота, Гц;Температура, °C;Модуль накопления, МПа;Модуль потерь, МПа",F,T,STORAGE/1e6,LOSS/1e6,sep=";",decimal=","),
+    "Korean":table("주파수 (Hz),온도 (°C),저장 탄성률 (MPa),손실 탄성률 (MPa)",F,T,STORAGE/1e6,LOSS/1e6),
+    "Turkish":table("Frekans (Hz);Sıcaklık (°C);Depolama modülü (MPa);Kayıp modülü (MPa)",F,T,STORAGE/1e6,LOSS/1e6,sep=";",decimal=","),
+    "Czech":table("Frekvence (Hz);Teplota (°C);Elastický modul (MPa);Ztrátový modul (MPa)",F,T,STORAGE/1e6,LOSS/1e6,sep=";",decimal=","),
+    "Swedish":table("Frekvens (Hz);Temperatur (°C);Lagringsmodul (MPa);Förlustmodul (MPa)",F,T,STORAGE/1e6,LOSS/1e6,sep=";",decimal=","),
+    "damping":table("Frequency (Hz),Temperature (°C),Dynamic Modulus (MPa),Damping (tan d)",F,T,SIZE/1e6,TAN),
+    "loss angle":table("f (Hz),|G*| (Pa),Loss angle (°),T (°C)",F,SIZE,np.rad2deg(DELTA),T),
+    "tight head":table("Freq.(Hz)  Temp.(C)  E'(MPa)  E\"(MPa)  tand",F,T,STORAGE/1e6,LOSS/1e6,TAN,sep="  "),
+    "failed readings as stars":table("f (Hz),E' (MPa),E'' (MPa),T (°C)",*ALL)+"100,****,****,60\n",
+    "failed readings n.d.":table("f (Hz),E' (MPa),E'' (MPa),T (°C)",*ALL)+"100,n.d.,#N/A,60\n",
+    "columns and units in comments":"# columns: f E' E'' T\n# units: Hz MPa MPa C\n"+"".join(f"{f:.14g} {s:.14g} {g:.14g} {t:.14g}\n" for f,s,g,t in ROWS),
+    "head again at every temperature":"".join("f (Hz)\tE' (MPa)\tE'' (MPa)\tT (°C)\n"+"".join(f"{f:.14g}\t{s:.14g}\t{g:.14g}\t{t:.14g}\n" for f,s,g,t in ROWS[4*k:4*k+4])+"\n" for k in range(3)),
+    "wide E'_20C_MPa":table("f_Hz,"+",".join(f"E'_{t:g}C_MPa,E''_{t:g}C_MPa" for t in TEMPERATURE),FREQUENCY,*(p[t==T]/1e6 for t in TEMPERATURE for p in (STORAGE,LOSS))),
+    "wide 20 °C E'":table("f (Hz);"+";".join(f"{t:g} °C E' (MPa);{t:g} °C E'' (MPa)" for t in TEMPERATURE),FREQUENCY,*(p[t==T]/1e6 for t in TEMPERATURE for p in (STORAGE,LOSS)),sep=";"),
+    "wide 1 Hz E'":table("T (°C);"+";".join(f"{f:.10f} Hz E' (MPa);{f:.10f} Hz E'' (MPa)" for f in FREQUENCY),TEMPERATURE,*(p[np.isclose(F,f)]/1e6 for f in FREQUENCY for p in (STORAGE,LOSS)),sep=";"),
+    "markdown titles":"".join(f"### {t:g} °C\n"+table("f (Hz),E' (MPa),E'' (MPa)",F[t==T],STORAGE[t==T]/1e6,LOSS[t==T]/1e6)+"\n" for t in TEMPERATURE),
+    "title with set temperature":"".join(f"Soak at {t:g}.0 °C, frequency sweep\n"+table("Freq (Hz)\tE' (MPa)\tE'' (MPa)",F[t==T],STORAGE[t==T]/1e6,LOSS[t==T]/1e6,sep="\t")+"\n" for t in TEMPERATURE),
+    "Fortran exponents":"f (Hz) E' (Pa) E'' (Pa) T (C)\n"+"".join(f"{f:.14E} {s*1e6:.14E} {g*1e6:.14E} {t:.14E}\n".replace("E+","D+").replace("E-","D-") for f,s,g,t in ROWS),
+    "plus signs":"f (Hz);E' (MPa);E'' (MPa);T (°C)\n"+"".join(f"+{f:.14E};+{s:.14E};+{g:.14E};+{t:.14E}\n" for f,s,g,t in ROWS),
+    "complex viscosity and tan":table("Angular Frequency (rad/s),Complex Viscosity (Pa.s),Tan Delta,Temperature (°C)",OMEGA,SIZE/OMEGA,TAN,T),
+    "mPas":table("ω [rad/s];|η*| [mPa·s];δ [°];T [°C]",OMEGA,SIZE/OMEGA*1e3,np.rad2deg(DELTA),T,sep=";"),
+    "JMP names":table("Frequency Hz\tStorage Modulus [E'] MPa\tLoss Modulus [E\"] MPa\tTan δ\tTemperature °C",F,STORAGE/1e6,LOSS/1e6,TAN,T,sep="\t"),
+    "Q800 excel":table("Time\tTemperature\tFrequency\tStorage Modulus\tLoss Modulus\tTan Delta\tDrive Force\tAmplitude\nmin\t°C\tHz\tMPa\tMPa\t\tN\tµm",F,T,F,STORAGE/1e6,LOSS/1e6,TAN,F,F,sep="\t"),
+    "Bose/ElectroForce":"Project: x\nSample: y\n\n"+table("Point,Freq (Hz),Disp Amp (mm),Load Amp (N),E* (MPa),E' (MPa),E\" (MPa),Tan Delta,Phase (deg),Temp (C)",np.arange(F.size),F,F,F,SIZE/1e6,STORAGE/1e6,LOSS/1e6,TAN,np.rad2deg(DELTA),T),
+    "Metravib French":table("Fréquence (Hz)\tTempérature (°C)\tModule E' (Pa)\tModule E'' (Pa)\tTangente delta",F,T,STORAGE,LOSS,TAN,sep="\t",decimal=","),
+    "RPA 2000":table("Temp,Freq,Strain,S' kPa,S'' kPa,G' kPa,G'' kPa,tan d\n°C,Hz,%,,,,,",T,F,F,F,F,STORAGE/1e3,LOSS/1e3,TAN),
+    "Alpha RPA cpm":table("Temperature [°C],Frequency [cpm],G' [kPa],G'' [kPa]",T,F*60,STORAGE/1e3,LOSS/1e3),
+    "units with times":table("f (Hz),E' (×10^9 Pa),E'' (×10^6 Pa),T (°C)",F,STORAGE/1e9,LOSS/1e6,T),
+    "e+ Pa x1e6":table("f (Hz),E' (1e6 Pa),E'' (1e6 Pa),T (°C)",*ALL),
+    "C1 under T celsius word":table("Frequency (hertz),Storage modulus (megapascal),Loss modulus (megapascal),Temperature (celsius)",*ALL),
+    "kelvin word":table("Frequency (Hz),Storage modulus (Pa),Loss modulus (Pa),Temperature (Kelvin)",F,STORAGE,LOSS,T+273.15),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", SENT)
 def test_every_layout_that_was_sent_gives_the_truth(tmp_path, name):
-    assert_is_the_truth(read(tmp_path, SENT[name]))
+    found = read(tmp_path, SENT[name])
+    assert_is_the_truth(found.isel(sample=np.isfinite(found.storage_modulus.values)))
+
+
+@pytest.mark.parametrize(
+    ("name", "encoding"),
+    [("Japanese 2", "cp932"), ("Chinese", "gbk"), ("Russian", "cp1251"), ("Polish", "cp1250"), ("Korean", "euc_kr")],
+)
+def test_codecs_of_spreadsheets_are_found_by_their_words(tmp_path, name, encoding):
+    assert_is_the_truth(read(tmp_path, SENT[name], encoding))
+
+
+def test_more_names_than_numbers_between_blanks_are_refused(tmp_path):
+    path = tmp_path / "table.txt"
+    path.write_text(table("what f_Hz E'_MPa E''_MPa T_C", *ALL, sep=" "), "utf-8")
+    with pytest.raises(SourceError, match="the headings name 5 columns, the rows hold 4 numbers"):
+        tables.read(path)
 
 
 def test_columns_of_fixed_width_are_read(tmp_path):

@@ -98,6 +98,18 @@ def _exchanged(a: int, b: int, interval: int | None = None) -> Edit:
     return _rows(change)
 
 
+def _pasted(source: int, target: int) -> Edit:
+    """Copy the moduli of one interval into another."""
+    kept: dict[int, list[str]] = {}
+
+    def change(cells: list[str], i: int, p: int) -> list[str]:
+        if i == source:
+            kept[p] = cells[STORAGE : FACTOR + 1]
+        return cells[:STORAGE] + kept[p] + cells[FACTOR + 1 :] if i == target else cells
+
+    return _rows(change)
+
+
 def _with_frequency(cells: list[str], point: int) -> list[str]:
     cells[OMEGA] = f"{2 * np.pi * _PROTOCOL.frequencies[point]:.6g}"
     return cells
@@ -168,6 +180,7 @@ def _cut(text: str) -> str:
 
 
 ROWS = (
+    Mistake("moduli of an interval pasted into the next", _pasted(2, 3), "impossible", ("digit by digit",), FIRST),
     # columns
     Mistake("storage and loss swapped", _exchanged(STORAGE, LOSS), "impossible", ("exchanged",), FIRST),
     Mistake("storage and loss swapped in one interval", _exchanged(STORAGE, LOSS, 2), "impossible", (), FIRST),

@@ -256,6 +256,22 @@ ROWS = (
     Mistake("height 1.4 mm", setting('"1.5 ±', '"1.4 ±'), "impossible", ("drop height",), _TOML, 17),
     Mistake("mass 505 kg", setting("505.0 ± 0.5 g", "505.0 ± 0.5 kg"), "impossible", ("mass", "505 g"), _TOML, 21),
     Mistake(
+        "gravity with exchanged digits",
+        setting(
+            "[experiments.drop.sphere]", '[experiments.drop.model]\ngravity = "9.18 m/s2"\n\n[experiments.drop.sphere]'
+        ),
+        "impossible",
+        ("gravity is probably 9.81",),
+        _TOML,
+    ),
+    Mistake(
+        "inclination known to 10 degrees",
+        setting("± 0.10 deg", "± 10 deg", RECORD),
+        "doubtful",
+        ("u of the inclination",),
+        RECORD,
+    ),
+    Mistake(
         "radius in inch", setting('"9.525 ± 0.005 mm"', '"0.375 ± 0.0002 mm"'), "doubtful", ("sphere.radius",), _TOML
     ),
     Mistake("mass 5.05 g", setting("505.0 ± 0.5 g", "5.05 ± 0.005 g"), "doubtful", ("mass", "505 g"), _TOML, 21),

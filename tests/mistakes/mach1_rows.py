@@ -71,6 +71,13 @@ def _force(change: Callable[[int, float], float]) -> Callable[[list[str]], list[
     return changed
 
 
+def _averaged(found: list[str]) -> list[str]:
+    """Take the mean of a hundred readings of the force, as a display that was set so."""
+    seen = np.array([float(r.split("\t")[2]) for r in found if "\t" in r])
+    means = np.convolve(np.r_[np.full(99, seen[0]), seen], np.full(100, 0.01), "valid")
+    return _force(lambda i, f: float(means[i]))(found)
+
+
 def _slipped(at: int, by: float) -> Callable[[list[str]], list[str]]:
     """Return what moves the position of a block from some row on."""
 
@@ -262,6 +269,20 @@ HOLD_ROWS = (
         columns(lambda t, x, f: (t, x, f - 0.3 * t if t > 2.0 else f), HOLD),
         "impossible",
         ("a force in a hold falls",),
+        HOLD,
+    ),
+    Mistake(
+        "another axis of the cell", columns(lambda t, x, f: (t, x, 0.01 * f), HOLD), "doubtful", ("another axis",), HOLD
+    ),
+    Mistake(
+        "cell zeroed between two blocks", rows(_force(lambda i, f: f + 3.0), HOLD, 1), "doubtful", ("two zeros",), HOLD
+    ),
+    Mistake("mean of a second", rows(_averaged, HOLD, 1), "doubtful", ("force is late",), HOLD),
+    Mistake(
+        "cell drifts in the hold",
+        rows(_force(lambda i, f: f + 1e-3 * i), HOLD, 1),
+        "doubtful",
+        ("in the others", "cell drifted"),
         HOLD,
     ),
     Mistake(

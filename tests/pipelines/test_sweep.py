@@ -19,7 +19,7 @@ from labpipe.workflow.engines import Dask, Processes, side_by_side
 from pipelines.commands.sweep import sweep as command
 from pipelines.sweeps import axis, design, run_design
 from pipelines.sweeps import run as run_module
-from pipelines.sweeps.page import render
+from pipelines.sweeps.page import _edges, _text, render
 from pipelines.sweeps.parameters import Parameter, Simulator, Value
 from pipelines.sweeps.run import Block, Outcome
 from pipelines.sweeps.simulators import SIMULATORS
@@ -369,3 +369,12 @@ def test_a_command_that_says_too_little_is_told_the_form() -> None:
     run = CliRunner().invoke(command, ["drop", "--vary", "height", "--out", "x.nc"])
     assert run.exit_code == 2
     assert "expected NAME=VALUE" in run.stderr
+
+
+def test_cells_of_a_map_end_half_way_between_values_as_the_axis_shows_them() -> None:
+    np.testing.assert_allclose(_edges(np.array([1.0, 2.0, 4.0, 5.0])), [0.5, 1.5, 3.0, 4.5, 5.5])
+    np.testing.assert_allclose(_edges(np.array([1.0, 100.0, 1e4])), [0.1, 10.0, 1e3, 1e5])
+
+
+def test_a_parameter_is_written_in_the_unit_in_which_it_is_read() -> None:
+    assert [_text(0.01, "m"), _text(0.03, "1"), _text("acrylic", "")] == ["10 mm", "0.03", "acrylic"]

@@ -85,7 +85,7 @@ def extent(places: Floats, half: Integers, motion: Floats, chosen: Flags) -> Flo
 
 @compiled()
 def converged_nearby(
-    motion: Floats, expected: Floats, has_converged: Flags, zncc: Floats, least_zncc: Floats, farthest: float
+    motion: Floats, expected: Floats, has_converged: Flags, zncc: Floats, least_zncc: Floats, farthest: Floats
 ) -> Flags:
     """Tell points that need no confirmation: close to where they were expected, and alike.
 
@@ -97,7 +97,7 @@ def converged_nearby(
         As the solver says.
     zncc, least_zncc : arrays (point,) [1]
         Correlation found and needed.
-    farthest : float [px]
+    farthest : array (point,) [px]
         From the prediction.
 
     Returns
@@ -107,7 +107,7 @@ def converged_nearby(
     result = np.zeros(len(zncc), np.bool_)
     for n in range(len(zncc)):
         dx, dy = motion[n, 0] - expected[n, 0], motion[n, 3] - expected[n, 3]
-        is_near = dx * dx + dy * dy <= farthest * farthest
+        is_near = dx * dx + dy * dy <= farthest[n] * farthest[n]
         result[n] = has_converged[n] and is_near and zncc[n] > least_zncc[n]
     return result
 

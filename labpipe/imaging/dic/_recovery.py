@@ -11,7 +11,7 @@ from labpipe.imaging.dic._film_window import Loaded
 from labpipe.imaging.dic._reference import Status
 from labpipe.imaging.dic._seeding import Pyramid, find_subset, fit_motion, make_pyramid, shift_of
 from labpipe.imaging.dic._subset_solver import LEFT_WINDOW
-from labpipe.imaging.dic._tracker import NEIGHBOURS, SURPRISE, Attempt, FrameResult, Tracker, nearest
+from labpipe.imaging.dic._tracker import NEIGHBOURS, Attempt, FrameResult, Tracker, nearest
 
 #: Distance from a neighbour's or a template's proposal (px) within which it is confirmed.
 _CONFIRMED = 2.5
@@ -77,7 +77,7 @@ class Recovery:
         self._propagate()
         # A changed correlation without a jump (light, focus) needs no confirmation.
         moved = np.hypot(*(attempt.motion - self._expected)[:, [0, 3]].T)
-        calm = self._tracker.accepts(attempt.code, attempt.zncc) & (moved <= SURPRISE)
+        calm = self._tracker.accepts(attempt.code, attempt.zncc) & (moved <= self._tracker.surprise)
         attempt.trusted |= calm & self._tracker.is_tracked
         self._veto()
 

@@ -14,6 +14,7 @@ from labpipe.frames import FrameSource
 from labpipe.imaging.dic._film_window import smooth
 from labpipe.imaging.dic._inputs import LEAST_SUBSET
 from labpipe.imaging.dic._motion_uncertainty import COARSE, NoiseModel, make_noise_model
+from labpipe.imaging.dic._periodic import find_repeats
 from labpipe.imaging.dic._seeding import Pyramid, make_pyramid
 from labpipe.imaging.dic._spline import node_gradients, prefilter
 from labpipe.imaging.dic._subset_cutting import Images, Subsets, cut_subsets, motion_matrices
@@ -84,6 +85,8 @@ class Reference:
         Spline order.
     mean : array (row, column)
         Mean of the static frames, not blurred.
+    period : array (usable,) [px]
+        Shortest displacement in which the pattern matches itself; infinite where it does not.
     """
 
     subsets: Subsets
@@ -96,6 +99,7 @@ class Reference:
     images: Images
     order: int
     mean: NDArray[np.float64]
+    period: NDArray[np.float64]
 
     def own_noise(self, point: int, static: NDArray[np.float64], weakest: float) -> tuple[float, float]:
         """Variance of a pixel around a usable point in one frame without any misfit, and how well it is known.
@@ -182,7 +186,7 @@ def _third_difference(area: NDArray[np.float64], step: tuple[int, int]) -> NDArr
     return area
 
 
-def average_static_frames(frames: FrameSource, count: int) -> tuple[NDArray[np.float64], int]:
+def average_static_frames(frames: FrameSource, count: int) -> tuple[NDArray[np.float64], int, bool]:
     """Mean of the undamaged ones of the first ``count`` frames.
 
     Returns
@@ -191,6 +195,8 @@ def average_static_frames(frames: FrameSource, count: int) -> tuple[NDArray[np.f
         Grey levels.
     used : int
         How many frames were averaged.
+    is_integer : bool
+        Whether they hold whole grey levels.
 
     Raises
     ------
@@ -200,6 +206,7 @@ def average_static_frames(frames: FrameSource, count: int) -> tuple[NDArray[np.f
     _, rows, columns = frames.shape
     total = np.zeros((rows, columns))
     used = 0
+    is_integer = True
     valid = frames.valid
     for index in range(count):
         if not valid[index]:
@@ -212,13 +219,14 @@ def average_static_frames(frames: FrameSource, count: int) -> tuple[NDArray[np.f
             continue
         total += image
         used += 1
+        is_integer &= image.dtype.kind in "iu"
     if not used:
         message = (
             f"no reference: all of the first {count} frames are damaged; start the film later "
             "or take more static frames"
         )
         raise InputError(message)
-    return total / used, used
+    return total / used, used, is_integer
 
 
 def make_reference(
@@ -252,7 +260,7 @@ def make_reference(
     inside : float32 array (row, column), optional
         0 where a mask covers the first frame.
     """
-    mean, used = average_static_frames(frames, static_frames)
+    mean, used, is_integer = average_static_frames(frames, static_frames)
     grey = smooth(mean, blur)
     gradient_x, gradient_y = node_gradients(prefilter(grey, order), order)
     centres = np.rint(points).astype(np.int64)
@@ -276,11 +284,13 @@ def make_reference(
         return cut_subsets(images, centres[chosen], half[chosen], is_rigid[chosen])
 
     subsets = cut(usable)
-    is_integer = frames[0].dtype.kind in "iu"
     counted = mean if inside is None else _filled_up(mean, inside)
     found = _reference_status(counted, subsets, frames.levels if is_integer else None)
+    repeats = find_repeats(counted, subsets.layout)
+    found[repeats.is_folded & (found == Status.OK)] = Status.TEXTURELESS
     found[subsets.level[:, 2] < LEAST_SUBSET**2] = Status.COVERED
     status[usable] = found
+    period = repeats.period[found == Status.OK]
     if found.any():
         usable = usable[found == Status.OK]
         subsets = cut(usable)
@@ -305,6 +315,7 @@ def make_reference(
         images,
         order,
         mean,
+        period,
     )
 
 

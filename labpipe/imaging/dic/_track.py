@@ -156,10 +156,12 @@ def track(
     from labpipe.imaging.dic._tracker import Options, Tracker
     from labpipe.imaging.films import without_stuck_pixels
 
-    film, stuck = without_stuck_pixels(as_frames(frames))
+    film = as_frames(frames)
     places, half, shapes = check_points(points, subset, shape)
     check_settings(film, order, static_frames, blur, tolerance, max_iterations, min_zncc)
     wanted = selected_frames(select, len(film))
+    indices = np.union1d(np.arange(static_frames), wanted)
+    film, stuck = without_stuck_pixels(film, np.isin(np.arange(len(film)), indices))
     inside = mask_of(regions, covers, film.shape, blur)
     reference = make_reference(film, places, half, shapes != "affine", order, static_frames, blur, inside)
     options = Options(order, tolerance, max_iterations, min_zncc, adaptable(shapes, adapt))
@@ -168,7 +170,6 @@ def track(
     window.pixels_read = static_frames * film.shape[1] * film.shape[2]
     start = check_seeds(seeds, len(places))
     tracker = Tracker(reference, window, options)
-    indices = np.union1d(np.arange(static_frames), wanted)
     table = _follow(film, window, tracker, reference, indices, static_frames, start)
     work = {
         "frames_read": window.frames_read + stuck.frames_read,

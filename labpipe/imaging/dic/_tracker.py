@@ -22,6 +22,8 @@ from labpipe.imaging.films import PIECE
 #: Distance from the prediction (px) up to which a converged point needs no confirmation:
 #: the velocity of a bouncing holder changes by at most 1 px per frame.
 SURPRISE = 1.5
+#: The same in periods of a pattern that repeats itself: farther, it may be another period.
+_PERIODS = 0.125
 #: Points that are tested in a frame for what they need beside the motion: at least so many, and
 #: each once in so many frames; and the share of them above which it is no chance.
 _TESTED, _TURNS, _CHANCE = 8, 8, 0.1
@@ -169,9 +171,11 @@ class Tracker:
         self._turn = 0
         self._noise = reference.shown
         self._piece_of, self._pieces = _spread_pieces(self.places, self._half)
-        #: Edges and gratings: they match in so many places that nothing but their neighbours finds
-        #: them again.
-        self.is_one_way = one_way(reference.subsets)
+        #: Edges, gratings and grids: they match in so many places that nothing but their neighbours
+        #: finds them again.
+        self.is_one_way = one_way(reference.subsets) | np.isfinite(reference.period)
+        #: Distance (px) from its prediction up to which each converged point needs no confirmation.
+        self.surprise = np.minimum(SURPRISE, _PERIODS * reference.period)
         #: Whether the frame at hand is one of those averaged into the reference.
         self.is_static = False
         self.is_tracked = np.ones(count, bool)
@@ -315,7 +319,7 @@ class Tracker:
             self.accepts(attempt.code, attempt.zncc),
             attempt.zncc,
             _DROP * self._zncc,
-            SURPRISE,
+            self.surprise,
         )
         return attempt
 

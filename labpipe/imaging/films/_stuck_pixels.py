@@ -168,7 +168,7 @@ def without_stuck_pixels(
     candidates, height, noise, strange = _standing_out(first)
     sure = height > strange
     if not sure.any():
-        return film, StuckPixels()
+        return film, StuckPixels(0, 1)
     chosen = sound[np.unique(np.linspace(1, len(sound) - 1, _FRAMES).round().astype(int))]
     others = [np.array(read(int(index))) for index in chosen]
     stuck = np.zeros(len(candidates), bool)
@@ -177,10 +177,10 @@ def without_stuck_pixels(
     if stuck.any() and not sure.all():
         stuck |= _do_not_follow(candidates, candidates, height, noise, strange, first, others)
     if not stuck.any():
-        return film, StuckPixels(0, len(chosen))
+        return film, StuckPixels(0, 1 + len(chosen))
     mask = np.zeros(first.size, bool)
     mask[candidates[stuck]] = True
-    return RepairedFrames(film, mask.reshape(first.shape)), StuckPixels(int(stuck.sum()), len(chosen))
+    return RepairedFrames(film, mask.reshape(first.shape)), StuckPixels(int(stuck.sum()), 1 + len(chosen))
 
 
 def _standing_out(image: NDArray[np.generic]) -> tuple[Integers, Floats, float, float]:

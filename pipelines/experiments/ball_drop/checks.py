@@ -73,7 +73,10 @@ def judgement(
     of_traces.append(trace_checks.shared_rows(traces))
     hums = {name: (amplitude, pulsation) for name, (_, amplitude, pulsation) in looked.items()}
     checks = [_explained(check, of_traces, settings.calibration) for check in judgements.failed_steps(context, _FAILED)]
-    checks += [*of_traces, *_statements(settings)]
+    checks += [*of_traces, *_statements(settings), fall_checks.gravity_stated(settings.model.gravity)]
+    checks.append(
+        trace_checks.sight(next((d for d in displacement or () if d is not None), None), settings.calibration)
+    )
     records = list(_records(displacement, bounces, settings, hums))
     headers = [d for d in readings or () if d is not None]
     is_damaged = any(check.level == "impossible" for check in of_traces)
@@ -275,6 +278,13 @@ def _causes(
                 file=settings.calibration,
                 setting="values.scale",
             )
+    if fall_checks.gravity_stated(settings.model.gravity).level:
+        yield Cause(
+            {g: -1.0, v: -0.5},
+            times_over("gravity", settings.model.gravity.value, "m/s2", "model.gravity in session.toml"),
+            (settings.model.gravity.value / 9.81,),
+            setting="model.gravity",
+        )
     yield Cause(
         {fall: -1.0},
         times_over("the drop height", settings.height.value, "m", "height in session.toml"),

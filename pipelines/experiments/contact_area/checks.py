@@ -14,7 +14,7 @@ from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.contact_area.comparison import SCALE, rows
 from pipelines.experiments.contact_area.settings import ContactArea
-from pipelines.experiments.shared import judgements
+from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.film_frames import explained
 from pipelines.experiments.shared.judgements import Scene, times_over
 
@@ -53,6 +53,7 @@ def judgement(
 ) -> xr.Dataset:
     """Judge one film; what gave no result is judged by that."""
     checks = [explained(check) for check in judgements.failed_steps(context, _FAILED)]
+    checks.append(fall_checks.gravity_stated(settings.model.gravity))
     if radius is not None:
         checks += [
             _fringes(radius, settings),

@@ -131,6 +131,7 @@ def judgement(
             _strayed(export, settings),
             _causal(export, own),
             _rising(export, own),
+            _pasted(export, own),
         ]
     isotherms = sorted((s for own in found for s in own), key=lambda s: s.temperature)
     checks += [
@@ -470,6 +471,23 @@ def _causal(export: _Export, isotherms: Sequence[_Sweep]) -> Check:
     level: Level | None = "doubtful" if ours > log(10.0) else "note" if ours > log(5.0) else None
     cause = "one of the moduli has another unit than the other, or the phase is wrong"
     return stated(name, law, message, level, cause=cause, file=export.name)
+
+
+def _pasted(export: _Export, isotherms: Sequence[_Sweep]) -> Check:
+    """Look for readings of one interval that are those of another, digit by digit."""
+    name, law = "readings of another interval", "noise makes no two sweeps alike"
+    if len(isotherms) < 2:
+        return not_made(name, law, "two sweeps")
+    for a, b in combinations(isotherms, 2):
+        pairs = [np.column_stack([s.values("storage_modulus"), s.values("loss_modulus")]) for s in (a, b)]
+        if pairs[0].shape != pairs[1].shape:
+            continue
+        same = int((pairs[0] == pairs[1]).all(axis=1).sum())
+        if same >= max(_FEW_ROWS, _MOST * len(pairs[0])):
+            text = f"{b.place}: {same} of {len(pairs[0])} readings are those of {a.place}, digit by digit"
+            cause = "moduli of one interval were copied into another, or an interval was exported twice"
+            return stated(name, law, text, "doubtful", cause=cause, file=export.name)
+    return stated(name, law, f"{export.name}: no sweep equals another", None, file=export.name)
 
 
 def _rising(export: _Export, isotherms: Sequence[_Sweep]) -> Check:

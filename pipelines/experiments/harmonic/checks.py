@@ -44,7 +44,9 @@ def judgement(
         checks.append(not_made("columns of the file", "a file holds position and force", "a file that can be read"))
     else:
         checks += mach1_checks.of_file(name, readings)
-        checks += [mach1_checks.falls(name, part) for part in mach1_checks.hold_parts(readings)]
+        checks += [
+            of(name, p) for p in mach1_checks.hold_parts(readings) for of in (mach1_checks.falls, mach1_checks.late)
+        ]
     if loads is not None:
         checks += mach1_checks.of_cell(settings.load_cell, loads)
     if oscillations is not None:

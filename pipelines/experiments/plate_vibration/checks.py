@@ -74,7 +74,7 @@ def judgement(
     names = [name for drops in settings.drops for name in drops.laser]
     of_traces = _of_traces(names, readings, settings)
     checks = [_explained(check, of_traces, settings.calibration) for check in judgements.failed_steps(context, _FAILED)]
-    checks += [*of_traces, *_statements(settings)]
+    checks += [*of_traces, *_statements(settings), fall_checks.gravity_stated(settings.model.gravity)]
     found = {n: ring for n, ring in zip(names, ringing or (), strict=False) if ring is not None}
     moved = {n: each for n, each in zip(names, displacement or (), strict=False) if each is not None}
     checks.append(trace_checks.sight(next(iter(moved.values()), None), settings.calibration))

@@ -1,11 +1,13 @@
 """Whether relaxation tests can be believed: commands, columns, cell, punch, and how they compare."""
 
 from collections.abc import Sequence
+from math import hypot, log
 
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import Cause, Check, judge, not_made
+from labpipe.errors import InputError
+from labpipe.judging import DOUBTFUL, Cause, Check, Level, judge, not_made
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.relaxation.comparison import rows
@@ -13,8 +15,10 @@ from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import judgements, mach1_checks
 from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS
 from pipelines.experiments.shared.judgements import Scene
-from pipelines.experiments.shared.ramps_and_holds import relative_gain
+from pipelines.experiments.shared.ramps_and_holds import Hold, find, mean_force, relative_gain
 
+_SHARES = (0.3, 0.9)  # of the shortest hold, between which relaxations are held against each other
+_NON_LINEAR = 0.03  # by which late over early force may differ from depth to depth
 _FAILED = {
     "readings": "the file is not what the session says, or was not copied whole",
     "loads": "the file, or the record of its load cell, does not belong to this test",
@@ -50,6 +54,8 @@ def judgement(
     known = next((d for d in loads or () if d is not None), None)
     if known is not None:
         checks += mach1_checks.of_cell(settings.load_cell, known)
+    if not any(check.level == "impossible" for check in checks):
+        checks.append(_alike(files, loads or ()))
     if mach1_checks.knows_depth(checks):
         deepest = _deepest(ramps)
         checks += mach1_checks.of_punch(settings.punch, settings.substrate, settings.model, deepest)
@@ -57,6 +63,52 @@ def judgement(
     compared_rows = [] if tests is None else list(rows(tests, settings=settings))
     inputs = {FORCE_SCALE: Quantity(1.0, relative, "1"), STIFFNESS: Quantity(1.0, 0.0, "1")}
     return judgements.judgement(Scene(checks, (), compared_rows, inputs))
+
+
+def _alike(files: Sequence[str], loads: Sequence[xr.Dataset | None]) -> Check:
+    """Hold the relaxation of the files against each other, over times that all of them have."""
+    name = "relaxation at other depths"
+    law = "a linear solid relaxes alike at all depths: late over early force is one number"
+    found = [(f, load, _hold(load)) for f, load in zip(files, loads, strict=False) if load is not None]
+    known = [(f, load, hold) for f, load, hold in found if hold is not None]
+    if len(known) < 2:
+        return not_made(name, law, "holds of two files")
+    lasts = min(hold.last - hold.end for _, _, hold in known)
+    logs, own = [], []
+    for _, load, hold in known:
+        windows = ((share * lasts, 0.1 * lasts) for share in _SHARES)
+        levels = [mean_force(load, hold, hold.end + at - width, hold.end + at + width) for at, width in windows]
+        if not all(level.force > 0.0 for level in levels):
+            return not_made(name, law, "forces in compression")
+        early, late = levels
+        tare = float(np.nan_to_num(load["u_tare"])) * abs(1 / late.force - 1 / early.force)
+        logs.append(log(late.force / early.force))
+        own.append(hypot(tare, hypot(late.u / late.force, early.u / early.force)))
+    centre = float(np.median(logs)) if len(logs) > 2 else 0.5 * (logs[0] + logs[1])
+    worst = int(np.argmax(np.abs(np.array(logs) - centre)))
+    others = [i for i in range(len(logs)) if i != worst]
+    gap, centre = logs[worst] - float(np.mean([logs[i] for i in others])), float(np.mean([logs[i] for i in others]))
+    u = hypot(own[worst], hypot(*(own[i] for i in others)) / len(others))
+    file = known[worst][0]
+    times = " to ".join(f"{share * lasts:.3g}" for share in _SHARES)
+    text = (
+        f"{file}: from {times} s of its hold the force changes by {100 * np.expm1(logs[worst]):+.1f} %, in the others "
+        f"by {100 * np.expm1(centre):+.1f} %"
+    )
+    level: Level | None = "doubtful" if abs(gap) > max(DOUBTFUL * u, _NON_LINEAR) else None
+    cause = (
+        "the cell drifted, the stage crept on or the specimen moved in the hold of one of them; or the solid is not "
+        "linear at these depths"
+    )
+    return Check(name, law, text, level, gap / u, cause=cause if level else "", file=file)
+
+
+def _hold(loads: xr.Dataset) -> Hold | None:
+    """Return the last hold of a file; None where there is none."""
+    try:
+        return find(loads)[-1]
+    except InputError:
+        return None
 
 
 def _at(results: Sequence[xr.Dataset | None] | None, number: int) -> xr.Dataset | None:
@@ -76,7 +128,7 @@ def _of_file(
     checks = mach1_checks.of_file(name, readings)
     if mach1_checks.is_swapped(checks):
         return checks
-    checks += [mach1_checks.falls(name, part) for part in mach1_checks.hold_parts(readings)]
+    checks += [of(name, p) for p in mach1_checks.hold_parts(readings) for of in (mach1_checks.falls, mach1_checks.late)]
     if ramps is None or loads is None or not bool(loads.attrs["is_tared"]) or not mach1_checks.knows_depth(checks):
         return checks
     depth, force = float(ramps["depth"][-1]), float(ramps["plateau_force"][-1])

@@ -69,7 +69,7 @@ def overview(found: Sequence[Propagated], last: str, texts: Sequence[str], capti
             half_width(budget, each.unit),
             coverage_factor(budget),
             _number(budget.degrees_of_freedom),
-            compared(budget, drawn),
+            compared(budget, drawn) + _cause(budget, drawn),
             text,
         )
         for (each, budget, drawn), text in zip(found, texts, strict=True)
@@ -144,6 +144,12 @@ def compared(budget: Budget, drawn: MonteCarlo) -> str:
     if intervals_agree(budget, drawn):
         return "agree"
     return f"differ by {100.0 * interval_difference(budget, drawn) / budget.expanded():.0f} %"
+
+
+def _cause(budget: Budget, drawn: MonteCarlo) -> str:
+    if intervals_agree(budget, drawn):
+        return ""
+    return " (few repeats)" if isfinite(budget.degrees_of_freedom) else " (not linear)"
 
 
 def _reason(budget: Budget, drawn: MonteCarlo) -> str:

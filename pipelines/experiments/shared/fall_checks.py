@@ -20,6 +20,7 @@ from labpipe.units import Quantity
 
 GUIDE = 5e-3
 """Largest share of g that the friction of a guide or the drag of the air takes from a fall."""
+_ON_GROUND = (9.76, 9.84)  # m/s²: from the equator's mountains to the poles, by the International Gravity Formula
 _SWING = 0.07
 """Largest share of the first impact's speed that a plate, still swinging, adds to a later bounce.
 
@@ -110,6 +111,17 @@ def acceleration(fall: Fall, gravity: Quantity) -> Check:
         allowance=GUIDE * gravity.value + fall.swing * fall.pulsation,
         file=fall.name,
     )
+
+
+def gravity_stated(gravity: Quantity) -> Check:
+    """Hold the stated acceleration of fall against those on the ground of the Earth."""
+    name, law = "stated gravity", "on the ground g lies between 9.76 and 9.84 m/s²"
+    text = f"g is stated as {quantity(gravity.value, 'm/s2')}"
+    low, high = _ON_GROUND
+    if low - gravity.u <= gravity.value <= high + gravity.u:
+        return stated(name, law, text, None)
+    cause = "model.gravity in session.toml is no acceleration of fall on Earth: digits were exchanged or lost"
+    return stated(name, law, text, "impossible", cause=cause, setting="model.gravity")
 
 
 def height(fall: Fall, given: Quantity | None) -> Check:

@@ -28,7 +28,18 @@ from labpipe.judging import (
     to_json,
     unfinished,
 )
-from labpipe.report import Block, Column, Details, Notice, Paragraph, Section, Table, quantity, value_with_uncertainty
+from labpipe.report import (
+    Block,
+    Column,
+    Details,
+    Notice,
+    Paragraph,
+    Section,
+    Table,
+    quantity,
+    shown_source,
+    value_with_uncertainty,
+)
 from labpipe.units import Quantity
 from labpipe.variables import variable
 from labpipe.workflow.context import Context
@@ -347,9 +358,7 @@ def _errors(result: xr.Dataset) -> list[tuple[str, str, float]]:
             size = quantity(float(error), unit) if np.isfinite(error) else ""
         else:
             size = f"{100 * relative:.2g} %" if np.isfinite(relative) and relative < 1.0 else ""
-        what, _, of = str(name).partition(", ")
-        what = what.replace("_", " ")
-        found.append((f"{what} ({of})" if of else what, size, float(relative)))
+        found.append((shown_source(str(name)), size, float(relative)))
     return sorted(found, key=lambda each: (not each[1], each[2]))
 
 

@@ -33,6 +33,7 @@ APPROACH, HOLD = "speed of the approach", "length of the hold"
 CLOCK, CAPACITY, MODULUS = "clock of the blocks", "capacity of the cell", "contact modulus"
 RATIO, SCALE = "force for the named material", "scale of the cell"
 SIGN, FALL, PHASE = "sign of the stiffness", "fall of the force in the hold", "phase lag"
+LATE = "force after the ramp"
 STAGE, DIRECTION = "position within the stage", "direction of the motion"
 DELAY, SWAPPED = "delay of the filter", "order of the columns"
 
@@ -195,7 +196,7 @@ def weighed(checks: Sequence[Check]) -> list[Check]:
     is_right = any(check.name == RATIO and abs(check.log_ratio) < _RIGHT for check in checks)
     found = []
     for check in checks:
-        if sign is not None and check.level and check.name in (FALL, PHASE):
+        if sign is not None and check.level and check.name in (FALL, LATE, PHASE):
             found.append(replace(check, cause=sign.cause, line=sign.line))
         elif is_right and check.level and check.name == CAPACITY:
             found.append(replace(check, level="note", cause="the name of the cell does not say its capacity"))
@@ -788,6 +789,32 @@ def falls(name: str, part: Part) -> Check:
         "force in a hold falls"
     )
     return replace(check, cause=cause)
+
+
+def late(name: str, part: Part) -> Check:
+    """Hold the force after a ramp against its rest: what still grows then comes too late."""
+    title, law = LATE, "a force is largest when the stage arrives, but for the delay of the cell's filter"
+    travel, _, rest = _speed(part)
+    inside = part.segment == part.segment[0]
+    time, force = part.time[inside], part.force[inside]
+    if not rest > 4 * _SETTLED or travel * part.declared("Amplitude")[0] < 0.0:
+        return not_made(title, law, "a hold after a ramp into the material")
+    arrived = float(time[-1]) - rest + _SETTLED
+    early = force[(time >= arrived) & (time < arrived + _SETTLED / 3)]
+    after = force[time >= arrived]
+    if early.size < 5 or not np.isfinite(after).all():
+        return not_made(title, law, "readings within a third of a second after a ramp")
+    means = np.convolve(after, np.full(early.size, 1.0 / early.size), "valid")
+    rise, at = float(means.max() - early.mean()), float(time[time >= arrived][int(np.argmax(means))])
+    # running means of noise reach three standard deviations somewhere
+    u = hypot(3 * float(np.std(np.diff(after))) / (2 * early.size) ** 0.5, 2e-3 * float(np.ptp(force)))
+    text = (
+        f"{name}, block {part.number + 1}: the force grows by {quantity(rise, 'N')} more while the stage stands, until "
+        f"{quantity(at, 's')}"
+    )
+    check = bounded(title, law, text, rise, u, at_most=0.0, is_law=False, file=name, line=part.header_line)
+    cause = "the force is late: it was averaged or filtered for longer than its header says, or the stage crept on"
+    return replace(check, cause=cause) if check.level else check
 
 
 def hold_parts(readings: xr.Dataset) -> list[Part]:

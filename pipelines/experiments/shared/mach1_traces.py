@@ -7,6 +7,7 @@ force does not jump to another level.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from labpipe.report import quantity
 from labpipe.signals import quantisation_step
 
 SPIKE, JUMP, QUIET = "readings that stand alone", "level of the force", "force before contact"
+FOUND, ZERO = "force at contact", "zero of the force"
 LEAP = "leaps of the stage"
 
 _ALONE = 15.0  # standard deviations of noise, or steps of the resolution
@@ -32,6 +34,9 @@ _FEWEST = 40  # readings
 _EASED, _LEAPS = 1.5, 3.0
 """Times its speed by which a stage may go between two readings, for times that are rounded and
 motions that ease, and beyond which it has not gone there at all."""
+_PASSED = 0.3  # of the force to look for: the cell's filter lags, and the force falls when the stage stops
+_SAME_PLACE, _RELAXES = 2e-6, 0.1
+"""m within which a stage stays, and share of the forces of two blocks that relaxes between them."""
 _MATTERS = 0.05  # of a block's travel: less than that spoils nothing that is made of it
 
 
@@ -62,11 +67,12 @@ class Trace:
 
 def checks_of(traces: list[Trace]) -> Iterator[Check]:
     """Make all checks of the blocks of one file, the worst of each."""
-    for of_one in (_spikes, _leap, _jump, _quiet):
+    for of_one in (_spikes, _leap, _jump, _quiet, _found):
         found = [check for trace in traces for check in of_one(trace)]
         worst = next((c for level in ("impossible", "doubtful", "note") for c in found if c.level == level), None)
         if worst is not None or found:
             yield worst or found[0]
+    yield _zeroed(traces)
 
 
 def _noise(values: Floats) -> tuple[float, float]:
@@ -196,6 +202,59 @@ def _quiet(trace: Trace) -> Iterator[Check]:
         yield _weighed(replace(clean, message=text, cause=cause), abs(drift), trace)
     else:
         yield clean
+
+
+def _found(trace: Trace) -> Iterator[Check]:
+    """Hold the force at the end of an approach against that by which the stage found contact."""
+    law = "a stage that looks for contact stops when its force passes the criterion"
+    half = trace.force.size // 2
+    if not np.isfinite(trace.criterion) or half < _FEWEST or not np.isfinite(trace.force).all():
+        return
+    f = trace.force
+    rise = float(np.max(np.abs(f[half:] - np.median(f[:half]))))
+    text = (
+        f"{trace.file}: the force changes by {quantity(rise, 'N')} at most before the stage stops; it was told to look "
+        f"for {quantity(trace.criterion, 'N')}"
+    )
+    if rise > _PASSED * trace.criterion:
+        yield stated(FOUND, law, text, None, file=trace.file)
+        return
+    cause = (
+        "the column is not the force that the stage listened to (another axis or cell, or another unit), or contact "
+        f"was not found (header of the columns, line {trace.first - 1})"
+    )
+    yield stated(FOUND, law, text, "doubtful", cause=cause, file=trace.file, line=trace.first - 1)
+
+
+def _zeroed(traces: list[Trace]) -> Check:
+    """Hold the force at the beginning of a block against that at the end of the one before."""
+    law = "where the stage stays from one block to the next, the force goes on but for relaxation"
+    stays = [
+        (a, b)
+        for a, b in pairwise(traces)
+        if min(a.force.size, b.force.size) >= _FEWEST
+        and np.isfinite([a.force[-1], b.force[0], b.position[0]]).all()
+        and abs(b.position[0] - a.position[-1]) <= _SAME_PLACE
+    ]
+    if not stays:
+        return not_made(ZERO, law, "two blocks between which the stage stays")
+    ends = [(float(np.median(a.force[-3:])), float(b.force[0])) for a, b in stays]
+    spans = [max(float(np.ptp(a.force)), float(np.ptp(b.force))) for a, b in stays]
+    noises = [max(_noise(a.force)) for a, _ in stays]
+    beyond = [
+        abs(after - before) - max(_RELAXES * span, _ALONE * noise)
+        for (before, after), span, noise in zip(ends, spans, noises, strict=True)
+    ]
+    worst = int(np.argmax(beyond))
+    (before, after), (_, b) = ends[worst], stays[worst]
+    text = (
+        f"{b.file}, block {b.number + 1}: the force begins at {quantity(after, 'N')}, the block before it ended at "
+        f"{quantity(before, 'N')}, with the stage in one place"
+    )
+    cause = "the cell was zeroed or knocked between the two blocks: their forces count from two zeros"
+    is_off = beyond[worst] > 0.0
+    level: Level | None = "doubtful" if is_off else None
+    return stated(ZERO, law, text, level, cause=cause if is_off else "", file=b.file, line=b.first)
 
 
 def _weighed(check: Check, size: float, trace: Trace) -> Check:

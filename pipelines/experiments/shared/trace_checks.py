@@ -40,6 +40,7 @@ _SURE = 1e-6  # probability by chance of a line in a spectrum that is told
 _PERIODS = 0.6  # of the mains, without which hum cannot be told from drift
 _HUM = 0.01  # of the travel, beyond which hum is doubtful
 _OBLIQUE = pi / 4  # between line of sight and motion: no makers' sensor sees its spot from further aside
+_VAGUE = pi / 60  # u of an inclination: what was measured, even by eye, is known better
 _LIMITS = (1e-3, 0.02, 0.2)  # of the travel: drift over the record that is told, doubtful, impossible
 
 _HELD = (
@@ -152,11 +153,13 @@ def sight(displacement: xr.Dataset | None, record: str) -> Check:
     name, law = "line of sight", "a triangulation sensor looks along the motion it measures, not from aside"
     if displacement is None or "inclination" not in displacement:
         return not_made(name, law, "a displacement")
-    angle = float(displacement["inclination"])
-    text = f"{record}: inclination {np.rad2deg(angle):.3g}°, lengths are divided by {np.cos(angle):.3g}"
-    level: Level | None = "doubtful" if angle > _OBLIQUE else None
+    angle, u = float(displacement["inclination"]), float(displacement["u_inclination"])
+    text = f"{record}: inclination ({np.rad2deg(angle):.3g} ± {np.rad2deg(u):.2g})°, lengths are divided by its cosine"
+    level: Level | None = "doubtful" if angle > _OBLIQUE or u > _VAGUE else None
     cause = (
-        f"inclination in {record} is probably not {np.rad2deg(angle):.3g}°: a lost decimal point, or the angle to "
+        f"u of the inclination in {record} is probably not {np.rad2deg(u):.2g}°: a lost decimal point, or another unit"
+        if u > _VAGUE
+        else f"inclination in {record} is probably not {np.rad2deg(angle):.3g}°: a lost decimal point, or the angle to "
         "the plate in place of that to the motion"
     )
     return stated(name, law, text, level, cause=cause if level else "", file=record, setting="values.inclination")

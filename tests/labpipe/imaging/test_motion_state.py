@@ -56,7 +56,9 @@ def test_points_near_their_prediction_and_alike_need_no_confirmation(state: Arra
     rng = np.random.default_rng(6)
     expected = state["motion"] + rng.uniform(-2, 2, (COUNT, 6))
     needed = rng.uniform(0, 1, COUNT)
-    found = converged_nearby(state["motion"], expected, state["is_tracked"], state["zncc"], needed, 1.5)
+    found = converged_nearby(
+        state["motion"], expected, state["is_tracked"], state["zncc"], needed, np.full(len(needed), 1.5)
+    )
     apart = np.hypot(*(state["motion"] - expected)[:, [0, 3]].T)
     right = state["is_tracked"] & (apart <= 1.5) & (state["zncc"] > needed)
     assert 0 < right.sum() < COUNT

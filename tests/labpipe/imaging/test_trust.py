@@ -94,21 +94,11 @@ def test_the_border_of_the_frame_is_no_texture(angle: float) -> None:
     assert not found.valid[1:].any()
 
 
-def square_lines(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Bars of a period of 6 px at an angle, sharper than the pixels resolve."""
-    return 60.0 * np.tanh(np.sin(2.0 * np.pi / 6.0 * (x * np.cos(0.2124) + y * np.sin(0.2124))) / 0.3)
-
-
 def test_fine_lines_that_jump_are_not_sought_in_the_frame() -> None:
     """Their moiré is a texture that stays with the pixels: a match 180 px away correlates to 0.999."""
     views = (View(), View(), *(View((-0.15 + 0.2 * k, -4.78 + 0.2 * k)) for k in range(4)))
-    steps = np.array([-0.375, -0.125, 0.125, 0.375])
-    frames = []
-    for view in views:
-        parts = [
-            from_formula(lambda x, y, a=a, b=b: square_lines(x + a, y + b), 240, view) for a in steps for b in steps
-        ]
-        frames.append(np.mean(parts, axis=0))
+    lines = film_scenes.bars(0.2124, 6.0, 0.3)
+    frames = [film_scenes.seen_by_pixels(lines, 240, view) for view in views]
     found = track(digitised(frames, 2.0, 12), grid((240, 240), 34, 11), 31)
     assert wrong(found, views, 240) == 0
 

@@ -190,4 +190,4 @@ def test_another_temperature_is_another_material(processed_session: Path) -> Non
     assert material_name(experiment) == "acrylic"
     sphere = msgspec.structs.replace(experiment.settings.sphere, temperature=Quantity(39, 0, "degC"))
     warm = replace(experiment, settings=msgspec.structs.replace(experiment.settings, sphere=sphere))
-    assert material_name(warm) == "acrylic at 39 degC"
+    assert material_name(warm) == "acrylic at 39 °C"

@@ -56,8 +56,17 @@ def laser(fallen: xr.Dataset) -> xr.Dataset:
     return made.assign_attrs(u_systematic_relative=1e-3)
 
 
-def judged(motion, laser=None, share=1.0):
-    track = xr.Dataset({"valid": (("frame", "point"), np.arange(1000)[:, None] < 1000 * share)})
+def tracked(count: int = 1000, share: float = 1.0) -> xr.Dataset:
+    """What the stage ``track`` makes of a film, as far as the checks read it; only noise."""
+    random = np.random.default_rng(5)
+    found = {name: (("frame", "point"), random.normal(0.0, 3e-3, (count, 1))) for name in ("dx", "dy")}
+    found["zncc"] = (("frame", "point"), random.normal(0.99, 1e-4, (count, 1)))
+    found["valid"] = (("frame", "point"), np.arange(count)[:, None] < count * share)
+    return xr.Dataset(found, {"frame": np.arange(count)})
+
+
+def judged(motion, laser=None, share=1.0, track=None):
+    track = tracked(share=share) if track is None else track
     found = measured.bounces(motion, settings=SETTINGS)
     compared = comparison(motion, found, laser, settings=SETTINGS)
     result = checks.judgement(track, motion, found, compared, laser, settings=SETTINGS, context=CONTEXT)
@@ -114,7 +123,7 @@ def test_a_film_of_another_polymer_differs_from_the_laser(laser):
 def test_exchanged_repeated_and_dropped_frames_are_found(motion, laser):
     time = motion["time"].values.copy()
     time[[200, 201]] = time[[201, 200]]
-    track = xr.Dataset({"valid": (("frame", "point"), np.ones((9, 1), bool))})
+    track = tracked()
     moved = motion.assign_coords(time=("time", time))
     result = checks.judgement(track, moved, None, None, laser, settings=SETTINGS, context=CONTEXT)
     told = finding(believed(result), "times of the frames")
@@ -122,9 +131,9 @@ def test_exchanged_repeated_and_dropped_frames_are_found(motion, laser):
     lost = motion.isel(time=np.r_[0:150, 160 : motion.sizes["time"]])
     told = finding(judged(lost, laser)[0], "times of the frames")
     assert (told.level, "10 frames are missing" in told.message, "dropped" in told.cause) == ("doubtful", True, True)
-    for name in ("displacement", "sideways"):
-        motion[name].values[120] = motion[name].values[119]
-    told = finding(judged(motion, laser)[0], "frames differ")
+    for name, left in (("dx", 3e-5), ("dy", -4e-5), ("zncc", 1e-9)):
+        track[name].values[120] = track[name].values[119] + left
+    told = finding(judged(motion, laser, track=track)[0], "frames differ")
     assert (told.level, "frame 120 is a repeated frame" in told.cause) == ("doubtful", True)
 
 
@@ -141,7 +150,8 @@ def test_a_camera_that_is_knocked_is_doubtful(motion, laser):
 
 
 def test_frames_without_the_holder_are_noted(motion, laser):
-    track = xr.Dataset({"valid": (("frame", "point"), ~np.isin(np.arange(1000), range(400, 406))[:, None])})
+    track = tracked()
+    track["valid"].values[400:406] = False
     found = measured.bounces(motion, settings=SETTINGS)
     compared = comparison(motion, found, laser, settings=SETTINGS)
     result = checks.judgement(track, motion, found, compared, laser, settings=SETTINGS, context=CONTEXT)
