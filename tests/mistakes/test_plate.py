@@ -18,7 +18,7 @@ def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _judged(folder: Path) -> Verdict:
-    return judged(folder, otherwise="comparison", experiment="plate")
+    return judged(folder, "comparison", experiment="plate")
 
 
 def test_clean_session_is_believed_and_agrees(clean: Path) -> None:
