@@ -302,7 +302,7 @@ def summarise(outcome: "RunResult | LabpipeError", judged: "Verdicts | None" = N
         model = f", model: {one.model}" if one.model != "none" else ""
         echo(f"{one.experiment}: believable: {one.believable}{model}{told and f' ({told})'}")
         for cause in one.causes[:1] if told else ():  # what a note hints at stands on the page
-            echo(f"  probable cause: {cause}")
+            echo(f"  likely: {cause}")
     _show_waiting(outcome.session.waiting)
     for path in outcome.reports.values():
         echo(f"report: {path}")

@@ -79,7 +79,7 @@ def text(source: Path = GUIDES, pages: dict[str, Path] | None = None) -> str:
         parts += [
             "## A record that cannot be believed\n\nThe fall height was typed as 15 mm in place of 1.5 mm (the mistake "
             "of the [tutorial](tutorial.md)). The numbers are still computed and shown; the verdict names what is "
-            "impossible and the probable cause, and the command ends with exit code 1.\n\n",
+            "impossible and the likely cause, and the command ends with exit code 1.\n\n",
             drawn,
         ]
     return "".join(parts)

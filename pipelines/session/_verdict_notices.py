@@ -69,12 +69,13 @@ def each(names: Iterable[str], verdicts: Mapping[str, Verdict], against: Mapping
             level = {"differs": "warning", "undecided": "info"}.get(one.model, level)  # type: ignore[assignment]
         grave = [finding for finding in one.findings if finding.level == one.believable]
         reason = f" {_sentence(grave[0].message)}" if grave else ""
-        causes = f" Probable cause: {one.causes[0].rstrip('.')}." if one.causes else ""
+        causes = f" Likely: {one.causes[0].rstrip('.')}." if one.causes else ""
         yield Notice(level, f"{name}: {said}.{reason}{causes}")
 
 
 def _sentence(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:].rstrip('.')}."
+    is_path = "/" in text.partition(" ")[0]  # a file keeps its spelling
+    return f"{text[:1] if is_path else text[:1].upper()}{text[1:].rstrip('.')}."
 
 
 def _listed(names: list[str]) -> str:
