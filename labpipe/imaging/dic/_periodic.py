@@ -18,7 +18,7 @@ _REACH, _APART = 24, 24
 #: pattern may repeat itself.
 _LEAST_PERIODS, _LIKELY = 2.5, 0.4
 #: Share of the variance of these waves and their multiples, up to so many in all, where it does.
-_SHARE, _COUNTED = 0.85, 4
+_SHARE, _COUNTED = 0.9, 4
 #: Amplitude of a second wave over that of the first from which both make a grid.
 _SECOND = 0.4
 #: Zeros added to a spectrum, in widths, and half width of a wave of a Hann window in steps of the spectrum.
@@ -110,7 +110,10 @@ def _judge(area: Floats, window: Floats) -> tuple[float, bool]:
         waves = np.stack([first, second])
         period = _shortest(waves)
     whole = float((area**2).sum() / (window**2).sum())
-    if 0.5 * (spectrum.amplitude(_multiples(waves, _COUNTED, half=True)) ** 2).sum() < _SHARE * whole:
+    counted = _multiples(waves, _COUNTED, half=True)
+    # Waves of a random pattern have multiples that lie together, and would be counted twice.
+    is_apart = (np.hypot(*counted.T) * size >= _LEAST_PERIODS).all()
+    if not is_apart or 0.5 * (spectrum.amplitude(counted) ** 2).sum() < _SHARE * whole:
         return np.inf, False
     most = _LINES if len(waves) == 1 else _GRID
     frequency = _multiples(waves, most)
