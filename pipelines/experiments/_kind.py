@@ -203,10 +203,9 @@ class Kind:
     proposal: Proposal | None = None
 
 
-def judged(function: str, inputs: tuple[str, ...]) -> Stage:
+def judged(function: str, inputs: tuple[str, ...], asked: str = "is it believable, does the model agree?") -> Stage:
     """Return the stage that judges an experiment, as every kind has it."""
-    summary = "is it believable, does the model agree?"
-    return Stage(JUDGEMENT, function, inputs, ("*",), context=True, tolerant=True, summary=summary)
+    return Stage(JUDGEMENT, function, inputs, ("*",), context=True, tolerant=True, summary=asked)
 
 
 def reported(function: str, inputs: tuple[str, ...]) -> Stage:

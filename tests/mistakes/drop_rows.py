@@ -113,6 +113,13 @@ def _two_exchanged(x: Floats) -> Floats:
     return out
 
 
+def _shaken(x: Floats) -> Floats:
+    """Add what a loose clamp of the sensor does after the first impact: 320 Hz, 50 µm."""
+    i = int(np.argmax(x < x.min() + 0.02))
+    t = 1e-4 * np.arange(x.size - i)
+    return np.r_[x[:i], x[i:] + 0.05 * np.exp(-t / 0.03) * np.sin(2 * np.pi * 320 * t)]
+
+
 def _upside_down(x: Floats) -> Floats:
     return 2 * x[0] - x
 
@@ -343,6 +350,7 @@ ROWS = (
     Mistake("resolution 10 um", values(_rounded(0.01)), "note", ("resolution",)),
     Mistake("resolution 100 um", values(_rounded(0.1)), "impossible", ("resolution",)),
     Mistake("two readings exchanged in flight", values(_two_exchanged), "note", ("2 spikes",)),
+    Mistake("clamp of the sensor loose", values(_shaken), "doubtful", ("shakes",)),
     Mistake("upside down readings", values(_upside_down), "impossible", ("direction",)),
     # repeats
     Mistake("same file twice", _copied, "doubtful", ("same bytes",), ALL[2]),

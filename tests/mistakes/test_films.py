@@ -136,6 +136,7 @@ ROWS = (
         "frames of the flight lost", "impossible", ("first flight",), _frames(lambda i: np.delete(i, slice(300, 400)))
     ),
     FilmMistake("begins in contact", "doubtful", ("begins too late",), _frames(lambda i: i[179:])),
+    FilmMistake("ends in the first contact", "doubtful", ("stopped or cut too soon",), _frames(lambda i: i[:184])),
     FilmMistake(
         "sphere at rest", "impossible", ("at rest",), lambda f: _put("in_contact", True)(_put("radius", 4e-4)(f))
     ),

@@ -1,14 +1,12 @@
 """Mistakes of a laboratory with a plate under drops are noticed and named; a clean one is believed."""
 
-import shutil
 from pathlib import Path
 
 import pytest
 
-from pipelines.session import Verdict, verdict
-from tests.mistakes.drop_rows import Mistake
-from tests.mistakes.outcome import assert_said
+from pipelines.session import Verdict
 from tests.mistakes.plate_rows import ROWS, write
+from tests.mistakes.rows import Mistake, hold, judged
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +18,7 @@ def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _judged(folder: Path) -> Verdict:
-    return next(v for v in verdict(folder, ["comparison"], jobs=0).experiments if v.experiment == "plate")
+    return judged(folder, "comparison", experiment="plate")
 
 
 def test_clean_session_is_believed_and_agrees(clean: Path) -> None:
@@ -31,7 +29,4 @@ def test_clean_session_is_believed_and_agrees(clean: Path) -> None:
 
 @pytest.mark.parametrize("mistake", ROWS, ids=lambda row: row.name)
 def test_mistake_is_noticed_and_named(clean: Path, tmp_path: Path, mistake: Mistake) -> None:
-    folder = tmp_path / "session"
-    shutil.copytree(clean, folder)
-    mistake.edit(folder)
-    assert_said(mistake, _judged(folder))
+    hold(clean, tmp_path / "session", mistake, "table", otherwise="comparison", experiment="plate")

@@ -1,13 +1,11 @@
 """Mistakes of a laboratory with a static loading are noticed and named; clean ones are believed."""
 
-import shutil
 from pathlib import Path
 
 import pytest
 
-from pipelines.session import Verdict, verdict
-from tests.mistakes.drop_rows import Mistake
-from tests.mistakes.outcome import assert_said
+from pipelines.session import Verdict
+from tests.mistakes.rows import Mistake, hold, judged
 from tests.mistakes.static_rows import ROWS, drawn, write
 
 
@@ -20,7 +18,7 @@ def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _judged(folder: Path) -> Verdict:
-    return verdict(folder, ["comparison"], jobs=0).experiments[0]
+    return judged(folder, "comparison")
 
 
 def test_clean_session_is_believed_and_agrees(clean: Path) -> None:
@@ -31,10 +29,7 @@ def test_clean_session_is_believed_and_agrees(clean: Path) -> None:
 
 @pytest.mark.parametrize("mistake", ROWS, ids=lambda row: row.name)
 def test_mistake_is_noticed_and_named(clean: Path, tmp_path: Path, mistake: Mistake) -> None:
-    folder = tmp_path / "session"
-    shutil.copytree(clean, folder)
-    mistake.edit(folder)
-    assert_said(mistake, _judged(folder))
+    hold(clean, tmp_path / "session", mistake, "approach", otherwise="comparison")
 
 
 @pytest.mark.parametrize(

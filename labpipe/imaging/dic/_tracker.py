@@ -156,7 +156,8 @@ class Tracker:
         self.film = film
         self._options = options
         self.places = np.stack([reference.subsets.x, reference.subsets.y], axis=1).astype(float)
-        self.neighbours = nearest(self.places, self.places, min(NEIGHBOURS + 1, count))[:, 1:]
+        own_first = nearest(self.places, self.places, min(NEIGHBOURS + 1, count))
+        self.neighbours = np.ascontiguousarray(own_first[:, 1:])  # compiled for one layout
         self._half = np.ascontiguousarray(reference.subsets.half)
         self._motion = np.zeros((count, 6))
         self._velocity = np.zeros((count, 2))

@@ -81,6 +81,8 @@ class FilmResult:
         Every second row of the film repeats its neighbour or is the mean of both.
     stuck : StuckPixels
         Pixels that do not follow the scene.
+    lost_rows : dict of int
+        By frame, rows that repeat the row before and are interpolated.
     """
 
     view: View
@@ -98,6 +100,7 @@ class FilmResult:
     combed: set[int] = field(default_factory=set)
     repeats_rows: bool = False
     stuck: StuckPixels = field(default_factory=StuckPixels)
+    lost_rows: dict[int, int] = field(default_factory=dict)
 
     def leave_out(self, frames: Iterable[int]) -> None:
         """Count frames as damaged, whatever was found in them."""

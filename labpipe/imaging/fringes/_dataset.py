@@ -303,6 +303,17 @@ def _rows_told(result: FilmResult) -> str:
     return ""
 
 
+def _lost_told(result: FilmResult) -> str:
+    """Tell of the rows that repeat others here and there; empty when there are none."""
+    if not result.lost_rows or result.repeats_rows:
+        return ""
+    count, frames = sum(result.lost_rows.values()), len(result.lost_rows)
+    return (
+        f"{count} rows in {frames} of the frames repeat the row before, as when a transfer loses some, and were "
+        "interpolated"
+    )
+
+
 def _frames_by_edge(result: FilmResult) -> str:
     """Name the frames that fell back to the edge, with their verb."""
     frames = sorted(result.edges)
@@ -344,7 +355,7 @@ def _attributes(options: FilmOptions, result: FilmResult, uncertainties: dict[st
         "blur": result.calibration.blur,
         "harmonics": list(result.view.harmonics),
         "wavelength_used": options.wavelength or NOMINAL_WAVELENGTH,
-        "note": "; ".join(filter(None, (note, _rows_told(result), result.stuck.note))),
+        "note": "; ".join(filter(None, (note, _rows_told(result), _lost_told(result), result.stuck.note))),
         "uncertainties": json.dumps(uncertainties),
         "work": json.dumps(result.work),
     }

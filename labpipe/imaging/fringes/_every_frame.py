@@ -20,6 +20,7 @@ from labpipe.imaging.fringes._ring_fit import HARMONICS, USUAL, FitSettings, Par
 from labpipe.imaging.fringes._rows_of_contacts import leave_out_rows
 from labpipe.imaging.fringes._search import (
     GOOD_MISFIT,
+    Vain,
     View,
     fit_at,
     fit_from,
@@ -83,6 +84,7 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
         for index in map(int, np.flatnonzero(wanted)):
             result.blanks[index] = look_without_fringes(reader.whole(index), view)
     broken = np.flatnonzero(~np.asarray(film.valid, bool))
+    result.lost_rows = reader.lost_rows
     result.damaged = reader.damaged | set(map(int, broken))
     result.leave_out(reader.damaged)
     choose_edges(result)
@@ -215,11 +217,12 @@ def _follow(
     fits: dict[int, RingFit] = {}
     last: RingFit | None = None
     before: RingFit | None = None
+    vain = Vain()
     for index in map(int, np.flatnonzero(read)):
         fit = known.get(index)
         if fit is None:
             frame = reader.whole(index)
-            fit = _next_fit(frame, view, last, before)
+            fit = _next_fit(frame, view, last, before, vain)
         if fit is None:
             if last is None and not known and other is not None and other.learns_from(frame, index):
                 return _follow(reader, result, read, {}, None)
@@ -233,10 +236,12 @@ def _follow(
     return fits
 
 
-def _next_fit(frame: NDArray[np.generic], view: View, last: RingFit | None, before: RingFit | None) -> RingFit | None:
+def _next_fit(
+    frame: NDArray[np.generic], view: View, last: RingFit | None, before: RingFit | None, vain: Vain
+) -> RingFit | None:
     """Fit a frame from the last contact if it is like it, from its centre, or from nothing."""
     if last is None:
-        return search_contact(frame, view)
+        return search_contact(frame, view, None, vain)
     if before is not None:
         fit = _warm_fit(frame, view, last)
         if fit is not None:
@@ -245,7 +250,7 @@ def _next_fit(frame: NDArray[np.generic], view: View, last: RingFit | None, befo
     if last.free == view.settings.free:
         # The usual fit serves this film: what it cannot fit is something else.
         view = replace(view, alternatives=())
-    return search_contact(frame, view, centre)
+    return search_contact(frame, view, centre, vain)
 
 
 def _warm_fit(frame: NDArray[np.generic], view: View, last: RingFit) -> RingFit | None:
@@ -265,6 +270,7 @@ def _refit(reader: FilmReader, result: FilmResult, read: Flags, fits: dict[int, 
     result.blanks.clear()
     found: dict[int, RingFit] = {}
     last: RingFit | None = None
+    vain = Vain()
     for index in map(int, np.flatnonzero(read)):
         frame = reader.whole(index)
         fit: RingFit | None = None
@@ -278,7 +284,7 @@ def _refit(reader: FilmReader, result: FilmResult, read: Flags, fits: dict[int, 
             fit = fit_contact(frame, start, view.optics, view.settings, view.white)
             if fit is not None and (fit.misfit > GOOD_MISFIT or not is_contact(frame, view, fit)):
                 fit = None
-        fit = fit or _next_fit(frame, view, last, None)
+        fit = fit or _next_fit(frame, view, last, None, vain)
         if fit is None:
             result.blanks[index] = look_without_fringes(frame, view)
         else:

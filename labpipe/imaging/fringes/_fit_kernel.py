@@ -312,7 +312,8 @@ def _add_differences(
         if not math.isnan(difference):
             totals[2] += difference * difference
             totals[3] += 1.0
-    above[:] = here
+    for column in range(len(here)):  # whole rows at once would compile three seconds longer
+        above[column] = here[column]
 
 
 @compiled(nogil=True)

@@ -304,6 +304,8 @@ def is_sphere(window: Window, term: Floats, distance: Floats, optics: Optics, fa
     factor : float, optional
         Multiple of the squares left by the contact that the sphere may leave.
     """
-    phase = 0.5 * optics.phase_scale * (distance**2 + 1.0 / 6.0)
-    sphere = window.left_by_both(np.cos(phase), np.sin(phase))
+    # A Gaussian blur of a phase that is square in the distance, in closed form.
+    softened = 1.0 / (1.0 - 1j * optics.phase_scale * optics.blur**2)
+    wave = softened * np.exp(0.5j * optics.phase_scale * (distance**2 + 1.0 / 6.0) * softened)
+    sphere = window.left_by_both(wave.real, wave.imag)
     return sphere < factor * float(window.left_by(term)[0])

@@ -34,6 +34,12 @@ _MOST_SPOTS, _MOST_FITS = 4, 3
 _QUICK_PIXELS, _QUICK_ITERATIONS = 12_000, 12
 #: Least ratio of the structure in a reduced frame to its noise.
 _LEAST_STRUCTURE = 8.0
+#: Misfit of a fit from which its start is nonsense, and of the first fringe from which another
+#: explanation does not explain it either: right ones left 0.6 and 0.1 at most.
+_NONSENSE, _UNEXPLAINED = 1.0, 0.3
+#: Distance (px) below which a circle is taken for one that nothing explained before, and in how many
+#: frames nothing did.
+_SAME_CIRCLE, _TWICE = 1.5, 2
 #: Residual beyond the noise, as a share of the modulation, from which a fit is not believed:
 #: measured 0.03 for R 2 % wrong, 0.04 for light of low coherence; 0.1 and more for fits of
 #: something else.
@@ -121,7 +127,29 @@ class View:
         return make_templates(self.shape, self.optics, settings.fringes, settings.least_spacing)
 
 
-def search_contact(frame: NDArray[np.generic], view: View, centre: tuple[float, float] | None = None) -> RingFit | None:
+class Vain:
+    """Circles in the frames of a film that no other explanation than the usual one fits either.
+
+    What stands there still, a speck of dust or a disc without fringes, is not tried again.
+    """
+
+    def __init__(self) -> None:
+        self._circles: list[Floats] = []
+
+    def view_of(self, view: View, x: float, y: float, radius: float) -> View:
+        """Return the view of a circle (px): without alternatives where they failed before."""
+        circle = np.array([x, y, radius])
+        known = sum(bool(np.abs(circle - other).max() < _SAME_CIRCLE) for other in self._circles)
+        return replace(view, alternatives=()) if known >= _TWICE else view
+
+    def add(self, x: float, y: float, radius: float) -> None:
+        """Remember a circle (px)."""
+        self._circles.append(np.array([x, y, radius]))
+
+
+def search_contact(
+    frame: NDArray[np.generic], view: View, centre: tuple[float, float] | None = None, vain: Vain | None = None
+) -> RingFit | None:
     """Find and fit the contact in a frame without knowing where it is.
 
     Parameters
@@ -132,6 +160,8 @@ def search_contact(frame: NDArray[np.generic], view: View, centre: tuple[float, 
         Optics and settings.
     centre : (float, float), optional [px]
         Where the contact was in other frames; tried first.
+    vain : Vain, optional
+        What was tried in vain in other frames of the film.
 
     Returns
     -------
@@ -144,27 +174,42 @@ def search_contact(frame: NDArray[np.generic], view: View, centre: tuple[float, 
         found = fit_at(frame, view, *centre)
         if found is not None:
             return found
+    vain = Vain() if vain is None else vain
     spots = find_spots(frame)[:_MOST_SPOTS]
     sights = [sight for spot in spots for sight in look_at(frame, view, spot.x, spot.y)]
     sights.sort(key=lambda sight: -sight[0].score)
     plain = replace(view, alternatives=())
+    usual = []
     for match, x, y in sights[:_MOST_FITS]:
-        found = fit_match(frame, plain, match, x, y)
+        usual.append(fit_from(frame, plain, start_of(match, view, x, y)))
+        found = _whole_fit(frame, plain, usual[-1])
         if found is not None:
             return found
     # Uneven light, blur and an oblique view lead the comparison astray more than they do an edge.
     edges = (find_edge(frame, spot.x, spot.y, spot.radius, view.black) for spot in spots)
     for edge in (edge for edge in edges if edge is not None):
-        found = fit_edge(frame, view, edge)
+        circle = edge.x, edge.y, edge.half_radius
+        found = fit_edge(frame, vain.view_of(view, *circle), edge)
         if found is not None:
             return found
-    for match, x, y in sights[:_MOST_FITS]:
-        found = fit_match(frame, view, match, x, y)
-        if found is not None:
-            return found
+        vain.add(*circle)
+    for (match, x, y), first in zip(sights[:_MOST_FITS], usual, strict=True):
+        circle = x, y, match.radius
+        if first is not None:
+            tried = vain.view_of(view, *circle)
+            other = otherwise(frame, tried, start_of(match, view, x, y), first)
+            found = None if other is first else _whole_fit(frame, view, other)
+            if found is not None:
+                return found
+            vain.add(*circle)
     # Perhaps there is a spot that no threshold separates from uneven light.
-    fits = (fit_at(frame, view, spot.x, spot.y) for spot in find_centres(frame))
-    return next((found for found in fits if found is not None), None)
+    for spot in find_centres(frame):
+        circle = spot.x, spot.y, 0.0
+        found = fit_at(frame, vain.view_of(view, *circle), spot.x, spot.y)
+        if found is not None:
+            return found
+        vain.add(*circle)
+    return None
 
 
 def has_structure(frame: NDArray[np.generic]) -> bool:
@@ -220,7 +265,11 @@ def fit_at(frame: NDArray[np.generic], view: View, x: float, y: float) -> RingFi
 
 def fit_match(frame: NDArray[np.generic], view: View, match: Match, x: float, y: float) -> RingFit | None:
     """Fit from a match, with some of the pixels until it proves to be a contact."""
-    found = fit_from(frame, view, start_of(match, view, x, y))
+    return _whole_fit(frame, view, fit_from(frame, view, start_of(match, view, x, y)))
+
+
+def _whole_fit(frame: NDArray[np.generic], view: View, found: RingFit | None) -> RingFit | None:
+    """Fit all pixels from a fit of some of them, if it proves to be a contact."""
     if found is None or not is_contact(frame, view, found):
         return None
     settings = replace(view.settings, free=found.free)
@@ -276,14 +325,21 @@ def fit_from(frame: NDArray[np.generic], view: View, start: Floats) -> RingFit |
     if first is None or first.pixels < _LEAST_PIXELS:
         return None
     found = fit_contact(frame, first.parameters, view.optics, quick, view.white)
-    if found is None:
-        return None
+    return None if found is None else otherwise(frame, view, start, found)
+
+
+def otherwise(frame: NDArray[np.generic], view: View, start: Floats, found: RingFit) -> RingFit:
+    """Fit with the alternatives what the usual fit does not explain; the usual fit where none does better."""
     alternatives, least = view.alternatives, min(GOOD_MISFIT, found.misfit)
     if found.misfit < GOOD_MISFIT:
         if not _has_long_travel(view, found):
             return found
         alternatives = tuple(extra for extra in alternatives if Parameter.BLUR in extra)
         least = _BLUR_BEFORE_TRAVEL * found.misfit
+    elif found.misfit > _NONSENSE:
+        return found
+    quick = replace(view.settings, max_pixels=_QUICK_PIXELS, max_iterations=_QUICK_ITERATIONS)
+    near = replace(quick, fringes=1.0, tells_memory=False)
     # Perhaps the view is oblique or out of focus, R or the wavelength is not what it is said to
     # be, or there are many beams.
     for extra in alternatives:
@@ -294,7 +350,7 @@ def fit_from(frame: NDArray[np.generic], view: View, start: Floats) -> RingFit |
         # A blur and a travel are hardly told from each other by the first fringe alone.
         started = tuple(p for p in free if p != Parameter.SMEAR) if Parameter.BLUR in extra else free
         first = fit_contact(frame, other, view.optics, replace(near, free=started), view.white)
-        if first is None:
+        if first is None or first.misfit > _UNEXPLAINED:
             continue
         trial = fit_contact(frame, first.parameters, view.optics, replace(quick, free=free), view.white)
         if trial is not None and trial.misfit < least:
@@ -339,7 +395,8 @@ def is_contact(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
         return not may_be_edge
     if may_be_edge and is_edge(window, term, _FRINGES_SURE):
         return False
-    return not (is_small and is_sphere(window, term, distance, view.optics))
+    seen = replace(view.optics, blur=_blur_of(view, found))
+    return not (is_small and is_sphere(window, term, distance, seen))
 
 
 def _has_long_travel(view: View, found: RingFit) -> bool:

@@ -90,7 +90,8 @@ def anchor_at(points: Points, found: Superposition) -> Anchor:
         change = found.rival.log10_aT - state.log10_aT
         change = change - float(share @ change)
         apart = np.eye(model.temperature.size) - share
-        covariance = covariance + np.outer(change, change) + propagated_covariance(apart, found.rival.covariance)
+        other = np.outer(change, change) + propagated_covariance(apart, found.rival.covariance)
+        covariance = covariance + found.rival.belief * other
     if model.horizontal == "free":
         apart = np.eye(count) - share
         own = repeatability(model.temperature, state.log10_aT, covariance)

@@ -70,10 +70,16 @@ _LAW_ROUGHNESS = 0.1
 # the scatter, and count from this gain on: with one process
 # it was −3 ± 4 and never above 4.1 (30 sets with every law), with two that shift by 0.85 : 1 about 10.
 _RIVAL_NEEDS, _NOTHING_LEFT, _RIVAL_GAIN = 5, 1.15, 8.0
+# Odds of two processes before the data, and the exponent at which odds are certain.
+_RIVAL_ODDS, _SURE = 1.0 / 3.0, 50.0
 # Share of its measured value that a loss keeps at least when laws are taken out of it.
 _LEAST_LOSS = 1e-3
+# Starts are compared before they have settled to the last digit: tolerance and iterations.
+_STARTING = (1e-4, 12)
 # Mean squared residual, in units of the noise, of a start that cannot be called a fit.
 _FAR_FROM_NOISE = 4.0
+# Share of the misfit that a delay has to leave at most to be there from the start.
+_MUCH_NEARER = 0.5
 
 
 def superpose(
@@ -113,10 +119,12 @@ def superpose(
     base = replace(
         model, vertical=verticals[0], has_delay=delay is True, level_spread=FIRST_LEVELS if levels is True else 0.0
     )
-    best = _best_start(points, base, noise, starts)
+    best = _best_start(points, base, noise, starts, delay is None)
     current = _probed(points, _settled_finely(points, best, noise, options), options)
     refused: tuple[Vertical, ...] = ()
     for _ in range(_MAX_EXTENSIONS):
+        if not points.work.goes_on():
+            break
         extended = extended_by_a_law(points, current, options, starts)
         if extended is None:
             break
@@ -142,7 +150,7 @@ def superpose(
 
 
 def _rival(points: Points, current: Superposition, options: Options) -> TwoProcesses | None:
-    """Return two processes where they describe the sweeps better than superposition and its laws.
+    """Return two processes, and how far they are to be believed beside superposition and its laws.
 
     A fit that needs no law and misses by no more than the scatter leaves them nothing to explain.
     """
@@ -165,7 +173,9 @@ def _rival(points: Points, current: Superposition, options: Options) -> TwoProce
     # A small slope of the modulus is no second process.
     slope = possible_slope(points, replace(current, fit=present))
     cost = predictive_cost(present, model) - (slope.gain if slope else 0.0)
-    return best if cost - best.cost > _RIVAL_GAIN else None
+    gain = cost - best.cost
+    odds = 1.0 / (1.0 + np.exp(np.clip(0.5 * gain, -_SURE, _SURE)) * _RIVAL_ODDS)
+    return replace(best, belief=1.0 if gain > _RIVAL_GAIN else float(1.0 - odds))
 
 
 def _without_laws(points: Points, state: State) -> tuple[Points, Floats]:
@@ -187,7 +197,7 @@ def _doubted(
         ratio = violation(current, options)
         if not free or ratio <= VIOLATED:
             return replace(current, violation=ratio)
-        if starts is not None:
+        if starts is not None or not points.work.goes_on():
             break
         anew = started_anew(points, current, options)
         other = other_minimum(points, current, options, anew)
@@ -212,7 +222,7 @@ def _settled_finely(points: Points, candidate: Candidate, noise: Noise, options:
     may explain: it starts coarse again. Neighbouring residuals that say the same count once.
     """
     current = settled(points, candidate, noise, options, TERMS_PER_DECADE)
-    while 2 * current.fit.grid.terms_per_decade <= MOST_TERMS_PER_DECADE:
+    while 2 * current.fit.grid.terms_per_decade <= MOST_TERMS_PER_DECADE and points.work.goes_on():
         fit, model = current.fit, current.model
         weight = weights_of(points, current.noise, fit.predicted) * huber(current, options)
         density, strength = fit.grid.terms_per_decade, fit.solution.strength
@@ -229,9 +239,13 @@ def _settled_finely(points: Points, candidate: Candidate, noise: Noise, options:
 
 
 def _best_start(
-    points: Points, model: OuterModel, noise: Noise, starts: Sequence[tuple[str, Floats]] | None
+    points: Points, model: OuterModel, noise: Noise, starts: Sequence[tuple[str, Floats]] | None, may_be_late: bool
 ) -> Candidate:
-    """Run the joint fit from every start and keep the best."""
+    """Run the joint fit from every start and keep the best.
+
+    Where it stays far from the noise, the phase may have a delay, without which shifts run away: a
+    glass loses less than a delay of a ten-thousandth of a second makes it seem to lose.
+    """
     ln_bT = entropic_ln_bT(model) if model.vertical == "rho_T" else np.zeros(model.temperature.size)
     if starts is None:
         starts = (
@@ -240,7 +254,14 @@ def _best_start(
         )
     weight = weights_of(points, noise)
     runs = [_run(points, weight, model, name, shifts) for name, shifts in starts]
-    if len(runs) > 1 and model.horizontal == "free" and np.unique(model.temperature).size > _LAW_NEEDS:
+    nearest = min(run.fit.solution.misfit for run in runs)
+    if may_be_late and model.horizontal == "free" and nearest > _FAR_FROM_NOISE * weight.size:
+        late = replace(model, has_delay=True)
+        others = [_run(points, weight, late, name, shifts) for name, shifts in starts]
+        if min(run.fit.solution.misfit for run in others) < _MUCH_NEARER * nearest:
+            model, runs = late, others
+    is_many = np.unique(model.temperature).size > _LAW_NEEDS
+    if len(runs) > 1 and model.horizontal == "free" and is_many and points.work.goes_on():
         best = min(runs, key=lambda run: run.cost)
         runs.append(_run(points, weight, model, "law", _smoothed(points, best)))
     runs.sort(key=lambda run: run.cost)
@@ -264,11 +285,11 @@ def _run(points: Points, weight: Floats, model: OuterModel, name: str, shifts: F
     state = started.start()
     grid = grid_for(points, state, TERMS_PER_DECADE, FIRST_MARGIN)
     first = evaluate(points, weight, grid, state, FIRST_STRENGTH)
-    fit = minimise(points, weight, first, started)
+    fit = minimise(points, weight, first, started, *_STARTING)
     if fit.solution.misfit > _FAR_FROM_NOISE * weight.size:
         # Few single times are no smooth spectrum: smoothing would have moved the shifts instead.
         # What stays far from the noise even so has another cause, which laws may tell later.
-        loose = minimise(points, weight, evaluate(points, weight, grid, state, None), started)
+        loose = minimise(points, weight, evaluate(points, weight, grid, state, None), started, *_STARTING)
         fit = loose if loose.solution.misfit <= _FAR_FROM_NOISE * weight.size else fit
     return _Run(name, predictive_cost(fit, started), fit, started)
 
@@ -299,7 +320,7 @@ def _probed(points: Points, current: Superposition, options: Options) -> Superpo
     for may_move in (True,) * _MAX_MOVES + (False,):
         probe = _walked(points, current, options, 1.0, may_move)
         current = replace(current, probe=probe)
-        if probe.better is None:
+        if probe.better is None or not points.work.goes_on():
             break
         candidate = Candidate(current.model, probe.better, current.starts)
         current = settled(points, candidate, current.noise, options)

@@ -19,7 +19,7 @@ Golub & Pereyra, Inverse Problems 19 (2003) R1, doi:10.1088/0266-5611/19/2/201.
 Kaufman, BIT 15 (1975) 49, doi:10.1007/BF01932995.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -38,6 +38,7 @@ from labpipe.materials.spectrum import (
     solve_normal,
 )
 from labpipe.materials.superposition._shift_parameters import OuterModel, State
+from labpipe.materials.superposition._work import Work
 
 _LN10 = float(np.log(10.0))
 # Levenberg-Marquardt: first damping relative to the diagonal, its factors, and the stop. The
@@ -65,6 +66,8 @@ class Points:
         Number of isotherms.
     readings : array (point,), optional
         Of how many readings every point is the mean; by default of one.
+    work : Work
+        What fits of these points have cost, shared with all parts of them.
     """
 
     omega: Floats
@@ -73,6 +76,7 @@ class Points:
     loss: Floats
     count: int
     readings: Floats | None = None
+    work: Work = field(default_factory=Work, compare=False)
 
     def only(self, kept: NDArray[np.bool_] | NDArray[np.intp]) -> "Points":
         """Return some of the points, isotherms numbered as before."""
@@ -83,6 +87,7 @@ class Points:
             self.loss[kept],
             self.count,
             None if self.readings is None else self.readings[kept],
+            self.work,
         )
 
     @property
@@ -161,11 +166,12 @@ def evaluate(
     vertical = np.exp(state.ln_bT[points.isotherm])
     phase = points.omega * state.delay
     turn, lean = np.cos(phase) * vertical, np.sin(phase) * vertical
-    rows = _design(shapes, turn, lean, grid)
-    rows *= weight[:, None]
+    rows = _design(shapes, turn, lean, grid, weight)
+    points.work.spent += rows.size
     measured = np.concatenate([points.storage, points.loss])
     target = measured * weight
-    solution = solve_nearby(rows, target, grid.penalty, guess) if guess is not None else None
+    gram = rows.T @ rows if guess is not None else None
+    solution = None if guess is None or gram is None else solve_nearby(rows, target, gram, grid.penalty, guess)
     if solution is None:
         system = compress(rows, target)
         if strength is None:
@@ -184,8 +190,8 @@ def evaluate(
     by_shift = np.concatenate([turn * storage_slope - lean * loss_slope, lean * storage_slope + turn * loss_slope])
     by_delay = np.concatenate([-points.omega * predicted[half:], points.omega * predicted[:half]])
     used = rows if active.all() else rows[:, active]
-    normal = used.T @ used
-    normal += solution.strength * grid.penalty[:, active].T @ grid.penalty[:, active]
+    normal = used.T @ used if gram is None else gram[np.ix_(active, active)]
+    normal = normal + solution.strength * grid.penalty[:, active].T @ grid.penalty[:, active]
     return Fit(
         state=state,
         grid=grid,
@@ -200,18 +206,21 @@ def evaluate(
     )
 
 
-def _design(shapes: tuple[Floats, Floats], turn: Floats, lean: Floats, grid: Grid) -> Floats:
-    """Return storage and loss of every term and of the relaxed modulus, (2 point, term + 1).
+def _design(shapes: tuple[Floats, Floats], turn: Floats, lean: Floats, grid: Grid, weight: Floats) -> Floats:
+    """Return storage and loss of every term and of the relaxed modulus, weighted, (2 point, term + 1).
 
     ``turn`` and ``lean`` are the vertical factor times cosine and sine of the phase error.
     """
     half, terms = shapes[0].shape
     design = np.empty((2 * half, terms + 1))
-    for part, first, sign, second in ((design[:half], 0, -1.0, 1), (design[half:], 1, 1.0, 0)):
-        np.multiply(shapes[first], turn[:, None], out=part[:, :-1])
+    for part, w, first, sign, second in (
+        (design[:half], weight[:half], 0, -1.0, 1),
+        (design[half:], weight[half:], 1, 1.0, 0),
+    ):
+        np.multiply(shapes[first], (w * turn)[:, None], out=part[:, :-1])
         if lean.any():
-            part[:, :-1] += sign * lean[:, None] * shapes[second]
-    design[:half, -1], design[half:, -1] = turn, lean
+            part[:, :-1] += (sign * w * lean)[:, None] * shapes[second]
+    design[:half, -1], design[half:, -1] = weight[:half] * turn, weight[half:] * lean
     design *= grid.scale
     return design
 
@@ -222,7 +231,8 @@ def modelled(points: Points, fit: Fit) -> Floats:
     vertical = np.exp(state.ln_bT[points.isotherm])
     phase = points.omega * state.delay
     shapes = maxwell_shapes(reduced(points, state), grid.ln_time)
-    design = _design(shapes, np.cos(phase) * vertical, np.sin(phase) * vertical, grid)
+    one = np.ones(2 * points.omega.size)
+    design = _design(shapes, np.cos(phase) * vertical, np.sin(phase) * vertical, grid, one)
     return np.asarray(design @ fit.solution.coefficient)
 
 

@@ -81,6 +81,8 @@ def extended_by_a_law(
     for model in [move for move in moves if move.has_delay <= current.model.has_delay]:
         is_removal = replace(model, has_delay=True) == current.model
         for first in [current.fit.state, *([] if is_removal else first_states)]:
+            if tried and not points.work.goes_on():
+                break
             fit = _stiff(points, weight, current, model, first)
             tried.append((_criterion(points, fit, model), model, fit))
     tried.sort(key=lambda one: one[0])

@@ -164,7 +164,7 @@ def master_curve(
         found = fit(data.points)
         for _ in range(_LOOKS if robust else 0):
             far = off_the_curve(data.points, found.fit.predicted)
-            if not far.any():
+            if not far.any() or not data.points.work.goes_on(times=2):
                 break
             data = without_readings(data, far)
             found = fit(data.points)

@@ -143,6 +143,8 @@ def with_other_slopes(points: Points, current: Superposition, options: Options) 
     rise = 2.0 / np.pi * np.log(10.0) * float(np.median(points.loss / points.storage))
     if SLOPE_SPREAD * float(np.ptp(model.temperature)) / 2.0 < _REACH * rise or current.violation > VIOLATED:
         return current
+    if not points.work.goes_on():
+        return current
     solution = replace(current.fit.solution, strength=min(current.fit.solution.strength, _STIFF))
     softer = replace(current, fit=replace(current.fit, solution=solution))
     weight = _weight(points, current, options)

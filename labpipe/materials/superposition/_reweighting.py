@@ -57,7 +57,7 @@ class Superposition:
     violation : float
         Noise of the fit over scatter of the sweeps, of the worse modulus.
     rival : TwoProcesses, optional
-        Two processes that describe the sweeps better than superposition does.
+        Two processes that describe the sweeps as well as superposition does, or better.
     refused : tuple of str
         Vertical laws that fit only with factors of no material.
     slopes : tuple of (float, array (isotherm,))

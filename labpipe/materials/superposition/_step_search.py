@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from labpipe.arrays import Floats
 from labpipe.materials.spectrum import MARGIN_DECADES
 from labpipe.materials.superposition._joint_fit import Fit, Points, evaluate, grid_for, minimise, predictive_cost
-from labpipe.materials.superposition._shift_parameters import OuterModel, State
+from labpipe.materials.superposition._shift_parameters import STEP_SPREAD, STEP_SPREAD_PER_KELVIN, OuterModel, State
 
 #: Steps known worse than this (decades) are walked.
 LOOSE = 0.1
@@ -75,6 +75,9 @@ def probe_steps(
     variance = np.zeros(len(groups))
     better: Fit | None = None
     for k, group in enumerate(groups):
+        if not points.work.goes_on():
+            variance[k] = _expected_variance(model, group)
+            continue
         strength = fit.solution.strength
         present = _refitted(points, weight, fit, model, fit.state.log10_aT, strength)
         found, spread = _walked(points, weight, present, model, group)
@@ -83,6 +86,13 @@ def probe_steps(
             continue
         variance[k] = max(spread - float(group @ known @ group), 0.0)
     return Probe(np.array(groups).reshape(-1, model.temperature.size), variance, better)
+
+
+def _expected_variance(model: OuterModel, group: Floats) -> float:
+    """Return what is known of a step that was not walked: that of polymers."""
+    order = np.argsort(model.temperature, kind="stable")
+    step = int(np.flatnonzero(np.diff(group[order]))[0])
+    return (STEP_SPREAD + STEP_SPREAD_PER_KELVIN * float(np.diff(model.temperature[order])[step])) ** 2
 
 
 def _loose_steps(points: Points, fit: Fit, model: OuterModel, known: Floats) -> list[Floats]:

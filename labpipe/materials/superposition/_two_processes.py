@@ -15,6 +15,7 @@ Plazek, J. Rheol. 40 (1996) 987, doi:10.1122/1.550776.
 """
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -59,12 +60,15 @@ class TwoProcesses:
     cost : float
         Misfit, twice the effective number of terms, and the expectation of shifts: comparable
         with :func:`._joint_fit.predictive_cost` at the same weights.
+    belief : float
+        Probability of two processes after the data; one where they are the better model beyond doubt.
     """
 
     share: float
     log10_aT: Floats
     covariance: Floats
     cost: float
+    belief: float = 1.0
 
 
 def two_processes(points: Points, weight: Floats, model: OuterModel, log10_aT: Floats, strength: float) -> TwoProcesses:
@@ -89,9 +93,13 @@ def two_processes(points: Points, weight: Floats, model: OuterModel, log10_aT: F
     if continued is not None:
         starts.append(continued - continued[model.reference])
     search = _Search(points, weight, model, strength)
-    tried = [search.best(first, share, _SCREENING) for first in starts for share in _SHARES]
+    tried: list[TwoProcesses] = []
+    for first, share in product(starts, _SHARES):
+        if tried and not points.work.goes_on():
+            break
+        tried.append(search.best(first, share, _SCREENING))
     found = min(tried, key=lambda fit: fit.cost)
-    return search.best(found.log10_aT, found.share, _MAX_ITERATIONS)
+    return search.best(found.log10_aT, found.share, _MAX_ITERATIONS) if points.work.goes_on() else found
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,8 +163,9 @@ class _Search:
         constant = np.full((points.omega.size, 1), grids[0].scale[-1])
         design = np.vstack([np.hstack([*storage, constant]), np.hstack([*loss, 0.0 * constant])])
         rows = design * self.weight[:, None]
+        points.work.spent += rows.size
         target = np.concatenate([points.storage, points.loss]) * self.weight
-        solution = solve_nearby(rows, target, penalty, guess) if guess is not None else None
+        solution = solve_nearby(rows, target, rows.T @ rows, penalty, guess) if guess is not None else None
         if solution is None:
             solution = solve(*compress(rows, target), penalty, self.strength)
         weights, active = solution.coefficient, solution.coefficient > 0

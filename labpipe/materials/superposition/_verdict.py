@@ -54,6 +54,7 @@ def verdict_on(points: Points, found: Superposition, kk: KramersKronig) -> Verdi
     objections = [
         *_two_processes(found),
         *_residuals(found),
+        *_search(points),
         *_vertical(found),
         *_slopes(found),
         *_steps(points, found),
@@ -65,7 +66,7 @@ def verdict_on(points: Points, found: Superposition, kk: KramersKronig) -> Verdi
 
 
 def _two_processes(found: Superposition) -> Iterator[tuple[Level, str]]:
-    if found.rival is None:
+    if found.rival is None or found.rival.belief < 1.0:
         return
     change = np.abs(found.rival.log10_aT - found.fit.state.log10_aT)
     worst = int(np.argmax(change))
@@ -76,6 +77,15 @@ def _two_processes(found: Superposition) -> Iterator[tuple[Level, str]]:
         f"curve; their shifts differ by up to {change[worst]:.2f} decades "
         f"({float(found.model.temperature[worst]):.0f} °C), part of the uncertainties",
     )
+
+
+def _search(points: Points) -> Iterator[tuple[Level, str]]:
+    if points.work.is_cut:
+        yield (
+            "doubtful",
+            "the search for shifts and laws was ended after a fixed amount of work, before everything was tried: "
+            "hand-set shifts to start from, a shift law, or fewer temperatures at a time would help",
+        )
 
 
 def _residuals(found: Superposition) -> Iterator[tuple[Level, str]]:

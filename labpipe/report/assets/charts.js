@@ -82,7 +82,8 @@
   const logTicks = (low, high) => {
     const ticks = [];
     for (let power = Math.floor(Math.log10(low)); power <= Math.ceil(Math.log10(high)); power += 1) {
-      for (let digit = 1; digit < 10; digit += 1) {
+      // Over many decades lines between the powers would grey the picture.
+      for (let digit = 1; digit < (high / low > 1e12 ? 2 : 10); digit += 1) {
         const value = digit * 10 ** power;
         if (value >= low * (1 - 1e-9) && value <= high * (1 + 1e-9)) ticks.push(value);
       }
@@ -90,11 +91,12 @@
     return ticks;
   };
 
-  const logLabels = (ticks) => {
+  /** Texts of logarithmic ticks; `most` decades have room for a text each. */
+  const logLabels = (ticks, most) => {
     const decades = Math.log10(ticks[ticks.length - 1] / ticks[0]);
     return ticks.map((value) => {
       const size = Math.floor(Math.log10(value) + 1e-9), digit = Math.round(value / 10 ** size);
-      const every = decades > 9 ? 2 : 1;
+      const every = Math.max(decades > 9 ? 2 : 1, Math.ceil(decades / most));
       const named = decades < 1 ? [1, 2, 3, 5, 7].includes(digit) : decades < 2 ? [1, 2, 5].includes(digit) : digit === 1 && size % every === 0;
       return named ? powerText(value) : "";
     });
@@ -580,7 +582,7 @@
       scale: key, label: isX ? chart.description.xLabel : undefined, font: `12px ${family}`, labelFont: `13px ${family}`, labelGap: 2,
       labelSize: 22, gap: 5, space: isX ? 64 : 36, stroke: () => colour("--text"),
       grid: { stroke: () => colour("--grid"), width: 1 }, ticks: { stroke: () => colour("--axis"), width: 1, size: 5 }, border: { show: true, stroke: () => colour("--axis"), width: 1 },
-      values: (u, ticks, place, space, step) => (scale === "log" ? logLabels(ticks) : ticks.map((v) => tickText(v, step))),
+      values: (u, ticks, place, space, step) => (scale === "log" ? logLabels(ticks, isX ? (u.width - 80) / 40 : u.height / 22) : ticks.map((v) => tickText(v, step))),
       size: (u, values) => {
         if (isX) return 28;
         u.ctx.save(); u.ctx.font = `${12 * (window.devicePixelRatio || 1)}px ${family}`;

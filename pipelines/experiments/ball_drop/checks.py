@@ -177,6 +177,7 @@ def _of_record(fall: Fall, moved: xr.Dataset, stiffness: Stiffness | None, setti
         fall_checks.acceleration(fall, gravity),
         fall_checks.height(fall, settings.height),
         fall_checks.speed(fall, gravity),
+        fall_checks.smooth_flights(fall),
         fall_checks.restitution(fall),
         fall_checks.apexes(fall),
         fall_checks.flights_alike(fall, gravity),

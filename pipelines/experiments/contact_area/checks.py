@@ -68,7 +68,7 @@ def judgement(
         checks += [_size(impacts, settings), _like_model(impacts, model, settings), _order(impacts, settings)]
         checks += [_flight(impacts, model, settings), _duration(impacts, model, settings), _rest(impacts, settings)]
         if radius is not None:
-            checks.append(_steady(radius, impacts, settings))
+            checks += [_steady(radius, impacts, settings), _ends(radius, impacts, settings)]
     compared_rows = []
     if comparison is not None and impacts is not None and model is not None:
         compared_rows = list(rows(comparison, impacts, model, settings=settings))
@@ -249,6 +249,19 @@ def _flies(radius: xr.Dataset, settings: ContactArea) -> Check:
         text = f"{message}, from the first frame on"
         return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
     return stated(name, law, message, None, file=settings.film)
+
+
+def _ends(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> Check:
+    """Look for a film whose last frame shows the only impact that it holds."""
+    name, law = "end of the film", "a contact has its largest radius in its middle: a film must see it open again"
+    time = radius["time"].values
+    lasts = float(impacts["last_seen"][-1] - impacts["first_seen"][-1])
+    ends_in_it = impacts.sizes["impact"] == 1 and float(impacts["last_seen"][-1]) >= float(time[-1])
+    if not ends_in_it or isfinite(float(impacts["static_radius"])):
+        return stated(name, law, f"{settings.film}: goes on after the first contact", None, file=settings.film)
+    text = f"{settings.film}: the film ends {quantity(lasts, 's')} after the first contact began, still in contact"
+    cause = "the film was stopped or cut too soon: its largest contact may not be the impact's"
+    return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
 
 
 def _stays(radius: xr.Dataset, settings: ContactArea) -> Check:

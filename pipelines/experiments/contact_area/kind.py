@@ -1,7 +1,7 @@
 """The kind ``contact_area``: its settings, stages and results."""
 
 from labpipe.workflow.graph import Stage
-from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal
+from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal, judged, reported
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.schemas import DROP
 
@@ -43,15 +43,7 @@ _STAGES = (
         ("radius", "impacts", "model"),
         summary="measurement against model",
     ),
-    Stage(
-        "judgement",
-        "pipelines.experiments.contact_area.checks:judgement",
-        ("radius", "impacts", "model", "comparison"),
-        ("*",),
-        context=True,
-        tolerant=True,
-        summary="is it believable, does the model agree?",
-    ),
+    judged("pipelines.experiments.contact_area.checks:judgement", ("radius", "impacts", "model", "comparison")),
     Stage(
         "keys",
         "pipelines.experiments.contact_area.measured:keys",
@@ -59,15 +51,7 @@ _STAGES = (
         ("frame_rate",),
         summary="select key frames for the page",
     ),
-    Stage(
-        "report",
-        "pipelines.experiments.contact_area.page:page",
-        ("judgement", "radius", "impacts", "model", "comparison", "keys"),
-        ("*",),
-        output="page",
-        context=True,
-        summary="write the page",
-    ),
+    reported("pipelines.experiments.contact_area.page:page", ("radius", "impacts", "model", "comparison", "keys")),
 )
 
 KIND = Kind(

@@ -2,7 +2,7 @@
 
 from labpipe.schema import Schema, Variable
 from labpipe.workflow.graph import Stage
-from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal
+from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal, judged, reported
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared.schemas import BOUNCES, VELOCITY
 
@@ -61,23 +61,14 @@ _STAGES = (
         ("motion", "bounces", "other:laser_experiment/repeats"),
         summary="film against laser",
     ),
-    Stage(
-        "judgement",
+    judged(
         "pipelines.experiments.dic_validation.checks:judgement",
         ("track", "motion", "bounces", "comparison", "other:laser_experiment/repeats"),
-        ("*",),
-        context=True,
-        tolerant=True,
-        summary="is it believable, does the laser agree?",
+        "is it believable, does the laser agree?",
     ),
-    Stage(
-        "report",
+    reported(
         "pipelines.experiments.dic_validation.page:page",
-        ("judgement", "track", "motion", "bounces", "velocity", "keys", "comparison", "other:laser_experiment/repeats"),
-        ("*",),
-        output="page",
-        context=True,
-        summary="write the page",
+        ("track", "motion", "bounces", "velocity", "keys", "comparison", "other:laser_experiment/repeats"),
     ),
 )
 

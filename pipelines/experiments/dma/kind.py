@@ -2,7 +2,7 @@
 
 from labpipe.schema import Schema, Variable
 from labpipe.workflow.graph import Stage
-from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal
+from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal, judged, reported
 from pipelines.experiments.dma.settings import MODES, Dma
 
 _SWEEPS = Schema(
@@ -68,23 +68,13 @@ _STAGES = (
         ("mode", "nu", "scale"),
         summary="find the glass transition",
     ),
-    Stage(
-        "judgement",
+    judged(
         "pipelines.experiments.dma.checks:judgement",
         ("readings", "sweeps", "master_curve", "published"),
-        ("*",),
-        context=True,
-        tolerant=True,
-        summary="is it believable?",
+        "is it believable?",
     ),
-    Stage(
-        "report",
-        "pipelines.experiments.dma.page:page",
-        ("judgement", "readings", "sweeps", "master_curve", "published", "temperature_sweep"),
-        ("*",),
-        output="page",
-        context=True,
-        summary="write the page",
+    reported(
+        "pipelines.experiments.dma.page:page", ("readings", "sweeps", "master_curve", "published", "temperature_sweep")
     ),
 )
 

@@ -146,9 +146,9 @@ def _vertical(curve: xr.Dataset) -> str:
     """Name the vertical law for a reader."""
     return {
         "none": "none",
-        "rho_T": "b_T ∝ absolute temperature",
-        "linear": "ln b_T linear in temperature",
-        "quadratic": "ln b_T quadratic in temperature",
+        "rho_T": "b_T ∝ absolute temperature times density",
+        "linear": "linear in temperature",
+        "quadratic": "quadratic in temperature",
     }[str(curve.attrs["vertical_law"])]
 
 
@@ -252,7 +252,7 @@ def _sweeps(settings: Dma, readings: list[xr.Dataset] | None, sweeps: xr.Dataset
         )
         for name, title in (("storage", "Storage modulus"), ("loss", "Loss modulus"))
     ]
-    blocks += [charts[0], Details("Loss modulus", charts[1:])]
+    blocks.append(Details("Storage and loss modulus over frequency", charts))
     for reading in readings or ():
         header = pages.raw_header(reading)
         if header is not None:
@@ -545,14 +545,19 @@ def _transition(ramp: xr.Dataset) -> Section:
                 vlines=lines,
                 group="ramp",
             ),
-            LineChart(
+            Details(
                 "Loss factor over temperature",
-                "temperature / °C",
-                "tan δ",
-                factors,
-                vlines=lines,
-                group="ramp",
-                height_px=220,
+                (
+                    LineChart(
+                        "Loss factor over temperature",
+                        "temperature / °C",
+                        "tan δ",
+                        factors,
+                        vlines=lines,
+                        group="ramp",
+                        height_px=220,
+                    ),
+                ),
             ),
         ),
     )

@@ -21,6 +21,7 @@ from labpipe.units import Quantity
 GUIDE = 5e-3
 """Largest share of g that the friction of a guide or the drag of the air takes from a fall."""
 _ON_GROUND = (9.76, 9.84)  # m/s²: from the equator's mountains to the poles, by the International Gravity Formula
+_ROUGH = 3e-3  # of the fall, by which a body that trembles after an impact may leave its arc
 _SWING = 0.07
 """Largest share of the first impact's speed that a plate, still swinging, adds to a later bounce.
 
@@ -157,6 +158,23 @@ def speed(fall: Fall, gravity: Quantity) -> Check:
         allowance=GUIDE * expected + 2 * fall.swing,
         file=fall.name,
     )
+
+
+def smooth_flights(fall: Fall) -> Check:
+    """Hold what is left of the flights about the first impact against the noise before the release."""
+    name, law = "smoothness of the flights", "nothing acts on a flying body but gravity: flights are arcs with noise"
+    if "chi_square" not in fall.bounces:
+        return not_made(name, law, "flights before and after an impact")
+    ratio, noise = float(fall.bounces["chi_square"].values[0]), float(fall.bounces.attrs["noise"])
+    height = fall.value("drop_height")[0]
+    if not (isfinite(ratio) and isfinite(height)):
+        return not_made(name, law, "flights before and after an impact")
+    left = noise * sqrt(max(ratio - 1.0, 0.0))
+    text = f"{fall.name}: flights leave their arcs by {quantity(left, 'm')}, the noise is {quantity(noise, 'm')}"
+    is_rough = left > max(2 * fall.hum, _ROUGH * height, 5 * noise)
+    cause = "the sensor or its clamp shakes, the body swings or turns, or a filter of the sensor bends the flights"
+    level: Level | None = "doubtful" if is_rough else None
+    return stated(name, law, text, level, cause=cause if is_rough else "", file=fall.name)
 
 
 def restitution(fall: Fall) -> Check:

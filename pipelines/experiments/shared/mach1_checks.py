@@ -806,8 +806,11 @@ def late(name: str, part: Part) -> Check:
         return not_made(title, law, "readings within a third of a second after a ramp")
     means = np.convolve(after, np.full(early.size, 1.0 / early.size), "valid")
     rise, at = float(means.max() - early.mean()), float(time[time >= arrived][int(np.argmax(means))])
-    # running means of noise reach three standard deviations somewhere
-    u = hypot(3 * float(np.std(np.diff(after))) / (2 * early.size) ** 0.5, 2e-3 * float(np.ptp(force)))
+    later = means[means.size // 2 :]
+    places = np.linspace(-1.0, 1.0, later.size)
+    wander = later - np.polyval(np.polyfit(places, later, 1), places)
+    # one of so many running means lies four standard deviations off
+    u = hypot(2 * float(wander.std()), 2e-3 * float(np.ptp(force)))
     text = (
         f"{name}, block {part.number + 1}: the force grows by {quantity(rise, 'N')} more while the stage stands, until "
         f"{quantity(at, 's')}"

@@ -242,8 +242,8 @@ def _zeroed(traces: list[Trace]) -> Check:
     spans = [max(float(np.ptp(a.force)), float(np.ptp(b.force))) for a, b in stays]
     noises = [max(_noise(a.force)) for a, _ in stays]
     beyond = [
-        abs(after - before) - max(_RELAXES * span, _ALONE * noise)
-        for (before, after), span, noise in zip(ends, spans, noises, strict=True)
+        abs(after - before) - max(_RELAXES * span, _ALONE * noise) - float(np.nan_to_num(a.criterion))
+        for (before, after), span, noise, (a, _) in zip(ends, spans, noises, stays, strict=True)
     ]
     worst = int(np.argmax(beyond))
     (before, after), (_, b) = ends[worst], stays[worst]

@@ -142,12 +142,12 @@ def test_steps_are_counted_and_few() -> None:
 def test_measured_history_is_one_or_two_steps_per_sample() -> None:
     """100 Hz with noise and uneven clock, as a tester records it."""
     rng = np.random.default_rng(5)
-    time = np.cumsum(0.01 + 1e-4 * rng.standard_normal(600))
-    depth = 1e-4 + 1e-5 * np.sin(2 * np.pi * time) + 1e-8 * rng.standard_normal(600)
+    time = np.cumsum(0.01 + 1e-4 * rng.standard_normal(300))
+    depth = 1e-4 + 1e-5 * np.sin(2 * np.pi * time) + 1e-8 * rng.standard_normal(300)
     found = indent(SLS, *GEOMETRY, time, depth, rtol=1e-4, elements=256)
-    finer = indent(SLS, *GEOMETRY, time, depth, rtol=1e-7, elements=256)
+    finer = indent(SLS, *GEOMETRY, time, depth, rtol=1e-6, elements=256)
     assert np.abs(found.force / finer.force - 1.0).max() < 3e-4
-    assert json.loads(found.attrs["work"])["solver_steps"] < 4 * 600
+    assert json.loads(found.attrs["work"])["solver_steps"] < 4 * 300
 
 
 @pytest.mark.parametrize("seed", by_day(range(3), 1))
@@ -156,7 +156,7 @@ def test_load_and_displacement_control_agree_on_random_loads(seed) -> None:
     time = np.concatenate([[0.0], np.cumsum(10.0 ** rng.uniform(-6, 1, 10))])
     load = 2e5 * np.abs(rng.random(11))
     pushed = indent_load(SLS, *GEOMETRY, time, load, elements=256)
-    finer = indent_load(SLS, *GEOMETRY, time, load, elements=256, rtol=1e-7)
+    finer = indent_load(SLS, *GEOMETRY, time, load, elements=256, rtol=1e-6)
     difference = np.abs(pushed.displacement - finer.displacement).max()
     assert float(difference) < 1e-4 * float(finer.displacement.max())
 
@@ -209,7 +209,7 @@ def test_heat_of_a_dashpot_is_the_integral_of_the_load_squared() -> None:
     assert heat == pytest.approx(creep.fluidity * 0.5 * (9.0 - 3.0 + 1.0) / 3.0 * float(one), rel=1e-6, abs=0.0)
 
 
-_TAPS = np.linspace(0.0, 3.0, 61)
+_TAPS = np.linspace(0.0, 2.0, 41)
 _HISTORIES = {
     "held": ([0.0, 1.0, 10.0, 100.0], [0.0, 1.0, 1.0, 1.0]),
     "jumps": ([0.0, 0.0, 1.0, 10.0, 10.0, 20.0], [0.0, 1.0, 1.0, 1.0, 0.2, 0.2]),

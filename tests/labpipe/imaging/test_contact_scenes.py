@@ -12,6 +12,8 @@ import xarray as xr
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.imaging import adhesive_edge, contact_radius
+from labpipe.imaging.films._lost_rows import fill_lost_rows
+from labpipe.imaging.fringes import _search
 from pipelines.bench import contact_radius as bench
 from tests.by_day import by_day
 from tests.labpipe.imaging.contact_scenes import Disturbed, film_of, gap_of_jkr, gap_of_worn_flat
@@ -75,6 +77,26 @@ def test_effort_where_no_fringes_are_fitted_is_bounded() -> None:
     assert (found.method == 2).all()
     assert found.attrs["note"].startswith("no fringes fitted; 4 of 4 frames in contact (frames 0, 1, 2, 3)")
     assert ["4 of 4 frames in contact" in text for text in said] == [True]
+
+
+def test_what_nothing_explains_is_not_tried_in_every_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same disc in six frames takes hardly more fits than in two."""
+    fit, made = _search.fit_contact, []
+
+    def counted(*arguments: object) -> object:
+        made.append(1)
+        return fit(*arguments)
+
+    monkeypatch.setattr(_search, "fit_contact", counted)
+    y, x = np.mgrid[: OPTICS.rows, : OPTICS.columns]
+    disc = np.where(np.hypot(x - CENTRE[0], y - CENTRE[1]) < 90.0, 24.0, 120.0)
+    film = np.clip(disc + 5.0 * np.random.default_rng(3).standard_normal((6, *disc.shape)), 0, 255).astype(np.uint8)
+    counts = []
+    for frames in (2, 6):
+        made.clear()
+        measure(film[:frames])
+        counts.append(len(made))
+    assert counts[1] < 2.0 * counts[0]
 
 
 def worn(r: Floats, a: float) -> Floats:
@@ -202,3 +224,39 @@ def test_edge_is_that_of_hertz_without_adhesion() -> None:
     for wrong in ((0.0, 5e9, 0.05), (SPHERE, -1.0, 0.05), (SPHERE, 5e9, -0.05)):
         with pytest.raises(InputError, match="found"):
             adhesive_edge(1e-4, *wrong)
+
+
+@pytest.mark.parametrize("count", by_day([8, 40, 90], 1))
+def test_rows_that_a_transfer_lost_are_interpolated(count: int) -> None:
+    """Each holds the row before it once more, here and there in the frame."""
+    film = film_of(PLAIN, hertz, RADII, CENTRE, seed=5)
+    rng = np.random.default_rng(count)
+    for frame in film:
+        for row in np.sort(rng.choice(np.arange(1, len(frame)), count, replace=False)):
+            frame[row] = frame[row - 1]
+    found, _ = measure(film)
+    check(found, RADII, 0.3 * UM)
+    assert f"{3 * count} rows in 3 of the frames repeat the row before" in found.attrs["note"]
+
+
+def test_rows_of_images_without_noise_are_not_lost() -> None:
+    y, x = np.mgrid[:60, :80]
+    for image in (np.hypot(x - 40, y - 29.5), x, 10 * (y // 7) + x, np.zeros((60, 80))):
+        before = np.rint(image).astype(np.uint8)
+        after = before.copy()
+        assert fill_lost_rows(after) == 0
+        assert (after == before).all()
+
+
+@pytest.mark.parametrize("blur", by_day([6.0, 4.5], 1))
+def test_a_sphere_that_hovers_out_of_focus_is_no_contact(blur: float) -> None:
+    """Its rings are as soft as those of a small contact in the same blur; the contacts beside it are read."""
+    scene = replace(PLAIN, optics=OPTICS.change(blur=blur))
+
+    def gap(r: Floats, a: float) -> Floats:
+        return hertz(r, a) if a > 2.0 * UM else a + r**2 / (2.0 * SPHERE)
+
+    radii = [2.0 * UM, 0.4 * UM, 105.85 * UM, 128.5 * UM, 143.6 * UM, 151.2 * UM, 0.3 * UM]
+    found, _ = measure(film_of(scene, gap, radii, (181.1, 142.9), seed=6))
+    assert (found.method.values == 0).tolist() == [True, True, False, False, False, False, True]
+    check(found.isel(frame=slice(2, 6)), radii[2:6], 0.2 * UM)

@@ -7,7 +7,10 @@ import pytest
 import xarray as xr
 
 from labpipe.materials import kramers_kronig, master_curve
+from labpipe.materials.superposition import _master_curve
 from labpipe.materials.superposition._anchoring import repeatability
+from labpipe.materials.superposition._work import Work
+from tests.by_day import by_day
 
 TEMPERATURES = np.arange(0.0, 101.0, 10.0)
 
@@ -54,10 +57,10 @@ def scattered(rng, temperature, frequency, modulus, of_storage, of_loss):
     )
 
 
-def quiet(measured, **options):
+def quiet(measured, at=50.0, **options):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
-        return master_curve(measured, 50.0, **options)
+        return master_curve(measured, at, **options)
 
 
 def check_two(share, seed):
@@ -235,9 +238,67 @@ def softening_glass(seed, slope, width):
     return found, off, np.all(off <= 3.0 * found.u_log10_aT.values + 1e-3)
 
 
-@pytest.mark.parametrize("slope", [-2e-4, -4e-4, -8e-4])
+@pytest.mark.parametrize("slope", by_day([-2e-4, -4e-4, -8e-4], 2))
 def test_a_softening_glass_of_little_loss_is_not_decades_off(slope):
     found, off, is_covered = softening_glass(3, slope, 0.12)
     assert is_covered, (off, found.u_log10_aT.values)
     assert np.max(off) < 1.0 or found.verdict.level != "pass"
     assert found.vertical != "none"
+
+
+@pytest.mark.parametrize("fall", [0.0, 6e-4])
+def test_the_density_of_a_liquid_that_flows_may_fall_or_not(fall):
+    z = []
+    for seed in range(5):
+        rng = np.random.default_rng((7, seed))
+        temperature, frequency = np.linspace(-45.0, 25.0, 8), np.logspace(-0.5, 2, 14)
+        shifts = -5.5 * (temperature - 25.0) / (125.0 + temperature)
+        z_of = 1j * 2 * np.pi * frequency[:, None] * 10 ** shifts[:, None, None] * np.array([1e-6, 1e-5, 1e-4])
+        factor = ((temperature + 273.15) / 298.15 * (1 - fall * (temperature - 25.0)))[:, None]
+        modulus = factor * ((z_of / (1 + z_of)) @ np.array([4e5, 2e5, 1e5]))
+        found = quiet(scattered(rng, temperature, frequency, modulus, 0.02, 0.02), at=25.0)
+        z.append(((found.log10_aT.values - shifts) / np.maximum(found.u_log10_aT.values, 1e-9))[:-1])
+    assert np.sqrt(np.mean(np.square(z))) < 1.5
+
+
+def glass_and_rubber(seed, count=25):
+    """Sweeps from glass to rubber with a delay, levels of their own and clamps that lose energy."""
+    rng = np.random.default_rng(seed)
+    temperature, frequency = np.linspace(-40.0, 160.0, count), np.logspace(-1.5, 1.5, 31)
+    omega, T_g = 2 * np.pi * frequency, 50.0
+    shifts = np.where(
+        temperature < T_g,
+        1.3e4 * (1 / (temperature + 273.15) - 1 / (T_g + 273.15)),
+        -12 * (temperature - T_g) / (90 + np.maximum(temperature, T_g) - T_g),
+    )
+    modulus = np.array([1e7 + 1.5e9 * dispersion(omega, 10**a, 0.35, 0.5) for a in shifts])
+    modulus = modulus * np.exp(1j * omega * 1.2e-4) * np.exp(0.03 * rng.standard_normal(count))[:, None]
+    modulus = modulus + 0.015j * modulus.real * (omega / (2 * np.pi)) ** 0.2
+    return scattered(rng, temperature, frequency, modulus, 0.01, 0.02)
+
+
+@pytest.mark.slow
+def test_a_hard_search_ends_after_its_work_and_says_so(monkeypatch):
+    seen = []
+
+    def watched(*args):
+        seen.append(read(*args))
+        return seen[-1]
+
+    read = _master_curve.read_sweeps
+    monkeypatch.setattr(_master_curve, "read_sweeps", watched)
+    found = quiet(glass_and_rubber(1), at=60.0)
+    work = seen[0].points.work
+    assert work.spent < 80e6
+    assert found.verdict.level != "pass"
+    assert work.is_cut == any("fixed amount of work" in reason for reason in found.verdict.reasons)
+
+
+def test_work_is_cut_only_where_something_was_left_out():
+    work = Work()
+    assert work.goes_on()
+    work.spent = 30_000_000
+    assert work.goes_on()
+    assert not work.is_cut
+    assert not work.goes_on(times=2)
+    assert work.is_cut

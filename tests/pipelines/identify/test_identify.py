@@ -36,7 +36,7 @@ def rubber(pristine_session: Path, tmp_path_factory: pytest.TempPathFactory):
     (folder / "laser/drop_2.csv").unlink()  # what is lost elsewhere is of no concern here
     said = io.StringIO()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pipelines.identify._identify.sample", lambda known: sample(known, 60))
+        patch.setattr("pipelines.identify._identify.sample", lambda known: sample(known, 30))
         with pytest.raises(SystemExit) as left, contextlib.redirect_stdout(said):
             main(["identify", str(folder), "-e", "nbr", "--sampler", "rto", "--json"])
     assert left.value.code == 0
@@ -70,7 +70,7 @@ def test_draws_of_the_posterior_stand_beside_the_normal_approximation(rubber: Pa
         assert (found[f"drawn_{name}_low"] < found[name]).values[known].all()
         assert (found[f"drawn_{name}_high"] > found[name]).values[known].all()
     page = (rubber / "labpipe/identify_nbr.html").read_text(encoding="utf-8")
-    assert "of 60 draws" in page
+    assert "of 30 draws" in page
 
 
 def test_result_is_a_material_again(rubber: Path) -> None:
