@@ -77,7 +77,8 @@ def judge(checks: Sequence[Check], causes: Sequence[Cause] = ()) -> Judgement:
         believable = "doubtful"
     elif not any(c.is_made for c in checks) or any(c.level is not None and not c.is_made for c in checks):
         believable = "unknown"
-    own = [c.cause for c in explained if c.cause and c.level is not None]
+    worst_first = sorted((c for c in explained if c.level is not None), key=lambda c: -_WEIGHT[c.level or "note"])
+    own = [c.cause for c in worst_first if c.cause]
     sentences = dict.fromkeys([*(e.sentence for e in ranked), *own])
     return Judgement(believable, tuple(explained), tuple(sentences))
 

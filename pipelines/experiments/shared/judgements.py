@@ -242,7 +242,8 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
     judged = believed(result)
     made, found = judged.n_made, judged.findings
     if judged.believable in ("impossible", "doubtful"):
-        cause = f" {_capital(judged.causes[0])}." if judged.causes else ""
+        likeliest = found[0].cause or next(iter(judged.causes), "")
+        cause = f" {_capital(likeliest)}." if likeliest else ""
         word = _capital(judged.believable)
         level = "error" if judged.believable == "impossible" else "warning"
         return level, f"{word}: {found[0].message}.{cause} {_BESIDE[str(result.attrs['model'])]} {_counted(judged)}."

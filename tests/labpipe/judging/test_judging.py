@@ -211,3 +211,11 @@ def test_the_input_that_was_stated_wrongly_is_suspected_first():
 def test_nothing_is_suspected_where_nothing_differs_or_acts():
     assert suspects([0.0, 0.0], [[1.0], [1.0]], np.eye(2)) == []
     assert suspects([1.0, 0.0], [[0.0], [0.0]], np.eye(2)) == []
+
+
+def test_the_cause_of_the_worst_finding_comes_first() -> None:
+    checks = [
+        stated("resolution", "law", "coarse", "note", cause="few digits"),
+        stated("direction", "law", "upwards", "impossible", cause="wrong sign"),
+    ]
+    assert judge(checks).causes == ("wrong sign", "few digits")
