@@ -14,13 +14,15 @@ from labpipe.arrays import Flags, Floats, Floats32
 
 #: Half width of the tiles whose waves are looked at, and their distance (px).
 _REACH, _APART = 24, 24
-#: Periods of a wave in a tile at least, and share of the variance that two waves have together where
-#: a pattern repeats itself: on random patterns and photographs it is at most 0.62.
-_LEAST_PERIODS, _SHARE = 2.5, 0.66
+#: Periods of a wave in a tile at least, and share of the variance that two waves have together where a
+#: pattern may repeat itself.
+_LEAST_PERIODS, _LIKELY = 2.5, 0.4
+#: Share of the variance of these waves and their multiples, up to so many in all, where it does.
+_SHARE, _COUNTED = 0.9, 4
 #: Amplitude of a second wave over that of the first from which both make a grid.
 _SECOND = 0.4
 #: Zeros added to a spectrum, in widths, and half width of a wave of a Hann window in steps of the spectrum.
-_PADDED, _LOBE = 4, 2.0
+_PADDED, _LOBE = 2, 2.0
 #: Highest multiples of the waves of lines and of a grid that are looked for.
 _LINES, _GRID = 15, 5
 #: Share of the squared slopes in folded waves from which a pattern is sharper than the pixels: they
@@ -78,7 +80,7 @@ def find_repeats(image: Floats, layout: NDArray[np.integer]) -> Repeats:
 
 
 def _is_regular(areas: Floats32) -> Flags:
-    """Whether two waves have most of the variance of windowed areas (tile, row, column)."""
+    """Whether two waves have much of the variance of windowed areas (tile, row, column)."""
     from scipy.fft import rfft2
 
     count, size, _ = areas.shape
@@ -94,7 +96,7 @@ def _is_regular(areas: Floats32) -> Flags:
                 near = np.arange(count), (row + y) % size, np.clip(column + x, 0, power.shape[2] - 1)
                 share += power[near]
                 power[near] = 0.0
-    return np.asarray(share > _SHARE * total)
+    return np.asarray(share > _LIKELY * total)
 
 
 def _judge(area: Floats, window: Floats) -> tuple[float, bool]:
@@ -107,10 +109,14 @@ def _judge(area: Floats, window: Floats) -> tuple[float, bool]:
     if spectrum.amplitude(second) > _SECOND * spectrum.amplitude(first):
         waves = np.stack([first, second])
         period = _shortest(waves)
+    whole = float((area**2).sum() / (window**2).sum())
+    counted = _multiples(waves, _COUNTED, half=True)
+    # Waves of a random pattern have multiples that lie together, and would be counted twice.
+    is_apart = (np.hypot(*counted.T) * size >= _LEAST_PERIODS).all()
+    if not is_apart or 0.5 * (spectrum.amplitude(counted) ** 2).sum() < _SHARE * whole:
+        return np.inf, False
     most = _LINES if len(waves) == 1 else _GRID
-    orders = np.stack(np.meshgrid(*[np.arange(-most, most + 1)] * len(waves), indexing="ij"), axis=-1)
-    orders = orders.reshape(-1, len(waves))
-    frequency = orders[np.abs(orders).sum(axis=1) <= most] @ waves
+    frequency = _multiples(waves, most)
     seen = frequency - np.rint(frequency)
     is_held = (np.abs(frequency) < 0.5).all(axis=1)
     folded = seen[~is_held]
@@ -163,6 +169,16 @@ class _Spectrum:
                 if bend < 0.0:
                     place = place + axis * step * np.clip(0.5 * (left - right) / bend, -2.0, 2.0)
         return place
+
+
+def _multiples(waves: Floats, most: int, *, half: bool = False) -> Floats:
+    """Return the sums (sum, 2) of up to so many of the waves (wave, 2), or only those of one sign."""
+    orders = np.stack(np.meshgrid(*[np.arange(-most, most + 1)] * len(waves), indexing="ij"), axis=-1)
+    orders = orders.reshape(-1, len(waves))
+    chosen = np.abs(orders).sum(axis=1) <= most
+    if half:
+        chosen &= orders @ np.array([most + 1, 1])[: len(waves)] > 0
+    return np.asarray(orders[chosen] @ waves)
 
 
 def _wrapped(frequency: Floats) -> Floats:

@@ -88,6 +88,11 @@ def test_a_grid_that_jumps_is_lost(jump: tuple[float, float]) -> None:
     assert wrong(found, tuple(views)) == 0
 
 
+def test_a_grid_of_many_harmonics_is_recognised() -> None:
+    """Two waves have hardly half of its variance; it went by whole pixels into a wrong period."""
+    assert follow("dots", "pixels", 5053)[0] == 0
+
+
 def test_random_patterns_do_not_repeat_themselves() -> None:
     points = np.rint(grid((240, 240), 40, 10)).astype(int)
     fields = [film_scenes.random_field(240, feature, 3) for feature in (0.8, 1.9, 4.5)]
