@@ -116,6 +116,7 @@ def _split(values: Sequence[str]) -> list[str] | None:
 
 
 _TO = click.option("--to", "targets", multiple=True, help="Only this stage and what it needs.")
+_TOLD = 3  # findings on one experiment that a command prints
 _ONLY = click.option("--only", multiple=True, help="Only this experiment and what it needs.")
 _FULL = click.option("--full", is_flag=True, help="Without shortcuts: read and solve everything.")
 
@@ -298,7 +299,9 @@ def summarise(outcome: "RunResult | LabpipeError", judged: "Verdicts | None" = N
     for o in outcome.failures:
         click.echo(f"failed: {o.task}: {o.message}", err=True)
     for one in () if judged is None else judged.experiments:
-        told = "; ".join(f.message for f in one.findings if f.level != "note")
+        grave = [f.message for f in one.findings if f.level != "note"]
+        more = f"; and {len(grave) - _TOLD} more on its page" if len(grave) > _TOLD else ""
+        told = "; ".join(grave[:_TOLD]) + more
         model = f", model: {one.model}" if one.model != "none" else ""
         echo(f"{one.experiment}: believable: {one.believable}{model}{told and f' ({told})'}")
         for cause in one.causes[:1] if told else ():  # what a note hints at stands on the page
