@@ -320,7 +320,7 @@ class VideoFrames(ShownFrames):
         if count < _COMPARED:
             return False
         self._video.set(cv2.CAP_PROP_POS_FRAMES, count - _COMPARED)
-        ends: list[NDArray[np.integer[Any]]] = []
+        ends: list[NDArray[Any]] = []
         for _ in range(_COMPARED):
             is_read, image = self._video.read()
             if not is_read:
