@@ -145,6 +145,8 @@ def superpose(
     if base.horizontal == "free" and points.count >= _RIVAL_NEEDS:
         found = replace(found, rival=_rival(points, found, options))
     found = with_less_smoothing(points, found, options)
+    length = run_length(points, found)
+    found = replace(found, covariance=length * found.covariance, run_length=length)
     # A law that the user has chosen holds as it is; one without numbers was chosen for want of evidence.
     return with_possible_slope(points, found, options) if len(verticals) > 1 else found
 
@@ -205,12 +207,7 @@ def _doubted(
             break
         current = _probed(points, settled(points, other, current.noise, options), options)
     length = run_length(points, current)
-    doubted = replace(
-        current,
-        covariance=length * current.covariance,
-        alternatives=alternatives(points, current, options, anew),
-        violation=ratio,
-    )
+    doubted = replace(current, alternatives=alternatives(points, current, options, anew), violation=ratio)
     return replace(doubted, probe=_walked(points, doubted, options, length, may_move=False))
 
 
@@ -330,7 +327,7 @@ def _probed(points: Points, current: Superposition, options: Options) -> Superpo
 def _walked(points: Points, current: Superposition, options: Options, length: float, may_move: bool) -> Probe:
     """Walk the loose steps, every residual counting for one over the length of its run."""
     moves = current.model.directions(current.fit.state)[0]
-    known = propagated_covariance(moves, current.covariance)
+    known = length * propagated_covariance(moves, current.covariance)
     weight = weights_of(points, current.noise, current.fit.predicted) * huber(current, options)
     weight = weight / np.sqrt(length)
     return probe_steps(points, weight, current.fit, current.model, known, may_move)

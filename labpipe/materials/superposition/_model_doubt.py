@@ -10,9 +10,11 @@ changed; the changes of the shifts are an uncertainty of their own.
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import toeplitz
 
 from labpipe.arrays import Floats
-from labpipe.materials.superposition._joint_fit import Fit, Points, outer_problem, predictive_cost
+from labpipe.materials.superposition._joint_fit import Fit, Points, outer_problem, predictive_cost, sensitivity
 from labpipe.materials.superposition._law_choice import less_smoothed, restarts, screened, under_law
 from labpipe.materials.superposition._reweighting import (
     FIRST_LEVELS,
@@ -39,8 +41,9 @@ _SIMILAR, _BETTER = 9.0, 1.0
 # Slopes of ln b (per kelvin) from which a glass is fitted anew where they could move its shifts by
 # this much (decades), and the smoothing of the comparison at most, in units of the noise.
 _SLOPES, _REACH, _STIFF = (-1e-3, -4e-4, -1e-4), 0.25, 100.0
-# Neighbours are not taken to be more alike than this: a sweep still holds two statements.
-_MOST_CORRELATION = 0.8
+# Correlations of next neighbours that are tried; they are not taken to be more alike than the last:
+# a sweep still holds two statements. Residuals count to this many standard deviations.
+_CORRELATIONS, _CLIPPED = (0.0, 0.2, 0.4, 0.6, 0.8), 3.0
 
 
 def violation(current: Superposition, options: Options) -> float:
@@ -56,22 +59,56 @@ def violation(current: Superposition, options: Options) -> float:
 
 
 def run_length(points: Points, current: Superposition) -> float:
-    """Return how many neighbouring residuals of a sweep say the same thing: one if independent.
+    """Return how many readings are worth one: one where neighbours of a sweep err independently.
 
-    A misfit of the model bends whole sweeps; every one of them then counts for less than its
-    number of points. From the correlation of next neighbours, (1 + r)/(1 − r).
+    Noise that lasts from one reading to the next, and a misfit of the model, bend whole sweeps; every
+    one then counts for less than its number of points. A fit that follows them leaves residuals
+    that look more independent, and smaller, than the errors are. So the correlation of next neighbours is
+    the one for which this fit would leave residuals as correlated as they are (a first-order
+    autoregressive process), and the size of the errors goes with it.
     """
-    products, squares = 0.0, 0.0
-    half = points.omega.size
-    for part in (current.standardised[:half], current.standardised[half:]):
-        limited = np.clip(part, -3.0, 3.0)
-        for k in range(points.count):
-            mask = np.flatnonzero(points.isotherm == k)
-            row = limited[mask[np.argsort(points.omega[mask], kind="stable")]]
-            products += float(row[1:] @ row[:-1])
-            squares += float(row[1:] @ row[1:] + row[:-1] @ row[:-1]) / 2.0
-    r = float(np.clip(products / squares if squares > 0 else 0.0, 0.0, _MOST_CORRELATION))
-    return (1.0 + r) / (1.0 - r)
+    followed = _root_of_influence(points, current)
+    sweeps = _sweeps(points)
+    here, after = (np.concatenate([sweep[part] for sweep in sweeps]) for part in (slice(-1), slice(1, None)))
+    left = np.clip(current.standardised, -_CLIPPED, _CLIPPED)
+    observed = float(left[here] @ left[after]) / max(float(left @ left), np.finfo(float).tiny)
+    expected, freedom = np.empty(len(_CORRELATIONS)), np.empty(len(_CORRELATIONS))
+    for number, r in enumerate(_CORRELATIONS):
+        spread = np.empty_like(followed)
+        for sweep in sweeps:
+            spread[sweep] = toeplitz(r ** np.arange(sweep.size)) @ followed[sweep]
+        back = followed @ (followed.T @ spread) - spread
+        freedom[number] = left.size + np.sum(followed * (back - spread))
+        expected[number] = r * here.size + np.sum(followed[here] * back[after] - spread[here] * followed[after])
+    expected /= freedom
+    r = float(np.interp(observed, expected, _CORRELATIONS))
+    r *= r**2 / (r**2 + 1.0 / here.size)  # what so few pairs would show by chance
+    return (1.0 + r) / (1.0 - r) * float(freedom[0] / np.interp(r, _CORRELATIONS, freedom))
+
+
+def _root_of_influence(points: Points, current: Superposition) -> Floats:
+    """Return B (2 point, column) of the influence B Bᵀ of the readings on the fit."""
+    model, fit = current.model, current.fit
+    inverse = np.asarray(np.linalg.pinv(fit.normal, hermitian=True))
+    parts = [fit.rows @ _root(inverse)]
+    if model.size:
+        change = sensitivity(points, fit, model)
+        normal, _ = outer_problem(points, fit, model)
+        rest = change - fit.rows @ (inverse @ (fit.rows.T @ change))
+        parts.append(rest @ _root(np.asarray(np.linalg.pinv(normal, hermitian=True))))
+    return np.hstack(parts)
+
+
+def _root(matrix: Floats) -> Floats:
+    size, vectors = np.linalg.eigh(matrix)
+    return np.asarray(vectors * np.sqrt(np.maximum(size, 0.0)))
+
+
+def _sweeps(points: Points) -> list[NDArray[np.intp]]:
+    """Return the places of every sweep among storage and loss, in the order of frequency."""
+    order = np.lexsort((points.omega, points.isotherm))
+    sweeps = np.split(order, np.flatnonzero(np.diff(points.isotherm[order])) + 1)
+    return [sweep + first for first in (0, points.omega.size) for sweep in sweeps]
 
 
 def started_anew(points: Points, current: Superposition, options: Options) -> list[Fit]:

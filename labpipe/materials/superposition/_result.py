@@ -279,7 +279,7 @@ def assembled(sweeps: xr.Dataset, data: SweepData, found: Superposition, law: La
     for note in notes:
         warnings.warn(note, UserWarning, stacklevel=4)
     temperature = sweeps["temperature"]
-    possible = possible_spectra(data.points, found.fit)
+    possible = possible_spectra(data.points, found)
     levels = model.levels(state.parameters)
     law_b_T = np.exp(state.ln_bT - levels)
     tail = found.covariance[model.size - 1, model.size - 1] if model.has_delay else 0.0

@@ -56,6 +56,8 @@ class Superposition:
         log10 a_T with the model changed, where superposition does not hold to the scatter.
     violation : float
         Noise of the fit over scatter of the sweeps, of the worse modulus.
+    run_length : float
+        How many neighbouring readings are worth one; the covariance holds it.
     rival : TwoProcesses, optional
         Two processes that describe the sweeps as well as superposition does, or better.
     refused : tuple of str
@@ -74,6 +76,7 @@ class Superposition:
     probe: Probe | None = None
     alternatives: tuple[tuple[str, Floats], ...] = ()
     violation: float = 1.0
+    run_length: float = 1.0
     rival: TwoProcesses | None = None
     refused: tuple[Vertical, ...] = ()
     slopes: tuple[tuple[float, Floats], ...] = ()

@@ -16,8 +16,8 @@ from labpipe.variables import described, variable
 _LN10 = float(np.log(10.0))
 # Points per decade of the drawn master curve.
 _CURVE_POINTS = 12
-# Other strengths of the smoothing that may be the right one, in units of the chosen one.
-_OTHER_STRENGTHS = tuple(float(s) for s in np.logspace(-2.0, 2.0, 9) if s != 1.0)
+# Strengths of the smoothing that may be the right one, in units of the chosen one.
+_STRENGTHS = tuple(float(s) for s in np.logspace(-2.0, 2.0, 9))
 
 
 def predictions(sweeps: xr.Dataset, data: SweepData, found: Superposition, log10_aT: Floats) -> xr.Dataset:
@@ -147,13 +147,12 @@ def bands(
     return dataset.assign(loss_factor=factor)
 
 
-def possible_spectra(points: Points, fit: Fit) -> list[tuple[float, Fit]]:
+def possible_spectra(points: Points, found: Superposition) -> list[tuple[float, Fit]]:
     """Return the fit and those of other smoothing at its shifts, with their shares."""
-    weight = fit.by_vertical / fit.predicted
-    chosen = fit.solution
-    fits = [fit] + [
-        evaluate(points, weight, fit.grid, fit.state, chosen.strength * factor) for factor in _OTHER_STRENGTHS
-    ]
+    fit, length = found.fit, found.run_length
+    weight = fit.by_vertical / fit.predicted / np.sqrt(length)
+    chosen = fit.solution.strength / length
+    fits = [evaluate(points, weight, fit.grid, fit.state, chosen * factor) for factor in _STRENGTHS]
     price = np.array([one.solution.misfit + 2.0 * one.solution.freedom for one in fits])
     share = np.exp(-0.5 * (price - price.min()))
     return list(zip((share / share.sum()).tolist(), fits, strict=True))

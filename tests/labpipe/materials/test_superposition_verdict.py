@@ -41,20 +41,24 @@ def sweeps(seed, share=1.0, factor=lambda T: 1.0, delay=0.0, noise=0.02):
             for T in TEMPERATURES
         ]
     )
-    return scattered(rng, TEMPERATURES, frequency, modulus, noise, noise)
+    return noisy(rng, TEMPERATURES, frequency, modulus, noise, noise)
 
 
-def scattered(rng, temperature, frequency, modulus, of_storage, of_loss):
-    """Sweeps of a complex modulus (temperature, frequency), with relative noise of either part."""
+def scattered(temperature, frequency, modulus, of_storage, of_loss):
+    """Sweeps of a complex modulus (temperature, frequency), with relative errors of either part."""
     dims = ("temperature", "frequency")
-    storage, loss = rng.standard_normal((2, *modulus.shape))
     return xr.Dataset(
         {
-            "storage": (dims, modulus.real * (1 + of_storage * storage), {"units": "Pa"}),
-            "loss": (dims, modulus.imag * (1 + of_loss * loss), {"units": "Pa"}),
+            "storage": (dims, modulus.real * (1 + of_storage), {"units": "Pa"}),
+            "loss": (dims, modulus.imag * (1 + of_loss), {"units": "Pa"}),
         },
         coords={"temperature": temperature, "frequency": frequency},
     )
+
+
+def noisy(rng, temperature, frequency, modulus, of_storage, of_loss):
+    storage, loss = rng.standard_normal((2, *modulus.shape))
+    return scattered(temperature, frequency, modulus, of_storage * storage, of_loss * loss)
 
 
 def quiet(measured, at=50.0, **options):
@@ -180,7 +184,7 @@ def test_the_vertical_factor_of_a_liquid_is_not_taken_for_a_delay(seed):
     z = 1j * 2 * np.pi * frequency[:, None] * 10 ** shifts[:, None, None] * np.array([1e-7, 1e-6, 1e-5])
     factor = ((temperature + 273.15) / 298.15 * (1 - 6e-4 * (temperature - 25.0)))[:, None]
     modulus = factor * ((z / (1 + z)) @ np.array([4e5, 2e5, 1e5]))
-    measured = scattered(rng, temperature, frequency, modulus, 0.02, 0.02)
+    measured = noisy(rng, temperature, frequency, modulus, 0.02, 0.02)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         found = master_curve(measured, 25.0)
@@ -200,7 +204,7 @@ def broad(seed, slope):
             for T, a in zip(temperature, shifts, strict=True)
         ]
     )
-    measured = scattered(rng, temperature, frequency, modulus, 0.01, 0.02)
+    measured = noisy(rng, temperature, frequency, modulus, 0.01, 0.02)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         found = master_curve(measured, 0.0)
@@ -218,6 +222,26 @@ def test_a_slope_that_sweeps_hardly_tell_is_fitted_all_the_same():
         assert abs(np.mean([share for _, _, share in parts])) < 0.018
 
 
+def test_noise_that_lasts_from_reading_to_reading_makes_all_less_certain():
+    """Four readings are worth one where neighbours err alike by 0.6: twice the uncertainty."""
+    temperature, frequency = np.linspace(-40.0, 40.0, 5), np.logspace(-1, 1, 15)
+    shifts = 4200.0 * (1 / (temperature + 273.15) - 1 / 273.15)
+    modulus = 0.5e9 + 3e9 * dispersion(2 * np.pi * frequency * 10 ** shifts[:, None], 0.05, 0.3, 1.0)
+    sizes = []
+    for lasting in (0.0, 0.6):
+        for seed in range(4):
+            noise = np.random.default_rng(seed).standard_normal((2, *modulus.shape))
+            for i in range(1, frequency.size):
+                noise[..., i] = lasting * noise[..., i - 1] + np.sqrt(1 - lasting**2) * noise[..., i]
+            measured = scattered(temperature, frequency, modulus, 0.01 * noise[0], 0.02 * noise[1])
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UserWarning)
+                found = master_curve(measured, 0.0, vertical="linear")
+            sizes.append(float(np.mean(found.curve["u_storage"] / found.curve["storage"])))
+    white, coloured = np.mean(np.reshape(sizes, (2, 4)), axis=1)
+    assert 1.5 < coloured / white < 3.0, sizes
+
+
 def softening_glass(seed, slope, width):
     """Ten sweeps of a plastic far below its transition: it loses a hundredth, at every frequency alike."""
     rng = np.random.default_rng(seed)
@@ -230,7 +254,7 @@ def softening_glass(seed, slope, width):
             for T, a in zip(temperature, shifts, strict=True)
         ]
     )
-    measured = scattered(rng, temperature, frequency, modulus, 0.003, 0.03)
+    measured = noisy(rng, temperature, frequency, modulus, 0.003, 0.03)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         found = master_curve(measured, float(temperature[4]))
@@ -256,7 +280,7 @@ def test_the_density_of_a_liquid_that_flows_may_fall_or_not(fall):
         z_of = 1j * 2 * np.pi * frequency[:, None] * 10 ** shifts[:, None, None] * np.array([1e-6, 1e-5, 1e-4])
         factor = ((temperature + 273.15) / 298.15 * (1 - fall * (temperature - 25.0)))[:, None]
         modulus = factor * ((z_of / (1 + z_of)) @ np.array([4e5, 2e5, 1e5]))
-        found = quiet(scattered(rng, temperature, frequency, modulus, 0.02, 0.02), at=25.0)
+        found = quiet(noisy(rng, temperature, frequency, modulus, 0.02, 0.02), at=25.0)
         z.append(((found.log10_aT.values - shifts) / np.maximum(found.u_log10_aT.values, 1e-9))[:-1])
     assert np.sqrt(np.mean(np.square(z))) < 1.5
 
@@ -274,7 +298,7 @@ def glass_and_rubber(seed, count=25):
     modulus = np.array([1e7 + 1.5e9 * dispersion(omega, 10**a, 0.35, 0.5) for a in shifts])
     modulus = modulus * np.exp(1j * omega * 1.2e-4) * np.exp(0.03 * rng.standard_normal(count))[:, None]
     modulus = modulus + 0.015j * modulus.real * (omega / (2 * np.pi)) ** 0.2
-    return scattered(rng, temperature, frequency, modulus, 0.01, 0.02)
+    return noisy(rng, temperature, frequency, modulus, 0.01, 0.02)
 
 
 @pytest.mark.slow
