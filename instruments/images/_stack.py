@@ -268,6 +268,10 @@ def _decode(place: _Place) -> NDArray[Any] | None:
     return None if image is None else np.asarray(image)
 
 
+#: Frames at the end of a video whose last rows are compared, and rows.
+_COMPARED, _LAST_ROWS = 3, 4
+
+
 class VideoFrames(ShownFrames):
     """Frames of a video file, for what an AVI is worth: baked levels, 8 bit, no times."""
 
@@ -298,6 +302,7 @@ class VideoFrames(ShownFrames):
         count = 0
         while count < declared and self._video.grab():
             count += 1
+        count -= self._has_broken_end(count)
         self._video.set(cv2.CAP_PROP_POS_FRAMES, 0)
         if count < declared:
             warnings.warn(
@@ -306,6 +311,22 @@ class VideoFrames(ShownFrames):
         if not count:
             raise SourceError(self._path, "no frame of the video can be decoded")
         return count
+
+    def _has_broken_end(self, count: int) -> bool:
+        """Tell whether the last frame breaks off: the decoder fills it up with the one before.
+
+        Compressed films repeat rows where nothing moves; then the frames before do as well.
+        """
+        if count < _COMPARED:
+            return False
+        self._video.set(cv2.CAP_PROP_POS_FRAMES, count - _COMPARED)
+        ends: list[NDArray[Any]] = []
+        for _ in range(_COMPARED):
+            is_read, image = self._video.read()
+            if not is_read:
+                return len(ends) == _COMPARED - 1
+            ends.append(image[-_LAST_ROWS:])
+        return bool(np.array_equal(ends[1], ends[2]) and not np.array_equal(ends[0], ends[1]))
 
     @property
     def time(self) -> NDArray[np.float64]:

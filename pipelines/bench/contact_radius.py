@@ -235,6 +235,7 @@ def _disturbances(scene: Scene, frames: int) -> Suite:
         "stray fringes of 20 %": replace(scene, stray=0.2),
         "ellipse, 4 %": replace(scene, stretch=0.04),
         "blur of 2.5 px": replace(scene, blur=2.5),
+        "blur of 5 px": replace(scene, blur=5.0),
         "gamma of 0.7": replace(scene, gamma=0.7),
         "ellipse, blur, speckle, light together": all_at_once,
     }

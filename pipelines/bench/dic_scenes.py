@@ -18,6 +18,7 @@ from labpipe.imaging import track
 from pipelines.bench.film_scenes import (
     View,
     digitised,
+    dots,
     edge,
     from_formula,
     from_spectrum,
@@ -60,6 +61,7 @@ def scenes(size: int) -> dict[str, Scene]:
         "scale 1.03": Scene(noise, _PLAIN, View(scale=1.03)),
         "photograph": Scene(partial(from_spectrum, photograph(size))),
         "Perlin noise": Scene(partial(from_formula, cells, size)),
+        "dots that repeat themselves": Scene(partial(from_formula, dots(0.3, 9.0, 1.0), size)),
         _COVERED: Scene(lambda view: (1.0 - hidden) * field(view) + 70.0 * hidden),
         "edge with a grain of 2 grey levels": Scene(partial(from_formula, edge(0.4, (middle, middle), 2.0, 4), size)),
     }

@@ -137,3 +137,22 @@ def test_a_video_is_read_with_a_warning(tmp_path: Path) -> None:
     assert found.time[1] == pytest.approx(1e-4)
     assert [round(float(found[i].mean()), -1) for i in (2, 0, 1)] == [220, 20, 120]
     assert found.roi(slice(0, 4), slice(0, 6))[1].shape == (4, 6)
+
+
+@pytest.mark.filterwarnings("ignore:.*levels baked in:UserWarning")
+def test_a_video_that_breaks_off_within_its_last_frame(tmp_path: Path) -> None:
+    """The decoder fills such a frame up with the one before."""
+    path = tmp_path / "f.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25, (160, 120), True)
+    if not writer.isOpened():
+        pytest.skip("this OpenCV writes no MJPG")
+    rng = np.random.default_rng(1)
+    for _ in range(6):
+        writer.write(np.repeat(rng.integers(0, 255, (120, 160, 1), np.uint8), 3, axis=2))
+    writer.release()
+    whole = path.read_bytes()
+    last = whole.rfind(b"00dc", 0, whole.rfind(b"idx1"))
+    path.write_bytes(whole[: last + 8 + int.from_bytes(whole[last + 4 : last + 8], "little") // 3])
+    with pytest.warns(UserWarning, match="6 frames are declared, 5 can be read"):
+        found = instruments.read(path, fps=10_000.0)
+    assert found.shape == (5, 120, 160)

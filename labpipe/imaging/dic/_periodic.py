@@ -14,9 +14,9 @@ from labpipe.arrays import Flags, Floats, Floats32
 
 #: Half width of the tiles whose waves are looked at, and their distance (px).
 _REACH, _APART = 24, 24
-#: Periods of a wave in a tile at least, and share of the variance that two waves have together where a
-#: pattern may repeat itself.
-_LEAST_PERIODS, _LIKELY = 2.5, 0.4
+#: Periods of a wave in a tile at least, and share of the variance that so many of them have together
+#: where a pattern may repeat itself.
+_LEAST_PERIODS, _WAVES, _LIKELY = 2.5, 4, 0.72
 #: Share of the variance of these waves and their multiples, up to so many in all, where it does.
 _SHARE, _COUNTED = 0.9, 4
 #: Amplitude of a second wave over that of the first from which both make a grid.
@@ -80,7 +80,7 @@ def find_repeats(image: Floats, layout: NDArray[np.integer]) -> Repeats:
 
 
 def _is_regular(areas: Floats32) -> Flags:
-    """Whether two waves have much of the variance of windowed areas (tile, row, column)."""
+    """Whether a few waves have most of the variance of windowed areas (tile, row, column)."""
     from scipy.fft import rfft2
 
     count, size, _ = areas.shape
@@ -89,7 +89,7 @@ def _is_regular(areas: Floats32) -> Flags:
     down, across = np.fft.fftfreq(size, 1.0 / size)[:, None], np.arange(power.shape[2])
     power[:, np.hypot(down, across) < _LEAST_PERIODS] = 0.0
     share = np.zeros(count)
-    for _ in range(2):
+    for _ in range(_WAVES):
         row, column = np.unravel_index(power.reshape(count, -1).argmax(axis=1), power.shape[1:])
         for y in (-1, 0, 1):
             for x in (-1, 0, 1):
