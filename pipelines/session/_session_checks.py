@@ -33,6 +33,7 @@ _CONFIGURATION = ".toml"
 """Ending of records and materials: those are meant to serve several experiments."""
 _APART = 4.0  # standard uncertainties between two masses or radii of one body
 _ALIKE = 2.0  # standard uncertainties within which two values are one
+TWO_VALUES = "one body, two values"
 _LEAST = 1e-4  # relative uncertainty of a value that is stated without one
 _UNKNOWN = 0.5  # of a value, beyond which its uncertainty is no uncertainty
 _SLIPS = (2.0, 10.0, 25.4, 100.0, 1000.0)
@@ -293,7 +294,7 @@ def _two_values(odd: _Body, other: _Body, name: str) -> Finding:
         cause = f"the radius is probably {_written(expected)}: its diameter was typed"
     elif factor:
         cause = f"the {name} is probably {_written(expected)}, a factor {factor:g}: its unit or decimal point is wrong"
-    return _finding("one body, two values", "doubtful", text, cause, setting=f"{odd.setting}.{name}")
+    return _finding(TWO_VALUES, "doubtful", text, cause, setting=f"{odd.setting}.{name}")
 
 
 def _written(value: Quantity, number: float | None = None) -> str:

@@ -20,7 +20,7 @@ from labpipe.workflow.tasks import arguments
 from pipelines.experiments import JUDGEMENT, KINDS, function
 from pipelines.session._opening import STAGES, reopen_session
 from pipelines.session._results import opened
-from pipelines.session._session_checks import of_record, session_findings
+from pipelines.session._session_checks import TWO_VALUES, of_record, session_findings
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -213,7 +213,8 @@ def _with_session(session: Session, found: Iterable[Verdict]) -> tuple[Verdict, 
 
 def _added(verdict: Verdict, more: Iterable[Finding], checks: int) -> Verdict:
     told = {(f.file, f.line, f.level) for f in verdict.findings if f.line is not None}
-    extra = tuple(f for f in more if (f.file, f.line, f.level) not in told)
+    # another experiment's value says by how much the one of this line is wrong, which no record says so well
+    extra = tuple(f for f in more if f.check == TWO_VALUES or (f.file, f.line, f.level) not in told)
     worse: Mapping[str, str] = {"yes": "doubtful", "unknown": "doubtful"}
     believable = verdict.believable
     if any(f.level == "doubtful" for f in extra):

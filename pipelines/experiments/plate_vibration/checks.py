@@ -30,6 +30,7 @@ from pipelines.experiments.shared.trace_checks import Trace
 
 _BLOCK = 16
 """Readings by which the free stretch grows, and that are given back before the second blow."""
+_STRUCK = 3.0  # times the scatter before the first blow, by which a second one leaves the free ringing
 _BEFORE, _MIDDLE = 2.5e-3, 1.1e-4  # s before a blow where the plate rests, and about its middle
 _OTHER_MODES = 0.15  # of the logarithm of a blow's duration, by the plate's other vibrations
 _DEEP = 2.943  # Hertz: a contact lasts as many times as long as its depth takes at the impact's speed
@@ -280,8 +281,25 @@ def _pause(ring: xr.Dataset, moved: xr.Dataset | None, shortest: float) -> tuple
         return None  # the ringing is free until the end
     if end < float(ring["onset_time"]) + shortest + _BLOCK * interval:
         return None  # nothing is known behind the stretch that was taken for free
+    if not _is_struck(ring, moved):
+        return None  # the free stretch ended by chance, at a block of larger noise
     # one block is given back, and the second blow is noticed within the next: one block, give or take one
     return end + _BLOCK * interval - float(ring["blow_time"]), _BLOCK * interval / sqrt(3.0)
+
+
+def _is_struck(ring: xr.Dataset, moved: xr.Dataset) -> bool:
+    """Tell whether the plate, behind the free stretch, leaves its ringing by much more than it scattered before."""
+    time, height = moved["time"].values, moved["displacement"].values
+    damping, natural = float(ring["damping_ratio"]), 2 * pi * float(ring["natural_frequency"])
+    since = time - float(ring["blow_time"])
+    wave = np.exp(-damping * natural * since) * np.sin(sqrt(1 - damping**2) * natural * since + float(ring["phase"]))
+    left = height - float(ring["amplitude"]) * wave
+    left -= np.nanmean(left[(time >= float(ring["free_from"])) & (time <= float(ring["free_to"]))])
+    behind = left[time > float(ring["free_to"])][_BLOCK : 5 * _BLOCK]
+    behind = behind[np.isfinite(behind)]
+    return bool(behind.size) and bool(
+        np.mean(behind**2) > _STRUCK**2 * np.nanvar(height[time < float(ring["onset_time"])])
+    )
 
 
 def _blows(comparison: xr.Dataset | None, model: xr.Dataset | None, settings: PlateVibration) -> list[Check]:
