@@ -291,7 +291,7 @@ def _compared(row: Row) -> str:
         value_with_uncertainty(value or 0.0, u, row.unit) if u else _as_exact(value or 0.0, row)
         for value, u in ((row.measured, row.u_measured), (row.model, row.u_model))
     )
-    return f"{row.quantity}: {measured} measured, {model} expected (difference {abs(row.deviation or 0.0):.1f} u)"
+    return f"{row.quantity}: {measured} measured, {model} expected (difference {abs(row.deviation or 0.0):.1f}{_TIED}u)"
 
 
 def _as_exact(value: float, row: Row) -> str:

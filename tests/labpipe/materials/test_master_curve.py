@@ -465,7 +465,10 @@ def test_goals_over_many_seeds(truth, limits, request, amount):
         z.append((found.log10_aT.values - known.log10_aT) / found.u_log10_aT.values)
     assert np.mean(errors) < limits[0]
     assert np.max(errors) < limits[1]
-    assert 0.93 <= np.mean(np.abs(z) < 1.96) <= 0.985
+    # Shifts of one set err together: of 20 sets the share inside 95 % scatters by 0.015 (100 others have
+    # 97.4 and 97.7 %), and says nothing of the 98 % above which intervals are too wide. Their rms does.
+    assert np.mean(np.abs(z) < 1.96) >= 0.93
+    assert 0.75 < np.sqrt(np.mean(np.square(z))) < 1.15
     assert np.sqrt(np.mean(np.square(wider)) / np.mean(np.square(z))) > 0.7
 
 
