@@ -5,7 +5,7 @@ A check holds two ways to the same quantity against each other, or a quantity ag
 verdict of all checks of a record and ranks the mistakes that would explain them
 (:class:`Cause`). :func:`agreement` compares measured with predicted values, with their whole
 covariance, :func:`detectable` says how large an error of each input it would have shown, and
-:func:`suspects` which input, stated wrongly, would explain a difference.
+:func:`suspects` and :func:`slips` which input, stated wrongly, would explain a difference.
 
 Nothing here knows a kind of experiment; the scheme of levels follows the flags that
 oceanographers use (QARTOD: pass, not evaluated, suspect, fail).
@@ -27,7 +27,7 @@ from labpipe.judging._checks import (
     unfinished,
 )
 from labpipe.judging._detectability import detectable
-from labpipe.judging._suspects import Suspect, suspects
+from labpipe.judging._suspects import SLIPS, Slip, Suspect, slips, suspects
 from labpipe.judging._verdict import Judgement, Verdict, from_json, judge, to_json
 
 __all__ = [
@@ -35,6 +35,7 @@ __all__ = [
     "FLAGS",
     "IMPOSSIBLE",
     "LIKELY",
+    "SLIPS",
     "Agreement",
     "Cause",
     "Check",
@@ -42,6 +43,7 @@ __all__ = [
     "Finding",
     "Judgement",
     "Level",
+    "Slip",
     "Suspect",
     "Verdict",
     "agreement",
@@ -53,6 +55,7 @@ __all__ = [
     "judge",
     "model_verdict",
     "not_made",
+    "slips",
     "stated",
     "suspects",
     "to_json",

@@ -1,5 +1,7 @@
 """Which input, stated wrongly, would explain a difference between measurement and model."""
 
+from collections.abc import Sequence
+from math import log
 from typing import NamedTuple
 
 import numpy as np
@@ -8,6 +10,16 @@ from numpy.typing import ArrayLike
 _ALIKE = 0.995
 """Cosine between the effects of two inputs beyond which the comparison cannot tell them apart."""
 _NO_INFORMATION = 1e-9
+SLIPS = tuple(k ** (1 - 2 * i) for k in (2.0, 10.0, 100.0, 1e3, 25.4, 2 * np.pi) for i in range(2))
+"""Factors by which people state a value wrongly: diameter for radius, decimals, units."""
+_BENT = 0.1
+"""Relative, by which an effect may leave its power law over such a factor."""
+_LEFT = 0.1
+"""Part of chi square that a slip may leave and still be told."""
+_CLOSE = 6.0
+"""Twice the logarithm of a likelihood ratio within which two slips cannot be told apart."""
+_VAGUE = 0.3
+"""Relative uncertainty of the logarithm of a factor beyond which a slip cannot be told from others."""
 
 
 class Suspect(NamedTuple):
@@ -80,3 +92,60 @@ def suspects(differences: ArrayLike, sensitivities: ArrayLike, covariance: Array
         error = float(along[:, place] @ seen / strength[able[place]])
         found.append(Suspect(tuple(int(able[i]) for i in alike), error, float(share[place])))
     return found
+
+
+class Slip(NamedTuple):
+    """An input that was stated a usual factor too large, and what share of chi square that explains."""
+
+    input: int
+    factor: float
+    share: float
+
+
+def slips(
+    measured: ArrayLike, predicted: ArrayLike, powers: ArrayLike, covariance: ArrayLike, factors: Sequence[float]
+) -> list[Slip]:
+    """Look for an input that was stated wrongly by a usual factor, however far that is.
+
+    Contacts follow power laws (Hertz: a duration goes with m^0.4 R^-0.2), so that over a factor of
+    ten the logarithms still go straight where the values no longer do.
+
+    Parameters
+    ----------
+    measured, predicted : array (row,)
+        Positive.
+    powers : array (row, input)
+        Derivatives of the logarithm of measured over predicted to that of each input.
+    covariance : array (row, row)
+        Of that logarithm.
+    factors : sequence of float
+        Those to look for, such as `SLIPS`.
+
+    Returns
+    -------
+    list of Slip
+        The likeliest first, and those that are nearly as likely; empty where none brings both together.
+
+    Examples
+    --------
+    >>> found = slips([1.15, 1.32], [1.0, 1.0], [[0.2, 1.0], [0.4, 0.1]], np.diag([1e-4, 1e-4]), SLIPS)
+    >>> [(slip.input, slip.factor) for slip in found]
+    [(0, 2.0)]
+    """
+    seen, A = np.log(np.asarray(measured, float) / np.asarray(predicted, float)), np.asarray(powers, float)
+    C = np.atleast_2d(np.asarray(covariance, float))
+    before = float(seen @ np.linalg.pinv(C, hermitian=True) @ seen)
+    found: list[tuple[float, Slip]] = []
+    for i in np.flatnonzero(np.abs(A).max(axis=0, initial=0.0) > 0.0):
+        for k in factors:
+            shift = A[:, i] * log(k)
+            wider = C + np.diag((_BENT * shift) ** 2)
+            weight = np.linalg.pinv(wider, hermitian=True)
+            known = float(shift @ weight @ shift)
+            left = float((seen - shift) @ weight @ (seen - shift))
+            if known > _VAGUE**-2 and left < _LEFT * before:
+                # a far slip is vaguer: likelihood, not what is left, tells it from a near one
+                found.append((left + float(np.linalg.slogdet(wider)[1]), Slip(int(i), k, 1 - left / before)))
+    found.sort(key=lambda each: each[0])
+    least = found[0][0] if found else 0.0
+    return [slip for score, slip in found if score < least + _CLOSE]

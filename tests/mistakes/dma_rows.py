@@ -179,6 +179,13 @@ def _cut(text: str) -> str:
     return text[: text.index("\t5\t", text.index("points:\t4"))]
 
 
+def _rubber(folder: Path) -> None:
+    """Let both exports be of a rubber, beside the Poisson's ratio of a glass."""
+    for name, seed in ((FIRST, 3), (SECOND, 8)):
+        made = write_dma(folder / "other", Path(name).stem, SOLIDS["nbr"], _HEATED, seed)
+        (folder / name).write_bytes((folder / "other" / made).read_bytes())
+
+
 ROWS = (
     Mistake("moduli of an interval pasted into the next", _pasted(2, 3), "impossible", ("digit by digit",), FIRST),
     # columns
@@ -274,4 +281,5 @@ ROWS = (
         ("in k under °c", "20.2 °c and more are meant"),
         FIRST,
     ),
+    Mistake("nu of a glass in a rubber", _rubber, "doubtful", ("nu is that of a glass",), TOML, "nu"),
 )

@@ -163,6 +163,12 @@ def _of_first(kept: slice, *, own: bool = False) -> Edit:
     return edit
 
 
+def _rezeroed(folder: Path) -> None:
+    """Put the readings of the first record, less a constant, below the header of the third."""
+    _of_first(slice(None))(folder)
+    values(lambda x: x - 0.0137, LAST)(folder)
+
+
 def _other_height(height: float, material: str = "acrylic") -> Edit:
     def edit(folder: Path) -> None:
         rig = DropRig(duration=0.12)
@@ -360,6 +366,8 @@ ROWS = (
     Mistake(
         "same readings without their beginning", _of_first(slice(40, None)), "doubtful", ("digit by digit",), ALL[2]
     ),
+    Mistake("copy of a repeat from another zero", _rezeroed, "doubtful", ("but for their zero", "copy"), ALL[2]),
+    Mistake("scale known to a half", setting('± 0.0005"', '± 0.5"', RECORD), "doubtful", ("u of the scale",), RECORD),
     Mistake("end of another repeat pasted on", _of_first(slice(0, 900), own=True), "impossible", ("pasted",), ALL[2]),
     Mistake("repeat of another height", _other_height(1.7e-3), "impossible", ("1.7", "another height"), ALL[2]),
     Mistake(

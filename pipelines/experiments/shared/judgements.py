@@ -14,6 +14,7 @@ import xarray as xr
 
 from labpipe.judging import (
     LIKELY,
+    SLIPS,
     Agreement,
     Cause,
     Check,
@@ -23,6 +24,7 @@ from labpipe.judging import (
     from_json,
     judge,
     model_verdict,
+    slips,
     stated,
     suspects,
     to_json,
@@ -57,6 +59,7 @@ _UNEXPLAINED = (
 _TIED = "\N{NO-BREAK SPACE}"  # a number stays with its unit
 _LEAST_OWN = 0.05
 """Least part of a difference's uncertainty that is its own, not shared with other rows."""
+_NO_SLIP, _DIAMETER = ("1", "degC", "K"), 2.0  # units of inputs that have no usual factor, and a radius' one
 _SHOWN = 3  # detectable errors in the opening sentence
 _SUSPECTS, _EXPLAINS = 2, 0.2  # inputs that are named where the model differs, and the least share that each explains
 
@@ -153,7 +156,9 @@ def judgement(scene: Scene) -> xr.Dataset:
         covariance = _covariance(rows, slopes, [known[name].u for name in every])
         found = agreement([row.difference or 0.0 for row in rows], covariance)
         smallest = detectable(slopes[:, : len(names)], covariance) if names else smallest
-        told = _suspected(names, known, [row.difference or 0.0 for row in rows], slopes[:, : len(names)], covariance)
+        told = _slipped(names, known, rows, slopes[:, : len(names)], covariance)
+        told += _suspected(names, known, [row.difference or 0.0 for row in rows], slopes[:, : len(names)], covariance)
+        told = told[:_SUSPECTS] or ([_UNEXPLAINED] if names else [])
     values = np.array([scene.inputs[name].value for name in names])
     # an error of an input that is 0 has no size to be compared with
     relative = np.divide(smallest, np.abs(values), out=np.full(len(names), np.nan), where=values != 0.0)
@@ -181,7 +186,38 @@ def _suspected(
             size = f"{100 * abs(suspect.error / given.value):.2g} %"
         like = f" (or {', '.join(others)})" if others else ""
         said.append(f"{first}{like} stated {size} {way} would explain {100 * suspect.share:.0f} % of it")
-    return said or ([_UNEXPLAINED] if names else [])
+    return said
+
+
+def _slipped(
+    names: Sequence[str], known: Mapping[str, Quantity], rows: Sequence[Row], slopes: Any, covariance: Any
+) -> list[str]:
+    """Say which stated value is probably another by a usual factor: a diameter for a radius, a decimal, a unit."""
+    ratios = [(row.measured or 0.0) * (row.model or 0.0) for row in rows]
+    # what is relative has no unit to be typed wrongly, and a temperature no factor
+    stated_ones = [
+        i
+        for i, name in enumerate(names)
+        if known[name].u and known[name].value > 0.0 and known[name].si not in _NO_SLIP
+    ]
+    straight = [j for j, product in enumerate(ratios) if product > 0.0 and rows[j].u_difference]
+    if not stated_ones or not straight:
+        return []
+    mean = np.sqrt([ratios[j] for j in straight])
+    values = np.array([known[names[i]].value for i in stated_ones])
+    powers = slopes[np.ix_(straight, stated_ones)] * values / mean[:, None]
+    spread = covariance[np.ix_(straight, straight)] / np.outer(mean, mean)
+    measured, predicted = ([getattr(rows[j], of) for j in straight] for of in ("measured", "model"))
+    said = []
+    for slip in slips(measured, predicted, powers, spread, SLIPS):
+        name = names[stated_ones[slip.input]]
+        given = known[name]
+        typed = ": its diameter was typed" if "radius" in name and slip.factor == _DIAMETER else ""
+        said.append(
+            f"{name} is probably {quantity(given.value / slip.factor, given.si)}, not {quantity(given.value, given.si)}"
+            f"{typed}; that would explain {100 * slip.share:.0f}{_TIED}% of it"
+        )
+    return said if len(said) == 1 else []
 
 
 def _covariance(rows: Sequence[Row], slopes: Any, u: Sequence[float]) -> Any:

@@ -41,6 +41,7 @@ _PERIODS = 0.6  # of the mains, without which hum cannot be told from drift
 _HUM = 0.01  # of the travel, beyond which hum is doubtful
 _OBLIQUE = pi / 4  # between line of sight and motion: no makers' sensor sees its spot from further aside
 _VAGUE = pi / 60  # u of an inclination: what was measured, even by eye, is known better
+_UNKNOWN = 0.2  # relative u of a calibrated length, beyond which it was not calibrated
 _LIMITS = (1e-3, 0.02, 0.2)  # of the travel: drift over the record that is told, doubtful, impossible
 
 _HELD = (
@@ -155,14 +156,21 @@ def sight(displacement: xr.Dataset | None, record: str) -> Check:
         return not_made(name, law, "a displacement")
     angle, u = float(displacement["inclination"]), float(displacement["u_inclination"])
     text = f"{record}: inclination ({np.rad2deg(angle):.3g} ± {np.rad2deg(u):.2g})°, lengths are divided by its cosine"
-    level: Level | None = "doubtful" if angle > _OBLIQUE or u > _VAGUE else None
+    relative = float(displacement.attrs.get("u_systematic_relative", 0.0))
+    is_unknown = relative > _UNKNOWN and u <= _VAGUE
+    if is_unknown:
+        text = f"{record}: lengths are known by {100 * relative:.2g} %"
+    level: Level | None = "doubtful" if angle > _OBLIQUE or u > _VAGUE or is_unknown else None
     cause = (
-        f"u of the inclination in {record} is probably not {np.rad2deg(u):.2g}°: a lost decimal point, or another unit"
+        f"u of the scale in {record} was typed in another unit or with a lost decimal"
+        if is_unknown
+        else f"u of the inclination in {record} is probably not {np.rad2deg(u):.2g}°: a lost decimal, or another unit"
         if u > _VAGUE
         else f"inclination in {record} is probably not {np.rad2deg(angle):.3g}°: a lost decimal point, or the angle to "
         "the plate in place of that to the motion"
     )
-    return stated(name, law, text, level, cause=cause if level else "", file=record, setting="values.inclination")
+    setting = "values.scale" if is_unknown else "values.inclination"
+    return stated(name, law, text, level, cause=cause if level else "", file=record, setting=setting)
 
 
 def held_readings(trace: Trace) -> Check:
@@ -215,13 +223,15 @@ def repeated_rows(trace: Trace) -> Check:
     )
 
 
-def _stretches(trace: Trace, step: float) -> tuple[np.ndarray, np.ndarray]:
+def _stretches(trace: Trace, step: float, *, from_any_zero: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Return a digest of every stretch of readings, and where those are whose readings differ.
 
     The digest is a polynomial in a random odd number modulo 2^64, put together from those of
-    stretches of half the length.
+    stretches of half the length; from any zero it is one of the steps between readings, which
+    another zero does not change.
     """
     count = np.round(np.nan_to_num(trace.reading) / step).astype(np.int64)
+    count = np.diff(count) if from_any_zero else count
     keys, length, factor = count.astype(np.uint64), 1, _MIXING
     for times in (2, 2, 2, 2, 3):
         whole = keys[: keys.size - (times - 1) * length]
@@ -243,7 +253,7 @@ def shared_rows(traces: Sequence[Trace]) -> Check:
     if len(steps) < 2:
         return not_made(title, law, "two records with readings that differ")
     known = [t for t in traces if t.reading.size >= 3 * _BLOCK and t.resolution > 0.0]
-    found = [_stretches(t, min(steps)) for t in known]
+    found = [_stretches(t, min(steps), from_any_zero=True) for t in known]
     alive = [keys[places] for keys, places in found]
     for (i, first), (j, later) in combinations(enumerate(known), 2):
         if first.header == later.header and np.array_equal(first.reading, later.reading, equal_nan=True):
@@ -251,8 +261,12 @@ def shared_rows(traces: Sequence[Trace]) -> Check:
         longest, start = _longest_run(np.isin(alive[j], alive[i]))
         if longest < _LONG:
             continue
-        rows, begin = longest + _BLOCK - 1, later.at(int(found[j][1][start]))
+        at = int(found[j][1][start])
+        original = int(found[i][1][int(np.argmax(alive[i] == alive[j][start]))])
+        rows, begin = longest + _BLOCK, later.at(at)
         text = f"{later.name}: {rows} readings in a row from {begin} are those of {first.name}, digit by digit"
+        if abs(float(later.reading[at] - first.reading[original])) > 0.5 * min(steps):
+            text += " but for their zero"
         is_copy = rows > _WHOLE * min(first.reading.size, later.reading.size)
         cause = "a copy was taken for a repeat" if is_copy else "two recordings were pasted together"
         return stated(title, law, text, "doubtful" if is_copy else "impossible", file=later.name, cause=cause)
