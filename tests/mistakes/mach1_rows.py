@@ -298,21 +298,4 @@ HOLD_ROWS = (
     Mistake(
         "stage slips in the ramp", rows(_slipped(5, 0.03), HOLD, 1), "impossible", ("leaps by 40.0 µm", "slipped"), HOLD
     ),
-    Mistake(
-        "position rounded to 10 um",
-        columns(lambda t, x, f: (t, round(x, 2), f), HOLD),
-        "doubtful",
-        ("steps of the position", "too few decimals"),
-        HOLD,
-    ),
-    Mistake(
-        "cell calibrated after the test",
-        _all("Calibration Date:\t2024", "Calibration Date:\t2034", HOLD),
-        "doubtful",
-        ("tester's clock",),
-        HOLD,
-    ),
-    Mistake(
-        "another axis declared", _all("Load Cell Axis:\tFz", "Load Cell Axis:\tFx", HOLD), "doubtful", ("axis",), HOLD
-    ),
 )
