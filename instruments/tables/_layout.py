@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
+from instruments._symbols import FREQUENCIES, MODULI, RESPONSES, TIMES
 from instruments.tables import _words
 from instruments.tables._words import Heading
 
@@ -38,11 +39,17 @@ _FACT = re.compile(
     r"\s*(?P<unit>[^\s;,)]*(?:\s?C\b)?)"
 )
 _AT = re.compile(r"(?:^|\s)(?:at|@|bei|à)\s*([+-]?\d+(?:[.,]\d+)?)\s*(°\s?C|ºC|degC|K)\b")
-_ALONE = re.compile(r"[\s#*=:-]*([+-]?\d+(?:[.,]\d+)?)\s*(°\s?C|ºC|degC|K)[\s#*=:-]*")
+# Dashes that decorate a title do not touch its number: a single one is its sign.
+_ALONE = re.compile(r"[\s#*=:]*(?:--+\s+)?([+-]?\d+(?:[.,]\d+)?)\s*(°\s?C|ºC|degC|K)[\s#*=:-]*")
+_TITLE = re.compile(r"(?:^|.*?[\s(\[_,:;=])([+-]?\d+(?:[.,]\d+)?)\s*(°\s?C|ºC|degC|K)\s*[)\]]?[\s:;,#=-]*")
+_OF_A_SWEEP = re.compile(r"iso|step|sweep|temp|freq|segment|run\b|test|versuch|messung|balayage|essai", re.IGNORECASE)
+_OF_ANOTHER = re.compile(r"ref|glass|tg\b|tm\b|/\s*min|\bto\b|\bfrom\b|dri|cur|anneal|aged|room|stor", re.IGNORECASE)
+_PLAIN = re.compile(r"[+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?")
 _OPEN = re.compile(r'(?:^|[,;\t])\s*"[^"]*$')  # a cell in quotation marks that goes on in the next line
 _PLACE = re.compile(r"[+-]?\d+(?:[.,]\d+)?\s*(?:°\s?C|ºC|degC|C|K|Hz|rad/s)")
 _PARAMETERS = re.compile(r"\s*[A-Za-z]\w*\s*=\s*[^=;]*;")  # key=value; of a RepTate header
 _SIGNAL = re.compile(r"\s*Sig\d+\s+(.+?)\s*", re.IGNORECASE)  # a column of a file of Universal Analysis
+_MINUS = re.compile(r"\u2212|(?<![\w.,])\u2013(?=\d)")  # as papers and word processors write it
 _DATA = re.compile(r"\s*StartOfData\s*", re.IGNORECASE)
 _BEGINS = re.compile(r"^\s*\[step\]\s*$", re.IGNORECASE)
 
@@ -69,6 +76,8 @@ class Block:
         Quantities stated above the table: canonical name to value and unit.
     unit_line : int
         Of the row of units, 0 where there is none.
+    sheet : str
+        In which it stands, "" in a text.
     """
 
     line: int
@@ -80,19 +89,25 @@ class Block:
     facts: dict[str, tuple[float, str]] = field(default_factory=dict)
     above: tuple[int, str] = (0, "")
     unit_line: int = 0
+    sheet: str = ""
 
     def names(self) -> set[str]:
         """Return the quantities that it names, or that stand above it."""
         named = {heading.name for heading in self.headings if heading.is_known}
-        places = {"Hz": "frequency", "rad/s": "frequency"}
-        at = {places.get(heading.at[1], "temperature") for heading in self.headings if heading.at is not None}
+        at = {place_of(heading) for heading in self.headings if heading.at is not None}
         return named | at | set(self.facts)
+
+
+def place_of(heading: Heading) -> str:
+    """Name the quantity that the heading of a column states beside its own: of ``E'(1 Hz)`` the frequency."""
+    return "frequency" if heading.at is not None and heading.at[1] in ("Hz", "rad/s") else "temperature"
 
 
 def joined(lines: Iterable[str]) -> Iterator[tuple[int, str]]:
     """Yield lines with their numbers, those together that are one heading in quotation marks."""
     held, first = "", 0
-    for number, line in enumerate(lines, 1):
+    for number, given in enumerate(lines, 1):
+        line = _MINUS.sub("-", given)
         text = f"{held} {line}" if held else line
         first = first if held else number
         is_open = _OPEN.search(text) is not None and any(map(str.isalpha, text))
@@ -203,9 +218,9 @@ _LONGEST = 20_000
 
 def is_begin(names: set[str]) -> bool:
     """Tell whether a line with these quantities begins a table, complete or not."""
-    axes = names & (_words.FREQUENCIES | _words.TIMES | {"temperature", "temperature_set"})
-    values = names & (_words.MODULI | _words.RESPONSES | {"loss_factor", "phase_angle"})
-    return _words.is_table(names) or bool(axes and values and len(names) > 2) or len(names & _words.MODULI) > 1
+    axes = names & (FREQUENCIES | TIMES | {"temperature", "temperature_set"})
+    values = names & (MODULI | RESPONSES | {"loss_factor", "phase_angle"})
+    return _words.is_table(names) or bool(axes and values and len(names) > 2) or len(names & MODULI) > 1
 
 
 def blocks(lines: Sequence[tuple[int, str]], given: list[Heading] | None = None) -> list[Block]:
@@ -280,6 +295,8 @@ def _goes_on(block: Block, lines: Sequence[tuple[int, str]], k: int) -> int | No
 def _stated_at(line: str) -> dict[str, tuple[float, str]]:
     """Return the temperature that a title states, ``Isotherm at 20 °C``, or that stands alone."""
     match = _AT.search(line) or _ALONE.fullmatch(line)
+    if match is None and _OF_A_SWEEP.search(line) and not _OF_ANOTHER.search(line):
+        match = _TITLE.fullmatch(line) if len(_PLACE.findall(line)) == 1 else None
     if match is None:
         return {}
     return {"temperature": (float(match[1].replace(",", ".")), "K" if match[2] == "K" else "degC")}
@@ -347,6 +364,14 @@ def is_of_parameters(line: str) -> bool:
 def _facts(line: str) -> Iterator[tuple[str, tuple[float, str]]]:
     """Yield temperature and frequency as a line above a table states them, with their unit."""
     is_parameters = is_of_parameters(line)
+    for way in (SEMICOLON, COMMA):  # a name, a number and a unit in cells of their own
+        name, value, unit, *more = [*trimmed(cells(line, way)), "", "", ""]
+        if not any(more) and _PLAIN.fullmatch(value):
+            heading = _words.parsed(name.rstrip(": "))
+            unit = unit or heading.unit
+            if heading.name in ("temperature", "temperature_set", "frequency") and unit:
+                line = f"{name.rstrip(': ')}: {value} {unit}"
+                break
     for match in _FACT.finditer(_MARK.sub("", line)):
         heading = _words.parsed(match["key"].strip())
         if heading.name not in ("temperature", "temperature_set", "frequency"):

@@ -6,11 +6,12 @@ Viscoelastic Properties of Polymers, 3rd ed., ch. 1).
 """
 
 from collections.abc import Callable, Mapping, Set
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from instruments.anton_paar import Column
-from instruments.tables import _words
+from instruments._symbols import FREQUENCIES, RESPONSES, SHIFTS, TIMES
 from labpipe.arrays import Floats
 
 _Made = tuple[Floats, Floats]
@@ -45,7 +46,7 @@ _WAYS: tuple[tuple[tuple[str, ...], Callable[..., _Made]], ...] = (
 )
 
 
-def with_moduli(columns: dict[str, Column]) -> dict[str, Column]:
+def with_moduli(columns: dict[str, Any]) -> dict[str, Any]:
     """Add storage and loss modulus [Pa] to columns in SI that determine them."""
     omega = _omega(columns)
     for needed, made in _WAYS:
@@ -57,12 +58,20 @@ def with_moduli(columns: dict[str, Column]) -> dict[str, Column]:
             source = " and ".join(columns[name].header for name in needed if name != "ω")
             for name, values in (("storage_modulus", storage), ("loss_modulus", loss)):
                 if name not in columns:
-                    columns[name] = Column(name, f"of {source}", "Pa", "Pa", values)
+                    columns[name] = replace(
+                        columns[needed[0]],
+                        name=name,
+                        header=f"of {source}",
+                        unit="Pa",
+                        si="Pa",
+                        values=values,
+                        sub_label="",
+                    )
             break
     return columns
 
 
-def _omega(columns: Mapping[str, Column]) -> Floats | None:
+def _omega(columns: Mapping[str, Any]) -> Floats | None:
     if "angular_frequency" in columns:
         return np.asarray(columns["angular_frequency"].values, dtype=float)
     if "frequency" in columns:
@@ -81,11 +90,11 @@ def missing(names: Set[str]) -> str:
     has = set(names)
     if "temperature_set" in has:
         has.add("temperature")
-    if has & _words.FREQUENCIES:
+    if has & FREQUENCIES:
         has.add("ω")
-    if "temperature" in has and has & _words.SHIFTS:
+    if "temperature" in has and has & SHIFTS:
         return ""
-    if has & _words.TIMES and has & _words.RESPONSES:
+    if has & TIMES and has & RESPONSES:
         return ""
     makes = any(set(needed) <= has for needed, _ in _WAYS)
     lacks = []
