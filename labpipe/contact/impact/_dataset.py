@@ -304,7 +304,7 @@ def _rows(run: DropRun, setting: Setting) -> dict[str, Floats]:
         if curves := contact.curves:
             peaks = curves.peak_force, curves.largest, curves.peak_approach
         else:
-            peaks = tuple(peak(time, values) for values in (steps.force, steps.contact_radius, steps.approach))
+            peaks = peak(time, steps.force), peak(time, steps.contact_radius), peak(time, steps.approach)
         rows.append(
             (
                 time[0] + setting.fall_time,
