@@ -30,6 +30,9 @@ _POWER = r"\s*[x×*·]\s*10\^?\(?([+-]?\d+)\)?"
 _NUMERIC = re.compile(rf"[+-]?(?:\d[\d.,'\u00a0\u202f\u2019 ]*|[.,]\d+)(?:[eEdD][+-]?\d+|{_POWER})?")
 _GROUPED = re.compile(r"([+-]?\d{1,3}(?:['\u2019\u00a0\u202f ]\d{3})+)((?:[.,]\d*)?(?:[eEdD].*)?)")
 _TIMES_TEN = re.compile(_POWER + "$")
+_RAISED = re.compile("(?<=10)[⁻⁺]?[⁰¹²³⁴⁵⁶⁷⁸⁹]+")
+_LOWERED = str.maketrans("⁻⁺⁰¹²³⁴⁵⁶⁷⁸⁹", "-+0123456789")
+_BARE_POWER = re.compile(r"^([+-]?)10\^\(?([+-]?\d+)\)?$")
 _MARK = re.compile(
     r"^\s*(?:#+|%+|//|!)\s*(?:(?:columns?|fields?|variables?|names?|header|units?)\s*[:=]\s*)?", re.IGNORECASE
 )
@@ -43,7 +46,11 @@ _AT = re.compile(r"(?:^|\s)(?:at|@|bei|à)\s*([+-]?\d+(?:[.,]\d+)?)\s*(°\s?C|º
 _ALONE = re.compile(r"[\s#*=:]*(?:--+\s+)?([+-]?\d+(?:[.,]\d+)?)\s*(°\s?C|ºC|degC|K)[\s#*=:-]*")
 _TITLE = re.compile(r"(?:^|.*?[\s(\[_,:;=])([+-]?\d+(?:[.,]\d+)?)\s*(°\s?C|ºC|degC|K)\s*[)\]]?[\s:;,#=-]*")
 _OF_A_SWEEP = re.compile(r"iso|step|sweep|temp|freq|segment|run\b|test|versuch|messung|balayage|essai", re.IGNORECASE)
-_OF_ANOTHER = re.compile(r"ref|glass|tg\b|tm\b|/\s*min|\bto\b|\bfrom\b|dri|cur|anneal|aged|room|stor", re.IGNORECASE)
+_OF_ANOTHER = re.compile(
+    r"\bref|glass|\bt[gm]\b|\d\s*(?:°C|K)?\s*/\s*min|\bto\b|\bfrom\b|dried|drying|cur(?:ed|ing)|anneal|age(?:d|ing)"
+    r"|\broom|stored|storing|condition|humid|\bRH\b",
+    re.IGNORECASE,
+)
 _PLAIN = re.compile(r"[+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?")
 _OPEN = re.compile(r'(?:^|[,;\t])\s*"[^"]*$')  # a cell in quotation marks that goes on in the next line
 _PLACE = re.compile(r"[+-]?\d+(?:[.,]\d+)?\s*(?:°\s?C|ºC|degC|C|K|Hz|rad/s)")
@@ -100,7 +107,7 @@ class Block:
 
 def place_of(heading: Heading) -> str:
     """Name the quantity that the heading of a column states beside its own: of ``E'(1 Hz)`` the frequency."""
-    return "frequency" if heading.at is not None and heading.at[1] in ("Hz", "rad/s") else "temperature"
+    return "frequency" if heading.at is not None and heading.at[1].endswith(("Hz", "rad/s")) else "temperature"
 
 
 def joined(lines: Iterable[str]) -> Iterator[tuple[int, str]]:
@@ -145,7 +152,13 @@ def trimmed(found: list[str]) -> list[str]:
 
 def is_numeric(cell: str) -> bool:
     """Tell whether a cell can be a number, whatever its decimal sign."""
-    return _NUMERIC.fullmatch(cell.strip()) is not None
+    return _NUMERIC.fullmatch(_with_powers(cell.strip())) is not None
+
+
+def _with_powers(cell: str) -> str:
+    """Write raised digits and a bare power of ten out: ``10⁻²`` is 1e-2."""
+    raised = _RAISED.sub(lambda match: "^" + match[0].translate(_LOWERED), cell)
+    return _BARE_POWER.sub(r"\g<1>1e\2", raised)
 
 
 def plain(cell: str) -> str:
@@ -156,6 +169,7 @@ def plain(cell: str) -> str:
     >>> plain("1'234'567.5"), plain("2 500,0"), plain("1.2x10^6")
     ('1234567.5', '2500,0', '1.2e6')
     """
+    cell = _with_powers(cell)
     grouped = _GROUPED.fullmatch(cell)
     text = re.sub(r"\D", "", grouped[1]) if grouped else cell
     if grouped:
@@ -256,7 +270,7 @@ def blocks(lines: Sequence[tuple[int, str]], given: list[Heading] | None = None)
             k += 1
             continue
         above = lines[k - 1] if k else (0, "")
-        block = Block(number, head[0], title=title, facts=_stated_at(title) | _stated_at(above[1]) | facts, above=above)
+        block = Block(number, head[0], title=title, facts=facts | _stated_at(title) | _stated_at(above[1]), above=above)
         k = _fill(block, lines, head[2], head[1])
         in_step = False
         if block.rows or not found:
@@ -294,7 +308,7 @@ def _goes_on(block: Block, lines: Sequence[tuple[int, str]], k: int) -> int | No
 
 def _stated_at(line: str) -> dict[str, tuple[float, str]]:
     """Return the temperature that a title states, ``Isotherm at 20 °C``, or that stands alone."""
-    match = _AT.search(line) or _ALONE.fullmatch(line)
+    match = None if _OF_ANOTHER.search(line) else _AT.search(line) or _ALONE.fullmatch(line)
     if match is None and _OF_A_SWEEP.search(line) and not _OF_ANOTHER.search(line):
         match = _TITLE.fullmatch(line) if len(_PLACE.findall(line)) == 1 else None
     if match is None:

@@ -27,7 +27,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from instruments._instrument import HEAD_BYTES
-from instruments._moduli import missing, with_moduli
+from instruments._moduli import contradictions, missing, with_moduli
 from instruments._symbols import FREQUENCIES, MODULI, RESPONSES, SHIFTS
 from instruments.anton_paar import Column, Interval, assemble
 from instruments.tables import CODECS, _layout, _words, workbook_hint
@@ -40,6 +40,7 @@ from labpipe.text import Limits, Separators, TextFile, not_a_number, plain_numbe
 
 DEVICE = "plain table of a dynamic mechanical analysis"
 
+_HEADER = 100  # lines in which a file says how it is written
 _LIMITS = Limits(max_bytes=128 << 20)
 _ZERO_CELSIUS = 273.15
 _ROUNDED = 2e-3  # of a column that was rounded to three digits
@@ -53,6 +54,18 @@ _UNITLESS = ("loss_factor", "log10_aT", "ln_aT", "a_T", "b_T", "set")
 _VAGUE = ("modulus", "module", "modul", "modulo", "e", "g", "e_modulus", "youngs_modulus", "young_s_modulus", "e_modul")
 _ALONE = "Cells hold numbers alone; the units stand in the headings or in a row below them."
 _WITH_UNIT = re.compile(r"[+-]?\d[\d.,]*(?:[eE][+-]?\d+)?\s*(?:°\s?[CF]|[A-Za-z%][\w/°]*)")
+_SPECIMEN = (
+    "sample",
+    "specimen",
+    "material",
+    "probe",
+    "sample_name",
+    "sample_id",
+    "specimen_id",
+    "echantillon",
+    "name",
+)
+_DECIMAL = re.compile(r"#DE[CZ]IMAL:\s*(\w+)")  # of Netzsch
 _Pair = tuple[Heading, Floats]
 _OWN = ("point", "test", "result", "interval", "is_valid", "sample")  # names of the Dataset itself
 _ABOVE = re.compile(r"([+-]?\d+(?:[.,]\d+)?)\s*(°\s?C|ºC|degC|C|K)\b")
@@ -105,7 +118,7 @@ def read(
     path = Path(path)
     named = None if columns is None else _named(columns)
     source, blocks = (_in_sheets if _is_workbook(path) else _found)(path, encoding, allow_incomplete, named)
-    signs = _signs(path, blocks, decimal)
+    signs = _signs(path, blocks, decimal or _stated_decimal(source))
     if not source.is_ended and not allow_incomplete:
         _check_last_row(source, blocks[-1])
     whole = _complete(path, [_Table(_place(path, block), block, signs) for block in blocks])
@@ -131,6 +144,15 @@ def _found(
         if source.encoding != codec:  # it says itself what it is
             break
     raise first or SourceError(path, "no codec was given")
+
+
+def _stated_decimal(source: TextFile) -> str | None:
+    """Return the decimal sign that a header states, None where it does not."""
+    if source.encoding == "xlsx":
+        return None
+    lines = (line for _, line in zip(range(_HEADER), source.lines(), strict=False))
+    stated = next((match[1] for line in lines if (match := _DECIMAL.match(line)) is not None), "").casefold()
+    return {"point": ".", "punkt": ".", "comma": ",", "komma": ","}.get(stated)
 
 
 def _is_workbook(path: Path) -> bool:
@@ -274,6 +296,7 @@ class _Table:
         short = _short_rows(path, block)
         values = _values(path, block, signs)
         values[short] = np.nan
+        _tell_of_specimens(path, block)
         _fill_merged(block, values)
         parts = list(_parted(path, block, values))
         self.is_whole = np.tile(~short, len(parts))
@@ -350,6 +373,19 @@ def _fill_merged(block: Block, values: Floats) -> None:
         is_merged = heading.name in ("temperature", "temperature_set", "set") and stated[0]
         if is_merged and 2 * np.count_nonzero(stated) <= column.size:
             column[:] = column[np.maximum.accumulate(np.where(stated, np.arange(column.size), 0))]
+
+
+def _tell_of_specimens(path: Path, block: Block) -> None:
+    """Say that a column names several specimens, whose rows are read as those of one."""
+    for k, heading in enumerate(block.headings):
+        if heading.name in _SPECIMEN:
+            names = sorted({row[k] for _, row in block.rows if k < len(row) and row[k]})
+            if len(names) > 1:
+                warnings.warn(
+                    f"{path}:{block.line}: {heading.text} names {len(names)} specimens ({shorten(', '.join(names))}), "
+                    "which are read as one; if they are of different materials, give each a file of its own",
+                    stacklevel=5,
+                )
 
 
 def _parted(path: Path, block: Block, values: Floats) -> Iterator[list[_Pair]]:
@@ -470,6 +506,8 @@ def _converted(path: Path, block: Block, pairs: Sequence[_Pair]) -> dict[str, Co
     if "temperature" not in found and "temperature_set" in found:
         column = found["temperature_set"]
         found["temperature"] = Column("temperature", column.header, column.unit, column.si, column.values)
+    for said in contradictions(found):
+        warnings.warn(f"{path}:{block.line}: {said}; check headings and units, one of them is wrong", stacklevel=5)
     return _with_log_shift(path, with_moduli(found))
 
 
@@ -494,6 +532,12 @@ def _column(path: Path, block: Block, heading: Heading, values: Floats) -> Colum
             line=block.unit_line or block.line,
             hint="State the units in the headings or in a row below them, or give all columns in order: "
             f'columns="{_example(block)}".',
+        )
+    if stated.strip("[]() ") == "mPa":
+        warnings.warn(
+            f"{path}:{block.unit_line or block.line}: {heading.text} is in mPa, which is read as MPa (megapascal); "
+            "if it is in millipascal, write 1e-3 Pa",
+            stacklevel=6,
         )
     column = 10.0**values if heading.is_logarithm else values
     si = "rad/s" if name == "angular_frequency" else "Hz" if name == "frequency" else unit.si

@@ -152,3 +152,57 @@ def test_words_of_rheocompass_in_other_languages(tmp_path, names):
     ]
     path.write_text("\n".join([*bare[: -F.size], *rows]) + "\n", "utf-16")
     assert_is_the_truth(anton_paar.read(path))
+
+
+def test_the_temperature_nearest_to_the_table_counts(tmp_path):
+    found = read(tmp_path, "Temperature: 25 °C\nHumidity: 50 %\n\n" + blocks("Sweep at {t:g} °C"))
+    assert_is_the_truth(found.assign(temperature=found.temperature + 40))
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["Specimen cured at 120 °C", "Stored at 23 °C / 50 % RH", "Room temperature: 23 °C", "Glass transition at 105 °C"],
+)
+def test_a_temperature_of_something_else_is_left(tmp_path, line):
+    assert "temperature" not in read(
+        tmp_path, line + "\n" + table("f (Hz),E' (MPa),E'' (MPa)", F, STORAGE / 1e6, LOSS / 1e6)
+    )
+
+
+@pytest.mark.parametrize(
+    ("head", "columns", "message"),
+    [
+        ("f (Hz),E' (MPa),E'' (MPa),T (°C),tan δ", (*ALL, 1.5 * TAN), "loss modulus of E' .* and tan δ is 1.5 times"),
+        ("f (Hz),E' (MPa),E'' (MPa),T (°C),|E*| (GPa)", (*ALL, SIZE / 1e6), "is 1e.03 times the size of E' "),
+        ("f (Hz),E' (MPa),E'' (MPa),T (°C),ω (rad/s)", (*ALL, F), "ω .rad/s. is 0.159 times 2π f "),
+        ("f (Hz),E' (mPa),E'' (MPa),T (°C)", ALL, "E' .mPa. is in mPa, which is read as MPa"),
+    ],
+)  # fmt: skip
+def test_columns_that_do_not_agree_are_told(tmp_path, head, columns, message):
+    with pytest.warns(UserWarning, match=message):
+        assert_is_the_truth(read(tmp_path, table(head, *columns)))
+
+
+def test_several_specimens_in_a_table_are_told(tmp_path):
+    text = "Sample," + table("f (Hz),E' (MPa),E'' (MPa),T (°C)", *ALL).replace("\n", "\nA,", 6).replace("\n0", "\nB,0")
+    rows = text.split("\n")
+    rows = [rows[0], *(row if row[:1] in "AB" else "B," + row for row in rows[1:-1])]
+    with pytest.warns(UserWarning, match="Sample names 2 specimens"):
+        assert_is_the_truth(read(tmp_path, "\n".join(rows) + "\n"))
+
+
+def test_a_header_that_states_the_decimal_sign_is_believed(tmp_path):
+    head = "#FORMAT:NETZSCH5\n#DECIMAL:COMMA\n#SEPARATOR:SEMICOLON\n\n##Temp./°C;Freq./Hz;E'/MPa;E\"/MPa\n"
+    found = read(tmp_path, head + "20,000;1,000;950,125;45,125\n")
+    assert found.storage_modulus.values == pytest.approx([950.125e6])
+
+
+def test_powers_of_ten_and_frequencies_in_millihertz(tmp_path):
+    rows = "".join(
+        f"10⁻¹;{t:g};{s / 1e8:.12f}·10⁸;{g / 1e7:.12f}×10⁷\n" for t, s, g in zip(T, STORAGE, LOSS, strict=True)
+    )
+    found = read(tmp_path, "f (Hz);T (°C);E' (Pa);E'' (Pa)\n" + rows)
+    assert found.storage_modulus.values == pytest.approx(STORAGE, rel=1e-9)
+    assert found.frequency.values == pytest.approx(0.1)
+    wide = table("T (°C);E'(100 mHz)/MPa;E''(100 mHz)/MPa", TEMPERATURE, TEMPERATURE, TEMPERATURE, sep=";")
+    assert read(tmp_path, wide).frequency.values == pytest.approx(0.1)
