@@ -28,7 +28,7 @@ from instruments.mach1 import Options as Mach1Options
 from instruments.phantom import INSTRUMENT as PHANTOM
 from instruments.tables import INSTRUMENT as PLAIN_TABLE
 from instruments.tables import Options as TableOptions
-from instruments.tables import holds_rows
+from instruments.tables import holds_rows, workbook_hint
 from labpipe.build import BUILD
 from labpipe.errors import InputError, LabpipeError, SourceError, UsageError
 from labpipe.plugins import Plugin, survey, tell
@@ -137,7 +137,7 @@ def _identify(path: Path) -> Instrument:
         if plugin.found is not None and _is_from(plugin, head, path):
             return plugin.found
     tried = ", ".join(each.name for each in known())
-    hint = 'If you know what wrote it, say so: instrument="keyence" (or another of these).'
+    hint = workbook_hint(head) or 'If you know what wrote it, say so: instrument="keyence" (or another of these).'
     if holds_rows(head):
         hint += (
             " Of a table of moduli, name the columns in order with their units: "

@@ -42,15 +42,16 @@ def safe_join(root: str | os.PathLike[str], name: str) -> Path:
     """
     base = Path(root).resolve()
     joined = base / name
-    problem = _name_problem(name) or _link_problem(joined, base)
+    problem = name_problem(name) or _link_problem(joined, base)
     if problem is not None:
-        shown = _printable(name if len(name) <= _LONGEST_NAME else name[:60] + "…")
+        shown = printable(name if len(name) <= _LONGEST_NAME else name[:60] + "…")
         message = f'"{shown}" is not a path inside the session folder: {problem}'
         raise InputError(message)
     return joined.resolve()
 
 
-def _name_problem(name: str) -> str | None:
+def name_problem(name: str) -> str | None:
+    """Say why a session cannot name a file so, or None when it can."""
     if not name.strip():
         return "it is empty"
     if any(unicodedata.category(c) in ("Cc", "Cs") or _is_direction(c) for c in name):
@@ -101,5 +102,6 @@ def _is_direction(character: str) -> bool:
     return "\u202a" <= character <= "\u202e" or "\u2066" <= character <= "\u2069"
 
 
-def _printable(text: str) -> str:
+def printable(text: str) -> str:
+    """Return a text with the codes of characters that are not seen, or turn the reading direction."""
     return "".join(f"\\u{ord(c):04x}" if unicodedata.category(c) in ("Cc", "Cs", "Cf") else c for c in text)

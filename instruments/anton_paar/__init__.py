@@ -11,6 +11,7 @@ from labpipe.text import Limits
 if TYPE_CHECKING:
     from instruments.anton_paar._dataset import CLIPPED, assemble, make_column, make_interval
     from instruments.anton_paar._export import read
+    from instruments.anton_paar._sources import workbook_rows
     from instruments.anton_paar._values import Column, Interval
     from instruments.anton_paar._words import SI_OF, column_name, repaired, slug, unit_of
     from instruments.anton_paar._writer import LANGUAGES, encode, write
@@ -21,6 +22,7 @@ else:
         "make_column": "_dataset",
         "make_interval": "_dataset",
         "read": "_export",
+        "workbook_rows": "_sources",
         "Column": "_values",
         "Interval": "_values",
         "SI_OF": "_words",
@@ -51,6 +53,7 @@ __all__ = [
     "repaired",
     "slug",
     "unit_of",
+    "workbook_rows",
     "write",
 ]
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from instruments._moduli import with_moduli
 from instruments.anton_paar import _words as words
 from instruments.anton_paar._table import Cell, RawInterval, text_of
 from labpipe.arrays import Floats
@@ -134,6 +135,8 @@ def interpret(raw: RawInterval, signs: Separators, path: Path, findings: Finding
         if name not in ("time", "interval_time"):
             values[~valid] = np.nan
         columns.append(Column(name, plan.header, plan.unit, si, values, sub))
+    made = with_moduli({column.name: column for column in columns})
+    columns += [made[name] for name in sorted(made.keys() - {column.name for column in columns})]
     return Interval(raw.test, raw.result, raw.number, raw.declared, point, valid, tuple(columns), raw.line, raw.sheet)
 
 

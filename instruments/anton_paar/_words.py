@@ -7,6 +7,7 @@ what a line is (a label and two whole numbers begin an interval), its words are 
 import re
 import unicodedata
 
+from instruments._symbols import named
 from labpipe.errors import InputError
 from labpipe.units import Unit, unit
 
@@ -64,6 +65,11 @@ COLUMNS: dict[str, tuple[str, ...]] = {
         "pts mes",
         "no do ponto",
         "ponto no",
+        "n o de punto",
+        "no de punto",
+        "punto n o",
+        "n punto",
+        "punto n",
     ),
     "time": ("time", "zeit", "temps", "tempo", "test time", "versuchszeit"),
     "interval_time": (
@@ -249,8 +255,15 @@ def label(text: str) -> str | None:
 
 
 def column_name(text: str) -> str | None:
-    """Return the canonical name of a column, or None when it is not known."""
-    return _COLUMN_OF.get(fold(text))
+    """Return the canonical name of a column, or None when it is not known.
+
+    Examples
+    --------
+    >>> column_name("Speichermodul"), column_name("储能模量"), column_name("Torque 2")
+    ('storage_modulus', 'storage_modulus', None)
+    """
+    found = _COLUMN_OF.get(fold(text)) or named(text)
+    return found if found in SI_OF or found in TEXT_COLUMNS or found == "point" else None
 
 
 def slug(text: str) -> str:

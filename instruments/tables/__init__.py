@@ -1,4 +1,4 @@
-"""Tables of a dynamic mechanical analysis as text, as analysers and other software export them."""
+"""Tables of a dynamic mechanical analysis, text or workbook, as analysers and other software export them."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
@@ -13,7 +13,7 @@ else:
     _HOMES = {"read": "_plain"}
     __getattr__ = lazily(__name__, _HOMES)
 
-__all__ = ["INSTRUMENT", "Options", "holds_rows", "read"]
+__all__ = ["INSTRUMENT", "Options", "holds_rows", "read", "workbook_hint"]
 
 # Codecs of spreadsheets without Unicode, where words are found in none that is more usual.
 CODECS = ("cp932", "gbk", "euc_kr", "cp1251", "cp1250", "cp1254")
@@ -42,6 +42,10 @@ class Options(TypedDict, total=False):
 
 def _sniff(head: bytes, path: Path) -> bool:
     """Tell a table of sweeps, responses or shift factors by the quantities in its headings."""
+    if head.startswith(b"PK\x03\x04"):
+        from instruments.tables._workbook import names_quantities
+
+        return names_quantities(path)
     text = _text(head)
     if "\0" in text or not head:
         return False
@@ -71,6 +75,18 @@ def holds_rows(head: bytes) -> bool:
 
     text = _text(head)
     return "\0" not in text and any(len(numbers_of(line)) > 2 for line in text.splitlines()[:-1])
+
+
+def workbook_hint(head: bytes) -> str:
+    """Say how a workbook of another program, or one that names no quantities, can be read; "" of other files."""
+    if head.startswith(b"\xd0\xcf\x11\xe0") or b"opendocument.spreadsheet" in head[:200]:
+        return "This is a workbook of an older or another program (.xls, .ods); save it as .xlsx or as CSV."
+    if head.startswith(b"PK\x03\x04"):
+        return (
+            "In a workbook a row names the columns, with their units in it or in the row below: "
+            "f (Hz), E' (MPa), E'' (MPa), T (degC); name them, or save the sheet as CSV."
+        )
+    return ""
 
 
 def _text(head: bytes) -> str:

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
+from instruments._symbols import FREQUENCIES, MODULI, RESPONSES, TIMES
 from instruments.tables import _words
 from instruments.tables._words import Heading
 
@@ -29,6 +30,9 @@ _POWER = r"\s*[x×*·]\s*10\^?\(?([+-]?\d+)\)?"
 _NUMERIC = re.compile(rf"[+-]?(?:\d[\d.,'\u00a0\u202f\u2019 ]*|[.,]\d+)(?:[eEdD][+-]?\d+|{_POWER})?")
 _GROUPED = re.compile(r"([+-]?\d{1,3}(?:['\u2019\u00a0\u202f ]\d{3})+)((?:[.,]\d*)?(?:[eEdD].*)?)")
 _TIMES_TEN = re.compile(_POWER + "$")
+_RAISED = re.compile("(?<=10)[⁻⁺]?[⁰¹²³⁴⁵⁶⁷⁸⁹]+")
+_LOWERED = str.maketrans("⁻⁺⁰¹²³⁴⁵⁶⁷⁸⁹", "-+0123456789")
+_BARE_POWER = re.compile(r"^([+-]?)10\^\(?([+-]?\d+)\)?$")
 _MARK = re.compile(
     r"^\s*(?:#+|%+|//|!)\s*(?:(?:columns?|fields?|variables?|names?|header|units?)\s*[:=]\s*)?", re.IGNORECASE
 )
@@ -38,11 +42,21 @@ _FACT = re.compile(
     r"\s*(?P<unit>[^\s;,)]*(?:\s?C\b)?)"
 )
 _AT = re.compile(r"(?:^|\s)(?:at|@|bei|à)\s*([+-]?\d+(?:[.,]\d+)?)\s*(°\s?C|ºC|degC|K)\b")
-_ALONE = re.compile(r"[\s#*=:-]*([+-]?\d+(?:[.,]\d+)?)\s*(°\s?C|ºC|degC|K)[\s#*=:-]*")
+# Dashes that decorate a title do not touch its number: a single one is its sign.
+_ALONE = re.compile(r"[\s#*=:]*(?:--+\s+)?([+-]?\d+(?:[.,]\d+)?)\s*(°\s?C|ºC|degC|K)[\s#*=:-]*")
+_TITLE = re.compile(r"(?:^|.*?[\s(\[_,:;=])([+-]?\d+(?:[.,]\d+)?)\s*(°\s?C|ºC|degC|K)\s*[)\]]?[\s:;,#=-]*")
+_OF_A_SWEEP = re.compile(r"iso|step|sweep|temp|freq|segment|run\b|test|versuch|messung|balayage|essai", re.IGNORECASE)
+_OF_ANOTHER = re.compile(
+    r"\bref|glass|\bt[gm]\b|\d\s*(?:°C|K)?\s*/\s*min|\bto\b|\bfrom\b|dried|drying|cur(?:ed|ing)|anneal|age(?:d|ing)"
+    r"|\broom|stored|storing|condition|humid|\bRH\b",
+    re.IGNORECASE,
+)
+_PLAIN = re.compile(r"[+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?")
 _OPEN = re.compile(r'(?:^|[,;\t])\s*"[^"]*$')  # a cell in quotation marks that goes on in the next line
 _PLACE = re.compile(r"[+-]?\d+(?:[.,]\d+)?\s*(?:°\s?C|ºC|degC|C|K|Hz|rad/s)")
 _PARAMETERS = re.compile(r"\s*[A-Za-z]\w*\s*=\s*[^=;]*;")  # key=value; of a RepTate header
 _SIGNAL = re.compile(r"\s*Sig\d+\s+(.+?)\s*", re.IGNORECASE)  # a column of a file of Universal Analysis
+_MINUS = re.compile(r"\u2212|(?<![\w.,])\u2013(?=\d)")  # as papers and word processors write it
 _DATA = re.compile(r"\s*StartOfData\s*", re.IGNORECASE)
 _BEGINS = re.compile(r"^\s*\[step\]\s*$", re.IGNORECASE)
 
@@ -69,6 +83,8 @@ class Block:
         Quantities stated above the table: canonical name to value and unit.
     unit_line : int
         Of the row of units, 0 where there is none.
+    sheet : str
+        In which it stands, "" in a text.
     """
 
     line: int
@@ -80,19 +96,25 @@ class Block:
     facts: dict[str, tuple[float, str]] = field(default_factory=dict)
     above: tuple[int, str] = (0, "")
     unit_line: int = 0
+    sheet: str = ""
 
     def names(self) -> set[str]:
         """Return the quantities that it names, or that stand above it."""
         named = {heading.name for heading in self.headings if heading.is_known}
-        places = {"Hz": "frequency", "rad/s": "frequency"}
-        at = {places.get(heading.at[1], "temperature") for heading in self.headings if heading.at is not None}
+        at = {place_of(heading) for heading in self.headings if heading.at is not None}
         return named | at | set(self.facts)
+
+
+def place_of(heading: Heading) -> str:
+    """Name the quantity that the heading of a column states beside its own: of ``E'(1 Hz)`` the frequency."""
+    return "frequency" if heading.at is not None and heading.at[1].endswith(("Hz", "rad/s")) else "temperature"
 
 
 def joined(lines: Iterable[str]) -> Iterator[tuple[int, str]]:
     """Yield lines with their numbers, those together that are one heading in quotation marks."""
     held, first = "", 0
-    for number, line in enumerate(lines, 1):
+    for number, given in enumerate(lines, 1):
+        line = _MINUS.sub("-", given)
         text = f"{held} {line}" if held else line
         first = first if held else number
         is_open = _OPEN.search(text) is not None and any(map(str.isalpha, text))
@@ -130,7 +152,13 @@ def trimmed(found: list[str]) -> list[str]:
 
 def is_numeric(cell: str) -> bool:
     """Tell whether a cell can be a number, whatever its decimal sign."""
-    return _NUMERIC.fullmatch(cell.strip()) is not None
+    return _NUMERIC.fullmatch(_with_powers(cell.strip())) is not None
+
+
+def _with_powers(cell: str) -> str:
+    """Write raised digits and a bare power of ten out: ``10⁻²`` is 1e-2."""
+    raised = _RAISED.sub(lambda match: "^" + match[0].translate(_LOWERED), cell)
+    return _BARE_POWER.sub(r"\g<1>1e\2", raised)
 
 
 def plain(cell: str) -> str:
@@ -141,6 +169,7 @@ def plain(cell: str) -> str:
     >>> plain("1'234'567.5"), plain("2 500,0"), plain("1.2x10^6")
     ('1234567.5', '2500,0', '1.2e6')
     """
+    cell = _with_powers(cell)
     grouped = _GROUPED.fullmatch(cell)
     text = re.sub(r"\D", "", grouped[1]) if grouped else cell
     if grouped:
@@ -203,9 +232,9 @@ _LONGEST = 20_000
 
 def is_begin(names: set[str]) -> bool:
     """Tell whether a line with these quantities begins a table, complete or not."""
-    axes = names & (_words.FREQUENCIES | _words.TIMES | {"temperature", "temperature_set"})
-    values = names & (_words.MODULI | _words.RESPONSES | {"loss_factor", "phase_angle"})
-    return _words.is_table(names) or bool(axes and values and len(names) > 2) or len(names & _words.MODULI) > 1
+    axes = names & (FREQUENCIES | TIMES | {"temperature", "temperature_set"})
+    values = names & (MODULI | RESPONSES | {"loss_factor", "phase_angle"})
+    return _words.is_table(names) or bool(axes and values and len(names) > 2) or len(names & MODULI) > 1
 
 
 def blocks(lines: Sequence[tuple[int, str]], given: list[Heading] | None = None) -> list[Block]:
@@ -241,7 +270,7 @@ def blocks(lines: Sequence[tuple[int, str]], given: list[Heading] | None = None)
             k += 1
             continue
         above = lines[k - 1] if k else (0, "")
-        block = Block(number, head[0], title=title, facts=_stated_at(title) | _stated_at(above[1]) | facts, above=above)
+        block = Block(number, head[0], title=title, facts=facts | _stated_at(title) | _stated_at(above[1]), above=above)
         k = _fill(block, lines, head[2], head[1])
         in_step = False
         if block.rows or not found:
@@ -279,7 +308,9 @@ def _goes_on(block: Block, lines: Sequence[tuple[int, str]], k: int) -> int | No
 
 def _stated_at(line: str) -> dict[str, tuple[float, str]]:
     """Return the temperature that a title states, ``Isotherm at 20 °C``, or that stands alone."""
-    match = _AT.search(line) or _ALONE.fullmatch(line)
+    match = None if _OF_ANOTHER.search(line) else _AT.search(line) or _ALONE.fullmatch(line)
+    if match is None and _OF_A_SWEEP.search(line) and not _OF_ANOTHER.search(line):
+        match = _TITLE.fullmatch(line) if len(_PLACE.findall(line)) == 1 else None
     if match is None:
         return {}
     return {"temperature": (float(match[1].replace(",", ".")), "K" if match[2] == "K" else "degC")}
@@ -347,6 +378,14 @@ def is_of_parameters(line: str) -> bool:
 def _facts(line: str) -> Iterator[tuple[str, tuple[float, str]]]:
     """Yield temperature and frequency as a line above a table states them, with their unit."""
     is_parameters = is_of_parameters(line)
+    for way in (SEMICOLON, COMMA):  # a name, a number and a unit in cells of their own
+        name, value, unit, *more = [*trimmed(cells(line, way)), "", "", ""]
+        if not any(more) and _PLAIN.fullmatch(value):
+            heading = _words.parsed(name.rstrip(": "))
+            unit = unit or heading.unit
+            if heading.name in ("temperature", "temperature_set", "frequency") and unit:
+                line = f"{name.rstrip(': ')}: {value} {unit}"
+                break
     for match in _FACT.finditer(_MARK.sub("", line)):
         heading = _words.parsed(match["key"].strip())
         if heading.name not in ("temperature", "temperature_set", "frequency"):

@@ -1,4 +1,4 @@
-"""Tables of a dynamic mechanical analysis as text: headings, units, numbers, once or many times.
+"""Tables of a dynamic mechanical analysis, text or workbook: headings, units, numbers, once or many times.
 
 This is how analysers, programs and supplements of papers hand sweeps on::
 
@@ -10,7 +10,7 @@ and shift factors, ``T,log_aT``, and responses over time, ``t (s), E(t) (MPa)``.
 by name (:mod:`instruments.tables._words`), wherever the table stands
 (:mod:`instruments.tables._layout`), units by a row of their own or by the headings; nothing is
 guessed. A column ``Set`` numbers the isotherms. Of E″ and tan δ, of |E*| and δ, of compliances and
-of complex viscosities the moduli are made (:mod:`instruments.tables._moduli`). The result has the
+of complex viscosities the moduli are made (:mod:`instruments._moduli`). The result has the
 form of :func:`instruments.anton_paar.read`.
 """
 
@@ -19,16 +19,19 @@ import os
 import re
 import warnings
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from instruments._instrument import HEAD_BYTES
+from instruments._moduli import contradictions, missing, with_moduli
+from instruments._symbols import FREQUENCIES, MODULI, RESPONSES, SHIFTS
 from instruments.anton_paar import Column, Interval, assemble
-from instruments.tables import CODECS, _layout, _words
+from instruments.tables import CODECS, _layout, _words, workbook_hint
 from instruments.tables._layout import ABSENT, Block, is_of_parameters
-from instruments.tables._moduli import missing, with_moduli
 from instruments.tables._words import Heading
 from labpipe.arrays import Floats
 from labpipe.errors import InputError, SourceError
@@ -37,6 +40,7 @@ from labpipe.text import Limits, Separators, TextFile, not_a_number, plain_numbe
 
 DEVICE = "plain table of a dynamic mechanical analysis"
 
+_HEADER = 100  # lines in which a file says how it is written
 _LIMITS = Limits(max_bytes=128 << 20)
 _ZERO_CELSIUS = 273.15
 _ROUNDED = 2e-3  # of a column that was rounded to three digits
@@ -47,8 +51,22 @@ _EXAMPLE = {
     "complex_viscosity_real": "Pa s", "complex_viscosity_imaginary": "Pa s",
 }  # fmt: skip
 _UNITLESS = ("loss_factor", "log10_aT", "ln_aT", "a_T", "b_T", "set")
+_VAGUE = ("modulus", "module", "modul", "modulo", "e", "g", "e_modulus", "youngs_modulus", "young_s_modulus", "e_modul")
 _ALONE = "Cells hold numbers alone; the units stand in the headings or in a row below them."
 _WITH_UNIT = re.compile(r"[+-]?\d[\d.,]*(?:[eE][+-]?\d+)?\s*(?:°\s?[CF]|[A-Za-z%][\w/°]*)")
+_SPECIMEN = (
+    "sample",
+    "specimen",
+    "material",
+    "probe",
+    "sample_name",
+    "sample_id",
+    "specimen_id",
+    "echantillon",
+    "name",
+)
+_DECIMAL = re.compile(r"#DE[CZ]IMAL:\s*(\w+)")  # of Netzsch
+_Pair = tuple[Heading, Floats]
 _OWN = ("point", "test", "result", "interval", "is_valid", "sample")  # names of the Dataset itself
 _ABOVE = re.compile(r"([+-]?\d+(?:[.,]\d+)?)\s*(°\s?C|ºC|degC|C|K)\b")
 
@@ -66,7 +84,7 @@ def read(
     Parameters
     ----------
     path : path-like
-        Text with TAB, semicolon, comma or blanks between the columns.
+        Text with TAB, semicolon, comma or blanks between the columns, or a workbook (.xlsx).
     encoding, decimal : str, optional
         By default decided from the file.
     columns : str, optional
@@ -99,11 +117,11 @@ def read(
         raise InputError(message)
     path = Path(path)
     named = None if columns is None else _named(columns)
-    source, blocks = _found(path, encoding, allow_incomplete, named)
-    signs = _signs(path, blocks, decimal)
+    source, blocks = (_in_sheets if _is_workbook(path) else _found)(path, encoding, allow_incomplete, named)
+    signs = _signs(path, blocks, decimal or _stated_decimal(source))
     if not source.is_ended and not allow_incomplete:
         _check_last_row(source, blocks[-1])
-    whole = _complete(path, [_Table(path, block, signs) for block in blocks])
+    whole = _complete(path, [_Table(_place(path, block), block, signs) for block in blocks])
     return _assembled(path, source, whole, signs)
 
 
@@ -126,6 +144,47 @@ def _found(
         if source.encoding != codec:  # it says itself what it is
             break
     raise first or SourceError(path, "no codec was given")
+
+
+def _stated_decimal(source: TextFile) -> str | None:
+    """Return the decimal sign that a header states, None where it does not."""
+    if source.encoding == "xlsx":
+        return None
+    lines = (line for _, line in zip(range(_HEADER), source.lines(), strict=False))
+    stated = next((match[1] for line in lines if (match := _DECIMAL.match(line)) is not None), "").casefold()
+    return {"point": ".", "punkt": ".", "comma": ",", "komma": ","}.get(stated)
+
+
+def _is_workbook(path: Path) -> bool:
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(HEAD_BYTES)
+    except OSError as error:
+        raise SourceError(path, f"cannot be opened: {error.strerror}") from None
+    is_one = head.startswith(b"PK\x03\x04") and b"opendocument" not in head
+    if not is_one and workbook_hint(head):
+        raise SourceError(path, "this is no text and no .xlsx", hint=workbook_hint(head))
+    return is_one
+
+
+def _in_sheets(path: Path, _: str | None, __: bool, named: list[Heading] | None) -> tuple[TextFile, list[Block]]:
+    """Find the tables of a workbook; sheets without any, such as remarks, are left aside."""
+    from instruments.tables._workbook import sheets
+
+    found: list[Block] = []
+    lines: list[tuple[int, str]] = []
+    for title, of_sheet in sheets(path):
+        blocks = _layout.blocks(of_sheet, named)
+        found += [replace(block, sheet=title) for block in blocks if block.rows or named is None]
+        lines += of_sheet
+    if not found:
+        raise _without_headings(path, lines)
+    return TextFile(path, "xlsx", path.stat().st_size, 0, is_ended=True), found
+
+
+def _place(path: Path, block: Block) -> Path:
+    """Name the sheet of a table beside its file, for messages."""
+    return path.with_name(f"{path.name}, sheet {block.sheet}") if block.sheet else path
 
 
 def _named(columns: str) -> list[Heading]:
@@ -237,10 +296,25 @@ class _Table:
         short = _short_rows(path, block)
         values = _values(path, block, signs)
         values[short] = np.nan
+        _tell_of_specimens(path, block)
         _fill_merged(block, values)
         parts = list(_parted(path, block, values))
         self.is_whole = np.tile(~short, len(parts))
         self.columns = _joined([_converted(path, block, part) for part in parts])
+        self._leave_out_marks(path)
+
+    def _leave_out_marks(self, path: Path) -> None:
+        """Mark rows of frequency zero invalid, with which analysers mark the steps of a procedure."""
+        for name in ("frequency", "angular_frequency"):
+            if name in self.columns:
+                is_none = np.asarray(self.columns[name].values) <= 0.0
+                if is_none.any():
+                    warnings.warn(
+                        f"{path}: {int(is_none.sum())} of {is_none.size} rows have a frequency of zero or below; "
+                        "they are no readings and are marked invalid",
+                        stacklevel=4,
+                    )
+                self.is_whole &= ~is_none
 
 
 def _short_rows(path: Path, block: Block) -> NDArray[np.bool_]:
@@ -301,7 +375,20 @@ def _fill_merged(block: Block, values: Floats) -> None:
             column[:] = column[np.maximum.accumulate(np.where(stated, np.arange(column.size), 0))]
 
 
-def _parted(path: Path, block: Block, values: Floats) -> Iterator[list[tuple[Heading, Floats]]]:
+def _tell_of_specimens(path: Path, block: Block) -> None:
+    """Say that a column names several specimens, whose rows are read as those of one."""
+    for k, heading in enumerate(block.headings):
+        if heading.name in _SPECIMEN:
+            names = sorted({row[k] for _, row in block.rows if k < len(row) and row[k]})
+            if len(names) > 1:
+                warnings.warn(
+                    f"{path}:{block.line}: {heading.text} names {len(names)} specimens ({shorten(', '.join(names))}), "
+                    "which are read as one; if they are of different materials, give each a file of its own",
+                    stacklevel=5,
+                )
+
+
+def _parted(path: Path, block: Block, values: Floats) -> Iterator[list[_Pair]]:
     """Yield the columns of a table, or of each of several that stand side by side.
 
     Columns side by side belong to frequencies or temperatures that the headings state
@@ -312,13 +399,15 @@ def _parted(path: Path, block: Block, values: Floats) -> Iterator[list[tuple[Hea
     if places:
         shared = [pair for pair in pairs if pair[0].at is None]
         for place in places:
-            name = "temperature" if place[1] in ("degC", "K") else "frequency"
-            kept = [pair for pair in shared if pair[0].name != name]
+            its = [pair for pair in pairs if pair[0].at == place]
+            _refuse_specimens(path, block, its)
+            name = _layout.place_of(its[0][0])
+            kept = [pair for pair in _nearest(shared, pairs, its[0]) if pair[0].name != name]
             constant = (Heading("", name, place[1], is_known=True), np.full(len(values), place[0]))
-            yield [*kept, *(pair for pair in pairs if pair[0].at == place), constant]
+            yield [*kept, *its, constant]
         return
     names = [heading.name for heading in block.headings if heading.is_known]
-    count = max((names.count(name) for name in names if name in _words.MODULI | _words.RESPONSES), default=1)
+    count = max((names.count(name) for name in names if name in MODULI | RESPONSES), default=1)
     if count == 1:
         yield _unique(path, block, pairs)
         return
@@ -348,9 +437,35 @@ def _parted(path: Path, block: Block, values: Floats) -> Iterator[list[tuple[Hea
         yield part
 
 
-def _unique(path: Path, block: Block, pairs: Sequence[tuple[Heading, Floats]]) -> list[tuple[Heading, Floats]]:
+def _nearest(shared: Sequence[_Pair], pairs: Sequence[_Pair], first: _Pair) -> list[_Pair]:
+    """Return the columns of all places; of repeated ones, such as a temperature before each, the next to the left."""
+    at = next(k for k, pair in enumerate(pairs) if pair is first)
+    places = {id(pair): k for k, pair in enumerate(pairs)}
+    found: dict[str, _Pair] = {}
+    for pair in shared:
+        if pair[0].name not in found or places[id(pair)] < at:
+            found[pair[0].name] = pair
+    return list(found.values())
+
+
+def _refuse_specimens(path: Path, block: Block, its: Sequence[_Pair]) -> None:
+    """Refuse columns side by side that are several readings of one quantity at one frequency or temperature."""
+    seen: dict[str, _Pair] = {}
+    for pair in its:
+        before = seen.setdefault(pair[0].name, pair)
+        if before is not pair and pair[0].is_known and not _is_the_same(before, pair):
+            raise SourceError(
+                path,
+                f"several columns are {shorten(pair[0].text)} and differ, as of several specimens or runs side by side",
+                line=block.line,
+                hint="Export each specimen to a file of its own, or name the columns of one and - for all others: "
+                f'columns="{_example(block, is_once=True)}".',
+            )
+
+
+def _unique(path: Path, block: Block, pairs: Sequence[_Pair]) -> list[_Pair]:
     """Keep the first of columns with the same quantity; told where the others differ."""
-    kept: dict[str, tuple[Heading, Floats]] = {}
+    kept: dict[str, _Pair] = {}
     for heading, column in pairs:
         if heading.name not in kept:
             kept[heading.name] = (heading, column)
@@ -363,7 +478,7 @@ def _unique(path: Path, block: Block, pairs: Sequence[tuple[Heading, Floats]]) -
     return list(kept.values())
 
 
-def _is_the_same(one: tuple[Heading, Floats], other: tuple[Heading, Floats]) -> bool:
+def _is_the_same(one: _Pair, other: _Pair) -> bool:
     """Tell two columns with the same readings, be they in units of their own: Hz and rad/s, MPa and Pa."""
     if np.array_equal(one[1], other[1], equal_nan=True):
         return True
@@ -372,7 +487,7 @@ def _is_the_same(one: tuple[Heading, Floats], other: tuple[Heading, Floats]) -> 
     return is_own and bool(np.allclose(other[1], ratio * one[1], rtol=_ROUNDED, equal_nan=True))
 
 
-def _converted(path: Path, block: Block, pairs: Sequence[tuple[Heading, Floats]]) -> dict[str, Column]:
+def _converted(path: Path, block: Block, pairs: Sequence[_Pair]) -> dict[str, Column]:
     """Convert columns to SI by the units that the file states, and make the moduli of them."""
     found: dict[str, Column] = {}
     for heading, values in pairs:
@@ -384,13 +499,15 @@ def _converted(path: Path, block: Block, pairs: Sequence[tuple[Heading, Floats]]
             found[heading.name] = _column(path, block, heading, values)
     count = len(next(iter(found.values())).values)
     for name, (value, unit) in block.facts.items():
-        has = found.keys() & (_words.FREQUENCIES if name == "frequency" else {name})
+        has = found.keys() & (FREQUENCIES if name == "frequency" else {name})
         if not has:
             heading = Heading(f"{name} of the header", name, unit, is_known=True)
             found[name] = _column(path, block, heading, np.full(count, value))
     if "temperature" not in found and "temperature_set" in found:
         column = found["temperature_set"]
         found["temperature"] = Column("temperature", column.header, column.unit, column.si, column.values)
+    for said in contradictions(found):
+        warnings.warn(f"{path}:{block.line}: {said}; check headings and units, one of them is wrong", stacklevel=5)
     return _with_log_shift(path, with_moduli(found))
 
 
@@ -416,6 +533,12 @@ def _column(path: Path, block: Block, heading: Heading, values: Floats) -> Colum
             hint="State the units in the headings or in a row below them, or give all columns in order: "
             f'columns="{_example(block)}".',
         )
+    if stated.strip("[]() ") == "mPa":
+        warnings.warn(
+            f"{path}:{block.unit_line or block.line}: {heading.text} is in mPa, which is read as MPa (megapascal); "
+            "if it is in millipascal, write 1e-3 Pa",
+            stacklevel=6,
+        )
     column = 10.0**values if heading.is_logarithm else values
     si = "rad/s" if name == "angular_frequency" else "Hz" if name == "frequency" else unit.si
     factor = unit.factor
@@ -431,15 +554,22 @@ def _column(path: Path, block: Block, heading: Heading, values: Floats) -> Colum
     return Column(name, heading.text or name, stated, si, column)
 
 
-def _example(block: Block) -> str:
-    """Spell the columns with units, as they might be given."""
+def _example(block: Block, *, is_once: bool = False) -> str:
+    """Spell the columns with units, as they might be given; of repeated ones the first, if that is asked for."""
     texts = []
+    seen: set[tuple[str, tuple[float, str] | None]] = set()
     for heading in block.headings:
+        place = (heading.name, heading.at)
+        if is_once and place in seen:
+            texts.append("-")
+            continue
+        seen.add(place)
         unit = (
             heading.unit.strip("[]()") if _words.fits(heading.name, heading.unit) else _EXAMPLE.get(heading.name, "MPa")
         )
         bare = re.split(r"\s*[(\[/,]", heading.text)[0].strip() if heading.is_known else heading.text
         bare = re.sub(r'[";]', "''", bare)
+        bare += f" @ {heading.at[0]:g} {heading.at[1]}" if heading.at is not None else ""
         texts.append(f"{bare} ({unit})" if heading.is_known and heading.name not in _UNITLESS else bare or "-")
     return ", ".join(texts)
 
@@ -478,10 +608,26 @@ def _joined(parts: Sequence[dict[str, Column]]) -> dict[str, Column]:
 def _complete(path: Path, tables: Sequence[_Table]) -> list[_Table]:
     """Return the tables that can be used; refuse a file that has none, naming what is missing."""
     whole = [table for table in tables if not table.missing]
+    sweeps = [table for table in whole if not table.block.names() & SHIFTS]
+    if sweeps and len(sweeps) < len(whole):
+        warnings.warn(
+            f"{path}: a table of shift factors beside the readings is left out; give it as a file of its own",
+            stacklevel=3,
+        )
+        whole = sweeps
     if not whole:
         block = tables[0].block
+        vague = next((heading for heading in block.headings if heading.name in _VAGUE), None)
+        if vague is not None and "modulus" in tables[0].missing:
+            raise SourceError(
+                _place(path, block),
+                f"{shorten(vague.text)} may be the storage modulus or the complex one; the file does not say which",
+                line=block.line,
+                hint="Say it by naming the columns in order, with E' or |E*| in its place: "
+                f'columns="{_example(block)}".',
+            )
         raise SourceError(
-            path,
+            _place(path, block),
             f"found {_spoken(block.headings)}; no {tables[0].missing}",
             line=block.line,
             hint="Export the table again with it; if a column is there under another name, name all columns in "

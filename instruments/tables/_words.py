@@ -7,140 +7,13 @@ languages of the exports of instruments are known as well.
 """
 
 import re
-import unicodedata
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from instruments import anton_paar
+from instruments._symbols import FREQUENCIES, MODULI, RESPONSES, SHIFTS, TIMES, fold, named
 from labpipe.errors import InputError
 from labpipe.units import Unit
-
-#: Canonical name to the symbols and words that stand for it, folded by :func:`fold`.
-SYMBOLS: dict[str, tuple[str, ...]] = {
-    "frequency": (
-        "f", "freq", "freqs", "frequency", "fset", "ν", "testfrequency", "testfreq", "measfreq",
-        "oscillationfrequency", "oscfreq", "frequencies", "drivefrequency", "dynamicfrequency",
-        "frecuencia", "frequenza", "周波数", "频率", "测试频率", "frequentie", "czestotliwosc", "частота", "주파수",
-        "frekans",
-        "frekvence", "frekvens", "taajuus",
-    ),
-    "angular_frequency": (
-        "w", "omega", "ω", "angfreq", "angularfreq", "angularfrequency", "angfrequency", "circularfrequency",
-        "omegas",
-        "frecuenciaangular", "pulsazione", "frequenzaangolare", "角周波数", "角频率", "hoekfrequentie", "각주파수",
-        "угловая частота", "круговая частота", "vinkelfrekvens",
-    ),
-    "temperature": (
-        "T", "Ts", "temp", "tmeas", "temperature", "tsample", "sampletemp", "sampletemperature", "meastemp",
-        "actualtemp", "actualtemperature", "chambertemperature", "oventemperature", "furnacetemperature",
-        "testtemperature", "specimentemperature", "probetemperature", "meantemperature", "temperatures",
-        "temperatura", "temperaturacampione", "温度", "试样温度", "測定温度", "temperatuur", "температура", "온도",
-        "sıcaklık",
-        "teplota", "lampotila",
-    ),
-    "temperature_set": (
-        "tset", "tround", "Tr", "settemp", "settemperature", "nominaltemperature", "nominaltemp", "tnominal",
-        "programtemperature", "programtemp", "setpoint", "temperatureset", "tempset", "targettemperature",
-        "setpointtemperature", "temperaturesetpoint", "tnom", "isothermtemperature",
-    ),
-    "time": ("t", "time", "testtime", "elapsedtime", "timeelapsed", "totaltime", "runtime"),
-    "interval_time": ("steptime", "segmenttime", "intervaltime", "relaxationtime", "creeptime", "actiontime"),
-    "storage_modulus": (
-        "estor", "gstor", "e'", "g'", "m'", "k'", "estorage", "gstorage", "storage", "storagemodulus",
-        "storagemod",
-        "eprime", "gprime", "ep", "gp", "e1", "g1", "ereal", "greal", "reale", "realg", "ree*", "reg*",
-        "stormod",
-        "elasticmodulus", "tensilestoragemodulus", "flexuralstoragemodulus", "shearstoragemodulus",
-        "bendingstoragemodulus", "compressivestoragemodulus", "dynamicstoragemodulus",
-        "extensionalstoragemodulus",
-        "realmodulus", "modulusstorage", "storagemodulus'", "modulus'", "est", "gst", "elastic",
-        "elasticmodule",
-        "youngsstoragemodulus",
-        "shearmoduluselasticcomponent", "shearmodulusrealcomponent", "storagemodule", "emod'", "eelastic",
-        "gelastic",
-        "moduloconservativo", "modulodialmacenamiento", "modulodealmacenamiento", "moduloelastico",
-        "moduleelastique", "貯蔵弾性率", "貯蔵せん断弾性率", "储能模量", "存储模量", "elastischesmodul",
-        "opslagmodulus",
-        "modułzachowawczy", "модуль накопления", "저장탄성률", "저장탄성계수", "저장모듈러스", "depolamamodülü",
-        "elastickymodul",
-        "lagringsmodul", "varastomoduuli", "realpartof e*", "realpartof g*", "realpart",
-        "realpartofthecomplexmodulus",
-    ),
-    "loss_modulus": (
-        "eloss", "gloss", "e''", "g''", "m''", "k''", "loss", "lossmodulus", "lossmod", "edoubleprime",
-        "gdoubleprime",
-        "eprimeprime", "gprimeprime", "epp", "gpp", "e2", "g2", "eimag", "gimag", "image", "imagg",
-        "ime*", "img*",
-        "viscousmodulus", "tensilelossmodulus", "flexurallossmodulus", "shearlossmodulus", "bendinglossmodulus",
-        "compressivelossmodulus", "dynamiclossmodulus", "extensionallossmodulus", "imaginarymodulus",
-        "moduluslossm", "modulusloss", "modulus''", "edprime", "gdprime", "els", "gls", "viscous", "lossmodule",
-        "youngslossmodulus",
-        "shearmodulusviscouscomponent", "shearmodulusimaginarycomponent", "eviscous", "gviscous", "edblprime",
-        "gdblprime",
-        "modulodissipativo", "modulodeperdida", "modulodeperdidas", "moduloviscoso", "modulevisqueux",
-        "損失弾性率", "損失せん断弾性率", "损耗模量", "损失模量", "verliesmodulus",
-        "modułstratności", "модуль потерь", "손실탄성률",
-        "손실탄성계수", "손실모듈러스", "kayıpmodülü", "ztratovymodul", "förlustmodul", "tapsmodul", "tabsmodul",
-        "haviomoduuli",
-        "imaginarypartof e*", "imaginarypartof g*", "imaginarypart", "imaginarypartofthecomplexmodulus",
-    ),
-    "loss_factor": (
-        "tandelta", "tand", "tanδ", "tandel", "losstangent", "lossfactor", "damping", "dampingfactor",
-        "tgdelta",
-        "tgδ", "dissipationfactor", "tan", "tanphi", "tandeltae", "tandeltag", "tanδe", "tanδg",
-        "lossfactortandelta",
-        "損失正接", "损耗因子", "损耗角正切", "verliesfactor", "тангенс угла потерь", "손실계수", "kayıpfaktörü",
-        "forlustfaktor",
-        "factordeperdida", "fattorediperdita", "facteurdeperte",
-    ),
-    "phase_angle": (
-        "delta", "δ", "phase", "phaseangle", "phaselag", "phaseshift", "lossangle", "phasedelta",
-        "phaseangledelta",
-        "phaseshiftangle", "deltaangle", "deltadegree",
-        "位相差", "相位角", "angulodefase", "angolodifase",
-    ),
-    "complex_modulus": (
-        "e*", "g*", "m*", "k*", "estar", "gstar", "complexmodulus", "dynamicmodulus", "absestar", "emag",
-        "gmag",
-        "ecomplex", "gcomplex", "abse*", "absg*", "moduluscomplex", "complexmod", "ecplx", "gcplx",
-        "absmodulus",
-        "complexshearmodulus",
-        "shearmoduluscomplexcomponent", "complexyoungsmodulus", "edyn", "gdyn", "absolutemodulus",
-        "norme*", "normg*",
-        "複素弾性率", "复数模量", "modulocomplejo", "modulocomplesso",
-    ),
-    "storage_compliance": (
-        "d'", "j'", "dstor", "jstor", "dprime", "jprime", "dp", "jp", "storagecompliance", "d1", "j1",
-        "dstorage",
-        "jstorage",
-    ),
-    "loss_compliance": (
-        "d''", "j''", "dloss", "jloss", "ddoubleprime", "jdoubleprime", "dpp", "jpp", "losscompliance",
-        "d2", "j2",
-    ),
-    "complex_compliance": ("d*", "j*", "dstar", "jstar", "complexcompliance"),
-    "complex_viscosity": ("eta*", "η*", "etastar", "complexviscosity", "compleviscosity", "abseta*", "complexvisc"),
-    "complex_viscosity_real": ("eta'", "η'", "etaprime", "etap", "dynamicviscosity"),
-    "complex_viscosity_imaginary": ("eta''", "η''", "etadoubleprime", "etapp"),
-    "relaxation_modulus": (
-        "et", "gt", "erelax", "grelax", "relaxationmodulus", "erel", "grel", "relaxmodulus",
-        "stressrelaxationmodulus",
-        "grelaxation", "erelaxation", "relaxedmodulus", "ert", "e0t", "modulusrelaxation",
-    ),
-    "creep_compliance": (
-        "jt", "jcreep", "dcreep", "creepcompliance", "compliancecreep", "tensilecreepcompliance", "jcreept",
-        "shearcreepcompliance", "creep", "compliance",
-    ),
-    "set": (
-        "set", "sweep", "isotherm", "step", "stepnumber", "stepno", "segment", "curve", "run", "setno",
-        "sweepno",
-        "stepindex", "sweepnumber", "segmentno", "cycle", "setnumber",
-    ),
-    "log10_aT": ("logat", "log10at", "lgat", "loga", "logshift", "logshiftfactor", "log10shiftfactor", "logah"),
-    "ln_aT": ("lnat", "lna", "lnshiftfactor"),
-    "a_T": ("at", "shiftfactor", "shift", "horizontalshiftfactor", "horizontalshift", "shiftfactorat"),
-    "b_T": ("bt", "verticalshift", "verticalshiftfactor"),
-}  # fmt: skip
 
 #: What a reader of a message calls a quantity.
 SPOKEN = {
@@ -178,37 +51,18 @@ SI_OF: dict[str, tuple[str, ...]] = {
     "angular_frequency": ("rad/s", "Hz", "1/s"),
 }
 
-MODULI = frozenset(
-    {
-        "storage_modulus", "loss_modulus", "complex_modulus", "storage_compliance", "loss_compliance",
-        "complex_compliance", "complex_viscosity", "complex_viscosity_real", "complex_viscosity_imaginary",
-    }
-)  # fmt: skip
-RESPONSES = frozenset({"relaxation_modulus", "creep_compliance"})
-SHIFTS = frozenset({"log10_aT", "ln_aT", "a_T"})
-FREQUENCIES = frozenset({"frequency", "angular_frequency"})
-TIMES = frozenset({"time", "interval_time"})
-
-# Primes of all sorts, and what folds away.
-_PRIMES = {
-    "\u2034": "'''", "\u2032": "'", "\u2033": "''", "\u2019": "'", "\u2018": "'", "\u201d": "''", "\u201c": "''",
-    '"': "''", "\u00b4": "'", "`": "'", "\u02b9": "'", "\u02ba": "''",
-}  # fmt: skip
-_GREEK = {"\u2217": "*", "𝜔": "ω", "𝛿": "δ", "𝜂": "η", "\u0394": "δ", "\u2206": "δ"}
-_CASED = ("T", "t", "Ts", "Tr")
-_ACCENTS = "\u0300\u036f"
 # The wide brackets and letters of East Asian keyboards, and signs of one letter for two.
 _WIDE = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {0x2103: "°C", 0x2109: "°F", 0x3000: " "}
 # Words that say of a symbol beside them no more than that it is a modulus.
 _A_MODULUS = ("modulus", "modul", "module", "modulo", "moduli", "弾性率", "模量")
-_FOLDED_AWAY = re.compile(r"[\s_().,|:\[\]{}~^$\\-]+")
 _LOGARITHM = re.compile(r"^(?:log10|log_10|log|lg)(?![a-z]{3})[\s_(|]*(.*?)\)?$", re.IGNORECASE)
 _BRACKETS = re.compile(r"^(.*?\S)\s*[(\[{<]\s*([^()\[\]{}<>]*(?:\([^()]*\))?[^()\[\]{}<>]*)\s*[)\]}>]\s*$")
 _AT = re.compile(
     r"\s*(?:^|[(\[@_]|\bat\b)\s*@?\s*(?:[fT]\s*=\s*)?([+-]?[0-9]+(?:[.,][0-9]+)?(?:[eE][+-]?[0-9]+)?)\s*"
-    r"(Hz|rad/s|°\s?C|ºC|degC|C|K)\s*[)\]]?(?=$|[\s/,_(\[])"
+    r"([mk]?Hz|rad/s|°\s?C|ºC|degC|C|K)\s*[)\]]?(?=$|[\s/,_(\[])"
 )
 _POWER_OF_UNIT = re.compile(r"(?:(?:[x×*]\s*)?10\s*(?:\^|\*\*)?|1e)\s*([+-]?\d+)\s*[*·]?\s*([A-Za-z].*)")
+_PAIR = re.compile(r"^\(\s*['\"](.*?)['\"]\s*,\s*['\"](.*?)['\"]\s*\)$")  # ('f', 'Hz'), of pandas
 _COMMENT = re.compile(r"^[#%!;/*]+\s*(?=\S)")
 
 # Spellings of units beyond those of labpipe.units, which are unambiguous in such a table.
@@ -290,27 +144,6 @@ class Heading:
     at: tuple[float, str] | None = None
 
 
-def fold(heading: str) -> str:
-    """Reduce a heading to its symbol: primes alike, no separators; a lone letter keeps its case.
-
-    Examples
-    --------
-    >>> fold("log_aT"), fold("E″"), fold("T"), fold("t")
-    ('logat', "e''", 'T', 't')
-    """
-    text = heading.strip()
-    for table in (_PRIMES, _GREEK):
-        for sign, plain in table.items():
-            text = text.replace(sign, plain)
-    text = "".join(c for c in unicodedata.normalize("NFD", text) if not _ACCENTS[0] <= c <= _ACCENTS[1])
-    text = _FOLDED_AWAY.sub("", text)
-    text = text.translate(str.maketrans("₁₀", "10"))
-    return text if text in _CASED else text.casefold()
-
-
-_NAME_OF = {fold(symbol): name for name, symbols in SYMBOLS.items() for symbol in symbols}
-
-
 def quantity(heading: str) -> str | None:
     """Return the canonical name of a column, or None when it is not known.
 
@@ -321,18 +154,18 @@ def quantity(heading: str) -> str | None:
     >>> quantity("E_stor"), quantity("Speichermodul"), quantity("Storage Modulus G'"), quantity("colour")
     ('storage_modulus', 'storage_modulus', 'storage_modulus', None)
     """
-    found = _NAME_OF.get(fold(heading)) or anton_paar.column_name(heading)
+    found = named(heading) or anton_paar.column_name(heading)
     if found is not None:
         return found
     words = re.split(r"[\s,;:(\[-]+", heading.strip(" )]"))
     for k in range(1, len(words)):
         first, second = " ".join(words[:k]), " ".join(words[k:])
         if fold(first) in _A_MODULUS or fold(second) in _A_MODULUS:
-            found = _NAME_OF.get(fold(second if fold(first) in _A_MODULUS else first))
+            found = named(second if fold(first) in _A_MODULUS else first)
             if found is not None:
                 return found
-        one = _NAME_OF.get(fold(first)) or anton_paar.column_name(first)
-        if one is not None and one == (_NAME_OF.get(fold(second)) or anton_paar.column_name(second)):
+        one = named(first) or anton_paar.column_name(first)
+        if one is not None and one == (named(second) or anton_paar.column_name(second)):
             return one
     return None
 
@@ -394,6 +227,7 @@ def parsed(heading: str) -> Heading:
     ('storage_modulus', 'hz', (1.0, 'Hz'))
     """
     text = _COMMENT.sub("", anton_paar.repaired(heading.translate(_WIDE).strip().strip("\ufeff"))).strip()
+    text = _PAIR.sub(r"\1 (\2)", text)
     at = _AT.search(text)
     if at is not None:
         bare = (

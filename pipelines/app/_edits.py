@@ -31,35 +31,40 @@ EXPERIMENTS = "experiments"
 
 
 def set_value(text: str, place: Place, value: Any) -> str:
-    """Set one value, or with None take it out.
+    """Set one value as :func:`set_values` does."""
+    return set_values(text, [(place, value)])
+
+
+def set_values(text: str, changes: Sequence[tuple[Place, Any]]) -> str:
+    """Set values, or with None take them out; the text is parsed once for all of them.
 
     Parameters
     ----------
     text : str
         TOML.
-    place : tuple
-        Keys, and positions in arrays; tables that are not there are made.
-    value : object
-        What TOML can hold.
+    changes : sequence of (tuple, object)
+        Keys, and positions in arrays, with what TOML can hold; tables that are not there are made.
 
     Raises
     ------
     InputError
-        The text is no TOML, or the place lies in something that is no table.
+        The text is no TOML, or a place lies in something that is no table.
     """
     meant = _tree(text)
-    _set(meant, place, value)
+    place: Place = ()
     try:
         document = tomlkit.parse(text)
-        node: Any = document
-        for key in place[:-1]:
-            if isinstance(key, str) and key not in node:
-                node[key] = tomlkit.table()
-            node = node[key]
-        if value is None:
-            node.remove(place[-1]) if place[-1] in node else None
-        else:
-            node[place[-1]] = _listed(value) if isinstance(value, list) else value
+        for place, value in changes:
+            _set(meant, place, value)
+            node: Any = document
+            for key in place[:-1]:
+                if isinstance(key, str) and key not in node:
+                    node[key] = tomlkit.table()
+                node = node[key]
+            if value is None:
+                node.remove(place[-1]) if place[-1] in node else None
+            else:
+                node[place[-1]] = _listed(value) if isinstance(value, list) else value
         changed = tomlkit.dumps(document)
     except (tomlkit.exceptions.TOMLKitError, KeyError, IndexError, TypeError, AttributeError) as error:
         message = f"{_shown(place)} cannot be changed here ({error}); change session.toml by hand"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import hashlib
+import itertools
 import re
 import typing
 from collections.abc import Mapping
@@ -27,7 +28,7 @@ from pipelines.experiments import KINDS
 from pipelines.session import SETTINGS, bare_type, gap_for, in_unit, library_names
 
 Told = dict[str, Any]
-_PROBLEM = re.compile(r"^([^:\n]+):(\d+)(?::\d+)?: (?:([^\s:]+): )?(.*)$", re.DOTALL)
+_PROBLEM = re.compile(r'^([^:\n]+):(\d+)(?::\d+)?: (?:((?:"(?:[^"\\]|\\.)*"|[^\s:"])+): )?(.*)$', re.DOTALL)
 
 
 def read(folder: Path) -> dict[str, str]:
@@ -84,30 +85,42 @@ def changed(texts: Mapping[str, str], asked: Any) -> dict[str, str]:
     if not isinstance(asked, list):
         message = "expected a list of changes"
         raise InputError(message)
-    for edit in asked:
-        try:
-            _apply(new, edit)
-        except (KeyError, TypeError, AttributeError):
-            message = f"a change that is not understood: {edit!r}"[:300]
-            raise InputError(message) from None
+    try:
+        for file, edits_of in itertools.groupby(asked, key=_file_set):
+            if file is None:
+                for edit in edits_of:
+                    _restructure(new, edit)
+            else:
+                _set(new, file, list(edits_of))
+    except (KeyError, TypeError, AttributeError):
+        message = f"a change that is not understood: {asked!r}"[:300]
+        raise InputError(message) from None
     return new
 
 
-def _apply(texts: dict[str, str], edit: Any) -> None:
-    op = edit["op"]
-    if op == "set":
-        name, place = str(edit["file"]), tuple(edit["place"])
-        if name not in texts:
-            message = f'"{name}" is not part of the set-up'
-            raise InputError(message)
-        typed = str(edit["text"]).strip()
+def _file_set(edit: Any) -> str | None:
+    """Return the file in which an edit sets a value; None for an edit that moves experiments."""
+    return str(edit["file"]) if edit["op"] == "set" else None
+
+
+def _set(texts: dict[str, str], name: str, edits_of: list[Any]) -> None:
+    if name not in texts:
+        message = f'"{name}" is not part of the set-up'
+        raise InputError(message)
+    changes = []
+    for edit in edits_of:
+        place, typed = tuple(edit["place"]), str(edit["text"]).strip()
         if len(typed) > _LONGEST or not typed.isprintable():
             message = f"{place[-1]}: a value is one line of at most {_LONGEST} characters"
             raise InputError(message)
         kind, required = _type_at(texts[name], name, place)
         value = _as_value(kind, typed, _at(texts[name], place)) if typed else gap_for(kind) if required else None
-        texts[name] = edits.set_value(texts[name], place, value)
-        return
+        changes.append((place, value))
+    texts[name] = edits.set_values(texts[name], changes)
+
+
+def _restructure(texts: dict[str, str], edit: Any) -> None:
+    op = edit["op"]
     text, name = texts[FILE_NAME], str(edit["name"])
     if op == "rename":
         text = edits.rename(text, name, str(edit["to"]).strip(), SETTINGS)
@@ -237,6 +250,7 @@ def _fields(kind: Any, table: Any, prefix: edits.Place, file: str, names: list[s
             {
                 "file": file,
                 "place": list(place),
+                "dotted": dotted(place),
                 "label": _label(path),
                 "text": "" if value is None or is_gap(value) else _as_text(value),
                 "files": value if is_files and isinstance(value, list) else None,

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from pathlib import Path
 import instruments
 from labpipe import files
 from labpipe.errors import LabpipeError, UsageError
+from labpipe.names import name_problem, printable
 from labpipe.notebook import html_table, text_table
 from labpipe.workflow.session import FILE_NAME, VERSION
 from pipelines.experiments import KINDS, Found, Proposal, Proposed, function
@@ -143,7 +145,7 @@ def _unused_files(found: Found, text: str) -> list[str]:
         if f'"{quoted(name)}"' in text or (found.folder / name).parent in whole:
             continue
         if reason.startswith(_COPY_OF):
-            first = Path(reason.removeprefix(_COPY_OF).strip('"'))
+            first = Path(copied_from(reason))
             copies.setdefault((title, Path(name).parent.as_posix(), first.parent), []).append(name)
         else:
             lines.append(f"{name} ({title}): {reason}")
@@ -158,13 +160,14 @@ def _unused_files(found: Found, text: str) -> list[str]:
         for place, each in whole.items()
         if f'"{quoted(place.relative_to(found.folder).as_posix())}"' not in text
     ]
-    alike: dict[tuple[Path, str], list[str]] = {}
+    alike: dict[tuple[Path, str, str], list[str]] = {}
     for name in found.unknown:
         if (found.folder / name).parent not in whole:
-            alike.setdefault((Path(name).parent, Path(name).suffix.lower()), []).append(name)
-    for names in alike.values():
+            why = why_unknown(found.folder, name)
+            alike.setdefault((Path(name).parent, Path(name).suffix.lower(), why), []).append(name)
+    for (_, _, why), names in alike.items():
         more = f" and {len(names) - 1} more beside it" if len(names) > 1 else ""
-        lines.append(f"{names[0]}{more}: {why_unknown(found.folder, names[0])}")
+        lines.append(f"{printable(names[0])}{more}: {why}")
     return lines
 
 
@@ -175,8 +178,15 @@ PICTURE = "a picture; one of a ruler in the plane of focus gives the image scale
 _PICTURES = {".jpg", ".jpeg", ".png", ".bmp"}
 
 
+def copied_from(reason: str) -> str:
+    """Return the file that a reason names as the first of equal ones; empty for another reason."""
+    return reason.removeprefix(_COPY_OF)[1:-1] if reason.startswith(_COPY_OF) else ""
+
+
 def why_unknown(folder: Path, name: str) -> str:
-    """Say why nothing is known of a file: :data:`UNKNOWN`, :data:`LINK` or :data:`PICTURE`."""
+    """Say why nothing is known of a file: by its name, :data:`UNKNOWN`, :data:`LINK` or :data:`PICTURE`."""
+    if (problem := name_problem(name)) is not None:
+        return f"{problem}; rename it"
     if _leads_out(folder / name, folder):
         return LINK
     return PICTURE if Path(name).suffix.lower() in _PICTURES else UNKNOWN
@@ -228,7 +238,7 @@ def recognise(folder: Path) -> Found:
     unknown: list[str] = []
     for path in _candidates(folder):
         name = path.relative_to(folder).as_posix()
-        if _leads_out(path, folder):
+        if _leads_out(path, folder) or name_problem(name):
             unknown.append(name)
         elif path.suffix == ".toml":
             if (kind := _record_kind(path)) is not None:
@@ -268,14 +278,26 @@ def copies_among(folder: Path, names: Iterable[str]) -> dict[str, str]:
     -------
     dict
         Every copy to the file that counts as the first: the one whose name does not speak of a
-        copy, then the one with the shorter path.
+        copy, then the one in the folder with most different recordings, where its repeats lie, then
+        the one with the shorter path.
     """
+    names = list(names)
+    groups = [
+        equal
+        for same_size in _alike(names, lambda name: (folder / name).stat().st_size)
+        for begins_alike in _alike(same_size, lambda name: _begin(folder / name))
+        for equal in _alike(begins_alike, lambda name: files.digest(folder / name))
+    ]
+    different = Counter(Path(name).parent for name in names)
+    for equal in groups:
+        here = Counter(Path(name).parent for name in equal)
+        different -= here - Counter(here.keys())
     copies: dict[str, str] = {}
-    for same_size in _alike(names, lambda name: (folder / name).stat().st_size):
-        for begins_alike in _alike(same_size, lambda name: _begin(folder / name)):
-            for equal in _alike(begins_alike, lambda name: files.digest(folder / name)):
-                first, *others = sorted(equal, key=lambda n: (bool(_COPY.search(n)), n.count("/"), len(n), n))
-                copies |= dict.fromkeys(others, first)
+    for equal in groups:
+        first, *others = sorted(
+            equal, key=lambda n: (bool(_COPY.search(n)), -different[Path(n).parent], n.count("/"), len(n), n)
+        )
+        copies |= dict.fromkeys(others, first)
     return copies
 
 

@@ -12,8 +12,9 @@ from typing import Any
 import instruments
 from labpipe.errors import InputError
 from labpipe.files import safe_join
+from labpipe.names import printable
 from labpipe.workflow.session import FILE_NAME
-from pipelines.session._proposal import PICTURE, recognise, wholes, why_unknown
+from pipelines.session._proposal import PICTURE, copied_from, recognise, wholes, why_unknown
 
 _MOST = 5000
 """Entries; more would be nobody's list."""
@@ -27,7 +28,7 @@ class Surveyed:
     Attributes
     ----------
     name : str
-        Relative to the folder.
+        Relative to the folder; characters that are not seen by their codes.
     kind : str
         What wrote it, in words; empty when nothing is known.
     content : str
@@ -80,7 +81,7 @@ def survey(folder: Path) -> list[Surveyed]:
     for name, (title, reason) in found.owners.items():
         if Path(name).parent.as_posix() in whole:
             continue
-        copy_of = reason.split('"')[1] if reason.startswith("a copy of") else ""
+        copy_of = copied_from(reason)
         instrument = of_instrument.get(copy_of or name)
         content: str = instrument.content if instrument else "record" if name.endswith(".toml") else ""
         why = reason
@@ -105,7 +106,7 @@ def _entry(
 ) -> Surveyed:
     status = (folder / name).lstat()
     when = datetime.fromtimestamp(status.st_mtime, UTC).isoformat(timespec="minutes")[:16].replace("T", " ")
-    return Surveyed(name, kind, content, reason, copy_of, tuple(used.get(name, ())), status.st_size, when)
+    return Surveyed(printable(name), kind, content, reason, copy_of, tuple(used.get(name, ())), status.st_size, when)
 
 
 def _users(folder: Path) -> dict[str, list[str]]:

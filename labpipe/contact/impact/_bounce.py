@@ -5,6 +5,7 @@ does, or in which the sphere comes to rest, is left to :class:`._stepper.Stepper
 """
 
 from dataclasses import dataclass, field
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.interpolate import PchipInterpolator
 
 from labpipe.arrays import Floats
 from labpipe.contact.impact._collocation import interpolation, law_of, scheme, work_space
-from labpipe.contact.impact._contact import LIFTED, contact
+from labpipe.contact.impact._contact import LIFTED, contact, outcome_of
 from labpipe.contact.impact._contact_records import Fall, Law, Nodes, Path, Room
 from labpipe.contact.impact._motion import MOTION, Counts, Motion, Trail
 from labpipe.contact.memory import Creep
@@ -83,11 +84,17 @@ class Dents:
 
     def _beyond(self, layer: _Dent, inner: float) -> _Dent:
         """Count the energy of a dent beyond a radius [m] only."""
-        points, weights = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
+        points, weights = _gauss_rule()
         # The dent ends like a power 3/2 at its edge: smooth over the root of the distance.
         root, width = 0.5 * (points + 1.0), layer.edge - inner
         values = _values(layer, layer.edge - width * root**2)
         return layer._replace(shown=self.creep.inverse * (values**2 @ (weights * width * root)))
+
+
+@cache
+def _gauss_rule() -> tuple[Floats, Floats]:
+    """Points (point,) from -1 to 1, and their weights."""
+    return np.polynomial.legendre.leggauss(_GAUSS_POINTS)
 
 
 def _values(layer: _Dent, position: Floats) -> Floats:
@@ -111,6 +118,8 @@ class Curves:
         the place s afterwards, of a contact of radius ``largest`` [m].
     dissipated : array (step + 1,) [J]
         By the springs, at the ends.
+    peak_force, peak_approach : float [N], [m]
+        The largest, also between the ends.
     """
 
     time: Floats
@@ -123,6 +132,8 @@ class Curves:
     gravity: float
     mass: float
     plate: tuple[float, float, float]
+    peak_force: float
+    peak_approach: float
 
     def at(self, times: Floats) -> Trail:
         """Return records (time,) at given times [s] within the contact."""
@@ -156,21 +167,6 @@ class Curves:
         end = min(float(self.time[-1]), until)
         return self.at(np.append(times[times < end], end))
 
-    def peaks(self) -> tuple[float, float, float]:
-        """Largest force [N], contact radius and approach [m]."""
-        found = []
-        for column in (self.coefficients[:, 2], self.coefficients[:, 0] - self.coefficients[:, 4]):
-            slope = column[:, 1:] * np.arange(1, column.shape[1])
-            ends = column.sum(axis=1)
-            largest = max(float(column[0, 0]), float(ends.max()))
-            i = int(np.argmax(ends))
-            for step in range(max(i - 1, 0), min(i + 3, len(column))):
-                for root in np.roots(slope[step, ::-1]):
-                    if abs(root.imag) < 1e-9 and 0.0 < root.real < 1.0:
-                        largest = max(largest, float(np.polyval(column[step, ::-1], root.real)))
-            found.append(largest)
-        return found[0], self.largest, found[1]
-
 
 @dataclass(slots=True)
 class Bouncer:
@@ -189,6 +185,7 @@ class Bouncer:
     path: Path = field(init=False)
     room: Room = field(init=False)
     nodes: Nodes = field(init=False)
+    largest: Floats = field(init=False, default_factory=lambda: np.zeros(4))
 
     def __post_init__(self) -> None:
         self.dents = Dents(self.creep)
@@ -251,6 +248,7 @@ class Bouncer:
         stored[0], stored[n] = before.sum(), left.sum()
         work = path.state[: n + 1, 7] - now.spring_work
         dissipated = _monotone(work - (stored - stored[0]), peak)
+        outcome_of(scheme(), fall, path, n, self.room, 0.0, self.largest)
         curves = self._curves(touched, n, peak, origin, dissipated, float(before.sum()), now.spring_work)
         end = path.state[n]
         now.time, now.position, now.velocity = touched + lasted, end[0] + origin, end[1]
@@ -297,6 +295,8 @@ class Bouncer:
             self.gravity,
             self.mass,
             self.plate,
+            float(self.largest[0]),
+            float(self.largest[1]) + origin,
         )
 
 

@@ -301,9 +301,10 @@ def _rows(run: DropRun, setting: Setting) -> dict[str, Floats]:
         time = steps.time
         dissipated = steps.spring_work - steps.stored
         incoming, outgoing = float(steps.velocity[0]), -float(steps.velocity[-1])
-        peaks = tuple(peak(time, values) for values in (steps.force, steps.contact_radius, steps.approach))
-        if contact.curves is not None:
-            peaks = contact.curves.peaks()
+        if curves := contact.curves:
+            peaks = curves.peak_force, curves.largest, curves.peak_approach
+        else:
+            peaks = peak(time, steps.force), peak(time, steps.contact_radius), peak(time, steps.approach)
         rows.append(
             (
                 time[0] + setting.fall_time,

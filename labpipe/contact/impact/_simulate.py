@@ -6,6 +6,7 @@ is never reset between bounces.
 """
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 from math import ceil, nan, sqrt
 
@@ -16,7 +17,7 @@ from labpipe.contact.impact._bounce import Bouncer
 from labpipe.contact.impact._collocation import distinct
 from labpipe.contact.impact._dataset import DropRun, Setting
 from labpipe.contact.impact._flight import time_to_touch
-from labpipe.contact.impact._motion import MOTION, Body, Motion, Stillness, motion
+from labpipe.contact.impact._motion import Body, Motion, Stillness, motion
 from labpipe.contact.impact._plate import modal
 from labpipe.contact.impact._setup import (
     LONGEST_STEP,
@@ -230,7 +231,7 @@ def _bounce(
         if outcome == "end":
             return nan, nan
         stop = min(now.time + flight, end)
-        start = motion(**{name: getattr(now, name) for name in MOTION.names or ()})
+        start = copy(now)
         stored = stepper.free_stored() if bouncer is None else bouncer.dents.stored()
         dent = stepper.springs.pole(stepper.memory) if bouncer is None else bouncer.dents.centre
         segments.append(Flight(start, stop, stored, dent, stepper.creep_law.rate))

@@ -144,7 +144,7 @@ function experimentCard(name) {
   for (const finding of one.findings || []) {
     if (finding.level === "note") continue;
     const where = finding.file ? ` (${finding.file}${finding.line ? `:${finding.line}` : ""})` : "";
-    card.append(make("p", { className: finding.level === "impossible" ? "is-error" : "is-warning", textContent: finding.message + where }));
+    card.append(make("p", { className: finding.level === "impossible" ? "is-error" : "is-warning", textContent: `${finding.check}: ${finding.message}${where}` }));
   }
   if (one.causes && one.causes.length && (one.findings || []).some((finding) => finding.level !== "note")) card.append(make("p", { textContent: `probable cause: ${one.causes[0]}` }));
   if (one.failure) card.append(make("p", { className: "is-error", textContent: one.failure }));
@@ -248,6 +248,7 @@ async function loadRun() {
   if (found.events.length) drawRun();
   by("start").disabled = by("watch").disabled = found.running || !isSession;
   by("stop").disabled = !found.running;
+  if (found.running && !found.next) by("progress-text").textContent = "starting …";
   if (found.running && found.mode === "watch") by("progress-text").textContent = "watching; each experiment is processed when its files are complete";
   by("start").textContent = found.code === 130 ? "Go on" : "Process";
   if (found.error) say(found.error, true);

@@ -4,10 +4,7 @@
 const setup = { base: "", edits: [], data: null, timer: 0, turn: 0 };
 const keyOf = (field) => `${field.file}\n${field.place.join(".")}`;
 
-function problemsOf(field) {
-  const dotted = field.place.reduce((text, key) => (typeof key === "number" ? `${text}[${key}]` : text ? `${text}.${key}` : key), "");
-  return setup.data.problems.filter((problem) => problem.file === field.file && problem.place === dotted).map((problem) => problem.message);
-}
+const problemsOf = (field) => setup.data.problems.filter((problem) => problem.file === field.file && problem.place === field.dotted).map((problem) => problem.message);
 
 function typed(field) {
   const edit = setup.edits.findLast((one) => one.op === "set" && one.file === field.file && one.place.join(".") === field.place.join("."));

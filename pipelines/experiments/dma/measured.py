@@ -25,7 +25,7 @@ def readings(path: Path, *, settings: Dma) -> xr.Dataset:
     found = instruments.read_table(
         path,
         "sweep",
-        "anton_paar" if path.suffix.lower() == ".xlsx" else "plain_table",
+        "plain_table",
         encoding=options.encoding,
         decimal=options.decimal,
         columns=options.columns,

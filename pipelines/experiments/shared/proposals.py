@@ -65,7 +65,7 @@ def grouped(names: Iterable[str], stem: Callable[[str], str]) -> Iterator[tuple[
 
 def identifier(stem: str) -> str:
     """Return the name that a stem gives an experiment."""
-    return re.sub(r"[^A-Za-z0-9_-]+", "_", stem.rsplit("/", 1)[-1]).strip("_") or "experiment"
+    return re.sub(r"[^A-Za-z0-9_-]+", "_", stem.rsplit("/", 1)[-1]).strip("_-") or "experiment"
 
 
 def quoted(text: str) -> str:

@@ -153,6 +153,16 @@ def test_a_session_is_set_up_and_written_after_its_difference(page: Page, raw: P
     assert (status, "changed elsewhere" in json.loads(text)["error"]) == (400, True)
 
 
+def test_what_is_wrong_is_told_at_its_field_whatever_its_experiment_is_called(page: Page) -> None:
+    page.told("api/init", {})
+    base = page.told("api/session")["base"]
+    rename = {"op": "rename", "name": "drop", "to": "Kugel 7 mm ä"}
+    looked = page.told("api/check", {"base": base, "edits": [rename]})
+    fields = {field["dotted"] for one in looked["experiments"] for field in one["fields"]}
+    assert {problem["place"] for problem in looked["problems"]} <= fields
+    assert len(looked["problems"]) == len(FILLED)
+
+
 def test_a_bare_number_gets_the_unit_that_was_asked_for(page: Page) -> None:
     page.told("api/init", {})
     base = page.told("api/session")["base"]

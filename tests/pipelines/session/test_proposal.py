@@ -1,5 +1,7 @@
 """From a pile of files to a first session.toml."""
 
+import json
+import os
 import shutil
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,7 +24,7 @@ from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.session_text import laser_record
 from pipelines.rig.solids import SOLIDS
 from pipelines.rig.static_loading import StaticRig, write_static
-from pipelines.session import Gap, describe, init
+from pipelines.session import Gap, describe, init, survey
 
 START = datetime(2024, 5, 14, 9, 30)
 
@@ -157,6 +159,29 @@ def test_copies_are_named_and_the_recordings_keep_their_names(pile: Path) -> Non
     assert copy.endswith(': a copy of "acrylic 7mm rep1.csv"')
     (pictures,) = (line for line in found.unused if line.startswith("photos/"))
     assert "photos/a.jpg and 1 more beside it: a picture" in pictures
+
+
+def test_of_equal_files_the_one_that_lies_among_its_repeats_counts(pile: Path) -> None:
+    (pile / "A").mkdir()
+    shutil.copy(pile / "acrylic 7mm rep1.csv", pile / "A/z.csv")
+    (pile / "day").mkdir()
+    for name in ("acrylic 7mm rep1.csv", "acrylic 7mm rep2.csv"):
+        shutil.move(pile / name, pile / "day" / name)
+    found = init(pile)
+    assert '"day/acrylic 7mm rep1.csv",\n  "day/acrylic 7mm rep2.csv"' in found.path.read_text("utf-8")
+    assert any(line.startswith("A/z.csv") and "a copy of" in line for line in found.unused)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows makes no such names")
+@pytest.mark.parametrize("name", [b"two\nlines.csv", b"\xff\xfe.csv", b"CON.csv", "\u202ecsv.a".encode()])
+def test_a_name_that_no_session_may_hold_is_told_and_left_alone(pile: Path, name: bytes) -> None:
+    shutil.move(pile / "acrylic 7mm rep1.csv", os.fsencode(pile) + b"/" + name)
+    found = init(pile)
+    (told,) = (line for line in found.unused if line.endswith("; rename it"))
+    told.encode("utf-8")
+    assert told.isprintable()
+    assert "acrylic_7mm" in open_session(pile).waiting
+    json.dumps([entry.document() for entry in survey(pile)], ensure_ascii=False).encode("utf-8")
 
 
 @pytest.mark.parametrize(("table", "sweep", "is_proposed"), [

@@ -6,14 +6,19 @@ Viscoelastic Properties of Polymers, 3rd ed., ch. 1).
 """
 
 from collections.abc import Callable, Mapping, Set
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from instruments.anton_paar import Column
-from instruments.tables import _words
+from instruments._symbols import FREQUENCIES, RESPONSES, SHIFTS, TIMES
 from labpipe.arrays import Floats
 
 _Made = tuple[Floats, Floats]
+
+# Natural logarithms of ratios below which columns that were rounded may lie apart.
+_FREQUENCY_ROUNDED = 0.02
+_MODULUS_ROUNDED = 0.1
 
 
 def _inverse(storage: Floats, loss: Floats) -> _Made:
@@ -45,28 +50,85 @@ _WAYS: tuple[tuple[tuple[str, ...], Callable[..., _Made]], ...] = (
 )
 
 
-def with_moduli(columns: dict[str, Column]) -> dict[str, Column]:
+def contradictions(columns: Mapping[str, Any]) -> list[str]:
+    """Say which columns in SI, of one quantity given twice, do not agree: then a unit or a heading is wrong.
+
+    Returns
+    -------
+    list of str
+        A sentence for each; rounding to two digits is no contradiction.
+    """
+    said = []
+    if {"frequency", "angular_frequency"} <= columns.keys():
+        omega, hertz = columns["angular_frequency"], columns["frequency"]
+        ratio = _median_ratio(_values(omega), 2.0 * np.pi * _values(hertz))
+        if abs(np.log(ratio)) > _FREQUENCY_ROUNDED:
+            said.append(f"{omega.header} is {ratio:.3g} times 2π {hertz.header}")
+    whole = ("storage_modulus", "loss_modulus")
+    if {*whole, "complex_modulus"} <= columns.keys():
+        size = columns["complex_modulus"]
+        ratio = _median_ratio(_values(size), np.hypot(*(_values(columns[name]) for name in whole)))
+        if abs(np.log(ratio)) > _MODULUS_ROUNDED:
+            said.append(f"{size.header} is {ratio:.3g} times the size of {_headers(columns, whole)}")
+    made = [(needed, _made(columns, needed, way)) for needed, way in _WAYS if _has(columns, needed)]
+    for needed, moduli in made[1:]:
+        for one, other, name in zip(moduli, made[0][1], ("storage", "loss"), strict=True):
+            ratio = _median_ratio(one, other)
+            if abs(np.log(ratio)) > _MODULUS_ROUNDED:
+                text = f"the {name} modulus of {_headers(columns, needed)} is {ratio:.3g} times that of "
+                return [*said, text + _headers(columns, made[0][0])]  # the others follow from it
+    return said
+
+
+def _median_ratio(one: Floats, other: Floats) -> float:
+    """Return the ratio of two columns; 1 where none of their rows can be compared."""
+    is_both = np.isfinite(one) & np.isfinite(other) & (one > 0) & (other > 0)
+    return float(np.median(one[is_both] / other[is_both])) if is_both.any() else 1.0
+
+
+def _has(columns: Mapping[str, Any], needed: tuple[str, ...]) -> bool:
+    return all(name in columns or (name == "ω" and _omega(columns) is not None) for name in needed)
+
+
+def _made(columns: Mapping[str, Any], needed: tuple[str, ...], way: Callable[..., _Made]) -> _Made:
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        return way(*(_omega(columns) if name == "ω" else _values(columns[name]) for name in needed))
+
+
+def _values(column: Any) -> Floats:
+    return np.asarray(column.values, dtype=float)
+
+
+def _headers(columns: Mapping[str, Any], needed: tuple[str, ...]) -> str:
+    return " and ".join(columns[name].header for name in needed if name != "ω")
+
+
+def with_moduli(columns: dict[str, Any]) -> dict[str, Any]:
     """Add storage and loss modulus [Pa] to columns in SI that determine them."""
-    omega = _omega(columns)
-    for needed, made in _WAYS:
-        if all(name in columns or (name == "ω" and omega is not None) for name in needed):
-            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-                storage, loss = made(
-                    *(omega if name == "ω" else np.asarray(columns[name].values, dtype=float) for name in needed)
-                )
-            source = " and ".join(columns[name].header for name in needed if name != "ω")
+    for needed, way in _WAYS:
+        if _has(columns, needed):
+            storage, loss = _made(columns, needed, way)
+            source = _headers(columns, needed)
             for name, values in (("storage_modulus", storage), ("loss_modulus", loss)):
                 if name not in columns:
-                    columns[name] = Column(name, f"of {source}", "Pa", "Pa", values)
+                    columns[name] = replace(
+                        columns[needed[0]],
+                        name=name,
+                        header=f"of {source}",
+                        unit="Pa",
+                        si="Pa",
+                        values=values,
+                        sub_label="",
+                    )
             break
     return columns
 
 
-def _omega(columns: Mapping[str, Column]) -> Floats | None:
+def _omega(columns: Mapping[str, Any]) -> Floats | None:
     if "angular_frequency" in columns:
-        return np.asarray(columns["angular_frequency"].values, dtype=float)
+        return _values(columns["angular_frequency"])
     if "frequency" in columns:
-        return 2.0 * np.pi * np.asarray(columns["frequency"].values, dtype=float)
+        return 2.0 * np.pi * _values(columns["frequency"])
     return None
 
 
@@ -81,11 +143,11 @@ def missing(names: Set[str]) -> str:
     has = set(names)
     if "temperature_set" in has:
         has.add("temperature")
-    if has & _words.FREQUENCIES:
+    if has & FREQUENCIES:
         has.add("ω")
-    if "temperature" in has and has & _words.SHIFTS:
+    if "temperature" in has and has & SHIFTS:
         return ""
-    if has & _words.TIMES and has & _words.RESPONSES:
+    if has & TIMES and has & RESPONSES:
         return ""
     makes = any(set(needed) <= has for needed, _ in _WAYS)
     lacks = []

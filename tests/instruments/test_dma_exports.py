@@ -1,0 +1,208 @@
+"""Exports in which something stands where a reader does not expect it: right numbers, or a refusal in words."""
+
+import openpyxl
+import pytest
+
+import instruments
+from instruments import anton_paar
+from labpipe.errors import SourceError
+from tests.instruments.test_table_layouts import (
+    ALL,
+    DELTA,
+    FREQUENCY,
+    LOSS,
+    OMEGA,
+    SIZE,
+    STORAGE,
+    TAN,
+    TEMPERATURE,
+    F,
+    T,
+    assert_is_the_truth,
+    read,
+    table,
+)  # fmt: skip
+
+SHIFTED = TEMPERATURE - 40.0  # temperatures below zero too
+
+
+def blocks(title, head="f [Hz];E' [MPa];E'' [MPa]"):
+    """Write a table per temperature below a title."""
+    parts = (
+        title.format(t=t - 40) + "\n" + table(head, F[t == T], STORAGE[t == T] / 1e6, LOSS[t == T] / 1e6, sep=";")
+        for t in TEMPERATURE
+    )
+    return "\n".join(parts)
+
+
+@pytest.mark.parametrize(
+    "title",
+    ["{t:g} °C", "--- {t:g} °C ---", "Isotherm 2 ({t:g} °C)", "Frequency sweep, {t:g}°C", "Solltemperatur;{t:g};°C",
+     "Temperature,{t:g},°C", "T = {t:g} °C", "### {t:g} °C"],
+)  # fmt: skip
+def test_a_title_states_the_temperature_with_its_sign(tmp_path, title):
+    found = read(tmp_path, blocks(title))
+    assert_is_the_truth(found.assign(temperature=found.temperature + 40))
+    found = read(tmp_path, blocks(title).replace("-", "\N{MINUS SIGN}").replace("\N{MINUS SIGN}" * 3, "---"))
+    assert_is_the_truth(found.assign(temperature=found.temperature + 40))
+
+
+@pytest.mark.parametrize(
+    "title", ["Reference temperature {t:g} °C", "Temp. ramp from {t:g} °C", "Iso, 3 °C to {t:g} °C"]
+)
+def test_another_temperature_in_a_title_is_not_that_of_the_sweep(tmp_path, title):
+    assert "temperature" not in read(tmp_path, blocks(title))
+
+
+def workbook(path, sheets):
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    for title, rows in sheets.items():
+        sheet = book.create_sheet(title)
+        for row in rows:
+            sheet.append(row)
+    book.save(path)
+    return path
+
+
+def test_sheets_of_a_workbook_are_read(tmp_path):
+    rows = [[float(v) for v in row] for row in zip(*ALL, strict=True)]
+    head = [["f", "E'", "E''", "T"], ["Hz", "MPa", "MPa", "°C"]]
+    path = workbook(tmp_path / "a.xlsx", {"Remarks": [["measured by A. B."]], "DMA": [*head, *rows]})
+    assert instruments.identify(path) == "plain_table"
+    assert_is_the_truth(instruments.read(path))
+    one_each = {
+        f"{t:g} °C": [["f (Hz)", "E' (MPa)", "E'' (MPa)"], *(r[:3] for r in rows if r[3] == t)] for t in TEMPERATURE
+    }
+    assert_is_the_truth(instruments.read(workbook(tmp_path / "b.xlsx", one_each)))
+    shifts = {"DMA": [*head, *rows], "shifts": [["T (°C)", "log aT"], [20, 1.0], [40, 0.0]]}
+    with pytest.warns(UserWarning, match="a table of shift factors beside the readings is left out"):
+        assert_is_the_truth(instruments.read(workbook(tmp_path / "c.xlsx", shifts)))
+
+
+def test_a_fault_in_a_workbook_is_told_with_its_sheet(tmp_path):
+    path = workbook(tmp_path / "a.xlsx", {"DMA": [["f (Hz)", "E' (MPa)", "T (°C)"], [1.0, 2.0, 20.0]]})
+    with pytest.raises(
+        SourceError, match=r"a\.xlsx, sheet DMA:1: found frequency, storage modulus, temperature; no loss"
+    ):
+        instruments.read(path)
+    (tmp_path / "a.xls").write_bytes(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600))
+    with pytest.raises(SourceError, match=r"save it as \.xlsx or as CSV"):
+        instruments.read(tmp_path / "a.xls")
+
+
+def test_specimens_side_by_side_are_not_taken_for_one(tmp_path):
+    head = "#EXPORTTYPE:\tDATA COMPARE\tDATA COMPARE\n#SAMPLE:\tA\tB\n\n" + "\t".join(
+        ["##Temp./°C\tE'(1.0 Hz)/MPa\ttan d(1.0 Hz)"] * 2
+    )
+    one = STORAGE[F == 1.0] / 1e6, TAN[F == 1.0]
+    text = table(head, TEMPERATURE, *one, TEMPERATURE, 2 * one[0], one[1], sep="\t")
+    with pytest.raises(SourceError, match="as of several specimens") as caught:
+        read(tmp_path, text)
+    columns = caught.value.hint.partition('columns="')[2].partition('"')[0]
+    assert columns.endswith("-, -, -")
+    assert read(tmp_path, text, columns=columns).storage_modulus.values == pytest.approx(STORAGE[F == 1.0], rel=1e-9)
+
+
+def test_each_curve_has_the_temperatures_to_its_left(tmp_path):
+    head = "\t".join(f"##Temp./°C\tE'({f:.10f} Hz)/MPa\ttan d({f:.10f} Hz)" for f in FREQUENCY)
+    columns = [c for k, f in enumerate(FREQUENCY) for c in (TEMPERATURE + k, STORAGE[f == F] / 1e6, TAN[f == F])]
+    found = read(tmp_path, table(head, *columns, sep="\t"))
+    for k, f in enumerate(FREQUENCY):
+        assert found.temperature.values[found.frequency.values.round(9) == round(f, 9)] == pytest.approx(
+            TEMPERATURE + k
+        )
+
+
+def test_a_vague_modulus_is_asked_for(tmp_path):
+    with pytest.raises(SourceError, match="may be the storage modulus or the complex one") as caught:
+        read(tmp_path, table("f (Hz),T (°C),Modulus (MPa),phase (°)", F, T, SIZE / 1e6, DELTA))
+    assert "Modulus (MPa)" in caught.value.hint
+
+
+def test_rows_of_frequency_zero_are_no_readings(tmp_path):
+    with pytest.warns(UserWarning, match="2 of 14 rows have a frequency of zero or below"):
+        found = read(tmp_path, table("f (Hz),E' (MPa),E'' (MPa),T (°C)", *ALL) + "0,0,0,0\n-2,0,0,0\n")
+    assert_is_the_truth(found.isel(sample=found.is_valid.values == 1))
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("Frecuencia angular", "Temperatura", "Módulo de almacenamiento", "Módulo de pérdida"),
+        ("角频率", "温度", "储能模量", "损耗模量"),
+        ("Angular Frequency", "Temperature", "Young's Storage Modulus", "Young's Loss Modulus"),
+    ],
+)
+def test_words_of_rheocompass_in_other_languages(tmp_path, names):
+    lines = ["Project:\tx", "", "Test:\ty", "", "Result:\tz", "", f"Interval and data points:\t1\t{F.size}"]
+    lines += ["\t".join(["Interval data:", "Point No.", *names]), "\t" * 5, "\t\t[rad/s]\t[°C]\t[Pa]\t[Pa]"]
+    lines += [
+        "\t".join(["", str(k + 1), *(format(v, ".14g") for v in row)])
+        for k, row in enumerate(zip(OMEGA, T, STORAGE, LOSS, strict=True))
+    ]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(lines) + "\n", "utf-16")
+    assert_is_the_truth(instruments.read(path))
+    text = "\n".join(lines).replace(names[2], "Complex Shear Modulus").replace(names[3], "Phase Shift Angle")
+    bare = text.replace("[Pa]\t[Pa]", "[Pa]\t[rad]").split("\n")
+    rows = [
+        "\t".join(["", str(k + 1), *(format(v, ".14g") for v in row)])
+        for k, row in enumerate(zip(OMEGA, T, SIZE, DELTA, strict=True))
+    ]
+    path.write_text("\n".join([*bare[: -F.size], *rows]) + "\n", "utf-16")
+    assert_is_the_truth(anton_paar.read(path))
+
+
+def test_the_temperature_nearest_to_the_table_counts(tmp_path):
+    found = read(tmp_path, "Temperature: 25 °C\nHumidity: 50 %\n\n" + blocks("Sweep at {t:g} °C"))
+    assert_is_the_truth(found.assign(temperature=found.temperature + 40))
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["Specimen cured at 120 °C", "Stored at 23 °C / 50 % RH", "Room temperature: 23 °C", "Glass transition at 105 °C"],
+)
+def test_a_temperature_of_something_else_is_left(tmp_path, line):
+    assert "temperature" not in read(
+        tmp_path, line + "\n" + table("f (Hz),E' (MPa),E'' (MPa)", F, STORAGE / 1e6, LOSS / 1e6)
+    )
+
+
+@pytest.mark.parametrize(
+    ("head", "columns", "message"),
+    [
+        ("f (Hz),E' (MPa),E'' (MPa),T (°C),tan δ", (*ALL, 1.5 * TAN), "loss modulus of E' .* and tan δ is 1.5 times"),
+        ("f (Hz),E' (MPa),E'' (MPa),T (°C),|E*| (GPa)", (*ALL, SIZE / 1e6), "is 1e.03 times the size of E' "),
+        ("f (Hz),E' (MPa),E'' (MPa),T (°C),ω (rad/s)", (*ALL, F), "ω .rad/s. is 0.159 times 2π f "),
+        ("f (Hz),E' (mPa),E'' (MPa),T (°C)", ALL, "E' .mPa. is in mPa, which is read as MPa"),
+    ],
+)  # fmt: skip
+def test_columns_that_do_not_agree_are_told(tmp_path, head, columns, message):
+    with pytest.warns(UserWarning, match=message):
+        assert_is_the_truth(read(tmp_path, table(head, *columns)))
+
+
+def test_several_specimens_in_a_table_are_told(tmp_path):
+    text = "Sample," + table("f (Hz),E' (MPa),E'' (MPa),T (°C)", *ALL).replace("\n", "\nA,", 6).replace("\n0", "\nB,0")
+    rows = text.split("\n")
+    rows = [rows[0], *(row if row[:1] in "AB" else "B," + row for row in rows[1:-1])]
+    with pytest.warns(UserWarning, match="Sample names 2 specimens"):
+        assert_is_the_truth(read(tmp_path, "\n".join(rows) + "\n"))
+
+
+def test_a_header_that_states_the_decimal_sign_is_believed(tmp_path):
+    head = "#FORMAT:NETZSCH5\n#DECIMAL:COMMA\n#SEPARATOR:SEMICOLON\n\n##Temp./°C;Freq./Hz;E'/MPa;E\"/MPa\n"
+    found = read(tmp_path, head + "20,000;1,000;950,125;45,125\n")
+    assert found.storage_modulus.values == pytest.approx([950.125e6])
+
+
+def test_powers_of_ten_and_frequencies_in_millihertz(tmp_path):
+    rows = "".join(
+        f"10⁻¹;{t:g};{s / 1e8:.12f}·10⁸;{g / 1e7:.12f}×10⁷\n" for t, s, g in zip(T, STORAGE, LOSS, strict=True)
+    )
+    found = read(tmp_path, "f (Hz);T (°C);E' (Pa);E'' (Pa)\n" + rows)
+    assert found.storage_modulus.values == pytest.approx(STORAGE, rel=1e-9)
+    assert found.frequency.values == pytest.approx(0.1)
+    wide = table("T (°C);E'(100 mHz)/MPa;E''(100 mHz)/MPa", TEMPERATURE, TEMPERATURE, TEMPERATURE, sep=";")
+    assert read(tmp_path, wide).frequency.values == pytest.approx(0.1)
