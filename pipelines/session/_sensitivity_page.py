@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from math import isinf
 
-from labpipe.report import Block, Column, Details, Document, Paragraph, Section, Table, shown_source
+from labpipe.report import Bars, Block, Column, Details, Document, Paragraph, Section, Table, shown_source
 from labpipe.uncertainty import inputs_to_halve
 from labpipe.workflow.session import Session
 from pipelines.experiments import KINDS
@@ -16,6 +16,7 @@ from pipelines.session._overview import PAGE
 _BEST = 20.0  # factor beyond which "better" means "exactly"
 _NO_SCALE = ("degC", "1")  # units in which a share of the value says little
 _SMALL = 0.5  # of the value: beyond, a result is about nothing
+_BARS, _SHOWN = 2, 0.05  # bars of a quantity, and the least share that has one
 _ALIKE = 0.05  # of the variance: shares that differ by less tell the same
 
 
@@ -114,11 +115,12 @@ def _gap(found: Examined) -> float:
 
 
 def answers(found: Sequence[Examined]) -> tuple[Block, ...]:
-    """Return what limits each sort of quantity, as one row each."""
-    rows = []
+    """Return what limits each sort of quantity: its largest shares as bars, and one row each."""
+    bars, rows = [], []
     for name, group in families(found).items():
         shares = mean_shares(group)
         order = sorted(shares, key=lambda n: -shares[n])
+        bars += [(f"{name}: {shown_source(n)}", min(shares[n], 1.0), "") for n in order[:_BARS] if shares[n] >= _SHOWN]
         rows.append(
             (
                 name,
@@ -138,9 +140,10 @@ def answers(found: Sequence[Examined]) -> tuple[Block, ...]:
         ),
         rows,
         sortable=False,
-        caption="Shares are Sobol's total indices, averaged over the results.",
     )
-    return (table,)
+    caption = "Shares of the variance: Sobol's total indices, averaged over the results."
+    chart = Bars("The inputs that limit each quantity", bars, caption)
+    return (*([chart] if bars else []), table)
 
 
 def _spread(group: Sequence[Examined]) -> str:

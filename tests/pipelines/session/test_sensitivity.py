@@ -74,6 +74,7 @@ def test_command_writes_a_page_per_kind_though_another_recording_is_lost(
     document = json.loads(capsys.readouterr().out)
     assert [Path(p).name for p in document["pages"]] == ["sensitivity_harmonic.html"]
     page = (session_copy / "labpipe/sensitivity_harmonic.html").read_text(encoding="utf-8")
+    assert 0 < page.index("The inputs that limit each quantity") < page.index("<table")
     assert "Share of the variance" in page
     assert "Monte Carlo" in page
     assert {row["experiment"] for row in document["quantities"]} == {"nbr"}
