@@ -196,7 +196,7 @@ def _bulk(exports: Sequence[_Export], settings: Dma) -> Check:
         return replace(found, cause="nu is that of a rubber, or the unit of the moduli is wrong")
     E = E / min(sizes) * max(sizes)
     least = 0.5 - E / (6 * _LEAST_BULK)
-    if nu.value >= least:
+    if nu.value >= least or _POLYMERS[0] > E:  # softer than any polymer: the unit is wrong, as its own check says
         return found
     message = f"nu = {nu.value:g} at a modulus of {quantity(E, 'Pa')}, where polymers have {least:.3g} at least"
     u = max(nu.u, _NU_OF_RUBBER)
