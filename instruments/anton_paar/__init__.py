@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
 from instruments._instrument import HEAD_BYTES, Instrument, text_of
+from instruments._workbook_texts import beginnings
 from labpipe.lazy import lazily
 from labpipe.text import Limits
 
@@ -63,6 +64,7 @@ _INTERVAL = re.compile(
     r"|Rheo\.Repository\.",
     re.MULTILINE,
 )
+_FIRST_PARTS = re.compile(r"xl/sharedStrings\.xml$|xl/worksheets/sheet1")
 _INTERVAL_IN_SHEET = re.compile(r"interval[^<]{0,40}:|abschnitt[^<]{0,40}:", re.IGNORECASE)
 
 
@@ -79,29 +81,9 @@ class Options(TypedDict, total=False):
 def _sniff(head: bytes, path: Path) -> bool:
     """Tell a RheoCompass or RheoPlus export by the line that begins a table, or its window XML."""
     if head.startswith(b"PK\x03\x04"):
-        return _is_workbook(path)
+        return any(map(_INTERVAL_IN_SHEET.search, beginnings(path, _FIRST_PARTS, 16 * HEAD_BYTES)))
     text = text_of(head)
     return "\0" not in text and _INTERVAL.search(text) is not None
-
-
-def _is_workbook(path: Path) -> bool:
-    """Look for the label of an interval in the beginning of the texts of a workbook."""
-    import zipfile
-    import zlib
-
-    try:
-        with zipfile.ZipFile(path) as archive:
-            names = [
-                n for n in archive.namelist() if n == "xl/sharedStrings.xml" or n.startswith("xl/worksheets/sheet1")
-            ]
-            for name in names:
-                with archive.open(name) as stream:
-                    text = stream.read(16 * HEAD_BYTES).decode("utf-8", errors="replace")
-                if _INTERVAL_IN_SHEET.search(text):
-                    return True
-    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, NotImplementedError):
-        return False  # not told apart from any other archive; the reader says what is wrong
-    return False
 
 
 INSTRUMENT = Instrument(

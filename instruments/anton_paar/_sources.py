@@ -30,7 +30,6 @@ _DAMAGE = (
     IndexError,
     AttributeError,
     SyntaxError,
-    NotImplementedError,
     RuntimeError,
     OverflowError,
     AssertionError,

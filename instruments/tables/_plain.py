@@ -618,21 +618,13 @@ def _complete(path: Path, tables: Sequence[_Table]) -> list[_Table]:
     if not whole:
         block = tables[0].block
         vague = next((heading for heading in block.headings if heading.name in _VAGUE), None)
+        said = f"found {_spoken(block.headings)}; no {tables[0].missing}"
+        remedy = "Export the table again with it; if a column is there under another name, name all columns in order"
         if vague is not None and "modulus" in tables[0].missing:
-            raise SourceError(
-                _place(path, block),
-                f"{shorten(vague.text)} may be the storage modulus or the complex one; the file does not say which",
-                line=block.line,
-                hint="Say it by naming the columns in order, with E' or |E*| in its place: "
-                f'columns="{_example(block)}".',
-            )
-        raise SourceError(
-            _place(path, block),
-            f"found {_spoken(block.headings)}; no {tables[0].missing}",
-            line=block.line,
-            hint="Export the table again with it; if a column is there under another name, name all columns in "
-            f'order: columns="{_example(block)}".',
-        )
+            said = f"{shorten(vague.text)} may be the storage modulus or the complex one; the file does not say which"
+            remedy = "Say it by naming the columns in order, with E' or |E*| in its place"
+        hint = f'{remedy}: columns="{_example(block)}".'
+        raise SourceError(_place(path, block), said, line=block.line, hint=hint)
     for table in tables:
         if table.missing:
             title = f' "{table.block.title}"' if table.block.title else ""

@@ -1,16 +1,16 @@
 """Sheets of a workbook as lines with TAB between the cells, which the reader of texts understands."""
 
 import re
-import zipfile
-import zlib
 from html import unescape
 from itertools import groupby
 from pathlib import Path
 
+from instruments._workbook_texts import beginnings
 from instruments.anton_paar import workbook_rows
 from instruments.tables import _layout, _words
 
 _MOST = 1 << 20  # bytes of the texts of a workbook in which its headings are looked for
+_PARTS = re.compile(r"xl/(sharedStrings|worksheets/sheet)")
 _TEXT = re.compile(r"<(?:\w+:)?t(?:\s[^>]*)?>([^<]*)</")
 
 
@@ -28,19 +28,12 @@ def sheets(path: Path) -> list[tuple[str, list[tuple[int, str]]]]:
 def names_quantities(path: Path) -> bool:
     """Tell a workbook whose cells name the quantities of a table; nothing but its texts is unpacked."""
     names: set[str] = set()
-    try:
-        with zipfile.ZipFile(path) as archive:
-            parts = [part for part in archive.namelist() if re.match(r"xl/(sharedStrings|worksheets/sheet)", part)]
-            for part in parts:
-                with archive.open(part) as stream:
-                    text = stream.read(_MOST).decode("utf-8", errors="replace")
-                headings = {_words.parsed(" ".join(unescape(cell).split())) for cell in set(_TEXT.findall(text))}
-                names |= {heading.name for heading in headings if heading.is_known}
-                names |= {_layout.place_of(heading) for heading in headings if heading.at is not None}
-                if _layout.is_begin(names):
-                    return True
-    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, NotImplementedError):
-        return False  # not told apart from any other archive; the reader says what is wrong
+    for text in beginnings(path, _PARTS, _MOST):
+        headings = {_words.parsed(" ".join(unescape(cell).split())) for cell in set(_TEXT.findall(text))}
+        names |= {heading.name for heading in headings if heading.is_known}
+        names |= {_layout.place_of(heading) for heading in headings if heading.at is not None}
+        if _layout.is_begin(names):
+            return True
     return False
 
 

@@ -188,17 +188,18 @@ def _bulk(exports: Sequence[_Export], settings: Dma) -> Check:
     if not sizes or not min(sizes) > 0:
         return not_made(name, law, "moduli")
     nu = settings.nu
-    E = min(sizes) * modulus_factor(settings.mode, nu.value) * settings.scale.value
+    E, stiffest = (f(sizes) * modulus_factor(settings.mode, nu.value) * settings.scale.value for f in (min, max))
     most = 0.5 - E / (6 * _BULK)
     message = f"nu = {nu.value:g} at a modulus of {quantity(E, 'Pa')}, where polymers have {max(most, _NU):.3g} at most"
     found = bounded(name, law, message, nu.value, max(nu.u, 1e-3), at_most=max(most, _NU), is_law=False, setting="nu")
     if found.level:
         return replace(found, cause="nu is that of a rubber, or the unit of the moduli is wrong")
-    E = E / min(sizes) * max(sizes)
-    least = 0.5 - E / (6 * _LEAST_BULK)
-    if nu.value >= least or _POLYMERS[0] > E:  # softer than any polymer: the unit is wrong, as its own check says
+    least = 0.5 - stiffest / (6 * _LEAST_BULK)
+    if (
+        nu.value >= least or _POLYMERS[0] > stiffest
+    ):  # softer than any polymer: the unit is wrong, as its own check says
         return found
-    message = f"nu = {nu.value:g} at a modulus of {quantity(E, 'Pa')}, where polymers have {least:.3g} at least"
+    message = f"nu = {nu.value:g} at a modulus of {quantity(stiffest, 'Pa')}, where polymers have {least:.3g} at least"
     u = max(nu.u, _NU_OF_RUBBER)
     found = bounded(name, law, message, nu.value, u, at_least=least, is_law=False, setting="nu")
     return replace(found, cause="nu is that of a glass, or the unit of the moduli is wrong") if found.level else found

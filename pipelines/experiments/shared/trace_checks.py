@@ -157,20 +157,18 @@ def sight(displacement: xr.Dataset | None, record: str) -> Check:
     angle, u = float(displacement["inclination"]), float(displacement["u_inclination"])
     text = f"{record}: inclination ({np.rad2deg(angle):.3g} ± {np.rad2deg(u):.2g})°, lengths are divided by its cosine"
     relative = float(displacement.attrs.get("u_systematic_relative", 0.0))
-    is_unknown = relative > _UNKNOWN and u <= _VAGUE
-    if is_unknown:
+    if relative > _UNKNOWN and u <= _VAGUE:
         text = f"{record}: lengths are known by {100 * relative:.2g} %"
-    level: Level | None = "doubtful" if angle > _OBLIQUE or u > _VAGUE or is_unknown else None
+        cause = f"u of the scale in {record} was typed in another unit or with a lost decimal"
+        return stated(name, law, text, "doubtful", cause=cause, file=record, setting="values.scale")
+    level: Level | None = "doubtful" if angle > _OBLIQUE or u > _VAGUE else None
     cause = (
-        f"u of the scale in {record} was typed in another unit or with a lost decimal"
-        if is_unknown
-        else f"u of the inclination in {record} is probably not {np.rad2deg(u):.2g}°: a lost decimal, or another unit"
+        f"u of the inclination in {record} is probably not {np.rad2deg(u):.2g}°: a lost decimal, or another unit"
         if u > _VAGUE
         else f"inclination in {record} is probably not {np.rad2deg(angle):.3g}°: a lost decimal point, or the angle to "
         "the plate in place of that to the motion"
     )
-    setting = "values.scale" if is_unknown else "values.inclination"
-    return stated(name, law, text, level, cause=cause if level else "", file=record, setting=setting)
+    return stated(name, law, text, level, cause=cause if level else "", file=record, setting="values.inclination")
 
 
 def held_readings(trace: Trace) -> Check:
