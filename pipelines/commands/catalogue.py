@@ -84,7 +84,7 @@ def _print_table(done: "Catalogued", frame: "pd.DataFrame", units: dict[str, str
         for line in shown.to_string(index=False).splitlines():
             echo(line.rstrip())
     echo(
-        f"{len(frame)} rows; {len(done.renewed)} sessions read, {len(done.unchanged)} unchanged, "
+        f"{len(frame)} rows; {len(done.renewed)} session{'s' * (len(done.renewed) != 1)} read, {len(done.unchanged)} unchanged, "
         f"{len(done.removed)} gone; {done.path}"
     )
     for name, problem in done.problems.items():
