@@ -189,11 +189,11 @@ def values(kind: type[msgspec.Struct], table: Any, place: Place) -> Iterator[tup
 
 
 def remarks(text: str) -> dict[Place, str]:
-    """Return what stands behind a value on its line, as ``init`` says where it has it from.
+    r"""Return what stands behind a value on its line, as ``init`` says where it has it from.
 
     Examples
     --------
-    >>> remarks('[a]\\nheight = "7 mm"  # proposed from the file name')
+    >>> remarks('[a]\nheight = "7 mm"  # proposed from the file name')
     {('a', 'height'): 'proposed from the file name'}
     """
     found: dict[Place, str] = {}

@@ -14,8 +14,8 @@ from instruments import phantom
 from instruments.phantom._writer import Recording
 from labpipe import files, materials
 from labpipe.errors import ConfigError, UsageError
-from pipelines.experiments import KINDS, Found
 from labpipe.materials import modulus_factor
+from pipelines.experiments import KINDS, Found
 from pipelines.experiments.dma.proposal import _published, mode_line
 from pipelines.experiments.shared.proposals import without_repeat
 from pipelines.process import open_session
