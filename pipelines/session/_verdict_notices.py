@@ -28,10 +28,8 @@ def belief(verdicts: Mapping[str, Verdict]) -> Notice:
     named = "; ".join(f"{word}: {_listed(others[key])}" for key, word in known.items() if key in others)
     worst: Level = "error" if "impossible" in others else "warning" if "doubtful" in others else "info"
     sure = n - sum(map(len, others.values()))
-    return Notice(
-        worst,
-        f"{sure} of {n} experiment{'s' * (n > 1)} {'is' if n == 1 or sure == 1 else 'are'} believable. {_sentence(named)}",
-    )
+    verb = "is" if n == 1 or sure == 1 else "are"
+    return Notice(worst, f"{sure} of {n} experiment{'s' * (n > 1)} {verb} believable. {_sentence(named)}")
 
 
 def agreement(models: Mapping[str, str]) -> Notice | None:
