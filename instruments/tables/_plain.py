@@ -26,10 +26,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from instruments import anton_paar
 from instruments._instrument import HEAD_BYTES
 from instruments._moduli import contradictions, missing, with_moduli
 from instruments._symbols import FREQUENCIES, MODULI, RESPONSES, SHIFTS
-from instruments import anton_paar
 from instruments.anton_paar import Column, Interval, assemble
 from instruments.tables import CODECS, _layout, _words, workbook_hint
 from instruments.tables._layout import ABSENT, Block, is_of_parameters
@@ -67,10 +67,11 @@ _SPECIMEN = (
     "name",
 )
 # What names a row of statistics below readings, in the languages of exports.
-_STATISTICS = frozenset(
-    "mean|average|avg|median|min|max|minimum|maximum|std|stdev|std.dev|std dev|standard deviation|sd|s.d|cv|rsd|variance"
-    "|mittelwert|standardabweichung|moyenne|écart-type|ecart type|media|promedio|desviación estándar".split("|")
-)
+_STATISTICS = (
+    "mean", "average", "avg", "median", "min", "max", "minimum", "maximum", "std", "stdev", "std.dev", "std dev",
+    "standard deviation", "sd", "s.d", "cv", "rsd", "variance", "mittelwert", "standardabweichung", "moyenne",
+    "écart-type", "ecart type", "media", "promedio", "desviación estándar",
+)  # fmt: skip
 _DECIMAL = re.compile(r"#DE[CZ]IMAL:\s*(\w+)")  # of Netzsch
 _Pair = tuple[Heading, Floats]
 _OWN = ("point", "test", "result", "interval", "is_valid", "sample")  # names of the Dataset itself
