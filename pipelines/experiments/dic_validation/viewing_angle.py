@@ -8,6 +8,7 @@ both ways.
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -35,6 +36,8 @@ class Seen:
 
     Attributes
     ----------
+    is_known : bool
+        Whether the distance is stated.
     direction, u_direction : float [rad]
         Of the motion to the image's columns, to the right of upwards.
     growth, u_growth : float [1/m]
@@ -44,19 +47,17 @@ class Seen:
         What it grows more along the motion than across, which tells a tilt times a distance.
     tilt, u_tilt : float [rad]
         Angle of looking up or down, for the stated distance or else for the usual one.
-    is_known : bool
-        Whether the distance is stated.
     """
 
-    direction: float
-    u_direction: float
-    growth: float
-    u_growth: float
-    slant: float
-    u_slant: float
-    tilt: float
-    u_tilt: float
     is_known: bool
+    direction: float = math.nan
+    u_direction: float = math.nan
+    growth: float = math.nan
+    u_growth: float = math.nan
+    slant: float = math.nan
+    u_slant: float = math.nan
+    tilt: float = math.nan
+    u_tilt: float = math.nan
 
     @property
     def turn(self) -> float:
@@ -68,7 +69,7 @@ class Seen:
         """Factor of displacements; 1 where the distance is not stated."""
         return 1.0 / math.cos(self.tilt) if self.is_known and math.isfinite(self.tilt) else 1.0
 
-    def variables(self) -> dict[str, xr.Variable]:
+    def variables(self) -> dict[str, Any]:
         """Return what a page and checks read."""
         texts = {
             "direction": ("rad", "direction of the motion to the image's columns"),
@@ -96,7 +97,7 @@ def seen(body: xr.Dataset, distance: Quantity | None = None) -> Seen:
     x, y = body["displacement_x"].values, body["displacement_y"].values
     away = np.hypot(x, y)
     noise = np.hypot(body["u_displacement_x"].values, body["u_displacement_y"].values)
-    nothing = Seen(*[math.nan] * 8, distance is not None)
+    nothing = Seen(distance is not None)
     if not np.isfinite(away).any() or np.nanmax(away) < _CLEAR * np.nanmedian(noise):
         return nothing
     far = float(np.nanmax(away))
@@ -112,7 +113,7 @@ def seen(body: xr.Dataset, distance: Quantity | None = None) -> Seen:
     # the displacement, of which this is the slope, is itself too short by the cosine
     tilt = math.atan(min(abs(slant[0]) * length.value, _STEEPEST))
     u_tilt = math.hypot(length.value * slant[1], slant[0] * length.u) * math.cos(tilt) ** 2
-    return Seen(direction, u_direction, *growth, *slant, tilt, u_tilt, distance is not None)
+    return Seen(distance is not None, direction, u_direction, *growth, *slant, tilt, u_tilt)
 
 
 def _per_length(body: xr.Dataset, across: float) -> tuple[float, float]:
@@ -157,11 +158,12 @@ def sources(seen: Seen, travel: float, size: float) -> list[Source]:
         Largest displacement.
     size : float [m/px]
     """
-    known = seen if math.isfinite(seen.direction) else Seen(*[0.0] * 8, seen.is_known)
-    short = math.tan(known.tilt) * known.u_tilt if known.is_known else (1.0 / math.cos(known.tilt) - 1.0) / 3.0**0.5
+    if not math.isfinite(seen.direction):
+        return []
+    short = math.tan(seen.tilt) * seen.u_tilt if seen.is_known else (1.0 / math.cos(seen.tilt) - 1.0) / 3.0**0.5
     relative = {
-        "direction of motion": (1.0 - math.cos(known.direction)) / math.sqrt(3.0),
+        "direction of motion": (1.0 - math.cos(seen.direction)) / math.sqrt(3.0),
         "tilt of the camera": short,
-        "scale along the motion": abs(known.growth) * travel / math.sqrt(12.0),
+        "scale along the motion": abs(seen.growth) * travel / math.sqrt(12.0),
     }
     return [Source(name, 0.0, u, "1", size, "systematic") for name, u in relative.items() if u > 0.0]
