@@ -54,40 +54,7 @@ if TYPE_CHECKING:
     )
     from pipelines.sweeps import sweep
 else:
-    # What stands in this branch is no part of the code behind a result, which leads only downwards.
-    _HOMES = {
-        "MasterCurve": "labpipe.materials",
-        "Prony": "labpipe.materials",
-        "catalogue": "pipelines.session",
-        "compare": "pipelines.session",
-        "contact_radius": "labpipe.imaging",
-        "demo": "pipelines.rig",
-        "doctor": "pipelines.session",
-        "drop": "labpipe.contact",
-        "export": "pipelines.session",
-        "figures": "pipelines.figures",
-        "identify": "pipelines.identify",
-        "indent": "labpipe.contact",
-        "init": "pipelines.session",
-        "inspect": "pipelines.session",
-        "master_curve": "labpipe.materials",
-        "material": "labpipe.materials:solid",
-        "open": "pipelines.app",
-        "plan": "pipelines.session",
-        "process": "pipelines.session",
-        "read": "instruments",
-        "report": "pipelines.session",
-        "result": "pipelines.session",
-        "results": "pipelines.session",
-        "sample": "pipelines.rig",
-        "sensitivity": "pipelines.session",
-        "sweep": "pipelines.sweeps",
-        "track": "labpipe.imaging",
-        "velocity": "labpipe.signals",
-        "verdict": "pipelines.session",
-        "watch": "pipelines.session",
-    }
-    __getattr__ = lazily(__name__, _HOMES, from_the_top=True)
+    __getattr__ = lazily(__name__)
 
 __all__ = [
     "MasterCurve",

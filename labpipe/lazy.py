@@ -1,30 +1,40 @@
 """Faces that load what they give away when it is first used (PEP 562)."""
 
+import ast
 import importlib
-from collections.abc import Callable, Mapping
+import sys
+from collections.abc import Callable, Iterator
 from typing import Any
 
 
-def lazily(package: str, homes: Mapping[str, str], *, from_the_top: bool = False) -> Callable[[str], Any]:
+def lazily(package: str) -> Callable[[str], Any]:
     """Return a ``__getattr__`` for a face, which loads the module of a name on its first use.
 
     Parameters
     ----------
     package : str
-        The face's ``__name__``.
-    homes : mapping
-        Public name to the inner module that defines it; ``"module:name"`` where it has another
-        name there.
-    from_the_top : bool
-        The modules are named whole and may lie elsewhere.
+        The face's ``__name__``. What it gives away is what it imports under ``if TYPE_CHECKING:``,
+        by whole names of modules.
     """
+    homes: dict[str, tuple[str, str]] = {}
 
     def load(name: str) -> Any:
+        if not homes:
+            homes.update(_for_the_checker(package))
         if name not in homes:
             message = f"module {package!r} has no attribute {name!r}"
             raise AttributeError(message)
-        module, _, inner = homes[name].partition(":")
-        home = module if from_the_top else f"{package}.{module}"
-        return getattr(importlib.import_module(home), inner or name)
+        module, inner = homes[name]
+        return getattr(importlib.import_module(module), inner)
 
     return load
+
+
+def _for_the_checker(package: str) -> Iterator[tuple[str, tuple[str, str]]]:
+    """Yield the names that a face imports for the type checker alone, with module and name there."""
+    loader: Any = sys.modules[package].__loader__
+    for statement in ast.parse(loader.get_source(package)).body:
+        if isinstance(statement, ast.If) and ast.unparse(statement.test) == "TYPE_CHECKING":
+            for part in statement.body:
+                if isinstance(part, ast.ImportFrom) and part.module:
+                    yield from ((n.asname or n.name, (part.module, n.name)) for n in part.names)

@@ -17,25 +17,7 @@ if TYPE_CHECKING:
     from instruments.anton_paar._words import SI_OF, column_name, repaired, slug, unit_of
     from instruments.anton_paar._writer import LANGUAGES, encode, write
 else:
-    _HOMES = {
-        "CLIPPED": "_dataset",
-        "assemble": "_dataset",
-        "make_column": "_dataset",
-        "make_interval": "_dataset",
-        "read": "_export",
-        "workbook_rows": "_sources",
-        "Column": "_values",
-        "Interval": "_values",
-        "SI_OF": "_words",
-        "column_name": "_words",
-        "repaired": "_words",
-        "slug": "_words",
-        "unit_of": "_words",
-        "LANGUAGES": "_writer",
-        "encode": "_writer",
-        "write": "_writer",
-    }
-    __getattr__ = lazily(__name__, _HOMES)
+    __getattr__ = lazily(__name__)
 
 __all__ = [
     "CLIPPED",

@@ -9,8 +9,7 @@ from labpipe.lazy import lazily
 if TYPE_CHECKING:
     from instruments.dice._solutions import read
 else:
-    _HOMES = {"read": "_solutions"}
-    __getattr__ = lazily(__name__, _HOMES)
+    __getattr__ = lazily(__name__)
 
 __all__ = ["INSTRUMENT", "Options", "read"]
 

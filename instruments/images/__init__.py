@@ -9,8 +9,7 @@ from labpipe.lazy import lazily
 if TYPE_CHECKING:
     from instruments.images._stack import ImageFrames, VideoFrames, read
 else:
-    _HOMES = {"ImageFrames": "_stack", "VideoFrames": "_stack", "read": "_stack"}
-    __getattr__ = lazily(__name__, _HOMES)
+    __getattr__ = lazily(__name__)
 
 __all__ = ["INSTRUMENT", "ImageFrames", "Options", "VideoFrames", "read"]
 

@@ -19,27 +19,7 @@ if TYPE_CHECKING:
     from instruments.keyence._storage import read
     from instruments.keyence._writer import encode, make_recording, write
 else:
-    _HOMES = {
-        "EMULATOR_ONLY": "_acquire",
-        "Acquired": "_acquire",
-        "check_units": "_acquire",
-        "parse_trigger": "_acquire",
-        "record": "_acquire",
-        "recover": "_acquire",
-        "KeyenceProfile": "_header",
-        "DL_EN1": "_live",
-        "LK_G5000": "_live",
-        "LK_PORT": "_live",
-        "Connection": "_live",
-        "Status": "_markers",
-        "Setup": "_recorder",
-        "Trigger": "_recorder",
-        "read": "_storage",
-        "encode": "_writer",
-        "make_recording": "_writer",
-        "write": "_writer",
-    }
-    __getattr__ = lazily(__name__, _HOMES)
+    __getattr__ = lazily(__name__)
 
 __all__ = [
     "DL_EN1",

@@ -13,18 +13,7 @@ if TYPE_CHECKING:
     from instruments.mach1._motion import encode, read, split_blocks, write
     from instruments.mach1._synthetic import LOAD_CELLS, LoadCell, make_block
 else:
-    _HOMES = {
-        "Block": "_blocks",
-        "assemble": "_dataset",
-        "encode": "_motion",
-        "read": "_motion",
-        "split_blocks": "_motion",
-        "write": "_motion",
-        "LOAD_CELLS": "_synthetic",
-        "LoadCell": "_synthetic",
-        "make_block": "_synthetic",
-    }
-    __getattr__ = lazily(__name__, _HOMES)
+    __getattr__ = lazily(__name__)
 
 __all__ = [
     "INSTRUMENT",

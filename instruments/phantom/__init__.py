@@ -11,8 +11,7 @@ if TYPE_CHECKING:
     from instruments.phantom._times import TimeFlag
     from instruments.phantom._writer import Recording, write
 else:
-    _HOMES = {"CineFrames": "_film", "read": "_film", "TimeFlag": "_times", "Recording": "_writer", "write": "_writer"}
-    __getattr__ = lazily(__name__, _HOMES)
+    __getattr__ = lazily(__name__)
 
 __all__ = ["INSTRUMENT", "CineFrames", "Recording", "TimeFlag", "read", "write"]
 

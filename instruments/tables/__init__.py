@@ -10,8 +10,7 @@ from labpipe.text import unmarked_codec
 if TYPE_CHECKING:
     from instruments.tables._plain import read
 else:
-    _HOMES = {"read": "_plain"}
-    __getattr__ = lazily(__name__, _HOMES)
+    __getattr__ = lazily(__name__)
 
 __all__ = ["INSTRUMENT", "Options", "holds_rows", "read", "workbook_hint"]
 

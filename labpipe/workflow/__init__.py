@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from labpipe.workflow.runner import RunResult, open_result, run, run_all
     from labpipe.workflow.session import Experiment, Session, load
     from labpipe.workflow.store import Store
+else:
+    __getattr__ = lazily(__name__)
 
 __all__ = [
     "Context",
@@ -47,22 +49,3 @@ __all__ = [
     "run",
     "run_all",
 ]
-
-_HOMES = {
-    "Context": "context",
-    "Experiment": "session",
-    "Plan": "plan",
-    "Results": "results",
-    "RunResult": "runner",
-    "Session": "session",
-    "Stage": "graph",
-    "Store": "store",
-    "events": "_log",
-    "load": "session",
-    "open_result": "runner",
-    "run": "runner",
-    "run_all": "runner",
-}
-
-if not TYPE_CHECKING:
-    __getattr__ = lazily(__name__, _HOMES)

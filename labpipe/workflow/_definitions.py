@@ -104,8 +104,11 @@ class Module:
 
     @cached_property
     def lazy(self) -> dict[str, str]:
-        """Tables of a face that imports its names when they are first used."""
-        return _tables(self.body) if "__getattr__" in self.defined else {}
+        """Homes of the names that a face imports when they are first used: for the checker alone, or in tables."""
+        if "__getattr__" not in self.defined:
+            return {}
+        for_checker = [part for s in self.body if isinstance(s, ast.If) and _is_for_checker(s.test) for part in s.body]
+        return _tables(self.body) | _imported(for_checker, self.home)
 
 
 def _run(body: Iterable[ast.stmt], *, deep: bool = True) -> Iterator[ast.stmt]:

@@ -406,7 +406,7 @@ class Reached:
         return self.take(found, "") if first.startswith("__") else self.all(found)
 
     def lazily(self, found: Module, name: str) -> list[str]:
-        """Follow the table of a face that imports its names when they are first used."""
+        """Follow a face that imports its names when they are first used."""
         home, _, inner = found.lazy[name].partition(":")
         places = [home, f"{found.name}.{home}"]
         named = [f"{place}:{inner or name}" for place in places if self.code.module(place)]

@@ -17,6 +17,6 @@ if TYPE_CHECKING:
         open_guide,
     )
 else:
-    __getattr__ = lazily(__name__, {"Served": "_serve", "open": "_serve", "open_guide": "_serve"})
+    __getattr__ = lazily(__name__)
 
 __all__ = ["Served", "open", "open_guide"]

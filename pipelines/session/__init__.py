@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from pipelines.session._template import bare_type, gap_for
     from pipelines.session._together import beside
     from pipelines.session._verdicts import Verdict, Verdicts, verdict_on, verdicts_of
+else:
+    __getattr__ = lazily(__name__)
 
 __all__ = [
     "CATALOGUE",
@@ -88,64 +90,3 @@ __all__ = [
     "write_overview",
     "write_sheet",
 ]
-
-_HOMES = {
-    "Verdict": "_verdicts",
-    "Verdicts": "_verdicts",
-    "verdict": "_processing",
-    "verdict_on": "_verdicts",
-    "verdicts_of": "_verdicts",
-    "CATALOGUE": "_catalogue:FILE",
-    "COMPARISON_PAGE": "_overview:COMPARISON_PAGE",
-    "Catalogued": "_catalogue:Catalogued",
-    "Comparison": "_comparison:Comparison",
-    "Examined": "_examined:Examined",
-    "Exported": "_export:Exported",
-    "FORMATS": "_export:FORMATS",
-    "Gap": "_gaps:Gap",
-    "Health": "_doctor:Health",
-    "Inspected": "_inspection:Inspected",
-    "PAGE": "_overview:PAGE",
-    "SCHEMAS": "_opening:SCHEMAS",
-    "SETTINGS": "_opening:SETTINGS",
-    "STAGES": "_opening:STAGES",
-    "Scan": "_proposal:Scan",
-    "Sensitivity": "_sensitivity:Sensitivity",
-    "advice": "_sensitivity_page:advice",
-    "bare_type": "_template:bare_type",
-    "beside": "_together:beside",
-    "gap_for": "_template:gap_for",
-    "catalogue": "_catalogue:catalogue",
-    "check_store": "_processing:check_store",
-    "checked": "_gaps:checked",
-    "compare": "_compare:compare",
-    "derive": "_results:derive",
-    "describe": "_inspection:describe",
-    "doctor": "_doctor:doctor",
-    "examine": "_examined:examine",
-    "export": "_export:export",
-    "init": "_proposal:init",
-    "inspect": "_inspection:inspect",
-    "in_unit": "_gaps:in_unit",
-    "library_names": "_gaps:library_names",
-    "needed": "_results:needed",
-    "open_session": "_opening:open_session",
-    "opened": "_results:opened",
-    "plan": "_processing:plan",
-    "process": "_processing:process",
-    "process_all": "_processing:process_all",
-    "query": "_catalogue:query",
-    "reopen_session": "_opening:reopen_session",
-    "report": "_processing:report",
-    "result": "_results:result",
-    "results": "_results:results",
-    "sensitivity": "_sensitivity:sensitivity",
-    "survey": "_survey:survey",
-    "Surveyed": "_survey:Surveyed",
-    "watch": "_processing:watch",
-    "write_overview": "_overview:write_overview",
-    "write_sheet": "_contact_sheet:write_sheet",
-}
-
-if not TYPE_CHECKING:
-    __getattr__ = lazily(__name__, _HOMES)

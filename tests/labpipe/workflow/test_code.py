@@ -109,8 +109,14 @@ def test_a_local_name_is_not_the_module_s(toys: Path) -> None:
     assert touched(toys, lambda: edit(home, "CONSTANT = 1", "CONSTANT = 2")) == set()
 
 
-def test_a_face_that_imports_on_first_use_leads_to_the_module(toys: Path) -> None:
-    text = "_HOMES = {'helper': 'home'}\n\n\ndef __getattr__(name):\n    return _HOMES[name]\n"
+@pytest.mark.parametrize(
+    "text",
+    [
+        "_HOMES = {'helper': 'home'}\n\n\ndef __getattr__(name):\n    return _HOMES[name]\n",
+        "if TYPE_CHECKING:\n    from toys.face.home import helper\nelse:\n    __getattr__ = lazily(__name__)\n",
+    ],
+)
+def test_a_face_that_imports_on_first_use_leads_to_the_module(toys: Path, text: str) -> None:
     (toys / "toys/face/__init__.py").write_text(text)
     home = toys / "toys/face/home.py"
     assert touched(toys, lambda: edit(home, "return 0", "return 1")) == set()
