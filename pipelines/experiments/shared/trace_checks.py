@@ -7,6 +7,7 @@ cable or the file, and it is told with its place in time.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 from math import pi
 
@@ -31,7 +32,8 @@ _MIXING = np.uint64(0x9E3779B97F4A7C15)
 _LONG = 200  # stretches in a row that two records share by copying alone, also where noise is below the display's step
 _WHOLE = 0.8  # of the shorter record
 _COARSE, _TOO_COARSE = 5e-3, 3e-2  # of the travel
-_SINE = 0.98  # of the variance
+_SINE, _LINE = 0.98, 0.7
+"""Of the variance; and of the power in three neighbouring lines, of which a sine has more than 0.8 in any phase."""
 _QUIET = 200  # readings at the beginning that should be still
 _FALL = (0.4, 2.5)  # times g, curvature of a beginning in mid-fall
 _MAINS = (50.0, 60.0)
@@ -61,7 +63,7 @@ IN_MOTION = (
 WRONG_CHANNEL = "the wrong channel or file was recorded, or the sensor did not see the body"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Trace:
     """The readings of one record.
 
@@ -91,20 +93,20 @@ class Trace:
             x[readings[state].values != 0] = np.nan
         return cls(name, readings["time"].values, x, str(readings.attrs.get("header", "")))
 
-    @property
+    @cached_property
     def travel(self) -> float:
         """Range of the readings without their extremes [m]."""
         low, high = np.nanquantile(self.reading, [0.005, 0.995])
         return float(high - low)
 
-    @property
+    @cached_property
     def noise(self) -> float:
         """Standard deviation of a reading, from second differences [m]."""
         bend = np.diff(self.reading, 2)
         bend = bend[np.isfinite(bend)]
         return float(1.4826 * np.median(np.abs(bend)) / np.sqrt(6.0)) if bend.size else 0.0
 
-    @property
+    @cached_property
     def resolution(self) -> float:
         """Smallest difference between two readings [m]."""
         x = self.reading[np.isfinite(self.reading)]
@@ -379,9 +381,12 @@ def wave(trace: Trace) -> Check:
     power = np.abs(np.fft.rfft(x - x.mean()))
     if spread == 0.0 or power.size < 3:
         return not_made(title, law, "readings that differ")
-    peak = (1 + int(np.argmax(power[1:]))) / (x.size * float(np.median(np.diff(t))))
+    strongest = 1 + int(np.argmax(power[1:]))
+    lines = power[1:] ** 2
+    is_line = lines[max(strongest - 2, 0) : strongest + 1].sum() > _LINE * lines.sum()
+    peak = strongest / (x.size * float(np.median(np.diff(t))))
     best, at = 0.0, peak
-    for f in np.linspace(0.6 * peak, 1.4 * peak, 33):
+    for f in np.linspace(0.6 * peak, 1.4 * peak, 33) if is_line else ():
         basis = np.stack([np.ones_like(t), np.cos(2 * pi * f * t), np.sin(2 * pi * f * t)], axis=1)
         fit = basis @ np.linalg.lstsq(basis, x, rcond=None)[0]
         explained = 1 - float(np.var(x - fit)) / spread
