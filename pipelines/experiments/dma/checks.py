@@ -15,6 +15,7 @@ from labpipe.judging import DOUBTFUL, Check, Level, bounded, compared, not_made,
 from labpipe.materials import isothermal_runs, modulus_factor, trusted_tables
 from labpipe.report import quantity, value_with_uncertainty
 from labpipe.workflow.context import Context
+from pipelines.experiments.dma.measured import strain_of
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import judgements
 from pipelines.experiments.shared.judgements import Scene
@@ -410,11 +411,10 @@ def _signs(export: _Export) -> Check:
 def _mode(export: _Export, settings: Dma) -> Check:
     """Hold the mode against the heading of the strain, where the export has one that tells."""
     name, law = "mode of loading", "what was loaded in torsion has a shear strain"
-    text = str(export.data.attrs.get("tests", "")).lower()
-    is_shear, is_pulled = "shear strain" in text, "extensional strain" in text or "tensile strain" in text
-    if is_shear == is_pulled:
+    seen = strain_of(export.data)
+    if not seen:
         return not_made(name, law, "a heading that says shear or extensional strain")
-    seen = "shear" if is_shear else "extensional"
+    is_shear = seen == "shear"
     expects_shear = settings.mode in ("shear", "torsion")
     message = f'{export.name} has a column "{seen} strain", session.toml says mode = "{settings.mode}"'
     should = "torsion or shear" if is_shear else "tension or bending"
