@@ -12,7 +12,6 @@ from labpipe.report import (
     DisplayUnit,
     Document,
     KeyValues,
-    Level,
     Link,
     Notice,
     Paragraph,
