@@ -10,8 +10,23 @@ from numpy.typing import ArrayLike
 _ALIKE = 0.995
 """Cosine between the effects of two inputs beyond which the comparison cannot tell them apart."""
 _NO_INFORMATION = 1e-9
-SLIPS = tuple(k ** (1 - 2 * i) for k in (2.0, 10.0, 100.0, 1e3, 25.4, 2 * np.pi) for i in range(2))
-"""Factors by which people state a value wrongly: diameter for radius, decimals, units."""
+SLIPS = {
+    of: tuple(k ** (1 - 2 * i) for k in factors for i in range(2))
+    for of, factors in {
+        "value": (2.0, 10.0, 100.0, 1e3, 25.4, 2 * np.pi),
+        "decimal": (2.0, 10.0),
+        "length": (10.0, 100.0, 1e3, 1e4, 1e6, 25.4, 1e3 / 25.4),
+        "gain": (2.0,),
+        "interval": (2.0, 2.5, 4.0, 5.0, 10.0, 100.0, 1e3),
+        "mass": (9.81, 10.0, 1e3),
+        "view": (36.0,),
+    }.items()
+}
+"""Factors, and their inverses, by which people state something wrongly, the one table of all kinds.
+
+A value: diameter for radius, decimals, units, a period for an angle. A length: decimals, units, mil. A mass: its
+weight, decimals, units. An interval or a rate: the next settings of a controller. A view: a camera's other lens.
+"""
 _BENT = 0.1
 """Relative, by which an effect may leave its power law over such a factor."""
 _LEFT = 0.1
@@ -119,7 +134,7 @@ def slips(
     covariance : array (row, row)
         Of that logarithm.
     factors : sequence of float
-        Those to look for, such as `SLIPS`.
+        Those to look for, such as ``SLIPS["value"]``.
 
     Returns
     -------
@@ -128,7 +143,7 @@ def slips(
 
     Examples
     --------
-    >>> found = slips([1.15, 1.32], [1.0, 1.0], [[0.2, 1.0], [0.4, 0.1]], np.diag([1e-4, 1e-4]), SLIPS)
+    >>> found = slips([1.15, 1.32], [1.0, 1.0], [[0.2, 1.0], [0.4, 0.1]], np.diag([1e-4, 1e-4]), SLIPS["value"])
     >>> [(slip.input, slip.factor) for slip in found]
     [(0, 2.0)]
     """

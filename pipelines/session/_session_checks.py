@@ -309,7 +309,8 @@ def _slip(ratio: float) -> float:
     """Return the usual factor that a ratio is, or its inverse; 0 for none of them."""
     from labpipe.judging import SLIPS
 
-    return next((f for f in SLIPS if f > 1 and abs(abs(log(ratio)) - log(f)) < _SLIP), 0.0) if ratio > 0 else 0.0
+    factors = (f for f in SLIPS["value"] if f > 1 and ratio > 0 and abs(abs(log(ratio)) - log(f)) < _SLIP)
+    return next(factors, 0.0)
 
 
 def _mistyped(a: Quantity, b: Quantity) -> bool:

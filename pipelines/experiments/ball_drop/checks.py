@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.errors import LabpipeError
-from labpipe.judging import Cause, Check, explain, not_made
+from labpipe.judging import SLIPS, Cause, Check, explain, not_made
 from labpipe.materials import load
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
@@ -21,9 +21,6 @@ from pipelines.experiments.shared.fall_checks import Fall, Stiffness
 from pipelines.experiments.shared.judgements import Scene, line_of, times_over
 from pipelines.experiments.shared.trace_checks import Trace
 
-_UNITS = (1e3, 1e-3, 1e6, 1e-6, 10.0, 0.1, 100.0, 0.01, 1e4, 1e-4, 25.4, 1 / 25.4, 0.0254, 1 / 0.0254)
-_GAINS = (2.0, 0.5)
-_INTERVALS = (2.0, 0.5, 4.0, 0.25, 5.0, 0.2, 2.5, 0.4, 10.0, 0.1, 1e3, 1e-3)
 _NO_FALL = 2.0  # times g, or the inverse, beyond which a motion is no flight at all
 _LEAST_COSINE = 0.7  # of an inclination that anybody would mount a sensor with
 _LEVEL = 3.0  # degrees
@@ -239,7 +236,7 @@ def _causes(
             times_over(
                 "the sampling interval", interval, "s", "" if line is None or given else f"line {line} of {file}"
             ),
-            _INTERVALS,
+            SLIPS["interval"],
             file="" if given else file,
             line=None if given else line,
             setting="keyence.cycle" if given else "",
@@ -251,7 +248,7 @@ def _causes(
                 f"lengths come out {k:.4g} times too large: the unit, the decimal point or the display factor of "
                 f"{file} is not what it says" + (f" (line {unit_line})" if unit_line else "")
             ),
-            (*_UNITS, *_GAINS),
+            SLIPS["length"] + SLIPS["gain"],
             only_usual=True,
             file=file,
             line=unit_line,
@@ -287,7 +284,7 @@ def _causes(
     yield Cause(
         {fall: -1.0},
         times_over("the drop height", settings.height.value, "m", "height in session.toml"),
-        (10.0, 0.1, 2.0, 0.5),
+        SLIPS["decimal"],
         setting="height",
     )
 

@@ -8,7 +8,7 @@ from math import hypot, isfinite, log, sqrt
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import Cause, Check, Level, bounded, compared, not_made, stated
+from labpipe.judging import SLIPS, Cause, Check, Level, bounded, compared, not_made, stated
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
@@ -28,9 +28,6 @@ _FRINGES = 3e-3
 _LOSSES = 0.03
 """Relative difference of two following restitutions, of speed and of the ringing plate."""
 _WAVELENGTHS = (405e-9, 450e-9, 488e-9, 520e-9, 532e-9, 546.1e-9, 589.3e-9, 632.8e-9, 650e-9, 660e-9)
-_RATES = (10.0, 0.1, 100.0, 0.01, 2.0, 0.5, 1e3, 1e-3, 4.0, 0.25)
-_SCALES = (36.0, 1 / 36.0, 1e3, 1e-3, 10.0, 0.1, 2.0, 0.5, 25.4, 1 / 25.4)
-_HEIGHTS = (10.0, 0.1, 2.0, 0.5)
 _ALWAYS = 0.98  # of all frames in contact: no flight is seen
 _FEWEST, _WANDERS = 10, 20.0  # frames whose centres make a place, and px by which contacts wander
 _ZIGZAG = 0.03  # of the largest radius, by which a contact does not shrink before it grows on
@@ -366,33 +363,33 @@ def _causes(settings: ContactArea) -> Iterator[Cause]:
             f"lengths come out {k:.3g} times too large: the scale in {settings.camera} is wrong"
             + (", of another view" if abs(log(k)) > log(3.0) else "")
         ),
-        _SCALES,
+        SLIPS["length"] + SLIPS["gain"] + SLIPS["view"],
         file=settings.camera,
         setting="values.pixel_length",
     )
     yield Cause(
         {FRINGE: 1.0, RADIUS: -0.4},
         times_over("the sphere's radius", body.value, "m", "sphere.radius in session.toml"),
-        (2.0, 0.5, 10.0, 0.1),
+        SLIPS["decimal"],
         setting="sphere.radius",
     )
     yield Cause(
         {FLIGHT: -1.0, DURATION: -1.0},
         lambda k: f"the frame rate is {k:.3g} times the true one: times come out {1 / k:.3g} times too long",
-        _RATES,
+        SLIPS["interval"],
         file="" if settings.frame_rate is not None else settings.film,
         setting="frame_rate" if settings.frame_rate is not None else "",
     )
     yield Cause(
         {FLIGHT: -0.5, RADIUS: -0.2, DURATION: 0.1},
         times_over("the drop height", settings.height.value, "m", "height in session.toml"),
-        _HEIGHTS,
+        SLIPS["decimal"],
         setting="height",
     )
     yield Cause(
         {RADIUS: -0.2, DURATION: -0.4},
         times_over("the moving mass", settings.sphere.mass.value, "kg", "sphere.mass in session.toml"),
-        (1e3, 1e-3, 10.0, 0.1),
+        SLIPS["mass"],
         only_usual=True,
         setting="sphere.mass",
     )

@@ -7,7 +7,7 @@ from math import cos, degrees, hypot, isfinite, log
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import Cause, Check, Level, compared, not_made, stated
+from labpipe.judging import SLIPS, Cause, Check, Level, compared, not_made, stated
 from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
@@ -36,8 +36,6 @@ _NO_MOTION = "four frames of a motion that is clear of the noise"
 _MATTERS = 0.5  # of the uncertainty of the scale, by which the camera's angle may change lengths untold
 _IN_NOISE, _RETURNS = 10.0, 0.3
 """Standard deviations of noise of a jump, and the share of it by which the frames beside it may bend."""
-_SCALES = (36.0, 1 / 36.0, 1e3, 1e-3, 10.0, 0.1, 2.0, 0.5, 25.4, 1 / 25.4)
-_RATES = (10.0, 0.1, 100.0, 0.01, 2.0, 0.5, 4.0, 0.25, 1e3, 1e-3)
 _ANOTHER_VIEW = 3.0  # factor in scale beyond which it is no mistake of measuring it
 _FAILED = {
     "track": "the film is not what the session says, or was not copied whole",
@@ -269,14 +267,14 @@ def _causes(settings: DicValidation) -> Iterator[Cause]:
             f"lengths come out {k:.4g} times too large: the scale in {settings.camera} is wrong"
             + (", of another view" if abs(log(k)) > log(_ANOTHER_VIEW) else "")
         ),
-        _SCALES,
+        SLIPS["length"] + SLIPS["gain"] + SLIPS["view"],
         file=settings.camera,
         setting="values.pixel_length",
     )
     yield Cause(
         {G: 2.0, SPEED: 1.0},
         lambda k: f"the frame rate is {k:.4g} times the true one: times come out {1 / k:.4g} times too long",
-        _RATES,
+        SLIPS["interval"],
         file="" if settings.frame_rate is not None else settings.film,
         setting="frame_rate" if settings.frame_rate is not None else "",
     )

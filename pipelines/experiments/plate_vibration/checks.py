@@ -15,7 +15,7 @@ from math import hypot, log, nan, pi, sqrt
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import DOUBTFUL, Cause, Check, Level, bounded, compared, explain, not_made, stated
+from labpipe.judging import DOUBTFUL, SLIPS, Cause, Check, Level, bounded, compared, explain, not_made, stated
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
@@ -46,9 +46,6 @@ _STATED = (
     "what falls is stated wrongly: sphere.mass, or a height, or the material of one of the drops; or a file is of "
     "another drop"
 )
-_LENGTHS = (1e3, 1e-3, 10.0, 0.1, 100.0, 0.01, 25.4, 1 / 25.4)
-_HEIGHTS = (10.0, 0.1, 2.0, 0.5)
-_INTERVALS = (2.0, 0.5, 4.0, 0.25, 5.0, 0.2, 2.5, 0.4, 10.0, 0.1)
 _ALIKE = (("amplitude", "amplitude at impact", "m"),)
 _FAILED = {
     "readings": "the file is not what the session says, or was not copied whole",
@@ -394,7 +391,7 @@ def _with_interval(
     if first is None or len(ratios) < 2 or np.ptp(ratios) > 4 * _MATERIAL or abs(np.mean(ratios)) < 3 * _MATERIAL:
         return flights
     interval = float(first.attrs["sampling_interval"])
-    factor = min(_INTERVALS, key=lambda k: abs(log(k) - float(np.mean(ratios))))
+    factor = min(SLIPS["interval"], key=lambda k: abs(log(k) - float(np.mean(ratios))))
     line = line_of(str(first.attrs.get("header", "")), "cycle", "period", "周期")
     is_given = settings.keyence.cycle is not None
     place = "" if line is None or is_given else f"line {line} of {names[0]}"
@@ -415,7 +412,7 @@ def _causes(table: xr.Dataset | None, plate: xr.Dataset | None, settings: PlateV
         effects = {_name_of_momentum(settings, j): 0.5 * float(weights[j, i]) for j in range(count) if j != i}
         effects |= {_name_of_momentum(settings, i): -0.5, _name_of_flight(settings, i): -0.5}
         say = partial(_of_height, i, settings)
-        yield Cause(effects, say, _HEIGHTS, setting=f"drops[{i}].height")
+        yield Cause(effects, say, SLIPS["decimal"], setting=f"drops[{i}].height")
         # a file or two in another unit
         files = settings.drops[i].laser
         effects = {_name_of_momentum(settings, j): -float(weights[j, i]) for j in range(count) if j != i}
@@ -423,7 +420,7 @@ def _causes(table: xr.Dataset | None, plate: xr.Dataset | None, settings: PlateV
         yield Cause(
             effects,
             partial(_of_unit, i, settings),
-            _LENGTHS,
+            SLIPS["length"],
             only_usual=True,
             file=files[0] if len(files) == 1 else "",
             setting="" if len(files) == 1 else f"drops[{i}].laser",

@@ -229,7 +229,7 @@ def _slipped(
     spread = covariance[np.ix_(straight, straight)] / np.outer(mean, mean)
     measured, predicted = ([getattr(rows[j], of) for j in straight] for of in ("measured", "model"))
     said = []
-    for slip in slips(measured, predicted, powers, spread, SLIPS):
+    for slip in slips(measured, predicted, powers, spread, SLIPS["value"]):
         name = names[stated_ones[slip.input]]
         given = known[name]
         typed = ": its diameter was typed" if "radius" in name and slip.factor == _DIAMETER else ""

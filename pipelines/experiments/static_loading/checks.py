@@ -9,7 +9,7 @@ from math import hypot, log, nan, sqrt
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import Cause, Check, Level, bounded, compared, not_made, stated
+from labpipe.judging import SLIPS, Cause, Check, Level, bounded, compared, not_made, stated
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
@@ -30,8 +30,8 @@ _PLAUSIBLE = (1e6, 5e10)  # Pa, contact moduli of whatever is loaded
 _OTHER_GRADE, _NO_GRADE = 3.0, 30.0  # factors between moduli of one polymer that are much, that are too much
 _DIAMETER = 0.02  # by which a factor of 2 in the radius may be missed, of the logarithm of an approach
 _SAME = 0.1  # by which the times of the loads may scatter about one factor
-_MASSES = (1e3, 1e-3, 9.81, 1 / 9.81, 10.0, 0.1)
 _LENGTHS = (1e3, 1e-3, 10.0, 0.1, 25.4, 1 / 25.4)
+"""Fewer than other kinds look for: a mass in another unit looks like a length that is 100 times too large."""
 _FAILED = {
     "readings": "the file is not what the session says, or was not copied whole",
     "displacement": "the calibration record does not belong to this recording: it is expired, of another instrument or "
@@ -367,14 +367,14 @@ def _causes(settings: StaticLoading) -> Sequence[Cause]:
                 f"the masses come out {k:.4g} times too large: they are probably in another unit, or forces were typed "
                 "as masses (loads in session.toml)"
             ),
-            _MASSES,
+            SLIPS["mass"],
             only_usual=True,
             setting="loads",
         ),
         Cause(
             {MATERIAL: 1 / 3, RADIUS_GIVEN: 0.5},
             lambda k: f"sphere.radius is probably {quantity(radius / k, 'm')}, not {quantity(radius, 'm')}",
-            (2.0, 0.5, *_LENGTHS),
+            SLIPS["gain"] + _LENGTHS,
             only_usual=True,
             setting="sphere.radius",
         ),
