@@ -226,7 +226,7 @@ def loops(loads: xr.Dataset, oscillations: xr.Dataset, *, settings: Harmonic) ->
         least, lost = float(forces[-1].min()), float(np.mean(forces[-1][:-1] < _CLEAR * u))
         kept.append((least, u, lost) if is_tared else (np.nan, np.nan, np.nan))
     dims = ("oscillation", "cycle")
-    least_forces, u_least, losses = zip(*kept, strict=True)
+    least_forces, u_least, losses = np.array(kept).T
     return xr.Dataset(
         {
             "position": variable(dims, positions, "m", "stage position"),
