@@ -198,7 +198,7 @@ def headings_of(line: str, below: Sequence[str] = ()) -> tuple[list[Heading], st
             continue
         # A wrong separator cuts names into pieces, of which some are known and many are not.
         known = sum(heading.is_known for heading in found)
-        rank = (len(found) in widths, 2 * known - len(found), known)
+        rank = (len(found) in widths, 2 * known - sum(map(bool, texts)), known)
         if best is None or rank > best[0]:
             best = (rank, found, separator)
     return None if best is None else (best[1], best[2])
@@ -349,6 +349,8 @@ def _of_two_rows(above: Sequence[str], below: Sequence[str]) -> list[Heading] | 
         return None
     found: list[Heading] = []
     common, named = "", 0
+    # Of several temperatures above, each holds for the columns up to the next: ``T = 20 °C`` over f, E', E''.
+    are_places = sum(len(_PLACE.findall(cell)) == 1 and not _words.parsed(cell).is_known for cell in above) > 1
     for k in range(width):
         top, bottom = (row[k].strip() if k < len(row) else "" for row in (above, below))
         common = top or common
@@ -358,8 +360,9 @@ def _of_two_rows(above: Sequence[str], below: Sequence[str]) -> list[Heading] | 
             made = _words.parsed(top)
             found.append(_with_unit(made, bottom) if bottom and not made.unit else made)
             continue
-        if _PLACE.fullmatch(common):
-            tries = [f"{bottom} @ {common}"]
+        place = _PLACE.search(common) if are_places else _PLACE.fullmatch(common)
+        if place is not None:
+            tries = [f"{bottom} @ {place[0]}"]
         else:
             tries = [f"{top} {bottom}".strip(), bottom, f"{common} {bottom}"]
         joined = next((h for text in tries if (h := _words.parsed(text)).is_known), None)

@@ -26,6 +26,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from instruments import anton_paar
 from instruments._instrument import HEAD_BYTES
 from instruments._moduli import contradictions, missing, with_moduli
 from instruments._symbols import FREQUENCIES, MODULI, RESPONSES, SHIFTS
@@ -65,6 +66,12 @@ _SPECIMEN = (
     "echantillon",
     "name",
 )
+# What names a row of statistics below readings, in the languages of exports.
+_STATISTICS = (
+    "mean", "average", "avg", "median", "min", "max", "minimum", "maximum", "std", "stdev", "std.dev", "std dev",
+    "standard deviation", "sd", "s.d", "cv", "rsd", "variance", "mittelwert", "standardabweichung", "moyenne",
+    "écart-type", "ecart type", "media", "promedio", "desviación estándar",
+)  # fmt: skip
 _DECIMAL = re.compile(r"#DE[CZ]IMAL:\s*(\w+)")  # of Netzsch
 _Pair = tuple[Heading, Floats]
 _OWN = ("point", "test", "result", "interval", "is_valid", "sample")  # names of the Dataset itself
@@ -293,6 +300,8 @@ class _Table:
         self.is_whole = np.ones(len(block.rows), dtype=bool)
         if self.missing:
             return
+        block.headings = _of_their_unit(block.headings)
+        _leave_out_statistics(path, block)
         short = _short_rows(path, block)
         values = _values(path, block, signs)
         values[short] = np.nan
@@ -315,6 +324,18 @@ class _Table:
                         stacklevel=4,
                     )
                 self.is_whole &= ~is_none
+
+
+def _leave_out_statistics(path: Path, block: Block) -> None:
+    """Take rows of means and deviations, which programs and people put below readings, out of a table."""
+    kept = [not any(cell.casefold().strip(" .:") in _STATISTICS for cell in cells) for _, cells in block.rows]
+    if not all(kept) and any(kept):
+        left_out = [number for (number, _), is_kept in zip(block.rows, kept, strict=True) if not is_kept]
+        warnings.warn(
+            f"{path}: {listed(left_out)}: rows of means or deviations are no readings; left out", stacklevel=4
+        )
+        block.rows = [row for row, is_kept in zip(block.rows, kept, strict=True) if is_kept]
+        block.widths = [width for width, is_kept in zip(block.widths, kept, strict=True) if is_kept]
 
 
 def _short_rows(path: Path, block: Block) -> NDArray[np.bool_]:
@@ -398,6 +419,7 @@ def _parted(path: Path, block: Block, values: Floats) -> Iterator[list[_Pair]]:
     places = list(dict.fromkeys(heading.at for heading in block.headings if heading.at is not None))
     if places:
         shared = [pair for pair in pairs if pair[0].at is None]
+        _refuse_specimens(path, block, [pair for pair in shared if pair[0].name in MODULI])
         for place in places:
             its = [pair for pair in pairs if pair[0].at == place]
             _refuse_specimens(path, block, its)
@@ -435,6 +457,17 @@ def _parted(path: Path, block: Block, values: Floats) -> Iterator[list[_Pair]]:
             unit = "K" if stated[k][1] == "K" else "degC"
             part.append((Heading("", "temperature", unit, is_known=True), np.full(len(values), value)))
         yield part
+
+
+def _of_their_unit(headings: Sequence[Heading]) -> list[Heading]:
+    """Take for other quantities what has a unit of none of its namesakes: a stiffness ``K* (N/m)`` beside E*."""
+    fitting = {heading.name for heading in headings if _words.fits(heading.name, heading.unit)}
+    return [
+        replace(heading, name=anton_paar.slug(heading.text), is_known=False)
+        if heading.unit and heading.name in fitting and not _words.fits(heading.name, heading.unit)
+        else heading
+        for heading in headings
+    ]
 
 
 def _nearest(shared: Sequence[_Pair], pairs: Sequence[_Pair], first: _Pair) -> list[_Pair]:

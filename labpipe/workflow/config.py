@@ -177,8 +177,7 @@ class Checker:
         """Convert one value to the type of its field."""
         bare, marks = split(kind)
         if self.gaps is not None and is_gap(value):
-            expected = f"to be filled in; expected {describe(kind)}, found {found(value)}"
-            self.gaps.append(self.document.at(self._written(place), expected))
+            self.gaps.append(self.document.at(self._written(place), f"to be filled in: {describe(kind)}"))
             return _BAD
         if typing.get_origin(bare) in (Union, types.UnionType):
             return self._union(bare, value, place, partial)

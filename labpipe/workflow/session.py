@@ -39,6 +39,11 @@ class Experiment:
     settings: msgspec.Struct
     lines: Mapping[str, int]
 
+    @property
+    def refers_to(self) -> tuple[str, ...]:
+        """Names of the experiments that its settings name, as one has its material from another."""
+        return tuple(dict.fromkeys(_references(msgspec.to_builtins(self.settings))))
+
 
 @dataclass(frozen=True, slots=True)
 class Session:
@@ -157,8 +162,15 @@ def load(
         for gap, line in found_ones.gaps.items():
             document.problems.setdefault(gap, line)
     document.finish()
-    waiting = {name: tuple(lines) for name, lines in found_ones.waiting.items()}
+    in_file = [name for name in document.tree.get("experiments", {}) if name in found_ones.waiting]
+    waiting = {name: tuple(sorted(found_ones.waiting[name], key=_of_line)) for name in in_file}
     return Session(root, head.title or root.name, head.operator, head.notes, head.synthetic, experiments, waiting)
+
+
+def _of_line(problem: str) -> tuple[bool, str, int]:
+    """Return what sorts gaps as they stand: those of session.toml first, by their lines."""
+    name, _, rest = problem.partition(":")
+    return name != FILE_NAME, name, int(rest.partition(":")[0])
 
 
 _TOP_LEVEL = {"labpipe", "session", "defaults", "experiments"}
@@ -210,8 +222,7 @@ class _Experiments:
     def _without_those_that_wait(self, complete: dict[str, Experiment]) -> dict[str, Experiment]:
         """Let an experiment wait that refers to one that waits, however far."""
         for name, experiment in complete.items():
-            others = _references(msgspec.to_builtins(experiment.settings))
-            if (other := next((n for n in others if n in self.waiting), None)) is not None:
+            if (other := next((n for n in experiment.refers_to if n in self.waiting), None)) is not None:
                 line = self.document.line(("experiments", name))
                 text = f'{self.document.path.name}:{line}: experiments.{name}: refers to "{other}", which waits'
                 self.waiting[name] = [text]

@@ -44,6 +44,7 @@ def _tell(**event: Any) -> None:
 
 
 def _processed(folder: Path) -> int:
+    from pipelines.app._outlook import shortened
     from pipelines.experiments import JUDGEMENT
     from pipelines.session import process, verdict_on
 
@@ -62,7 +63,7 @@ def _processed(folder: Path) -> int:
 
     outcome = process(folder, jobs=_jobs(), progress=progress)
     for name, lines in outcome.session.waiting.items():
-        _tell(kind="waiting", experiment=name, message="\n".join(lines))
+        _tell(kind="waiting", experiment=name, message="\n".join(shortened(name, lines)))
     _tell(kind="finished", message=outcome.summary, reports=sorted(outcome.reports))
     return outcome.exit_code
 

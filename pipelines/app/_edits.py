@@ -19,6 +19,7 @@ from typing import Any
 import msgspec
 import tomlkit
 import tomlkit.exceptions
+import tomlkit.items
 
 from labpipe.errors import InputError
 from labpipe.workflow.fields import REFERENCE, ReferenceMark, mark, split
@@ -185,6 +186,30 @@ def values(kind: type[msgspec.Struct], table: Any, place: Place) -> Iterator[tup
                 yield from values(inner, item, (*place, name, number))
         else:
             yield (*place, name), info.type, table.get(name)
+
+
+def remarks(text: str) -> dict[Place, str]:
+    r"""Return what stands behind a value on its line, as ``init`` says where it has it from.
+
+    Examples
+    --------
+    >>> remarks('[a]\nheight = "7 mm"  # proposed from the file name')
+    {('a', 'height'): 'proposed from the file name'}
+    """
+    found: dict[Place, str] = {}
+
+    def look(node: Any, place: Place) -> None:
+        for key, value in node.items() if isinstance(node, dict) else enumerate(node):
+            if isinstance(value, dict | list) and not isinstance(value, tomlkit.items.Array):
+                look(value, (*place, key))
+            elif isinstance(value, tomlkit.items.Item) and value.trivia.comment:
+                found[*place, key] = value.trivia.comment.lstrip("# ")
+
+    try:
+        look(tomlkit.parse(text), ())
+    except tomlkit.exceptions.TOMLKitError:
+        return {}  # what is wrong with the text is told where it is checked
+    return found
 
 
 def as_value(kind: Any, text: str) -> Any:

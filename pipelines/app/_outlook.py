@@ -64,10 +64,21 @@ def outlook(folder: Path, surveyed: Iterable[Surveyed]) -> dict[str, Any]:
         )
     cards += [
         {"name": name, "title": "", "steps": 0, "to_run": 0, "why": "", "what": [], "failed": ""}
-        | {"waits": list(lines), "page": False}
+        | {"waits": shortened(name, lines), "page": False}
         for name, lines in session.waiting.items()
     ]
     return told | {"summary": made.summary, "known": bool(made.estimate or not made.to_run), "experiments": cards}
+
+
+def shortened(experiment: str, lines: Iterable[str]) -> list[str]:
+    """Say in few words which lines of an experiment wait; its card says whose they are.
+
+    Examples
+    --------
+    >>> shortened("a", ['session.toml:19: experiments.a.sphere.mass: to be filled in: a mass such as "28.2 g"'])
+    ['session.toml:19: sphere.mass']
+    """
+    return [line.partition(": to be filled in")[0].replace(f" experiments.{experiment}.", " ", 1) for line in lines]
 
 
 def _failures(session: Session) -> dict[str, str]:

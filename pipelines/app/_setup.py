@@ -207,7 +207,7 @@ def state(folder: Path, texts: Mapping[str, str]) -> Told:
     records = [name for name in texts if name != FILE_NAME]
     tables = tree.get(edits.EXPERIMENTS, {})
     names = list(tables) if isinstance(tables, dict) else []
-    experiments = []
+    experiments, remarks = [], edits.remarks(texts[FILE_NAME])
     for name in names:
         table = tables[name] if isinstance(tables[name], dict) else {}
         kind = KINDS.get(str(table.get("kind")))
@@ -217,7 +217,9 @@ def state(folder: Path, texts: Mapping[str, str]) -> Told:
                 "name": name,
                 "kind": "" if kind is None else kind.name,
                 "title": "no known kind" if kind is None else kind.title,
-                "fields": [] if kind is None else _fields(kind.settings, table, place, FILE_NAME, names, records),
+                "fields": []
+                if kind is None
+                else _fields(kind.settings, table, place, FILE_NAME, names, records, remarks),
                 "waits": name in waiting or _has_problem(name, table, problems),
             }
         )
@@ -226,12 +228,23 @@ def state(folder: Path, texts: Mapping[str, str]) -> Told:
         record = _tree(texts[name])
         kind_of = RECORDS.get(str(record.get("kind")))
         if kind_of is not None:
-            fields = _fields(kind_of, record, (), name, names, records)
-            shown.append({"name": name, "kind": record["kind"], "fields": fields})
+            fields = _fields(kind_of, record, (), name, names, records, edits.remarks(texts[name]))
+            users = [
+                one["name"] for one in experiments if any(f["text"] == name and not f["files"] for f in one["fields"])
+            ]
+            shown.append({"name": name, "kind": record["kind"], "fields": fields, "used_by": users})
     return {"experiments": experiments, "records": shown, "problems": problems}
 
 
-def _fields(kind: Any, table: Any, prefix: edits.Place, file: str, names: list[str], records: list[str]) -> list[Told]:
+def _fields(
+    kind: Any,
+    table: Any,
+    prefix: edits.Place,
+    file: str,
+    names: list[str],
+    records: list[str],
+    remarks: Mapping[edits.Place, str],
+) -> list[Told]:
     found = []
     for place, of, value in edits.values(kind, table, prefix):
         path = place[len(prefix) :]
@@ -255,6 +268,7 @@ def _fields(kind: Any, table: Any, prefix: edits.Place, file: str, names: list[s
                 "text": "" if value is None or is_gap(value) else _as_text(value),
                 "files": value if is_files and isinstance(value, list) else None,
                 "expected": _expected(of, path),
+                "remark": remarks.get(place, ""),
                 "required": _is_required(kind, path),
                 "gap": is_gap(value),
                 "choices": choices,

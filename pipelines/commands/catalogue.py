@@ -83,8 +83,9 @@ def _print_table(done: "Catalogued", frame: "pd.DataFrame", units: dict[str, str
         shown = frame.rename(columns=titles).map(_cell)
         for line in shown.to_string(index=False).splitlines():
             echo(line.rstrip())
+    n = len(done.renewed)
     echo(
-        f"{len(frame)} rows; {len(done.renewed)} sessions read, {len(done.unchanged)} unchanged, "
+        f"{len(frame)} rows; {n} session{'s' * (n != 1)} read, {len(done.unchanged)} unchanged, "
         f"{len(done.removed)} gone; {done.path}"
     )
     for name, problem in done.problems.items():

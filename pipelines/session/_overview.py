@@ -96,7 +96,7 @@ def _page(results: Results) -> str:
     sort, error = _SORT, _ERROR  # each is said once
     verdicts = stored_verdicts(results)
     sections, done = [], 0
-    answer: list[Block] = [*_answer(verdicts), *_links(session)]
+    answer: list[Block] = [*_answer(session, verdicts), *_links(session)]
     if answer:
         sections.append(Section("Answer", answer))
     for title, names in _groups(session):
@@ -118,8 +118,11 @@ def _page(results: Results) -> str:
     ).render()
 
 
-def _answer(verdicts: "Mapping[str, Verdict]") -> "Iterator[Notice]":
-    """Say what the session came to, and of what cannot be believed or differs each with its reason."""
+def _answer(session: Session, verdicts: "Mapping[str, Verdict]") -> "Iterator[Notice]":
+    """Say what the session came to, and of what cannot be believed or differs each with its reason.
+
+    Those on which others rest come first.
+    """
     from pipelines.session._verdict_notices import agreement, belief, each
 
     if not verdicts:
@@ -128,7 +131,9 @@ def _answer(verdicts: "Mapping[str, Verdict]") -> "Iterator[Notice]":
     if said := agreement({name: one.model for name, one in verdicts.items()}):
         yield said
     bad = [name for name, one in verdicts.items() if one.believable != "yes" or one.model == "differs"]
-    yield from each(bad[:_REASONS], verdicts, {})
+    rests_on = {name: session.experiments[name].refers_to for name in bad}
+    bad.sort(key=lambda name: -sum(name in others for others in rests_on.values()))
+    yield from each(bad[:_REASONS], verdicts, {}, rests_on)
 
 
 def _those_that_wait(session: Session) -> "IndexTable":

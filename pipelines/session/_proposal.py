@@ -173,6 +173,7 @@ def _unused_files(found: Found, text: str) -> list[str]:
 
 _COPY_OF = "a copy of "
 UNKNOWN = "no instrument recognises the content"
+_ZEROS = "it begins with zeros only, as a copy that broke off leaves it; copy it again from the instrument"
 LINK = "a link that leads out of the folder"
 PICTURE = "a picture; one of a ruler in the plane of focus gives the image scale of a camera record"
 _PICTURES = {".jpg", ".jpeg", ".png", ".bmp"}
@@ -184,12 +185,24 @@ def copied_from(reason: str) -> str:
 
 
 def why_unknown(folder: Path, name: str) -> str:
-    """Say why nothing is known of a file: by its name, :data:`UNKNOWN`, :data:`LINK` or :data:`PICTURE`."""
+    """Say why nothing is known of a file: its name, :data:`LINK`, :data:`PICTURE`, no content, or :data:`UNKNOWN`."""
     if (problem := name_problem(name)) is not None:
         return f"{problem}; rename it"
     if _leads_out(folder / name, folder):
         return LINK
-    return PICTURE if Path(name).suffix.lower() in _PICTURES else UNKNOWN
+    if Path(name).suffix.lower() in _PICTURES:
+        return PICTURE
+    return _nothing_in(folder / name) or UNKNOWN
+
+
+def _nothing_in(path: Path) -> str:
+    """Say so of a file without a byte, or with zeros where every instrument writes its head."""
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(instruments.HEAD_BYTES) if path.is_file() else b"?"
+    except OSError:
+        return ""
+    return "the file is empty" if not head else "" if head.strip(b"\0") else _ZEROS
 
 
 def _leads_out(path: Path, folder: Path) -> bool:

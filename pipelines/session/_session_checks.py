@@ -312,7 +312,7 @@ def _material_names(session: Session) -> Iterator[tuple[str, Finding]]:
     """Hold the material that is stated against the one that names of experiment and files tell."""
     known = set(library_names())
     for e in session.experiments.values():
-        named = [("", e.name), *((n.setting, n.name) for n in named_files(session) if n.experiment == e.name)]
+        named = [("", e.name), *_files(type(e.settings), e.settings, "")]
         # a table in a list that states a material of its own has files of its own
         tables = {setting.rpartition(".")[0] for setting, _ in _materials(e.settings, "") if "[" in setting}
         for table in sorted(tables):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from labpipe.report import Level, Notice
@@ -28,9 +28,8 @@ def belief(verdicts: Mapping[str, Verdict]) -> Notice:
     named = "; ".join(f"{word}: {_listed(others[key])}" for key, word in known.items() if key in others)
     worst: Level = "error" if "impossible" in others else "warning" if "doubtful" in others else "info"
     sure = n - sum(map(len, others.values()))
-    return Notice(
-        worst, f"{sure} of {n} experiment{'s are' if n > 1 else ' is'} believable. {named[:1].upper()}{named[1:]}."
-    )
+    verb = "is" if n == 1 or sure == 1 else "are"
+    return Notice(worst, f"{sure} of {n} experiment{'s' * (n > 1)} {verb} believable. {_sentence(named)}")
 
 
 def agreement(models: Mapping[str, str]) -> Notice | None:
@@ -47,8 +46,16 @@ def agreement(models: Mapping[str, str]) -> Notice | None:
     return Notice(level, f"{text} {_sentence(named)}" if named else text)
 
 
-def each(names: Iterable[str], verdicts: Mapping[str, Verdict], against: Mapping[str, str]) -> Iterator[Notice]:
+def each(
+    names: Iterable[str],
+    verdicts: Mapping[str, Verdict],
+    against: Mapping[str, str],
+    rests_on: Mapping[str, Sequence[str]] | None = None,
+) -> Iterator[Notice]:
     """Say of each experiment whether it can be believed and agrees, with the gravest reason.
+
+    What rests on another experiment that cannot be believed sends there instead of naming a cause
+    of its own.
 
     Parameters
     ----------
@@ -56,6 +63,8 @@ def each(names: Iterable[str], verdicts: Mapping[str, Verdict], against: Mapping
     verdicts : mapping of str to Verdict
     against : mapping of str to str
         What an experiment is compared with, where it is not the model.
+    rests_on : mapping of str to sequence of str, optional
+        The experiments that it has its material from.
     """
     for name in names:
         if (one := verdicts.get(name)) is None:
@@ -70,6 +79,9 @@ def each(names: Iterable[str], verdicts: Mapping[str, Verdict], against: Mapping
         grave = [finding for finding in one.findings if finding.level == one.believable]
         reason = f" {_sentence(grave[0].message)}" if grave else ""
         causes = f" Likely: {one.causes[0].rstrip('.')}." if one.causes else ""
+        below = ((n, verdicts[n].believable) for n in (rests_on or {}).get(name, ()) if n in verdicts)
+        if (cause := next(((n, word) for n, word in below if word in ("doubtful", "impossible")), None)) is not None:
+            causes = f" It rests on {cause[0]}, which is {cause[1]}: see there first."
         yield Notice(level, f"{name}: {said}.{reason}{causes}")
 
 

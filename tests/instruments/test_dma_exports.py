@@ -206,3 +206,28 @@ def test_powers_of_ten_and_frequencies_in_millihertz(tmp_path):
     assert found.frequency.values == pytest.approx(0.1)
     wide = table("T (°C);E'(100 mHz)/MPa;E''(100 mHz)/MPa", TEMPERATURE, TEMPERATURE, TEMPERATURE, sep=";")
     assert read(tmp_path, wide).frequency.values == pytest.approx(0.1)
+
+
+def test_means_below_the_readings_are_none(tmp_path):
+    text = "Point;" + table("f (Hz);E' (MPa);E'' (MPa);T (°C)", *ALL, sep=";").replace("\n", "\n1;").removesuffix("1;")
+    with pytest.warns(UserWarning, match="line.* means or deviations are no readings"):
+        assert_is_the_truth(read(tmp_path, text + "Mean;1;900;40;20\nStd.Dev.;0.1;10;2;1\n"))
+
+
+def test_a_stiffness_beside_the_modulus_is_no_modulus(tmp_path):
+    head = "f (Hz),E' (MPa),E'' (MPa),T (°C),K* (N/m),E* (MPa)"
+    assert_is_the_truth(read(tmp_path, table(head, *ALL, SIZE / 1e3, SIZE / 1e6)))
+
+
+@pytest.mark.parametrize("gap", [";", ""])
+@pytest.mark.parametrize("sep", [";", "\t"])
+def test_isotherms_side_by_side_keep_their_temperatures(tmp_path, gap, sep):
+    """Columns of nothing between them are columns too."""
+    parts = [[FREQUENCY, STORAGE[t == T] / 1e6, LOSS[t == T] / 1e6] for t in TEMPERATURE]
+    above = (";;;" + gap).join(f"T = {t - 40:g} °C" for t in TEMPERATURE)
+    head = (";" + gap).join(["f (Hz);E' (MPa);E'' (MPa)"] * len(parts))
+    rows = [
+        (";" + gap).join(";".join(repr(float(c[k])) for c in part) for part in parts) for k in range(FREQUENCY.size)
+    ]
+    found = read(tmp_path, "\n".join([above, head, *rows]).replace(";", sep) + "\n")
+    assert_is_the_truth(found.assign(temperature=found.temperature + 40))

@@ -120,6 +120,13 @@ def _warmer(cells: list[str], by: float) -> list[str]:
     return cells
 
 
+def _sweep_in_fahrenheit(cells: list[str], i: int, p: int) -> list[str]:
+    del p
+    if i >= len(_HEATED.temperatures):
+        cells[T] = f"{float(cells[T]) * 1.8 + 32:.2f}"
+    return cells
+
+
 def _label(old: str, new: str, count: int = -1) -> Edit:
     return _rewritten(lambda text: text.replace(old, new, count))
 
@@ -208,6 +215,13 @@ ROWS = (
     Mistake("strain in % labelled 1", _label("[%]", "[1]"), "impossible", ("stress",), FIRST),
     Mistake("kelvins under degrees", _scaled(T, 1.0, 273.15), "impossible", ("in K",), FIRST),
     Mistake("fahrenheit under degrees", _scaled(T, 1.8, 32.0), "doubtful", ("in °F",), FIRST),
+    Mistake(
+        "fahrenheit in a temperature sweep beside isotherms",
+        _both(_exported(_HEATED), _rows(_sweep_in_fahrenheit)),
+        "doubtful",
+        ("temperature sweep", "°F under °C"),
+        FIRST,
+    ),
     Mistake("degrees labelled K", _label("[°C]", "[K]"), "impossible", (), FIRST),
     Mistake("hertz under radians", _scaled(OMEGA, 1 / (2 * np.pi)), "doubtful", ("Hz under rad/s",), FIRST),
     Mistake(

@@ -257,6 +257,12 @@ WAVE_ROWS = (
 
 _RELAX = "<Stress Relaxation>"
 HOLD_ROWS = (
+    Mistake(
+        "forces of one depth 1.6 times too large",
+        columns(lambda t, x, f: (t, x, 1.6 * f), HOLD),
+        "doubtful",
+        ("times the simulated force", "are not the same"),
+    ),
     *_of_columns(HOLD),
     *_of_units(HOLD),
     *_of_record(HOLD),
@@ -297,5 +303,22 @@ HOLD_ROWS = (
     ),
     Mistake(
         "stage slips in the ramp", rows(_slipped(5, 0.03), HOLD, 1), "impossible", ("leaps by 40.0 µm", "slipped"), HOLD
+    ),
+    Mistake(
+        "position rounded to 10 um",
+        columns(lambda t, x, f: (t, round(x, 2), f), HOLD),
+        "doubtful",
+        ("steps of the position", "too few decimals"),
+        HOLD,
+    ),
+    Mistake(
+        "cell calibrated after the test",
+        _all("Calibration Date:\t2024", "Calibration Date:\t2034", HOLD),
+        "doubtful",
+        ("tester's clock",),
+        HOLD,
+    ),
+    Mistake(
+        "another axis declared", _all("Load Cell Axis:\tFz", "Load Cell Axis:\tFx", HOLD), "doubtful", ("axis",), HOLD
     ),
 )

@@ -40,4 +40,4 @@ def test_mistake_with_an_oscillation_is_noticed_and_named(waves: Path, tmp_path:
 
 @pytest.mark.parametrize("mistake", by_day(HOLD_ROWS, 5))
 def test_mistake_with_a_relaxation_is_noticed_and_named(holds: Path, tmp_path: Path, mistake: Mistake) -> None:
-    hold(holds, tmp_path / "session", mistake, *HOLDS)
+    hold(holds, tmp_path / "session", mistake, *HOLDS, otherwise="comparison")

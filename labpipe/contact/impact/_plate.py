@@ -7,18 +7,21 @@ on a spring and a dashpot; its displacement ``u`` is positive downwards and 0 at
 """
 
 from dataclasses import dataclass
-from math import cos, exp, isfinite, pi, sin, sqrt
-from typing import NamedTuple
+from math import isfinite, pi, sqrt
+from typing import Any, NamedTuple
 
+import numpy as np
+
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 
 
 class PlateState(NamedTuple):
-    """Displacement [m], velocity [m/s] and acceleration [m/s2] of the plate, downwards."""
+    """Displacement [m], velocity [m/s] and acceleration [m/s2] of the plate, downwards; at one time or many."""
 
-    displacement: float = 0.0
-    velocity: float = 0.0
-    acceleration: float = 0.0
+    displacement: Any = 0.0
+    velocity: Any = 0.0
+    acceleration: Any = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,16 +72,16 @@ class Plate:
         """Dashpot constant c in N s/m."""
         return 2.0 * self.damping_ratio * self.mass * 2.0 * pi * self.frequency
 
-    def energy(self, state: PlateState) -> float:
+    def energy(self, state: PlateState) -> Any:
         """Kinetic and elastic energy of the plate in J."""
         return 0.5 * (self.mass * state.velocity**2 + self.stiffness * state.displacement**2)
 
-    def free(self, state: PlateState, dt: float) -> PlateState:
-        """State after ``dt`` [s] without force, exactly."""
+    def free(self, state: PlateState, dt: float | Floats) -> PlateState:
+        """State after ``dt`` [s] without force, exactly; several durations give a state of arrays."""
         omega = 2.0 * pi * self.frequency
         rate = self.damping_ratio * omega
         damped = omega * sqrt(1.0 - self.damping_ratio**2)
-        envelope, c, s = exp(-rate * dt), cos(damped * dt), sin(damped * dt)
+        envelope, c, s = np.exp(-rate * dt), np.cos(damped * dt), np.sin(damped * dt)
         u, v = state.displacement, state.velocity
         displacement = envelope * (u * c + (v + rate * u) / damped * s)
         velocity = envelope * (v * c - (rate * v + omega**2 * u) / damped * s)

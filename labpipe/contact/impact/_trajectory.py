@@ -144,13 +144,13 @@ def _of_flight(flight: Flight, times: Floats, body: Body) -> Columns:
     s = times - start.time
     position = start.position + (start.velocity + 0.5 * body.gravity * s) * s
     zero = np.zeros_like(s)
-    states, energy, loss = [PlateState()] * s.size, zero, zero
+    displacement, energy, loss = zero, zero, zero
     if body.plate is not None:
         first = PlateState(start.plate_displacement, start.plate_velocity, start.plate_acceleration)
-        states = [body.plate.free(first, dt) for dt in s.tolist()]
-        energy = np.array([body.plate.energy(state) for state in states])
+        state = body.plate.free(first, s)
+        displacement = zero + state.displacement
+        energy = zero + body.plate.energy(state)
         loss = body.plate.energy(first) - energy
-    displacement = np.array([state.displacement for state in states])
     return Columns(
         time=times,
         position=position,

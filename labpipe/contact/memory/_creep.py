@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from labpipe.arrays import Floats
+from labpipe.compilation import lean
 from labpipe.errors import InputError
 
 # Below this dt/tau the difference of exponentials loses digits and its series is exact.
@@ -257,10 +258,18 @@ def history(weights: StepWeights, memory: Floats, load: Floats) -> Floats:
 
 def advance(weights: StepWeights, memory: Floats, load: Floats, new_load: Floats) -> Floats:
     """Memory (element, spring) at the end of the step; the input is not changed."""
-    result = weights.decay[:, None] * memory
-    result += weights.old[:, None] * load
-    result += weights.new[:, None] * new_load
+    result = np.empty_like(memory)
+    _advance(weights.decay, weights.old, weights.new, memory, load, new_load, result)
     return result
+
+
+@lean()
+def _advance(
+    decay: Floats, old: Floats, new: Floats, memory: Floats, load: Floats, new_load: Floats, result: Floats
+) -> None:
+    for k in range(decay.size):
+        for j in range(load.size):
+            result[k, j] = decay[k] * memory[k, j] + old[k] * load[j] + new[k] * new_load[j]
 
 
 @dataclass(frozen=True, slots=True)

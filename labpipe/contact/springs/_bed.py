@@ -32,20 +32,15 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from labpipe.arrays import Floats
+from labpipe.contact.springs._nested import NESTED_TOLERANCE, pressed, smooth_edge_force
 from labpipe.errors import InputError
 
 # The edge of the contact lies this fraction of a strip inside the strip whose pressure vanishes
 # (limit of many strips; calibrated on the closed form of the parabola).
 EDGE_OFFSET = 0.17464
-# Second Bernoulli number, B2 = B2(0).
-_B2 = 1.0 / 6.0
-# Pressures may differ from nested order by rounding only.
-_NESTED_TOLERANCE = 1e-9
 # Iterations and relative tolerance of a displacement that carries a given force.
 _EDGE_ITERATIONS = 100
 _EDGE_TOLERANCE = 1e-13
-# The edge's share of the force needs so many springs in contact.
-_EDGE_SPRINGS = 2
 
 
 class NotNestedError(Exception):
@@ -150,19 +145,15 @@ class SpringBed:
         InputError
             The contact reaches the end of the bed.
         """
-        trial = (displacement - history - self.gap) / compliance
-        load = np.maximum(trial, 0.0)
-        touched = int(np.count_nonzero(trial > 0.0))
-        if touched == 0:
-            return Answer(load, 0.0, displacement, 0.0)
-        self._require_nested(load, touched)
-        self._require_open(touched)
-        force = float(self.stiffness[:touched] @ load[:touched])
-        if touched == self.size:
-            return Answer(load, force, displacement, self.full_width)
-        share = self._share(trial, touched, shrinks=displacement < before)
-        force += self._edge_force(trial, touched, share)
-        return Answer(load, force, displacement, self._width(touched, share))
+        load = np.empty(self.size)
+        springs = (self.gap, self.stiffness, self.edge, self.is_smooth)
+        shrinks = displacement < before
+        touched, force, half_width = pressed(*springs, history, compliance, displacement, shrinks, load)
+        if touched < 0:
+            raise NotNestedError
+        if touched > self.size - self.open_springs:
+            raise InputError(self.limit)
+        return Answer(load, force, displacement, self.full_width if touched == self.size else half_width)
 
     def push(self, history: Floats, compliance: float, force: float, before: float) -> Answer:
         """Solve at a prescribed force; at zero force the indenter just touches.
@@ -177,7 +168,7 @@ class SpringBed:
         threshold = history + self.gap
         if force <= 0.0:
             return Answer(np.zeros(self.size), 0.0, float(threshold.min()), 0.0)
-        if np.any(np.diff(threshold) < -_NESTED_TOLERANCE * np.abs(threshold).max()):
+        if np.any(np.diff(threshold) < -NESTED_TOLERANCE * np.abs(threshold).max()):
             raise NotNestedError
         threshold = np.maximum.accumulate(threshold)
         answer = self.press(history, compliance, self._inverse(threshold, compliance, force), before)
@@ -198,10 +189,8 @@ class SpringBed:
             touched = max(int(np.searchsorted(threshold, displacement)), 1)
             slope = float(stiffness[touched - 1])
             plain = slope * displacement - float(moment[touched - 1])
-            if touched < self.size:
-                trial = displacement - threshold
-                share = self._smooth_share(trial, touched)
-                plain += self._edge_force(trial, touched, share)
+            if touched < self.size and self.is_smooth:
+                plain += smooth_edge_force(self.gap, self.stiffness, self.edge, displacement - threshold, touched)
             return plain - target, slope
 
         low, high = float(threshold[0]), np.inf
@@ -223,81 +212,6 @@ class SpringBed:
             if np.isfinite(high) and high - low <= _EDGE_TOLERANCE * abs(high):
                 break
         return displacement
-
-    def _smooth_share(self, trial: Floats, touched: int) -> float:
-        """Where between two springs the edge lies, continuous as springs come and go.
-
-        The distances from the inner and the outer spring to where the loads of either side, linear
-        in the gap, reach zero; they add up to the cell in a contact that neither relaxes nor
-        recovers. Less accurate than :meth:`_share`, which jumps where springs come and go.
-        """
-        inner, outer = touched - 1, touched
-        if touched < _EDGE_SPRINGS or outer + 1 == self.size:
-            return float(trial[inner] / (trial[inner] - trial[outer]))
-        inside = self._rest(trial, inner - 1, inner)
-        outside = -self._rest(trial, outer, outer + 1)
-        return inside / max(inside + outside, 1e-300)
-
-    def _share(self, trial: Floats, touched: int, *, shrinks: bool) -> float:
-        """Where between two springs (0 to 1 in the gap) the load, linear in the gap, reaches zero.
-
-        While the contact grows, the springs outside tell (those inside have just begun to relax,
-        at different rates); while it shrinks, the springs inside do (those outside have just begun
-        to recover).
-        """
-        inner, outer = touched - 1, touched
-        cell = float(self.gap[outer] - self.gap[inner])
-        if not self.is_smooth or cell <= 0.0:
-            share = float(trial[inner] / (trial[inner] - trial[outer]))
-        elif shrinks and inner > 0:
-            share = self._rest(trial, inner - 1, inner) / cell
-        elif outer + 1 < self.size:
-            share = 1.0 + self._rest(trial, outer, outer + 1) / cell
-        else:
-            share = self._rest(trial, inner, outer) / cell
-        return min(max(share, 0.0), 1.0)
-
-    def _width(self, touched: int, share: float) -> float:
-        """Contact half width of an edge between two springs; the gap grows with its square."""
-        inner, outer = self.edge[touched - 1 : touched + 1] ** 2
-        return float(np.sqrt(inner + share * (outer - inner)))
-
-    def _edge_force(self, trial: Floats, touched: int, share: float) -> float:
-        """Force between the plain sum over the springs and the integral up to the edge.
-
-        Continuous as springs come and go, if ``share`` is.
-        """
-        if not self.is_smooth or touched < _EDGE_SPRINGS:
-            return 0.0
-        inner, outer = touched - 1, touched
-        length = float(self.edge[outer] - self.edge[inner])
-        place = (self._width(touched, share) - float(self.edge[inner])) / length
-        weight = (1.0 - place) * self.stiffness[inner] + place * self.stiffness[outer]
-        half_bernoulli = 0.5 * (place * (place - 1.0) + _B2) * float(weight)
-        if touched == _EDGE_SPRINGS:
-            # It comes in without a jump of force.
-            half_bernoulli *= share
-        # Loads inside, continued outwards: springs outside answer with the step's own compliance.
-        cell = float(self.gap[outer] - self.gap[inner])
-        slope = (trial[inner - 1] - trial[inner]) / float(self.gap[inner] - self.gap[inner - 1])
-        return half_bernoulli * ((1.0 - share) * float(slope) * cell + float(trial[inner]))
-
-    def _rest(self, trial: Floats, first: int, second: int) -> float:
-        """Gap (m) from the pair's nearer end to where its loads, on one line, are zero."""
-        drop = float(trial[first] - trial[second])
-        near = second if trial[second] > 0.0 else first
-        return float(trial[near]) * float(self.gap[second] - self.gap[first]) / max(drop, 1e-300)
-
-    def _require_nested(self, load: Floats, touched: int) -> None:
-        inside = load[:touched]
-        if inside.min() <= 0.0:
-            raise NotNestedError
-        if (inside[1:] - inside[:-1]).max(initial=0.0) > _NESTED_TOLERANCE * inside[0]:
-            raise NotNestedError
-
-    def _require_open(self, touched: int) -> None:
-        if touched > self.size - self.open_springs:
-            raise InputError(self.limit)
 
 
 def sphere_bed(

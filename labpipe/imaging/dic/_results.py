@@ -53,7 +53,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Displacements:
-    """Results over (frame, usable point); value and deviation hold (dx, dy, rotation) last."""
+    """Results over (frame, usable point); value and deviation hold (dx, dy, rotation) last, change both stretches."""
 
     value: Floats
     deviation: Floats
@@ -102,6 +102,7 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     """
     shape = table.status.shape
     status = table.status.copy()
+    stretch = np.zeros((*shape, 2))
     value = np.full((*shape, 3), np.nan)
     deviation = np.full((*shape, 3), np.nan)
     covariance, texture, strongest, noise, most_noise = np.full((5, *shape), np.nan)
@@ -109,6 +110,8 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
         motion = table.motion[row, column]
         value[row, column, :2] = shift_of(motion, reference.offset[column])
         value[row, column, 2] = np.arctan2(motion[:, 4] - motion[:, 2], 2.0 + motion[:, 1] + motion[:, 5])
+        sides = np.stack([np.hypot(1.0 + motion[:, 1], motion[:, 4]), np.hypot(1.0 + motion[:, 5], motion[:, 2])], 1)
+        stretch[row, column] = np.where(reference.subsets.rigid_in(model)[column, None], 0.0, sides - 1.0)
         left, kept = reference.softened(column, table.change[row, column, 2:])
         found = motion_variance(
             reference.noise,
@@ -157,7 +160,7 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     value[is_bad] = np.nan
     deviation[is_bad] = np.nan
     covariance[is_bad] = np.nan
-    change = np.where(is_bad[..., None], np.nan, table.change)
+    change = np.where(is_bad[..., None], np.nan, np.concatenate([table.change, stretch], axis=2))
     return Displacements(
         value, deviation, covariance, texture, table.zncc, table.iterations, status, table.model, change
     )
@@ -257,6 +260,8 @@ def make_dataset(
         ("light_slope_x", "px-1", 0, 1.0, "growth of the light to the right"),
         ("light_slope_y", "px-1", 1, 1.0, "growth of the light downwards"),
         ("blur_growth", "px2", 2, 2.0, "growth of the variance of the blur since the reference"),
+        ("stretch_x", "1", -2, 1.0, "relative growth of the rows of the subset"),
+        ("stretch_y", "1", -1, 1.0, "relative growth of the columns of the subset"),
     )
     for name, units, k, factor, text in changes:
         variables[name] = (dims, spread(factor * found.change[..., k], np.nan), described(units, text))

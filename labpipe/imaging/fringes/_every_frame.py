@@ -139,8 +139,8 @@ def _follow_film(reader: FilmReader, result: FilmResult, options: FilmOptions, w
         reader.whole, fits, result.view, is_phase_free=options.phase is None, shape=options.shape, rough=rough
     )
     if not result.calibration.is_usual or result.view.optics != stated:
-        result.view = result.calibration.applied(result.view)
-        fits = _refit(reader, result, read, fits)
+        before, result.view = result.view, result.calibration.applied(result.view)
+        fits = _refit(reader, result, read, fits, stays_blank=_has_same_rings(before, result.view))
     result.log_scale = math.log(result.view.optics.phase_scale / stated.phase_scale)
     result.fits = fits
     opened = _doubtful_rest(result)
@@ -148,6 +148,15 @@ def _follow_film(reader: FilmReader, result: FilmResult, options: FilmOptions, w
         result.resting &= ~opened
         result.fits |= _follow(reader, result, opened, {}, None)
     return read | opened
+
+
+def _has_same_rings(one: View, other: View) -> bool:
+    """Tell whether rings lie at the same radii and are fitted by as many parameters.
+
+    A blur or harmonics change how a ring looks, not where it is: what showed no contact shows none then.
+    """
+    radii = [(v.optics.phase, v.optics.phase_scale, v.optics.flat, v.ellipse) for v in (one, other)]
+    return radii[0] == radii[1] and set(other.settings.free) <= set(one.settings.free)
 
 
 def _doubtful_rest(result: FilmResult) -> Flags:
@@ -264,14 +273,23 @@ def _warm_fit(frame: NDArray[np.generic], view: View, last: RingFit) -> RingFit 
     return fit if is_like and is_contact(frame, view, fit) else None
 
 
-def _refit(reader: FilmReader, result: FilmResult, read: Flags, fits: dict[int, RingFit]) -> dict[int, RingFit]:
-    """Fit all frames again with the optics calibrated from the film."""
+def _refit(
+    reader: FilmReader, result: FilmResult, read: Flags, fits: dict[int, RingFit], *, stays_blank: bool
+) -> dict[int, RingFit]:
+    """Fit all frames again with the optics calibrated from the film.
+
+    ``stays_blank`` leaves out the frames in which nothing was found before.
+    """
     view = result.view
+    known = result.blanks.copy() if stays_blank else {}
     result.blanks.clear()
     found: dict[int, RingFit] = {}
     last: RingFit | None = None
     vain = Vain()
     for index in map(int, np.flatnonzero(read)):
+        if index in known:
+            result.blanks[index] = known[index]
+            continue
         frame = reader.whole(index)
         fit: RingFit | None = None
         if index in fits:

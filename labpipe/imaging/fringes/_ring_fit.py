@@ -91,6 +91,8 @@ _DAMPING, _BAD_DAMPING, _LESS, _MORE, _MOST_DAMPING = 1e-8, 1e-3, 0.01, 10.0, 1e
 _LEAST_TRAVEL = 0.3
 #: Pixels left out at the border of the frame, in standard deviations of the blur.
 _BORDER = 2.0
+#: Distance (px) from saturated pixels up to which others are left out: more takes whole fringes away.
+_NEAR = 1
 #: Expected gain of a step, in variances of a pixel, below which the iteration ends: the fit is then
 #: within a tenth of its uncertainty of the minimum, and the step itself is still made.
 _SMALL_GAIN = 0.01
@@ -288,10 +290,25 @@ def cut_ring(
         return None
     count = pixels_in_ring((rows, columns), float(x), float(y), inner, outer)
     stride = max(1, math.ceil(count / max_pixels))
-    piece = np.ascontiguousarray(frame[top:bottom, left:right], np.float32)
+    piece = _without_neighbours(np.ascontiguousarray(frame[top:bottom, left:right], np.float32), ceiling)
     middle, spread = 0.5 * (outer**2 + inner**2), 0.5 * (outer**2 - inner**2)
     origin = np.array([x, y, outer, middle / outer**2, outer**2 / spread])
     return Ring(piece, top, left, stride, inner, outer, origin, ceiling)
+
+
+def _without_neighbours(piece: Floats32, ceiling: float) -> Floats32:
+    """Set what lies near saturated pixels to the ceiling, so that it is left out with them.
+
+    Noise decides which of the pixels just below the ceiling reach it: those that do not are darker than
+    their light in the mean.
+    """
+    import cv2
+
+    is_saturated = (piece >= ceiling).astype(np.uint8)
+    if not is_saturated.any():
+        return piece
+    near = cv2.dilate(is_saturated, np.ones((2 * _NEAR + 1, 2 * _NEAR + 1), np.uint8))
+    return np.where(near > 0, np.float32(ceiling), piece)
 
 
 def tabulate(ring: Ring, parameters: Floats, optics: Optics, *, is_rich: bool) -> RadialTable:

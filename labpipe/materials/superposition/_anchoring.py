@@ -5,7 +5,7 @@ two: there log10 a is the WLF law through all shifts plus the interpolated devia
 which follows a smooth law exactly and a kink closely.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,12 +45,21 @@ class Anchor:
         Change of the final log10 a_T with every outer parameter.
     covariance : array (isotherm, isotherm)
         Of the final log10 a_T.
+    own : array (isotherm,)
+        Part of the standard uncertainty of every sweep's place on the curve that is its own, in decades;
+        by those that the reference lies between, the whole curve is misplaced.
     """
 
     offset: float
     share: Floats
     shift_by_parameter: Floats
     covariance: Floats
+    own: Floats
+
+    @property
+    def by_own(self) -> Floats:
+        """Change of log10 a_T (isotherm, isotherm) with one standard uncertainty of every sweep's own."""
+        return np.asarray((np.eye(self.own.size) - self.share) * self.own)
 
 
 def anchor_at(points: Points, found: Superposition) -> Anchor:
@@ -92,13 +101,11 @@ def anchor_at(points: Points, found: Superposition) -> Anchor:
         apart = np.eye(model.temperature.size) - share
         other = np.outer(change, change) + propagated_covariance(apart, found.rival.covariance)
         covariance = covariance + found.rival.belief * other
-    if model.horizontal == "free":
-        apart = np.eye(count) - share
-        own = repeatability(model.temperature, state.log10_aT, covariance)
-        covariance = covariance + (apart * own**2) @ apart.T
+    is_free = model.horizontal == "free"
+    own = repeatability(model.temperature, state.log10_aT, covariance) if is_free else np.zeros(count)
     # An error of the interpolation moves all shifts together.
-    covariance = covariance + interpolation**2
-    return Anchor(offset, share, moves, covariance)
+    anchor = Anchor(offset, share, moves, covariance + interpolation**2, own)
+    return replace(anchor, covariance=anchor.covariance + anchor.by_own @ anchor.by_own.T)
 
 
 def repeatability(temperature: Floats, log10_aT: Floats, covariance: Floats) -> Floats:

@@ -78,8 +78,11 @@ def modes_of(
         columns.append(np.vstack([both, np.zeros((2 * isotherms, both.shape[1]))]))
     if model.size:
         columns.append(_of_outer(points, found, anchor, ln_omega, value))
-        moves = anchor.shift_by_parameter
-        rest = _root(np.asarray(anchor.covariance - moves @ found.covariance @ moves.T, dtype=np.float64))
+        moves, own = anchor.shift_by_parameter, anchor.by_own
+        misplaced = _slope(value, ln_omega)[:, None] * (anchor.share * anchor.own) / value[:, None]
+        columns.append(np.vstack([misplaced, own, np.zeros((isotherms, isotherms))]))
+        known = moves @ found.covariance @ moves.T + own @ own.T
+        rest = _root(np.asarray(anchor.covariance - known, dtype=np.float64))
         none = np.zeros((value.size, rest.shape[1]))
         columns.append(np.vstack([none, rest, np.zeros((isotherms, rest.shape[1]))]))
     left, size, _ = np.linalg.svd(np.column_stack(columns), full_matrices=False)

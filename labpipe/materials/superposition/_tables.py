@@ -109,7 +109,8 @@ def bands(
 ) -> xr.Dataset:
     """Return the master curve over the covered window with standard uncertainties.
 
-    The uncertainty joins that of the spectrum and that of the shifts, vertical law and delay. How
+    The uncertainty joins that of the spectrum, that of the shifts, vertical law and delay, and what
+    repeats tell of the temperature of the sweeps at the reference. How
     much to smooth the spectrum is itself known from the data only: the variance is the mean over
     strengths of the smoothing, the curve's own change with them included, each weighed with
     exp(-C_p / 2) (Mallows' C_p; Burnham & Anderson, Model Selection, 2002, ch. 4). Taken at the
@@ -132,6 +133,7 @@ def bands(
         value = design @ fit.solution.coefficient
         squared = sum(share * _from_spectrum(one, design, value) for share, one in possible)
         squared += _from_outer(points, found, anchor, design, frequency, design[:, active])
+        squared += float(np.sum((anchor.share * anchor.own) ** 2)) * _per_decade(value, frequency) ** 2
         variables[name] = (value, f"{name} modulus at the reference temperature")
         variables[f"u_{name}"] = (np.sqrt(np.maximum(squared, 0.0)), f"standard uncertainty of the {name} modulus")
     dataset = xr.Dataset(
@@ -177,7 +179,11 @@ def _from_outer(
     by_parameter = -used @ solve_normal(fit.normal, coupling)
     # The reference itself moves along the curve with the shifts that define it.
     value = design @ fit.solution.coefficient
-    slope = np.gradient(value, np.log10(frequency)) if frequency.size > 1 else np.zeros(1)
     reference = anchor.share @ model.directions(fit.state)[0]
-    by_parameter += slope[:, None] * reference
+    by_parameter += _per_decade(value, frequency)[:, None] * reference
     return propagated_variance(by_parameter, found.covariance)
+
+
+def _per_decade(value: Floats, frequency: Floats) -> Floats:
+    """Return the change of a curve per decade of frequency."""
+    return np.asarray(np.gradient(value, np.log10(frequency))) if frequency.size > 1 else np.zeros(1)

@@ -1,9 +1,9 @@
 "use strict";
 // Click to measure: two places give a scale, a drag the line of subsets or the rigid subset.
 
-const stage = { name: "", index: 0, image: null, frames: 1, points: [], cursor: [0, 0], result: null, from: null };
+const stage = { name: "", index: 0, image: null, frames: 1, points: [], cursor: [0, 0], result: null, from: null, before: [] };
 const TOOLS = {
-  scale: "Scale: click on two edges or graduations",
+  scale: "Scale: click on two edges or graduations, or drag from one to the other",
   line: "Line of subsets: drag, or set both ends",
   body: "Rigid subset: drag from its centre to its border, or set both",
   region: "Region that counts, of the contact or the holder: drag from corner to corner, or set both",
@@ -28,15 +28,29 @@ function drawMeasure() {
   index.addEventListener("change", trying(() => loadPicture(stage.name, Math.max(0, Math.floor(Number(index.value) || 0)))));
   tool.addEventListener("change", begin);
   zoom.addEventListener("change", paint);
-  canvas.addEventListener("pointerdown", (event) => { stage.from = placeOf(event); });
+  // The canvas keeps the pointer, so that a drag ends where it is let go, also beyond the border.
+  const isDrag = (end) => Math.hypot(end[0] - stage.from[0], end[1] - stage.from[1]) * scale() > 6;
+  canvas.addEventListener("pointerdown", (event) => {
+    if (!event.isPrimary || event.button !== 0) return;
+    canvas.setPointerCapture(event.pointerId);
+    Object.assign(stage, { from: placeOf(event), before: stage.points });
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    if (!stage.from || !isDrag(placeOf(event))) return;
+    Object.assign(stage, { points: [stage.from, placeOf(event)], result: null });
+    paint();
+  });
+  canvas.addEventListener("pointercancel", () => {
+    if (stage.from) Object.assign(stage, { from: null, points: stage.before });
+    paint();
+  });
   canvas.addEventListener("pointerup", trying(async (event) => {
-    const start = stage.from;
-    stage.from = null;
-    if (!start) return;
+    if (!stage.from) return;
     const end = placeOf(event);
-    const isDrag = Math.hypot(end[0] - start[0], end[1] - start[1]) * scale() > 6;
-    if (isDrag && tool.value !== "scale") stage.points = [start];
-    await place(isDrag ? end : start);
+    const [start, isDragged] = [stage.from, isDrag(end)];
+    stage.from = null;
+    if (isDragged) stage.points = [start];
+    await place(isDragged ? end : start);
   }));
   canvas.addEventListener("keydown", trying(async (event) => {
     const step = event.shiftKey ? 10 : 1;
@@ -59,8 +73,9 @@ const scale = () => {
 
 function placeOf(event) {
   const box = by("measure-canvas").getBoundingClientRect();
-  // The centre of the first pixel is (0, 0).
-  return [(event.clientX - box.left) / scale() - 0.5, (event.clientY - box.top) / scale() - 0.5];
+  // The centre of the first pixel is (0, 0); beyond the border the nearest pixel counts.
+  const inside = (value, pixels) => Math.min(Math.max(0, value / scale() - 0.5), pixels / scale() - 1);
+  return [inside(event.clientX - box.left, box.width), inside(event.clientY - box.top, box.height)];
 }
 
 function paint() {
@@ -139,6 +154,11 @@ async function place(point) {
   paint();
 }
 
+async function sessionFor() {
+  await views.setup();
+  if (!setup.data) throw new Error("Propose a session from the files first; a measurement is written into it.");
+}
+
 async function measured() {
   const tool = by("measure-tool").value;
   const use = by("measure-use");
@@ -151,8 +171,7 @@ async function measured() {
       throw error;
     }
     by("measure-result").textContent = `${stage.result.text} between ${stage.result.found.join(" and ")}`;
-    await views.setup();
-  if (!setup.data) throw new Error("Propose a session from the files first; a measurement is written into it.");
+    await sessionFor();
     const records = setup.data.records.filter((record) => record.kind === "camera");
     const record = make("select", { id: "measure-record" }, ...records.map((one) => make("option", { value: one.name, textContent: one.name })));
     const camera = setup.data.experiments.filter(films).flatMap((one) => one.fields).find((field) => field.place.at(-1) === "camera");
@@ -169,8 +188,7 @@ async function measured() {
     say("");
     return;
   }
-  await views.setup();
-  if (!setup.data) throw new Error("Propose a session from the files first; a measurement is written into it.");
+  await sessionFor();
   const has = (one, key) => one.fields.some((field) => field.place.length > 2 && field.place.at(-1) === key);
   const key = MASKS[tool] || { line: "line", body: "body" }[tool];
   const able = setup.data.experiments.filter((one) => has(one, key) || (tool === "region" && has(one, "region")));

@@ -61,8 +61,10 @@ function mark() {
     input.classList.toggle("is-gap", isGap);
     input.classList.toggle("is-wrong", problems.length > 0 && !isGap);
     input.setAttribute("aria-invalid", problems.length > 0 && !isGap ? "true" : "false");
-    if (input.note) input.note.textContent = isGap ? `needed: ${input.fields[0].expected}` : problems.join("; ");
-    if (input.note) input.note.className = `note ${isGap ? "is-warning" : "is-error"}`;
+    if (!input.note) continue;
+    const { remark, expected } = input.fields[0];
+    input.note.textContent = isGap ? `needed: ${remark || expected}` : problems.join("; ") || remark;
+    input.note.className = `note ${isGap ? "is-warning" : problems.length ? "is-error" : ""}`;
   }
   const known = new Set([...document.querySelectorAll("#setup input, #setup select")].flatMap((input) => (input.fields || []).flatMap((field) => problemsOf(field))));
   const others = setup.data.problems.filter((problem) => !known.has(problem.message));
@@ -74,8 +76,8 @@ function mark() {
   by("setup-write").disabled = by("setup-undo").disabled = !setup.edits.length;
 }
 
-const row = (field) => {
-  const [input, ...more] = control(field);
+const row = (field, name = field.label) => {
+  const [input, ...more] = control(field, [field], name);
   input.note = make("p", { className: "note" });
   return make("label", { className: "field" }, make("span", { textContent: field.label + (field.required || field.gap ? "" : " (optional)") }), input, ...more, input.note);
 };
@@ -142,9 +144,9 @@ function experiment(one) {
       bar.append(choice);
     }
   }
-  card.append(bar, make("div", { className: "fields" }, ...needed.map(row)));
-  if (above.length) card.append(make("details", {}, make("summary", { textContent: "Its specimen alone" }), make("div", { className: "fields" }, ...above.map(row))));
-  if (further.length) card.append(make("details", {}, make("summary", { textContent: "More settings" }), make("div", { className: "fields" }, ...further.map(row))));
+  card.append(bar, make("div", { className: "fields" }, ...needed.map((field) => row(field))));
+  if (above.length) card.append(make("details", {}, make("summary", { textContent: "Its specimen alone" }), make("div", { className: "fields" }, ...above.map((field) => row(field)))));
+  if (further.length) card.append(make("details", {}, make("summary", { textContent: "More settings" }), make("div", { className: "fields" }, ...further.map((field) => row(field)))));
   return card;
 }
 
@@ -192,14 +194,27 @@ function specimens() {
 
 function records() {
   if (!setup.data.records.length) return null;
-  const cards = setup.data.records.map((record) => {
-    const needed = record.fields.filter((field) => field.required || field.text || field.gap);
-    const further = record.fields.filter((field) => !needed.includes(field));
-    const card = make("li", {}, make("h3", { textContent: record.name }), make("p", { textContent: record.kind.replace("_", " ") }), make("div", { className: "fields" }, ...needed.map(row)));
-    if (further.length) card.append(make("details", {}, make("summary", { textContent: "More values" }), make("div", { className: "fields" }, ...further.map(row))));
-    return card;
+  const days = ["valid_from", "valid_until", "when", "who", "how"];
+  const named = { valid_from: "valid from", valid_until: "until", when: "calibrated on", who: "by", how: "how" };
+  const rows = setup.data.records.map((record) => {
+    const of = (key) => record.fields.find((field) => field.place.length === 1 && field.place[0] === key);
+    const own = (field) => row(field, `${field.label} of ${record.name}`);
+    const rest = record.fields.filter((field) => !days.some((key) => of(key) === field));
+    const isNeeded = (field) => field.place.length > 1 && (field.required || field.text || field.gap);
+    const cells = days.map((key) => {
+      const [input] = control(of(key), [of(key)], `${named[key]}, ${record.name}`);
+      input.note = make("p", { className: "note" });
+      return make("td", { dataset: { label: named[key] } }, input, input.note);
+    });
+    const values = make("td", { dataset: { label: "values" } }, ...rest.filter(isNeeded).map(own));
+    const further = rest.filter((field) => !isNeeded(field));
+    if (further.length) values.append(make("details", {}, make("summary", { textContent: "More values" }), ...further.map(own)));
+    const name = make("th", { scope: "row" }, make("span", { textContent: record.name }), make("p", { className: "note", textContent: record.kind.replace("_", " ") }));
+    const users = record.used_by.join(", ") || "none yet";
+    return make("tr", {}, name, ...cells, values, make("td", { dataset: { label: "experiments" }, textContent: users }));
   });
-  return make("div", {}, make("h2", { textContent: "Calibrations and their days" }), make("ul", { className: "cards" }, ...cards));
+  const head = make("tr", {}, ...["record", ...days.map((key) => named[key]), "values", "experiments"].map((text) => make("th", { textContent: text, scope: "col" })));
+  return make("div", {}, make("h2", { textContent: "Calibrations and their days" }), make("p", { className: "note", textContent: "A record holds for recordings of its days, the first and the last one included." }), make("div", { className: "wide" }, make("table", { className: "specimens", id: "setup-records" }, make("thead", {}, head), make("tbody", {}, ...rows))));
 }
 
 function drawSetup() {

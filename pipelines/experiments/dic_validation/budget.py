@@ -12,7 +12,7 @@ from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity
 
 _FRONT = (
-    ("inclination, filter lag", "there is no filter, and a tilt of the view is included in the pixel size"),
+    ("inclination, filter lag", "there is no filter, and the camera's angle acts by direction and scale of the motion"),
     ("sampling", "a displacement does not depend on time"),
     ("mass, radius, height, Poisson's ratio, temperature", "the body has no effect"),
     ("repeatability", "one film shows one drop"),

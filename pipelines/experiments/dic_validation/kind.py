@@ -30,7 +30,7 @@ _STAGES = (
         "motion",
         "pipelines.experiments.dic_validation.measured:motion",
         ("track", "file:camera"),
-        ("view", "measured_on"),
+        ("view", "measured_on", "camera_distance"),
         schema="film_motion",
         summary="pixels to metres, with uncertainty",
     ),

@@ -18,7 +18,9 @@ from calibration import camera as camera_scale
 from labpipe import imaging, signals
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource
+from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.variables import variable
+from pipelines.experiments.dic_validation import viewing_angle
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 from pipelines.experiments.shared.film_frames import key_frames, open_film, recorded_on
 
@@ -145,16 +147,17 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
             "on the speckled holder that stays in the image while it falls"
         )
         raise InputError(message)
-    time = variable("time", track["time"].values, "s", "time in the film")
-    result = xr.Dataset(coords={"time": time})
-    for name, of, text in (
-        ("displacement", "displacement_y", "displacement of the holder, upwards"),
-        ("sideways", "displacement_x", "displacement of the holder to the right"),
-        ("rotation", "rotation", "rotation of the holder, clockwise in the image"),
+    found = viewing_angle.seen(body, settings.camera_distance)
+    along, noise = viewing_angle.along(body, found)
+    result = xr.Dataset(coords={"time": variable("time", track["time"].values, "s", "time in the film")})
+    for name, values, u, text in (
+        ("displacement", along, noise, "displacement of the holder along its motion, upwards"),
+        ("rotation", body["rotation"].values, body["u_rotation"].values, "rotation of the holder, clockwise"),
     ):
-        units = body[of].attrs["units"]
-        result[name] = variable("time", body[of].values, units, text)
-        result[f"u_{name}"] = variable("time", body[f"u_{of}"].values, units, f"standard uncertainty (random): {text}")
+        units = "rad" if name == "rotation" else "m"
+        result[name] = variable("time", values, units, text)
+        result[f"u_{name}"] = variable("time", u, units, f"standard uncertainty (random): {text}")
+    result = result.assign(found.variables())
     if moved.sizes["point"] > 1:
         line = moved["displacement_y"].isel(point=slice(1, None)).values
         scatter = np.full(len(line), np.nan)
@@ -163,7 +166,12 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
         result["line_scatter"] = variable("time", scatter, "m", "standard deviation along the line of subsets")
     for name in ("pixel_size", "u_pixel_size"):
         result[name] = moved[name]
-    result.attrs = {key: moved.attrs[key] for key in ("u_systematic_relative", "budget", "calibration")}
+    size, travel = float(moved["pixel_size"]), float(np.nanmax(np.abs(along)))
+    sources = [Source(*(row[key] for key in Source._fields)) for row in json.loads(moved.attrs["budget"])]
+    sources += viewing_angle.sources(found, travel, size)
+    result.attrs["u_systematic_relative"] = combined_uncertainty(sources) / size
+    result.attrs["budget"] = json.dumps(budget_rows(sources))
+    result.attrs["calibration"] = moved.attrs["calibration"]
     return result
 
 

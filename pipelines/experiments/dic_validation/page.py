@@ -25,7 +25,9 @@ from labpipe.report import (
     quantity,
     value_with_uncertainty,
 )
+from labpipe.units import Quantity
 from labpipe.workflow.context import Context
+from pipelines.experiments.dic_validation import viewing_angle
 from pipelines.experiments.dic_validation.budget import quantities
 from pipelines.experiments.dic_validation.comparison import rows as compared_rows
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
@@ -73,7 +75,7 @@ def page(
     if track is not None:
         sections.append(_tracking(track, motion))
     if motion is not None:
-        sections.append(_calibration(motion))
+        sections.append(_calibration(motion, settings))
     if motion is not None:
         found = quantities(motion, comparison, settings=settings)
         sections += budget_blocks.section(context.experiment, found)
@@ -203,14 +205,15 @@ def _draw_masks(canvas: NDArray[np.uint8], key: xr.Dataset, tracking: Tracking, 
             cv2.polylines(canvas, [np.rint(corners * scale + half).astype(np.int32)], True, colour, 2, cv2.LINE_AA)
 
 
-def _calibration(motion: xr.Dataset) -> Section:
+def _calibration(motion: xr.Dataset, settings: DicValidation) -> Section:
     blocks: list[Block] = [
         pages.calibration_rows(motion.attrs["calibration"]),
         KeyValues(
             [
                 ("length of one pixel", _value(motion, "pixel_size"), "in the plane of the holder"),
+                *camera_angle(motion, settings.camera_distance),
                 (
-                    "relative uncertainty of the scale",
+                    "relative uncertainty of a displacement's scale",
                     f"{float(motion.attrs['u_systematic_relative']) * 100:.3f} %",
                     "the same for every frame",
                 ),
@@ -219,6 +222,28 @@ def _calibration(motion: xr.Dataset) -> Section:
         *budget_table(json.loads(motion.attrs["budget"]), "Budget of the image scale", "m/px"),
     ]
     return pages.folded("Calibration and its uncertainty", "Record and what follows from it", blocks)
+
+
+def camera_angle(motion: xr.Dataset, distance: Quantity | None) -> list[tuple[str, str, str]]:
+    """Rows of what the film shows of how the camera stands to the motion."""
+    direction, u_direction, tilt, u_tilt = (
+        math.degrees(float(motion[name])) for name in ("direction", "u_direction", "tilt", "u_tilt")
+    )
+    if not math.isfinite(direction):
+        return [("camera's angle to the motion", "not told", "nothing moves far enough")]
+    is_turned = abs(direction) < math.degrees(viewing_angle.STRAIGHT)
+    used = "displacements are along it" if is_turned else "too far from them for a turned camera; not used"
+    shown = value_with_uncertainty(direction, u_direction, "deg")
+    rows = [("motion, to the image's columns", shown, f"positive to the right of upwards; {used}")]
+    if not float(motion["slant"]):
+        return [*rows, ("tilt of the camera", "none seen", "the holder does not grow or shrink as it moves")]
+    usual = quantity(viewing_angle.USUAL_DISTANCE, "m")
+    used = f"for a distance of {usual}; not corrected: state camera_distance in session.toml"
+    if distance is not None:
+        used = f"for a distance of {quantity(distance.value, 'm')}; displacements are divided by its cosine"
+    tilt_row = ("tilt of the camera, up or down", value_with_uncertainty(tilt, u_tilt, "deg"), used)
+    grown = 0.1 * float(motion["growth"])
+    return [*rows, tilt_row, ("growth of the holder's image", f"{grown:.3g} % per mm", "along its motion, as it rises")]
 
 
 def _motion(

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from labpipe.workflow.config import POSITIVE, ExperimentName, File, Frequency, Range
+from labpipe.workflow.config import POSITIVE, ExperimentName, File, Frequency, Length, Range
 from pipelines.experiments.shared.settings import Table
 
 Pixel = Annotated[float, Range(at_least=-1e5, at_most=1e5)]
@@ -40,7 +40,8 @@ class DicValidation(Table, frozen=True, kw_only=True):
     """A film of the holder, and the ball drop whose laser saw the same motion another day.
 
     ``camera`` is the calibration record of the film's ``view``. ``frame_rate`` is needed for
-    exported images, which hold no time. ``measured_on`` is the day of the
+    exported images, which hold no time. ``camera_distance`` is that of the lens from the holder: with it,
+    the length that is lost by looking up or down at the motion is known. ``measured_on`` is the day of the
     film, for the validity of the record; by default that of its trigger.
     """
 
@@ -51,4 +52,5 @@ class DicValidation(Table, frozen=True, kw_only=True):
     laser_experiment: ExperimentName | None = None
     measured_on: date | None = None
     frame_rate: Annotated[Frequency, POSITIVE] | None = None
+    camera_distance: Annotated[Length, POSITIVE] | None = None
     tracking: Tracking = Tracking()

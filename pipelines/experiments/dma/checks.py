@@ -15,6 +15,7 @@ from labpipe.judging import DOUBTFUL, Check, Level, bounded, compared, not_made,
 from labpipe.materials import isothermal_runs, modulus_factor, trusted_tables
 from labpipe.report import quantity, value_with_uncertainty
 from labpipe.workflow.context import Context
+from pipelines.experiments.dma.measured import strain_of
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import judgements
 from pipelines.experiments.shared.judgements import Scene
@@ -46,6 +47,8 @@ _NEAR = 0.6  # K from a set temperature
 _FEW = 20  # readings; more of them with one and the same temperature were not read from a sensor
 _CONSTANT = 1.0  # K within which all temperatures are one
 _FEW_LASTS = 5  # readings of an interval that tell how long one takes
+_LAG = 5.0  # K by which a specimen may follow the air while that is heated steadily
+_OF_SWEEPS = 0.05  # decades, by which a heated specimen's modulus may differ from that of the isotherms besides
 _FEW_ROWS, _MOST = 4, 0.6  # readings, and share of them at one temperature, that make an isothermal interval
 _FOREIGN, _TORN = 0.25, 1.5
 """Share of the span of the shifts by which a table may differ, and times that residuals may grow:
@@ -134,6 +137,7 @@ def judgement(
             _causal(export, own),
             _rising(export, own),
             _pasted(export, own),
+            _heated(export, own),
         ]
     isotherms = sorted((s for own in found for s in own), key=lambda s: s.temperature)
     checks += [
@@ -407,11 +411,10 @@ def _signs(export: _Export) -> Check:
 def _mode(export: _Export, settings: Dma) -> Check:
     """Hold the mode against the heading of the strain, where the export has one that tells."""
     name, law = "mode of loading", "what was loaded in torsion has a shear strain"
-    text = str(export.data.attrs.get("tests", "")).lower()
-    is_shear, is_pulled = "shear strain" in text, "extensional strain" in text or "tensile strain" in text
-    if is_shear == is_pulled:
+    seen = strain_of(export.data)
+    if not seen:
         return not_made(name, law, "a heading that says shear or extensional strain")
-    seen = "shear" if is_shear else "extensional"
+    is_shear = seen == "shear"
     expects_shear = settings.mode in ("shear", "torsion")
     message = f'{export.name} has a column "{seen} strain", session.toml says mode = "{settings.mode}"'
     should = "torsion or shear" if is_shear else "tension or bending"
@@ -733,6 +736,52 @@ def _one_place(isotherms: Sequence[_Sweep]) -> Check:
     level: Level | None = None if not is_apart else "doubtful" if beyond > _AGED else "note"
     cause = f"the temperature of {a.place} or {b.place} is wrong, or the specimen changed between them"
     return stated(name, law, text, level, cause=cause, file=a.export.name)
+
+
+def _heated(export: _Export, isotherms: Sequence[_Sweep]) -> Check:
+    """Hold the readings between the isotherms, such as of a temperature sweep, against the isotherms."""
+    name, law = "temperature sweep", "while it is heated a specimen has the moduli of its isotherms"
+    taken = {int(row) for sweep in isotherms for row in sweep.rows}
+    rest = np.array([row for row in np.flatnonzero(export.good) if row not in taken], int)
+    sound = [s for s in isotherms if (s.values("storage_modulus") > 0).all() and (s.values("frequency") > 0).all()]
+    T, f, G = (np.asarray(export.data[n].values[rest], float) for n in ("temperature", "frequency", "storage_modulus"))
+    if rest.size < _FEW_ROWS or len(sound) < 3 or not ((G > 0).all() and (f > 0).all()):
+        return not_made(name, law, "a temperature sweep beside isotherms")
+    sound.sort(key=lambda sweep: sweep.temperature)
+    at = np.array([s.temperature for s in sound])
+    logs = [(np.log(s.values("frequency")), np.log10(s.values("storage_modulus"))) for s in sound]
+    seen = np.array([max(x[0] for x, _ in logs), min(x[-1] for x, _ in logs)])
+
+    def apart(temperature: Floats) -> float:
+        """Return by how much, of what is allowed, the median reading leaves the isotherms."""
+        inside = (
+            (temperature > at[0]) & (temperature < at[-1]) & (np.log(f) > seen[0] - 0.01) & (np.log(f) < seen[1] + 0.01)
+        )
+        if inside.sum() < _FEW_ROWS:
+            return np.inf
+        gaps = []
+        for t, x, y in zip(temperature[inside], np.log(f[inside]), np.log10(G[inside]), strict=True):
+            levels = [np.interp(x, *log_) for log_ in logs]
+            slopes = np.abs(np.diff(levels) / np.diff(at))
+            place = min(max(int(np.searchsorted(at, t)) - 1, 0), slopes.size - 1)
+            steepest = float(slopes[max(place - 1, 0) : place + 2].max())
+            gaps.append(abs(y - np.interp(t, at, levels)) / (_OF_SWEEPS + _LAG * steepest))
+        return float(np.median(gaps))
+
+    own = apart(T)
+    units = {"°F under °C": (T - 32.0) / 1.8, "K under °C": T - 273.15}
+    meant = next((unit for unit, value in units.items() if apart(value) < 1.0), "")
+    text = f"{export.place(int(rest[0]))}: {rest.size} readings of a temperature sweep"
+    if own == np.inf and not meant:
+        return not_made(name, law, "a temperature sweep over the temperatures of the isotherms")
+    if own <= 1.0:
+        return stated(name, law, f"{text} agree with the isotherms", None, file=export.name)
+    cause = (
+        f"the temperatures of the sweep are in {meant}"
+        if meant
+        else "the temperatures of the sweep are wrong, it was heated too fast, or the specimen was clamped anew"
+    )
+    return stated(name, law, f"{text} are not those of the isotherms", "doubtful", cause=cause, file=export.name)
 
 
 def _steepest(isotherms: Sequence[_Sweep]) -> float:

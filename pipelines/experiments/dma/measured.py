@@ -61,6 +61,22 @@ def _stated(path: Path, settings: Dma) -> float | None:
     return settings.temperatures[at].value
 
 
+def strain_of(readings: xr.Dataset) -> str:
+    """Return which strain an export has a column of: ``"shear"``, ``"extensional"``, or ``""`` where it does not say.
+
+    Examples
+    --------
+    >>> strain_of(xr.Dataset(attrs={"tests": '[{"columns": ["Shear Strain"]}]'}))
+    'shear'
+    """
+    text = str(readings.attrs.get("tests", "")).lower()
+    found = ("shear" * ("shear strain" in text), "extensional" * any(w in text for w in _PULLED))
+    return "" if all(found) else "".join(found)
+
+
+_PULLED = ("extensional strain", "tensile strain")
+
+
 def gathered(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
     """Gather the isothermal sweeps of all exports."""
     options = settings.sweeps

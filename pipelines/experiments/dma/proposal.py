@@ -13,6 +13,7 @@ import xarray as xr
 import instruments
 from labpipe.errors import LabpipeError
 from pipelines.experiments._kind import Found, Proposed
+from pipelines.experiments.dma.measured import strain_of
 from pipelines.experiments.dma.settings import MODES
 from pipelines.experiments.shared import proposals
 from pipelines.experiments.shared.proposals import GAP
@@ -33,7 +34,9 @@ def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
     held = [name for name, table in tables.items() if set(map(str, table.data_vars)) >= _NEEDED]
     for key, files in proposals.grouped(held, stem):
         lacks = ["temperature" not in tables[name] for name in files]
-        yield Proposed(key, tuple(files), partial(_text, found, files, any(lacks)))
+        strains = {strain_of(tables[name]) for name in files}
+        strain = strains.pop() if len(strains) == 1 else ""
+        yield Proposed(key, tuple(files), partial(_text, found, files, any(lacks), strain))
 
 
 def _is_isotherm(table: xr.Dataset) -> bool:
@@ -50,11 +53,11 @@ def _table(path: Path) -> xr.Dataset | None:
     return found if isinstance(found, xr.Dataset) else None
 
 
-def _text(found: Found, files: Sequence[str], lacks_temperature: bool, name: str) -> str:
+def _text(found: Found, files: Sequence[str], lacks_temperature: bool, strain: str, name: str) -> str:
     return f"""[experiments.{name}]
 kind = "dma"
 rheometer = {proposals.listed(files)}
-{mode_line(name)}
+{mode_line(name, strain)}
 nu = "{GAP}"  # Poisson's ratio, e.g. "0.35 ± 0.02"{_temperature(files) if lacks_temperature else ""}
 # T_ref = "20 degC"  # of the master curve; by default the middle temperature\
 {_published(found, files[0])}"""
@@ -73,12 +76,26 @@ def _temperature(files: Sequence[str]) -> str:
     return f"\ntemperatures = [{quoted}]  # of each file, in their order; {source}"
 
 
-def mode_line(name: str) -> str:
-    """Return the line of the mode, from a file's name where it tells."""
+def mode_line(name: str, strain: str) -> str:
+    """Return the line of the mode, from a file's name where it tells, else from its column of strain.
+
+    Parameters
+    ----------
+    name : str
+        Of the experiment.
+    strain : {"shear", "extensional", ""}
+        As the export names its strain.
+    """
     known = next((m for m in MODES if m in name.lower()), None)
-    if known is None:
-        return f'mode = "{GAP}"  # {", ".join(MODES[:-1])} or {MODES[-1]}; the file does not say it'
-    return f'mode = "{known}"  # proposed from the file name'
+    if known is not None:
+        return f'mode = "{known}"  # proposed from the file name'
+    if strain:
+        mode, other = _MODES_OF[strain]
+        return f'mode = "{mode}"  # or {other}, which converts alike: the file has a column "{strain} strain"'
+    return f'mode = "{GAP}"  # {", ".join(MODES[:-1])} or {MODES[-1]}; the file does not say it'
+
+
+_MODES_OF = {"shear": ("shear", "torsion"), "extensional": ("tension", "bending")}
 
 
 def _published(found: Found, sweep: str) -> str:

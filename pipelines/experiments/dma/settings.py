@@ -10,7 +10,7 @@ from pipelines.experiments.shared.settings import Table
 
 Mode = Literal["tension", "bending", "shear", "torsion"]
 MODES: tuple[str, ...] = get_args(Mode)
-"""What a rheometer loads; the file does not tell."""
+"""What a rheometer loads; the file tells at most whether it strains in shear."""
 
 
 class Export(Table, frozen=True, kw_only=True):
@@ -84,7 +84,7 @@ class Published(Table, frozen=True, kw_only=True):
 class Dma(Table, frozen=True, kw_only=True):
     """Exports of one specimen: of an Anton Paar rheometer, or tables of another analyser.
 
-    ``mode`` says what was loaded; the file does not tell tension from shear. Moduli are taken to
+    ``mode`` says what was loaded; few files tell tension from shear. Moduli are taken to
     tension, for shear by E = 2 (1 + ν) G. ``nu`` goes on with the material. ``T_ref`` is the
     temperature of the master curve; by default the middle isotherm. ``scale`` is what all moduli are
     to be multiplied by; its uncertainty is that of the specimen's dimensions (in torsion a bar's

@@ -1,7 +1,7 @@
 """Whether relaxation tests can be believed: commands, columns, cell, punch, and how they compare."""
 
 from collections.abc import Sequence
-from math import hypot, log
+from math import exp, hypot, log
 
 import numpy as np
 import xarray as xr
@@ -15,10 +15,13 @@ from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import judgements, mach1_checks
 from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS
 from pipelines.experiments.shared.judgements import Scene
+from pipelines.experiments.shared.mach1_checks import RATIO
 from pipelines.experiments.shared.ramps_and_holds import Hold, find, mean_force, relative_gain
 
 _SHARES = (0.3, 0.9)  # of the shortest hold, between which relaxations are held against each other
 _NON_LINEAR = 0.03  # by which late over early force may differ from depth to depth
+_OF_DEPTHS = log(1.5)
+"""By which forces over those of the model may differ from depth to depth: layers, rough tips, a touch found late."""
 _FAILED = {
     "readings": "the file is not what the session says, or was not copied whole",
     "loads": "the file, or the record of its load cell, does not belong to this test",
@@ -42,12 +45,14 @@ def judgement(
     files = settings.mach1
     checks: list[Check] = []
     relative = 0.0
+    ratios: list[tuple[str, float]] = []
     for number, name in enumerate(files):
         read, load, ramp, compared = (_at(r, number) for r in (readings, loads, ramps, comparison))
         found = _of_file(name, read, load, ramp, compared, settings)
         causes: list[Cause] = []
         if read is not None and any(check.level for check in found):
             causes = list(mach1_checks.causes(name, read, settings.punch, settings.load_cell, found))
+        ratios += [(name, check.log_ratio) for check in found if check.name == RATIO and np.isfinite(check.log_ratio)]
         # what is wrong with one file does not show in the others
         checks += judge(mach1_checks.weighed(found), causes).checks
         relative = relative if load is None else relative_gain(load)
@@ -55,7 +60,7 @@ def judgement(
     if known is not None:
         checks += mach1_checks.of_cell(settings.load_cell, known)
     if not any(check.level == "impossible" for check in checks):
-        checks.append(_alike(files, loads or ()))
+        checks += [_alike(files, loads or ()), _one_specimen(ratios)]
     if mach1_checks.knows_depth(checks):
         deepest = _deepest(ramps)
         checks += mach1_checks.of_punch(settings.punch, settings.substrate, settings.model, deepest)
@@ -101,6 +106,26 @@ def _alike(files: Sequence[str], loads: Sequence[xr.Dataset | None]) -> Check:
         "linear at these depths"
     )
     return Check(name, law, text, level, gap / u, cause=cause if level else "", file=file)
+
+
+def _one_specimen(ratios: Sequence[tuple[str, float]]) -> Check:
+    """Hold the forces of the files, each over that of the model at its depth, against each other."""
+    name, law = "force at other depths", "one punch in one specimen: measured over simulated force is one number"
+    if len(ratios) < 2:
+        return not_made(name, law, "two files, and a model")
+    logs = np.array([ratio for _, ratio in ratios])
+    worst = int(np.argmax(np.abs(logs - np.median(logs))))
+    others = float(np.mean(np.delete(logs, worst)))
+    gap, file = float(logs[worst]) - others, ratios[worst][0]
+    text = f"{file}: {exp(logs[worst]):.3g} times the simulated force, {exp(others):.3g} times in the others"
+    level: Level | None = "impossible" if abs(gap) > log(3.0) else "doubtful" if abs(gap) > _OF_DEPTHS else None
+    cause = (
+        f"the forces of {file} are {exp(gap):.3g} times too large: its scale, the specimen, the punch or the position "
+        "of first touch is another than in the other files"
+    )
+    if len(ratios) == 2 and level:
+        cause = f"the scale, the specimen or the punch of {ratios[0][0]} and {ratios[1][0]} are not the same"
+    return Check(name, law, text, level, gap / _OF_DEPTHS * DOUBTFUL, cause=cause if level else "", file=file)
 
 
 def _hold(loads: xr.Dataset) -> Hold | None:

@@ -335,7 +335,7 @@ def contact_duration(fall: Fall, radius: float, mass: float, stiffness: Stiffnes
         return replace(check, cause=cause) if check.level else check
     expected = hertz(stiffness.modulus)
     message = (
-        f"{fall.name}: {shown(seen, own, 's')} seen, about {quantity(expected, 's')} expected "
+        f"{fall.name}: the first contact lasts {shown(seen, own, 's')}, about {quantity(expected, 's')} is expected "
         "for the stated sphere and material"
     )
     gap, u = float(np.log(seen / expected)), hypot(own / seen, stiffness.u_duration)
@@ -350,7 +350,7 @@ def contact_duration(fall: Fall, radius: float, mass: float, stiffness: Stiffnes
 def of_body(gap: float, u: float, radius: float, mass: float) -> tuple[str, str]:
     """Say what a contact that is too short or too long tells of the body, and its setting.
 
-    By Hertz t goes with m^0.4 R^-0.2: slips of a unit or a decimal in one of the two, else the
+    By Hertz t goes with m^0.4 R^-0.2 E*^-0.4: slips of a unit or a decimal in one of the two, else the
     mass that explains it, where the stiffness is known well enough.
 
     Parameters
@@ -377,7 +377,8 @@ def of_body(gap: float, u: float, radius: float, mass: float) -> tuple[str, str]
         setting = "sphere.mass"
         said = f"the moving mass is probably about {quantity(mass * exp(2.5 * gap), 'kg')}"
     stands = quantity(mass, "kg") if setting == "sphere.mass" else quantity(radius, "m")
-    return f"{said}, not {stands} ({setting} in session.toml); or the sphere is of another material", setting
+    stiffer = f"or the sphere's material is about {exp(-2.5 * gap):.2g} times as stiff as stated"
+    return f"{said}, not {stands} ({setting} in session.toml); {stiffer}", setting
 
 
 def _is_body(radius: float, mass: float) -> bool:

@@ -296,19 +296,21 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
     shown = "" if worst is None else f" Largest of {_many(known, 'deviation')}: {_compared(worst)}."
     # A film is laid against the laser, no model.
     by = "model" if not known or any(r.against == "model" for r in known) else known[0].against
+    believable = "The record is believable" if made else "Whether the record is believable is not known"
     if model == "agrees":
-        return "ok", f"The {by} agrees with the measurement; {checks}.{shown}"
+        return "ok", f"{believable}, and the {by} agrees with it; {checks}.{shown}"
     if model == "differs":
         p = float(result["p"])
         explained = "".join(f" {_capital(text)}." for text in json.loads(result.attrs.get("suspects", "[]")))
         return (
             "warning",
-            f"The {by} differs from the measurement (p = {p:.1g}, largest deviation "
+            f"{believable}, but the {by} differs from it (p = {p:.1g}, largest deviation "
             f"{float(result['largest_deviation']):.1f} u); {checks}.{shown}{explained}",
         )
     if model == "undecided":
-        return "info", f"Whether the {by} agrees is undecided; {checks}.{shown} {_capital(_undecided(result))}."
-    return "ok" if made else "info", f"{_capital(checks)}; there is no model to compare with."
+        undecided = f"whether the {by} agrees is undecided"
+        return "info", f"{believable}; {undecided}; {checks}.{shown} {_capital(_undecided(result))}."
+    return "ok" if made else "info", f"{believable}: {checks}. There is no model to compare with."
 
 
 def _undecided(result: xr.Dataset) -> str:

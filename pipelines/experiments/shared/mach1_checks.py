@@ -23,6 +23,7 @@ from labpipe.arrays import Floats
 from labpipe.contact.line import westergaard
 from labpipe.judging import Cause, Check, Level, bounded, compared, not_made, stated
 from labpipe.report import quantity
+from labpipe.signals import quantisation_step
 from pipelines.experiments.shared import mach1_readings, mach1_traces
 from pipelines.experiments.shared.punch_settings import IndentationModel, LoadCell, Punch, Substrate
 from pipelines.experiments.shared.ramps_and_holds import RELAXATION
@@ -35,11 +36,13 @@ RATIO, SCALE = "force for the named material", "scale of the cell"
 SIGN, FALL, PHASE = "sign of the stiffness", "fall of the force in the hold", "phase lag"
 LATE = "force after the ramp"
 STAGE, DIRECTION = "position within the stage", "direction of the motion"
+RESOLVED, CALIBRATED, AXES = "resolution of the position", "date of the cell", "axes"
 DELAY, SWAPPED = "delay of the filter", "order of the columns"
 
 _SINUSOID, _APPROACH = "Sinusoid", "Find Contact"
 _STAGE = {AMPLITUDE: 0.3, FREQUENCY: 0.05, TRAVEL: 0.05, SPEED: 0.25, APPROACH: 0.25, HOLD: 0.1}
 """By how much, relative, a stage may miss its command: eases, lags, brakes."""
+_COARSE = 0.03  # of a motion, that a position resolves at least
 _SETTLED = 0.3  # s after a ramp within which the filter of the cell settles
 _LATE = 0.5  # s by which a hold, or a clock, may be off
 _SWAPPED_BY = 0.3  # relative, within which the other column holds the declared motion
@@ -139,6 +142,9 @@ def of_file(name: str, readings: xr.Dataset) -> list[Check]:
         _living(name, blocks),
         _saturated(name, blocks),
         _capacity(name, blocks),
+        _calibrated(name, blocks),
+        _axes(name, blocks),
+        _resolved(name, blocks),
         *mach1_traces.checks_of([_trace(name, part) for part in blocks]),
     ]
 
@@ -500,6 +506,46 @@ def _capacity(name: str, blocks: Sequence[Part]) -> Check:
         return check
     cause = f"the column of the force is in gf or mN, not in N (header of the columns, line {part.header_line})"
     return replace(check, cause=cause)
+
+
+def _calibrated(name: str, blocks: Sequence[Part]) -> Check:
+    law = "a cell is calibrated before it measures"
+    part = blocks[0]
+    lines = dict(text.partition(":")[::2] for text in part.header["info_lines"])
+    told, began = lines.get("Load Cell Calibration Date", "").strip(), str(part.header.get("start") or "")
+    if not (re.fullmatch(r"\d{4}-\d{2}-\d{2}", told) and began):
+        return not_made(CALIBRATED, law, "dates of the test and of the cell's calibration")
+    text = f"{name}: tested on {began[:10]} with a cell calibrated on {told}"
+    level: Level | None = "doubtful" if told > began[:10] else None
+    line = _info_line(part, "Load Cell Calibration Date")
+    cause = f"the tester's clock, or the date of the calibration (line {line}), is wrong" if level else ""
+    return stated(CALIBRATED, law, text, level, cause=cause, file=name, line=line)
+
+
+def _axes(name: str, blocks: Sequence[Part]) -> Check:
+    law = "what a command moves and listens to is what the columns hold"
+    for part in blocks:
+        for key, column in (("Stage Axis", "Position (z)"), ("Load Cell Axis", "Fz")):
+            said = part.text(key)
+            if said and not said.strip().lower().rstrip(")").endswith("z"):
+                text = f"{name}, block {part.number + 1}: {key.lower()} {said}, read is the column {column}"
+                cause = f"the command used another axis, or its header was edited (line {part.line})"
+                return stated(AXES, law, text, "doubtful", cause=cause, file=name, line=part.line)
+    return stated(AXES, law, f"{name}: commands and columns have one axis", None, file=name)
+
+
+def _resolved(name: str, blocks: Sequence[Part]) -> Check:
+    law = "a position resolves the motion that it measures"
+    coarse = (0.0, blocks[0])
+    for part in (p for p in blocks if p.function in (_SINUSOID, RELAXATION)):
+        x = part.position[np.isfinite(part.position)]
+        if np.unique(x).size > 1:
+            coarse = max(coarse, (float(quantisation_step(x)) / float(np.ptp(x)), part), key=lambda each: each[0])
+    step, part = coarse
+    text = f"{name}, block {part.number + 1}: the steps of the position are {step:.1%} of the motion"
+    level: Level | None = "doubtful" if step > _COARSE else None
+    cause = "the file was written, or saved again by a spreadsheet, with too few decimals" if level else ""
+    return stated(RESOLVED, law, text, level, cause=cause, file=name, line=part.header_line)
 
 
 def of_cell(load_cell: LoadCell, loads: xr.Dataset) -> list[Check]:

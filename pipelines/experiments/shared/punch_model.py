@@ -146,24 +146,18 @@ def simulated(
     depth = loads["position_z"].values - touch.value
     kept = mach1_readings.history(time, depth)
 
-    def run(shift: float) -> xr.Dataset:
-        return contact.indent(
-            solid,
-            geometry.radius.value,
-            geometry.period.value,
-            geometry.depth.value * geometry.tips,
-            time[kept],
-            depth[kept] - shift,
-            profile=geometry.model.profile,
-            thickness=geometry.thickness,
-            elements=geometry.model.elements,
-        )
-
-    made = run(0.0)
+    made = contact.indent(
+        solid,
+        geometry.radius.value,
+        geometry.period.value,
+        geometry.depth.value * geometry.tips,
+        time[kept],
+        depth[kept],
+        profile=geometry.model.profile,
+        thickness=geometry.thickness,
+        elements=geometry.model.elements,
+    )
     force = np.interp(time, time[kept], made["force"].values)
-    shift = max(touch.u, _LEAST_SHIFT)
-    moved = np.interp(time, time[kept], run(shift)["force"].values)
-    u_touch = np.abs(moved - force) * touch.u / shift
     deepest = float(depth.max())
     relative = combined_uncertainty(relative_sources(deepest, 0.0, geometry)) if deepest > 0 else 0.0
     attrs = {key: str(made.attrs[key]) for key in ("solver", "solver_reason", "datum")}
@@ -171,25 +165,24 @@ def simulated(
     work.pop("seconds", None)  # the clock has no place in a stored result
     work |= {"history_samples": int(kept.size), "history_samples_total": int(time.size)}
     area = elastic_force(depth[kept], geometry)
-    of_solid = np.array(
-        [
-            np.interp(time, time[kept], change)
-            for change in _changes(time[kept], area, solid, others) / (1.0 - geometry.nu**2)
-        ]
-    ).reshape(-1, time.size)
-    return force, np.hypot(u_touch, relative * force), of_solid, attrs | {"work": json.dumps(work)}
+    best = _superposed(time[kept], area, solid)
 
+    def change(area: Floats, solid: Prony, u_per_step: float) -> Floats:
+        made = (_superposed(time[kept], area, solid) - best) * u_per_step / (1.0 - geometry.nu**2)
+        return np.interp(time, time[kept], made)
 
-def _changes(time: Floats, area: Floats, solid: Prony, others: Mapping[str, Variation]) -> Floats:
-    """Return the change (variation, sample) of the force with every uncertainty of the solid.
-
-    By Lee and Radok's superposition of elastic forces, J. Appl. Mech. 27 (1960) 438,
-    doi:10.1115/1.3644020: exact while the contact grows, and close enough for an uncertainty while it
-    recedes a little.
-    """
-    best = _superposed(time, area, solid)
-    made = [(_superposed(time, area, other.solid) - best) * (other.given.u / other.change) for other in others.values()]
-    return np.array(made).reshape(-1, time.size)
+    # By Lee and Radok's superposition of elastic forces, J. Appl. Mech. 27 (1960) 438,
+    # doi:10.1115/1.3644020: exact while the contact grows, and close enough for an uncertainty while
+    # it recedes a little.
+    shift = max(touch.u, _LEAST_SHIFT)
+    u_touch = change(elastic_force(depth[kept] - shift, geometry), solid, touch.u / shift)
+    of_solid = np.array([change(area, other.solid, other.given.u / other.change) for other in others.values()])
+    return (
+        force,
+        np.hypot(u_touch, relative * force),
+        of_solid.reshape(-1, time.size),
+        attrs | {"work": json.dumps(work)},
+    )
 
 
 def _superposed(time: Floats, area: Floats, solid: Prony) -> Floats:

@@ -128,6 +128,7 @@ SCENES: dict[str, tuple[Disturbed, Callable[[Floats, float], Floats], float]] = 
         hertz,
         0.02,
     ),
+    "saturated centre": (replace(PLAIN, optics=OPTICS.change(mean=150.0, phase=5.8)), hertz, 0.015),
     "saturated": (replace(PLAIN, optics=OPTICS.change(mean=170.0)), hertz, 0.01),
 }
 

@@ -43,7 +43,11 @@ def test_a_frame_is_refitted_from_its_own_fit_unless_that_is_a_poor_one(monkeypa
     reader = SimpleNamespace(whole=lambda index: index)
     result = SimpleNamespace(view=view, blanks={})
     fits = {i: SimpleNamespace(parameters=np.zeros(len(Parameter))) for i in (0, 1, 2)}
-    found = _every_frame._refit(reader, result, np.ones(4, bool), fits)
+    found = _every_frame._refit(reader, result, np.ones(4, bool), fits, stays_blank=False)
     assert found[0].of == 0
     assert [found[i] for i in (1, 2, 3)] == ["searched 1", "searched 2", "searched 3"]
     assert result.blanks == {}
+    # with all rings where they were, what held no contact is not searched again
+    result.blanks = {3: "even"}
+    found = _every_frame._refit(reader, result, np.ones(4, bool), fits, stays_blank=True)
+    assert (sorted(found), result.blanks) == ([0, 1, 2], {3: "even"})

@@ -288,6 +288,22 @@ def test_repeated_temperature_keeps_two_shifts_and_says_so(maxwell_truth):
     assert abs(first - second) > 0
 
 
+@pytest.mark.slow
+def test_curves_hold_to_what_repeats_tell_of_the_thermometer(maxwell_truth):
+    """The sweeps on either side of the reference are as wrong in temperature as those that were repeated."""
+    base = np.linspace(-20.0, 100.0, 9)
+    nominal = np.append(base, base[[2, 4, 6]])
+    inside = []
+    for seed in range(10):
+        actual = nominal + 0.3 * np.random.default_rng((14, seed)).standard_normal(nominal.size)
+        sweeps = replace(maxwell_truth, temperature=tuple(actual)).sweeps(seed)
+        curve = quiet(sweeps.assign_coords(temperature=nominal), T_ref=60.0).curve
+        modulus = maxwell_truth.modulus(2.0 * np.pi * curve["reduced_frequency"].values)
+        for name, true in (("storage", modulus.real), ("loss", modulus.imag)):
+            inside.append(np.mean(np.abs(curve[name] - true) < 1.96 * curve[f"u_{name}"]))
+    assert np.mean(inside) > 0.85  # 0.80 with the reference taken to be where it was asked for
+
+
 def test_same_temperature_throughout_is_no_master_curve_but_fits(maxwell_truth):
     same = xr.concat([maxwell_truth.sweeps(seed).isel(temperature=[4]) for seed in range(3)], "temperature")
     with pytest.warns(UserWarning, match="measured more than once"):

@@ -25,8 +25,8 @@ LOOK_UP, READ = 5.0, 10.0
 """s, assumed: a value in the notebook, a part of the page."""
 
 SPECIMEN = {"radius": "9,525 ± 0,005", "mass": "505 ± 0,5 g", "temperature": "20 ± 0,5"}
-LASER = {"who": "Maria", "how": "Mikrometer", "inclination": "12 ± 0,1°"}
-RHEOMETER = {"mode": "tension", "Poisson's ratio ν": "0,35 ± 0,02"}
+LASER = {"by": "Maria", "how": "Mikrometer", "inclination of": "12 ± 0,1°"}
+RHEOMETER = {"Poisson's ratio ν": "0,35 ± 0,02"}
 
 
 @dataclass
@@ -86,7 +86,6 @@ class Mouse:
     def type(self, label: str, text: str, inside: str = "#setup") -> None:
         """Fill a field in, found by how it is called."""
         named = f"e => e.ariaLabel === {json.dumps(label)}"
-        named = f"e => e.ariaLabel === {json.dumps(label)}"
         self.click(f"[...document.querySelectorAll('{inside} [aria-label]')].find({named})")
         self.count.values += 1
         is_choice = self.window.run("document.activeElement.tagName === 'SELECT'")
@@ -126,7 +125,7 @@ def to_verdicts(window: Browser, address: str, *, is_whole: bool = True) -> dict
     for key, text in SPECIMEN.items():
         person.type(f"{key} of the specimen acrylic_dma", text)
     for key, text in LASER.items():
-        person.type(key, text)
+        person.type(f"{key}{' ' if key.endswith('of') else ', '}calibration/laser.toml", text)
     card = "#setup-experiments [data-name=acrylic_dma]"
     for key, text in RHEOMETER.items():
         person.type(key, text, card)

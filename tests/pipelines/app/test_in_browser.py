@@ -118,7 +118,10 @@ def test_two_windows_do_not_overwrite_each_other(window: Browser, page: Page, ra
     window.until("!document.getElementById('files').hidden")
     window.run("show('setup')")
     window.until("document.querySelectorAll('#setup-experiments > li').length === 2")
-    base = page.told("api/session")["base"]
+    told = page.told("api/session")
+    (record,) = told["records"]
+    assert record["used_by"] == ["drop"]
+    base = told["base"]
     place = ["experiments", "drop", "height"]
     page.told(
         "api/write", {"base": base, "edits": [{"op": "set", "file": "session.toml", "place": place, "text": "2 mm"}]}
@@ -202,6 +205,10 @@ def test_two_clicks_and_a_drag_make_a_scale_and_a_subset(
         )
         return left + x + 0.5, top + y + 0.5
 
+    window.run("document.getElementById('measure-tool').value = 'cover'")
+    window.drag(at(300, 150), at(-40, 100))  # let go beyond the border, where the nearest pixel counts
+    assert window.until("stage.from === null && stage.points.length === 2 && stage.points[1][0] === 0")
+    window.run("document.getElementById('measure-tool').value = 'scale'; begin()")
     window.click(*at(62, 150))
     window.click(*at(438, 150))
     text = window.until("stage.result && stage.result.text")

@@ -303,5 +303,5 @@ def test_an_experiment_with_a_gap_and_a_mistake_is_refused_with_both(session_cop
     with pytest.raises(ConfigError) as caught:
         open_session(session_copy)
     told = "\n".join(caught.value.problems)
-    assert "FILL mm" in told
+    assert "height: to be filled in" in told
     assert "materiel" in told

@@ -14,6 +14,7 @@ from instruments import phantom
 from instruments.phantom._writer import Recording
 from labpipe import files, materials
 from labpipe.errors import ConfigError, UsageError
+from labpipe.materials import modulus_factor
 from pipelines.experiments import KINDS, Found
 from pipelines.experiments.dma.proposal import _published, mode_line
 from pipelines.experiments.shared.proposals import without_repeat
@@ -25,6 +26,7 @@ from pipelines.rig.session_text import laser_record
 from pipelines.rig.solids import SOLIDS
 from pipelines.rig.static_loading import StaticRig, write_static
 from pipelines.session import Gap, describe, init, survey
+from pipelines.session._proposal import UNKNOWN, why_unknown
 
 START = datetime(2024, 5, 14, 9, 30)
 
@@ -65,6 +67,15 @@ def test_every_gap_is_listed_and_its_experiment_waits_until_it_is_filled(pile: P
     filled = text.replace('"FILL mm"', '"9.525 mm"').replace('"FILL g"', '"505 g"')
     found.path.write_text(filled, "utf-8")
     assert set(open_session(pile).experiments) == {"acrylic_7mm", "punch_on_nbr"}
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [(b"", "the file is empty"), (bytes(9000), "begins with zeros only"), (bytes(5) + b"x" + bytes(9000), UNKNOWN)],
+)
+def test_a_film_without_content_says_so(tmp_path: Path, content: bytes, said: str) -> None:
+    (tmp_path / "front.cine").write_bytes(content)
+    assert said in why_unknown(tmp_path, "front.cine")
 
 
 @pytest.mark.parametrize("kind", sorted(KINDS))
@@ -285,14 +296,18 @@ def test_every_view_and_day_has_a_camera_record_of_its_own(filmed: Path) -> None
 
 
 @pytest.mark.parametrize(
-    ("name", "line"),
+    ("name", "strain", "line"),
     [
-        ("ptfe_tension", 'mode = "tension"  # proposed from the file name'),
-        ("ptfe", 'mode = "FILL"  # tension, bending, shear or torsion; the file does not say it'),
+        ("ptfe_tension", "shear", 'mode = "tension"  # proposed from the file name'),
+        ("ptfe", "shear", 'mode = "shear"  # or torsion, which converts alike: the file has a column "shear strain"'),
+        ("ptfe", "extensional", 'mode = "tension"  # or bending, which converts alike: the file has a column "ext'),
+        ("ptfe", "", 'mode = "FILL"  # tension, bending, shear or torsion; the file does not say it'),
     ],
 )
-def test_the_mode_of_a_rheometer_is_proposed_from_the_name(name: str, line: str) -> None:
-    assert mode_line(name) == line
+def test_the_mode_of_a_rheometer_is_proposed_from_its_name_or_its_strain(name: str, strain: str, line: str) -> None:
+    assert mode_line(name, strain).startswith(line)
+    assert {modulus_factor(mode, 0.3) for mode in ("shear", "torsion")} == {modulus_factor("shear", 0.3)}
+    assert modulus_factor("tension", 0.3) == modulus_factor("bending", 0.3)
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pipelines.session._verdict_notices import agreement, belief
+from pipelines.session._verdict_notices import agreement, belief, each
 from pipelines.session._verdicts import Verdict
 
 
@@ -15,12 +15,12 @@ def verdicts(**believable: str) -> dict[str, Verdict]:
     [
         ({"a": "yes"}, "ok", "The experiment is believable."),
         ({"a": "yes", "b": "yes"}, "ok", "All 2 experiments are believable."),
-        ({"a": "yes", "b": "unknown"}, "info", "1 of 2 experiments are believable. Not known: b."),
+        ({"a": "yes", "b": "unknown"}, "info", "1 of 2 experiments is believable. Not known: b."),
         ({"a": "doubtful"}, "warning", "0 of 1 experiment is believable. Doubtful: a."),
         (
             {"a": "doubtful", "b": "impossible", "c": "yes", "d": "impossible"},
             "error",
-            "1 of 4 experiments are believable. Impossible: b, d; doubtful: a.",
+            "1 of 4 experiments is believable. Impossible: b, d; doubtful: a.",
         ),
     ],
 )
@@ -60,3 +60,14 @@ def test_agreement_counts_and_names_where_the_model_does_not_agree(
 
 def test_nothing_compared_says_nothing() -> None:
     assert agreement({"a": "none"}) is None
+
+
+def test_what_rests_on_a_doubtful_experiment_sends_there_first() -> None:
+    of = verdicts(drop="doubtful", dma="doubtful", sound="yes")
+    rests_on = {"drop": ("dma",), "dma": (), "sound": ("dma",)}
+    drop, dma, alone = (next(each([n], of, {}, rests_on)).text for n in ("drop", "dma", "sound"))
+    assert drop.endswith("It rests on dma, which is doubtful: see there first.")
+    assert "rests on" not in dma
+    assert alone.endswith("It rests on dma, which is doubtful: see there first.")
+    (without,) = each(["drop"], {"drop": of["drop"]}, {}, rests_on)
+    assert "rests on" not in without.text

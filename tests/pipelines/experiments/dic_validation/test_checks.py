@@ -33,7 +33,10 @@ def recorded(fallen: xr.Dataset, seed: int, noise: float = 2e-7, scale: float = 
     y = scale * (y + noise * random.standard_normal(y.size))
     made = xr.Dataset(coords={"time": variable("time", np.arange(y.size) / rate, "s", "time in the film")})
     made["displacement"] = variable("time", y, "m", "displacement")
-    made["sideways"] = variable("time", noise * random.standard_normal(y.size), "m", "displacement")
+    for name, value in (("direction", 0.0), ("u_direction", 1e-4), ("growth", 0.0), ("tilt", 0.0), ("u_tilt", 0.0)):
+        made[name] = variable((), value, "rad", name)
+    for name, value in (("pixel_size", 7.8e-5), ("u_pixel_size", 7.8e-5 * RELATIVE)):
+        made[name] = variable((), value, "m/px", name)
     return made.assign_attrs(u_systematic_relative=RELATIVE)
 
 
@@ -147,6 +150,27 @@ def test_a_camera_that_is_knocked_is_doubtful(motion, laser):
     told = finding(judged(motion, laser)[0], "level between frames")
     assert (told.level, told.file) == ("doubtful", SETTINGS.film)
     assert "80.0 ms" in told.message
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "check", "level", "cause"),
+    [
+        ("direction", 0.09, "direction of the motion", "note", "turned about its axis"),
+        ("direction", 1.5, "direction of the motion", "doubtful", "turned when it was exported"),
+        ("tilt", 0.1, "tilt of the camera", "note", "state camera_distance"),
+        ("growth", 0.5, "one scale along the motion", "note", "comes closer or goes away"),
+    ],
+)
+def test_a_camera_at_an_angle_is_told_where_it_matters(motion, laser, name, value, check, level, cause):
+    motion[name].values[...] = value
+    told = finding(judged(motion, laser)[0], check)
+    assert (told.level, cause in told.cause) == (level, True)
+
+
+def test_a_small_angle_is_no_finding(motion, laser):
+    for name, value in (("direction", 0.03), ("tilt", 0.04), ("growth", 0.1)):
+        motion[name].values[...] = value
+    assert not judged(motion, laser)[0].findings
 
 
 def test_frames_without_the_holder_are_noted(motion, laser):

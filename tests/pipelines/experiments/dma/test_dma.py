@@ -270,12 +270,14 @@ def test_a_reference_far_outside_is_refused_with_what_to_do(ptfe):
         model.master_curve(sweeps, settings=settings)
 
 
-def test_a_scan_proposes_the_experiment_and_asks_for_the_mode(session):
+def test_a_scan_proposes_the_experiment_with_the_mode_that_its_strain_tells(session):
     (session / "session.toml").unlink()
     found = init(session)
     assert found.experiments == ["ptfe"]
-    assert len(found.gaps) == 2
-    assert 'kind = "dma"' in found.path.read_text("utf-8")
+    assert len(found.gaps) == 1
+    text = found.path.read_text("utf-8")
+    assert 'kind = "dma"' in text
+    assert 'mode = "shear"  # or torsion' in text
 
 
 def test_the_sample_holds_five_materials(tmp_path):

@@ -84,7 +84,7 @@ def test_a_clean_test_is_believed_and_its_stiffness_confirms_the_model(processed
     assert judged.n_made > 15
     assert float(made["detectable"].sel(input="modulus of the rubber")) < 0.1
     page = (processed_session / "labpipe/reports/nbr.html").read_text("utf-8")
-    assert "The model agrees with the measurement; " in page
+    assert "The record is believable, and the model agrees with it; " in page
     assert re.search(r"Largest of \d+ deviations: [\w ,]+: \S+", page)
     assert "Errors that would have shown: " in page
 
