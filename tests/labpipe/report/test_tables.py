@@ -118,5 +118,5 @@ def test_a_table_is_made_of_columns_that_bring_their_cells():
     assert (view.caption, view.sortable) == ("peaks", False)
     assert [(h.title, h.unit) for h in view.headings] == [("impact", ""), ("radius", "µm")]
     assert [[cell.text for cell in row] for row in view.rows] == [["1", "34.0 ± 1.2"], ["2", "36.0 ± 1.1"], ["3", "–"]]
-    with pytest.raises(ValueError, match="shorter"):
+    with pytest.raises(ValueError, match="longer"):
         listed([Listed("a", [1]), Listed("b", [1, 2])])
