@@ -5,7 +5,7 @@ of its comparison; here they become the stage ``judgement`` and the first sectio
 """
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import floor, log10
 from typing import Any, NamedTuple
 
@@ -19,6 +19,7 @@ from labpipe.judging import (
     Cause,
     Check,
     Judgement,
+    Level,
     agreement,
     detectable,
     from_json,
@@ -48,6 +49,8 @@ from labpipe.workflow.context import Context
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.material_choice import is_of_spectrum
 
+_LARGE, _VAGUE = 0.2, 0.05
+"""Of a stated value, beyond which its uncertainty is doubtful, and beyond which it hides a slip of typing."""
 MATTERS = 0.2
 """Relative error of an input that a comparison must be able to show before it can agree."""
 _LINEAR, _FAR = 0.3, 20.0
@@ -95,6 +98,21 @@ class Scene(NamedTuple):
     rows: Sequence[Row] = ()
     inputs: Mapping[str, Quantity] = {}
     shared: Mapping[str, Quantity] = {}
+
+
+def uncertainties_stated(given: Iterable[tuple[str, Quantity]]) -> Iterator[Check]:
+    """Hold stated uncertainties, each with its setting, against the values to which they belong."""
+    law = "an uncertainty is far smaller than what it belongs to"
+    for setting, value in given:
+        text = f"{setting} is stated as {quantity(value.value, value.si)} with u = {quantity(value.u, value.si)}"
+        level: Level | None = None
+        cause, share = "", value.u / abs(value.value) if value.value else 0.0
+        if share > _LARGE:
+            level, cause = "doubtful", "the uncertainty was typed in another unit or with a lost decimal"
+        elif share > _VAGUE:
+            level = "note"
+            cause = f"{setting} is known too vaguely to judge by: a difference of {4 * share:.0%} would pass"
+        yield stated(f"uncertainty of {setting}", law, text, level, cause=cause, setting=setting)
 
 
 def failed_steps(context: Context, causes: Mapping[str, str]) -> list[Check]:
