@@ -64,6 +64,8 @@ _AT = re.compile(
     rf"([mk]?Hz|rad/s|{DEGREES}|C)\s*[)\]]?(?=$|[\s/,_(\[])"
 )
 _POWER_OF_UNIT = re.compile(r"(?:(?:[x×*]\s*)?10\s*(?:\^|\*\*)?|1e)\s*([+-]?\d+)\s*[*·]?\s*([A-Za-z].*)")
+_POWER = re.compile(r"10\^[+-]?\d+")  # of a loss factor
+_OF_SEVERAL = re.compile(r"[\s_]+(?:mean|avg|average)$", re.IGNORECASE)  # readings or specimens
 _PAIR = re.compile(r"^\(\s*['\"](.*?)['\"]\s*,\s*['\"](.*?)['\"]\s*\)$")  # ('f', 'Hz'), of pandas
 _COMMENT = re.compile(r"^[#%!;/*]+\s*(?=\S)")
 
@@ -156,6 +158,7 @@ def quantity(heading: str) -> str | None:
     >>> quantity("E_stor"), quantity("Speichermodul"), quantity("Storage Modulus G'"), quantity("colour")
     ('storage_modulus', 'storage_modulus', 'storage_modulus', None)
     """
+    heading = _OF_SEVERAL.sub("", heading)
     found = named(heading) or anton_paar.column_name(heading)
     if found is not None:
         return found
@@ -189,6 +192,8 @@ def unit_of(text: str) -> Unit:
     bare = bare[1:-1].strip() if bare.startswith("(") and bare.endswith(")") else bare
     if bare == "mHz":  # its capitals mean a billion times as much
         return Unit(1e-3, "Hz")
+    if _POWER.fullmatch(bare):
+        return Unit(10.0 ** int(bare[3:]), "1")
     power = _POWER_OF_UNIT.fullmatch(bare)
     if power:
         unit = unit_of(power[2])

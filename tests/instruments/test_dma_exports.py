@@ -254,3 +254,8 @@ def test_titles_in_fahrenheit_and_frequencies_without_brackets(tmp_path):
 def test_symbols_below_words_are_no_units(tmp_path):
     head = "Frequency;Storage modulus;Loss modulus;Temperature\nf;E';E'';T\nHz;MPa;MPa;°C"
     assert_is_the_truth(read(tmp_path, table(head, *ALL, sep=";")))
+
+
+def test_means_of_specimens_and_a_loss_factor_in_thousandths(tmp_path):
+    columns = (F, STORAGE / 1e6, STORAGE / 1e8, 1e3 * TAN, T)
+    assert_is_the_truth(read(tmp_path, table("f (Hz),E' mean (MPa),E' std (MPa),tan δ (10^-3),T (°C)", *columns)))
