@@ -37,7 +37,7 @@ _FORMS: dict[str, tuple[tuple[float, str], ...]] = {
     "J": ((1.0, "J"), (1e-3, "mJ"), (1e-6, "µJ"), (1e-9, "nJ")),
     "J/m2": ((1.0, "J/m²"), (1e-3, "mJ/m²")),
     "J/m": ((1.0, "J/m"), (1e-3, "mJ/m"), (1e-6, "µJ/m")),
-    "rad": ((1.0, "rad"), (1e-3, "mrad"), (1e-6, "µrad")),
+    "rad": ((math.pi / 180, "°"),),
     "rad/s": ((1.0, "rad/s"),),
     "1/s": ((1.0, "1/s"),),
     "V": ((1.0, "V"), (1e-3, "mV"), (1e-6, "µV")),
@@ -293,6 +293,54 @@ class Table:
                     f"column {column.u}; expected 0 to {len(self.columns) - 1}"
                 )
                 raise InputError(message)
+
+
+@dataclass(frozen=True)
+class Listed:
+    """A column with its cells, for :func:`listed`.
+
+    Attributes
+    ----------
+    title, unit, digits
+        As of :class:`Column`.
+    cells : sequence
+        What stands in it, from the top.
+    u : sequence of float, optional
+        Standard uncertainties of the cells.
+    """
+
+    title: str
+    cells: Sequence[Cell]
+    unit: str = ""
+    u: Sequence[Cell] | None = None
+    digits: int = 4
+
+    def extended(self, count: int) -> "Listed":
+        """Return the first cells, with empty ones behind them where there are fewer."""
+        room: list[Cell] = [None] * count
+        u = None if self.u is None else [*self.u, *room][:count]
+        return replace(self, cells=[*self.cells, *room][:count], u=u)
+
+
+def listed(columns: Iterable[Listed], caption: str = "", *, sortable: bool = True) -> Table:
+    """Make a table of columns that bring their cells.
+
+    Examples
+    --------
+    >>> table = listed([Listed("impact", [1, 2]), Listed("restitution", [0.8, 0.75], u=[0.01, 0.01])])
+    >>> [[cell.text for cell in row] for row in table_view(table).rows]
+    [['1', '0.800 ± 0.010'], ['2', '0.750 ± 0.010']]
+    """
+    heads: list[Column] = []
+    cells: list[Sequence[Cell]] = []
+    for column in columns:
+        u = None if column.u is None else len(heads) + 1
+        heads.append(Column(column.title, column.unit, column.digits, u=u))
+        cells.append(column.cells)
+        if column.u is not None:
+            heads.append(Column("u", column.unit))
+            cells.append(column.u)
+    return Table(tuple(heads), list(zip(*cells, strict=True)), caption, sortable)
 
 
 @dataclass(frozen=True, slots=True)
