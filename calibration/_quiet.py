@@ -12,6 +12,9 @@ _BLOCK = 16  # independent samples whose median is compared with the beginning
 _FIRST = 2 * _BLOCK  # the least that can be called a window
 _FACTOR = 5.0  # standard deviations that count as motion: 1 in 2 million for a single sample
 _MARGIN = 2  # blocks left out before the motion that was seen: it began a little earlier
+_MAINS, _PERIODS, _LEFT = (50.0, 60.0), (2.0, 1.0, 0.6), 2.0
+"""Hz of the mains; how many periods tell a hum from motion, the most first; times the noise beside it
+that a hum leaves of a beginning: a fall of as long leaves more than ten times."""
 _MEDIAN = 1.2533141373155003  # sqrt(pi / 2): standard error of a median over that of a mean
 
 
@@ -56,6 +59,10 @@ def from_start(
     ------
     CalibrationError
         There are too few valid samples, or the record begins in motion.
+
+    Notes
+    -----
+    A hum of the mains is no motion: the level is then that about which the beginning swings.
     """
     is_valid = np.isfinite(values)
     time, values = time[is_valid], values[is_valid]
@@ -64,7 +71,15 @@ def from_start(
     if values.size < first:
         message = f"found {values.size} valid samples, a zero needs {first} or a given value"
         raise CalibrationError(message)
-    _refuse_motion(values[:first:correlated], resolution)
+    if _moves(values[:first:correlated], resolution):
+        hum = _hum(time - time[0], values, resolution)
+        if hum is None:
+            message = (
+                "the record begins in motion, so its beginning is no zero; give the zero, or a quiet "
+                "window as zero=(from, to) in s"
+            )
+            raise CalibrationError(message)
+        values = values - hum
     usable = values[: values.size - values.size % block].reshape(-1, block)
     level, spread = float(np.median(values[:first])), _spread(values[:first], resolution)
     moved = np.flatnonzero(np.abs(np.median(usable, axis=1) - level) > _FACTOR * spread)
@@ -121,7 +136,8 @@ def resolution_of(values: NDArray[np.float64], stated: float | None) -> float:
     return max(found, stated or 0.0)
 
 
-def _refuse_motion(values: NDArray[np.float64], resolution: float) -> None:
+def _moves(values: NDArray[np.float64], resolution: float) -> bool:
+    """Whether a beginning has a slope that is real, and that moves its level by more than its noise."""
     position = np.arange(values.size) - (values.size - 1) / 2
     # From the first reading, so that equal readings far from zero have no slope by rounding.
     moved = values - values[0]
@@ -130,14 +146,23 @@ def _refuse_motion(values: NDArray[np.float64], resolution: float) -> None:
     rounding = float(np.spacing(np.abs(values).max()))
     noise = max(float(rest.std()), resolution / np.sqrt(12), rounding)
     u_slope = noise / float(np.sqrt(position @ position))
-    drift = abs(slope) * values.size
-    # Both: the slope is real, and it moves the level by more than the noise of a sample.
-    if abs(slope) > _FACTOR * u_slope and drift > 2 * noise:
-        message = (
-            "the record begins in motion, so its beginning is no zero; give the zero, or a quiet "
-            "window as zero=(from, to) in s"
-        )
-        raise CalibrationError(message)
+    return abs(slope) > _FACTOR * u_slope and abs(slope) * values.size > 2 * noise
+
+
+def _hum(time: NDArray[np.float64], values: NDArray[np.float64], resolution: float) -> NDArray[np.float64] | None:
+    """Return the line of the mains that explains how a record begins; None where none does."""
+    for periods in _PERIODS:
+        for line in _MAINS:
+            n = int(np.searchsorted(time, periods / line))
+            if not _FIRST < n < time.size:
+                continue
+            angle = 2 * np.pi * line * time
+            basis = np.stack([np.ones_like(time), np.cos(angle), np.sin(angle)], axis=1)
+            fit = np.linalg.lstsq(basis[:n], values[:n], rcond=None)[0]
+            left = float(np.std(values[:n] - basis[:n] @ fit))
+            if left < _LEFT * max(estimate_noise(values[:n]).sigma, resolution / np.sqrt(12)):
+                return np.asarray(basis[:, 1:] @ fit[1:])
+    return None
 
 
 def _spread(values: NDArray[np.float64], resolution: float) -> float:

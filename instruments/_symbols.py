@@ -20,6 +20,7 @@ SYMBOLS: dict[str, tuple[str, ...]] = {
     ),
     "temperature": (
         "T", "Ts", "temp", "tmeas", "temperature", "tsample", "sampletemp", "sampletemperature", "meastemp",
+        "temp1", "temperature1",
         "actualtemp", "actualtemperature", "chambertemperature", "oventemperature", "furnacetemperature",
         "testtemperature", "specimentemperature", "probetemperature", "meantemperature", "temperatures",
         "temperatura", "temperaturacampione", "温度", "试样温度", "測定温度", "temperatuur", "температура", "온도",

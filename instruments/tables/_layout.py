@@ -41,7 +41,8 @@ _FACT = re.compile(
     r"(?P<value>[+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)"
     r"\s*(?P<unit>[^\s;,)]*(?:\s?C\b)?)"
 )
-_AT = re.compile(r"(?:^|\s)(?:at|@|bei|à)\s*([+-]?\d+(?:[.,]\d+)?)\s*(°\s?C|ºC|degC|K)\b")
+_AT = re.compile(r"(?:^|\s)(?:at|@|bei|à)\s*([+-]?\d+(?:[.,]\d+)?)\s*(°\s?C|ºC|degC|C|K)\b")
+_GIVE_OR_TAKE = re.compile(r"\s*(?:±|\+/-|\+-)\s*\d+(?:[.,]\d+)?")
 # Dashes that decorate a title do not touch its number: a single one is its sign.
 _ALONE = re.compile(r"[\s#*=:]*(?:--+\s+)?([+-]?\d+(?:[.,]\d+)?)\s*(°\s?C|ºC|degC|K)[\s#*=:-]*")
 _TITLE = re.compile(r"(?:^|.*?[\s(\[_,:;=])([+-]?\d+(?:[.,]\d+)?)\s*(°\s?C|ºC|degC|K)\s*[)\]]?[\s:;,#=-]*")
@@ -308,6 +309,7 @@ def _goes_on(block: Block, lines: Sequence[tuple[int, str]], k: int) -> int | No
 
 def _stated_at(line: str) -> dict[str, tuple[float, str]]:
     """Return the temperature that a title states, ``Isotherm at 20 °C``, or that stands alone."""
+    line = _GIVE_OR_TAKE.sub("", line)
     match = None if _OF_ANOTHER.search(line) else _AT.search(line) or _ALONE.fullmatch(line)
     if match is None and _OF_A_SWEEP.search(line) and not _OF_ANOTHER.search(line):
         match = _TITLE.fullmatch(line) if len(_PLACE.findall(line)) == 1 else None

@@ -21,6 +21,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -124,18 +125,25 @@ def read(
         raise InputError(message)
     path = Path(path)
     named = None if columns is None else _named(columns)
-    source, blocks = (_in_sheets if _is_workbook(path) else _found)(path, encoding, allow_incomplete, named)
-    signs = _signs(path, blocks, decimal or _stated_decimal(source))
-    if not source.is_ended and not allow_incomplete:
-        _check_last_row(source, blocks[-1])
-    whole = _complete(path, [_Table(_place(path, block), block, signs) for block in blocks])
-    return _assembled(path, source, whole, signs)
+    found = _in_sheets(path, named) if _is_workbook(path) else _in_text(path, encoding, allow_incomplete, named)
+    signs = _signs(path, found.blocks, decimal or found.decimal)
+    if found.open_line and not allow_incomplete:
+        _check_last_row(path, found.open_line, found.blocks[-1])
+    whole = _complete(path, [_Table(_place(path, block), block, signs) for block in found.blocks])
+    return _assembled(path, found.encoding, whole, signs)
 
 
-def _found(
-    path: Path, encoding: str | None, allow_incomplete: bool, named: list[Heading] | None
-) -> tuple[TextFile, list[Block]]:
-    """Find the tables of a file, in the first codec in which there are any."""
+class _Found(NamedTuple):
+    """The tables of a file, the decimal sign that it states, and a last line without an end (0: none)."""
+
+    blocks: list[Block]
+    encoding: str
+    decimal: str | None = None
+    open_line: int = 0
+
+
+def _in_text(path: Path, encoding: str | None, allow_incomplete: bool, named: list[Heading] | None) -> _Found:
+    """Find the tables of a text, in the first codec in which there are any."""
     first: SourceError | None = None
     for codec in (encoding,) if encoding else ("cp1252", *CODECS):
         try:
@@ -146,19 +154,17 @@ def _found(
             first = first or error
             continue
         if blocks:
-            return source, blocks
+            return _Found(blocks, source.encoding, _stated_decimal(lines), 0 if source.is_ended else source.n_lines)
         first = first or _without_headings(path, lines)
         if source.encoding != codec:  # it says itself what it is
             break
     raise first or SourceError(path, "no codec was given")
 
 
-def _stated_decimal(source: TextFile) -> str | None:
+def _stated_decimal(lines: Sequence[tuple[int, str]]) -> str | None:
     """Return the decimal sign that a header states, None where it does not."""
-    if source.encoding == "xlsx":
-        return None
-    lines = (line for _, line in zip(range(_HEADER), source.lines(), strict=False))
-    stated = next((match[1] for line in lines if (match := _DECIMAL.match(line)) is not None), "").casefold()
+    found = (_DECIMAL.match(line) for _, line in lines[:_HEADER])
+    stated = next((match[1] for match in found if match is not None), "").casefold()
     return {"point": ".", "punkt": ".", "comma": ",", "komma": ","}.get(stated)
 
 
@@ -174,7 +180,7 @@ def _is_workbook(path: Path) -> bool:
     return is_one
 
 
-def _in_sheets(path: Path, _: str | None, __: bool, named: list[Heading] | None) -> tuple[TextFile, list[Block]]:
+def _in_sheets(path: Path, named: list[Heading] | None) -> _Found:
     """Find the tables of a workbook; sheets without any, such as remarks, are left aside."""
     from instruments.tables._workbook import sheets
 
@@ -186,7 +192,7 @@ def _in_sheets(path: Path, _: str | None, __: bool, named: list[Heading] | None)
         lines += of_sheet
     if not found:
         raise _without_headings(path, lines)
-    return TextFile(path, "xlsx", path.stat().st_size, 0, is_ended=True), found
+    return _Found(found, "xlsx")
 
 
 def _place(path: Path, block: Block) -> Path:
@@ -217,19 +223,19 @@ def _lines(source: TextFile, allow_incomplete: bool) -> list[tuple[int, str]]:
     return found[:-1]
 
 
-def _check_last_row(source: TextFile, block: Block) -> None:
+def _check_last_row(path: Path, line: int, block: Block) -> None:
     """Refuse a last line that lost cells; of a whole one, say that its number may be short."""
-    if not block.rows or block.rows[-1][0] != source.n_lines:
+    if not block.rows or block.rows[-1][0] != line:
         return
     if len(block.rows[-1][1]) < max(map(len, (cells for _, cells in block.rows))):
         raise SourceError(
-            source.path,
+            path,
             "the last line has no line end and fewer cells than the others; it is cut",
-            line=source.n_lines,
+            line=line,
             hint="Complete the line, or drop it with allow_incomplete=True.",
         )
     warnings.warn(
-        f"{source.path}:{source.n_lines}: the last line has no line end; it is kept, as no cell is missing, "
+        f"{path}:{line}: the last line has no line end; it is kept, as no cell is missing, "
         "but if the file was cut, its last number is wrong",
         stacklevel=3,
     )
@@ -715,7 +721,7 @@ def _intervals(path: Path, table: _Table, first: int) -> Iterator[Interval]:
         )
 
 
-def _assembled(path: Path, source: TextFile, tables: Sequence[_Table], signs: Separators) -> xr.Dataset:
+def _assembled(path: Path, encoding: str, tables: Sequence[_Table], signs: Separators) -> xr.Dataset:
     """Make one Dataset of all tables."""
     intervals: list[Interval] = []
     for table in tables:
@@ -725,13 +731,14 @@ def _assembled(path: Path, source: TextFile, tables: Sequence[_Table], signs: Se
     numbers = [
         np.asarray(c.values, dtype=float) for table in tables for name, c in table.columns.items() if name != "set"
     ]
+    work = {"bytes_read": path.stat().st_size, "rows_read": int(sizes.sum()), "intervals_read": len(intervals)}
     dataset = assemble(
         _one_unit(intervals),
         source=path.name,
-        encoding=source.encoding,
+        encoding=encoding,
         header="",
         empty_cells=int(sum(np.isnan(values).sum() for values in numbers)),
-        work=json.dumps({"bytes_read": source.size, "rows_read": int(sizes.sum()), "intervals_read": len(intervals)}),
+        work=json.dumps(work),
         delimiter=tables[0].block.separator,
         decimal=signs.decimal,
     )

@@ -143,15 +143,17 @@ def identify_materials(
     if wish.prior is not None:
         for group in groups.values():
             group.prior = prior_of(session, wish.prior, group.experiments)
+    n = sum(len(group.experiments) for group in groups.values())
+    tell(f"{n} experiment{'s' * (n != 1)} to identify from; what is missing is processed first")
     results = _processed(folder, groups.values(), jobs)
     remarks: list[str] = []
     found = []
-    for material, group in groups.items():
+    for number, (material, group) in enumerate(groups.items(), 1):
         own = _gather(results, group, wish.impacts)
         remarks += own
         if group.contributions:
             names = ", ".join(e.name for e in group.experiments)
-            tell(f"{material}: {names}")
+            tell(f"material {number} of {len(groups)}, {material}, from {names}")
             found.append(_identified(results, material, group, wish, own, tell))
     if not found:
         message = "no experiment can identify a material: " + "; ".join(remarks)

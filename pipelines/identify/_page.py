@@ -130,8 +130,8 @@ def _found(found: Identified) -> list[str]:
     low, high = (quantity(float(f), "Hz") for f in (frequency.min(), frequency.max()))
     u, u_loss = (100.0 * made[f"u_ln_{n}"].values[inside] for n in ("storage", "loss_factor"))
     texts = [
-        f"found: from {low} to {high} the storage modulus to {_span(u)} and the loss factor to {_span(u_loss)} "
-        f"(standard uncertainties); {_at_best(found)}"
+        f"found: from {low} to {high} the storage modulus is known to {_span(u)} and the loss factor to "
+        f"{_span(u_loss)} (standard uncertainties); {_at_best(found)}"
     ]
     if found.known.structures:
         texts.append(
@@ -186,10 +186,16 @@ def _not_found(found: Identified) -> list[str]:
 
 
 def _answer(found: Identified) -> tuple[Block, ...]:
+    """Say what the data determine, what is known of the long-time modulus, and what both rest on."""
+    first, *further = (f"{text[0].upper()}{text[1:]}." for text in statements(found))
+    is_found = bool(dataset(found)["is_determined"].values.any())
     is_known = found.relaxed.verdict == "identified"
-    first = Notice("ok" if is_known else "info", f"{relaxed_text(found)}.")
+    notices = (
+        Notice("ok" if is_found else "warning", first),
+        Notice("ok" if is_known else "info", f"{relaxed_text(found)}."),
+    )
     rows = [("experiments", ", ".join(e.name for e in found.known.fit.problem.evidence), "")]
-    return first, KeyValues(rows), *(Paragraph(f"{text[0].upper()}{text[1:]}.") for text in statements(found))
+    return *notices, KeyValues(rows), *map(Paragraph, further)
 
 
 def _curves(found: Identified) -> tuple[Block, ...]:

@@ -1,6 +1,6 @@
 """The page of all comparisons of a session."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from labpipe.report import (
@@ -28,6 +28,8 @@ from pipelines.session._verdict_notices import agreement
 
 GOOD = 0.03
 """nRMSE that is called good: the aim for data made with the right material."""
+
+_REASONS = 5  # why more models differ stands on their own pages
 
 _TIED = "\N{NO-BREAK SPACE}"  # a number stays with its unit
 
@@ -74,8 +76,10 @@ def summary(curves: Sequence[Row], events: Sequence[Row], found: Comparison) -> 
     blocks: list[Block] = []
     said = agreement({document["experiment"]: document["model"] for document in found.experiments})
     blocks += [said] if said else []
-    for document in found.experiments:
-        blocks += [Notice("warning", f"{document['experiment']}: {text}.") for text in document["suspects"]]
+    reasons = [reason for document in found.experiments if (reason := _reason(document))]
+    blocks += reasons[:_REASONS]
+    if len(reasons) > _REASONS:
+        blocks.append(Paragraph(f"{len(reasons) - _REASONS} more say on their own pages why they may differ."))
     rows = []
     known = [row.deviation for row in events if row.deviation is not None]
     if known:
@@ -95,6 +99,17 @@ def summary(curves: Sequence[Row], events: Sequence[Row], found: Comparison) -> 
         names = ", ".join(name for name, text in found.absent.items() if text == why)
         blocks.append(Notice("info", f"{names}: {why}"))
     return tuple(blocks)
+
+
+def _reason(document: Mapping[str, Any]) -> Notice | None:
+    """Say why a model may differ: a record that cannot be believed first, else what inputs would explain it."""
+    name, believable = document["experiment"], document["believable"]
+    if believable in ("doubtful", "impossible"):
+        cause = f": {document['cause']}" if document["cause"] else ""
+        return Notice(
+            "error" if believable == "impossible" else "warning", f"{name}: the record is {believable}{cause}."
+        )
+    return Notice("warning", f"{name}: {'; '.join(document['suspects'])}.") if document["suspects"] else None
 
 
 def _experiments(found: Comparison) -> list[Block]:

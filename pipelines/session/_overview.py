@@ -265,10 +265,10 @@ def _row(results: Results, name: str, cells: Sequence[Any], verdict: "Verdict | 
         state, level = f"{len(waiting)} of {len(rows)} steps to do or failed", "error"
     elif waiting:
         state, level = "not processed", "info"
-    elif kept:
-        state, level = f"{_DONE}, {len(kept)} results of earlier code", "warning"
     elif verdict is not None:
         state, level = _judged(verdict.believable, verdict.model)
+    if kept and not (unreadable or waiting):
+        state, level = f"{state}, {len(kept)} results of earlier code", "warning" if level == "ok" else level
     return IndexRow(
         name,
         state,

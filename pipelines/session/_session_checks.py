@@ -36,8 +36,8 @@ _ALIKE = 2.0  # standard uncertainties within which two values are one
 TWO_VALUES = "one body, two values"
 _LEAST = 1e-4  # relative uncertainty of a value that is stated without one
 _UNKNOWN = 0.5  # of a value, beyond which its uncertainty is no uncertainty
-_SLIPS = (2.0, 10.0, 25.4, 100.0, 1000.0)
-"""Factors of a diameter, a decimal point or a unit; bodies of other sizes are not so."""
+_KELVIN, _IN_KELVIN, _COLD = 273.15, (250.0, 400.0), -150.0
+"""Degrees that are a laboratory's temperatures in K, and below which K was written for degrees."""
 _SLIP = 0.01  # how near to a power of ten, or to two, a ratio must be to be that
 _OF_RECORD = {
     "it expired": "valid_until",
@@ -83,7 +83,7 @@ def session_findings(session: Session) -> tuple[Found, int]:
     int
         How many checks were made.
     """
-    checks = (_twice, _records, _bodies, _material_names, _uncertainties)
+    checks = (_twice, _records, _bodies, _material_names, _uncertainties, _temperatures)
     found: Found = {}
     for check in checks:
         for owner, finding in check(session):
@@ -242,7 +242,7 @@ def _bodies(session: Session) -> Iterator[tuple[str, Finding]]:
         mass, radius = _distance(first.mass, later.mass), _distance(first.radius, later.radius)
         if radius <= _ALIKE and mass > _APART:
             odd, other, name = _odd(bodies, first, later, "mass")
-        elif mass <= _ALIKE and radius > _APART and _slip(later.radius.value / first.radius.value, _SLIPS):
+        elif mass <= _ALIKE < radius and _mistyped(first.radius, later.radius):
             odd, other, name = _odd(bodies, first, later, "radius")
         else:
             continue
@@ -288,12 +288,14 @@ def _two_values(odd: _Body, other: _Body, name: str) -> Finding:
         f"{name} is {_written(value)} here and {_written(expected)} in {other.experiment.name}, "
         f"for bodies of one {same} and material"
     )
-    factor = _slip(value.value / expected.value, _SLIPS)
+    factor = _slip(value.value / expected.value)
     cause = f"the {name} of this sphere is mistyped, or another one was used: then say so"
     if name == "radius" and factor == 2.0:
         cause = f"the radius is probably {_written(expected)}: its diameter was typed"
     elif factor:
         cause = f"the {name} is probably {_written(expected)}, a factor {factor:g}: its unit or decimal point is wrong"
+    elif _mistyped(value, expected):
+        cause = f"the {name} is probably {_written(expected)}: two digits were exchanged"
     return _finding(TWO_VALUES, "doubtful", text, cause, setting=f"{odd.setting}.{name}")
 
 
@@ -303,9 +305,18 @@ def _written(value: Quantity, number: float | None = None) -> str:
     return quantity(value.value if number is None else number, value.si, 4)
 
 
-def _slip(ratio: float, factors: Sequence[float]) -> float:
-    """Return the factor that a ratio is, or its inverse; 0 for none of them."""
-    return next((f for f in factors if abs(abs(log(ratio)) - log(f)) < _SLIP), 0.0) if ratio > 0 else 0.0
+def _slip(ratio: float) -> float:
+    """Return the usual factor that a ratio is, or its inverse; 0 for none of them."""
+    from labpipe.judging import SLIPS
+
+    return next((f for f in SLIPS if f > 1 and abs(abs(log(ratio)) - log(f)) < _SLIP), 0.0) if ratio > 0 else 0.0
+
+
+def _mistyped(a: Quantity, b: Quantity) -> bool:
+    """Whether one value is the other by a usual factor, or with two digits exchanged; other sizes are not so."""
+    one, other = _written(a), _written(b)
+    differ = [i for i, (x, y) in enumerate(zip(one, other, strict=False)) if x != y]
+    return bool(_slip(b.value / a.value)) or (len(differ) == 2 and sorted(one) == sorted(other))
 
 
 def _material_names(session: Session) -> Iterator[tuple[str, Finding]]:
@@ -380,6 +391,24 @@ def _uncertainties(session: Session) -> Iterator[tuple[str, Finding]]:
                 text = f"the {name} is {_written(value)} with a standard uncertainty of {_written(value, value.u)}"
                 cause = "the unit or the decimal point of the uncertainty is wrong"
                 yield e.name, _finding("stated uncertainty", "doubtful", text, cause, setting=setting)
+
+
+def _temperatures(session: Session) -> Iterator[tuple[str, Finding]]:
+    """Find temperatures in another unit than is written, where no polymer is tested."""
+    for e in session.experiments.values():
+        for setting, value, _ in _quantities(e.settings, ""):
+            # a reference is held against the temperatures that were measured, by its kind
+            if value.si != "degC" or setting.rpartition(".")[2] == "T_ref":
+                continue
+            T, meant = value.value, ""
+            if _IN_KELVIN[0] <= T <= _IN_KELVIN[1]:
+                meant = f"{T:g} K = {T - _KELVIN:.4g} °C"
+            elif T < _COLD:
+                meant = f"{T + _KELVIN:.4g} °C"
+            if meant:
+                text = f"{setting} is {T:.4g} °C"
+                cause = f"{meant} is meant: its unit is wrong"
+                yield e.name, _finding("unit of the temperature", "doubtful", text, cause, setting=setting)
 
 
 def _quantities(table: Any, place: str) -> Iterator[tuple[str, Quantity, Any]]:

@@ -76,7 +76,7 @@ def beside(folder: str | Path, first: str, second: str) -> Path:
     said, *difference = _difference(own, others, first, second)
     found = Comparison((*own, *others), {}, {}, session.folder / PAGE)
     names = (first, second)
-    answer = (*_verdicts(names, verdicts, found.rows), said, *_chart(results, names))
+    answer = (*_verdicts(session, names, verdicts, found.rows), said, *_chart(results, names))
     sections = [
         Section("Answer", answer),
         Section("Difference", (*difference, *_reports(session, names), *_synthetic(session))),
@@ -100,7 +100,9 @@ def write_materials(results: Results, found: Comparison) -> list[tuple[str, str]
         own = tuple(document for document in found.experiments if document["experiment"] in names)
         part = replace(found, rows=tuple(rows), experiments=own, failed={}, absent={})
         sections = [
-            Section("Answer", (*_verdicts(names, verdicts, rows), *_reports(session, names), *_synthetic(session))),
+            Section(
+                "Answer", (*_verdicts(session, names, verdicts, rows), *_reports(session, names), *_synthetic(session))
+            ),
             *parts(part),
         ]
         name = f"{MATERIAL}{_safe(material)}.html"
@@ -135,11 +137,13 @@ def _safe(name: str) -> str:
     return re.sub(r"[^\w.-]+", "_", name)
 
 
-def _verdicts(names: Iterable[str], verdicts: Mapping[str, Verdict], rows: Iterable[Row]) -> Iterator[Block]:
+def _verdicts(
+    session: Session, names: Sequence[str], verdicts: Mapping[str, Verdict], rows: Iterable[Row]
+) -> Iterator[Block]:
     by: dict[str, str] = {}  # what an experiment is compared with; a film, the laser
     for row in rows:
         by[row.experiment] = "model" if by.get(row.experiment) == "model" else row.against
-    return each(names, verdicts, by)
+    return each(names, verdicts, by, {name: session.experiments[name].refers_to for name in names})
 
 
 def _reports(session: Session, names: Iterable[str]) -> Iterator[Block]:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from labpipe.report import Level, Notice
+from pipelines.experiments.shared.judgements import capitalised
 
 if TYPE_CHECKING:
     from pipelines.session._verdicts import Verdict
@@ -54,8 +55,7 @@ def each(
 ) -> Iterator[Notice]:
     """Say of each experiment whether it can be believed and agrees, with the gravest reason.
 
-    What rests on another experiment that cannot be believed sends there instead of naming a cause
-    of its own.
+    What rests on another experiment that cannot be believed sends there too.
 
     Parameters
     ----------
@@ -81,13 +81,12 @@ def each(
         causes = f" Likely: {one.causes[0].rstrip('.')}." if one.causes else ""
         below = ((n, verdicts[n].believable) for n in (rests_on or {}).get(name, ()) if n in verdicts)
         if (cause := next(((n, word) for n, word in below if word in ("doubtful", "impossible")), None)) is not None:
-            causes = f" It rests on {cause[0]}, which is {cause[1]}: see there first."
+            causes += f" It rests on {cause[0]}, which is {cause[1]}: see there first."
         yield Notice(level, f"{name}: {said}.{reason}{causes}")
 
 
 def _sentence(text: str) -> str:
-    is_path = "/" in text.partition(" ")[0]  # a file keeps its spelling
-    return f"{text[:1] if is_path else text[:1].upper()}{text[1:].rstrip('.')}."
+    return f"{capitalised(text).rstrip('.')}."
 
 
 def _listed(names: list[str]) -> str:

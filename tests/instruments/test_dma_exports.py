@@ -38,7 +38,7 @@ def blocks(title, head="f [Hz];E' [MPa];E'' [MPa]"):
 @pytest.mark.parametrize(
     "title",
     ["{t:g} °C", "--- {t:g} °C ---", "Isotherm 2 ({t:g} °C)", "Frequency sweep, {t:g}°C", "Solltemperatur;{t:g};°C",
-     "Temperature,{t:g},°C", "T = {t:g} °C", "### {t:g} °C"],
+     "Temperature,{t:g},°C", "T = {t:g} °C", "### {t:g} °C", "Isotherm 1: {t:g} ± 0.1 °C", "Sweep at {t:g} C"],
 )  # fmt: skip
 def test_a_title_states_the_temperature_with_its_sign(tmp_path, title):
     found = read(tmp_path, blocks(title))
@@ -215,7 +215,7 @@ def test_means_below_the_readings_are_none(tmp_path):
 
 
 def test_a_stiffness_beside_the_modulus_is_no_modulus(tmp_path):
-    head = "f (Hz),E' (MPa),E'' (MPa),T (°C),K* (N/m),E* (MPa)"
+    head = "f (Hz),E' (MPa),E'' (MPa),Temp1 (C),K* (N/m),E* (MPa)"
     assert_is_the_truth(read(tmp_path, table(head, *ALL, SIZE / 1e3, SIZE / 1e6)))
 
 

@@ -16,7 +16,7 @@ from tests.mistakes.rows import Mistake
 
 FIRST = ALL[:1]
 LAST = ALL[-1:]
-RECORD = "calibration/laser.toml"
+RECORD, TOML = "calibration/laser.toml", "session.toml"
 START = datetime(2024, 5, 14, 9, 30)
 _DEEP = 0.04  # mm above the lowest reading: inside the contacts
 
@@ -105,6 +105,31 @@ def _spike(place: int, size: float) -> Callable[[Floats], Floats]:
         return out
 
     return change
+
+
+def _every(count: int, size: float) -> Callable[[Floats], Floats]:
+    """Return what adds a spike to each so many readings."""
+    return lambda x: x + size * (np.arange(x.size) % count == 37)
+
+
+def _jittered(x: Floats) -> Floats:
+    """Take the readings 60 µs early or late."""
+    n = np.arange(x.size)
+    return np.interp(n + np.random.default_rng(3).normal(0.0, 1.2, x.size), n, x)
+
+
+def _sinking(x: Floats) -> Floats:
+    """Let the floor sink by 1.5 mm/s after the first impact."""
+    first = int(np.argmax(x < x.min() + _DEEP))
+    return x - 1.5 * 50e-6 * np.clip(np.arange(x.size) - first - 200, 0, None)
+
+
+def _caught(x: Floats) -> Floats:
+    """Hold the body from its first apex on."""
+    first = int(np.argmax(x < x.min() + _DEEP))
+    apex = first + int(np.argmax(x[first : first + 800]))
+    held = x[apex] + np.random.default_rng(6).normal(0.0, 8e-4, x.size)
+    return np.where(np.arange(x.size) > apex, held, x)
 
 
 def _two_exchanged(x: Floats) -> Floats:
@@ -352,7 +377,15 @@ ROWS = (
     Mistake("spike before release", values(_spike(150, 3.0)), "note", ("spike",)),
     Mistake("spike in the contact", values(_spike(775, -3.0)), "note", ("spike",)),
     Mistake("hum of 5 um", values(_hum(0.005)), "note", ("hum",)),
-    Mistake("hum of 50 um", values(_hum(0.05)), "impossible", ("hum",)),
+    Mistake("hum of 20 um, as any phase of it begins", values(_hum(0.02, 60.0)), "doubtful", ("hum of 2",), FIRST[0]),
+    Mistake("hum of 50 um", values(_hum(0.05)), "impossible", ("hum of 50",)),
+    Mistake("spikes at the mains", values(_every(200, 0.12), FIRST), "note", ("come each 10.0 ms", "mains"), FIRST[0]),
+    Mistake("readings at uneven times", values(_jittered, LAST), "doubtful", ("times of the readings",), LAST[0]),
+    Mistake("bench sinks", values(_sinking, LAST), "doubtful", ("the bench sank",), LAST[0]),
+    Mistake("caught at the apex", values(_caught, LAST), "impossible", ("caught",), LAST[0]),
+    Mistake(
+        "height known to a sixth", setting("1.5 ± 0.005 mm", "1.5 ± 0.25 mm"), "note", ("too vaguely",), TOML, "height"
+    ),
     Mistake("resolution 10 um", values(_rounded(0.01)), "note", ("resolution",)),
     Mistake("resolution 100 um", values(_rounded(0.1)), "impossible", ("resolution",)),
     Mistake("two readings exchanged in flight", values(_two_exchanged), "note", ("2 spikes",)),

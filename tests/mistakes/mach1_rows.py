@@ -89,6 +89,18 @@ def _slipped(at: int, by: float) -> Callable[[list[str]], list[str]]:
     return changed
 
 
+def _stopped(share: float) -> Callable[[list[str]], list[str]]:
+    """Return what keeps the position of a block within a share of its way."""
+
+    def changed(found: list[str]) -> list[str]:
+        x = np.array([float(r.split("\t")[1]) for r in found if "\t" in r])
+        middle, half = 0.5 * (x.max() + x.min()), 0.5 * share * np.ptp(x)
+        kept = np.clip(x, middle - half, middle + half)
+        return [_cell(r, 1, f"{at:.6f}") for r, at in zip(found, kept, strict=False)]
+
+    return changed
+
+
 def _renumbered(kept: Callable[[list[str]], list[str]]) -> Callable[[list[str]], list[str]]:
     """Return what leaves rows out and takes the times of a whole block."""
 
@@ -222,6 +234,7 @@ def _declared(name: str, key: str, old: str, new: str, words: str, after: str = 
 
 
 WAVE_ROWS = (
+    Mistake("stage stopped at a limit", rows(_stopped(0.7), WAVES), "doubtful", ("lie at one end", "stopped"), WAVES),
     *_of_columns(WAVES),
     *_of_units(WAVES),
     *_of_record(WAVES),
@@ -309,6 +322,13 @@ HOLD_ROWS = (
         columns(lambda t, x, f: (t, round(x, 2), f), HOLD),
         "doubtful",
         ("steps of the position", "too few decimals"),
+        HOLD,
+    ),
+    Mistake(
+        "force swings in a hold",
+        columns(lambda t, x, f: (t, x, f * (1 + 0.02 * math.sin(1.6 * t))), HOLD),
+        "doubtful",
+        ("in its hold the force rises", "swings"),
         HOLD,
     ),
     Mistake(

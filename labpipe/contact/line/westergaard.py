@@ -134,7 +134,10 @@ def from_displacement(
     approach = np.asarray(displacement, dtype=float)
     full = full_contact(tip_radius, period, profile)
     if not np.all(approach < full):
-        message = f"an approach of {approach.max():.6g} m closes the period: a half-plane takes less than {full:.6g} m"
+        message = (
+            f"an approach of {approach.max() * 1e6:.4g} µm closes the period: a half-plane takes less than "
+            f"{full * 1e6:.4g} µm"
+        )
         raise InputError(message)
 
     def excess(a: Floats) -> Floats:

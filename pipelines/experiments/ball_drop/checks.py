@@ -10,9 +10,8 @@ import numpy as np
 import xarray as xr
 
 from labpipe.errors import LabpipeError
-from labpipe.judging import Cause, Check, explain, not_made, stated
+from labpipe.judging import Cause, Check, explain, not_made
 from labpipe.materials import load
-from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.ball_drop.comparison import SCALE, rows
@@ -25,16 +24,15 @@ from pipelines.experiments.shared.trace_checks import Trace
 _UNITS = (1e3, 1e-3, 1e6, 1e-6, 10.0, 0.1, 100.0, 0.01, 1e4, 1e-4, 25.4, 1 / 25.4, 0.0254, 1 / 0.0254)
 _GAINS = (2.0, 0.5)
 _INTERVALS = (2.0, 0.5, 4.0, 0.25, 5.0, 0.2, 2.5, 0.4, 10.0, 0.1, 1e3, 1e-3)
-_LARGE = 0.2  # of a stated value, beyond which its uncertainty is doubtful
+_NO_FALL = 2.0  # times g, or the inverse, beyond which a motion is no flight at all
 _LEAST_COSINE = 0.7  # of an inclination that anybody would mount a sensor with
 _LEVEL = 3.0  # degrees
 _MARKER = re.compile(r"found '(?:-*|\+*|\*+|[+-]?9{4,}[.\d]*|[A-Za-z]+)'")
 _OF_ANOTHER = (
     "this repeat is of another height or another body: the file belongs to another experiment, or was named wrongly"
 )
-_IN_MOTION = (
-    "the readings do not begin at rest: the record begins in mid-fall, the sensor drifts or hums, or the wrong channel "
-    "was recorded"
+_HELD_BACK = (
+    "what was taken for its flights is no free fall: the body was caught, held or guided, or another body was in view"
 )
 _REPEATS = (
     ("drop_height", "height of the fall", "m"),
@@ -42,11 +40,12 @@ _REPEATS = (
     ("fall_acceleration", "free-fall acceleration", "m/s2"),
 )
 _FAILED = {
+    "model": "a temperature, height or radius of session.toml is outside of what the material is known for",
     "readings": "the file is not what the session says, or was not copied whole",
     "displacement": "the calibration record does not belong to this recording: it is expired, of another instrument or "
     "of a camera, or a value of it is wrong",
-    "bounces": "the recording holds no drop: the wrong channel or file, a body that was released "
-    "before the trigger, or a recording that ends too soon",
+    "bounces": "the recording holds no drop that is free: the wrong channel or file, a body that was released before "
+    "the trigger, or caught, or a recording that ends too soon",
 }
 
 
@@ -72,23 +71,29 @@ def judgement(
     of_traces = [check for found, _, _ in looked.values() for check in found]
     of_traces.append(trace_checks.shared_rows(traces))
     hums = {name: (amplitude, pulsation) for name, (_, amplitude, pulsation) in looked.items()}
+    sphere = settings.sphere
+    given = [("height", settings.height), ("sphere.radius", sphere.radius), ("sphere.mass", sphere.mass)]
     checks = [_explained(check, of_traces, settings.calibration) for check in judgements.failed_steps(context, _FAILED)]
-    checks += [*of_traces, *_statements(settings), fall_checks.gravity_stated(settings.model.gravity)]
-    checks.append(
-        trace_checks.sight(next((d for d in displacement or () if d is not None), None), settings.calibration)
-    )
+    checks += [*of_traces, *judgements.uncertainties_stated(given), fall_checks.gravity_stated(settings.model.gravity)]
+    known = next((d for d in displacement or () if d is not None), None)
+    checks += trace_checks.of_record(known, settings.calibration)
     records = list(_records(displacement, bounces, settings, hums))
     headers = [d for d in readings or () if d is not None]
     is_damaged = any(check.level == "impossible" for check in of_traces)
     causes = [] if is_damaged else list(_causes(settings, headers, settings.laser, records))
     stiffness = _stiffness(settings, model)
-    of_records = {fall.name: _of_record(fall, moved, stiffness, settings) for fall, moved in records}
+    of_records = {
+        fall.name: [fall_checks.hummed(check, fall, settings.model.gravity) for check in of]
+        for fall, moved in records
+        for of in [_of_record(fall, moved, stiffness, settings)]
+    }
     everything = [check for some in of_records.values() for check in some]
     if causes and not explain(everything, causes):
         by_name = dict(zip(settings.laser, readings or (), strict=False))
         everything = [c for one in records for c in _alone(of_records[one[0].name], one, by_name, settings)]
     checks += everything
-    checks += fall_checks.repeats_alike([fall for fall, _ in records], _REPEATS, _OF_ANOTHER)
+    alike = [fall for fall, _ in records if not fall_checks.is_hummed(fall, settings.model.gravity)]
+    checks += fall_checks.repeats_alike(alike, _REPEATS, _OF_ANOTHER)
     if not records:
         checks.append(not_made("free-fall acceleration", "g", "a record of bounces"))
     compared = []
@@ -114,7 +119,7 @@ def _explained(failed: Check, of_traces: Sequence[Check], record: str) -> Check:
     if _MARKER.search(failed.message):
         return replace(failed, cause=trace_checks.OUT_OF_RANGE)
     if "begins in motion" in failed.message:
-        return replace(failed, cause=_IN_MOTION)
+        return replace(failed, cause=trace_checks.IN_MOTION)
     return failed
 
 
@@ -132,6 +137,11 @@ def _alone(
         for cause in _causes(settings, [] if header is None else [header], [name], [record])
     ]
     ranked = explain(checks, causes)
+    if (
+        not ranked
+        and not 1 / _NO_FALL < float(record[0].bounces["fall_acceleration"]) / settings.model.gravity.value < _NO_FALL
+    ):
+        return [replace(c, cause=_HELD_BACK, file=name, line=None, setting="") if c.level else c for c in checks]
     found = []
     for check in checks:
         best = next((e for e in ranked if check.name in e.checks), None)
@@ -141,19 +151,6 @@ def _alone(
             of = best.cause
             found.append(replace(check, cause=best.sentence, file=of.file, line=of.line, setting=of.setting))
     return found
-
-
-def _statements(settings: BallDrop) -> Iterator[Check]:
-    """Hold stated uncertainties against what they belong to."""
-    law = "an uncertainty is far smaller than what it belongs to"
-    sphere = settings.sphere
-    for setting, given in (("height", settings.height), ("sphere.radius", sphere.radius), ("sphere.mass", sphere.mass)):
-        text = f"{setting} is stated as {quantity(given.value, given.si)} with u = {quantity(given.u, given.si)}"
-        is_large = given.u > _LARGE * abs(given.value)
-        cause = "the uncertainty was typed in another unit or with a lost decimal" if is_large else ""
-        yield stated(
-            f"uncertainty of {setting}", law, text, "doubtful" if is_large else None, cause=cause, setting=setting
-        )
 
 
 def _records(
@@ -181,6 +178,7 @@ def _of_record(fall: Fall, moved: xr.Dataset, stiffness: Stiffness | None, setti
         fall_checks.restitution(fall),
         fall_checks.apexes(fall),
         fall_checks.flights_alike(fall, gravity),
+        fall_checks.touch_levels(fall),
         fall_checks.contact_duration(fall, radius, mass, stiffness, gravity),
         fall_checks.strain(fall.name, depth, radius, mass, speed),
         fall_checks.rest_level(fall, _sag(settings, stiffness)),

@@ -97,7 +97,7 @@ def _summary(
         rows += [
             (
                 "nRMSE of displacement",
-                f"{float(comparison['nrmse']) * 100:.2f} %",
+                f"{float(comparison['nrmse']) * 100:.3g} %",
                 "root mean square of measured minus model, over the range of the model",
             ),
             ("bias", quantity(float(comparison["bias"]), "m"), "mean difference"),

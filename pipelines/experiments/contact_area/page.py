@@ -166,7 +166,7 @@ def _summary(
         rows.append(
             (
                 "nRMSE of the radius",
-                f"{float(comparison['nrmse'][0]) * 100:.2f} %",
+                f"{float(comparison['nrmse'][0]) * 100:.3g} %",
                 "first impact, relative to its largest radius",
             )
         )

@@ -1,4 +1,4 @@
-"""The section of the DMA page that compares the shifts with a published table."""
+"""The part of the DMA page that compares the shifts with a published table."""
 
 import json
 
@@ -7,30 +7,26 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.report import Block, Column, Details, LineChart, Paragraph, Section, Series, Table
+from labpipe.report import Block, Column, Details, LineChart, Paragraph, Series, Table
 
 _LOOSE = 0.15  # decades; as labpipe.materials calls a step barely determined
 _DIFFERENT = 2.0  # standard uncertainties
 _SMALL = 0.005  # decades
 
 
-def section(found: xr.Dataset, curve: xr.Dataset) -> Section:
-    """Draw both tables, their difference, and say where it comes from."""
+def series(found: xr.Dataset) -> Series:
+    """Return the published shifts, zero at the reference temperature of the page, to draw beside the fitted."""
+    good = np.isfinite(found["published"].values)
+    T, published = found["temperature"].values[good], found["published"].values[good]
+    order = np.argsort(T, kind="stable")
+    return Series("published", T[order], published[order], style="points", role="reference")
+
+
+def blocks(found: xr.Dataset, curve: xr.Dataset) -> list[Block]:
+    """Say how far both tables differ and, folded, where it comes from."""
     T = found["temperature"].values
     order = np.argsort(T, kind="stable")
-    fitted, u, published = (found[n].values[order] for n in ("fitted", "u_fitted", "published"))
-    shared = np.isfinite(published)
-    chart = LineChart(
-        "Shift factors, fitted and published",
-        "temperature / °C",
-        "log₁₀ a_T",
-        [
-            Series("fitted", T[order], fitted, style="points", role="measured", u=u),
-            Series("published", T[order][shared], published[shared], style="points", role="reference"),
-        ],
-        group="published",
-        caption="Both are zero at the reference temperature of this page; bars are standard uncertainties.",
-    )
+    shared = order[np.isfinite(found["published"].values[order])]
     gap = LineChart(
         "Fitted less published",
         "temperature / °C",
@@ -38,27 +34,17 @@ def section(found: xr.Dataset, curve: xr.Dataset) -> Section:
         [
             Series(
                 "difference",
-                T[order][shared],
-                (fitted - published)[shared],
+                T[shared],
+                (found["fitted"] - found["published"]).values[shared],
                 style="points",
                 role="measured",
-                u=u[shared],
+                u=found["u_fitted"].values[shared],
             )
         ],
-        group="published",
         height_px=220,
     )
-    blocks: list[Block] = [Paragraph(text) for text in reasons(found, curve)]
-    return Section(
-        "Comparison with published shifts",
-        (
-            *blocks[:1],
-            chart,
-            *blocks[1:],
-            Details("The difference, temperature by temperature", (gap, _shift_table(found, order))),
-            _step_table(found),
-        ),
-    )
+    size, *causes = [Paragraph(text) for text in reasons(found, curve)]
+    return [size, Details("Where and why they differ", (*causes, gap, _shift_table(found, order), _step_table(found)))]
 
 
 def reasons(found: xr.Dataset, curve: xr.Dataset) -> list[str]:
@@ -218,7 +204,7 @@ def _shift_table(found: xr.Dataset, order: NDArray[np.intp]) -> Table:
     )
 
 
-def _step_table(found: xr.Dataset) -> Details:
+def _step_table(found: xr.Dataset) -> Table:
     rows: list[list[float | str]] = []
     for i in range(found.sizes["step"]):
         values = [
@@ -227,7 +213,7 @@ def _step_table(found: xr.Dataset) -> Details:
         ]
         loose = "loose" if values[3] > _LOOSE else ""
         rows.append([*values, values[2] - values[4], loose])
-    table = Table(
+    return Table(
         (
             Column("from / °C", digits=3),
             Column("to / °C", digits=3),
@@ -242,7 +228,6 @@ def _step_table(found: xr.Dataset) -> Details:
         caption="Steps of log₁₀ a_T. “E′ alone” continues the storage modulus without vertical "
         "factors, within what polymers do.",
     )
-    return Details("Step by step", (table,))
 
 
 def _celsius(value: float) -> str:

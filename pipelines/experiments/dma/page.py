@@ -37,7 +37,7 @@ _COVERAGE = 1.96  # of the bands, 95 %
 # What a verdict on the model is called; the verdict on the record, above, has words of its own.
 _SUPERPOSITION = {"pass": "holds", "doubtful": "holds roughly at best", "fail": "does not hold"}
 _CONSISTENT = {"pass": "fulfilled", "warn": "nearly fulfilled", "fail": "violated"}
-_KIND = {"pass": "ok", "warn": "warning", "fail": "error"}
+_KIND = {"warn": "warning", "fail": "error"}
 
 
 def page(
@@ -56,15 +56,12 @@ def page(
     if (verdict := verdict_section(judgement)) is not None:
         sections.insert(0, verdict)
     if master_curve is not None:
-        sections += [_master(master_curve), _shifts(master_curve)]
-        if published is not None and "absent" not in published.attrs:
-            sections.append(_published_section.section(published, master_curve))
+        compared = None if published is None or "absent" in published.attrs else published
+        sections += [_master(master_curve), _shifts(master_curve, compared)]
     if temperature_sweep is not None and "absent" not in temperature_sweep.attrs:
         sections.append(_transition(temperature_sweep))
-    if sweeps is not None:
-        sections.append(_sweeps(settings, readings, sweeps))
-    if master_curve is not None:
-        sections += [_kramers_kronig(master_curve), _residuals(master_curve)]
+    if how := (*_fit(master_curve), *_sweeps(settings, readings, sweeps)):
+        sections.append(Section("Readings and fit", how))
     if sweeps is not None and master_curve is not None:
         found = quantities(sweeps, master_curve, temperature_sweep, settings=settings)
         sections += budget_blocks.section(context.experiment, found)
@@ -125,8 +122,6 @@ def _curve_rows(curve: xr.Dataset) -> list[tuple[str, str, str]]:
         ("relaxation terms", str(curve.sizes["term"]), f"{outside} outside the covered window"),
         _law_row(json.loads(curve.attrs["law"])),
         ("vertical shift", _vertical(curve), ""),
-        ("residual of E′", f"{_rms(curve['storage_residual'].values) * 100:.2f} %", "rms"),
-        ("residual of E″", f"{_rms(curve['loss_residual'].values) * 100:.2f} %", "rms"),
     ]
 
 
@@ -227,19 +222,20 @@ def _isotherms(
     return series
 
 
-def _sweeps(settings: Dma, readings: list[xr.Dataset] | None, sweeps: xr.Dataset) -> Section:
+def _sweeps(settings: Dma, readings: list[xr.Dataset] | None, sweeps: xr.Dataset | None) -> list[Block]:
+    if sweeps is None:
+        return []
     blocks: list[Block] = []
     factor = float(sweeps.attrs["modulus_factor"])
-    text = "Moduli in tension over frequency, as measured; from the coldest (blue) to the warmest (orange)."
     if factor != 1.0:
-        text += (
-            f" Loaded in {settings.mode}; the file's moduli were multiplied by 2 (1 + ν) = "
+        text = (
+            f"Loaded in {settings.mode}; the file's moduli were multiplied by 2 (1 + ν) = "
             f"{factor:.4g} with ν = {value_with_uncertainty(settings.nu.value, settings.nu.u)}."
         )
         if settings.nu.u:
             relative = float(sweeps.attrs["u_modulus_factor"]) / factor * 100
             text += f" That factor is uncertain by {relative:.2g} %, equally for all moduli."
-    blocks.append(Paragraph(text))
+        blocks.append(Paragraph(text))
     charts = [
         LineChart(
             title,
@@ -252,12 +248,12 @@ def _sweeps(settings: Dma, readings: list[xr.Dataset] | None, sweeps: xr.Dataset
         )
         for name, title in (("storage", "Storage modulus"), ("loss", "Loss modulus"))
     ]
-    blocks.append(Details("Storage and loss modulus over frequency", charts))
+    blocks.append(Details("Moduli in tension over frequency, as measured", charts))
     for reading in readings or ():
         header = pages.raw_header(reading)
         if header is not None:
             blocks.append(header)
-    return Section("Sweeps", tuple(blocks))
+    return blocks
 
 
 def _master(curve: xr.Dataset) -> Section:
@@ -302,11 +298,13 @@ def _master(curve: xr.Dataset) -> Section:
     return Section("Master curve", tuple(blocks))
 
 
-def _shifts(curve: xr.Dataset) -> Section:
+def _shifts(curve: xr.Dataset, published: xr.Dataset | None) -> Section:
     T, y, u = (curve[n].values for n in ("temperature", "log10_aT", "u_log10_aT"))
     order = np.argsort(T)
     fine = np.linspace(T.min(), T.max(), 161)
     series = [Series("fitted", T[order], y[order], style="points", role="measured", u=u[order])]
+    if published is not None:
+        series.append(_published_section.series(published))
     laws = json.loads(curve.attrs["laws"])
     for (name, law), role in zip(sorted(laws.items(), reverse=True), ("model", "reference"), strict=False):
         values = _law_curve(law, fine)
@@ -353,7 +351,8 @@ def _shifts(curve: xr.Dataset) -> Section:
         shown = value_with_uncertainty(float(curve["delay"]), float(curve["u_delay"]), "s")
         fits.append(("delay of the instrument's phase", shown, "removed"))
     folded = Details(f"Shift factors of {T.size} temperatures", (table,))
-    return Section("Shift factors", (chart, KeyValues(fits), folded))
+    compared = [] if published is None else _published_section.blocks(published, curve)
+    return Section("Shift factors", (chart, KeyValues(fits), folded, *compared))
 
 
 def _law_curve(law: dict[str, Any], T: Floats) -> Floats:
@@ -417,8 +416,19 @@ def _spectrum(curve: xr.Dataset) -> list[Block]:
     return blocks
 
 
-def _kramers_kronig(curve: xr.Dataset) -> Section:
+def _fit(curve: xr.Dataset | None) -> list[Block]:
+    """Say how well the curve fits the readings, and the two moduli each other; both in detail below."""
+    if curve is None:
+        return []
     kk = json.loads(curve.attrs["kramers_kronig"])
+    missed = [100 * _rms(curve[name].values) for name in ("storage_residual", "loss_residual")]
+    text = f"The spectrum misses the storage modulus by {missed[0]:.2g} %, the loss by {missed[1]:.2g} % (rms)."
+    said = f"Storage and loss modulus, Kramers–Kronig: {_CONSISTENT[kk['verdict']]}; {kk['reason']}."
+    consistent = Paragraph(said) if kk["verdict"] == "pass" else Notice(_KIND[kk["verdict"]], said)  # type: ignore[arg-type]
+    return [Paragraph(text), consistent, _residuals(curve), _kramers_kronig(curve)]
+
+
+def _kramers_kronig(curve: xr.Dataset) -> Details:
     x = curve["kk_frequency"].values
 
     def line(name: str, title: str, role: Any, style: Any = "line") -> Series:
@@ -451,12 +461,10 @@ def _kramers_kronig(curve: xr.Dataset) -> Section:
         caption="The slope rule is for orientation only: on noisy data it errs by tens of "
         "percent. Near the ends the prediction lacks the data beyond the window.",
     )
-    notice = Notice(_KIND[kk["verdict"]], f"{_CONSISTENT[kk['verdict']].capitalize()}: {kk['reason']}.")  # type: ignore[arg-type]
-    folded = Details("Each modulus predicted from the other", (storage, loss))
-    return Section("Consistency of storage and loss modulus", (notice, folded))
+    return Details("Each modulus predicted from the other", (storage, loss))
 
 
-def _residuals(curve: xr.Dataset) -> Section:
+def _residuals(curve: xr.Dataset) -> Details:
     label = f"frequency at {float(curve['T_ref']):.4g} °C / Hz"
     blocks: list[Block] = [
         LineChart(
@@ -496,11 +504,7 @@ def _residuals(curve: xr.Dataset) -> Section:
             rows,
         )
     )
-    text = (
-        f"The spectrum misses the storage modulus by {_rms(curve['storage_residual'].values) * 100:.2g} % and the loss "
-        f"modulus by {_rms(curve['loss_residual'].values) * 100:.2g} % (rms of all readings)."
-    )
-    return Section("Residuals by temperature", (Paragraph(text), Details("By temperature", blocks)))
+    return Details("Residuals by temperature", blocks)
 
 
 def _largest(values: Floats) -> float:
@@ -568,13 +572,11 @@ def _terms(curve: xr.Dataset, name: str, settings: Dma) -> Section:
     deck = _material_files.deck(curve, settings=settings, name=name)
     few = deck.tension
     text = (
-        f"E(t) = E_relaxed + Σ E_i exp(−t/ρ_i) at {deck.T_ref:.4g} °C, in tension. For simulation "
-        f"codes the series was reduced to {few.E.size} terms with "
-        f"E_relaxed = {_modulus(few.E_relaxed)}; "
-        f"within the covered window the error is {deck.error * 100:.2g} % (rms of the worse "
-        "modulus). Other experiments of this session use the full series. "
-        f"`labpipe export SESSION --experiment {name} --format abaqus` writes the file below; ansys, comsol, lsdyna "
-        "and json are as well known, and --bulk says what the bulk modulus does."
+        f"E(t) = E_relaxed + Σ E_i exp(−t/ρ_i) at {deck.T_ref:.4g} °C, in tension; other experiments of this session "
+        "use the full series. "
+        f"`labpipe export SESSION --experiment {name} --format abaqus` (or ansys, comsol, lsdyna, json; --bulk says "
+        f"what the bulk modulus does) writes {few.E.size} terms, within "
+        f"{deck.error * 100:.2g} % of the worse modulus inside the window (rms)."
     )
     full = _term_table(
         curve["rho"].values,
@@ -583,12 +585,14 @@ def _terms(curve: xr.Dataset, name: str, settings: Dma) -> Section:
         f"All terms; E_relaxed = {_modulus(float(curve['E_relaxed']))}. Terms outside the covered "
         "window are extrapolation.",
     )
-    reduced = _term_table(few.rho, few.E, np.zeros(few.E.size, dtype=bool), "The reduced series.")
+    caption = f"The reduced series; E_relaxed = {_modulus(few.E_relaxed)}."
+    reduced = _term_table(few.rho, few.E, np.zeros(few.E.size, dtype=bool), caption)
+    warnings = [Notice("warning", _sentence(warning)) for warning in deck.warnings]
+    warned = f" ({pages.counted(len(warnings), 'warning')})" if warnings else ""
     blocks: tuple[Block, ...] = (
         Paragraph(text),
         Details("Relaxation and creep spectrum", _spectrum(curve)),
-        *(Notice("warning", _sentence(warning)) for warning in deck.warnings),
-        Details(f"The reduced series, {few.E.size} terms", (reduced,)),
+        Details(f"For simulation codes, {few.E.size} terms{warned}", (*warnings, reduced)),
         Details(f"All {outside.size} terms", (full,)),
         Details("For Abaqus", text=deck_text(deck, "abaqus")),
         Details("CSV, all terms and the shift factors", text=_material_files.as_csv(curve, few)),

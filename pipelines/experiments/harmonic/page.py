@@ -91,7 +91,7 @@ def _summary(oscillations: xr.Dataset | None, comparison: xr.Dataset | None, con
         rows.append(
             (
                 "nRMSE of force",
-                f"{errors.min():.2f} to {errors.max():.2f} %",
+                f"{errors.min():.3g} to {errors.max():.3g} %",
                 "root mean square of measured minus model, over the range of the simulated force",
             )
         )

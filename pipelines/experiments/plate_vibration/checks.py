@@ -40,7 +40,6 @@ DMA: it goes with the restitution."""
 _MOMENTUM = 0.03
 """The same of the momentum of an impact, which goes with 1 + e."""
 _PLATES = (0.3, 3e3)  # kg, modal masses of what spheres are dropped on in a laboratory
-_LARGE = 0.2  # of a stated value, beyond which its uncertainty is doubtful
 _ANOTHER_PLATE = 5e-3  # relative, by which a frequency may change when a plate is touched or warmed
 _ONE_MASS = "all drops find the same modal mass: momentum over amplitude and frequency"
 _STATED = (
@@ -79,7 +78,7 @@ def judgement(
     checks += [*of_traces, *_statements(settings), fall_checks.gravity_stated(settings.model.gravity)]
     found = {n: ring for n, ring in zip(names, ringing or (), strict=False) if ring is not None}
     moved = {n: each for n, each in zip(names, displacement or (), strict=False) if each is not None}
-    checks.append(trace_checks.sight(next(iter(moved.values()), None), settings.calibration))
+    checks += trace_checks.of_record(next(iter(moved.values()), None), settings.calibration)
     checks += [_downwards(name, moved[name], ring) for name, ring in found.items() if name in moved]
     checks += _one_plate(found)
     for drops in settings.drops:
@@ -125,6 +124,8 @@ def _explained(failed: Check, of_traces: Sequence[Check], record: str) -> Check:
     place = re.search(rf"{re.escape(failed.file)}:(\d+)", failed.message) if failed.file else None
     if place is not None:
         return replace(failed, line=int(place[1]))
+    if "begins in motion" in failed.message:
+        failed = replace(failed, cause=trace_checks.IN_MOTION)
     worst = [c for c in of_traces if c.file == failed.file and c.level in ("impossible", "doubtful")]
     worst.sort(key=lambda check: check.level != "impossible")
     return replace(failed, cause=worst[0].cause) if worst else failed
@@ -132,17 +133,11 @@ def _explained(failed: Check, of_traces: Sequence[Check], record: str) -> Check:
 
 def _statements(settings: PlateVibration) -> Iterator[Check]:
     """Hold stated values against what a sphere weighs, and uncertainties against what they belong to."""
-    law = "an uncertainty is far smaller than what it belongs to"
     given = [(f"drops[{i}].height", drops.height) for i, drops in enumerate(settings.drops)]
     body = settings.sphere
     if body is not None:
         given += [("sphere.radius", body.radius), ("sphere.mass", body.mass)]
-    for setting, value in given:
-        text = f"{setting} is stated as {quantity(value.value, value.si)} with u = {quantity(value.u, value.si)}"
-        is_large = value.u > _LARGE * abs(value.value)
-        cause = "the uncertainty was typed in another unit or with a lost decimal" if is_large else ""
-        level: Level | None = "doubtful" if is_large else None
-        yield stated(f"uncertainty of {setting}", law, text, level, cause=cause, setting=setting)
+    yield from judgements.uncertainties_stated(given)
     name, law = "mass of the falling body", "what falls weighs at least as much as its sphere"
     if body is None:
         yield not_made(name, law, "the sphere, with radius and mass")
@@ -153,7 +148,7 @@ def _statements(settings: PlateVibration) -> Iterator[Check]:
     cause = (
         "sphere.mass or sphere.radius is in another unit than was typed, or a diameter was typed" if is_light else ""
     )
-    level = "impossible" if is_light else None
+    level: Level | None = "impossible" if is_light else None
     yield stated(name, law, text, level, cause=cause, setting="sphere.mass")
 
 

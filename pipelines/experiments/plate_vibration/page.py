@@ -112,7 +112,7 @@ def _summary(
         rows.append(
             (
                 "nRMSE of displacement",
-                f"at most {worst:.2f} %",
+                f"at most {worst:.3g} %",
                 "root mean square of measured minus fitted, over the range of the fit: frequency, damping and "
                 "mass of the plate come from the same recordings",
             )

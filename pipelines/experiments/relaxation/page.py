@@ -117,7 +117,7 @@ def _summary(tests: xr.Dataset | None, comparison: Sequence[xr.Dataset] | None, 
             rows.append(
                 (
                     "nRMSE of force",
-                    f"{np.nanmin(errors):.2f} to {np.nanmax(errors):.2f} %",
+                    f"{np.nanmin(errors):.3g} to {np.nanmax(errors):.3g} %",
                     "root mean square of measured minus model, over the range of the simulated force of each test",
                 )
             )

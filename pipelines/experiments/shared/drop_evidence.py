@@ -9,6 +9,7 @@ import xarray as xr
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.identification import Bounces, DropModel, Parameter, drop_evidence
+from labpipe.report import display_unit
 from labpipe.units import Quantity
 from pipelines.experiments.shared import settings as given
 from pipelines.experiments.shared.material_choice import resolve
@@ -41,7 +42,8 @@ def body(sphere: given.Sphere) -> tuple[dict[str, str], list[Parameter]]:
     names, unknowns = {}, []
     for role, stated, text in (("mass", sphere.mass, "moving mass"), ("radius", sphere.radius, "radius of the sphere")):
         if stated.u > 0.0:
-            names[role] = f"{role} {stated.value:g} {stated.si}"
+            shown = display_unit([stated.value], stated.si)
+            names[role] = f"{role} {stated.value / shown.factor:g} {shown.text}"
             unknowns.append(nuisance(names[role], stated.value, stated.u, stated.si, text))
     return names, unknowns
 

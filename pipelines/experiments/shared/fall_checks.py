@@ -27,6 +27,8 @@ _SWING = 0.07
 
 A plate takes (1 + e) m/M of the speed and returns at most twice its own: 0.07 is a plate
 55 times as heavy as what falls."""
+_STAYS = 0.02  # of the fall, by which a plate that swings may be elsewhere when it is hit again
+_HUMS = 0.05  # of g, that a hum adds to the curvature of a flight, beyond which it spoils what flights tell
 _CLOCK = 1e-4
 """Relative uncertainty of a sampling interval as manufacturers state it."""
 _HERTZ = 2.868
@@ -86,6 +88,23 @@ class Fall:
 def shown(value: float, u: float, unit: str) -> str:
     """Write a value with its uncertainty."""
     return value_with_uncertainty(value, u, unit) if isfinite(u) and u > 0 else quantity(value, unit)
+
+
+def is_hummed(fall: Fall, gravity: Quantity) -> bool:
+    """Whether the hum of a record bends its flights by more than anything else does."""
+    return fall.swing * fall.pulsation > _HUMS * gravity.value
+
+
+def hummed(check: Check, fall: Fall, gravity: Quantity) -> Check:
+    """Say of a check that the hum of its record may have spoiled it, where no larger factor was seen."""
+    share = fall.swing * fall.pulsation / gravity.value
+    if check.level is None or not is_hummed(fall, gravity) or abs(check.log_ratio) > 4 * share:
+        return check
+    cause = (
+        f"hum of {quantity(fall.hum, 'm')} at {fall.pulsation / (2 * pi):.3g} Hz bends flights by {share:.0%} of g, "
+        "so that they tell little: ground the sensor, or average over one period"
+    )
+    return replace(check, level="doubtful", cause=cause, file=fall.name, line=None, setting="")
 
 
 def acceleration(fall: Fall, gravity: Quantity) -> Check:
@@ -272,6 +291,27 @@ def flights_alike(fall: Fall, gravity: Quantity) -> Check:
         factor=False,
         file=fall.name,
     )
+
+
+def touch_levels(fall: Fall) -> Check:
+    """Hold the displacement at every touch against that at the first."""
+    name, law = "levels of the touches", "the floor stays where it is: every contact begins at one displacement"
+    level, u = fall.bounces["touch_level"].values, fall.bounces["u_touch_level"].values
+    if level.size < 2:
+        return not_made(name, law, "two bounces")
+    apart = np.abs(level - level[0])
+    worst = int(np.argmax(apart))
+    allowed = _STAYS * abs(fall.value("drop_height")[0]) + 2 * fall.hum + 4 * np.hypot(u, u[0])
+    text = (
+        f"{fall.name}: touch {worst + 1} lies {quantity(float(level[worst] - level[0]), 'm')} from the first one, "
+        f"{quantity(float(allowed[worst]), 'm')} may be"
+    )
+    beyond = np.flatnonzero(apart > allowed)
+    if not beyond.size:
+        return stated(name, law, text, None, file=fall.name)
+    at = quantity(float(fall.bounces["touch_time"].values[beyond[0]]), "s")
+    cause = f"the bench sank, or the sensor, its clamp or the plate was knocked or crept, before {at}"
+    return stated(name, law, text, "doubtful", cause=cause, file=fall.name)
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ of its comparison; here they become the stage ``judgement`` and the first sectio
 """
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import floor, log10
 from typing import Any, NamedTuple
 
@@ -19,6 +19,7 @@ from labpipe.judging import (
     Cause,
     Check,
     Judgement,
+    Level,
     agreement,
     detectable,
     from_json,
@@ -48,6 +49,8 @@ from labpipe.workflow.context import Context
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.material_choice import is_of_spectrum
 
+_LARGE, _VAGUE = 0.2, 0.05
+"""Of a stated value, beyond which its uncertainty is doubtful, and beyond which it hides a slip of typing."""
 MATTERS = 0.2
 """Relative error of an input that a comparison must be able to show before it can agree."""
 _LINEAR, _FAR = 0.3, 20.0
@@ -62,6 +65,8 @@ _LEAST_OWN = 0.05
 _NO_SLIP, _DIAMETER = ("1", "degC", "K"), 2.0  # units of inputs that have no usual factor, and a radius' one
 _SHOWN = 3  # detectable errors in the opening sentence
 _SUSPECTS, _EXPLAINS = 2, 0.2  # inputs that are named where the model differs, and the least share that each explains
+
+_LEAST_P = 1e-4  # smaller probabilities say no more
 
 _BESIDE = {
     "agrees": "The model agrees all the same.",
@@ -93,6 +98,21 @@ class Scene(NamedTuple):
     rows: Sequence[Row] = ()
     inputs: Mapping[str, Quantity] = {}
     shared: Mapping[str, Quantity] = {}
+
+
+def uncertainties_stated(given: Iterable[tuple[str, Quantity]]) -> Iterator[Check]:
+    """Hold stated uncertainties, each with its setting, against the values to which they belong."""
+    law = "an uncertainty is far smaller than what it belongs to"
+    for setting, value in given:
+        text = f"{setting} is stated as {quantity(value.value, value.si)} with u = {quantity(value.u, value.si)}"
+        level: Level | None = None
+        cause, share = "", value.u / abs(value.value) if value.value else 0.0
+        if share > _LARGE:
+            level, cause = "doubtful", "the uncertainty was typed in another unit or with a lost decimal"
+        elif share > _VAGUE:
+            level = "note"
+            cause = f"{setting} is known too vaguely to judge by: a difference of {4 * share:.0%} would pass"
+        yield stated(f"uncertainty of {setting}", law, text, level, cause=cause, setting=setting)
 
 
 def failed_steps(context: Context, causes: Mapping[str, str]) -> list[Check]:
@@ -278,9 +298,8 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
     judged = believed(result)
     made, found = judged.n_made, judged.findings
     if judged.believable in ("impossible", "doubtful"):
-        likeliest = found[0].cause or next(iter(judged.causes), "")
-        cause = f" {_capital(likeliest)}." if likeliest else ""
-        word = _capital(judged.believable)
+        cause = f" {capitalised(likeliest)}." if (likeliest := _likeliest(judged)) else ""
+        word = capitalised(judged.believable)
         level = "error" if judged.believable == "impossible" else "warning"
         return level, f"{word}: {found[0].message}.{cause} {_BESIDE[str(result.attrs['model'])]} {_counted(judged)}."
     checks = _counted(judged) if made else "no check could be made"
@@ -288,7 +307,8 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
     if stopped is not None:
         return (
             "warning",
-            f"Not known: {stopped.name} was not carried out: {stopped.message}; {checks}. {_capital(stopped.cause)}.",
+            f"Not known: {stopped.name} was not carried out: {stopped.message}; {checks}. "
+            f"{capitalised(stopped.cause)}.",
         )
     model = result.attrs["model"]
     known = [r for r in rows if r.deviation is not None and r.measured is not None]
@@ -301,23 +321,33 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
         return "ok", f"{believable}, and the {by} agrees with it; {checks}.{shown}"
     if model == "differs":
         p = float(result["p"])
-        explained = "".join(f" {_capital(text)}." for text in json.loads(result.attrs.get("suspects", "[]")))
+        explained = "".join(f" {capitalised(text)}." for text in json.loads(result.attrs.get("suspects", "[]")))
         return (
             "warning",
-            f"{believable}, but the {by} differs from it (p = {p:.1g}, largest deviation "
+            f"{believable}, but the {by} differs from it ({_chance(p)}, largest deviation "
             f"{float(result['largest_deviation']):.1f} u); {checks}.{shown}{explained}",
         )
     if model == "undecided":
         undecided = f"whether the {by} agrees is undecided"
-        return "info", f"{believable}; {undecided}; {checks}.{shown} {_capital(_undecided(result))}."
+        return "info", f"{believable}; {undecided}; {checks}.{shown} {capitalised(_undecided(result))}."
     return "ok" if made else "info", f"{believable}: {checks}. There is no model to compare with."
+
+
+def _likeliest(judged: Judgement) -> str:
+    """Return the cause of the gravest finding, else the first that explains any; empty where none is known."""
+    gravest = judged.findings[0].cause if judged.findings else ""
+    return gravest or next(iter(judged.causes), "")
 
 
 def _undecided(result: xr.Dataset) -> str:
     """Say why an agreement says nothing: the differences are unlikely, or no error would have shown."""
     if (p := float(result["p"])) < LIKELY:
-        return f"so large differences are unlikely by chance (p = {p:.1g}), but no proof of another model"
+        return f"so large differences are unlikely by chance ({_chance(p)}), but no proof of another model"
     return f"no error of {MATTERS:.0%} in any input would have shown".replace("%", f"{_TIED}%")
+
+
+def _chance(p: float) -> str:
+    return f"p = {p:.1g}" if p >= _LEAST_P else f"p < {_LEAST_P:g}"
 
 
 def _many(found: Sequence[object], noun: str) -> str:
@@ -345,8 +375,16 @@ def _counted(judged: Judgement) -> str:
     return f"{passed} of {judged.n_made} checks passed"
 
 
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
+def capitalised(text: str) -> str:
+    """Begin a sentence; files and settings keep their spelling.
+
+    Examples
+    --------
+    >>> capitalised("the radius is wrong"), capitalised("sphere.radius is wrong")
+    ('The radius is wrong', 'sphere.radius is wrong')
+    """
+    first = text.partition(" ")[0].rstrip(".,:;")
+    return text if any(c in first for c in "/._") else text[:1].upper() + text[1:]
 
 
 def verdict_blocks(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> tuple[Block, ...]:
@@ -462,6 +500,7 @@ def compared(result: xr.Dataset) -> dict[str, Any]:
     """Return what the comparison of one experiment came to, for JSON."""
     units = json.loads(result.attrs["units"])
     errors = result["detectable_error"].values
+    judged = believed(result)
     names = [str(name) for name in result["input"].values]
     return {
         "model": str(result.attrs["model"]),
@@ -469,6 +508,8 @@ def compared(result: xr.Dataset) -> dict[str, Any]:
         "degrees_of_freedom": int(result["degrees_of_freedom"]),
         "p": _finite(result["p"]),
         "suspects": json.loads(result.attrs.get("suspects", "[]")),
+        "believable": judged.believable,
+        "cause": _likeliest(judged) if judged.believable in ("doubtful", "impossible") else "",
         "detectable": {
             name: {"value": float(error) if np.isfinite(error) else None, "unit": unit}
             for name, error, unit in zip(names, errors, units, strict=True)

@@ -36,13 +36,18 @@ RATIO, SCALE = "force for the named material", "scale of the cell"
 SIGN, FALL, PHASE = "sign of the stiffness", "fall of the force in the hold", "phase lag"
 LATE = "force after the ramp"
 STAGE, DIRECTION = "position within the stage", "direction of the motion"
+SHAPE = "shape of the oscillation"
 RESOLVED, CALIBRATED, AXES = "resolution of the position", "date of the cell", "axes"
 DELAY, SWAPPED = "delay of the filter", "order of the columns"
 
 _SINUSOID, _APPROACH = "Sinusoid", "Find Contact"
 _STAGE = {AMPLITUDE: 0.3, FREQUENCY: 0.05, TRAVEL: 0.05, SPEED: 0.25, APPROACH: 0.25, HOLD: 0.1}
 """By how much, relative, a stage may miss its command: eases, lags, brakes."""
-_COARSE = 0.03  # of a motion, that a position resolves at least
+_COARSE, _ROUNDED, _ALL = 0.03, 0.02, 0.9
+"""Of a motion, that a position resolves at least; of a step, within which rounded positions lie; and how many do."""
+_AT_REST, _EXTREME = 2.5, 0.02
+"""Times a sine's share of the readings beside an extreme, beyond which the stage stood; of the amplitude, beside."""
+_PARTS, _SWINGS = 40, 0.01  # of a hold, whose means are compared, and of a force, by which none of them rises
 _SETTLED = 0.3  # s after a ramp within which the filter of the cell settles
 _LATE = 0.5  # s by which a hold, or a clock, may be off
 _SWAPPED_BY = 0.3  # relative, within which the other column holds the declared motion
@@ -139,6 +144,7 @@ def of_file(name: str, readings: xr.Dataset) -> list[Check]:
         _stage(name, blocks),
         _direction(name, blocks),
         *_signs(name, blocks),
+        _shaped(name, blocks),
         _living(name, blocks),
         _saturated(name, blocks),
         _capacity(name, blocks),
@@ -461,6 +467,29 @@ def _living(name: str, blocks: Sequence[Part]) -> Check:
     return stated(title, law, text, "impossible", cause=cause, file=name, line=part.header_line)
 
 
+def _shaped(name: str, blocks: Sequence[Part]) -> Check:
+    """Look for a stage that stands still at the ends of its oscillation."""
+    law = "a stage that follows a sine turns at its ends, and does not stand there"
+    found = []
+    for part in (p for p in blocks if p.function == _SINUSOID):
+        x = part.position[np.isfinite(part.position)]
+        half = 0.5 * float(np.ptp(x)) if x.size else 0.0
+        band = max(_EXTREME * half, 1.5 * float(quantisation_step(x)) if np.unique(x).size > 1 else 0.0)
+        if band < 0.5 * half:
+            share = max(float(np.mean(x > x.max() - band)), float(np.mean(x < x.min() + band)))
+            found.append((share / (np.arccos(1 - band / half) / pi), share, part))
+    if not found:
+        return not_made(SHAPE, law, "an oscillation that the position resolves")
+    ratio, share, part = max(found, key=lambda each: each[0])
+    text = f"{name}, block {part.number + 1}: {share:.0%} of the readings lie at one end, {ratio:.2g} times a sine's"
+    level: Level | None = "doubtful" if ratio > _AT_REST else None
+    cause = (
+        "the stage stopped before the end of its way: a limit of travel, force or speed, or another wave than the "
+        f"sine that is declared (line {part.line})"
+    )
+    return stated(SHAPE, law, text, level, cause=cause if level else "", file=name, line=part.line)
+
+
 def _saturated(name: str, blocks: Sequence[Part]) -> Check:
     title, law = "saturation of the cell", "the extremes of a force are smooth, not flat"
     for part in (p for p in blocks if p.function in (_SINUSOID, RELAXATION)):
@@ -539,8 +568,10 @@ def _resolved(name: str, blocks: Sequence[Part]) -> Check:
     coarse = (0.0, blocks[0])
     for part in (p for p in blocks if p.function in (_SINUSOID, RELAXATION)):
         x = part.position[np.isfinite(part.position)]
-        if np.unique(x).size > 1:
-            coarse = max(coarse, (float(quantisation_step(x)) / float(np.ptp(x)), part), key=lambda each: each[0])
+        step = float(quantisation_step(x)) if np.unique(x).size > 1 else 0.0
+        # a steady ramp goes in equal steps too, but not from a multiple of them
+        if step > 0.0 and np.mean(np.abs(x / step - np.round(x / step)) < _ROUNDED) > _ALL:
+            coarse = max(coarse, (step / float(np.ptp(x)), part), key=lambda each: each[0])
     step, part = coarse
     text = f"{name}, block {part.number + 1}: the steps of the position are {step:.1%} of the motion"
     level: Level | None = "doubtful" if step > _COARSE else None
@@ -829,12 +860,32 @@ def falls(name: str, part: Part) -> Check:
     text = f"{name}, block {part.number + 1}: the force changes by {quantity(rise, 'N')} in the second half of its hold"
     check = bounded(title, law, text, rise, u, at_most=0.0, file=name, line=part.header_line)
     if check.level is None:
-        return check
+        return _swings(check, name, part, end - rest)
     cause = (
         "the sign of the force is wrong, the rows stand in reverse order, or the stage crept on: a "
         "force in a hold falls"
     )
     return replace(check, cause=cause)
+
+
+def _swings(check: Check, name: str, part: Part, arrived: float) -> Check:
+    """Hold the force in a hold against every earlier one: what swings also rises, though it falls on the whole."""
+    settled = (part.segment == part.segment[0]) & (part.time >= arrived + 5 * _SETTLED)
+    time, force = part.time[settled], part.force[settled]
+    if force.size < 10 * _PARTS or not np.isfinite(force).all():
+        return check
+    means = np.array([piece.mean() for piece in np.array_split(force, _PARTS)])
+    rises = means - np.minimum.accumulate(means)
+    at, noise = int(np.argmax(rises)), float(np.median([piece.std() for piece in np.array_split(force, _PARTS)]))
+    limit = max(_SWINGS * float(np.abs(means).max()), 8 * noise / (force.size / _PARTS) ** 0.5)
+    if rises[at] < limit:
+        return check
+    began = int(np.argmin(means[: at + 1]))
+    times = [quantity(float(np.array_split(time, _PARTS)[i].mean()), "s") for i in (began, at)]
+    text = f"{name}, block {part.number + 1}: in its hold the force rises by {quantity(float(rises[at]), 'N')} from "
+    text += f"{times[0]} to {times[1]}"
+    cause = "the force swings with something else: the temperature of the room, a draught, a step, or a loop of control"
+    return replace(check, message=text, level="doubtful", cause=cause)
 
 
 def late(name: str, part: Part) -> Check:

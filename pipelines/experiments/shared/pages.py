@@ -105,8 +105,8 @@ def synthetic_notice() -> Notice:
     )
 
 
-def kept_notice(context: Context) -> tuple[Notice, ...]:
-    """Say which results behind the page were made by earlier code and taken as they are."""
+def kept_notice(context: Context) -> tuple[Block, ...]:
+    """Say that results behind the page were made by earlier code and taken as they are; which, is folded."""
     if not context.kept:
         return ()
     alike: dict[tuple[str, str], list[str]] = {}
@@ -118,9 +118,9 @@ def kept_notice(context: Context) -> tuple[Notice, ...]:
     ]
     text = (
         "Results of earlier code were kept as they are; what follows from them may differ from "
-        "what this version of labpipe gives. `labpipe process` makes them again. They are:"
+        "what this version of labpipe gives. `labpipe process` makes them again."
     )
-    return (Notice("warning", "\n".join([text, *lines])),)
+    return Notice("warning", text), Details("Results of earlier code", text="\n".join(lines))
 
 
 def failed_notice(context: Context) -> tuple[Notice, ...]:

@@ -7,6 +7,7 @@ cable or the file, and it is told with its place in time.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 from math import pi
 
@@ -31,7 +32,8 @@ _MIXING = np.uint64(0x9E3779B97F4A7C15)
 _LONG = 200  # stretches in a row that two records share by copying alone, also where noise is below the display's step
 _WHOLE = 0.8  # of the shorter record
 _COARSE, _TOO_COARSE = 5e-3, 3e-2  # of the travel
-_SINE = 0.98  # of the variance
+_SINE, _LINE = 0.98, 0.7
+"""Of the variance; and of the power in three neighbouring lines, of which a sine has more than 0.8 in any phase."""
 _QUIET = 200  # readings at the beginning that should be still
 _FALL = (0.4, 2.5)  # times g, curvature of a beginning in mid-fall
 _MAINS = (50.0, 60.0)
@@ -42,6 +44,8 @@ _HUM = 0.01  # of the travel, beyond which hum is doubtful
 _OBLIQUE = pi / 4  # between line of sight and motion: no makers' sensor sees its spot from further aside
 _VAGUE = pi / 60  # u of an inclination: what was measured, even by eye, is known better
 _UNKNOWN = 0.2  # relative u of a calibrated length, beyond which it was not calibrated
+_LOUDER, _LATE = 5.0, 0.3  # times the noise at rest, and parts of an interval, of readings at uneven times
+_REGULAR = 0.02  # of a period, within which spikes come one each period
 _LIMITS = (1e-3, 0.02, 0.2)  # of the travel: drift over the record that is told, doubtful, impossible
 
 _HELD = (
@@ -52,10 +56,14 @@ OUT_OF_RANGE = (
     "the sensor was out of its range, and the controller wrote that in place of a reading: the impact "
     "is not measured there; move the sensor or choose a larger range"
 )
+IN_MOTION = (
+    "the readings do not begin at rest: the record begins in mid-motion, the sensor drifts or hums, or the wrong "
+    "channel was recorded"
+)
 WRONG_CHANNEL = "the wrong channel or file was recorded, or the sensor did not see the body"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Trace:
     """The readings of one record.
 
@@ -85,20 +93,20 @@ class Trace:
             x[readings[state].values != 0] = np.nan
         return cls(name, readings["time"].values, x, str(readings.attrs.get("header", "")))
 
-    @property
+    @cached_property
     def travel(self) -> float:
         """Range of the readings without their extremes [m]."""
         low, high = np.nanquantile(self.reading, [0.005, 0.995])
         return float(high - low)
 
-    @property
+    @cached_property
     def noise(self) -> float:
         """Standard deviation of a reading, from second differences [m]."""
         bend = np.diff(self.reading, 2)
         bend = bend[np.isfinite(bend)]
         return float(1.4826 * np.median(np.abs(bend)) / np.sqrt(6.0)) if bend.size else 0.0
 
-    @property
+    @cached_property
     def resolution(self) -> float:
         """Smallest difference between two readings [m]."""
         x = self.reading[np.isfinite(self.reading)]
@@ -125,7 +133,7 @@ def checks_of(trace: Trace, gravity: float) -> tuple[list[Check], float, float]:
     if held.level is None:
         found.append(jumps(trace))
     humming, amplitude, pulsation = hum(trace, gravity)
-    found += [humming, resolution(trace)]
+    found += [humming, resolution(trace), timing(trace)]
     if amplitude == 0.0:
         found.append(beginning(trace, gravity))
     return found, amplitude, pulsation
@@ -146,6 +154,11 @@ def unread(trace: Trace) -> Check:
     return stated(title, law, text, level, file=trace.name, cause=OUT_OF_RANGE)
 
 
+def of_record(displacement: xr.Dataset | None, record: str) -> list[Check]:
+    """Check what a calibration record states of the sensor that gave a displacement."""
+    return [sight(displacement, record), scale_known(displacement, record)]
+
+
 def sight(displacement: xr.Dataset | None, record: str) -> Check:
     """Hold the inclination that a calibration record states against what a sensor can see.
 
@@ -156,11 +169,6 @@ def sight(displacement: xr.Dataset | None, record: str) -> Check:
         return not_made(name, law, "a displacement")
     angle, u = float(displacement["inclination"]), float(displacement["u_inclination"])
     text = f"{record}: inclination ({np.rad2deg(angle):.3g} ± {np.rad2deg(u):.2g})°, lengths are divided by its cosine"
-    relative = float(displacement.attrs.get("u_systematic_relative", 0.0))
-    if relative > _UNKNOWN and u <= _VAGUE:
-        text = f"{record}: lengths are known by {100 * relative:.2g} %"
-        cause = f"u of the scale in {record} was typed in another unit or with a lost decimal"
-        return stated(name, law, text, "doubtful", cause=cause, file=record, setting="values.scale")
     level: Level | None = "doubtful" if angle > _OBLIQUE or u > _VAGUE else None
     cause = (
         f"u of the inclination in {record} is probably not {np.rad2deg(u):.2g}°: a lost decimal, or another unit"
@@ -169,6 +177,39 @@ def sight(displacement: xr.Dataset | None, record: str) -> Check:
         "the plate in place of that to the motion"
     )
     return stated(name, law, text, level, cause=cause if level else "", file=record, setting="values.inclination")
+
+
+def scale_known(displacement: xr.Dataset | None, record: str) -> Check:
+    """Hold the uncertainty of a calibrated length against what a calibration is for."""
+    name, law = "uncertainty of the scale", "a calibration tells lengths far better than the eye does"
+    if displacement is None or not (relative := float(displacement.attrs.get("u_systematic_relative", 0.0))):
+        return not_made(name, law, "a displacement, and the uncertainty of its scale")
+    text = f"{record}: lengths are known by {100 * relative:.2g} %"
+    level: Level | None = "doubtful" if relative > _UNKNOWN else None
+    cause = f"u of the scale, or of the inclination, in {record} was typed in another unit or with a lost decimal"
+    return stated(name, law, text, level, cause=cause if level else "", file=record, setting="values.scale")
+
+
+def timing(trace: Trace) -> Check:
+    """Hold the noise of readings in motion against that at rest: uneven times make positions scatter with speed."""
+    name, law = ("times of the readings", "noise is one at rest and in motion where readings come at their times")
+    x = trace.reading
+    scatter = np.abs(np.diff(x, 4)) / np.sqrt(70.0)
+    moves = np.abs(x[4:] - x[:-4]) / 4  # from reading to reading
+    moving = moves > 0.5 * float(np.nanquantile(moves, 0.9))
+    if moving.sum() < _QUIET or not np.isfinite(scatter[:_QUIET]).any():
+        return not_made(name, law, f"{_QUIET} readings at rest and in motion")
+    rest, fast = (1.4826 * float(np.nanmedian(part)) for part in (scatter[:_QUIET], scatter[moving]))
+    late = fast / float(np.median(moves[moving]))
+    interval = float(np.median(np.diff(trace.time)))
+    text = f"{trace.name}: readings scatter by {quantity(rest, 'm')} at rest and by {quantity(fast, 'm')} in motion"
+    is_late = fast > _LOUDER * max(rest, 0.3 * trace.resolution) and late > _LATE
+    cause = (
+        f"the times of the readings jitter by about {quantity(late * interval, 's')}: they were polled by a program, "
+        "or the clock of the sampling is not that of the sensor"
+    )
+    level: Level | None = "doubtful" if is_late else None
+    return stated(name, law, text, level, cause=cause if is_late else "", file=trace.name)
 
 
 def held_readings(trace: Trace) -> Check:
@@ -277,7 +318,9 @@ def jumps(trace: Trace) -> Check:
     known = np.flatnonzero(np.isfinite(trace.reading))
     x = trace.reading[known]
     steps = np.diff(x)
-    usual = float(np.quantile(np.abs(steps), 0.995))
+    # of three steps in a row the middle one: a spike makes two of them, against each other
+    low, high = np.minimum(steps[:-2], steps[1:-1]), np.maximum(steps[:-2], steps[1:-1])
+    usual = float(np.quantile(np.abs(np.maximum(low, np.minimum(high, steps[2:]))), 0.995))
     limit = max(_FASTER * usual, _LEAST_JUMP * trace.travel) + _IN_NOISE * trace.noise + 2 * trace.resolution
     large = np.flatnonzero((np.abs(steps) > limit) & (np.diff(known) == 1))
     spikes, levels = _spikes_and_levels(x, large, limit)
@@ -301,6 +344,11 @@ def jumps(trace: Trace) -> Check:
         )
         many = len(spikes) > _MANY_SPIKES * x.size
         cause = "a disturbance of the sensor, such as a flash of light or a speck of dust"
+        gaps = np.diff(trace.time[known[spikes]])
+        period = float(np.median(gaps)) if gaps.size > 2 else np.inf
+        if (np.abs(gaps / period - np.round(gaps / period)) < _REGULAR).all() and np.isfinite(period):
+            text += f"; they come each {quantity(period, 's')}"
+            cause = "what is switched so often, such as a dimmer or a converter at the mains, disturbs the sensor"
         return stated(title, law, text, "doubtful" if many else "note", file=trace.name, cause=cause)
     return stated(title, law, f"{trace.name}: no jump and no spike", None, file=trace.name)
 
@@ -333,9 +381,12 @@ def wave(trace: Trace) -> Check:
     power = np.abs(np.fft.rfft(x - x.mean()))
     if spread == 0.0 or power.size < 3:
         return not_made(title, law, "readings that differ")
-    peak = (1 + int(np.argmax(power[1:]))) / (x.size * float(np.median(np.diff(t))))
+    strongest = 1 + int(np.argmax(power[1:]))
+    lines = power[1:] ** 2
+    is_line = lines[max(strongest - 2, 0) : strongest + 1].sum() > _LINE * lines.sum()
+    peak = strongest / (x.size * float(np.median(np.diff(t))))
     best, at = 0.0, peak
-    for f in np.linspace(0.6 * peak, 1.4 * peak, 33):
+    for f in np.linspace(0.6 * peak, 1.4 * peak, 33) if is_line else ():
         basis = np.stack([np.ones_like(t), np.cos(2 * pi * f * t), np.sin(2 * pi * f * t)], axis=1)
         fit = basis @ np.linalg.lstsq(basis, x, rcond=None)[0]
         explained = 1 - float(np.var(x - fit)) / spread

@@ -1,7 +1,7 @@
 """Whether a static loading can be believed: steps against loads, creep, sphere, and readings."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from math import hypot, log, nan, sqrt
@@ -24,7 +24,6 @@ from pipelines.experiments.static_loading.settings import StaticLoading
 from pipelines.experiments.static_loading.suspects import likeliest
 
 MATERIAL, RADIUS_GIVEN = "approach against the material", "contact radius that is given"
-_LARGE = 0.2  # of a stated value, beyond which its uncertainty is doubtful
 _SMALL_STEP = 0.3  # of the smallest step of a load, below which one more may be a knock
 _FIT = 0.25  # of the noise: a misfit that a creep law of few terms may leave
 _PLAUSIBLE = (1e6, 5e10)  # Pa, contact moduli of whatever is loaded
@@ -56,8 +55,10 @@ def judgement(
     """Judge one static loading; what gave no result is judged by that."""
     checks = [_explained(c, readings, displacement, settings) for c in judgements.failed_steps(context, _FAILED)]
     checks += _of_readings(readings, settings)
-    checks += _statements(settings)
-    checks.append(trace_checks.sight(displacement, settings.calibration))
+    given = [("sphere.radius", settings.sphere.radius)]
+    given += [(f"loads[{i}].mass", load.mass) for i, load in enumerate(settings.loads)]
+    checks += judgements.uncertainties_stated(given)
+    checks += trace_checks.of_record(displacement, settings.calibration)
     if displacement is None or steps is None:
         checks.append(not_made("steps of the record", "every load makes a step", "steps that were found"))
     else:
@@ -157,19 +158,6 @@ def _of_readings(readings: xr.Dataset | None, settings: StaticLoading) -> list[C
     if trace is None or np.isfinite(trace.reading).sum() < SIDE * len(settings.loads):
         return [not_made("readings", "a record has readings", "readings of a length")]
     return [trace_checks.unread(trace), trace_checks.repeated_rows(trace), trace_checks.resolution(trace)]
-
-
-def _statements(settings: StaticLoading) -> Iterator[Check]:
-    """Hold stated uncertainties against what they belong to."""
-    law = "an uncertainty is far smaller than what it belongs to"
-    given = [("sphere.radius", settings.sphere.radius)]
-    given += [(f"loads[{i}].mass", load.mass) for i, load in enumerate(settings.loads)]
-    for setting, value in given:
-        text = f"{setting} is stated as {quantity(value.value, value.si)} with u = {quantity(value.u, value.si)}"
-        is_large = value.u > _LARGE * abs(value.value)
-        cause = "the uncertainty was typed in another unit or with a lost decimal" if is_large else ""
-        level: Level | None = "doubtful" if is_large else None
-        yield stated(f"uncertainty of {setting}", law, text, level, cause=cause, setting=setting)
 
 
 def _unstated(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> Check:

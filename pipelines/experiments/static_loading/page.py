@@ -83,7 +83,7 @@ def _summary(approach: xr.Dataset | None, comparison: xr.Dataset | None, context
             rows.append(
                 (
                     f"nRMSE of contact radius, {word}",
-                    f"{error:.2f} %",
+                    f"{error:.3g} %",
                     "single readings, over the range of what they are compared with",
                 )
             )

@@ -2,6 +2,7 @@
 
 import pytest
 
+from pipelines.session._compare_page import _reason
 from pipelines.session._verdict_notices import agreement, belief, each
 from pipelines.session._verdicts import Verdict
 
@@ -71,3 +72,12 @@ def test_what_rests_on_a_doubtful_experiment_sends_there_first() -> None:
     assert alone.endswith("It rests on dma, which is doubtful: see there first.")
     (without,) = each(["drop"], {"drop": of["drop"]}, {}, rests_on)
     assert "rests on" not in without.text
+
+
+def test_a_comparison_says_of_a_record_that_cannot_be_believed_its_cause_alone() -> None:
+    told = {"experiment": "drop", "believable": "impossible", "cause": "the height is wrong", "suspects": ["radius"]}
+    assert (said := _reason(told)) is not None
+    assert (said.level, said.text) == ("error", "drop: the record is impossible: the height is wrong.")
+    assert (said := _reason(told | {"believable": "yes", "suspects": ["radius", "mass"]})) is not None
+    assert (said.level, said.text) == ("warning", "drop: radius; mass.")
+    assert _reason(told | {"believable": "yes", "suspects": []}) is None

@@ -232,7 +232,7 @@ def test_a_session_is_processed_to_a_page_with_every_section(session):
         "Master curve",
         "Shift factors",
         "Spectrum",
-        "Consistency of storage and loss modulus",
+        "Storage and loss modulus, Kramers–Kronig: ",
         "Residuals by temperature",
         "Temperature sweep",
         "For Abaqus",
