@@ -57,9 +57,11 @@ _WIDE = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {0x2103: "°C"
 _A_MODULUS = ("modulus", "modul", "module", "modulo", "moduli", "弾性率", "模量")
 _LOGARITHM = re.compile(r"^(?:log10|log_10|log|lg)(?![a-z]{3})[\s_(|]*(.*?)\)?$", re.IGNORECASE)
 _BRACKETS = re.compile(r"^(.*?\S)\s*[(\[{<]\s*([^()\[\]{}<>]*(?:\([^()]*\))?[^()\[\]{}<>]*)\s*[)\]}>]\s*$")
+# Units of temperature in titles; a bare C is one only where no other reading is left.
+DEGREES = r"°\s?[CF]|º[CF]|deg[CF]|K"
 _AT = re.compile(
-    r"\s*(?:^|[(\[@_]|\bat\b)\s*@?\s*(?:[fT]\s*=\s*)?([+-]?[0-9]+(?:[.,][0-9]+)?(?:[eE][+-]?[0-9]+)?)\s*"
-    r"([mk]?Hz|rad/s|°\s?C|ºC|degC|C|K)\s*[)\]]?(?=$|[\s/,_(\[])"
+    r"\s*(?:^|[(\[@_]|\bat\b|\s(?=[\d.,]+\s*Hz))\s*@?\s*(?:[fT]\s*=\s*)?([+-]?[0-9]+(?:[.,][0-9]+)?(?:[eE][+-]?[0-9]+)?)\s*"
+    rf"([mk]?Hz|rad/s|{DEGREES}|C)\s*[)\]]?(?=$|[\s/,_(\[])"
 )
 _POWER_OF_UNIT = re.compile(r"(?:(?:[x×*]\s*)?10\s*(?:\^|\*\*)?|1e)\s*([+-]?\d+)\s*[*·]?\s*([A-Za-z].*)")
 _PAIR = re.compile(r"^\(\s*['\"](.*?)['\"]\s*,\s*['\"](.*?)['\"]\s*\)$")  # ('f', 'Hz'), of pandas
@@ -201,6 +203,11 @@ def unit_of(text: str) -> Unit:
         raise
 
 
+def degrees(spelled: str) -> str:
+    """Return the unit of a temperature in a title: ``° C`` is degC, ``°F`` degF, K itself."""
+    return {"K": "K", "F": "degF"}.get(spelled[-1], "degC")
+
+
 def fits(name: str, unit: str) -> bool:
     """Tell whether a unit is one of a quantity."""
     try:
@@ -235,7 +242,7 @@ def parsed(heading: str) -> Heading:
         )
         inner = _known(text[: at.start()] + text[at.end() :])
         if inner is not None and bare:
-            unit = "degC" if at[2].replace(" ", "") in ("°C", "ºC", "C") else at[2]
+            unit = at[2] if at[2].endswith(("Hz", "rad/s")) else degrees(at[2])
             return replace(inner, text=heading.strip(), at=(float(at[1].replace(",", ".")), unit))
     found = _known(text)
     if found is not None:
