@@ -15,7 +15,7 @@ from calibration.record import CameraRecord, CameraValues, Record, require
 from labpipe.errors import CalibrationError, InputError
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.units import Quantity
-from labpipe.variables import variable
+from labpipe.variables import with_u
 
 __all__ = ["image_scale", "motion", "pixel_size"]
 
@@ -158,8 +158,7 @@ def motion(
         result[f"u_displacement_{axis}"] = random.assign_attrs(
             units="m", long_name=f"standard uncertainty (random): displacement {text}"
         )
-    result["pixel_size"] = variable((), size.value, "m/px", "length of one pixel")
-    result["u_pixel_size"] = variable((), size.u, "m/px", "standard uncertainty: length of one pixel")
+    result = result.assign(with_u("pixel_size", (), size.value, size.u, "m/px", "length of one pixel"))
     result.attrs["u_systematic_relative"] = size.u / size.value
     result.attrs["budget"] = json.dumps(checked.pop("budget"))
     result.attrs["calibration"] = json.dumps(checked, ensure_ascii=False)

@@ -25,7 +25,7 @@ from calibration.time_base import TimeBase, corrected, time_base
 from labpipe.errors import CalibrationError, InputError
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty, excess_uncertainty
 from labpipe.units import Quantity
-from labpipe.variables import described, variable
+from labpipe.variables import described, variable, with_u
 
 __all__ = ["displacement", "inclination_from_drop"]
 
@@ -262,10 +262,7 @@ def _over_time(values: NDArray[Any], units: str, long_name: str) -> tuple[Any, .
 
 
 def _scalar(name: str, quantity: Quantity, long_name: str) -> dict[str, Any]:
-    def one(value: float, text: str) -> tuple[Any, ...]:
-        return variable((), value, quantity.si, text)
-
-    return {name: one(quantity.value, long_name), f"u_{name}": one(quantity.u, f"standard uncertainty: {long_name}")}
+    return with_u(name, (), quantity.value, quantity.u, quantity.si, long_name)
 
 
 def inclination_from_drop(travel: Quantity, height: Quantity) -> Quantity:

@@ -21,7 +21,7 @@ from calibration.record import LoadCellRecord, LoadCellValues, Record, require
 from labpipe.errors import CalibrationError, InputError
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty, excess_uncertainty
 from labpipe.units import Quantity
-from labpipe.variables import described, variable
+from labpipe.variables import described, with_u
 
 __all__ = ["FilterLag", "declared_filter", "filter_lag", "force"]
 
@@ -96,10 +96,6 @@ def force(
     spread = np.where(is_valid, gain.value * at_rest.noise, np.nan)
     sources = _sources(pressed, at_rest, step, gain, values, sign)
     dimension = str(readings[name].dims[0])
-    scalars = {
-        "tare": (at_rest.level, at_rest.u_level, "N", "reading at no force"),
-        "gain": (gain.value, gain.u, "1", "true over displayed force"),
-    }
     result = xr.Dataset(
         {
             "force": _over(dimension, pressed, "N", "force, compression positive"),
@@ -120,11 +116,10 @@ def force(
             "calibration": json.dumps(checked, ensure_ascii=False),
         },
     )
-    for key, (value, u, unit_text, long_name) in scalars.items():
-        result[key] = variable((), value, unit_text, long_name)
-        attrs = described(unit_text, f"standard uncertainty: {long_name}")
-        result[f"u_{key}"] = ((), u, attrs)
-    return result
+    return result.assign(
+        with_u("tare", (), at_rest.level, at_rest.u_level, "N", "reading at no force")
+        | with_u("gain", (), gain.value, gain.u, "1", "true over displayed force")
+    )
 
 
 _KEPT = ("source", "start", "header", "function", "block_number", "work")

@@ -1,6 +1,6 @@
 """One variable of a Dataset with its SI unit and its long name, in one call."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 
@@ -32,3 +32,45 @@ def variable(
         Further attributes.
     """
     return dims, values, described(units, long_name, **more)
+
+
+def with_u(
+    name: str, dims: str | Sequence[str], values: Any, u: Any, units: str, long_name: str, part: str = ""
+) -> dict[str, tuple[str | Sequence[str], Any, dict[str, Any]]]:
+    """Return a variable by its name, and its standard uncertainty beside it.
+
+    ``part`` says of which part that is, such as ``"from first touch"``.
+
+    Examples
+    --------
+    >>> sorted(with_u("force", (), 1.0, 0.1, "N", "largest force"))
+    ['force', 'u_force']
+    """
+    return {
+        name: variable(dims, values, units, long_name),
+        f"u_{name}": variable(dims, u, units, f"standard uncertainty{part and f' {part}'}: {long_name}"),
+    }
+
+
+def from_rows(
+    dim: str, rows: Sequence[Mapping[str, Any]], columns: Mapping[str, tuple[str, str]]
+) -> dict[str, tuple[str | Sequence[str], Any, dict[str, Any]]]:
+    """Return the variables of a table that was gathered row by row.
+
+    Parameters
+    ----------
+    dim : str
+        The dimension over which the rows are.
+    rows : sequence of mapping
+        Values by name; ``u_NAME`` is the standard uncertainty of NAME.
+    columns : mapping of str to (str, str)
+        Unit and long name of what is taken; an uncertainty that the rows hold comes with it.
+    """
+    made: dict[str, tuple[str | Sequence[str], Any, dict[str, Any]]] = {}
+    for name, (units, text) in columns.items():
+        values = [row[name] for row in rows]
+        if rows and f"u_{name}" in rows[0]:
+            made |= with_u(name, dim, values, [row[f"u_{name}"] for row in rows], units, text)
+        else:
+            made[name] = variable(dim, values, units, text)
+    return made

@@ -13,7 +13,7 @@ from functools import partial
 
 from instruments._symbols import FREQUENCIES, MODULI, RESPONSES, TIMES
 from instruments.tables import _words
-from instruments.tables._words import Heading
+from instruments.tables._words import DEGREES, Heading
 
 #: Ways to part a line, in the order in which they are tried.
 TAB, SEMICOLON, COMMA, BAR, GAPS, BRACKETS, BLANKS = "\t", ";", ",", "|", "two blanks", "after brackets", "blanks"
@@ -41,20 +41,20 @@ _FACT = re.compile(
     r"(?P<value>[+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)"
     r"\s*(?P<unit>[^\s;,)]*(?:\s?C\b)?)"
 )
-_AT = re.compile(r"(?:^|\s)(?:at|@|bei|à)\s*([+-]?\d+(?:[.,]\d+)?)\s*(°\s?C|ºC|degC|C|K)\b")
+_AT = re.compile(rf"(?:^|\s)(?:at|@|bei|à)\s*([+-]?\d+(?:[.,]\d+)?)\s*({DEGREES}|C)\b")
 _GIVE_OR_TAKE = re.compile(r"\s*(?:±|\+/-|\+-)\s*\d+(?:[.,]\d+)?")
 # Dashes that decorate a title do not touch its number: a single one is its sign.
-_ALONE = re.compile(r"[\s#*=:]*(?:--+\s+)?([+-]?\d+(?:[.,]\d+)?)\s*(°\s?C|ºC|degC|K)[\s#*=:-]*")
-_TITLE = re.compile(r"(?:^|.*?[\s(\[_,:;=])([+-]?\d+(?:[.,]\d+)?)\s*(°\s?C|ºC|degC|K)\s*[)\]]?[\s:;,#=-]*")
+_ALONE = re.compile(rf"[\s#*=:]*(?:--+\s+)?([+-]?\d+(?:[.,]\d+)?)\s*({DEGREES})[\s#*=:-]*")
+_TITLE = re.compile(rf"(?:^|.*?[\s(\[_,:;=])([+-]?\d+(?:[.,]\d+)?)\s*({DEGREES})\s*[)\]]?[\s:;,#=-]*")
 _OF_A_SWEEP = re.compile(r"iso|step|sweep|temp|freq|segment|run\b|test|versuch|messung|balayage|essai", re.IGNORECASE)
 _OF_ANOTHER = re.compile(
     r"\bref|glass|\bt[gm]\b|\d\s*(?:°C|K)?\s*/\s*min|\bto\b|\bfrom\b|dried|drying|cur(?:ed|ing)|anneal|age(?:d|ing)"
-    r"|\broom|stored|storing|condition|humid|\bRH\b",
+    r"|\bstart|\bend\b|\bfinal\b|\binitial|\bambient|\broom|stored|storing|condition|humid|\bRH\b",
     re.IGNORECASE,
 )
 _PLAIN = re.compile(r"[+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?")
 _OPEN = re.compile(r'(?:^|[,;\t])\s*"[^"]*$')  # a cell in quotation marks that goes on in the next line
-_PLACE = re.compile(r"[+-]?\d+(?:[.,]\d+)?\s*(?:°\s?C|ºC|degC|C|K|Hz|rad/s)")
+_PLACE = re.compile(rf"[+-]?\d+(?:[.,]\d+)?\s*(?:{DEGREES}|C|Hz|rad/s)")
 _PARAMETERS = re.compile(r"\s*[A-Za-z]\w*\s*=\s*[^=;]*;")  # key=value; of a RepTate header
 _SIGNAL = re.compile(r"\s*Sig\d+\s+(.+?)\s*", re.IGNORECASE)  # a column of a file of Universal Analysis
 _MINUS = re.compile(r"\u2212|(?<![\w.,])\u2013(?=\d)")  # as papers and word processors write it
@@ -315,7 +315,7 @@ def _stated_at(line: str) -> dict[str, tuple[float, str]]:
         match = _TITLE.fullmatch(line) if len(_PLACE.findall(line)) == 1 else None
     if match is None:
         return {}
-    return {"temperature": (float(match[1].replace(",", ".")), "K" if match[2] == "K" else "degC")}
+    return {"temperature": (float(match[1].replace(",", ".")), _words.degrees(match[2]))}
 
 
 def _head(lines: Sequence[tuple[int, str]], k: int) -> tuple[list[Heading], str, int] | None:
@@ -358,8 +358,10 @@ def _of_two_rows(above: Sequence[str], below: Sequence[str]) -> list[Heading] | 
         common = top or common
         if is_numeric(bottom):
             return None
-        if not bottom or (_words.is_unit(bottom) and not (top == "" and _words.parsed(bottom).is_known)):
-            made = _words.parsed(top)
+        made, symbol = _words.parsed(top), _words.parsed(bottom)
+        # ``f`` below nothing, or below "Frequency", is no degree Fahrenheit.
+        is_symbol = symbol.is_known and (top == "" or symbol.name == made.name)
+        if not bottom or (_words.is_unit(bottom) and not is_symbol):
             found.append(_with_unit(made, bottom) if bottom and not made.unit else made)
             continue
         place = _PLACE.search(common) if are_places else _PLACE.fullmatch(common)

@@ -76,7 +76,7 @@ _STATISTICS = (
 _DECIMAL = re.compile(r"#DE[CZ]IMAL:\s*(\w+)")  # of Netzsch
 _Pair = tuple[Heading, Floats]
 _OWN = ("point", "test", "result", "interval", "is_valid", "sample")  # names of the Dataset itself
-_ABOVE = re.compile(r"([+-]?\d+(?:[.,]\d+)?)\s*(°\s?C|ºC|degC|C|K)\b")
+_ABOVE = re.compile(rf"([+-]?\d+(?:[.,]\d+)?)\s*({_words.DEGREES}|C)\b")
 
 
 def read(
@@ -460,7 +460,7 @@ def _parted(path: Path, block: Block, values: Floats) -> Iterator[list[_Pair]]:
                 part.append((heading, column))
         if "temperature" not in twice:
             value = float(stated[k][0].replace(",", "."))
-            unit = "K" if stated[k][1] == "K" else "degC"
+            unit = _words.degrees(stated[k][1])
             part.append((Heading("", "temperature", unit, is_known=True), np.full(len(values), value)))
         yield part
 

@@ -57,11 +57,15 @@ _WIDE = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {0x2103: "°C"
 _A_MODULUS = ("modulus", "modul", "module", "modulo", "moduli", "弾性率", "模量")
 _LOGARITHM = re.compile(r"^(?:log10|log_10|log|lg)(?![a-z]{3})[\s_(|]*(.*?)\)?$", re.IGNORECASE)
 _BRACKETS = re.compile(r"^(.*?\S)\s*[(\[{<]\s*([^()\[\]{}<>]*(?:\([^()]*\))?[^()\[\]{}<>]*)\s*[)\]}>]\s*$")
+# Units of temperature in titles; a bare C is one only where no other reading is left.
+DEGREES = r"°\s?[CF]|º[CF]|deg[CF]|K"
 _AT = re.compile(
-    r"\s*(?:^|[(\[@_]|\bat\b)\s*@?\s*(?:[fT]\s*=\s*)?([+-]?[0-9]+(?:[.,][0-9]+)?(?:[eE][+-]?[0-9]+)?)\s*"
-    r"([mk]?Hz|rad/s|°\s?C|ºC|degC|C|K)\s*[)\]]?(?=$|[\s/,_(\[])"
+    r"\s*(?:^|[(\[@_]|\bat\b|\s(?=[\d.,]+\s*Hz))\s*@?\s*(?:[fT]\s*=\s*)?([+-]?[0-9]+(?:[.,][0-9]+)?(?:[eE][+-]?[0-9]+)?)\s*"
+    rf"([mk]?Hz|rad/s|{DEGREES}|C)\s*[)\]]?(?=$|[\s/,_(\[])"
 )
 _POWER_OF_UNIT = re.compile(r"(?:(?:[x×*]\s*)?10\s*(?:\^|\*\*)?|1e)\s*([+-]?\d+)\s*[*·]?\s*([A-Za-z].*)")
+_POWER = re.compile(r"10\^[+-]?\d+")  # of a loss factor
+_OF_SEVERAL = re.compile(r"[\s_]+(?:mean|avg|average)$", re.IGNORECASE)  # readings or specimens
 _PAIR = re.compile(r"^\(\s*['\"](.*?)['\"]\s*,\s*['\"](.*?)['\"]\s*\)$")  # ('f', 'Hz'), of pandas
 _COMMENT = re.compile(r"^[#%!;/*]+\s*(?=\S)")
 
@@ -154,6 +158,7 @@ def quantity(heading: str) -> str | None:
     >>> quantity("E_stor"), quantity("Speichermodul"), quantity("Storage Modulus G'"), quantity("colour")
     ('storage_modulus', 'storage_modulus', 'storage_modulus', None)
     """
+    heading = _OF_SEVERAL.sub("", heading)
     found = named(heading) or anton_paar.column_name(heading)
     if found is not None:
         return found
@@ -187,6 +192,8 @@ def unit_of(text: str) -> Unit:
     bare = bare[1:-1].strip() if bare.startswith("(") and bare.endswith(")") else bare
     if bare == "mHz":  # its capitals mean a billion times as much
         return Unit(1e-3, "Hz")
+    if _POWER.fullmatch(bare):
+        return Unit(10.0 ** int(bare[3:]), "1")
     power = _POWER_OF_UNIT.fullmatch(bare)
     if power:
         unit = unit_of(power[2])
@@ -199,6 +206,11 @@ def unit_of(text: str) -> Unit:
             if spelling in _FOLDED_SPELLINGS:
                 return _FOLDED_SPELLINGS[spelling]
         raise
+
+
+def degrees(spelled: str) -> str:
+    """Return the unit of a temperature in a title: ``° C`` is degC, ``°F`` degF, K itself."""
+    return {"K": "K", "F": "degF"}.get(spelled[-1], "degC")
 
 
 def fits(name: str, unit: str) -> bool:
@@ -235,7 +247,7 @@ def parsed(heading: str) -> Heading:
         )
         inner = _known(text[: at.start()] + text[at.end() :])
         if inner is not None and bare:
-            unit = "degC" if at[2].replace(" ", "") in ("°C", "ºC", "C") else at[2]
+            unit = at[2] if at[2].endswith(("Hz", "rad/s")) else degrees(at[2])
             return replace(inner, text=heading.strip(), at=(float(at[1].replace(",", ".")), unit))
     found = _known(text)
     if found is not None:

@@ -295,6 +295,54 @@ class Table:
                 raise InputError(message)
 
 
+@dataclass(frozen=True)
+class Listed:
+    """A column with its cells, for :func:`listed`.
+
+    Attributes
+    ----------
+    title, unit, digits
+        As of :class:`Column`.
+    cells : sequence
+        What stands in it, from the top.
+    u : sequence of float, optional
+        Standard uncertainties of the cells.
+    """
+
+    title: str
+    cells: Sequence[Cell]
+    unit: str = ""
+    u: Sequence[Cell] | None = None
+    digits: int = 4
+
+    def extended(self, count: int) -> "Listed":
+        """Return the first cells, with empty ones behind them where there are fewer."""
+        room: list[Cell] = [None] * count
+        u = None if self.u is None else [*self.u, *room][:count]
+        return replace(self, cells=[*self.cells, *room][:count], u=u)
+
+
+def listed(columns: Iterable[Listed], caption: str = "", *, sortable: bool = True) -> Table:
+    """Make a table of columns that bring their cells.
+
+    Examples
+    --------
+    >>> table = listed([Listed("impact", [1, 2]), Listed("restitution", [0.8, 0.75], u=[0.01, 0.01])])
+    >>> [[cell.text for cell in row] for row in table_view(table).rows]
+    [['1', '0.800 ± 0.010'], ['2', '0.750 ± 0.010']]
+    """
+    heads: list[Column] = []
+    cells: list[Sequence[Cell]] = []
+    for column in columns:
+        u = None if column.u is None else len(heads) + 1
+        heads.append(Column(column.title, column.unit, column.digits, u=u))
+        cells.append(column.cells)
+        if column.u is not None:
+            heads.append(Column("u", column.unit))
+            cells.append(column.u)
+    return Table(tuple(heads), list(zip(*cells, strict=True)), caption, sortable)
+
+
 @dataclass(frozen=True, slots=True)
 class CellView:
     """A cell ready for the page: its text, the key it is sorted by, whether it is a number."""

@@ -21,7 +21,7 @@ from labpipe.signals._readings import is_constant
 from labpipe.signals._smoothing import Smooth, evaluate, smooth
 from labpipe.signals._turns import FEWEST_IN_FLIGHT, SURE, Turn, common_fall, curvature, find_turns, flights_after
 from labpipe.uncertainty import propagated_u
-from labpipe.variables import described, variable
+from labpipe.variables import described, variable, with_u
 
 PHASES = ("held", "falling", "bouncing", "vibration", "static")
 """Meanings of the integers that :func:`phases` returns."""
@@ -345,10 +345,10 @@ def _release(
         warnings.warn(text, UserWarning, stacklevel=3)
     u_drop = float(np.hypot(propagated_u(drop_by_arc, covariance), u_level))
     return (
-        _with_u("release_time", release, float(propagated_u(by_arc, covariance)), "s", "release")
-        | _with_u("first_contact_time", float(impact.value[0]), u_touch, "s", "first contact")
-        | _with_u("contact_level", direction * float(impact.value[4]), u_level, "m", "displacement at first touch")
-        | _with_u("drop_height", float(drop), u_drop, "m", "height of the fall")
+        with_u("release_time", (), release, float(propagated_u(by_arc, covariance)), "s", "release")
+        | with_u("first_contact_time", (), float(impact.value[0]), u_touch, "s", "first contact")
+        | with_u("contact_level", (), direction * float(impact.value[4]), u_level, "m", "displacement at first touch")
+        | with_u("drop_height", (), float(drop), u_drop, "m", "height of the fall")
     )
 
 
@@ -385,12 +385,7 @@ def _rest(
     else:
         warnings.warn("the record ends before the body is at rest", UserWarning, stacklevel=3)
     return (
-        _with_u("rest_time", rest, u_rest, "s", "rest")
-        | _with_u("rest_level", level, u_level, "m", "mean displacement at rest")
+        with_u("rest_time", (), rest, u_rest, "s", "rest")
+        | with_u("rest_level", (), level, u_level, "m", "mean displacement at rest")
         | {"settling_time": variable((), last_touch, "s", "last touch followed by no resolved flight")}
     )
-
-
-def _with_u(name: str, value: float, u: float, unit: str, label: str) -> dict[str, Any]:
-    u_label = f"standard uncertainty of {label}"
-    return {name: variable((), value, unit, label), f"u_{name}": variable((), u, unit, u_label)}

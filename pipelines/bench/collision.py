@@ -5,13 +5,14 @@ where the force does). The thesis does not say how it integrates; the usual expl
 fixed step stands for it.
 """
 
+from collections.abc import Mapping
 from functools import partial
 from math import sqrt
 
 from labpipe import contact
 from labpipe.contact.lumped import contact_stiffness
 from labpipe.contact.sphere import hertz
-from pipelines.bench.measure import OURS, THESIS, Point, Suite, paired
+from pipelines.bench.measure import OURS, THESIS, Extra, Suite, Timing, race
 
 _RADIUS, _MASS, _MODULUS, _NU = 9.525e-3, 0.505, 3.2e9, 0.35
 # So little gravity changes the restitution by 1e-7.
@@ -31,19 +32,11 @@ def run(quick: bool) -> Suite:
     calls = {"events, eighth order": (OURS, _by_events), "closed form (Padé)": (OURS, _by_formula)}
     for step in (1e-5, 1e-6) if quick else (2e-5, 1e-5, 1e-6, 1e-7):
         calls[f"velocity Verlet, step {step:.0e} s"] = (THESIS, partial(_by_steps, step))
-    timings = paired({name: call for name, (_, call) in calls.items()}, 3 if quick else 7, 30.0)
-    points = [
-        Point(
-            name,
-            _error(timings[name].value),
-            timings[name].seconds,
-            group,
-            name == "events, eighth order",
-            timings[name].cold_seconds,
-            samples=timings[name].samples,
-        )
-        for name, (group, _) in calls.items()
-    ]
+
+    def judge(name: str, timings: Mapping[str, Timing]) -> tuple[float, Extra]:
+        return _error(timings[name].value), {}
+
+    points = race(calls, 3 if quick else 7, judge, "events, eighth order", budget=30.0)
     return Suite(
         "collision",
         "Sphere with a Hertz spring and a dashpot: restitution at four dampings",

@@ -19,7 +19,7 @@ from scipy.ndimage import gaussian_filter
 from labpipe.arrays import Floats
 from labpipe.imaging import contact_radius
 from labpipe.imaging.fringes import fit_circle
-from pipelines.bench.measure import Bound, Point, Suite, paired, peak_bytes
+from pipelines.bench.measure import OURS, Bound, Calls, Extra, Point, Suite, Timing, paired, race
 
 Film = NDArray[np.uint8]
 
@@ -78,31 +78,19 @@ def _settings(scene: Scene, frames: int, repeats: int) -> Suite:
     film = make_film(scene, frames, 1)
     is_quick = frames < _MANY
     contenders = _contenders(film, scene, is_quick=is_quick)
-    timings = paired(contenders, repeats, budget=60.0)
     bounds = {count: cramer_rao(scene, count) for count in (1.0, 3.0)}
-    rows = []
-    for name, timing in timings.items():
-        found = np.asarray(timing.value, float)
-        error = (found - scene.radius) / _MICROMETRE
+
+    def judge(name: str, timings: Mapping[str, Timing]) -> tuple[float, Extra]:
+        error = (np.asarray(timings[name].value, float) - scene.radius) / _MICROMETRE
         rms = float(np.sqrt(np.nanmean(error**2))) if np.isfinite(error).any() else math.nan
-        rows.append(
-            Point(
-                name,
-                rms,
-                timing.seconds / frames,
-                "" if name.endswith(("fringes", "fringe", "ellipse", "compared")) else _PEER,
-                is_default=name == _DEFAULT,
-                cold_seconds=timing.cold_seconds,
-                samples=timing.samples,
-                peak_bytes=(None if is_quick and name != _DEFAULT else peak_bytes(contenders[name])),
-                extra={
-                    "bias (µm)": float(np.nanmean(error)) if np.isfinite(rms) else None,
-                    "scatter (µm)": float(np.nanstd(error, ddof=1)) if np.isfinite(rms) else None,
-                    "RMS / bound of 3 fringes": rms / bounds[3.0],
-                },
-            )
-        )
-    rows += _static(scene)
+        return rms, {
+            "bias (µm)": float(np.nanmean(error)) if np.isfinite(rms) else None,
+            "scatter (µm)": float(np.nanstd(error, ddof=1)) if np.isfinite(rms) else None,
+            "RMS / bound of 3 fringes": rms / bounds[3.0],
+        }
+
+    traced = (_DEFAULT,) if is_quick else contenders
+    rows = race(contenders, repeats, judge, _DEFAULT, budget=60.0, per=frames, traced=traced) + _static(scene)
     return Suite(
         "contact-radius",
         f"Radius of a contact of {scene.radius / _MICROMETRE:g} µm, {frames} frames of "
@@ -122,19 +110,19 @@ def _settings(scene: Scene, frames: int, repeats: int) -> Suite:
 _PEER = "edge of the spot"
 
 
-def _contenders(film: Film, scene: Scene, *, is_quick: bool) -> dict[str, Callable[[], object]]:
+def _contenders(film: Film, scene: Scene, *, is_quick: bool) -> Calls:
     fit = partial(_fitted, film, scene)
-    found: dict[str, Callable[[], object]] = {
-        "1 fringe": partial(fit, fringes=1.0),
-        _DEFAULT: fit,
-        "5 fringes": partial(fit, fringes=5.0),
-        "10 fringes": partial(fit, fringes=10.0),
-        "3 fringes, free ellipse": partial(fit, shape="ellipse"),
-        "Otsu's threshold, circle of equal area": partial(_each, film, scene, area_radius),
-        "Otsu's threshold, Taubin's circle": partial(_each, film, scene, outline_radius),
+    found: dict[str, tuple[str, Callable[[], object]]] = {
+        "1 fringe": (OURS, partial(fit, fringes=1.0)),
+        _DEFAULT: (OURS, fit),
+        "5 fringes": (OURS, partial(fit, fringes=5.0)),
+        "10 fringes": (OURS, partial(fit, fringes=10.0)),
+        "3 fringes, free ellipse": (OURS, partial(fit, shape="ellipse")),
+        "Otsu's threshold, circle of equal area": (_PEER, partial(_each, film, scene, area_radius)),
+        "Otsu's threshold, Taubin's circle": (_PEER, partial(_each, film, scene, outline_radius)),
     }
     if not is_quick:
-        found["Hough transform (OpenCV)"] = partial(_each, film, scene, hough_radius)
+        found["Hough transform (OpenCV)"] = (_PEER, partial(_each, film, scene, hough_radius))
     return found
 
 

@@ -5,9 +5,9 @@ coefficients; 8 bit, white noise in every frame. Every row states the error agai
 shift and the time of the whole call, measured in turn with the other rows in the same process.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 
@@ -19,7 +19,7 @@ from labpipe.arrays import Floats
 from labpipe.imaging import track
 from pipelines.bench import dic_peers
 from pipelines.bench.dic_scenes import disturbances
-from pipelines.bench.measure import Bound, Point, Suite, paired, peak_bytes
+from pipelines.bench.measure import Bound, Extra, Suite, Timing, race
 
 Film = NDArray[np.uint8]
 Method = Callable[[Film, Floats], Floats]
@@ -65,39 +65,30 @@ def _settings(quick: bool) -> Suite:
     clean, exact = make_film(size, _PIXEL, 0.0)
     contenders = _contenders(quick)
     points = {name: _grid(size)[:: c.thinning] for name, c in contenders.items()}
-    calls = {name: partial(c.method, film, points[name]) for name, c in contenders.items()}
-    with _one_thread():
-        timings = paired(calls, repeats, budget=40.0)
-    rows = []
-    for name, contender in contenders.items():
-        timing, window = timings[name], contender.subset
+    calls = {name: (c.group, partial(c.method, film, points[name])) for name, c in contenders.items()}
+
+    def judge(name: str, timings: Mapping[str, Timing]) -> tuple[float, Extra]:
+        contender, timing = contenders[name], timings[name]
+        window = contender.subset
         error = np.asarray(timing.value) - truth[:, None]
         bias = contender.method(clean, points[name]) - exact[:, None]
         mine = error.shape[1]
         reference = timings[f"3 levels, {window} px"]
         ratio, low, high = timing.ratio(reference)
         share = len(points[f"3 levels, {window} px"]) / mine
-        bound = cramer_rao(film[0], window)
-        rows.append(
-            Point(
-                name,
-                float(np.sqrt(np.nanmean(error[1:] ** 2))),
-                timing.seconds / (frames * mine),
-                contender.group,
-                is_default=name == _DEFAULT,
-                cold_seconds=timing.cold_seconds,
-                samples=timing.samples,
-                peak_bytes=None if quick and name != _DEFAULT else peak_bytes(calls[name]),
-                extra={
-                    "bias (px)": float(np.abs(np.nanmean(bias, axis=1)).max()),
-                    "error / bound": float(np.sqrt(np.nanmean(error[1:] ** 2))) / bound,
-                    "time / Lucas–Kanade": ratio * share,
-                    "lowest": low * share,
-                    "highest": high * share,
-                    "lost (%)": 100.0 * float(np.isnan(error).mean()),
-                },
-            )
-        )
+        rms = float(np.sqrt(np.nanmean(error[1:] ** 2)))
+        return rms, {
+            "bias (px)": float(np.abs(np.nanmean(bias, axis=1)).max()),
+            "error / bound": rms / cramer_rao(film[0], window),
+            "time / Lucas–Kanade": ratio * share,
+            "lowest": low * share,
+            "highest": high * share,
+            "lost (%)": 100.0 * float(np.isnan(error).mean()),
+        }
+
+    with _one_thread():
+        timed = race(calls, repeats, judge, _DEFAULT, budget=40.0, traced=(_DEFAULT,) if quick else calls)
+    rows = [replace(p, seconds=p.seconds / (frames * len(points[p.setting]))) for p in timed]
     return Suite(
         "dic",
         f"Displacement of subsets, {frames} frames of {size} × {size} px, noise of "

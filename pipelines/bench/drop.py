@@ -6,13 +6,14 @@ of 34 bounces of one of fifteen terms by springs at a hundred times finer steps 
 
 from collections.abc import Callable, Mapping, Sequence
 from math import inf, isnan, nan, sqrt
+from statistics import median
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from labpipe import contact
 from labpipe.materials import Prony
-from pipelines.bench.measure import OURS, THESIS, Point, Suite, Timing, paired
+from pipelines.bench.measure import OURS, THESIS, Extra, Point, Suite, Timing, race
 
 _RADIUS, _MASS, _HEIGHT, _GRAVITY = 9.525e-3, 0.505, 1.5e-3, 9.81
 _FALL = sqrt(2.0 * _HEIGHT / _GRAVITY)
@@ -114,27 +115,17 @@ def _measure(
     def call(options: Mapping[str, Any]) -> Callable[[], object]:
         return lambda: contact.drop(solid, _RADIUS, _MASS, _HEIGHT, _FALL + after, **options)
 
-    timings = paired({s.name: call(s.options) for s in settings}, repeats, budget=60.0)
-    points = []
-    for setting in settings:
-        timing = timings[setting.name]
-        found: Any = timing.value
-        points.append(
-            Point(
-                setting.name,
-                error(found),
-                timing.seconds,
-                setting.group,
-                setting.is_default,
-                timing.cold_seconds,
-                samples=timing.samples,
-                extra={"bounces": int(found.sizes["impact"])},
-            )
-        )
-    return points, speed_up(points, timings)
+    def judge(name: str, timings: Mapping[str, Timing]) -> tuple[float, Extra]:
+        found: Any = timings[name].value
+        return error(found), {"bounces": int(found.sizes["impact"])}
+
+    default = next(s.name for s in settings if s.is_default)
+    calls = {s.name: (s.group, call(s.options)) for s in settings}
+    points = race(calls, repeats, judge, default, budget=60.0)
+    return points, speed_up(points)
 
 
-def speed_up(points: Sequence[Point], timings: Mapping[str, Timing]) -> str:
+def speed_up(points: Sequence[Point]) -> str:
     """Say how much faster the cheapest setting is that errs no more than the thesis's best."""
     theirs = [p for p in points if p.group == THESIS and not isnan(p.error)]
     best = min(theirs, key=lambda p: p.error)
@@ -142,7 +133,7 @@ def speed_up(points: Sequence[Point], timings: Mapping[str, Timing]) -> str:
     if not ours:
         return f"No setting of ours errs as little as {best.setting} ({best.error:.1e})."
     fast = min(ours, key=lambda p: p.seconds)
-    ratio = timings[best.setting].ratio(timings[fast.setting])[0]
+    ratio = median(a / b for a, b in zip(best.samples, fast.samples, strict=True))
     return (
         f"{best.setting} errs by {best.error:.1e}; {fast.setting} errs by {fast.error:.1e} in a "
         f"{ratio:,.1f}th of its time."

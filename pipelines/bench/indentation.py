@@ -18,7 +18,7 @@ from labpipe.contact.line import indent_thesis_scheme, westergaard
 from labpipe.materials import Prony
 from pipelines.bench import contact_peers
 from pipelines.bench.drop import speed_up
-from pipelines.bench.measure import OURS, THESIS, Point, Suite, paired
+from pipelines.bench.measure import OURS, THESIS, Calls, Extra, Point, Suite, Timing, race
 
 Call = Callable[[], object]
 
@@ -160,22 +160,11 @@ def _sphere_error(found: Any) -> float:
     return float(np.linalg.norm(pressure - exact) / np.linalg.norm(exact))
 
 
-def _measured(
-    calls: Mapping[str, tuple[str, Call]], error: Callable[[Any], float], repeats: int, default: str
-) -> list[Point]:
-    timings = paired({name: call for name, (_, call) in calls.items()}, repeats, budget=60.0)
-    return [
-        Point(
-            name,
-            error(timings[name].value),
-            timings[name].seconds,
-            group,
-            name == default,
-            timings[name].cold_seconds,
-            samples=timings[name].samples,
-        )
-        for name, (group, _) in calls.items()
-    ]
+def _measured(calls: Calls, error: Callable[[Any], float], repeats: int, default: str) -> list[Point]:
+    def judge(name: str, timings: Mapping[str, Timing]) -> tuple[float, Extra]:
+        return error(timings[name].value), {}
+
+    return race(calls, repeats, judge, default, budget=60.0)
 
 
 def _tapping(quick: bool, solid: _Solid) -> Suite:
@@ -187,25 +176,14 @@ def _tapping(quick: bool, solid: _Solid) -> Suite:
         calls[f"adaptive, rtol {rtol:.0e}"] = OURS, partial(_tap, material, 400, rtol)
     for n in (20, 100) if quick else (20, 40, 100, 200, 400, 1000):
         calls[f"thesis's scheme, {n} steps a cycle"] = THESIS, partial(_tap_thesis, material, n)
-    timings = paired({name: call for name, (_, call) in calls.items()}, 1 if quick else 3, 60.0)
-    points = [
-        Point(
-            name,
-            _tapping_error(timings[name].value, solid),
-            timings[name].seconds,
-            group,
-            name == "adaptive, rtol 1e-05",
-            timings[name].cold_seconds,
-            samples=timings[name].samples,
-        )
-        for name, (group, _) in calls.items()
-    ]
+    error = partial(_tapping_error, solid=solid)
+    points = _measured(calls, error, 1 if quick else 3, "adaptive, rtol 1e-05")
     return Suite(
         f"indentation-tapping-{solid.terms}",
         f"Two cycles of tapping by a cylinder, {solid.name}",
         "worst error of the force over its peak (1)",
         points,
-        notes=[speed_up(points, timings)],
+        notes=[speed_up(points)],
     )
 
 

@@ -1,6 +1,6 @@
 """From relaxation to creep and back: error of every term against run time."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import pairwise
 from typing import cast
 
@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from labpipe.arrays import Floats
 from labpipe.materials import Relaxation, Retardation, creep_from_relaxation, relaxation_from_creep
-from pipelines.bench.measure import Bound, Point, Suite, paired, peak_bytes
+from pipelines.bench.measure import Bound, Extra, Suite, Timing, race
 
 # Every third term is this much weaker than its neighbours: its zero lies within rounding of its
 # pole.
@@ -21,31 +21,22 @@ _EPSILON = float(np.finfo(float).eps)
 
 def run(quick: bool) -> Suite:
     """Convert there and back; every time and weight has to return."""
-    calls: dict[str, tuple[str, Callable[[], object], Relaxation]] = {}
+    calls: dict[str, tuple[str, Callable[[], object]]] = {}
+    exact: dict[str, Relaxation] = {}
     for count in _SIZES:
-        solid = weak_terms(count)
-        calls[f"secular equation, {count} terms"] = ("", _there_and_back(solid), solid)
+        label = f"secular equation, {count} terms"
+        exact[label] = weak_terms(count)
+        calls[label] = ("", _there_and_back(exact[label]))
     solid = weak_terms(_COMPARED)
-    calls[f"eigenvalues, {_COMPARED} terms"] = ("eigenvalues", lambda: _both(solid, _eigenvalues), solid)
-    calls[f"bracketed roots, {_COMPARED} terms"] = ("bracketed roots", lambda: _both(solid, _bracketed), solid)
-    timings = paired({label: call for label, (_, call, _) in calls.items()}, 3 if quick else 15)
-    points = []
-    for label, (group, call, exact) in calls.items():
-        found = cast(Relaxation, timings[label].value)
-        error_of_time, error_of_weight = (_worst(found.time, exact.time), _worst(found.weight, exact.weight))
-        points.append(
-            Point(
-                label,
-                max(error_of_time, error_of_weight),
-                timings[label].seconds,
-                group,
-                is_default=label == f"secular equation, {_COMPARED} terms",
-                cold_seconds=timings[label].cold_seconds,
-                samples=timings[label].samples,
-                peak_bytes=peak_bytes(call),
-                extra={"times": error_of_time, "weights": error_of_weight},
-            )
-        )
+    calls[f"eigenvalues, {_COMPARED} terms"] = ("eigenvalues", lambda: _both(solid, _eigenvalues))
+    calls[f"bracketed roots, {_COMPARED} terms"] = ("bracketed roots", lambda: _both(solid, _bracketed))
+
+    def judge(label: str, timings: Mapping[str, Timing]) -> tuple[float, Extra]:
+        found, true = cast(Relaxation, timings[label].value), exact.get(label, solid)
+        times, weights = _worst(found.time, true.time), _worst(found.weight, true.weight)
+        return max(times, weights), {"times": times, "weights": weights}
+
+    points = race(calls, 3 if quick else 15, judge, f"secular equation, {_COMPARED} terms", traced=calls)
     return Suite(
         "interconversion",
         "Relaxation to creep and back, 20 decades, every third weight 1e-10 of the others",

@@ -5,7 +5,7 @@ the first touch, which no measurement knows.
 """
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,7 +14,7 @@ import numpy as np
 from labpipe import signals
 from labpipe.arrays import Floats
 from pipelines.bench.laser_truth import Record, record
-from pipelines.bench.measure import THESIS, Point, Suite, paired, peak_bytes
+from pipelines.bench.measure import THESIS, Extra, Suite, Timing, race
 
 _MATERIALS = ("acrylic", "ptfe", "nylon", "peek")
 _MATCH = 1.5e-3  # s within which a touch counts as the true one
@@ -47,31 +47,21 @@ def run(quick: bool) -> list[Suite]:
     contenders = _contenders(made)
     if quick:
         del contenders["noise given"]
-    timings = paired({name: call for name, (_, call) in contenders.items()}, 1 if quick else 7, budget=25.0)
     title = f"{', '.join(names)} dropped from 1.5 mm, 20 kHz, 1 µm noise"
-    touches, restitutions = [], []
-    for name, (group, call) in contenders.items():
-        timing = timings[name]
-        answers: Any = timing.value
-        late, wrong, missed, false = _errors(answers, made)
-        point = Point(
-            name,
-            _rms(late),
-            timing.seconds / len(made),
-            group,
-            is_default=name == _DEFAULT,
-            cold_seconds=timing.cold_seconds,
-            samples=timing.samples,
-            peak_bytes=None if quick and name != _DEFAULT else peak_bytes(call),
-            extra={
-                "largest (s)": float(np.abs(late).max(initial=0.0)),
-                "touches missed": missed,
-                "touches invented": false,
-            },
-        )
-        touches.append(point)
-        largest = float(np.abs(wrong).max(initial=0.0))
-        restitutions.append(replace(point, error=_rms(wrong), extra={"largest (1)": largest}))
+    ratios: dict[str, Floats] = {}
+
+    def judge(name: str, timings: Mapping[str, Timing]) -> tuple[float, Extra]:
+        answers: Any = timings[name].value
+        late, ratios[name], missed, false = _errors(answers, made)
+        largest = float(np.abs(late).max(initial=0.0))
+        return _rms(late), {"largest (s)": largest, "touches missed": missed, "touches invented": false}
+
+    traced = (_DEFAULT,) if quick else contenders
+    touches = race(contenders, 1 if quick else 7, judge, _DEFAULT, budget=25.0, per=len(made), traced=traced)
+    restitutions = [
+        replace(point, error=_rms(wrong), extra={"largest (1)": float(np.abs(wrong).max(initial=0.0))})
+        for point, wrong in zip(touches, ratios.values(), strict=True)
+    ]
     label = "run time of a record (s)"
     return [
         Suite("touch-times", f"Touch times: {title}", "RMS error (s)", touches, time_label=label),

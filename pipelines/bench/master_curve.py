@@ -2,7 +2,7 @@
 
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, cast
 
@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from labpipe.materials import MasterCurve, master_curve
 from pipelines.bench import rheology_peers
-from pipelines.bench.measure import Point, Suite, Timing, paired, peak_bytes
+from pipelines.bench.measure import Extra, Point, Suite, Timing, paired, race
 from pipelines.bench.rheology_scenes import scenes
 from pipelines.bench.rheology_truth import FRACTIONAL, GLASS, MAXWELL, SINGLE_TIMES, Measured, Truth, measured
 
@@ -123,29 +123,18 @@ def _timed(call: Callable[[], object]) -> tuple[object, float]:
 def _against_peers(name: str, truth: Truth, quick: bool) -> Suite:
     sets = [measured(truth, _FIRST_SEED + k) for k in range(_QUICK_SEEDS if quick else 10)]
     settings = _settings(truth)
-    calls: dict[str, Callable[[], object]] = {label: _ours(sets[0], options) for label, options in settings.items()}
-    peers = {} if quick else rheology_peers.shifters(sets[0])
-    calls |= {label: call for label, (_, call) in peers.items()}
-    timings = paired(calls, 2 if quick else 5, budget=20.0)
-    points = []
-    for label, timing in timings.items():
-        errors = [sets[0].error(_shifts(timing.value))]
+    calls = {label: ("", _ours(sets[0], options)) for label, options in settings.items()}
+    calls |= {} if quick else rheology_peers.shifters(sets[0])
+
+    def judge(label: str, timings: Mapping[str, Timing]) -> tuple[float, Extra]:
+        errors = [sets[0].error(_shifts(timings[label].value))]
         for made in sets[1:]:
             call = _ours(made, settings[label]) if label in settings else rheology_peers.shifters(made)[label][1]
             errors.append(made.error(_shifts(call())))
-        points.append(
-            Point(
-                label,
-                float(np.mean(errors)),
-                timing.seconds,
-                peers[label][0] if label in peers else "",
-                is_default=label == _DEFAULT,
-                cold_seconds=timing.cold_seconds,
-                samples=timing.samples,
-                peak_bytes=None if quick and label != _DEFAULT else peak_bytes(calls[label]),
-                extra={"worst (decades)": float(np.max(errors))},
-            )
-        )
+        return float(np.mean(errors)), {"worst (decades)": float(np.max(errors))}
+
+    traced = (_DEFAULT,) if quick else calls
+    points = race(calls, 2 if quick else 5, judge, _DEFAULT, budget=20.0, traced=traced)
     notes = [f"mean over {len(sets)} seeds; 12 temperatures, 11 points each, 2 % noise"]
     notes += ["peers are left out of the quick run"] if quick else rheology_peers.missing()
     return Suite(name, f"Shifts of {truth.name}", "RMS error of log10 a_T (decades)", points, notes=notes)

@@ -13,7 +13,7 @@ import gc
 import math
 import time
 import tracemalloc
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from statistics import median
 from types import MappingProxyType
@@ -218,6 +218,58 @@ def paired(
             samples[name].append(_timed(call, clock)[0])
             spent += samples[name][-1]
     return {name: Timing(median(taken), cold[name][0], tuple(taken), cold[name][1]) for name, taken in samples.items()}
+
+
+Calls = Mapping[str, tuple[str, Callable[[], object]]]
+"""Contenders by their setting: the group of each, and what to call."""
+
+
+def race(
+    calls: Calls,
+    repeats: int,
+    judge: Callable[[str, Mapping[str, Timing]], tuple[float, Extra]],
+    default: str,
+    *,
+    budget: float = math.inf,
+    per: float = 1.0,
+    traced: Container[str] = (),
+) -> list[Point]:
+    """Time contenders in turn, and return a point for each.
+
+    Parameters
+    ----------
+    calls : mapping
+        What runs against each other.
+    repeats, budget
+        As of :func:`paired`.
+    judge : callable
+        Takes a setting and all timings; returns its error, and further columns.
+    default : str
+        The setting that a user gets without asking.
+    per : float
+        Pieces of work in a call; the time is that of one.
+    traced : container of str
+        Settings whose memory is measured, in one more run.
+    """
+    timings = paired({name: call for name, (_, call) in calls.items()}, repeats, budget)
+    points = []
+    for name, (group, call) in calls.items():
+        error, extra = judge(name, timings)
+        timing, memory = timings[name], peak_bytes(call) if name in traced else None
+        points.append(
+            Point(
+                name,
+                error,
+                timing.seconds / per,
+                group,
+                name == default,
+                timing.cold_seconds,
+                memory,
+                extra,
+                timing.samples,
+            )
+        )
+    return points
 
 
 def peak_bytes(call: Callable[[], object]) -> int:

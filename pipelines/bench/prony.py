@@ -1,13 +1,13 @@
 """Fit of a Prony series: error against run time over the density of its terms."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from labpipe.arrays import Complexes
 from labpipe.materials import TERMS_PER_DECADE, compress, make_grid, maxwell_shapes, solve_by_cross_validation
 from pipelines.bench import rheology_peers
-from pipelines.bench.measure import Point, Suite, paired, peak_bytes
+from pipelines.bench.measure import Extra, Suite, Timing, race
 from pipelines.bench.rheology_truth import FRACTIONAL, MAXWELL, Measured, Truth, measured
 
 _SEED = 700
@@ -27,27 +27,17 @@ def _suite(name: str, truth: Truth, quick: bool) -> Suite:
     calls["3 terms/decade, no smoothing, no bounds"] = ("least squares", _fit(made, TERMS_PER_DECADE, is_plain=True))
     if not quick:
         calls |= rheology_peers.prony_fitters(made)
-    timings = paired({label: call for label, (_, call) in calls.items()}, 3 if quick else 15, 20.0)
-    points = []
-    for label, (group, call) in calls.items():
+
+    def judge(label: str, timings: Mapping[str, Timing]) -> tuple[float, Extra]:
         ratio = np.asarray(timings[label].value) - made.exact
         storage, loss = ratio.real / made.exact.real, ratio.imag / made.exact.imag
-        points.append(
-            Point(
-                label,
-                100.0 * float(np.sqrt(np.mean(np.concatenate([storage, loss]) ** 2))),
-                timings[label].seconds,
-                group,
-                is_default=label == f"{TERMS_PER_DECADE} terms/decade",
-                cold_seconds=timings[label].cold_seconds,
-                samples=timings[label].samples,
-                peak_bytes=peak_bytes(call),
-                extra={
-                    "storage, worst (%)": 100.0 * float(np.max(np.abs(storage))),
-                    "loss, worst (%)": 100.0 * float(np.max(np.abs(loss))),
-                },
-            )
-        )
+        return 100.0 * float(np.sqrt(np.mean(np.concatenate([storage, loss]) ** 2))), {
+            "storage, worst (%)": 100.0 * float(np.max(np.abs(storage))),
+            "loss, worst (%)": 100.0 * float(np.max(np.abs(loss))),
+        }
+
+    default = f"{TERMS_PER_DECADE} terms/decade"
+    points = race(calls, 3 if quick else 15, judge, default, budget=20.0, traced=calls)
     notes = ["true shifts given; 2 % noise on both moduli; error against the noise-free moduli"]
     notes += ["peers are left out of the quick run"] if quick else rheology_peers.missing()[:1]
     return Suite(

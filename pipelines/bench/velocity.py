@@ -8,7 +8,7 @@ import xarray as xr
 from labpipe import signals
 from labpipe.arrays import Floats
 from pipelines.bench.laser_truth import Record, record
-from pipelines.bench.measure import THESIS, Point, Suite, paired, peak_bytes
+from pipelines.bench.measure import THESIS, Calls, Extra, Suite, Timing, race
 
 _DEFAULT = "spline"
 _WINDOWS = (7, 15, 31, 61)
@@ -19,30 +19,19 @@ def run(quick: bool) -> Suite:
     """Measure every method on one bouncing record (acrylic, 1.5 mm, 20 kHz, 1 µm noise)."""
     made = record("acrylic", 0.2 if quick else 0.5)
     contenders = _contenders(made.displacement, made, quick)
-    timings = paired({name: call for name, (_, call) in contenders.items()}, 3 if quick else 9, budget=20.0)
-    points = []
-    for name, (group, call) in contenders.items():
-        timing = timings[name]
-        found = np.asarray(timing.value, float)
+
+    def judge(name: str, timings: Mapping[str, Timing]) -> tuple[float, Extra]:
+        found = np.asarray(timings[name].value, float)
         contact, flight = _parts(found, made)
-        points.append(
-            Point(
-                name,
-                _rms(found - made.velocity),
-                timing.seconds,
-                group,
-                is_default=name == _DEFAULT,
-                cold_seconds=timing.cold_seconds,
-                samples=timing.samples,
-                peak_bytes=None if quick and name != _DEFAULT else peak_bytes(call),
-                extra={
-                    "near contacts (m/s)": contact,
-                    "in flight (m/s)": flight,
-                    "largest (m/s)": float(np.nanmax(np.abs(found - made.velocity))),
-                    "time / thesis, median": timing.ratio(timings["moving average, default"])[0],
-                },
-            )
-        )
+        return _rms(found - made.velocity), {
+            "near contacts (m/s)": contact,
+            "in flight (m/s)": flight,
+            "largest (m/s)": float(np.nanmax(np.abs(found - made.velocity))),
+            "time / thesis, median": timings[name].ratio(timings["moving average, default"])[0],
+        }
+
+    traced = (_DEFAULT,) if quick else contenders
+    points = race(contenders, 3 if quick else 9, judge, _DEFAULT, budget=20.0, traced=traced)
     samples = len(made.velocity)
     return Suite(
         "velocity",
@@ -53,9 +42,7 @@ def run(quick: bool) -> Suite:
     )
 
 
-def _contenders(
-    displacement: xr.DataArray, made: Record, quick: bool
-) -> Mapping[str, tuple[str, Callable[[], object]]]:
+def _contenders(displacement: xr.DataArray, made: Record, quick: bool) -> Calls:
     """Name every method: group and call."""
     breaks = np.sort(np.concatenate([made.touch, made.liftoff]))
     found: dict[str, tuple[str, Callable[[], object]]] = {

@@ -86,13 +86,6 @@ def drop(
     material: str,
     temperature: float | None,
     vertical_shift: float,
-    radius: float,
-    mass: float,
-    height: float,
-    duration: float,
-    solver: Any,
-    profile: Any,
-    rtol: float,
     plate_mass: float | None,
     plate_frequency: float | None,
     plate_damping: float | None,
@@ -104,6 +97,7 @@ def drop(
     out: Path | None,
     picture: Path | None,
     as_json: bool,
+    **fall: Any,
 ) -> None:
     r"""Drop a viscoelastic sphere on a rigid flat (or on a vibrating plate).
 
@@ -123,19 +117,7 @@ def drop(
         plate = contact.Plate(plate_mass, plate_frequency, plate_damping)
     solid = load(material, temperature, vertical_shift)
     with _progress(as_json) as shown:
-        found = contact.drop(
-            solid,
-            radius,
-            mass,
-            height,
-            duration,
-            solver,
-            profile,
-            rtol,
-            plate=plate,
-            maps=sorted(set(maps)) or None,
-            progress=shown,
-        )
+        found = contact.drop(solid, **fall, plate=plate, maps=sorted(set(maps)) or None, progress=shown)
     extra: dict[str, Any] = {}
     if work_of_adhesion is not None:
         extra |= adhesion_rows(found, solid, work_of_adhesion)
@@ -175,9 +157,6 @@ def indent(
     material: str,
     temperature: float | None,
     vertical_shift: float,
-    tip_radius: float,
-    period: float,
-    depth: float,
     mean: float,
     amplitude: float,
     frequency: float,
@@ -185,12 +164,11 @@ def indent(
     hold: float,
     ramp: float,
     thickness: float | None,
-    profile: str,
-    elements: int,
     maps: bool,
     out: Path | None,
     picture: Path | None,
     as_json: bool,
+    **punch: Any,
 ) -> None:
     r"""Press a periodic punch into a surface: ramp, hold, then oscillate.
 
@@ -209,14 +187,10 @@ def indent(
     with _progress(as_json) as shown:
         found = contact.indent(
             load(material, temperature, vertical_shift),
-            tip_radius,
-            period,
-            depth,
-            time,
-            moved,
-            profile=profile,
+            time=time,
+            displacement=moved,
             thickness=np.inf if thickness is None else thickness,
-            elements=elements,
+            **punch,
             outputs=("energy", "pressure", "surface") if maps else ("energy",),
             progress=shown,
         )

@@ -121,14 +121,10 @@ def amplitude(
     frequency: float,
     least: float,
     most: float,
-    critical_strain: float,
-    storage_floor: float,
-    loss_peak: float,
-    loss_floor: float,
-    exponent: float,
     out: Path | None,
     picture: Path | None,
     as_json: bool,
+    **softening: float,
 ) -> None:
     r"""Oscillate a punch on a filled rubber that softens with the amplitude (Kraus).
 
@@ -146,10 +142,9 @@ def amplitude(
 
     if not 0.0 < least < most:
         raise click.UsageError("--least and --most: expected 0 < least < most")
-    kraus = Kraus(critical_strain, storage_floor, loss_peak, loss_floor, exponent)
     found = contact.amplitude_sweep(
         load_material(material, temperature, vertical_shift),
-        kraus,
+        Kraus(**softening),
         frequency,
         np.geomspace(least, most, _STATES),
         mean,

@@ -27,9 +27,7 @@ from pipelines.rig.film_session import (
     FRONT_HEIGHT,
     Bursts,
     burst_times,
-    front_record,
     front_section,
-    under_record,
     under_section,
     write_front,
     write_under,
@@ -38,16 +36,18 @@ from pipelines.rig.film_under import UnderCamera
 from pipelines.rig.indentation_session import FREQUENCIES, write_indentations
 from pipelines.rig.indentations import Harmonic
 from pipelines.rig.plate import PLATE, PLATE_RIG
-from pipelines.rig.plate_session import plate_laser_record, plate_section, write_ringing_of
+from pipelines.rig.plate_session import plate_section, write_ringing_of
 from pipelines.rig.relaxations import Relaxation
 from pipelines.rig.session_text import (
-    NOTE,
     dma_section,
     drop_section,
     from_dma,
+    front_record,
     height_name,
     laser_record,
+    plate_laser_record,
     session_head,
+    under_record,
 )
 from pipelines.rig.solids import SOLIDS, specimen_of
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
@@ -297,7 +297,7 @@ def _static(folder: Path, start: datetime) -> str:
 
 
 def _indentations(folder: Path, start: datetime, extent: Extent) -> str:
-    return write_indentations(folder, NOTE, start, extent.relaxation, extent.harmonic)[1]
+    return write_indentations(folder, start, extent.relaxation, extent.harmonic)[1]
 
 
 def _dma(folder: Path, material: str, seed: int, protocol: Protocol) -> str:

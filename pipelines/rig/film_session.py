@@ -43,39 +43,6 @@ class Bursts:
     frames_at_rest: int = 8
 
 
-def front_record() -> str:
-    """Return the calibration record of the front view (appendix D of the thesis)."""
-    return _record("front", "30.00 ± 0.02 mm", "386 ± 1.5 px", "distance of the holder's edges")
-
-
-def under_record(*, is_binned: bool = True) -> str:
-    """Return the calibration record of the view under the disc (appendix D of the thesis).
-
-    The small film is binned two by two: 461 px of it span 2 mm.
-    """
-    length = "2.0000 ± 0.0005 mm" if is_binned else "1.0000 ± 0.0005 mm"
-    return _record("under", length, "461 ± 1 px", "graduations of a glass ruler")
-
-
-def _record(view: str, length: str, pixels: str, how: str) -> str:
-    return f"""# SYNTHETIC: made by labpipe's virtual rig, not measured.
-version = 1
-kind = "camera"
-id = "camera-{view}-2024-05"
-instrument = "labpipe virtual camera"
-view = "{view}"
-valid_from = 2024-05-01
-valid_until = 2025-04-30
-who = "the virtual rig"
-when = 2024-05-02
-how = "{how} (synthetic)"
-
-[values]
-reference_length = "{length}"
-pixel_length = "{pixels}"
-"""
-
-
 def write_front(
     folder: Path, material: str, height: float, camera: FrontCamera, seed: int, floor: Floor | None = None
 ) -> str:

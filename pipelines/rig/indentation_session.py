@@ -6,32 +6,13 @@ from pathlib import Path
 from labpipe import files
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
-from pipelines.rig.session_text import from_dma, from_library
+from pipelines.rig.session_text import cell_record, from_dma, from_library
 from pipelines.rig.solids import specimen_of
 
 FREQUENCIES = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0)
 """Hz; ten as in the thesis, 0.5 and 2 Hz among them."""
 
 _MATERIAL = "nbr"
-
-
-def cell_record(note: str) -> str:
-    """Return the calibration record of the load cell, as a laboratory would have written it."""
-    return f"""# {note}
-version = 1
-kind = "load_cell"
-id = "load-cell-2024-05"
-instrument = "250N"
-valid_from = 2024-05-01
-valid_until = 2025-04-30
-who = "the virtual rig"
-when = 2024-05-02
-how = "five masses (synthetic)"
-
-[values]
-scale = "1.0000 ± 0.0010"
-filter_delay = "15.9 ± 0.2 ms"  # against an elastic reference
-"""
 
 
 def punch_section(name: str, specimen: Specimen, source: str = "") -> str:
@@ -76,15 +57,13 @@ characteristic_time = "1.56e-10 s"  # tau_0 of the thesis
     return head + punch_section(name, specimen, source)
 
 
-def write_indentations(
-    folder: Path, note: str, start: datetime, held: Relaxation, oscillating: Harmonic
-) -> tuple[list[str], str]:
+def write_indentations(folder: Path, start: datetime, held: Relaxation, oscillating: Harmonic) -> tuple[list[str], str]:
     """Write recordings, truth and the cell's record; returns experiments and their sections."""
     specimen = Specimen(specimen_of(_MATERIAL))
     relaxation, harmonic = f"{_MATERIAL}_relaxation", f"{_MATERIAL}_harmonic"
     recordings = write_relaxation(folder, relaxation, specimen, held, TESTER, 70, start)
     write_harmonic(folder, harmonic, specimen, oscillating, TESTER, 80, start + timedelta(hours=3))
-    files.write_text(folder / "calibration/load_cell.toml", cell_record(note))
+    files.write_text(folder / "calibration/load_cell.toml", cell_record())
     source = from_dma(_MATERIAL)
     text = relaxation_section(relaxation, recordings, specimen, source)
     return [relaxation, harmonic], text + oscillation_section(harmonic, specimen, source)

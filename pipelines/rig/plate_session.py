@@ -8,28 +8,6 @@ from pipelines.rig.fall import DropRig
 from pipelines.rig.plate import write_ringing
 from pipelines.rig.session_text import from_dma
 
-_STATED_INCLINATION = 5.0  # degrees, what the calibration found; the truth differs within its u
-_U_INCLINATION = 0.1
-
-
-def plate_laser_record() -> str:
-    """Return the calibration record of the sensor in its place over the plate."""
-    return f"""# SYNTHETIC: made by labpipe's virtual rig, not measured.
-version = 1
-kind = "laser"
-id = "laser-plate-2024-05"
-instrument = "LK-G5001"
-valid_from = 2024-05-01
-valid_until = 2025-04-30
-who = "the virtual rig"
-when = 2024-05-02
-how = "twelve micrometer steps of 0.1 mm against the reading (synthetic)"
-
-[values]
-inclination = "{_STATED_INCLINATION:.2f} ± {_U_INCLINATION:.2f} deg"
-scale = "1.0000 ± 0.0005"
-"""
-
 
 def write_plate(
     folder: Path, rig: DropRig, names: Sequence[str], heights: Sequence[float], repeats: int, start: datetime

@@ -15,23 +15,25 @@ from labpipe.workflow.session import FILE_NAME
 from pipelines.rig.dma import CAMPAIGN, Protocol, write_dma
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
-from pipelines.rig.film_session import FRONT_HEIGHT, front_record, under_record, write_films
+from pipelines.rig.film_session import FRONT_HEIGHT, write_films
 from pipelines.rig.indentation_session import FREQUENCIES, write_indentations
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.mach1_tester import Tester
 from pipelines.rig.plate import PLATE, PLATE_RIG
-from pipelines.rig.plate_session import plate_laser_record, write_plate
+from pipelines.rig.plate_session import write_plate
 from pipelines.rig.relaxations import Relaxation
 from pipelines.rig.session_text import (
-    NOTE,
     dma_name,
     dma_section,
     drop_section,
     from_dma,
     from_library,
+    front_record,
     height_name,
     laser_record,
+    plate_laser_record,
     session_head,
+    under_record,
 )
 from pipelines.rig.solids import SOLIDS, specimen_of
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
@@ -189,7 +191,7 @@ def _films(folder: Path, full_size: bool) -> list[str]:
 def _indentation(folder: Path, full_size: bool) -> list[str]:
     del full_size  # this sample holds no film
     names, sections = write_indentations(
-        folder, NOTE, _START + timedelta(days=1), Relaxation(), Harmonic(frequencies=FREQUENCIES)
+        folder, _START + timedelta(days=1), Relaxation(), Harmonic(frequencies=FREQUENCIES)
     )
     head = session_head("NBR under a periodic punch (synthetic)")
     files.write_text(folder / "session.toml", head + sections + sweeps(folder, "nbr"))

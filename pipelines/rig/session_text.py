@@ -19,6 +19,7 @@ _STATED_NU = {
 }
 _WARMEST = 120.0  # degC, of the rheometer's sweeps
 _STATED_INCLINATION = 12.0  # degrees, what the calibration found; the truth differs within its u
+_STATED_ON_PLATE = 5.0  # degrees, likewise, of the sensor over the plate
 _U_INCLINATION = 0.1
 
 
@@ -27,23 +28,59 @@ def height_name(height: float) -> str:
     return f"{height * 1e3:g}mm".replace(".", "p")
 
 
-def laser_record() -> str:
-    """Return the calibration record of the sensor, as a laboratory would have written it."""
+def record(kind: str, name: str, instrument: str, how: str, values: str) -> str:
+    """Return a calibration record, as a laboratory would have written it; ``instrument`` may be more lines."""
     return f"""# {NOTE}
 version = 1
-kind = "laser"
-id = "laser-inclination-2024-05"
-instrument = "LK-G5001"
+kind = "{kind}"
+id = "{name}-2024-05"
+instrument = {instrument}
 valid_from = 2024-05-01
 valid_until = 2025-04-30
 who = "the virtual rig"
 when = 2024-05-02
-how = "twelve micrometer steps of 1 mm against the reading (synthetic)"
+how = "{how} (synthetic)"
 
 [values]
-inclination = "{_STATED_INCLINATION:.2f} ± {_U_INCLINATION:.2f} deg"
-scale = "1.0000 ± 0.0005"
+{values}
 """
+
+
+def laser_record(place: str = "inclination", inclination: float = _STATED_INCLINATION, step: str = "1 mm") -> str:
+    """Return the record of the sensor in a place, with what the calibration found [deg]."""
+    how = f"twelve micrometer steps of {step} against the reading"
+    values = f'inclination = "{inclination:.2f} ± {_U_INCLINATION:.2f} deg"\nscale = "1.0000 ± 0.0005"'
+    return record("laser", f"laser-{place}", '"LK-G5001"', how, values)
+
+
+def plate_laser_record() -> str:
+    """Return the record of the sensor in its place over the plate."""
+    return laser_record("plate", _STATED_ON_PLATE, "0.1 mm")
+
+
+def front_record() -> str:
+    """Return the record of the front view (appendix D of the thesis)."""
+    return _camera_record("front", "30.00 ± 0.02 mm", "386 ± 1.5 px", "distance of the holder's edges")
+
+
+def under_record(*, is_binned: bool = True) -> str:
+    """Return the record of the view under the disc (appendix D of the thesis).
+
+    The small film is binned two by two: 461 px of it span 2 mm.
+    """
+    length = "2.0000 ± 0.0005 mm" if is_binned else "1.0000 ± 0.0005 mm"
+    return _camera_record("under", length, "461 ± 1 px", "graduations of a glass ruler")
+
+
+def _camera_record(view: str, length: str, pixels: str, how: str) -> str:
+    values = f'reference_length = "{length}"\npixel_length = "{pixels}"'
+    return record("camera", f"camera-{view}", f'"labpipe virtual camera"\nview = "{view}"', how, values)
+
+
+def cell_record() -> str:
+    """Return the record of the load cell."""
+    values = 'scale = "1.0000 ± 0.0010"\nfilter_delay = "15.9 ± 0.2 ms"  # against an elastic reference'
+    return record("load_cell", "load-cell", '"250N"', "five masses", values)
 
 
 def session_head(title: str) -> str:

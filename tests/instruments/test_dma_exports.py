@@ -161,7 +161,13 @@ def test_the_temperature_nearest_to_the_table_counts(tmp_path):
 
 @pytest.mark.parametrize(
     "line",
-    ["Specimen cured at 120 °C", "Stored at 23 °C / 50 % RH", "Room temperature: 23 °C", "Glass transition at 105 °C"],
+    [
+        "Specimen cured at 120 °C",
+        "Stored at 23 °C / 50 % RH",
+        "Room temperature: 23 °C",
+        "Glass transition at 105 °C",
+        "End temperature: 23 °C",
+    ],
 )
 def test_a_temperature_of_something_else_is_left(tmp_path, line):
     assert "temperature" not in read(
@@ -231,3 +237,25 @@ def test_isotherms_side_by_side_keep_their_temperatures(tmp_path, gap, sep):
     ]
     found = read(tmp_path, "\n".join([above, head, *rows]).replace(";", sep) + "\n")
     assert_is_the_truth(found.assign(temperature=found.temperature + 40))
+
+
+def test_titles_in_fahrenheit_and_frequencies_without_brackets(tmp_path):
+    parts = (
+        f"Sweep at {1.8 * t + 32:g} °F\n"
+        + table("f (Hz);E' (MPa);E'' (MPa)", FREQUENCY, STORAGE[t == T] / 1e6, LOSS[t == T] / 1e6, sep=";")
+        for t in TEMPERATURE
+    )
+    assert_is_the_truth(read(tmp_path, "\n".join(parts)))
+    head = ",".join(f"E' {f:.12g} Hz (MPa),tan δ {f:.12g} Hz" for f in FREQUENCY)
+    wide = [c for f in FREQUENCY for c in (STORAGE[f == F] / 1e6, TAN[f == F])]
+    assert_is_the_truth(read(tmp_path, table("T (°C)," + head, TEMPERATURE, *wide)))
+
+
+def test_symbols_below_words_are_no_units(tmp_path):
+    head = "Frequency;Storage modulus;Loss modulus;Temperature\nf;E';E'';T\nHz;MPa;MPa;°C"
+    assert_is_the_truth(read(tmp_path, table(head, *ALL, sep=";")))
+
+
+def test_means_of_specimens_and_a_loss_factor_in_thousandths(tmp_path):
+    columns = (F, STORAGE / 1e6, STORAGE / 1e8, 1e3 * TAN, T)
+    assert_is_the_truth(read(tmp_path, table("f (Hz),E' mean (MPa),E' std (MPa),tan δ (10^-3),T (°C)", *columns)))

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from labpipe import files, materials
-from pipelines.rig.indentation_session import cell_record, oscillation_section, relaxation_section
+from pipelines.rig.indentation_session import oscillation_section, relaxation_section
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
-from pipelines.rig.session_text import NOTE, session_head
+from pipelines.rig.session_text import cell_record, session_head
 from tests.mistakes.mach1_files import Row, columns, rewritten, rows
 from tests.mistakes.recordings import Edit, setting
 from tests.mistakes.rows import Mistake
@@ -38,7 +38,7 @@ def write_holds(folder: Path) -> Path:
 
 
 def _session(folder: Path, section: str) -> Path:
-    files.write_text(folder / RECORD, cell_record(NOTE))
+    files.write_text(folder / RECORD, cell_record())
     files.write_text(folder / TOML, session_head("Mistakes (synthetic)") + section)
     return folder
 

@@ -11,9 +11,9 @@ from labpipe import files
 from labpipe.arrays import Floats
 from pipelines.rig.campaign import SMALL
 from pipelines.rig.plate import PLATE_RIG
-from pipelines.rig.plate_session import plate_laser_record, write_plate
+from pipelines.rig.plate_session import write_plate
 from pipelines.rig.samples import session_head, sweeps
-from pipelines.rig.session_text import from_dma
+from pipelines.rig.session_text import from_dma, plate_laser_record
 from tests.mistakes.drop_rows import Mistake
 from tests.mistakes.recordings import Edit, cells, header, setting, values
 

@@ -21,24 +21,24 @@ from pipelines.rig.dma import Protocol, write_dma
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import Body, DropRig, fall
 from pipelines.rig.film_front import FrontCamera, write_front_film
-from pipelines.rig.film_session import (
-    Bursts,
-    burst_times,
-    front_record,
-    front_section,
-    under_record,
-    under_section,
-    write_under,
-)
+from pipelines.rig.film_session import Bursts, burst_times, front_section, under_section, write_under
 from pipelines.rig.film_under import UnderCamera
-from pipelines.rig.indentation_session import cell_record, oscillation_section, relaxation_section
+from pipelines.rig.indentation_session import oscillation_section, relaxation_section
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.plate import PLATE_RIG, write_ringing
-from pipelines.rig.plate_session import plate_laser_record, plate_section
+from pipelines.rig.plate_session import plate_section
 from pipelines.rig.reference_drop import Floor
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.samples import dma_section, drop_section
-from pipelines.rig.session_text import NOTE, from_library, laser_record, session_head
+from pipelines.rig.session_text import (
+    cell_record,
+    from_library,
+    front_record,
+    laser_record,
+    plate_laser_record,
+    session_head,
+    under_record,
+)
 from pipelines.rig.solids import SOLIDS
 from pipelines.session import verdict
 from tests.mistakes.recordings import values
@@ -47,7 +47,7 @@ START = datetime(2024, 5, 14, 9, 30)
 
 
 def _session(folder: Path, section: str) -> None:
-    files.write_text(folder / "calibration/load_cell.toml", cell_record(NOTE))
+    files.write_text(folder / "calibration/load_cell.toml", cell_record())
     files.write_text(folder / "session.toml", session_head("Clean (synthetic)") + section)
 
 

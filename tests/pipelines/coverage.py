@@ -44,25 +44,27 @@ from pipelines.rig.dma import Protocol, write_dma
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import Body, DropRig
 from pipelines.rig.film_front import FrontCamera
-from pipelines.rig.film_session import (
-    Bursts,
-    burst_times,
-    front_record,
-    front_section,
-    under_record,
-    under_section,
-    write_front,
-    write_under,
-)
+from pipelines.rig.film_session import Bursts, burst_times, front_section, under_section, write_front, write_under
 from pipelines.rig.film_under import UnderCamera
-from pipelines.rig.indentation_session import cell_record, oscillation_section, relaxation_section
+from pipelines.rig.indentation_session import oscillation_section, relaxation_section
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.laser_sensor import LaserSensor
 from pipelines.rig.plate import PLATE_RIG, write_ringing
-from pipelines.rig.plate_session import plate_laser_record, plate_section
+from pipelines.rig.plate_session import plate_section
 from pipelines.rig.reference_drop import Floor
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
-from pipelines.rig.session_text import NOTE, dma_name, dma_section, drop_section, from_dma, laser_record, session_head
+from pipelines.rig.session_text import (
+    cell_record,
+    dma_name,
+    dma_section,
+    drop_section,
+    from_dma,
+    front_record,
+    laser_record,
+    plate_laser_record,
+    session_head,
+    under_record,
+)
 from pipelines.rig.solids import SOLIDS
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
 from tests.pipelines.small import START
@@ -211,7 +213,7 @@ def relaxations(folder: Path, seed: int, scores: Scores) -> None:
     specimen, tester = _specimen(seed)
     held = Relaxation(depths=(0.1e-3,), hold=12.0)
     names = write_relaxation(folder, "r", specimen, held, tester, seed, START)
-    begun(folder, relaxation_section("r", names, _STATED), load_cell=cell_record(NOTE))
+    begun(folder, relaxation_section("r", names, _STATED), load_cell=cell_record())
     settings, record = settings_of(folder, "r"), folder / "calibration/load_cell.toml"
     read = relaxation.readings(folder / names[0], settings=settings)
     loads = relaxation.loads(read, record, settings=settings)
@@ -248,7 +250,7 @@ def oscillations(folder: Path, seed: int, scores: Scores) -> None:
     wave = Harmonic(hold=2.0, frequencies=(0.5, 2.0), cycles=6)
     write_harmonic(folder, "h", specimen, wave, tester, seed + 1, START)
     delay = 15.915 + 0.2 * np.random.default_rng(seed + 77_000).normal()
-    record = cell_record(NOTE).replace('"15.9 ± 0.2 ms"', f'"{delay:.4f} ± 0.2 ms"')
+    record = cell_record().replace('"15.9 ± 0.2 ms"', f'"{delay:.4f} ± 0.2 ms"')
     begun(folder, oscillation_section("h", _STATED), load_cell=record)
     settings = settings_of(folder, "h")
     readings = harmonic.readings(folder / settings.mach1, settings=settings)

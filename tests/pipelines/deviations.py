@@ -28,16 +28,26 @@ from pipelines.rig.campaign import SMALL
 from pipelines.rig.dma import write_dma
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import Body, DropRig
-from pipelines.rig.film_session import Bursts, burst_times, under_record, under_section, write_under
-from pipelines.rig.indentation_session import cell_record, oscillation_section, relaxation_section
+from pipelines.rig.film_session import Bursts, burst_times, under_section, write_under
+from pipelines.rig.indentation_session import oscillation_section, relaxation_section
 from pipelines.rig.indentations import Specimen, write_harmonic
 from pipelines.rig.laser_sensor import LaserSensor
 from pipelines.rig.plate import PLATE_RIG
-from pipelines.rig.plate_session import plate_laser_record, plate_section, write_ringing_of
+from pipelines.rig.plate_session import plate_section, write_ringing_of
 from pipelines.rig.reference_drop import Floor
 from pipelines.rig.relaxations import TESTER, write_relaxation
 from pipelines.rig.samples import STATED_FLOOR
-from pipelines.rig.session_text import NOTE, dma_name, dma_section, drop_section, from_dma, laser_record, session_head
+from pipelines.rig.session_text import (
+    cell_record,
+    dma_name,
+    dma_section,
+    drop_section,
+    from_dma,
+    laser_record,
+    plate_laser_record,
+    session_head,
+    under_record,
+)
 from pipelines.rig.solids import SOLIDS, specimen_of
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
 from pipelines.session import derive, opened
@@ -84,7 +94,7 @@ def write_specimens(folder: Path, seed: int) -> None:
         error = random.standard_normal()
         section = dma_section(name, export, solid)
         text += _NU.sub(lambda m, nu=solid.nu, e=error: f'nu = "{nu + e * float(m[1]):.5f} ± {m[1]}"', section)
-    delay = cell_record(NOTE).replace('"15.9 ± 0.2 ms"', f'"{15.915 + 0.2 * random.standard_normal():.4f} ± 0.2 ms"')
+    delay = cell_record().replace('"15.9 ± 0.2 ms"', f'"{15.915 + 0.2 * random.standard_normal():.4f} ± 0.2 ms"')
     gains = [
         record.replace('scale = "1.0000 ±', f'scale = "{1 + 5e-4 * random.standard_normal():.6f} ±')
         for record in (laser_record(), plate_laser_record())

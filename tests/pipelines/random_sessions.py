@@ -18,14 +18,14 @@ from labpipe.errors import InputError
 from pipelines.bench.identification import random_solid
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
-from pipelines.rig.indentation_session import cell_record, oscillation_section, relaxation_section
+from pipelines.rig.indentation_session import oscillation_section, relaxation_section
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.laser_sensor import LaserSensor
 from pipelines.rig.mach1_tester import Tester
 from pipelines.rig.plate import PLATE
 from pipelines.rig.reference_drop import GRAVITY, Floor
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
-from pipelines.rig.session_text import NOTE, drop_section, laser_record, session_head
+from pipelines.rig.session_text import cell_record, drop_section, laser_record, session_head
 from pipelines.rig.solids import Viscoelastic
 
 KINDS = ("drop", "rubber", "hold")
@@ -200,7 +200,7 @@ def _indentations(truth: Truth, folder: Path) -> str:
     held = _SHORTER if is_joint else _HELD
     names = write_relaxation(folder, "relaxation", truth.specimen, held, truth.tester, 10 * truth.seed, _START)
     delay = f'"{truth.stated_delay:.4f} ± {_U_DELAY:g} ms"'
-    record = cell_record(NOTE).replace('"15.9 ± 0.2 ms"', delay)
+    record = cell_record().replace('"15.9 ± 0.2 ms"', delay)
     files.write_text(folder / "calibration/load_cell.toml", record)
     sections = relaxation_section("relaxation", names, stated)
     if not is_joint:

@@ -29,6 +29,8 @@ _NOISE_LIKENESS = 0.2
 #: Best standard deviation of the motion (px) that rounding to whole levels must allow.
 _WORST_RESOLUTION = 0.1
 _ROUNDING = 1.0 / np.sqrt(12.0)
+#: Fourth difference over 16: it keeps the waves near half a wave per px.
+_NEAR_HALF = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 16.0
 #: Steps (column, row) along which the image is compared with itself.
 _STEPS = ((1, 0), (0, 1), *((i, sign * k) for i, k in ((1, 1), (2, 1), (1, 2)) for sign in (1, -1)))
 #: Median of the size of third differences of white noise of deviation 1.
@@ -136,6 +138,21 @@ class Reference:
         change = np.abs(_third_difference(area[:, ::-1] if step[1] < 0 else area, (step[0], abs(step[1]))))
         seen = float(np.nanmedian(change)) if np.isfinite(change).any() else 0.0
         return max(seen / _MEDIAN_OF_CHANGES, _ROUNDING) ** 2, _SPREAD_OF_CHANGES
+
+    def sharpness(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Sum the squares [grey²] of the reference near half a wave per px, along x and along y, (usable,).
+
+        Also those of white noise of variance 1 in each of the static frames.
+        """
+        import cv2
+
+        total = np.zeros(self.mean.shape)
+        inside = 1.0 if self.images.inside is None else self.images.inside
+        nothing = np.ones(1)
+        for along_x, along_y in ((_NEAR_HALF, nothing), (nothing, _NEAR_HALF)):
+            total += cv2.sepFilter2D(self.mean, cv2.CV_64F, along_x, along_y, borderType=cv2.BORDER_REFLECT_101) ** 2
+        noise = 2.0 * (_NEAR_HALF**2).sum() * self.subsets.level[:, 2] / self.noise.static_frames
+        return _sums(total * inside, self.subsets), noise
 
     def softened(
         self, chosen: NDArray[np.int64], weights: NDArray[np.float64]

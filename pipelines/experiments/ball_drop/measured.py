@@ -16,7 +16,7 @@ from calibration import laser
 from labpipe import signals
 from labpipe.arrays import Floats
 from labpipe.units import Quantity
-from labpipe.variables import variable
+from labpipe.variables import variable, with_u
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.laser_readings import read_laser
 
@@ -126,13 +126,7 @@ def _fall(displacement: list[xr.Dataset], bounces: list[xr.Dataset], relative: f
     scatter = float(values.std(ddof=1)) if values.size > 1 else 0.0
     clock = float(json.loads(displacement[0].attrs["time_base"])["u_relative"])
     u = np.sqrt(max(scatter, stated) ** 2 / values.size + (mean * relative) ** 2 + (2 * mean * clock) ** 2)
-    text = "acceleration of the free fall"
-    return xr.Dataset(
-        {
-            "fall_acceleration": variable((), mean, "m/s2", text),
-            "u_fall_acceleration": variable((), float(u), "m/s2", f"standard uncertainty: {text}"),
-        }
-    )
+    return xr.Dataset(with_u("fall_acceleration", (), mean, float(u), "m/s2", "acceleration of the free fall"))
 
 
 def _table(bounces: list[xr.Dataset], relative: float) -> xr.Dataset:

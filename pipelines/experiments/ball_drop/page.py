@@ -6,7 +6,18 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from labpipe.report import Block, Column, KeyValues, Notice, Paragraph, Section, Table, quantity, value_with_uncertainty
+from labpipe.report import (
+    Block,
+    KeyValues,
+    Listed,
+    Notice,
+    Paragraph,
+    Section,
+    Table,
+    listed,
+    quantity,
+    value_with_uncertainty,
+)
 from labpipe.workflow.context import Context
 from pipelines.experiments.ball_drop._charts import motion
 from pipelines.experiments.ball_drop.budget import quantities
@@ -146,26 +157,18 @@ def _calibration(displacement: list[xr.Dataset]) -> Section:
 
 def _bounces(repeats: xr.Dataset, comparison: xr.Dataset | None) -> Section:
     columns = (
-        Column("impact"),
-        Column("repeats"),
-        Column("touch", unit="s", u=3),
-        Column("u"),
-        Column("speed in", unit="m/s", u=5),
-        Column("u"),
-        Column("speed out", unit="m/s", u=7),
-        Column("u"),
-        Column("restitution", u=9),
-        Column("u"),
+        Listed("impact", repeats["impact"].values.tolist()),
+        Listed("repeats", repeats["n_repeats"].values.astype(int).tolist()),
+        pages.column(repeats, "touch_time", "touch"),
+        pages.column(repeats, "incoming_speed", "speed in"),
+        pages.column(repeats, "outgoing_speed", "speed out"),
+        pages.column(repeats, "restitution", "restitution"),
     )
-    names = ("touch_time", "incoming_speed", "outgoing_speed", "restitution")
-    values = [repeats[key].values for name in names for key in (name, f"u_{name}")]
-    counts = zip(repeats["impact"].values, repeats["n_repeats"].values, strict=True)
-    rows = [(int(impact), int(n), *(float(v[i]) for v in values)) for i, (impact, n) in enumerate(counts)]
     caption = (
         "Every bounce: mean over the repeats that show it, with its standard uncertainty. Touch "
         "times are counted from the first touch."
     )
-    measured = Table(columns, rows, caption=caption)
+    measured = listed(columns, caption)
     if comparison is None:
         return Section("Bounces", (measured,))
     return Section("Bounces", (measured, _against_model(comparison)))
@@ -173,95 +176,63 @@ def _bounces(repeats: xr.Dataset, comparison: xr.Dataset | None) -> Section:
 
 def _against_model(comparison: xr.Dataset) -> Table:
     columns = (
-        Column("impact"),
-        Column("restitution, model", digits=6),
-        Column("measured − model", u=3),
-        Column("u"),
-        Column("touch, model", unit="s", digits=6),
-        Column("measured − model", unit="s", u=6),
-        Column("u"),
+        Listed("impact", comparison["impact"].values.tolist()),
+        pages.column(comparison, "restitution_model", "restitution, model", digits=6),
+        pages.column(comparison, "restitution_difference", "measured − model"),
+        pages.column(comparison, "touch_time_model", "touch, model", digits=6),
+        pages.column(comparison, "touch_time_difference", "measured − model"),
     )
-    shown = [
-        comparison[pattern.format(name)].values
-        for name in ("restitution", "touch_time")
-        for pattern in ("{}_model", "{}_difference", "u_{}_difference")
-    ]
-    rows = [
-        (int(impact), *(float(values[i]) for values in shown)) for i, impact in enumerate(comparison["impact"].values)
-    ]
     caption = (
         "Comparison with the model. The uncertainty of a difference includes that of the model "
         "from height, radius and mass, but not that of the material."
     )
-    return Table(columns, rows, caption=caption)
+    return listed(columns, caption)
 
 
 def _repeats(settings: BallDrop, bounces: Sequence[xr.Dataset | None], repeats: xr.Dataset | None) -> Section:
-    rows = []
-    for i, (name, found) in enumerate(zip(settings.laser, bounces, strict=True)):
-        if found is None:
-            continue
-        is_outlier = repeats is not None and bool(repeats["is_outlier"][i])
-        rows.append(
-            (
-                name,
-                float(found["release_time"]),
-                float(found["first_contact_time"]),
-                float(found["u_first_contact_time"]),
-                float(found["drop_height"]),
-                float(found["u_drop_height"]),
-                found.sizes["impact"],
-                float(found["rest_time"]),
-                "outlier" if is_outlier else "",
-            )
-        )
+    names, found = _recorded(settings, bounces)
+    flags = [False] * len(bounces) if repeats is None else repeats["is_outlier"].values.astype(bool).tolist()
     columns = (
-        Column("recording"),
-        Column("release", unit="s"),
-        Column("first contact", unit="s", u=3),
-        Column("u"),
-        Column("fall", unit="m", u=5),
-        Column("u"),
-        Column("bounces"),
-        Column("rest", unit="s"),
-        Column("remark"),
+        names,
+        pages.of_each(found, "release_time", "release", has_u=False),
+        pages.of_each(found, "first_contact_time", "first contact"),
+        pages.of_each(found, "drop_height", "fall"),
+        Listed("bounces", [each.sizes["impact"] for each in found]),
+        pages.of_each(found, "rest_time", "rest", has_u=False),
+        Listed("remark", ["outlier" * flag for flag, each in zip(flags, bounces, strict=True) if each is not None]),
     )
     text = "Times of each recording by its own clock. Outliers are flagged, never removed."
-    if len(rows) < len(bounces):
-        text += f" {len(bounces) - len(rows)} recording(s) gave no bounces: see the errors."
-    return Section("Repeats", (Table(columns, rows, caption=text),))
+    if len(found) < len(bounces):
+        text += f" {len(bounces) - len(found)} recording(s) gave no bounces: see the errors."
+    return Section("Repeats", (listed(columns, text),))
+
+
+def _recorded(settings: BallDrop, bounces: Sequence[xr.Dataset | None]) -> tuple[Listed, list[xr.Dataset]]:
+    """Return the names of the recordings that gave bounces, and those."""
+    names = [name for name, each in zip(settings.laser, bounces, strict=True) if each is not None]
+    return Listed("recording", names), pages.present(bounces)
 
 
 def _phases(settings: BallDrop, bounces: Sequence[xr.Dataset | None]) -> Section:
     """Say of every recording how long the sphere bounces, vibrates and rests."""
-    rows = []
-    for name, found in zip(settings.laser, bounces, strict=True):
-        if found is not None:
-            touch, settled, rest = (float(found[f"{which}_time"]) for which in ("first_contact", "settling", "rest"))
-            rows.append(
-                (
-                    name,
-                    settled - touch,
-                    rest - settled,
-                    rest - touch,
-                    float(found["u_rest_time"]),
-                    "" if np.isfinite(rest) else "still moving when the recording ends",
-                )
-            )
+    names, found = _recorded(settings, bounces)
+    touch, settled, rest, u_rest = (
+        np.array([float(each[f"{which}_time"]) for each in found])
+        for which in ("first_contact", "settling", "rest", "u_rest")
+    )
     columns = (
-        Column("recording"),
-        Column("bouncing", unit="s"),
-        Column("vibration", unit="s"),
-        Column("static from", unit="s", u=4),
-        Column("u"),
-        Column("remark"),
+        names,
+        Listed("bouncing", (settled - touch).tolist(), "s"),
+        Listed("vibration", (rest - settled).tolist(), "s"),
+        Listed("static from", (rest - touch).tolist(), "s", u_rest.tolist()),
+        Listed("remark", ["" if np.isfinite(end) else "still moving when the recording ends" for end in rest]),
     )
     text = (
         "Bouncing: from first contact to the last resolved flight. Vibration: until the speed "
         "stays below a hundredth of that of the first impact. Static: from then on. Times are "
         "counted from first contact."
     )
-    return Section("Phases", (Table(columns, rows, caption=text),))
+    return Section("Phases", (listed(columns, text),))
 
 
 def _model(model: xr.Dataset) -> Section:

@@ -7,7 +7,7 @@ import xarray as xr
 from scipy.optimize import minimize_scalar
 
 from labpipe.arrays import Floats
-from labpipe.variables import variable
+from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area._peaks import BESIDE, STILL, WINDOW, peak_of
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, row
@@ -66,26 +66,21 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
         )
     )
     u = np.hypot(u_ours, model["u_peak_contact_radius"].values[:count])
+    earlier, u_earlier = np.array(shifts, dtype=float).reshape(-1, 2).T
     return xr.Dataset(
         {
             "impact_number": variable("sample", joined["number"], "1", "impact of a compared frame"),
             "since_peak": variable("sample", joined["since"], "s", "time since the largest radius"),
-            "film": variable("sample", joined["film"], "m", "contact radius, film"),
-            "u_film": variable("sample", joined["u_film"], "m", "standard uncertainty: contact radius, film"),
+            **with_u("film", "sample", joined["film"], joined["u_film"], "m", "contact radius, film"),
             "model": variable("sample", joined["model"], "m", "contact radius, model"),
             "nrmse": variable(
                 "impact", np.array(errors), "1", "root-mean-square error over largest radius of the model"
             ),
-            "peak_radius_film": variable("impact", ours, "m", "largest radius, film"),
-            "u_peak_radius_film": variable("impact", u_ours, "m", "standard uncertainty: largest radius, film"),
+            **with_u("peak_radius_film", "impact", ours, u_ours, "m", "largest radius, film"),
             "peak_radius_model": variable("impact", theirs, "m", "largest radius, model"),
-            "peak_radius_difference": variable("impact", ours - theirs, "m", "film minus model"),
-            "u_peak_radius_difference": variable("impact", u, "m", "standard uncertainty"),
-            "time_shift": variable(
-                "impact", np.array([s for s, _ in shifts]), "s", "shift of the model to earlier times against its peak"
-            ),
-            "u_time_shift": variable(
-                "impact", np.array([u for _, u in shifts]), "s", "standard uncertainty: shift of the model in time"
+            **with_u("peak_radius_difference", "impact", ours - theirs, u, "m", "largest radius, film minus model"),
+            **with_u(
+                "time_shift", "impact", earlier, u_earlier, "s", "shift of the model to earlier times against its peak"
             ),
             "model_peak_time": variable("impact", np.array(peak_times), "s", "time of the model's largest radius"),
         },

@@ -17,7 +17,7 @@ from calibration import camera as camera_scale
 from labpipe import imaging
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.variables import variable
+from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area._peaks import STILL, peak_of
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.film_frames import blanked, key_frames, open_film, recorded_on
@@ -105,11 +105,11 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     own = np.hypot([p.u for p in peaks], sampling)
     for name, values, units, text in (
         ("peak_time", np.array([p.time for p in peaks]), "s", "time of the largest radius"),
-        ("peak_radius", largest, "m", "largest contact radius"),
-        ("u_peak_radius", np.hypot(own, relative * largest), "m", "standard uncertainty: largest contact radius"),
         ("peak_sampling", sampling, "m", "part of that uncertainty from interpolation between the frames"),
     ):
         table[name] = variable("impact", values, units, text)
+    u_largest = np.hypot(own, relative * largest)
+    table |= with_u("peak_radius", "impact", largest, u_largest, "m", "largest contact radius")
     for name, place, text in (("first_seen", 0, "first"), ("last_seen", -1, "last")):
         table[name] = variable(
             "impact", np.array([time[run[place]] for run in brief], float), "s", f"{text} frame with contact"
@@ -184,8 +184,7 @@ def _at_rest(time: Floats, a: Floats, u: Floats, runs: list[NDArray[np.int64]], 
         scatter = float(np.std(a[half])) if len(half) > 1 else 0.0
         own = float(np.hypot(max(scatter, np.median(u[half])), relative * value))
     return {
-        "static_radius": variable((), value, "m", "contact radius at rest"),
-        "u_static_radius": variable((), own, "m", "standard uncertainty: contact radius at rest"),
+        **with_u("static_radius", (), value, own, "m", "contact radius at rest"),
         "static_since": variable((), start, "s", "start of the frames at rest"),
     }
 
@@ -214,14 +213,9 @@ def keys(film: Path, radius: xr.Dataset, impacts: xr.Dataset, *, settings: Conta
         ("circle_major", at["semi_axis_major"].values / size, "px", "fitted major semi-axis"),
         ("circle_minor", at["semi_axis_minor"].values / size, "px", "fitted minor semi-axis"),
         ("circle_angle", at["axis_angle"].values, "rad", "direction of the major axis"),
-        ("key_radius", at["radius"].values, "m", "contact radius"),
-        (
-            "u_key_radius",
-            np.hypot(at["u_radius"].values, at["radius_systematic"].values),
-            "m",
-            "standard uncertainty: contact radius",
-        ),
         ("key_method", at["method"].values.astype(float), "1", "method of the radius"),
     ):
         found[name] = variable("key", values, units, text)
+    u = np.hypot(at["u_radius"].values, at["radius_systematic"].values)
+    found = found.assign(with_u("key_radius", "key", at["radius"].values, u, "m", "contact radius"))
     return found.assign_attrs(work=json.dumps({"key_frames": len(near)}))

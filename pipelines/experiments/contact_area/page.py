@@ -11,17 +11,17 @@ from labpipe.imaging import USUAL_WORK
 from labpipe.report import (
     Bars,
     Block,
-    Column,
     Gallery,
     KeyValues,
     LineChart,
+    Listed,
     Notice,
     Paragraph,
     Picture,
     Section,
     Series,
-    Table,
     budget_table,
+    listed,
     quantity,
     share_bars,
     value_with_uncertainty,
@@ -253,15 +253,12 @@ def _budget(radius: xr.Dataset, impacts: xr.Dataset | None) -> tuple[Block, ...]
     if impacts is not None and np.isfinite(float(impacts["static_radius"])):
         chosen.append(("at rest", int(np.flatnonzero(np.isfinite(a))[-1])))
     at = [radius.isel(frame=frame) for _, frame in chosen]
-    rows: list[list[float | int | str | bool | None]] = [
-        [text, *(float(one["systematic_part"].sel(source=name)) for one in at)] for name, text in _SOURCES.items()
-    ]
-    rows.append(["total, common to all frames", *(float(one["radius_systematic"]) for one in at)])
-    rows.append(["noise and misfit of the frame", *(float(one["u_radius"]) for one in at)])
     titles = [f"{where}, {quantity(float(a[frame]), 'm', 4)}" for where, frame in chosen]
-    columns = (Column("source"), *(Column(title, unit="m", digits=2) for title in titles))
-    caption = "Standard uncertainty of the contact radius by source"
-    table = Table(columns, rows, caption=caption, sortable=False)
+    columns = [Listed("source", [*_SOURCES.values(), "total, common to all frames", "noise and misfit of the frame"])]
+    for one, title in zip(at, titles, strict=True):
+        parts = one["systematic_part"].sel(source=list(_SOURCES)).values.tolist()
+        columns.append(Listed(title, [*parts, float(one["radius_systematic"]), float(one["u_radius"])], "m", digits=2))
+    table = listed(columns, "Standard uncertainty of the contact radius by source", sortable=False)
     return (table, *(_shares(one, where) for one, (where, _) in zip(at, chosen, strict=True)))
 
 
@@ -387,25 +384,18 @@ def _alignment(comparison: xr.Dataset, i: int) -> str:
 
 
 def _impacts(impacts: xr.Dataset, comparison: xr.Dataset | None) -> Section:
+    count = impacts.sizes["impact"]
     columns = [
-        Column("impact"),
-        Column("t_p in the film", unit="s"),
-        Column("largest radius, film", unit="m", u=3),
-        Column("u"),
+        Listed("impact", list(range(1, count + 1))),
+        Listed("t_p in the film", impacts["peak_time"].values.tolist(), "s"),
+        pages.column(impacts, "peak_radius", "largest radius, film"),
     ]
     if comparison is not None:
-        columns += [Column("model", unit="m"), Column("film − model", unit="m", u=6), Column("u"), Column("nRMSE")]
-    rows: list[list[float | int | str | bool | None]] = []
-    for i in range(impacts.sizes["impact"]):
-        row: list[float | int | str | bool | None] = [i + 1]
-        row += [float(impacts[n][i]) for n in ("peak_time", "peak_radius", "u_peak_radius")]
-        if comparison is not None:
-            names = ("peak_radius_model", "peak_radius_difference", "u_peak_radius_difference", "nrmse")
-            has = i < comparison.sizes["impact"]
-            row += [float(comparison[n][i]) if has else None for n in names]
-        rows.append(row)
+        for name, title in (("radius_model", "model"), ("radius_difference", "film − model"), ("nrmse", "nRMSE")):
+            known = pages.column(comparison, name if name == "nrmse" else f"peak_{name}", title)
+            columns.append(known.extended(count))
     text = "Impacts are counted from their largest radius (t_p = 0)."
-    return Section("Impacts", (Paragraph(text), Table(tuple(columns), rows)))
+    return Section("Impacts", (Paragraph(text), listed(columns)))
 
 
 def _listed(parts: list[str]) -> str:

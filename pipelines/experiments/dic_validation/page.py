@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 from labpipe.report import (
     Band,
     Block,
-    Column,
     Gallery,
     KeyValues,
     LineChart,
+    Listed,
     Notice,
     Paragraph,
     Picture,
     Section,
     Series,
-    Table,
     budget_table,
+    listed,
     quantity,
     value_with_uncertainty,
 )
@@ -338,36 +338,20 @@ def _agreement(comparison: xr.Dataset) -> Section:
         ("largest difference", quantity(float(comparison["max_error"]), "m"), ""),
     ]
     columns = (
-        Column("impact"),
-        Column("touch, film − laser", unit="s", u=2),
-        Column("u"),
-        Column("incoming speed, film", unit="m/s"),
-        Column("laser", unit="m/s"),
-        Column("restitution, film"),
-        Column("laser"),
-        Column("film − laser", u=8),
-        Column("u"),
+        Listed("impact", comparison["impact"].values.tolist()),
+        pages.column(comparison, "touch_time_difference", "touch, film − laser"),
+        pages.plain(comparison, "incoming_speed_film", "incoming speed, film"),
+        pages.plain(comparison, "incoming_speed_laser", "laser"),
+        pages.plain(comparison, "restitution_film", "restitution, film"),
+        pages.plain(comparison, "restitution_laser", "laser"),
+        pages.column(comparison, "restitution_difference", "film − laser"),
     )
-    shown = (
-        "touch_time_difference",
-        "u_touch_time_difference",
-        "incoming_speed_film",
-        "incoming_speed_laser",
-        "restitution_film",
-        "restitution_laser",
-        "restitution_difference",
-        "u_restitution_difference",
-    )
-    table = [
-        (int(comparison["impact"][i]), *(float(comparison[name][i]) for name in shown))
-        for i in range(comparison.sizes["impact"])
-    ]
     text = (
         "Film and laser recorded different drops on different days: they are aligned at first "
         "contact. Limits of agreement after Bland and Altman, with the number of independent "
         "samples estimated from the autocorrelation of the difference."
     )
-    return Section("Agreement", (Paragraph(text), KeyValues(rows), Table(columns, table)))
+    return Section("Agreement", (Paragraph(text), KeyValues(rows), listed(columns)))
 
 
 def _also_solved(body: xr.Dataset) -> str:

@@ -7,7 +7,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.report import Block, Column, Details, LineChart, Paragraph, Series, Table
+from labpipe.report import Block, Details, LineChart, Listed, Paragraph, Series, Table, listed
+from pipelines.experiments.shared import pages
 
 _LOOSE = 0.15  # decades; as labpipe.materials calls a step barely determined
 _DIFFERENT = 2.0  # standard uncertainties
@@ -170,63 +171,37 @@ def _imposed(found: xr.Dataset, curve: xr.Dataset) -> str:
 
 
 def _shift_table(found: xr.Dataset, order: NDArray[np.intp]) -> Table:
-    rows: list[list[float | str | None]] = []
-    for i in order:
-        values = [
-            float(found[n].values[i])
-            for n in (
-                "fitted",
-                "u_fitted",
-                "published",
-                "difference",
-                "imposed_storage_residual",
-                "imposed_loss_residual",
-            )
-        ]
-        if not np.isfinite(values[2]):
-            continue
-        ratio = values[3] / values[1] if values[1] > 0 else float("nan")
-        rows.append([float(found["temperature"].values[i]), *values[:4], ratio, 100 * values[4], 100 * values[5]])
-    return Table(
+    shown = found.isel(temperature=order[np.isfinite(found["published"].values[order])])
+    difference, u = shown["difference"].values, shown["u_fitted"].values
+    ratio = np.divide(difference, u, out=np.full(u.size, np.nan), where=u > 0)
+    return listed(
         (
-            Column("temperature / °C", digits=3),
-            Column("fitted", u=2),
-            Column("u"),
-            Column("published", digits=4),
-            Column("difference", digits=3),
-            Column("difference / u", digits=2),
-            Column("imposed: E′ / %", digits=2),
-            Column("E″ / %", digits=2),
+            Listed("temperature / °C", shown["temperature"].values.tolist(), digits=3),
+            pages.column(shown, "fitted", "fitted"),
+            pages.column(shown, "published", "published"),
+            pages.column(shown, "difference", "difference", digits=3),
+            Listed("difference / u", ratio.tolist(), digits=2),
+            pages.column(shown, "imposed_storage_residual", "imposed: E′ / %", 100, digits=2),
+            pages.column(shown, "imposed_loss_residual", "E″ / %", 100, digits=2),
         ),
-        rows,
-        caption="log₁₀ a_T. The last columns are the residuals (rms) that the published shifts "
-        "leave when they are imposed.",
+        "log₁₀ a_T. The last columns are the residuals (rms) that the published shifts leave when they are imposed.",
     )
 
 
 def _step_table(found: xr.Dataset) -> Table:
-    rows: list[list[float | str]] = []
-    for i in range(found.sizes["step"]):
-        values = [
-            float(found[n].values[i])
-            for n in ("step_colder", "step_warmer", "step_fitted", "u_step_fitted", "step_published", "step_storage")
-        ]
-        loose = "loose" if values[3] > _LOOSE else ""
-        rows.append([*values, values[2] - values[4], loose])
-    return Table(
+    difference = found["step_fitted"].values - found["step_published"].values
+    return listed(
         (
-            Column("from / °C", digits=3),
-            Column("to / °C", digits=3),
-            Column("fitted", u=3),
-            Column("u"),
-            Column("published", digits=3),
-            Column("E′ alone", digits=3),
-            Column("difference", digits=3),
-            Column("remark"),
+            Listed("from / °C", found["step_colder"].values.tolist(), digits=3),
+            Listed("to / °C", found["step_warmer"].values.tolist(), digits=3),
+            pages.column(found, "step_fitted", "fitted"),
+            pages.plain(found, "step_published", "published", digits=3),
+            pages.plain(found, "step_storage", "E′ alone", digits=3),
+            Listed("difference", difference.tolist(), digits=3),
+            Listed("remark", ["loose" if u > _LOOSE else "" for u in found["u_step_fitted"].values]),
         ),
-        rows,
-        caption="Steps of log₁₀ a_T. “E′ alone” continues the storage modulus without vertical "
-        "factors, within what polymers do.",
+        "Steps of log₁₀ a_T. “E′ alone” continues the storage modulus without vertical factors, within what "
+        "polymers do.",
     )
 
 

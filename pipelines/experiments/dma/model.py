@@ -12,7 +12,7 @@ from labpipe import materials
 from labpipe.arrays import Floats
 from labpipe.errors import InputError, SourceError
 from labpipe.materials import MasterCurve
-from labpipe.variables import variable
+from labpipe.variables import variable, with_u
 from pipelines.experiments.dma import _shift_tables as shift_tables
 from pipelines.experiments.dma.settings import Dma
 
@@ -74,15 +74,13 @@ def _stored(made: MasterCurve, sweeps: xr.Dataset, u_nu: float) -> xr.Dataset:
     scalars = {
         "E_relaxed": (made.prony.E_relaxed, "Pa", "modulus after an infinite time"),
         "E_unrelaxed": (made.prony.E_unrelaxed, "Pa", "instantaneous modulus"),
-        "nu": (made.prony.nu, "1", "Poisson's ratio"),
-        "u_nu": (u_nu, "1", "standard uncertainty: Poisson's ratio"),
         "T_ref": (made.T_ref, "degC", "reference temperature"),
-        "delay": (made.delay, "s", "delay of the instrument's phase"),
-        "u_delay": (made.u_delay, "s", "standard uncertainty: delay of the instrument's phase"),
     }
-    for name, (value, units, text) in scalars.items():
-        result.attrs.pop(name, None)
-        result[name] = variable((), float(value), units, text)
+    known = {name: variable((), float(value), units, text) for name, (value, units, text) in scalars.items()}
+    known |= with_u("nu", (), float(made.prony.nu), float(u_nu), "1", "Poisson's ratio")
+    known |= with_u("delay", (), float(made.delay), float(made.u_delay), "s", "delay of the instrument's phase")
+    result.attrs = {name: value for name, value in result.attrs.items() if name not in known}
+    result = result.assign(known)
     curves = made.kramers_kronig.curves
     for name in map(str, curves.data_vars):
         result[f"kk_{name}"] = ("kk_frequency", curves[name].values, dict(curves[name].attrs))

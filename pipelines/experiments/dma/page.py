@@ -12,16 +12,17 @@ from labpipe.materials import deck_text
 from labpipe.report import (
     Band,
     Block,
-    Column,
     Details,
     KeyValues,
     LineChart,
+    Listed,
     Notice,
     Paragraph,
     Section,
     Series,
     Table,
     display_unit,
+    listed,
     number,
     value_with_uncertainty,
 )
@@ -313,31 +314,18 @@ def _shifts(curve: xr.Dataset, published: xr.Dataset | None) -> Section:
     chart = LineChart(
         "Horizontal shift factors", "temperature / °C", "log₁₀ a_T", series, caption="Bars are standard uncertainties."
     )
-    rows = [
-        [
-            float(T[i]),
-            float(y[i]),
-            float(u[i]),
-            float(curve["b_T"][i]),
-            float(curve["u_b_T"][i]),
-            float(curve["level"][i]),
-            *_neighbour(curve, float(T[i])),
-        ]
-        for i in order
-    ]
-    table = Table(
+    rising = curve.isel(temperature=order)
+    overlaps, steps = zip(*(_neighbour(curve, float(t)) for t in T[order]), strict=True)
+    table = listed(
         (
-            Column("temperature / °C", digits=3),
-            Column("log₁₀ a_T", u=2),
-            Column("u"),
-            Column("b_T", u=4),
-            Column("u"),
-            Column("level", digits=4),
-            Column("overlap with the next / decades", digits=3),
-            Column("step"),
+            Listed("temperature / °C", T[order].tolist(), digits=3),
+            pages.column(rising, "log10_aT", "log₁₀ a_T"),
+            pages.column(rising, "b_T", "b_T"),
+            pages.column(rising, "level", "level"),
+            Listed("overlap with the next / decades", overlaps, digits=3),
+            Listed("step", steps),
         ),
-        rows,
-        caption="A step is “loose” when the data alone do not determine it; there the shift "
+        "A step is “loose” when the data alone do not determine it; there the shift "
         "relies on the prior, the usual behaviour of polymers.",
     )
     fits = [
@@ -374,12 +362,12 @@ def _law_quality(law: dict[str, Any]) -> str:
     return f"χ² / degrees of freedom = {ratio:.3g}{verdict}"
 
 
-def _neighbour(curve: xr.Dataset, T: float) -> list[float | str | None]:
+def _neighbour(curve: xr.Dataset, T: float) -> tuple[float | None, str]:
     found = np.flatnonzero(np.isclose(curve["colder"].values, T))
     if not found.size:
-        return [None, ""]
+        return None, ""
     pair = curve.isel(pair=int(found[0]))
-    return [float(pair["overlap"]), "" if int(pair["determined"]) else "loose"]
+    return float(pair["overlap"]), "" if int(pair["determined"]) else "loose"
 
 
 def _spectrum(curve: xr.Dataset) -> list[Block]:
@@ -478,32 +466,15 @@ def _residuals(curve: xr.Dataset) -> Details:
         )
         for name, title in (("storage_residual", "Residuals of E′"), ("loss_residual", "Residuals of E″"))
     ]
-    rows = []
-    for i, T in enumerate(curve["temperature"].values):
-        storage, loss = (curve[n].values[i] for n in ("storage_residual", "loss_residual"))
-        rows.append(
-            [
-                float(T),
-                int(np.isfinite(storage).sum()),
-                100 * _rms(storage),
-                100 * _largest(storage),
-                100 * _rms(loss),
-                100 * _largest(loss),
-            ]
-        )
-    blocks.append(
-        Table(
-            (
-                Column("temperature / °C", digits=3),
-                Column("points"),
-                Column("E′ rms / %", digits=3),
-                Column("E′ max / %", digits=3),
-                Column("E″ rms / %", digits=3),
-                Column("E″ max / %", digits=3),
-            ),
-            rows,
-        )
-    )
+    storage, loss = curve["storage_residual"].values, curve["loss_residual"].values
+    columns = [
+        Listed("temperature / °C", curve["temperature"].values.tolist(), digits=3),
+        Listed("points", np.isfinite(storage).sum(axis=1).tolist()),
+    ]
+    for title, values in (("E′", storage), ("E″", loss)):
+        columns.append(Listed(f"{title} rms / %", [100 * _rms(each) for each in values], digits=3))
+        columns.append(Listed(f"{title} max / %", [100 * _largest(each) for each in values], digits=3))
+    blocks.append(listed(columns))
     return Details("Residuals by temperature", blocks)
 
 
@@ -601,14 +572,14 @@ def _terms(curve: xr.Dataset, name: str, settings: Dma) -> Section:
 
 
 def _term_table(rho: Floats, E: Floats, outside: NDArray[np.bool_], caption: str) -> Table:
-    rows = [
-        [i + 1, time, weight * _MPA, "extrapolated" if is_outside else ""]
-        for i, (time, weight, is_outside) in enumerate(zip(rho.tolist(), E.tolist(), outside.tolist(), strict=True))
+    columns = [
+        Listed("term", list(range(1, len(rho) + 1))),
+        Listed("ρ / s", rho.tolist()),
+        Listed("E / MPa", (E * _MPA).tolist()),
     ]
-    columns = [Column("term"), Column("ρ / s"), Column("E / MPa")]
     if outside.any():
-        return Table((*columns, Column("remark")), rows, caption=caption)
-    return Table(tuple(columns), [row[:3] for row in rows], caption=caption)
+        columns.append(Listed("remark", ["extrapolated" if is_outside else "" for is_outside in outside]))
+    return listed(columns, caption)
 
 
 def _methods(settings: Dma, curve: xr.Dataset) -> str:

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from labpipe import contact
 from labpipe.arrays import Floats
 from labpipe.identification import Evidence, stiffness_evidence
 from labpipe.materials import Prony
@@ -106,20 +105,10 @@ class _Oscillation:
     zero: str
 
     def __call__(self, material: Prony, given: Any) -> Floats:
-        geometry, time = self.geometry, mach1_readings.clock(self.loads)
+        time = mach1_readings.clock(self.loads)
         depth = self.loads["position_z"].values - self.touch - given[self.zero]
         kept = mach1_readings.history(time, depth)
-        made = contact.indent(
-            material,
-            geometry.radius.value,
-            geometry.period.value,
-            geometry.depth.value * geometry.tips,
-            time[kept],
-            depth[kept],
-            profile=geometry.model.profile,
-            thickness=geometry.thickness,
-            elements=geometry.model.elements,
-        )
+        made = self.geometry.pressed(material, time[kept], depth[kept])
         force = np.interp(time, time[kept], made["force"].values)
         found = []
         for i in range(self.waves.sizes["oscillation"]):

@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -11,7 +10,7 @@ from labpipe import signals
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.signals import CommonFit, common_fit, quantisation_step
-from labpipe.variables import variable
+from labpipe.variables import from_rows, variable, with_u
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
 
@@ -96,12 +95,6 @@ def oscillations(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
     rows = [
         _oscillation(loads, block, settings.cycles.skip, declared if correct else None) for block in _sinusoids(loads)
     ]
-    table: dict[str, Any] = {}
-    for name, (units, text) in COLUMNS.items():
-        table[name] = variable("oscillation", [r[name] for r in rows], units, text)
-        table[f"u_{name}"] = variable(
-            "oscillation", [r[f"u_{name}"] for r in rows], units, f"standard uncertainty: {text}"
-        )
     others = {
         "declared_frequency": ("Hz", "frequency in the header"),
         "declared_amplitude": ("m", "amplitude in the header"),
@@ -117,11 +110,9 @@ def oscillations(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
         "end": ("s", "end of the evaluated cycles, in the block's time"),
         "block": ("1", "number of the block in the file"),
     }
-    for name, (units, text) in others.items():
-        table[name] = variable("oscillation", [r[name] for r in rows], units, text)
     work = {"cycles_fitted": int(sum(r["n_cycles"] for r in rows))}
     return xr.Dataset(
-        table,
+        from_rows("oscillation", rows, COLUMNS | others),
         coords={"oscillation": np.arange(1, len(rows) + 1)},
         attrs={
             "filter": json.dumps(declared),
@@ -235,16 +226,14 @@ def loops(loads: xr.Dataset, oscillations: xr.Dataset, *, settings: Harmonic) ->
         least, lost = float(forces[-1].min()), float(np.mean(forces[-1][:-1] < _CLEAR * u))
         kept.append((least, u, lost) if is_tared else (np.nan, np.nan, np.nan))
     dims = ("oscillation", "cycle")
+    least_forces, u_least, losses = np.array(kept).T
     return xr.Dataset(
         {
             "position": variable(dims, positions, "m", "stage position"),
             "force": variable(dims, forces, "N", "force, compression positive"),
             "force_sd": variable(dims, spreads, "N", "standard deviation over cycles"),
-            "least_force": variable("oscillation", [k[0] for k in kept], "N", "least force of the mean loop"),
-            "u_least_force": variable(
-                "oscillation", [k[1] for k in kept], "N", "standard uncertainty: least force of the mean loop"
-            ),
-            "contact_loss": variable("oscillation", [k[2] for k in kept], "1", "share of a cycle without contact"),
+            **with_u("least_force", "oscillation", least_forces, u_least, "N", "least force of the mean loop"),
+            "contact_loss": variable("oscillation", losses, "1", "share of a cycle without contact"),
         },
         coords={
             "oscillation": oscillations["oscillation"],

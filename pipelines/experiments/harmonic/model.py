@@ -10,7 +10,7 @@ import xarray as xr
 from labpipe.arrays import Floats
 from labpipe.signals import common_fit
 from labpipe.units import Quantity
-from labpipe.variables import variable
+from labpipe.variables import variable, with_u
 from pipelines.experiments.harmonic.measured import COLUMNS
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
@@ -51,8 +51,7 @@ def model(
     ):
         result[name] = variable("uncertain", values, "1", text)
     result.attrs["input_units"] = json.dumps([q.si for q in given.values()])
-    result["contact_position"] = variable((), touch.value, "m", "stage position of first touch")
-    result["u_contact_position"] = variable((), touch.u, "m", "standard uncertainty: position of first touch")
+    result = result.assign(with_u("contact_position", (), touch.value, touch.u, "m", "stage position of first touch"))
     result.attrs |= attrs | {"contact": how}
     return result
 
@@ -88,22 +87,12 @@ def _model_rows(loads: xr.Dataset, oscillations: xr.Dataset, force: Floats, chan
         values = np.array([getattr(fit, name) for fit, _ in rows])
         moved = np.array([[getattr(one, name) for one in shifted] for _, shifted in rows])
         units, text = COLUMNS[name]
-        table[name] = variable("oscillation", values, units, f"{text}, simulated")
         parts[name] = values[:, None] - moved
-        table[f"u_{name}"] = variable(
-            "oscillation",
-            np.sqrt(np.sum(parts[name] ** 2, axis=1)),
-            units,
-            f"standard uncertainty, touch, punch and solid: {text}",
-        )
+        u = np.sqrt(np.sum(parts[name] ** 2, axis=1))
+        table |= with_u(name, "oscillation", values, u, units, f"{text}, simulated", "by touch, punch and solid")
     amplitude = np.array([fit.position.amplitude for fit, _ in rows])
-    for prefix in ("", "u_"):
-        table[f"{prefix}work_per_cycle"] = variable(
-            "oscillation",
-            np.pi * amplitude**2 * table[f"{prefix}loss_stiffness"][1],
-            "J",
-            f"{prefix and 'standard uncertainty: '}simulated work",
-        )
+    work, u_work = (np.pi * amplitude**2 * table[f"{part}loss_stiffness"][1] for part in ("", "u_"))
+    table |= with_u("work_per_cycle", "oscillation", work, u_work, "J", "simulated work")
     parts["work_per_cycle"] = np.pi * amplitude[:, None] ** 2 * parts["loss_stiffness"]
     for name, moved in parts.items():
         units, text = COLUMNS[name]

@@ -1,22 +1,24 @@
 """The report of a harmonic indentation."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
 
 from labpipe.report import (
     Block,
-    Column,
+    Cell,
     KeyValues,
     LineChart,
+    Listed,
     Notice,
     Paragraph,
     Role,
     ScatterChart,
     Section,
     Series,
-    Table,
+    listed,
     number,
     value_with_uncertainty,
 )
@@ -26,7 +28,7 @@ from pipelines.experiments.harmonic.comparison import rows as compared_rows
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import budget_blocks, mach1_readings, pages, ramps_and_holds
 from pipelines.experiments.shared.judgements import verdict_section
-from pipelines.experiments.shared.punch_sections import blocks_table, cell, columns, punch_rows, substrate_name
+from pipelines.experiments.shared.punch_sections import blocks_table, cell, punch_rows, substrate_name
 
 _UM = 1e6
 _POINTS_PER_DECADE = 12  # of a hold
@@ -117,45 +119,23 @@ def _measured(settings: Harmonic, readings: xr.Dataset | None, loads: xr.Dataset
 
 def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None) -> Section:
     columns = [
-        Column("declared / Hz"),
-        Column("frequency / Hz", digits=5),
-        Column("amplitude", unit="m"),
-        Column("phase lag", unit="rad", u=4),
-        Column("u"),
-        Column("storage stiffness", unit="N/m", u=6),
-        Column("u"),
-        Column("loss stiffness", unit="N/m", u=8),
-        Column("u"),
-        Column("work per cycle", unit="J", u=10),
-        Column("u"),
-        Column("spread over cycles", unit="J", digits=2),
-        Column("cycles"),
+        Listed("declared / Hz", oscillations["declared_frequency"].values.tolist()),
+        Listed("frequency / Hz", oscillations["frequency"].values.tolist(), digits=5),
+        pages.plain(oscillations, "amplitude", "amplitude"),
+        pages.column(oscillations, "phase_lag", "phase lag"),
+        pages.column(oscillations, "storage_stiffness", "storage stiffness"),
+        pages.column(oscillations, "loss_stiffness", "loss stiffness"),
+        pages.column(oscillations, "work_per_cycle", "work per cycle"),
+        pages.column(oscillations, "work_sd", "spread over cycles", digits=2),
+        Listed("cycles", oscillations["n_cycles"].values.astype(int).tolist()),
     ]
-    names = ("phase_lag", "storage_stiffness", "loss_stiffness", "work_per_cycle")
-    has_model = comparison is not None and _is_there(comparison)
-    if has_model:
-        columns.append(Column("nRMSE of force", unit="%", digits=3))
-    rows: list[list[float | int | str | bool | None]] = []
-    for i in range(oscillations.sizes["oscillation"]):
-        at = oscillations.isel(oscillation=i)
-        row: list[float | int | str | bool | None] = [
-            float(at[name]) for name in ("declared_frequency", "frequency", "amplitude")
-        ]
-        for name in names:
-            row += [float(at[name]), float(at[f"u_{name}"])]
-        row += [float(at["work_sd"]), int(at["n_cycles"])]
-        if comparison is not None and has_model:
-            row.append(float(comparison["nrmse"][i]) * 100)
-        rows.append(row)
-    notes: list[Block] = [
-        Table(
-            tuple(columns),
-            rows,
-            caption="Frequency, amplitude and phase are fitted to the position; the header holds "
-            "only the commanded values. Cycles of the transient and of the deceleration "
-            "are left out.",
-        )
-    ]
+    if comparison is not None and _is_there(comparison):
+        columns.append(Listed("nRMSE of force", (comparison["nrmse"].values * 100).tolist(), "%", digits=3))
+    caption = (
+        "Frequency, amplitude and phase are fitted to the position; the header holds only the commanded values. "
+        "Cycles of the transient and of the deceleration are left out."
+    )
+    notes: list[Block] = [listed(columns, caption)]
     declared = json.loads(oscillations.attrs["filter"])
     if oscillations.attrs["is_filter_corrected"]:
         lag = oscillations["filter_phase"].values
@@ -258,39 +238,22 @@ def _dissipation(theory: xr.Dataset, loops: xr.Dataset | None) -> Section:
         caption=f"τ₀ = {number(tau, 3)} s, E the relaxed modulus {_scale_text(theory)}. Bars: one "
         "standard uncertainty. Eq. (2.31) is the limit of small amplitudes.",
     )
-    wanted: tuple[str | tuple[str, str], ...] = (
-        "f τ₀",
-        "α/R",
-        ("work, measured", "J"),
-        ("work, eq. (2.31)", "J"),
-        ("tapping front", "m"),
-        ("least force", "N"),
-        "contact lost / %",
-    )
-    rows: list[list[float | int | str | bool | None]] = []
     scale = float(theory["work_scale"])
-    for i in range(theory.sizes["oscillation"]):
-        at = theory.isel(oscillation=i)
-        row: list[float | int | str | bool | None] = [
-            float(x[i]),
-            float(at["dimensionless_amplitude"]),
-            float(at["dimensionless_work_measured"]) * scale,
-            float(at["u_dimensionless_work_measured"]) * scale,
-        ]
-        for name in ("dissipated_work", "tapping_amplitude"):
-            row += [float(at[name]), float(at[f"u_{name}"])]
-        if loops is None:
-            row += [None, None, None]
-        else:
-            lost = loops.isel(oscillation=i)
-            row += [float(lost["least_force"]), float(lost["u_least_force"]), float(lost["contact_loss"]) * 100]
-        rows.append(row)
-    table = Table(
-        columns(*wanted),
-        rows,
-        caption="Contact is lost where the mean loop's force does not exceed twice its "
-        "uncertainty; theory predicts loss of contact at amplitudes beyond the tapping front "
-        "(2.34).",
+    none: list[Cell] = [None] * x.size
+    table = listed(
+        (
+            Listed("f τ₀", x.tolist()),
+            pages.plain(theory, "dimensionless_amplitude", "α/R"),
+            replace(pages.column(theory, "dimensionless_work_measured", "work, measured", scale), unit="J"),
+            pages.column(theory, "dissipated_work", "work, eq. (2.31)"),
+            pages.column(theory, "tapping_amplitude", "tapping front"),
+            Listed("least force", none) if loops is None else pages.column(loops, "least_force", "least force"),
+            Listed("contact lost / %", none)
+            if loops is None
+            else pages.plain(loops, "contact_loss", "contact lost / %", 100),
+        ),
+        "Contact is lost where the mean loop's force does not exceed twice its uncertainty; theory predicts loss of "
+        "contact at amplitudes beyond the tapping front (2.34).",
     )
     return Section("Dissipation and detachment", (chart, table))
 

@@ -2,7 +2,6 @@
 
 import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -11,7 +10,7 @@ from labpipe import contact
 from labpipe.arrays import Floats
 from labpipe.contact.line import dissipation
 from labpipe.errors import InputError
-from labpipe.variables import variable
+from labpipe.variables import variable, with_u
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared.material_choice import resolve
 
@@ -66,39 +65,28 @@ def theory(
         "model": (model["work_per_cycle"].values, model["u_work_per_cycle"].values),
         "theory": (work, np.abs(moved_work - work) * u_touch / step),
     }
-    table: dict[str, Any] = {
-        "dissipated_work": (sources["theory"][0], "J", "dissipated work per cycle, eq. (2.31)"),
-        "u_dissipated_work": (sources["theory"][1], "J", "standard uncertainty from first touch"),
-        "tapping_amplitude": (front, "m", "amplitude at which contact is lost, eq. (2.34)"),
-        "u_tapping_amplitude": (np.abs(moved_front - front) * u_touch / step, "m", "standard uncertainty: tapping"),
-        "mean_indentation": (mean, "m", "mean indentation"),
-        "u_mean_indentation": (np.full(mean.size, u_touch), "m", "standard uncertainty: mean indentation"),
-        "work_difference": (oscillations["work_per_cycle"].values - work, "J", "work, measured minus eq. (2.31)"),
-        "u_work_difference": (
-            np.hypot(sources["measured"][1], sources["theory"][1]),
-            "J",
-            "standard uncertainty: work difference",
-        ),
-        "dimensionless_mean": (mean / radius, "1", "mean indentation over R, eq. (2.36)"),
-        "dimensionless_amplitude": (amplitude / radius, "1", "amplitude over R, eq. (2.37)"),
-    }
+    seen, u_seen = sources["measured"]
+    u_work, u_front = sources["theory"][1], np.abs(moved_front - front) * u_touch / step
     time = shortest if tau is None else tau.value
-    table["dimensionless_frequency"] = (
-        dissipation.dimensionless_frequency(frequency, time),
-        "1",
-        "f tau_0, eq. (2.38)",
-    )
-    for name, (values, u) in sources.items():
-        for prefix, numbers in (("", values), ("u_", u)):
-            table[f"{prefix}dimensionless_work_{name}"] = (
-                dissipation.dimensionless_work(numbers, *scale),
-                "1",
-                f"{prefix and 'standard uncertainty: '}work, dimensionless (2.40), {name}",
-            )
-    made = xr.Dataset(
-        {n: variable("oscillation", v, u, t) for n, (v, u, t) in table.items()},
-        coords={"oscillation": oscillations["oscillation"]},
-    )
+    text = "dissipated work per cycle, eq. (2.31)"
+    table = with_u("dissipated_work", "oscillation", work, u_work, "J", text, "from first touch")
+    for name, values, u, units, text in (
+        ("tapping_amplitude", front, u_front, "m", "amplitude at which contact is lost, eq. (2.34)"),
+        ("mean_indentation", mean, np.full(mean.size, u_touch), "m", "mean indentation"),
+        ("work_difference", seen - work, np.hypot(u_seen, u_work), "J", "work, measured minus eq. (2.31)"),
+    ):
+        table |= with_u(name, "oscillation", values, u, units, text)
+    for name, values, text in (
+        ("mean", mean / radius, "mean indentation over R, eq. (2.36)"),
+        ("amplitude", amplitude / radius, "amplitude over R, eq. (2.37)"),
+        ("frequency", dissipation.dimensionless_frequency(frequency, time), "f tau_0, eq. (2.38)"),
+    ):
+        table[f"dimensionless_{name}"] = variable("oscillation", values, "1", text)
+    for name, found in sources.items():
+        values, u = (dissipation.dimensionless_work(numbers, *scale) for numbers in found)
+        text = f"work, dimensionless (2.40), {name}"
+        table |= with_u(f"dimensionless_work_{name}", "oscillation", values, u, "1", text)
+    made = xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]})
     for name, value, units, text in (
         ("characteristic_time", time, "s", "characteristic time tau_0"),
         ("force_scale", solid.E_relaxed * period * depth, "N", "E_relaxed times period and depth"),

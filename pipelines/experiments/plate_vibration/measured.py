@@ -17,7 +17,7 @@ import calibration
 from calibration import laser
 from labpipe import signals
 from labpipe.arrays import Floats
-from labpipe.variables import described
+from labpipe.variables import described, variable, with_u
 from pipelines.experiments.plate_vibration.settings import Drops, PlateVibration
 from pipelines.experiments.shared.laser_readings import read_laser
 
@@ -62,18 +62,14 @@ def ringing(displacement: xr.Dataset, *, settings: PlateVibration) -> xr.Dataset
     )
     fit = found.fit
     relative = float(displacement.attrs["u_systematic_relative"])
-    values = {
-        "natural_frequency": (fit.natural_frequency, fit.u_frequency),
-        "damping_ratio": (fit.damping_ratio, fit.u_damping_ratio),
-        "amplitude": (fit.amplitude, fit.u_amplitude),
-    }
-    made = xr.Dataset()
-    for name, (value, u) in values.items():
-        made[name] = scalar(value, _UNITS[name], NAMES[name])
-        made[f"u_{name}"] = scalar(u, _UNITS[name], f"random standard uncertainty: {NAMES[name]}")
+    made = xr.Dataset(with_u("blow_time", (), found.blow_time, found.u_blow_time, "s", "time of impact"))
+    for name, value, u in (
+        ("natural_frequency", fit.natural_frequency, fit.u_frequency),
+        ("damping_ratio", fit.damping_ratio, fit.u_damping_ratio),
+        ("amplitude", fit.amplitude, fit.u_amplitude),
+    ):
+        made = made.assign(with_u(name, (), value, u, _UNITS[name], NAMES[name], "(random)"))
     for name, value, units, text in (
-        ("blow_time", found.blow_time, "s", "time of impact"),
-        ("u_blow_time", found.u_blow_time, "s", "standard uncertainty: time of impact"),
         ("onset_time", found.onset_time, "s", "time at which the motion is first seen"),
         ("free_from", found.free_from, "s", "start of the free vibration"),
         ("free_to", found.free_to, "s", "end of the free vibration"),
@@ -81,16 +77,11 @@ def ringing(displacement: xr.Dataset, *, settings: PlateVibration) -> xr.Dataset
         ("phase", fit.phase, "rad", "phase at impact"),
         ("largest", float(np.nanmax(np.abs(moved.values))), "m", "largest single reading"),
     ):
-        made[name] = scalar(value, units, text)
+        made[name] = variable((), value, units, text)
     count = int(((moved["time"] >= found.free_from) & (moved["time"] <= found.free_to)).sum())
     work = {"readings_fitted": count, "readings_total": int(moved.size)}
     u_clock = float(json.loads(displacement.attrs["time_base"])["u_relative"])
     return made.assign_attrs(u_systematic_relative=relative, u_clock_relative=u_clock, work=json.dumps(work))
-
-
-def scalar(value: float, units: str, text: str) -> xr.DataArray:
-    """Return a variable without dimensions."""
-    return xr.DataArray(float(value), attrs=described(units, text))
 
 
 def table(ringing: list[xr.Dataset], *, settings: PlateVibration) -> xr.Dataset:
@@ -99,28 +90,25 @@ def table(ringing: list[xr.Dataset], *, settings: PlateVibration) -> xr.Dataset:
     made = xr.Dataset(coords={"series": np.arange(1, len(groups) + 1)})
     made["series"].attrs = described("1", "number of the drops")
     heights = [drops.height for drops in settings.drops]
-    made["material"] = ("series", [d.material for d in settings.drops], _text("material"))
-    made["height"] = ("series", [h.value for h in heights], described("m", "drop height"))
-    made["u_height"] = ("series", [h.u for h in heights], described("m", "standard uncertainty: drop height"))
-    made["n"] = ("series", [len(group) for group in groups], described("1", "recordings"))
+    made["material"] = variable("series", [d.material for d in settings.drops], "1", "material")
+    made = made.assign(
+        with_u("height", "series", [h.value for h in heights], [h.u for h in heights], "m", "drop height")
+    )
+    made["n"] = variable("series", [len(group) for group in groups], "1", "recordings")
     relative = float(ringing[0].attrs["u_systematic_relative"])
     for name in _PER_DROP:
         pairs = [_mean(group, name) for group in groups]
         value, u = (np.array(part) for part in zip(*pairs, strict=True))
         if name == "amplitude":  # inclination and gain are the same in every recording
             u = np.hypot(u, relative * value)
-        units, text = _UNITS[name], NAMES[name]
-        made[name] = ("series", value, described(units, f"{text}, mean of the repeats"))
-        made[f"u_{name}"] = ("series", u, described(units, f"standard uncertainty: {text}"))
+        made = made.assign(with_u(name, "series", value, u, _UNITS[name], f"{NAMES[name]}, mean of the repeats"))
     for name in ("natural_frequency", "damping_ratio"):
         made = made.merge(_pooled(made[name].values, made[f"u_{name}"].values, name))
     # the sensor's clock is the same in all recordings
     u_clock = float(ringing[0].attrs["u_clock_relative"])
-    own = float(made["u_plate_natural_frequency"])
-    made["u_plate_natural_frequency"] = scalar(
-        np.hypot(own, u_clock * float(made["plate_natural_frequency"])),
-        "Hz",
-        f"standard uncertainty: {NAMES['natural_frequency']}",
+    own = made["u_plate_natural_frequency"]
+    made["u_plate_natural_frequency"] = own.copy(
+        data=np.hypot(own.values, u_clock * made["plate_natural_frequency"].values)
     )
     return made.assign_attrs(u_systematic_relative=relative)
 
@@ -129,10 +117,6 @@ def _groups(ringing: list[xr.Dataset], settings: PlateVibration) -> list[list[xr
     """Deal the recordings out to their drops."""
     remaining = iter(ringing)
     return [[next(remaining) for _ in drops.laser] for drops in settings.drops]
-
-
-def _text(text: str) -> dict[str, str]:
-    return described("1", text)
 
 
 def _mean(group: list[xr.Dataset], name: str) -> tuple[float, float]:
@@ -150,9 +134,10 @@ def _pooled(values: Floats, u: Floats, name: str) -> xr.Dataset:
     units, text = _UNITS[name], NAMES[name]
     return xr.Dataset(
         {
-            f"plate_{name}": scalar(mean, units, f"{text}, all drops"),
-            f"u_plate_{name}": scalar(u_mean, units, f"standard uncertainty: {text}"),
-            f"probability_{name}": scalar(probability, "1", f"probability of so large a difference by chance: {text}"),
+            **with_u(f"plate_{name}", (), mean, u_mean, units, f"{text}, all drops"),
+            f"probability_{name}": variable(
+                (), probability, "1", f"probability of so large a difference by chance: {text}"
+            ),
         }
     )
 

@@ -14,9 +14,9 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 from labpipe.units import Quantity
-from labpipe.variables import described
+from labpipe.variables import described, with_u
 from labpipe.workflow.fields import REFERENCE
-from pipelines.experiments.plate_vibration.measured import NAMES, drops_label, scalar, weighted_mean
+from pipelines.experiments.plate_vibration.measured import NAMES, drops_label, weighted_mean
 from pipelines.experiments.plate_vibration.settings import Drops, PlateVibration
 from pipelines.experiments.shared.material_choice import (
     IMPACT_TIMES,
@@ -67,10 +67,7 @@ def plate(table: xr.Dataset, fitted: Sequence[xr.Dataset | None], *, settings: P
     )
     known = _known(settings, fitted)
     if settings.sphere is None or not known:
-        nothing = np.nan
-        made["mass"] = scalar(nothing, "kg", NAMES["modal_mass"])
-        made["u_mass"] = scalar(nothing, "kg", f"standard uncertainty: {NAMES['modal_mass']}")
-        return made
+        return made.assign(with_u("mass", (), np.nan, np.nan, "kg", NAMES["modal_mass"]))
     frequency, zeta = float(made["frequency"]), float(made["damping_ratio"])
     amplitude = table["amplitude"].values[list(known)]
     damped = 2 * np.pi * frequency * np.sqrt(1 - zeta**2)
@@ -99,8 +96,7 @@ def plate(table: xr.Dataset, fitted: Sequence[xr.Dataset | None], *, settings: P
     shared = float(table.attrs["u_systematic_relative"])
     shared = float(np.hypot(shared, settings.sphere.mass.u / settings.sphere.mass.value)) * mass
     u_mass = float(np.sqrt(scatter**2 + np.sum((by_solids * sizes) ** 2) + shared**2))
-    made["mass"] = scalar(mass, "kg", NAMES["modal_mass"])
-    made["u_mass"] = scalar(u_mass, "kg", f"standard uncertainty: {NAMES['modal_mass']}")
+    made = made.assign(with_u("mass", (), mass, u_mass, "kg", NAMES["modal_mass"]))
     if inputs:
         whole = np.zeros((len(inputs), table.sizes["series"]))
         whole[:, list(known)] = slopes
@@ -116,8 +112,7 @@ def plate(table: xr.Dataset, fitted: Sequence[xr.Dataset | None], *, settings: P
         made.attrs["solid_units"] = json.dumps([given.si for given in inputs.values()])
     full = np.full((2, table.sizes["series"]), np.nan)
     full[0, list(known)], full[1, list(known)] = each, u_each
-    made["modal_mass"] = ("series", full[0], described("kg", "modal mass by each of the drops"))
-    made["u_modal_mass"] = ("series", full[1], described("kg", "standard uncertainty: modal mass"))
+    made = made.assign(with_u("modal_mass", "series", full[0], full[1], "kg", "modal mass by each of the drops"))
     return made.assign_attrs(work=json.dumps({"simulated_impacts": solves}))
 
 
@@ -324,13 +319,12 @@ def model(
             off = _seen(settings, other, height, moved, time, coarse, full=full) - reference
             u[i] = np.hypot(u[i], off / change * given.u)
     made = xr.Dataset(coords={"series": table["series"], "time": ("time", time, described("s", "time since impact"))})
-    for prefix, values, text in (("", best, ""), ("u_", u, "standard uncertainty by the solids: ")):
-        displacement = described("m", f"{text}simulated displacement of the plate")
-        made[f"{prefix}displacement"] = (("series", "time"), values[:, :-2], displacement)
-        touch = described("s", f"{text}time from the blow to the second touch")
-        made[f"{prefix}second_touch"] = ("series", values[:, -2], touch)
-        duration = described("s", f"{text}duration of the first contact")
-        made[f"{prefix}contact_duration"] = ("series", values[:, -1], duration)
+    for name, dims, at, units, text in (
+        ("displacement", ("series", "time"), slice(None, -2), "m", "simulated displacement of the plate"),
+        ("second_touch", "series", -2, "s", "time from the blow to the second touch"),
+        ("contact_duration", "series", -1, "s", "duration of the first contact"),
+    ):
+        made = made.assign(with_u(name, dims, best[:, at], u[:, at], units, text, "by the solids"))
     return made
 
 

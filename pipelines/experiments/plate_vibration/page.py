@@ -9,15 +9,16 @@ import xarray as xr
 from labpipe.report import (
     Band,
     Block,
-    Column,
+    Cell,
     KeyValues,
     LineChart,
+    Listed,
     Notice,
     Paragraph,
     ScatterChart,
     Section,
     Series,
-    Table,
+    listed,
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
@@ -208,37 +209,23 @@ def _by_the_dma(material: str, at: xr.Dataset) -> Band:
 def _table(
     settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | None, comparison: xr.Dataset | None
 ) -> Section:
-    columns = [
-        Column("material"),
-        Column("height", unit="m"),
-        Column("n"),
-        Column("natural frequency", unit="Hz", u=4),
-        Column("u"),
-        Column("damping ratio", u=6),
-        Column("u"),
-        Column("amplitude", unit="m", u=8),
-        Column("u"),
-        Column("mass", unit="kg", u=10),
-        Column("u"),
-        Column("nRMSE", digits=2),
-    ]
-    rows: list[list[float | int | str | bool | None]] = []
-    for i, drops in enumerate(settings.drops):
-        at = table.isel(series=i)
-        row: list[float | int | str | bool | None] = [drops.material, drops.height.value, len(drops.laser)]
-        for name in ("natural_frequency", "damping_ratio", "amplitude"):
-            row += [float(at[name]), float(at[f"u_{name}"])]
-        has_mass = plate is not None and "modal_mass" in plate
-        for name in ("modal_mass", "u_modal_mass"):
-            value = float(plate[name][i]) if has_mass and plate is not None else np.nan
-            row.append(value if np.isfinite(value) else None)
-        row.append(None if comparison is None else float(comparison["nrmse"][i]))
-        rows.append(row)
+    none: list[Cell] = [None] * len(settings.drops)
+    has_mass = plate is not None and "modal_mass" in plate
+    columns = (
+        Listed("material", [drops.material for drops in settings.drops]),
+        Listed("height", [drops.height.value for drops in settings.drops], "m"),
+        Listed("n", [len(drops.laser) for drops in settings.drops]),
+        pages.column(table, "natural_frequency", "natural frequency"),
+        pages.column(table, "damping_ratio", "damping ratio"),
+        pages.column(table, "amplitude", "amplitude"),
+        pages.column(plate, "modal_mass", "mass") if plate is not None and has_mass else Listed("mass", none),
+        Listed("nRMSE", none if comparison is None else comparison["nrmse"].values.tolist(), digits=2),
+    )
     caption = (
         "Means of the repeats with their standard uncertainty. The amplitude is the envelope at "
         "impact; its uncertainty includes that of the calibration, common to all rows."
     )
-    return Section("By material and height", (Table(tuple(columns), rows, caption=caption),))
+    return Section("By material and height", (listed(columns, caption),))
 
 
 def _dependence(settings: PlateVibration, table: xr.Dataset) -> Section:
@@ -286,35 +273,26 @@ def _dependence(settings: PlateVibration, table: xr.Dataset) -> Section:
 
 
 def _recordings(settings: PlateVibration, ringing: Sequence[xr.Dataset | None]) -> Section:
-    columns = (
-        Column("recording"),
-        Column("drop"),
-        Column("blow", unit="s"),
-        Column("free from", unit="s"),
-        Column("free to", unit="s"),
-        Column("frequency", unit="Hz", u=6),
-        Column("u"),
-        Column("damping ratio", u=8),
-        Column("u"),
-        Column("amplitude", unit="m", u=10),
-        Column("u"),
-        Column("reduced χ²", digits=2),
-    )
     named = [(name, drops_label(drops)) for drops in settings.drops for name in drops.laser]
-    rows: list[tuple[float | int | str | bool | None, ...]] = []
-    for (name, label), found in zip(named, ringing, strict=True):
-        if found is None:
-            continue
-        values = [float(found[n]) for n in ("blow_time", "free_from", "free_to")]
-        for n in ("natural_frequency", "damping_ratio", "amplitude"):
-            values += [float(found[n]), float(found[f"u_{n}"])]
-        rows.append((name, label, *values, float(found["chi_square"])))
+    kept = [both for both, each in zip(named, ringing, strict=True) if each is not None]
+    found = pages.present(ringing)
+    columns = (
+        Listed("recording", [name for name, _ in kept]),
+        Listed("drop", [label for _, label in kept]),
+        pages.of_each(found, "blow_time", "blow", has_u=False),
+        pages.of_each(found, "free_from", "free from", has_u=False),
+        pages.of_each(found, "free_to", "free to", has_u=False),
+        pages.of_each(found, "natural_frequency", "frequency"),
+        pages.of_each(found, "damping_ratio", "damping ratio"),
+        pages.of_each(found, "amplitude", "amplitude"),
+        pages.of_each(found, "chi_square", "reduced χ²", has_u=False, digits=2),
+    )
     text = (
         "The free vibration is evaluated between the end of the first contact and the second, "
         "over the longest interval that one damped oscillation predicts. Random uncertainties only; the reduced χ² is "
         "the scatter over the noise, squared."
     )
-    return Section("Recordings", (Table(columns, rows, caption=text),))
+    return Section("Recordings", (listed(columns, text),))
 
 
 def _methods(settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | None) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
-from labpipe.variables import variable
+from labpipe.variables import from_rows, variable
 from pipelines.experiments.relaxation.moduli import through
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
@@ -54,12 +54,10 @@ def comparison(loads: xr.Dataset, ramps: xr.Dataset, model: xr.Dataset, *, setti
     columns |= {
         "peak_force_model": ("N", "largest force, model behind the filter"),
         "plateau_force_model": ("N", "plateau force, model"),
-        "u_plateau_force_model": ("N", "standard uncertainty: plateau force, model"),
         "peak_force_difference": ("N", "largest force, measured minus model"),
         "plateau_force_difference": ("N", "plateau force, measured minus model"),
-        "u_plateau_force_difference": ("N", "standard uncertainty: plateau force difference"),
     }
-    made = xr.Dataset(ramps_and_holds.over_ramps(rows, columns), coords={"ramp": ramps["ramp"]})
+    made = xr.Dataset(from_rows("ramp", rows, columns), coords={"ramp": ramps["ramp"]})
     made["simulated_force"] = variable("sample", passed, "N", "simulated force, behind the cell's filter")
     return made
 

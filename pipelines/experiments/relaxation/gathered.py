@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from labpipe.variables import variable
+from labpipe.variables import variable, with_u
 from pipelines.experiments.relaxation.settings import Relaxation
 
 _BIRGE_LIMIT = 2.0  # of chance alone, three depths exceed it once in fifty
@@ -71,11 +71,8 @@ def _averaged(table: xr.Dataset, nu: float) -> xr.Dataset:
         )
     u = float(np.hypot(birge / np.sqrt(weight.sum()), shared))
     tension = 1 - nu**2
-    rows = {
-        "mean_reduced_modulus": (mean, "Pa", "relaxed reduced modulus over all tests"),
-        "u_mean_reduced_modulus": (u, "Pa", "standard uncertainty: mean reduced modulus"),
-        "birge_ratio": (birge, "1", "scatter between tests over their uncertainties"),
-        "mean_relaxed_modulus": (mean * tension, "Pa", "relaxed modulus in tension"),
-        "u_mean_relaxed_modulus": (u * tension, "Pa", "standard uncertainty: relaxed modulus"),
-    }
-    return xr.Dataset({name: variable((), number, units, text) for name, (number, units, text) in rows.items()})
+    return xr.Dataset(
+        with_u("mean_reduced_modulus", (), mean, u, "Pa", "relaxed reduced modulus over all tests")
+        | with_u("mean_relaxed_modulus", (), mean * tension, u * tension, "Pa", "relaxed modulus in tension")
+        | {"birge_ratio": variable((), birge, "1", "scatter between tests over their uncertainties")}
+    )

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.errors import InputError
-from labpipe.variables import variable
+from labpipe.variables import with_u
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
 
@@ -35,7 +35,5 @@ def ramps(loads: xr.Dataset, *, settings: Relaxation) -> xr.Dataset:
         touch, how = None, str(error)
     result = ramps_and_holds.measured(loads, touch, settings.hold.plateau.value)
     value, u = (np.nan, np.nan) if touch is None else (touch.value, touch.u)
-    text = "stage position of first touch"
-    result["contact_position"] = variable((), value, "m", text)
-    result["u_contact_position"] = variable((), u, "m", f"standard uncertainty: {text}")
+    result = result.assign(with_u("contact_position", (), value, u, "m", "stage position of first touch"))
     return result.assign_attrs(contact=how)

@@ -24,7 +24,7 @@ from scipy.optimize import nnls
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.uncertainty import Row, Source, budget_rows, combined_uncertainty, excess_uncertainty
-from labpipe.variables import variable
+from labpipe.variables import from_rows, variable, with_u
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
 from pipelines.experiments.shared.material_choice import resolve
@@ -58,11 +58,10 @@ def curves(
     moduli = [_modulus(loads, ramps.isel(ramp=i), geometry) for i in range(len(found))]
     columns = {
         "reduced_modulus": ("Pa", "relaxed reduced modulus E/(1 - nu^2), from the plateau"),
-        "u_reduced_modulus": ("Pa", "standard uncertainty: relaxed reduced modulus"),
         "reduced_modulus_own_part": ("Pa", "part of its uncertainty that other depths do not share"),
         "reduced_modulus_cosine": ("Pa", "the same by eq. (2.17), for a cosine on a half-plane"),
     }
-    result = result.merge(xr.Dataset(ramps_and_holds.over_ramps([m for m, _ in moduli], columns)))
+    result = result.merge(xr.Dataset(from_rows("ramp", [m for m, _ in moduli], columns)))
     result.attrs = {"budgets": json.dumps([b for _, b in moduli])}
     result["nu"] = variable((), np.nan if nu is None else nu, "1", "Poisson ratio")
     if loads.attrs["is_tared"]:
@@ -189,10 +188,7 @@ def _fitted(loads: xr.Dataset, found: list[Hold], touch: float, geometry: Geomet
     return xr.Dataset(
         {
             "relaxation_modulus": variable("elapsed", modulus, "Pa", "reduced relaxation modulus, fitted to the force"),
-            "peak_force_unfiltered": variable("ramp", peaks[0], "N", "largest force before the filter"),
-            "u_peak_force_unfiltered": variable(
-                "ramp", u_peak, "N", "standard uncertainty: largest force before filter"
-            ),
+            **with_u("peak_force_unfiltered", "ramp", peaks[0], u_peak, "N", "largest force before the filter"),
             "peak_filter_part": variable("ramp", of_filter, "N", "part of it that the unknown kind of filter leaves"),
         },
         coords={

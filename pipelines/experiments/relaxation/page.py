@@ -8,16 +8,16 @@ import xarray as xr
 
 from labpipe.report import (
     Block,
-    Cell,
-    Column,
     KeyValues,
     LineChart,
+    Listed,
     Notice,
     Paragraph,
     Section,
     Series,
     Table,
     budget_table,
+    listed,
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
@@ -26,7 +26,7 @@ from pipelines.experiments.relaxation.comparison import rows as compared_rows
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import budget_blocks, pages, ramps_and_holds
 from pipelines.experiments.shared.judgements import verdict_section
-from pipelines.experiments.shared.punch_sections import columns, header_blocks, punch_rows, substrate_name
+from pipelines.experiments.shared.punch_sections import header_blocks, punch_rows, substrate_name
 
 _UM = 1e6
 _MPA = 1e-6
@@ -154,56 +154,39 @@ def _of_peak(tests: xr.Dataset) -> str:
 
 def _tests(tests: xr.Dataset) -> Section:
     peak = _peak(tests)
-    names = ["depth", peak, "plateau_force"]
-    if peak != "peak_force":
-        names.insert(2, "peak_force")
     has_model = "nrmse_all" in tests
-    wanted: list[str | tuple[str, str]] = [
-        "test",
-        ("depth", "m"),
-        ("peak", "N"),
-        *([("peak as recorded", "N")] if peak != "peak_force" else []),
-        ("plateau", "N"),
-        ("peak/plateau", ""),
-    ]
-    parts = ("ramp", "early", "late", "all")
-    rows, errors = [], []
-    for i, name in enumerate(_names(tests)):
-        at = tests.isel(test=i)
-        pair = {n: (float(at[n]), float(at[f"u_{n}"])) for n in names}
-        (top, u_top), (level, u_level) = pair[peak], pair["plateau_force"]
-        # The cell's gain is in both and cancels, so that this is rather too large.
-        ratio = top / level
-        row: list[Cell] = [name, *(number for n in names for number in pair[n])]
-        row += [ratio, abs(ratio) * float(np.hypot(u_top / top, u_level / level))]
-        rows.append(row)
-        motion: list[Cell] = [_label(tests, i), float(at["speed"]), float(at["duration"])]
-        if has_model:
-            motion += [float(at[f"nrmse_{p}"]) * 100 for p in parts]
-        errors.append(motion)
+    top, level = tests[peak].values, tests["plateau_force"].values
+    ratio = top / level
+    # The cell's gain is in both and cancels, so that this is rather too large.
+    u = np.abs(ratio) * np.hypot(tests[f"u_{peak}"].values / top, tests["u_plateau_force"].values / level)
+    first = (
+        Listed("test", _names(tests)),
+        pages.column(tests, "depth", "depth"),
+        pages.column(tests, peak, "peak"),
+        *([pages.column(tests, "peak_force", "peak as recorded")] if peak != "peak_force" else []),
+        pages.column(tests, "plateau_force", "plateau"),
+        Listed("peak/plateau", ratio.tolist(), u=u.tolist()),
+    )
     caption = (
         "The peak is that before the load cell's filter, from the relaxation fitted to the force behind it"
         if peak != "peak_force"
         else "The peak is as recorded, behind the load cell's filter if it has one"
     )
     caption += "; the plateau is the mean over the end of the hold."
-    second = [Column("test"), Column("ramp speed", "m/s"), Column("hold", "s")]
+    second = [
+        Listed("test", [_label(tests, i) for i in range(tests.sizes["test"])]),
+        pages.column(tests, "speed", "ramp speed"),
+        pages.column(tests, "duration", "hold"),
+    ]
+    told = "Measured displacement."
     if has_model:
-        second += [Column(f"nRMSE {p}", "%", digits=3) for p in parts]
-    return Section(
-        "Tests",
-        (
-            Table(columns(*wanted), rows, caption=caption),
-            Table(
-                tuple(second),
-                errors,
-                caption="Measured displacement, and errors of the simulated force relative to the "
-                "range of the simulated force in the whole test."
-                if has_model
-                else "Measured displacement.",
-            ),
-        ),
-    )
+        errors = {part: (tests[f"nrmse_{part}"].values * 100).tolist() for part in ("ramp", "early", "late", "all")}
+        second += [Listed(f"nRMSE {part}", error, "%", digits=3) for part, error in errors.items()]
+        told = (
+            "Measured displacement, and errors of the simulated force relative to the range of the simulated force "
+            "in the whole test."
+        )
+    return Section("Tests", (listed(first, caption), listed(second, told)))
 
 
 def _each(
@@ -357,23 +340,21 @@ def _moduli(curves: Sequence[xr.Dataset], models: Sequence[xr.Dataset] | None, t
 
 
 def _modulus_table(tests: xr.Dataset) -> Table:
-    rows = []
-    for i in range(tests.sizes["test"]):
-        at = tests.isel(test=i)
-        row: list[Cell] = [_label(tests, i)]
-        for name in ("reduced_modulus", "peak_force_unfiltered"):
-            row += [float(at[name]), float(at[f"u_{name}"])] if name in tests else [np.nan, np.nan]
-        rows.append([*row, float(at["reduced_modulus_cosine"])])
-    return Table(
-        (
-            *columns("depth", ("reduced modulus", "Pa"), ("peak before the filter", "N")),
-            Column("by eq. (2.17) as printed", "Pa", digits=4),
-        ),
-        rows,
-        caption="Eq. (2.17) holds for a cosine on a half-plane. The peak before the filter "
-        "follows from the fit; its uncertainty includes the filter's unknown type.",
-        sortable=False,
+    count = tests.sizes["test"]
+    peak = "peak_force_unfiltered"
+    columns = (
+        Listed("depth", [_label(tests, i) for i in range(count)]),
+        pages.column(tests, "reduced_modulus", "reduced modulus"),
+        pages.column(tests, peak, "peak before the filter")
+        if peak in tests
+        else Listed("peak before the filter", [np.nan] * count, "N"),
+        pages.plain(tests, "reduced_modulus_cosine", "by eq. (2.17) as printed"),
     )
+    caption = (
+        "Eq. (2.17) holds for a cosine on a half-plane. The peak before the filter "
+        "follows from the fit; its uncertainty includes the filter's unknown type."
+    )
+    return listed(columns, caption, sortable=False)
 
 
 def _model(settings: Relaxation, models: Sequence[xr.Dataset]) -> Section:

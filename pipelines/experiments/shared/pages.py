@@ -16,6 +16,7 @@ from labpipe.report import (
     Document,
     KeyValues,
     LineChart,
+    Listed,
     Notice,
     Paragraph,
     ScatterChart,
@@ -44,6 +45,33 @@ def told(dataset: xr.Dataset, name: str, at: int | None = None) -> str:
     if at is not None:
         value, u = value[at], u[at]
     return value_with_uncertainty(float(value), float(u), str(value.attrs["units"]))
+
+
+def column(dataset: xr.Dataset, name: str, title: str, factor: float = 1.0, *, digits: int = 4) -> Listed:
+    """List a variable of a result, with its standard uncertainty where it has one.
+
+    With a factor other than 1 the numbers are no longer in SI, and the title says in what they are.
+    """
+    u = f"u_{name}"
+    return Listed(
+        title,
+        (dataset[name].values * factor).tolist(),
+        str(dataset[name].attrs["units"]) if factor == 1.0 else "",
+        (dataset[u].values * factor).tolist() if u in dataset else None,
+        digits,
+    )
+
+
+def plain(dataset: xr.Dataset, name: str, title: str, factor: float = 1.0, *, digits: int = 4) -> Listed:
+    """List a variable of a result without its uncertainty; else as :func:`column`."""
+    return replace(column(dataset, name, title, factor, digits=digits), u=None)
+
+
+def of_each(results: Sequence[xr.Dataset], name: str, title: str, *, has_u: bool = True, digits: int = 4) -> Listed:
+    """List one number of every recording, with its standard uncertainty."""
+    u = [float(each[f"u_{name}"]) for each in results] if has_u else None
+    units = str(results[0][name].attrs["units"])
+    return Listed(title, [float(each[name]) for each in results], units, u, digits)
 
 
 def counted(n: int, noun: str, plural: str | None = None) -> str:

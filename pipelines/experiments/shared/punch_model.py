@@ -55,6 +55,12 @@ class Geometry:
             model,
         )
 
+    def pressed(self, solid: Prony, time: Floats, depth: Floats) -> xr.Dataset:
+        """Simulate the punch at displacements (sample,) [m] of times [s]."""
+        profile, elements = self.model.profile, self.model.elements
+        sizes = (self.radius.value, self.period.value, self.depth.value * self.tips)
+        return contact.indent(solid, *sizes, time, depth, profile=profile, thickness=self.thickness, elements=elements)
+
 
 def elastic_force(displacement: Floats, geometry: Geometry, **changed: float) -> Floats:
     """Return force over reduced modulus [m²] of an elastic contact at displacements [m].
@@ -146,17 +152,7 @@ def simulated(
     depth = loads["position_z"].values - touch.value
     kept = mach1_readings.history(time, depth)
 
-    made = contact.indent(
-        solid,
-        geometry.radius.value,
-        geometry.period.value,
-        geometry.depth.value * geometry.tips,
-        time[kept],
-        depth[kept],
-        profile=geometry.model.profile,
-        thickness=geometry.thickness,
-        elements=geometry.model.elements,
-    )
+    made = geometry.pressed(solid, time[kept], depth[kept])
     force = np.interp(time, time[kept], made["force"].values)
     deepest = float(depth.max())
     relative = combined_uncertainty(relative_sources(deepest, 0.0, geometry)) if deepest > 0 else 0.0

@@ -5,7 +5,7 @@ import math
 
 import xarray as xr
 
-from labpipe.report import Block, Column, Details, KeyValues, Table, budget_table, value_with_uncertainty
+from labpipe.report import Block, Details, KeyValues, Listed, Table, budget_table, listed, value_with_uncertainty
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.punch_settings import Punch, Substrate
 
@@ -26,34 +26,15 @@ def substrate_name(substrate: Substrate | None) -> str:
     return "" if substrate is None else substrate.source
 
 
-def columns(*wanted: str | tuple[str, str]) -> tuple[Column, ...]:
-    """Return columns of a table; a pair (title, unit) is followed by its uncertainty's column.
-
-    Examples
-    --------
-    >>> [c.title for c in columns("depth", ("force", "N"))]
-    ['depth', 'force', 'u']
-    """
-    made: list[Column] = []
-    for item in wanted:
-        if isinstance(item, str):
-            made.append(Column(item))
-        else:
-            title, unit = item
-            made += [Column(title, unit, u=len(made) + 1), Column("u", unit)]
-    return tuple(made)
-
-
 def blocks_table(readings: xr.Dataset) -> Table:
     """List the blocks of a file."""
-    functions = [str(f) for f in readings["function"].values]
-    starts = [str(s) for s in readings["start_time"].values]
-    counts = readings["n_rows"].values
-    return Table(
-        (Column("block"), Column("function"), Column("start"), Column("readings")),
-        [(i + 1, f, s, int(n)) for i, (f, s, n) in enumerate(zip(functions, starts, counts, strict=True))],
-        caption="Blocks of the file",
+    columns = (
+        Listed("block", list(range(1, len(readings["function"]) + 1))),
+        Listed("function", [str(f) for f in readings["function"].values]),
+        Listed("start", [str(s) for s in readings["start_time"].values]),
+        Listed("readings", readings["n_rows"].values.astype(int).tolist()),
     )
+    return listed(columns, "Blocks of the file")
 
 
 def cell(loads: xr.Dataset) -> list[Block]:

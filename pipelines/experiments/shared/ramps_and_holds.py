@@ -4,7 +4,6 @@ import json
 import warnings
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -15,7 +14,7 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.signals import independent_count
 from labpipe.units import Quantity
-from labpipe.variables import variable
+from labpipe.variables import from_rows
 from pipelines.experiments.shared import mach1_readings
 
 RELAXATION = "Stress Relaxation"
@@ -260,29 +259,16 @@ def relative_gain(loads: xr.Dataset) -> float:
     return float(np.nan_to_num(float(loads["u_gain"]))) / float(loads["gain"])
 
 
-def over_ramps(rows: list[dict[str, float]], columns: dict[str, tuple[str, str]]) -> dict[str, Any]:
-    """Make variables over ``ramp`` from one dict per ramp."""
-    return {
-        name: variable("ramp", np.array([r[name] for r in rows]), units, text)
-        for name, (units, text) in columns.items()
-    }
-
-
 _RAMP_COLUMNS = {
     "depth": ("m", "indentation of the hold, from first touch"),
-    "u_depth": ("m", "standard uncertainty: indentation of the hold"),
     "travel": ("m", "travel of the ramp"),
     "speed": ("m/s", "speed of the ramp, from the position"),
     "duration": ("s", "length of the hold"),
     "peak_force": ("N", "largest force, as recorded after the cell's filter"),
-    "u_peak_force": ("N", "standard uncertainty: largest force as recorded"),
     "plateau_force": ("N", "mean force over the end of the hold"),
-    "u_plateau_force": ("N", "standard uncertainty: plateau force"),
     "unfinished": ("N", "standard uncertainty of the plateau from unfinished relaxation"),
     "plateau_lag": ("N", "effect of the cell's filter lag that was corrected in the plateau"),
-    "u_plateau_lag": ("N", "standard uncertainty: lag of the cell's filter in the plateau"),
     "ratio": ("1", "peak over plateau"),
-    "u_ratio": ("1", "standard uncertainty: peak over plateau"),
     "begin": ("s", "start of the ramp, in the block's time"),
     "end": ("s", "arrival of the stage, in the block's time"),
     "peak_time": ("s", "time of the largest force, in the block's time"),
@@ -306,7 +292,7 @@ def measured(loads: xr.Dataset, touch: Quantity | None, longest: float) -> xr.Da
     """
     rows = [_row(loads, hold, touch, longest) for hold in find(loads)]
     return xr.Dataset(
-        over_ramps(rows, _RAMP_COLUMNS),
+        from_rows("ramp", rows, _RAMP_COLUMNS),
         coords={"ramp": np.arange(1, len(rows) + 1)},
         attrs={"work": json.dumps({"ramps": len(rows)})},
     )

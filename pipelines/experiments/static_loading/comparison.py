@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from labpipe.variables import variable
+from labpipe.variables import from_rows, variable
 from pipelines.experiments.shared.comparison_rows import Row, row
 from pipelines.experiments.static_loading.measured import spans, windows
 from pipelines.experiments.static_loading.settings import StaticLoading
@@ -72,18 +72,13 @@ def _per_load(approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, settin
     texts = {
         "creep_model": "growth of the approach under the load, model",
         "radius_model": "contact radius at the end of the load, model",
-        "u_radius_model": "standard uncertainty: contact radius of the model",
         "radius_measured": "contact radius at the end of the load, from the approach",
-        "u_radius_measured": "standard uncertainty: radius measured",
         "radius_difference": "contact radius, measured minus model",
-        "u_radius_difference": "standard uncertainty: radius difference",
         "hertz_difference": "contact radius, measured minus Hertz with the relaxed modulus",
         "given_radius": "contact radius that session.toml gives",
-        "u_given_radius": "standard uncertainty: given contact radius",
         "given_difference": "contact radius, from the approach minus given",
-        "u_given_difference": "standard uncertainty: given difference",
     }
-    return {name: variable("load", np.array([r[name] for r in rows]), "m", text) for name, text in texts.items()}
+    return from_rows("load", rows, {name: ("m", text) for name, text in texts.items()})
 
 
 def rows(comparison: xr.Dataset, *, settings: StaticLoading) -> Iterator[Row]:

@@ -24,7 +24,7 @@ from scipy.optimize import minimize_scalar, nnls
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.signals import estimate_noise
-from labpipe.variables import variable
+from labpipe.variables import variable, with_u
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 _TERMS_PER_DECADE = 2  # of the creep compliance that is fitted
@@ -54,11 +54,11 @@ def steps(displacement: xr.Dataset, *, settings: StaticLoading) -> xr.Dataset:
         "end": (ends, "s", "time at which the next one was applied, or the record ends"),
         "given_time": (np.array(given), "s", "time that session.toml gives"),
         "jump": (sizes, "m", "displacement across the step"),
-        "force": (force, "N", "load"),
-        "u_force": (u_force, "N", "standard uncertainty: load"),
     }
     result = xr.Dataset(
-        {n: variable("load", v, u, t) for n, (v, u, t) in table.items()}, coords={"load": np.arange(1, starts.size + 1)}
+        {n: variable("load", v, u, t) for n, (v, u, t) in table.items()}
+        | with_u("force", "load", force, u_force, "N", "load"),
+        coords={"load": np.arange(1, starts.size + 1)},
     )
     touch = _first_touch(displacement, noise, result, settings)
     return result.merge(touch).assign_attrs(touch.attrs)
@@ -276,14 +276,13 @@ def _first_touch(displacement: xr.Dataset, noise: float, table: xr.Dataset, sett
     lag = np.geomspace(settings.steps.settle.value + 1.0, float(time[-1] - time[0]), _ELAPSED)
     terms = np.column_stack([np.ones(lag.size), -np.expm1(-lag[:, None] / tau)])
     scalars = {
-        "touch": (touch, "m", "displacement at first touch"),
-        "u_touch": (u, "m", "standard uncertainty: displacement at first touch"),
         "touch_part_of_loads": (by_loads, "m", "part of it that comes from the loads"),
         "scatter": (scatter, "m", "root mean square misfit of the creep fit"),
         "noise": (noise, "m", "noise of a reading"),
     }
     return xr.Dataset(
         {n: variable((), v, unit, t) for n, (v, unit, t) in scalars.items()}
+        | with_u("touch", (), touch, u, "m", "displacement at first touch")
         | {"compliance": variable("elapsed", terms @ weights, "1/Pa", "reduced creep compliance, from the record")},
         coords={"elapsed": variable("elapsed", lag, "s", "time under load")},
         attrs={"touch": how, "work": json.dumps({"fit_rows": int(rows.size), "fit_terms": int(tau.size + 1)})},

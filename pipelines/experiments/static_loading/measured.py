@@ -24,7 +24,7 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.uncertainty import Row, Source
 from labpipe.units import Quantity
-from labpipe.variables import variable
+from labpipe.variables import from_rows, variable, with_u
 from pipelines.experiments.shared.laser_readings import read_laser
 from pipelines.experiments.static_loading.load_steps import SIDE, settled, valid
 from pipelines.experiments.static_loading.settings import StaticLoading
@@ -61,8 +61,8 @@ def displacement(readings: xr.Dataset, record: Path, *, settings: StaticLoading)
 
 
 _LEVELS = {
-    "approach": ("m", "approach at the end of the load"),
-    "contact_radius": ("m", "contact radius at the end of the load, from the approach"),
+    "level_approach": ("m", "approach at the end of the load"),
+    "level_contact_radius": ("m", "contact radius at the end of the load, from the approach"),
     "mean_radius": ("m", "contact radius, mean over the load"),
     "creep": ("m", "growth of the approach under the load, first to last window"),
 }
@@ -79,15 +79,11 @@ def approach(displacement: xr.Dataset, steps: xr.Dataset, *, settings: StaticLoa
     u_depth = np.sqrt(u_touch**2 + (relative * depth) ** 2 + wander**2)
     a = np.sqrt(radius.value * np.maximum(depth, 0.0))
     rows = [_levels(time, depth, u_depth, wander, step, noise, relative, settings) for step in spans(steps)]
+    u_each = np.hypot(u_depth, noise)
+    u_a = _u_radius(a, depth, u_each, radius)
     table: dict[str, Any] = {
-        "approach": variable("time", depth, "m", "approach from first touch"),
-        "u_approach": variable(
-            "time", np.hypot(u_depth, noise), "m", "standard uncertainty: approach from first touch"
-        ),
-        "contact_radius": variable("time", a, "m", "contact radius, root of R times approach"),
-        "u_contact_radius": variable(
-            "time", _u_radius(a, depth, np.hypot(u_depth, noise), radius), "m", "standard uncertainty: contact radius"
-        ),
+        **with_u("approach", "time", depth, u_each, "m", "approach from first touch"),
+        **with_u("contact_radius", "time", a, u_a, "m", "contact radius, root of R times approach"),
         "smooth_radius": variable(
             "time", _smoothed(time, a, steps), "m", "contact radius, moving average inside each load"
         ),
@@ -95,10 +91,7 @@ def approach(displacement: xr.Dataset, steps: xr.Dataset, *, settings: StaticLoa
             "time", settled(time, steps, settings), "1", "whether the reading is away from every load step"
         ),
     }
-    for name, (units, text) in _LEVELS.items():
-        for prefix, words in (("", text), ("u_", f"standard uncertainty: {text}")):
-            key = f"{prefix}{name}" if name in ("creep", "mean_radius") else f"{prefix}level_{name}"
-            table[key] = variable("load", np.array([r[f"{prefix}{name}"] for r in rows]), units, words)
+    table |= from_rows("load", rows, _LEVELS)
     return xr.Dataset(
         table,
         coords={"time": variable("time", time, "s", "time from the first point"), "load": steps["load"]},
@@ -178,10 +171,10 @@ def _levels(
     u_mean = np.hypot(noise / np.sqrt(inside.sum()), float(u_depth[inside].mean()))
     a = np.sqrt(radius.value * max(level, 0.0))
     return {
-        "approach": level,
-        "u_approach": u_level,
-        "contact_radius": float(a),
-        "u_contact_radius": float(_u_radius(a, level, u_level, radius)),
+        "level_approach": level,
+        "u_level_approach": u_level,
+        "level_contact_radius": float(a),
+        "u_level_contact_radius": float(_u_radius(a, level, u_level, radius)),
         "mean_radius": float(mean),
         "u_mean_radius": float(_u_radius(mean, mean**2 / radius.value, u_mean, radius)),
         "creep": creep,

@@ -8,21 +8,19 @@ import xarray as xr
 
 from labpipe.report import (
     Block,
-    Cell,
-    Column,
     KeyValues,
     LineChart,
+    Listed,
     Paragraph,
     Section,
     Series,
-    Table,
     budget_table,
+    listed,
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared import budget_blocks, pages
 from pipelines.experiments.shared.judgements import verdict_section
-from pipelines.experiments.shared.punch_sections import columns
 from pipelines.experiments.shared.ramps_and_holds import binned
 from pipelines.experiments.static_loading.budget import quantities
 from pipelines.experiments.static_loading.comparison import rows as compared_rows
@@ -185,61 +183,32 @@ def _creep(settings: StaticLoading, steps: xr.Dataset, approach: xr.Dataset, mod
 
 
 def _loads(settings: StaticLoading, steps: xr.Dataset, approach: xr.Dataset, comparison: xr.Dataset | None) -> Section:
-    wanted: list[str | tuple[str, str]] = [
-        "load / kg",
-        "found / min",
-        ("approach", "m"),
-        ("contact radius", "m"),
-        ("mean radius", "m"),
-        ("creep", "m"),
-    ]
-    rows: list[list[Cell]] = []
-    gaps: list[list[Cell]] = []
-    for i in range(steps.sizes["load"]):
-        at = approach.isel(load=i)
-        row: list[Cell] = [settings.loads[i].mass.value, float(steps["begin"][i]) * _MIN]
-        for name in ("level_approach", "level_contact_radius", "mean_radius", "creep"):
-            row += [float(at[name]), float(at[f"u_{name}"])]
-        if comparison is not None:
-            gaps.append(
-                [
-                    row[0],
-                    *(
-                        float(comparison[name][i])
-                        for name in (
-                            "creep_model",
-                            "radius_model",
-                            "radius_difference",
-                            "u_radius_difference",
-                            "hertz_difference",
-                        )
-                    ),
-                ]
-            )
-        rows.append(row)
+    loads = Listed("load / kg", [load.mass.value for load in settings.loads])
+    columns = (
+        loads,
+        Listed("found / min", (steps["begin"].values * _MIN).tolist()),
+        pages.column(approach, "level_approach", "approach"),
+        pages.column(approach, "level_contact_radius", "contact radius"),
+        pages.column(approach, "mean_radius", "mean radius"),
+        pages.column(approach, "creep", "creep"),
+    )
     chosen = settings.steps
     caption = (
         f"Approach and radius: means over the last {chosen.window.value:g} s of a load. Creep: "
         f"from the first {chosen.window.value:g} s, {chosen.settle.value:g} s after the load was "
         f"applied, to the last. Hertz does not creep."
     )
-    tables: list[Block] = [Table(columns(*wanted), rows, caption=caption, sortable=False)]
-    if gaps:
-        tables.append(
-            Table(
-                (
-                    Column("load / kg"),
-                    Column("creep, model", "m"),
-                    Column("radius, model", "m"),
-                    Column("measured − model", "m", u=4),
-                    Column("u", "m"),
-                    Column("measured − Hertz", "m"),
-                ),
-                gaps,
-                sortable=False,
-                caption="Radius at the end of each load; Hertz with the relaxed modulus.",
-            )
+    tables: list[Block] = [listed(columns, caption, sortable=False)]
+    if comparison is not None:
+        gaps = (
+            loads,
+            pages.plain(comparison, "creep_model", "creep, model"),
+            pages.plain(comparison, "radius_model", "radius, model"),
+            pages.column(comparison, "radius_difference", "measured − model"),
+            pages.plain(comparison, "hertz_difference", "measured − Hertz"),
         )
+        told = "Radius at the end of each load; Hertz with the relaxed modulus."
+        tables.append(listed(gaps, told, sortable=False))
     return Section("Loads", tuple(tables))
 
 

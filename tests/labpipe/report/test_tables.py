@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labpipe.errors import InputError
-from labpipe.report import Column, Table, display_unit, number, plus_minus, value_with_uncertainty
+from labpipe.report import Column, Listed, Table, display_unit, listed, number, plus_minus, value_with_uncertainty
 from labpipe.report._tables import table_view
 from tests.rounding import rounding
 
@@ -109,3 +109,14 @@ def test_rows_that_do_not_fit_are_refused():
         Table((Column("a"), Column("b")), [(1, 2), (3,)], "bounces")
     with pytest.raises(InputError, match=r'"a" takes its uncertainty from column 5'):
         Table((Column("a", u=5),), [(1,)])
+
+
+def test_a_table_is_made_of_columns_that_bring_their_cells():
+    known = Listed("radius", [34e-6, 36e-6], "m", u=[1.2e-6, 1.1e-6])
+    table = listed([Listed("impact", [1, 2, 3]), known.extended(3)], "peaks", sortable=False)
+    view = table_view(table)
+    assert (view.caption, view.sortable) == ("peaks", False)
+    assert [(h.title, h.unit) for h in view.headings] == [("impact", ""), ("radius", "µm")]
+    assert [[cell.text for cell in row] for row in view.rows] == [["1", "34.0 ± 1.2"], ["2", "36.0 ± 1.1"], ["3", "–"]]
+    with pytest.raises(ValueError, match="longer"):
+        listed([Listed("a", [1]), Listed("b", [1, 2])])

@@ -1,12 +1,13 @@
 """Timing in turn, memory, and what a point may be."""
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 import pytest
 
 from labpipe.errors import InputError
-from pipelines.bench.measure import Bound, Point, Timing, paired, peak_bytes
+from pipelines.bench.measure import OURS, THESIS, Bound, Extra, Point, Timing, paired, peak_bytes, race
 
 
 def test_contenders_run_in_turn_after_one_cold_run_each() -> None:
@@ -28,6 +29,25 @@ def test_a_spent_budget_ends_the_rounds_but_not_the_first() -> None:
 def test_no_repeats_are_refused() -> None:
     with pytest.raises(InputError, match="0 repeats"):
         paired({"a": int}, 0)
+
+
+def test_a_race_makes_a_point_of_every_contender() -> None:
+    def judge(name: str, timings: Mapping[str, Timing]) -> tuple[float, Extra]:
+        assert set(timings) == {"exact", "coarse"}
+        return abs(float(str(timings[name].value)) - 3.0), {"letters": len(name)}
+
+    calls = {"exact": (OURS, lambda: 3), "coarse": (THESIS, lambda: 2)}
+    exact, coarse = race(calls, 3, judge, "exact", per=10.0, traced=("coarse",))
+    assert (exact.setting, exact.error, exact.group, exact.is_default, exact.peak_bytes) == (
+        "exact",
+        0.0,
+        OURS,
+        True,
+        None,
+    )
+    assert (coarse.error, coarse.group, coarse.is_default, coarse.extra) == (1.0, THESIS, False, {"letters": 6})
+    assert coarse.peak_bytes is not None
+    assert exact.seconds == sorted(exact.samples)[1] / 10.0
 
 
 def test_ratios_are_taken_run_by_run() -> None:

@@ -19,10 +19,11 @@ from pipelines.cli import main
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared.settings import Plate
 from pipelines.identify import Wish, identify_materials, material_name
-from pipelines.rig.indentation_session import cell_record, relaxation_section
+from pipelines.rig.indentation_session import relaxation_section
 from pipelines.rig.indentations import Specimen
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.samples import session_head
+from pipelines.rig.session_text import cell_record
 from pipelines.session import derive, needed, opened, plan
 
 DROP = KINDS["ball_drop"].evidence
@@ -124,7 +125,7 @@ def test_relaxations_at_two_depths_are_one_material(tmp_path: Path) -> None:
     specimen = Specimen(solid)
     held = Relaxation((0.1e-3, 0.2e-3), 20.0)
     names = write_relaxation(tmp_path, "hold", specimen, held, TESTER, 5, datetime(2024, 5, 14))
-    files.write_text(tmp_path / "calibration/load_cell.toml", cell_record("synthetic"))
+    files.write_text(tmp_path / "calibration/load_cell.toml", cell_record())
     text = session_head("Two depths (synthetic)") + relaxation_section("hold", names, specimen)
     files.write_text(tmp_path / "session.toml", text)
     (found,) = identify_materials(tmp_path, Wish())

@@ -15,8 +15,9 @@ from pipelines.process import process, result
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.film_front import FrontCamera
-from pipelines.rig.film_session import front_record, front_section, under_record, write_front
+from pipelines.rig.film_session import front_section, write_front
 from pipelines.rig.samples import drop_section, laser_record, session_head
+from pipelines.rig.session_text import front_record, under_record
 from pipelines.rig.solids import specimen_of
 from tests.labpipe.report.conftest import assert_fit_to_read
 from tests.pipelines.asked import quantities

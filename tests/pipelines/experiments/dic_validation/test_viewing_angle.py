@@ -16,7 +16,7 @@ from pipelines.bench.film_scenes import perlin
 from pipelines.experiments.dic_validation import measured
 from pipelines.experiments.dic_validation.page import camera_angle
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
-from pipelines.rig.film_session import front_record
+from pipelines.rig.session_text import front_record
 
 PIXEL = 30e-3 / 386
 ROWS, COLUMNS, TRAVEL, RATE, STILL = 160, 90, 50.0, 1000.0, 6

@@ -18,10 +18,10 @@ from labpipe.workflow.results import Results
 from pipelines.experiments.harmonic import checks, measured
 from pipelines.experiments.shared import judgements
 from pipelines.process import open_session
-from pipelines.rig.indentation_session import cell_record, oscillation_section
+from pipelines.rig.indentation_session import oscillation_section
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.relaxations import TESTER
-from pipelines.rig.session_text import NOTE, session_head
+from pipelines.rig.session_text import cell_record, session_head
 from pipelines.session import opened
 from tests.pipelines.mach1_mistakes import Row, Steps, columns, line_of, said
 
@@ -36,7 +36,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     specimen = Specimen(materials.load("nbr"))
     protocol = Harmonic(hold=5.0, frequencies=(1.0, 2.0), cycles=7)
     write_harmonic(folder, "nbr", specimen, protocol, replace(TESTER), 31, START)
-    files.write_text(folder / RECORD, cell_record(NOTE))
+    files.write_text(folder / RECORD, cell_record())
     files.write_text(
         folder / "session.toml", session_head("Harmonic (synthetic)") + oscillation_section("nbr", specimen)
     )

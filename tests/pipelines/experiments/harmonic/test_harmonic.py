@@ -17,10 +17,10 @@ from labpipe.units import Quantity
 from pipelines.experiments.harmonic import comparison, model, theory
 from pipelines.experiments.harmonic import measured as harmonic
 from pipelines.process import open_session, process, result
-from pipelines.rig.indentation_session import cell_record, oscillation_section
+from pipelines.rig.indentation_session import oscillation_section
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.relaxations import TESTER
-from pipelines.rig.session_text import NOTE, session_head
+from pipelines.rig.session_text import cell_record, session_head
 
 START = datetime(2024, 5, 14, 9, 30)
 PROTOCOL = Harmonic(hold=5.0, frequencies=(1.0, 2.0), cycles=6)
@@ -29,7 +29,7 @@ PROTOCOL = Harmonic(hold=5.0, frequencies=(1.0, 2.0), cycles=6)
 def write(folder: Path, protocol: Harmonic, seed: int, **changes: Any) -> None:
     specimen = Specimen(materials.load("nbr"))
     write_harmonic(folder, "nbr", specimen, protocol, replace(TESTER, **changes), seed, START)
-    files.write_text(folder / "calibration/load_cell.toml", cell_record(NOTE))
+    files.write_text(folder / "calibration/load_cell.toml", cell_record())
     text = session_head("Harmonic (synthetic)") + oscillation_section("nbr", specimen)
     files.write_text(folder / "session.toml", text + "elements = 512\n")
 

@@ -17,9 +17,9 @@ from pipelines.rig.campaign import SMALL
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.plate import PLATE, PLATE_RIG
-from pipelines.rig.plate_session import plate_laser_record, write_plate
+from pipelines.rig.plate_session import write_plate
 from pipelines.rig.samples import drop_section, laser_record, session_head, sweeps
-from pipelines.rig.session_text import from_dma
+from pipelines.rig.session_text import from_dma, plate_laser_record
 from tests.pipelines.asked import quantities
 from tests.pipelines.small import START
 

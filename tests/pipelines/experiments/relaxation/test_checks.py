@@ -15,10 +15,10 @@ from labpipe.units import Quantity
 from pipelines.experiments.relaxation import checks, measured
 from pipelines.experiments.shared import judgements
 from pipelines.process import open_session, process, result
-from pipelines.rig.indentation_session import cell_record, relaxation_section
+from pipelines.rig.indentation_session import relaxation_section
 from pipelines.rig.indentations import Specimen
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
-from pipelines.rig.session_text import NOTE, session_head
+from pipelines.rig.session_text import cell_record, session_head
 from tests.pipelines.mach1_mistakes import Row, Steps, columns, line_of, said
 
 START = datetime(2024, 5, 14, 9, 30)
@@ -31,7 +31,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("checks")
     specimen = Specimen(materials.load("nbr"))
     names = write_relaxation(folder, "nbr", specimen, Relaxation(depths=(1e-4, 2e-4), hold=12.0), TESTER, 41, START)
-    files.write_text(folder / RECORD, cell_record(NOTE))
+    files.write_text(folder / RECORD, cell_record())
     text = session_head("Relaxation (synthetic)") + relaxation_section("nbr", names, specimen)
     files.write_text(folder / "session.toml", text + "elements = 512\n")
     return folder

@@ -24,10 +24,10 @@ from pipelines.experiments.shared import mach1_readings, ramps_and_holds
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force
 from pipelines.experiments.shared.punch_settings import IndentationModel, Punch
 from pipelines.process import open_session, process, result
-from pipelines.rig.indentation_session import cell_record, relaxation_section
+from pipelines.rig.indentation_session import relaxation_section
 from pipelines.rig.indentations import Specimen
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
-from pipelines.rig.session_text import NOTE, session_head
+from pipelines.rig.session_text import cell_record, session_head
 from tests.pipelines.asked import quantities
 
 START = datetime(2024, 5, 14, 9, 30)
@@ -40,7 +40,7 @@ def write(folder: Path, protocol: Relaxation, seed: int, **changes: Any) -> None
     specimen = Specimen(materials.load("nbr"))
     tester = replace(TESTER, **changes)
     names = write_relaxation(folder, "nbr", specimen, protocol, tester, seed, START)
-    files.write_text(folder / "calibration/load_cell.toml", cell_record(NOTE))
+    files.write_text(folder / "calibration/load_cell.toml", cell_record())
     text = session_head("Relaxation (synthetic)") + relaxation_section("nbr", names, specimen)
     text += "elements = 512\n"
     files.write_text(folder / "session.toml", text)
