@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.materials.spectrum import MARGIN_DECADES, MOST_TERMS_PER_DECADE, TERMS_PER_DECADE
+from labpipe.materials.spectrum import MOST_TERMS_PER_DECADE, TERMS_PER_DECADE
 from labpipe.materials.superposition._first_shifts import overlapped_shifts, scanned_shifts
 from labpipe.materials.superposition._joint_fit import (
     Fit,
@@ -24,7 +24,6 @@ from labpipe.materials.superposition._joint_fit import (
     predictive_cost,
 )
 from labpipe.materials.superposition._law_choice import (
-    FIRST_MARGIN,
     FIRST_STRENGTH,
     STRONG_EVIDENCE,
     entropic_ln_bT,
@@ -224,7 +223,7 @@ def _settled_finely(points: Points, candidate: Candidate, noise: Noise, options:
         weight = weights_of(points, current.noise, fit.predicted) * huber(current, options)
         density, strength = fit.grid.terms_per_decade, fit.solution.strength
         present, finer = (
-            evaluate(points, weight, grid_for(points, fit.state, count, MARGIN_DECADES), fit.state, None, strength)
+            evaluate(points, weight, grid_for(points, fit.state, count), fit.state, None, strength)
             for count in (density, 2 * density)
         )
         gain = predictive_cost(present, model) - predictive_cost(finer, model)
@@ -280,7 +279,7 @@ def _run(points: Points, weight: Floats, model: OuterModel, name: str, shifts: F
     expectation = expected_shifts(model.temperature, shifts)
     started = replace(model, given=shifts - shifts[model.reference], expectation=expectation)
     state = started.start()
-    grid = grid_for(points, state, TERMS_PER_DECADE, FIRST_MARGIN)
+    grid = grid_for(points, state, TERMS_PER_DECADE)
     first = evaluate(points, weight, grid, state, FIRST_STRENGTH)
     fit = minimise(points, weight, first, started, *_STARTING)
     if fit.solution.misfit > _FAR_FROM_NOISE * weight.size:

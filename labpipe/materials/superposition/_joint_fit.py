@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.materials.spectrum import (
+    MARGIN_DECADES,
     Grid,
     Solution,
     compress,
@@ -136,7 +137,7 @@ def reduced(points: Points, state: State) -> Floats:
     return np.log(points.omega) + _LN10 * state.log10_aT[points.isotherm]
 
 
-def grid_for(points: Points, state: State, terms_per_decade: float, margin: float) -> Grid:
+def grid_for(points: Points, state: State, terms_per_decade: float, margin: float = MARGIN_DECADES) -> Grid:
     """Lay the terms for the present shifts."""
     vertical = np.exp(-state.ln_bT[points.isotherm])
     return make_grid(

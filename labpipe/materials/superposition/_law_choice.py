@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.materials.spectrum import MARGIN_DECADES
 from labpipe.materials.superposition._first_shifts import overlapped_shifts, scanned_shifts
 from labpipe.materials.superposition._joint_fit import (
     Fit,
@@ -30,8 +29,6 @@ from labpipe.materials.superposition._shift_law import ZERO_CELSIUS
 from labpipe.materials.superposition._shift_parameters import SLOPE_SPREAD, OuterModel, State, expected_shifts
 from labpipe.materials.superposition._vertical_law import Vertical, is_physical, vertical_values
 
-# Before the first fit the shifts may still move: the grid of times reaches further out.
-FIRST_MARGIN = 1.5
 # Smoothing for comparing starts, in units of the noise; cross-validation follows.
 FIRST_STRENGTH = 100.0
 #: Evidence (difference of Schwarz's criterion) that counts as strong, Kass & Raftery, J. Am. Stat.
@@ -176,14 +173,14 @@ def screened(points: Points, weight: Floats, current: Superposition, model: Oute
 def _stiff(points: Points, weight: Floats, current: Superposition, model: OuterModel, first: State) -> Fit:
     """Fit another model from a state with a spectrum that hardly bends."""
     state = model.start(first)
-    grid = grid_for(points, state, current.fit.grid.terms_per_decade, FIRST_MARGIN)
+    grid = grid_for(points, state, current.fit.grid.terms_per_decade)
     fit = evaluate(points, weight, grid, state, max(current.fit.solution.strength, FIRST_STRENGTH))
     return minimise(points, weight, fit, model, *_SCREENING)
 
 
 def _loosened(points: Points, weight: Floats, current: Superposition, model: OuterModel, stiff: Fit) -> Fit:
     """Go on from a stiff fit with the smoothing of the present one."""
-    grid = grid_for(points, stiff.state, current.fit.grid.terms_per_decade, MARGIN_DECADES)
+    grid = grid_for(points, stiff.state, current.fit.grid.terms_per_decade)
     fit = evaluate(points, weight, grid, stiff.state, current.fit.solution.strength)
     return minimise(points, weight, fit, model, *_SCREENING)
 

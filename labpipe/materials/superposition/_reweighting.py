@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.materials.spectrum import MARGIN_DECADES
 from labpipe.materials.superposition._joint_fit import (
     Fit,
     Points,
@@ -126,7 +125,7 @@ def settled(
         plain = weights_of(points, noise, expected)
         weight = plain * _root_of_influence(standardised, options)
         model = replace(model, expectation=expected_shifts(model.temperature, fit.state.log10_aT))
-        grid = grid_for(points, fit.state, density, MARGIN_DECADES)
+        grid = grid_for(points, fit.state, density)
         fit = evaluate(points, weight, grid, fit.state, None, near)
         fit = minimise(points, weight, fit, model)
         near, expected = fit.solution.strength, fit.predicted

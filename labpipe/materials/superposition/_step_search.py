@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.materials.spectrum import MARGIN_DECADES
 from labpipe.materials.superposition._joint_fit import Fit, Points, evaluate, grid_for, minimise, predictive_cost
 from labpipe.materials.superposition._shift_parameters import STEP_SPREAD, STEP_SPREAD_PER_KELVIN, OuterModel, State
 
@@ -141,7 +140,7 @@ def _refitted(points: Points, weight: Floats, present: Fit, model: OuterModel, s
     """Fit anew from other shifts, the smoothing chosen near a first one."""
     anchored = shifts - shifts[model.reference]
     state = _moved(model, present.state, anchored)
-    grid = grid_for(points, state, present.grid.terms_per_decade, MARGIN_DECADES)
+    grid = grid_for(points, state, present.grid.terms_per_decade)
     first = evaluate(points, weight, grid, state, None, strength)
     return minimise(points, weight, first, model, *_SCREENING)
 

@@ -21,7 +21,6 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.materials.spectrum import (
-    MARGIN_DECADES,
     Grid,
     Solution,
     compress,
@@ -146,7 +145,7 @@ class _Search:
     def _grid(self, log10_aT: Floats) -> Grid:
         points = self.points
         x = np.log(points.omega) + _LN10 * log10_aT[points.isotherm]
-        return make_grid(x, points.storage, points.loss, terms_per_decade=2, margin=MARGIN_DECADES)
+        return make_grid(x, points.storage, points.loss, terms_per_decade=2)
 
     def _spectra(
         self, grids: tuple[Grid, Grid], penalty: Floats, log10_aT: Floats, share: float, guess: Solution | None

@@ -75,7 +75,8 @@ def test_reference_temperature_may_lie_between_isotherms(curve, maxwell_truth):
     assert float(moved.log10_aT[4]) == 0
     assert float(moved.u_log10_aT[4]) == 0
     difference = moved.log10_aT.values - curve.log10_aT.values
-    assert np.ptp(difference) < 1e-3
+    # another grid of times, which begins elsewhere: a small part of what the noise leaves open
+    assert np.ptp(difference) < 0.1 * float(curve.u_log10_aT.max())
 
 
 def test_order_of_temperatures_and_frequencies_does_not_matter(curve, maxwell_truth):
