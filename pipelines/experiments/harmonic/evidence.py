@@ -1,6 +1,7 @@
 """Dynamic stiffness of oscillations, as data for identification."""
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from labpipe.arrays import Floats
 from labpipe.identification import Evidence, stiffness_evidence
 from labpipe.materials import Prony
 from labpipe.signals import common_fit
+from pipelines.experiments.harmonic.model import along_chords
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
 from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance
@@ -95,7 +97,7 @@ class _Oscillation:
     """Stiffness of the whole simulated file: finite amplitude, edges that come and go.
 
     The simulation moves along chords between the readings. What these do to a sinusoid is known
-    in closed form for every term (:func:`along_chords`), and is taken out.
+    in closed form for every term (:func:`.along_chords`), and is taken out.
     """
 
     loads: xr.Dataset
@@ -117,41 +119,8 @@ class _Oscillation:
             clock = self.loads["time"].values[rows]
             used = (clock >= float(at["begin"])) & (clock <= float(at["end"]))
             position = self.loads["position_z"].values[rows][used]
-            wave = common_fit(clock[used], position, force[rows][used], float(at["frequency"]))
-            exact = along_chords(material, wave.position.frequency, float(np.median(np.diff(clock))))
-            found.append(complex(wave.storage_stiffness, wave.loss_stiffness) / exact)
+            chords = partial(along_chords, material, float(np.median(np.diff(clock))))
+            wave = common_fit(clock[used], position, force[rows][used], float(at["frequency"]), response=chords)
+            found.append(complex(wave.storage_stiffness, wave.loss_stiffness))
         stiffness = np.array(found)
         return np.concatenate([stiffness.real, stiffness.imag])
-
-
-def along_chords(material: Prony, frequency: float, interval: float) -> complex:
-    """Return by what the modulus of a sampled sinusoid with chords between differs.
-
-    Parameters
-    ----------
-    material : Prony
-    frequency, interval : float [Hz], [s]
-        Of the sinusoid, and between its samples.
-
-    Returns
-    -------
-    complex
-        Ratio of force over strain at the samples to the complex modulus; second order in the
-        interval.
-
-    Notes
-    -----
-    Over a chord a Maxwell term relaxes by d = exp(-x), x = interval / rho, and gains (1 - d) / x
-    of the step of strain: with z = exp(i omega interval) its modulus is that of this recursion,
-    E (1 - d) / x (1 - 1/z) / (1 - d/z).
-
-    Examples
-    --------
-    >>> rubber = Prony(1e6, [1e6], [0.1])
-    >>> [round(abs(along_chords(rubber, 2.5, 0.01 / n) - 1) * 1e4, 2) for n in (1, 2)]
-    [6.24, 1.56]
-    """
-    turn, x = np.exp(-2j * np.pi * frequency * interval), interval / np.asarray(material.rho)
-    gained = -np.expm1(-x) / x * (1.0 - turn) / (1.0 - np.exp(-x) * turn)
-    exact = material.complex_modulus(2.0 * np.pi * frequency)
-    return complex((material.E_relaxed + np.asarray(material.E) @ gained) / exact)

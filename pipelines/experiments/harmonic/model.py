@@ -1,6 +1,7 @@
 """The indentation simulated with the measured displacement."""
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
+from labpipe.materials import Prony
 from labpipe.signals import common_fit
 from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
@@ -43,7 +45,7 @@ def model(
     others = variations(substrate, material_file, fitted, (fastest, slowest))
     force, u_force, of_solid, attrs = simulated(loads, touch, solid, geometry, others)
     given = {TOUCH: Quantity(0.0, 1.0, "1")} | {name: other.given for name, other in others.items()}
-    result = _model_rows(loads, oscillations, force, [u_force, *of_solid])
+    result = _model_rows(loads, oscillations, solid, force, [u_force, *of_solid])
     result = result.assign_coords(uncertain=np.array(list(given), dtype=str))
     for name, values, text in (
         ("input_value", [q.value for q in given.values()], "value of an input of the model, SI"),
@@ -56,22 +58,31 @@ def model(
     return result
 
 
-def _model_rows(loads: xr.Dataset, oscillations: xr.Dataset, force: Floats, changes: list[Floats]) -> xr.Dataset:
+def _model_rows(
+    loads: xr.Dataset, oscillations: xr.Dataset, solid: Prony, force: Floats, changes: list[Floats]
+) -> xr.Dataset:
     """Fit the simulated force as the measured one was, and keep its curve beside the readings.
 
+    The simulation moved along chords between the readings, along which a solid is stiffer: that is taken out.
     ``changes`` (sample,) are what every uncertain input does to the force.
     """
-    rows, lost = [], []
+    rows, lost, force = [], [], force.copy()
     for i in range(oscillations.sizes["oscillation"]):
         at = oscillations.isel(oscillation=i)
         where = mach1_readings.rows(loads, int(at["block"]))
         time = loads["time"].values[where]
         used = (time >= float(at["begin"])) & (time <= float(at["end"]))
         x = loads["position_z"].values[where][used]
-        fit = common_fit(time[used], x, force[where][used], float(at["frequency"]))
-        shifted = [common_fit(time[used], x, (force - c)[where][used], float(at["frequency"])) for c in changes]
+        chords = partial(along_chords, solid, float(np.median(np.diff(time))))
+        fit, *shifted = (
+            common_fit(time[used], x, (force - c)[where][used], float(at["frequency"]), response=chords)
+            for c in (np.zeros_like(force), *changes)
+        )
         rows.append((fit, shifted))
         lost.append(float(np.mean(force[where][used] <= 0.0)))
+        angle = 2 * np.pi * fit.force.frequency * (time - fit.force.reference_time) + fit.force.phase
+        stiffer = chords(fit.force.frequency) - 1.0
+        force[where] -= fit.force.amplitude * (stiffer * np.exp(1j * angle)).imag
     table: dict[str, Any] = {
         "force": variable("sample", force, "N", "simulated force"),
         "u_force": variable(
@@ -99,6 +110,39 @@ def _model_rows(loads: xr.Dataset, oscillations: xr.Dataset, force: Floats, chan
         text = f"change by one standard uncertainty of an input: {text}, simulated"
         table[f"part_{name}"] = variable(("oscillation", "uncertain"), moved, units, text)
     return xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]})
+
+
+def along_chords(material: Prony, interval: float, frequency: float) -> complex:
+    """Return by what the modulus of a sampled sinusoid with chords between differs.
+
+    Parameters
+    ----------
+    material : Prony
+    interval, frequency : float [s], [Hz]
+        Between the samples, and of the sinusoid.
+
+    Returns
+    -------
+    complex
+        Ratio of force over strain at the samples to the complex modulus; second order in the
+        interval.
+
+    Notes
+    -----
+    Over a chord a Maxwell term relaxes by d = exp(-x), x = interval / rho, and gains (1 - d) / x
+    of the step of strain: with z = exp(i omega interval) its modulus is that of this recursion,
+    E (1 - d) / x (1 - 1/z) / (1 - d/z).
+
+    Examples
+    --------
+    >>> rubber = Prony(1e6, [1e6], [0.1])
+    >>> [round(abs(along_chords(rubber, 0.01 / n, 2.5) - 1) * 1e4, 2) for n in (1, 2)]
+    [6.24, 1.56]
+    """
+    turn, x = np.exp(-2j * np.pi * frequency * interval), interval / np.asarray(material.rho)
+    gained = -np.expm1(-x) / x * (1.0 - turn) / (1.0 - np.exp(-x) * turn)
+    exact = material.complex_modulus(2.0 * np.pi * frequency)
+    return complex((material.E_relaxed + np.asarray(material.E) @ gained) / exact)
 
 
 def uncertain_inputs(model: xr.Dataset) -> dict[str, Quantity]:

@@ -21,6 +21,7 @@ from labpipe.signals import quantisation_step
 FLAT = 6
 """Equal readings in a row that a moving body does not give."""
 _SLOW = 0.05  # of the largest step, below which a body may rest on one reading
+_BESIDE = 4  # readings on either side of equal ones that tell whether the body moves there
 _FASTER = 3.0  # times the largest usual step between two readings, beyond which it is a jump
 _LEAST_JUMP = 0.02  # of the travel
 _IN_NOISE = 8.0  # standard deviations of noise that a jump exceeds
@@ -219,9 +220,9 @@ def held_readings(trace: Trace) -> Check:
     moves = np.abs(np.diff(x))
     usual = float(np.nanquantile(moves, 0.98))
     longest, start = _longest_run(np.nan_to_num(moves, nan=np.inf) <= 0.5 * step)
-    around = np.abs(np.diff(x[max(start - 4, 0) : start + longest + 5]))
-    edge = float(np.nanmax(around)) if np.isfinite(around).any() else 0.0
-    is_moving = usual > 3 * step and edge > max(_SLOW * usual, 3 * step)
+    around = np.abs(x[max(start - _BESIDE, 0) : start + longest + 1 + _BESIDE] - x[start])
+    away = float(np.nanmax(around)) if np.isfinite(around).any() else 0.0
+    is_moving = usual > 3 * step and away > max(_BESIDE * _SLOW * usual, 3 * step + _IN_NOISE * trace.noise)
     if longest < FLAT or not (is_moving or longest >= x.size - 2):
         return stated(title, law, f"{trace.name}: no clipped or held readings", None, file=trace.name)
     is_tail = start + longest >= x.size - 2

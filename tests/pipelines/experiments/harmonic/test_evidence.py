@@ -12,7 +12,7 @@ from labpipe.materials import Prony
 from labpipe.workflow.results import Results
 from pipelines.experiments import KINDS
 from pipelines.experiments.harmonic import evidence
-from pipelines.experiments.harmonic.evidence import along_chords
+from pipelines.experiments.harmonic.model import along_chords
 from pipelines.experiments.shared import mach1_readings
 from pipelines.session import derive, opened
 
@@ -41,7 +41,7 @@ def test_an_oscillation_is_simulated_as_the_rig_makes_it(results: Results) -> No
     made, known, size = simulated(results, solid)
     assert np.abs((made - known) / size).max() < 2e-4
     frequency = results.result("nbr", "oscillations")["frequency"].values.tolist()
-    chords = np.array([along_chords(solid, f, 0.01) for f in frequency])
+    chords = np.array([along_chords(solid, 0.01, f) for f in frequency])
     storage, loss = np.split(made, 2)
     bare = (storage + 1j * loss) * chords
     assert np.abs((bare.real - known[: storage.size]) / size[: storage.size]).max() > 5e-4
@@ -64,7 +64,7 @@ def test_chords_change_the_modulus_of_a_term_as_a_fine_integration_finds(samples
     found = (stress[last] @ turn) / (strain[last] @ turn)
     solid = Prony(1e-9, [1.0], [rho])
     exact = solid.complex_modulus(2 * np.pi * frequency)
-    assert along_chords(solid, frequency, interval) == pytest.approx(found / exact, rel=1e-5)
+    assert along_chords(solid, interval, frequency) == pytest.approx(found / exact, rel=1e-5)
 
 
 def test_the_gain_and_the_delay_of_the_cell_are_no_noise(results: Results) -> None:
