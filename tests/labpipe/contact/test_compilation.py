@@ -18,11 +18,11 @@ SLS = Prony.from_creep(2e9, [0.25e-9], [1e-3], nu=0.35)
 BODY: dict[str, Any] = {"radius": 9.525e-3, "mass": 0.505, "height": 1.5e-3, "duration": 0.022}
 _PROGRAM = """
 import warnings
-from labpipe.contact import drop
-from labpipe.materials import Prony
-solid = Prony.from_creep(2e9, [0.25e-9], [1e-3], nu=0.35)
 with warnings.catch_warnings(record=True) as caught:
     warnings.simplefilter("always")
+    from labpipe.contact import drop
+    from labpipe.materials import Prony
+    solid = Prony.from_creep(2e9, [0.25e-9], [1e-3], nu=0.35)
     found = drop(solid, 9.525e-3, 0.505, 1.5e-3, 0.022)
 print(f"{float(found.restitution[0]):.12f}")
 print(*(str(w.message) for w in caught), sep="|")
