@@ -148,8 +148,7 @@ def _of_flight(flight: Flight, times: Floats, body: Body) -> Columns:
     if body.plate is not None:
         first = PlateState(start.plate_displacement, start.plate_velocity, start.plate_acceleration)
         state = body.plate.free(first, s)
-        displacement = zero + state.displacement
-        energy = zero + body.plate.energy(state)
+        displacement, energy = state.displacement, body.plate.energy(state)
         loss = body.plate.energy(first) - energy
     return Columns(
         time=times,

@@ -80,9 +80,11 @@ def judgement(
     causes = [] if is_damaged else list(_causes(settings, headers, settings.laser, records))
     stiffness = _stiffness(settings, model)
     of_records = {
-        fall.name: [fall_checks.hummed(check, fall, settings.model.gravity) for check in of]
+        fall.name: [
+            fall_checks.hummed(check, fall, settings.model.gravity)
+            for check in _of_record(fall, moved, stiffness, settings)
+        ]
         for fall, moved in records
-        for of in [_of_record(fall, moved, stiffness, settings)]
     }
     everything = [check for some in of_records.values() for check in some]
     if causes and not explain(everything, causes):

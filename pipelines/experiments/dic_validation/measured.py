@@ -19,7 +19,7 @@ from labpipe import imaging, signals
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
-from labpipe.variables import variable
+from labpipe.variables import variable, with_u
 from pipelines.experiments.dic_validation import viewing_angle
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 from pipelines.experiments.shared.film_frames import key_frames, open_film, recorded_on
@@ -155,8 +155,7 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
         ("rotation", body["rotation"].values, body["u_rotation"].values, "rotation of the holder, clockwise"),
     ):
         units = "rad" if name == "rotation" else "m"
-        result[name] = variable("time", values, units, text)
-        result[f"u_{name}"] = variable("time", u, units, f"standard uncertainty (random): {text}")
+        result = result.assign(with_u(name, "time", values, u, units, text, "(random)"))
     result = result.assign(found.variables())
     if moved.sizes["point"] > 1:
         line = moved["displacement_y"].isel(point=slice(1, None)).values

@@ -17,7 +17,7 @@ from labpipe.arrays import Floats
 from labpipe.signals import independent_count
 from labpipe.uncertainty import Source
 from labpipe.units import Quantity
-from labpipe.variables import variable
+from labpipe.variables import with_u
 
 STRAIGHT = math.radians(30.0)
 """Largest angle of the motion to the columns that is taken for a turned camera."""
@@ -73,15 +73,14 @@ class Seen:
         """Return what a page and checks read."""
         texts = {
             "direction": ("rad", "direction of the motion to the image's columns"),
-            "u_direction": ("rad", "standard uncertainty: direction of the motion"),
             "growth": ("1/m", "relative growth of the holder's image along its motion, per length of it"),
-            "u_growth": ("1/m", "standard uncertainty: relative growth of the holder's image"),
             "slant": ("1/m", "what the image grows more along the motion than across"),
-            "u_slant": ("1/m", "standard uncertainty: what the image grows more along the motion"),
             "tilt": ("rad", "angle by which the camera looks up or down"),
-            "u_tilt": ("rad", "standard uncertainty: angle by which the camera looks up or down"),
         }
-        return {name: variable((), getattr(self, name), *text) for name, text in texts.items()}
+        made: dict[str, Any] = {}
+        for name, text in texts.items():
+            made |= with_u(name, (), getattr(self, name), getattr(self, f"u_{name}"), *text)
+        return made
 
 
 def seen(body: xr.Dataset, distance: Quantity | None = None) -> Seen:

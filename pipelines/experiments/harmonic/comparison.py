@@ -8,7 +8,7 @@ import xarray as xr
 
 from labpipe.signals import nrmse
 from labpipe.variables import variable
-from pipelines.experiments.harmonic.measured import COLUMNS
+from pipelines.experiments.harmonic.measured import COLUMNS, evaluated
 from pipelines.experiments.harmonic.model import uncertain_inputs
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
@@ -26,12 +26,9 @@ def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *
     error, bias = [], []
     simulated = np.full(loads.sizes["sample"], np.nan)
     for i in range(oscillations.sizes["oscillation"]):
-        at = oscillations.isel(oscillation=i)
-        where = mach1_readings.rows(loads, int(at["block"]))
+        where, used = evaluated(loads, oscillations.isel(oscillation=i))
         passed = mach1_readings.filtered(model["force"].values[where], interval, declared, kind)
         simulated[where] = passed
-        time = loads["time"].values[where]
-        used = (time >= float(at["begin"])) & (time <= float(at["end"]))
         measured = loads["force"].values[where][used]
         error.append(nrmse(measured, passed[used]))
         bias.append(float(np.mean(measured - passed[used])))

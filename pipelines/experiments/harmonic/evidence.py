@@ -12,6 +12,7 @@ from labpipe.arrays import Floats
 from labpipe.identification import Evidence, stiffness_evidence
 from labpipe.materials import Prony
 from labpipe.signals import common_fit
+from pipelines.experiments.harmonic.measured import evaluated
 from pipelines.experiments.harmonic.model import along_chords
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
@@ -115,12 +116,10 @@ class _Oscillation:
         found = []
         for i in range(self.waves.sizes["oscillation"]):
             at = self.waves.isel(oscillation=i)
-            rows = mach1_readings.rows(self.loads, int(at["block"]))
-            clock = self.loads["time"].values[rows]
-            used = (clock >= float(at["begin"])) & (clock <= float(at["end"]))
-            position = self.loads["position_z"].values[rows][used]
+            rows, used = evaluated(self.loads, at)
+            clock, position = (self.loads[name].values[rows] for name in ("time", "position_z"))
             chords = partial(along_chords, material, float(np.median(np.diff(clock))))
-            wave = common_fit(clock[used], position, force[rows][used], float(at["frequency"]), response=chords)
+            wave = common_fit(clock[used], position[used], force[rows][used], float(at["frequency"]), response=chords)
             found.append(complex(wave.storage_stiffness, wave.loss_stiffness))
         stiffness = np.array(found)
         return np.concatenate([stiffness.real, stiffness.imag])

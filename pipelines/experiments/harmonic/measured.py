@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe import signals
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.signals import CommonFit, common_fit, quantisation_step
 from labpipe.variables import from_rows, variable, with_u
@@ -40,6 +40,13 @@ def loads(readings: xr.Dataset, record: Path | None, *, settings: Harmonic) -> x
     return mach1_readings.force(
         readings, settings.load_cell.tare, record, untared="mean forces include a preload, amplitudes and work do not"
     )
+
+
+def evaluated(loads: xr.Dataset, oscillation: xr.Dataset) -> tuple[slice, Flags]:
+    """Return the rows of a file that hold an oscillation, and which of them its fit took."""
+    rows = mach1_readings.rows(loads, int(oscillation["block"]))
+    time = loads["time"].values[rows]
+    return rows, (time >= float(oscillation["begin"])) & (time <= float(oscillation["end"]))
 
 
 def hold(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:

@@ -13,7 +13,7 @@ from labpipe.materials import Prony
 from labpipe.signals import common_fit
 from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
-from pipelines.experiments.harmonic.measured import COLUMNS
+from pipelines.experiments.harmonic.measured import COLUMNS, evaluated
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.comparison_rows import TOUCH
@@ -69,13 +69,11 @@ def _model_rows(
     rows, lost, force = [], [], force.copy()
     for i in range(oscillations.sizes["oscillation"]):
         at = oscillations.isel(oscillation=i)
-        where = mach1_readings.rows(loads, int(at["block"]))
-        time = loads["time"].values[where]
-        used = (time >= float(at["begin"])) & (time <= float(at["end"]))
-        x = loads["position_z"].values[where][used]
+        where, used = evaluated(loads, at)
+        time, x = (loads[name].values[where] for name in ("time", "position_z"))
         chords = partial(along_chords, solid, float(np.median(np.diff(time))))
         fit, *shifted = (
-            common_fit(time[used], x, (force - c)[where][used], float(at["frequency"]), response=chords)
+            common_fit(time[used], x[used], (force - c)[where][used], float(at["frequency"]), response=chords)
             for c in (np.zeros_like(force), *changes)
         )
         rows.append((fit, shifted))
