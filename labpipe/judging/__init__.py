@@ -12,7 +12,7 @@ oceanographers use (QARTOD: pass, not evaluated, suspect, fail).
 """
 
 from labpipe.judging._agreement import LIKELY, Agreement, agreement, model_verdict
-from labpipe.judging._causes import Cause, Explanation, explain
+from labpipe.judging._causes import Cause, Explanation, explain, too_large
 from labpipe.judging._checks import (
     DOUBTFUL,
     FLAGS,
@@ -59,5 +59,6 @@ __all__ = [
     "stated",
     "suspects",
     "to_json",
+    "too_large",
     "unfinished",
 ]
