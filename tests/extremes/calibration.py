@@ -13,9 +13,9 @@ import numpy as np
 import xarray as xr
 
 import calibration
+from calibration._time_base import corrected, filter_delay, time_base
 from calibration.camera import pixel_size
 from calibration.record import LaserRecord, LaserValues, LoadCellRecord, LoadCellValues
-from calibration.time_base import corrected, filter_delay, time_base
 from labpipe.arrays import Floats
 from labpipe.units import Quantity
 from tests.extremes.inputs import Random, laid_out, with_gaps
