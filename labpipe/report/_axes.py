@@ -33,8 +33,10 @@ _STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 _PLAIN = 1e-6, 1e7
 """Sizes between which numbers at ticks are written without a power of ten."""
 _MOST_TICKS = 9
-_TICK_EVERY = 40.0, 15.0
-"""Points that a tick takes along x and along y."""
+_TICK_EVERY = 22.0, 15.0
+"""Points that a tick takes at least along x and along y."""
+TICK_TEXT, _BETWEEN = 7.0, 7.0
+"""Points: the size of their texts, and what is left free between two of them."""
 _BEYOND = 3.0  # sizes of a panel by which a curve may leave it: beyond, places would only be long
 _DECADES_WITH_SMALL = 8.0
 
@@ -99,8 +101,20 @@ class Panel:
         return replace(self, x=x, y=y)
 
     def x_ticks(self, most: int = _MOST_TICKS) -> list[Tick]:
-        """Return the ticks along x, at most as many as have room."""
-        return _ticks(*self.x, self.x_scale, min(most, int(self.width / _TICK_EVERY[0])))
+        """Return the ticks along x, as many as have room for their texts."""
+        for count in range(min(most, int(self.width / _TICK_EVERY[0])), 1, -1):
+            found = _ticks(*self.x, self.x_scale, count)
+            if self._has_room(found):
+                return found
+        found = _ticks(*self.x, self.x_scale, 2)
+        return [replace(tick, text="") if tick.is_small and not self._has_room(found) else tick for tick in found]
+
+    def _has_room(self, ticks: "list[Tick]") -> bool:
+        """Whether no text along x touches its neighbour."""
+        named = sorted((tick.value, tick.text) for tick in ticks if tick.text)
+        places = self.across(np.array([value for value, _ in named])) / UNITS
+        halves = np.array([text_width(text, TICK_TEXT) / 2 for _, text in named])
+        return bool(np.all(np.diff(places) >= halves[1:] + halves[:-1] + _BETWEEN))
 
     def y_ticks(self, most: int = _MOST_TICKS) -> list[Tick]:
         """Return the ticks along y."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from labpipe.report._axes import UNITS, Panel, Tick, text_width, y_window
+from labpipe.report._axes import TICK_TEXT, UNITS, Panel, Tick, text_width, y_window
 from labpipe.report._charts import Band, LineChart, ScatterChart, Series
 from labpipe.report._packing import Drawn, ThinnedChart, thin
 from labpipe.report._page import clean
@@ -39,7 +39,7 @@ _MARKER_SPACING = 0.12
 # Lengths in points.
 _POINTS_PER_INCH = 72.0
 _PICTURE_WIDTH = COLUMN_WIDTHS_MM[2] / MILLIMETRES_PER_INCH * _POINTS_PER_INCH
-_TEXT, _SMALL_TEXT, _NAME_TEXT = 8.0, 7.0, 6.0
+_TEXT, _SMALL_TEXT, _NAME_TEXT = 8.0, TICK_TEXT, 6.0
 _EDGE = 2.0
 _LEGEND_ROW = 11.5
 _LINE_IN_LEGEND = 18.0
