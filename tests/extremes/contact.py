@@ -18,8 +18,8 @@ from labpipe.contact.line import GeneralContact, dissipation, line_kernel, weste
 from labpipe.contact.memory import Creep, advance, history, step_weights
 from labpipe.contact.sphere import hertz, ting
 from labpipe.materials import Prony
-from pipelines.bench.stability_inputs import Random, below_zero, extreme_material, extreme_times
-from pipelines.bench.stability_outcome import Case, Outcome, worst
+from tests.extremes.inputs import Random, below_zero, extreme_material, extreme_times
+from tests.extremes.outcome import Case, Outcome, worst
 
 _QUADRATURE = np.polynomial.legendre.leggauss(12)
 

@@ -13,8 +13,8 @@ import xarray as xr
 
 from labpipe import signals
 from labpipe.arrays import Floats
-from pipelines.bench.stability_inputs import Random, laid_out, with_gaps
-from pipelines.bench.stability_outcome import Case, Outcome, silently, worst
+from tests.extremes.inputs import Random, laid_out, with_gaps
+from tests.extremes.outcome import Case, Outcome, silently, worst
 
 #: Readings from which a record knows its own noise well.
 _MANY = 30
