@@ -160,7 +160,7 @@ def bounces(
     time, values = time[keep], values[keep]
     known = Hum.of_text(displacement.attrs.get("hum")) if isinstance(displacement, xr.Dataset) else None
     motion = _followed(time, values, sigma, known)
-    hum = _hum(time, values, sigma, motion.turns, known)
+    hum = _hum(time, values, sigma, motion, known)
     if hum is not known:
         values = values + (0.0 if known is None else known.at(time)) - (0.0 if hum is None else hum.at(time))
         motion = _followed(time, values, sigma, hum)
@@ -228,15 +228,27 @@ def _followed(time: Floats, values: Floats, sigma: float, hum: Hum | None) -> _M
     return _Motion(fit, direction, speed, u_speed, Colour(corner, hum), find_turns(time, speed, u_speed))
 
 
-def _hum(time: Floats, values: Floats, sigma: float, turns: list[Turn], known: Hum | None) -> Hum | None:
-    """Find the hum of the mains in the rest before the release and in all flights, which no specimen can swing in."""
-    if not turns:
-        return known
-    first = turns[0]
-    held = time[first.before] - _HELD * (first.touch - time[first.before])
-    stretches = [Stretch(slice(0, int(np.searchsorted(time, held))), 1)]
-    stretches += [Stretch(part, 2) for part in (first_fall(time, first), *flights_after(time, turns))]
+def _hum(time: Floats, values: Floats, sigma: float, motion: _Motion, known: Hum | None) -> Hum | None:
+    """Find the hum of the mains where no specimen swings: in the rest before the release and in all flights."""
+    height, colour = motion.direction * values, motion.colour
+    fall, _ = common_fall(time, height, sigma, motion.turns, None, colour)
+    first = motion.turns[0]
+    # A hum makes the turn begin while the body still rests: the speed of the impact tells the release.
+    lasts = -float(motion.speed[first.descent]) / fall
+    ends = first.touch - lasts * np.array([1.0 + _HELD, 1.0 - _HELD])
+    held, released = (int(i) for i in np.searchsorted(time, ends))
+    begun = first_fall(time, first)
+    stretches = [Stretch(slice(0, held), 1), Stretch(slice(released, max(begun.stop, released)), 2)]
+    for part in flights_after(time, motion.turns):
+        if not _is_flight(*curvature(time[part], height[part], sigma, colour), fall):
+            break
+        stretches.append(Stretch(part, 2))
     return hum_of(time, values if known is None else values + known.at(time), sigma, stretches, known)
+
+
+def _is_flight(value: float, u: float, fall: float) -> bool:
+    """Whether a curvature is that of the fall, and known well enough to say so."""
+    return u <= _FALL_TOLERANCE * fall and abs(value - fall) <= max(_FALL_TOLERANCE * fall, 3.0 * u)
 
 
 def phases(events: xr.Dataset, time: xr.DataArray) -> xr.DataArray:
@@ -291,9 +303,7 @@ def _fitted(
     impacts: list[ImpactFit] = []
     fall, _ = gravity
     for turn, after in zip(turns, flights_after(time, turns), strict=True):
-        value, u = curvature(time[after], height[after], sigma, colour)
-        tolerance = max(_FALL_TOLERANCE * fall, 3.0 * u)
-        if u > _FALL_TOLERANCE * fall or abs(value - fall) > tolerance:
+        if not _is_flight(*curvature(time[after], height[after], sigma, colour), fall):
             return impacts, turn.touch
         if impacts:
             free_from = impacts[-1].value[OUTPUTS.index("liftoff_time")] + 0.1 * turn.duration

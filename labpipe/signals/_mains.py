@@ -24,7 +24,7 @@ _FURTHEST = 0.5  # Hz, from which on a line is none of the mains
 _SURE = 1e-6  # probability by chance of a line that is told
 _BESIDE, _CONTROLS = 0.45, 16
 """Of the frequency of the mains, how far from a line, and at how many places, its noise is looked for."""
-_NEAREST = 0.12
+_NEAREST, _FAR = 0.12, 0.35  # nearest, and at most so
 _SHORTEST = 0.1  # of a period, that a stretch lasts at least
 _UPDATES = 4  # of the frequency, about which the fit is linear
 _PERIODS = 0.6  # without which hum cannot be told from drift
@@ -176,21 +176,22 @@ def hum_of(
     flights that are no parabolas do not pass for a hum.
     """
     known = _Stretches(time, values, stretches)
-    if not known.count or 1.5 / (known.span * MAINS[0]) > 0.75 * _BESIDE:
+    if not known.count or _nearest(known, MAINS[0]) > _FAR:
         return otherwise
     best: tuple[float, float, tuple[int, ...]] | None = None
     for line in MAINS:
-        orders, gains, rest = [], 0.0, known.values
+        gains, left = {}, known.values
         for order in _ORDERS:
-            found = known.gain(order * line, rest)
-            if not _is_sure(found, noise**2):
-                continue
-            left = known.without(order * line, rest)
-            if _is_sure(found, max(noise**2, _power_beside(known, line, order, left))):
-                orders.append(order)
-                gains, rest = gains + found, left
-        if orders and (best is None or gains > best[0]):
-            best = (gains, line, tuple(orders))
+            gain = known.gain(order * line, left)
+            if _is_sure(gain, noise**2):
+                gains[order], left = gain, known.without(order * line, left)
+        told = {
+            order: gain
+            for order, gain in gains.items()
+            if _is_sure(gain, max(noise**2, _power_beside(known, line, order, left)))
+        }
+        if told and (best is None or sum(told.values()) > best[0]):
+            best = (sum(told.values()), line, tuple(told))
     if best is None:
         return None
     _, line, orders_of = best
@@ -204,9 +205,13 @@ def hum_of(
 
 def _power_beside(known: "_Stretches", line: float, order: int, values: Floats) -> float:
     """Return the mean power of lines beside a multiple of the mains, over what white noise of 1 has."""
-    nearest = max(_NEAREST, 1.5 / (known.span * line))
-    steps = np.linspace(nearest, _BESIDE, _CONTROLS // 2)
+    steps = np.linspace(_nearest(known, line), _BESIDE, _CONTROLS // 2)
     return float(np.mean([known.gain((order + step) * line, values) / 2 for step in [*steps, *-steps]]))
+
+
+def _nearest(known: "_Stretches", line: float) -> float:
+    """Return from where on, of the frequency of the mains, another line is told from it."""
+    return max(_NEAREST, 1.0 / (known.span * line))
 
 
 def _is_sure(gain: float, variance: float) -> bool:
