@@ -379,6 +379,7 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
         )
     if model == "undecided":
         undecided = f"whether the {by} agrees is undecided"
+        shown = "" if suspected(result) else shown  # what it is held against tells nothing
         return "info", f"{believable}; {undecided}; {checks}.{shown} {capitalised(_undecided(result))}."
     return "ok" if made else "info", f"{believable}: {checks}. There is no model to compare with."
 
