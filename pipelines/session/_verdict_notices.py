@@ -69,8 +69,8 @@ def each(names: Iterable[str], verdicts: Mapping[str, Verdict], against: Mapping
             level = {"differs": "warning", "undecided": "info"}.get(one.model, level)  # type: ignore[assignment]
         grave = [finding for finding in one.findings if finding.level == one.believable]
         reason = f" {_sentence(grave[0].message)}" if grave else ""
-        likely = [*(one.causes[:1] if grave else ()), *one.suspects[:1]]
-        causes = f" Likely: {'; '.join(text.rstrip('.') for text in likely)}." if likely else ""
+        likely = one.causes if grave else one.suspects  # a model may differ because the record is wrong
+        causes = f" Likely: {likely[0].rstrip('.')}." if likely else ""
         yield Notice(level, f"{name}: {said}.{reason}{causes}")
 
 
