@@ -4,13 +4,15 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import repeat
 from math import acos, cos, pi
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from labpipe.errors import LabpipeError
-from labpipe.judging import SLIPS, Cause, Check, explain, not_made
+from labpipe.judging import SLIPS, Cause, Check, explain, not_made, too_large
 from labpipe.materials import load
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
@@ -53,52 +55,48 @@ def judgement(
     repeats: xr.Dataset | None,
     model: xr.Dataset | None,
     comparison: xr.Dataset | None,
-    *,
+    *below: Any,
     settings: BallDrop,
     context: Context,
 ) -> xr.Dataset:
     """Judge one ball drop; what gave no result is judged by that."""
+    basis = judgements.Basis.of((settings.sphere.material_from, settings.plate_from), below)
+    if not basis.is_sound:
+        model = comparison = None
     gravity = settings.model.gravity.value
     traces = [
         trace
         for name, read in zip(settings.laser, readings or (), strict=False)
         if read is not None and (trace := Trace.of(name, read, settings.sensor.output)) is not None
     ]
-    looked = {trace.name: trace_checks.checks_of(trace, gravity) for trace in traces}
-    of_traces = [check for found, _, _ in looked.values() for check in found]
+    measured = zip(displacement or repeat(None), bounces or repeat(None), strict=False)
+    results = dict(zip(settings.laser, measured, strict=False))
+    of_traces = [c for trace in traces for c in trace_checks.checks_of(trace, gravity, *results[trace.name])]
     of_traces.append(trace_checks.shared_rows(traces))
-    hums = {name: (amplitude, pulsation) for name, (_, amplitude, pulsation) in looked.items()}
     sphere = settings.sphere
     given = [("height", settings.height), ("sphere.radius", sphere.radius), ("sphere.mass", sphere.mass)]
     checks = [_explained(check, of_traces, settings.calibration) for check in judgements.failed_steps(context, _FAILED)]
     checks += [*of_traces, *judgements.uncertainties_stated(given), fall_checks.gravity_stated(settings.model.gravity)]
     known = next((d for d in displacement or () if d is not None), None)
     checks += trace_checks.of_record(known, settings.calibration)
-    records = list(_records(displacement, bounces, settings, hums))
+    records = list(_records(displacement, bounces, settings))
     headers = [d for d in readings or () if d is not None]
     is_damaged = any(check.level == "impossible" for check in of_traces)
     causes = [] if is_damaged else list(_causes(settings, headers, settings.laser, records))
     stiffness = _stiffness(settings, model)
-    of_records = {
-        fall.name: [
-            fall_checks.hummed(check, fall, settings.model.gravity)
-            for check in _of_record(fall, moved, stiffness, settings)
-        ]
-        for fall, moved in records
-    }
+    of_records = {fall.name: _of_record(fall, moved, stiffness, settings) for fall, moved in records}
     everything = [check for some in of_records.values() for check in some]
     if causes and not explain(everything, causes):
         by_name = dict(zip(settings.laser, readings or (), strict=False))
         everything = [c for one in records for c in _alone(of_records[one[0].name], one, by_name, settings)]
     checks += everything
-    alike = [fall for fall, _ in records if not fall_checks.is_hummed(fall, settings.model.gravity)]
-    checks += fall_checks.repeats_alike(alike, _REPEATS, _OF_ANOTHER)
+    checks += fall_checks.repeats_alike([fall for fall, _ in records], _REPEATS, _OF_ANOTHER)
     if not records:
         checks.append(not_made("free-fall acceleration", "g", "a record of bounces"))
     compared = []
     if repeats is not None and model is not None and comparison is not None:
         compared = list(rows(comparison, repeats, model, settings=settings))
-    return judgements.judgement(Scene(checks, causes, compared, _inputs(model, repeats)))
+    return judgements.judgement(Scene(checks, causes, compared, _inputs(model, repeats), basis=basis))
 
 
 def _explained(failed: Check, of_traces: Sequence[Check], record: str) -> Check:
@@ -153,16 +151,13 @@ def _alone(
 
 
 def _records(
-    displacement: Sequence[xr.Dataset | None] | None,
-    bounces: Sequence[xr.Dataset | None] | None,
-    settings: BallDrop,
-    hums: Mapping[str, tuple[float, float]],
+    displacement: Sequence[xr.Dataset | None] | None, bounces: Sequence[xr.Dataset | None] | None, settings: BallDrop
 ) -> Iterator[tuple[Fall, xr.Dataset]]:
     triples = zip(settings.laser, displacement or (), bounces or (), strict=False)
     for name, moved, found in triples:
         if moved is not None and found is not None and found.sizes["impact"]:
             relative = float(moved.attrs["u_systematic_relative"])
-            yield Fall(name, found, relative, *hums.get(name, (0.0, 0.0))), moved
+            yield Fall(name, found, relative), moved
 
 
 def _of_record(fall: Fall, moved: xr.Dataset, stiffness: Stiffness | None, settings: BallDrop) -> list[Check]:
@@ -247,7 +242,7 @@ def _causes(
         yield Cause(
             {g: 1.0, fall: 1.0, v: 0.5},
             lambda k: (
-                f"lengths come out {k:.4g} times too large: the unit, the decimal point or the display factor of "
+                f"lengths come out {too_large(k)}: the unit, the decimal point or the display factor of "
                 f"{file} is not what it says" + (f" (line {unit_line})" if unit_line else "")
             ),
             SLIPS["length"] + SLIPS["gain"],
@@ -270,7 +265,7 @@ def _causes(
             yield Cause(
                 {g: 1.0, fall: 1.0, v: 0.5},
                 lambda k: (
-                    f"lengths come out {k:.4g} times too large: the scale of {settings.calibration} or the gain "
+                    f"lengths come out {too_large(k)}: the scale of {settings.calibration} or the gain "
                     "of the sensor is not what it says"
                 ),
                 file=settings.calibration,
@@ -297,6 +292,6 @@ def _inclined(angle: float, factor: float, record: str) -> str:
     right = acos(cosine) * 180 / pi
     more = ": it was corrected twice, by the controller too" if right < _LEVEL else ""
     return (
-        f"the inclination of {angle * 180 / pi:.3g}° in {record} makes lengths {factor:.4g} times too large; "
+        f"the inclination of {angle * 180 / pi:.3g}° in {record} makes lengths {too_large(factor)}; "
         f"{right:.3g}° would be right{more}"
     )
