@@ -180,7 +180,7 @@ def _power_ticks(low: float, high: float, most: int) -> list[Tick]:
     for n in range(math.floor(first), math.ceil(last)):
         for digit in range(2, 10):
             if low <= digit * 10.0**n <= high:
-                text = f"{digit * 10.0**n:.1g}" if -3 <= n <= 3 else f"{digit}·{power_of_ten(n)}"
+                text = f"{digit * 10.0**n:g}" if -3 <= n <= 3 else f"{digit}·{power_of_ten(n)}"
                 found.append(Tick(digit * 10.0**n, text if is_named and digit in (2, 5) else "", is_small=True))
     return found
 
