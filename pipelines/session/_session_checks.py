@@ -20,7 +20,7 @@ import msgspec
 
 from labpipe.errors import LabpipeError
 from labpipe.units import Quantity
-from labpipe.workflow.fields import POSITIVE, FileMark, Range, mark, split
+from labpipe.workflow.fields import POSITIVE, FileMark, Range, fields_of, mark, split
 from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.store import Store
 from pipelines.session._gaps import library_names
@@ -103,7 +103,7 @@ def named_files(session: Session) -> list[Named]:
 def _files(kind: Any, value: Any, place: str) -> Iterator[tuple[str, str]]:
     options = list(_options(kind))
     if isinstance(value, msgspec.Struct):
-        for field in msgspec.structs.fields(type(value)):
+        for field in fields_of(type(value)):
             name = f"{place}.{field.name}" if place else field.name
             yield from _files(field.type, getattr(value, field.name), name)
     elif isinstance(value, list | tuple):
@@ -417,7 +417,7 @@ def _quantities(table: Any, place: str) -> Iterator[tuple[str, Quantity, Any]]:
         for number, item in enumerate(table):
             yield from _quantities(item, f"{place}[{number}]")
     elif isinstance(table, msgspec.Struct):
-        for field in msgspec.structs.fields(type(table)):
+        for field in fields_of(type(table)):
             value, name = getattr(table, field.name), f"{place}.{field.name}" if place else field.name
             if isinstance(value, Quantity):
                 yield name, value, field.type
