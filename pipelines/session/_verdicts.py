@@ -7,6 +7,7 @@ before it failed or was not asked for, it is made again from what is there.
 from __future__ import annotations
 
 import contextlib
+import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -52,7 +53,7 @@ class Verdict:
     checks : int
         How many were made.
     causes : tuple of str
-        What would explain the findings, the likeliest first.
+        What would explain the findings, the likeliest first; then what would explain a model that differs.
     """
 
     experiment: str
@@ -211,7 +212,7 @@ def _of_result(session: Session, experiment: Experiment, state: str, result: xr.
         str(result.attrs["model"]),
         findings,
         judged.n_made,
-        judged.causes,
+        (*judged.causes, *json.loads(result.attrs.get("suspects", "[]"))),
     )
 
 
