@@ -64,6 +64,7 @@ class Displacements:
     covariance: Floats
     texture: Floats
     zncc: Floats
+    contrast: Floats
     iterations: NDArray[np.int32]
     status: NDArray[np.int8]
     model: NDArray[np.int8]
@@ -166,8 +167,9 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     deviation[is_bad] = np.nan
     covariance[is_bad] = np.nan
     change = np.where(is_bad[..., None], np.nan, np.concatenate([table.change, stretch], axis=2))
+    contrast = 1.0 / np.where(table.gain == 0.0, np.nan, table.gain)
     return Displacements(
-        value, deviation, covariance, texture, table.zncc, table.iterations, status, table.model, change
+        value, deviation, covariance, texture, table.zncc, contrast, table.iterations, status, table.model, change
     )
 
 
@@ -282,6 +284,7 @@ def make_dataset(
         "texture": (spread(found.texture, np.nan), "squared slopes of the pattern along its weakest direction"),
         "model": (spread(found.model, 0), "what was solved for beside the motion of the shape"),
         "zncc": (spread(found.zncc, np.nan), "zero-normalised cross-correlation"),
+        "contrast": (spread(found.contrast, np.nan), "contrast of the pattern over that of the reference"),
         "iterations": (spread(found.iterations, 0), "evaluations of the subset"),
         "valid": (status == Status.OK, "whether there is a displacement"),
         "status": (status, "status of the displacement"),
