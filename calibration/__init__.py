@@ -2,8 +2,8 @@
 
 A calibration is a record: one TOML file per sensor and period (:mod:`calibration.record`). What is
 done with it lives in one module per kind: :mod:`calibration.laser`, :mod:`calibration.load_cell`,
-:mod:`calibration.camera`; :mod:`calibration.time_base` is shared. :func:`apply` chooses by the
-kind of the record. A record of another sensor, another view or another time is refused.
+:mod:`calibration.camera`. :func:`apply` chooses by the kind of the record. A record of another
+sensor, another view or another time is refused.
 """
 
 import importlib

@@ -20,8 +20,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from calibration import _quiet
+from calibration._time_base import TimeBase, corrected, time_base
 from calibration.record import LaserRecord, LaserValues, Record, require
-from calibration.time_base import TimeBase, corrected, time_base
 from labpipe.errors import CalibrationError, InputError
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty, excess_uncertainty
 from labpipe.units import Quantity

@@ -545,8 +545,15 @@ class HashIndex:
     def __init__(self, path: str | os.PathLike[str], *, paranoid: bool = False) -> None:
         self._path = Path(path)
         self._paranoid = paranoid
-        self._entries = self._load()
+        self._known: dict[str, _Entry] | None = None
         self._fresh: dict[str, _Entry] = {}
+
+    @property
+    def _entries(self) -> dict[str, _Entry]:
+        """What was kept, read when it is first asked for: most who open a store read one result."""
+        if self._known is None:
+            self._known = self._load()
+        return self._known
 
     def digest(self, path: str | os.PathLike[str]) -> str:
         """Return the SHA-256 of a file or folder; see :func:`digest`."""
@@ -574,8 +581,8 @@ class HashIndex:
             return
         # The index only saves time: where it cannot be kept, the next call reads again.
         with contextlib.suppress(StorageError), lock(self._path.with_suffix(".lock")):
-            self._entries = self._load() | self._fresh
-            write_bytes(self._path, seal(self._entries))
+            self._known = self._load() | self._fresh
+            write_bytes(self._path, seal(self._known))
             self._fresh = {}
 
     def _load(self) -> dict[str, _Entry]:

@@ -8,27 +8,35 @@ covariance, :func:`detectable` says how large an error of each input it would ha
 :func:`suspects` and :func:`slips` which input, stated wrongly, would explain a difference.
 
 Nothing here knows a kind of experiment; the scheme of levels follows the flags that
-oceanographers use (QARTOD: pass, not evaluated, suspect, fail).
+oceanographers use (QARTOD: pass, not evaluated, suspect, fail). Each name is loaded when it is first
+used: to tell what was found takes no SciPy.
 """
 
-from labpipe.judging._agreement import LIKELY, Agreement, agreement, model_verdict
-from labpipe.judging._causes import Cause, Explanation, explain
-from labpipe.judging._checks import (
-    DOUBTFUL,
-    FLAGS,
-    IMPOSSIBLE,
-    Check,
-    Finding,
-    Level,
-    bounded,
-    compared,
-    not_made,
-    stated,
-    unfinished,
-)
-from labpipe.judging._detectability import detectable
-from labpipe.judging._suspects import SLIPS, Slip, Suspect, slips, suspects
-from labpipe.judging._verdict import Judgement, Verdict, from_json, judge, to_json
+from typing import TYPE_CHECKING
+
+from labpipe.lazy import lazily
+
+if TYPE_CHECKING:
+    from labpipe.judging._agreement import LIKELY, Agreement, agreement, model_verdict
+    from labpipe.judging._causes import Cause, Explanation, explain
+    from labpipe.judging._checks import (
+        DOUBTFUL,
+        FLAGS,
+        IMPOSSIBLE,
+        Check,
+        Finding,
+        Level,
+        bounded,
+        compared,
+        not_made,
+        stated,
+        unfinished,
+    )
+    from labpipe.judging._detectability import detectable
+    from labpipe.judging._suspects import SLIPS, Slip, Suspect, slips, suspects
+    from labpipe.judging._verdict import Judgement, Verdict, from_json, judge, to_json
+else:
+    __getattr__ = lazily(__name__)
 
 __all__ = [
     "DOUBTFUL",

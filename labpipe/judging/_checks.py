@@ -4,8 +4,6 @@ from dataclasses import dataclass, field
 from math import copysign, hypot, inf, isfinite, log, nan
 from typing import Literal
 
-from scipy import special
-
 Level = Literal["impossible", "doubtful", "note"]
 """How much a finding weighs."""
 
@@ -251,6 +249,7 @@ def _as_normal(t: float, degrees_of_freedom: float) -> float:
 
 def _normal_deviate(log_tail: float) -> float:
     """Solve ``log(1 - Phi(z)) = log_tail`` for z."""
+    from scipy import special
     from scipy.optimize import brentq
 
     return float(brentq(lambda z: special.log_ndtr(-z) - log_tail, -1.0, 1e3))

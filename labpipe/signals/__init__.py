@@ -5,14 +5,7 @@ from labpipe.signals._cycles import Window, active_window, hysteresis_loops
 from labpipe.signals._derivative import velocity
 from labpipe.signals._events import PHASES, bounces, phases
 from labpipe.signals._first_touch import FirstTouch, first_touch
-from labpipe.signals._metrics import (
-    Agreement,
-    agreement,
-    coefficient_of_determination,
-    compare,
-    independent_count,
-    nrmse,
-)
+from labpipe.signals._metrics import Agreement, agreement, compare, independent_count, nrmse
 from labpipe.signals._noise import estimate_noise, quantisation_step
 from labpipe.signals._oscillation import CommonFit, Sinusoid, common_fit, fit_sinusoid
 from labpipe.signals._repeats import combine_repeats
@@ -32,7 +25,6 @@ __all__ = [
     "active_window",
     "agreement",
     "bounces",
-    "coefficient_of_determination",
     "combine_repeats",
     "common_fit",
     "compare",

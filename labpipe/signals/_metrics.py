@@ -178,26 +178,6 @@ def agreement(first: ArrayLike, second: ArrayLike, n_effective: float | None = N
     )
 
 
-def coefficient_of_determination(measured: ArrayLike, model: ArrayLike) -> float:
-    """Return R², the share of the measurement's variance that the model explains.
-
-    One minus residual over total sum of squares, about the measurement's mean; negative for a
-    model that is worse than that mean. Pairs with a NaN are left out.
-
-    Examples
-    --------
-    >>> coefficient_of_determination([0.0, 1.0, 2.0], [0.0, 1.0, 2.0])
-    1.0
-    """
-    a, b = _pairs(measured, model)
-    if is_constant(a):
-        # The sum of squares about a rounded mean need not be zero.
-        message = "the measurement does not vary, so there is no variance to explain"
-        raise InputError(message)
-    total = float(np.sum((a - a.mean()) ** 2))
-    return 1.0 - float(np.sum((a - b) ** 2)) / total
-
-
 def independent_count(values: ArrayLike) -> float:
     """Effective number of independent samples of a stationary series.
 

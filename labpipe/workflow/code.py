@@ -316,6 +316,8 @@ def _version(top: str) -> str | None:
     for name in _DISTRIBUTIONS.get(top, (top,)):
         with contextlib.suppress(importlib.metadata.PackageNotFoundError):
             return importlib.metadata.version(name)
+    if importlib.machinery.PathFinder.find_spec(top) is None:  # a word of some text, no library
+        return None
     for name in _installed().get(top, ()):
         return importlib.metadata.version(name)
     return None

@@ -68,12 +68,15 @@ class RunResult:
 
     ``reports`` are the pages by experiment, where there is one. ``ledger`` holds the counts of
     all results and, per experiment with an empty stage name, tasks run (done) and cached (skipped).
+    ``plan`` is that of the run where nothing was left to do and no shortcut refused, so that it
+    still holds after it; otherwise None.
     """
 
     session: Session
     outcomes: tuple[Outcome, ...]
     ledger: tuple[LedgerRow, ...]
     reports: Mapping[str, Path]
+    plan: Plan | None = field(default=None, repr=False)
 
     @property
     def failures(self) -> tuple[Outcome, ...]:
@@ -239,8 +242,7 @@ def run_all(
         tasks = spell_out(session, stages)
         wanted = wanted_tasks(session, tasks, targets, only)
         made = make_plan(session, tasks, wanted, store, full=full, keep=keep)
-        if made.to_run:
-            store.remember()
+        store.remember()
         template = Job(
             session=replace(session, root=session.root.absolute()),
             stages=stages,
@@ -538,6 +540,7 @@ class _State:
             tuple(outcomes),
             rows + summarise(work),
             {name: path for name, path in pages.items() if path.is_file()},
+            None if self.plan.to_run or self.template.full else self.plan,
         )
 
     def _tasks_row(self, name: str, outcomes: list[Outcome]) -> LedgerRow:

@@ -8,6 +8,7 @@
     SESSION/labpipe/store/quarantine/      what turned out to be damaged
     SESSION/labpipe/store/index.json       digests by size, times and inode
     SESSION/labpipe/store/code.json        the code behind every stage, while it is unchanged
+    SESSION/labpipe/store/verdicts.json    what all judgements came to, with the digest of all that it comes from
 """
 
 import contextlib

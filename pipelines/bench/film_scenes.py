@@ -22,8 +22,6 @@ Formula = Callable[[Floats, Floats], Floats]
 _MEAN, _CONTRAST = 127.0, 38.0
 #: Width of an edge (px, standard deviation of its blur), as of a lens in focus.
 _SHARPNESS = 0.8
-#: Samples along the side of a pixel.
-_SAMPLES = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,16 +75,6 @@ def from_formula(formula: Formula, size: int, view: View) -> Floats:
     x, y = column - view.shift[0], row - view.shift[1]
     cosine, sine = math.cos(view.angle) / view.scale, math.sin(view.angle) / view.scale
     return _lit(formula(cosine * x + sine * y + middle, cosine * y - sine * x + middle), view)
-
-
-def seen_by_pixels(formula: Formula, size: int, view: View) -> Floats:
-    """Grey levels (row, column) of a formula, each the mean over the area of its pixel."""
-    steps = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
-
-    def around(x: Floats, y: Floats) -> Floats:
-        return np.asarray(np.mean([formula(x + a, y + b) for a in steps for b in steps], axis=0))
-
-    return from_formula(around, size, view)
 
 
 def _lit(grey: Floats, view: View) -> Floats:

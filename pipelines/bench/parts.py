@@ -26,7 +26,6 @@ PARTS: Mapping[str, tuple[str, str]] = {
     "sessions": ("sessions", "Whole sessions, cold and with nothing changed."),
     "skipping": ("skipping", "Every shortcut against the full computation."),
     "scaling": ("scaling", "Run time and memory against size."),
-    "stability": ("stability", "Extreme input: worst errors, and refusals."),
 }
 
 Run = Callable[[bool], Suite | Sequence[Suite]]

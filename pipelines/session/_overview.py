@@ -42,7 +42,7 @@ _COMPARISON = "comparison"
 """The stage whose result holds the error of a kind."""
 
 
-def write_overview(session: Session, stages: Stages) -> Path:
+def write_overview(session: Session, stages: Stages, plan: Plan | None = None) -> Path:
     """Write the page of a session, unless it is up to date.
 
     Parameters
@@ -51,15 +51,18 @@ def write_overview(session: Session, stages: Stages) -> Path:
         With all its experiments.
     stages : mapping
         The stages of every kind.
+    plan : Plan, optional
+        Of the whole session, where there is one that still holds; made otherwise.
 
     Returns
     -------
     Path
         ``SESSION/labpipe/index.html``.
     """
-    tasks = spell_out(session, stages)
     store = Store(session.folder)
-    plan = make_plan(session, tasks, frozenset(tasks), store, keep=None)
+    if plan is None:
+        tasks = spell_out(session, stages)
+        plan = make_plan(session, tasks, frozenset(tasks), store, keep=None)
     path = session.folder / PAGE
     code = store.code.behind(f"{__name__}:{_page.__name__}")
     store.code.save()  # following the imports of a page takes longer than all else that an unchanged session needs

@@ -6,27 +6,34 @@ before it failed or was not asked for, it is made again from what is there.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from labpipe.errors import LabpipeError
+from labpipe import files
+from labpipe.errors import LabpipeError, StorageError
 from labpipe.workflow.context import Context, Failed
-from labpipe.workflow.plan import READY
+from labpipe.workflow.plan import READY, Plan, Row
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME, Experiment, Session
+from labpipe.workflow.store import Store, key_of
 from labpipe.workflow.tasks import arguments
 from pipelines.experiments import JUDGEMENT, KINDS, function
+from pipelines.session._gaps import library_names
 from pipelines.session._opening import STAGES, reopen_session
-from pipelines.session._results import opened
-from pipelines.session._session_checks import TWO_VALUES, of_record, session_findings
+from pipelines.session._results import opened, whole_plan
+from pipelines.session._session_checks import TWO_VALUES, named_files, of_record, session_findings
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from labpipe.judging import Finding, Judgement
     from labpipe.workflow.runner import RunResult
+
+_KEPT = "verdicts.json"
+"""Among the results: the verdicts as they were last told."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +64,14 @@ class Verdict:
     checks: int = 0
     causes: tuple[str, ...] = ()
 
+    @classmethod
+    def of(cls, kept: Mapping[str, Any]) -> Verdict:
+        """Make a verdict again of its fields as JSON."""
+        from labpipe.judging import Finding
+
+        findings = tuple(Finding(**finding) for finding in kept["findings"])
+        return cls(**{**kept, "findings": findings, "causes": tuple(kept["causes"])})
+
     def document(self) -> dict[str, Any]:
         """Return the verdict for JSON."""
         names = ("check", "level", "message", "cause", "file", "line")
@@ -84,25 +99,62 @@ class Verdicts:
 def verdicts_of(run: RunResult) -> Verdicts:
     """Return the verdicts on the experiments that a run has processed."""
     session = run.session
-    names = list(dict.fromkeys(outcome.experiment for outcome in run.outcomes))
-    failures: dict[str, list[Failed]] = {}
+    failures: dict[str, list[Failed]] = {outcome.experiment: [] for outcome in run.outcomes}
     for outcome in run.failures:
         failed = Failed(outcome.stage, outcome.recording, outcome.message, outcome.is_of_run)
-        failures.setdefault(outcome.experiment, []).append(failed)
-    results = opened(session.root, names or None)
-    found = [_one(session, results, session.experiments[name], failures.get(name, ())) for name in names]
-    return Verdicts(session.root, _with_session(session, found))
+        failures[outcome.experiment].append(failed)
+    plan = whole_plan(run)
+    results = Results(plan) if plan is not None else opened(session.root)
+    known = stored_verdicts(results)
+    made = [
+        _one(session, results, session.experiments[name], failed)
+        for name, failed in failures.items()
+        if name not in known
+    ]
+    known |= {v.experiment: v for v in _with_session(session, made)} if made else {}
+    found = (replace(known[name], state="failed" if failed else "done") for name, failed in failures.items())
+    return Verdicts(session.root, tuple(found))
 
 
 def stored_verdicts(results: Results) -> dict[str, Verdict]:
-    """Return the verdicts of a session that are there and up to date; nothing is computed."""
+    """Return the verdicts of a session that are there and up to date; no experiment is judged anew.
+
+    They are kept beside the results, under a digest of all that they come from, so that to say
+    them again takes neither NumPy nor the files of the results.
+    """
     session = results.plan.session
-    found = [
-        _of_result(session, experiment, "done", result)
-        for experiment in session.experiments.values()
-        if (result := _stored(results, experiment)) is not None
+    store = Store(session.folder)
+    rows = [row for row in results.plan.rows if row.stage == JUDGEMENT and row.state in READY]
+    if not rows:
+        return {}
+    path, mark = store.root / _KEPT, _mark(results.plan, rows, store)
+    try:
+        kept = files.unseal(path.read_bytes())
+        if kept["mark"] == mark:
+            return {one["experiment"]: Verdict.of(one) for one in kept["verdicts"]}
+    except (OSError, KeyError, TypeError):  # absent, damaged, or another record of ours
+        pass
+    judged = [(row.experiment, result) for row in rows if (result := results.up_to_date(row)) is not None]
+    found = [_of_result(session, session.experiments[name], "done", result) for name, result in judged]
+    verdicts = _with_session(session, found)
+    if len(found) == len(rows) and session.experiments.keys() == {row.experiment for row in results.plan.rows}:
+        with contextlib.suppress(StorageError):  # it only saves time
+            files.write_bytes(path, files.seal({"mark": mark, "verdicts": [asdict(v) for v in verdicts]}))
+    return {v.experiment: v for v in verdicts}
+
+
+def _mark(plan: Plan, rows: Iterable[Row], store: Store) -> str:
+    """Digest of all that verdicts come from: judgements, settings with their lines, files named, and code."""
+    session = plan.session
+    named = [
+        [n.experiment, n.setting, n.path.resolve().as_posix(), store.index.digest(n.path) if n.path.exists() else None]
+        for n in named_files(session)
     ]
-    return {v.experiment: v for v in _with_session(session, found)} if found else {}
+    judgements = [[row.experiment, plan.keys[row.task].value] for row in rows]
+    code = store.code.behind(f"{__name__}:{stored_verdicts.__name__}")
+    store.code.save()
+    settings = files.digest(session.root / FILE_NAME)
+    return key_of({"verdicts": [code, settings, library_names(), named, judgements]})
 
 
 def verdict_on(folder: str | Path, experiment: str) -> Verdict:

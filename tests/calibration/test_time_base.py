@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration.time_base import UNCHECKED_CLOCK, corrected, filter_delay, time_base
+from calibration._time_base import UNCHECKED_CLOCK, corrected, filter_delay, time_base
 from labpipe.errors import InputError
 from labpipe.units import Quantity
 from tests.rounding import rounding

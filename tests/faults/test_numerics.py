@@ -90,7 +90,6 @@ STEPS: dict[str, tuple[Callable[[], Columns], Callable[..., object]]] = {
     "repeats": (fall, lambda t, y: signals.combine_repeats([record(t, y)] * 2, [0.0, 0.01])),
     "compare": (fall, lambda t, y: signals.compare(record(t, y), record(t, y[::-1]))),
     "agreement": (wave, signals.agreement),
-    "determination": (wave, signals.coefficient_of_determination),
     "nrmse": (wave, signals.nrmse),
     "sinusoid": (wave, signals.fit_sinusoid),
     "common fit": (indented, signals.common_fit),

@@ -147,39 +147,6 @@ def from_displacement(
     return from_half_width(half_width, tip_radius, period, reduced_modulus, profile)
 
 
-def from_force(
-    force: ArrayLike, tip_radius: float, period: float, reduced_modulus: float = 1.0, profile: Profile = "parabola"
-) -> LineContact:
-    """Contact under a force per tip and unit depth [N/m].
-
-    Raises
-    ------
-    InputError
-        The force is negative or NaN, or closes the period under a cosine (π E* h).
-
-    Examples
-    --------
-    >>> state = from_force(0.055158900038163, 1.0, 1.0)
-    >>> round(float(state.half_width), 10)
-    0.25
-    """
-    load = np.asarray(force, dtype=float)
-    if not np.all(load >= 0.0):
-        message = f"a contact without adhesion carries forces from 0 up, found {load}"
-        raise InputError(message)
-    if profile == "cosine":
-        ratio = load / (np.pi * reduced_modulus * cosine_amplitude(tip_radius, period))
-        if not np.all(ratio < 1.0):
-            message = f"a force of {load.max():.6g} N/m closes the period of a cosine"
-            raise InputError(message)
-        half_width = period / np.pi * np.arcsin(np.sqrt(ratio))
-    else:
-        exponent = load * 2.0 * np.pi * tip_radius / (reduced_modulus * period**2)
-        # arccos(exp(-x)) without cancellation at small x.
-        half_width = period / np.pi * np.arctan(np.sqrt(np.expm1(2.0 * exponent)))
-    return from_half_width(half_width, tip_radius, period, reduced_modulus, profile)
-
-
 def pressure(
     x: ArrayLike,
     half_width: float,

@@ -2,6 +2,5 @@
 
 from labpipe.contact.sphere import hertz
 from labpipe.contact.sphere._static_loading import load_sphere, press_sphere
-from labpipe.contact.sphere._ting import ting
 
-__all__ = ["hertz", "load_sphere", "press_sphere", "ting"]
+__all__ = ["hertz", "load_sphere", "press_sphere"]

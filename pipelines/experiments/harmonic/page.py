@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.report import (
+    Band,
     Block,
     Cell,
     KeyValues,
@@ -14,7 +15,6 @@ from labpipe.report import (
     Listed,
     Notice,
     Paragraph,
-    Role,
     ScatterChart,
     Section,
     Series,
@@ -177,7 +177,7 @@ def _stiffness(oscillations: xr.Dataset, model: xr.Dataset | None) -> Section:
         ("loss_stiffness", "Loss stiffness", "(kN/m)", 1e-3),
         ("work_per_cycle", "Dissipated work per cycle", "µJ", 1e6),
     ):
-        series = [
+        series: list[Series | Band] = [
             Series(
                 "measured",
                 frequency[order],
@@ -188,7 +188,8 @@ def _stiffness(oscillations: xr.Dataset, model: xr.Dataset | None) -> Section:
             )
         ]
         if model is not None and _is_there(model):
-            series.append(Series("model", frequency[order], model[name].values[order] * factor, role="model"))
+            simulated, u = (model[each].values[order] * factor for each in (name, f"u_{name}"))
+            series += pages.model_curves(frequency[order], simulated, u)
         charts.append(
             LineChart(
                 title,
@@ -207,32 +208,23 @@ def _dissipation(theory: xr.Dataset, loops: xr.Dataset | None) -> Section:
     """Show the dimensionless work against eq. (2.31), the tapping front, and contact."""
     x = theory["dimensionless_frequency"].values
     order = np.argsort(x)
-    series = []
-    roles: tuple[tuple[str, str, Role], ...] = (
-        ("measured", "measured", "measured"),
-        ("model", "model", "model"),
-        ("theory", "eq. (2.31)", "reference"),
+    shown = x[order] * 1e10
+    work = {
+        f"{head}{name}": theory[f"{head}dimensionless_work_{name}"].values[order] * 1e6
+        for name in ("measured", "model", "theory")
+        for head in ("", "u_")
+    }
+    series = (
+        Series("measured", shown, work["measured"], style="points", role="measured", u=work["u_measured"]),
+        *pages.model_curves(shown, work["model"], work["u_model"]),
+        Series("eq. (2.31)", shown, work["theory"], role="reference"),
     )
-    for name, label, role in roles:
-        values = theory[f"dimensionless_work_{name}"].values[order]
-        u = theory[f"u_dimensionless_work_{name}"].values[order]
-        is_points = name == "measured"
-        series.append(
-            Series(
-                label,
-                x[order] * 1e10,
-                values * 1e6,
-                style="points" if is_points else "line",
-                role=role,
-                u=u * 1e6 if is_points else None,
-            )
-        )
     tau = float(theory["characteristic_time"])
     chart = LineChart(
         "Dissipated work, dimensionless",
         "frequency f τ₀ / 10⁻¹⁰",
         "work W/(E λ R d) / 10⁻⁶",
-        tuple(series),
+        series,
         x_scale="log",
         height_px=280,
         caption=f"τ₀ = {number(tau, 3)} s, E the relaxed modulus {_scale_text(theory)}. Bars: one "

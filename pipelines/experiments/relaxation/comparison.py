@@ -59,6 +59,8 @@ def comparison(loads: xr.Dataset, ramps: xr.Dataset, model: xr.Dataset, *, setti
     }
     made = xr.Dataset(from_rows("ramp", rows, columns), coords={"ramp": ramps["ramp"]})
     made["simulated_force"] = variable("sample", passed, "N", "simulated force, behind the cell's filter")
+    u = through(loads, model["u_force"].values, interval, declared, kind)  # one error in common: it passes as a force
+    made["u_simulated_force"] = variable("sample", u, "N", "standard uncertainty from first touch, punch and solid")
     return made
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.report import (
+    Band,
     Block,
     KeyValues,
     LineChart,
@@ -213,10 +214,10 @@ def _ramps(
         near = (time >= hold.begin - _RAMP_VIEW) & (time <= hold.end + _RAMP_VIEW)
         since, label = time[near] - hold.begin, _title(tests, number)
         force = load["force"].values[hold.rows][near]
-        series = [Series("measured", since, force, role="measured")]
+        series: list[Series | Band] = [Series("measured", since, force, role="measured")]
         if "absent" not in compared.attrs:
-            theirs = compared["simulated_force"].values[hold.rows][near]
-            series.append(Series("model", since, theirs, role="model"))
+            theirs, u = (compared[name].values[hold.rows][near] for name in ("simulated_force", "u_simulated_force"))
+            series += pages.model_curves(since, theirs, u)
         charts.append(
             LineChart(
                 f"Force around the ramp to {label}",
@@ -244,7 +245,8 @@ def _ramps(
 
 
 def _holds(loads: Sequence[xr.Dataset], comparison: Sequence[xr.Dataset], tests: xr.Dataset | None) -> Section:
-    curves, gaps = [], []
+    curves: list[Series] = []
+    gaps: list[Series | Band] = []
     for number, (load, compared, hold) in enumerate(_each(loads, comparison)):
         label = _title(tests, number)
         time = load["time"].values[hold.rows] - hold.end
@@ -262,7 +264,11 @@ def _holds(loads: Sequence[xr.Dataset], comparison: Sequence[xr.Dataset], tests:
         _, gap, spread, n = ramps_and_holds.binned(time, force - theirs, edges)
         u = np.maximum(spread, float(np.nanmax(load["u_force"].values))) / np.sqrt(n)
         curves.append(Series(f"{label}, model", lag, model, role="model"))
-        gaps.append(Series(label, lag, gap, role="residual", u=u))
+        _, wide, _, _ = ramps_and_holds.binned(time, compared["u_simulated_force"].values[hold.rows], edges)
+        gaps += [
+            Series(label, lag, gap, role="residual", u=u),
+            Band(f"{label}, model ± 2 u", lag, -2 * wide, 2 * wide, role="model"),
+        ]
     charts: list[Block] = [
         LineChart(
             "Relaxation",
@@ -284,7 +290,7 @@ def _holds(loads: Sequence[xr.Dataset], comparison: Sequence[xr.Dataset], tests:
                 x_scale="log",
                 height_px=200,
                 caption="Bars: noise of each mean, one standard uncertainty. An error of "
-                "the depth, the gain or the modulus shifts the whole curve.",
+                "the depth, the gain or the modulus shifts the whole curve; the area is what the model leaves open.",
             )
         )
     return Section("Relaxation", tuple(charts))

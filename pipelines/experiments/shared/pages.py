@@ -6,10 +6,13 @@ What is special to a kind of experiment stands in its own page module.
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
+import numpy as np
 import xarray as xr
 
 from labpipe.report import (
+    Band,
     Block,
     Column,
     Details,
@@ -21,6 +24,7 @@ from labpipe.report import (
     Paragraph,
     ScatterChart,
     Section,
+    Series,
     Table,
     budget_table,
     quantity,
@@ -28,6 +32,9 @@ from labpipe.report import (
 )
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context, Warned
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 SYNTHETIC = "synthetic data"
 SESSION_PAGE = "../index.html"
@@ -60,6 +67,12 @@ def column(dataset: xr.Dataset, name: str, title: str, factor: float = 1.0, *, d
         (dataset[u].values * factor).tolist() if u in dataset else None,
         digits,
     )
+
+
+def model_curves(x: "ArrayLike", y: "ArrayLike", u: "ArrayLike", *, label: str = "model") -> tuple[Series, Band]:
+    """Draw what a model says with its uncertainty, so that a chart shows what the verdict weighs."""
+    y, wide = np.asarray(y), 2.0 * np.asarray(u)
+    return Series(label, x, y, role="model"), Band(f"{label} ± 2 u", x, y - wide, y + wide, role="model")
 
 
 def plain(dataset: xr.Dataset, name: str, title: str, factor: float = 1.0, *, digits: int = 4) -> Listed:

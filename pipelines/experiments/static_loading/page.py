@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.report import (
+    Band,
     Block,
     KeyValues,
     LineChart,
@@ -55,7 +56,7 @@ def page(
         sections.append(_loads(settings, steps, approach, comparison))
         sections.append(_touch(steps, model))
     if steps is not None and comparison is not None:
-        sections.append(_residual(steps, comparison))
+        sections.append(_residual(steps, model, comparison))
     if displacement is not None and steps is not None and approach is not None:
         found = quantities(displacement, steps, approach, model, settings=settings)
         sections += budget_blocks.section(context.experiment, found)
@@ -117,13 +118,14 @@ def _measured(
 
 def _radii(steps: xr.Dataset, approach: xr.Dataset, model: xr.Dataset | None, comparison: xr.Dataset | None) -> Section:
     time = approach["time"].values * _MIN
-    series = [
+    series: list[Series | Band] = [
         Series("readings", time, approach["contact_radius"].values * _UM, role="repeat"),
         Series("moving average", time, approach["smooth_radius"].values * _UM, role="measured"),
     ]
     edges = np.append(steps["begin"].values, steps["end"].values[-1]) * _MIN
     if model is not None:
-        series.append(Series("viscoelastic model", time, model["contact_radius"].values * _UM, role="model"))
+        radius, u = (model[name].values * _UM for name in ("contact_radius", "u_contact_radius"))
+        series += pages.model_curves(time, radius, u, label="viscoelastic model")
         elastic = model["hertz_radius_relaxed"].values * _UM
         series.append(
             Series("Hertz, relaxed modulus", edges, np.append(elastic, elastic[-1]), style="step", role="reference")
@@ -241,18 +243,19 @@ def _touch(steps: xr.Dataset, model: xr.Dataset | None) -> Section:
     return Section("First touch and compliance", (Paragraph(text), KeyValues(rows), chart))
 
 
-def _residual(steps: xr.Dataset, comparison: xr.Dataset) -> Section:
+def _residual(steps: xr.Dataset, model: xr.Dataset | None, comparison: xr.Dataset) -> Section:
     time = comparison["time"].values * _MIN
     lines = [(f"load {i + 1}", float(t) * _MIN) for i, t in enumerate(steps["begin"].values)]
+    gap = comparison["approach_residual"].values * _UM
+    drawn: list[Series | Band] = [Series("measured − model", time, gap, style="points", role="residual")]
+    if model is not None:
+        wide = 2.0 * model["u_approach"].values * _UM
+        drawn.append(Band("model ± 2 u", model["time"].values * _MIN, -wide, wide, role="model"))
     chart = LineChart(
         "Approach, measured minus model",
         "time / min",
         "difference / µm",
-        (
-            Series(
-                "measured − model", time, comparison["approach_residual"].values * _UM, style="points", role="residual"
-            ),
-        ),
+        tuple(drawn),
         vlines=tuple(lines),
         height_px=200,
         caption="Readings next to a step are left out.",

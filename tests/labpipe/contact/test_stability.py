@@ -1,7 +1,6 @@
 """Hostile input to the contact mechanics: right within a bound, or refused with a reason.
 
-What is generated stands in ``labpipe bench stability`` and its tests; here are long and single
-cases.
+What is generated stands in ``tests/extremes``; here are long and single cases.
 """
 
 import numpy as np

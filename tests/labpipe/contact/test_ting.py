@@ -5,9 +5,9 @@ import pytest
 from scipy.integrate import quad
 
 from labpipe.contact.sphere._static_loading import press_sphere
-from labpipe.contact.sphere._ting import ting
 from labpipe.errors import InputError
 from labpipe.materials import Prony
+from tests.labpipe.contact.ting_solution import ting
 
 # Triangle t, 2 − t; F in units of (4/3)√R, and a²/R.
 SOFT = {

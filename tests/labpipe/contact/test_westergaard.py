@@ -36,12 +36,10 @@ def test_parabola_matches_the_table(row) -> None:
 
 @pytest.mark.parametrize("profile", ["parabola", "cosine"])
 @given(share=st.floats(1e-4, 0.499))
-def test_width_approach_and_force_invert_each_other(profile, share) -> None:
+def test_width_and_approach_invert_each_other(profile, share) -> None:
     state = westergaard.from_half_width(share * 8e-3, 2e-3, 8e-3, 3e6, profile)
     by_approach = westergaard.from_displacement(state.displacement, 2e-3, 8e-3, 3e6, profile)
-    by_force = westergaard.from_force(state.force, 2e-3, 8e-3, 3e6, profile)
     assert by_approach.force == pytest.approx(state.force, rel=1e-8)
-    assert by_force.half_width == pytest.approx(state.half_width, rel=1e-8, abs=0.0)
 
 
 @pytest.mark.parametrize("profile", ["parabola", "cosine"])

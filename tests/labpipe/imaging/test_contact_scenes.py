@@ -46,7 +46,7 @@ def check(found: xr.Dataset, radii: list[float], most: float) -> None:
     assert u.max() < most
 
 
-@pytest.mark.parametrize("phase", by_day([2.4, 0.8, 1.6, 4.2, 5.5], 2))
+@pytest.mark.parametrize("phase", by_day([2.4, 0.8, 1.6, 4.2, 5.5], 1))
 def test_phase_is_found_on_the_whole_circle(phase: float) -> None:
     scene = replace(PLAIN, optics=OPTICS.change(phase=phase))
     found, said = measure(film_of(scene, hertz, RADII, CENTRE))
@@ -67,20 +67,8 @@ def test_wrong_wavelength_is_found_and_said(true: float, stated: float) -> None:
     assert "check sphere_radius, wavelength and pixel_size" in said[0]
 
 
-def test_effort_where_no_fringes_are_fitted_is_bounded() -> None:
-    """Discs without fringes: nothing explains them, and that is not looked for in every frame."""
-    y, x = np.mgrid[: OPTICS.rows, : OPTICS.columns]
-    disc = np.where(np.hypot(x - CENTRE[0], y - CENTRE[1]) < 90.0, 24.0, 120.0)
-    rng = np.random.default_rng(3)
-    film = np.clip(disc + 5.0 * rng.standard_normal((4, *disc.shape)), 0, 255).astype(np.uint8)
-    found, said = measure(film)
-    assert (found.method == 2).all()
-    assert found.attrs["note"].startswith("no fringes fitted; 4 of 4 frames in contact (frames 0, 1, 2, 3)")
-    assert ["4 of 4 frames in contact" in text for text in said] == [True]
-
-
 def test_what_nothing_explains_is_not_tried_in_every_frame(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The same disc in six frames takes hardly more fits than in two."""
+    """A disc without fringes takes hardly more fits in five frames than in two."""
     fit, made = _search.fit_contact, []
 
     def counted(*arguments: object) -> object:
@@ -90,13 +78,16 @@ def test_what_nothing_explains_is_not_tried_in_every_frame(monkeypatch: pytest.M
     monkeypatch.setattr(_search, "fit_contact", counted)
     y, x = np.mgrid[: OPTICS.rows, : OPTICS.columns]
     disc = np.where(np.hypot(x - CENTRE[0], y - CENTRE[1]) < 90.0, 24.0, 120.0)
-    film = np.clip(disc + 5.0 * np.random.default_rng(3).standard_normal((6, *disc.shape)), 0, 255).astype(np.uint8)
+    film = np.clip(disc + 5.0 * np.random.default_rng(3).standard_normal((5, *disc.shape)), 0, 255).astype(np.uint8)
     counts = []
-    for frames in (2, 6):
+    for frames in (2, 5):
         made.clear()
-        measure(film[:frames])
+        found, said = measure(film[:frames])
         counts.append(len(made))
     assert counts[1] < 2.0 * counts[0]
+    assert (found.method == 2).all()
+    assert found.attrs["note"].startswith("no fringes fitted; 5 of 5 frames in contact (frames 0, 1, 2, 3, 4)")
+    assert ["5 of 5 frames in contact" in text for text in said] == [True]
 
 
 def worn(r: Floats, a: float) -> Floats:
@@ -257,7 +248,7 @@ def test_a_sphere_that_hovers_out_of_focus_is_no_contact(blur: float) -> None:
     def gap(r: Floats, a: float) -> Floats:
         return hertz(r, a) if a > 2.0 * UM else a + r**2 / (2.0 * SPHERE)
 
-    radii = [2.0 * UM, 0.4 * UM, 105.85 * UM, 128.5 * UM, 143.6 * UM, 151.2 * UM, 0.3 * UM]
+    radii = [2.0 * UM, 0.4 * UM, 105.85 * UM, 128.5 * UM, 151.2 * UM]
     found, _ = measure(film_of(scene, gap, radii, (181.1, 142.9), seed=6))
-    assert (found.method.values == 0).tolist() == [True, True, False, False, False, False, True]
-    check(found.isel(frame=slice(2, 6)), radii[2:6], 0.2 * UM)
+    assert (found.method.values == 0).tolist() == [True, True, False, False, False]
+    check(found.isel(frame=slice(2, None)), radii[2:], 0.2 * UM)

@@ -6,10 +6,10 @@ import pytest
 from labpipe.imaging import track
 from labpipe.imaging.dic._periodic import find_repeats
 from pipelines.bench import film_scenes
-from pipelines.bench.film_scenes import Formula, View, digitised, seen_by_pixels
+from pipelines.bench.film_scenes import Formula, View, digitised
 from tests.by_day import by_day
 from tests.labpipe.imaging.speckle import grid
-from tests.labpipe.imaging.test_trust import wrong
+from tests.labpipe.imaging.test_trust import seen_by_pixels, wrong
 
 SIZE = 160
 PATTERNS = {"lines": film_scenes.bars, "crossed": None, "dots": film_scenes.dots}

@@ -12,7 +12,7 @@ from tests.by_day import by_day
 SCENE = Scene(rows=320, columns=420, radius=240e-6, centre=(208.3, 161.2))
 
 
-@pytest.mark.parametrize("softness", [9.0, 14.0])
+@pytest.mark.parametrize("softness", by_day([9.0, 14.0], 1))
 def test_a_soft_disc_without_fringes_is_no_contact(softness: float) -> None:
     y, x = np.mgrid[:320, :420]
     grey = 120.0 + 70.0 * np.tanh((np.hypot(x - 208.0, y - 161.0) - 110.0) / softness)

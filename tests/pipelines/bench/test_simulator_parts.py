@@ -2,12 +2,10 @@
 
 import importlib.util
 
-import numpy as np
 import pytest
 
-from pipelines.bench import collision, contact_peers, drop, indentation, stability
+from pipelines.bench import collision, contact_peers, drop, indentation
 from pipelines.bench.measure import OURS, THESIS, Suite
-from pipelines.bench.stability_outcome import Outcome, run_family, worst
 from tests.rounding import rounding
 
 
@@ -60,27 +58,3 @@ def test_the_peer_finds_westergaard_and_hertz() -> None:
     pytest.importorskip("tamaas", reason="the optional peer tamaas is not installed")
     assert indentation._line_error(contact_peers.line(256)) < 3e-3
     assert indentation._sphere_error(contact_peers.sphere(32)) < 3e-2
-
-
-def test_stability_counts_what_became_of_every_case(monkeypatch: pytest.MonkeyPatch) -> None:
-    from labpipe.errors import InputError
-
-    def half(random: np.random.Generator) -> Outcome:
-        draw = random.random()
-        if draw < 0.3:
-            raise InputError(f"the draw {draw} is too small; draw again")
-        return worst((draw, "a draw of 1"), (2.0 if draw > 0.9 else 0.0, "a draw of 0.9"))
-
-    monkeypatch.setattr(stability, "FAMILIES", {"luck": {"draws": (half, 1000)}})
-    (suite,) = stability.run(True)
-    (point,) = suite.points
-    counts = {name: int(point.extra[name] or 0) for name in ("tried", "right", "refused", "wrong")}
-    assert counts["tried"] == 100
-    assert counts["right"] + counts["refused"] + counts["wrong"] == 100
-    assert counts["refused"] > 10
-    assert counts["wrong"] > 1
-    assert point.error == 2.0
-    assert any("refused" in note and "the draw is too small" in note for note in suite.notes)
-    assert any("seeds" in note for note in suite.notes)
-    tally = run_family(half, 1, first_seed=run_family(half, 200).wrong[0])
-    assert len(tally.wrong) == 1

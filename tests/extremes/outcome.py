@@ -1,6 +1,5 @@
 """Outcome of an extreme case, and the tally of many."""
 
-import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -39,16 +38,13 @@ class Tally:
     """Many cases of one family.
 
     ``refused`` counts by reason; ``wrong`` holds the seeds of cases that broke a bound, so that
-    each can be run again; ``slowest`` is the longest case in s.
+    each can be run again.
     """
 
-    tried: int
     right: int
     refused: Counter[str]
     wrong: tuple[int, ...]
-    worst_share: float
-    worst_bound: str
-    slowest: float
+    worst: Outcome
 
 
 def worst(*looks: tuple[float, str]) -> Outcome:
@@ -80,12 +76,9 @@ def run_family(case: Case, count: int, first_seed: int = 0) -> Tally:
     """Compute the cases with the seeds from ``first_seed`` on."""
     refused: Counter[str] = Counter()
     wrong: list[int] = []
-    right, slowest = 0, 0.0
-    top = Outcome(0.0, "")
+    right, top = 0, Outcome(0.0, "")
     for seed in range(first_seed, first_seed + count):
-        start = time.perf_counter()
         outcome = run_case(case, seed)
-        slowest = max(slowest, time.perf_counter() - start)
         if outcome.refusal:
             refused[outcome.refusal] += 1
             continue
@@ -95,7 +88,7 @@ def run_family(case: Case, count: int, first_seed: int = 0) -> Tally:
             wrong.append(seed)
         if outcome.share > top.share:
             top = outcome
-    return Tally(count, right, refused, tuple(wrong), top.share, top.what, slowest)
+    return Tally(right, refused, tuple(wrong), top)
 
 
 def _reason(error: LabpipeError) -> str:

@@ -11,9 +11,9 @@ import xarray as xr
 
 from labpipe import signals
 from labpipe.arrays import Floats
-from pipelines.bench.stability_inputs import Random, laid_out, with_gaps
-from pipelines.bench.stability_outcome import Case, Outcome, silently, worst
-from pipelines.bench.stability_signals import record_of
+from tests.extremes.inputs import Random, laid_out, with_gaps
+from tests.extremes.outcome import Case, Outcome, silently, worst
+from tests.extremes.signals import record_of
 
 _GRAVITY = 9.81
 #: Points of the integral of one contact.

@@ -13,13 +13,13 @@ import numpy as np
 import xarray as xr
 
 import calibration
+from calibration._time_base import corrected, filter_delay, time_base
 from calibration.camera import pixel_size
 from calibration.record import LaserRecord, LaserValues, LoadCellRecord, LoadCellValues
-from calibration.time_base import corrected, filter_delay, time_base
 from labpipe.arrays import Floats
 from labpipe.units import Quantity
-from pipelines.bench.stability_inputs import Random, laid_out, with_gaps
-from pipelines.bench.stability_outcome import Case, Outcome, silently, worst
+from tests.extremes.inputs import Random, laid_out, with_gaps
+from tests.extremes.outcome import Case, Outcome, silently, worst
 
 _DAY = date(2024, 5, 14)
 #: Samples at rest before the motion, all of them evidence of the zero.

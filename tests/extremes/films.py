@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from labpipe import imaging
 from labpipe.arrays import Floats
 from pipelines.bench.contact_radius import Scene, make_image
-from pipelines.bench.stability_inputs import Random, laid_out
-from pipelines.bench.stability_outcome import Case, Outcome, silently, worst
+from tests.extremes.inputs import Random, laid_out
+from tests.extremes.outcome import Case, Outcome, silently, worst
 
 Film = NDArray[Any]
 

@@ -13,8 +13,8 @@ import xarray as xr
 from labpipe import materials
 from labpipe.arrays import Complexes, Floats
 from labpipe.materials import Prony
-from pipelines.bench.stability_inputs import Random, laid_out
-from pipelines.bench.stability_outcome import Case, Outcome, silently, worst
+from tests.extremes.inputs import Random, laid_out
+from tests.extremes.outcome import Case, Outcome, silently, worst
 
 
 def _extreme_terms(random: Random, most: int = 60) -> tuple[float, Floats, Floats]:

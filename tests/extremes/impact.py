@@ -11,8 +11,8 @@ from labpipe import contact
 from labpipe.contact.impact import Solver
 from labpipe.contact.sphere import hertz
 from labpipe.materials import Prony
-from pipelines.bench.stability_inputs import Random, below_zero, extreme_material
-from pipelines.bench.stability_outcome import Case, Outcome, worst
+from tests.extremes.inputs import Random, below_zero, extreme_material
+from tests.extremes.outcome import Case, Outcome, worst
 
 #: Work that one drop may take before it is refused; a contact takes some 200 steps.
 _MOST_STEPS = 3_000

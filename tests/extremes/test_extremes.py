@@ -3,10 +3,25 @@
 Each case is made from its seed alone, so that a failure names the seeds that show it again.
 """
 
+from collections.abc import Mapping
+
+import numpy as np
 import pytest
 
-from pipelines.bench.stability import FAMILIES
+from labpipe.errors import InputError
+from tests.extremes import bounces, calibration, contact, films, impact, materials, signals
+from tests.extremes.outcome import Case, Outcome, run_family, worst
 
+#: Module by module, families of cases with how many of them are tried.
+FAMILIES: Mapping[str, Mapping[str, tuple[Case, int]]] = {
+    "contact": contact.FAMILIES,
+    "impact": impact.FAMILIES,
+    "signals": signals.FAMILIES,
+    "bounces": bounces.FAMILIES,
+    "films": films.FAMILIES,
+    "materials": materials.FAMILIES,
+    "calibration": calibration.FAMILIES,
+}
 CASES = [(part, name) for part, families in FAMILIES.items() for name in families]
 # At most this share of a family may be refused, so that what is easy to refuse is computed too.
 # Of input with a fault all may be; of the others, what no answer can be right for.
@@ -27,7 +42,7 @@ REFUSED = dict.fromkeys(ANYTHING, 1.0) | {"any drop": 0.5, "springs and rings": 
 @pytest.mark.slow
 @pytest.mark.parametrize(("part", "name"), CASES)
 def test_every_case_is_right_or_refused_with_a_reason(part: str, name: str) -> None:
-    from pipelines.bench.stability_outcome import run_family
+    from tests.extremes.outcome import run_family
 
     case, count = FAMILIES[part][name]
     tally = run_family(case, count)
@@ -39,3 +54,19 @@ def test_every_case_is_right_or_refused_with_a_reason(part: str, name: str) -> N
 
 def test_at_least_five_thousand_cases_are_tried() -> None:
     assert sum(count for families in FAMILIES.values() for _, count in families.values()) >= 5000
+
+
+def test_what_became_of_every_case_is_counted() -> None:
+    def half(random: np.random.Generator) -> Outcome:
+        draw = random.random()
+        if draw < 0.3:
+            message = f"the draw {draw} is too small; draw again"
+            raise InputError(message)
+        return worst((draw, "a draw of 1"), (2.0 if draw > 0.9 else 0.0, "a draw of 0.9"))
+
+    tally = run_family(half, 100)
+    assert tally.right + tally.refused.total() + len(tally.wrong) == 100
+    assert tally.refused["the draw is too small"] > 10
+    assert len(tally.wrong) > 1
+    assert tally.worst == Outcome(2.0, "a draw of 0.9")
+    assert len(run_family(half, 1, first_seed=tally.wrong[0]).wrong) == 1

@@ -1,0 +1,46 @@
+"""Verdicts are kept beside the results: said again without NumPy, and never when they are out of date."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+from pipelines.process import process, verdict, verdicts_of
+
+_KEPT = "labpipe/store/verdicts.json"
+
+
+def test_an_unchanged_session_is_processed_and_judged_again_without_numpy(session_copy: Path) -> None:
+    expected = [[one.experiment, one.believable, one.model] for one in verdict(session_copy).experiments]
+    code = (
+        "import json, sys; from pipelines.process import process, verdicts_of; done = process(sys.argv[1])\n"
+        "print(json.dumps([[v.experiment, v.believable, v.model] for v in verdicts_of(done).experiments]))\n"
+        "sys.exit(bool({'numpy', 'scipy', 'xarray', 'matplotlib'} & sys.modules.keys()))"
+    )
+    said = subprocess.run([sys.executable, "-c", code, session_copy], capture_output=True, text=True, check=False)
+    assert said.returncode == 0, said.stderr
+    assert json.loads(said.stdout) == expected
+
+
+def test_kept_verdicts_are_those_that_would_be_made_and_damage_is_noticed(session_copy: Path) -> None:
+    again = verdict(session_copy)
+    kept = session_copy / _KEPT
+    whole = kept.read_bytes()
+    kept.write_bytes(whole.replace(b'"yes"', b'"no"', 1))
+    assert verdict(session_copy) == again
+    assert kept.read_bytes() == whole
+    kept.unlink()
+    assert verdict(session_copy) == again
+
+
+def test_findings_follow_their_lines_when_no_result_changes(session_copy: Path) -> None:
+    toml = session_copy / "session.toml"
+    toml.write_text(toml.read_text("utf-8").replace('"6 mm"', '"6 ± 5 mm"'), "utf-8")
+    before = verdicts_of(process(session_copy, jobs=0))
+    lines = {f.line for one in before.experiments for f in one.findings if f.file == toml.name}
+    assert lines
+    toml.write_text("# a remark\n" + toml.read_text("utf-8"), "utf-8")
+    done = process(session_copy, jobs=0)
+    assert all(o.state == "cached" for o in done.outcomes)
+    moved = {f.line for one in verdicts_of(done).experiments for f in one.findings if f.file == toml.name}
+    assert moved == {line + 1 for line in lines if line is not None}
