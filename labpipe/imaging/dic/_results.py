@@ -18,6 +18,7 @@ from labpipe.imaging.dic._motion_uncertainty import (
     misfit_factor,
     misled,
     motion_variance,
+    sharper_factor,
     strongest_slopes,
 )
 from labpipe.imaging.dic._reference import Reference, Status
@@ -150,6 +151,10 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
         beyond = is_beyond_texture(noise[:, n], own, spread, texture[:, n], strongest[:, n], pixels)
         status[one_way[:, n] & beyond, n] = Status.TEXTURELESS
     misfit = misfit_factor(noise, is_static, reference.subsets.level[:, 2], reference.subsets.level[:, 0])
+    if (table.change[..., 2] < 0.0).any():
+        sharp, of_noise = reference.sharpness()
+        growth = np.where(is_static[:, None], 0.0, table.change[..., 2])
+        misfit = np.maximum(misfit, sharper_factor(noise, sharp / of_noise, reference.subsets.level[:, 2], growth))
     deviation *= misfit[..., None]
     covariance *= misfit**2
     _widen(deviation, covariance, _misled(reference, status, texture, noise, is_static))

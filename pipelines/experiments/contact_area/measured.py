@@ -30,7 +30,7 @@ _IMPACTS = 3  # the thesis analyses the first three
 _GAP = 4.0  # usual intervals between two frames that end a contact even when both see one
 _MISSED = 2  # frames without contact within one: a flight lasts longer
 _HIDDEN = 8.0  # usual intervals that frames which show nothing may take from one contact
-_COVERS, _NEAR = 0.6, 8
+_COVERS, _NEAR = 0.85, 8
 """Share of half the view's diagonal from which a contact, so many frames away, may cover the view."""
 _BRIEF = 0.3  # an impact lasts at least this share of the longest: slower ones last longer
 _SLOWEST = 3.0  # an impact lasts at most this many times the longest before: Hertz's fifth root
@@ -96,7 +96,7 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     time, a = radius["time"].values, radius["radius"].values
     u = radius["u_radius"].values
     seen = radius["in_contact"].values.astype(bool)
-    unknown = ~radius["valid"].values.astype(bool)
+    unknown = ~radius["valid"].values.astype(bool) if "valid" in radius else np.zeros(len(time), bool)
     unknown[[i for i, b in brightness(radius).items() if b < DARK]] = True
     runs = _contacts(time, seen, unknown & ~seen)
     if not any(np.isfinite(a[run]).any() for run in runs):
