@@ -6,15 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.errors import CalibrationError
-from labpipe.signals import estimate_noise, quantisation_step
+from labpipe.signals import MAINS, Hum, estimate_noise, hum_at_rest, quantisation_step
 
 _BLOCK = 16  # independent samples whose median is compared with the beginning
 _FIRST = 2 * _BLOCK  # the least that can be called a window
 _FACTOR = 5.0  # standard deviations that count as motion: 1 in 2 million for a single sample
 _MARGIN = 2  # blocks left out before the motion that was seen: it began a little earlier
-_MAINS, _PERIODS, _LEFT = (50.0, 60.0), (2.0, 1.0, 0.6), 2.0
-"""Hz of the mains; how many periods tell a hum from motion, the most first; times the noise beside it
-that a hum leaves of a beginning: a fall of as long leaves more than ten times."""
+_PERIODS, _LEFT = (2.0, 1.0, 0.6), 2.0
+"""How many periods of the mains tell a hum from motion, the most first; times the noise beside it that a
+hum leaves of a beginning: a fall of as long leaves more than ten times."""
+_LONGER = 1.25  # times as long a rest, that a hum makes of what looks like motion
 _MEDIAN = 1.2533141373155003  # sqrt(pi / 2): standard error of a median over that of a mean
 
 
@@ -31,6 +32,8 @@ class Quiet(NamedTuple):
         The window; NaN when the level was given as a number.
     n : int
         Valid samples in it.
+    hum : Hum, optional
+        Of the mains, where it is sure enough to be continued beyond the window.
     """
 
     level: float
@@ -39,6 +42,7 @@ class Quiet(NamedTuple):
     start: float
     stop: float
     n: int
+    hum: Hum | None = None
 
 
 def from_start(
@@ -62,7 +66,7 @@ def from_start(
 
     Notes
     -----
-    A hum of the mains is no motion: the level is then that about which the beginning swings.
+    A hum of the mains is no motion: the level is that about which the beginning swings.
     """
     is_valid = np.isfinite(values)
     time, values = time[is_valid], values[is_valid]
@@ -71,21 +75,33 @@ def from_start(
     if values.size < first:
         message = f"found {values.size} valid samples, a zero needs {first} or a given value"
         raise CalibrationError(message)
-    if _moves(values[:first:correlated], resolution):
-        hum = _hum(time - time[0], values, resolution)
-        if hum is None:
-            message = (
-                "the record begins in motion, so its beginning is no zero; give the zero, or a quiet "
-                "window as zero=(from, to) in s"
-            )
-            raise CalibrationError(message)
-        values = values - hum
+    n = 0 if _moves(values[:first:correlated], resolution) else _still(values, block, resolution)
+    swing = _swing(time, values, resolution)
+    if swing is not None and (longer := _still(values - swing, block, resolution)) > _LONGER * n:
+        n = longer
+    if n == 0:
+        message = (
+            "the record begins in motion, so its beginning is no zero; give the zero, or a quiet "
+            "window as zero=(from, to) in s"
+        )
+        raise CalibrationError(message)
+    noise = max(estimate_noise(values[:n]).sigma, resolution / 2) if n > first else np.inf
+    found = hum_at_rest(time[:n], values[:n], noise) if np.isfinite(noise) else None
+    if found is None:
+        return _describe(time[:n], values[:n], resolution, correlated)
+    hum, is_decided = found
+    quiet = _describe(time[:n], values[:n] - hum.at(time[:n]), resolution, correlated)
+    u_level = float(np.hypot(quiet.u_level, np.linalg.norm(hum.modes(time[:n]).mean(axis=0))))
+    return quiet._replace(u_level=u_level, hum=hum if is_decided else None)
+
+
+def _still(values: NDArray[np.float64], block: int, resolution: float) -> int:
+    """Return with how many samples a record rests on its first level."""
+    first = _FIRST // _BLOCK * block
     usable = values[: values.size - values.size % block].reshape(-1, block)
     level, spread = float(np.median(values[:first])), _spread(values[:first], resolution)
     moved = np.flatnonzero(np.abs(np.median(usable, axis=1) - level) > _FACTOR * spread)
-    n_blocks = max(int(moved[0]) - _MARGIN, _FIRST // _BLOCK) if moved.size else len(usable)
-    n = n_blocks * block
-    return _describe(time[:n], values[:n], resolution, correlated)
+    return block * (max(int(moved[0]) - _MARGIN, _FIRST // _BLOCK) if moved.size else len(usable))
 
 
 def in_window(
@@ -149,15 +165,16 @@ def _moves(values: NDArray[np.float64], resolution: float) -> bool:
     return abs(slope) > _FACTOR * u_slope and abs(slope) * values.size > 2 * noise
 
 
-def _hum(time: NDArray[np.float64], values: NDArray[np.float64], resolution: float) -> NDArray[np.float64] | None:
+def _swing(time: NDArray[np.float64], values: NDArray[np.float64], resolution: float) -> NDArray[np.float64] | None:
     """Return the line of the mains that explains how a record begins; None where none does."""
+    since = time - time[0]
     for periods in _PERIODS:
-        for line in _MAINS:
-            n = int(np.searchsorted(time, periods / line))
+        for line in MAINS:
+            n = int(np.searchsorted(since, periods / line))
             if not _FIRST < n < time.size:
                 continue
-            angle = 2 * np.pi * line * time
-            basis = np.stack([np.ones_like(time), np.cos(angle), np.sin(angle)], axis=1)
+            angle = 2 * np.pi * line * since
+            basis = np.stack([np.ones_like(since), np.cos(angle), np.sin(angle)], axis=1)
             fit = np.linalg.lstsq(basis[:n], values[:n], rcond=None)[0]
             left = float(np.std(values[:n] - basis[:n] @ fit))
             if left < _LEFT * max(estimate_noise(values[:n]).sigma, resolution / np.sqrt(12)):

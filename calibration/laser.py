@@ -5,6 +5,9 @@ d cos θ. With the gain g of the sensor, its zero z and the direction s = ±1 in
 
     d = s g (r - z) / cos θ,        u(d)/d from θ: tan θ · u(θ).
 
+A hum of the mains that the quiet beginning shows beyond doubt is taken out of the whole record: a
+body at rest does not swing, so it is the sensor's.
+
 Noise and rounding differ from sample to sample (``u_displacement``); inclination, gain and zero
 are the same for a whole record and are kept apart, because averaging over samples does not reduce
 them, while averaging over sensors or mounts does.
@@ -12,6 +15,7 @@ them, while averaging over sensors or mounts does.
 
 import json
 import math
+from dataclasses import replace
 from datetime import date
 from typing import Any
 
@@ -76,7 +80,8 @@ def displacement(
         gain), ``valid``; scalars ``inclination`` [rad], ``gain`` [1], ``zero`` [SI of the
         reading], each with ``u_``. Attributes ``budget`` (JSON rows, for the largest
         displacement), ``u_inclination_relative``, ``u_systematic_relative``, ``time_base``,
-        ``calibration``. ``time`` is free of the delay of the moving average.
+        ``calibration``, and ``hum`` (:meth:`labpipe.signals.Hum.to_text`, in m of ``displacement``)
+        where one was taken out. ``time`` is free of the delay of the moving average.
 
     Raises
     ------
@@ -103,13 +108,18 @@ def displacement(
     time = readings["time"].values
     at_rest = _zero(time, used, zero, step, base.averaging)
     factor = direction * gain.value / math.cos(angle.value)
-    moved = factor * (used - at_rest.level)
+    moved = factor * (used - at_rest.level - (0.0 if at_rest.hum is None else at_rest.hum.at(time)))
     spread = abs(factor) * at_rest.noise
     sources = _sources(moved, at_rest, step, angle, gain, values, factor, readings[output])
     unit_of_reading = str(readings[output].attrs["units"])
     # Volts become a length along the line of sight; a length is left as the sensor said it.
     to_length = values.volt_scale.value if unit_of_reading == "V" and values.volt_scale else 1.0
     along = direction * (raw - at_rest.level) * to_length
+    found = _attributes(readings, output, direction, checked, base, at_rest, step, angle, sources)
+    delayed = corrected(time, base, float(readings.attrs["sampling_interval"]))
+    if at_rest.hum is not None:
+        hum = at_rest.hum.scaled(factor)
+        found["hum"] = replace(hum, epoch=hum.epoch + float(delayed[0] - time[0])).to_text()
     return xr.Dataset(
         {
             "displacement": _over_time(moved, "m", "displacement along the motion"),
@@ -120,15 +130,8 @@ def displacement(
             **_scalar("gain", gain, "true over displayed, along the line of sight"),
             **_scalar("zero", Quantity(at_rest.level, at_rest.u_level, unit_of_reading), "reading that is zero"),
         },
-        coords={
-            "time": variable(
-                "time",
-                corrected(time, base, float(readings.attrs["sampling_interval"])),
-                "s",
-                "time from the first point, filter delay removed",
-            )
-        },
-        attrs=_attributes(readings, output, direction, checked, base, at_rest, step, angle, sources),
+        coords={"time": variable("time", delayed, "s", "time from the first point, filter delay removed")},
+        attrs=found,
     )
 
 

@@ -100,8 +100,7 @@ def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanati
         for c in checks
         if isfinite(c.log_ratio) and isfinite(c.u_log_ratio)
     ]
-    before = sum((r / u) ** 2 for _, r, u in rows)
-    if not any(c.level for c in checks) or before == 0.0:
+    if not any(c.level for c in checks) or not any(r for _, r, _ in rows):
         return ()
     found = []
     for cause in causes:
@@ -114,7 +113,10 @@ def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanati
         if cause.only_usual and not is_usual:
             continue
         place = usual if is_usual else best
-        left = sum(((r - d * place) / hypot(u, d * _SLACK * is_usual)) ** 2 for d, r, u in moved)
+        # Held against the same uncertainties, or a usual factor would explain by its slack alone.
+        widened = [(d, r, hypot(u, d * _SLACK * is_usual)) for d, r, u in moved]
+        before = sum((r / u) ** 2 for _, r, u in widened)
+        left = sum(((r - d * place) / u) ** 2 for d, r, u in widened)
         names = tuple(name for name, _, _ in rows if cause.effects.get(name))
         score = left - (_USUAL if is_usual else 0.0)
         if left <= _EXPLAINED * before:

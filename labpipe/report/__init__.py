@@ -87,7 +87,7 @@ __all__ = [
 
 
 def thumbnail(chart: LineChart | ScatterChart, width_px: int = 240) -> bytes:
-    """Draw a chart without axes as a small PNG file, for an index page.
+    """Draw a chart without axes as a small SVG file, for an index page.
 
     Parameters
     ----------

@@ -5,6 +5,7 @@ from labpipe.signals._cycles import Window, active_window, hysteresis_loops
 from labpipe.signals._derivative import velocity
 from labpipe.signals._events import PHASES, bounces, phases
 from labpipe.signals._first_touch import FirstTouch, first_touch
+from labpipe.signals._mains import MAINS, Hum, hum_at_rest
 from labpipe.signals._metrics import Agreement, agreement, compare, independent_count, nrmse
 from labpipe.signals._noise import estimate_noise, quantisation_step
 from labpipe.signals._oscillation import CommonFit, Sinusoid, common_fit, fit_sinusoid
@@ -13,11 +14,13 @@ from labpipe.signals._ringing import Ringing, ringing
 from labpipe.signals._vibration import Damped, damped_oscillation
 
 __all__ = [
+    "MAINS",
     "PHASES",
     "Agreement",
     "CommonFit",
     "Damped",
     "FirstTouch",
+    "Hum",
     "Lag",
     "Ringing",
     "Sinusoid",
@@ -32,6 +35,7 @@ __all__ = [
     "estimate_noise",
     "first_touch",
     "fit_sinusoid",
+    "hum_at_rest",
     "hysteresis_loops",
     "independent_count",
     "interpolated_at",

@@ -7,12 +7,13 @@ flies or creeps. Its power there is described by one number more, ``1 + corner /
 the white part: a flicker noise is exactly so, and other noise counts as the flicker that is as strong.
 """
 
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
+from labpipe.signals._mains import Hum
 
 _SIZES = (1024, 512, 256, 128)
 """Samples of a stretch, the longest that fit first."""
@@ -34,6 +35,24 @@ _CERTAIN = 2.0
 # f over that of f^2 times the cutoff, and the integral of the response over the cutoff.
 _PASSED = float(np.sin(3 * np.pi / 8) / np.sin(np.pi / 4))
 _WIDTH = float(np.pi / 8 / np.sin(np.pi / 8))
+
+
+class Colour(NamedTuple):
+    """What noise has besides its white part.
+
+    Attributes
+    ----------
+    corner : float [Hz]
+        Below which it is more than twice as strong.
+    hum : Hum, optional
+        Of the mains, taken out of the record already: what is left of it is noise.
+    """
+
+    corner: float = 0.0
+    hum: Hum | None = None
+
+
+WHITE = Colour()
 
 
 def estimate_corner(residual: Floats, share: Floats, interval: float) -> float:
@@ -88,7 +107,7 @@ def estimate_corner(residual: Floats, share: Floats, interval: float) -> float:
     return float(_CORNERS[best] / interval) if cost[0] - cost[best] > _CERTAIN else 0.0
 
 
-def coloured_covariance(design: Floats, inverse: NDArray[Any], time: Floats, corner: float) -> Floats:
+def coloured_covariance(design: Floats, inverse: NDArray[Any], time: Floats, colour: Colour, sigma: float) -> Floats:
     """Return the covariance (p, p) of a least-squares fit to readings with a white noise of 1.
 
     Parameters
@@ -100,10 +119,15 @@ def coloured_covariance(design: Floats, inverse: NDArray[Any], time: Floats, cor
         Of ``J' J``, all rows taken.
     time : array (n,) [s]
         Even.
-    corner : float [Hz]
+    colour : Colour
+    sigma : float
+        Standard deviation of the white part, in the unit of the hum.
     """
     read, ties = design[: len(time)], design[len(time) :]
-    middle = _normal(read, float(np.median(np.diff(time))), corner) + ties.T @ ties
+    middle = _normal(read, float(np.median(np.diff(time))), colour.corner) + ties.T @ ties
+    if colour.hum is not None:
+        moved = read.T @ colour.hum.modes(time) / sigma
+        middle = middle + moved @ moved.T
     return np.asarray(inverse @ middle @ inverse, float)
 
 

@@ -6,20 +6,30 @@ of free flight); :mod:`._impact_fit` then fits each with its two ballistic arcs.
 
 import json
 import warnings
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.signals._colour import coloured_covariance, estimate_corner, velocity_factor
+from labpipe.signals._colour import Colour, coloured_covariance, estimate_corner, velocity_factor
 from labpipe.signals._derivative import checked_record
 from labpipe.signals._impact_fit import OUTPUTS, PRIORS, ImpactFit, ShapePrior, fit_impact
+from labpipe.signals._mains import Hum, Stretch, hum_of
 from labpipe.signals._noise import estimate_noise, is_spike
 from labpipe.signals._readings import is_constant
 from labpipe.signals._smoothing import Smooth, evaluate, smooth
-from labpipe.signals._turns import FEWEST_IN_FLIGHT, SURE, Turn, common_fall, curvature, find_turns, flights_after
+from labpipe.signals._turns import (
+    FEWEST_IN_FLIGHT,
+    SURE,
+    Turn,
+    common_fall,
+    curvature,
+    find_turns,
+    first_fall,
+    flights_after,
+)
 from labpipe.uncertainty import propagated_u
 from labpipe.variables import described, variable, with_u
 
@@ -30,6 +40,7 @@ _LONGEST_ARC = 12e-3  # s of flight used on either side; longer adds less than t
 _FALL_TOLERANCE = 0.35  # by which a flight's acceleration may differ from the common one
 _IMPULSIVE = 4.0  # times the fall's acceleration, the least mean acceleration of the first impact
 _RESTED = 0.1  # of the fall, by which a turn begins too early when the body still rests
+_HELD = 0.1  # of the fall, before which the body surely rests
 _REST_FRACTION = 0.01  # of the first impact speed, below which the body is at rest
 
 _SHARED = ("touch_time", "liftoff_time", "incoming_speed", "outgoing_speed", "restitution", "contact_duration")
@@ -64,7 +75,8 @@ def bounces(
     Parameters
     ----------
     displacement : Dataset with ``displacement`` or DataArray, over time [m]
-        Either direction, any offset. NaN samples are left out.
+        Either direction, any offset. NaN samples are left out. An attribute ``hum`` of the Dataset
+        says which hum was taken out of it already; it is found again with the flights.
     gravity : float, optional [m/s2]
         Acceleration of the free fall in the record. Default: fitted, common to all flights; an
         uncorrected inclination of the sensor then cancels in the restitution.
@@ -92,7 +104,9 @@ def bounces(
         ``fall_acceleration`` [m/s2]. Scalar ``settling_time`` [s]: the last touch seen, after
         which no flight can be resolved. Attributes: ``direction`` (+1 when larger displacement is
         higher), ``noise`` (m) of neighbouring samples, ``noise_corner`` (Hz) below which the noise is
-        more than twice as strong (0 when it is white), ``work``.
+        more than twice as strong (0 when it is white), ``work``; where there is a hum of the mains,
+        ``hum`` (:meth:`labpipe.signals.Hum.to_text`), which was taken out before anything was
+        measured, and ``u_hum`` (m), what is left of it, which is in every ``u_``.
 
     Raises
     ------
@@ -144,17 +158,15 @@ def bounces(
         raise InputError(message)
     keep = ~is_spike(time, values, sigma)
     time, values = time[keep], values[keep]
-    fit = smooth(time, values, sigma)
-    direction = _direction(fit, time)
+    known = Hum.of_text(displacement.attrs.get("hum")) if isinstance(displacement, xr.Dataset) else None
+    motion = _followed(time, values, sigma, known)
+    hum = _hum(time, values, sigma, motion, known)
+    if hum is not known:
+        values = values + (0.0 if known is None else known.at(time)) - (0.0 if hum is None else hum.at(time))
+        motion = _followed(time, values, sigma, hum)
+    direction, turns, colour = motion.direction, motion.turns, motion.colour
     height = direction * values
-    speed, u_speed = evaluate(fit, time, 1)
-    level, u_level = evaluate(fit, time, 0)
-    share = (u_level / fit.sigma) ** 2
-    corner = estimate_corner((values - level) / sigma, share, fit.time_scale)
-    u_speed = u_speed * velocity_factor(share, fit.time_scale, corner)
-    speed *= direction
-    turns = find_turns(time, speed, u_speed)
-    fall, u_fall = common_fall(time, height, sigma, turns, gravity, corner)
+    fall, u_fall = common_fall(time, height, sigma, turns, gravity, colour)
     if turns[0].jump < _IMPULSIVE * fall * turns[0].duration:
         message = (
             f"no bounce found: the strongest reversal changes the speed by {turns[0].jump:.3g} "
@@ -162,7 +174,7 @@ def bounces(
         )
         raise InputError(message)
     prior = PRIORS[contact]
-    impacts, last_touch = _fitted(time, height, (sigma, corner), turns, (fall, u_fall), prior)
+    impacts, last_touch = _fitted(time, height, (sigma, colour), turns, (fall, u_fall), prior)
     for number, impact in enumerate(impacts, 1):
         if impact.unread is not None:
             text = (
@@ -175,19 +187,68 @@ def bounces(
         message = "no bounce found: no impact between two flights of constant acceleration"
         raise InputError(message)
     found = _per_impact(impacts, direction)
-    found |= _release(time, height, (sigma, corner), turns[0], impacts[0], (fall, u_fall), direction)
-    found |= _rest(time, values, speed, u_speed, impacts[0], last_touch)
+    found |= _release(time, height, (sigma, colour), turns[0], impacts[0], (fall, u_fall), direction)
+    found |= _rest(time, values, motion.speed, motion.u_speed, impacts[0], last_touch)
     found["fall_acceleration"] = variable((), fall, "m/s2", "acceleration of the free fall")
     found["u_fall_acceleration"] = variable((), u_fall, "m/s2", "standard uncertainty of the fall")
     numbered = variable("impact", np.arange(1, len(impacts) + 1), "1", "number of the impact")
     result = xr.Dataset(found, coords={"impact": numbered})
     counts = {
         "samples": len(time),
-        "band_solves": fit.n_updates,
+        "band_solves": motion.fit.n_updates,
         "impact_evaluations": sum(impact.n_evaluations for impact in impacts),
     }
-    result.attrs = {"direction": direction, "noise": sigma, "noise_corner": corner, "work": json.dumps(counts)}
+    result.attrs = {"direction": direction, "noise": sigma, "noise_corner": colour.corner, "work": json.dumps(counts)}
+    if hum is not None:
+        result.attrs |= {"hum": hum.to_text(), "u_hum": float(np.sqrt(np.mean(hum.remaining(time) ** 2)))}
     return result
+
+
+class _Motion(NamedTuple):
+    """A record as its smoothing spline follows it; the speed counts upwards."""
+
+    fit: Smooth
+    direction: int
+    speed: Floats
+    u_speed: Floats
+    colour: Colour
+    turns: list[Turn]
+
+
+def _followed(time: Floats, values: Floats, sigma: float, hum: Hum | None) -> _Motion:
+    """Follow a record and find its turns."""
+    fit = smooth(time, values, sigma)
+    direction = _direction(fit, time)
+    speed, u_speed = evaluate(fit, time, 1)
+    level, u_level = evaluate(fit, time, 0)
+    share = (u_level / fit.sigma) ** 2
+    corner = estimate_corner((values - level) / sigma, share, fit.time_scale)
+    u_speed = u_speed * velocity_factor(share, fit.time_scale, corner)
+    speed *= direction
+    return _Motion(fit, direction, speed, u_speed, Colour(corner, hum), find_turns(time, speed, u_speed))
+
+
+def _hum(time: Floats, values: Floats, sigma: float, motion: _Motion, known: Hum | None) -> Hum | None:
+    """Find the hum of the mains where no specimen swings: in the rest before the release and in all flights."""
+    height, colour = motion.direction * values, motion.colour
+    fall, _ = common_fall(time, height, sigma, motion.turns, None, colour)
+    first = motion.turns[0]
+    # A hum makes the turn begin while the body still rests: the speed of the impact tells the release.
+    lasts = -float(motion.speed[first.descent]) / fall
+    ends = first.touch - lasts * np.array([1.0 + _HELD, 1.0 - _HELD])
+    held, released = (int(i) for i in np.searchsorted(time, ends))
+    begun = first_fall(time, first)
+    stretches = [Stretch(slice(0, held), 1), Stretch(slice(released, max(begun.stop, released)), 2)]
+    for part in flights_after(time, motion.turns):
+        if not _is_flight(*curvature(time[part], height[part], sigma, colour), fall):
+            break
+        stretches.append(Stretch(part, 2))
+    return hum_of(time, values if known is None else values + known.at(time), sigma, stretches, known)
+
+
+def _is_flight(value: float, u: float, fall: float) -> bool:
+    """Whether a curvature is that of the fall, and known well enough to say so."""
+    return u <= _FALL_TOLERANCE * fall and abs(value - fall) <= max(_FALL_TOLERANCE * fall, 3.0 * u)
 
 
 def phases(events: xr.Dataset, time: xr.DataArray) -> xr.DataArray:
@@ -232,19 +293,17 @@ def _direction(fit: Smooth, time: Floats) -> int:
 def _fitted(
     time: Floats,
     height: Floats,
-    noise: tuple[float, float],
+    noise: tuple[float, Colour],
     turns: list[Turn],
     gravity: tuple[float, float],
     prior: ShapePrior,
 ) -> tuple[list[ImpactFit], float]:
     """Fit impact after impact until flights can no longer be distinguished from vibration."""
-    sigma, corner = noise
+    sigma, colour = noise
     impacts: list[ImpactFit] = []
     fall, _ = gravity
     for turn, after in zip(turns, flights_after(time, turns), strict=True):
-        value, u = curvature(time[after], height[after], sigma, corner)
-        tolerance = max(_FALL_TOLERANCE * fall, 3.0 * u)
-        if u > _FALL_TOLERANCE * fall or abs(value - fall) > tolerance:
+        if not _is_flight(*curvature(time[after], height[after], sigma, colour), fall):
             return impacts, turn.touch
         if impacts:
             free_from = impacts[-1].value[OUTPUTS.index("liftoff_time")] + 0.1 * turn.duration
@@ -254,7 +313,7 @@ def _fitted(
         end = min(time[after.stop - 1], turn.liftoff + _LONGEST_ARC)
         window = slice(*(int(i) for i in np.searchsorted(time, [begin, end])))
         guess = (turn.touch, turn.liftoff)
-        impacts.append(fit_impact(time[window], height[window], sigma, guess, *gravity, prior, corner))
+        impacts.append(fit_impact(time[window], height[window], sigma, guess, *gravity, prior, colour))
     return impacts, float(impacts[-1].value[0]) if impacts else np.nan
 
 
@@ -306,14 +365,14 @@ def _combined(name: str, value: Floats, direction: int) -> tuple[float, Floats]:
 def _release(
     time: Floats,
     height: Floats,
-    noise: tuple[float, float],
+    noise: tuple[float, Colour],
     turn: Turn,
     impact: ImpactFit,
     gravity: tuple[float, float],
     direction: int,
 ) -> dict[str, Any]:
     """Release: where the falling arc has no speed. First contact: the first touch."""
-    sigma, corner = noise
+    sigma, colour = noise
     start, touch = turn.before + (turn.descent - turn.before) // 10, float(impact.value[0])
     # Slow drift or hum makes the turn begin while the body still rests. The last third of what is
     # left falls for certain and says when the release was.
@@ -327,7 +386,7 @@ def _release(
     try:
         inverse = np.linalg.inv(design.T @ design)
         # The last row is the common fall, not a reading.
-        covariance = sigma**2 * coloured_covariance(design, inverse, t, corner)
+        covariance = sigma**2 * coloured_covariance(design, inverse, t, colour, sigma)
     except np.linalg.LinAlgError as error:
         message = (
             f"{len(t)} readings of the fall before the first touch at {impact.value[0]:.6g} s do "

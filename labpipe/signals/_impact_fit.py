@@ -28,7 +28,7 @@ from scipy.integrate import cumulative_simpson
 from scipy.optimize import least_squares
 
 from labpipe.arrays import Floats
-from labpipe.signals._colour import coloured_covariance, coloured_power
+from labpipe.signals._colour import WHITE, Colour, coloured_covariance, coloured_power
 from labpipe.uncertainty import propagated_covariance
 
 NAMES = ("level", "speed", "pulse", "lean", "flatness", "skewness", "crest", "onset", "touch", "liftoff", "gravity")
@@ -162,7 +162,7 @@ def fit_impact(
     gravity: float,
     u_gravity: float,
     prior: ShapePrior = PRIORS["any"],
-    corner: float = 0.0,
+    colour: Colour = WHITE,
 ) -> ImpactFit:
     """Fit arcs and pulse to the samples around one impact.
 
@@ -178,8 +178,8 @@ def fit_impact(
         Acceleration of the fall (> 0) and its standard uncertainty.
     prior : ShapePrior
         One of :data:`PRIORS`.
-    corner : float [Hz]
-        Colour of the noise, see :mod:`._colour`.
+    colour : Colour
+        Of the noise.
 
     Returns
     -------
@@ -206,11 +206,11 @@ def fit_impact(
             break
     interval = float(np.median(np.diff(t)))
     chi_square = misfit / max(len(t) - len(NAMES) + len(_WITH_PRIOR), 1)
-    excess = chi_square / coloured_power(len(t), interval, corner)
+    excess = chi_square / coloured_power(len(t), interval, colour.corner)
     # More scatter than the noise means a motion that the model lacks (a vibrating plate).
     factor = max(excess, 1.0) * (1.0 + (max(loss - _TESTED_LOSS, 0.0) / _UNTESTED_SCALE) ** 2)
     inverse = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
-    covariance = factor * coloured_covariance(jacobian, inverse, t, corner) * np.outer(scale, scale)
+    covariance = factor * coloured_covariance(jacobian, inverse, time, colour, sigma) * np.outer(scale, scale)
     ties = inverse[:, _SHAPE] * (scale[_SHAPE] / pull.spread[:-1])
     of_shape = factor * (ties @ ties.T) * np.outer(scale, scale)
     value, gradient = _outputs(p, scale)

@@ -6,7 +6,7 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.signals._colour import coloured_covariance
+from labpipe.signals._colour import WHITE, Colour, coloured_covariance
 
 SURE = 4.0  # standard uncertainties by which a speed must differ from zero to have a direction
 FEWEST_IN_FLIGHT = 6
@@ -94,11 +94,15 @@ def flights_after(time: Floats, turns: list[Turn]) -> list[slice]:
     return flights
 
 
-def curvature(time: Floats, height: Floats, sigma: float, corner: float = 0.0) -> tuple[float, float]:
-    """Downward acceleration of a parabola through the samples, and its standard uncertainty.
+def first_fall(time: Floats, first: Turn) -> slice:
+    """Return the samples of the fall before the first impact, without the jolt of the release."""
+    start = first.before + (first.descent - first.before) // 3
+    end = int(np.searchsorted(time, first.touch - _MARGIN * first.duration))
+    return slice(start, max(end, start))
 
-    ``corner`` [Hz] is the colour of the noise, see :mod:`._colour`.
-    """
+
+def curvature(time: Floats, height: Floats, sigma: float, colour: Colour = WHITE) -> tuple[float, float]:
+    """Downward acceleration of a parabola through the samples, and its standard uncertainty."""
     if len(time) < FEWEST_IN_FLIGHT:
         return np.nan, np.inf
     half = 0.5 * (time[-1] - time[0])
@@ -108,24 +112,20 @@ def curvature(time: Floats, height: Floats, sigma: float, corner: float = 0.0) -
     misfit = height - height.mean() - design @ found
     scatter = max(sigma, float(np.sqrt(np.sum(misfit**2) / (len(time) - 3))))
     inverse = np.linalg.inv(design.T @ design)
-    coloured = coloured_covariance(design, inverse, time, corner)
+    coloured = coloured_covariance(design, inverse, time, colour, sigma)
     u = max(scatter * float(np.sqrt(inverse[2, 2])), sigma * float(np.sqrt(coloured[2, 2])))
     return float(found[2]) / half**2, u / half**2
 
 
 def common_fall(
-    time: Floats, height: Floats, sigma: float, turns: list[Turn], gravity: float | None, corner: float = 0.0
+    time: Floats, height: Floats, sigma: float, turns: list[Turn], gravity: float | None, colour: Colour = WHITE
 ) -> tuple[float, float]:
     """Acceleration of the free fall, common to the longest flights."""
     if not turns:
         message = "no bounce found: the displacement never turns from down to up"
         raise InputError(message)
-    first = turns[0]
-    # The first stretch begins with the release, whose jolt is not part of the fall.
-    start = first.before + (first.descent - first.before) // 3
-    end = int(np.searchsorted(time, first.touch - _MARGIN * first.duration))
-    stretches = [slice(start, max(end, start)), *flights_after(time, turns)]
-    found = [curvature(time[stretch], height[stretch], sigma, corner) for stretch in stretches]
+    stretches = [first_fall(time, turns[0]), *flights_after(time, turns)]
+    found = [curvature(time[stretch], height[stretch], sigma, colour) for stretch in stretches]
     values = np.array([value for value, u in found if np.isfinite(u) and 0.0 < 3.0 * u < value])
     spread = np.array([u for value, u in found if np.isfinite(u) and 0.0 < 3.0 * u < value])
     if len(values) == 0:

@@ -34,14 +34,7 @@ _TRIES = 2
 _IMPORTS = ("numpy", "xarray", "netCDF4", "labpipe.netcdf", "labpipe.workflow._worker")
 """What every worker needs."""
 
-_IMPORTS_TO_DRAW = (
-    "jinja2",
-    "matplotlib.figure",
-    "matplotlib.backends.backend_svg",
-    "matplotlib.backends.backend_agg",
-    "labpipe.report._document",
-    "labpipe.report._pictures",
-)
+_IMPORTS_TO_DRAW = ("jinja2", "labpipe.report._document", "labpipe.report._pictures")
 """What workers need that write pages: loaded once, not once for every experiment."""
 
 

@@ -1,7 +1,8 @@
 """The page of a whole session: every experiment with its state, key numbers and a small picture."""
 
 import hashlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -40,6 +41,10 @@ _ERROR = (
 )
 _COMPARISON = "comparison"
 """The stage whose result holds the error of a kind."""
+
+
+_Read = Callable[[str], "xr.Dataset | None"]
+"""Gives what a stage of an experiment gave, for its first recording; each is read once."""
 
 
 def write_overview(session: Session, stages: Stages, plan: Plan | None = None) -> Path:
@@ -103,8 +108,8 @@ def _page(results: Results) -> str:
     if answer:
         sections.append(Section("Answer", answer))
     for title, names in _groups(session):
-        columns, cells = _columns(results, names)
-        rows = tuple(_row(results, name, cells[name], verdicts.get(name), title) for name in names)
+        columns, cells, pictures = _columns(results, names)
+        rows = tuple(_row(results, n, cells[n], pictures[n], verdicts.get(n), title) for n in names)
         can_sort = len(rows) > 1
         sections.append(Section(title, (IndexTable(tuple(columns), rows, (sort if can_sort else "") + error),)))
         done += sum(row.name in verdicts or row.state.startswith(_DONE) for row in rows)
@@ -190,8 +195,10 @@ def pages_together(folder: Path) -> list[tuple[str, str]]:
     ]
 
 
-def _columns(results: Results, names: Sequence[str]) -> "tuple[list[Column], dict[str, list[Any]]]":
-    """Columns that at least one of the experiments has a number for, and the cells of each."""
+def _columns(
+    results: Results, names: Sequence[str]
+) -> "tuple[list[Column], dict[str, list[Any]], dict[str, bytes | None]]":
+    """Columns that at least one of the experiments has a number for, the cells of each, and its picture."""
     from labpipe.report import Column
 
     session = results.plan.session
@@ -203,16 +210,19 @@ def _columns(results: Results, names: Sequence[str]) -> "tuple[list[Column], dic
         Column("warnings"),
     ]
     cells: dict[str, list[Any]] = {}
+    pictures: dict[str, bytes | None] = {}
     for name, kind in kinds.items():
         sources = {(n.title, n.unit): (n.stage, n.variable) for n in kind.key_numbers}
+        read = cache(partial(first_result, results, name))  # one result holds several numbers
         cells[name] = [
-            _number(results, name, (_COMPARISON, kind.error), is_worst=True),
-            *(_number(results, name, sources.get(number)) for number in numbers),
+            _number(read, (_COMPARISON, kind.error), is_worst=True),
+            *(_number(read, sources.get(number)) for number in numbers),
             _warnings(results.plan, name),
         ]
+        pictures[name] = _picture(read, kind)
     is_used = [any(row[i] is not None for row in cells.values()) for i in range(len(columns))]
     kept = [i for i, used in enumerate(is_used) if used]
-    return [columns[i] for i in kept], {name: [row[i] for i in kept] for name, row in cells.items()}
+    return [columns[i] for i in kept], {name: [row[i] for i in kept] for name, row in cells.items()}, pictures
 
 
 def _key_numbers(shown: Iterable[Kind]) -> list[tuple[str, str]]:
@@ -222,10 +232,10 @@ def _key_numbers(shown: Iterable[Kind]) -> list[tuple[str, str]]:
     return list(dict.fromkeys((number.title, number.unit) for number in every))
 
 
-def _number(results: Results, name: str, source: tuple[str, str] | None, *, is_worst: bool = False) -> float | None:
+def _number(read: _Read, source: tuple[str, str] | None, *, is_worst: bool = False) -> float | None:
     import numpy as np
 
-    dataset = first_result(results, name, source[0]) if source else None
+    dataset = read(source[0]) if source else None
     if dataset is None or source is None or source[1] not in dataset:
         return None
     values = np.atleast_1d(np.asarray(dataset[source[1]].values, float))
@@ -249,7 +259,9 @@ def _warnings(plan: Plan, name: str) -> int:
     return sum(len(record.warnings) for record in records if record is not None)
 
 
-def _row(results: Results, name: str, cells: Sequence[Any], verdict: "Verdict | None", heading: str) -> "IndexRow":
+def _row(
+    results: Results, name: str, cells: Sequence[Any], picture: bytes | None, verdict: "Verdict | None", heading: str
+) -> "IndexRow":
     from labpipe.report import IndexRow
 
     plan = results.plan
@@ -278,7 +290,7 @@ def _row(results: Results, name: str, cells: Sequence[Any], verdict: "Verdict | 
         level,  # type: ignore[arg-type]
         href=page_name(name) if has_page else "",
         metrics=tuple(cells),
-        thumbnail=_picture(results, name),
+        thumbnail=picture,
         remark="; ".join(text for text in ("" if kind == heading else kind, unreadable) if text),
     )
 
@@ -292,11 +304,11 @@ def _judged(believable: str, model: str) -> tuple[str, str]:
     return f"believable, model {model}", "warning" if model == "differs" else "ok"
 
 
-def _picture(results: Results, name: str) -> bytes | None:
+def _picture(read: _Read, kind: Kind) -> bytes | None:
     from labpipe.report import thumbnail
 
-    source = experiments.KINDS[results.plan.session.experiments[name].kind].picture
-    dataset = first_result(results, name, source.stage) if source else None
+    source = kind.picture
+    dataset = read(source.stage) if source else None
     if source is None or dataset is None or not {source.x, source.y} <= set(dataset.variables):
         return None
     chart = _chart(dataset, source.x, source.y, source.scale)

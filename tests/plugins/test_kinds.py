@@ -111,7 +111,7 @@ def test_its_results_are_right_and_on_the_page_of_the_session(said: dict[str, tu
     folder = said["folder"][1]
     index = (folder / "labpipe/index.html").read_text("utf-8")
     assert "bar frequency" in index
-    assert 'src="data:image/png;base64,' in index
+    assert 'src="data:image/svg+xml;base64,' in index
     assert "by the sag" in (folder / "labpipe/reports/bar.html").read_text("utf-8")
 
 

@@ -134,7 +134,7 @@ def dataset(
     }
     if rigid_restitution is not None:
         scalars["rigid_restitution"] = rigid_restitution
-    result = _assemble(time, series, _rows(run, setting), scalars, setting, work)
+    result = _assemble(time, series, impact_rows(run, setting), scalars, setting, work)
     result.attrs["energy_identity_error"] = error
     if run.snapshots:
         result = result.assign(_maps(run, setting))
@@ -291,7 +291,7 @@ def _series(values: Columns, ledger: dict[str, Floats], *, has_plate: bool) -> d
     return series
 
 
-def _rows(run: DropRun, setting: Setting) -> dict[str, Floats]:
+def impact_rows(run: DropRun, setting: Setting) -> dict[str, Floats]:
     """One row per contact that ended in a flight."""
     rows = []
     for contact, following in zip(run.segments, run.segments[1:], strict=False):

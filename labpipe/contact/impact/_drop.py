@@ -33,6 +33,7 @@ from labpipe.units import Measure, si
 _PROGRESS_EVERY = 0.01
 # A run that mislays more than this times rtol of the drop's energy (usual are 0.4 for one impact
 # and 0.8 for a long train) is repeated once with rtol divided by the refinement, down to the limit.
+MAX_STEPS = 1_000_000
 ENERGY_LIMIT, _REFINEMENT, _FINEST = 5.0, 10.0, 1e-6
 
 
@@ -54,7 +55,7 @@ def drop(
     time_step: float | None = None,
     fold: bool = True,
     shortcuts: Shortcuts = ALL_SHORTCUTS,
-    max_steps: int = 1_000_000,
+    max_steps: int = MAX_STEPS,
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """Drop a viscoelastic sphere on a rigid flat.
@@ -185,14 +186,14 @@ def drop(
         )
         return thesis_dataset(thesis, setting, wanted, perf_counter() - started)
     effort = Effort(rtol, ring_width, fold, max_steps, shortcuts)
-    run, error = _refined(setting, creep, effort, looks, observe)
+    run, error = refined(setting, creep, effort, looks, observe)
     rigid = None if plate is None else _rigid_restitution(setting, creep, effort)
     result = dataset(run, setting, wanted, rigid, perf_counter() - started)
     result.attrs["energy_error"] = error
     return result
 
 
-def _refined(
+def refined(
     setting: Setting, creep: Creep, effort: Effort, looks: Floats | None, observe: Callable[[float], None] | None
 ) -> tuple[DropRun, float]:
     """Simulate, and again more finely when the first run says that it was too coarse.

@@ -8,11 +8,12 @@ import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats, Integers
-from labpipe.contact.impact._checks import checked
-from labpipe.contact.impact._dataset import ROWS, SCALARS, Setting
-from labpipe.contact.impact._drop import ENERGY_LIMIT, drop
+from labpipe.contact.impact._checks import checked, warn_of_millimetres
+from labpipe.contact.impact._dataset import ROWS, SCALARS, Setting, impact_rows
+from labpipe.contact.impact._drop import ENERGY_LIMIT, MAX_STEPS, refined
 from labpipe.contact.impact._line_springs import Profile
 from labpipe.contact.impact._plate import Plate
+from labpipe.contact.impact._setup import Effort
 from labpipe.contact.memory import Creep
 from labpipe.errors import InputError
 from labpipe.materials import Solid, solid
@@ -92,16 +93,15 @@ def impacts(
     }
     cases = _cases(given, profile, rtol)
     rows = np.full((len(cases), most, len(COLUMNS)), np.nan)
-    work, left = np.zeros((len(cases), 3), np.int64), []
+    work, final, n_left = np.zeros((len(cases), 3), np.int64), np.full(len(cases), np.nan), 0
     for numbers in _by_material(cases):
         creep = Creep.of(solid(cases[numbers[0]].material))
         found = follow(creep, [cases[i].setting for i in numbers], most, ENERGY_LIMIT * rtol, fold=fold)
         rows[numbers], work[numbers] = found.rows, found.work
-        left += [i for i, leave in zip(numbers, found.is_left.tolist(), strict=True) if leave]
-    final = np.full(len(cases), np.nan)
-    for i in left:
-        rows[i], work[i, 0], final[i] = _one_by_one(cases[i], most, COLUMNS, fold=fold)
-    return _dataset(COLUMNS, rows, work, final, len(left))
+        for i in (i for i, leave in zip(numbers, found.is_left.tolist(), strict=True) if leave):
+            rows[i], work[i, 0], final[i] = _one_by_one(cases[i], creep, most, COLUMNS, fold=fold)
+            n_left += 1
+    return _dataset(COLUMNS, rows, work, final, n_left)
 
 
 class _Case(NamedTuple):
@@ -142,27 +142,19 @@ def _by_material(cases: Sequence[_Case]) -> list[list[int]]:
     return list(known.values())
 
 
-def _one_by_one(case: _Case, most: int, columns: Sequence[str], *, fold: bool) -> tuple[Floats, int, float]:
+def _one_by_one(
+    case: _Case, creep: Creep, most: int, columns: Sequence[str], *, fold: bool
+) -> tuple[Floats, int, float]:
     """Rows (impact, column) of the general solver, its steps, and the touch after which it stays."""
     setting = case.setting
-    found = drop(
-        case.material,
-        setting.radius,
-        setting.mass,
-        setting.height,
-        setting.duration,
-        profile=setting.profile,
-        rtol=setting.rtol,
-        gravity=setting.gravity,
-        plate=setting.plate,
-        times=[0.0],
-        fold=fold,
-    )
+    warn_of_millimetres(setting.radius, setting.mass, setting.height)
+    run, _ = refined(setting, creep, Effort(setting.rtol, None, fold, MAX_STEPS), None, None)
+    found = impact_rows(run, setting)
     rows = np.full((most, len(columns)), np.nan)
-    happened = min(found.sizes["impact"], most)
-    rows[:happened] = np.stack([found[name].values[:happened] for name in columns], axis=1)
-    final = float(found["final_contact_time"]) if found.sizes["impact"] < most else np.nan
-    return rows, int(json.loads(found.attrs["work"])["solver_steps"]), final
+    happened = min(found["impact_time"].size, most)
+    rows[:happened] = np.stack([found[name][:happened] for name in columns], axis=1)
+    final = run.final_touch + setting.fall_time if found["impact_time"].size < most else np.nan
+    return rows, run.counts.solver_steps, final
 
 
 def _dataset(columns: Sequence[str], rows: Floats, work: Integers, final: Floats, n_left: int) -> xr.Dataset:

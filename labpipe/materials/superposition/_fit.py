@@ -35,9 +35,10 @@ from labpipe.materials.superposition._model_doubt import (
     VIOLATED,
     alternatives,
     other_minimum,
-    run_length,
+    runs_of,
     started_anew,
     violation,
+    with_lasting_noise,
     with_less_smoothing,
     with_other_slopes,
 )
@@ -144,8 +145,7 @@ def superpose(
     if base.horizontal == "free" and points.count >= _RIVAL_NEEDS:
         found = replace(found, rival=_rival(points, found, options))
     found = with_less_smoothing(points, found, options)
-    length = run_length(points, found)
-    found = replace(found, covariance=length * found.covariance, run_length=length)
+    found = with_lasting_noise(points, found)
     # A law that the user has chosen holds as it is; one without numbers was chosen for want of evidence.
     return with_possible_slope(points, found, options) if len(verticals) > 1 else found
 
@@ -205,7 +205,7 @@ def _doubted(
         if other is None:
             break
         current = _probed(points, settled(points, other, current.noise, options), options)
-    length = run_length(points, current)
+    length = runs_of(points, current).length
     doubted = replace(current, alternatives=alternatives(points, current, options, anew), violation=ratio)
     return replace(doubted, probe=_walked(points, doubted, options, length, may_move=False))
 
@@ -227,7 +227,7 @@ def _settled_finely(points: Points, candidate: Candidate, noise: Noise, options:
             for count in (density, 2 * density)
         )
         gain = predictive_cost(present, model) - predictive_cost(finer, model)
-        if gain < STRONG_EVIDENCE * run_length(points, current):
+        if gain < STRONG_EVIDENCE * runs_of(points, current).length:
             break
         candidate = Candidate(model, finer, current.starts)
         current = settled(points, candidate, current.noise, options)

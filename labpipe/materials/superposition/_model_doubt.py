@@ -7,7 +7,9 @@ modulus, on the vertical law, on the minimum that was found. So the fit is repea
 changed; the changes of the shifts are an uncertainty of their own.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,8 +60,20 @@ def violation(current: Superposition, options: Options) -> float:
     return max(noise.storage / scatter.storage, noise.loss / scatter.loss)
 
 
-def run_length(points: Points, current: Superposition) -> float:
-    """Return how many readings are worth one: one where neighbours of a sweep err independently.
+class Runs(NamedTuple):
+    """How alike the errors of neighbouring readings are.
+
+    ``length`` tells how many readings are worth one, ``correlation`` is that of next neighbours, and
+    ``size`` the variance of the errors over that of independent ones which leave the same residuals.
+    """
+
+    length: float
+    correlation: float
+    size: float
+
+
+def runs_of(points: Points, current: Superposition) -> Runs:
+    """Return how alike neighbours err: a length of one where those of a sweep err independently.
 
     Noise that lasts from one reading to the next, and a misfit of the model, bend whole sweeps; every
     one then counts for less than its number of points. A fit that follows them leaves residuals
@@ -67,36 +81,64 @@ def run_length(points: Points, current: Superposition) -> float:
     the one for which this fit would leave residuals as correlated as they are (a first-order
     autoregressive process), and the size of the errors goes with it.
     """
-    followed = _root_of_influence(points, current)
+    followed = np.hstack([part @ _root(inverse) for part, inverse in _influences(points, current)])
     sweeps = _sweeps(points)
     here, after = (np.concatenate([sweep[part] for sweep in sweeps]) for part in (slice(-1), slice(1, None)))
     left = np.clip(current.standardised, -_CLIPPED, _CLIPPED)
     observed = float(left[here] @ left[after]) / max(float(left @ left), np.finfo(float).tiny)
     expected, freedom = np.empty(len(_CORRELATIONS)), np.empty(len(_CORRELATIONS))
     for number, r in enumerate(_CORRELATIONS):
-        spread = np.empty_like(followed)
-        for sweep in sweeps:
-            spread[sweep] = toeplitz(r ** np.arange(sweep.size)) @ followed[sweep]
+        spread = _lasting(followed, sweeps, r)
         back = followed @ (followed.T @ spread) - spread
         freedom[number] = left.size + np.sum(followed * (back - spread))
         expected[number] = r * here.size + np.sum(followed[here] * back[after] - spread[here] * followed[after])
     expected /= freedom
     r = float(np.interp(observed, expected, _CORRELATIONS))
     r *= r**2 / (r**2 + 1.0 / here.size)  # what so few pairs would show by chance
-    return (1.0 + r) / (1.0 - r) * float(freedom[0] / np.interp(r, _CORRELATIONS, freedom))
+    size = float(freedom[0] / np.interp(r, _CORRELATIONS, freedom))
+    return Runs((1.0 + r) / (1.0 - r) * size, r, size)
 
 
-def _root_of_influence(points: Points, current: Superposition) -> Floats:
-    """Return B (2 point, column) of the influence B Bᵀ of the readings on the fit."""
+def with_lasting_noise(points: Points, current: Superposition) -> Superposition:
+    """Carry errors that last from one reading to the next through the fit.
+
+    A shift listens to differences between the readings of a sweep, of which errors that all of them share
+    change little: by the length of runs alone, which holds for a mean, its uncertainty would be too large.
+    By that length goes what a misfit of the model leaves, which is no noise.
+
+    References
+    ----------
+    Newey & West, Econometrica 55 (1987) 703, doi:10.2307/1913610.
+    """
+    runs = runs_of(points, current)
+    found = replace(current, run_length=runs.length)
+    if current.violation > VIOLATED or not current.model.size:
+        return replace(found, covariance=runs.length * current.covariance)
+    rest, inverse = _influences(points, current)[1]
+    gain = rest @ inverse
+    more = runs.size * gain.T @ _lasting(gain, _sweeps(points), runs.correlation) - gain.T @ gain
+    return replace(found, covariance=current.covariance + more)
+
+
+def _influences(points: Points, current: Superposition) -> list[tuple[Floats, Floats]]:
+    """Return the parts G, C of the influence G C Gᵀ of the readings on the fit: of spectrum, and of the rest."""
     model, fit = current.model, current.fit
     inverse = np.asarray(np.linalg.pinv(fit.normal, hermitian=True))
-    parts = [fit.rows @ _root(inverse)]
+    parts = [(fit.rows, inverse)]
     if model.size:
         change = sensitivity(points, fit, model)
         normal, _ = outer_problem(points, fit, model)
         rest = change - fit.rows @ (inverse @ (fit.rows.T @ change))
-        parts.append(rest @ _root(np.asarray(np.linalg.pinv(normal, hermitian=True))))
-    return np.hstack(parts)
+        parts.append((rest, np.asarray(np.linalg.pinv(normal, hermitian=True))))
+    return parts
+
+
+def _lasting(columns: Floats, sweeps: Sequence[NDArray[np.intp]], r: float) -> Floats:
+    """Return R B of columns B (2 point, column), R the correlation of readings in sweeps."""
+    found = np.empty_like(columns)
+    for sweep in sweeps:
+        found[sweep] = toeplitz(r ** np.arange(sweep.size)) @ columns[sweep]
+    return found
 
 
 def _root(matrix: Floats) -> Floats:
@@ -151,7 +193,7 @@ def alternatives(
     for other in _other_laws(model, options):
         fit = screened(points, weight, current, other, state)
         found.append((f"vertical {other.vertical}", fit.state.log10_aT))
-    limit = predictive_cost(current.fit, model) + _SIMILAR * run_length(points, current)
+    limit = predictive_cost(current.fit, model) + _SIMILAR * runs_of(points, current).length
     found += [("start", fit.state.log10_aT) for fit in anew if predictive_cost(fit, model) < limit]
     return tuple(found)
 
@@ -191,7 +233,7 @@ def with_other_slopes(points: Points, current: Superposition, options: Options) 
         starts += restarts(points, current, slope * warmer)
     fits = [screened(points, weight, softer, model, start) for start in starts]
     costs = np.array([predictive_cost(fit, model) for fit in fits])
-    shares = np.exp(-0.5 * (costs - costs.min()) / run_length(points, current))
+    shares = np.exp(-0.5 * (costs - costs.min()) / runs_of(points, current).length)
     shares /= shares.sum()
     best = Candidate(model, fits[int(np.argmin(costs))], current.starts)
     found = settled(points, best, current.noise, options)

@@ -4,6 +4,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import repeat
 from math import acos, cos, pi
 
 import numpy as np
@@ -64,35 +65,28 @@ def judgement(
         for name, read in zip(settings.laser, readings or (), strict=False)
         if read is not None and (trace := Trace.of(name, read, settings.sensor.output)) is not None
     ]
-    looked = {trace.name: trace_checks.checks_of(trace, gravity) for trace in traces}
-    of_traces = [check for found, _, _ in looked.values() for check in found]
+    measured = zip(displacement or repeat(None), bounces or repeat(None), strict=False)
+    results = dict(zip(settings.laser, measured, strict=False))
+    of_traces = [c for trace in traces for c in trace_checks.checks_of(trace, gravity, *results[trace.name])]
     of_traces.append(trace_checks.shared_rows(traces))
-    hums = {name: (amplitude, pulsation) for name, (_, amplitude, pulsation) in looked.items()}
     sphere = settings.sphere
     given = [("height", settings.height), ("sphere.radius", sphere.radius), ("sphere.mass", sphere.mass)]
     checks = [_explained(check, of_traces, settings.calibration) for check in judgements.failed_steps(context, _FAILED)]
     checks += [*of_traces, *judgements.uncertainties_stated(given), fall_checks.gravity_stated(settings.model.gravity)]
     known = next((d for d in displacement or () if d is not None), None)
     checks += trace_checks.of_record(known, settings.calibration)
-    records = list(_records(displacement, bounces, settings, hums))
+    records = list(_records(displacement, bounces, settings))
     headers = [d for d in readings or () if d is not None]
     is_damaged = any(check.level == "impossible" for check in of_traces)
     causes = [] if is_damaged else list(_causes(settings, headers, settings.laser, records))
     stiffness = _stiffness(settings, model)
-    of_records = {
-        fall.name: [
-            fall_checks.hummed(check, fall, settings.model.gravity)
-            for check in _of_record(fall, moved, stiffness, settings)
-        ]
-        for fall, moved in records
-    }
+    of_records = {fall.name: _of_record(fall, moved, stiffness, settings) for fall, moved in records}
     everything = [check for some in of_records.values() for check in some]
     if causes and not explain(everything, causes):
         by_name = dict(zip(settings.laser, readings or (), strict=False))
         everything = [c for one in records for c in _alone(of_records[one[0].name], one, by_name, settings)]
     checks += everything
-    alike = [fall for fall, _ in records if not fall_checks.is_hummed(fall, settings.model.gravity)]
-    checks += fall_checks.repeats_alike(alike, _REPEATS, _OF_ANOTHER)
+    checks += fall_checks.repeats_alike([fall for fall, _ in records], _REPEATS, _OF_ANOTHER)
     if not records:
         checks.append(not_made("free-fall acceleration", "g", "a record of bounces"))
     compared = []
@@ -153,16 +147,13 @@ def _alone(
 
 
 def _records(
-    displacement: Sequence[xr.Dataset | None] | None,
-    bounces: Sequence[xr.Dataset | None] | None,
-    settings: BallDrop,
-    hums: Mapping[str, tuple[float, float]],
+    displacement: Sequence[xr.Dataset | None] | None, bounces: Sequence[xr.Dataset | None] | None, settings: BallDrop
 ) -> Iterator[tuple[Fall, xr.Dataset]]:
     triples = zip(settings.laser, displacement or (), bounces or (), strict=False)
     for name, moved, found in triples:
         if moved is not None and found is not None and found.sizes["impact"]:
             relative = float(moved.attrs["u_systematic_relative"])
-            yield Fall(name, found, relative, *hums.get(name, (0.0, 0.0))), moved
+            yield Fall(name, found, relative), moved
 
 
 def _of_record(fall: Fall, moved: xr.Dataset, stiffness: Stiffness | None, settings: BallDrop) -> list[Check]:

@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import pairwise
+from itertools import pairwise, repeat
 from math import hypot, log, nan, pi, sqrt
 
 import numpy as np
@@ -70,7 +70,7 @@ def judgement(
 ) -> xr.Dataset:
     """Judge one plate vibration; what gave no result is judged by that."""
     names = [name for drops in settings.drops for name in drops.laser]
-    of_traces = _of_traces(names, readings, settings)
+    of_traces = _of_traces(names, readings, displacement, settings)
     checks = [_explained(check, of_traces, settings.calibration) for check in judgements.failed_steps(context, _FAILED)]
     checks += [*of_traces, *_statements(settings), fall_checks.gravity_stated(settings.model.gravity)]
     found = {n: ring for n, ring in zip(names, ringing or (), strict=False) if ring is not None}
@@ -103,11 +103,16 @@ def judgement(
 
 
 def _of_traces(
-    names: Sequence[str], readings: Sequence[xr.Dataset | None] | None, settings: PlateVibration
+    names: Sequence[str],
+    readings: Sequence[xr.Dataset | None] | None,
+    displacement: Sequence[xr.Dataset | None] | None,
+    settings: PlateVibration,
 ) -> list[Check]:
     pairs = [(n, read) for n, read in zip(names, readings or (), strict=False) if read is not None]
     traces = [t for name, read in pairs if (t := Trace.of(name, read, settings.sensor.output)) is not None]
-    found = [c for trace in traces for c in trace_checks.checks_of(trace, settings.model.gravity.value)[0]]
+    moved = dict(zip(names, displacement or repeat(None), strict=False))
+    gravity = settings.model.gravity.value
+    found = [c for trace in traces for c in trace_checks.checks_of(trace, gravity, moved[trace.name])]
     return [*found, trace_checks.shared_rows(traces)]
 
 

@@ -28,7 +28,6 @@ _SWING = 0.07
 A plate takes (1 + e) m/M of the speed and returns at most twice its own: 0.07 is a plate
 55 times as heavy as what falls."""
 _STAYS = 0.02  # of the fall, by which a plate that swings may be elsewhere when it is hit again
-_HUMS = 0.05  # of g, that a hum adds to the curvature of a flight, beyond which it spoils what flights tell
 _CLOCK = 1e-4
 """Relative uncertainty of a sampling interval as manufacturers state it."""
 _HERTZ = 2.868
@@ -61,21 +60,11 @@ class Fall:
         As :func:`labpipe.signals.bounces` returns it.
     relative : float
         Relative standard uncertainty of its scale of length.
-    hum, pulsation : float
-        Amplitude [m] and angular frequency [rad/s] of a line of the mains in the record, which
-        moves everything that is read from it.
     """
 
     name: str
     bounces: xr.Dataset
     relative: float
-    hum: float = 0.0
-    pulsation: float = 0.0
-
-    @property
-    def swing(self) -> float:
-        """Speed by which the hum moves a reading [m/s]."""
-        return self.hum * self.pulsation
 
     def value(self, name: str, impact: int | None = None) -> tuple[float, float]:
         """Return a quantity with the standard uncertainty of the record alone."""
@@ -88,23 +77,6 @@ class Fall:
 def shown(value: float, u: float, unit: str) -> str:
     """Write a value with its uncertainty."""
     return value_with_uncertainty(value, u, unit) if isfinite(u) and u > 0 else quantity(value, unit)
-
-
-def is_hummed(fall: Fall, gravity: Quantity) -> bool:
-    """Whether the hum of a record bends its flights by more than anything else does."""
-    return fall.swing * fall.pulsation > _HUMS * gravity.value
-
-
-def hummed(check: Check, fall: Fall, gravity: Quantity) -> Check:
-    """Say of a check that the hum of its record may have spoiled it, where no larger factor was seen."""
-    share = fall.swing * fall.pulsation / gravity.value
-    if check.level is None or not is_hummed(fall, gravity) or abs(check.log_ratio) > 4 * share:
-        return check
-    cause = (
-        f"hum of {quantity(fall.hum, 'm')} at {fall.pulsation / (2 * pi):.3g} Hz bends flights by {share:.0%} of g, "
-        "so that they tell little: ground the sensor, or average over one period"
-    )
-    return replace(check, level="doubtful", cause=cause, file=fall.name, line=None, setting="")
 
 
 def acceleration(fall: Fall, gravity: Quantity) -> Check:
@@ -121,15 +93,7 @@ def acceleration(fall: Fall, gravity: Quantity) -> Check:
         f"{'' if abs(ratio - 1) > 0.05 else ' is expected'}"
     )
     return compared(
-        name,
-        law,
-        message,
-        seen,
-        u,
-        gravity.value,
-        gravity.u,
-        allowance=GUIDE * gravity.value + fall.swing * fall.pulsation,
-        file=fall.name,
+        name, law, message, seen, u, gravity.value, gravity.u, allowance=GUIDE * gravity.value, file=fall.name
     )
 
 
@@ -152,9 +116,7 @@ def height(fall: Fall, given: Quantity | None) -> Check:
     seen, own = fall.value("drop_height")
     u = hypot(own, seen * fall.relative)
     message = f"{fall.name}: the body fell {shown(seen, u, 'm')}, stated are {shown(*given)}"
-    return compared(
-        name, law, message, seen, u, given.value, given.u, allowance=2 * fall.hum, file="", setting="height"
-    )
+    return compared(name, law, message, seen, u, given.value, given.u, file="", setting="height")
 
 
 def speed(fall: Fall, gravity: Quantity) -> Check:
@@ -174,7 +136,7 @@ def speed(fall: Fall, gravity: Quantity) -> Check:
         u,
         expected,
         0.5 * expected * u_h / h if h > 0 else nan,
-        allowance=GUIDE * expected + 2 * fall.swing,
+        allowance=GUIDE * expected,
         file=fall.name,
     )
 
@@ -190,7 +152,7 @@ def smooth_flights(fall: Fall) -> Check:
         return not_made(name, law, "flights before and after an impact")
     left = noise * sqrt(max(ratio - 1.0, 0.0))
     text = f"{fall.name}: flights leave their arcs by {quantity(left, 'm')}, the noise is {quantity(noise, 'm')}"
-    is_rough = left > max(2 * fall.hum, _ROUGH * height, 5 * noise)
+    is_rough = left > max(_ROUGH * height, 5 * noise)
     cause = "the sensor or its clamp shakes, the body swings or turns, or a filter of the sensor bends the flights"
     level: Level | None = "doubtful" if is_rough else None
     return stated(name, law, text, level, cause=cause if is_rough else "", file=fall.name)
@@ -287,7 +249,7 @@ def flights_alike(fall: Fall, gravity: Quantity) -> Check:
         float(u[worst]),
         float(said[worst]),
         0.0,
-        allowance=0.01 * float(lasts[worst]) + 4 * fall.swing / gravity.value,
+        allowance=0.01 * float(lasts[worst]),
         factor=False,
         file=fall.name,
     )
@@ -301,7 +263,7 @@ def touch_levels(fall: Fall) -> Check:
         return not_made(name, law, "two bounces")
     apart = np.abs(level - level[0])
     worst = int(np.argmax(apart))
-    allowed = _STAYS * abs(fall.value("drop_height")[0]) + 2 * fall.hum + 4 * np.hypot(u, u[0])
+    allowed = _STAYS * abs(fall.value("drop_height")[0]) + 4 * np.hypot(u, u[0])
     text = (
         f"{fall.name}: touch {worst + 1} lies {quantity(float(level[worst] - level[0]), 'm')} from the first one, "
         f"{quantity(float(allowed[worst]), 'm')} may be"

@@ -16,7 +16,7 @@ import xarray as xr
 
 from labpipe.judging import Check, Level, not_made, stated
 from labpipe.report import quantity
-from labpipe.signals import quantisation_step
+from labpipe.signals import Hum, quantisation_step
 
 FLAT = 6
 """Equal readings in a row that a moving body does not give."""
@@ -37,11 +37,7 @@ _SINE, _LINE = 0.98, 0.7
 """Of the variance; and of the power in three neighbouring lines, of which a sine has more than 0.8 in any phase."""
 _QUIET = 200  # readings at the beginning that should be still
 _FALL = (0.4, 2.5)  # times g, curvature of a beginning in mid-fall
-_MAINS = (50.0, 60.0)
-_GONE = 0.1  # of the travel, by which a body has left its place
-_SURE = 1e-6  # probability by chance of a line in a spectrum that is told
-_PERIODS = 0.6  # of the mains, without which hum cannot be told from drift
-_HUM = 0.01  # of the travel, beyond which hum is doubtful
+_HUM = 0.01  # of the travel, beyond which what is left of a hum is doubtful
 _OBLIQUE = pi / 4  # between line of sight and motion: no makers' sensor sees its spot from further aside
 _VAGUE = pi / 60  # u of an inclination: what was measured, even by eye, is known better
 _UNKNOWN = 0.2  # relative u of a calibrated length, beyond which it was not calibrated
@@ -118,26 +114,20 @@ class Trace:
         return quantity(float(self.time[index]), "s")
 
 
-def checks_of(trace: Trace, gravity: float) -> tuple[list[Check], float, float]:
-    """Make all checks of a trace, those first that explain others.
-
-    Returns
-    -------
-    checks : list of Check
-    amplitude, pulsation : float
-        Of the hum of the mains [m, rad/s]; 0 where there is none.
-    """
+def checks_of(trace: Trace, gravity: float, *found_in: xr.Dataset | None) -> list[Check]:
+    """Make all checks of a trace, those first that explain others; a hum is told by the last result there is."""
     if np.isfinite(trace.reading).sum() < 10 * FLAT:
-        return [not_made("readings", "a record has readings", "sixty valid readings")], 0.0, 0.0
+        return [not_made("readings", "a record has readings", "sixty valid readings")]
     held = held_readings(trace)
     found = [unread(trace), held, repeated_rows(trace), wave(trace)]
     if held.level is None:
         found.append(jumps(trace))
-    humming, amplitude, pulsation = hum(trace, gravity)
-    found += [humming, resolution(trace), timing(trace)]
-    if amplitude == 0.0:
+    results = [one for one in found_in if one is not None]
+    line = Hum.of_text(results[-1].attrs.get("hum")) if results else None
+    found += [hum(trace, line, is_known=bool(results)), resolution(trace), timing(trace)]
+    if line is None:
         found.append(beginning(trace, gravity))
-    return found, amplitude, pulsation
+    return found
 
 
 def unread(trace: Trace) -> Check:
@@ -408,7 +398,7 @@ def beginning(trace: Trace, gravity: float) -> Check:
         return not_made(title, law, f"{_QUIET} readings")
     t = trace.time[known] - trace.time[known[0]]
     x = trace.reading[known]
-    keep = np.abs(x - np.median(x)) < max(0.25 * trace.travel, 20 * trace.noise)
+    keep = np.abs(x - np.median(x)) <= max(0.25 * trace.travel, 20 * trace.noise)
     t, x = t[keep], x[keep]
     span = float(t[-1])
     noise = max(trace.noise, 0.3 * trace.resolution, 1e-12)
@@ -452,48 +442,22 @@ def resolution(trace: Trace) -> Check:
     return stated(title, law, text, level, file=trace.name, cause=cause if level else "")
 
 
-def hum(trace: Trace, gravity: float) -> tuple[Check, float, float]:
-    """Look for a line of the mains in the part of a record where the body is still.
-
-    Returns
-    -------
-    check : Check
-    amplitude, pulsation : float
-        In m and rad/s; 0 where there is none.
-    """
+def hum(trace: Trace, line: Hum | None, *, is_known: bool) -> Check:
+    """Say which hum of the mains was taken out of a record, and what may be left of it."""
     title, law = ("noise of the record", "noise of a sensor has no line at the frequency of the mains")
-    none = stated(title, law, f"{trace.name}: no line of the mains", None, file=trace.name)
-    known = np.flatnonzero(np.isfinite(trace.reading))
-    t, x = trace.time[known], trace.reading[known]
-    gone = np.abs(x - np.median(x[:_QUIET])) > _GONE * trace.travel
-    gone &= np.concatenate([gone[1:], [True]])  # a spike is not the fall
-    release = t[int(np.argmax(gone))] if gone.any() else t[-1]
-    still = t < release - np.sqrt(4 * _GONE * trace.travel / gravity)
-    if still.sum() < _QUIET:
-        return not_made(title, law, "a part of the record in which the body is still"), 0.0, 0.0
-    t, x = t[still], x[still]
-    keep = np.abs(x - np.median(x)) <= 3 * float(np.quantile(np.abs(x - np.median(x)), 0.98))
-    t, x = t[keep] - t[0], x[keep]
-    quadratic = np.stack([np.ones_like(t), t, t**2], axis=1)
-    before = x - quadratic @ np.linalg.lstsq(quadratic, x, rcond=None)[0]
-    best = (0.0, 0.0, 0.0)
-    for line in _MAINS:
-        angle = 2 * pi * line * t
-        basis = np.concatenate([quadratic, np.stack([np.cos(angle), np.sin(angle)], axis=1)], axis=1)
-        fit = np.linalg.lstsq(basis, x, rcond=None)[0]
-        left = float(np.sum((x - basis @ fit) ** 2))
-        gain = 1 - left / max(float(np.sum(before**2)), 1e-300)
-        if gain > best[0]:
-            best = (gain, float(np.hypot(*fit[-2:])), line)
-    gain, amplitude, line = best
-    # chance that white noise looks like this: (1 - R^2)^((n - 5)/2)
-    is_sure = gain > 1 - _SURE ** (2 / (t.size - 5))
-    if not is_sure or amplitude < max(trace.noise, 0.5 * trace.resolution) or line * float(t[-1]) < _PERIODS:
-        return none, 0.0, 0.0
-    text = f"{trace.name}: hum of {quantity(amplitude, 'm')} at {line:g} Hz"
-    level: Level = "note" if amplitude < _HUM * trace.travel else "doubtful"
+    if not is_known:
+        return not_made(title, law, "a displacement")
+    if line is None:
+        return stated(title, law, f"{trace.name}: no line of the mains", None, file=trace.name)
+    left = float(np.sqrt(np.mean(line.remaining(trace.time) ** 2)))
+    multiples = ", ".join(f"{order * line.frequency:.4g} Hz" for order in line.orders)
+    text = (
+        f"{trace.name}: hum of {quantity(line.amplitude, 'm')} at {multiples}, taken out of the readings to "
+        f"± {quantity(left, 'm')}, which is in the uncertainties"
+    )
+    level: Level = "note" if left < _HUM * trace.travel else "doubtful"
     cause = "mains hum: ground the sensor, or average over one period"
-    return stated(title, law, text, level, file=trace.name, cause=cause), amplitude, 2 * pi * line
+    return stated(title, law, text, level, file=trace.name, cause=cause)
 
 
 def _longest_run(flags: np.ndarray) -> tuple[int, int]:

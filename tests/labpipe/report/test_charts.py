@@ -150,7 +150,7 @@ def test_awkward_series_are_drawn_without_a_warning(series, scale):
     thinned = thin(awkward, 10**6)
     pack(thinned)
     assert static_picture(thinned).lstrip().startswith(b"<?xml")
-    assert thumbnail(awkward).startswith(b"\x89PNG")
+    assert thumbnail(awkward).startswith(b"<?xml")
 
 
 def test_the_still_picture_is_the_same_every_time():

@@ -1,68 +1,127 @@
 """The still picture of a chart: all of it is seen, and nothing covers anything else."""
 
+import re
 import xml.etree.ElementTree as ET
 from itertools import combinations
 
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.font_manager import FontProperties
+from matplotlib.textpath import text_to_path
 from matplotlib.transforms import Bbox
 
-from labpipe.report import LineChart, ScatterChart, Series, _pictures
+from labpipe.report import Band, LineChart, ScatterChart, Series, _pictures
+from labpipe.report._axes import UNITS, Panel, text_width
 from labpipe.report._packing import thin
 
 T = np.linspace(0.0, 1.0, 50)
 WINDOWS = (("a first window", 0.1, 0.2), ("another", 0.5, 0.6), ("a third", 0.8, 0.9))
+_WINDOWS = [(1.0, 2.0), (2.9, 4.1), (1e-3, 1e4), (0.13, 97.0), (1e9, 1e9 + 1.0), (1e-30, 1e30)]
+_START = {"middle": 0.5, "end": 1.0}
 
 
-def tick_labels(axis):
-    """Those within the axis; matplotlib keeps one beyond either end and does not draw it."""
-    low, high = axis.get_view_interval()
-    places = zip(axis.get_majorticklocs(), axis.get_majorticklabels(), strict=True)
-    return [label for place, label in places if low <= place <= high]
+def drawn(chart):
+    return ET.fromstring(_pictures.static_picture(thin(chart, 10**6)))  # noqa: S314 - our own picture
 
 
-def laid_out(chart):
-    """The figure and the extents of its texts in px, by whose they are."""
-    thinned = thin(chart, 10**6)
-    views = _pictures._panels(thinned)
-    with _pictures._chart_style(0.5):
-        figure = _pictures._draw(thinned, views)
-        canvas = FigureCanvasAgg(figure)
-        canvas.draw()
-    extents = {}
-    for place, axes in enumerate(figure.axes):
-        named = [axes._left_title, axes.xaxis.label]
-        ticks = [shown for axis in (axes.xaxis, axes.yaxis) for shown in tick_labels(axis)]
-        extents[place] = [t.get_window_extent() for t in (*named, *ticks) if t.get_text()]
-    extents["legend"] = [t.get_window_extent() for t in figure.legends[0].get_texts()]
-    return figure, extents
+def found(picture, tag):
+    return [element for element in picture.iter() if element.tag.endswith(tag)]
+
+
+def true_width(text, size):
+    return text_to_path.get_text_width_height_descent(
+        text, FontProperties(family="DejaVu Sans", size=size), ismath=False
+    )[0]
+
+
+def extent(text):
+    """Where a text lies, by the font's own measures."""
+    x, y, size = (float(text.get(name)) for name in ("x", "y", "font-size"))
+    width = UNITS * true_width(text.text, size / UNITS)
+    left = x - width * _START.get(text.get("text-anchor"), 0.0)
+    return Bbox.from_extents(left, y - 0.76 * size, left + width, y + 0.1 * size)
+
+
+def panels(picture):
+    rows = [rect.attrib for clip in found(picture, "clipPath") for rect in clip]
+    return [Bbox.from_bounds(*(float(row[name]) for name in ("x", "y", "width", "height"))) for row in rows]
 
 
 @pytest.mark.parametrize("count", [1, 4, 9])
 @pytest.mark.parametrize("views", [(), WINDOWS], ids=["whole", "windows"])
 @pytest.mark.parametrize("factor", [1.0, 1e-9, 123456.0])
-def test_every_text_lies_in_the_picture_and_covers_no_other_panel(count, views, factor):
+def test_every_text_lies_in_the_picture_and_covers_no_other_text_or_panel(count, views, factor):
     series = [Series(f"curve of a rather long name, number {n}", T, factor * T * n) for n in range(count)]
-    chart = LineChart("c", "time / s", "height / mm", series, views=views, height_px=400)
-    figure, extents = laid_out(chart)
-    page = Bbox.from_bounds(-1.0, -1.0, figure.bbox.width + 2.0, figure.bbox.height + 2.0)
-    assert all(page.containsx(b.x0) and page.containsx(b.x1) for e in extents.values() for b in e)
-    assert all(page.containsy(b.y0) and page.containsy(b.y1) for e in extents.values() for b in e)
-    for one, other in combinations(extents, 2):
-        assert not any(a.overlaps(b) for a in extents[one] for b in extents[other])
-    panels = [axes.get_window_extent() for axes in figure.axes]
-    assert not any(a.overlaps(b) for a, b in combinations(panels, 2))
-    assert min(panel.height for panel in panels) > 30.0
+    picture = drawn(LineChart("c", "time / s", "height / mm", series, views=views, height_px=400))
+    width, height = map(float, picture.get("viewBox").split()[2:])
+    texts, places = [extent(text) for text in found(picture, "text")], panels(picture)
+    assert len(places) == 1 + len(views)
+    assert all(t.x0 >= 0 and t.x1 <= width and t.y0 >= 0 and t.y1 <= height for t in texts)
+    assert not any(a.overlaps(b) for a, b in combinations(texts, 2))
+    assert not any(a.overlaps(b) for a in texts for b in places)
+    assert not any(a.overlaps(b) for a, b in combinations(places, 2))
+    assert min(panel.height for panel in places) > 20.0 * UNITS
+
+
+@pytest.mark.parametrize("text", ["−0.25", "1.5·10⁻⁹", "storage modulus / MPa", "mean ± 1 sd, n = 5", "WWWW", "5 °C"])
+def test_texts_are_reckoned_at_least_as_wide_as_they_are(text):
+    assert true_width(text, 7.0) <= text_width(text, 7.0) < 1.2 * true_width(text, 7.0)
+
+
+@pytest.mark.parametrize("scale", ["linear", "log"])
+@pytest.mark.parametrize("window", _WINDOWS)
+def test_ticks_are_where_their_texts_say_and_at_least_two_are_named(window, scale):
+    ticks = Panel(0.0, 0.0, 480.0, 150.0, window, window, scale, scale).x_ticks()
+    named = [tick for tick in ticks if tick.text]
+    assert 2 <= len(named) <= 12
+    raised = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
+    for tick in named:
+        assert window[0] - 1e-6 * (window[1] - window[0]) <= tick.value <= window[1] * (1 + 1e-9)
+        text = tick.text.replace("\N{MINUS SIGN}", "-").replace("·10", "*10")
+        said = re.sub(r"10([⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+)", lambda m: f"10e{int(m[1].translate(raised)) - 1}", text)
+        factors = [float(part) for part in said.split("*")]
+        assert np.prod(factors) == pytest.approx(tick.value, rel=1e-9)
+
+
+def test_a_curve_is_drawn_where_its_values_are():
+    """The first and the last point of a line are the ends of its axes, and a gap stays one."""
+    y = np.where(np.arange(50) == 20, np.nan, T)
+    picture = drawn(LineChart("c", "x", "y", (Series("a", T, y, role="measured"),)))
+    (panel,) = panels(picture)
+    (path,) = [p for p in found(picture, "path") if p.get("stroke") == "#0066a6" and p.get("d").count("M") == 2]
+    first, second = re.findall(r"M(\d+) (\d+)l([-\d ]+)", path.get("d"))
+    steps = [np.array(re.findall(r"-?\d+", run[2]), int).reshape(-1, 2) for run in (first, second)]
+    assert [len(one) for one in steps] == [19, 28]
+    ends = np.array(second[:2], int) + steps[1].sum(axis=0)
+    margin = 0.05 / 1.1  # of the window beyond the values
+    assert int(first[1]) == pytest.approx(panel.y1 - margin * panel.height, abs=1)
+    assert ends[1] == pytest.approx(panel.y0 + margin * panel.height, abs=1)
+    across = (int(first[0]) - panel.x0, panel.x1 - ends[0])
+    assert across[0] == pytest.approx(across[1], abs=1)
+
+
+def test_an_error_bar_and_a_band_reach_as_far_as_they_say_also_below_zero_on_a_logarithm():
+    points = Series("a", [1.0, 2.0], [1.0, 10.0], "points", u=[0.5, 20.0], role="measured")
+    band = Band("b", [1.0, 2.0], [-1.0, 5.0], [2.0, 30.0], role="model")
+    picture = drawn(LineChart("c", "x", "y", (band, points), y_scale="log"))
+    (panel,) = panels(picture)
+    (bars,) = [p.get("d") for p in found(picture, "path") if "V" in p.get("d", "") and p.get("stroke") == "#0066a6"]
+    low, high = (np.array(found_, int) for found_ in zip(*re.findall(r"M\d+ (\d+)V(\d+)", bars), strict=True))
+    decades = panel.height / np.log10(30.0 / 0.5) / 1.1
+    assert low[0] - high[0] == pytest.approx(np.log10(3.0) * decades, abs=2)
+    assert low[1] == pytest.approx(panel.y1, abs=1)
+    (area,) = [p.get("d") for p in found(picture, "path") if p.get("fill-opacity") and p.get("d").count("l")]
+    assert area.startswith("M")
 
 
 def test_equal_axes_have_equal_units():
     phase = np.linspace(0.0, 2.0 * np.pi, 200)
     circle = Series("circle", 3.0 * np.cos(phase), 3.0 * np.sin(phase))
-    figure, _ = laid_out(ScatterChart("c", "x", "y", (circle,), has_equal_axes=True))
-    (x, _), (_, y) = figure.axes[0].transData.transform([(1.0, 0.0), (0.0, 1.0)])
-    origin = figure.axes[0].transData.transform((0.0, 0.0))
-    assert x - origin[0] == pytest.approx(y - origin[1], rel=1e-6)
+    picture = drawn(ScatterChart("c", "x", "y", (circle,), has_equal_axes=True))
+    (path,) = [p.get("d") for p in found(picture, "path") if p.get("d").count(" ") > 100]
+    steps = np.array(re.findall(r"-?\d+", path.split("l")[1]), int).reshape(-1, 2)
+    wide, tall = np.ptp(np.cumsum(steps, axis=0), axis=0)
+    assert wide == pytest.approx(tall, abs=4)
 
 
 def test_noise_stays_small():
@@ -70,10 +129,9 @@ def test_noise_stays_small():
     noise = np.random.default_rng(2).normal(size=(12, t.size))
     series = [Series(f"{n}", t, y) for n, y in enumerate(noise)]
     made = _pictures.static_picture(thin(LineChart("c", "x", "y", series, height_px=500), 10**6))
-    assert len(made) < 300_000
+    assert len(made) < 100_000
 
 
 def test_a_name_is_text_and_no_formula():
-    made = _pictures.static_picture(thin(LineChart("c", "$x$", "y < 1 & 2", (Series("$a_1$ & b", T, T),)), 10**6))
-    texts = {e.text for e in ET.fromstring(made).iter() if e.tag.endswith("text")}  # noqa: S314 - our own picture
-    assert {"$x$", "y < 1 & 2", "$a_1$ & b"} <= texts
+    picture = drawn(LineChart("c", "$x$", "y < 1 & 2", (Series("$a_1$ & b", T, T),)))
+    assert {"$x$", "y < 1 & 2", "$a_1$ & b"} <= {text.text for text in found(picture, "text")}

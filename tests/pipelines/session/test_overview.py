@@ -23,7 +23,7 @@ def test_every_experiment_is_there_with_link_state_and_picture(processed_session
     text = page(processed_session)
     for name in ("drop", "nbr"):
         assert f'<a href="reports/{name}.html">{name}</a>' in text
-    assert len(re.findall(r'src="data:image/png;base64,', text)) == 2
+    assert len(re.findall(r'src="data:image/svg\+xml;base64,', text)) == 2
     assert "first restitution" in text
     assert "largest contact radius" not in text  # no experiment has one
     assert "synthetic data" in text
