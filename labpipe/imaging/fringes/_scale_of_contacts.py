@@ -14,7 +14,9 @@ _CONTACTS, _FRAMES = 4, 2
 
 
 def scales_of_contacts(reader: FilmReader, result: FilmResult) -> dict[int, tuple[float, float]]:
-    """Fit the largest frames of each contact again with the scale of the fringes free.
+    """Fit the largest frames of each contact again with the scale of the fringes free, before it opens.
+
+    Beside a contact that opens, a body still recovers from its dent, and the gap is wider than Hertz's.
 
     Parameters
     ----------
@@ -44,7 +46,8 @@ def scales_of_contacts(reader: FilmReader, result: FilmResult) -> dict[int, tupl
     settings = replace(view.settings, free=(*dict.fromkeys((*view.settings.free, Parameter.SCALE)),))
     found: dict[int, tuple[float, float]] = {}
     for places in largest:
-        for index in frames[places[np.argsort(-radius[places])[:_FRAMES]]].tolist():
+        grows = places[: int(np.argmax(radius[places])) + 1]
+        for index in frames[grows[np.argsort(-radius[grows])[:_FRAMES]]].tolist():
             fit: RingFit | None = result.fits[index]
             if not has_free_gap(result.fits[index]):
                 start = result.fits[index].parameters

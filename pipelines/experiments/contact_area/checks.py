@@ -281,7 +281,9 @@ def _stays(radius: xr.Dataset, settings: ContactArea) -> Check:
         return not_made(name, law, "contacts in eight frames, and their centres")
     x, y, u_x, u_y = (radius[c].values[at] for c in ("centre_x", "centre_y", "u_centre_x", "u_centre_y"))
     time, frame = radius["time"].values[at], radius["frame"].values[at]
-    step, u = np.hypot(np.diff(x), np.diff(y)), np.sqrt(u_x[1:] ** 2 + u_y[1:] ** 2 + u_x[:-1] ** 2 + u_y[:-1] ** 2)
+    # what moves the radius of a poor fit moves its centre as well
+    own = np.sqrt(u_x**2 + u_y**2 + (radius["u_radius"].values[at] / float(radius["pixel_size"])) ** 2)
+    step, u = np.hypot(np.diff(x), np.diff(y)), np.hypot(own[1:], own[:-1])
     is_one = (np.diff(at) == 1) & (np.diff(time) < 1.5 * float(np.median(np.diff(time))))
     jumps = is_one & (step > _CONTRADICTS * u) & (step > _STEADY) & np.isfinite(u)
     cause = "the bench, the camera or the plate was knocked or moved"
