@@ -18,7 +18,7 @@ from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
     from labpipe.judging._agreement import LIKELY, Agreement, agreement, model_verdict
-    from labpipe.judging._causes import Cause, Explanation, explain
+    from labpipe.judging._causes import Cause, Explanation, explain, too_large
     from labpipe.judging._checks import (
         DOUBTFUL,
         FLAGS,
@@ -67,5 +67,6 @@ __all__ = [
     "stated",
     "suspects",
     "to_json",
+    "too_large",
     "unfinished",
 ]

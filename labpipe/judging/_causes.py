@@ -124,6 +124,17 @@ def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanati
     return tuple(e for _, e in sorted(found, key=lambda pair: pair[0]))
 
 
+def too_large(factor: float) -> str:
+    """Say by how much something is too large or too small.
+
+    Examples
+    --------
+    >>> too_large(1000.0), too_large(0.5)
+    ('1000 times too large', 'too small by a factor of 2')
+    """
+    return f"{factor:.4g} times too large" if factor >= 1.0 else f"too small by a factor of {1.0 / factor:.4g}"
+
+
 def _nearest_usual(best: float, usual: Sequence[float]) -> tuple[float, bool]:
     """Return the logarithm of the usual factor next to a fitted one, and whether it is that."""
     if not usual:

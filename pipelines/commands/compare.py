@@ -31,6 +31,7 @@ def compare(session: Path, jobs: int, keep: bool, beside: tuple[str, str] | None
       labpipe compare my-session --beside acrylic_7mm acrylic_10mm
     """
     from pipelines.commands.progress import watching
+    from pipelines.experiments.shared.judgements import chance
     from pipelines.session import beside as side_by_side
     from pipelines.session import compare as verb
 
@@ -53,10 +54,12 @@ def compare(session: Path, jobs: int, keep: bool, beside: tuple[str, str] | None
         )
     else:
         for whole in found.experiments:
+            if whole["p"] is None and whole["suspects"]:
+                echo(f"{whole['experiment']:24} {whole['model']}: {'; '.join(whole['suspects'])}")
             if whole["p"] is not None:
                 echo(
                     f"{whole['experiment']:24} {whole['model']}: chi square {whole['chi2']:.1f} with "
-                    f"{whole['degrees_of_freedom']} degrees of freedom, p = {whole['p']:.2g}"
+                    f"{whole['degrees_of_freedom']} degrees of freedom, {chance(whole['p'])}"
                 )
         for name, why in (found.failed | found.absent).items():
             echo(f"{name}: {why}")

@@ -304,7 +304,7 @@ def summarise(outcome: "RunResult | LabpipeError", judged: "Verdicts | None" = N
         told = "; ".join(grave[:_TOLD]) + more
         model = f", model: {one.model}" if one.model != "none" else ""
         echo(f"{one.experiment}: believable: {one.believable}{model}{told and f' ({told})'}")
-        for cause in one.causes[:1] if told else ():  # what a note hints at stands on the page
+        for cause in (one.causes if told else one.suspects)[:1]:  # what a note hints at stands on the page
             echo(f"  likely: {cause}")
     _show_waiting(outcome.session.waiting)
     for path in outcome.reports.values():

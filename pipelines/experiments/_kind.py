@@ -16,7 +16,7 @@ from typing import Any
 import msgspec
 
 from labpipe.schema import Schema
-from labpipe.workflow.graph import Stage
+from labpipe.workflow.graph import OTHER, Stage
 
 JUDGEMENT = "judgement"
 """Name of the stage that judges an experiment, in every kind that has one."""
@@ -203,8 +203,19 @@ class Kind:
     proposal: Proposal | None = None
 
 
-def judged(function: str, inputs: tuple[str, ...], asked: str = "is it believable, does the model agree?") -> Stage:
-    """Return the stage that judges an experiment, as every kind has it."""
+def judged(
+    function: str,
+    inputs: tuple[str, ...],
+    asked: str = "is it believable, does the model agree?",
+    *,
+    rests_on: tuple[str, ...] = (),
+) -> Stage:
+    """Return the stage that judges an experiment, as every kind has it.
+
+    ``rests_on`` are the settings that name experiments whose results it uses: their judgements
+    follow the other inputs.
+    """
+    inputs += tuple(f"{OTHER}{field}/{JUDGEMENT}" for field in rests_on)
     return Stage(JUDGEMENT, function, inputs, ("*",), context=True, tolerant=True, summary=asked)
 
 

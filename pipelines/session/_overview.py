@@ -139,9 +139,8 @@ def _answer(session: Session, verdicts: "Mapping[str, Verdict]") -> "Iterator[No
     if said := agreement({name: one.model for name, one in verdicts.items()}):
         yield said
     bad = [name for name, one in verdicts.items() if one.believable != "yes" or one.model == "differs"]
-    rests_on = {name: session.experiments[name].refers_to for name in bad}
-    bad.sort(key=lambda name: -sum(name in others for others in rests_on.values()))
-    yield from each(bad[:_REASONS], verdicts, {}, rests_on)
+    bad.sort(key=lambda name: -sum(name in other.refers_to for other in session.experiments.values()))
+    yield from each(bad[:_REASONS], verdicts, {})
 
 
 def _those_that_wait(session: Session) -> "IndexTable":

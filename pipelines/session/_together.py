@@ -143,7 +143,7 @@ def _verdicts(
     by: dict[str, str] = {}  # what an experiment is compared with; a film, the laser
     for row in rows:
         by[row.experiment] = "model" if by.get(row.experiment) == "model" else row.against
-    return each(names, verdicts, by, {name: session.experiments[name].refers_to for name in names})
+    return each(names, verdicts, by)
 
 
 def _reports(session: Session, names: Iterable[str]) -> Iterator[Block]:

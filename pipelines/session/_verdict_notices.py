@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from labpipe.report import Level, Notice
@@ -47,15 +47,8 @@ def agreement(models: Mapping[str, str]) -> Notice | None:
     return Notice(level, f"{text} {_sentence(named)}" if named else text)
 
 
-def each(
-    names: Iterable[str],
-    verdicts: Mapping[str, Verdict],
-    against: Mapping[str, str],
-    rests_on: Mapping[str, Sequence[str]] | None = None,
-) -> Iterator[Notice]:
+def each(names: Iterable[str], verdicts: Mapping[str, Verdict], against: Mapping[str, str]) -> Iterator[Notice]:
     """Say of each experiment whether it can be believed and agrees, with the gravest reason.
-
-    What rests on another experiment that cannot be believed sends there too.
 
     Parameters
     ----------
@@ -63,8 +56,6 @@ def each(
     verdicts : mapping of str to Verdict
     against : mapping of str to str
         What an experiment is compared with, where it is not the model.
-    rests_on : mapping of str to sequence of str, optional
-        The experiments that it has its material from.
     """
     for name in names:
         if (one := verdicts.get(name)) is None:
@@ -78,10 +69,8 @@ def each(
             level = {"differs": "warning", "undecided": "info"}.get(one.model, level)  # type: ignore[assignment]
         grave = [finding for finding in one.findings if finding.level == one.believable]
         reason = f" {_sentence(grave[0].message)}" if grave else ""
-        causes = f" Likely: {one.causes[0].rstrip('.')}." if one.causes else ""
-        below = ((n, verdicts[n].believable) for n in (rests_on or {}).get(name, ()) if n in verdicts)
-        if (cause := next(((n, word) for n, word in below if word in ("doubtful", "impossible")), None)) is not None:
-            causes += f" It rests on {cause[0]}, which is {cause[1]}: see there first."
+        likely = [*(one.causes[:1] if grave else ()), *one.suspects[:1]]
+        causes = f" Likely: {'; '.join(text.rstrip('.') for text in likely)}." if likely else ""
         yield Notice(level, f"{name}: {said}.{reason}{causes}")
 
 

@@ -53,6 +53,8 @@ class Verdict:
         How many were made.
     causes : tuple of str
         What would explain the findings, the likeliest first.
+    suspects : tuple of str
+        What would explain a model that differs, or why it cannot be held against the record.
     """
 
     experiment: str
@@ -63,6 +65,7 @@ class Verdict:
     findings: tuple[Finding, ...] = ()
     checks: int = 0
     causes: tuple[str, ...] = ()
+    suspects: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, kept: Mapping[str, Any]) -> Verdict:
@@ -70,13 +73,14 @@ class Verdict:
         from labpipe.judging import Finding
 
         findings = tuple(Finding(**finding) for finding in kept["findings"])
-        return cls(**{**kept, "findings": findings, "causes": tuple(kept["causes"])})
+        texts = {name: tuple(kept[name]) for name in ("causes", "suspects")}
+        return cls(**{**kept, "findings": findings, **texts})
 
     def document(self) -> dict[str, Any]:
         """Return the verdict for JSON."""
         names = ("check", "level", "message", "cause", "file", "line")
         findings = [{n: asdict(finding)[n] for n in names} for finding in self.findings]
-        return asdict(self) | {"findings": findings, "causes": list(self.causes)}
+        return asdict(self) | {"findings": findings, "causes": list(self.causes), "suspects": list(self.suspects)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,6 +204,7 @@ def _one(session: Session, results: Results, experiment: Experiment, failures: I
 
 def _of_result(session: Session, experiment: Experiment, state: str, result: xr.Dataset) -> Verdict:
     from labpipe.judging import from_json
+    from pipelines.experiments.shared.judgements import suspected
 
     judged: Judgement = from_json(result.attrs["judgement"])
     findings = tuple(_placed(session, experiment, f) for f in judged.findings)
@@ -212,6 +217,7 @@ def _of_result(session: Session, experiment: Experiment, state: str, result: xr.
         findings,
         judged.n_made,
         judged.causes,
+        tuple(suspected(result)),
     )
 
 

@@ -272,7 +272,7 @@ ROWS = (
     Mistake("unit m", header("Unit,mm", "Unit,m"), "impossible", ("unit",), ALL[0], 8),
     Mistake("unit mil", header("Unit,mm", "Unit,mil"), "impossible", ("unit",), ALL[0], 8),
     Mistake("display x10", values(_scaled(10.0)), "impossible", ("10", "times too large")),
-    Mistake("gain one half", values(_scaled(0.5)), "impossible", ("0.5 times",)),
+    Mistake("gain one half", values(_scaled(0.5)), "impossible", ("too small by a factor of 2",)),
     Mistake("display in mil", values(_scaled(1 / 0.0254), decimals=3), "impossible", ("39.37",)),
     Mistake("decimal point lost", cells(_lost_point), "impossible", ("unit",)),
     Mistake(

@@ -130,7 +130,9 @@ ROWS = (
     Mistake("ends after the blow", cells(lambda t: t[:1120], (PTFE,)), "impossible", ("ends",), PTFE),
     # length
     Mistake("unit um", header("Unit,mm", "Unit,um", ALL), "doubtful", ("unit",), _TOML),
-    Mistake("unit um in one file", header("Unit,mm", "Unit,um", (PTFE,)), "impossible", ("unit", "0.001"), PTFE),
+    Mistake(
+        "unit um in one file", header("Unit,mm", "Unit,um", (PTFE,)), "impossible", ("unit", "factor of 1000"), PTFE
+    ),
     Mistake("unit um in one of two repeats", _second_in_um, "impossible", ("factor 1000", "unit")),
     Mistake("display x10 in one file", _changed(_scaled(10.0), (PTFE,)), "impossible", ("10 times",), PTFE),
     Mistake("record expired", setting("2025-04-30", "2024-05-05", RECORD), "impossible", ("calibration record",)),

@@ -141,7 +141,7 @@ ROWS = (
         "the holder not counted", _every_mass(lambda m: f"{m - 0.4:g} ± 0.0005 kg"), "impossible", ("holder",), _TOML
     ),
     Mistake("kg for g", _every_mass(lambda m: f"{1e3 * m:g} ± 0.5 kg"), "impossible", ("masses", "1000"), _TOML),
-    Mistake("g for kg", _every_mass(lambda m: f"{m:g} ± 0.0005 g"), "impossible", ("masses", "0.001"), _TOML),
+    Mistake("g for kg", _every_mass(lambda m: f"{m:g} ± 0.0005 g"), "impossible", ("masses", "factor of 1000"), _TOML),
     Mistake("forces typed as masses", _every_mass(lambda m: f"{9.81 * m:.4g} kg"), "doubtful", ("forces",), _TOML),
     Mistake("uncertainty 0.5 kg", setting("0.5 ± 0.0005", "0.5 ± 0.5"), "doubtful", ("uncertainty",), _TOML),
     # sphere

@@ -137,7 +137,7 @@ _WHITE: dict[str, Any] = {"wavelength": None}
 _VIEW, _RATE = "scale in calibration/camera_under.toml is wrong, of another view", "frame rate is"
 ROWS = (
     FilmMistake("scale of the front view", "impossible", (_VIEW, "36 times"), _larger(36.0), _WHITE),
-    FilmMistake("scale of the view under the disc", "impossible", (_VIEW, "0.0278 times"), _larger(1 / 36), _WHITE),
+    FilmMistake("scale of the view under the disc", "impossible", (_VIEW, "factor of 36"), _larger(1 / 36), _WHITE),
     FilmMistake("scale in um for mm", "impossible", (_VIEW,), _larger(1e3), _WHITE),
     FilmMistake("scale ten times", "impossible", (_VIEW, "10 times"), _larger(10.0), _WHITE),
     FilmMistake("scale of another view with fringes", "impossible", ("in a sphere of",), _larger(36.0)),

@@ -6,12 +6,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import repeat
 from math import acos, cos, pi
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from labpipe.errors import LabpipeError
-from labpipe.judging import SLIPS, Cause, Check, explain, not_made
+from labpipe.judging import SLIPS, Cause, Check, explain, not_made, too_large
 from labpipe.materials import load
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
@@ -54,11 +55,14 @@ def judgement(
     repeats: xr.Dataset | None,
     model: xr.Dataset | None,
     comparison: xr.Dataset | None,
-    *,
+    *below: Any,
     settings: BallDrop,
     context: Context,
 ) -> xr.Dataset:
     """Judge one ball drop; what gave no result is judged by that."""
+    basis = judgements.Basis.of((settings.sphere.material_from, settings.plate_from), below)
+    if not basis.is_sound:
+        model = comparison = None
     gravity = settings.model.gravity.value
     traces = [
         trace
@@ -92,7 +96,7 @@ def judgement(
     compared = []
     if repeats is not None and model is not None and comparison is not None:
         compared = list(rows(comparison, repeats, model, settings=settings))
-    return judgements.judgement(Scene(checks, causes, compared, _inputs(model, repeats)))
+    return judgements.judgement(Scene(checks, causes, compared, _inputs(model, repeats), basis=basis))
 
 
 def _explained(failed: Check, of_traces: Sequence[Check], record: str) -> Check:
@@ -238,7 +242,7 @@ def _causes(
         yield Cause(
             {g: 1.0, fall: 1.0, v: 0.5},
             lambda k: (
-                f"lengths come out {k:.4g} times too large: the unit, the decimal point or the display factor of "
+                f"lengths come out {too_large(k)}: the unit, the decimal point or the display factor of "
                 f"{file} is not what it says" + (f" (line {unit_line})" if unit_line else "")
             ),
             SLIPS["length"] + SLIPS["gain"],
@@ -261,7 +265,7 @@ def _causes(
             yield Cause(
                 {g: 1.0, fall: 1.0, v: 0.5},
                 lambda k: (
-                    f"lengths come out {k:.4g} times too large: the scale of {settings.calibration} or the gain "
+                    f"lengths come out {too_large(k)}: the scale of {settings.calibration} or the gain "
                     "of the sensor is not what it says"
                 ),
                 file=settings.calibration,
@@ -288,6 +292,6 @@ def _inclined(angle: float, factor: float, record: str) -> str:
     right = acos(cosine) * 180 / pi
     more = ": it was corrected twice, by the controller too" if right < _LEVEL else ""
     return (
-        f"the inclination of {angle * 180 / pi:.3g}° in {record} makes lengths {factor:.4g} times too large; "
+        f"the inclination of {angle * 180 / pi:.3g}° in {record} makes lengths {too_large(factor)}; "
         f"{right:.3g}° would be right{more}"
     )

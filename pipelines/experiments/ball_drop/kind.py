@@ -80,6 +80,7 @@ _STAGES = (
     judged(
         "pipelines.experiments.ball_drop.checks:judgement",
         ("readings", "displacement", "bounces", "repeats", "model", "comparison"),
+        rests_on=("sphere.material_from", "plate_from"),
     ),
     reported(
         "pipelines.experiments.ball_drop.page:page",

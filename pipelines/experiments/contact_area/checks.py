@@ -4,11 +4,12 @@ import json
 from collections.abc import Iterator
 from dataclasses import replace
 from math import cos, hypot, isfinite, log, nan, sqrt
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import SLIPS, Cause, Check, Level, bounded, compared, not_made, stated
+from labpipe.judging import SLIPS, Cause, Check, Level, bounded, compared, not_made, stated, too_large
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
@@ -51,11 +52,14 @@ def judgement(
     impacts: xr.Dataset | None,
     model: xr.Dataset | None,
     comparison: xr.Dataset | None,
-    *,
+    *below: Any,
     settings: ContactArea,
     context: Context,
 ) -> xr.Dataset:
     """Judge one film; what gave no result is judged by that."""
+    basis = judgements.Basis.of((settings.sphere.material_from, settings.plate_from), below)
+    if not basis.is_sound:
+        model = comparison = None
     checks = [explained(check) for check in judgements.failed_steps(context, _FAILED)]
     checks.append(fall_checks.gravity_stated(settings.model.gravity))
     if radius is not None:
@@ -80,7 +84,9 @@ def judgement(
     compared_rows = []
     if comparison is not None and impacts is not None and model is not None:
         compared_rows = list(rows(comparison, impacts, model, settings=settings))
-    return judgements.judgement(Scene(checks, list(_causes(settings)), compared_rows, _inputs(radius, settings)))
+    return judgements.judgement(
+        Scene(checks, list(_causes(settings)), compared_rows, _inputs(radius, settings), basis=basis)
+    )
 
 
 def _inputs(radius: xr.Dataset | None, settings: ContactArea) -> dict[str, Quantity]:
@@ -424,7 +430,7 @@ def _causes(settings: ContactArea) -> Iterator[Cause]:
     yield Cause(
         {FRINGE: -2.0, RADIUS: 1.0},
         lambda k: (
-            f"lengths come out {k:.3g} times too large: the scale in {settings.camera} is wrong"
+            f"lengths come out {too_large(k)}: the scale in {settings.camera} is wrong"
             + (", of another view" if abs(log(k)) > log(3.0) else "")
         ),
         SLIPS["length"] + SLIPS["gain"] + SLIPS["view"],

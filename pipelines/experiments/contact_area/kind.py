@@ -43,7 +43,11 @@ _STAGES = (
         ("radius", "impacts", "model"),
         summary="measurement against model",
     ),
-    judged("pipelines.experiments.contact_area.checks:judgement", ("radius", "impacts", "model", "comparison")),
+    judged(
+        "pipelines.experiments.contact_area.checks:judgement",
+        ("radius", "impacts", "model", "comparison"),
+        rests_on=("sphere.material_from", "plate_from"),
+    ),
     Stage(
         "keys",
         "pipelines.experiments.contact_area.measured:keys",

@@ -3,13 +3,14 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from math import cos, degrees, hypot, isfinite, log
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from scipy import ndimage
 
 from labpipe.arrays import Floats
-from labpipe.judging import SLIPS, Cause, Check, Level, compared, not_made, stated
+from labpipe.judging import SLIPS, Cause, Check, Level, compared, not_made, stated, too_large
 from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
@@ -63,11 +64,14 @@ def judgement(
     bounces: xr.Dataset | None,
     comparison: xr.Dataset | None,
     laser: xr.Dataset | None,
-    *,
+    *below: Any,
     settings: DicValidation,
     context: Context,
 ) -> xr.Dataset:
     """Judge one film; what gave no result is judged by that."""
+    basis = judgements.Basis.of((settings.laser_experiment,), below)
+    if not basis.is_sound:
+        laser = comparison = None
     checks = [explained(check) for check in judgements.failed_steps(context, _FAILED)]
     if track is not None:
         found = _found(track, settings)
@@ -96,7 +100,7 @@ def judgement(
     if comparison is not None and "gain" in comparison:
         checks.append(_gain(comparison, settings))
         compared_rows = list(rows(comparison, settings=settings))
-    return judgements.judgement(Scene(checks, list(_causes(settings)), compared_rows))
+    return judgements.judgement(Scene(checks, list(_causes(settings)), compared_rows, basis=basis))
 
 
 def _found(track: xr.Dataset, settings: DicValidation) -> Check:
@@ -336,7 +340,7 @@ def _causes(settings: DicValidation) -> Iterator[Cause]:
     yield Cause(
         {G: 1.0, HEIGHT: 1.0, SPEED: 0.5, GAIN: -1.0},
         lambda k: (
-            f"lengths come out {k:.4g} times too large: the scale in {settings.camera} is wrong"
+            f"lengths come out {too_large(k)}: the scale in {settings.camera} is wrong"
             + (", of another view" if abs(log(k)) > log(_ANOTHER_VIEW) else "")
         ),
         SLIPS["length"] + SLIPS["gain"] + SLIPS["view"],

@@ -65,6 +65,7 @@ _STAGES = (
         "pipelines.experiments.dic_validation.checks:judgement",
         ("track", "motion", "bounces", "comparison", "other:laser_experiment/repeats"),
         "is it believable, does the laser agree?",
+        rests_on=("laser_experiment",),
     ),
     reported(
         "pipelines.experiments.dic_validation.page:page",

@@ -377,7 +377,8 @@ def _stress(export: _Export) -> Check:
     message = f"{file}: moduli are {_factor(ratio)} times stress over strain ({quantity(expected, 'Pa')})"
     found = compared(name, law, message, ratio, 0.02 * ratio, 1.0, 0.02, allowance=_STRESS, file=file)
     power = round(log10(ratio))
-    unit = {-6: "MPa stand as Pa", 6: "Pa stand as MPa", -3: "kPa stand as Pa", 3: "Pa stand as kPa"}.get(power)
+    thousands = {-3: "kPa stand as Pa, or GPa as MPa", 3: "Pa stand as kPa, or MPa as GPa"}
+    unit = {-6: "MPa stand as Pa", 6: "Pa stand as MPa", **thousands}.get(power)
     if unit is not None and abs(log10(ratio) - power) < 0.1:
         return replace(found, cause=f"the unit of the moduli is wrong by a factor {10.0**power:g}: {unit}")
     cause = f"the unit of the moduli, of stress or of strain is wrong: a factor {_factor(ratio)}"

@@ -1,6 +1,7 @@
 """Whether a harmonic indentation can be believed: commands, columns, cell, punch and phase."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -33,11 +34,15 @@ def judgement(
     oscillations: xr.Dataset | None,
     model: xr.Dataset | None,
     comparison: xr.Dataset | None,
-    *,
+    *below: Any,
     settings: Harmonic,
     context: Context,
 ) -> xr.Dataset:
     """Judge one harmonic indentation; what gave no result is judged by that."""
+    below_it = None if settings.substrate is None else settings.substrate.material_from
+    basis = judgements.Basis.of((below_it,), below)
+    if not basis.is_sound:
+        model = comparison = None
     name = settings.mach1
     checks: list[Check] = []
     if readings is None:
@@ -68,7 +73,7 @@ def judgement(
     inputs = {FORCE_SCALE: Quantity(1.0, relative, "1"), STIFFNESS: Quantity(1.0, 0.0, "1")}
     simulated = {} if model is None else uncertain_inputs(model)
     shared = {TOUCH: simulated.pop(TOUCH)} if simulated else {}
-    return judgements.judgement(Scene(checks, causes, compared, inputs | simulated, shared))
+    return judgements.judgement(Scene(checks, causes, compared, inputs | simulated, shared, basis))
 
 
 def _phase(name: str, oscillations: xr.Dataset, settings: Harmonic) -> Check:

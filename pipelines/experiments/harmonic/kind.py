@@ -78,6 +78,7 @@ _STAGES = (
     judged(
         "pipelines.experiments.harmonic.checks:judgement",
         ("readings", "loads", "hold", "oscillations", "model", "comparison"),
+        rests_on=("substrate.material_from",),
     ),
     reported(
         "pipelines.experiments.harmonic.page:page",

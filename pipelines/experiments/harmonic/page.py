@@ -27,7 +27,7 @@ from pipelines.experiments.harmonic.budget import quantities
 from pipelines.experiments.harmonic.comparison import rows as compared_rows
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import budget_blocks, mach1_readings, pages, ramps_and_holds
-from pipelines.experiments.shared.judgements import verdict_section
+from pipelines.experiments.shared.judgements import capitalised, verdict_section
 from pipelines.experiments.shared.punch_sections import blocks_table, cell, punch_rows, substrate_name
 
 _UM = 1e6
@@ -57,7 +57,7 @@ def page(
         sections.insert(0, verdict)
     if oscillations is not None:
         sections += [_frequencies(oscillations, comparison), _stiffness(oscillations, model)]
-    if oscillations is not None and theory is not None and _is_there(theory):
+    if oscillations is not None and theory is not None and _is_there(model):
         sections.append(_dissipation(theory, loops))
     if loads is not None and hold is not None:
         sections.append(_hold(loads, hold, oscillations))
@@ -206,6 +206,8 @@ def _stiffness(oscillations: xr.Dataset, model: xr.Dataset | None) -> Section:
 
 def _dissipation(theory: xr.Dataset, loops: xr.Dataset | None) -> Section:
     """Show the dimensionless work against eq. (2.31), the tapping front, and contact."""
+    if not _is_there(theory):
+        return Section("Dissipation and detachment", (Notice("info", f"{capitalised(theory.attrs['absent'])}."),))
     x = theory["dimensionless_frequency"].values
     order = np.argsort(x)
     shown = x[order] * 1e10

@@ -55,8 +55,10 @@ def theory(
         front = [float(contact.tapping_amplitude(solid, f, i, *shape)) for f, _, i in pairs]
         return np.array(work), np.array(front)
 
-    work, front = at(mean)
-    moved_work, moved_front = at(mean + step)
+    try:
+        (work, front), (moved_work, moved_front) = at(mean), at(mean + step)
+    except InputError as error:  # a layer may be pressed further than the half-plane of the theory
+        return xr.Dataset(attrs={"absent": f"equations (2.31) and (2.34) do not apply: {error}"})
     tau = settings.characteristic_time
     shortest = float(solid.creep_terms()[1].min()) if len(solid.rho) else np.nan
     scale = (solid, radius, period, depth)

@@ -11,11 +11,24 @@ from dataclasses import replace
 from functools import partial
 from itertools import pairwise, repeat
 from math import hypot, log, nan, pi, sqrt
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import DOUBTFUL, SLIPS, Cause, Check, Level, bounded, compared, explain, not_made, stated
+from labpipe.judging import (
+    DOUBTFUL,
+    SLIPS,
+    Cause,
+    Check,
+    Level,
+    bounded,
+    compared,
+    explain,
+    not_made,
+    stated,
+    too_large,
+)
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
@@ -64,11 +77,14 @@ def judgement(
     plate: xr.Dataset | None,
     model: xr.Dataset | None,
     comparison: xr.Dataset | None,
-    *,
+    *below: Any,
     settings: PlateVibration,
     context: Context,
 ) -> xr.Dataset:
     """Judge one plate vibration; what gave no result is judged by that."""
+    basis = judgements.Basis.of([drops.material_from for drops in settings.drops], *below)
+    if not basis.is_sound:
+        model = comparison = None
     names = [name for drops in settings.drops for name in drops.laser]
     of_traces = _of_traces(names, readings, displacement, settings)
     checks = [_explained(check, of_traces, settings.calibration) for check in judgements.failed_steps(context, _FAILED)]
@@ -99,7 +115,7 @@ def judgement(
     causes = list(_causes(table, plate, settings))
     if not explain(checks, causes):
         checks = [replace(c, cause=_STATED) if c.law == _ONE_MASS and c.level else c for c in checks]
-    return judgements.judgement(Scene(checks, causes, compared_rows, inputs, shared))
+    return judgements.judgement(Scene(checks, causes, compared_rows, inputs, shared, basis))
 
 
 def _of_traces(
@@ -434,9 +450,7 @@ def _causes(table: xr.Dataset | None, plate: xr.Dataset | None, settings: PlateV
 
 def _of_unit(i: int, settings: PlateVibration, factor: float) -> str:
     files = ", ".join(settings.drops[i].laser)
-    return (
-        f"lengths come out {factor:.4g} times too large: the unit or the display factor of {files} is not what it says"
-    )
+    return f"lengths come out {too_large(factor)}: the unit or the display factor of {files} is not what it says"
 
 
 def _of_height(i: int, settings: PlateVibration, factor: float) -> str:

@@ -87,6 +87,7 @@ _STAGES = (
     judged(
         "pipelines.experiments.plate_vibration.checks:judgement",
         ("readings", "displacement", "ringing", "table", "plate", "model", "comparison"),
+        rests_on=("drops.material_from",),
     ),
     reported(
         "pipelines.experiments.plate_vibration.page:page",

@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from math import exp, hypot, log
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from labpipe.errors import InputError
-from labpipe.judging import DOUBTFUL, Cause, Check, Level, judge, not_made
+from labpipe.judging import DOUBTFUL, Cause, Check, Level, judge, not_made, too_large
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.relaxation.comparison import rows
@@ -37,11 +38,15 @@ def judgement(
     ramps: list[xr.Dataset | None] | None,
     comparison: list[xr.Dataset | None] | None,
     tests: xr.Dataset | None,
-    *,
+    *below: Any,
     settings: Relaxation,
     context: Context,
 ) -> xr.Dataset:
     """Judge all relaxation tests of an experiment; what gave no result is judged by that."""
+    below_it = None if settings.substrate is None else settings.substrate.material_from
+    basis = judgements.Basis.of((below_it,), below)
+    if not basis.is_sound:
+        comparison = tests = None
     files = settings.mach1
     checks: list[Check] = []
     relative = 0.0
@@ -67,7 +72,7 @@ def judgement(
     checks += mach1_checks.placed(judgements.failed_steps(context, _FAILED), *files, settings.load_cell.record)
     compared_rows = [] if tests is None else list(rows(tests, settings=settings))
     inputs = {FORCE_SCALE: Quantity(1.0, relative, "1"), STIFFNESS: Quantity(1.0, 0.0, "1")}
-    return judgements.judgement(Scene(checks, (), compared_rows, inputs))
+    return judgements.judgement(Scene(checks, (), compared_rows, inputs, basis=basis))
 
 
 def _alike(files: Sequence[str], loads: Sequence[xr.Dataset | None]) -> Check:
@@ -120,7 +125,7 @@ def _one_specimen(ratios: Sequence[tuple[str, float]]) -> Check:
     text = f"{file}: {exp(logs[worst]):.3g} times the simulated force, {exp(others):.3g} times in the others"
     level: Level | None = "impossible" if abs(gap) > log(3.0) else "doubtful" if abs(gap) > _OF_DEPTHS else None
     cause = (
-        f"the forces of {file} are {exp(gap):.3g} times too large: its scale, the specimen, the punch or the position "
+        f"the forces of {file} are {too_large(exp(gap))}: its scale, the specimen, the punch or the position "
         "of first touch is another than in the other files"
     )
     if len(ratios) == 2 and level:

@@ -85,7 +85,11 @@ _STAGES = (
         schema="relaxations",
         summary="combine the tests, average the modulus",
     ),
-    judged("pipelines.experiments.relaxation.checks:judgement", ("readings", "loads", "ramps", "comparison", "tests")),
+    judged(
+        "pipelines.experiments.relaxation.checks:judgement",
+        ("readings", "loads", "ramps", "comparison", "tests"),
+        rests_on=("substrate.material_from",),
+    ),
     reported(
         "pipelines.experiments.relaxation.page:page",
         ("readings", "loads", "ramps", "curves", "model", "comparison", "tests"),

@@ -46,6 +46,7 @@ from labpipe.report import (
 from labpipe.units import Quantity
 from labpipe.variables import variable
 from labpipe.workflow.context import Context
+from labpipe.workflow.fields import REFERENCE
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.material_choice import is_of_spectrum
 
@@ -77,6 +78,43 @@ _BESIDE = {
 """What is said of the model beside a record that cannot be believed as it is."""
 
 
+class Basis(NamedTuple):
+    """What is known of the experiments that one rests on: its material's DMA, its plate, its laser.
+
+    Attributes
+    ----------
+    checks : sequence of Check
+        One for each of them.
+    is_sound : bool
+        Whether none is impossible. What is computed from an impossible one is no expectation, so
+        that nothing is held against it.
+    reason : str
+        Of what is not believable; empty where all is.
+    """
+
+    checks: Sequence[Check] = ()
+    is_sound: bool = True
+    reason: str = ""
+
+    @classmethod
+    def of(cls, names: Sequence[str | None], results: Sequence[xr.Dataset | None]) -> "Basis":
+        """Take what the settings name, and the judgements of these experiments in the same order, if at hand."""
+        checks, reasons, is_sound = [], [], True
+        for reference, result in zip(names, results, strict=False):
+            if reference is None or result is None:
+                continue
+            word, name = believed(result).believable, reference.removeprefix(REFERENCE)
+            text, cause = f"{name} is believable", ""
+            if word in ("doubtful", "impossible"):
+                text = f"it rests on {name}, which is {word}"
+                cause = f"see {name} first"
+                is_sound &= word == "doubtful"
+                reasons.append(text)
+            law = "an expectation is as good as the measurement that it was computed from"
+            checks.append(stated(f"basis, {name}", law, text, "note" if cause else None, cause=cause))
+        return cls(tuple({c.name: c for c in checks}.values()), is_sound, "; ".join(dict.fromkeys(reasons)))
+
+
 class Scene(NamedTuple):
     """What the checks of an experiment lead to.
 
@@ -91,6 +129,8 @@ class Scene(NamedTuple):
     shared : mapping of str to Quantity
         What rows name there too because they have it in common, but nobody states and could have
         stated wrongly, such as the scatter of another measurement.
+    basis : Basis
+        Its checks are added to the others.
     """
 
     checks: Sequence[Check]
@@ -98,6 +138,7 @@ class Scene(NamedTuple):
     rows: Sequence[Row] = ()
     inputs: Mapping[str, Quantity] = {}
     shared: Mapping[str, Quantity] = {}
+    basis: Basis = Basis()
 
 
 def uncertainties_stated(given: Iterable[tuple[str, Quantity]]) -> Iterator[Check]:
@@ -163,7 +204,7 @@ def judgement(scene: Scene) -> xr.Dataset:
         where the input is 0). Attributes ``judgement``, ``model`` and ``believable`` hold the
         words and, as JSON, all checks; ``suspects`` what would explain a model that differs.
     """
-    judged = judge(scene.checks, scene.causes)
+    judged = judge([*scene.checks, *scene.basis.checks], scene.causes)
     rows = [row for row in scene.rows if row.deviation is not None]
     named = {name for row in rows for name in row.slopes}
     known = {**scene.inputs, **scene.shared}
@@ -185,7 +226,11 @@ def judgement(scene: Scene) -> xr.Dataset:
     could_notice = bool((relative < MATTERS).any()) if names else True
     units = [scene.inputs[name].si for name in names]
     made = _dataset(judged, found, dict(zip(names, units, strict=True)), smallest, relative, could_notice)
-    return made.assign_attrs(suspects=json.dumps(told if made.attrs["model"] == "differs" else []))
+    if not scene.basis.is_sound:
+        made.attrs["model"] = "undecided"
+    told = [f"{scene.basis.reason}: see there first", *told] if scene.basis.reason else told
+    wanted = made.attrs["model"] == "differs" or not scene.basis.is_sound
+    return made.assign_attrs(suspects=json.dumps(told if wanted else []))
 
 
 def _suspected(
@@ -286,6 +331,11 @@ def believed(result: xr.Dataset) -> Judgement:
     return from_json(result.attrs["judgement"])
 
 
+def suspected(result: xr.Dataset) -> list[str]:
+    """Return what would explain a model that differs or cannot be held against the record, the likeliest first."""
+    return list(json.loads(result.attrs.get("suspects", "[]")))
+
+
 def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
     """Say in one sentence whether the record can be believed and the model agrees.
 
@@ -321,10 +371,10 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
         return "ok", f"{believable}, and the {by} agrees with it; {checks}.{shown}"
     if model == "differs":
         p = float(result["p"])
-        explained = "".join(f" {capitalised(text)}." for text in json.loads(result.attrs.get("suspects", "[]")))
+        explained = "".join(f" {capitalised(text)}." for text in suspected(result))
         return (
             "warning",
-            f"{believable}, but the {by} differs from it ({_chance(p)}, largest deviation "
+            f"{believable}, but the {by} differs from it ({chance(p)}, largest deviation "
             f"{float(result['largest_deviation']):.1f} u); {checks}.{shown}{explained}",
         )
     if model == "undecided":
@@ -340,14 +390,23 @@ def _likeliest(judged: Judgement) -> str:
 
 
 def _undecided(result: xr.Dataset) -> str:
-    """Say why an agreement says nothing: the differences are unlikely, or no error would have shown."""
+    """Say why an agreement says nothing: its basis is wrong, differences are unlikely, or no error would have shown."""
+    if basis := suspected(result):
+        return basis[0]
     if (p := float(result["p"])) < LIKELY:
-        return f"so large differences are unlikely by chance ({_chance(p)}), but no proof of another model"
+        return f"so large differences are unlikely by chance ({chance(p)}), but no proof of another model"
     return f"no error of {MATTERS:.0%} in any input would have shown".replace("%", f"{_TIED}%")
 
 
-def _chance(p: float) -> str:
-    return f"p = {p:.1g}" if p >= _LEAST_P else f"p < {_LEAST_P:g}"
+def chance(p: float) -> str:
+    """Write a probability; one too small to tell from none is never written as 0.
+
+    Examples
+    --------
+    >>> chance(0.82), chance(1e-120)
+    ('p = 0.82', 'p < 0.0001')
+    """
+    return f"p = {p:.2g}" if p >= _LEAST_P else f"p < {_LEAST_P:g}"
 
 
 def _many(found: Sequence[object], noun: str) -> str:
@@ -507,7 +566,7 @@ def compared(result: xr.Dataset) -> dict[str, Any]:
         "chi2": _finite(result["chi_square"]),
         "degrees_of_freedom": int(result["degrees_of_freedom"]),
         "p": _finite(result["p"]),
-        "suspects": json.loads(result.attrs.get("suspects", "[]")),
+        "suspects": suspected(result),
         "believable": judged.believable,
         "cause": _likeliest(judged) if judged.believable in ("doubtful", "impossible") else "",
         "detectable": {

@@ -21,7 +21,7 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.contact.line import westergaard
-from labpipe.judging import Cause, Check, Level, bounded, compared, not_made, stated
+from labpipe.judging import Cause, Check, Level, bounded, compared, not_made, stated, too_large
 from labpipe.report import quantity
 from labpipe.signals import quantisation_step
 from pipelines.experiments.shared import mach1_readings, mach1_traces
@@ -731,14 +731,14 @@ def causes(
     columns = [
         Cause(
             {FREQUENCY: -1.0, SPEED: -1.0, APPROACH: -1.0, HOLD: 1.0, CLOCK: 1.0},
-            lambda k: f"the column of the time is {k:.4g} times too large{_unit_of(k, 'ms', 's')} (line {names})",
+            lambda k: f"the column of the time is {too_large(k)}{_unit_of(k, 'ms', 's')} (line {names})",
             _FACTORS,
             file=name,
             line=names,
         ),
         Cause(
             {AMPLITUDE: 1.0, TRAVEL: 1.0, SPEED: 1.0, APPROACH: 1.0, RATIO: -1.1},
-            lambda k: f"the column of the position is {k:.4g} times too large{_unit_of(k, 'µm', 'mm')} (line {names})",
+            lambda k: f"the column of the position is {too_large(k)}{_unit_of(k, 'µm', 'mm')} (line {names})",
             _FACTORS,
             file=name,
             line=names,
@@ -748,7 +748,7 @@ def causes(
         Cause(
             {check.name: -1.0},
             lambda k, check=check: (  # type: ignore[misc]
-                f"the declared {_DECLARED[check.name]} is {k:.3g} times too large (line {check.line} of {name})"
+                f"the declared {_DECLARED[check.name]} is {too_large(k)} (line {check.line} of {name})"
             ),
             (10.0, 0.1, 2.0, 0.5, 1e3, 1e-3, 100.0, 0.01),
             file=name,
@@ -760,7 +760,7 @@ def causes(
     yield from [*columns, *headers] if _shared(blocks) else [*headers, *columns]
     force = Cause(
         {RATIO: 1.0},
-        lambda k: f"the column of the force is {k:.4g} times too large: {_force_unit(k)} (line {names})",
+        lambda k: f"the column of the force is {too_large(k)}: {_force_unit(k)} (line {names})",
         tuple(_FORCE_UNITS),
         only_usual=True,
         file=name,
@@ -772,7 +772,7 @@ def causes(
     if load_cell.record and not is_held:
         yield Cause(
             {RATIO: 1.0},
-            lambda k: f"the scale of the load cell in {load_cell.record} is {k:.3g} times too large",
+            lambda k: f"the scale of the load cell in {load_cell.record} is {too_large(k)}",
             (10.0, 100.0),
             only_usual=True,
             file=load_cell.record,

@@ -5,11 +5,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from math import hypot, log, nan, sqrt
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import SLIPS, Cause, Check, Level, bounded, compared, not_made, stated
+from labpipe.judging import SLIPS, Cause, Check, Level, bounded, compared, not_made, stated, too_large
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
@@ -48,11 +49,14 @@ def judgement(
     approach: xr.Dataset | None,
     model: xr.Dataset | None,
     comparison: xr.Dataset | None,
-    *,
+    *below: Any,
     settings: StaticLoading,
     context: Context,
 ) -> xr.Dataset:
     """Judge one static loading; what gave no result is judged by that."""
+    basis = judgements.Basis.of((settings.sphere.material_from,), below)
+    if not basis.is_sound:
+        model = comparison = None
     checks = [_explained(c, readings, displacement, settings) for c in judgements.failed_steps(context, _FAILED)]
     checks += _of_readings(readings, settings)
     given = [("sphere.radius", settings.sphere.radius)]
@@ -71,7 +75,7 @@ def judgement(
     checks.append(_given_radius(comparison, settings))
     compared_rows = [] if comparison is None else list(rows(comparison, settings=settings))
     inputs = _inputs(displacement, steps, model, settings)
-    return judgements.judgement(Scene(checks, _causes(settings), compared_rows, inputs))
+    return judgements.judgement(Scene(checks, _causes(settings), compared_rows, inputs, basis=basis))
 
 
 def _inputs(
@@ -364,7 +368,7 @@ def _causes(settings: StaticLoading) -> Sequence[Cause]:
         Cause(
             {MATERIAL: -2 / 3},
             lambda k: (
-                f"the masses come out {k:.4g} times too large: they are probably in another unit, or forces were typed "
+                f"the masses come out {too_large(k)}: they are probably in another unit, or forces were typed "
                 "as masses (loads in session.toml)"
             ),
             SLIPS["mass"],
@@ -381,7 +385,7 @@ def _causes(settings: StaticLoading) -> Sequence[Cause]:
         Cause(
             {MATERIAL: 1.0, RADIUS_GIVEN: 0.5},
             lambda k: (
-                f"lengths come out {k:.4g} times too large: the unit, the display factor or the gain of "
+                f"lengths come out {too_large(k)}: the unit, the display factor or the gain of "
                 f"{settings.laser} is not what it says"
             ),
             _LENGTHS,

@@ -65,6 +65,7 @@ _STAGES = (
     judged(
         "pipelines.experiments.static_loading.checks:judgement",
         ("readings", "displacement", "steps", "approach", "model", "comparison"),
+        rests_on=("sphere.material_from",),
     ),
     reported(
         "pipelines.experiments.static_loading.page:page",

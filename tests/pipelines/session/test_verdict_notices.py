@@ -1,7 +1,10 @@
 """What pages of several experiments say first."""
 
+from dataclasses import replace
+
 import pytest
 
+from labpipe.judging import Finding
 from pipelines.session._compare_page import _reason
 from pipelines.session._verdict_notices import agreement, belief, each
 from pipelines.session._verdicts import Verdict
@@ -63,15 +66,14 @@ def test_nothing_compared_says_nothing() -> None:
     assert agreement({"a": "none"}) is None
 
 
-def test_what_rests_on_a_doubtful_experiment_sends_there_first() -> None:
-    of = verdicts(drop="doubtful", dma="doubtful", sound="yes")
-    rests_on = {"drop": ("dma",), "dma": (), "sound": ("dma",)}
-    drop, dma, alone = (next(each([n], of, {}, rests_on)).text for n in ("drop", "dma", "sound"))
-    assert drop.endswith("It rests on dma, which is doubtful: see there first.")
-    assert "rests on" not in dma
-    assert alone.endswith("It rests on dma, which is doubtful: see there first.")
-    (without,) = each(["drop"], {"drop": of["drop"]}, {}, rests_on)
-    assert "rests on" not in without.text
+def test_each_names_the_cause_of_a_finding_and_what_explains_a_difference() -> None:
+    found = Finding("apexes", "doubtful", "the second is higher than the first")
+    one = Verdict("drop", "ball_drop", "done", "doubtful", "differs", (found,), 3, ("a fault",), ("its DMA.", "mass"))
+    (said,) = each(["drop"], {"drop": one}, {})
+    assert said.text.endswith("The second is higher than the first. Likely: a fault; its DMA.")
+    hint = replace(one, believable="yes", findings=(), suspects=())
+    (said,) = each(["drop"], {"drop": hint}, {})
+    assert "Likely" not in said.text
 
 
 def test_a_comparison_says_of_a_record_that_cannot_be_believed_its_cause_alone() -> None:

@@ -94,13 +94,13 @@ def test_a_clean_film_is_believed_and_agrees(fallen, laser, seed):
     assert result.attrs["model"] == "agrees"
 
 
-@pytest.mark.parametrize("factor", [36.0, 1 / 36.0])
-def test_the_scale_of_the_other_view_names_the_record(fallen, laser, factor):
+@pytest.mark.parametrize(("factor", "said"), [(36.0, "36 times too large"), (1 / 36.0, "too small by a factor of 36")])
+def test_the_scale_of_the_other_view_names_the_record(fallen, laser, factor, said):
     found, _ = judged(recorded(fallen, 1, scale=factor), laser)
     told = finding(found, "free-fall acceleration")
     assert told.level == "impossible"
     assert (told.file, "of another view" in told.cause) == (SETTINGS.camera, True)
-    assert f"{factor:.4g} times too large" in told.cause
+    assert said in told.cause
 
 
 @pytest.mark.parametrize("factor", [10.0, 0.5])

@@ -119,6 +119,14 @@ def test_without_a_characteristic_time_it_is_the_shortest_of_the_material(sessio
     assert float(found["characteristic_time"]) == pytest.approx(float(shortest))
 
 
+def test_where_the_theory_does_not_apply_it_says_so_and_nothing_fails(session: Path) -> None:
+    given = settings(session)
+    wide = msgspec.structs.replace(given.punch, radius=given.punch.radius._replace(value=20e-3))
+    parts = (stage(session, name) for name in ("oscillations", "loops", "model"))
+    found = theory.theory(*parts, None, None, settings=msgspec.structs.replace(given, punch=wide))
+    assert "do not apply: an approach" in found.attrs["absent"]
+
+
 def test_contact_is_kept_at_a_small_amplitude(session: Path) -> None:
     assert (stage(session, "loops")["contact_loss"] == 0).all()
     assert (stage(session, "model")["contact_loss"] == 0).all()

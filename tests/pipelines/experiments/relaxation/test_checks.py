@@ -148,7 +148,7 @@ def test_a_wrong_column_is_told(
     ("right", "wrong", "words"),
     [
         ("Amplitude, mm:\t0.0980", "Amplitude, mm:\t0.9800", "the declared amplitude is 10 times too large"),
-        ("\nVelocity, mm/s:\t1.0000", "\nVelocity, mm/s:\t0.1000", "the declared velocity is 0.1 times too large"),
+        ("\nVelocity, mm/s:\t1.0000", "\nVelocity, mm/s:\t0.1000", "declared velocity is too small by a factor of 10"),
     ],
 )
 def test_a_wrong_declaration_is_told_with_its_line(

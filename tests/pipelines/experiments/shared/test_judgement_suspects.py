@@ -3,10 +3,13 @@
 import json
 
 import numpy as np
+import pytest
 
+from labpipe.judging import stated
 from labpipe.units import Quantity
+from pipelines.experiments import JUDGEMENT, KINDS
 from pipelines.experiments.shared.comparison_rows import Row, row
-from pipelines.experiments.shared.judgements import Scene, judgement, sentence
+from pipelines.experiments.shared.judgements import Basis, Scene, believed, judgement, sentence
 
 INPUTS = {"height": Quantity(5e-3, 5e-6, "m"), "temperature": Quantity(20.0, 0.5, "degC")}
 SLOPES = ({"height": 30.0}, {"height": 60.0, "temperature": 2e-3}, {"temperature": -4e-3})
@@ -56,3 +59,42 @@ def test_nothing_is_suspected_where_the_model_agrees() -> None:
     found = judgement(Scene((), rows=_rows(temperature=0.2), inputs=INPUTS))
     assert found.attrs["model"] == "agrees"
     assert json.loads(found.attrs["suspects"]) == []
+
+
+def _dma(level):
+    return judgement(Scene([stated("moduli", "a polymer has them", "the moduli are those of a metal", level)]))
+
+
+def test_what_rests_on_an_impossible_experiment_is_held_against_nothing_and_sends_there() -> None:
+    basis = Basis.of(["experiment:nylon_dma", None], [_dma("impossible"), None])
+    assert not basis.is_sound
+    found = judgement(Scene((), basis=basis))
+    assert (believed(found).believable, found.attrs["model"]) == ("yes", "undecided")
+    assert sentence(found)[1].endswith("It rests on nylon_dma, which is impossible: see there first.")
+
+
+@pytest.mark.parametrize(("temperature", "model"), [(5.0, "differs"), (0.2, "agrees")])
+def test_a_doubtful_basis_is_the_first_suspect_of_a_model_that_differs(temperature: float, model: str) -> None:
+    basis = Basis.of(["experiment:nylon_dma"], [_dma("doubtful")])
+    assert basis.is_sound
+    found = judgement(Scene((), rows=_rows(temperature=temperature), inputs=INPUTS, basis=basis))
+    assert found.attrs["model"] == model
+    first = [text.partition(":")[0] for text in json.loads(found.attrs["suspects"])][:1]
+    assert first == (["it rests on nylon_dma, which is doubtful"] if model == "differs" else [])
+    assert believed(found).findings[0].level == "note"
+
+
+def test_a_believable_basis_is_a_check_that_passed() -> None:
+    found = judgement(Scene((), basis=Basis.of(["experiment:nylon_dma"], [_dma(None)])))
+    assert believed(found).n_made == 1
+    assert not believed(found).findings
+
+
+@pytest.mark.parametrize("name", sorted(KINDS))
+def test_each_experiment_that_a_kind_takes_results_from_is_part_of_its_judgement(name: str) -> None:
+    taken = {
+        stage.name: {text.partition("/")[0] for text in stage.inputs if text.startswith("other:")}
+        for stage in KINDS[name].stages
+    }
+    judged = next(stage for stage in KINDS[name].stages if stage.name == JUDGEMENT)
+    assert {f"{field}/{JUDGEMENT}" for fields in taken.values() for field in fields} <= set(judged.inputs)
