@@ -5,7 +5,7 @@ compliance D* = D′ − i D″, and the complex viscosity η* = η′ − i η�
 Viscoelastic Properties of Polymers, 3rd ed., ch. 1).
 """
 
-from collections.abc import Callable, Mapping, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import replace
 from typing import Any
 
@@ -50,14 +50,7 @@ _WAYS: tuple[tuple[tuple[str, ...], Callable[..., _Made]], ...] = (
 )
 
 
-def contradictions(columns: Mapping[str, Any]) -> list[str]:
-    """Say which columns in SI, of one quantity given twice, do not agree: then a unit or a heading is wrong.
-
-    Returns
-    -------
-    list of str
-        A sentence for each; rounding to two digits is no contradiction.
-    """
+def _contradictions(columns: Mapping[str, Any], made: Sequence[tuple[tuple[str, ...], _Made]]) -> list[str]:
     said = []
     if {"frequency", "angular_frequency"} <= columns.keys():
         omega, hertz = columns["angular_frequency"], columns["frequency"]
@@ -70,7 +63,6 @@ def contradictions(columns: Mapping[str, Any]) -> list[str]:
         ratio = _median_ratio(_values(size), np.hypot(*(_values(columns[name]) for name in whole)))
         if abs(np.log(ratio)) > _MODULUS_ROUNDED:
             said.append(f"{size.header} is {ratio:.3g} times the size of {_headers(columns, whole)}")
-    made = [(needed, _made(columns, needed, way)) for needed, way in _WAYS if _has(columns, needed)]
     for needed, moduli in made[1:]:
         for one, other, name in zip(moduli, made[0][1], ("storage", "loss"), strict=True):
             ratio = _median_ratio(one, other)
@@ -103,25 +95,33 @@ def _headers(columns: Mapping[str, Any], needed: tuple[str, ...]) -> str:
     return " and ".join(columns[name].header for name in needed if name != "ω")
 
 
-def with_moduli(columns: dict[str, Any]) -> dict[str, Any]:
-    """Add storage and loss modulus [Pa] to columns in SI that determine them."""
-    for needed, way in _WAYS:
-        if _has(columns, needed):
-            storage, loss = _made(columns, needed, way)
-            source = _headers(columns, needed)
-            for name, values in (("storage_modulus", storage), ("loss_modulus", loss)):
-                if name not in columns:
-                    columns[name] = replace(
-                        columns[needed[0]],
-                        name=name,
-                        header=f"of {source}",
-                        unit="Pa",
-                        si="Pa",
-                        values=values,
-                        sub_label="",
-                    )
-            break
-    return columns
+def with_moduli(columns: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
+    """Add storage and loss modulus [Pa] to columns in SI that determine them.
+
+    Returns
+    -------
+    dict of str to Column
+    list of str
+        A sentence on every quantity that is given twice and does not agree: then a unit or a heading is
+        wrong. Rounding to two digits is no contradiction.
+    """
+    made = [(needed, _made(columns, needed, way)) for needed, way in _WAYS if _has(columns, needed)]
+    said = [f"{text}; check headings and units, one of them is wrong" for text in _contradictions(columns, made)]
+    if not made:
+        return columns, said
+    needed, moduli = made[0]
+    for name, values in zip(("storage_modulus", "loss_modulus"), moduli, strict=True):
+        if name not in columns:
+            columns[name] = replace(
+                columns[needed[0]],
+                name=name,
+                header=f"of {_headers(columns, needed)}",
+                unit="Pa",
+                si="Pa",
+                values=values,
+                sub_label="",
+            )
+    return columns, said
 
 
 def _omega(columns: Mapping[str, Any]) -> Floats | None:

@@ -114,7 +114,6 @@ class _Reader:
         self.current: RawInterval | None = None
         self.expects = "labels"
         self.dangling = 0  # line of a label after the last table
-        self.is_last_blank = False
 
     def fail(self, row: Row, message: str, hint: str = "", column: int | None = None) -> SourceError:
         where = f"sheet {row.sheet}: " if row.sheet else ""
@@ -129,7 +128,6 @@ class _Reader:
         cells = [text_of(c) for c in row.cells]
         while cells and not cells[-1]:
             cells.pop()
-        self.is_last_blank = not cells
         if not cells:
             if self.current is not None and self.current.rows:
                 self.close()
@@ -315,8 +313,6 @@ class _Reader:
         self.close()
         if last:
             self.export.notes.append(f"line {last}: the file ends after a label, before its table: it is cut")
-        elif self.is_last_blank and not self.sheet:
-            self.export.notes.append("the file ends with an empty line, as before a further table: it may be cut")
         if not any(i.rows for i in self.export.intervals):
             raise SourceError(
                 self.export.path,

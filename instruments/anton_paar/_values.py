@@ -60,6 +60,7 @@ class Findings:
     notes: list[str] = field(default_factory=list)
     absent: int = 0
     invalid: int = 0
+    is_contradicted: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +136,10 @@ def interpret(raw: RawInterval, signs: Separators, path: Path, findings: Finding
         if name not in ("time", "interval_time"):
             values[~valid] = np.nan
         columns.append(Column(name, plan.header, plan.unit, si, values, sub))
-    made = with_moduli({column.name: column for column in columns})
+    made, contradictions = with_moduli({column.name: column for column in columns if column.si})
+    if not findings.is_contradicted:  # further intervals would say the same
+        findings.notes += [f"line {raw.line}: {said}" for said in contradictions]
+    findings.is_contradicted |= bool(contradictions)
     columns += [made[name] for name in sorted(made.keys() - {column.name for column in columns})]
     return Interval(raw.test, raw.result, raw.number, raw.declared, point, valid, tuple(columns), raw.line, raw.sheet)
 

@@ -1,5 +1,6 @@
 """Tables of a dynamic mechanical analysis, text or workbook, as analysers and other software export them."""
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
@@ -84,6 +85,10 @@ def workbook_hint(head: bytes) -> str:
         return (
             "In a workbook a row names the columns, with their units in it or in the row below: "
             "f (Hz), E' (MPa), E'' (MPa), T (degC); name them, or save the sheet as CSV."
+        )
+    if re.match(rb"\s*<(?:!doctype|html|table)", head, re.IGNORECASE):
+        return (
+            "This is a page of HTML, whatever its name ends in; open it in a spreadsheet and save it as .xlsx or CSV."
         )
     return ""
 

@@ -22,13 +22,17 @@ _OF_ROWS = (TAB, SEMICOLON, COMMA, BAR, BLANKS)
 
 #: What stands where there is no reading.
 ABSENT = (
-    "", "-", "--", "---", "nan", "n/a", "na", "n.a.", "nd", "n.d.", "null", "none", "#n/a", "#num!", "#div/0!",
-    "#value!", "#ref!", *("*" * count for count in range(1, 9)), "?", "...", "inf", "-inf",
+    "", "-", "--", "---", "nan", "n/a", "na", "n.a.", "n. a.", "nd", "n.d.", "n. d.", "n.v.", "k.a.", "s.o.", "null",
+    "none", "missing", "invalid", "error", "err", "failed", "#n/a", "#num!", "#div/0!", "#value!", "#ref!",
+    *("*" * count for count in range(1, 9)), *("#" * count for count in range(1, 16)), "?", "...",
+    "inf", "-inf", "+inf", "infinity", "∞", "1.#inf", "-1.#inf", "1.#ind", "-1.#ind", "1.#qnan",
+    "over", "under", "overload", "overflow", "underflow", "ovld", "ovl", "ovf", "ovr", "ol", "o.l.",
 )  # fmt: skip
 
 _POWER = r"\s*[x×*·]\s*10\^?\(?([+-]?\d+)\)?"
-_NUMERIC = re.compile(rf"[+-]?(?:\d[\d.,'\u00a0\u202f\u2019 ]*|[.,]\d+)(?:[eEdD][+-]?\d+|{_POWER})?")
-_GROUPED = re.compile(r"([+-]?\d{1,3}(?:['\u2019\u00a0\u202f ]\d{3})+)((?:[.,]\d*)?(?:[eEdD].*)?)")
+_GROUPS = r"\d{1,3}(?:['\u2019\u00a0\u202f ]\d{3})+"
+_NUMERIC = re.compile(rf"[+-]?(?:(?:{_GROUPS}|\d)[\d.,]*|[.,]\d+)(?:[eEdD][+-]?\d+|{_POWER})?")
+_GROUPED = re.compile(rf"([+-]?{_GROUPS})((?:[.,]\d*)?(?:[eEdD].*)?)")
 _TIMES_TEN = re.compile(_POWER + "$")
 _RAISED = re.compile("(?<=10)[⁻⁺]?[⁰¹²³⁴⁵⁶⁷⁸⁹]+")
 _LOWERED = str.maketrans("⁻⁺⁰¹²³⁴⁵⁶⁷⁸⁹", "-+0123456789")
@@ -37,7 +41,7 @@ _MARK = re.compile(
     r"^\s*(?:#+|%+|//|!)\s*(?:(?:columns?|fields?|variables?|names?|header|units?)\s*[:=]\s*)?", re.IGNORECASE
 )
 _FACT = re.compile(
-    r"(?:^|[\s;,(])(?P<key>[A-Za-zα-ωΑ-Ω°'_ .]+?(?:\s*[\[(][^\])]*[\])])?)\s*[:=\t]\s*"
+    r"(?:^|[\s;,(])(?P<key>[A-Za-zα-ωΑ-Ω°'_ .]+?(?:\s*[\[(][^\])]*[\])])?)(?:\s*[:=\t]\s*|\s{2,})"
     r"(?P<value>[+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)"
     r"\s*(?P<unit>[^\s;,)]*(?:\s?C\b)?)"
 )
@@ -58,6 +62,8 @@ _PLACE = re.compile(rf"[+-]?\d+(?:[.,]\d+)?\s*(?:{DEGREES}|C|Hz|rad/s)")
 _PARAMETERS = re.compile(r"\s*[A-Za-z]\w*\s*=\s*[^=;]*;")  # key=value; of a RepTate header
 _SIGNAL = re.compile(r"\s*Sig\d+\s+(.+?)\s*", re.IGNORECASE)  # a column of a file of Universal Analysis
 _MINUS = re.compile(r"\u2212|(?<![\w.,])\u2013(?=\d)")  # as papers and word processors write it
+_DATE = r"\d{1,4}([-/.])\d{1,2}\1\d{1,4}"
+_CLOCK = re.compile(rf"(?:{_DATE}[T ,]*)?\d{{1,2}}:\d{{2}}(?::\d{{2}}(?:[.,]\d+)?)?(?:\s*[AP]M)?", re.IGNORECASE)
 _DATA = re.compile(r"\s*StartOfData\s*", re.IGNORECASE)
 _BEGINS = re.compile(r"^\s*\[step\]\s*$", re.IGNORECASE)
 
@@ -154,6 +160,17 @@ def trimmed(found: list[str]) -> list[str]:
 def is_numeric(cell: str) -> bool:
     """Tell whether a cell can be a number, whatever its decimal sign."""
     return _NUMERIC.fullmatch(_with_powers(cell.strip())) is not None
+
+
+def is_clock(cell: str) -> bool:
+    """Tell a time of day, a date, or both, which are no number.
+
+    Examples
+    --------
+    >>> is_clock("14:02:11,5"), is_clock("2021-03-06 14:02"), is_clock("14.02")
+    (True, True, False)
+    """
+    return _CLOCK.fullmatch(cell) is not None
 
 
 def _with_powers(cell: str) -> str:
@@ -331,7 +348,9 @@ def _head(lines: Sequence[tuple[int, str]], k: int) -> tuple[list[Heading], str,
         below = cells(_MARK.sub("", lines[k + 1][1]), head[1])
         found = _of_two_rows([h.text for h in head[0]], below)
         if found is not None:
-            return found, head[1], k + 2
+            third = cells(_MARK.sub("", lines[k + 2][1]), head[1]) if k + 2 < len(lines) else []
+            more = _of_two_rows([h.text for h in found], third)
+            return (found, head[1], k + 2) if more is None else (more, head[1], k + 3)
     if k:
         above = cells(_MARK.sub("", lines[k - 1][1]), head[1])
         found = _of_two_rows(above, [h.text for h in head[0]]) if len(above) > 1 else None
@@ -487,10 +506,14 @@ def _separator_of_rows(line: str, block: Block, separator: str) -> str:
     """Return what separates the cells of the rows: that of the headings, unless it does not fit."""
     width = len(block.headings)
     ways = [separator] if separator in _OF_ROWS else []
+    numbers: dict[str, int] = {}
     for way in (*ways, *_OF_ROWS):
         found = trimmed(cells(line, way))
-        if len(found) == width and sum(is_numeric(cell) or cell.casefold() in ABSENT for cell in found) * 2 > width:
-            return way
+        count = sum(is_numeric(cell) or cell.casefold() in ABSENT for cell in found)
+        if len(found) == width and count * 2 > width:
+            numbers.setdefault(way, count)
+    if numbers:
+        return max(numbers, key=lambda way: numbers[way])  # of equals the first
     if ways and sum(map(is_numeric, cells(line, separator))) > 1:
         return separator
     counts = {way: sum(map(is_numeric, cells(line, way))) for way in _OF_ROWS}
@@ -504,7 +527,7 @@ def _is_row(line: str, block: Block, separator: str) -> bool:
         return False
     pairs = list(zip(block.headings, parts, strict=False))
     known = [cell for heading, cell in pairs if heading.is_known and cell]
-    good = sum(is_numeric(cell) or cell.casefold() in ABSENT[1:] for cell in known)
+    good = sum(is_numeric(cell) or cell.casefold() in ABSENT[1:] or is_clock(cell) for cell in known)
     return bool(known) and good == len(known) and any(map(is_numeric, known))
 
 

@@ -27,12 +27,20 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from instruments import anton_paar
 from instruments._instrument import HEAD_BYTES
-from instruments._moduli import contradictions, missing, with_moduli
-from instruments._symbols import FREQUENCIES, MODULI, RESPONSES, SHIFTS
+from instruments._moduli import missing, with_moduli
+from instruments._symbols import FREQUENCIES, SHIFTS
 from instruments.anton_paar import Column, Interval, assemble
 from instruments.tables import CODECS, _layout, _words, workbook_hint
+from instruments.tables._columns import (
+    UNITLESS,
+    Pair,
+    example,
+    name_the_temperature,
+    of_their_unit,
+    parted,
+    without_clocks,
+)
 from instruments.tables._layout import ABSENT, Block, is_of_parameters
 from instruments.tables._words import Heading
 from labpipe.arrays import Floats
@@ -45,14 +53,7 @@ DEVICE = "plain table of a dynamic mechanical analysis"
 _HEADER = 100  # lines in which a file says how it is written
 _LIMITS = Limits(max_bytes=128 << 20)
 _ZERO_CELSIUS = 273.15
-_ROUNDED = 2e-3  # of a column that was rounded to three digits
-_EXAMPLE = {
-    "frequency": "Hz", "angular_frequency": "rad/s", "temperature": "degC", "temperature_set": "degC", "time": "s",
-    "interval_time": "s", "phase_angle": "deg", "storage_compliance": "1/MPa", "loss_compliance": "1/MPa",
-    "complex_compliance": "1/MPa", "creep_compliance": "1/MPa", "complex_viscosity": "Pa s",
-    "complex_viscosity_real": "Pa s", "complex_viscosity_imaginary": "Pa s",
-}  # fmt: skip
-_UNITLESS = ("loss_factor", "log10_aT", "ln_aT", "a_T", "b_T", "set")
+_NO_READING = 9.9e37  # by which instruments of the SCPI standard say that there is none, or that it overflowed
 _VAGUE = ("modulus", "module", "modul", "modulo", "e", "g", "e_modulus", "youngs_modulus", "young_s_modulus", "e_modul")
 _ALONE = "Cells hold numbers alone; the units stand in the headings or in a row below them."
 _WITH_UNIT = re.compile(r"[+-]?\d[\d.,]*(?:[eE][+-]?\d+)?\s*(?:°\s?[CF]|[A-Za-z%][\w/°]*)")
@@ -74,9 +75,7 @@ _STATISTICS = (
     "écart-type", "ecart type", "media", "promedio", "desviación estándar",
 )  # fmt: skip
 _DECIMAL = re.compile(r"#DE[CZ]IMAL:\s*(\w+)")  # of Netzsch
-_Pair = tuple[Heading, Floats]
 _OWN = ("point", "test", "result", "interval", "is_valid", "sample")  # names of the Dataset itself
-_ABOVE = re.compile(rf"([+-]?\d+(?:[.,]\d+)?)\s*({_words.DEGREES}|C)\b")
 
 
 def read(
@@ -176,7 +175,7 @@ def _is_workbook(path: Path) -> bool:
         raise SourceError(path, f"cannot be opened: {error.strerror}") from None
     is_one = head.startswith(b"PK\x03\x04") and b"opendocument" not in head
     if not is_one and workbook_hint(head):
-        raise SourceError(path, "this is no text and no .xlsx", hint=workbook_hint(head))
+        raise SourceError(path, "this is no table of text and no .xlsx", hint=workbook_hint(head))
     return is_one
 
 
@@ -306,14 +305,15 @@ class _Table:
         self.is_whole = np.ones(len(block.rows), dtype=bool)
         if self.missing:
             return
-        block.headings = _of_their_unit(block.headings)
+        block.headings = without_clocks(block, of_their_unit(block.headings))
+        name_the_temperature(path, block)
         _leave_out_statistics(path, block)
         short = _short_rows(path, block)
         values = _values(path, block, signs)
         values[short] = np.nan
         _tell_of_specimens(path, block)
         _fill_merged(block, values)
-        parts = list(_parted(path, block, values))
+        parts = list(parted(path, block, values))
         self.is_whole = np.tile(~short, len(parts))
         self.columns = _joined([_converted(path, block, part) for part in parts])
         self._leave_out_marks(path)
@@ -354,7 +354,7 @@ def _short_rows(path: Path, block: Block) -> NDArray[np.bool_]:
     is_short = np.array(block.widths) < width
     if is_short.all() and block.separator == _layout.BLANKS:
         message = f"the headings name {width} columns, the rows hold {max(block.widths)} numbers between blanks"
-        hint = f'Name the columns in order: columns="{_example(block)}", without those that hold no numbers.'
+        hint = f'Name the columns in order: columns="{example(block)}", without those that hold no numbers.'
         raise SourceError(path, message, line=block.line, hint=hint)
     if is_short.all() and len(set(block.widths)) <= 1:
         return np.zeros(len(block.rows), dtype=bool)
@@ -384,6 +384,8 @@ def _values(path: Path, block: Block, signs: Separators) -> Floats:
             if cell.casefold() in ABSENT:
                 continue
             value = plain_number(_layout.plain(cell).replace("D", "E").replace("d", "e"), signs)
+            if value is not None and abs(value) >= _NO_READING:
+                continue
             if value is None and block.headings[j].is_known:
                 if _WITH_UNIT.fullmatch(cell):
                     raise SourceError(path, f"found {shorten(cell)}, expected a number alone", line=number, hint=_ALONE)
@@ -415,118 +417,7 @@ def _tell_of_specimens(path: Path, block: Block) -> None:
                 )
 
 
-def _parted(path: Path, block: Block, values: Floats) -> Iterator[list[_Pair]]:
-    """Yield the columns of a table, or of each of several that stand side by side.
-
-    Columns side by side belong to frequencies or temperatures that the headings state
-    (``E'(1 Hz)``, ``E'(10 Hz)``), or to temperatures in the line above.
-    """
-    pairs = list(zip(block.headings, values.T, strict=True))
-    places = list(dict.fromkeys(heading.at for heading in block.headings if heading.at is not None))
-    if places:
-        shared = [pair for pair in pairs if pair[0].at is None]
-        _refuse_specimens(path, block, [pair for pair in shared if pair[0].name in MODULI])
-        for place in places:
-            its = [pair for pair in pairs if pair[0].at == place]
-            _refuse_specimens(path, block, its)
-            name = _layout.place_of(its[0][0])
-            kept = [pair for pair in _nearest(shared, pairs, its[0]) if pair[0].name != name]
-            constant = (Heading("", name, place[1], is_known=True), np.full(len(values), place[0]))
-            yield [*kept, *its, constant]
-        return
-    names = [heading.name for heading in block.headings if heading.is_known]
-    count = max((names.count(name) for name in names if name in MODULI | RESPONSES), default=1)
-    if count == 1:
-        yield _unique(path, block, pairs)
-        return
-    twice = {name for name in names if names.count(name) == count}
-    stated = _ABOVE.findall(block.above[1])
-    if ("temperature" in names and "temperature" not in twice) or ("temperature" not in twice and len(stated) != count):
-        titles = [heading.text for heading in block.headings if heading.name in twice]
-        raise SourceError(
-            path,
-            f"several columns hold the same quantity: {shorten(', '.join(titles))}",
-            line=block.line,
-            hint="Delete or rename all but one of them; of isotherms side by side, state each temperature with its "
-            "unit in the line above, or in the headings: E' @ 25 °C (MPa).",
-        )
-    for k in range(count):
-        seen: dict[str, int] = {}
-        part = []
-        for heading, column in pairs:
-            index = seen.get(heading.name, 0)
-            seen[heading.name] = index + 1
-            if heading.name not in twice or index == k:
-                part.append((heading, column))
-        if "temperature" not in twice:
-            value = float(stated[k][0].replace(",", "."))
-            unit = _words.degrees(stated[k][1])
-            part.append((Heading("", "temperature", unit, is_known=True), np.full(len(values), value)))
-        yield part
-
-
-def _of_their_unit(headings: Sequence[Heading]) -> list[Heading]:
-    """Take for other quantities what has a unit of none of its namesakes: a stiffness ``K* (N/m)`` beside E*."""
-    fitting = {heading.name for heading in headings if _words.fits(heading.name, heading.unit)}
-    return [
-        replace(heading, name=anton_paar.slug(heading.text), is_known=False)
-        if heading.unit and heading.name in fitting and not _words.fits(heading.name, heading.unit)
-        else heading
-        for heading in headings
-    ]
-
-
-def _nearest(shared: Sequence[_Pair], pairs: Sequence[_Pair], first: _Pair) -> list[_Pair]:
-    """Return the columns of all places; of repeated ones, such as a temperature before each, the next to the left."""
-    at = next(k for k, pair in enumerate(pairs) if pair is first)
-    places = {id(pair): k for k, pair in enumerate(pairs)}
-    found: dict[str, _Pair] = {}
-    for pair in shared:
-        if pair[0].name not in found or places[id(pair)] < at:
-            found[pair[0].name] = pair
-    return list(found.values())
-
-
-def _refuse_specimens(path: Path, block: Block, its: Sequence[_Pair]) -> None:
-    """Refuse columns side by side that are several readings of one quantity at one frequency or temperature."""
-    seen: dict[str, _Pair] = {}
-    for pair in its:
-        before = seen.setdefault(pair[0].name, pair)
-        if before is not pair and pair[0].is_known and not _is_the_same(before, pair):
-            raise SourceError(
-                path,
-                f"several columns are {shorten(pair[0].text)} and differ, as of several specimens or runs side by side",
-                line=block.line,
-                hint="Export each specimen to a file of its own, or name the columns of one and - for all others: "
-                f'columns="{_example(block, is_once=True)}".',
-            )
-
-
-def _unique(path: Path, block: Block, pairs: Sequence[_Pair]) -> list[_Pair]:
-    """Keep the first of columns with the same quantity; told where the others differ."""
-    kept: dict[str, _Pair] = {}
-    for heading, column in pairs:
-        if heading.name not in kept:
-            kept[heading.name] = (heading, column)
-        elif heading.is_known and not _is_the_same(kept[heading.name], (heading, column)):
-            warnings.warn(
-                f"{path}:{block.line}: two columns hold {_words.SPOKEN.get(heading.name, heading.name)} and differ; "
-                f'the first, "{kept[heading.name][0].text}", is taken',
-                stacklevel=3,
-            )
-    return list(kept.values())
-
-
-def _is_the_same(one: _Pair, other: _Pair) -> bool:
-    """Tell two columns with the same readings, be they in units of their own: Hz and rad/s, MPa and Pa."""
-    if np.array_equal(one[1], other[1], equal_nan=True):
-        return True
-    ratio = np.nanmedian(other[1] / np.where(one[1] == 0, np.nan, one[1]))
-    is_own = one[0].unit != other[0].unit
-    return is_own and bool(np.allclose(other[1], ratio * one[1], rtol=_ROUNDED, equal_nan=True))
-
-
-def _converted(path: Path, block: Block, pairs: Sequence[_Pair]) -> dict[str, Column]:
+def _converted(path: Path, block: Block, pairs: Sequence[Pair]) -> dict[str, Column]:
     """Convert columns to SI by the units that the file states, and make the moduli of them."""
     found: dict[str, Column] = {}
     for heading, values in pairs:
@@ -545,9 +436,10 @@ def _converted(path: Path, block: Block, pairs: Sequence[_Pair]) -> dict[str, Co
     if "temperature" not in found and "temperature_set" in found:
         column = found["temperature_set"]
         found["temperature"] = Column("temperature", column.header, column.unit, column.si, column.values)
-    for said in contradictions(found):
-        warnings.warn(f"{path}:{block.line}: {said}; check headings and units, one of them is wrong", stacklevel=5)
-    return _with_log_shift(path, with_moduli(found))
+    found, contradictions = with_moduli(found)
+    for said in contradictions:
+        warnings.warn(f"{path}:{block.line}: {said}", stacklevel=5)
+    return _with_log_shift(path, found)
 
 
 def _column(path: Path, block: Block, heading: Heading, values: Floats) -> Column:
@@ -559,7 +451,7 @@ def _column(path: Path, block: Block, heading: Heading, values: Floats) -> Colum
     if not stated and is_of_parameters(block.above[1]):
         stated = {"frequency": "rad/s"}.get(name, "Pa" if "Pa" in wanted else "")  # RepTate's own units
     try:
-        unit = _words.unit_of(stated) if stated or name in _UNITLESS or "1" in wanted else None
+        unit = _words.unit_of(stated) if stated or name in UNITLESS or "1" in wanted else None
     except InputError:
         unit = None
     if unit is None or unit.si not in wanted:
@@ -570,7 +462,7 @@ def _column(path: Path, block: Block, heading: Heading, values: Floats) -> Colum
             f"{heading.text} {is_in}, expected a unit of {spelled}",
             line=block.unit_line or block.line,
             hint="State the units in the headings or in a row below them, or give all columns in order: "
-            f'columns="{_example(block)}".',
+            f'columns="{example(block)}".',
         )
     if stated.strip("[]() ") == "mPa":
         warnings.warn(
@@ -591,26 +483,6 @@ def _column(path: Path, block: Block, heading: Heading, values: Floats) -> Colum
     if unit.si == "degF":
         column, si = (column - 32.0) * 5.0 / 9.0, "degC"
     return Column(name, heading.text or name, stated, si, column)
-
-
-def _example(block: Block, *, is_once: bool = False) -> str:
-    """Spell the columns with units, as they might be given; of repeated ones the first, if that is asked for."""
-    texts = []
-    seen: set[tuple[str, tuple[float, str] | None]] = set()
-    for heading in block.headings:
-        place = (heading.name, heading.at)
-        if is_once and place in seen:
-            texts.append("-")
-            continue
-        seen.add(place)
-        unit = (
-            heading.unit.strip("[]()") if _words.fits(heading.name, heading.unit) else _EXAMPLE.get(heading.name, "MPa")
-        )
-        bare = re.split(r"\s*[(\[/,]", heading.text)[0].strip() if heading.is_known else heading.text
-        bare = re.sub(r'[";]', "''", bare)
-        bare += f" @ {heading.at[0]:g} {heading.at[1]}" if heading.at is not None else ""
-        texts.append(f"{bare} ({unit})" if heading.is_known and heading.name not in _UNITLESS else bare or "-")
-    return ", ".join(texts)
 
 
 def _with_log_shift(path: Path, columns: dict[str, Column]) -> dict[str, Column]:
@@ -662,7 +534,7 @@ def _complete(path: Path, tables: Sequence[_Table]) -> list[_Table]:
         if vague is not None and "modulus" in tables[0].missing:
             said = f"{shorten(vague.text)} may be the storage modulus or the complex one; the file does not say which"
             remedy = "Say it by naming the columns in order, with E' or |E*| in its place"
-        hint = f'{remedy}: columns="{_example(block)}".'
+        hint = f'{remedy}: columns="{example(block)}".'
         raise SourceError(_place(path, block), said, line=block.line, hint=hint)
     for table in tables:
         if table.missing:

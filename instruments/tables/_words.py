@@ -91,7 +91,10 @@ _SPELLINGS: dict[str, Unit] = {
     **dict.fromkeys(("radian", "radians", "rad"), Unit(1.0, "rad")),
     **dict.fromkeys(("percent", "pct"), Unit(1e-2, "1")),
     **dict.fromkeys(("none", "n/a", "dimensionless", "unitless", "/", "a.u.", "--", "–", "—", "[-]"), Unit(1.0, "1")),
-    **dict.fromkeys(("n/mm2", "n/mm²", "n/mm^2", "n mm-2", "mpascal", "megapascal"), Unit(1e6, "Pa")),
+    **dict.fromkeys(("n/mm2", "n/mm²", "n/mm^2", "n mm-2", "mpascal", "megapascal", "MN/m²", "MN/m2"), Unit(1e6, "Pa")),
+    **dict.fromkeys(("kn/mm2", "kn/mm²", "kn/mm^2", "gn/m2", "gn/m²"), Unit(1e9, "Pa")),
+    **dict.fromkeys(("n/cm2", "n/cm²", "n/cm^2"), Unit(1e4, "Pa")),
+    **dict.fromkeys(("kn/m2", "kn/m²", "kn/m^2"), Unit(1e3, "Pa")),
     **dict.fromkeys(("kgf/cm2", "kgf/cm²", "kgf/cm^2", "kg/cm2", "kg/cm²"), Unit(98066.5, "Pa")),
     **dict.fromkeys(("n/m2", "n/m²", "n/m^2", "pascal", "pascals"), Unit(1.0, "Pa")),
     **dict.fromkeys(("dyn/cm2", "dyn/cm²", "dyn/cm^2", "dyne/cm2", "dyne/cm^2", "dynes/cm2"), Unit(0.1, "Pa")),
@@ -161,7 +164,7 @@ def quantity(heading: str) -> str | None:
     heading = _OF_SEVERAL.sub("", heading)
     found = named(heading) or anton_paar.column_name(heading)
     if found is not None:
-        return found
+        return found if found in SI_OF or found == "point" else None  # not the time of day, which is text
     words = re.split(r"[\s,;:(\[-]+", heading.strip(" )]"))
     for k in range(1, len(words)):
         first, second = " ".join(words[:k]), " ".join(words[k:])

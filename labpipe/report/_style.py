@@ -300,20 +300,30 @@ def figure_bytes(figure: "Figure", file_format: str, dpi: float | None = None) -
         message = f'unknown figure format "{file_format}"; expected one of {", ".join(_METADATA)}'
         raise InputError(message)
     from matplotlib import rc_context
+    from matplotlib.backend_bases import get_registered_canvas_class
+    from matplotlib.layout_engine import PlaceHolderLayoutEngine
 
     from labpipe.report._tick_text import write_plain_numbers
 
     write_plain_numbers(figure)
-    keys = ("svg.hashsalt", "svg.fonttype", "pdf.fonttype", "savefig.dpi", "path.simplify")
+    keys = ("svg.hashsalt", "svg.fonttype", "pdf.fonttype", "path.simplify")
     settings: Any = {key: _settings()[key] for key in keys}
-    target = BytesIO()
+    target, engine, canvas, resolution = BytesIO(), figure.get_layout_engine(), figure.canvas, figure.dpi
     with rc_context(settings):
-        figure.savefig(
-            target,
-            format=file_format,
-            metadata=_METADATA[file_format],
-            dpi="figure" if dpi is None and file_format != "png" else (dpi or 300.0),
-        )
+        try:
+            if engine is not None and not isinstance(engine, PlaceHolderLayoutEngine):
+                figure.draw_without_rendering()
+                figure.set_layout_engine("none")
+            # ``savefig`` would draw everything once more before, for the layout that is known.
+            drawing: Any = get_registered_canvas_class(file_format)(figure)
+            if file_format == "png":
+                figure.set_dpi(dpi or 300.0)
+            getattr(drawing, f"print_{file_format}")(target, metadata=_METADATA[file_format])
+        finally:
+            figure.set_canvas(canvas)
+            figure.set_dpi(resolution)
+            if engine is not None:
+                figure.set_layout_engine(engine)
     return target.getvalue()
 
 

@@ -38,7 +38,7 @@ _DISTRIBUTIONS = {"cv2": ("opencv-python-headless", "opencv-python", "opencv-con
 """Distributions that are not called as what they install; others are looked up."""
 _RACE = 2_000_000_000
 """Nanoseconds in which a file may change without a new time."""
-_COMPILED = Path(__file__).parent / "__pycache__" / "reached.json"
+_COMPILED = Path(__file__).parent / "__pycache__"
 """Beside this module compiled, what all sessions that use this installation can share."""
 _BORN = time.time_ns()
 _awaited: dict[str, "Stamp"] = {}
@@ -158,15 +158,16 @@ class Code:
     """
 
     def __init__(self, memory: Path | None = None, search: Sequence[str] | None = None) -> None:
-        shared = [_COMPILED] if search is None and not sys.dont_write_bytecode else []
-        self._memories = [] if memory is None else [memory, *shared]
-        self._search = search
+        self._memory, self._search = memory, search
+        self._is_shared = memory is not None and search is None and not sys.dont_write_bytecode
+        shared = sorted(_COMPILED.glob("reached-*.json")) if self._is_shared else []
+        self._unread = [] if memory is None else [memory, *shared]
         self._trees: dict[str, Tree] = {}
         self._groups: dict[str, list[str]] = {}
         self._modules: dict[str, Module] = {}
         self._identities: dict[str, Identity] = {}
         self._versions: dict[str, str | None] = {}
-        self._known: dict[str, Any] | None = None
+        self._known: dict[str, Any] = {}
         self._is_new = False
         self.is_asked = True
         self.n_read = 0
@@ -186,9 +187,9 @@ class Code:
         """
         if not self.is_asked:
             return Identity({}, {})
-        if self._known is None:
-            self._known = self._remembered()
         label = " ".join(functions)
+        while label not in self._known and self._unread:
+            self._known |= self._kept(self._unread.pop(0))
         if label not in self._known:
             tops = {name.partition(":")[0].partition(".")[0] for name in functions}
             reached = Reached(self, {*OURS, *tops})
@@ -206,22 +207,17 @@ class Code:
         """Keep what was found; files that were just written may change again unnoticed."""
         stamps = [s for t in self._trees.values() for part in t.values() for s in part.values()]
         newest = max((max(s.modified, s.changed) for s in stamps), default=0)
-        if not self._is_new or time.time_ns() - newest < _RACE:
+        if self._memory is None or not self._is_new or time.time_ns() - newest < _RACE:
             return
-        kept = {
-            "state": self._state(self._trees, self._groups),
-            "known": self._known,
-            "trees": [*self._trees],
-            "groups": [*self._groups],
-        }
-        for memory in self._memories:
-            # It only saves time: where it cannot be kept, the next call finds it again.
+        kept = {"state": self._state(self._trees, self._groups), "trees": [*self._trees], "groups": [*self._groups]}
+        # One file for each set of packages: a plug-in makes nobody else follow all imports again.
+        shared = _COMPILED / f"reached-{short(files.canonical(sorted(self._trees)))}.json"
+        for memory in [self._memory, shared] if self._is_shared else [self._memory]:
+            # What other runs found meanwhile is kept beside it. It only saves time: where it cannot
+            # be kept, the next call finds it again.
             with contextlib.suppress(StorageError):
-                files.write_bytes(memory, files.seal(kept))
+                files.write_bytes(memory, files.seal(kept | {"known": self._kept(memory) | self._known}))
                 self._is_new = False
-
-    def _remembered(self) -> dict[str, Any]:
-        return next((known for memory in self._memories if (known := self._kept(memory))), {})
 
     def _kept(self, memory: Path) -> dict[str, Any]:
         try:

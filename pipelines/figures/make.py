@@ -12,7 +12,7 @@ import importlib
 import json
 import logging
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -279,11 +279,16 @@ def _drawings(
     tasks = {number: (now, state.figure.id, state.experiments, dict(failures)) for number, state in enumerate(ready)}
     workers = min(jobs, len(tasks))
     engine = choose(workers if workers > 1 else 0)
+    # Following the code behind all figures takes a fifth of their time where each follows its own;
+    # here it is followed once, and kept.
+    keys = replace(now, code=shelf.code)
     found: dict[int, tuple[Outcome, dict[str, Any]]] = {}
     done = 0
     for number, answer in side_by_side(engine, f"{__name__}:drawn", tasks):
-        lost = Outcome(ready[number].figure.id, FAILED, f"{answer}; too little memory?")
-        found[number] = (lost, {}) if isinstance(answer, Died) else answer
+        figure, names = ready[number].figure, ready[number].experiments
+        lost = Outcome(figure.id, FAILED, f"{answer}; too little memory?")
+        outcome, written = (lost, {}) if isinstance(answer, Died) else answer
+        found[number] = outcome, {"key": keys.key(figure, names), "files": written} if written else {}
         while done in found:
             yield found.pop(done)
             done += 1
@@ -291,8 +296,8 @@ def _drawings(
 
 def drawn(
     shelf: Shelf, name: str, experiments: tuple[str, ...], failures: Mapping[str, str]
-) -> tuple[Outcome, dict[str, Any]]:
-    """Draw one figure and write it; return what became of it, and its key with its files.
+) -> tuple[Outcome, dict[str, str]]:
+    """Draw one figure and write it; return what became of it, and the digests of its files by name.
 
     Parameters
     ----------
@@ -313,8 +318,7 @@ def drawn(
     except LabpipeError as error:
         why = next((failures[n] for n in experiments if n in failures), str(error))
         return Outcome(name, FAILED, why), {}
-    entry = {"key": shelf.key(figure, experiments), "files": written}
-    return Outcome(name, DRAWN, "", tuple(written)), entry
+    return Outcome(name, DRAWN, "", tuple(written)), written
 
 
 def _draw(shelf: Shelf, figure: Figure, names: tuple[str, ...]) -> "Drawing":

@@ -130,7 +130,6 @@ REPORTED = {
     "count_line_lost": (replaced("Interval and data points:\t1\t3\r\n", ""), "without the line that states"),
     "header_word_lost_its_dot": (replaced("Point No.", "Point No,"), "taken as the column point"),
     "ends_after_a_label": (TEXT + "\r\nTest:\tsample C\r\n", "ends after a label"),
-    "ends_with_a_blank_line": (TEXT + "\r\n", "empty line"),
     "ends_after_a_count_line": (TEXT + "\r\nInterval and data points:\t2\t7\r\n", "declares 7 points and holds 0"),
     "ends_after_the_units": (TEXT + "\r\n" + "\r\n".join(TEXT.split("\r\n")[6:10]) + "\r\n", "declares 3 points"),
 }
@@ -203,13 +202,20 @@ def test_utf16_without_its_mark_reads_as_the_same_numbers(tmp_path, encoding):
         np.testing.assert_array_equal(found[name], expected[name])
 
 
+def test_moduli_that_contradict_the_loss_factor_are_told_once(tmp_path):
+    wrong = WHOLE.assign(loss_modulus=WHOLE.loss_modulus.copy(data=2 * WHOLE.loss_modulus.values))
+    _, said = outcome(tmp_path, anton_paar.encode(wrong))
+    assert len(said) == 1
+    assert "the loss modulus of Storage Modulus and Loss Factor is 0.5 times that of" in said[0]
+
+
 def complete_ends(data):
     """Offsets where the file ends with a whole table: no reader can know of tables after it."""
     ends = set()
     for stop in (2, 3):
         head = "Interval and data points:".join(TEXT.split("Interval and data points:")[:stop])
         rows = head[: head.rindex("TruStrain™") + len("TruStrain™")]
-        ends |= {len(utf16(rows)) + extra for extra in (2, 4)}
+        ends |= {len(utf16(rows)) + extra for extra in (2, 4, 6, 8)}
     return ends | {len(data), len(data) - 2}
 
 

@@ -98,6 +98,17 @@ LAYOUTS = {
     "ARES Orchestrator": table(" [page 1]\n\tFreq\tG'\tG''\tTemp\n\t[rad/s]\t[Pa]\t[Pa]\t[°C]", OMEGA, STORAGE, LOSS, T, sep="\t").replace("\n0", "\n\t0").replace("\n6", "\n\t6").replace("\n1", "\n\t1"),
     "Universal Analysis": "Instrument\tDMA Q800 V21.1\nNsig\t4\nSig1\tFrequency (Hz)\nSig2\tStorage Modulus (MPa)\nSig3\tLoss Modulus (MPa)\nSig4\tTemperature (°C)\nDate\t01-Jan-2020\n" + table("StartOfData", *ALL, sep="\t"),
     "Windows": table("f (Hz),E' (MPa),E'' (MPa),T (°C)", *ALL).replace("\n", "\r\n"),
+    "three rows of names over units": table("Frequency,Storage,Loss,Sample\n,Modulus,Modulus,Temperature\n,E',E'',\nHz,MPa,MPa,°C", *ALL),
+    "German, set and measured temperature": table("Nr;T_soll [°C];T_Probe [°C];f [Hz];Speicher-Modul [N/mm²];Verlust-Modul [kN/m²]", np.arange(F.size), np.round(T + 3, -1), T, F, STORAGE / 1e6, LOSS / 1e3, sep=";", decimal=","),
+    "times of day": table("Datum;Uhrzeit;f (Hz);E' (kN/mm²);E'' (MPa);T (°C)", F, STORAGE / 1e9, LOSS / 1e6, T, sep=";", decimal=",").replace("\n0", "\n06.03.2021;14:02:11,5;0").replace("\n1", "\n06.03.2021;14:02:11,5;1").replace("\n3", "\n06.03.2021;14:02:11,5;3"),
+    "a report in decimal commas between blanks": "\n".join(
+        f"Temperatur: {at:g} °C\n" + table("Frequenz   E'      E\"\n[Hz]       [MPa]   [MPa]", FREQUENCY, STORAGE[at == T] / 1e6, LOSS[at == T] / 1e6, sep="   ", decimal=",") + "-" * 40
+        for at in TEMPERATURE
+    ),
+    "a table per frequency, which blanks part from its name": "\n".join(
+        f"Frequency  {at:.12g} Hz\nCurve Values:\n" + table("  Index   Ts   M'   M''\n          [°C]   [MPa]   [MPa]", np.arange(TEMPERATURE.size), TEMPERATURE, STORAGE[at == F] / 1e6, LOSS[at == F] / 1e6, sep="   ")
+        for at in FREQUENCY
+    ),
     "a table per temperature": "\n".join(
         f"Temperature: {t:g} °C\n" + table("f (Hz),E' (MPa),E'' (MPa)", F[t == T], STORAGE[t == T] / 1e6, LOSS[t == T] / 1e6)
         for t in TEMPERATURE
@@ -434,3 +445,26 @@ def test_a_column_given_twice_is_told_where_it_differs(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert_is_the_truth(read(tmp_path, table("f (Hz),E' (MPa),E'' (MPa),T (°C),Temp (°C)", *ALL, T)))
+
+
+@pytest.mark.parametrize("mark", ["OVER", "1.#INF", "#####", "9.91E+37", "k.A."])
+def test_what_stands_for_no_reading_is_none(tmp_path, mark):
+    cells = [mark if k == 3 else format(value, ".14g") for k, value in enumerate(LOSS / 1e6)]
+    rows = (f"{f:.14g},{e:.14g},{loss},{t:.14g}" for f, e, loss, t in zip(F, STORAGE / 1e6, cells, T, strict=True))
+    found = read(tmp_path, "\n".join(["f (Hz),E' (MPa),E'' (MPa),T (°C)", *rows]) + "\n")
+    np.testing.assert_array_equal(np.isnan(found.loss_modulus), np.arange(F.size) == 3)
+
+
+def test_the_only_column_in_degrees_is_the_temperature(tmp_path):
+    with pytest.warns(UserWarning, match="Kammer .°C.', the only column in degrees, is taken for the temperature"):
+        assert_is_the_truth(read(tmp_path, table("f (Hz),E' (MPa),E'' (MPa),Kammer (°C)", *ALL)))
+    with pytest.warns(UserWarning, match="several columns are in degrees, none is called temperature and none taken"):
+        found = read(tmp_path, table("f (Hz),E' (MPa),E'' (MPa),Kammer (°C),Boden (°C)", *ALL, T + 1))
+    assert_is_the_truth(found, has_temperature=False)
+
+
+def test_a_page_of_html_is_told(tmp_path):
+    path = tmp_path / "table.xls"
+    path.write_text("<html><table><tr><th>f (Hz)</th></tr></table></html>", "utf-8")
+    with pytest.raises(SourceError, match="page of HTML"):
+        instruments.identify(path)

@@ -24,6 +24,7 @@ def hold(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Trial]:
         return folder, session_trial(drawn("hold", 0), folder)
 
 
+@pytest.mark.slow
 def test_everything_that_a_hold_leaves_unknown_is_compared(hold: tuple[Path, Trial]) -> None:
     trial = hold[1]
     assert trial.failure is None
@@ -38,6 +39,7 @@ def test_everything_that_a_hold_leaves_unknown_is_compared(hold: tuple[Path, Tri
     assert all(0 < score.bound < score.prior and score.u < score.prior for score in known)
 
 
+@pytest.mark.slow
 def test_a_hold_knows_its_forces_as_well_as_it_says(hold: tuple[Path, Trial]) -> None:
     """Chi square at the truth is 1 per number: no delay of the filter and no fall is noise."""
     (forces,) = hold[1].evidence.values()
@@ -60,6 +62,7 @@ def test_a_wrong_truth_is_noticed(hold: tuple[Path, Trial]) -> None:
     assert np.median(forces) < -50
 
 
+@pytest.mark.slow
 def test_trials_are_counted_and_survive_a_file(hold: tuple[Path, Trial]) -> None:
     trial = hold[1]
     read = msgspec.json.decode(msgspec.json.encode(trial), type=Trial)

@@ -37,7 +37,7 @@ def test_two_results_are_told_apart_by_their_values_and_not_by_the_commit(proces
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of Unix")
 @pytest.mark.parametrize(("name", "code"), by_day([("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)], 1))
 def test_an_interrupted_run_leaves_no_worker_no_part_and_goes_on(
-    small_session: Path, tmp_path: Path, name: str, code: int
+    small_session: Path, pristine_session: Path, tmp_path: Path, name: str, code: int
 ) -> None:
     folder = tmp_path / "session"
     shutil.copytree(small_session, folder)
@@ -64,11 +64,8 @@ def test_an_interrupted_run_leaves_no_worker_no_part_and_goes_on(
     assert last["event"] == "run interrupted"
     if name != "SIGINT":
         return  # what is left is the same; that it goes on is shown once
-    whole = tmp_path / "whole"
-    shutil.copytree(small_session, whole)
-    for session in (folder, whole):  # in processes of their own, as the command line does it
-        assert process(session, jobs=1).exit_code == 0
-    assert_same(folder, whole)
+    assert process(folder, jobs=0).exit_code == 0
+    assert_same(folder, pristine_session)
 
 
 def wait_until_gone(pid: int) -> None:

@@ -193,7 +193,7 @@ def test_unchanged_code_is_not_read_again(toys: Path, tmp_path: Path) -> None:
 
 
 def test_a_new_session_knows_what_another_has_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(code, "_COMPILED", tmp_path / "compiled/reached.json")
+    monkeypatch.setattr(code, "_COMPILED", tmp_path / "compiled")
     monkeypatch.setattr(sys, "dont_write_bytecode", False)
     function = "labpipe.files:seal"
     first = Code(tmp_path / "one.json")
@@ -206,6 +206,21 @@ def test_a_new_session_knows_what_another_has_found(tmp_path: Path, monkeypatch:
     third = Code(tmp_path / "three.json")
     third.behind(function)
     assert third.n_read == first.n_read
+
+
+def test_what_one_run_has_found_no_other_forgets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not a session that knew less before, and not one that follows the packages of a plug-in too."""
+    monkeypatch.setattr(code, "_COMPILED", tmp_path / "compiled")
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    runs = [("one", "labpipe.files:seal"), ("two", "labpipe.text:survey"), ("one", "labpipe.text:parse_rows")]
+    for session, function in [*runs, ("three", "tomlkit:parse")]:
+        made = Code(tmp_path / f"{session}.json")
+        made.behind(function)
+        made.save()
+    new = Code(tmp_path / "new.json")
+    for _, function in runs:
+        new.behind(function)
+    assert new.n_read == 0
 
 
 def test_a_file_changed_under_a_running_program_is_refused(toys: Path) -> None:
