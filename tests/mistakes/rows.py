@@ -79,9 +79,16 @@ def _lacking(mistake: Mistake, folder: Path, found: Verdict) -> list[str]:
     return [*lacking, f"said: {said}"] if lacking else []
 
 
-def by_day(rows: Sequence[Mistake], every: int) -> list[Any]:
-    """Return a corpus as parameters of a test: by day one row of so many, all of them at night."""
+def by_day(rows: Sequence[Any], every: int, slow: int) -> list[Any]:
+    """Return a corpus as parameters of a test: by day one row of ``every``, one of ``slow`` in CI, the rest at night.
+
+    ``every`` is a multiple of ``slow``.
+    """
     return [
-        pytest.param(row, id=row.name, marks=() if number % every == 0 else pytest.mark.nightly)
+        pytest.param(
+            row,
+            id=row.name,
+            marks=() if number % every == 0 else pytest.mark.slow if number % slow == 0 else pytest.mark.nightly,
+        )
         for number, row in enumerate(rows)
     ]

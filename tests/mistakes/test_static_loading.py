@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from pipelines.session import Verdict
-from tests.mistakes.rows import Mistake, hold, judged
+from tests.mistakes.rows import Mistake, by_day, hold, judged
 from tests.mistakes.static_rows import ROWS, drawn, write
 
 
@@ -27,7 +27,7 @@ def test_clean_session_is_believed_and_agrees(clean: Path) -> None:
     assert found.checks > 15
 
 
-@pytest.mark.parametrize("mistake", ROWS, ids=lambda row: row.name)
+@pytest.mark.parametrize("mistake", by_day(ROWS, 3, 1))
 def test_mistake_is_noticed_and_named(clean: Path, tmp_path: Path, mistake: Mistake) -> None:
     hold(clean, tmp_path / "session", mistake, "approach", otherwise="comparison")
 
