@@ -4,6 +4,7 @@ A film is long to measure, so the edits are made on what is measured in its fram
 the stage ``radius`` would give of the edited film.
 """
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -86,6 +87,34 @@ def _put(name: str, value: Any) -> Change:
     return change
 
 
+def _knocked(frame: int, by: float) -> Change:
+    """Move the image by so many px from a frame on."""
+    return lambda film: film.assign(centre_x=film["centre_x"] + by * (film["frame"] >= frame))
+
+
+def _zoomed(factor: float) -> Change:
+    """Make lengths of all contacts but the first so many times as many px: fringes open with their square."""
+    return lambda film: film.assign(own_scale=film["own_scale"] * factor ** (2 * (film["frame"] > 300)))
+
+
+def _lit(brightness: dict[int, float], clipped: float = 0.0) -> str:
+    """What is measured of the light of a film, in every twentieth frame and some others."""
+    shown = {str(i): b for i, b in (dict.fromkeys(range(0, _COUNT, 20), 1.0) | brightness).items()}
+    return json.dumps({"brightness": shown, "clipped": clipped, "level": 255.0, "view": [480, 1280]})
+
+
+def _lamp_off(frame: int) -> Change:
+    def change(film: xr.Dataset) -> xr.Dataset:
+        dark = dict.fromkeys(range(frame, frame + 3), 0.08)
+        return film.assign_attrs(light=_lit(dark)).assign(in_contact=film["in_contact"] & ~film["frame"].isin([*dark]))
+
+    return change
+
+
+def _clipped(share: float) -> Change:
+    return lambda film: film.assign_attrs(light=_lit({}, share))
+
+
 def _stamps(film: xr.Dataset) -> xr.Dataset:
     time = film["time"].values.copy()
     time[[180, 181]] = time[[181, 180]]
@@ -151,7 +180,17 @@ ROWS = (
     FilmMistake(
         "lens out of focus", "doubtful", ("not resolved",), lambda film: film.assign(method=film["method"] * 2)
     ),
-    FilmMistake("camera moved", "doubtful", ("was moved",), _put("centre_x", 200.0 + 0.2 * np.arange(_COUNT))),
+    FilmMistake("camera moved", "doubtful", ("knocked or moved",), _put("centre_x", 200.0 + 0.2 * np.arange(_COUNT))),
+    FilmMistake("bench knocked in a contact", "doubtful", ("frame 182", "10 px", "knocked"), _knocked(182, 10.0)),
+    FilmMistake("bench knocked by 2 px in a contact", "doubtful", ("frame 182", "knocked"), _knocked(182, 2.0)),
+    FilmMistake("bench knocked in a flight", "yes", ("15 px", "knocked", "guide has play"), _knocked(300, 15.0)),
+    FilmMistake("bench knocked far in a flight", "doubtful", ("50 px", "two films"), _knocked(300, 50.0)),
+    FilmMistake("zoom changed in a flight", "impossible", ("0.95", "zoom"), _zoomed(1.05)),
+    FilmMistake("images negative", "yes", ("contacts are bright", "inverted"), lambda f: f.assign_attrs(phase=0.02)),
+    FilmMistake("lamp off in a contact", "doubtful", ("3 of", "frame 178", "light failed"), _lamp_off(178)),
+    FilmMistake("lamp off in a flight", "yes", ("frame 320", "light failed"), _lamp_off(320)),
+    FilmMistake("over-exposed", "yes", ("4% of the pixels", "255", "over-exposed"), _clipped(0.04)),
+    FilmMistake("over-exposed by far", "doubtful", ("40% of the pixels", "over-exposed"), _clipped(0.4)),
 )
 
 
@@ -171,11 +210,16 @@ def film() -> xr.Dataset:
         "visibility": np.where(seen, 0.82, np.nan),
         "valid": np.ones(_COUNT, bool),
         "centre_x": random.normal(200.0, 0.01, _COUNT),
+        "centre_y": random.normal(60.0, 0.01, _COUNT),
+        "u_centre_x": np.full(_COUNT, 0.01),
+        "u_centre_y": np.full(_COUNT, 0.01),
+        "own_scale": np.where(seen, random.normal(1.0, 1e-3, _COUNT), np.nan),
+        "u_own_scale": np.full(_COUNT, 1e-3),
     }
     return xr.Dataset(
         {name: ("frame", array) for name, array in values.items()},
-        {"time": ("frame", _STEP * np.arange(_COUNT)), "frame": np.arange(_COUNT)},
-        {"phase_scale_ratio": 1.0, "u_systematic_relative": 2.2e-3, "blanked": "{}"},
+        {"time": ("frame", _STEP * np.arange(_COUNT)), "frame": np.arange(_COUNT), "pixel_size": 2.17e-6},
+        {"phase_scale_ratio": 1.0, "u_systematic_relative": 2.2e-3, "blanked": "{}", "phase": 3.14, "light": _lit({})},
     )
 
 

@@ -18,6 +18,7 @@ from labpipe.imaging.dic._motion_uncertainty import (
     misfit_factor,
     misled,
     motion_variance,
+    sharper_factor,
     strongest_slopes,
 )
 from labpipe.imaging.dic._reference import Reference, Status
@@ -64,6 +65,7 @@ class Displacements:
     covariance: Floats
     texture: Floats
     zncc: Floats
+    contrast: Floats
     iterations: NDArray[np.int32]
     status: NDArray[np.int8]
     model: NDArray[np.int8]
@@ -149,6 +151,10 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
         beyond = is_beyond_texture(noise[:, n], own, spread, texture[:, n], strongest[:, n], pixels)
         status[one_way[:, n] & beyond, n] = Status.TEXTURELESS
     misfit = misfit_factor(noise, is_static, reference.subsets.level[:, 2], reference.subsets.level[:, 0])
+    if (table.change[..., 2] < 0.0).any():
+        sharp, of_noise = reference.sharpness()
+        growth = np.where(is_static[:, None], 0.0, table.change[..., 2])
+        misfit = np.maximum(misfit, sharper_factor(noise, sharp / of_noise, reference.subsets.level[:, 2], growth))
     deviation *= misfit[..., None]
     covariance *= misfit**2
     _widen(deviation, covariance, _misled(reference, status, texture, noise, is_static))
@@ -166,8 +172,9 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     deviation[is_bad] = np.nan
     covariance[is_bad] = np.nan
     change = np.where(is_bad[..., None], np.nan, np.concatenate([table.change, stretch], axis=2))
+    contrast = 1.0 / np.where(table.gain == 0.0, np.nan, table.gain)
     return Displacements(
-        value, deviation, covariance, texture, table.zncc, table.iterations, status, table.model, change
+        value, deviation, covariance, texture, table.zncc, contrast, table.iterations, status, table.model, change
     )
 
 
@@ -282,6 +289,7 @@ def make_dataset(
         "texture": (spread(found.texture, np.nan), "squared slopes of the pattern along its weakest direction"),
         "model": (spread(found.model, 0), "what was solved for beside the motion of the shape"),
         "zncc": (spread(found.zncc, np.nan), "zero-normalised cross-correlation"),
+        "contrast": (spread(found.contrast, np.nan), "contrast of the pattern over that of the reference"),
         "iterations": (spread(found.iterations, 0), "evaluations of the subset"),
         "valid": (status == Status.OK, "whether there is a displacement"),
         "status": (status, "status of the displacement"),

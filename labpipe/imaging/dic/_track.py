@@ -108,7 +108,8 @@ def track(
         ``light_slope_x``, ``light_slope_y`` : growth of the light [1/px], ``blur_growth`` : growth of
         the variance of the blur [px²], to first order; ``stretch_x``, ``stretch_y`` : relative growth of
         what were rows and columns of the subset [1]; all 0 where they were not solved for;
-        ``zncc`` : zero-normalised cross-correlation [1];
+        ``zncc`` : zero-normalised cross-correlation [1]; ``contrast`` of the pattern over that of
+        the reference [1];
         ``iterations`` : evaluations of the subset;
         ``valid``, ``status`` : whether there is a value, and if not why (``flag_meanings``).
         Values that are not valid are NaN. Coordinates ``frame`` (index in the film), ``time``

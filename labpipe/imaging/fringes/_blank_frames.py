@@ -83,6 +83,9 @@ class FilmResult:
         Pixels that do not follow the scene.
     lost_rows : dict of int
         By frame, rows that repeat the row before and are interpolated.
+    scales : dict of (float, float)
+        By frame, for the largest frames of each contact, the logarithm of the phase scale by that frame
+        alone over that of the film, and its standard uncertainty.
     """
 
     view: View
@@ -101,6 +104,7 @@ class FilmResult:
     repeats_rows: bool = False
     stuck: StuckPixels = field(default_factory=StuckPixels)
     lost_rows: dict[int, int] = field(default_factory=dict)
+    scales: dict[int, tuple[float, float]] = field(default_factory=dict)
 
     def leave_out(self, frames: Iterable[int]) -> None:
         """Count frames as damaged, whatever was found in them."""

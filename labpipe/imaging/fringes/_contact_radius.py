@@ -105,6 +105,8 @@ def contact_radius(
         sign [m];
         ``misfit`` : residual beyond noise as a share of the modulation [1];
         ``gap_factor`` : factor of the gap beside the contact against Hertz's, 1 unless fitted [1];
+        ``own_scale``, ``u_own_scale`` : phase scale by this frame alone over that of the film, in the
+        largest frames of each contact, NaN in others: apart where the lens was changed [1];
         ``residual_ratio`` : residual divided by noise [1]; ``visibility`` [1];
         ``semi_axis_major``, ``semi_axis_minor`` [m], ``axis_angle`` (major axis, from x towards
         y) [rad];

@@ -57,6 +57,8 @@ _TEXTS = {
     "residual_ratio": ("1", "residual divided by noise"),
     "visibility": ("1", "visibility of the fringes"),
     "gap_factor": ("1", "factor by which the gap beside the contact exceeds Hertz's"),
+    "own_scale": ("1", "phase scale of the fringes by this frame alone over that of the film"),
+    "u_own_scale": ("1", "standard uncertainty of the phase scale by this frame alone"),
     "semi_axis_major": ("m", "major semi-axis of the contact"),
     "semi_axis_minor": ("m", "minor semi-axis of the contact"),
     "axis_angle": ("rad", "direction of the major axis, from x towards y"),
@@ -103,6 +105,9 @@ def make_dataset(
     method[result.resting] = RESTING
     method[list(result.filled)] = FILLED
     _interpolate(values, parts, method, film.time)
+    for index, (log_scale, u) in result.scales.items():
+        values["own_scale"][index] = math.exp(log_scale)
+        values["u_own_scale"][index] = math.exp(log_scale) * u
     _warn(options, result)
     static, u_static = _static_radius(values["radius"], values["u_radius"], method)
     data: dict[str, tuple[object, ...]] = {

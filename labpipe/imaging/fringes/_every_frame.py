@@ -18,6 +18,7 @@ from labpipe.imaging.fringes._optics_search import OtherOptics, rebase
 from labpipe.imaging.fringes._radial_scan import edge_width
 from labpipe.imaging.fringes._ring_fit import HARMONICS, USUAL, FitSettings, Parameter, RingFit, fit_contact
 from labpipe.imaging.fringes._rows_of_contacts import leave_out_rows
+from labpipe.imaging.fringes._scale_of_contacts import scales_of_contacts
 from labpipe.imaging.fringes._search import (
     GOOD_MISFIT,
     Vain,
@@ -90,6 +91,7 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
     choose_edges(result)
     leave_out_rows(reader, result)
     find_filled(result)
+    result.scales = scales_of_contacts(reader, result)
     result.work = reader.work() | {
         "fits": len(result.fits),
         "evaluations": sum(fit.evaluations for fit in result.fits.values()),

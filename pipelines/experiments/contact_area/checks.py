@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterator
 from dataclasses import replace
-from math import hypot, isfinite, log, sqrt
+from math import cos, hypot, isfinite, log, nan, sqrt
 from typing import Any
 
 import numpy as np
@@ -14,9 +14,11 @@ from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.contact_area.comparison import SCALE, rows
+from pipelines.experiments.contact_area.measured import brightness
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.film_frames import explained
+from pipelines.experiments.shared.film_light import exposed, lit
 from pipelines.experiments.shared.judgements import Scene, times_over
 
 _LARGEST = 0.5
@@ -30,7 +32,12 @@ _LOSSES = 0.03
 """Relative difference of two following restitutions, of speed and of the ringing plate."""
 _WAVELENGTHS = (405e-9, 450e-9, 488e-9, 520e-9, 532e-9, 546.1e-9, 589.3e-9, 632.8e-9, 650e-9, 660e-9)
 _ALWAYS = 0.98  # of all frames in contact: no flight is seen
-_FEWEST, _WANDERS = 10, 20.0  # frames whose centres make a place, and px by which contacts wander
+_FEWEST = 8  # frames whose centres make a place
+_STEADY, _CONTRADICTS = 1.0, 10.0  # px and standard uncertainties by which a contact does not jump
+_PLAY, _WANDERS = 25e-6, 4.0
+"""Play (m) of a guide, by which contacts stand apart, and multiple of it beyond which the camera moved."""
+_RECOVERS = 0.03
+"""Relative change of the gap's scale that a body may show which recovers from its dents."""
 _ZIGZAG = 0.03  # of the largest radius, by which a contact does not shrink before it grows on
 _FRINGE_FIT, _EDGE, _OPEN_GAP = 1, 2, 5  # methods of labpipe.imaging.contact_radius
 _FAILED = {
@@ -63,6 +70,10 @@ def judgement(
             _times(radius, settings),
             _flies(radius, settings),
             _stays(radius, settings),
+            _one_scale(radius, settings),
+            _positive(radius, settings),
+            lit(settings.film, brightness(radius), radius["in_contact"].values.astype(bool), radius["time"].values),
+            exposed(radius, settings.film),
         ]
         checks += [_damaged(radius, settings), _blanked(radius, settings), _copies(radius, settings)]
     if impacts is not None and impacts.sizes["impact"]:
@@ -268,21 +279,74 @@ def _ends(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> Che
 
 
 def _stays(radius: xr.Dataset, settings: ContactArea) -> Check:
-    """Look for contacts that wander through the image."""
-    name, law = "place of the contacts", "a guided sphere meets the plate at one place"
-    known = radius["in_contact"].values.astype(bool) & np.isfinite(radius["radius"].values)
-    columns = [c for c in ("centre_x", "centre_y") if c in radius]
-    if known.sum() < 2 * _FEWEST or not columns:
-        return not_made(name, law, "contacts in twenty frames, and their centres")
+    """Look for contacts that jump in the image, or stand at several places."""
+    name, law = "place of the contacts", "a contact sticks, and a guided sphere meets the plate at one place"
+    known = np.isin(radius["method"].values, (_FRINGE_FIT, _EDGE, _OPEN_GAP)) & np.isfinite(radius["radius"].values)
     at = np.flatnonzero(known)
-    moved = [np.asarray(radius[c].values, float)[at] for c in columns]
-    apart = [float(np.nanmedian(x[-_FEWEST:]) - np.nanmedian(x[:_FEWEST])) for x in moved]
-    scatter = [float(np.nanstd(x[:_FEWEST])) for x in moved]
-    far = max(abs(a) for a in apart)
-    message = f"{settings.film}: the contacts move by {far:.3g} px from the first to the last"
-    is_far = far > _WANDERS and any(abs(a) > 10 * s for a, s in zip(apart, scatter, strict=True))
-    cause = "the camera or the plate was moved during the film, or two films were joined" if is_far else ""
-    return stated(name, law, message, "doubtful" if is_far else None, cause=cause, file=settings.film)
+    if at.size < _FEWEST or "centre_x" not in radius:
+        return not_made(name, law, "contacts in eight frames, and their centres")
+    x, y, u_x, u_y = (radius[c].values[at] for c in ("centre_x", "centre_y", "u_centre_x", "u_centre_y"))
+    time, frame = radius["time"].values[at], radius["frame"].values[at]
+    # what moves the radius of a poor fit moves its centre as well
+    own = np.sqrt(u_x**2 + u_y**2 + (radius["u_radius"].values[at] / float(radius["pixel_size"])) ** 2)
+    step, u = np.hypot(np.diff(x), np.diff(y)), np.hypot(own[1:], own[:-1])
+    is_one = (np.diff(at) == 1) & (np.diff(time) < 1.5 * float(np.median(np.diff(time))))
+    jumps = is_one & (step > _CONTRADICTS * u) & (step > _STEADY) & np.isfinite(u)
+    cause = "the bench, the camera or the plate was knocked or moved"
+    if jumps.any():
+        # where it shakes, every step is one
+        k = int(np.argmax(np.where(jumps, step, 0.0)))
+        times = f", and {jumps.sum() - 1} times more" if jumps.sum() > 1 else ""
+        text = f"{settings.film}: the contact jumps by {step[k]:.3g} px to frame {frame[k + 1]}{times}"
+        return stated(name, law, text, "doubtful", cause=f"{cause} at that frame, or it shakes", file=settings.film)
+    runs = [run for run in np.split(np.arange(at.size), np.flatnonzero(~is_one) + 1) if run.size > 2]
+    places = np.array([[np.median(x[run]), np.median(y[run])] for run in runs]).reshape(-1, 2)
+    apart = np.hypot(*np.diff(places, axis=0).T) if len(runs) > 1 else np.zeros(1)
+    k = int(np.argmax(apart))
+    far = float(apart[k])
+    text = f"{settings.film}: the contacts stand within {far:.3g} px of each other"
+    play = _PLAY / float(radius["pixel_size"])
+    if far <= play:
+        return stated(name, law, text, None, file=settings.film)
+    text = f"{settings.film}: the contact from frame {frame[runs[k + 1][0]]} on stands {far:.3g} px from the last"
+    cause += " in the flight before, the sphere's guide has play, or two films were joined"
+    return stated(name, law, text, "doubtful" if far > _WANDERS * play else "note", cause=cause, file=settings.film)
+
+
+def _one_scale(radius: xr.Dataset, settings: ContactArea) -> Check:
+    """Hold the scale of the fringes in each contact against that in the others."""
+    name, law = "one scale of the fringes", "lens and light stay: the fringes of all contacts have one scale"
+    if "own_scale" not in radius:
+        return not_made(name, law, "fringes in two contacts")
+    at = np.flatnonzero(np.isfinite(radius["own_scale"].values) & np.isfinite(radius["u_own_scale"].values))
+    if at.size < 2:
+        return not_made(name, law, "fringes in two contacts")
+    scale, u, frame = (radius[n].values[at] for n in ("own_scale", "u_own_scale", "frame"))
+    low, high = int(np.argmin(scale)), int(np.argmax(scale))
+    first, second = sorted((low, high), key=lambda k: frame[k])
+    ratio = float(scale[second] / scale[first])
+    message = (
+        f"{settings.film}: lengths in frame {frame[second]} are {1 / sqrt(ratio):.4g} times as many px as in frame "
+        f"{frame[first]}, by the fringes"
+    )
+    both = hypot(float(u[second] / scale[second]), float(u[first] / scale[first]))
+    found = compared(
+        name, law, message, ratio, ratio * hypot(both, _FRINGES), 1.0, _FRINGES, allowance=_RECOVERS, file=settings.film
+    )
+    cause = "zoom, focus or distance of the lens changed within the film, or two films were joined"
+    return replace(found, cause=cause if found.level else "", log_ratio=nan, u_log_ratio=nan)
+
+
+def _positive(radius: xr.Dataset, settings: ContactArea) -> Check:
+    """Look for contacts that are brighter than the gap around them."""
+    name, law = "dark contacts", "both sides of a gap reflect with opposite signs: where it closes is dark"
+    phase = float(radius.attrs.get("phase", np.nan))
+    if settings.wavelength is None or not isfinite(phase) or not edges_only(radius)[1]:
+        return not_made(name, law, "a wavelength, and fringes that the film resolves")
+    if cos(phase) < 0.0:
+        return stated(name, law, f"{settings.film}: contacts are dark", None, file=settings.film)
+    cause = "the images are negative (inverted grey levels), or plate or sphere is coated or wet; radii do not suffer"
+    return stated(name, law, f"{settings.film}: contacts are bright", "note", cause=cause, file=settings.film)
 
 
 def _flight(impacts: xr.Dataset, model: xr.Dataset | None, settings: ContactArea) -> Check:

@@ -20,7 +20,8 @@ from labpipe.errors import InputError
 from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area._peaks import STILL, peak_of
 from pipelines.experiments.contact_area.settings import ContactArea
-from pipelines.experiments.shared.film_frames import blanked, key_frames, open_film, recorded_on
+from pipelines.experiments.shared.film_frames import about_contacts, blanked, key_frames, open_film, recorded_on
+from pipelines.experiments.shared.film_light import DARK, LIGHT, light_of
 
 READ = (1, 2, 5)
 """Methods of :func:`labpipe.imaging.contact_radius` that read the frame itself: fringes, edge, open gap."""
@@ -28,6 +29,9 @@ _LEAST_REGION = 32  # px: below it no contact with a ring would fit
 _IMPACTS = 3  # the thesis analyses the first three
 _GAP = 4.0  # usual intervals between two frames that end a contact even when both see one
 _MISSED = 2  # frames without contact within one: a flight lasts longer
+_HIDDEN = 8.0  # usual intervals that frames which show nothing may take from one contact
+_COVERS, _NEAR = 0.85, 8
+"""Share of half the view's diagonal from which a contact, so many frames away, may cover the view."""
 _BRIEF = 0.3  # an impact lasts at least this share of the longest: slower ones last longer
 _SLOWEST = 3.0  # an impact lasts at most this many times the longest before: Hertz's fifth root
 _RESOLVED = 3  # frames of an impact from which single frames elsewhere are not impacts
@@ -65,6 +69,7 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
         calibration=json.dumps(checked, ensure_ascii=False),
         u_systematic_relative=size.u / size.value,
         blanked=json.dumps(blanked(seen, read)),
+        light=light_of(seen, about_contacts(read)),
     )
 
 
@@ -91,7 +96,9 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     time, a = radius["time"].values, radius["radius"].values
     u = radius["u_radius"].values
     seen = radius["in_contact"].values.astype(bool)
-    runs = _contacts(time, seen)
+    unknown = ~radius["valid"].values.astype(bool) if "valid" in radius else np.zeros(len(time), bool)
+    unknown[[i for i, b in brightness(radius).items() if b < DARK]] = True
+    runs = _contacts(time, seen, unknown & ~seen)
     if not any(np.isfinite(a[run]).any() for run in runs):
         message = "no contact was found in the film; check the view under the disc, its scale and the wavelength"
         raise InputError(message)
@@ -118,8 +125,21 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     return xr.Dataset(table, coords={"impact": np.arange(1, len(brief) + 1)})
 
 
-def _contacts(time: Floats, is_seen: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
-    """Group the frames with contact into contacts."""
+def brightness(radius: xr.Dataset) -> dict[int, float]:
+    """Return how bright frames are, over what is usual, that no contact as wide as the view makes dark."""
+    light = json.loads(radius.attrs.get(LIGHT, "{}"))
+    if not light:
+        return {}
+    wide = np.nan_to_num(radius["radius"].values / float(radius["pixel_size"]))
+    covers = _COVERS * 0.5 * math.hypot(*light["view"])
+    seen = ((int(i), float(b)) for i, b in light["brightness"].items())
+    return {i: b for i, b in seen if wide[max(i - _NEAR, 0) : i + _NEAR + 1].max(initial=0.0) < covers}
+
+
+def _contacts(
+    time: Floats, is_seen: NDArray[np.bool_], is_unknown: NDArray[np.bool_] | None = None
+) -> list[NDArray[np.int64]]:
+    """Group the frames with contact into contacts; frames that show nothing do not part them."""
     seen = np.flatnonzero(is_seen)
     if not len(seen):
         return []
@@ -127,6 +147,9 @@ def _contacts(time: Floats, is_seen: NDArray[np.bool_]) -> list[NDArray[np.int64
     late = np.diff(time[seen])
     is_new = (np.diff(seen) > _MISSED + 1) | (late > max(_GAP * usual, STILL / 2))
     is_new |= (np.diff(seen) > 1) & (late > (_MISSED + 1.5) * usual)
+    if is_unknown is not None:
+        shows = np.cumsum(~is_unknown)
+        is_new &= (np.diff(shows[seen]) > 1) | (late > _HIDDEN * usual) | (np.diff(seen) == 1)
     return np.split(seen, np.flatnonzero(is_new) + 1)
 
 

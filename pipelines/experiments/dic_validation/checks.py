@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from scipy import ndimage
 
+from labpipe.arrays import Floats
 from labpipe.judging import SLIPS, Cause, Check, Level, compared, not_made, stated, too_large
 from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
@@ -19,6 +21,7 @@ from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.fall_checks import Fall
 from pipelines.experiments.shared.film_frames import explained
+from pipelines.experiments.shared.film_light import exposed, lit
 from pipelines.experiments.shared.judgements import Scene
 
 _GRAVITY = Quantity(9.81, 0.0, "m/s2")
@@ -35,6 +38,10 @@ _GONE = 3  # frames in a row in which a holder that is in view does not vanish
 _KNOCKED = 0.02  # of the travel, by which a level jumps that counts
 _NO_MOTION = "four frames of a motion that is clear of the noise"
 _MATTERS = 0.5  # of the uncertainty of the scale, by which the camera's angle may change lengths untold
+_JUMPS = {"dx": 0.3, "rotation": 2e-3, "stretch_x stretch_y": 2e-3}
+"""Least jump [px], [rad], [1] of what a knock or a change of the lens moves beside the displacement."""
+_FEWEST = 20  # bends of the motion that tell its noise
+_AROUND = 31  # frames whose contrast is compared
 _IN_NOISE, _RETURNS = 10.0, 0.3
 """Standard deviations of noise of a jump, and the share of it by which the frames beside it may bend."""
 _ANOTHER_VIEW = 3.0  # factor in scale beyond which it is no mistake of measuring it
@@ -67,9 +74,13 @@ def judgement(
         laser = comparison = None
     checks = [explained(check) for check in judgements.failed_steps(context, _FAILED)]
     if track is not None:
-        checks += [_found(track, settings), _copies(track, settings)]
+        found = _found(track, settings)
+        # of a holder that is not found, what the images show is the better cause
+        checks = [replace(c, cause=found.cause) if c.name == "step motion" and found.level else c for c in checks]
+        checks += [found, _copies(track, settings), _lit(track, settings)]
+        checks.append(exposed(track, settings.film))
     if motion is not None:
-        steady = _steady(motion, settings)
+        steady = _steady(track, motion, settings)
         # where no bounce was found, what the displacement itself shows is the better cause
         checks = [replace(c, cause=steady.cause) if c.name == "step bounces" and steady.level else c for c in checks]
         checks += [_times(motion, settings), steady]
@@ -98,6 +109,8 @@ def _found(track: xr.Dataset, settings: DicValidation) -> Check:
     level: Level | None = None if share >= _FOUND else "doubtful"
     message = f"{settings.film}: the holder was found in {share:.1%} of the frames"
     cause = "damaged or missing frames, or tracking.body is not on the holder"
+    if "status" in track and _is_saturated(track):
+        cause = "the film is over-exposed or dark: the holder's pixels lie at white or at black"
     lost = np.flatnonzero(np.diff(~track["valid"].isel(point=0).values.astype(bool), prepend=False, append=False))
     runs = [(int(a), int(b - a)) for a, b in zip(lost[::2], lost[1::2], strict=True) if b < track.sizes["frame"]]
     first, longest = max(runs, key=lambda run: run[1], default=(0, 0))
@@ -106,6 +119,13 @@ def _found(track: xr.Dataset, settings: DicValidation) -> Check:
         cause = "frames are black, damaged or of something else there: the light failed, or something came between"
         return stated(name, law, text, "note", cause=cause, file=settings.film)
     return stated(name, law, message, level, cause=cause, setting="tracking.body")
+
+
+def _is_saturated(track: xr.Dataset) -> bool:
+    """Tell whether the holder could not be followed since grey levels are cut off."""
+    status = track["status"]
+    codes = dict(zip(str(status.attrs["flag_meanings"]).split(), status.attrs["flag_values"], strict=True))
+    return bool((status.isel(point=0).values == codes["saturated"]).mean() > 0.5)
 
 
 def _times(motion: xr.Dataset, settings: DicValidation) -> Check:
@@ -144,34 +164,86 @@ def _copies(track: xr.Dataset, settings: DicValidation) -> Check:
     return stated(name, law, f"{settings.film}: no frame equals the one before", None, file=settings.film)
 
 
-def _steady(motion: xr.Dataset, settings: DicValidation) -> Check:
-    """Look for a level that jumps between two frames: the speed before and after it is one.
+def _jump(time: Floats, y: Floats, least: float) -> tuple[int, float] | None:
+    """Find the largest jump of a level between two frames: the speed before and after it is one.
 
     A bounce bends the motion one way. A jump bends it one way and back in the next frame.
+
+    Parameters
+    ----------
+    time, y : arrays (frame,)
+    least : float
+        Smallest jump that counts, in the unit of y.
+
+    Returns
+    -------
+    tuple or None
+        Last frame before the jump, and its size; None where nothing jumps.
     """
-    name, law = "level between frames", "a body has inertia and a camera stands still: no displacement jumps"
-    time, y = motion["time"].values, motion["displacement"].values
     steps = np.diff(time)
     bend = np.diff(y, 2)
     even = np.abs(steps - np.median(steps)) < _STEP * np.median(steps)
     bend = np.where(even[1:] & even[:-1], bend, np.nan)
     known = bend[np.isfinite(bend)]
-    if known.size < 20:
-        return not_made(name, law, "twenty frames in a row")
+    if known.size < _FEWEST:
+        return None
     noise = 1.4826 * float(np.median(np.abs(known - np.median(known))))
     one, back = bend[1:-2], bend[2:-1]
     size = np.where(one * back < 0, np.minimum(np.abs(one), np.abs(back)), 0.0)
     beside = np.maximum(np.abs(bend[:-3]), np.abs(bend[3:]))
-    least = max(_IN_NOISE * noise, _KNOCKED * float(np.nanmax(y) - np.nanmin(y)))
     # where nothing is known beside it, nothing is told
-    jumps = np.flatnonzero((size > least) & (beside < _RETURNS * size))
+    jumps = np.flatnonzero((size > max(_IN_NOISE * noise, least)) & (beside < _RETURNS * size))
     if not jumps.size:
-        return stated(name, law, f"{settings.film}: no displacement jumps", None, file=settings.film)
+        return None
     at = int(jumps[np.argmax(size[jumps])]) + 2
-    text = f"{settings.film}: the holder jumps by {quantity(float(y[at + 1] - y[at]), 'm')} between two frames at "
-    text += quantity(float(time[at + 1]), "s")
-    cause = "the camera or its mirror was knocked, frames of two films were joined, or the track slipped"
+    return at, float(y[at + 1] - y[at])
+
+
+def _steady(track: xr.Dataset | None, motion: xr.Dataset, settings: DicValidation) -> Check:
+    """Look for a place, an angle or a size of the holder's image that jumps between two frames."""
+    name, law = "level between frames", "a body has inertia and a camera stands still: no displacement jumps"
+    time, y = motion["time"].values, motion["displacement"].values
+    if np.isfinite(np.diff(y, 2)).sum() < _FEWEST:
+        return not_made(name, law, "twenty frames in a row")
+    knocked = "the camera or its mirror was knocked, frames of two films were joined, or the track slipped"
+    found = _jump(time, y, _KNOCKED * float(np.nanmax(y) - np.nanmin(y)))
+    if found is not None:
+        text = f"{settings.film}: the holder jumps by {quantity(found[1], 'm')} between two frames at "
+        text += quantity(float(time[found[0] + 1]), "s")
+        return stated(name, law, text, "doubtful", cause=knocked, file=settings.film)
+    zoomed = "zoom, focus or distance of the lens changed within the film, or films of two views were joined"
+    jumped: dict[str, tuple[int, float]] = {}
+    if track is not None:
+        of_body = track.isel(point=0)
+        for what, least in _JUMPS.items():
+            values = [of_body[of].values for of in what.split()]
+            one = _jump(track["time"].values, np.mean(values, axis=0), least)
+            if one is not None:
+                jumped[what] = one
+    if not jumped:
+        return stated(name, law, f"{settings.film}: no displacement jumps", None, file=settings.film)
+    # a change of size shifts and turns the image too
+    what = next(of for of in reversed(_JUMPS) if of in jumped)
+    at, size = jumped[what]
+    seen = {
+        "dx": f"jumps aside by {size:.3g} px",
+        "rotation": f"turns by {degrees(size):.2g}°",
+        "stretch_x stretch_y": f"grows by {size:.2%}",
+    }[what]
+    text = f"{settings.film}: the holder's image {seen} between two frames at "
+    text += quantity(float(motion["time"][at + 1]), "s")
+    cause = zoomed if what.startswith("stretch") else knocked
     return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
+
+
+def _lit(track: xr.Dataset, settings: DicValidation) -> Check:
+    """Look for frames whose contrast falls below that of the frames around them."""
+    contrast = track["contrast"].isel(point=0).values if "contrast" in track else np.empty(0)
+    known = np.flatnonzero(np.isfinite(contrast))
+    usual = ndimage.median_filter(contrast[known], _AROUND, mode="nearest") if known.size else contrast[known]
+    brightness = {int(i): float(c) for i, c in zip(known, contrast[known] / usual, strict=True)}
+    # what is dark is found all the same, with a larger uncertainty
+    return lit(settings.film, brightness, np.zeros(track.sizes["frame"], bool), track["time"].values)
 
 
 def _direction(motion: xr.Dataset, settings: DicValidation) -> Check:

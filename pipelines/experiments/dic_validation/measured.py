@@ -23,6 +23,7 @@ from labpipe.variables import variable, with_u
 from pipelines.experiments.dic_validation import viewing_angle
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 from pipelines.experiments.shared.film_frames import key_frames, open_film, recorded_on
+from pipelines.experiments.shared.film_light import light_of
 
 _LARGEST_BODY = 201  # px; its noise is a thousandth of a pixel, and larger ones cost more
 _MOST_STATIC = 64  # frames in the reference: noise within 1 % of that of endless many
@@ -131,7 +132,7 @@ def _with_bytes(found: xr.Dataset, source: FrameSource, coarse: dict[str, int]) 
     work["frames_read"] = found.sizes["frame"]
     work["coarse_frames_read"] = coarse.get("frames_read", 0)
     work["coarse_bytes_read"] = coarse.get("pixels_read", 0) * size
-    return found.assign_attrs(work=json.dumps(work), recorded=recorded_on(source))
+    return found.assign_attrs(work=json.dumps(work), recorded=recorded_on(source), light=light_of(source, ()))
 
 
 def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Dataset:

@@ -83,6 +83,11 @@ def explained(failed: Check) -> Check:
     return replace(failed, cause=cause)
 
 
+def about_contacts(is_seen: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return the frames that show a contact, and those beside them."""
+    return np.flatnonzero(np.convolve(is_seen, np.ones(2 * _AROUND + 1))[_AROUND : len(is_seen) + _AROUND] > 0)
+
+
 def blanked(film: FrameSource, is_seen: NDArray[np.bool_]) -> dict[int, int]:
     """Find frames about a contact in which pixels are missing: rows of one value without noise.
 
@@ -98,10 +103,11 @@ def blanked(film: FrameSource, is_seen: NDArray[np.bool_]) -> dict[int, int]:
         Frame to the number of pixels in a row that hold the lowest value, where they fill a row of
         the image or more and most of them held more in the frame before.
     """
-    wide = np.convolve(is_seen, np.ones(2 * _AROUND + 1), "same") > 0
     found: dict[int, int] = {}
     before: NDArray[Any] | None = None
-    for i in np.flatnonzero(wide[: len(is_seen)] & np.asarray(film.valid, bool)):
+    for i in about_contacts(is_seen):
+        if not film.valid[i]:
+            continue
         image = film[int(i)].ravel()
         lowest = image == image.min()
         # a lens cap, or a film that is dark throughout, has no frame that differs

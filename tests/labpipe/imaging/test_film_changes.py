@@ -85,6 +85,22 @@ def test_the_uncertainty_of_a_softer_frame_is_right(name: str, feature: float, s
     assert np.sqrt(np.mean(square_u) / np.mean(square_error)) == pytest.approx(1.0, abs=0.15)
 
 
+def test_the_uncertainty_of_a_photograph_that_comes_into_focus_counts_what_its_blur_hid() -> None:
+    """Edges have all waves: what a blurred reference lacks of them is no noise."""
+    pattern = film_scenes.photograph(256)
+    points = grid((256, 256), 24, 17)
+    views = [View(defocus=1.2), *(View(shift, defocus=0.6) for shift in SHIFTS)]
+    found = track(digitised([from_spectrum(pattern, view) for view in views], NOISE, 3), points, 31).isel(
+        frame=np.s_[1:]
+    )
+    truth = np.stack([view.displacement(points, 256) for view in views[1:]])
+    ratio = (np.stack([found.dx, found.dy], axis=-1) - truth) / np.stack([found.u_dx, found.u_dy], axis=-1)
+    ratio = ratio[found.valid.values]
+    assert len(ratio) > 0.9 * found.valid.size
+    assert 0.7 < np.sqrt((ratio**2).mean()) < 1.4
+    assert (np.abs(ratio) > 5.0).mean() < 0.01
+
+
 def test_a_change_of_blur_that_noise_hides_in_some_points_is_solved_for_in_all() -> None:
     views = [View(), *(View(shift, smear=(4.0, 0.0)) for shift in SHIFTS)]
     pattern = film_scenes.random_field(SIZE, 2.6, 31)

@@ -5,10 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from labpipe.imaging import contact_radius
 from labpipe.imaging.fringes import _every_frame
 from labpipe.imaging.fringes._dataset import FRINGES, _edge_systematic, _static_radius
 from labpipe.imaging.fringes._ring_fit import Parameter
 from labpipe.imaging.fringes._search import GOOD_MISFIT
+from tests.labpipe.imaging.fringe_film import Scene, fringe_film
 
 
 def test_of_an_edge_only_the_scale_is_uncertain() -> None:
@@ -51,3 +53,21 @@ def test_a_frame_is_refitted_from_its_own_fit_unless_that_is_a_poor_one(monkeypa
     result.blanks = {3: "even"}
     found = _every_frame._refit(reader, result, np.ones(4, bool), fits, stays_blank=True)
     assert (sorted(found), result.blanks) == ([0, 1, 2], {3: "even"})
+
+
+@pytest.mark.parametrize("zoom", [1.0, 1.02])
+def test_the_largest_frame_of_each_contact_tells_the_scale_by_itself(zoom: float) -> None:
+    """Phases go with the square of a length in px."""
+    scene = Scene(rows=160, columns=224, pixel_size=4e-6)
+    radii = [120e-6, 160e-6, 140e-6]
+    centres = [(110.3, 80.1)] * 3
+    later = scene.change(pixel_size=4e-6 / zoom)
+    still = np.full((4, 160, 224), 120, np.uint8)
+    films = [fringe_film(one, radii, centres, seed) for seed, one in enumerate((scene, later))]
+    found = contact_radius(np.concatenate([films[0], still, films[1]]), 4e-6, 9.525e-3, 633e-9)
+    told = np.flatnonzero(np.isfinite(found.own_scale.values))
+    assert {1, 8} <= set(told.tolist()) <= {0, 1, 2, 7, 8, 9}
+    ratio = float(found.own_scale[8] / found.own_scale[1])
+    u = float(np.hypot(found.u_own_scale[8], found.u_own_scale[1]))
+    assert u < 5e-3
+    assert ratio == pytest.approx(zoom**-2, abs=4.0 * u)

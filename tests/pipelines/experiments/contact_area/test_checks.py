@@ -53,10 +53,13 @@ def film(drop: xr.Dataset) -> xr.Dataset:
         "visibility": np.where(seen, 0.82, np.nan),
         "valid": np.ones(count, bool),
         "centre_x": random.normal(200.0, 0.01, count),
+        "centre_y": random.normal(60.0, 0.01, count),
+        "u_centre_x": np.full(count, 0.01),
+        "u_centre_y": np.full(count, 0.01),
     }
     return xr.Dataset(
         {name: ("frame", array) for name, array in values.items()},
-        {"time": ("frame", 1e-4 * np.arange(count)), "frame": np.arange(count)},
+        {"time": ("frame", 1e-4 * np.arange(count)), "frame": np.arange(count), "pixel_size": 2.17e-6},
         {"phase_scale_ratio": 1.0, "u_systematic_relative": 2.2e-3},
     )
 
@@ -143,7 +146,7 @@ def test_exchanged_frames_are_found_by_their_times_and_by_the_growth(film):
     time[[180, 181]] = time[[181, 180]]
     told = finding(judged(film.assign_coords(time=("frame", time)))[0], "times of the frames")
     assert (told.level, "exchanged" in told.cause, "181" in told.cause) == ("impossible", True, True)
-    for name in ("radius", "centre_x"):
+    for name in ("radius", "centre_x", "centre_y"):
         values = film[name].values
         values[[177, 180]] = values[[180, 177]]
     told = finding(judged(film)[0], "growth of the contact")
@@ -151,7 +154,7 @@ def test_exchanged_frames_are_found_by_their_times_and_by_the_growth(film):
 
 
 def test_a_repeated_frame_is_found(film):
-    for name in ("radius", "centre_x"):
+    for name in ("radius", "centre_x", "centre_y"):
         film[name].values[180] = film[name].values[179]
     told = finding(judged(film)[0], "frames differ")
     assert (told.level, "frame 180" in told.cause) == ("doubtful", True)

@@ -63,9 +63,14 @@ def tracked(count: int = 1000, share: float = 1.0) -> xr.Dataset:
     """What the stage ``track`` makes of a film, as far as the checks read it; only noise."""
     random = np.random.default_rng(5)
     found = {name: (("frame", "point"), random.normal(0.0, 3e-3, (count, 1))) for name in ("dx", "dy")}
+    found |= {
+        name: (("frame", "point"), random.normal(0.0, 2e-5, (count, 1)))
+        for name in ("rotation", "stretch_x", "stretch_y")
+    }
+    found["contrast"] = (("frame", "point"), random.normal(1.0, 0.02, (count, 1)))
     found["zncc"] = (("frame", "point"), random.normal(0.99, 1e-4, (count, 1)))
     found["valid"] = (("frame", "point"), np.arange(count)[:, None] < count * share)
-    return xr.Dataset(found, {"frame": np.arange(count)})
+    return xr.Dataset(found, {"frame": np.arange(count), "time": ("frame", np.arange(count) / RATE)})
 
 
 def judged(motion, laser=None, share=1.0, track=None):
@@ -150,6 +155,36 @@ def test_a_camera_that_is_knocked_is_doubtful(motion, laser):
     told = finding(judged(motion, laser)[0], "level between frames")
     assert (told.level, told.file) == ("doubtful", SETTINGS.film)
     assert "80.0 ms" in told.message
+
+
+@pytest.mark.parametrize(
+    ("names", "size", "words"),
+    [
+        (("dx",), -10.0, ("jumps aside by -10", "knocked")),
+        (("dx",), 0.5, ("jumps aside by 0.5", "knocked")),
+        (("rotation", "dx"), 0.035, ("turns by 2°", "knocked")),
+        (("stretch_x", "stretch_y", "dx"), 0.05, ("grows by 5.0", "zoom")),
+    ],
+)
+def test_an_image_that_jumps_aside_turns_or_grows_is_doubtful(motion, laser, names, size, words):
+    track = tracked(motion.sizes["time"])
+    for name in names:
+        track[name].values[240:] += size if name != "dx" or len(names) == 1 else 100 * size
+    told = finding(judged(motion, laser, track=track)[0], "level between frames")
+    assert told.level == "doubtful"
+    assert [word for word in words if word not in f"{told.message} {told.cause}"] == []
+
+
+def test_dark_and_saturated_frames_are_named(motion, laser):
+    track = tracked()
+    track["contrast"].values[200:204] *= 0.05
+    told = finding(judged(motion, laser, track=track)[0], "light of the frames")
+    assert (told.level, "4 of 1000" in told.message, "frame 200" in told.message) == ("note", True, True)
+    track["status"] = xr.full_like(track["valid"], 2, dtype=int).assign_attrs(
+        flag_values=[0, 2], flag_meanings="ok saturated"
+    )
+    track["valid"] &= False
+    assert "over-exposed" in finding(judged(motion, laser, track=track)[0], "holder is found").cause
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,112 @@
+"""The light of a film: frames in which it failed, and grey levels that its camera cut off."""
+
+import json
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from labpipe.frames import FrameSource
+from labpipe.judging import Check, Level, not_made, stated
+from labpipe.report import quantity
+
+_EVERY = 4  # rows and columns of which one is looked at
+_MOST = 48  # frames spread over a film, beside those that matter
+_BRIGHT = 99.0  # percentile that a dark contact does not reach before it fills the view
+_HEAPED, _BESIDE = 3.0, 3
+"""Ratio of the pixels at one grey level to those at each of so many levels below it from which they
+are heaped there: noise spreads any bright plane over more levels than one."""
+_CLIPPED, _MOSTLY = 0.01, 0.25  # share of pixels at that level that is told, and that spoils a film
+DARK = 0.5
+"""Share of the usual brightness below which a frame is dark: lamps flicker, but do not fall to half for a frame."""
+LIGHT = "light"
+
+
+def light_of(film: FrameSource, wanted: Iterable[int]) -> str:
+    """Measure how bright frames are, and how many of their pixels lie at one highest level.
+
+    Parameters
+    ----------
+    film : FrameSource
+    wanted : iterable of int
+        Frames that matter; others all over the film are added.
+
+    Returns
+    -------
+    str
+        JSON: ``brightness`` by frame over that of the film, ``clipped``, the share of pixels at the
+        grey level ``level``, above which there is none, ``view``, rows and columns.
+    """
+    sound = np.asarray(film.valid, bool)
+    spread = np.linspace(0, len(film) - 1, min(_MOST, len(film))).round().astype(int)
+    chosen = [i for i in sorted({*map(int, wanted), *map(int, spread)}) if sound[i]]
+    bright: dict[int, float] = {}
+    black, _ = film.levels
+    images = []
+    for i in chosen:
+        image = np.asarray(film[i])[::_EVERY, ::_EVERY]
+        bright[i] = float(np.percentile(image, _BRIGHT)) - black
+        images.append(image.ravel())
+    usual = float(np.median(list(bright.values()))) if bright else 0.0
+    share, level = _heap(np.concatenate(images)) if images else (0.0, 0.0)
+    shown: dict[str, Any] = {"brightness": {str(i): b / usual for i, b in bright.items()} if usual > 0.0 else {}}
+    return json.dumps(shown | {"clipped": share, "level": level, "view": list(film.shape[1:])})
+
+
+def _heap(levels: NDArray[Any]) -> tuple[float, float]:
+    """Return share and level of pixels heaped at the upper end of the grey levels."""
+    if levels.dtype.kind not in "iu":
+        return 0.0, 0.0
+    shown, counts = np.unique(levels.astype(np.int64), return_counts=True)
+    # pixels that are stuck at white lie above the level at which another camera's grey was cut off
+    for at in np.flatnonzero(counts >= _CLIPPED * levels.size)[::-1]:
+        below = counts[(shown < shown[at]) & (shown >= shown[at] - _BESIDE)]
+        is_end = int(counts[at + 1 :].sum()) < _CLIPPED * counts[at]
+        if is_end and counts[at] > _HEAPED * below.max(initial=0):
+            return float(counts[at] / levels.size), float(shown[at])
+    return 0.0, 0.0
+
+
+def exposed(found: xr.Dataset, film: str) -> Check:
+    """Look for grey levels that were cut off."""
+    name, law = "exposure", "noise spreads bright places over grey levels: nothing lies at one highest level"
+    if LIGHT not in found.attrs:
+        return not_made(name, law, "the frames")
+    light = json.loads(found.attrs[LIGHT])
+    share, level = light["clipped"], light["level"]
+    if share < _CLIPPED:
+        return stated(name, law, f"{film}: no grey level is cut off", None, file=film)
+    text = f"{film}: {share:.0%} of the pixels lie at the highest grey level, {level:.0f}"
+    how: Level = "doubtful" if share > _MOSTLY else "note"
+    cause = "the film is over-exposed (saturated): less light, a shorter exposure or a smaller aperture"
+    return stated(name, law, text, how, cause=cause, file=film)
+
+
+def lit(film: str, brightness: dict[int, float], counts: NDArray[np.bool_], time: NDArray[np.float64]) -> Check:
+    """Look for frames without light.
+
+    Parameters
+    ----------
+    film : str
+        Its name.
+    brightness : dict
+        By frame, over that of the film or of the frames around it.
+    counts : array of bool (frame,)
+        Frames that show what is measured: dark frames beside one change the result.
+    time : array (frame,) [s]
+    """
+    name, law = "light of the frames", "a lamp does not go out for a frame"
+    if not brightness:
+        return not_made(name, law, "the frames")
+    dark = np.array(sorted(i for i, b in brightness.items() if b < DARK), int)
+    if not dark.size:
+        return stated(name, law, f"{film}: no frame is dark", None, file=film)
+    runs = np.split(dark, np.flatnonzero(np.diff(dark) > 1) + 1)
+    lost = [run for run in runs if counts[max(run[0] - 1, 0) : run[-1] + 2].any()]
+    first = int((lost or runs)[0][0])
+    text = f"{film}: {dark.size} of {len(brightness)} frames looked at are dark; frame {first}, at "
+    text += f"{quantity(float(time[first]), 's')}, has {brightness[first]:.0%} of the usual light"
+    cause = "the light failed, flickers or is pulsed, or the shutter dropped: dark frames show nothing"
+    return stated(name, law, text, "doubtful" if lost else "note", cause=cause, file=film)
