@@ -57,6 +57,7 @@ from labpipe.workflow.fields import (
     Time,
     describe,
     describe_dimension,
+    fields_of,
     found,
     is_gap,
     mark,
@@ -155,7 +156,7 @@ class Checker:
         if not isinstance(value, dict):
             self.report(place, f"expected a table, found {found(value)}")
             return _BAD
-        fields = {f.encode_name: f for f in msgspec.structs.fields(kind)}
+        fields = {f.encode_name: f for f in fields_of(kind)}
         for key in value.keys() - fields.keys():
             self.report((*place, key), f"unknown key{suggest(key, fields)}")
         converted = {}

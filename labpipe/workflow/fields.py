@@ -7,7 +7,10 @@ import types
 import typing
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
 from typing import Annotated, Any, Literal, TypeVar, Union
+
+import msgspec
 
 from labpipe.units import Quantity, spellings, unit
 
@@ -97,6 +100,12 @@ Area = Annotated[Quantity, Dimension("m2", "area", "4 mm2")]
 Density = Annotated[Quantity, Dimension("kg/m3", "density", "1.19 g/cm3")]
 Stiffness = Annotated[Quantity, Dimension("N/m", "stiffness", "3 N/mm")]
 Dimensionless = Annotated[Quantity, Dimension("1", "number without unit", "0.35 ± 0.01")]
+
+
+@cache
+def fields_of(kind: type[msgspec.Struct]) -> tuple[msgspec.structs.FieldInfo, ...]:
+    """Return the fields of a structure, whose annotations msgspec would evaluate each time."""
+    return msgspec.structs.fields(kind)
 
 
 def split(kind: Any) -> tuple[Any, tuple[Any, ...]]:

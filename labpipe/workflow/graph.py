@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 
 from labpipe.errors import InputError
-from labpipe.workflow.fields import split, suggest
+from labpipe.workflow.fields import fields_of, split, suggest
 
 FILE = "file:"
 OTHER = "other:"
@@ -172,7 +172,7 @@ def _has_field(kind: Any, dotted: str) -> bool:
     for option in options:
         if not (isinstance(option, type) and issubclass(option, msgspec.Struct)):
             continue
-        fields = {info.name: info.type for info in msgspec.structs.fields(option)}
+        fields = {info.name: info.type for info in fields_of(option)}
         if first in fields:
             return not rest or _has_field(fields[first], rest)
     return False

@@ -61,8 +61,8 @@ class RunResult:
 
     ``reports`` are the pages by experiment, where there is one. ``ledger`` holds the counts of
     all results and, per experiment with an empty stage name, tasks run (done) and cached (skipped).
-    ``plan`` is that of the run where nothing was left to do and no shortcut refused, so that it
-    still holds after it; otherwise None.
+    ``plan`` is that of the run where it is one of the whole session, nothing was left to do and no
+    shortcut refused, so that it still holds; otherwise None.
     """
 
     session: Session
@@ -249,7 +249,7 @@ def run_all(
             program=provenance.program() if made.to_run else {},
             failures={},
         )
-        state = _State(made, store, template, progress)
+        state = _State(made, store, template, progress, is_whole=len(made.tasks) == len(tasks))
         state.begin(jobs)
         return state
 
@@ -328,6 +328,7 @@ class _State:
     store: Store
     template: Job
     progress: Callable[[Event], None] | None
+    is_whole: bool
     outcomes: dict[TaskId, Outcome] = field(default_factory=dict)
     waiting: dict[str, set[str]] = field(default_factory=dict)
     running: dict[str, TaskId | None] = field(default_factory=dict)
@@ -399,12 +400,13 @@ class _State:
     def take_cached(self) -> None:
         """Experiments with nothing to do need no worker."""
         busy = {row.experiment for row in self.plan.to_run}
+        known = {name: self.store.latest(name) for name in {row.experiment for row in self.plan.rows} - busy}
         for row in self.plan.rows:
             key = self.plan.keys[row.task].value
             if row.experiment in busy or key is None:
                 continue
             last = self.plan.last(row.task)
-            if self.store.last(row.task) != last:
+            if known[row.experiment].get((row.stage, row.recording)) != last:
                 with self.store.experiment(row.experiment):
                     self.store.note_latest(row.task, *last)
             self.tell("ended", Outcome(*row.task, row.state, key))
@@ -533,7 +535,7 @@ class _State:
             tuple(outcomes),
             rows + summarise(work),
             {name: path for name, path in pages.items() if path.is_file()},
-            None if self.plan.to_run or self.template.full else self.plan,
+            self.plan if self.is_whole and not (self.plan.to_run or self.template.full) else None,
         )
 
     def _tasks_row(self, name: str, outcomes: list[Outcome]) -> LedgerRow:

@@ -14,7 +14,6 @@ from labpipe.workflow.session import Session
 from labpipe.workflow.watch import LOOKS, Settling, Watcher
 from pipelines.session._opening import SCHEMAS, SETTINGS, STAGES, reopen_session
 from pipelines.session._overview import write_overview
-from pipelines.session._results import whole_plan
 
 if TYPE_CHECKING:
     from labpipe.report import Report
@@ -193,7 +192,7 @@ def process_all(
         progress=progress,
     ):
         if not isinstance(done, LabpipeError):
-            write_overview(session, STAGES, whole_plan(done))
+            write_overview(session, STAGES, done.plan)
         yield given[session.root], done
     yield from refused
 

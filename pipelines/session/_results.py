@@ -7,18 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labpipe.errors import InputError
-from labpipe.workflow.plan import READY, Plan
+from labpipe.workflow.plan import READY
 from labpipe.workflow.plan import plan as make_plan
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment, Session
-from labpipe.workflow.tasks import arguments, spell_out
+from labpipe.workflow.tasks import arguments
 from pipelines.experiments import Derived, function
 from pipelines.session._opening import STAGES, reopen_session
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from labpipe.workflow.runner import RunResult
 
 
 def opened(folder: str | Path, only: Iterable[str] | None = None) -> Results:
@@ -32,12 +30,6 @@ def opened(folder: str | Path, only: Iterable[str] | None = None) -> Results:
         Experiments whose results are wanted; all by default.
     """
     return Results(make_plan(reopen_session(folder), STAGES, only=only, keep=None))
-
-
-def whole_plan(run: RunResult) -> Plan | None:
-    """Return the plan of a run that found nothing to do in the whole session; it still holds."""
-    is_whole = run.plan is not None and run.plan.tasks.keys() == spell_out(run.session, STAGES).keys()
-    return run.plan if is_whole else None
 
 
 def needed(session: Session, experiment: Experiment, derived: Derived) -> list[str]:

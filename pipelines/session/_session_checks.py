@@ -20,7 +20,7 @@ import msgspec
 
 from labpipe.errors import LabpipeError
 from labpipe.units import Quantity
-from labpipe.workflow.fields import POSITIVE, FileMark, Range, mark, split
+from labpipe.workflow.fields import POSITIVE, FileMark, Range, fields_of, mark, split
 from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.store import Store
 from pipelines.session._gaps import library_names
@@ -64,11 +64,11 @@ class Named:
 
 @dataclass(frozen=True, slots=True)
 class _Body:
-    """A body whose radius and mass an experiment states, such as the sphere."""
+    """A body whose radius and mass an experiment states, such as the sphere; one for drops of several materials."""
 
     experiment: Experiment
     setting: str
-    material: str
+    materials: frozenset[str]
     radius: Quantity
     mass: Quantity
 
@@ -103,7 +103,7 @@ def named_files(session: Session) -> list[Named]:
 def _files(kind: Any, value: Any, place: str) -> Iterator[tuple[str, str]]:
     options = list(_options(kind))
     if isinstance(value, msgspec.Struct):
-        for field in msgspec.structs.fields(type(value)):
+        for field in fields_of(type(value)):
             name = f"{place}.{field.name}" if place else field.name
             yield from _files(field.type, getattr(value, field.name), name)
     elif isinstance(value, list | tuple):
@@ -237,7 +237,7 @@ def _bodies(session: Session) -> Iterator[tuple[str, Finding]]:
     bodies = [body for e in session.experiments.values() for body in _found_bodies(e, e.settings, "")]
     said: set[tuple[str, str]] = set()
     for first, later in combinations(bodies, 2):
-        if first.material != later.material or first.experiment is later.experiment:
+        if first.materials.isdisjoint(later.materials) or first.experiment is later.experiment:
             continue
         mass, radius = _distance(first.mass, later.mass), _distance(first.radius, later.radius)
         if radius <= _ALIKE and mass > _APART:
@@ -259,10 +259,23 @@ def _found_bodies(experiment: Experiment, table: Any, place: str) -> Iterator[_B
         return
     radius, mass = getattr(table, "radius", None), getattr(table, "mass", None)
     if isinstance(radius, Quantity) and isinstance(mass, Quantity):
-        source = [getattr(table, name, None) for name in ("material", "material_file", "material_from")]
-        yield _Body(experiment, place, str(source), radius, mass)
+        # a body without a material of its own falls on, or with, each of the others of its experiment
+        sources = frozenset(_sources(table)) or frozenset(_sources(experiment.settings))
+        yield _Body(experiment, place, sources, radius, mass)
     for name in table.__struct_fields__:
         yield from _found_bodies(experiment, getattr(table, name), f"{place}.{name}" if place else name)
+
+
+def _sources(table: Any) -> Iterator[str]:
+    """Yield what a table, and all in it, says of materials: names, files and experiments; the most exact of each."""
+    if isinstance(table, list | tuple):
+        for item in table:
+            yield from _sources(item)
+    elif isinstance(table, msgspec.Struct):
+        given = [getattr(table, name, None) for name in ("material_from", "material_file", "material")]
+        yield from [source for source in given if isinstance(source, str)][:1]
+        for name in table.__struct_fields__:
+            yield from _sources(getattr(table, name))
 
 
 def _distance(a: Quantity, b: Quantity) -> float:
@@ -276,7 +289,9 @@ def _odd(bodies: Sequence[_Body], first: _Body, later: _Body, name: str) -> tupl
 
     def votes(body: _Body) -> int:
         value = getattr(body, name)
-        return sum(b.material == body.material and _distance(getattr(b, name), value) <= _ALIKE for b in bodies)
+        return sum(
+            not b.materials.isdisjoint(body.materials) and _distance(getattr(b, name), value) <= _ALIKE for b in bodies
+        )
 
     return (first, later, name) if votes(first) < votes(later) else (later, first, name)
 
@@ -417,7 +432,7 @@ def _quantities(table: Any, place: str) -> Iterator[tuple[str, Quantity, Any]]:
         for number, item in enumerate(table):
             yield from _quantities(item, f"{place}[{number}]")
     elif isinstance(table, msgspec.Struct):
-        for field in msgspec.structs.fields(type(table)):
+        for field in fields_of(type(table)):
             value, name = getattr(table, field.name), f"{place}.{field.name}" if place else field.name
             if isinstance(value, Quantity):
                 yield name, value, field.type

@@ -23,7 +23,7 @@ from labpipe.workflow.tasks import arguments
 from pipelines.experiments import JUDGEMENT, KINDS, function
 from pipelines.session._gaps import library_names
 from pipelines.session._opening import STAGES, reopen_session
-from pipelines.session._results import opened, whole_plan
+from pipelines.session._results import opened
 from pipelines.session._session_checks import TWO_VALUES, named_files, of_record, session_findings
 
 if TYPE_CHECKING:
@@ -107,8 +107,7 @@ def verdicts_of(run: RunResult) -> Verdicts:
     for outcome in run.failures:
         failed = Failed(outcome.stage, outcome.recording, outcome.message, outcome.is_of_run)
         failures[outcome.experiment].append(failed)
-    plan = whole_plan(run)
-    results = Results(plan) if plan is not None else opened(session.root)
+    results = opened(session.root) if run.plan is None else Results(run.plan)
     known = stored_verdicts(results)
     made = [
         _one(session, results, session.experiments[name], failed)

@@ -26,6 +26,12 @@ _HEATED = Protocol(
     ramp=tuple(np.arange(-20.0, 61.0, 4.0).tolist()),
 )
 """Closer isotherms, and a temperature sweep whose readings wait for the heat."""
+_CLOSE = Protocol(
+    temperatures=tuple(np.arange(-30.0, 71.0, 10.0).tolist()),
+    frequencies=tuple(np.geomspace(20.0, 0.2, _POINTS).tolist()),
+    ramp=(0.0, 5.0),
+)
+"""Isotherms that overlap."""
 TIME, T, OMEGA, STORAGE, LOSS, FACTOR, STRAIN, STRESS = range(2, 10)
 """Cells of a row; the first is empty, the second its number."""
 
@@ -182,6 +188,20 @@ def _swapped_intervals(cells: list[str], i: int, p: int) -> list[str]:
     return cells
 
 
+def _slips(cells: list[str], i: int, p: int) -> list[str]:
+    """Let all moduli be less from the fourth interval on."""
+    del p
+    if i >= 3:
+        for column in (STORAGE, LOSS, STRESS):
+            cells[column] = f"{float(cells[column]) * 0.72:.6g}"
+    return cells
+
+
+def _cooling(cells: list[str], i: int, p: int) -> list[str]:
+    """Let the third interval begin too warm."""
+    return _warmer(cells, 6.0 * (1 - p / _POINTS)) if i == 2 else cells
+
+
 def _cut(text: str) -> str:
     return text[: text.index("\t5\t", text.index("points:\t4"))]
 
@@ -272,6 +292,14 @@ ROWS = (
     Mistake("second file of PTFE", _of("ptfe"), "doubtful", ("another material",), SECOND),
     Mistake("second file of NBR", _of("nbr"), "impossible", ("another material",), SECOND),
     # what the session states
+    Mistake(
+        "specimen slipped in its clamp",
+        _both(_exported(_CLOSE), _rows(_slips)),
+        "doubtful",
+        ("interval 4", "slipped"),
+        FIRST,
+    ),
+    Mistake("specimen still cooling", _rows(_cooling), "doubtful", ("interval 3", "still warming or cooling"), FIRST),
     Mistake("nu 0.035", setting('nu = "0.35 ± 0.01"', 'nu = "0.035"'), "doubtful", ("decimal point",), TOML, "nu"),
     Mistake("nu 0.05", setting('nu = "0.35 ± 0.01"', 'nu = "0.05"'), "doubtful", ("nu",), TOML, "nu"),
     Mistake("nu of a rubber", setting('nu = "0.35 ± 0.01"', 'nu = "0.50 ± 0.01"'), "doubtful", ("rubber",), TOML, "nu"),

@@ -194,6 +194,16 @@ def _rezeroed(folder: Path) -> None:
     values(lambda x: x - 0.0137, LAST)(folder)
 
 
+def _converted(factor: float, decimals: int) -> Edit:
+    """Put the readings of the first record below the header of the third, as another program writes them."""
+
+    def edit(folder: Path) -> None:
+        _of_first(slice(25, None))(folder)
+        values(lambda x: np.round(x * factor, decimals), LAST)(folder)
+
+    return edit
+
+
 def _other_height(height: float, material: str = "acrylic") -> Edit:
     def edit(folder: Path) -> None:
         rig = DropRig(duration=0.12)
@@ -400,6 +410,10 @@ ROWS = (
         "same readings without their beginning", _of_first(slice(40, None)), "doubtful", ("digit by digit",), ALL[2]
     ),
     Mistake("copy of a repeat from another zero", _rezeroed, "doubtful", ("but for their zero", "copy"), ALL[2]),
+    *(
+        Mistake(f"copy of a repeat {word}", _converted(*how), "doubtful", ("its noise is that of", "copy"), ALL[2])
+        for word, how in (("with fewer digits", (1.0, 3)), ("along another line of sight", (1.0013, 4)))
+    ),
     Mistake("scale known to a half", setting('± 0.0005"', '± 0.5"', RECORD), "doubtful", ("u of the scale",), RECORD),
     Mistake("end of another repeat pasted on", _of_first(slice(0, 900), own=True), "impossible", ("pasted",), ALL[2]),
     Mistake("repeat of another height", _other_height(1.7e-3), "impossible", ("1.7", "another height"), ALL[2]),

@@ -79,7 +79,7 @@ def _lacking(mistake: Mistake, folder: Path, found: Verdict) -> list[str]:
     return [*lacking, f"said: {said}"] if lacking else []
 
 
-def by_day(rows: Sequence[Mistake], every: int, slow: int) -> list[Any]:
+def by_day(rows: Sequence[Any], every: int, slow: int) -> list[Any]:
     """Return a corpus as parameters of a test: by day one row of ``every``, one of ``slow`` in CI, the rest at night.
 
     ``every`` is a multiple of ``slow``.

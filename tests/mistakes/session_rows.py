@@ -118,6 +118,37 @@ def _in(experiment: str, old: str, new: str) -> Edit:
 
 
 _TWICE, _RECORD = "same bytes twice", "calibration record"
+
+
+def _with_plate(mass: str) -> Edit:
+    """Add drops of two materials on a plate: their body has none of its own."""
+
+    def edit(folder: Path) -> None:
+        text = (folder / TOML).read_text("utf-8")
+        text += f'''
+[experiments.plate]
+kind = "plate_vibration"
+calibration = "{RECORD}"
+
+[experiments.plate.sphere]
+radius = "9.525 ± 0.005 mm"
+mass = "{mass}"
+
+[[experiments.plate.drops]]
+material = "acrylic"
+height = "1.5 ± 0.005 mm"
+laser = ["{_FIRST}"]
+
+[[experiments.plate.drops]]
+material = "ptfe"
+height = "1.5 ± 0.005 mm"
+laser = ["laser/ptfe_low_1.csv"]
+'''
+        files.write_text(folder / TOML, text)
+
+    return edit
+
+
 _BODY, _UNUSED = "one body, two values", "files that no experiment uses"
 
 ROWS = (
@@ -161,6 +192,15 @@ ROWS = (
         ("550.0 g", "505.0 g", "acrylic_high"),
         TOML,
         "550.0",
+    ),
+    SessionMistake(
+        "one mass twice as large for the drops on a plate",
+        _with_plate("1010.0 ± 0.5 g"),
+        "doubtful",
+        _BODY,
+        ("1.010 kg", "505.0 g", "a factor 2"),
+        TOML,
+        "1010.0",
     ),
     SessionMistake(
         "one radius is the diameter",

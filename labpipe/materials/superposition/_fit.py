@@ -70,8 +70,9 @@ _LAW_ROUGHNESS = 0.1
 # the scatter, and count from this gain on: with one process
 # it was −3 ± 4 and never above 4.1 (30 sets with every law), with two that shift by 0.85 : 1 about 10.
 _RIVAL_NEEDS, _NOTHING_LEFT, _RIVAL_GAIN = 5, 1.15, 8.0
-# Odds of two processes before the data, and the exponent at which odds are certain.
-_RIVAL_ODDS, _SURE = 1.0 / 3.0, 50.0
+# Odds of two processes before the data, the exponent at which odds are certain, and what is believed at most
+# while one process is not excluded.
+_RIVAL_ODDS, _SURE, _NEARLY = 1.0 / 3.0, 50.0, 0.999
 # Share of its measured value that a loss keeps at least when laws are taken out of it.
 _LEAST_LOSS = 1e-3
 # Starts are compared before they have settled to the last digit: tolerance and iterations.
@@ -176,7 +177,12 @@ def _rival(points: Points, current: Superposition, options: Options) -> TwoProce
     cost = predictive_cost(present, model) - (slope.gain if slope else 0.0)
     gain = cost - best.cost
     odds = 1.0 / (1.0 + np.exp(np.clip(0.5 * gain, -_SURE, _SURE)) * _RIVAL_ODDS)
-    return replace(best, belief=1.0 if gain > _RIVAL_GAIN else float(1.0 - odds))
+    # Beyond doubt only if readings whose errors last count as one; the uncertainties take the gain as it is.
+    if gain <= _RIVAL_GAIN * best.length:
+        return replace(best, belief=min(float(1.0 - odds), _NEARLY))
+    # What laws took out of the sweeps may be the second process itself: then both answers count.
+    moved = np.array([rival.log10_aT - best.log10_aT for rival in rivals])
+    return replace(best, covariance=best.covariance + moved.T @ moved)
 
 
 def _without_laws(points: Points, state: State) -> tuple[Points, Floats]:

@@ -7,13 +7,9 @@ modulus, on the vertical law, on the minimum that was found. So the fit is repea
 changed; the changes of the shifts are an uncertainty of their own.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import toeplitz
 
 from labpipe.arrays import Floats
 from labpipe.materials.superposition._joint_fit import Fit, Points, outer_problem, predictive_cost, sensitivity
@@ -27,6 +23,7 @@ from labpipe.materials.superposition._reweighting import (
     settled,
     weights_of,
 )
+from labpipe.materials.superposition._runs import Runs, correlated, runs_in, sweeps_of
 from labpipe.materials.superposition._shift_parameters import SLOPE_SPREAD, OuterModel
 
 #: Noise of the fit over scatter of the sweeps, from which superposition counts as violated. The
@@ -43,9 +40,6 @@ _SIMILAR, _BETTER = 9.0, 1.0
 # Slopes of ln b (per kelvin) from which a glass is fitted anew where they could move its shifts by
 # this much (decades), and the smoothing of the comparison at most, in units of the noise.
 _SLOPES, _REACH, _STIFF = (-1e-3, -4e-4, -1e-4), 0.25, 100.0
-# Correlations of next neighbours that are tried; they are not taken to be more alike than the last:
-# a sweep still holds two statements. Residuals count to this many standard deviations.
-_CORRELATIONS, _CLIPPED = (0.0, 0.2, 0.4, 0.6, 0.8), 3.0
 
 
 def violation(current: Superposition, options: Options) -> float:
@@ -60,43 +54,9 @@ def violation(current: Superposition, options: Options) -> float:
     return max(noise.storage / scatter.storage, noise.loss / scatter.loss)
 
 
-class Runs(NamedTuple):
-    """How alike the errors of neighbouring readings are.
-
-    ``length`` tells how many readings are worth one, ``correlation`` is that of next neighbours, and
-    ``size`` the variance of the errors over that of independent ones which leave the same residuals.
-    """
-
-    length: float
-    correlation: float
-    size: float
-
-
 def runs_of(points: Points, current: Superposition) -> Runs:
-    """Return how alike neighbours err: a length of one where those of a sweep err independently.
-
-    Noise that lasts from one reading to the next, and a misfit of the model, bend whole sweeps; every
-    one then counts for less than its number of points. A fit that follows them leaves residuals
-    that look more independent, and smaller, than the errors are. So the correlation of next neighbours is
-    the one for which this fit would leave residuals as correlated as they are (a first-order
-    autoregressive process), and the size of the errors goes with it.
-    """
-    followed = np.hstack([part @ _root(inverse) for part, inverse in _influences(points, current)])
-    sweeps = _sweeps(points)
-    here, after = (np.concatenate([sweep[part] for sweep in sweeps]) for part in (slice(-1), slice(1, None)))
-    left = np.clip(current.standardised, -_CLIPPED, _CLIPPED)
-    observed = float(left[here] @ left[after]) / max(float(left @ left), np.finfo(float).tiny)
-    expected, freedom = np.empty(len(_CORRELATIONS)), np.empty(len(_CORRELATIONS))
-    for number, r in enumerate(_CORRELATIONS):
-        spread = _lasting(followed, sweeps, r)
-        back = followed @ (followed.T @ spread) - spread
-        freedom[number] = left.size + np.sum(followed * (back - spread))
-        expected[number] = r * here.size + np.sum(followed[here] * back[after] - spread[here] * followed[after])
-    expected /= freedom
-    r = float(np.interp(observed, expected, _CORRELATIONS))
-    r *= r**2 / (r**2 + 1.0 / here.size)  # what so few pairs would show by chance
-    size = float(freedom[0] / np.interp(r, _CORRELATIONS, freedom))
-    return Runs((1.0 + r) / (1.0 - r) * size, r, size)
+    """Return how alike neighbours err: a length of one where those of a sweep err independently."""
+    return runs_in(current.standardised, _influences(points, current), sweeps_of(points))
 
 
 def with_lasting_noise(points: Points, current: Superposition) -> Superposition:
@@ -116,7 +76,7 @@ def with_lasting_noise(points: Points, current: Superposition) -> Superposition:
         return replace(found, covariance=runs.length * current.covariance)
     rest, inverse = _influences(points, current)[1]
     gain = rest @ inverse
-    more = runs.size * gain.T @ _lasting(gain, _sweeps(points), runs.correlation) - gain.T @ gain
+    more = runs.size * gain.T @ correlated(gain, sweeps_of(points), runs.correlation) - gain.T @ gain
     return replace(found, covariance=current.covariance + more)
 
 
@@ -131,26 +91,6 @@ def _influences(points: Points, current: Superposition) -> list[tuple[Floats, Fl
         rest = change - fit.rows @ (inverse @ (fit.rows.T @ change))
         parts.append((rest, np.asarray(np.linalg.pinv(normal, hermitian=True))))
     return parts
-
-
-def _lasting(columns: Floats, sweeps: Sequence[NDArray[np.intp]], r: float) -> Floats:
-    """Return R B of columns B (2 point, column), R the correlation of readings in sweeps."""
-    found = np.empty_like(columns)
-    for sweep in sweeps:
-        found[sweep] = toeplitz(r ** np.arange(sweep.size)) @ columns[sweep]
-    return found
-
-
-def _root(matrix: Floats) -> Floats:
-    size, vectors = np.linalg.eigh(matrix)
-    return np.asarray(vectors * np.sqrt(np.maximum(size, 0.0)))
-
-
-def _sweeps(points: Points) -> list[NDArray[np.intp]]:
-    """Return the places of every sweep among storage and loss, in the order of frequency."""
-    order = np.lexsort((points.omega, points.isotherm))
-    sweeps = np.split(order, np.flatnonzero(np.diff(points.isotherm[order])) + 1)
-    return [sweep + first for first in (0, points.omega.size) for sweep in sweeps]
 
 
 def started_anew(points: Points, current: Superposition, options: Options) -> list[Fit]:

@@ -14,7 +14,7 @@ References
 Plazek, J. Rheol. 40 (1996) 987, doi:10.1122/1.550776.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -31,8 +31,9 @@ from labpipe.materials.spectrum import (
     solve_normal,
 )
 from labpipe.materials.superposition._joint_fit import Points
+from labpipe.materials.superposition._runs import runs_in, sweeps_of
 from labpipe.materials.superposition._shift_law import fit_law, law_values
-from labpipe.materials.superposition._shift_parameters import OuterModel
+from labpipe.materials.superposition._shift_parameters import SLOPE_SPREAD, OuterModel
 
 # Shares of the second process to start from; it stays between these limits.
 _SHARES, _LEAST_SHARE, _MOST_SHARE = (0.35, 0.65), 0.05, 0.97
@@ -41,6 +42,8 @@ _DAMPINGS = (1e-3, 1e-1, 10.0)
 _SCREENING, _MAX_ITERATIONS, _TOLERANCE = 5, 20, 1e-3
 # Shifts move by this much (decades) in one step at most, the share by a tenth of it.
 _MAX_STEP = 0.5
+# Smoothing, in units of the noise, that biases no shift.
+_UNBIASED = 1.0
 _LN10 = float(np.log(10.0))
 
 
@@ -59,6 +62,8 @@ class TwoProcesses:
     cost : float
         Misfit, twice the effective number of terms, and the expectation of shifts: comparable
         with :func:`._joint_fit.predictive_cost` at the same weights.
+    length : float
+        How many neighbouring readings are worth one, by what two processes leave.
     belief : float
         Probability of two processes after the data; one where they are the better model beyond doubt.
     """
@@ -67,6 +72,7 @@ class TwoProcesses:
     log10_aT: Floats
     covariance: Floats
     cost: float
+    length: float
     belief: float = 1.0
 
 
@@ -103,7 +109,7 @@ def two_processes(points: Points, weight: Floats, model: OuterModel, log10_aT: F
 
 @dataclass(frozen=True, slots=True)
 class _Spectra:
-    """Both spectra at one set of shifts, with the sensitivities to the shifts of either process."""
+    """Both spectra at one set of shifts, with the sensitivities to the shifts of either process and to the level."""
 
     solution: Solution
     residual: Floats
@@ -111,6 +117,7 @@ class _Spectra:
     normal: Floats
     by_first: Floats
     by_second: Floats
+    by_vertical: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,10 +144,15 @@ class _Search:
                     break
             if gain <= _TOLERANCE * cost:
                 break
-        normal, _, free = self._problem(found, log10_aT, share)
-        covariance = free @ np.linalg.pinv(normal, hermitian=True)[:-1, :-1] @ free.T
+        inverse = np.asarray(np.linalg.pinv(found.normal, hermitian=True))
+        length = runs_in(found.residual, [(found.rows, inverse)], sweeps_of(self.points)).length
+        # As certain as spectra leave them that may bend, and a modulus that may soften.
+        free_to_bend = replace(self, strength=min(self.strength, _UNBIASED))
+        loose = free_to_bend._spectra(grids, penalty, log10_aT, share, None)
+        normal, _, free = self._problem(loose, log10_aT, share, has_slope=True)
+        covariance = length * free @ np.linalg.pinv(normal, hermitian=True)[:-2, :-2] @ free.T
         predictive = found.solution.misfit + 2.0 * found.solution.freedom + self._pull(log10_aT)
-        return TwoProcesses(share, log10_aT, covariance, predictive)
+        return TwoProcesses(share, log10_aT, covariance, predictive, length)
 
     def _grid(self, log10_aT: Floats) -> Grid:
         points = self.points
@@ -177,6 +189,7 @@ class _Search:
             normal=used.T @ used + self.strength * penalty[:, active].T @ penalty[:, active],
             by_first=(slopes[0] @ weights[:first]) * self.weight * _LN10,
             by_second=(slopes[1] @ weights[first:-1]) * self.weight * _LN10,
+            by_vertical=rows @ weights,
         )
 
     def _step(self, found: _Spectra, log10_aT: Floats, share: float, damping: float) -> tuple[Floats, float]:
@@ -187,21 +200,32 @@ class _Search:
         step /= max(1.0, float(np.max(np.abs(step[:-1]))) / _MAX_STEP, abs(float(step[-1])) / (0.1 * _MAX_STEP))
         return log10_aT + free @ step[:-1], float(np.clip(share + step[-1], _LEAST_SHARE, _MOST_SHARE))
 
-    def _problem(self, found: _Spectra, log10_aT: Floats, share: float) -> tuple[Floats, Floats, Floats]:
-        """Return normal matrix and gradient of free shifts and share; the spectra follow (Kaufman's form)."""
+    def _problem(
+        self, found: _Spectra, log10_aT: Floats, share: float, *, has_slope: bool = False
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return normal matrix and gradient of free shifts and share; the spectra follow (Kaufman's form).
+
+        A slope of ln b over temperature, in its standard deviations, is the last parameter if there is to be one.
+        """
         isotherm = np.concatenate([self.points.isotherm, self.points.isotherm])
         free = np.delete(np.eye(log10_aT.size), self.model.reference, axis=1)
         change = np.column_stack(
             [(found.by_first + share * found.by_second)[:, None] * free[isotherm], found.by_second * log10_aT[isotherm]]
         )
+        if has_slope:
+            slope = SLOPE_SPREAD * (self.model.temperature - self.model.T_ref)
+            change = np.column_stack([change, found.by_vertical * slope[isotherm]])
         coupling = found.rows.T @ change
         normal = change.T @ change - coupling.T @ solve_normal(found.normal, coupling)
         gradient = change.T @ found.residual
         if self.model.expectation is not None:
             known = self.model.expectation
             pull = known.rows @ free
-            normal[:-1, :-1] += pull.T @ pull
-            gradient[:-1] -= pull.T @ (known.rows @ log10_aT - known.target)
+            count = free.shape[1]
+            normal[:count, :count] += pull.T @ pull
+            gradient[:count] -= pull.T @ (known.rows @ log10_aT - known.target)
+        if has_slope:
+            normal[-1, -1] += 1.0
         return normal, gradient, free
 
     def _pull(self, log10_aT: Floats) -> float:

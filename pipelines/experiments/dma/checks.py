@@ -4,7 +4,7 @@ import json
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, pairwise
 from math import hypot, log, log10, pi, sqrt
 
 import numpy as np
@@ -50,6 +50,10 @@ _FEW_LASTS = 5  # readings of an interval that tell how long one takes
 _LAG = 5.0  # K by which a specimen may follow the air while that is heated steadily
 _OF_SWEEPS = 0.05  # decades, by which a heated specimen's modulus may differ from that of the isotherms besides
 _FEW_ROWS, _MOST = 4, 0.6  # readings, and share of them at one temperature, that make an isothermal interval
+_SHARED, _SHARED_RANGE = 3, 0.05
+"""Readings of each of two sweeps, and decades of loss factor, that both have where one modulus is told from another."""
+_SLIPPED, _SLIPS_APART = 0.06, 6.0
+"""Decades of modulus of a slip that is told, and times the scatter of the steps between other sweeps."""
 _FOREIGN, _TORN = 0.25, 1.5
 """Share of the span of the shifts by which a table may differ, and times that residuals may grow:
 batches and laboratories differ by less than that share, polymers by more; where readings hardly
@@ -134,6 +138,8 @@ def judgement(
             _mode(export, settings),
             _singles(export, own),
             _strayed(export, settings),
+            _steady(export, settings),
+            _slipped(export, own),
             _causal(export, own),
             _rising(export, own),
             _pasted(export, own),
@@ -279,25 +285,117 @@ def _whole(export: _Export) -> Check:
 def _strayed(export: _Export, settings: Dma) -> Check:
     """Look for single readings whose temperature is not that of their interval."""
     name, law = "temperature within an interval", "a specimen warms through in minutes, not between two readings"
-    data = export.data
-    keys = [key for key in ("test", "result", "interval") if key in data.variables]
-    if not keys:
-        return not_made(name, law, "a column of intervals")
-    labels = np.stack([np.asarray(data[key].values) for key in keys], axis=1)[export.good]
-    rows, T = np.flatnonzero(export.good), export.values("temperature")
+    T = np.asarray(export.data["temperature"].values, float)
     worst, at = 0.0, -1
-    for label in np.unique(labels, axis=0):
-        own = np.flatnonzero((labels == label).all(axis=1))
+    for own in _intervals(export):
         apart = np.abs(T[own] - np.median(T[own]))
         if own.size >= _FEW_ROWS and (apart <= settings.sweeps.tolerance).mean() >= _MOST and apart.max() > worst:
             worst, at = float(apart.max()), int(own[np.argmax(apart)])
     if at < 0:
-        return not_made(name, law, "an interval at one temperature")
-    text = f"{export.place(int(rows[at]))}: {T[at]:.1f} °C, {worst:.1f} K beside the others of its interval"
+        return not_made(name, law, "a column of intervals, one of them at one temperature")
+    text = f"{export.place(at)}: {T[at]:.1f} °C, {worst:.1f} K beside the others of its interval"
     if worst <= 3 * settings.sweeps.tolerance:
         return stated(name, law, text, None, file=export.name)
     cause = "the temperature of this reading is mistyped, or the sensor had a fault: the reading is left out"
     return stated(name, law, text, "doubtful", cause=cause, file=export.name)
+
+
+def _steady(export: _Export, settings: Dma) -> Check:
+    """Look for the sweep over frequencies during which the temperature moves most."""
+    name, law = "temperature during a sweep", "a specimen that was given its time has one temperature in a sweep"
+    drifts = []
+    for rows in _intervals(export):
+        frequency, T = (np.asarray(export.data[n].values[rows], float) for n in ("frequency", "temperature"))
+        # a ramp repeats its frequencies at other temperatures, a sweep has each of them once
+        if rows.size >= _FEW_ROWS and np.unique(np.round(np.log10(np.maximum(frequency, 1e-9)), 3)).size == rows.size:
+            at = np.arange(rows.size) - 0.5 * (rows.size - 1)
+            # between medians of its parts: a single reading that strays is another check
+            half = rows.size // 3
+            moved = float(np.median(T[-half:]) - np.median(T[:half])) * (rows.size - 1) / float(at[-1] * 2 - half + 1)
+            drifts.append((abs(moved), moved, int(rows[0])))
+    if not drifts:
+        return not_made(name, law, "an interval over several frequencies")
+    size, moved, row = max(drifts)
+    place = export.place(row).rpartition(", point")[0] or export.name
+    text = f"{place}: the temperature moves by {moved:+.1f} K from its first reading to its last"
+    level: Level | None = "doubtful" if size > 2 * settings.sweeps.tolerance else None
+    cause = "the specimen was still warming or cooling: its readings belong to several temperatures; wait longer"
+    return stated(name, law, text, level, cause=cause if level else "", file=export.name)
+
+
+def _intervals(export: _Export) -> list[np.ndarray]:
+    """Return the trusted rows of every interval; none where no column tells intervals."""
+    keys = [key for key in ("test", "result", "interval") if key in export.data.variables]
+    if not keys:
+        return []
+    labels = np.stack([np.asarray(export.data[key].values) for key in keys], axis=1)[export.good]
+    rows = np.flatnonzero(export.good)
+    return [rows[(labels == label).all(axis=1)] for label in np.unique(labels, axis=0)]
+
+
+def _slipped(export: _Export, isotherms: Sequence[_Sweep]) -> Check:
+    """Look for the interval from which on all moduli are smaller or larger by one factor.
+
+    Over the modulus, the loss angle of all sweeps is one curve, wherever time and temperature put
+    them (van Gurp & Palmen, Rheol. Bull. 67 (1998) 5): a factor shifts a part of it.
+    """
+    name, law = "one specimen throughout", "the loss factor over the modulus goes on from sweep to sweep"
+    # in the order in which they were measured: a slip stays
+    sweeps = sorted(isotherms, key=lambda sweep: int(sweep.rows[0]))
+    found = [(gap, a, b) for a, b in pairwise(sweeps) if (gap := _offset(a, b)) is not None]
+    if len(found) < _FEW_ROWS:
+        return not_made(name, law, f"{_FEW_ROWS + 1} sweeps that overlap, on a slope of the loss factor")
+    steps, u = np.array([gap for gap, _, _ in found]).T
+    # a little is common to all of them: moduli of a rubber go with temperature, densities against it
+    others = [np.delete(steps, i) for i in range(steps.size)]
+    usual = np.array([np.median(rest) for rest in others])
+    scatter = np.array([np.median(np.abs(rest - np.median(rest))) / 0.6745 for rest in others])
+    total = np.hypot(np.hypot(u, _OWN), scatter)
+    worst = int(np.argmax(np.abs(steps - usual) / total))
+    step, (_, a, b) = float(steps[worst] - usual[worst]), found[worst]
+    text = (
+        f"from {a.place} to {b.place} the moduli change by a factor {10.0 ** float(steps[worst]):.3g} at one loss "
+        f"factor, from sweep to sweep of the others by {10.0 ** float(usual[worst]):.3g}"
+    )
+    is_off = abs(step) > _SLIPPED and abs(step) > _SLIPS_APART * total[worst]
+    cause = f"the specimen slipped in its clamp, cracked or was clamped anew before {b.place}"
+    level: Level | None = "doubtful" if is_off else None
+    return stated(name, law, text, level, cause=cause if is_off else "", file=export.name)
+
+
+def _offset(a: _Sweep, b: _Sweep) -> tuple[float, float] | None:
+    """Return by how many decades the modulus of a sweep lies from that of the one before at one loss factor, with u."""
+    x, y, own = [], [], []
+    for number, sweep in enumerate((a, b)):
+        storage, loss = sweep.values("storage_modulus"), sweep.values("loss_modulus")
+        if not ((storage > 0) & (loss > 0)).all():
+            return None
+        x.append(np.log10(np.hypot(storage, loss)))
+        y.append(np.log10(loss / storage))
+        own.append(np.full(storage.size, float(number)))
+    # only where both have the loss factors of the other, and both change steadily
+    low, high = max(part.min() for part in y), min(part.max() for part in y)
+    shared = [(part >= low) & (part <= high) for part in y]
+    if min(int(part.sum()) for part in shared) < _SHARED or high - low < _SHARED_RANGE:
+        return None
+    keep = np.concatenate(shared)
+    X, Y, second = np.concatenate(x)[keep], np.concatenate(y)[keep], np.concatenate(own)[keep]
+    _, gap, u = _apart_of(Y, X, second)
+    slope, rise, _ = _apart_of(X, Y, second)
+    # Where the loss factor hardly changes, or turns, its noise makes the two regressions disagree.
+    other = -rise / slope if slope else np.inf
+    return gap, hypot(u, gap - other)
+
+
+def _apart_of(x: Floats, y: Floats, second: Floats) -> tuple[float, float, float]:
+    """Return the slope of y over x, by how much y of the second sweep lies higher, and its u."""
+    at = x - x.mean()
+    design = np.stack([np.ones_like(at), at, at**2, second], axis=1)
+    fit = np.linalg.lstsq(design, y, rcond=None)[0]
+    left = y - design @ fit
+    variance = float(left @ left) / max(left.size - 4, 1)
+    u = float(np.sqrt(variance * np.linalg.pinv(design.T @ design)[3, 3]))
+    return float(fit[1]), float(fit[3]), u
 
 
 def _frequencies(export: _Export) -> Check:

@@ -6,7 +6,7 @@ of its comparison; here they become the stage ``judgement`` and the first sectio
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from math import floor, log10
+from math import exp, floor, log, log10
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -65,6 +65,9 @@ _LEAST_OWN = 0.05
 """Least part of a difference's uncertainty that is its own, not shared with other rows."""
 _NO_SLIP, _DIAMETER = ("1", "degC", "K"), 2.0  # units of inputs that have no usual factor, and a radius' one
 _SHOWN = 3  # detectable errors in the opening sentence
+_COMMON, _TOGETHER, _FEWEST_COMMON = 1.5, 0.15, 3
+"""Factor from which on all measured values together are said to be off, how far each of them may be from it, as a
+share of its logarithm, and how many there must be."""
 _SUSPECTS, _EXPLAINS = 2, 0.2  # inputs that are named where the model differs, and the least share that each explains
 
 _LEAST_P = 1e-4  # smaller probabilities say no more
@@ -219,7 +222,7 @@ def judgement(scene: Scene) -> xr.Dataset:
         smallest = detectable(slopes[:, : len(names)], covariance) if names else smallest
         told = _slipped(names, known, rows, slopes[:, : len(names)], covariance)
         told += _suspected(names, known, [row.difference or 0.0 for row in rows], slopes[:, : len(names)], covariance)
-        told = told[:_SUSPECTS] or ([_UNEXPLAINED] if names else [])
+        told = told[:_SUSPECTS] or _common(rows) or ([_UNEXPLAINED] if names else [])
     values = np.array([scene.inputs[name].value for name in names])
     # an error of an input that is 0 has no size to be compared with
     relative = np.divide(smallest, np.abs(values), out=np.full(len(names), np.nan), where=values != 0.0)
@@ -283,6 +286,21 @@ def _slipped(
             f"{typed}; that would explain {100 * slip.share:.0f}{_TIED}% of it"
         )
     return said if len(said) == 1 else []
+
+
+def _common(rows: Sequence[Row]) -> list[str]:
+    """Say by which one factor everything that was measured differs from the model, where one explains it."""
+    pairs = [(row.measured or 0.0, row.model or 0.0) for row in rows]
+    logs = np.array([log(seen / model) for seen, model in pairs if seen * model > 0.0])
+    if logs.size < len(rows) or logs.size < _FEWEST_COMMON:
+        return []
+    middle = float(np.median(logs))
+    if abs(middle) < log(_COMMON) or float(np.max(np.abs(logs - middle))) > _TOGETHER * abs(middle):
+        return []
+    return [
+        f"all {logs.size} measured values are {exp(middle):.3g} times those of the model: what multiplies all of them, "
+        "such as a number of tips, a gain, a unit or another material's modulus, is wrong by that factor"
+    ]
 
 
 def _covariance(rows: Sequence[Row], slopes: Any, u: Sequence[float]) -> Any:

@@ -32,6 +32,9 @@ _LIVELY = 24  # of which at least so many differ from the one before
 _MIXING = np.uint64(0x9E3779B97F4A7C15)
 _LONG = 200  # stretches in a row that two records share by copying alone, also where noise is below the display's step
 _WHOLE = 0.8  # of the shorter record
+_SAME_NOISE = 0.5  # correlation of the noise of two records, from which on one is a copy of the other
+_MORE = 0.2  # of a record, by which noise is shared beyond the readings that are the same
+_BEYOND = 4.0  # times its usual size, to which what is no noise is cut
 _COARSE, _TOO_COARSE = 5e-3, 3e-2  # of the travel
 _SINE, _LINE = 0.98, 0.7
 """Of the variance; and of the power in three neighbouring lines, of which a sine has more than 0.8 in any phase."""
@@ -286,7 +289,7 @@ def shared_rows(traces: Sequence[Trace]) -> Check:
     found = [_stretches(t, min(steps), from_any_zero=True) for t in known]
     alive = [keys[places] for keys, places in found]
     for (i, first), (j, later) in combinations(enumerate(known), 2):
-        if first.header == later.header and np.array_equal(first.reading, later.reading, equal_nan=True):
+        if _is_same_file(first, later):
             continue
         longest, start = _longest_run(np.isin(alive[j], alive[i]))
         if longest < _LONG:
@@ -297,10 +300,53 @@ def shared_rows(traces: Sequence[Trace]) -> Check:
         text = f"{later.name}: {rows} readings in a row from {begin} are those of {first.name}, digit by digit"
         if abs(float(later.reading[at] - first.reading[original])) > 0.5 * min(steps):
             text += " but for their zero"
-        is_copy = rows > _WHOLE * min(first.reading.size, later.reading.size)
+        own = rows / min(first.reading.size, later.reading.size)
+        is_copy = own > _WHOLE
+        if not is_copy and (converted := _copied([first, later])) and converted[2] > own + _MORE:
+            return _of_copy(title, law, converted)
         cause = "a copy was taken for a repeat" if is_copy else "two recordings were pasted together"
         return stated(title, law, text, "doubtful" if is_copy else "impossible", file=later.name, cause=cause)
+    if (copy := _copied(known)) is not None:
+        return _of_copy(title, law, copy)
     return stated(title, law, f"{len(known)} records share no stretch of readings", None)
+
+
+def _of_copy(title: str, law: str, copy: tuple[Trace, Trace, float]) -> Check:
+    """Say which record is a copy of another that was written in another way."""
+    first, later, share = copy
+    text = (
+        f"{later.name}: its noise is that of {first.name} by {share:.0%}, reading by reading, with other digits, "
+        "another zero or another scale"
+    )
+    cause = "a copy was taken for a repeat, rounded or converted by another program"
+    return stated(title, law, text, "doubtful", file=later.name, cause=cause)
+
+
+def _is_same_file(first: Trace, later: Trace) -> bool:
+    return first.header == later.header and np.array_equal(first.reading, later.reading, equal_nan=True)
+
+
+def _copied(traces: Sequence[Trace]) -> tuple[Trace, Trace, float] | None:
+    """Find two records with one noise: rounded, with another zero or scale, beginning earlier or later."""
+    # Where the display is coarser than the noise, its steps follow the motion, which repeats share.
+    fine = [t for t in traces if t.noise > 0.5 * t.resolution]
+    size = 2 ** (max((t.reading.size for t in fine), default=1) * 2 - 1).bit_length()
+    waves = [np.fft.rfft(_noise_of(trace), size) for trace in fine]
+    for (i, first), (j, later) in combinations(enumerate(fine), 2):
+        if _is_same_file(first, later):
+            continue
+        share = float(np.fft.irfft(waves[i] * waves[j].conj(), size).max())
+        if share > _SAME_NOISE:
+            return first, later, share
+    return None
+
+
+def _noise_of(trace: Trace) -> np.ndarray:
+    """Return fourth differences of norm 1: noise, for what moves is smooth, with contacts and spikes cut."""
+    bend = np.nan_to_num(np.diff(trace.reading, 4))
+    limit = _BEYOND * max(float(np.median(np.abs(bend))) / 0.6745, 1e-300)
+    bend = np.clip(bend, -limit, limit)
+    return np.asarray(bend / max(float(np.linalg.norm(bend)), 1e-300))
 
 
 def jumps(trace: Trace) -> Check:
