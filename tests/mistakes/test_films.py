@@ -189,8 +189,8 @@ ROWS = (
     FilmMistake("images negative", "yes", ("contacts are bright", "inverted"), lambda f: f.assign_attrs(phase=0.02)),
     FilmMistake("lamp off in a contact", "doubtful", ("3 of", "frame 178", "light failed"), _lamp_off(178)),
     FilmMistake("lamp off in a flight", "yes", ("frame 320", "light failed"), _lamp_off(320)),
-    FilmMistake("over-exposed", "yes", ("4% of the pixels", "255", "over-exposed"), _clipped(0.04)),
-    FilmMistake("over-exposed by far", "doubtful", ("40% of the pixels", "over-exposed"), _clipped(0.4)),
+    FilmMistake("over-exposed", "yes", ("4 % of the pixels", "255", "over-exposed"), _clipped(0.04)),
+    FilmMistake("over-exposed by far", "doubtful", ("40 % of the pixels", "over-exposed"), _clipped(0.4)),
 )
 
 

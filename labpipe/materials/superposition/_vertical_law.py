@@ -22,11 +22,10 @@ VERTICAL_SIZE: dict[Vertical, int] = {"none": 0, "rho_T": 0, "linear": 1, "quadr
 _UNIT = 100.0
 # A factor this small means that the law has run away.
 _LEAST = 0.02
-#: Fastest fall and rise of ln b_T per kelvin that a material can show, and what is left to a
-#: sweep's own error: a glass softens by at most 0.6 % per kelvin, a rubber at constant density
-#: stiffens as T does, by less than 0.5 % from −70 °C on. A factor beyond is no vertical shift; it
-#: makes up for sweeps that do not superpose.
-STEEPEST_FALL, STEEPEST_RISE, _SLACK = 0.006, 0.005, 0.1
+#: Fastest fall of ln b_T per kelvin that a material can show, and what is left to a sweep's own
+#: error: a glass softens by at most 0.6 % per kelvin, a rubber at constant density stiffens as T
+#: does. A factor beyond is no vertical shift; it makes up for sweeps that do not superpose.
+STEEPEST_FALL, _SLACK = 0.006, 0.1
 #: Storage modulus [Pa] above which no reading is of a rubber or a melt: there nothing stiffens as T does.
 GLASS = 3e8
 
@@ -69,9 +68,9 @@ def is_physical(ln_bT: Floats, temperature: Floats, T_ref: float, stiffness: flo
     False
     """
     step = temperature - T_ref
-    rise = 0.0 if stiffness > GLASS else STEEPEST_RISE
-    highest = np.where(step > 0, rise, -STEEPEST_FALL) * step + _SLACK
-    lowest = np.where(step > 0, -STEEPEST_FALL, rise) * step - _SLACK
+    rise = 0.0 if stiffness > GLASS else np.log((temperature + ZERO_CELSIUS) / (T_ref + ZERO_CELSIUS))
+    highest = np.where(step > 0, rise, -STEEPEST_FALL * step) + _SLACK
+    lowest = np.where(step > 0, -STEEPEST_FALL * step, rise) - _SLACK
     return bool(np.all((ln_bT <= highest) & (ln_bT >= lowest)))
 
 

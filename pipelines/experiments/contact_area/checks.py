@@ -38,6 +38,7 @@ _PLAY, _WANDERS = 25e-6, 4.0
 """Play (m) of a guide, by which contacts stand apart, and multiple of it beyond which the camera moved."""
 _RECOVERS = 0.03
 """Relative change of the gap's scale that a body may show which recovers from its dents."""
+_LIKE_LARGEST = 0.5  # of the largest radius, from which contacts are compared
 _ZIGZAG = 0.03  # of the largest radius, by which a contact does not shrink before it grows on
 _FRINGE_FIT, _EDGE, _OPEN_GAP = 1, 2, 5  # methods of labpipe.imaging.contact_radius
 _FAILED = {
@@ -318,7 +319,10 @@ def _one_scale(radius: xr.Dataset, settings: ContactArea) -> Check:
     name, law = "one scale of the fringes", "lens and light stay: the fringes of all contacts have one scale"
     if "own_scale" not in radius:
         return not_made(name, law, "fringes in two contacts")
-    at = np.flatnonzero(np.isfinite(radius["own_scale"].values) & np.isfinite(radius["u_own_scale"].values))
+    told = np.isfinite(radius["own_scale"].values) & np.isfinite(radius["u_own_scale"].values)
+    # at rest a small contact creeps on in the dent of larger ones, and its gap is not Hertz's
+    size = np.nan_to_num(radius["radius"].values)
+    at = np.flatnonzero(told & (size > _LIKE_LARGEST * size.max(initial=0.0)))
     if at.size < 2:
         return not_made(name, law, "fringes in two contacts")
     scale, u, frame = (radius[n].values[at] for n in ("own_scale", "u_own_scale", "frame"))

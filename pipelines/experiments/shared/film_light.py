@@ -18,7 +18,7 @@ _BRIGHT = 99.0  # percentile that a dark contact does not reach before it fills 
 _HEAPED, _BESIDE = 3.0, 3
 """Ratio of the pixels at one grey level to those at each of so many levels below it from which they
 are heaped there: noise spreads any bright plane over more levels than one."""
-_CLIPPED, _MOSTLY = 0.01, 0.25  # share of pixels at that level that is told, and that spoils a film
+_CLIPPED, _MOSTLY = 0.002, 0.25  # share of pixels at that level that is told, and that spoils a film
 DARK = 0.5
 """Share of the usual brightness below which a frame is dark: lamps flicker, but do not fall to half for a frame."""
 LIGHT = "light"
@@ -78,7 +78,7 @@ def exposed(found: xr.Dataset, film: str) -> Check:
     share, level = light["clipped"], light["level"]
     if share < _CLIPPED:
         return stated(name, law, f"{film}: no grey level is cut off", None, file=film)
-    text = f"{film}: {share:.0%} of the pixels lie at the highest grey level, {level:.0f}"
+    text = f"{film}: {100 * share:.2g} % of the pixels lie at the highest grey level, {level:.0f}"
     how: Level = "doubtful" if share > _MOSTLY else "note"
     cause = "the film is over-exposed (saturated): less light, a shorter exposure or a smaller aperture"
     return stated(name, law, text, how, cause=cause, file=film)

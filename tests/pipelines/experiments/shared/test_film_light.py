@@ -34,7 +34,8 @@ def test_a_film_within_its_grey_levels_is_not_over_exposed(mean: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("factor", "white", "level"), [(1.3, 255, "note"), (3.0, 255, "doubtful"), (1.3, 180, "doubtful")]
+    ("factor", "white", "level"),
+    [(1.22, 255, "note"), (1.3, 255, "note"), (3.0, 255, "doubtful"), (1.3, 180, "doubtful")],
 )
 def test_an_over_exposed_film_is_named_with_its_level(factor: float, white: int, level: str) -> None:
     images = digitised(factor * film(), white)
