@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import repeat
 from math import acos, cos, pi
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -55,12 +54,14 @@ def judgement(
     repeats: xr.Dataset | None,
     model: xr.Dataset | None,
     comparison: xr.Dataset | None,
-    *below: Any,
+    of_material: xr.Dataset | None = None,
+    of_plate: xr.Dataset | None = None,
+    *,
     settings: BallDrop,
     context: Context,
 ) -> xr.Dataset:
     """Judge one ball drop; what gave no result is judged by that."""
-    basis = judgements.Basis.of((settings.sphere.material_from, settings.plate_from), below)
+    basis = judgements.Basis.of((settings.sphere.material_from, settings.plate_from), (of_material, of_plate))
     if not basis.is_sound:
         model = comparison = None
     gravity = settings.model.gravity.value

@@ -4,7 +4,6 @@ import json
 from collections.abc import Iterator
 from dataclasses import replace
 from math import cos, hypot, isfinite, log, nan, sqrt
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -53,12 +52,14 @@ def judgement(
     impacts: xr.Dataset | None,
     model: xr.Dataset | None,
     comparison: xr.Dataset | None,
-    *below: Any,
+    of_material: xr.Dataset | None = None,
+    of_plate: xr.Dataset | None = None,
+    *,
     settings: ContactArea,
     context: Context,
 ) -> xr.Dataset:
     """Judge one film; what gave no result is judged by that."""
-    basis = judgements.Basis.of((settings.sphere.material_from, settings.plate_from), below)
+    basis = judgements.Basis.of((settings.sphere.material_from, settings.plate_from), (of_material, of_plate))
     if not basis.is_sound:
         model = comparison = None
     checks = [explained(check) for check in judgements.failed_steps(context, _FAILED)]

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from math import cos, degrees, hypot, isfinite, log
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -64,12 +63,13 @@ def judgement(
     bounces: xr.Dataset | None,
     comparison: xr.Dataset | None,
     laser: xr.Dataset | None,
-    *below: Any,
+    of_laser: xr.Dataset | None = None,
+    *,
     settings: DicValidation,
     context: Context,
 ) -> xr.Dataset:
     """Judge one film; what gave no result is judged by that."""
-    basis = judgements.Basis.of((settings.laser_experiment,), below)
+    basis = judgements.Basis.of((settings.laser_experiment,), (of_laser,))
     if not basis.is_sound:
         laser = comparison = None
     checks = [explained(check) for check in judgements.failed_steps(context, _FAILED)]

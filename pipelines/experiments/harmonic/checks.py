@@ -1,7 +1,6 @@
 """Whether a harmonic indentation can be believed: commands, columns, cell, punch and phase."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -34,13 +33,14 @@ def judgement(
     oscillations: xr.Dataset | None,
     model: xr.Dataset | None,
     comparison: xr.Dataset | None,
-    *below: Any,
+    of_material: xr.Dataset | None = None,
+    *,
     settings: Harmonic,
     context: Context,
 ) -> xr.Dataset:
     """Judge one harmonic indentation; what gave no result is judged by that."""
-    below_it = None if settings.substrate is None else settings.substrate.material_from
-    basis = judgements.Basis.of((below_it,), below)
+    dma = None if settings.substrate is None else settings.substrate.material_from
+    basis = judgements.Basis.of((dma,), (of_material,))
     if not basis.is_sound:
         model = comparison = None
     name = settings.mach1

@@ -11,7 +11,6 @@ from dataclasses import replace
 from functools import partial
 from itertools import pairwise, repeat
 from math import hypot, log, nan, pi, sqrt
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -77,12 +76,13 @@ def judgement(
     plate: xr.Dataset | None,
     model: xr.Dataset | None,
     comparison: xr.Dataset | None,
-    *below: Any,
+    of_materials: list[xr.Dataset | None] | None = None,
+    *,
     settings: PlateVibration,
     context: Context,
 ) -> xr.Dataset:
     """Judge one plate vibration; what gave no result is judged by that."""
-    basis = judgements.Basis.of([drops.material_from for drops in settings.drops], *below)
+    basis = judgements.Basis.of([drops.material_from for drops in settings.drops], of_materials or ())
     if not basis.is_sound:
         model = comparison = None
     names = [name for drops in settings.drops for name in drops.laser]

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from math import exp, hypot, log
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -38,13 +37,14 @@ def judgement(
     ramps: list[xr.Dataset | None] | None,
     comparison: list[xr.Dataset | None] | None,
     tests: xr.Dataset | None,
-    *below: Any,
+    of_material: xr.Dataset | None = None,
+    *,
     settings: Relaxation,
     context: Context,
 ) -> xr.Dataset:
     """Judge all relaxation tests of an experiment; what gave no result is judged by that."""
-    below_it = None if settings.substrate is None else settings.substrate.material_from
-    basis = judgements.Basis.of((below_it,), below)
+    dma = None if settings.substrate is None else settings.substrate.material_from
+    basis = judgements.Basis.of((dma,), (of_material,))
     if not basis.is_sound:
         comparison = tests = None
     files = settings.mach1

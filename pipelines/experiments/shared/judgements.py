@@ -101,7 +101,7 @@ class Basis(NamedTuple):
 
     @classmethod
     def of(cls, names: Sequence[str | None], results: Sequence[xr.Dataset | None]) -> "Basis":
-        """Take what the settings name, and the judgements of these experiments in the same order, if at hand."""
+        """Take what the settings name, and the judgements of these experiments in the same order, where they are."""
         checks, reasons, is_sound = [], [], True
         for reference, result in zip(names, results, strict=False):
             if reference is None or result is None:

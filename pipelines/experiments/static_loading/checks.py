@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from math import hypot, log, nan, sqrt
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -49,12 +48,13 @@ def judgement(
     approach: xr.Dataset | None,
     model: xr.Dataset | None,
     comparison: xr.Dataset | None,
-    *below: Any,
+    of_material: xr.Dataset | None = None,
+    *,
     settings: StaticLoading,
     context: Context,
 ) -> xr.Dataset:
     """Judge one static loading; what gave no result is judged by that."""
-    basis = judgements.Basis.of((settings.sphere.material_from,), below)
+    basis = judgements.Basis.of((settings.sphere.material_from,), (of_material,))
     if not basis.is_sound:
         model = comparison = None
     checks = [_explained(c, readings, displacement, settings) for c in judgements.failed_steps(context, _FAILED)]
