@@ -40,7 +40,7 @@ def test_mistake_is_noticed_and_named(clean: Path, tmp_path: Path, mistake: Mist
 
 
 @pytest.mark.parametrize(
-    "sessions", [pytest.param(20, marks=pytest.mark.slow), pytest.param(200, marks=pytest.mark.nightly)]
+    "sessions", [pytest.param(8, marks=pytest.mark.slow), pytest.param(200, marks=pytest.mark.nightly)]
 )
 def test_clean_sessions_are_believed(tmp_path: Path, sessions: int) -> None:
     """What is stated is drawn from its uncertainty; at most 2 % of sessions may be doubtful."""
