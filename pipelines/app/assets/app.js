@@ -180,12 +180,18 @@ function aheadOf(ahead, told) {
 function drawRun() {
   const shownNames = [...new Set([...outlook.experiments.map((card) => card.name), ...run.of.keys()])];
   const isOpen = new Set([...document.querySelectorAll("#experiments > li")].filter((card) => card.querySelector("details[open]")).map((card) => card.dataset.name));
+  // Cards are drawn anew as news arrive: who goes by keyboard stays where they were.
+  const reached = (card) => [...card.querySelectorAll("button, summary")];
+  const held = document.activeElement?.closest("#experiments > li");
+  const place = held ? reached(held).indexOf(document.activeElement) : -1;
   by("experiments").replaceChildren(...shownNames.map((name) => {
     const card = experimentCard(name);
     card.dataset.name = name;
     if (isOpen.has(name) && card.querySelector("details")) card.querySelector("details").open = true;
     return card;
   }));
+  const again = held && [...by("experiments").children].find((card) => card.dataset.name === held.dataset.name);
+  if (again && reached(again).length) reached(again).at(Math.min(place, reached(again).length - 1)).focus({ preventScroll: true });
   const parts = [];
   if (!run.isRunning && isSession) {
     if (outlook.summary) parts.push(outlook.experiments.every((card) => !card.to_run && !card.waits.length) ? "Everything is up to date." : `${outlook.summary}.`);
