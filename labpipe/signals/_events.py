@@ -160,9 +160,10 @@ def bounces(
     time, values = time[keep], values[keep]
     known = Hum.of_text(displacement.attrs.get("hum")) if isinstance(displacement, xr.Dataset) else None
     motion = _followed(time, values, sigma, known)
-    hum = _hum(time, values, sigma, motion, known)
+    raw = values if known is None else values + known.at(time)
+    hum = hum_of(time, raw, sigma, _without_swing(time, values, sigma, motion), known)
     if hum is not known:
-        values = values + (0.0 if known is None else known.at(time)) - (0.0 if hum is None else hum.at(time))
+        values = raw if hum is None else raw - hum.at(time)
         motion = _followed(time, values, sigma, hum)
     direction, turns, colour = motion.direction, motion.turns, motion.colour
     height = direction * values
@@ -228,8 +229,8 @@ def _followed(time: Floats, values: Floats, sigma: float, hum: Hum | None) -> _M
     return _Motion(fit, direction, speed, u_speed, Colour(corner, hum), find_turns(time, speed, u_speed))
 
 
-def _hum(time: Floats, values: Floats, sigma: float, motion: _Motion, known: Hum | None) -> Hum | None:
-    """Find the hum of the mains where no specimen swings: in the rest before the release and in all flights."""
+def _without_swing(time: Floats, values: Floats, sigma: float, motion: _Motion) -> list[Stretch]:
+    """Return where no specimen swings: the rest before the release, and all flights."""
     height, colour = motion.direction * values, motion.colour
     fall, _ = common_fall(time, height, sigma, motion.turns, None, colour)
     first = motion.turns[0]
@@ -243,7 +244,7 @@ def _hum(time: Floats, values: Floats, sigma: float, motion: _Motion, known: Hum
         if not _is_flight(*curvature(time[part], height[part], sigma, colour), fall):
             break
         stretches.append(Stretch(part, 2))
-    return hum_of(time, values if known is None else values + known.at(time), sigma, stretches, known)
+    return stretches
 
 
 def _is_flight(value: float, u: float, fall: float) -> bool:
