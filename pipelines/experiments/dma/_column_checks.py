@@ -1,0 +1,229 @@
+"""Checks of an export's columns: loss factor, frequencies, stress over strain, size and signs of the moduli."""
+
+import json
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from math import log10, pi
+
+import numpy as np
+import xarray as xr
+
+from labpipe.arrays import Floats
+from labpipe.judging import Check, Level, bounded, compared, not_made, stated
+from labpipe.materials import modulus_factor
+from labpipe.report import quantity
+from pipelines.experiments.dma._checked_sweeps import POLYMERS, Export, Sweep, factor_in_words
+from pipelines.experiments.dma.settings import Dma
+
+_ROUNDED = 2e-3
+"""Relative difference of the loss factor from the ratio of moduli, from exported digits."""
+_STRESS = 0.25
+"""How far stress over strain may be from the modulus: instruments correct for clamps and inertia."""
+_OUT = 0.5  # decades beyond its neighbours at which a reading stands alone
+_MISTYPED = 1.6  # decades from which a single value is a slip, not noise
+_ABOUT = 0.2  # decades within which neighbours tell by what power of ten a value is wrong
+_FEW_LASTS = 5  # readings of an interval that tell how long one takes
+_NAMES = {"storage_modulus": "storage modulus", "loss_modulus": "loss modulus"}
+
+
+def loss_factor(export: Export) -> Check:
+    name, law = "loss factor", "the loss factor is the loss over the storage modulus"
+    if "loss_factor" not in export.data:
+        return not_made(name, law, "a column of the loss factor")
+    storage, loss = export.values("storage_modulus"), export.values("loss_modulus")
+    # what is not positive is told by another check
+    ratio = np.divide(loss, storage, out=np.zeros_like(loss), where=storage > 0)
+    told = export.values("loss_factor")
+    known = np.isfinite(told) & (told > 0) & (ratio > 0)
+    if not known.any():
+        return not_made(name, law, "loss factors")
+    apart = np.log(told[known] / ratio[known])
+    middle, file = float(np.median(apart)), export.name
+    ours, theirs = float(np.median(ratio[known])), float(np.median(told[known]))
+    message = f"{file}: the column says {theirs:.3g}, the moduli give {ours:.3g} (medians)"
+    found = compared(name, law, message, theirs, _ROUNDED * theirs, theirs / np.exp(middle).item(), 0.0, file=file)
+    if found.level is None or abs(middle) < 0.05:
+        wrong = np.flatnonzero(np.abs(apart) > 0.1)
+        if not wrong.size:
+            return replace(found, level=None)
+        worst = int(wrong[np.argmax(np.abs(apart[wrong]))])
+        row = int(np.flatnonzero(export.good)[np.flatnonzero(known)[worst]])
+        times = float(np.exp(abs(apart[worst])))
+        text = f"{export.place(row)}: the loss factor and the moduli differ by a factor {factor_in_words(times)}"
+        more = f"; {wrong.size} rows in all" if wrong.size > 1 else ""
+        cause = f"a value of this row is wrong by a factor {factor_in_words(times)}"
+        level: Level = "impossible" if times > 2.0 else "doubtful"
+        return stated(name, law, text + more, level, cause=cause, file=file)
+    cause = f"one modulus, or the loss factor, has the wrong unit: a factor {factor_in_words(np.exp(middle).item())}"
+    if float(np.median(np.abs(np.log(told[known] * ratio[known])))) < 0.02:
+        cause = "the columns of storage and loss modulus are exchanged"
+    return replace(found, cause=cause)
+
+
+def whole_file(export: Export) -> Check:
+    """Repeat what the reader noticed about rows and cells that are not there."""
+    name, law = "whole file", "an export holds the points that it declares"
+    notes = json.loads(str(export.data.attrs.get("notes", "[]")))
+    missing = [text for text in notes if "declares" in text and "holds" in text]
+    if not missing:
+        return stated(name, law, f"{export.name}: nothing is missing", None, file=export.name)
+    more = f"; {len(missing)} such intervals" if len(missing) > 1 else ""
+    line = re.search(r"line (\d+)", missing[0])
+    return stated(
+        name,
+        law,
+        f"{export.name}: {missing[0]}{more}",
+        "doubtful",
+        cause="the test was stopped, or the file was cut: copy it again from the rheometer",
+        file=export.name,
+        line=int(line[1]) if line else None,
+    )
+
+
+def frequencies(export: Export) -> Check:
+    """Hold frequencies against the other column, and against the time a reading takes."""
+    name, law = "frequency", "a reading of an oscillation takes about a period at least; ω = 2πf"
+    file, data = export.name, export.data
+    if (lowest := float(export.values("frequency").min())) <= 0.0:
+        text = f"{file}: a frequency of {lowest:.4g} Hz"
+        cause = "another column stands under the name of the frequency, such as the temperature"
+        return stated(name, law, text, "impossible", cause=cause, file=file)
+    if data.attrs.get("derived", "-") == "" and "angular_frequency" in data:
+        omega, hertz = export.values("angular_frequency"), export.values("frequency")
+        known = (omega > 0) & (hertz > 0)
+        if known.any():
+            ratio = float(np.median(omega[known] / hertz[known]))
+            message = f"{file}: angular frequency over frequency is {ratio:.4g}, expected 2π"
+            found = compared(name, law, message, ratio, 0.01, 2 * pi, 0.0, file=file)
+            return replace(found, cause="one column of frequency has the unit of the other (Hz, rad/s)")
+    hertz = export.values("frequency")
+    levels = np.unique(np.round(hertz[hertz > 0], 6))
+    if levels.size >= 2 and data.attrs.get("derived") != "frequency" and _is_turned(levels):
+        message = f"{file}: frequencies of {levels[-1]:.5g} to {levels[0]:.5g} Hz are 2π times round ones"
+        cause = "the column of frequency holds rad/s under Hz: a factor 6.28"
+        return stated(name, law, message, "doubtful", cause=cause, file=file)
+    if "time" not in data:
+        return not_made(name, law, "a column of time, or both frequencies")
+    # each table by itself: the readings of a temperature sweep wait many periods for the heat
+    shortest = min(_periods(data), default=None)
+    if shortest is None:
+        return not_made(name, law, f"times of {_FEW_LASTS} readings of an interval")
+    periods, place = shortest[0], export.place(shortest[1]).rpartition(", point")[0] or file
+    message = f"{place}: readings take {periods:.2g} periods at most"
+    level: Level | None = "doubtful" if periods < 0.7 else None
+    cause = "frequencies are too low for their times: Hz under rad/s (a factor 6.28), or times in another unit"
+    return stated(name, law, message, level, cause=cause, file=file)
+
+
+def _periods(data: xr.Dataset) -> Iterator[tuple[float, int]]:
+    """Yield how many periods nearly every reading of an interval takes at most, and its first row."""
+    keys = [key for key in ("interval", "test", "result") if key in data.variables]
+    label = np.zeros(data.sizes["sample"], np.int64)
+    for key in keys:
+        label[1:] += np.cumsum(data[key].values[1:] != data[key].values[:-1])
+    # a reading that begins a table has no beginning of its own
+    lasts = np.diff(data["time"].values) * data["frequency"].values[1:]
+    is_known = (np.diff(label) == 0) & np.isfinite(lasts) & (lasts > 0)
+    for interval in np.unique(label):
+        own = lasts[is_known & (label[1:] == interval)]
+        if own.size >= _FEW_LASTS:
+            yield float(np.quantile(own, 0.9)), int(np.argmax(label == interval))
+
+
+def _is_turned(levels: Floats) -> bool:
+    """Tell whether both end frequencies are 2 pi times a round one, and not round themselves."""
+
+    def is_round(value: float) -> bool:
+        mantissa = value / 10.0 ** np.floor(log10(value))
+        return min(abs(mantissa / k - 1) for k in (1.0, 2.0, 5.0, 10.0)) < 5e-4
+
+    ends = (float(levels[0]), float(levels[-1]))
+    return all(is_round(f / (2 * pi)) and not is_round(f) for f in ends)
+
+
+def stress_over_strain(export: Export) -> Check:
+    name, law = "stress over strain", "the modulus is the amplitude of stress over that of strain"
+    if "strain" not in export.data or "stress" not in export.data:
+        return not_made(name, law, "columns of stress and strain")
+    size = np.hypot(export.values("storage_modulus"), export.values("loss_modulus"))
+    strain, stress = export.values("strain"), export.values("stress")
+    known = (strain > 0) & (stress > 0) & (size > 0)
+    if not known.any():
+        return not_made(name, law, "stresses and strains")
+    apart = np.log(size[known] * strain[known] / stress[known])
+    ratio = float(np.exp(np.median(apart)))
+    expected = float(np.median(stress[known] / strain[known]))
+    file = export.name
+    message = f"{file}: moduli are {factor_in_words(ratio)} times stress over strain ({quantity(expected, 'Pa')})"
+    found = compared(name, law, message, ratio, 0.02 * ratio, 1.0, 0.02, allowance=_STRESS, file=file)
+    power = round(log10(ratio))
+    thousands = {-3: "kPa stand as Pa, or GPa as MPa", 3: "Pa stand as kPa, or MPa as GPa"}
+    unit = {-6: "MPa stand as Pa", 6: "Pa stand as MPa", **thousands}.get(power)
+    if unit is not None and abs(log10(ratio) - power) < 0.1:
+        return replace(found, cause=f"the unit of the moduli is wrong by a factor {10.0**power:g}: {unit}")
+    cause = f"the unit of the moduli, of stress or of strain is wrong: a factor {factor_in_words(ratio)}"
+    return replace(found, cause=cause)
+
+
+def size_of_modulus(export: Export, settings: Dma) -> Check:
+    name, law = "modulus of a polymer", "the stiffest reading of a polymer is between those of a gel and a fibre"
+    size = np.hypot(export.values("storage_modulus"), export.values("loss_modulus"))
+    if not (size > 0).any():
+        return not_made(name, law, "moduli")
+    stiffest = float(np.quantile(size[size > 0], 0.95)) * modulus_factor(settings.mode, settings.nu.value)
+    message = f"{export.name}: the stiffest readings are {quantity(stiffest, 'Pa')} in tension"
+    low, high = map(log10, POLYMERS)
+    found = bounded(
+        name, law, message, log10(stiffest), 0.02, at_least=low, at_most=high, is_law=False, file=export.name
+    )
+    cause = "moduli in MPa stand as Pa" if stiffest < POLYMERS[0] else "moduli in Pa stand as kPa, MPa or GPa"
+    return replace(found, cause=f"the unit of the moduli is wrong: {cause}")
+
+
+def signs_of_moduli(export: Export) -> Check:
+    name, law = "signs of the moduli", "a solid stores and dissipates: both moduli are positive"
+    share = float(np.mean((export.values("storage_modulus") <= 0) | (export.values("loss_modulus") <= 0)))
+    message = f"{export.name}: {share * 100:.2g} % of the readings are not positive"
+    level: Level | None = "impossible" if share > 0.5 else "doubtful" if share > 0.2 else "note" if share else None
+    cause = "the instrument's phase is wrong, or another column stands under the modulus"
+    return stated(name, law, message, level, cause=cause, file=export.name)
+
+
+def single_values(export: Export, isotherms: Sequence[Sweep]) -> Check:
+    """Look for a value that lies decades beyond both of its neighbours in frequency."""
+    name, law = "single values", "a modulus changes steadily with frequency"
+    if not isotherms:
+        return not_made(name, law, "isothermal sweeps")
+    worst: tuple[float, str] | None = None
+    for sweep in isotherms:
+        for column, title in _NAMES.items():
+            values = sweep.values(column)
+            if values.size < 4 or not (values > 0).all():
+                continue
+            gap = _alone(np.log10(values))
+            at = int(np.argmax(np.abs(gap)))
+            if abs(gap[at]) > _OUT and (worst is None or abs(gap[at]) > abs(log10(worst[0]))):
+                worst = 10.0 ** float(gap[at]), f"{export.place(int(sweep.rows[at]))}: the {title}"
+    if worst is None:
+        return stated(name, law, f"{export.name}: no value beyond its neighbours", None, file=export.name)
+    factor, where = worst
+    text = f"{where} is a factor {factor_in_words(factor)} from its neighbours in frequency"
+    level: Level = "impossible" if abs(log10(factor)) > _MISTYPED else "doubtful"
+    cause = f"{where} is wrong by a factor {factor_in_words(factor, _ABOUT)}"
+    return stated(name, law, text, level, cause=cause, file=export.name)
+
+
+def _alone(y: Floats) -> Floats:
+    """Return by how much every value lies beyond the range of its four nearest (two at ends)."""
+    found = np.zeros(y.size)
+    for i in range(y.size):
+        near = [j for j in (i - 2, i - 1, i + 1, i + 2) if 0 <= j < y.size]
+        around = y[near]
+        middle = float(np.median(around))
+        # a steep end of a sweep goes on as it comes
+        reach = 2.0 * float(np.median(np.abs(np.diff(y)))) * (1 + abs(len(near) - 4))
+        beyond = abs(y[i] - middle) - reach
+        if beyond > 0:
+            found[i] = np.copysign(abs(y[i] - middle), y[i] - middle)
+    return found

@@ -1,0 +1,226 @@
+"""Checks of the stage of a tester: whether it does what the header declares, in the declared columns."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from datetime import datetime
+from itertools import pairwise
+from math import hypot, isfinite, log, nan, pi
+
+import numpy as np
+
+from labpipe.judging import Check, Level, bounded, compared, not_made, stated
+from labpipe.report import quantity
+from labpipe.signals import quantisation_step
+from pipelines.experiments.shared.mach1_checks._parts import (
+    FIND_CONTACT,
+    OSCILLATION,
+    Part,
+    counted_frequency,
+    moved_by,
+    travel_and_speed,
+)
+from pipelines.experiments.shared.mach1_checks._titles import (
+    AMPLITUDE,
+    APPROACH,
+    AXES,
+    CLOCK,
+    DIRECTION,
+    FREQUENCY,
+    HOLD,
+    RESOLVED,
+    SHAPE,
+    SPEED,
+    STAGE,
+    SWAPPED,
+    TRAVEL,
+)
+from pipelines.experiments.shared.ramps_and_holds import RELAXATION
+
+_STAGE = {AMPLITUDE: 0.3, FREQUENCY: 0.05, TRAVEL: 0.05, SPEED: 0.25, APPROACH: 0.25, HOLD: 0.1}
+"""By how much, relative, a stage may miss its command: eases, lags, brakes."""
+_COARSE, _ROUNDED, _ALL = 0.03, 0.02, 0.9
+"""Of a motion, that a position resolves at least; of a step, within which rounded positions lie; and how many do."""
+_AT_REST, _EXTREME = 2.5, 0.02
+"""Times a sine's share of the readings beside an extreme, beyond which the stage stood; of the amplitude, beside."""
+_LATE = 0.5  # s by which a hold, or a clock, may be off
+_SWAPPED_BY = 0.3  # relative, within which the other column holds the declared motion
+_LARGEST_STAGE = 0.6  # m of position: no stage of the makers is longer
+_U_CLOCK = 2.0  # of the logarithm of a block's length over the time until the next: rests lie between
+
+
+def order_of_columns(name: str, blocks: Sequence[Part]) -> Check:
+    law = "the stage, not the force, makes the declared motion, and rests in a hold"
+    votes: list[bool] = []
+    where: Part | None = None
+    for part in blocks:
+        wanted = abs(part.declared("Amplitude")[0])
+        if part.function not in (OSCILLATION, RELAXATION) or not wanted > 0.0:
+            continue
+        # the file's own numbers: mm of the position, whatever of the force
+        own = abs(moved_by(part, part.position)) / wanted
+        rigid = abs(moved_by(part, part.force)) * 1e-3 / wanted
+        is_swapped = abs(rigid - 1.0) < _SWAPPED_BY and not abs(own - 1.0) < _SWAPPED_BY
+        if is_swapped:
+            where = where or part
+        votes.append(is_swapped)
+    if not votes:
+        return not_made(SWAPPED, law, "a declared amplitude")
+    if where is None or sum(votes) * 2 <= len(votes):
+        return stated(SWAPPED, law, f"{name}: the position makes the declared motion", None, file=name)
+    shown = quantity(where.declared("Amplitude")[0], "m")
+    text = (
+        f"{name}: the column of the force moves by the declared {shown} (as mm), the column of the position by "
+        f"{quantity(abs(moved_by(where, where.position)), 'm')}"
+    )
+    return stated(
+        SWAPPED,
+        law,
+        text,
+        "impossible",
+        cause=f"the columns of position and force are swapped (header of the columns, line {where.header_line})",
+        file=name,
+        line=where.header_line,
+    )
+
+
+def commands_kept(name: str, blocks: Sequence[Part]) -> Iterator[Check]:
+    """Hold amplitude, frequency, travel, speed and rest against the declared; the worst of each."""
+    found: dict[str, list[tuple[Check, Part]]] = {}
+
+    def hold(title: str, key: str, part: Part, seen: float, u: float, unit: str) -> None:
+        wanted, rounding, line = part.declared(key)
+        if not (isfinite(seen) and isfinite(wanted)) or wanted == 0.0:
+            return
+        ratio = seen / wanted
+        text = (
+            f"{name}, block {part.number + 1}: {title} is {quantity(seen, unit)}, declared are "
+            f"{quantity(wanted, unit)} ({ratio:.3g} times)"
+        )
+        allowance = _STAGE[title] * wanted + (_LATE if title == HOLD else 0.0)
+        law = "the stage does what the header declares"
+        small = max(u, 2e-3 * wanted)
+        check = compared(title, law, text, seen, small, wanted, rounding, allowance=allowance, file=name, line=line)
+        found.setdefault(title, []).append((check, part))
+
+    for part in blocks:
+        if part.function == OSCILLATION:
+            hold(AMPLITUDE, "Amplitude", part, moved_by(part, part.position), 1e-8, "m")
+            hold(FREQUENCY, "Frequency", part, *counted_frequency(part), "Hz")
+        if part.function in (RELAXATION, FIND_CONTACT):
+            travel, speed, rest = travel_and_speed(part)
+            is_ramp = part.function == RELAXATION
+            if is_ramp:
+                hold(TRAVEL, "Amplitude", part, abs(travel), 1e-7, "m")
+                if part.text("Stop based on").startswith("Fixed"):
+                    hold(HOLD, "Fixed Relaxation Time, s".partition(",")[0], part, rest, 0.05, "s")
+            key = "Velocity" if is_ramp else "Stage Velocity"
+            hold(SPEED if is_ramp else APPROACH, key, part, abs(speed), 0.02 * abs(speed), "m/s")
+    for rows in found.values():
+        yield max((check for check, _ in rows), key=lambda c: abs(c.margin) if c.level else -1.0)
+
+
+def clock_of_blocks(name: str, blocks: Sequence[Part]) -> Check:
+    law = "a block ends before the next one begins, by the clock of the tester"
+    worst, text, ratio = -np.inf, "", nan
+    line = None
+    for part, after in pairwise(blocks):
+        began, next_began = (str(p.header.get("start") or "") for p in (part, after))
+        if not (began and next_began):
+            continue
+        gap = (datetime.fromisoformat(next_began) - datetime.fromisoformat(began)).total_seconds()
+        lasts = float(part.time[-1] - part.time[0])
+        u = hypot(0.1, 5e-3 * abs(gap))
+        if (lasts - gap) / u > worst:
+            worst = (lasts - gap) / u
+            text = (
+                f"{name}, block {part.number + 1}: its column of time spans {quantity(lasts, 's')}, the next block "
+                f"begins after {quantity(gap, 's')}"
+            )
+            ratio = lasts / gap if gap > 0 else nan
+            line = part.header_line
+    if not text:
+        return not_made(CLOCK, law, "two blocks with start times")
+    check = bounded(CLOCK, law, text, worst, 1.0, at_most=0.0, file=name, line=line)
+    if check.level is None or not ratio > 0:
+        return check
+    return replace(check, log_ratio=log(ratio), u_log_ratio=_U_CLOCK)
+
+
+def position_within_stage(name: str, blocks: Sequence[Part]) -> Check:
+    law = "a stage moves within its range"
+    largest = max(float(np.nanmax(np.abs(p.position))) for p in blocks)
+    text = f"{name}: the stage stands as far as {quantity(largest, 'm')}"
+    level: Level | None = "impossible" if largest > 3 * _LARGEST_STAGE else None
+    if level is None and largest > _LARGEST_STAGE:
+        level = "doubtful"
+    cause = f"the column of the position is not in the unit it says (line {blocks[0].header_line})" if level else ""
+    return stated(STAGE, law, text, level, cause=cause, file=name, line=blocks[0].header_line)
+
+
+def direction_of_motion(name: str, blocks: Sequence[Part]) -> Check:
+    title, law = DIRECTION, "the stage moves in the direction that the header declares"
+    for part in blocks:
+        travel = travel_and_speed(part)[0] if part.function in (RELAXATION, FIND_CONTACT) else 0.0
+        wanted = 1.0 if part.text("Direction").startswith("Pos") else -1.0 if part.text("Direction") else nan
+        if part.function == RELAXATION:
+            wanted = part.declared("Amplitude")[0]
+        if abs(travel) < 1e-6 or not isfinite(wanted):
+            continue
+        is_back = travel * wanted < 0.0
+        text = f"{name}, block {part.number + 1}: the stage moves by {quantity(travel, 'm')}"
+        text += ", against the declared direction" if is_back else ", as declared"
+        cause = f"the sign of the column of the position is wrong (line {part.header_line})" if is_back else ""
+        level: Level | None = "impossible" if is_back else None
+        return stated(title, law, text, level, cause=cause, file=name, line=part.header_line)
+    return not_made(title, law, "a ramp or an approach with a declared direction")
+
+
+def shape_of_oscillation(name: str, blocks: Sequence[Part]) -> Check:
+    """Look for a stage that stands still at the ends of its oscillation."""
+    law = "a stage that follows a sine turns at its ends, and does not stand there"
+    found = []
+    for part in (p for p in blocks if p.function == OSCILLATION):
+        x = part.position[np.isfinite(part.position)]
+        half = 0.5 * float(np.ptp(x)) if x.size else 0.0
+        band = max(_EXTREME * half, 1.5 * float(quantisation_step(x)) if np.unique(x).size > 1 else 0.0)
+        if band < 0.5 * half:
+            share = max(float(np.mean(x > x.max() - band)), float(np.mean(x < x.min() + band)))
+            found.append((share / (np.arccos(1 - band / half) / pi), share, part))
+    if not found:
+        return not_made(SHAPE, law, "an oscillation that the position resolves")
+    ratio, share, part = max(found, key=lambda each: each[0])
+    text = f"{name}, block {part.number + 1}: {share:.0%} of the readings lie at one end, {ratio:.2g} times a sine's"
+    level: Level | None = "doubtful" if ratio > _AT_REST else None
+    cause = (
+        "the stage stopped before the end of its way: a limit of travel, force or speed, or another wave than the "
+        f"sine that is declared (line {part.line})"
+    )
+    return stated(SHAPE, law, text, level, cause=cause if level else "", file=name, line=part.line)
+
+
+def axes_of_commands(name: str, blocks: Sequence[Part]) -> Check:
+    law = "what a command moves and listens to is what the columns hold"
+    for part in blocks:
+        for key, column in (("Stage Axis", "Position (z)"), ("Load Cell Axis", "Fz")):
+            said = part.text(key)
+            if said and not said.strip().lower().rstrip(")").endswith("z"):
+                text = f"{name}, block {part.number + 1}: {key.lower()} {said}, read is the column {column}"
+                cause = f"the command used another axis, or its header was edited (line {part.line})"
+                return stated(AXES, law, text, "doubtful", cause=cause, file=name, line=part.line)
+    return stated(AXES, law, f"{name}: commands and columns have one axis", None, file=name)
+
+
+def resolution_of_position(name: str, blocks: Sequence[Part]) -> Check:
+    law = "a position resolves the motion that it measures"
+    coarse = (0.0, blocks[0])
+    for part in (p for p in blocks if p.function in (OSCILLATION, RELAXATION)):
+        x = part.position[np.isfinite(part.position)]
+        step = float(quantisation_step(x)) if np.unique(x).size > 1 else 0.0
+        # a steady ramp goes in equal steps too, but not from a multiple of them
+        if step > 0.0 and np.mean(np.abs(x / step - np.round(x / step)) < _ROUNDED) > _ALL:
+            coarse = max(coarse, (step / float(np.ptp(x)), part), key=lambda each: each[0])
+    step, part = coarse
+    text = f"{name}, block {part.number + 1}: the steps of the position are {step:.1%} of the motion"
+    level: Level | None = "doubtful" if step > _COARSE else None
+    cause = "the file was written, or saved again by a spreadsheet, with too few decimals" if level else ""
+    return stated(RESOLVED, law, text, level, cause=cause, file=name, line=part.header_line)

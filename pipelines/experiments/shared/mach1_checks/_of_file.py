@@ -1,0 +1,117 @@
+"""All checks of one Mach-1 file, and how they weigh against each other."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import xarray as xr
+
+from labpipe.judging import Check, not_made
+from pipelines.experiments.shared import mach1_traces
+from pipelines.experiments.shared.mach1_checks._cell import (
+    capacity_of_cell,
+    date_of_cell,
+    response_of_cell,
+    saturation,
+    sign_of_stiffness,
+)
+from pipelines.experiments.shared.mach1_checks._motion import (
+    axes_of_commands,
+    clock_of_blocks,
+    commands_kept,
+    direction_of_motion,
+    order_of_columns,
+    position_within_stage,
+    resolution_of_position,
+    shape_of_oscillation,
+)
+from pipelines.experiments.shared.mach1_checks._parts import parts, trace
+from pipelines.experiments.shared.mach1_checks._titles import (
+    CAPACITY,
+    DIRECTION,
+    FALL,
+    LATE,
+    PHASE,
+    RATIO,
+    SIGN,
+    STAGE,
+    SWAPPED,
+    TRAVEL,
+)
+
+_RIGHT = 1.0  # of that logarithm: no unit is so near to another
+
+
+def of_file(name: str, readings: xr.Dataset) -> list[Check]:
+    """Check one file by itself; where its columns are exchanged nothing else is asked.
+
+    Parameters
+    ----------
+    name : str
+        The file, relative to the session.
+    readings : Dataset
+        As read.
+    """
+    blocks = parts(readings)
+    if not blocks:
+        return [not_made(SWAPPED, "a file holds position and force", "columns of position and force")]
+    order = order_of_columns(name, blocks)
+    if order.level is not None:
+        return [order]
+    return [
+        order,
+        *commands_kept(name, blocks),
+        clock_of_blocks(name, blocks),
+        position_within_stage(name, blocks),
+        direction_of_motion(name, blocks),
+        *sign_of_stiffness(name, blocks),
+        shape_of_oscillation(name, blocks),
+        response_of_cell(name, blocks),
+        saturation(name, blocks),
+        capacity_of_cell(name, blocks),
+        date_of_cell(name, blocks),
+        axes_of_commands(name, blocks),
+        resolution_of_position(name, blocks),
+        *mach1_traces.checks_of([trace(name, part) for part in blocks]),
+    ]
+
+
+def is_swapped(checks: Sequence[Check]) -> bool:
+    """Whether the columns of position and force are exchanged."""
+    return any(check.name == SWAPPED and check.level is not None for check in checks)
+
+
+def knows_depth(checks: Sequence[Check]) -> bool:
+    """Whether the column of the position tells how deep a punch goes."""
+    wrong = (SWAPPED, STAGE, DIRECTION, TRAVEL)
+    return not any(check.name in wrong and check.level is not None for check in checks)
+
+
+def placed(checks: Sequence[Check], *files: str | None) -> list[Check]:
+    """Give failed steps the file and line that their message names, where it is one of `files`."""
+    found = []
+    for check in checks:
+        named = re.search(r"(\S+):(\d+): ", check.message)
+        file = next((f for f in files if f and named and Path(f).name == Path(named[1]).name), None)
+        found.append(replace(check, file=file, line=int(named[2])) if file and named else check)
+    return found
+
+
+def weighed(checks: Sequence[Check]) -> list[Check]:
+    """Weigh the checks of a file against each other.
+
+    A wrong sign is the cause of all that it turns round. A force that is that of the named
+    material has the right unit: then the cell can do more than its name says, which is a note.
+    """
+    sign = next((check for check in checks if check.name == SIGN and check.level is not None), None)
+    is_right = any(check.name == RATIO and abs(check.log_ratio) < _RIGHT for check in checks)
+    found = []
+    for check in checks:
+        if sign is not None and check.level and check.name in (FALL, LATE, PHASE):
+            found.append(replace(check, cause=sign.cause, line=sign.line))
+        elif is_right and check.level and check.name == CAPACITY:
+            found.append(replace(check, level="note", cause="the name of the cell does not say its capacity"))
+        else:
+            found.append(check)
+    return found

@@ -1,0 +1,13 @@
+"""Titles of the checks of a Mach-1 file, by which their causes name them."""
+
+AMPLITUDE, FREQUENCY = "amplitude of the oscillation", "frequency of the oscillation"
+TRAVEL, SPEED = "travel of the ramp", "speed of the ramp"
+APPROACH, HOLD = "speed of the approach", "length of the hold"
+CLOCK, CAPACITY, MODULUS = "clock of the blocks", "capacity of the cell", "contact modulus"
+RATIO, SCALE = "force for the named material", "scale of the cell"
+SIGN, FALL, PHASE = "sign of the stiffness", "fall of the force in the hold", "phase lag"
+LATE = "force after the ramp"
+STAGE, DIRECTION = "position within the stage", "direction of the motion"
+SHAPE = "shape of the oscillation"
+RESOLVED, CALIBRATED, AXES = "resolution of the position", "date of the cell", "axes"
+DELAY, SWAPPED = "delay of the filter", "order of the columns"
