@@ -3,7 +3,6 @@
 from pipelines.session import (
     SETTINGS,
     STAGES,
-    check_store,
     export,
     open_session,
     plan,
@@ -21,7 +20,6 @@ from pipelines.session import (
 __all__ = [
     "SETTINGS",
     "STAGES",
-    "check_store",
     "export",
     "open_session",
     "plan",

@@ -218,4 +218,3 @@ def _ask_en1(connection: Connection, outputs: tuple[int, ...]) -> Reading:
 
 
 _READ: dict[str, Callable[[Connection, tuple[int, ...]], Reading]] = {LK_G5000: _ask_lk, DL_EN1: _ask_en1}
-PROTOCOLS = tuple(_READ)

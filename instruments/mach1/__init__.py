@@ -10,7 +10,7 @@ from labpipe.text import Limits
 if TYPE_CHECKING:
     from instruments.mach1._blocks import Block
     from instruments.mach1._dataset import assemble
-    from instruments.mach1._motion import encode, read, split_blocks, write
+    from instruments.mach1._motion import encode, read, write
     from instruments.mach1._synthetic import LOAD_CELLS, LoadCell, make_block
 else:
     __getattr__ = lazily(__name__)
@@ -25,7 +25,6 @@ __all__ = [
     "encode",
     "make_block",
     "read",
-    "split_blocks",
     "write",
 ]
 

@@ -98,44 +98,6 @@ def _note_unknown_starts(path: Path, blocks: list[Block]) -> None:
         )
 
 
-def split_blocks(dataset: xr.Dataset) -> list[xr.Dataset]:
-    """Split what :func:`read` returns into one Dataset per block, each over its own ``time``.
-
-    Parameters
-    ----------
-    dataset : Dataset
-        Over ``sample``.
-
-    Returns
-    -------
-    list of Dataset
-        Over ``time`` [s]; variables that the block does not have are left out; numbers over
-        ``block_index`` become scalars; the attribute ``block`` is the JSON of this block,
-        ``function`` and ``start`` its name and beginning.
-    """
-    described = json.loads(dataset.attrs["blocks"])
-    starts = np.concatenate([[0], np.cumsum(dataset["n_rows"].values)]).astype(int)
-    blocks = []
-    for index, block in enumerate(described):
-        part = dataset.isel(block_index=index, sample=slice(starts[index], starts[index + 1]))
-        present = {column["variable"] for column in block["columns"]}
-        absent = [
-            name for name, variable in part.data_vars.items() if "sample" in variable.dims and name not in present
-        ]
-        part = part.drop_vars([*absent, "block"]).swap_dims(sample="time")
-        kept = {k: v for k, v in dataset.attrs.items() if k not in ("blocks", "header", "work")}
-        part.attrs = kept | {
-            "block": json.dumps(block, ensure_ascii=False),
-            "block_number": index,
-            "function": block["function"],
-            "start": block["start"],
-            "incomplete": int(block["incomplete"]),
-            "compression_sign": block["compression_sign"],
-        }
-        blocks.append(part)
-    return blocks
-
-
 def encode(dataset: xr.Dataset) -> bytes:
     """Turn a Dataset of the form of :func:`read` into the bytes of a Mach-1 file.
 

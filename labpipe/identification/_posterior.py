@@ -76,11 +76,6 @@ class Posterior:
     structures: tuple[Structure, ...] = ()
 
     @property
-    def n_determined(self) -> int:
-        """How many combinations the data know better than the prior."""
-        return int(np.sum(self.singular_values > 1.0))
-
-    @property
     def sd(self) -> Floats:
         """Standard deviations (parameter,) of the standard coordinates; 1 is the prior's."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))

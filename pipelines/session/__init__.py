@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pipelines.session._inspection import Inspected, describe, inspect
     from pipelines.session._opening import SCHEMAS, SETTINGS, STAGES, open_session, reopen_session
     from pipelines.session._overview import COMPARISON_PAGE, PAGE, write_overview
-    from pipelines.session._processing import check_store, plan, process, process_all, report, verdict, watch
+    from pipelines.session._processing import plan, process, process_all, report, verdict, watch
     from pipelines.session._proposal import Scan, init
     from pipelines.session._results import derive, needed, opened, result, results
     from pipelines.session._sensitivity import Sensitivity, sensitivity
@@ -57,7 +57,6 @@ __all__ = [
     "bare_type",
     "beside",
     "catalogue",
-    "check_store",
     "checked",
     "compare",
     "derive",

@@ -21,7 +21,7 @@ from labpipe.report import (
 )
 from labpipe.workflow.session import Session
 from pipelines.experiments.shared.comparison_rows import Row
-from pipelines.experiments.shared.judgements import chance
+from pipelines.experiments.shared.judgements import probability
 from pipelines.experiments.shared.pages import SYNTHETIC, synthetic_notice
 from pipelines.session._comparison import Comparison
 from pipelines.session._overview import PAGE
@@ -133,7 +133,7 @@ def _experiments(found: Comparison) -> list[Block]:
         most = (worst.deviation, worst.quantity) if worst is not None else (None, "")
         freedom = document["degrees_of_freedom"] or None
         chi2 = document["chi2"] if freedom else None
-        p = None if document["p"] is None else chance(document["p"]).removeprefix("p ").removeprefix("= ")
+        p = None if document["p"] is None else probability(document["p"])
         body.append((document["experiment"], document["model"], *most, chi2, freedom, p))
     body.sort(key=lambda cells: -abs(cells[2] or 0.0))
     return [Table(columns, body)]

@@ -268,13 +268,6 @@ def report(folder: str | Path, experiment: str) -> Report:
     return Report(experiment, path)
 
 
-def check_store(folder: str | Path) -> list[str]:
-    """Read every stored result of a session and name the damaged ones."""
-    from labpipe.workflow.store import Store
-
-    return Store(reopen_session(folder).folder).check()
-
-
 def verdict(
     folder: str | Path, targets: Iterable[str] | None = None, only: Iterable[str] | None = None, *, jobs: int = 1
 ) -> Verdicts:

@@ -15,6 +15,7 @@ from calibration.record import KINDS, LoadCellValues
 from instruments import mach1
 from labpipe.errors import CalibrationError, InputError
 from labpipe.units import Quantity, quantity
+from tests.instruments.mach1_blocks import split_blocks
 
 SAMPLES = Path(__file__).parents[2] / "../shared/samples/mach1"
 START = datetime(2024, 1, 24, 10)
@@ -69,7 +70,7 @@ def test_nothing_is_tared_unless_asked():
 
 def test_tare_by_window_number_or_quantity():
     block, _ = press()
-    readings = mach1.split_blocks(mach1.assemble([block]))[0]
+    readings = split_blocks(mach1.assemble([block]))[0]
     for zero in ("start", (0.0, 1.5)):
         result = load_cell.force(readings, zero=zero)
         assert float(result.tare) == pytest.approx(-0.25, abs=5 * float(result.u_tare))

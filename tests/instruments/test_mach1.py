@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 import instruments
 from instruments import mach1
 from labpipe.errors import InputError
+from tests.instruments.mach1_blocks import split_blocks
 from tests.rounding import rounding
 
 SAMPLES = Path(__file__).parents[2] / "../shared/samples/mach1"
@@ -159,7 +160,7 @@ def test_every_number_has_unit_and_name(tmp_path):
 
 
 def test_split_blocks_gives_each_its_own_time_and_columns(tmp_path):
-    first, second = mach1.split_blocks(read_blocks(tmp_path, sinusoid(30), relaxation(40)))
+    first, second = split_blocks(read_blocks(tmp_path, sinusoid(30), relaxation(40)))
     assert first.sizes == {"time": 30}
     assert "torque_z" not in first
     assert "torque_z" in second
@@ -243,7 +244,7 @@ def test_public_dynamic_file_has_its_five_frequencies():
     assert readings.attrs["compression_sign"] == 1
     # Not tared, 20 051 gf of preload; commands are up to 1 % and 4 % off.
     assert readings.force_z.values[0] == pytest.approx(20051.351733 * GF, rel=1e-12)
-    block = mach1.split_blocks(readings)[4]
+    block = split_blocks(readings)[4]
     crossings = np.flatnonzero(np.diff(np.sign(block.position_z.values - 1.8781e-3)) > 0)
     assert block.sizes["time"] == 1110
     assert crossings.size >= 19

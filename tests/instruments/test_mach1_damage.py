@@ -12,6 +12,7 @@ from hypothesis import given
 from instruments import mach1
 from labpipe.errors import LabpipeError, SourceError
 from tests.by_day import by_day
+from tests.instruments.mach1_blocks import split_blocks
 from tests.instruments.mutations import drawn, mutated, mutations, usual
 
 
@@ -297,7 +298,7 @@ def test_empty_data_section_and_silent_functions_are_blocks(tmp_path):
     assert readings.n_rows.values.tolist() == [0, 0, 30, 0]
     assert readings.declared_contact_force.values[1] == pytest.approx(0.5 * 0.00980665)
     assert mach1.encode(readings) == path.read_bytes()
-    assert [block.sizes["time"] for block in mach1.split_blocks(readings)] == [0, 0, 30, 0]
+    assert [block.sizes["time"] for block in split_blocks(readings)] == [0, 0, 30, 0]
 
 
 def test_coordinate_tables_of_unknown_functions_are_kept(tmp_path):

@@ -417,15 +417,20 @@ def _undecided(result: xr.Dataset) -> str:
     return f"no error of {MATTERS:.0%} in any input would have shown".replace("%", f"{_TIED}%")
 
 
-def chance(p: float) -> str:
+def probability(p: float) -> str:
     """Write a probability; one too small to tell from none is never written as 0.
 
     Examples
     --------
-    >>> chance(0.82), chance(1e-120)
-    ('p = 0.82', 'p < 0.0001')
+    >>> probability(0.82), probability(1e-120)
+    ('0.82', '< 0.0001')
     """
-    return f"p = {p:.2g}" if p >= _LEAST_P else f"p < {_LEAST_P:g}"
+    return f"{p:.2g}" if p >= _LEAST_P else f"< {_LEAST_P:g}"
+
+
+def chance(p: float) -> str:
+    """Say how likely what was found is: "p = 0.82", "p < 0.0001"."""
+    return f"p = {probability(p)}" if p >= _LEAST_P else f"p {probability(p)}"
 
 
 def _many(found: Sequence[object], noun: str) -> str:

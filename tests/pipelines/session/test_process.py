@@ -9,8 +9,9 @@ import pytest
 from click.testing import CliRunner
 
 from labpipe.errors import ConfigError, InputError, SourceError, UsageError
+from labpipe.workflow.store import Store
 from pipelines.commands import session as commands
-from pipelines.process import check_store, export, open_session, plan, process, report, result
+from pipelines.process import export, open_session, plan, process, report, result
 from pipelines.session import compare
 
 
@@ -24,7 +25,7 @@ def test_every_experiment_has_a_report_and_every_result_can_be_opened(processed_
         assert "synthetic" in page
         assert len(page.encode()) <= 3_000_000
     assert result(processed_session, "drop", "repeats").sizes["repeat"] == 2
-    assert check_store(processed_session) == []
+    assert Store(processed_session).check() == []
 
 
 def test_first_contact_and_restitution_are_the_true_ones(processed_session: Path) -> None:
@@ -235,7 +236,7 @@ def test_a_lost_recording_fails_its_experiment_alone(session_copy: Path) -> None
     rows = {row.experiment: row.state for row in plan(session_copy).rows}
     assert rows["nbr"] == "cached"
     assert "drop_2.csv" in compare(session_copy, jobs=0).failed["drop"]
-    assert check_store(session_copy) == []
+    assert Store(session_copy).check() == []
     assert report(session_copy, "nbr").path.is_file()
     assert export(session_copy, only=["nbr"]).paths
 
