@@ -13,7 +13,8 @@ from labpipe.imaging.fringes._calibration import Calibration
 from labpipe.imaging.fringes._centre_votes import find_centres
 from labpipe.imaging.fringes._edge import Edge, find_edge
 from labpipe.imaging.fringes._radial_scan import edge_width
-from labpipe.imaging.fringes._ring_fit import Parameter, RingFit
+from labpipe.imaging.fringes._ring_fit import RingFit
+from labpipe.imaging.fringes._ring_parameters import Parameter
 from labpipe.imaging.fringes._search import View, has_structure
 from labpipe.imaging.fringes._spots import Spot, find_spots, reduce_frame
 

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from labpipe.arrays import Floats
-from labpipe.imaging.fringes._ring_fit import HARMONICS, LIGHT, Parameter, RingFit, fit_contact
+from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
+from labpipe.imaging.fringes._ring_parameters import HARMONICS, LIGHT, Parameter
 from labpipe.imaging.fringes._search import View
 
 #: Frames that are used, the largest contacts first.

@@ -17,7 +17,8 @@ from labpipe.imaging.fringes._edge import corrected_radius
 from labpipe.imaging.fringes._every_frame import NOMINAL_WAVELENGTH
 from labpipe.imaging.fringes._open_gap import has_free_gap
 from labpipe.imaging.fringes._radial_scan import has_resolved_fringes
-from labpipe.imaging.fringes._ring_fit import Parameter, RingFit
+from labpipe.imaging.fringes._ring_fit import RingFit
+from labpipe.imaging.fringes._ring_parameters import Parameter
 from labpipe.variables import described, variable
 
 if TYPE_CHECKING:

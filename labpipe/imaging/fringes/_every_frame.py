@@ -16,7 +16,8 @@ from labpipe.imaging.fringes._interference import make_optics
 from labpipe.imaging.fringes._open_gap import fit_open_gap, is_doubtful
 from labpipe.imaging.fringes._optics_search import OtherOptics, rebase
 from labpipe.imaging.fringes._radial_scan import edge_width
-from labpipe.imaging.fringes._ring_fit import HARMONICS, USUAL, FitSettings, Parameter, RingFit, fit_contact
+from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, fit_contact
+from labpipe.imaging.fringes._ring_parameters import HARMONICS, USUAL, Parameter
 from labpipe.imaging.fringes._rows_of_contacts import leave_out_rows
 from labpipe.imaging.fringes._scale_of_contacts import scales_of_contacts
 from labpipe.imaging.fringes._search import (

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._radial_scan import edge_width
-from labpipe.imaging.fringes._ring_fit import FitSettings, Parameter, RingFit, fit_contact
+from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, fit_contact
+from labpipe.imaging.fringes._ring_parameters import Parameter
 from labpipe.imaging.fringes._search import View, is_clear, is_contact
 
 #: Fringes of Hertz's gap over which the power law is taken to hold, and over which its error shows.

@@ -10,7 +10,7 @@ from labpipe.arrays import Floats
 from labpipe.imaging.films import PIECE, FilmReader, RowsSeen, is_inside, pieces_of, read_rows, row_sums
 from labpipe.imaging.fringes._blank_frames import FilmResult
 from labpipe.imaging.fringes._radial_scan import edge_width
-from labpipe.imaging.fringes._ring_fit import Parameter
+from labpipe.imaging.fringes._ring_parameters import Parameter
 
 #: Frames whose rows are compared at first.
 _MOST_FRAMES = 12

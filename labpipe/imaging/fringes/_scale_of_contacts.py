@@ -7,7 +7,8 @@ import numpy as np
 from labpipe.imaging.films import FilmReader
 from labpipe.imaging.fringes._blank_frames import FilmResult
 from labpipe.imaging.fringes._open_gap import has_free_gap
-from labpipe.imaging.fringes._ring_fit import Parameter, RingFit, fit_contact
+from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
+from labpipe.imaging.fringes._ring_parameters import Parameter
 
 #: Contacts that are looked at, those with the largest radius first, and how many frames of one.
 _CONTACTS, _FRAMES = 4, 2

@@ -23,7 +23,8 @@ from labpipe.imaging.fringes._radial_scan import (
     radial_profile,
     template_of,
 )
-from labpipe.imaging.fringes._ring_fit import HARMONICS, PARAMETERS, FitSettings, Parameter, RingFit, fit_contact
+from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, fit_contact
+from labpipe.imaging.fringes._ring_parameters import HARMONICS, PARAMETERS, Parameter
 from labpipe.imaging.fringes._spots import find_spots, reduce_frame
 
 #: Share of the profile's variance that fringes must explain before a frame is fitted.

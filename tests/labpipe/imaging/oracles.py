@@ -1,16 +1,21 @@
 """Plain numpy and scipy twins of the compiled kernels."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, spline_filter
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Floats, Integers
 from labpipe.imaging.dic._spline import NODE_SLOPES, NODE_WEIGHTS
 from labpipe.imaging.dic._subset_cutting import _RIGID_FROM_AFFINE
 from labpipe.imaging.dic._subset_kernel import compose_with_inverse
 from labpipe.imaging.dic._subset_solver import DEFAULT_ITERATIONS
+from labpipe.imaging.fringes._interference import SAMPLES_PER_PIXEL, Optics, radial_table
+from labpipe.imaging.fringes._ring_parameters import LIGHT, Parameter
+from labpipe.imaging.fringes._ring_pixels import Ring
+from labpipe.imaging.fringes._ring_sums import Sums, by_smear, shrinkage, table_travel
 
 
 def prefilter_oracle(image: NDArray[np.generic], order: int) -> NDArray[np.float64]:
@@ -135,3 +140,89 @@ def plain_lines(
     cells = row[is_inside] * columns + column[is_inside]
     votes: Floats = np.bincount(cells, weights, minlength=rows * columns).astype(np.float64)
     return votes.reshape(rows, columns)
+
+
+def plain_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics, is_last: bool) -> Sums:
+    """Sum over the ring by array operations: the twin of :func:`ring_sums`."""
+    radius, x_centre, y_centre, gain, modulation, slope_x, slope_y, bowl = parameters[:8]
+    stretch, shear, _, scale, more_blur, second, third = parameters[Parameter.STRETCH : Parameter.LIGHT_XX]
+    rows, columns = ring.image.shape
+    y, x = np.mgrid[0 : rows : ring.stride, 0:columns].astype(float)
+    dx, dy = x + ring.first_column - x_centre, y + ring.first_row - y_centre
+    u, v = dx * (1.0 + stretch) + dy * shear, dy * (1.0 - stretch) + dx * shear
+    r = np.hypot(u, v)
+    grey = ring.image[:: ring.stride].astype(float)
+    used = (r >= ring.inner) & (r <= ring.outer) & (grey < ring.ceiling)
+    phased = replace(
+        optics,
+        phase=float(parameters[Parameter.PHASE]),
+        phase_scale=optics.phase_scale * math.exp(scale) / shrinkage(parameters),
+        blur=math.sqrt(max(optics.blur**2 + more_blur, 0.0)),
+    )
+    harmonics = (float(second), float(third))
+    table = radial_table(ring.inner, ring.outer, float(radius), table_travel(parameters), phased, harmonics)
+    table.values[0] += min(optics.blur**2 + more_blur, 0.0) * table.values[5]
+    table = by_smear(table, parameters)
+    places = table.start + np.arange(table.values.shape[1]) / SAMPLES_PER_PIXEL
+    lines = (np.interp(r[used], places, line) for line in table.values)
+    term, by_r, by_radius, by_phase, by_square, by_blur, two, three = lines
+    across = (x[used] + ring.first_column - ring.origin[0]) / ring.origin[2]
+    down = (y[used] + ring.first_row - ring.origin[1]) / ring.origin[2]
+    curve = (across**2 + down**2 - ring.origin[3]) * ring.origin[4]
+    powers = np.stack([across**2 - down**2, across * down, across**3, across**2 * down, across * down**2, down**3])
+    light = 1.0 + slope_x * across + slope_y * down + bowl * curve + parameters[list(LIGHT)] @ powers
+    core = gain + modulation * term
+    u, v, dx, dy, distance = u[used], v[used], dx[used], dy[used], np.maximum(r[used], 1e-9)
+    steep = modulation * light * by_r / distance
+    slopes = np.stack(
+        [
+            modulation * light * by_radius,
+            -steep * (u * (1.0 + stretch) + v * shear),
+            -steep * (v * (1.0 - stretch) + u * shear),
+            light,
+            light * term,
+            across * core,
+            down * core,
+            curve * core,
+            modulation * light * by_phase,
+            steep * (u * dx - v * dy),
+            steep * (u * dy + v * dx),
+            modulation * light * by_square,
+            0.5 * modulation * light * (r[used] * by_r + radius * by_radius),
+            modulation * light * by_blur,
+            modulation * light * two,
+            modulation * light * three,
+            *(powers * core),
+        ]
+    )[free]
+    residual = grey[used] - light * core
+    differences, pairs = 0.0, 0
+    if is_last:
+        whole = np.full(r.shape, np.nan)
+        whole[used] = residual
+        wide = x + ring.first_column - x_centre
+        high = y + ring.first_row - y_centre
+        steps = _steps_along(whole, wide, high, ring.stride)
+        differences, pairs = float((steps**2).sum()), len(steps)
+    return Sums(
+        slopes @ slopes.T,
+        slopes @ residual,
+        (slopes * residual**2) @ slopes.T,
+        float((residual**2).sum()),
+        int(used.sum()),
+        differences,
+        pairs,
+    )
+
+
+def _steps_along(whole: Floats, dx: Floats, dy: Floats, stride: int) -> Floats:
+    """Differences of residuals between neighbours along the rings."""
+    is_flat = np.abs(dy) > 2.0 * np.abs(dx)
+    is_upright = np.abs(dx) > 2.0 * np.abs(dy)
+    padded = np.pad(whole, ((1, 0), (stride, stride)), constant_values=np.nan)
+    above = padded[:-1, stride:-stride]
+    diagonal = np.where(dx * dy > 0.0, padded[:-1, 2 * stride :], padded[:-1, : -2 * stride])
+    before = np.pad(whole, ((0, 0), (1, 0)), constant_values=np.nan)[:, :-1]
+    beside = np.where(is_flat, before, np.where(is_upright, above, diagonal))
+    steps = whole - beside
+    return np.asarray(steps[np.isfinite(steps)])

@@ -8,7 +8,7 @@ import pytest
 
 from labpipe.imaging.fringes import _calibration
 from labpipe.imaging.fringes._calibration import Calibration, _find_blur, _find_flat, _Trial, calibrate
-from labpipe.imaging.fringes._ring_fit import Parameter
+from labpipe.imaging.fringes._ring_parameters import Parameter
 
 
 def test_the_excess_is_the_mean_square_of_the_misfits() -> None:

@@ -1,0 +1,84 @@
+"""The pixels of a frame between two distances from a contact."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.arrays import Floats, Floats32
+from labpipe.imaging.fringes._ring_parameters import Parameter
+
+#: Distance (px) from saturated pixels up to which others are left out: more takes whole fringes away.
+_NEAR = 1
+
+
+@dataclass(frozen=True)
+class Ring:
+    """The pixels of one fit: a piece of the frame, two distances, and every how many rows."""
+
+    image: Floats32
+    first_row: int
+    first_column: int
+    stride: int
+    inner: float
+    outer: float
+    origin: Floats
+    ceiling: float
+
+
+def pixels_in_ring(shape: tuple[int, int], x: float, y: float, inner: float, outer: float) -> int:
+    """Count, to a row's rounding, the pixels of a frame between two distances."""
+    dy = np.arange(shape[0]) - y
+
+    def inside(distance: float) -> float:
+        half = np.sqrt(np.maximum(distance**2 - dy**2, 0.0))
+        right = np.minimum(x + half, shape[1] - 0.5)
+        return float(np.maximum(right - np.maximum(x - half, -0.5), 0.0).sum())
+
+    return int(inside(outer) - inside(inner))
+
+
+def cut_ring(
+    frame: NDArray[np.generic],
+    start: Floats,
+    inner: float,
+    outer: float,
+    ceiling: float,
+    max_pixels: int,
+    margin: int = 0,
+) -> Ring | None:
+    """Cut the piece of a frame that holds a ring, or None when they do not meet.
+
+    Pixels that are less than ``margin`` from the border of the frame are left out.
+    """
+    rows, columns = frame.shape
+    x, y = start[Parameter.X], start[Parameter.Y]
+    slack = 2.0 + outer * (abs(start[Parameter.STRETCH]) + abs(start[Parameter.SHEAR]))
+    top = max(margin, math.floor(y - outer - slack))
+    bottom = min(rows - margin, math.ceil(y + outer + slack) + 1)
+    left = max(margin, math.floor(x - outer - slack))
+    right = min(columns - margin, math.ceil(x + outer + slack) + 1)
+    if bottom - top < 2 or right - left < 2:
+        return None
+    count = pixels_in_ring((rows, columns), float(x), float(y), inner, outer)
+    stride = max(1, math.ceil(count / max_pixels))
+    piece = _without_neighbours(np.ascontiguousarray(frame[top:bottom, left:right], np.float32), ceiling)
+    middle, spread = 0.5 * (outer**2 + inner**2), 0.5 * (outer**2 - inner**2)
+    origin = np.array([x, y, outer, middle / outer**2, outer**2 / spread])
+    return Ring(piece, top, left, stride, inner, outer, origin, ceiling)
+
+
+def _without_neighbours(piece: Floats32, ceiling: float) -> Floats32:
+    """Set what lies near saturated pixels to the ceiling, so that it is left out with them.
+
+    Noise decides which of the pixels just below the ceiling reach it: those that do not are darker than
+    their light in the mean.
+    """
+    import cv2
+
+    is_saturated = (piece >= ceiling).astype(np.uint8)
+    if not is_saturated.any():
+        return piece
+    near = cv2.dilate(is_saturated, np.ones((2 * _NEAR + 1, 2 * _NEAR + 1), np.uint8))
+    return np.where(near > 0, np.float32(ceiling), piece)

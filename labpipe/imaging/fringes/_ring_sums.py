@@ -1,0 +1,103 @@
+"""Sums over the pixels of a ring: normal equations, residuals, differences of neighbours."""
+
+import math
+from dataclasses import dataclass
+
+from labpipe.arrays import Floats, Integers
+from labpipe.imaging.fringes._interference import (
+    Optics,
+    RadialTable,
+    exposure_nodes,
+    phase_slope,
+    pixel_weights,
+    table_distances,
+)
+from labpipe.imaging.fringes._ring_parameters import HARMONICS, Parameter
+from labpipe.imaging.fringes._ring_pixels import Ring
+
+#: Travel (px) below which the effect of the smear is taken as proportional to its square, so that
+#: noise may also make it negative.
+_LEAST_TRAVEL = 0.3
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Sums over the ring: normal equations, residuals, differences of neighbours."""
+
+    normal: Floats
+    right: Floats
+    weighted: Floats
+    squares: float
+    pixels: int
+    differences: float
+    pairs: int
+
+
+def tabulate(ring: Ring, parameters: Floats, optics: Optics, *, is_rich: bool) -> RadialTable:
+    """Radial table for the present parameters, by compiled loops."""
+    from labpipe.imaging.fringes._fit_kernel import fill_table
+
+    radius, travel = float(parameters[Parameter.RADIUS]), table_travel(parameters)
+    blur = math.sqrt(max(optics.blur**2 + float(parameters[Parameter.BLUR]), 0.0))
+    start, distance = table_distances(ring.inner, ring.outer, blur)
+    spacing = 2.0 * math.pi / max(phase_slope(ring.outer, radius, optics), 1e-12)
+    nodes, weights = exposure_nodes(travel, spacing)
+    phase = float(parameters[Parameter.PHASE])
+    phase_scale = optics.phase_scale * math.exp(parameters[Parameter.SCALE]) / shrinkage(parameters)
+    kernel = pixel_weights(blur)
+    second, third = (float(parameters[p]) for p in HARMONICS)
+    values = fill_table(
+        distance, radius, travel, nodes, weights, phase_scale, phase, kernel, second, third, is_rich, optics.flat
+    )
+    if is_rich:
+        values[0] += min(optics.blur**2 + float(parameters[Parameter.BLUR]), 0.0) * values[5]
+    return by_smear(RadialTable(start, values), parameters)
+
+
+def shrinkage(parameters: Floats) -> float:
+    """Factor by which stretch and shear reduce areas, so that the gap is that of equal area."""
+    return 1.0 - float(parameters[Parameter.STRETCH]) ** 2 - float(parameters[Parameter.SHEAR]) ** 2
+
+
+def needs_rich_table(parameters: Floats, free: Integers) -> bool:
+    """Tell whether blur, harmonics or higher powers of the light are used."""
+    return bool(parameters[Parameter.BLUR :].any() or (free >= Parameter.BLUR).any())
+
+
+def table_travel(parameters: Floats) -> float:
+    """Travel at which a table is made."""
+    return math.sqrt(max(float(parameters[Parameter.SMEAR]), _LEAST_TRAVEL**2))
+
+
+def by_smear(table: RadialTable, parameters: Floats) -> RadialTable:
+    """Change the derivative by travel into that by its square, and extrapolate down to it."""
+    travel = table_travel(parameters)
+    table.values[4] /= 2.0 * travel
+    table.values[0] += (parameters[Parameter.SMEAR] - travel**2) * table.values[4]
+    return table
+
+
+def ring_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics, is_last: bool) -> Sums:
+    """Sum over the ring, by compiled loops."""
+    from labpipe.imaging.fringes._fit_kernel import accumulate
+
+    is_rich = needs_rich_table(parameters, free)
+    table = tabulate(ring, parameters, optics, is_rich=is_rich)
+    normal, right, weighted, totals = accumulate(
+        ring.image,
+        ring.first_row,
+        ring.first_column,
+        ring.stride,
+        ring.inner,
+        ring.outer,
+        parameters,
+        ring.origin,
+        table.values,
+        table.start,
+        free,
+        ring.ceiling,
+        is_last,
+        is_rich,
+    )
+    squares, pixels, differences, pairs = totals
+    return Sums(normal, right, weighted, squares, int(pixels), differences, int(pairs))
