@@ -89,7 +89,7 @@ class Plan:
         """Say in one line how much would run, and how long that may take."""
         waiting = len(self.session.waiting)
         parts = [f"{len(self.to_run)} of {len(self.rows)} steps would run", self.estimate]
-        parts += [f"{waiting} experiment{'s wait' if waiting > 1 else ' waits'} for values"] * bool(waiting)
+        parts += [f"{waiting} experiment{'s wait' if waiting > 1 else ' waits'}"] * bool(waiting)
         return ", ".join(part for part in parts if part)
 
     def __repr__(self) -> str:
@@ -190,7 +190,7 @@ def wanted_tasks(
     experiments = set(session.experiments) if only is None else _names(only)
     for name in sorted(experiments - set(session.experiments)):
         if name in session.waiting:
-            message = f'"{name}" waits for what is not known yet:\n  ' + "\n  ".join(session.waiting[name])
+            message = f'"{name}" waits for these lines of its settings:\n  ' + "\n  ".join(session.waiting[name])
             raise UsageError(message)
         message = f'there is no experiment "{name}"{suggest(name, session.experiments)}'
         raise UsageError(message)

@@ -49,8 +49,8 @@ class Experiment:
 class Session:
     """A session folder and everything that its ``session.toml`` says.
 
-    ``experiments`` are complete; ``waiting`` are those with values still to come, each with the
-    lines that it waits for.
+    ``experiments`` are complete; ``waiting`` are those with values still to come or to be
+    corrected, each with the lines that it waits for.
     """
 
     root: Path
@@ -136,14 +136,14 @@ def load(
     Session
         Everything checked: types, units, ranges, names, and that every file exists inside the
         folder. Experiments with values still to come (``"FILL mm"``), here or in a record that they
-        name, wait, and so do those that refer to them.
+        name, or with a mistake of their own, wait, and so do those that refer to them.
 
     Raises
     ------
     SourceError
         There is no such file.
     ConfigError
-        With every mistake and its line; or every experiment waits.
+        With every mistake and its line: one belongs to no single experiment, or all of them wait.
     """
     source = Path(path)
     source = source / FILE_NAME if source.is_dir() else source
@@ -159,8 +159,7 @@ def load(
     found_ones = _Experiments(document, root, kinds, may_wait)
     experiments = found_ones.all()
     if document.problems or not experiments:
-        for gap, line in found_ones.gaps.items():
-            document.problems.setdefault(gap, line)
+        document.problems.update(found_ones.told)
     document.finish()
     in_file = [name for name in document.tree.get("experiments", {}) if name in found_ones.waiting]
     waiting = {name: tuple(sorted(found_ones.waiting[name], key=_of_line)) for name in in_file}
@@ -203,7 +202,7 @@ class _Experiments:
     kinds: Mapping[str, type[msgspec.Struct]]
     may_wait: bool
     waiting: dict[str, list[str]] = field(default_factory=dict)
-    gaps: dict[str, int] = field(default_factory=dict)
+    told: dict[str, int] = field(default_factory=dict)
 
     def all(self) -> dict[str, Experiment]:
         """Convert every experiment; mistakes are reported to the document."""
@@ -215,9 +214,21 @@ class _Experiments:
             self._check_default(kind, table)
         names = list(tables)
         self._check_names(names)
-        found = (self._one(n, tables[n], defaults, names) for n in names)
+        found = (self._alone(n, tables[n], defaults, names) for n in names)
         complete = {experiment.name: experiment for experiment in found if experiment is not None}
         return self._without_those_that_wait(complete)
+
+    def _alone(self, name: str, table: dict[str, Any], defaults: dict[str, Any], names: list[str]) -> Experiment | None:
+        """Convert one experiment; its mistakes stop it, and no other."""
+        problems, self.document.problems = self.document.problems, {}
+        gaps: dict[str, int] = {}
+        experiment = self._one(name, table, defaults, names, gaps)
+        own, self.document.problems = self.document.problems, problems
+        if not own | gaps:
+            return experiment
+        self.told.update({line: at for line, at in (own | gaps).items() if line not in problems})
+        self.waiting[name] = [*own, *gaps]
+        return None
 
     def _without_those_that_wait(self, complete: dict[str, Experiment]) -> dict[str, Experiment]:
         """Let an experiment wait that refers to one that waits, however far."""
@@ -250,7 +261,9 @@ class _Experiments:
         checker = Checker(self.document, self.root, may_wait=self.may_wait, gaps=[])
         checker.structure(self.kinds[kind], table, place, partial=True)
 
-    def _one(self, name: str, table: dict[str, Any], defaults: dict[str, Any], names: list[str]) -> Experiment | None:
+    def _one(
+        self, name: str, table: dict[str, Any], defaults: dict[str, Any], names: list[str], gaps: dict[str, int]
+    ) -> Experiment | None:
         place = ("experiments", name)
         kind = table.get("kind")
         if kind is None:
@@ -265,20 +278,16 @@ class _Experiments:
         own = {key: value for key, value in table.items() if key != "kind" or has_field}
         origins: dict[_toml_lines.Path, _toml_lines.Path] = {}
         merged = _merge(defaults.get(kind, {}), ("defaults", kind), own, place, place, origins)
-        gaps: list[str] = []
-        checker = Checker(self.document, self.root, origins, self.may_wait, gaps)
+        open_ones: list[str] = []
+        checker = Checker(self.document, self.root, origins, self.may_wait, open_ones)
         settings = checker.structure(self.kinds[kind], merged, place)
-        if gaps:
-            self.waiting[name] = gaps
-            self.gaps.update(dict.fromkeys(gaps, self.document.line(place)))
+        gaps.update(dict.fromkeys(open_ones, self.document.line(place)))
         if not isinstance(settings, msgspec.Struct):
             # Without typed settings, the texts that carry the prefix can still be checked.
             self._check_references(name, merged, place, names, checker)
             return None
         plain = msgspec.to_builtins(settings)
         self._check_references(name, plain, place, names, checker)
-        if gaps:
-            return None
         lines = {dotted(at[2:]): self.document.line(written) for at, written in origins.items()}
         return Experiment(name, kind, settings, lines)
 

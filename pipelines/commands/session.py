@@ -131,7 +131,7 @@ _FULL = click.option("--full", is_flag=True, help="Without shortcuts: read and s
 def plan(session: Path, targets: tuple[str, ...], only: tuple[str, ...], full: bool, keep: bool, as_json: bool) -> None:
     r"""Say what `process` would run, and why; nothing is computed.
 
-    A summary comes first, with the experiments that wait for values; then the steps, in one line
+    A summary comes first, with the experiments that wait and for which lines; then the steps, in one line
     where all of an experiment share one reason.
 
     \b
@@ -205,7 +205,7 @@ def process(
     r"""Process session folders: results and one report per experiment.
 
     What is already there and still true is kept. A failed experiment does not stop the others, nor
-    does one that waits for values (exit code 1), nor a session that cannot be opened.
+    does one with values to fill in or correct, which waits (exit code 1), nor a session that cannot be opened.
 
     \b
     Example:

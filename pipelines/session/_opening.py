@@ -30,7 +30,7 @@ def open_session(folder: str | Path) -> Session:
     SourceError
         The folder holds no session.toml.
     ConfigError
-        The file holds mistakes; all of them are listed with their lines.
+        No experiment can be processed; every mistake is listed with its line.
     """
     path = Path(folder) / sessions.FILE_NAME
     if not path.is_file():
@@ -50,13 +50,5 @@ def reopen_session(folder: str | Path) -> Session:
     folder : path-like
         The session folder.
     """
-    try:
-        return open_session(folder)
-    except ConfigError as all_mistakes:
-        try:
-            session = sessions.load(folder, SETTINGS, may_wait=True)
-        except ConfigError:
-            raise all_mistakes from None
-        if not (session.folder / "store").is_dir():
-            raise
-        return session
+    path = Path(folder)
+    return sessions.load(path, SETTINGS, may_wait=True) if (path / "labpipe/store").is_dir() else open_session(path)

@@ -30,7 +30,7 @@ MATERIAL, BESIDE, AND = "material-", "beside-", "--"
 """How the names of the other pages of several experiments begin, and what is between two names."""
 
 
-_REPORT, _DONE, _WAITING = "report", "done", "waits for values"
+_REPORT, _DONE, _WAITING = "report", "done", "waits"
 _FEW_KINDS = 3  # that share one table
 _REASONS = 5  # what is wrong with more experiments stands in their rows
 _SORT = "Select a heading to sort. "
@@ -144,14 +144,14 @@ def _answer(session: Session, verdicts: "Mapping[str, Verdict]") -> "Iterator[No
 
 
 def _those_that_wait(session: Session) -> "IndexTable":
-    """List the experiments whose lines are to be filled in, each with the first of them."""
+    """List the experiments whose settings are open or mistaken, each with the first of them."""
     from labpipe.report import IndexRow, IndexTable
 
     rows = [
         IndexRow(name, _WAITING, "info", remark=lines[0] + (f"; and {len(lines) - 1} more" if lines[1:] else ""))
         for name, lines in session.waiting.items()
     ]
-    return IndexTable((), tuple(rows), "Not processed: values are still to be filled in.")
+    return IndexTable((), tuple(rows), "Not processed until what is named here is filled in or corrected.")
 
 
 def _groups(session: Session) -> list[tuple[str, list[str]]]:

@@ -167,7 +167,7 @@ function experimentCard(name) {
 // What the next run would do with an experiment.
 function aheadOf(ahead, told) {
   const lines = [];
-  if (ahead.waits.length && told.state !== "waiting") lines.push(make("p", { className: "is-warning", textContent: `waits for values:\n${ahead.waits.join("\n")}` }));
+  if (ahead.waits.length && told.state !== "waiting") lines.push(make("p", { className: "is-warning", textContent: `waits for:\n${ahead.waits.join("\n")}` }));
   if (ahead.failed && !told.failure) lines.push(make("p", { className: "is-error", textContent: `failed last time: ${ahead.failed}` }));
   if (!ahead.steps) return lines;
   if (!ahead.to_run) return told.text || told.state ? lines : [...lines, make("p", { className: "is-ok", textContent: "up to date" })];
@@ -221,7 +221,7 @@ function take(event) {
   } else if (event.kind === "news") {
     note(name || "session", { state: event.state, text: `${event.state}: ${event.message}`, page: event.state === "processed" });
   } else if (event.kind === "waiting") {
-    note(name, { state: "waiting", text: `waits for values:\n${event.message}` });
+    note(name, { state: "waiting", text: `waits for:\n${event.message}` });
   } else if (event.kind === "finished") {
     for (const page of event.reports) note(page, { page: true });
     say(`Finished: ${event.message}`);

@@ -105,7 +105,7 @@ function experiment(one) {
   const further = one.fields.filter((field) => !field.files && !above.includes(field) && !needed.includes(field));
   const name = make("input", { type: "text", value: one.name, spellcheck: false });
   name.setAttribute("aria-label", `Name of ${one.name}`);
-  const card = make("li", { dataset: { name: one.name } }, make("h3", {}, name), make("p", { textContent: one.title + (one.waits ? " · waits for values" : "") }));
+  const card = make("li", { dataset: { name: one.name } }, make("h3", {}, name), make("p", { textContent: one.title + (one.waits ? " · waits" : "") }));
   const boxes = [];
   for (const field of lists) {
     const list = make("ul", { className: "note" });

@@ -114,13 +114,31 @@ WRONG = {
 
 @pytest.mark.parametrize(("text", "says"), WRONG.items(), ids=[ascii(k)[:50] for k in WRONG])
 def test_a_mistake_is_named(tmp_path: Path, text: str, says: str) -> None:
-    found = problems(
-        tmp_path,
-        BASE.replace("[experiments.a]", f"{text}\n[experiments.a]")
-        if text.startswith("[experiments]")
-        else BASE + text,
-    )
+    in_front = text.startswith("[experiments]")
+    whole = BASE.replace("[experiments.a]", f"{text}\n[experiments.a]") if in_front else BASE + text
+    try:
+        session = loaded(tmp_path, whole)
+    except ConfigError as error:
+        found = error.problems
+    else:  # the mistake is one experiment's own: the other goes on
+        assert list(session.experiments) == ["a"]
+        found = session.waiting["b"]
     assert any(says in problem for problem in found), found
+
+
+def test_a_mistake_stops_its_experiment_and_those_that_refer_to_it_and_no_other(tmp_path: Path) -> None:
+    own = BASE.replace("dma.txt", "dma.csv")
+    others = f"{_SECOND}material = 'a'\n[experiments.c]\nkind = 'dma'\nsweep = 'dma.txt'\n"
+    session = loaded(tmp_path, own + others)
+    assert list(session.experiments) == ["c"]
+    assert session.waiting["a"][0].startswith("session.toml:4: experiments.a.sweep: there is no file")
+    assert session.waiting["b"] == ('session.toml:5: experiments.b: refers to "a", which waits',)
+
+
+def test_where_nothing_can_be_processed_every_mistake_is_told_in_order(tmp_path: Path) -> None:
+    text = BASE.replace("dma.txt", "FILL.txt") + "[experiments.b]\nkind = 'dam'\n[experiments.c]\nkind = 3\n"
+    found = problems(tmp_path, text)
+    assert [line.split(":")[1] for line in found] == ["4", "6", "8"]
 
 
 @pytest.mark.parametrize("text", ["labpipe = 1", "labpipe = 1\nexperiments = 3"])
