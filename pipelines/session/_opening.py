@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from labpipe.errors import ConfigError, SourceError
+from labpipe.errors import SourceError
 from labpipe.workflow import session as sessions
 from labpipe.workflow.session import Session
 from pipelines.experiments import KINDS
