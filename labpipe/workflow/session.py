@@ -7,7 +7,7 @@ Versions of the file, newest first:
 """
 
 import unicodedata
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -116,7 +116,12 @@ class _SessionTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
 
 def load(
-    path: Path | str, kinds: Mapping[str, type[msgspec.Struct]], *, may_wait: bool = False, text: str | None = None
+    path: Path | str,
+    kinds: Mapping[str, type[msgspec.Struct]],
+    *,
+    may_wait: bool = False,
+    may_lack: Collection[str] = (),
+    text: str | None = None,
 ) -> Session:
     """Read a session folder's ``session.toml``.
 
@@ -128,6 +133,8 @@ def load(
         Settings structure of every kind of experiment, by its name.
     may_wait : bool
         Take names of files that are not there yet, for a session that is still being recorded.
+    may_lack : collection of str
+        Experiments that may name files that are not there any more.
     text : str, optional
         What the file would hold, to be checked before it is written.
 
@@ -156,7 +163,7 @@ def load(
     head = Checker(document, root).structure(_SessionTable, document.tree.get("session", {}), ("session",))
     for key in document.tree.keys() - _TOP_LEVEL:
         document.report((key,), f"unknown key{suggest(key, _TOP_LEVEL)}")
-    found_ones = _Experiments(document, root, kinds, may_wait)
+    found_ones = _Experiments(document, root, kinds, may_wait, may_lack)
     experiments = found_ones.all()
     if document.problems or not experiments:
         document.problems.update(found_ones.told)
@@ -201,6 +208,7 @@ class _Experiments:
     root: Path
     kinds: Mapping[str, type[msgspec.Struct]]
     may_wait: bool
+    may_lack: Collection[str]
     waiting: dict[str, list[str]] = field(default_factory=dict)
     told: dict[str, int] = field(default_factory=dict)
 
@@ -279,7 +287,7 @@ class _Experiments:
         origins: dict[_toml_lines.Path, _toml_lines.Path] = {}
         merged = _merge(defaults.get(kind, {}), ("defaults", kind), own, place, place, origins)
         open_ones: list[str] = []
-        checker = Checker(self.document, self.root, origins, self.may_wait, open_ones)
+        checker = Checker(self.document, self.root, origins, self.may_wait or name in self.may_lack, open_ones)
         settings = checker.structure(self.kinds[kind], merged, place)
         gaps.update(dict.fromkeys(open_ones, self.document.line(place)))
         if not isinstance(settings, msgspec.Struct):

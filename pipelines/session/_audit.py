@@ -157,7 +157,9 @@ def _failures(run: RunResult | None, verdicts: Iterable[Verdict]) -> Iterator[Tr
 
 
 def _unused(session: Session) -> Iterator[Trouble]:
-    """Find files of known instruments, and records, that no experiment names."""
+    """Find files of known instruments, and records, that no experiment names; one that waits may name any."""
+    if session.waiting:
+        return
     named = named_files(session)
     used = {n.path.resolve() for n in named}
     groups: dict[tuple[str, str], list[str]] = {}

@@ -102,20 +102,20 @@ def _plugins() -> list[str]:
     return [str(plugin) for plugin in (*instruments.added(), *ADDED)]
 
 
-def _session_problems(folder: Path) -> tuple[list[str], list[str]]:
-    """Say what is wrong with a session's configuration, and which stored results are damaged."""
+def _session_problems(folder: Path) -> tuple[list[str], list[str], bool]:
+    """Say what is wrong with a session's configuration, which results are damaged, and whether it can be judged."""
     from labpipe.workflow.session import FILE_NAME
     from labpipe.workflow.store import Store
     from pipelines.session._opening import open_session
 
     if not (folder / FILE_NAME).is_file():
-        return [], []
+        return [], [], False
+    damaged = Store(folder / "labpipe").check()
     try:
-        problems = []
-        open_session(folder)
+        problems = [line for lines in open_session(folder).waiting.values() for line in lines]
     except LabpipeError as error:
-        problems = str(error).splitlines()
-    return problems, Store(folder / "labpipe").check()
+        return str(error).splitlines(), damaged, False
+    return problems, damaged, not damaged
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +184,7 @@ def doctor(folder: str | Path | None = None) -> Health:
     -------
     Health
         Versions, plug-ins, free space, problems in words, and the audit of the session; that is
-        left out while session.toml has mistakes or stored results are damaged.
+        left out while no experiment is complete or stored results are damaged.
 
     Raises
     ------
@@ -201,11 +201,10 @@ def doctor(folder: str | Path | None = None) -> Health:
         message = f"{place} is no folder; name one that exists"
         raise InputError(message)
     versions = _versions()
-    mistakes, damaged = _session_problems(place)
+    mistakes, damaged, is_sound = _session_problems(place)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PluginWarning)  # they are listed here
         plugins = _plugins()
-    is_sound = (place / "session.toml").is_file() and not mistakes and not damaged
     return Health(
         versions, tuple(plugins), shutil.disk_usage(place).free,
         tuple(_problems(place, versions)), tuple(mistakes), tuple(damaged),

@@ -1,5 +1,6 @@
 """From a folder to a session: its ``session.toml``, checked against the kinds of experiment."""
 
+from collections.abc import Collection
 from pathlib import Path
 
 from labpipe.errors import SourceError
@@ -32,23 +33,25 @@ def open_session(folder: str | Path) -> Session:
     ConfigError
         No experiment can be processed; every mistake is listed with its line.
     """
-    path = Path(folder) / sessions.FILE_NAME
-    if not path.is_file():
-        raise SourceError(path, "there is no such file", hint=f"Write one with `labpipe init {folder}`.")
-    return sessions.load(path, SETTINGS)
+    return _opened(Path(folder))
 
 
 def reopen_session(folder: str | Path) -> Session:
-    """Open a session as :func:`open_session`, but once processed let it lack files.
+    """Open a session as :func:`open_session`, but let experiments that have a page lack files.
 
-    In a session that was never processed a file that is not there is a mistake in session.toml,
-    told with all others. Later it has been lost: its experiment fails and says so, the others go
-    on.
+    In an experiment that was never processed a file that is not there is a mistake, told with all
+    others. Later it has been lost: its experiment fails and says so.
 
     Parameters
     ----------
     folder : path-like
         The session folder.
     """
-    path = Path(folder)
-    return sessions.load(path, SETTINGS, may_wait=True) if (path / "labpipe/store").is_dir() else open_session(path)
+    return _opened(Path(folder), {page.stem for page in Path(folder, "labpipe/reports").glob("*.html")})
+
+
+def _opened(folder: Path, processed: Collection[str] = ()) -> Session:
+    path = folder / sessions.FILE_NAME
+    if not path.is_file():
+        raise SourceError(path, "there is no such file", hint=f"Write one with `labpipe init {folder}`.")
+    return sessions.load(path, SETTINGS, may_lack=processed)
