@@ -5,6 +5,7 @@ compiled steps change it in place, and a row of such records is the trail of a c
 """
 
 from dataclasses import dataclass
+from math import inf
 from typing import NamedTuple, Protocol, Self, cast
 
 import numpy as np
@@ -159,8 +160,11 @@ class Stillness:
         Of the sphere on its static sag.
     speed : float [m/s]
         Gravity times period over 2 pi: the speed that belongs to an amplitude of one sag.
+    plate_speed : float [m/s]
+        Speed of the plate that counts as such an amplitude; infinite on a rigid floor.
     """
 
     tolerance: float
     period: float
     speed: float
+    plate_speed: float = inf

@@ -8,7 +8,7 @@ is never reset between bounces.
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
-from math import ceil, nan, sqrt
+from math import ceil, nan, pi, sqrt
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from labpipe.contact.impact._collocation import distinct
 from labpipe.contact.impact._dataset import DropRun, Setting
 from labpipe.contact.impact._flight import time_to_touch
 from labpipe.contact.impact._motion import Body, Motion, Stillness, motion
-from labpipe.contact.impact._plate import modal
+from labpipe.contact.impact._plate import Plate, modal
 from labpipe.contact.impact._setup import (
     LONGEST_STEP,
     MARGIN,
@@ -42,10 +42,19 @@ CONDENSE_SHARE = 0.01
 SLOWEST_BOUNCE = 0.03
 # Rest is an amplitude below rtol times the static sag, within these bounds.
 _REST_RANGE = (1e-5, 1e-3)
+# A sphere stays where its own swing and the plate's part of it are each below this part of the sag.
+_STAYS = 0.3
+# A plate this many times heavier than the sphere swings as if it were alone.
+_HEAVY_PLATE = 10.0
 
 
 def _stepper(
-    setting: Setting, creep: Creep, expected: Scales, effort: Effort, observe: Callable[[float], None] | None
+    setting: Setting,
+    creep: Creep,
+    expected: Scales,
+    effort: Effort,
+    observe: Callable[[float], None] | None,
+    rows_only: bool,
 ) -> Stepper:
     if expected.radius > setting.radius:
         message = (
@@ -58,7 +67,7 @@ def _stepper(
         creep_law=creep,
         springs=springs_for(setting, creep, expected, effort),
         body=Body(setting.mass, setting.gravity, setting.plate),
-        stillness=_stillness(setting, expected, effort),
+        stillness=_stillness(setting, creep, expected, effort, rows_only),
         tolerance=step_tolerance(effort.rtol),
         time_scale=expected.duration,
         speed_scale=max(setting.speed, expected.rest_speed),
@@ -69,12 +78,38 @@ def _stepper(
     )
 
 
-def _stillness(setting: Setting, expected: Scales, effort: Effort) -> Stillness:
-    tolerance = min(max(effort.rtol, _REST_RANGE[0]), _REST_RANGE[1])
-    plate_period = 1.0 / setting.plate.frequency if setting.plate else 0.0
-    return Stillness(
-        tolerance if effort.shortcuts.rest else 0.0, max(expected.rest_period, plate_period), expected.rest_speed
-    )
+def _stillness(setting: Setting, creep: Creep, expected: Scales, effort: Effort, rows_only: bool) -> Stillness:
+    tolerance = _STAYS if rows_only else min(max(effort.rtol, _REST_RANGE[0]), _REST_RANGE[1])
+    if not effort.shortcuts.rest:
+        tolerance = 0.0
+    period, speed = expected.rest_period, expected.rest_speed
+    if setting.plate is None:
+        return Stillness(tolerance, period, speed)
+    plate_speed = _shaking_speed(setting, setting.plate, creep, expected) if rows_only else speed
+    return Stillness(tolerance, max(period, 1.0 / setting.plate.frequency), speed, plate_speed)
+
+
+def _shaking_speed(setting: Setting, plate: Plate, creep: Creep, expected: Scales) -> float:
+    """Speed [m/s] of a plate below which it does not shake the sphere off.
+
+    The swing of the plate holds the energy of a lift-off then; or, as a heavy plate swings alone,
+    its acceleration is that of gravity, raised by the resonance of the sphere on any contact from
+    that of its weight at first to the largest.
+    """
+    ratio = plate.mass / setting.mass
+    by_energy = expected.rest_speed / sqrt(ratio)
+    if ratio < _HEAVY_PLATE:
+        return by_energy
+    omega = 2.0 * pi * plate.frequency
+    compliance = creep.instantaneous + (creep.C / (1.0 + 1j * omega * creep.tau)).sum() + creep.fluidity / (1j * omega)
+    weight = setting.mass * setting.gravity
+    late = (0.75 * weight * setting.radius * float(creep.compliance(setting.duration))) ** (1 / 3)
+    radii = max(expected.radius, late), expected.rest_radius
+    least, most = (0.5 * setting.mass * omega**2 * abs(compliance) / radius for radius in radii)
+    in_phase = float(compliance.real) / abs(compliance)
+    inertia = min(max(in_phase, least), most)  # over the stiffness, where the resonance is largest
+    from_resonance = sqrt(max(1.0 + inertia * (inertia - 2.0 * in_phase), 0.0))
+    return max(by_energy, from_resonance * setting.gravity / omega)
 
 
 def _refuse_endless(setting: Setting, creep: Creep, expected: Scales, effort: Effort) -> None:
@@ -99,6 +134,7 @@ def simulate(
     observe: Callable[[float], None] | None,
     *,
     first_contact_only: bool = False,
+    rows_only: bool = False,
 ) -> DropRun:
     """Fall, bounce, rest.
 
@@ -116,6 +152,8 @@ def simulate(
         Told the time since first touch now and then.
     first_contact_only : bool
         End at the first lift-off.
+    rows_only : bool
+        End where the sphere swings too little to lift off again; its rest is not followed.
 
     Raises
     ------
@@ -132,7 +170,7 @@ def simulate(
         condensed = replace(condensed, creep=distinct(condensed.creep))
         bouncer = _bouncer(setting, condensed.creep, expected, effort)
     _refuse_endless(setting, condensed.creep, expected, effort)
-    stepper = _stepper(setting, condensed.creep, expected, effort, observe)
+    stepper = _stepper(setting, condensed.creep, expected, effort, observe, rows_only)
     end = setting.duration - setting.fall_time
     if looks is not None:
         stepper.wanted = np.minimum(looks - setting.fall_time, end).tolist()
@@ -146,7 +184,7 @@ def simulate(
     if touch < end:
         stepper.fly(touch)
         reach = MARGIN * expected.radius
-        final_touch, rest_start = _bounce(stepper, bouncer, reach, end, segments, effort, first_contact_only)
+        final_touch, rest_start = _bounce(stepper, bouncer, reach, end, segments, effort, first_contact_only, rows_only)
     else:
         stepper.look_at_dent(end)
     return DropRun(
@@ -194,6 +232,7 @@ def _bounce(
     segments: list[Segment],
     effort: Effort,
     first_contact_only: bool,
+    rows_only: bool,
 ) -> tuple[float, float]:
     """Alternate contacts and flights; return the last touch and the start of rest, or NaN."""
     now = stepper.now
@@ -222,6 +261,8 @@ def _bounce(
             segments.append(Contact(records))
         if outcome == "rest":
             settled = now.time
+            if rows_only:
+                return touched, settled
             stepper.creep(end, growth(effort.rtol))
             creeping = stepper.take_trail()
             if creeping.size:

@@ -130,6 +130,7 @@ class Stepper:
             rest_tolerance=self.stillness.tolerance,
             rest_period=self.stillness.period,
             rest_speed=self.stillness.speed,
+            plate_speed=self.stillness.plate_speed,
             plate_mass=plate.mass if plate else 0.0,
             plate_stiffness=plate.stiffness if plate else 0.0,
             plate_damping=plate.damping if plate else 0.0,

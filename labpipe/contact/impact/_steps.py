@@ -71,6 +71,7 @@ class Rules(NamedTuple):
     rest_tolerance: float
     rest_period: float
     rest_speed: float
+    plate_speed: float
     plate_mass: float
     plate_stiffness: float
     plate_damping: float
@@ -367,7 +368,7 @@ def one_step(
 def rests(now: Motion, pace: Pace, rules: Rules) -> bool:
     """Look whether the contact has come to rest, as ``Stillness`` says."""
     unbalanced = abs(now.force / (rules.mass * rules.gravity) - 1.0)
-    unbalanced = max(unbalanced, abs(now.plate_velocity) / rules.rest_speed)
+    unbalanced = max(unbalanced, abs(now.plate_velocity) / rules.plate_speed)
     pace.slowest = min(pace.slowest, now.velocity)
     pace.fastest = max(pace.fastest, now.velocity)
     pace.largest = max(pace.largest, unbalanced)

@@ -56,6 +56,22 @@ def test_a_sphere_that_stays_is_left_to_the_general_solver():
     np.testing.assert_allclose(all_of_them["restitution"][0, :4], alone["restitution"], rtol=1e-12)
 
 
+@pytest.mark.parametrize("plate", [None, Plate(30.0, 180.0, 0.03), Plate(30.0, 700.0), Plate(1.0, 60.0, 0.02)], ids=str)
+def test_a_sphere_that_stays_is_not_followed_to_its_rest(plate):
+    """Which touch is the last is known before it has come to rest, also on a plate that rings on."""
+    material, height = Prony(0.0, [3e8, 1e8], [2e-4, 1e-1], nu=0.35), 1e-3
+    found = impacts(material, R, MASS, height, 0.6, 20, plate=plate)
+    alone = drop(material, R, MASS, height, 0.6, plate=plate)
+    happened = alone.sizes["impact"]
+    assert int(found["impacts"][0]) == happened
+    np.testing.assert_allclose(found["impact_time"][0, :happened], alone["impact_time"], rtol=1e-6)
+    touched = float(alone["impact_time"][-1]) if happened else 0.0
+    assert float(found["final_contact_time"][0]) > touched
+    if np.isfinite(alone["final_contact_time"]):
+        assert float(found["final_contact_time"][0]) == pytest.approx(float(alone["final_contact_time"]), rel=1e-9)
+    assert int(found["solver_steps"][0]) < 0.7 * json.loads(alone.attrs["work"])["solver_steps"]
+
+
 def test_a_drop_that_ends_before_its_touch_has_no_impact():
     found = impacts(SOLID, R, MASS, [1e-3, 1.0], 0.05)
     assert found["impacts"].values.tolist() == [1, 0]
