@@ -37,7 +37,7 @@ COMMANDS: dict[str, Command] = {
     "process": Command(f"{_HOME}.session:process", "Process a session into results and reports."),
     "watch": Command(f"{_HOME}.watch:watch", "Process a session while it is being recorded."),
     "acquire": Command(f"{_HOME}.acquire:acquire", "Record a running sensor into a file."),
-    "export": Command(f"{_HOME}.export:export", "Write results as csv, netCDF, MATLAB or JSON."),
+    "export": Command(f"{_HOME}.export:export", "Write results as tables, netCDF, or input of other codes."),
     "compare": Command(f"{_HOME}.compare:compare", "Compare measurement and model on one page."),
     "catalogue": Command(f"{_HOME}.catalogue:catalogue", "List many sessions as one table."),
     "identify": Command(f"{_HOME}.identify:identify", "Identify the material of the experiments."),

@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     type=click.Path(exists=True, file_okay=False, path_type=Path),
 )
 @click.option(
-    "--database", type=click.Path(dir_okay=False, path_type=Path), help="SQLite file; by default in the first FOLDER."
+    "--database",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="SQLite file; by default labpipe/catalogue.sqlite in the first FOLDER.",
 )
 @click.option("--where", default="", help="Only rows for which this SQL expression is true; SI units.")
 @click.option("--columns", default="", help="Only these columns, separated by commas.")

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from labpipe.judging import Finding
 
-FILE = "labpipe-catalogue.sqlite"
+FILE = "labpipe/catalogue.sqlite"
 TABLES = ("experiments", "results", "sessions", "columns")
 
 _APPLICATION = 0x6C706361  # "lpca": tells our databases from others
@@ -121,7 +121,7 @@ def catalogue(
     folders : path-like, or iterable of them
         Searched for ``session.toml``; symbolic links are not followed.
     database : path-like, optional
-        Default ``labpipe-catalogue.sqlite`` in the first folder.
+        Default ``labpipe/catalogue.sqlite`` in the first folder.
     where, columns, table
         What to select, see :func:`query`; by default all experiments.
 
@@ -276,13 +276,18 @@ def _sessions(roots: Iterable[Path]) -> Iterator[Path]:
                 yield place
 
 
+def _base(path: Path) -> Path:
+    """Folder that a catalogue's names start from: its own, or the one that holds ``labpipe/``."""
+    return path.parents[1] if path.parts[-2:] == Path(FILE).parts else path.parent
+
+
 def _update(connection: sqlite3.Connection, roots: Sequence[Path], path: Path) -> dict[str, Any]:
     known = dict(connection.execute("SELECT session, digest FROM sessions"))
     renewed, unchanged = [], []
     problems: dict[str, str] = {}
     found = set()
     for folder in _sessions(roots):
-        name = _relative(folder, path.parent)
+        name = _relative(folder, _base(path))
         found.add(name)
         try:
             plan = plan_session(folder)
@@ -301,7 +306,7 @@ def _update(connection: sqlite3.Connection, roots: Sequence[Path], path: Path) -
         _forget(connection, name)
         _add(connection, name, digest, plan)
         renewed.append(name)
-    below = [_relative(root, path.parent) for root in roots]
+    below = [_relative(root, _base(path)) for root in roots]
     gone = [n for n in known if n not in found and any(_is_below(n, root) for root in below)]
     for name in gone:
         _forget(connection, name)

@@ -123,6 +123,7 @@ def test_a_misspelt_column_gets_a_suggestion(sessions: Path) -> None:
 
 @pytest.mark.parametrize("content", [b"", b"some notes\n" * 100])
 def test_a_foreign_file_is_left_alone(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / FILE).parent.mkdir()
     (tmp_path / FILE).write_bytes(content)
     with pytest.raises(SourceError, match="not a catalogue of labpipe"):
         catalogue([tmp_path])
@@ -130,7 +131,7 @@ def test_a_foreign_file_is_left_alone(tmp_path: Path, content: bytes) -> None:
 
 
 def test_a_damaged_catalogue_is_made_anew(sessions: Path, tmp_path: Path) -> None:
-    path = tmp_path / FILE
+    path = tmp_path / "all.sqlite"
     data = bytearray((sessions / FILE).read_bytes())
     data[4096:] = bytes(len(data) - 4096)
     path.write_bytes(data)
