@@ -6,6 +6,7 @@ one modulus - stands off the diagonal, so that it is neither counted twice nor l
 """
 
 from dataclasses import dataclass
+from math import sqrt
 from typing import Literal
 
 import numpy as np
@@ -18,8 +19,8 @@ ModelVerdict = Literal["agrees", "differs", "undecided", "none"]
 
 _SINGULAR = 1e-9
 """Part of the largest variance (of correlations) below which a direction carries no information."""
-LIKELY, _DIFFERS, _ROW = 0.05, 0.001, 4.0
-"""Probability above which differences are ordinary, below which a model differs; u of a row that differs alone."""
+LIKELY, _DIFFERS = 0.05, 0.001
+"""Probability above which differences are ordinary, and below which a model differs, by all or by one of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +99,8 @@ def model_verdict(found: Agreement | None, could_notice: bool) -> ModelVerdict:
     """
     if found is None:
         return "none"
-    if found.p < _DIFFERS or found.largest > _ROW:
+    # one row among many is the largest by chance (Bonferroni); many that agree shall not hide it
+    alone = float(special.erfc(found.largest / sqrt(2.0))) * found.degrees_of_freedom
+    if min(found.p, alone) < _DIFFERS:
         return "differs"
     return "agrees" if found.p > LIKELY and could_notice else "undecided"

@@ -223,12 +223,25 @@ def film() -> xr.Dataset:
     )
 
 
-def _judged(film: xr.Dataset, **changes: Any) -> Judgement:
+def _judgement(film: xr.Dataset, **changes: Any) -> xr.Dataset:
     settings = msgspec.structs.replace(_SETTINGS, **changes)
     found = impacts(film, settings=settings)
     made = model(film, found, None, None, None, settings=settings)
     compared = comparison(film, found, made, settings=settings)
-    return believed(checks.judgement(film, found, made, compared, settings=settings, context=_CONTEXT))
+    return checks.judgement(film, found, made, compared, settings=settings, context=_CONTEXT)
+
+
+def _judged(film: xr.Dataset, **changes: Any) -> Judgement:
+    return believed(_judgement(film, **changes))
+
+
+@pytest.mark.parametrize("stated", [1.01, 0.99])
+def test_a_ruler_off_by_one_hundredth_differs_and_is_named(film: xr.Dataset, stated: float) -> None:
+    """Sphere and wavelength are a ruler too: 4.3 u of what the camera's states of itself."""
+    wrong = _larger(stated)(film).assign_attrs(phase_scale_ratio=stated**-2)
+    found = _judgement(wrong.assign(pixel_size=stated * film["pixel_size"]))
+    assert found.attrs["model"] == "differs"
+    assert any(said.startswith("scale of the image stated") for said in json.loads(found.attrs["suspects"]))
 
 
 def test_clean_film_is_believed(film: xr.Dataset) -> None:

@@ -519,6 +519,10 @@ def _find_flat(
     trial = attempt(axes, replace(known, flat=flat))
     if trial is None or trial.gain_over(best) < _FLAT_VARIANCES:
         return None
+    # a wrong wavelength or ruler is commoner than wear, and moves rings nearly alike
+    scaled = attempt((*axes, Parameter.SCALE), known)
+    if scaled is not None and scaled.gain_over(best) >= trial.gain_over(best):
+        return None
     # All pixels of all frames place the minimum better: the vertex of ever narrower parabolas.
     step = 0.1 * width
     for _ in range(_FLAT_ROUNDS):

@@ -110,10 +110,7 @@ def _make_view(reader: FilmReader, options: FilmOptions, wanted: Flags) -> View:
     if options.shape == "ellipse":
         free = (*USUAL, Parameter.STRETCH, Parameter.SHEAR)
     axes = (Parameter.STRETCH, Parameter.SHEAR)
-    # In a thin strip the axes and the factor of the gap are not told from each other.
-    is_strip = min(film.shape[1:]) < _STRIP * max(film.shape[1:])
-    tried = (axes,) if is_strip else (axes, (*axes, Parameter.SCALE))
-    oblique = tried if options.shape == "auto" else ()
+    oblique = (axes, (*axes, Parameter.SCALE)) if _shape(film, options) == "auto" else ()
     alternatives = (*oblique, (Parameter.SCALE,), (Parameter.BLUR,), HARMONICS)
     settings = FitSettings(options.fringes, LEAST_SPACING, free)
     black, white = film.levels
@@ -121,6 +118,16 @@ def _make_view(reader: FilmReader, options: FilmOptions, wanted: Flags) -> View:
         # Nothing tells from where numbers that are no counts are saturated.
         white = math.inf
     return View(optics, settings, (film.shape[1], film.shape[2]), black, white, alternatives=alternatives)
+
+
+def _shape(film: FrameSource, options: FilmOptions) -> str:
+    """Return the shape that contacts may have.
+
+    A thin strip shows rings in one direction, where an ellipse is not told from another scale: it is
+    the scale that is asked for, or a wrong one would be drawn as an oblique view.
+    """
+    is_strip = min(film.shape[1:]) < _STRIP * max(film.shape[1:])
+    return "circle" if is_strip and options.shape == "auto" else options.shape
 
 
 def _follow_film(reader: FilmReader, result: FilmResult, options: FilmOptions, wanted: Flags) -> Flags:
@@ -139,7 +146,12 @@ def _follow_film(reader: FilmReader, result: FilmResult, options: FilmOptions, w
         *((Parameter.SCALE,) if optics.phase_scale != stated.phase_scale else ()),
     )
     result.calibration = calibrate(
-        reader.whole, fits, result.view, is_phase_free=options.phase is None, shape=options.shape, rough=rough
+        reader.whole,
+        fits,
+        result.view,
+        is_phase_free=options.phase is None,
+        shape=_shape(reader.film, options),
+        rough=rough,
     )
     if not result.calibration.is_usual or result.view.optics != stated:
         before, result.view = result.view, result.calibration.applied(result.view)

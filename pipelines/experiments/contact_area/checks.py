@@ -12,7 +12,8 @@ from labpipe.judging import SLIPS, Cause, Check, Level, bounded, compared, not_m
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
-from pipelines.experiments.contact_area.comparison import SCALE, rows
+from pipelines.experiments.contact_area._scale import fringe_scale
+from pipelines.experiments.contact_area.comparison import SCALE, WAVELENGTH, rows
 from pipelines.experiments.contact_area.measured import brightness
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
@@ -66,7 +67,7 @@ def judgement(
     checks.append(fall_checks.gravity_stated(settings.model.gravity))
     if radius is not None:
         checks += [
-            _fringes(radius, settings),
+            _fringes(radius, impacts, settings),
             _visible(radius, settings),
             _method(radius, settings),
             _times(radius, settings),
@@ -95,7 +96,8 @@ def _inputs(radius: xr.Dataset | None, settings: ContactArea) -> dict[str, Quant
     """Return values and uncertainties of what the rows depend on."""
     relative = 0.0 if radius is None else float(radius.attrs["u_systematic_relative"])
     sphere = settings.sphere
-    return {
+    light = {} if settings.wavelength is None else {WAVELENGTH: settings.wavelength}
+    return light | {
         "radius": sphere.radius,
         "mass": sphere.mass,
         "height": settings.height,
@@ -104,16 +106,16 @@ def _inputs(radius: xr.Dataset | None, settings: ContactArea) -> dict[str, Quant
     }
 
 
-def _fringes(radius: xr.Dataset, settings: ContactArea) -> Check:
+def _fringes(radius: xr.Dataset, impacts: xr.Dataset | None, settings: ContactArea) -> Check:
     law = "fringes lie where radius of the sphere, wavelength and scale of the image put them"
-    if settings.wavelength is None or not edges_only(radius)[1]:
-        return not_made(FRINGE, law, "a wavelength, and fringes that the film resolves")
     light, body = settings.wavelength, settings.sphere.radius
-    seen = float(radius.attrs["phase_scale_ratio"])
+    found = None if light is None or impacts is None else fringe_scale(radius, impacts, body.value)
+    if light is None or found is None:
+        return not_made(FRINGE, law, "a wavelength, and fringes that the film resolves in its first contact")
     scale = 2 * float(radius.attrs["u_systematic_relative"])
-    u = hypot(hypot(_FRINGES, scale), hypot(light.u / light.value, body.u / body.value))
-    message = f"{settings.film}: R times wavelength is {1 / seen:.4g} times what is stated, by the fringes"
-    return compared(FRINGE, law, message, seen, seen * _FRINGES, 1.0, u, file=settings.film)
+    u = hypot(scale, light.u / light.value, body.u / body.value)
+    message = f"{settings.film}: R times wavelength is {1 / found.ratio:.4g} times what is stated, by the fringes"
+    return compared(FRINGE, law, message, found.ratio, found.u, 1.0, u, file=settings.film)
 
 
 def _visible(radius: xr.Dataset, settings: ContactArea) -> Check:

@@ -1,6 +1,7 @@
 """Comparison of film and model: contact radii around an impact, and the largest ones."""
 
 from collections.abc import Iterator
+from math import hypot, sqrt
 
 import numpy as np
 import xarray as xr
@@ -9,11 +10,14 @@ from scipy.optimize import minimize_scalar
 from labpipe.arrays import Floats
 from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area._peaks import BESIDE, STILL, WINDOW, peak_of
+from pipelines.experiments.contact_area._scale import fringe_scale
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, row
 
 SCALE = "scale of the image"
 """Input of the rows beside those of the model."""
+WAVELENGTH = "wavelength"
+PIXEL = "length of a pixel, by the fringes"
 
 _MOST_SHIFT = 2.0
 """Frame intervals by which the model may be shifted against the largest radius: it lies between frames."""
@@ -27,7 +31,6 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
     Both are aligned at their largest radius, then by the small shift in time that leaves least: the
     largest radius is flat in time, and what is left of its error shows where a contact ends.
     """
-    del settings
     count = min(impacts.sizes["impact"], model.sizes["impact"])
     time, a = radius["time"].values, radius["radius"].values
     seen = radius["in_contact"].values.astype(bool)
@@ -83,9 +86,28 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
                 "time_shift", "impact", earlier, u_earlier, "s", "shift of the model to earlier times against its peak"
             ),
             "model_peak_time": variable("impact", np.array(peak_times), "s", "time of the model's largest radius"),
+            **_pixel(radius, impacts, settings),
         },
         coords={"impact": np.arange(1, count + 1)},
     )
+
+
+def _pixel(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> dict[str, xr.Variable]:
+    """Return the length of a pixel as the fringes tell it with sphere and wavelength, and as it is stated."""
+    light, sphere = settings.wavelength, settings.sphere.radius
+    found = None if light is None else fringe_scale(radius, impacts, sphere.value)
+    if light is None or found is None:
+        return {}
+    given = float(radius["pixel_size"])
+    u_given = given * float(radius.attrs["u_systematic_relative"])
+    # 4 pi px² / (lambda R) is what the fit finds: a pixel stated too long makes it too small
+    seen = given * sqrt(found.ratio)
+    u = 0.5 * seen * hypot(found.u / found.ratio, light.u / light.value, sphere.u / sphere.value)
+    return {
+        **with_u("pixel_by_fringes", (), seen, u, "m", PIXEL),
+        **with_u("pixel_stated", (), given, u_given, "m", "length of a pixel as it is stated"),
+        "fringe_frames": variable((), float(found.n), "1", "frames whose fringes tell the length of a pixel"),
+    }
 
 
 def _time_shift(time: Floats, radius: Floats, model: xr.Dataset) -> tuple[float, float]:
@@ -184,3 +206,24 @@ def rows(comparison: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, sett
                 "modulus": 0.2 * expected,
             },
         )
+    if "pixel_by_fringes" not in comparison or settings.wavelength is None:
+        return
+    seen, stated = float(comparison["pixel_by_fringes"]), float(comparison["pixel_stated"])
+    u_seen, u_stated = float(comparison["u_pixel_by_fringes"]), float(comparison["u_pixel_stated"])
+    yield row(
+        PIXEL,
+        "m",
+        int(comparison["fringe_frames"]),
+        against="the ruler",
+        measured=seen,
+        u_measured=u_seen,
+        model=stated,
+        u_model=u_stated,
+        difference=seen - stated,
+        u_difference=hypot(u_seen, u_stated),
+        slopes={
+            SCALE: -stated,
+            "radius": 0.5 * seen / sphere.radius.value,
+            WAVELENGTH: 0.5 * seen / settings.wavelength.value,
+        },
+    )

@@ -6,7 +6,7 @@ of its comparison; here they become the stage ``judgement`` and the first sectio
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from math import exp, floor, log, log10
+from math import exp, floor, inf, log, log10
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +20,7 @@ from labpipe.judging import (
     Check,
     Judgement,
     Level,
+    Suspect,
     agreement,
     detectable,
     from_json,
@@ -69,6 +70,11 @@ _COMMON, _TOGETHER, _FEWEST_COMMON = 1.5, 0.15, 3
 """Factor from which on all measured values together are said to be off, how far each of them may be from it, as a
 share of its logarithm, and how many there must be."""
 _SUSPECTS, _EXPLAINS = 2, 0.2  # inputs that are named where the model differs, and the least share that each explains
+
+_CLOSE = 6.0
+"""Difference of chi square within which an input explains as much as the one that explains most."""
+_KNOWN, _RELATIVE = 1e-3, 1e-2
+"""Relative, what counts as the uncertainty of an input without a stated one, and of a factor that nobody measured."""
 
 _LEAST_P = 1e-4  # smaller probabilities say no more
 
@@ -221,7 +227,9 @@ def judgement(scene: Scene) -> xr.Dataset:
         found = agreement([row.difference or 0.0 for row in rows], covariance)
         smallest = detectable(slopes[:, : len(names)], covariance) if names else smallest
         told = _slipped(names, known, rows, slopes[:, : len(names)], covariance)
-        told += _suspected(names, known, [row.difference or 0.0 for row in rows], slopes[:, : len(names)], covariance)
+        told += _suspected(
+            names, known, [row.difference or 0.0 for row in rows], slopes[:, : len(names)], covariance, found.chi2
+        )
         told = told[:_SUSPECTS] or _common(rows) or ([_UNEXPLAINED] if names else [])
     values = np.array([scene.inputs[name].value for name in names])
     # an error of an input that is 0 has no size to be compared with
@@ -237,11 +245,25 @@ def judgement(scene: Scene) -> xr.Dataset:
 
 
 def _suspected(
-    names: Sequence[str], known: Mapping[str, Quantity], differences: Sequence[float], slopes: Any, covariance: Any
+    names: Sequence[str],
+    known: Mapping[str, Quantity],
+    differences: Sequence[float],
+    slopes: Any,
+    covariance: Any,
+    chi2: float,
 ) -> list[str]:
     """Say of the likeliest inputs by how much each would have to be stated wrongly, and what that explains."""
     said: list[str] = []
-    for suspect in suspects(differences, slopes, covariance) if names else ():
+    ranked = suspects(differences, slopes, covariance) if names else []
+
+    def far(suspect: Suspect) -> float:
+        given = known[names[suspect.inputs[0]]]
+        share = _RELATIVE if given.si == "1" else _KNOWN
+        return abs(suspect.error) / (given.u or share * abs(given.value) or inf)
+
+    # what explains as much is the likelier, the less of its own uncertainty it takes
+    near = [one for one in ranked if (ranked[0].share - one.share) * chi2 < _CLOSE]
+    for suspect in [*sorted(near, key=far), *ranked[len(near) :]]:
         if suspect.share < _EXPLAINS or len(said) == _SUSPECTS:
             break
         first, *others = (names[i] for i in suspect.inputs)

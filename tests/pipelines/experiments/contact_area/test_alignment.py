@@ -4,10 +4,20 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from labpipe.units import Quantity
 from pipelines.experiments.contact_area.comparison import comparison
 from pipelines.experiments.contact_area.page import _alignment
+from pipelines.experiments.contact_area.settings import ContactArea
+from pipelines.experiments.shared.settings import Sphere
 
 US, UM = 1e-6, 1e-6
+_SETTINGS = ContactArea(
+    kind="contact_area",
+    film="film/a.cine",
+    camera="calibration/camera_under.toml",
+    height=Quantity(1.5e-3, 5e-6, "m"),
+    sphere=Sphere(radius=Quantity(9.525e-3, 5e-6, "m"), mass=Quantity(0.505, 5e-4, "kg"), material="acrylic"),
+)
 
 
 def shape(t: np.ndarray) -> np.ndarray:
@@ -44,7 +54,7 @@ def compared(offset: float, count: int = 10, factor: float = 1.0) -> xr.Dataset:
         },
         coords={"time": when, "impact": [1]},
     )
-    return comparison(film, found, model, settings=None)  # type: ignore[arg-type]
+    return comparison(film, found, model, settings=_SETTINGS)
 
 
 @pytest.mark.parametrize("offset", [-12 * US, 5 * US, 30 * US])

@@ -56,6 +56,8 @@ def film(drop: xr.Dataset) -> xr.Dataset:
         "centre_y": random.normal(60.0, 0.01, count),
         "u_centre_x": np.full(count, 0.01),
         "u_centre_y": np.full(count, 0.01),
+        "own_scale": np.where(seen, 1.0, np.nan),
+        "u_own_scale": np.full(count, 1e-3),
     }
     return xr.Dataset(
         {name: ("frame", array) for name, array in values.items()},

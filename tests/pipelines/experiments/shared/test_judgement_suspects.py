@@ -49,6 +49,21 @@ def test_the_input_that_is_stated_wrongly_is_named_first_with_its_size() -> None
     assert json.loads(higher.attrs["suspects"])[0].startswith("height stated 300 µm too small")
 
 
+def test_of_inputs_that_explain_as_much_the_one_that_is_known_worst_comes_first() -> None:
+    """A ruler off by five times its uncertainty is likelier than a sphere by forty times its own."""
+    known = {"radius": Quantity(9.5e-3, 5e-6, "m"), "ruler": Quantity(1.0, 2e-3, "1")}
+    ways = ({"radius": -50.0, "ruler": 1.0}, {"radius": -52.0, "ruler": 1.35})
+    rows = [
+        row(
+            "length", "1", 1, slopes=s, measured=1 + 1e-2, model=1.0, difference=1e-2, u_measured=2.5e-3,
+            u_model=0.0, u_difference=2.5e-3,
+        )
+        for s in ways
+    ]  # fmt: skip
+    first = json.loads(judgement(Scene((), rows=rows, inputs=known)).attrs["suspects"])[0]
+    assert first.startswith("ruler")
+
+
 def test_beyond_the_reach_of_slopes_no_input_is_blamed() -> None:
     found = judgement(Scene((), rows=_rows(temperature=60.0), inputs=INPUTS))
     (said,) = json.loads(found.attrs["suspects"])

@@ -1,0 +1,51 @@
+"""The scale of the image by the fringes themselves: sphere and wavelength are a ruler as well."""
+
+from math import hypot, sqrt
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+_FRINGE_FIT = 1  # method of labpipe.imaging.contact_radius: a gap that is Hertz's
+_FORM = 0.7
+"""A whole sphere enlarges the scale of the first three fringes by this times (a/R)² against the
+paraboloid that is fitted, both by the method of dimensionality reduction: 0.75 to 0.70 for a/R of 0.045
+to 0.115. A body that is worn or ground lies between the two."""
+_LIGHT = 1e-3
+"""Relative, what the cone of the light and the lens make of the fringes' scale: (1 + cos)/2 at 3°."""
+
+
+class FringeScale(NamedTuple):
+    """What fringes say of 1/(λ R) over what is stated of it, in lengths of the stated pixel.
+
+    Attributes
+    ----------
+    ratio, u : float [1]
+        Found over stated; ``u`` without what is stated of pixel, sphere and wavelength.
+    n : int
+        Frames behind it.
+    """
+
+    ratio: float
+    u: float
+    n: int
+
+
+def fringe_scale(radius: xr.Dataset, impacts: xr.Dataset, sphere_radius: float) -> FringeScale | None:
+    """Take it from the growing first contact; None where no fringes tell it.
+
+    While the first contact of a body grows, its gap is Hertz's, whatever the body remembers; beside
+    later ones it still recovers from its dent (Ting, https://doi.org/10.1115/1.3625192).
+    """
+    if "own_scale" not in radius or not impacts.sizes["impact"]:
+        return None
+    own, u, time = (radius[name].values for name in ("own_scale", "u_own_scale", "time"))
+    is_first = (time >= float(impacts["first_seen"][0])) & (time <= float(impacts["last_seen"][0]))
+    told = np.flatnonzero(is_first & np.isfinite(own) & np.isfinite(u) & (radius["method"].values == _FRINGE_FIT))
+    if not told.size:
+        return None
+    form = _FORM * float(np.mean(radius["radius"].values[told]) / sphere_radius) ** 2
+    ratio = float(radius.attrs["phase_scale_ratio"]) * float(np.mean(own[told])) / (1.0 + 0.5 * form)
+    scatter = float(np.std(own[told])) / sqrt(max(told.size - 1, 1))
+    random = max(float(np.sqrt(np.sum(u[told] ** 2))) / told.size, scatter)
+    return FringeScale(ratio, ratio * hypot(random, form / sqrt(12.0), _LIGHT), int(told.size))

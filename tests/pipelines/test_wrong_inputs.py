@@ -1,0 +1,115 @@
+"""With one wrong input the experiment that can see it says so, and names the input first or second.
+
+One session of every kind by the thesis's own chain: sweeps of nylon, PTFE and rubber, a drop of nylon
+from 10 mm, its film, loads on PTFE and a punch in rubber. What is stated wrongly is one number.
+"""
+
+import re
+import shutil
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from labpipe import files
+from pipelines.experiments.shared.judgements import compared
+from pipelines.process import process, result
+from tests.pipelines.deviations import write_specimens
+
+pytestmark = pytest.mark.slow
+
+_SEED = 5
+SESSION = "session.toml"
+
+
+def _scaled(pattern: str, factor: float) -> Callable[[str], str]:
+    """Multiply the first number of every match."""
+
+    def edit(text: str) -> str:
+        changed, count = re.subn(pattern, lambda m: f"{m[1]}{float(m[2]) * factor:.6g}", text)
+        assert count, pattern
+        return changed
+
+    return edit
+
+
+def _shifted(pattern: str, by: float) -> Callable[[str], str]:
+    def edit(text: str) -> str:
+        changed, count = re.subn(pattern, lambda m: f"{m[1]}{float(m[2]) + by:.6g}", text)
+        assert count, pattern
+        return changed
+
+    return edit
+
+
+def _polymer(text: str) -> str:
+    before, of_drop, after = text.partition("[experiments.drop]")
+    return before + of_drop + after.replace('material_from = "nylon_dma"', 'material_from = "ptfe_dma"', 1)
+
+
+_SCALE, _HEIGHT = r'(\nscale = ")([\d.]+)', r'(\nheight = ")(10)(?= )'
+CASES = {
+    "modulus of the sweeps +5 %": (SESSION, _scaled(_SCALE, 1.05), {"relaxation": "modulus"}),
+    "height +1 %": (SESSION, _scaled(_HEIGHT, 1.01), {"drop": "height"}),
+    "inclination +1 degree": (
+        "calibration/laser.toml",
+        _shifted(r'(inclination = ")([\d.]+)', 1.0),
+        {"drop": "scale of length"},
+    ),
+    "gain of the laser +2 %": ("calibration/laser.toml", _scaled(_SCALE, 1.02), {"drop": "scale of length"}),
+    "ruler +1 %": (
+        "calibration/camera_under.toml",
+        _scaled(r'(reference_length = ")([\d.]+)', 1.01),
+        {"film": "scale of the image"},
+    ),
+    # of the rubber's modulus 1 % is left open by its sweeps: 2 % of the force are no contradiction
+    "gain of the load cell +5 %": (
+        "calibration/load_cell.toml",
+        _scaled(_SCALE, 1.05),
+        {"harmonic": "scale of force", "relaxation": "scale of force"},
+    ),
+    "temperature of all +5 K": (
+        SESSION,
+        _shifted(r'(\ntemperature = ")([\d.]+)', 5.0),
+        {"harmonic": "temperature", "drop": "temperature"},
+    ),
+    "another polymer": (SESSION, _polymer, {"drop": "another material"}),
+}
+
+
+@pytest.fixture(scope="module")
+def right(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("right")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        write_specimens(folder, _SEED)
+        assert not process(folder, ["judgement"], jobs=0).failures
+    return folder
+
+
+def _said(folder: Path, experiment: str) -> tuple[str, str, str]:
+    """Return whether the model agrees, whether the record is believable, and what is named."""
+    told = compared(result(folder, experiment, "judgement"))
+    named = [*told["suspects"][:2], told["cause"]]
+    return told["model"], told["believable"], " | ".join(filter(None, named))
+
+
+@pytest.mark.parametrize("experiment", ["drop", "film", "static", "relaxation", "harmonic"])
+def test_with_right_inputs_nothing_differs(right: Path, experiment: str) -> None:
+    model, believable, named = _said(right, experiment)
+    assert (model != "differs", believable) == (True, "yes"), named
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_wrong_input_is_seen_and_named(right: Path, tmp_path: Path, case: str) -> None:
+    file, edit, expected = CASES[case]
+    folder = shutil.copytree(right, tmp_path / "wrong")
+    files.write_text(folder / file, edit((folder / file).read_text("utf-8")))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        process(folder, ["judgement"], jobs=0, only=list(expected))
+    for experiment, word in expected.items():
+        model, believable, named = said = _said(folder, experiment)
+        assert model == "differs" or believable != "yes", (experiment, said)
+        assert word in named, (experiment, said)
