@@ -500,18 +500,23 @@ def canonical(value: Any) -> str:
 
 def seal(value: Any) -> bytes:
     """JSON text with its own SHA-256, so that :func:`unseal` notices any damage."""
-    body = canonical(value)
-    return f'{{"sha256":"{hashlib.sha256(body.encode()).hexdigest()}","body":{body}}}\n'.encode()
+    return _sealed(canonical(value).encode())
 
 
 def unseal(data: bytes) -> Any:
     """Return what :func:`seal` was given, or None when a single bit differs."""
+    body = data[len(_sealed(b"")) - len(_END) : -len(_END)]
     try:
-        sealed = json.loads(data)
-        body = sealed["body"]
-        return body if seal(body) == data else None
-    except (ValueError, KeyError, TypeError, RecursionError):
+        return json.loads(body) if _sealed(body) == data else None
+    except (ValueError, RecursionError):  # sealed, but no JSON that can be read
         return None
+
+
+_END = b"}\n"
+
+
+def _sealed(body: bytes) -> bytes:
+    return b'{"sha256":"%b","body":%b%b' % (hashlib.sha256(body).hexdigest().encode(), body, _END)
 
 
 class _Entry(NamedTuple):
