@@ -21,7 +21,7 @@ SYMBOLS: dict[str, tuple[str, ...]] = {
     "temperature": (
         "T", "Ts", "temp", "tmeas", "temperature", "tsample", "sampletemp", "sampletemperature", "meastemp",
         "temp1", "temperature1",
-        "actualtemp", "actualtemperature", "chambertemperature", "oventemperature", "furnacetemperature",
+        "actualtemp", "actualtemperature",
         "testtemperature", "specimentemperature", "probetemperature", "meantemperature", "temperatures",
         "temperatura", "temperaturacampione", "温度", "试样温度", "測定温度", "temperatuur", "температура", "온도",
         "sıcaklık",
@@ -29,6 +29,7 @@ SYMBOLS: dict[str, tuple[str, ...]] = {
         "messtemperatur", "temperaturprobe", "temperatureechantillon", "temperaturamuestra", "temperaturaprovino",
     ),
     "temperature_set": (
+        "chambertemperature", "oventemperature", "furnacetemperature",
         "tset", "tround", "Tr", "settemp", "settemperature", "nominaltemperature", "nominaltemp", "tnominal",
         "programtemperature", "programtemp", "setpoint", "temperatureset", "tempset", "targettemperature",
         "setpointtemperature", "temperaturesetpoint", "tnom", "isothermtemperature", "tsoll", "tprog", "tconsigne",
@@ -95,7 +96,7 @@ SYMBOLS: dict[str, tuple[str, ...]] = {
         "gmag",
         "ecomplex", "gcomplex", "abse*", "absg*", "moduluscomplex", "complexmod", "ecplx", "gcplx",
         "absmodulus",
-        "complexshearmodulus", "schubmodulkomplexeranteil",
+        "complexshearmodulus", "schubmodulkomplexeranteil", "komplexerschubmodul",
         "shearmoduluscomplexcomponent", "complexyoungsmodulus", "edyn", "gdyn", "absolutemodulus",
         "norme*", "normg*",
         "複素弾性率", "复数模量", "modulocomplejo", "modulocomplesso",

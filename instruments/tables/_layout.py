@@ -45,11 +45,12 @@ _FACT = re.compile(
     r"(?P<value>[+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)"
     r"\s*(?P<unit>[^\s;,)]*(?:\s?C\b)?)"
 )
-_AT = re.compile(rf"(?:^|\s)(?:at|@|bei|à)\s*([+-]?\d+(?:[.,]\d+)?)\s*({DEGREES}|C)\b")
+_PLACES = rf"{DEGREES}|[mk]?Hz|rad/s"
+_AT = re.compile(rf"(?:^|\s)(?:at|@|bei|à|[Tf]\s*=)\s*([+-]?\d+(?:[.,]\d+)?)\s*({_PLACES}|C)(?!\w)")
 _GIVE_OR_TAKE = re.compile(r"\s*(?:±|\+/-|\+-)\s*\d+(?:[.,]\d+)?")
 # Dashes that decorate a title do not touch its number: a single one is its sign.
-_ALONE = re.compile(rf"[\s#*=:]*(?:--+\s+)?([+-]?\d+(?:[.,]\d+)?)\s*({DEGREES})[\s#*=:-]*")
-_TITLE = re.compile(rf"(?:^|.*?[\s(\[_,:;=])([+-]?\d+(?:[.,]\d+)?)\s*({DEGREES})\s*[)\]]?[\s:;,#=-]*")
+_ALONE = re.compile(rf"[\s#*=:]*(?:--+\s+)?([+-]?\d+(?:[.,]\d+)?)\s*({_PLACES})[\s#*=:-]*")
+_TITLE = re.compile(rf"(?:^|.*?[\s(\[_,:;=])([+-]?\d+(?:[.,]\d+)?)\s*({_PLACES})\s*[)\]]?[\s:;,#=-]*")
 _OF_A_SWEEP = re.compile(r"iso|step|sweep|temp|freq|segment|run\b|test|versuch|messung|balayage|essai", re.IGNORECASE)
 _OF_ANOTHER = re.compile(
     r"\bref|glass|\bt[gm]\b|\d\s*(?:°C|K)?\s*/\s*min|\bto\b|\bfrom\b|dried|drying|cur(?:ed|ing)|anneal|age(?:d|ing)"
@@ -208,7 +209,8 @@ def headings_of(line: str, below: Sequence[str] = ()) -> tuple[list[Heading], st
     widths = {len(row) for text in below for way in _OF_ROWS if _is_all_numbers(row := trimmed(cells(text, way)))}
     for separator in _SEPARATORS:
         texts = trimmed([cell.strip().strip('"') if len(cell) > 2 else cell for cell in cells(bare, separator)])
-        if len(texts) < 2 or all(is_numeric(text) for text in texts if text):
+        is_prose = separator == BLANKS and "=" in texts  # "at T = 25 °C" names no shift factor
+        if len(texts) < 2 or is_prose or all(is_numeric(text) for text in texts if text):
             continue
         found = [_words.parsed(text) for text in texts]
         names = {heading.name for heading in found if heading.is_known}
@@ -325,14 +327,16 @@ def _goes_on(block: Block, lines: Sequence[tuple[int, str]], k: int) -> int | No
 
 
 def _stated_at(line: str) -> dict[str, tuple[float, str]]:
-    """Return the temperature that a title states, ``Isotherm at 20 °C``, or that stands alone."""
+    """Return the temperature or frequency that a title states, ``Isotherm at 20 °C``, or that stands alone."""
     line = _GIVE_OR_TAKE.sub("", line)
     match = None if _OF_ANOTHER.search(line) else _AT.search(line) or _ALONE.fullmatch(line)
     if match is None and _OF_A_SWEEP.search(line) and not _OF_ANOTHER.search(line):
         match = _TITLE.fullmatch(line) if len(_PLACE.findall(line)) == 1 else None
     if match is None:
         return {}
-    return {"temperature": (float(match[1].replace(",", ".")), _words.degrees(match[2]))}
+    value, unit = float(match[1].replace(",", ".")), match[2]
+    is_frequency = unit.endswith(("Hz", "rad/s"))
+    return {"frequency": (value, unit)} if is_frequency else {"temperature": (value, _words.degrees(unit))}
 
 
 def _head(lines: Sequence[tuple[int, str]], k: int) -> tuple[list[Heading], str, int] | None:
@@ -526,7 +530,7 @@ def _is_row(line: str, block: Block, separator: str) -> bool:
     if not parts:
         return False
     pairs = list(zip(block.headings, parts, strict=False))
-    known = [cell for heading, cell in pairs if heading.is_known and cell]
+    known = [cell for heading, cell in pairs if heading.is_known and heading.name != "set" and cell]
     good = sum(is_numeric(cell) or cell.casefold() in ABSENT[1:] or is_clock(cell) for cell in known)
     return bool(known) and good == len(known) and any(map(is_numeric, known))
 

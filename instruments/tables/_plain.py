@@ -28,54 +28,22 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from instruments._instrument import HEAD_BYTES
-from instruments._moduli import missing, with_moduli
-from instruments._symbols import FREQUENCIES, SHIFTS
+from instruments._symbols import SHIFTS
 from instruments.anton_paar import Column, Interval, assemble
 from instruments.tables import CODECS, _layout, _words, workbook_hint
-from instruments.tables._columns import (
-    UNITLESS,
-    Pair,
-    example,
-    name_the_temperature,
-    of_their_unit,
-    parted,
-    without_clocks,
-)
-from instruments.tables._layout import ABSENT, Block, is_of_parameters
+from instruments.tables._columns import example
+from instruments.tables._layout import Block
+from instruments.tables._values import Table
 from instruments.tables._words import Heading
-from labpipe.arrays import Floats
 from labpipe.errors import InputError, SourceError
-from labpipe.numbers import listed
-from labpipe.text import Limits, Separators, TextFile, not_a_number, plain_number, separators, shorten, survey
+from labpipe.text import Limits, Separators, TextFile, separators, shorten, survey
 
 DEVICE = "plain table of a dynamic mechanical analysis"
 
 _HEADER = 100  # lines in which a file says how it is written
 _LIMITS = Limits(max_bytes=128 << 20)
-_ZERO_CELSIUS = 273.15
-_NO_READING = 9.9e37  # by which instruments of the SCPI standard say that there is none, or that it overflowed
 _VAGUE = ("modulus", "module", "modul", "modulo", "e", "g", "e_modulus", "youngs_modulus", "young_s_modulus", "e_modul")
-_ALONE = "Cells hold numbers alone; the units stand in the headings or in a row below them."
-_WITH_UNIT = re.compile(r"[+-]?\d[\d.,]*(?:[eE][+-]?\d+)?\s*(?:°\s?[CF]|[A-Za-z%][\w/°]*)")
-_SPECIMEN = (
-    "sample",
-    "specimen",
-    "material",
-    "probe",
-    "sample_name",
-    "sample_id",
-    "specimen_id",
-    "echantillon",
-    "name",
-)
-# What names a row of statistics below readings, in the languages of exports.
-_STATISTICS = (
-    "mean", "average", "avg", "median", "min", "max", "minimum", "maximum", "std", "stdev", "std.dev", "std dev",
-    "standard deviation", "sd", "s.d", "cv", "rsd", "variance", "mittelwert", "standardabweichung", "moyenne",
-    "écart-type", "ecart type", "media", "promedio", "desviación estándar",
-)  # fmt: skip
 _DECIMAL = re.compile(r"#DE[CZ]IMAL:\s*(\w+)")  # of Netzsch
-_OWN = ("point", "test", "result", "interval", "is_valid", "sample")  # names of the Dataset itself
 
 
 def read(
@@ -128,7 +96,7 @@ def read(
     signs = _signs(path, found.blocks, decimal or found.decimal)
     if found.open_line and not allow_incomplete:
         _check_last_row(path, found.open_line, found.blocks[-1])
-    whole = _complete(path, [_Table(_place(path, block), block, signs) for block in found.blocks])
+    whole = _complete(path, [Table(_place(path, block), block, signs) for block in found.blocks])
     return _assembled(path, found.encoding, whole, signs)
 
 
@@ -282,241 +250,7 @@ def _signs(path: Path, blocks: Sequence[Block], decimal: str | None) -> Separato
         raise SourceError(path, str(error)) from None
 
 
-class _Table:
-    """One table of the file, converted to SI.
-
-    Attributes
-    ----------
-    block : Block
-    columns : dict of str to Column
-        With storage and loss modulus, where they can be made.
-    is_whole : array of bool
-        False of rows that lost cells.
-    missing : str
-        What is missing in it, in words; "" of a complete table.
-    """
-
-    def __init__(self, path: Path, block: Block, signs: Separators) -> None:
-        self.block = block
-        if not block.rows:
-            raise SourceError(path, "found no row of numbers below the headings", line=block.line, hint=_ALONE)
-        self.missing = missing(block.names())
-        self.columns: dict[str, Column] = {}
-        self.is_whole = np.ones(len(block.rows), dtype=bool)
-        if self.missing:
-            return
-        block.headings = without_clocks(block, of_their_unit(block.headings))
-        name_the_temperature(path, block)
-        _leave_out_statistics(path, block)
-        short = _short_rows(path, block)
-        values = _values(path, block, signs)
-        values[short] = np.nan
-        _tell_of_specimens(path, block)
-        _fill_merged(block, values)
-        parts = list(parted(path, block, values))
-        self.is_whole = np.tile(~short, len(parts))
-        self.columns = _joined([_converted(path, block, part) for part in parts])
-        self._leave_out_marks(path)
-
-    def _leave_out_marks(self, path: Path) -> None:
-        """Mark rows of frequency zero invalid, with which analysers mark the steps of a procedure."""
-        for name in ("frequency", "angular_frequency"):
-            if name in self.columns:
-                is_none = np.asarray(self.columns[name].values) <= 0.0
-                if is_none.any():
-                    warnings.warn(
-                        f"{path}: {int(is_none.sum())} of {is_none.size} rows have a frequency of zero or below; "
-                        "they are no readings and are marked invalid",
-                        stacklevel=4,
-                    )
-                self.is_whole &= ~is_none
-
-
-def _leave_out_statistics(path: Path, block: Block) -> None:
-    """Take rows of means and deviations, which programs and people put below readings, out of a table."""
-    kept = [not any(cell.casefold().strip(" .:") in _STATISTICS for cell in cells) for _, cells in block.rows]
-    if not all(kept) and any(kept):
-        left_out = [number for (number, _), is_kept in zip(block.rows, kept, strict=True) if not is_kept]
-        warnings.warn(
-            f"{path}: {listed(left_out)}: rows of means or deviations are no readings; left out", stacklevel=4
-        )
-        block.rows = [row for row, is_kept in zip(block.rows, kept, strict=True) if is_kept]
-        block.widths = [width for width, is_kept in zip(block.widths, kept, strict=True) if is_kept]
-
-
-def _short_rows(path: Path, block: Block) -> NDArray[np.bool_]:
-    """Find rows that lost cells, in a table whose other rows are whole.
-
-    Which cell was lost is not known: two numbers may have become one, and those behind it stand in
-    the wrong columns. An empty cell is no lost one; nor are those that every row lacks alike.
-    """
-    width = max((k + 1 for k, heading in enumerate(block.headings) if heading.text), default=0)
-    is_short = np.array(block.widths) < width
-    if is_short.all() and block.separator == _layout.BLANKS:
-        message = f"the headings name {width} columns, the rows hold {max(block.widths)} numbers between blanks"
-        hint = f'Name the columns in order: columns="{example(block)}", without those that hold no numbers.'
-        raise SourceError(path, message, line=block.line, hint=hint)
-    if is_short.all() and len(set(block.widths)) <= 1:
-        return np.zeros(len(block.rows), dtype=bool)
-    short = [number for (number, _), is_one in zip(block.rows, is_short, strict=True) if is_one]
-    if short:
-        warnings.warn(
-            f"{path}: {listed(short)}: {len(short)} of {len(block.rows)} rows hold fewer than "
-            f"{width} cells; it is unknown which are missing, so these rows are marked invalid",
-            stacklevel=3,
-        )
-    return is_short
-
-
-def _values(path: Path, block: Block, signs: Separators) -> Floats:
-    """Return the numbers of the known columns, NaN for an absent one; text of others is no number."""
-    width = len(block.headings)
-    table = np.full((len(block.rows), width), np.nan)
-    for i, (number, cells) in enumerate(block.rows):
-        if len(cells) > width:
-            raise SourceError(
-                path,
-                f"found {len(cells)} cells, expected {width}",
-                line=number,
-                hint="A cell was added; compare the row with its neighbours.",
-            )
-        for j, cell in enumerate(cells):
-            if cell.casefold() in ABSENT:
-                continue
-            value = plain_number(_layout.plain(cell).replace("D", "E").replace("d", "e"), signs)
-            if value is not None and abs(value) >= _NO_READING:
-                continue
-            if value is None and block.headings[j].is_known:
-                if _WITH_UNIT.fullmatch(cell):
-                    raise SourceError(path, f"found {shorten(cell)}, expected a number alone", line=number, hint=_ALONE)
-                at = sum(len(before) + 1 for before in cells[:j]) + 1
-                raise not_a_number(cell, path=path, line_number=number, column=at)
-            table[i, j] = np.nan if value is None else value
-    return table
-
-
-def _fill_merged(block: Block, values: Floats) -> None:
-    """Give every row the temperature or number of its set where cells of a spreadsheet were merged."""
-    for heading, column in zip(block.headings, values.T, strict=True):
-        stated = np.isfinite(column)
-        is_merged = heading.name in ("temperature", "temperature_set", "set") and stated[0]
-        if is_merged and 2 * np.count_nonzero(stated) <= column.size:
-            column[:] = column[np.maximum.accumulate(np.where(stated, np.arange(column.size), 0))]
-
-
-def _tell_of_specimens(path: Path, block: Block) -> None:
-    """Say that a column names several specimens, whose rows are read as those of one."""
-    for k, heading in enumerate(block.headings):
-        if heading.name in _SPECIMEN:
-            names = sorted({row[k] for _, row in block.rows if k < len(row) and row[k]})
-            if len(names) > 1:
-                warnings.warn(
-                    f"{path}:{block.line}: {heading.text} names {len(names)} specimens ({shorten(', '.join(names))}), "
-                    "which are read as one; if they are of different materials, give each a file of its own",
-                    stacklevel=5,
-                )
-
-
-def _converted(path: Path, block: Block, pairs: Sequence[Pair]) -> dict[str, Column]:
-    """Convert columns to SI by the units that the file states, and make the moduli of them."""
-    found: dict[str, Column] = {}
-    for heading, values in pairs:
-        if not heading.is_known:
-            if np.isfinite(values).any() and heading.name not in (*found, *_OWN):
-                found[heading.name] = Column(heading.name, heading.text, heading.unit, heading.unit or "1", values)
-            continue
-        if heading.name not in found:
-            found[heading.name] = _column(path, block, heading, values)
-    count = len(next(iter(found.values())).values)
-    for name, (value, unit) in block.facts.items():
-        has = found.keys() & (FREQUENCIES if name == "frequency" else {name})
-        if not has:
-            heading = Heading(f"{name} of the header", name, unit, is_known=True)
-            found[name] = _column(path, block, heading, np.full(count, value))
-    if "temperature" not in found and "temperature_set" in found:
-        column = found["temperature_set"]
-        found["temperature"] = Column("temperature", column.header, column.unit, column.si, column.values)
-    found, contradictions = with_moduli(found)
-    for said in contradictions:
-        warnings.warn(f"{path}:{block.line}: {said}", stacklevel=5)
-    return _with_log_shift(path, found)
-
-
-def _column(path: Path, block: Block, heading: Heading, values: Floats) -> Column:
-    """Convert one column to SI."""
-    name, stated = heading.name, heading.unit
-    wanted = _words.SI_OF.get(name, ("1",))
-    if not stated and name == "angular_frequency":
-        stated = "rad/s"  # that is what an angular frequency is in
-    if not stated and is_of_parameters(block.above[1]):
-        stated = {"frequency": "rad/s"}.get(name, "Pa" if "Pa" in wanted else "")  # RepTate's own units
-    try:
-        unit = _words.unit_of(stated) if stated or name in UNITLESS or "1" in wanted else None
-    except InputError:
-        unit = None
-    if unit is None or unit.si not in wanted:
-        is_in = f"is in {shorten(stated)}" if stated else "has no unit"
-        spelled = " or ".join(dict.fromkeys("degC" if si == "degF" else si for si in wanted))
-        raise SourceError(
-            path,
-            f"{heading.text} {is_in}, expected a unit of {spelled}",
-            line=block.unit_line or block.line,
-            hint="State the units in the headings or in a row below them, or give all columns in order: "
-            f'columns="{example(block)}".',
-        )
-    if stated.strip("[]() ") == "mPa":
-        warnings.warn(
-            f"{path}:{block.unit_line or block.line}: {heading.text} is in mPa, which is read as MPa (megapascal); "
-            "if it is in millipascal, write 1e-3 Pa",
-            stacklevel=6,
-        )
-    column = 10.0**values if heading.is_logarithm else values
-    si = "rad/s" if name == "angular_frequency" else "Hz" if name == "frequency" else unit.si
-    factor = unit.factor
-    if name == "angular_frequency" and unit.si == "Hz":
-        factor *= 2.0 * np.pi
-    if name == "frequency" and unit.si == "rad/s":
-        factor /= 2.0 * np.pi
-    column = column * factor
-    if unit.si == "K" and "degC" in wanted:
-        column, si = column - _ZERO_CELSIUS, "degC"
-    if unit.si == "degF":
-        column, si = (column - 32.0) * 5.0 / 9.0, "degC"
-    return Column(name, heading.text or name, stated, si, column)
-
-
-def _with_log_shift(path: Path, columns: dict[str, Column]) -> dict[str, Column]:
-    """Return shifts as their decimal logarithm, however they were written."""
-    for name in ("a_T", "ln_aT"):
-        if name not in columns or "log10_aT" in columns:
-            continue
-        column = columns.pop(name)
-        values = np.asarray(column.values, dtype=float)
-        if name == "a_T" and (values <= 0).any():
-            raise SourceError(path, f"{column.header} is zero or negative; shift factors are not")
-        found = np.log10(values) if name == "a_T" else values / np.log(10.0)
-        columns["log10_aT"] = Column("log10_aT", column.header, column.unit, "1", found)
-    return columns
-
-
-def _joined(parts: Sequence[dict[str, Column]]) -> dict[str, Column]:
-    """Put tables that stood side by side one below the other, numbered as sets."""
-    if len(parts) == 1:
-        return parts[0]
-    names = [name for name in parts[0] if all(name in part for part in parts)]
-    joined = {
-        name: Column(
-            name, parts[0][name].header, parts[0][name].unit, parts[0][name].si,
-            np.concatenate([np.asarray(part[name].values) for part in parts]),
-        )
-        for name in names
-    }  # fmt: skip
-    count = len(next(iter(parts[0].values())).values)
-    numbers = np.repeat(np.arange(len(parts), dtype=float), count)
-    return joined | {"set": Column("set", "", "", "1", numbers)}
-
-
-def _complete(path: Path, tables: Sequence[_Table]) -> list[_Table]:
+def _complete(path: Path, tables: Sequence[Table]) -> list[Table]:
     """Return the tables that can be used; refuse a file that has none, naming what is missing."""
     whole = [table for table in tables if not table.missing]
     sweeps = [table for table in whole if not table.block.names() & SHIFTS]
@@ -574,7 +308,7 @@ def _warn_of_a_cut(path: Path, sizes: NDArray[np.intp]) -> bool:
     return is_cut
 
 
-def _intervals(path: Path, table: _Table, first: int) -> Iterator[Interval]:
+def _intervals(path: Path, table: Table, first: int) -> Iterator[Interval]:
     """Yield one interval of every run of a set, or of the whole table."""
     count = len(next(iter(table.columns.values())).values)
     order, starts = _sets(table.columns, count)
@@ -593,7 +327,7 @@ def _intervals(path: Path, table: _Table, first: int) -> Iterator[Interval]:
         )
 
 
-def _assembled(path: Path, encoding: str, tables: Sequence[_Table], signs: Separators) -> xr.Dataset:
+def _assembled(path: Path, encoding: str, tables: Sequence[Table], signs: Separators) -> xr.Dataset:
     """Make one Dataset of all tables."""
     intervals: list[Interval] = []
     for table in tables:

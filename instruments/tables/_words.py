@@ -53,6 +53,7 @@ SI_OF: dict[str, tuple[str, ...]] = {
 
 # The wide brackets and letters of East Asian keyboards, and signs of one letter for two.
 _WIDE = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {0x2103: "°C", 0x2109: "°F", 0x3000: " "}
+_WIDE |= {0x3390: "Hz", 0x3391: "kHz", 0x33A9: "Pa", 0x33AA: "kPa", 0x33AB: "MPa", 0x33AC: "GPa", 0x33AE: "rad/s"}
 # Words that say of a symbol beside them no more than that it is a modulus.
 _A_MODULUS = ("modulus", "modul", "module", "modulo", "moduli", "弾性率", "模量")
 _LOGARITHM = re.compile(r"^(?:log10|log_10|log|lg)(?![a-z]{3})[\s_(|]*(.*?)\)?$", re.IGNORECASE)
@@ -110,7 +111,7 @@ _SPELLINGS: dict[str, Unit] = {
     **dict.fromkeys(("poise", "p"), Unit(0.1, "Pa s")),
     **dict.fromkeys(("hz", "hertz", "cps", "cycles/s"), Unit(1.0, "Hz")),
     "khz": Unit(1e3, "Hz"),
-    **dict.fromkeys(("cpm", "cycles/min"), Unit(1.0 / 60.0, "Hz")),
+    **dict.fromkeys(("cpm", "cycles/min", "rpm", "rev/min", "r/min"), Unit(1.0 / 60.0, "Hz")),
     "гц": Unit(1.0, "Hz"),
     "рад/с": Unit(1.0, "rad/s"),
     "па": Unit(1.0, "Pa"),
