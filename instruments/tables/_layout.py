@@ -209,7 +209,9 @@ def headings_of(line: str, below: Sequence[str] = ()) -> tuple[list[Heading], st
     widths = {len(row) for text in below for way in _OF_ROWS if _is_all_numbers(row := trimmed(cells(text, way)))}
     for separator in _SEPARATORS:
         texts = trimmed([cell.strip().strip('"') if len(cell) > 2 else cell for cell in cells(bare, separator)])
-        is_prose = separator == BLANKS and "=" in texts  # "at T = 25 °C" names no shift factor
+        is_prose = separator == BLANKS and any(
+            text == "=" or is_numeric(text) for text in texts
+        )  # "at 25 °C" is no a_T
         if len(texts) < 2 or is_prose or all(is_numeric(text) for text in texts if text):
             continue
         found = [_words.parsed(text) for text in texts]

@@ -259,3 +259,67 @@ def test_symbols_below_words_are_no_units(tmp_path):
 def test_means_of_specimens_and_a_loss_factor_in_thousandths(tmp_path):
     columns = (F, STORAGE / 1e6, STORAGE / 1e8, 1e3 * TAN, T)
     assert_is_the_truth(read(tmp_path, table("f (Hz),E' mean (MPa),E' std (MPa),tan δ (10^-3),T (°C)", *columns)))
+
+
+def test_sets_may_be_named_in_words(tmp_path):
+    """A word for several rows is a set; one for each row, as ``1|3`` of segment and point, is none."""
+    rows = [
+        f"{'ramp' if t == 20 else 'sweep'};{f:.14g};{s:.14g};{b:.14g};{t:g}"
+        for f, s, b, t in zip(F, STORAGE, LOSS, T, strict=True)
+    ]
+    text = "\n".join(["Segment;f (Hz);E' (Pa);E'' (Pa);T (°C)", *rows]) + "\n"
+    found = read(tmp_path, text)
+    assert_is_the_truth(found)
+    assert set(found.interval.values) == {1, 2}
+    for name in ("ramp", "sweep"):
+        for k in range(F.size):
+            text = text.replace(f"\n{name};", f"\n1|{k}{name[0]};", 1)
+    found = read(tmp_path, text)
+    assert_is_the_truth(found)
+    assert set(found.interval.values) == {1}
+
+
+def test_the_specimens_temperature_counts_before_the_ovens(tmp_path):
+    head = "f (Hz),Oven temperature (°C),Sample temperature (°C),E' (Pa),E'' (Pa)"
+    assert_is_the_truth(read(tmp_path, table(head, F, T + 5.0, T, STORAGE, LOSS)))
+    assert_is_the_truth(read(tmp_path, table("f (Hz),Oven temperature (°C),E' (Pa),E'' (Pa)", F, T, STORAGE, LOSS)))
+
+
+@pytest.mark.parametrize("title", ["Sweep {k} at {t:g} °C", "[step]\nFreq sweep T={t:g} C", "Test {k}: T = {t:g} °C"])
+def test_a_title_in_the_middle_of_words(tmp_path, title):
+    parts = (
+        title.format(t=t, k=k)
+        + "\n"
+        + table("f [Hz];E' [Pa];E'' [Pa]", F[t == T], STORAGE[t == T], LOSS[t == T], sep=";")
+        for k, t in enumerate(TEMPERATURE)
+    )
+    assert_is_the_truth(read(tmp_path, "\n".join(parts)))
+
+
+def test_a_frequency_in_the_title_is_that_of_a_table_without_one(tmp_path):
+    parts = (
+        f"Temperature sweep at {f:.12g} Hz\n"
+        + table("T (°C);E' (Pa);E'' (Pa)", TEMPERATURE, STORAGE[f == F], LOSS[f == F], sep=";")
+        for f in FREQUENCY
+    )
+    assert_is_the_truth(read(tmp_path, "\n".join(parts)))
+
+
+def test_words_and_counts_below_the_readings_are_none(tmp_path):
+    rows = "N;12;12;12\nMax.;1e9;1e8;60\nσ;1;1;1\n"
+    with pytest.warns(UserWarning, match="lines 14, 15, 16: rows of means"):
+        assert_is_the_truth(
+            read(tmp_path, table("f (Hz);E' (Pa);E'' (Pa);T (°C)", F, STORAGE, LOSS, T, sep=";") + rows)
+        )
+
+
+def test_revolutions_and_signs_of_one_letter(tmp_path):
+    assert_is_the_truth(read(tmp_path, table("f (rpm),储能模量(㎫),损耗模量(㎫),温度(℃)", 60 * F, *ALL[1:])))
+
+
+def test_a_sentence_above_a_relaxation_is_no_heading(tmp_path):
+    text = "Stress relaxation at T = 298.15 K\n" + table("Time (h)\tE(t) (GPa)", F, LOSS, sep="\t")
+    found = read(tmp_path, text)
+    assert found.time.values == pytest.approx(3600 * F, rel=1e-12)
+    parameters = "T=25;Mw=100;gamma=0.1;chem=PS;\n" + table("t\tGt", F, LOSS, sep="\t")
+    assert read(tmp_path, parameters).relaxation_modulus.values == pytest.approx(LOSS, rel=1e-12)
