@@ -34,6 +34,10 @@ from pipelines.experiments.shared import budget_blocks, pages
 from pipelines.experiments.shared.judgements import verdict_section
 
 _MPA = 1e-6
+_BAND = (
+    "The band includes the uncertainty of the spectrum, the shifts, the vertical law and the delay; it assumes that "
+    "superposition holds."
+)
 _COVERAGE = 1.96  # of the bands, 95 %
 # What a verdict on the model is called; the verdict on the record, above, has words of its own.
 _SUPERPOSITION = {"pass": "holds", "doubtful": "holds roughly at best", "fail": "does not hold"}
@@ -62,7 +66,7 @@ def page(
     if temperature_sweep is not None and "absent" not in temperature_sweep.attrs:
         sections.append(_transition(temperature_sweep))
     if how := (*_fit(master_curve), *_sweeps(settings, readings, sweeps)):
-        sections.append(Section("Readings and fit", how))
+        sections.append(pages.folded("Readings and fit", "Readings, residuals, each modulus from the other", how))
     if sweeps is not None and master_curve is not None:
         found = quantities(sweeps, master_curve, temperature_sweep, settings=settings)
         sections += budget_blocks.section(context.experiment, found)
@@ -118,24 +122,33 @@ def _curve_rows(curve: xr.Dataset) -> list[tuple[str, str, str]]:
             f"{number(float(covered[0]), 2)} to {number(float(covered[-1]), 2)} Hz",
             f"{np.log10(covered[-1] / covered[0]):.1f} decades at the reference temperature",
         ),
-        _relaxed(curve),
-        ("unrelaxed modulus", _modulus(float(curve["E_unrelaxed"])), "instantaneous; extrapolated beyond the window"),
+        _end(curve, "relaxed"),
+        _end(curve, "unrelaxed"),
         ("relaxation terms", str(curve.sizes["term"]), f"{outside} outside the covered window"),
         _law_row(json.loads(curve.attrs["law"])),
         ("vertical shift", _vertical(curve), ""),
     ]
 
 
-def _relaxed(curve: xr.Dataset) -> tuple[str, str, str]:
-    """Return the relaxed modulus as far as the slow end of the data determines it."""
-    name, modulus = "relaxed modulus", float(curve["E_relaxed"])
+def _end(curve: xr.Dataset, name: Literal["relaxed", "unrelaxed"]) -> tuple[str, str, str]:
+    """Return the modulus of an end, relaxed or unrelaxed, as far as the data there determine it."""
+    is_slow, modulus = name == "relaxed", float(curve[f"E_{name}"])
+    when = "after an infinite time" if is_slow else "instantaneous"
     frequency = curve["reduced_frequency"].values
-    left = still_falls(frequency, curve["master_loss"].values)
-    if left >= float(curve["master_storage"][int(np.argmin(frequency))]):
-        text = "after an infinite time; extrapolated: with this loss the storage modulus may still fall to zero"
-        return name, _modulus(modulus), text
+    # Mirrored, the loss of the fast end falls as that of the slow one does.
+    left = still_falls(frequency if is_slow else 1.0 / frequency, curve["master_loss"].values)
+    last = float(curve["master_storage"][int(np.argmin(frequency) if is_slow else np.argmax(frequency))])
+    if left >= last:
+        text = f"0 to {_modulus(last)}" if is_slow else f"{_modulus(last)} at least"
+        may = "may still fall to zero" if is_slow else "may still rise"
+        return (
+            f"{name} modulus",
+            text,
+            f"{when}; with this loss the storage modulus {may}: the series' {_modulus(modulus)} is extrapolated",
+        )
     found = value_with_uncertainty(modulus, left / float(np.sqrt(3.0)), "Pa")
-    return name, found, "after an infinite time; standard uncertainty from extrapolating the loss at the slow end"
+    end = "slow" if is_slow else "fast"
+    return f"{name} modulus", found, f"{when}; standard uncertainty from extrapolating the loss at the {end} end"
 
 
 def _vertical(curve: xr.Dataset) -> str:
@@ -277,15 +290,10 @@ def _master(curve: xr.Dataset) -> Section:
                 x_scale="log",
                 y_scale="log",
                 group="master",
-                height_px=360,
+                height_px=300,
+                caption=_BAND if name == "storage" else "",
             )
         )
-    blocks.append(
-        Paragraph(
-            "Bands include the uncertainty of the spectrum, the shifts, the vertical law and the delay; they assume "
-            "that superposition holds."
-        )
-    )
     factor = LineChart(
         "Loss factor, master curve",
         label,
@@ -312,7 +320,12 @@ def _shifts(curve: xr.Dataset, published: xr.Dataset | None) -> Section:
         title = {"wlf": "WLF", "arrhenius": "Arrhenius"}[name]
         series.append(Series(title, fine, values, role="model" if role == "model" else "reference"))
     chart = LineChart(
-        "Horizontal shift factors", "temperature / °C", "log₁₀ a_T", series, caption="Bars are standard uncertainties."
+        "Horizontal shift factors",
+        "temperature / °C",
+        "log₁₀ a_T",
+        series,
+        height_px=240,
+        caption="Bars are standard uncertainties.",
     )
     rising = curve.isel(temperature=order)
     overlaps, steps = zip(*(_neighbour(curve, float(t)) for t in T[order]), strict=True)
@@ -338,9 +351,9 @@ def _shifts(curve: xr.Dataset, published: xr.Dataset | None) -> Section:
     if float(curve["delay"]):
         shown = value_with_uncertainty(float(curve["delay"]), float(curve["u_delay"]), "s")
         fits.append(("delay of the instrument's phase", shown, "removed"))
-    folded = Details(f"Shift factors of {T.size} temperatures", (table,))
+    folded = Details(f"Laws, and the shift factors of {T.size} temperatures", (KeyValues(fits), table))
     compared = [] if published is None else _published_section.blocks(published, curve)
-    return Section("Shift factors", (chart, KeyValues(fits), folded, *compared))
+    return Section("Shift factors", (chart, folded, *compared))
 
 
 def _law_curve(law: dict[str, Any], T: Floats) -> Floats:
@@ -413,7 +426,7 @@ def _fit(curve: xr.Dataset | None) -> list[Block]:
     text = f"The spectrum misses the storage modulus by {missed[0]:.2g} %, the loss by {missed[1]:.2g} % (rms)."
     said = f"Storage and loss modulus, Kramers–Kronig: {_CONSISTENT[kk['verdict']]}; {kk['reason']}."
     consistent = Paragraph(said) if kk["verdict"] == "pass" else Notice(_KIND[kk["verdict"]], said)  # type: ignore[arg-type]
-    return [Paragraph(text), consistent, _residuals(curve), _kramers_kronig(curve)]
+    return [consistent, Paragraph(text), _residuals(curve), _kramers_kronig(curve)]
 
 
 def _kramers_kronig(curve: xr.Dataset) -> Details:
@@ -494,48 +507,24 @@ def _transition(ramp: xr.Dataset) -> Section:
             Series(f"E″, {name}", T, ramp["loss"].values[where] * _MPA, role="model"),
         ]
         factors.append(Series(f"tan δ, {name}", T, ramp["loss_factor"].values[where], role="measured"))
-    rows = _transition_rows(ramp)
     lines = [
         (title, float(ramp[name][0]))
         for name, title in (("T_peak", "tan δ"), ("T_drop", "fall of E′"))
         if np.isfinite(float(ramp[name][0]))
     ]
-    note: Block = (
-        KeyValues(rows)
-        if rows
-        else Paragraph(
-            "This sweep shows no glass transition: the storage modulus falls too little, or the maxima lie at its ends."
-        )
-    )
-    return Section(
-        "Temperature sweep",
-        (
-            note,
-            LineChart(
-                "Moduli over temperature",
-                "temperature / °C",
-                "modulus / MPa",
-                moduli,
-                y_scale="log",
-                vlines=lines,
-                group="ramp",
-            ),
-            Details(
-                "Loss factor over temperature",
-                (
-                    LineChart(
-                        "Loss factor over temperature",
-                        "temperature / °C",
-                        "tan δ",
-                        factors,
-                        vlines=lines,
-                        group="ramp",
-                        height_px=220,
-                    ),
-                ),
-            ),
+    none = "It shows no glass transition: the storage modulus falls too little, or the maxima lie at its ends."
+    charts = (
+        LineChart(
+            "Moduli over temperature", "temperature / °C", "modulus / MPa", moduli, y_scale="log", vlines=lines,
+            group="ramp",
         ),
-    )
+        LineChart(
+            "Loss factor over temperature", "temperature / °C", "tan δ", factors, vlines=lines, group="ramp",
+            height_px=220,
+        ),
+    )  # fmt: skip
+    said = () if _transition_rows(ramp) else (Paragraph(none),)
+    return Section("Temperature sweep", (*said, Details("Moduli and loss factor over temperature", charts)))
 
 
 def _terms(curve: xr.Dataset, name: str, settings: Dma) -> Section:
@@ -561,14 +550,13 @@ def _terms(curve: xr.Dataset, name: str, settings: Dma) -> Section:
     warnings = [Notice("warning", _sentence(warning)) for warning in deck.warnings]
     warned = f" ({pages.counted(len(warnings), 'warning')})" if warnings else ""
     blocks: tuple[Block, ...] = (
-        Paragraph(text),
         Details("Relaxation and creep spectrum", _spectrum(curve)),
-        Details(f"For simulation codes, {few.E.size} terms{warned}", (*warnings, reduced)),
+        Details(f"For simulation codes, {few.E.size} terms", (*warnings, reduced)),
         Details(f"All {outside.size} terms", (full,)),
         Details("For Abaqus", text=deck_text(deck, "abaqus")),
         Details("CSV, all terms and the shift factors", text=_material_files.as_csv(curve, few)),
     )
-    return Section("Spectrum and terms", blocks)
+    return Section("Spectrum and terms", (Paragraph(text), Details(f"Spectrum, terms, files{warned}", blocks)))
 
 
 def _term_table(rho: Floats, E: Floats, outside: NDArray[np.bool_], caption: str) -> Table:

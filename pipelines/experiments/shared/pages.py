@@ -264,12 +264,9 @@ def ledger(context: Context) -> Section:
         for row in context.ledger
     ]
     columns = (Column("experiment"), Column("step"), Column("work"), Column("done"), Column("skipped"))
-    blocks: tuple[Block, ...] = (
-        Table(
-            columns[not is_of_others :], rows, caption="Counts of work; the same for the same inputs on every machine."
-        ),
-    )
-    return Section("Work done and work skipped", blocks)
+    caption = "Counts of work; the same for the same inputs on every machine."
+    table = Table(columns[not is_of_others :], rows, caption=caption)
+    return folded("Work done and work skipped", counted(len(rows), "count"), (table,))
 
 
 def provenance(context: Context) -> Section:
@@ -287,4 +284,4 @@ def provenance(context: Context) -> Section:
 
 def methods(text: str) -> Section:
     """Offer a paragraph for a manuscript."""
-    return Section("Methods text, to paste", (Paragraph(text, copyable=True),))
+    return folded("Methods text, to paste", "A paragraph for a manuscript", (Paragraph(text, copyable=True),))

@@ -1,0 +1,41 @@
+"""The key numbers of the page say how far the data carry them."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from pipelines.experiments.dma.page import _end
+
+FREQUENCY = np.logspace(-6, 6, 121)
+
+
+def curve(storage, loss, relaxed, unrelaxed):
+    return xr.Dataset(
+        {
+            "reduced_frequency": ("f", FREQUENCY), "master_storage": ("f", storage), "master_loss": ("f", loss),
+            "E_relaxed": relaxed, "E_unrelaxed": unrelaxed,
+        }
+    )  # fmt: skip
+
+
+def test_ends_that_the_loss_determines_have_an_uncertainty_and_others_bounds():
+    """A solid of two power laws: its moduli differ from the ends of the data by what Kramers and Kronig say."""
+    x = 2j * np.pi * FREQUENCY
+    solid = 1e6 + (1e9 - 1e6) * (1.0 / (1.0 + x**-0.6))
+    found = curve(solid.real, solid.imag, 1e6, 1e9)
+    assert _end(found, "relaxed")[1].endswith("MPa")
+    assert "±" in _end(found, "relaxed")[1]
+    assert "±" in _end(found, "unrelaxed")[1]
+    level = curve(solid.real, np.full_like(FREQUENCY, 1e8), 1e6, 1e9)
+    assert _end(level, "relaxed")[1].startswith("0 to ")
+    assert _end(level, "unrelaxed")[1].endswith("at least")
+
+
+@pytest.mark.parametrize("name", ["relaxed", "unrelaxed"])
+def test_the_bounds_hold_the_truth(name):
+    """A loss that goes on beyond the data: the modulus lies on the stated side of its last reading."""
+    x = 2j * np.pi * FREQUENCY
+    melt = 1e6 * x**0.2
+    found = curve(melt.real, melt.imag, 2e5, 9e7)
+    text = _end(found, name)[1]
+    assert text.startswith("0 to") if name == "relaxed" else text.endswith("at least")
