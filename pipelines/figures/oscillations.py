@@ -129,7 +129,7 @@ def _loop_panel(axes: Any, parts: dict[str, xr.Dataset], scales: tuple[float, fl
     # Compression-positive force; the stage counts downwards, so that it grows into the sample.
     position = recorded["position"].values
     # An ordered quantity gets an ordered scale of colours, which colour-blind readers see too.
-    shades = colormaps["cividis"](np.linspace(0.0, 0.88, table.sizes["oscillation"]))
+    shades = colormaps["cividis"](np.linspace(0.0, 0.75, table.sizes["oscillation"]))
     widths = []
     for number, frequency in enumerate(table["frequency"].values.tolist()):
         depth = (position[number] - touch) / radius

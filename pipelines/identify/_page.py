@@ -38,6 +38,7 @@ _REACH = 1.96
 SHAPE = ("level", "change ")  # begin the names of the unknowns of a spectrum's shape
 _DIGITS = 4  # of the ends of an interval
 _NOTHING = 1e-4  # relative: a smaller discrepancy is in the table only
+_LEAST_PERCENT = 0.1  # a smaller share is said to be less than it
 _LOUD = 2.5  # standard deviations by which a nuisance may leave its prior without a remark
 
 
@@ -136,15 +137,16 @@ def _found(found: Identified) -> list[str]:
     if found.known.structures:
         texts.append(
             "of a polymer's spectrum it is assumed that it is smooth, or that it has a shoulder or a peak half a "
-            f"decade wide: which of them makes up to {_most(made, 'storage', inside)} of the modulus and "
-            f"{_most(made, 'loss_factor', inside)} of the loss factor there, included in what is stated"
+            f"decade wide; which of the two it is changes the modulus there by {_most(made, 'storage', inside)} and "
+            f"the loss factor by {_most(made, 'loss_factor', inside)}, included in these uncertainties"
         )
     return texts
 
 
 def _most(made: xr.Dataset, name: str, inside: NDArray[np.bool_]) -> str:
     """Write the largest share that the unknown structure has in a curve."""
-    return f"{100.0 * float(made[f'open_ln_{name}'].values[inside].max()):.1g} %"
+    percent = 100.0 * float(made[f"open_ln_{name}"].values[inside].max())
+    return f"at most {percent:.1g} %" if percent >= _LEAST_PERCENT else f"less than {_LEAST_PERCENT:g} %"
 
 
 def _span(percent: Floats) -> str:
@@ -179,8 +181,8 @@ def _not_found(found: Identified) -> list[str]:
     ]
     if silent:
         texts.append(
-            f"nothing new of {', '.join(silent)}: taken as stated, within what is stated of them, and included in "
-            "every uncertainty"
+            f"nothing new of {', '.join(silent)}: what is stated of them was taken, and its uncertainty is part of "
+            "every result"
         )
     return texts
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from math import hypot, sqrt
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -92,7 +93,7 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
     )
 
 
-def _pixel(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> dict[str, xr.Variable]:
+def _pixel(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> dict[str, Any]:
     """Return the length of a pixel as the fringes tell it with sphere and wavelength, and as it is stated."""
     light, sphere = settings.wavelength, settings.sphere.radius
     found = None if light is None else fringe_scale(radius, impacts, sphere.value)
