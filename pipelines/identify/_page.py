@@ -38,6 +38,7 @@ _REACH = 1.96
 SHAPE = ("level", "change ")  # begin the names of the unknowns of a spectrum's shape
 _DIGITS = 4  # of the ends of an interval
 _NOTHING = 1e-4  # relative: a smaller discrepancy is in the table only
+_NU_STEP = 0.01  # by which Poisson's ratio of a polymer is commonly uncertain
 _LEAST_PERCENT = 0.1  # a smaller share is said to be less than it
 _LOUD = 2.5  # standard deviations by which a nuisance may leave its prior without a remark
 
@@ -134,6 +135,12 @@ def _found(found: Identified) -> list[str]:
         f"found: from {low} to {high} the storage modulus is known to {_span(u)} and the loss factor to "
         f"{_span(u_loss)} (standard uncertainties); {_at_best(found)}"
     ]
+    nu = float(found.known.fit.problem.spectrum.nu)
+    share = 2.0 * nu * _NU_STEP / (1.0 - nu**2)
+    texts.append(
+        f"contacts show moduli over 1 - nu²: Poisson's ratio was taken as exactly {nu:.3g}, and were it {_NU_STEP:g} "
+        f"larger, every modulus would be {100 * share:.2g} % smaller, which no uncertainty here contains"
+    )
     if found.known.structures:
         texts.append(
             "of a polymer's spectrum it is assumed that it is smooth, or that it has a shoulder or a peak half a "
