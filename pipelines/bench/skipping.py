@@ -210,7 +210,7 @@ def contact_film(count: int) -> NDArray[np.uint8]:
     for k in range(count):
         phase = 16.0 * (k / count - 0.5)
         if abs(phase) < 1.0:
-            gap = _hertz_gap(r, 150e-6 * np.cos(0.5 * np.pi * phase) + 30e-6)
+            gap = imaging.hertz_gap(r, 150e-6 * np.cos(0.5 * np.pi * phase) + 30e-6, _SPHERE)
         else:
             gap = r**2 / (2 * _SPHERE) + _CLIMB * (abs(phase) - 1.0) + 1e-6
         # rings of a wide gap run through the exposure and are smeared out
@@ -218,14 +218,6 @@ def contact_film(count: int) -> NDArray[np.uint8]:
         light = 120.0 * (1.0 - fringes)
         film[k] = np.clip(np.rint(light + 3.0 * generator.standard_normal(r.shape)), 0, 255)
     return film
-
-
-def _hertz_gap(r: Floats, a: float) -> Floats:
-    """Gap (m) around a Hertz contact of radius a (m); 0 inside."""
-    outside = np.maximum(r, a)
-    return np.asarray(
-        (a * np.sqrt(outside**2 - a**2) - (2 * a**2 - outside**2) * np.arccos(a / outside)) / (np.pi * _SPHERE)
-    )
 
 
 def _rows_outside(folder: Path) -> Shortcut:

@@ -76,7 +76,7 @@ def extended_by_a_law(
     ]
     tried: list[tuple[float, OuterModel, Fit]] = []
     for model in [move for move in moves if move.has_delay <= current.model.has_delay]:
-        is_removal = replace(model, has_delay=True) == current.model
+        is_removal = (model.vertical, model.level_spread) == (current.model.vertical, current.model.level_spread)
         for first in [current.fit.state, *([] if is_removal else first_states)]:
             if tried and not points.work.goes_on():
                 break
