@@ -8,6 +8,7 @@ from typing import Any
 from labpipe.report import Block, Column, Document, KeyValues, Notice, Paragraph, Picture, Section, Table, number
 from pipelines.bench.measure import Point, Suite
 from pipelines.bench.parts import PARTS, PartFailure, PartResult
+from pipelines.bench.ratios import LARGEST_SPREAD
 from pipelines.bench.ratios import table as table_of_ratios
 
 JSON_NAME, PAGE_NAME = "bench.json", "bench.html"
@@ -15,13 +16,15 @@ _HOW = (
     "Every diagram shows error against run time of one part of labpipe, on data whose truth is "
     "known. Filled marker: the default setting. Numbers beside the markers are those "
     "of the table below. Dashed lines are theoretical limits. The methods of one diagram ran "
-    "alternately in one process; times are medians of warm runs, the first run is the cold one. "
+    "alternately in one process; times are medians of the processor time of warm runs (of the clock, for "
+    "whole sessions), the first run is the cold one. "
     "On a busy machine only ratios are meaningful."
 )
 _EQUAL = (
     "At equal error: the most accurate setting of every other method against our fastest setting "
     "that is at least as accurate (else the default). Above 1 ours is more accurate, or faster. "
-    "Lowest and highest are of alternating runs on the same data."
+    "Lowest and highest are of alternating runs on the same data; where they lie further than "
+    f"{100 * LARGEST_SPREAD:g} % to either side, no ratio is given."
 )
 _BINARY = 1024.0
 
@@ -136,6 +139,8 @@ def _blocks(result: PartResult) -> tuple[Block, ...]:
         if suite.points:
             blocks.append(table(suite))
         blocks.extend(Notice("info", note) for note in suite.notes)
+        if (one := _traced_alone(suite)) is not None:
+            blocks.append(Paragraph(f"Peak memory of {one.setting}: {number(_mebibytes(one.peak_bytes), 3)} MiB."))
     blocks.append(Paragraph(_duration(result)))
     return tuple(blocks)
 
@@ -157,19 +162,38 @@ def table(suite: Suite) -> Table:
     extras = list(dict.fromkeys(name for point in points for name in point.extra))
     columns: list[tuple[Column, list[Any]]] = [
         (Column("#"), list(range(1, len(points) + 1))),
-        (Column("method"), [p.group or "labpipe" for p in points]),
-        (Column("setting"), [p.setting + (" (default)" if p.is_default else "") for p in points]),
+        (Column("method and setting"), [_named(p) for p in points]),
         (Column(suite.error_label, digits=3), [_plain(p.error) for p in points]),
         (Column("run time", "s", digits=3), [_plain(p.seconds) for p in points]),
         (Column("× default", digits=3), [_plain(p.seconds / base) for p in points]),
         (Column("first run", "s", digits=3), [_plain(p.cold_seconds) for p in points]),
-        (Column("peak memory (MiB)", digits=3), [_mebibytes(p.peak_bytes) for p in points]),
     ]
-    columns += [(Column(name, digits=3), [_plain(p.extra.get(name)) for p in points]) for name in extras]
+    if not _traced_alone(suite):
+        columns.append((Column("peak memory (MiB)", digits=3), [_plain(_mebibytes(p.peak_bytes)) for p in points]))
+    for name in extras:
+        if name == "lowest":
+            columns.append((Column("lowest to highest"), [_range(p.extra) for p in points]))
+        elif name != "highest":
+            columns.append((Column(name, digits=3), [_plain(p.extra.get(name)) for p in points]))
     kept = [(c, cells) for c, cells in columns if any(cell is not None for cell in cells)]
     rows = list(zip(*(cells for _, cells in kept), strict=True))
     return Table(tuple(column for column, _ in kept), rows)
 
 
-def _mebibytes(size: int | None) -> float | None:
-    return None if size is None else size / _BINARY**2
+def _traced_alone(suite: Suite) -> Point | None:
+    """Return the only point whose memory was watched: a sentence, not a column."""
+    traced = [p for p in suite.points if p.peak_bytes is not None]
+    return traced[0] if len(traced) == 1 else None
+
+
+def _named(point: Point) -> str:
+    return f"{point.group or 'labpipe'}: {point.setting}{' (default)' if point.is_default else ''}"
+
+
+def _range(extra: Mapping[str, Any]) -> str | None:
+    low, high = (_plain(extra.get(name)) for name in ("lowest", "highest"))
+    return None if low is None or high is None else f"{number(low, 3)} to {number(high, 3)}"
+
+
+def _mebibytes(size: int | None) -> float:
+    return math.nan if size is None else size / _BINARY**2

@@ -13,12 +13,16 @@ from statistics import median
 from labpipe.report import Column, Table
 from pipelines.bench.measure import OURS, Point, Suite
 
+LARGEST_SPREAD = 0.2
+"""Of a ratio to either side, from run to run; one that varies more tells of the machine."""
+
 
 @dataclass(frozen=True, slots=True)
 class Ratio:
     """One other method: its error over ours, and its run time over ours with its spread.
 
-    ``lowest`` and ``highest`` are NaN where runs were not taken in turn.
+    ``lowest`` and ``highest`` are NaN where runs were not taken in turn, and ``time`` is where the
+    runs differ by more than :data:`LARGEST_SPREAD`.
     """
 
     suite: str
@@ -62,6 +66,7 @@ def _ratio(suite: Suite, other: Point, ours: Sequence[Point]) -> Ratio:
         # Rows of a suite may be of unequal work (per point and frame): times say by how much.
         per_run = (other.seconds / mine.seconds) / (median(other.samples) / median(mine.samples))
         time, lowest, highest = (per_run * f for f in (median(pairs), min(pairs), max(pairs)))
+        time = time if highest - lowest <= 2.0 * LARGEST_SPREAD * time else math.nan
     else:
         time, lowest, highest = other.seconds / mine.seconds, math.nan, math.nan
     return Ratio(suite.name, suite.title, group, mine.setting, error, time, lowest, highest)

@@ -2,7 +2,6 @@
 
 import math
 import tempfile
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,7 +59,7 @@ def run(quick: bool) -> list[Suite]:
 def _measure(growth: Growth, quick: bool) -> tuple[Suite, Point]:
     calls = {str(size): growth.prepare(size) for size in growth.sizes}
     rounds, budget = (2, 3.0) if quick else (9, 8.0)
-    timings = paired(calls, rounds, budget=budget, clock=time.process_time)
+    timings = paired(calls, rounds, budget=budget)
     # Traced runs take several times as long, and the slope leaves the smallest size out.
     memory = [peak_bytes(call) for call in list(calls.values())[1:]]
     best = [_quickest(timings[str(size)]) for size in growth.sizes]

@@ -26,7 +26,7 @@ from labpipe.materials import Prony
 from pipelines import process as verbs
 from pipelines.bench import sessions
 from pipelines.bench.dic import make_film
-from pipelines.bench.measure import Point, Suite, paired
+from pipelines.bench.measure import CLOCK, Point, Suite, paired
 from pipelines.experiments.dic_validation import measured as dic_validation
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 
@@ -63,7 +63,7 @@ class Shortcut:
     tolerance: str
     work: Callable[[Any], float]
     counted: str
-    clock: Callable[[], float] = time.process_time
+    clock: Callable[[], float] = CLOCK
 
 
 def run(quick: bool) -> Suite:

@@ -128,8 +128,10 @@ def test_the_table_gives_ratios_to_the_default_and_drops_empty_columns() -> None
     titles = [column.title for column in table.columns]
     ratio = titles.index("× default")
     assert [row[ratio] for row in table.rows] == [1.0, 0.25, 0.5, 0.125, 0.5, None]
+    ranged = page.table(Suite("x", "x", "error (1)", [Point("a", 1.0, 1.0, extra={"lowest": 1.5, "highest": 2.5})]))
+    assert (ranged.columns[-1].title, ranged.rows[0][-1]) == ("lowest to highest", "1.50 to 2.50")
     bare = page.table(Suite("x", "x", "error (1)", [Point("a", 1.0, 1.0)]))
-    assert [c.title for c in bare.columns] == ["#", "method", "setting", "error (1)", "run time"]
+    assert [c.title for c in bare.columns] == ["#", "method and setting", "error (1)", "run time"]
 
 
 def test_facts_of_the_machine_hold_neither_its_name_nor_paths() -> None:

@@ -26,11 +26,20 @@ def test_the_fastest_of_ours_that_errs_no_more_is_compared_run_by_run() -> None:
     thesis, peer = ratios_of(SUITE)
     assert (thesis.other, thesis.ours) == ("thesis: steps, short", "coarse")
     assert thesis.error == pytest.approx(2.0)
-    assert (thesis.time, thesis.lowest, thesis.highest) == pytest.approx((3.0, 1.5, 4.0))
+    assert (thesis.lowest, thesis.highest) == pytest.approx((1.5, 4.0))
+    assert math.isnan(thesis.time)  # what varies so much from run to run tells of the machine
     assert (peer.other, peer.ours) == ("peer's", "fine")
     assert peer.error == pytest.approx(0.01)
     assert peer.time == pytest.approx(2.0)
     assert math.isnan(peer.lowest)
+
+
+def test_a_ratio_that_hardly_varies_is_given() -> None:
+    ours = Point("ours", 1e-2, 1.0, is_default=True, samples=(1.0, 1.0, 1.1))
+    (ratio,) = ratios_of(
+        Suite("toy", "Toy", "error (1)", (ours, Point("steps", 2e-2, 3.0, "thesis", samples=(3.0, 3.3, 3.0))))
+    )
+    assert ratio.time == pytest.approx(3.0)
 
 
 def test_suites_without_others_have_no_row() -> None:
