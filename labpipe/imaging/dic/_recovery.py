@@ -168,6 +168,8 @@ class Recovery:
         result = {}
         for n in chosen:
             centre = (int(subsets.x[n]), int(subsets.y[n]))
+            if tracker.has_double(int(n)):
+                continue
             seed = find_subset(tracker.reference.pyramid, pyramid, centre, int(subsets.half[n]))
             tracker.work.reseeds += 1
             if seed is not None:

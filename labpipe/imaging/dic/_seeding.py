@@ -28,6 +28,10 @@ _REFINE = 6
 #: Two seeds belong to one rigid motion when they agree within this (px).
 _AGREEMENT = 2.5
 
+#: Correlation of a template with another place of the reference from which it may be taken for that, and how far
+#: around such places are looked for (px).
+_DOUBLE, _AROUND = 0.9, 128
+
 
 @dataclass(frozen=True)
 class Seed:
@@ -105,6 +109,25 @@ def find_subset(reference: Pyramid, frame: Pyramid, centre: tuple[int, int], hal
         if best is not None and best.score > _FULL_SCORE:
             return best
     return best
+
+
+def has_double(reference: Pyramid, centre: tuple[int, int], half: int) -> bool:
+    """Tell whether the reference holds the surroundings of a subset a second time, as bricks and rulers do.
+
+    A template match may then be the wrong one of them, and fits as well as the right one. Places that hang
+    together with the subset's own, from which the correlation falls slowly, are none of their own.
+    """
+    import cv2
+
+    rows, columns = reference.image.shape
+    reach = max(half, _TEMPLATE)
+    left, top = max(0, centre[0] - reach), max(0, centre[1] - reach)
+    template = reference.image[top : centre[1] + reach + 1, left : centre[0] + reach + 1]
+    first = max(0, left - _AROUND), max(0, top - _AROUND)
+    last = min(columns, centre[0] + reach + 1 + _AROUND), min(rows, centre[1] + reach + 1 + _AROUND)
+    scores = cv2.matchTemplate(reference.image[first[1] : last[1], first[0] : last[0]], template, cv2.TM_CCOEFF_NORMED)
+    alike = (np.nan_to_num(scores, posinf=0.0) > _DOUBLE).astype(np.uint8)
+    return bool(cv2.connectedComponents(alike)[0] > 2)  # the ground, and the subset's own place
 
 
 def _coarse_shifts(reference: Pyramid, frame: Pyramid, centre: tuple[int, int], reach: int) -> list[tuple[int, int]]:

@@ -15,6 +15,7 @@ from labpipe.imaging.dic._film_window import Box, FilmWindow, Loaded
 from labpipe.imaging.dic._motion_state import contradicted, converged_nearby, extent, predicted, remember
 from labpipe.imaging.dic._motion_uncertainty import one_way
 from labpipe.imaging.dic._reference import Reference
+from labpipe.imaging.dic._seeding import has_double
 from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR
 from labpipe.imaging.dic._subset_solver import CHANGES, SOLVED, Solution, empty_solution, put, solve
 from labpipe.imaging.films import PIECE
@@ -181,7 +182,16 @@ class Tracker:
         self.is_tracked = np.ones(count, bool)
         self.misses = np.zeros(count, np.int64)
         self._predictions: dict[int, Floats] = {}
+        self._doubles: dict[int, bool] = {}
         self.work = Work()
+
+    def has_double(self, point: int) -> bool:
+        """Whether the pattern around a point is in the reference a second time; looked for once."""
+        if point not in self._doubles:
+            subsets = self.reference.subsets
+            centre = int(subsets.x[point]), int(subsets.y[point])
+            self._doubles[point] = has_double(self.reference.pyramid, centre, int(subsets.half[point]))
+        return self._doubles[point]
 
     def start_from(self, shifts: Floats) -> None:
         """Expect displacements (point, 2) in px in the next frame, whatever was before."""
