@@ -59,14 +59,17 @@ def _sniff(head: bytes, path: Path) -> bool:
     if _has_headings(text):
         return True
     whole = head[: head.rfind(b"\n") + 1 or None]
-    return not text.isascii() and any(_has_headings(whole.decode(codec, errors="replace")) for codec in CODECS)
+    texts = () if text.isascii() else (whole.decode(codec, errors="replace") for codec in CODECS)
+    return any(_has_headings(other, new=True) for other in texts)
 
 
-def _has_headings(text: str) -> bool:
+def _has_headings(text: str, *, new: bool = False) -> bool:
+    """Look for headings; in a text that was decoded in other ``new`` ways, where that makes a difference."""
     from instruments.tables._layout import headings_of, joined, signals_of
 
     lines = [line for _, line in joined(text.removeprefix("\N{ZERO WIDTH NO-BREAK SPACE}").splitlines())]
-    return any(headings_of(line) is not None for line in (*lines, signals_of(lines)) if line.strip())
+    asked = [line for line in lines if not (new and line.isascii())]
+    return any(headings_of(line) is not None for line in (*asked, signals_of(lines)) if line.strip())
 
 
 def holds_rows(head: bytes) -> bool:

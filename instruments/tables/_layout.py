@@ -31,6 +31,7 @@ ABSENT = (
 
 _POWER = r"\s*[x×*·]\s*10\^?\(?([+-]?\d+)\)?"
 _GROUPS = r"\d{1,3}(?:['\u2019\u00a0\u202f ]\d{3})+"
+_LETTER = re.compile(r"[^\W\d_]")
 _NUMERIC = re.compile(rf"[+-]?(?:(?:{_GROUPS}|\d)[\d.,]*|[.,]\d+)(?:[eEdD][+-]?\d+|{_POWER})?")
 _GROUPED = re.compile(rf"([+-]?{_GROUPS})((?:[.,]\d*)?(?:[eEdD].*)?)")
 _TIMES_TEN = re.compile(_POWER + "$")
@@ -203,7 +204,7 @@ def headings_of(line: str, below: Sequence[str] = ()) -> tuple[list[Heading], st
     The lines below tell how many columns there are, where it can be seen.
     """
     bare = _MARK.sub("", line)
-    if len(bare) > _LONGEST or not any(letter.isalpha() for letter in bare):
+    if len(bare) > _LONGEST or not _LETTER.search(bare):
         return None
     best: tuple[tuple[bool, int, int], list[Heading], str] | None = None
     widths = {len(row) for text in below for way in _OF_ROWS if _is_all_numbers(row := trimmed(cells(text, way)))}

@@ -9,6 +9,7 @@ languages of the exports of instruments are known as well.
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 from instruments import anton_paar
 from instruments._symbols import FREQUENCIES, MODULI, RESPONSES, SHIFTS, TIMES, fold, named
@@ -152,6 +153,7 @@ class Heading:
     at: tuple[float, str] | None = None
 
 
+@lru_cache(4096)
 def quantity(heading: str) -> str | None:
     """Return the canonical name of a column, or None when it is not known.
 

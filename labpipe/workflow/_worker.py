@@ -32,6 +32,9 @@ _SPARE = 1.5
 """Free space asked for, relative to the size expected of a result."""
 _SMALLEST = 1 << 20
 """Bytes asked for when nothing is known of a result's size."""
+_MOST_BYTES = 1 << 26
+"""Of results of an experiment that are remembered while it is processed."""
+
 _OURS = ("work", "provenance")
 """Attributes that belong to one result and must not travel into the next one made of it."""
 
@@ -200,6 +203,7 @@ class _Run:
     failures: dict[TaskId, Failure]
     stopped: bool = field(default=False)
     passed: dict[TaskId, Any] = field(default_factory=dict)
+    remembered: "dict[str, xr.Dataset]" = field(default_factory=dict)
 
     def all(self) -> None:
         for row in self.plan.rows:
@@ -361,12 +365,21 @@ class _Run:
         return result
 
     def _read(self, task: Task, key: str) -> "xr.Dataset | str":
+        """Read a result; most have several readers, each of which gets a copy of its own."""
+        if key in self.remembered:
+            return self.remembered[key].copy(deep=True)
         try:
-            return self.store.read(key)
+            result = self.store.read(key)
         except StoreError:
             if task.id in self.retried:
                 raise
             raise _StartAgain(task.id) from None
+        if (
+            not isinstance(result, str)
+            and result.nbytes + sum(d.nbytes for d in self.remembered.values()) < _MOST_BYTES
+        ):
+            self.remembered[key] = result.copy(deep=True)
+        return result
 
     def _caught(self, raised: list[warnings.WarningMessage]) -> tuple[Caught, ...]:
         """Warnings for the report; those for programmers say nothing about the data."""

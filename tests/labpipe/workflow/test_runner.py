@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import toy_laboratory as toy
@@ -24,6 +25,7 @@ from labpipe.workflow._worker import Job, work
 from labpipe.workflow.graph import Stage
 from labpipe.workflow.runner import Event, RunResult, open_result, run, run_all
 from labpipe.workflow.session import Session
+from labpipe.workflow.store import Store
 from tests.by_day import by_day
 
 HERE = Path(__file__).parent
@@ -104,6 +106,26 @@ def test_results_have_the_right_values(session: Session) -> None:
     assert opened.identical(result.dataset("nbr", "mean"))
     opened = open_result(session, toy.STAGES, "nbr", "read", "laser/r3.txt")
     assert opened["z"].to_numpy().tolist() == [3 * k / 7 for k in range(5)]
+
+
+def test_a_result_is_read_once_and_each_stage_may_alter_its_own(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keys: list[str] = []
+    read, mean = Store.read, toy.mean
+
+    def altering(datasets: list[Any], material: Any, **keywords: Any) -> Any:
+        made = mean(datasets, material, **keywords)
+        for dataset in datasets:
+            dataset["z"].values[:] = -1.0
+        return made
+
+    monkeypatch.setattr(toy, "mean", altering)
+    monkeypatch.setattr(Store, "read", lambda store, key: keys.append(key) or read(store, key))
+    assert run_here(session).exit_code == 0
+    assert len(keys) == len(set(keys)) > 0
+    page = (session.folder / "reports" / "nbr.html").read_text()
+    assert repr([[3 * k / 7 for k in range(5)]]) in page
 
 
 def test_a_result_that_is_not_up_to_date_is_not_opened(session: Session) -> None:
