@@ -234,6 +234,13 @@ def _declared(name: str, key: str, old: str, new: str, words: str, after: str = 
 
 
 WAVE_ROWS = (
+    Mistake(
+        "zero slips by 2 % of the force",
+        rows(_force(lambda i, f: f + 0.3), WAVES, 3),
+        "doubtful",
+        ("two zeros",),
+        WAVES,
+    ),
     Mistake("stage stopped at a limit", rows(_stopped(0.7), WAVES), "doubtful", ("lie at one end", "stopped"), WAVES),
     *_of_columns(WAVES),
     *_of_units(WAVES),

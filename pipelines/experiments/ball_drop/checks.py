@@ -16,6 +16,7 @@ from labpipe.materials import load
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.ball_drop.comparison import SCALE, rows
+from pipelines.experiments.ball_drop.model import OF_PLATE
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import fall_checks, judgements, trace_checks
 from pipelines.experiments.shared.fall_checks import Fall, Stiffness
@@ -61,9 +62,10 @@ def judgement(
     context: Context,
 ) -> xr.Dataset:
     """Judge one ball drop; what gave no result is judged by that."""
-    basis = judgements.Basis.of((settings.sphere.material_from, settings.plate_from), (of_material, of_plate))
-    if not basis.is_sound:
-        model = comparison = None
+    basis = judgements.Basis.of(
+        settings, {"sphere.material_from": of_material, "plate_from": of_plate}, plate_from=OF_PLATE
+    )
+    model, comparison = basis.sound(model, comparison)
     gravity = settings.model.gravity.value
     traces = [
         trace

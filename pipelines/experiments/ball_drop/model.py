@@ -22,7 +22,7 @@ from pipelines.experiments.shared.plate_under_drop import plate_inputs, resolve_
 
 _CURVE_STEP = 5e-5  # s, spacing of the model's curve; contacts of 1 ms get twenty points
 _COARSE = 1e-3  # tolerance of the simulations by which sensitivities are found
-_OF_PLATE = "plate "
+OF_PLATE = "plate "
 _LEAST_CHANGE = 1e-3  # relative change of an input by which a sensitivity is found
 _UNCERTAIN = (
     "restitution",
@@ -59,12 +59,12 @@ def model(
     body = {"height": settings.height, "radius": sphere.radius, "mass": sphere.mass}
     substrate = resolve_plate(settings.plate, plate)
     floor = plate_inputs(settings.plate, plate)
-    inputs = body | {f"{_OF_PLATE}{name}": quantity for name, quantity in floor.items()}
+    inputs = body | {f"{OF_PLATE}{name}": quantity for name, quantity in floor.items()}
     solids = variations(sphere, material_file, fitted, IMPACT_TIMES)
 
     def values_of(change: Mapping[str, float]) -> tuple[dict[str, float], contact.Plate | None]:
         values = {**{name: quantity.value for name, quantity in inputs.items()}, **change}
-        moved = {name: values[f"{_OF_PLATE}{name}"] for name in floor}
+        moved = {name: values[f"{OF_PLATE}{name}"] for name in floor}
         return values, None if substrate is None else replace(substrate, **moved)
 
     def simulate(other: Prony, rtol: float, times: Floats | None, change: Mapping[str, float]) -> xr.Dataset:

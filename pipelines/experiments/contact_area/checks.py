@@ -60,9 +60,8 @@ def judgement(
     context: Context,
 ) -> xr.Dataset:
     """Judge one film; what gave no result is judged by that."""
-    basis = judgements.Basis.of((settings.sphere.material_from, settings.plate_from), (of_material, of_plate))
-    if not basis.is_sound:
-        model = comparison = None
+    basis = judgements.Basis.of(settings, {"sphere.material_from": of_material, "plate_from": of_plate})
+    model, comparison = basis.sound(model, comparison)
     checks = [explained(check) for check in judgements.failed_steps(context, _FAILED)]
     checks.append(fall_checks.gravity_stated(settings.model.gravity))
     if radius is not None:

@@ -69,9 +69,8 @@ def judgement(
     context: Context,
 ) -> xr.Dataset:
     """Judge one film; what gave no result is judged by that."""
-    basis = judgements.Basis.of((settings.laser_experiment,), (of_laser,))
-    if not basis.is_sound:
-        laser = comparison = None
+    basis = judgements.Basis.of(settings, {"laser_experiment": of_laser})
+    laser, comparison = basis.sound(laser, comparison)
     checks = [explained(check) for check in judgements.failed_steps(context, _FAILED)]
     if track is not None:
         found = _found(track, settings)

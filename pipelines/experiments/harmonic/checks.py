@@ -9,11 +9,11 @@ from labpipe.judging import Check, not_made
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.harmonic.comparison import rows
-from pipelines.experiments.harmonic.model import uncertain_inputs
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import judgements, mach1_checks
-from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS, TOUCH
+from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS
 from pipelines.experiments.shared.judgements import Scene
+from pipelines.experiments.shared.punch_model import TOUCH, inputs_of
 from pipelines.experiments.shared.ramps_and_holds import relative_gain
 
 _FAILED = {
@@ -39,10 +39,8 @@ def judgement(
     context: Context,
 ) -> xr.Dataset:
     """Judge one harmonic indentation; what gave no result is judged by that."""
-    dma = None if settings.substrate is None else settings.substrate.material_from
-    basis = judgements.Basis.of((dma,), (of_material,))
-    if not basis.is_sound:
-        model = comparison = None
+    basis = judgements.Basis.of(settings, {"substrate.material_from": of_material})
+    model, comparison = basis.sound(model, comparison)
     name = settings.mach1
     checks: list[Check] = []
     if readings is None:
@@ -71,9 +69,9 @@ def judgement(
         causes = list(mach1_checks.causes(name, readings, settings.punch, settings.load_cell, checks))
     relative = 0.0 if loads is None else relative_gain(loads)
     inputs = {FORCE_SCALE: Quantity(1.0, relative, "1"), STIFFNESS: Quantity(1.0, 0.0, "1")}
-    simulated = {} if model is None else uncertain_inputs(model)
-    shared = {TOUCH: simulated.pop(TOUCH)} if simulated else {}
-    return judgements.judgement(Scene(checks, causes, compared, inputs | simulated, shared, basis))
+    inputs |= inputs_of(model)
+    shared = {TOUCH: inputs.pop(TOUCH)} if TOUCH in inputs else {}
+    return judgements.judgement(Scene(checks, causes, compared, inputs, shared, basis))
 
 
 def _phase(name: str, oscillations: xr.Dataset, settings: Harmonic) -> Check:

@@ -9,10 +9,10 @@ import xarray as xr
 from labpipe.signals import nrmse
 from labpipe.variables import variable
 from pipelines.experiments.harmonic.measured import COLUMNS, evaluated
-from pipelines.experiments.harmonic.model import uncertain_inputs
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS, Row, row
+from pipelines.experiments.shared.punch_model import inputs_of
 
 
 def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
@@ -51,7 +51,7 @@ def rows(comparison: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *,
     del settings
     if "nrmse" not in comparison:
         return
-    inputs = uncertain_inputs(model)
+    inputs = inputs_of(model)
     for i in range(oscillations.sizes["oscillation"]):
         condition = f"{float(oscillations['frequency'][i]):.3g} Hz"
         yield row("force", "N", 1, condition=condition, nrmse=comparison["nrmse"][i], difference=comparison["bias"][i])
@@ -64,10 +64,7 @@ def rows(comparison: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *,
                 unit,
                 1,
                 slopes={FORCE_SCALE: float(oscillations[name][i]), STIFFNESS: -float(model[name][i])}
-                | {
-                    known: -float(part) / given.u
-                    for (known, given), part in zip(inputs.items(), model[f"part_{name}"].values[i], strict=True)
-                },
+                | {known: -float(slope) for known, slope in zip(inputs, model[f"slope_{name}"].values[i], strict=True)},
                 condition=condition,
                 measured=oscillations[name][i],
                 u_measured=oscillations[f"u_{name}"][i],

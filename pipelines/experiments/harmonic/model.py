@@ -1,6 +1,5 @@
 """The indentation simulated with the measured displacement."""
 
-import json
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,14 +10,12 @@ import xarray as xr
 from labpipe.arrays import Floats
 from labpipe.materials import Prony
 from labpipe.signals import common_fit
-from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
 from pipelines.experiments.harmonic.measured import COLUMNS, evaluated
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
-from pipelines.experiments.shared.comparison_rows import TOUCH
 from pipelines.experiments.shared.material_choice import resolve, variations
-from pipelines.experiments.shared.punch_model import Geometry, simulated
+from pipelines.experiments.shared.punch_model import Effect, Geometry, simulated, table_of
 
 
 def model(
@@ -43,29 +40,22 @@ def model(
     slowest = 1.0 / (2.0 * np.pi * float(oscillations["frequency"].min()))
     fastest = 1.0 / (2.0 * np.pi * float(oscillations["frequency"].max()))
     others = variations(substrate, material_file, fitted, (fastest, slowest))
-    force, u_force, of_solid, attrs = simulated(loads, touch, solid, geometry, others)
-    given = {TOUCH: Quantity(0.0, 1.0, "1")} | {name: other.given for name, other in others.items()}
-    result = _model_rows(loads, oscillations, solid, force, [u_force, *of_solid])
-    result = result.assign_coords(uncertain=np.array(list(given), dtype=str))
-    for name, values, text in (
-        ("input_value", [q.value for q in given.values()], "value of an input of the model, SI"),
-        ("input_u", [q.u for q in given.values()], "standard uncertainty of an input of the model, SI"),
-    ):
-        result[name] = variable("uncertain", values, "1", text)
-    result.attrs["input_units"] = json.dumps([q.si for q in given.values()])
+    force, effects, attrs = simulated(loads, touch, solid, geometry, others)
+    result = _model_rows(loads, oscillations, solid, force, list(effects.values()))
+    result = result.merge(table_of(effects))
     result = result.assign(with_u("contact_position", (), touch.value, touch.u, "m", "stage position of first touch"))
     result.attrs |= attrs | {"contact": how}
     return result
 
 
 def _model_rows(
-    loads: xr.Dataset, oscillations: xr.Dataset, solid: Prony, force: Floats, changes: list[Floats]
+    loads: xr.Dataset, oscillations: xr.Dataset, solid: Prony, force: Floats, effects: list[Effect]
 ) -> xr.Dataset:
     """Fit the simulated force as the measured one was, and keep its curve beside the readings.
 
     The simulation moved along chords between the readings, along which a solid is stiffer: that is taken out.
-    ``changes`` (sample,) are what every uncertain input does to the force.
     """
+    steps, u_inputs = np.array([(e.step, e.given.u) for e in effects]).T
     rows, lost, force = [], [], force.copy()
     for i in range(oscillations.sizes["oscillation"]):
         at = oscillations.isel(oscillation=i)
@@ -74,7 +64,7 @@ def _model_rows(
         chords = partial(along_chords, solid, float(np.median(np.diff(time))))
         fit, *shifted = (
             common_fit(time[used], x[used], (force - c)[where][used], float(at["frequency"]), response=chords)
-            for c in (np.zeros_like(force), *changes)
+            for c in (np.zeros_like(force), *(e.change for e in effects))
         )
         rows.append((fit, shifted))
         lost.append(float(np.mean(force[where][used] <= 0.0)))
@@ -85,28 +75,27 @@ def _model_rows(
         "force": variable("sample", force, "N", "simulated force"),
         "u_force": variable(
             "sample",
-            np.sqrt(np.sum(np.square(changes), axis=0)),
+            np.sqrt(np.sum(np.square([e.by_u() for e in effects]), axis=0)),
             "N",
             "standard uncertainty from first touch, punch and solid",
         ),
         "contact_loss": variable("oscillation", np.array(lost), "1", "share of a cycle without contact, simulated"),
     }
-    parts = {}
+    slopes = {}
     for name in ("storage_stiffness", "loss_stiffness"):
         values = np.array([getattr(fit, name) for fit, _ in rows])
         moved = np.array([[getattr(one, name) for one in shifted] for _, shifted in rows])
         units, text = COLUMNS[name]
-        parts[name] = values[:, None] - moved
-        u = np.sqrt(np.sum(parts[name] ** 2, axis=1))
+        slopes[name] = (values[:, None] - moved) / steps
+        u = np.sqrt(np.sum((slopes[name] * u_inputs) ** 2, axis=1))
         table |= with_u(name, "oscillation", values, u, units, f"{text}, simulated", "by touch, punch and solid")
     amplitude = np.array([fit.position.amplitude for fit, _ in rows])
     work, u_work = (np.pi * amplitude**2 * table[f"{part}loss_stiffness"][1] for part in ("", "u_"))
     table |= with_u("work_per_cycle", "oscillation", work, u_work, "J", "simulated work")
-    parts["work_per_cycle"] = np.pi * amplitude[:, None] ** 2 * parts["loss_stiffness"]
-    for name, moved in parts.items():
-        units, text = COLUMNS[name]
-        text = f"change by one standard uncertainty of an input: {text}, simulated"
-        table[f"part_{name}"] = variable(("oscillation", "uncertain"), moved, units, text)
+    slopes["work_per_cycle"] = np.pi * amplitude[:, None] ** 2 * slopes["loss_stiffness"]
+    for name, moved in slopes.items():
+        text = f"change with an input, SI: {COLUMNS[name][1]}, simulated"
+        table[f"slope_{name}"] = variable(("oscillation", "uncertain"), moved, "1", text)
     return xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]})
 
 
@@ -141,14 +130,3 @@ def along_chords(material: Prony, interval: float, frequency: float) -> complex:
     gained = -np.expm1(-x) / x * (1.0 - turn) / (1.0 - np.exp(-x) * turn)
     exact = material.complex_modulus(2.0 * np.pi * frequency)
     return complex((material.E_relaxed + np.asarray(material.E) @ gained) / exact)
-
-
-def uncertain_inputs(model: xr.Dataset) -> dict[str, Quantity]:
-    """Return the uncertain inputs of a simulated indentation; empty where nothing was simulated."""
-    if "uncertain" not in model.coords:
-        return {}
-    columns = (model[name].values for name in ("uncertain", "input_value", "input_u"))
-    units = json.loads(model.attrs["input_units"])
-    return {
-        str(name): Quantity(float(value), float(u), unit) for name, value, u, unit in zip(*columns, units, strict=True)
-    }

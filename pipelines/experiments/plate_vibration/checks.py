@@ -82,9 +82,8 @@ def judgement(
     context: Context,
 ) -> xr.Dataset:
     """Judge one plate vibration; what gave no result is judged by that."""
-    basis = judgements.Basis.of([drops.material_from for drops in settings.drops], of_materials or ())
-    if not basis.is_sound:
-        model = comparison = None
+    basis = judgements.Basis.of(settings, {"drops.material_from": of_materials})
+    model, comparison = basis.sound(model, comparison)
     names = [name for drops in settings.drops for name in drops.laser]
     of_traces = _of_traces(names, readings, displacement, settings)
     checks = [_explained(check, of_traces, settings.calibration) for check in judgements.failed_steps(context, _FAILED)]

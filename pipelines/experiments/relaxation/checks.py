@@ -16,6 +16,7 @@ from pipelines.experiments.shared import judgements, mach1_checks
 from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS
 from pipelines.experiments.shared.judgements import Scene
 from pipelines.experiments.shared.mach1_checks import RATIO
+from pipelines.experiments.shared.punch_model import inputs_of
 from pipelines.experiments.shared.ramps_and_holds import Hold, find, mean_force, relative_gain
 
 _SHARES = (0.3, 0.9)  # of the shortest hold, between which relaxations are held against each other
@@ -43,10 +44,8 @@ def judgement(
     context: Context,
 ) -> xr.Dataset:
     """Judge all relaxation tests of an experiment; what gave no result is judged by that."""
-    dma = None if settings.substrate is None else settings.substrate.material_from
-    basis = judgements.Basis.of((dma,), (of_material,))
-    if not basis.is_sound:
-        comparison = tests = None
+    basis = judgements.Basis.of(settings, {"substrate.material_from": of_material})
+    comparison, tests = basis.sound(comparison, tests)
     files = settings.mach1
     checks: list[Check] = []
     relative = 0.0
@@ -71,7 +70,7 @@ def judgement(
         checks += mach1_checks.of_punch(settings.punch, settings.substrate, settings.model, deepest)
     checks += mach1_checks.placed(judgements.failed_steps(context, _FAILED), *files, settings.load_cell.record)
     compared_rows = [] if tests is None else list(rows(tests, settings=settings))
-    inputs = {FORCE_SCALE: Quantity(1.0, relative, "1"), STIFFNESS: Quantity(1.0, 0.0, "1")}
+    inputs = {FORCE_SCALE: Quantity(1.0, relative, "1"), STIFFNESS: Quantity(1.0, 0.0, "1")} | inputs_of(tests)
     return judgements.judgement(Scene(checks, (), compared_rows, inputs, basis=basis))
 
 

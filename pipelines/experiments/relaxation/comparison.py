@@ -7,10 +7,12 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.variables import from_rows, variable
+from pipelines.experiments.relaxation.model import SLOPES
 from pipelines.experiments.relaxation.moduli import through
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
 from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS, Row, row
+from pipelines.experiments.shared.punch_model import INPUTS, inputs_of
 from pipelines.experiments.shared.ramps_and_holds import Hold
 
 _PARTS = ("ramp", "early", "late", "all")
@@ -61,7 +63,7 @@ def comparison(loads: xr.Dataset, ramps: xr.Dataset, model: xr.Dataset, *, setti
     made["simulated_force"] = variable("sample", passed, "N", "simulated force, behind the cell's filter")
     u = through(loads, model["u_force"].values, interval, declared, kind)  # one error in common: it passes as a force
     made["u_simulated_force"] = variable("sample", u, "N", "standard uncertainty from first touch, punch and solid")
-    return made
+    return made.merge(model[[SLOPES, *INPUTS]])
 
 
 def _errors(loads: xr.Dataset, hold: Hold, measured: Floats, simulated: Floats, early: float) -> dict[str, float]:
@@ -88,6 +90,7 @@ def rows(tests: xr.Dataset, *, settings: Relaxation) -> Iterator[Row]:
     del settings
     if "nrmse_all" not in tests:
         return
+    inputs = inputs_of(tests)
     for i in range(tests.sizes["test"]):
         condition = f"{float(tests['depth'][i]) * 1e3:.2g} mm"
         for part in ("ramp", "early", "late"):
@@ -103,7 +106,8 @@ def rows(tests: xr.Dataset, *, settings: Relaxation) -> Iterator[Row]:
             "plateau force",
             "N",
             1,
-            slopes={FORCE_SCALE: float(tests["plateau_force"][i]), STIFFNESS: -float(tests["plateau_force_model"][i])},
+            slopes={FORCE_SCALE: float(tests["plateau_force"][i]), STIFFNESS: -float(tests["plateau_force_model"][i])}
+            | {name: -float(slope) for name, slope in zip(inputs, tests[SLOPES].values[i], strict=True)},
             condition=condition,
             measured=tests["plateau_force"][i],
             u_measured=tests["u_plateau_force"][i],

@@ -10,6 +10,7 @@ import xarray as xr
 
 from labpipe.variables import variable, with_u
 from pipelines.experiments.relaxation.settings import Relaxation
+from pipelines.experiments.shared.punch_model import INPUTS
 
 _BIRGE_LIMIT = 2.0  # of chance alone, three depths exceed it once in fifty
 
@@ -37,10 +38,14 @@ def tests(
     wanted = sorted({str(n) for part in parts for n in part.data_vars if "ramp" in part[n].dims})
     table: dict[str, Any] = {}
     for name in wanted:
-        values = [part[name].values if name in part else np.full(part.sizes["ramp"], np.nan) for part in parts]
-        attrs = next(part[name].attrs for part in parts if name in part)
-        table[name] = ("test", np.concatenate(values), attrs)
+        first = next(part[name] for part in parts if name in part)
+        empty = (np.full((part.sizes["ramp"], *first.shape[1:]), np.nan) for part in parts)
+        values = [part[name].values if name in part else none for part, none in zip(parts, empty, strict=True)]
+        table[name] = (("test", *first.dims[1:]), np.concatenate(values), first.attrs)
     made = xr.Dataset(table, coords={"test": np.arange(1, len(names) + 1)})
+    simulated = next((part for part in parts if "uncertain" in part.coords), None)
+    if simulated is not None:
+        made = made.merge(simulated[[*INPUTS]])
     made.attrs = {"names": json.dumps(names)}
     if "reduced_modulus" in made:
         nus = [float(c["nu"]) for c in curves if "nu" in c]

@@ -10,8 +10,9 @@ from labpipe.variables import variable
 from pipelines.experiments.relaxation.moduli import BINS_PER_DECADE
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared.material_choice import resolve, variations
-from pipelines.experiments.shared.punch_model import Geometry, simulated
+from pipelines.experiments.shared.punch_model import TOUCH, Geometry, simulated, table_of
 
+SLOPES = "slope_plateau_force"
 _SHORTEST = 0.02  # s; the fastest part of a ramp that shows in a force
 
 
@@ -33,8 +34,14 @@ def model(
     at = Quantity(touch, float(ramps["u_contact_position"]), "m")
     longest = float(ramps["duration"].max())
     others = variations(settings.substrate, material_file, fitted, (_SHORTEST, longest))
-    force, u_force, of_solid, attrs = simulated(loads, at, solid, geometry, others)
-    u_force = np.sqrt(u_force**2 + np.sum(of_solid**2, axis=0))
+    force, effects, attrs = simulated(loads, at, solid, geometry, others)
+    u_force = np.sqrt(np.sum(np.square([e.by_u() for e in effects.values()]), axis=0))
+    # each file has a first touch of its own: what the files have in common is the punch and the solid
+    shared = {name: effect for name, effect in effects.items() if name != TOUCH}
+    time, block = loads["time"].values, loads["block"].values
+    ends = zip(*(ramps[name].values for name in ("block", "plateau_begin", "last")), strict=True)
+    at_end = [(block == int(number)) & (time >= begin) & (time <= last) for number, begin, last in ends]
+    slopes = [[float(e.change[where].mean()) / e.step for e in shared.values()] for where in at_end]
     text = "simulated force, before the cell's filter"
     interval = float(loads["sampling_interval"][0])
     elapsed = np.geomspace(interval, longest, int(np.log10(longest / interval) * BINS_PER_DECADE))
@@ -51,7 +58,8 @@ def model(
                 "Pa",
                 "reduced relaxation modulus of the material",
             ),
+            SLOPES: variable(("ramp", "uncertain"), slopes, "1", "change of the plateau's force with an input, SI"),
         },
-        coords={"elapsed": variable("elapsed", elapsed, "s", "time since a step of strain")},
+        coords={"ramp": ramps["ramp"], "elapsed": variable("elapsed", elapsed, "s", "time since a step of strain")},
         attrs=attrs,
-    )
+    ).merge(table_of(shared))

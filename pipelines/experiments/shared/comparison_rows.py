@@ -11,8 +11,6 @@ IMPACTS = 3
 """Impacts that are compared one by one; the thesis compares the first three."""
 FORCE_SCALE, STIFFNESS = "scale of force", "modulus of the rubber"
 """Inputs of the rows of an indentation, relative: the cell's gain, and the material as a whole."""
-TOUCH = "first touch and punch"
-"""What makes the simulated force of an indentation uncertain in all of its rows together, in units of it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -76,6 +76,7 @@ _CLOSE = 6.0
 _KNOWN, _RELATIVE = 1e-3, 1e-2
 """Relative, what counts as the uncertainty of an input without a stated one, and of a factor that nobody measured."""
 
+_VISIBLE = 0.5  # of the uncertainty of a difference
 _LEAST_P = 1e-4  # smaller probabilities say no more
 
 _BESIDE = {
@@ -95,33 +96,73 @@ class Basis(NamedTuple):
     checks : sequence of Check
         One for each of them.
     is_sound : bool
-        Whether none is impossible. What is computed from an impossible one is no expectation, so
-        that nothing is held against it.
+        Whether none on which all rests is impossible. What is computed from an impossible one is no
+        expectation, so that nothing is held against it.
     reason : str
         Of what is not believable; empty where all is.
+    wrong : tuple of str
+        Beginnings of the names of inputs that come from an impossible one on which little rests.
     """
 
     checks: Sequence[Check] = ()
     is_sound: bool = True
     reason: str = ""
+    wrong: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, names: Sequence[str | None], results: Sequence[xr.Dataset | None]) -> "Basis":
-        """Take what the settings name, and the judgements of these experiments in the same order, where they are."""
-        checks, reasons, is_sound = [], [], True
-        for reference, result in zip(names, results, strict=False):
-            if reference is None or result is None:
-                continue
-            word, name = believed(result).believable, reference.removeprefix(REFERENCE)
-            text, cause = f"{name} is believable", ""
-            if word in ("doubtful", "impossible"):
-                text = f"it rests on {name}, which is {word}"
-                cause = f"see {name} first"
-                is_sound &= word == "doubtful"
-                reasons.append(text)
-            law = "an expectation is as good as the measurement that it was computed from"
-            checks.append(stated(f"basis, {name}", law, text, "note" if cause else None, cause=cause))
-        return cls(tuple({c.name: c for c in checks}.values()), is_sound, "; ".join(dict.fromkeys(reasons)))
+    def of(cls, settings: Any, results: Mapping[str, Any], **slight: str) -> "Basis":
+        """Take the judgements of the experiments that settings name, where they are.
+
+        Parameters
+        ----------
+        settings : Struct
+            Of the experiment.
+        results : mapping of str to Dataset, list of Dataset, or None
+            By the field that names the experiment, as ``rests_on`` of its kind lists them.
+        **slight
+            Fields on which a row may rest by little only, each with the beginning of the names of
+            the inputs that come from there.
+        """
+        checks: dict[str, Check] = {}
+        reasons, wrong, is_sound = [], [], True
+        for field, found in results.items():
+            every = found if isinstance(found, list) else [found]
+            for reference, result in zip(_ends(settings, field), every, strict=False):
+                if reference is None or result is None:
+                    continue
+                word, name = believed(result).believable, reference.removeprefix(REFERENCE)
+                text, cause = f"{name} is believable", ""
+                if word in ("doubtful", "impossible"):
+                    text = f"it rests on {name}, which is {word}"
+                    cause = f"see {name} first"
+                    reasons.append(text)
+                if word == "impossible" and field in slight:
+                    wrong.append(slight[field])
+                elif word == "impossible":
+                    is_sound = False
+                law = "an expectation is as good as the measurement that it was computed from"
+                check = stated(f"basis, {name}", law, text, "note" if cause else None, cause=cause)
+                checks[check.name] = check
+        return cls(tuple(checks.values()), is_sound, "; ".join(dict.fromkeys(reasons)), tuple(wrong))
+
+    def sound(self, *computed: Any) -> tuple[Any, ...]:
+        """Return what was computed from these experiments, or None for each where it is no expectation."""
+        return computed if self.is_sound else (None,) * len(computed)
+
+    def carries(self, row: Row, inputs: Mapping[str, Quantity]) -> bool:
+        """Tell whether a row would change visibly if what comes from an impossible experiment were off by its size."""
+        theirs = [name for name in inputs if name.startswith(self.wrong)] if self.wrong else []
+        effect = sum(abs(row.slopes.get(name, 0.0) * inputs[name].value) for name in theirs)
+        return bool(self.wrong) and (not theirs or effect > _VISIBLE * (row.u_difference or 0.0))
+
+
+def _ends(settings: Any, dotted: str) -> list[str | None]:
+    """Return the experiment that a field names, or one for each item of a list on the way; None for none."""
+    if isinstance(settings, list | tuple):
+        return [end for item in settings for end in _ends(item, dotted)]
+    name, _, rest = dotted.partition(".")
+    value = getattr(settings, name, None)
+    return _ends(value, rest) if rest else [value]
 
 
 class Scene(NamedTuple):
@@ -214,7 +255,9 @@ def judgement(scene: Scene) -> xr.Dataset:
         words and, as JSON, all checks; ``suspects`` what would explain a model that differs.
     """
     judged = judge([*scene.checks, *scene.basis.checks], scene.causes)
-    rows = [row for row in scene.rows if row.deviation is not None]
+    compared_rows = [row for row in scene.rows if row.deviation is not None]
+    rows = [row for row in compared_rows if not scene.basis.carries(row, scene.inputs)]
+    is_held = scene.basis.is_sound and (bool(rows) or not scene.basis.wrong)
     named = {name for row in rows for name in row.slopes}
     known = {**scene.inputs, **scene.shared}
     # a change of a rheometer's spectrum is no value that could have been stated wrongly
@@ -226,35 +269,29 @@ def judgement(scene: Scene) -> xr.Dataset:
         covariance = _covariance(rows, slopes, [known[name].u for name in every])
         found = agreement([row.difference or 0.0 for row in rows], covariance)
         smallest = detectable(slopes[:, : len(names)], covariance) if names else smallest
-        told = _slipped(names, known, rows, slopes[:, : len(names)], covariance)
-        told += _suspected(
-            names, known, [row.difference or 0.0 for row in rows], slopes[:, : len(names)], covariance, found.chi2
-        )
-        told = told[:_SUSPECTS] or _common(rows) or ([_UNEXPLAINED] if names else [])
+        own = slopes[:, : len(names)]
+        ranked = suspects([row.difference or 0.0 for row in rows], own, covariance) if names else []
+        told = _slipped(names, known, rows, own, covariance, ranked)
+        told += _suspected(names, known, own, ranked, found.chi2)
+        told = told[:_SUSPECTS] or _common(names, rows, own) or ([_UNEXPLAINED] if names else [])
     values = np.array([scene.inputs[name].value for name in names])
     # an error of an input that is 0 has no size to be compared with
     relative = np.divide(smallest, np.abs(values), out=np.full(len(names), np.nan), where=values != 0.0)
     could_notice = bool((relative < MATTERS).any()) if names else True
     units = [scene.inputs[name].si for name in names]
     made = _dataset(judged, found, dict(zip(names, units, strict=True)), smallest, relative, could_notice)
-    if not scene.basis.is_sound:
+    if not is_held:
         made.attrs["model"] = "undecided"
     told = [f"{scene.basis.reason}: see there first", *told] if scene.basis.reason else told
-    wanted = made.attrs["model"] == "differs" or not scene.basis.is_sound
+    wanted = made.attrs["model"] == "differs" or not is_held
     return made.assign_attrs(suspects=json.dumps(told if wanted else []))
 
 
 def _suspected(
-    names: Sequence[str],
-    known: Mapping[str, Quantity],
-    differences: Sequence[float],
-    slopes: Any,
-    covariance: Any,
-    chi2: float,
+    names: Sequence[str], known: Mapping[str, Quantity], slopes: Any, ranked: Sequence[Suspect], chi2: float
 ) -> list[str]:
     """Say of the likeliest inputs by how much each would have to be stated wrongly, and what that explains."""
     said: list[str] = []
-    ranked = suspects(differences, slopes, covariance) if names else []
 
     def far(suspect: Suspect) -> float:
         given = known[names[suspect.inputs[0]]]
@@ -262,33 +299,56 @@ def _suspected(
         return abs(suspect.error) / (given.u or share * abs(given.value) or inf)
 
     # what explains as much is the likelier, the less of its own uncertainty it takes
-    near = [one for one in ranked if (ranked[0].share - one.share) * chi2 < _CLOSE]
-    for suspect in [*sorted(near, key=far), *ranked[len(near) :]]:
+    alike = [one for one in ranked if (ranked[0].share - one.share) * chi2 < _CLOSE]
+    for suspect in [*sorted(alike, key=far), *ranked[len(alike) :]]:
         if suspect.share < _EXPLAINS or len(said) == _SUSPECTS:
             break
-        first, *others = (names[i] for i in suspect.inputs)
-        given = known[first]
-        if given.value and abs(suspect.error) > max(_LINEAR * abs(given.value), _FAR * given.u):
+        errors = [(names[i], error) for i, error in _errors_of(suspect, slopes)]
+        near = [(name, error) for name, error in errors if _is_near(known[name], error)]
+        if not near:
             continue
-        way = "too large" if suspect.error > 0.0 else "too small"
-        size = quantity(abs(suspect.error), given.si)
+        (first, error), *_ = near
+        others, given = [name for name, _ in errors if name != first], known[first]
+        way = "too large" if error > 0.0 else "too small"
+        size = quantity(abs(error), given.si)
         if given.si == "1" and given.value:
-            size = f"{100 * abs(suspect.error / given.value):.2g} %"
+            size = f"{100 * abs(error / given.value):.2g} %"
         like = f" (or {', '.join(others)})" if others else ""
         said.append(f"{first}{like} stated {size} {way} would explain {100 * suspect.share:.0f} % of it")
     return said
 
 
+def _is_near(given: Quantity, error: float) -> bool:
+    """Tell whether the effect of an error is still known by its slope."""
+    return not given.value or abs(error) <= max(_LINEAR * abs(given.value), _FAR * given.u)
+
+
+def _errors_of(suspect: Suspect, slopes: Any) -> list[tuple[int, float]]:
+    """Return the inputs whose errors look the same, each with the error by which it would explain as much."""
+    first = suspect.inputs[0]
+    row = int(np.argmax(np.abs(slopes[:, first])))
+    return [(i, suspect.error * slopes[row, first] / slopes[row, i]) for i in suspect.inputs if slopes[row, i]]
+
+
 def _slipped(
-    names: Sequence[str], known: Mapping[str, Quantity], rows: Sequence[Row], slopes: Any, covariance: Any
+    names: Sequence[str],
+    known: Mapping[str, Quantity],
+    rows: Sequence[Row],
+    slopes: Any,
+    covariance: Any,
+    ranked: Sequence[Suspect],
 ) -> list[str]:
-    """Say which stated value is probably another by a usual factor: a diameter for a radius, a decimal, a unit."""
+    """Say which stated value is probably another by a usual factor: a diameter for a radius, a decimal, a unit.
+
+    Where an input that has no uncertainty, and so may have any value, would do the same, none is.
+    """
     ratios = [(row.measured or 0.0) * (row.model or 0.0) for row in rows]
+    free = {i for suspect in ranked if not all(known[names[j]].u for j in suspect.inputs) for i in suspect.inputs}
     # what is relative has no unit to be typed wrongly, and a temperature no factor
     stated_ones = [
         i
         for i, name in enumerate(names)
-        if known[name].u and known[name].value > 0.0 and known[name].si not in _NO_SLIP
+        if known[name].u and known[name].value > 0.0 and known[name].si not in _NO_SLIP and i not in free
     ]
     straight = [j for j, product in enumerate(ratios) if product > 0.0 and rows[j].u_difference]
     if not stated_ones or not straight:
@@ -310,7 +370,7 @@ def _slipped(
     return said if len(said) == 1 else []
 
 
-def _common(rows: Sequence[Row]) -> list[str]:
+def _common(names: Sequence[str], rows: Sequence[Row], slopes: Any) -> list[str]:
     """Say by which one factor everything that was measured differs from the model, where one explains it."""
     pairs = [(row.measured or 0.0, row.model or 0.0) for row in rows]
     logs = np.array([log(seen / model) for seen, model in pairs if seen * model > 0.0])
@@ -319,9 +379,13 @@ def _common(rows: Sequence[Row]) -> list[str]:
     middle = float(np.median(logs))
     if abs(middle) < log(_COMMON) or float(np.max(np.abs(logs - middle))) > _TOGETHER * abs(middle):
         return []
+    relative = slopes / np.array([row.model for row in rows])[:, None]
+    mean = relative.mean(axis=0)
+    alike = [n for n, m, r in zip(names, mean, relative.T, strict=True) if np.ptp(r) <= _TOGETHER * abs(m) > 0.0]
+    what = ", ".join(alike) or "a gain"
     return [
-        f"all {logs.size} measured values are {exp(middle):.3g} times those of the model: what multiplies all of them, "
-        "such as a number of tips, a gain, a unit or another material's modulus, is wrong by that factor"
+        f"all {logs.size} measured values are {exp(middle):.3g} times those of the model: what multiplies all of them "
+        f"({what}, a unit, or another material's modulus) is wrong by that factor"
     ]
 
 

@@ -37,6 +37,9 @@ motions that ease, and beyond which it has not gone there at all."""
 _PASSED = 0.3  # of the force to look for: the cell's filter lags, and the force falls when the stage stops
 _SAME_PLACE, _RELAXES = 2e-6, 0.1
 """m within which a stage stays, and share of the forces of two blocks that relaxes between them."""
+_STILL, _FEWEST_STILL, _GOES_ON = 2e-7, 16, 1.5
+"""m within which a stage rests at the end of a block, how many readings of that rest show how the force goes on, and
+by how much more it may go on than by the logarithm of time."""
 _MATTERS = 0.05  # of a block's travel: less than that spoils nothing that is made of it
 
 
@@ -46,7 +49,8 @@ class Trace:
 
     ``first`` is the line of the first row; ``rests`` says from when on the stage holds or only
     oscillates; ``criterion`` [N] is the force by which contact was found, NaN without one;
-    ``fastest`` [m/s] is the speed that the command leads to at most, NaN where it says none.
+    ``fastest`` [m/s] is the speed that the command leads to at most, NaN where it says none;
+    ``pause`` [s] is the time from the last row to the next block, NaN where it is not known.
     """
 
     file: str
@@ -59,6 +63,7 @@ class Trace:
     rests: float
     criterion: float
     fastest: float
+    pause: float
 
     def line(self, index: int) -> int:
         """Return the line of a reading; segments are parted by a line each."""
@@ -238,12 +243,11 @@ def _zeroed(traces: list[Trace]) -> Check:
     ]
     if not stays:
         return not_made(ZERO, law, "two blocks between which the stage stays")
-    ends = [(float(np.median(a.force[-3:])), float(b.force[0])) for a, b in stays]
+    ends = [(float(np.median(a.force[-3:])), float(np.median(b.force[:3]))) for a, b in stays]
     spans = [max(float(np.ptp(a.force)), float(np.ptp(b.force))) for a, b in stays]
-    noises = [max(_noise(a.force)) for a, _ in stays]
     beyond = [
-        abs(after - before) - max(_RELAXES * span, _ALONE * noise) - float(np.nan_to_num(a.criterion))
-        for (before, after), span, noise, (a, _) in zip(ends, spans, noises, stays, strict=True)
+        _off(a, after - before, span) - float(np.nan_to_num(a.criterion))
+        for (before, after), span, (a, _) in zip(ends, spans, stays, strict=True)
     ]
     worst = int(np.argmax(beyond))
     (before, after), (_, b) = ends[worst], stays[worst]
@@ -255,6 +259,21 @@ def _zeroed(traces: list[Trace]) -> Check:
     is_off = beyond[worst] > 0.0
     level: Level | None = "doubtful" if is_off else None
     return stated(ZERO, law, text, level, cause=cause if is_off else "", file=b.file, line=b.first)
+
+
+def _off(before: Trace, change: float, span: float) -> float:
+    """Return by how much a force changes from a block to the next beyond what its rest leads to [N]."""
+    noise = max(_noise(before.force))
+    moved = np.flatnonzero(np.abs(before.position - before.position[-1]) > _STILL)
+    rest = slice((int(moved[-1]) if moved.size else 0) + 1, None)
+    time, force = before.time[rest], before.force[rest]
+    if not np.isfinite(before.pause) or force.size < _FEWEST_STILL or np.isfinite(before.criterion):
+        return abs(change) - max(_RELAXES * span, _ALONE * noise)
+    # what an oscillation or a ramp left behind fades first; a relaxation slows down with the time since
+    last = slice(force.size // 2, None)
+    slope, since = float(np.polyfit(time[last], force[last], 1)[0]), float(time[-1] - time[0])
+    ahead = _GOES_ON * slope * since * float(np.log1p(before.pause / since))
+    return max(change - max(ahead, 0.0), min(ahead, 0.0) - change) - _IN_NOISE * noise
 
 
 def _weighed(check: Check, size: float, trace: Trace) -> Check:

@@ -7,7 +7,7 @@ measured one, whatever was commanded.
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -17,12 +17,18 @@ from labpipe.arrays import Floats
 from labpipe.contact.line import westergaard
 from labpipe.errors import InputError
 from labpipe.materials import Prony
-from labpipe.uncertainty import Source, combined_uncertainty
+from labpipe.uncertainty import Source
 from labpipe.units import Quantity
+from labpipe.variables import variable
 from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.material_choice import Variation
 from pipelines.experiments.shared.punch_settings import IndentationModel, Punch, Substrate
 
+TOUCH = "first touch"
+INPUTS = ("input_value", "input_u", "input_unit")
+"""Columns of the table of what a simulated force depends on."""
+_TIPS = "number of tips"
+_DIMENSIONS = {"radius": "tip radius", "period": "period", "depth": "length of a tip"}
 _RELATIVE_CHANGE = 1e-3  # of an input by which a sensitivity is found
 _LEAST_SHIFT = 1e-7  # m of first touch for the same purpose: far above the solver's own error
 _UNIT_MODULUS = 1e6  # Pa; a soft elastic solid whose force is divided by it
@@ -107,23 +113,57 @@ def relative_sources(displacement: float, u_touch: float, geometry: Geometry) ->
     at = np.array([displacement])
     force = float(elastic_force(at, geometry)[0])
     sources = []
-    for name in ("radius", "period", "depth"):
+    for name, label in _DIMENSIONS.items():
         given: Quantity = getattr(geometry, name)
         change = _RELATIVE_CHANGE * given.value
         other = float(elastic_force(at, geometry, **{name: given.value + change})[0])
         slope = (other - force) / change / force
-        label = {"radius": "tip radius", "period": "period", "depth": "length of a tip"}[name]
         sources.append(Source.of(label, given, slope))
     step = _RELATIVE_CHANGE * displacement
     other = float(elastic_force(at + step, geometry)[0])
     slope = (other - force) / step / force
-    sources.append(Source("first touch", 0.0, u_touch, "m", -slope, "systematic"))
+    sources.append(Source(TOUCH, 0.0, u_touch, "m", -slope, "systematic"))
     return sources
+
+
+class Effect(NamedTuple):
+    """An input of a simulated indentation, and the change of the force (sample,) [N] with a step of it."""
+
+    given: Quantity
+    step: float
+    change: Floats
+
+    def by_u(self) -> Floats:
+        """Return the change of the force by one standard uncertainty of the input [N]."""
+        return np.asarray(self.change * (self.given.u / self.step))
+
+
+def table_of(effects: Mapping[str, Effect]) -> xr.Dataset:
+    """Return names, values, uncertainties and units of what a simulated force depends on."""
+    given = [effect.given for effect in effects.values()]
+    return xr.Dataset(
+        {
+            "input_value": variable("uncertain", [q.value for q in given], "1", "value of an input of the model, SI"),
+            "input_u": variable("uncertain", [q.u for q in given], "1", "standard uncertainty of an input, SI"),
+            "input_unit": ("uncertain", np.array([q.si for q in given], dtype=str)),
+        },
+        {"uncertain": np.array(list(effects), dtype=str)},
+    )
+
+
+def inputs_of(made: xr.Dataset | None) -> dict[str, Quantity]:
+    """Return what a simulated force depends on, of a table of :func:`table_of`; empty where nothing was simulated."""
+    if made is None or "uncertain" not in made.coords:
+        return {}
+    columns = (made[name].values for name in ("uncertain", *INPUTS))
+    return {
+        str(name): Quantity(float(value), float(u), str(unit)) for name, value, u, unit in zip(*columns, strict=True)
+    }
 
 
 def simulated(
     loads: xr.Dataset, touch: Quantity, solid: Prony, geometry: Geometry, others: Mapping[str, Variation]
-) -> tuple[Floats, Floats, Floats, dict[str, Any]]:
+) -> tuple[Floats, dict[str, Effect], dict[str, Any]]:
     """Simulate a whole file with its measured displacement.
 
     Parameters
@@ -138,10 +178,10 @@ def simulated(
 
     Returns
     -------
-    force, u_force : array (sample,) [N]
-        The uncertainty is that of first touch and of the punch's dimensions.
-    of_solid : array (variation, sample) [N]
-        Change of the force with each uncertainty of the solid, by its standard uncertainty.
+    force : array (sample,) [N]
+    effects : dict of str to Effect
+        Of first touch, of the punch as session.toml states it, and of the solid; that of the
+        number of tips has no uncertainty, but can be stated wrongly.
     attrs : dict
         ``solver``, ``solver_reason``, ``datum`` and the JSON counts ``work``.
     """
@@ -154,8 +194,6 @@ def simulated(
 
     made = geometry.pressed(solid, time[kept], depth[kept])
     force = np.interp(time, time[kept], made["force"].values)
-    deepest = float(depth.max())
-    relative = combined_uncertainty(relative_sources(deepest, 0.0, geometry)) if deepest > 0 else 0.0
     attrs = {key: str(made.attrs[key]) for key in ("solver", "solver_reason", "datum")}
     work = json.loads(made.attrs["work"])
     work.pop("seconds", None)  # the clock has no place in a stored result
@@ -163,22 +201,25 @@ def simulated(
     area = elastic_force(depth[kept], geometry)
     best = _superposed(time[kept], area, solid)
 
-    def change(area: Floats, solid: Prony, u_per_step: float) -> Floats:
-        made = (_superposed(time[kept], area, solid) - best) * u_per_step / (1.0 - geometry.nu**2)
+    def change(area: Floats, solid: Prony) -> Floats:
+        made = (_superposed(time[kept], area, solid) - best) / (1.0 - geometry.nu**2)
         return np.interp(time, time[kept], made)
 
     # By Lee and Radok's superposition of elastic forces, J. Appl. Mech. 27 (1960) 438,
     # doi:10.1115/1.3644020: exact while the contact grows, and close enough for an uncertainty while
     # it recedes a little.
     shift = max(touch.u, _LEAST_SHIFT)
-    u_touch = change(elastic_force(depth[kept] - shift, geometry), solid, touch.u / shift)
-    of_solid = np.array([change(area, other.solid, other.given.u / other.change) for other in others.values()])
-    return (
-        force,
-        np.hypot(u_touch, relative * force),
-        of_solid.reshape(-1, time.size),
-        attrs | {"work": json.dumps(work)},
-    )
+    effects = {TOUCH: Effect(touch, shift, change(elastic_force(depth[kept] - shift, geometry), solid))}
+    deepest = float(depth.max())
+    for source in relative_sources(deepest, 0.0, geometry)[:-1] if deepest > 0 else ():
+        step = max(source.u, _RELATIVE_CHANGE * abs(source.value))
+        effects[source.source] = Effect(
+            Quantity(source.value, source.u, source.unit), step, source.sensitivity * step * force
+        )
+    tips = float(geometry.tips)
+    effects[_TIPS] = Effect(Quantity(tips, 0.0, "1"), _RELATIVE_CHANGE * tips, _RELATIVE_CHANGE * force)
+    effects |= {name: Effect(other.given, other.change, change(area, other.solid)) for name, other in others.items()}
+    return force, effects, attrs | {"work": json.dumps(work)}
 
 
 def _superposed(time: Floats, area: Floats, solid: Prony) -> Floats:

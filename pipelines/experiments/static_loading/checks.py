@@ -54,9 +54,8 @@ def judgement(
     context: Context,
 ) -> xr.Dataset:
     """Judge one static loading; what gave no result is judged by that."""
-    basis = judgements.Basis.of((settings.sphere.material_from,), (of_material,))
-    if not basis.is_sound:
-        model = comparison = None
+    basis = judgements.Basis.of(settings, {"sphere.material_from": of_material})
+    model, comparison = basis.sound(model, comparison)
     checks = [_explained(c, readings, displacement, settings) for c in judgements.failed_steps(context, _FAILED)]
     checks += _of_readings(readings, settings)
     given = [("sphere.radius", settings.sphere.radius)]

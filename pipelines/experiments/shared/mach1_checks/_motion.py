@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from datetime import datetime
 from itertools import pairwise
 from math import hypot, isfinite, log, nan, pi
 
@@ -15,6 +14,7 @@ from pipelines.experiments.shared.mach1_checks._parts import (
     FIND_CONTACT,
     OSCILLATION,
     Part,
+    between,
     counted_frequency,
     moved_by,
     travel_and_speed,
@@ -124,10 +124,9 @@ def clock_of_blocks(name: str, blocks: Sequence[Part]) -> Check:
     worst, text, ratio = -np.inf, "", nan
     line = None
     for part, after in pairwise(blocks):
-        began, next_began = (str(p.header.get("start") or "") for p in (part, after))
-        if not (began and next_began):
+        gap = between(part, after)
+        if not isfinite(gap):
             continue
-        gap = (datetime.fromisoformat(next_began) - datetime.fromisoformat(began)).total_seconds()
         lasts = float(part.time[-1] - part.time[0])
         u = hypot(0.1, 5e-3 * abs(gap))
         if (lasts - gap) / u > worst:

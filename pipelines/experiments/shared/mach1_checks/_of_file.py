@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import zip_longest
 from pathlib import Path
 
 import xarray as xr
@@ -73,7 +74,7 @@ def of_file(name: str, readings: xr.Dataset) -> list[Check]:
         date_of_cell(name, blocks),
         axes_of_commands(name, blocks),
         resolution_of_position(name, blocks),
-        *mach1_traces.checks_of([trace(name, part) for part in blocks]),
+        *mach1_traces.checks_of([trace(name, part, after) for part, after in zip_longest(blocks, blocks[1:])]),
     ]
 
 

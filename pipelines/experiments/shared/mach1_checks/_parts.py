@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import dataclass
+from datetime import datetime
 from math import nan, pi
 from typing import Any
 
@@ -70,8 +71,8 @@ def parts(readings: xr.Dataset) -> list[Part]:
     return found
 
 
-def trace(name: str, part: Part) -> mach1_traces.Trace:
-    """Return the columns of a block, and from when on its stage holds or only oscillates."""
+def trace(name: str, part: Part, after: Part | None) -> mach1_traces.Trace:
+    """Return the columns of a block, from when on its stage holds or only oscillates, and the pause after it."""
     rests = -np.inf if part.function == OSCILLATION else np.inf
     if part.function == RELAXATION:
         first = part.segment == part.segment[0]
@@ -79,9 +80,19 @@ def trace(name: str, part: Part) -> mach1_traces.Trace:
         rests = float(part.time[first][-1]) - lasted + SETTLED if lasted > SETTLED else np.inf
     x, f = part.position, part.force
     criterion = part.declared("Contact Criteria")[0] if part.function == FIND_CONTACT else nan
+    lasts = float(part.time[-1] - part.time[0])
+    pause = nan if after is None else between(part, after) - lasts
     return mach1_traces.Trace(
-        name, part.number, part.header_line + 1, part.time, x, f, part.segment, rests, criterion, _fastest(part)
+        name, part.number, part.header_line + 1, part.time, x, f, part.segment, rests, criterion, _fastest(part), pause
     )
+
+
+def between(part: Part, after: Part) -> float:
+    """Return the time from the beginning of a block to that of a later one [s]; NaN where a header says none."""
+    began, next_began = (str(p.header.get("start") or "") for p in (part, after))
+    if not (began and next_began):
+        return nan
+    return (datetime.fromisoformat(next_began) - datetime.fromisoformat(began)).total_seconds()
 
 
 def _fastest(part: Part) -> float:

@@ -1,6 +1,8 @@
 """Where the model differs, the judgement names the input that would explain it, or that none does."""
 
 import json
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -76,13 +78,16 @@ def test_nothing_is_suspected_where_the_model_agrees() -> None:
     assert json.loads(found.attrs["suspects"]) == []
 
 
+RESTING = SimpleNamespace(sphere=SimpleNamespace(material_from="experiment:nylon_dma"), plate_from="experiment:plate")
+
+
 def _dma(level):
     return judgement(Scene([stated("moduli", "a polymer has them", "the moduli are those of a metal", level)]))
 
 
 def test_what_rests_on_an_impossible_experiment_is_held_against_nothing_and_sends_there() -> None:
-    basis = Basis.of(["experiment:nylon_dma", None], [_dma("impossible"), None])
-    assert not basis.is_sound
+    basis = Basis.of(RESTING, {"sphere.material_from": _dma("impossible"), "plate_from": None})
+    assert basis.sound(1, 2) == (None, None)
     found = judgement(Scene((), basis=basis))
     assert (believed(found).believable, found.attrs["model"]) == ("yes", "undecided")
     assert sentence(found)[1].endswith("It rests on nylon_dma, which is impossible: see there first.")
@@ -90,7 +95,7 @@ def test_what_rests_on_an_impossible_experiment_is_held_against_nothing_and_send
 
 @pytest.mark.parametrize(("temperature", "model"), [(5.0, "differs"), (0.2, "agrees")])
 def test_a_doubtful_basis_is_the_first_suspect_of_a_model_that_differs(temperature: float, model: str) -> None:
-    basis = Basis.of(["experiment:nylon_dma"], [_dma("doubtful")])
+    basis = Basis.of(RESTING, {"sphere.material_from": _dma("doubtful")})
     assert basis.is_sound
     found = judgement(Scene((), rows=_rows(temperature=temperature), inputs=INPUTS, basis=basis))
     assert found.attrs["model"] == model
@@ -100,9 +105,42 @@ def test_a_doubtful_basis_is_the_first_suspect_of_a_model_that_differs(temperatu
 
 
 def test_a_believable_basis_is_a_check_that_passed() -> None:
-    found = judgement(Scene((), basis=Basis.of(["experiment:nylon_dma"], [_dma(None)])))
+    found = judgement(Scene((), basis=Basis.of(RESTING, {"sphere.material_from": _dma(None)})))
     assert believed(found).n_made == 1
     assert not believed(found).findings
+
+
+@pytest.mark.parametrize(("mass", "model"), [(1e5, "differs"), (1e2, "undecided")])
+def test_a_row_on_which_an_impossible_plate_has_no_visible_effect_stays_decided(mass: float, model: str) -> None:
+    """Were its mass off by its own size, rows would change by 0.01 u, or by several."""
+    rows = [replace(row, slopes={**row.slopes, "plate mass": 1.0 / mass**2}) for row in _rows(temperature=5.0)]
+    inputs = INPUTS | {"plate mass": Quantity(mass, 0.01 * mass, "kg")}
+    basis = Basis.of(RESTING, {"plate_from": _dma("impossible")}, plate_from="plate ")
+    assert basis.sound(1) == (1,)
+    assert judgement(Scene((), rows=rows, inputs=inputs, basis=basis)).attrs["model"] == model
+    unknown = Scene((), rows=rows, inputs=INPUTS, basis=basis)
+    assert judgement(unknown).attrs["model"] == "undecided"
+
+
+def test_what_multiplies_all_rows_is_named_whole() -> None:
+    """A free factor, such as a material's modulus, hides which of the stated ones is wrong."""
+    inputs = {"modulus": Quantity(1.0, 0.0, "1"), "tip radius": Quantity(2e-3, 2e-6, "m")}
+    rows = [
+        row(
+            "stiffness",
+            "N/m",
+            1,
+            slopes={"modulus": -size, "tip radius": -size / 2e-3},
+            measured=size / 2,
+            model=size,
+            difference=-size / 2,
+            u_difference=1e-3 * size,
+        )
+        for size in (10.0, 20.0, 30.0)
+    ]
+    (said,) = json.loads(judgement(Scene((), rows=rows, inputs=inputs)).attrs["suspects"])
+    assert "0.5 times those of the model" in said
+    assert "modulus, tip radius" in said
 
 
 @pytest.mark.parametrize("name", sorted(KINDS))
