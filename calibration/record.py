@@ -216,6 +216,10 @@ class CameraRecord(Record, frozen=True, forbid_unknown_fields=True, kw_only=True
     values: CameraValues
 
 
+#: Begins what is said of the validity where the clock of the instrument was never set, or runs ahead.
+NO_DAY = "not possible: the clock of the instrument says "
+_CLOCKS_SET = date(2001, 1, 1)  # clocks that lose their battery begin at 1970, 1980 or 2000
+
 #: Every kind of record.
 KINDS: dict[str, type[Record]] = {"camera": CameraRecord, "laser": LaserRecord, "load_cell": LoadCellRecord}
 
@@ -277,7 +281,8 @@ def require(
     attrs : mapping
         Attributes of the readings: ``start``, ``model``, ``serial``, ``sensor`` where known.
     measured : date or ISO text, optional
-        Day of the measurement; by default ``start`` of the readings.
+        Day of the measurement, as a date where a person states it, as text where a clock does; by
+        default ``start`` of the readings. A clock before 2001 or beyond today tells no day.
     view : str, optional
         Camera view.
     ignore_validity : bool
@@ -364,6 +369,8 @@ def _check_validity(
         raise CalibrationError(message)
     if record.valid_from <= day <= record.valid_until:
         return f"valid on {day}"
+    if not isinstance(measured, date) and not _CLOCKS_SET <= day <= date.today():
+        return f"{NO_DAY}{day}"
     if ignore_validity:
         return f"ignored: measured on {day}, outside the period of the record"
     word = "expired" if day > record.valid_until else "was not yet valid"

@@ -7,7 +7,7 @@ from datetime import date, datetime
 import pytest
 
 import calibration
-from calibration.record import KINDS, load_record, require
+from calibration.record import KINDS, NO_DAY, load_record, require
 from labpipe.errors import CalibrationError, ConfigError, SourceError
 from labpipe.units import Quantity
 
@@ -195,6 +195,14 @@ def test_day_outside_the_period_is_refused_unless_ignored(tmp_path, day, word):
         require(record, "laser", {}, measured=day)
     checked = require(record, "laser", {}, measured=day, ignore_validity=True)
     assert checked["validity_check"].startswith("ignored")
+
+
+@pytest.mark.parametrize("day", ["2000-01-01", "2099-05-14"])
+def test_a_clock_that_was_never_set_tells_no_day(tmp_path, day):
+    record = load(tmp_path, LASER)
+    assert require(record, "laser", {"start": f"{day}T00:00:12"})["validity_check"].startswith(NO_DAY)
+    with pytest.raises(CalibrationError):  # a person wrote it
+        require(record, "laser", {}, measured=date.fromisoformat(day))
 
 
 def test_measurement_without_a_date_needs_one(tmp_path):

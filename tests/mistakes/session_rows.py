@@ -11,7 +11,7 @@ from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.samples import drop_section, laser_record, session_head
 from tests.mistakes.drop_rows import RECORD, START
-from tests.mistakes.recordings import Edit, setting
+from tests.mistakes.recordings import Edit, header, setting
 
 TOML = "session.toml"
 _FIRST, _SECOND = "laser/acrylic_low_1.csv", "laser/acrylic_high_1.csv"
@@ -89,6 +89,10 @@ def _unused(source: str, name: str) -> Edit:
     return edit
 
 
+def _dated(day: str) -> Edit:
+    return header("Date,2024/05/14", f"Date,{day}", (_FIRST,))
+
+
 def _another(folder: Path) -> None:
     write_drops(folder, "forgotten", DropRig(duration=0.08), materials.load("acrylic"), 3e-3, 1, 77, START)
 
@@ -158,6 +162,10 @@ ROWS = (
     SessionMistake("name through the parent", _named(f"laser/../{_FIRST}"), "refused", "", ("..",), TOML),
     SessionMistake("recording of another experiment", _named(_FIRST), "doubtful", _TWICE, ("acrylic_low",), _FIRST),
     SessionMistake("listed twice", setting(_PAIR, f'{_PAIR}  "{_FIRST}",\n'), "refused", "", ("twice",), TOML),
+    SessionMistake(
+        "clock never set", _dated("2000/01/01"), "note", "day of the recording", ("2000-01-01", "battery"), ""
+    ),
+    SessionMistake("clock runs ahead", _dated("2099/05/14"), "note", "day of the recording", ("2099-05-14",), ""),
     SessionMistake("recording forgotten", _another, "note", _UNUSED, ("forgotten_1.csv",), "laser/forgotten_1.csv"),
     SessionMistake(
         "backup left",

@@ -64,6 +64,7 @@ def judgement(
     model, comparison = basis.sound(model, comparison)
     checks = [explained(check) for check in judgements.failed_steps(context, _FAILED)]
     checks.append(fall_checks.gravity_stated(settings.model.gravity))
+    checks.append(judgements.day_known(radius, settings.camera))
     if radius is not None:
         checks += [
             _fringes(radius, impacts, settings),

@@ -72,6 +72,7 @@ def judgement(
     basis = judgements.Basis.of(settings, {"laser_experiment": of_laser})
     laser, comparison = basis.sound(laser, comparison)
     checks = [explained(check) for check in judgements.failed_steps(context, _FAILED)]
+    checks.append(judgements.day_known(motion, settings.camera))
     if track is not None:
         found = _found(track, settings)
         # of a holder that is not found, what the images show is the better cause

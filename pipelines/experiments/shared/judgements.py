@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from calibration.record import NO_DAY
 from labpipe.judging import (
     LIKELY,
     SLIPS,
@@ -26,6 +27,7 @@ from labpipe.judging import (
     from_json,
     judge,
     model_verdict,
+    not_made,
     slips,
     stated,
     suspects,
@@ -204,6 +206,18 @@ def uncertainties_stated(given: Iterable[tuple[str, Quantity]]) -> Iterator[Chec
             level = "note"
             cause = f"{setting} is known too vaguely to judge by: a difference of {4 * share:.0%} would pass"
         yield stated(f"uncertainty of {setting}", law, text, level, cause=cause, setting=setting)
+
+
+def day_known(calibrated: xr.Dataset | None, record: str) -> Check:
+    """Hold the day of a recording against what a clock can say; by it a calibration record is chosen."""
+    name, law = "day of the recording", "a recording was made after its instrument, and before it was read"
+    if calibrated is None or not str(calibrated.attrs.get("calibration", "")).startswith("{"):
+        return not_made(name, law, "a calibration record")
+    said = str(json.loads(calibrated.attrs["calibration"])["validity_check"])
+    if not said.startswith(NO_DAY):
+        return stated(name, law, f"{record}: {said}", None)
+    text = f"whether {record} was valid is not known: the clock of the instrument says {said.removeprefix(NO_DAY)}"
+    return stated(name, law, text, "note", cause="the clock of the instrument was never set, or lost its battery")
 
 
 def failed_steps(context: Context, causes: Mapping[str, str]) -> list[Check]:

@@ -17,6 +17,7 @@ import xarray as xr
 from labpipe.judging import Check, Level, not_made, stated
 from labpipe.report import quantity
 from labpipe.signals import Hum, quantisation_step
+from pipelines.experiments.shared.judgements import day_known
 
 FLAT = 6
 """Equal readings in a row that a moving body does not give."""
@@ -150,7 +151,7 @@ def unread(trace: Trace) -> Check:
 
 def of_record(displacement: xr.Dataset | None, record: str) -> list[Check]:
     """Check what a calibration record states of the sensor that gave a displacement."""
-    return [sight(displacement, record), scale_known(displacement, record)]
+    return [sight(displacement, record), scale_known(displacement, record), day_known(displacement, record)]
 
 
 def sight(displacement: xr.Dataset | None, record: str) -> Check:

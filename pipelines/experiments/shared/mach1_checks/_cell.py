@@ -12,6 +12,7 @@ import xarray as xr
 from labpipe.judging import Check, Level, bounded, compared, not_made, stated
 from labpipe.report import quantity
 from pipelines.experiments.shared import mach1_readings
+from pipelines.experiments.shared.judgements import day_known
 from pipelines.experiments.shared.mach1_checks._motion import direction_of_motion
 from pipelines.experiments.shared.mach1_checks._parts import OSCILLATION, Part, line_of, response_of
 from pipelines.experiments.shared.mach1_checks._titles import CALIBRATED, CAPACITY, DELAY, SCALE, SIGN
@@ -129,7 +130,7 @@ def of_cell(load_cell: LoadCell, loads: xr.Dataset) -> list[Check]:
     law = "a tester shows forces, so that the record corrects them by little"
     gain, u = float(loads["gain"]), float(np.nan_to_num(float(loads["u_gain"])))
     record = load_cell.record or ""
-    found: list[Check] = []
+    found = [day_known(loads, record)]
     if not record:
         found.append(not_made(SCALE, law, "a calibration record of the load cell"))
     else:
