@@ -116,6 +116,14 @@ def _pasted(source: int, target: int) -> Edit:
     return _rows(change)
 
 
+def _twice_the_loss(cells: list[str], i: int, p: int) -> list[str]:
+    """Double the loss modulus of one interval, and the loss factor with it."""
+    del p
+    for column in (LOSS, FACTOR) if i == 3 else ():
+        cells[column] = f"{2 * float(cells[column]):.5g}"
+    return cells
+
+
 def _with_frequency(cells: list[str], point: int) -> list[str]:
     cells[OMEGA] = f"{2 * np.pi * _PROTOCOL.frequencies[point]:.6g}"
     return cells
@@ -215,6 +223,14 @@ def _rubber(folder: Path) -> None:
 
 ROWS = (
     Mistake("moduli of an interval pasted into the next", _pasted(2, 3), "impossible", ("digit by digit",), FIRST),
+    Mistake("loss twice in one interval", _rows(_twice_the_loss, SECOND), "doubtful", ("interval 4", "loss"), SECOND),
+    Mistake(
+        "second file six degrees too warm",
+        _rows(lambda cells, i, p: _warmer(cells, 6.0), SECOND),
+        "doubtful",
+        ("temperature of one of the two files is off by 6 K",),
+        SECOND,
+    ),
     # columns
     Mistake("storage and loss swapped", _exchanged(STORAGE, LOSS), "impossible", ("exchanged",), FIRST),
     Mistake("storage and loss swapped in one interval", _exchanged(STORAGE, LOSS, 2), "impossible", (), FIRST),

@@ -90,6 +90,12 @@ def _hum(amplitude: float, frequency: float = 50.0) -> Callable[[Floats], Floats
     return lambda x: x + amplitude * np.sin(2 * np.pi * frequency * 50e-6 * np.arange(x.size))
 
 
+def _pulled(x: Floats) -> Floats:
+    """Let the sensor be pulled by 20 um in a flight, within 2 ms."""
+    begin = int(0.42 * x.size)
+    return np.asarray(x + np.interp(np.arange(x.size), [begin, begin + 40], [0.0, 0.02]))
+
+
 def _jump(x: Floats) -> Floats:
     return x + 0.5 * (np.arange(x.size) > 1500)
 
@@ -379,6 +385,7 @@ ROWS = (
     Mistake("zero-filled tail", cells(_zero_tail), "impossible", ("70.0 ms",)),
     Mistake("60 rows lost", cells(_lost), "impossible", ("lost",)),
     Mistake("60 rows doubled", cells(_doubled), "impossible", ("twice",)),
+    Mistake("cable pulled in one repeat", values(_pulled, LAST), "doubtful", ("this repeat", "pulled"), LAST[0]),
     Mistake("level jump", values(_jump), "impossible", ("75", "jump")),
     Mistake("drift 1 mm", values(_drift), "impossible", ("drift",)),
     Mistake("begins in mid-fall", cells(lambda t: t[600:]), "impossible", ("mid-fall",)),

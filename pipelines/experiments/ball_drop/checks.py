@@ -94,6 +94,7 @@ def judgement(
         everything = [c for one in records for c in _alone(of_records[one[0].name], one, by_name, settings)]
     checks += everything
     checks += fall_checks.repeats_alike([fall for fall, _ in records], _REPEATS, _OF_ANOTHER)
+    checks.append(fall_checks.levels_alike([fall for fall, _ in records]))
     if not records:
         checks.append(not_made("free-fall acceleration", "g", "a record of bounces"))
     compared = []

@@ -26,6 +26,11 @@ _SPECIMENS = 3.0
 _AGED = 0.02  # decades by which a specimen that was heated, or dried, between two sweeps may differ
 _SHARED, _SHARED_RANGE = 3, 0.05
 """Readings of each of two sweeps, and decades of loss factor, that both have where one modulus is told from another."""
+_OTHER_LOSS, _LOSSES_APART = 1.5, 5.0
+"""Factor of the loss of one sweep over that of its neighbours that a transition between them does not make, and u."""
+_WARMER, _WARMTHS_APART = 3.0, 5.0
+"""K by which thermometers of two files may differ, and times the uncertainty of that difference."""
+_PLACES = 7  # frequencies at which two sweeps are laid against each other
 _SLIPPED, _SLIPS_APART = 0.06, 6.0
 """Decades of modulus of a slip that is told, and times the scatter of the steps between other sweeps."""
 
@@ -118,6 +123,46 @@ def causality(export: Export, isotherms: Sequence[Sweep]) -> Check:
     level: Level | None = "doubtful" if ours > log(10.0) else "note" if ours > log(5.0) else None
     cause = "one of the moduli has another unit than the other, or the phase is wrong"
     return stated(name, law, message, level, cause=cause, file=export.name)
+
+
+def loss_of_each_sweep(export: Export, isotherms: Sequence[Sweep]) -> Check:
+    """Hold the loss of each sweep, over what the rise of its storage modulus says, against its neighbours.
+
+    What the local form of Kramers and Kronig's relation leaves out goes steadily with temperature.
+    """
+    name, law = "loss of each sweep", "storage and loss belong together in each sweep as in its neighbours"
+    sweeps = sorted(isotherms, key=lambda sweep: sweep.temperature)
+    found = [(sweep, *known) for sweep in sweeps if (known := _excess(sweep)) is not None]
+    T, excess, u = np.array([(s.temperature, e, own) for s, e, own in found]).reshape(-1, 3).T
+    if len(found) < FEW_ROWS or (np.diff(T) < SAME_PLACE).any():
+        return not_made(name, law, f"{FEW_ROWS} temperatures with sweeps of four frequencies over a decade")
+    share = (T[1:-1] - T[:-2]) / (T[2:] - T[:-2])
+    off = excess[1:-1] - (1.0 - share) * excess[:-2] - share * excess[2:]
+    u_off = np.sqrt(u[1:-1] ** 2 + ((1.0 - share) * u[:-2]) ** 2 + (share * u[2:]) ** 2)
+    worst = int(np.argmax(np.abs(off) / u_off))
+    place = found[worst + 1][0].place
+    text = (
+        f"{place}: its loss is {np.exp(off[worst]):.2f} times what the rise of its storage modulus and the sweeps "
+        "beside it in temperature say"
+    )
+    is_off = abs(off[worst]) > max(log(_OTHER_LOSS), _LOSSES_APART * u_off[worst])
+    cause = (
+        f"the loss modulus of {place} is wrong: another unit, a copy that was changed, or a specimen that slipped there"
+    )
+    return stated(name, law, text, "doubtful" if is_off else None, cause=cause if is_off else "", file=export.name)
+
+
+def _excess(sweep: Sweep) -> tuple[float, float] | None:
+    """Return the logarithm of the loss factor over that which the rise of the storage modulus says, and its u."""
+    x = np.log(sweep.values("frequency"))
+    storage, loss = sweep.values("storage_modulus"), sweep.values("loss_modulus")
+    if x.size < _PLACES or np.ptp(x) < log(10.0) or not ((storage > 0) & (loss > 0)).all():
+        return None
+    (slope, _), covariance = np.polyfit(x, np.log(storage), 1, cov=True)
+    if not 0.0 < slope < 1.0:
+        return None
+    expected = log(np.tan(0.5 * pi * min(slope, 0.98)))
+    return float(np.median(np.log(loss / storage))) - expected, sqrt(covariance[0, 0]) / float(slope)
 
 
 def pasted_readings(export: Export, isotherms: Sequence[Sweep]) -> Check:
@@ -236,3 +281,71 @@ def files_of_one_specimen(exports: Sequence[Export], found: Sequence[Sequence[Sw
 def _is_copy(a: Export, b: Export) -> bool:
     names = ("storage_modulus", "loss_modulus")
     return a.good.sum() == b.good.sum() and all(np.array_equal(a.values(n), b.values(n)) for n in names)
+
+
+def temperatures_of_files(exports: Sequence[Export], found: Sequence[Sequence[Sweep]]) -> Iterator[Check]:
+    """Look for the temperature by which the loss factors of two files lie apart; sizes of specimens cancel in them."""
+    name, law = "temperatures of the files", "at one temperature and frequency a polymer has one loss factor"
+    for (a, own), (b, other) in combinations(list(zip(exports, found, strict=True)), 2):
+        if _is_copy(a, b):
+            continue
+        gaps = [*_warmer(own, other), *((-gap, u) for gap, u in _warmer(other, own))]
+        if len(gaps) < FEW_ROWS:
+            yield not_made(name, law, f"sweeps of {a.name} and {b.name} at three temperatures each that overlap")
+            continue
+        gap, u = np.array(gaps).T
+        weight = u**-2
+        mean = float(gap @ weight / weight.sum())
+        chi2 = float(((gap - mean) ** 2) @ weight) / (gap.size - 1)
+        # both directions look at the same readings
+        u_mean = sqrt(2.0 * max(chi2, 1.0) / float(weight.sum()))
+        text = (
+            f"{b.name}: its loss factors are those of {a.name} at temperatures {abs(mean):.1f} K "
+            f"{'lower' if mean < 0 else 'higher'} than it says (u = {u_mean:.1f} K)"
+        )
+        is_off = abs(mean) > max(_WARMER, _WARMTHS_APART * u_mean)
+        cause = (
+            f"the temperature of one of the two files is off by {abs(mean):.0f} K (thermometer, its place, time to "
+            "warm through), or one specimen was dried, aged or of another batch"
+        )
+        yield stated(name, law, text, "doubtful" if is_off else None, cause=cause if is_off else "", file=b.name)
+
+
+def _warmer(own: Sequence[Sweep], other: Sequence[Sweep]) -> list[tuple[float, float]]:
+    """Return by how much warmer each sweep of a file is by the loss factors of another than it says, with u [K]."""
+    low, high = (
+        f([float(s.values("frequency")[i]) for s in (*own, *other)], default=0.0) for f, i in ((max, 0), (min, -1))
+    )
+    if not 0.0 < low < high:
+        return []
+    x = np.linspace(log(low), log(high), _PLACES)
+
+    def table(sweeps: Sequence[Sweep]) -> tuple[Floats, Floats]:
+        known = sorted(
+            (s for s in sweeps if all((s.values(f"{n}_modulus") > 0).all() for n in ("storage", "loss"))),
+            key=lambda s: s.temperature,
+        )
+        rows = [
+            np.interp(x, np.log(s.values("frequency")), np.log(s.values("loss_modulus") / s.values("storage_modulus")))
+            for s in known
+        ]
+        return np.array([s.temperature for s in known]), np.array(rows).reshape(-1, _PLACES)
+
+    (T, y), (at, seen) = table(own), table(other)
+    if T.size < 3 or (np.diff(T) < SAME_PLACE).any():
+        return []
+    slopes = np.gradient(y, T, axis=0)
+    bends = np.gradient(slopes, T, axis=0)
+    found = []
+    for temperature, values in zip(at, seen, strict=True):
+        if not T[0] <= temperature <= T[-1]:
+            continue
+        left = min(int(np.searchsorted(T, temperature, side="right")) - 1, T.size - 2)
+        share = (temperature - T[left]) / (T[left + 1] - T[left])
+        there, slope, bend = ((1 - share) * table[left] + share * table[left + 1] for table in (y, slopes, bends))
+        steep = float(np.median(slope))
+        missed = 0.5 * share * (1 - share) * (T[left + 1] - T[left]) ** 2 * float(np.median(np.abs(bend)))
+        spread = hypot(float(np.std(values - there)) / sqrt(_PLACES), missed)
+        if steep and spread:
+            found.append((float(np.median(values - there)) / steep, spread / abs(steep)))
+    return found

@@ -17,10 +17,12 @@ from pipelines.experiments.dma._curve_checks import order_of_shifts, published_s
 from pipelines.experiments.dma._specimen_checks import (
     causality,
     files_of_one_specimen,
+    loss_of_each_sweep,
     pasted_readings,
     repeated_temperatures,
     rise_with_frequency,
     slipped_specimen,
+    temperatures_of_files,
 )
 from pipelines.experiments.dma._stated_checks import bulk_modulus, mode_of_loading, poisson_ratio, scale_of_moduli
 from pipelines.experiments.dma._temperature_checks import (
@@ -75,6 +77,7 @@ def judgement(
             steady_temperature(export, settings),
             slipped_specimen(export, own),
             causality(export, own),
+            loss_of_each_sweep(export, own),
             rise_with_frequency(export, own),
             pasted_readings(export, own),
             temperature_sweep(export, own),
@@ -85,6 +88,7 @@ def judgement(
         softening(isotherms),
         repeated_temperatures(isotherms),
         *files_of_one_specimen(exports, found),
+        *temperatures_of_files(exports, found),
         order_of_shifts(master_curve),
         superposition(master_curve),
         published_shifts(published, master_curve),

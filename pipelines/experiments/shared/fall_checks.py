@@ -28,6 +28,9 @@ _SWING = 0.07
 A plate takes (1 + e) m/M of the speed and returns at most twice its own: 0.07 is a plate
 55 times as heavy as what falls."""
 _STAYS = 0.02  # of the fall, by which a plate that swings may be elsewhere when it is hit again
+_LEAST_ROUGH = 2e-3  # of the fall, by which repeats may differ where they touch
+_ENOUGH = 3  # repeats: of two nobody knows which is off
+_LEVELS = ("touch_level", "u_touch_level")
 _CLOCK = 1e-4
 """Relative uncertainty of a sampling interval as manufacturers state it."""
 _HERTZ = 2.868
@@ -486,6 +489,34 @@ def repeats_alike(falls: Sequence[Fall], quantities: Sequence[tuple[str, str, st
         )
         found.append(replace(check, cause=cause) if check.level is not None else check)
     return found
+
+
+def levels_alike(falls: Sequence[Fall]) -> Check:
+    """Hold the levels of later touches, from the first, against those of the other repeats.
+
+    A plate that swings after a blow is elsewhere at the next, but in all repeats alike.
+    """
+    name, law = "repeats: levels of the touches", "what moves between two contacts moves alike in all repeats of a drop"
+    known = [fall for fall in falls if fall.bounces.sizes["impact"] > 1]
+    if len(known) < _ENOUGH:
+        return not_made(name, law, "three repeats with two touches")
+    worst, text, at, file = 0.0, f"{len(known)} repeats: alike", "", ""
+    for touch in range(1, min(fall.bounces.sizes["impact"] for fall in known)):
+        levels, u = (np.array([fall.bounces[n].values[[0, touch]] for fall in known]) for n in _LEVELS)
+        rise, own = levels[:, 1] - levels[:, 0], np.hypot(u[:, 0], u[:, 1])
+        for i, fall in enumerate(known):
+            others = np.delete(rise, i)
+            scatter = 1.4826 * float(np.median(np.abs(others - np.median(others)))) * _small_sample(others.size)
+            apart = float(rise[i] - np.median(others))
+            beyond = abs(apart) / (DOUBTFUL * hypot(own[i], scatter) + _LEAST_ROUGH * abs(fall.value("drop_height")[0]))
+            if beyond > worst:
+                worst, file = beyond, fall.name
+                at = quantity(float(fall.bounces["touch_time"].values[touch]), "s")
+                text = f"{file}: touch {touch + 1} lies {quantity(apart, 'm')} from where it lies in the other repeats"
+    if worst <= 1.0:
+        return stated(name, law, text, None, file=file)
+    cause = f"the sensor, its cable or clamp, or the plate was knocked or pulled in this repeat, before {at}"
+    return stated(name, law, text, "doubtful", cause=cause, file=file)
 
 
 def _pair(
