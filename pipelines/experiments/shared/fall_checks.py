@@ -506,8 +506,10 @@ def levels_alike(falls: Sequence[Fall]) -> Check:
         rise, own = levels[:, 1] - levels[:, 0], np.hypot(u[:, 0], u[:, 1])
         for i, fall in enumerate(known):
             others = np.delete(rise, i)
-            scatter = 1.4826 * float(np.median(np.abs(others - np.median(others)))) * _small_sample(others.size)
+            # two others tell nothing of a scatter beyond what is known of each
+            spread = float(np.median(np.abs(others - np.median(others)))) if others.size >= _ENOUGH else 0.0
             apart = float(rise[i] - np.median(others))
+            scatter = hypot(float(np.median(own)), 1.4826 * spread)
             beyond = abs(apart) / (DOUBTFUL * hypot(own[i], scatter) + _LEAST_ROUGH * abs(fall.value("drop_height")[0]))
             if beyond > worst:
                 worst, file = beyond, fall.name

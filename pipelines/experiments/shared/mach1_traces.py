@@ -267,7 +267,7 @@ def _off(before: Trace, change: float, span: float) -> float:
     moved = np.flatnonzero(np.abs(before.position - before.position[-1]) > _STILL)
     rest = slice((int(moved[-1]) if moved.size else 0) + 1, None)
     time, force = before.time[rest], before.force[rest]
-    if not np.isfinite(before.pause) or force.size < _FEWEST_STILL or np.isfinite(before.criterion):
+    if not before.pause >= 0.0 or force.size < _FEWEST_STILL or np.isfinite(before.criterion):
         return abs(change) - max(_RELAXES * span, _ALONE * noise)
     # what an oscillation or a ramp left behind fades first; a relaxation slows down with the time since
     last = slice(force.size // 2, None)
