@@ -1,6 +1,7 @@
 """Plate vibration: the ringing against the rig's truth, and the plate in the model of a drop."""
 
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +10,6 @@ import numpy as np
 import pytest
 
 from labpipe import files, materials
-from labpipe.errors import ConfigError
 from labpipe.uncertainty import linear_budget
 from pipelines.figures import make
 from pipelines.process import open_session, process, result
@@ -173,8 +173,8 @@ def test_mistakes_in_the_session_are_named(session: Path, tmp_path: Path, old: s
     shutil.copytree(session, folder, ignore=shutil.ignore_patterns("labpipe"))
     path = folder / "session.toml"
     path.write_text(path.read_text("utf-8").replace(old, new, 1), "utf-8")
-    with pytest.raises(ConfigError, match=says):
-        open_session(folder)
+    said = [problem for problems in open_session(folder).waiting.values() for problem in problems]
+    assert any(re.search(says, problem) for problem in said), said
 
 
 def test_the_clock_stands_in_the_natural_frequency(session: Path) -> None:
