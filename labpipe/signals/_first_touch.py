@@ -11,7 +11,7 @@ from labpipe.errors import InputError
 from labpipe.signals._readings import is_constant, refuse_infinite
 
 _FEWEST = 10  # readings on either side, below which a level or a slope has no meaning
-_CLEAR = 5.0  # standard deviations by which the last force must exceed the first
+_CLEAR = 5.0  # standard deviations by which the force must rise, by all readings behind the touch
 
 
 class FirstTouch(NamedTuple):
@@ -77,12 +77,12 @@ def first_touch(position: ArrayLike, force: ArrayLike) -> FirstTouch:
     # Second differences: a force that rises evenly, by any step a reading, has none.
     noise = float(1.4826 * np.median(np.abs(np.diff(f, 2))) / np.sqrt(6))
     start, end = float(np.median(f[:_FEWEST])), float(f[-3:].mean())
-    if not end - start > _CLEAR * max(noise, 1e-12):
-        message = (
-            f"the force does not rise over the approach: {start:.4g} N at its beginning, "
-            f"{end:.4g} N at its end; give the position of first touch in the settings"
-        )
-        raise InputError(message)
+    flat = (
+        f"the force does not rise over the approach: {start:.4g} N at its beginning, "
+        f"{end:.4g} N at its end; give the position of first touch in the settings"
+    )
+    if not end - start > 1e-12:
+        raise InputError(flat)
     span = float(np.ptp(z))
     rising = np.flatnonzero(f > start + 0.5 * (end - start))
     guess = float(z[rising[0]]) - 0.05 * span
@@ -99,6 +99,9 @@ def first_touch(position: ArrayLike, force: ArrayLike) -> FirstTouch:
     ]
     best = min(trials, key=lambda trial: float(trial.cost))
     chi_square = 2 * best.cost / max(z.size - 3, 1)
+    level = np.sum(((f - f.mean()) / max(noise, 1e-9 * (end - start))) ** 2)
+    if not (best.x[1] > 0.0 and level - 2.0 * best.cost > _CLEAR**2 * max(chi_square, 1.0)):
+        raise InputError(flat)
     covariance = np.linalg.pinv(best.jac.T @ best.jac) * max(chi_square, 1.0)
     return FirstTouch(
         float(best.x[0] * span),

@@ -69,3 +69,14 @@ def test_unread_values_are_left_out() -> None:
 def test_no_touch_is_refused(position: np.ndarray, force: np.ndarray, match: str) -> None:
     with pytest.raises(InputError, match=match):
         first_touch(position, force)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_approach_that_stops_at_four_times_the_noise_has_its_touch(seed: int) -> None:
+    noise, touch = 0.015, 0.8e-3
+    z = np.linspace(0.0, 1e-3, 300)
+    force = 0.06 * np.maximum(0.0, z - touch) / (z[-1] - touch) + np.random.default_rng(seed).normal(0.3, noise, z.size)
+    found = first_touch(z, force)
+    assert abs(found.position - touch) < 3.0 * found.u_position < 0.2e-3
+    with pytest.raises(InputError, match="does not rise"):
+        first_touch(z, np.random.default_rng(seed).normal(0.3, noise, z.size))
