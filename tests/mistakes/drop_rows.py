@@ -92,7 +92,7 @@ def _hum(amplitude: float, frequency: float = 50.0) -> Callable[[Floats], Floats
 
 def _pulled(x: Floats) -> Floats:
     """Let the sensor be pulled by 20 um in a flight, within 2 ms."""
-    begin = int(0.42 * x.size)
+    begin = int(0.75 * x.size)
     return np.asarray(x + np.interp(np.arange(x.size), [begin, begin + 40], [0.0, 0.02]))
 
 
@@ -406,7 +406,7 @@ ROWS = (
     Mistake("resolution 10 um", values(_rounded(0.01)), "note", ("resolution",)),
     Mistake("resolution 100 um", values(_rounded(0.1)), "impossible", ("resolution",)),
     Mistake("two readings exchanged in flight", values(_two_exchanged), "note", ("2 spikes",)),
-    Mistake("clamp of the sensor loose", values(_shaken), "doubtful", ("shakes",)),
+    Mistake("clamp of the sensor loose", values(_shaken), "impossible", ("shakes",)),
     Mistake("upside down readings", values(_upside_down), "impossible", ("direction",)),
     # repeats
     Mistake("same file twice", _copied, "doubtful", ("same bytes",), ALL[2]),

@@ -125,7 +125,7 @@ _COLUMNS: tuple[tuple[str, Callable[[float, float, float], Row], str], ...] = (
     ("time halved", lambda t, x, f: (t / 2, x, f), "time is too small by a factor of 2"),
     ("position in um", lambda t, x, f: (t, 1000 * x, f), "position is 1000 times too large: in µm"),
     ("position in m", lambda t, x, f: (t, x / 1000, f), "position is too small by a factor of 1000"),
-    ("position in inch", lambda t, x, f: (t, x / 25.4, f), "position is too small by a factor of 25.4"),
+    ("position in inch", lambda t, x, f: (t, x / 25.4, f), "position is too small by a factor of 25."),
     ("position doubled", lambda t, x, f: (t, 2 * x, f), "position is 2 times too large"),
     ("force in gf", lambda t, x, f: (t, x, 101.97 * f), "force is in gf or mN"),
     ("force in mN", lambda t, x, f: (t, x, 1000 * f), "force is in gf or mN"),
@@ -289,7 +289,7 @@ HOLD_ROWS = (
     *_of_punch(HOLD),
     *_of_rows(HOLD, 1),
     _declared(HOLD, "Amplitude, mm", "0.0980", "0.9800", "declared amplitude is 10 times", _RELAX),
-    _declared(HOLD, "Velocity, mm/s", "1.0000", "0.1000", "declared velocity is 0.1 times", _RELAX),
+    _declared(HOLD, "Velocity, mm/s", "1.0000", "0.1000", "declared velocity is too small by a factor of 10", _RELAX),
     Mistake(
         "stage creeps on",
         columns(lambda t, x, f: (t, x, f - 0.3 * t if t > 2.0 else f), HOLD),

@@ -56,7 +56,7 @@ def hold(clean: Path, folder: Path, mistake: Mistake, *targets: str, otherwise: 
     lacking = _lacking(mistake, folder, judged(folder, *targets, experiment=experiment))
     if lacking and otherwise:
         lacking = _lacking(mistake, folder, judged(folder, otherwise, experiment=experiment))
-    assert lacking == []
+    assert not lacking, "; ".join(lacking)
 
 
 def _lacking(mistake: Mistake, folder: Path, found: Verdict) -> list[str]:
@@ -79,16 +79,9 @@ def _lacking(mistake: Mistake, folder: Path, found: Verdict) -> list[str]:
     return [*lacking, f"said: {said}"] if lacking else []
 
 
-def by_day(rows: Sequence[Any], every: int, slow: int) -> list[Any]:
-    """Return a corpus as parameters of a test: by day one row of ``every``, one of ``slow`` in CI, the rest at night.
-
-    ``every`` is a multiple of ``slow``.
-    """
+def by_day(rows: Sequence[Any], every: int) -> list[Any]:
+    """Return a corpus as parameters of a test: by day one row of ``every``, the others with the slow tests."""
     return [
-        pytest.param(
-            row,
-            id=row.name,
-            marks=() if number % every == 0 else pytest.mark.slow if number % slow == 0 else pytest.mark.nightly,
-        )
+        pytest.param(row, id=row.name, marks=pytest.mark.slow if number % every else ())
         for number, row in enumerate(rows)
     ]

@@ -34,7 +34,7 @@ def test_clean_session_is_believed(clean: Path) -> None:
     assert found.checks > 40
 
 
-@pytest.mark.parametrize("mistake", by_day(ROWS, 4, 2))
+@pytest.mark.parametrize("mistake", by_day(ROWS, 4))
 def test_mistake_is_noticed_and_named(clean: Path, tmp_path: Path, mistake: Mistake) -> None:
     hold(clean, tmp_path / "session", mistake, "bounces")
 

@@ -33,11 +33,11 @@ def test_clean_sessions_are_believed(waves: Path, holds: Path) -> None:
         assert found.checks > 18
 
 
-@pytest.mark.parametrize("mistake", by_day(WAVE_ROWS, 6, 3))
+@pytest.mark.parametrize("mistake", by_day(WAVE_ROWS, 6))
 def test_mistake_with_an_oscillation_is_noticed_and_named(waves: Path, tmp_path: Path, mistake: Mistake) -> None:
     hold(waves, tmp_path / "session", mistake, *WAVES)
 
 
-@pytest.mark.parametrize("mistake", by_day(HOLD_ROWS, 10, 5))
+@pytest.mark.parametrize("mistake", by_day(HOLD_ROWS, 10))
 def test_mistake_with_a_relaxation_is_noticed_and_named(holds: Path, tmp_path: Path, mistake: Mistake) -> None:
     hold(holds, tmp_path / "session", mistake, *HOLDS, otherwise="comparison")

@@ -43,8 +43,8 @@ _FAILED = {
     "readings": "the file is not what the session says, or was not copied whole",
     "displacement": "the calibration record does not belong to this recording: it is expired, of another instrument or "
     "of a camera, or a value of it is wrong",
-    "bounces": "the recording holds no drop that is free: the wrong channel or file, a body that was released before "
-    "the trigger, or caught, or a recording that ends too soon",
+    "bounces": "the recording holds no drop that is free: the wrong channel or file, a sensor that shakes, a body that "
+    "was released before the trigger, or caught, or a recording that ends too soon",
 }
 
 
