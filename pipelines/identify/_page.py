@@ -70,6 +70,17 @@ def render(session: Session, found: Identified) -> str:
     ).render()
 
 
+def _percent(share: float) -> str:
+    """Write a share with two digits, and never as a power of ten.
+
+    Examples
+    --------
+    >>> _percent(0.9961), _percent(0.0123)
+    ('100 %', '1.2 %')
+    """
+    return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"
+
+
 def relaxed_text(found: Identified) -> str:
     """Say what is known of the long-time modulus, and what that rests on."""
     said = found.relaxed
@@ -79,7 +90,7 @@ def relaxed_text(found: Identified) -> str:
             f"E_relaxed is not identifiable from these experiments: the modulus at {end}, the longest time they tell "
             f"of, is not known to within a factor of two"
         )
-    fall, most = (f"{100 * share:.2g} %" for share in (said.fall, said.most_fall))
+    fall, most = (_percent(share) for share in (said.fall, said.most_fall))
     falls = f"{fall} per decade of time" + (f" (at most {most})" if most != fall else "")
     if said.verdict == "identified":
         return (
