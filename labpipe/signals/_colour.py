@@ -84,16 +84,17 @@ def estimate_corner(residual: Floats, share: Floats, interval: float) -> float:
     >>> estimate_corner(rng.standard_normal(4000), np.full(4000, 1e-3), 1e-4)
     0.0
     """
-    cutoff = share / (2.0 * _WIDTH)
+    cutoff, squares = share / (2.0 * _WIDTH), residual**2
     frequencies, powers = [], []
     is_used = np.zeros(len(residual), bool)
     for size in _SIZES:
         every = np.fft.rfftfreq(size)
         for start in range(0, len(residual) - size + 1, size // 2):
             part = slice(start, start + size)
-            fits = float(np.mean(residual[part] ** 2)) < _FITTING**2
+            if is_used[part].any() or squares[part].mean() >= _FITTING**2:
+                continue
             kept = (every > max(_LEAST / size, _FOLLOWED * float(cutoff[part].max()))) & (every < 0.5 / _LOW_SHARE)
-            if not fits or is_used[part].any() or not kept.any():
+            if not kept.any():
                 continue
             is_used[part] = True
             frequencies.append(every[kept])
