@@ -660,12 +660,23 @@ def times_over(name: str, stated_value: float, unit: str, what: str) -> Any:
         SI.
     what : str
         Where it stands, such as ``"laser/a.csv"``.
+
+    Examples
+    --------
+    >>> say = times_over("the height", 1.5e-3, "m", "")
+    >>> say(0.1)
+    'the height is probably 15.0 mm, not 1.50 mm'
+    >>> say(1.0004)
+    'the height is probably 0.04 % less than the 1.50 mm that are stated'
     """
 
     def say(factor: float) -> str:
         right = quantity(stated_value / factor, unit)
         given = quantity(stated_value, unit)
         place = f" ({what})" if what else ""
+        if right == given:
+            off, more = abs(100.0 * (1.0 / factor - 1.0)), "more" if factor < 1.0 else "less"
+            return f"{name} is probably {off:.2g} % {more} than the {given} that are stated{place}"
         return f"{name} is probably {right}, not {given}{place}"
 
     return say
