@@ -87,10 +87,12 @@ def first_touch(position: ArrayLike, force: ArrayLike) -> FirstTouch:
     rising = np.flatnonzero(f > start + 0.5 * (end - start))
     guess = float(z[rising[0]]) - 0.05 * span
 
+    scatter = max(noise, 1e-9 * (end - start))
+
     def residual(p: Floats) -> Floats:
         touch, slope, level = p
         bent = level + slope * np.maximum(0.0, z - touch * span)
-        return np.asarray((f - bent) / max(noise, 1e-9 * (end - start)))
+        return np.asarray((f - bent) / scatter)
 
     slope = (end - start) / max(float(z[-1]) - guess, 1e-3 * span)
     trials = [
@@ -99,7 +101,7 @@ def first_touch(position: ArrayLike, force: ArrayLike) -> FirstTouch:
     ]
     best = min(trials, key=lambda trial: float(trial.cost))
     chi_square = 2 * best.cost / max(z.size - 3, 1)
-    level = np.sum(((f - f.mean()) / max(noise, 1e-9 * (end - start))) ** 2)
+    level = np.sum(((f - f.mean()) / scatter) ** 2)
     if not (best.x[1] > 0.0 and level - 2.0 * best.cost > _CLEAR**2 * max(chi_square, 1.0)):
         raise InputError(flat)
     covariance = np.linalg.pinv(best.jac.T @ best.jac) * max(chi_square, 1.0)

@@ -8,7 +8,7 @@ Versions of the file, newest first:
 
 import unicodedata
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -228,14 +228,14 @@ class _Experiments:
 
     def _alone(self, name: str, table: dict[str, Any], defaults: dict[str, Any], names: list[str]) -> Experiment | None:
         """Convert one experiment; its mistakes stop it, and no other."""
-        problems, self.document.problems = self.document.problems, {}
+        alone = replace(self, document=replace(self.document, problems={}))
         gaps: dict[str, int] = {}
-        experiment = self._one(name, table, defaults, names, gaps)
-        own, self.document.problems = self.document.problems, problems
-        if not own | gaps:
+        experiment = alone._one(name, table, defaults, names, gaps)
+        told = alone.document.problems | gaps
+        if not told:
             return experiment
-        self.told.update({line: at for line, at in (own | gaps).items() if line not in problems})
-        self.waiting[name] = [*own, *gaps]
+        self.told.update({line: at for line, at in told.items() if line not in self.document.problems})
+        self.waiting[name] = list(told)
         return None
 
     def _without_those_that_wait(self, complete: dict[str, Experiment]) -> dict[str, Experiment]:

@@ -285,9 +285,9 @@ def _update(connection: sqlite3.Connection, roots: Sequence[Path], path: Path) -
     known = dict(connection.execute("SELECT session, digest FROM sessions"))
     renewed, unchanged = [], []
     problems: dict[str, str] = {}
-    found = set()
+    found, base = set(), _base(path)
     for folder in _sessions(roots):
-        name = _relative(folder, _base(path))
+        name = _relative(folder, base)
         found.add(name)
         try:
             plan = plan_session(folder)
@@ -306,7 +306,7 @@ def _update(connection: sqlite3.Connection, roots: Sequence[Path], path: Path) -
         _forget(connection, name)
         _add(connection, name, digest, plan)
         renewed.append(name)
-    below = [_relative(root, _base(path)) for root in roots]
+    below = [_relative(root, base) for root in roots]
     gone = [n for n in known if n not in found and any(_is_below(n, root) for root in below)]
     for name in gone:
         _forget(connection, name)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from labpipe.errors import SourceError
 from labpipe.workflow import session as sessions
+from labpipe.workflow.plan import page_name
 from labpipe.workflow.session import Session
 from pipelines.experiments import KINDS
 
@@ -47,7 +48,7 @@ def reopen_session(folder: str | Path) -> Session:
     folder : path-like
         The session folder.
     """
-    return _opened(Path(folder), {page.stem for page in Path(folder, "labpipe/reports").glob("*.html")})
+    return _opened(Path(folder), {page.stem for page in Path(folder, "labpipe").glob(page_name("*"))})
 
 
 def _opened(folder: Path, processed: Collection[str] = ()) -> Session:

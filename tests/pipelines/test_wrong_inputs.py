@@ -23,24 +23,23 @@ _SEED = 5
 SESSION = "session.toml"
 
 
-def _scaled(pattern: str, factor: float) -> Callable[[str], str]:
-    """Multiply the first number of every match."""
+def _changed(pattern: str, to: Callable[[float], float]) -> Callable[[str], str]:
+    """Change the number of every match."""
 
     def edit(text: str) -> str:
-        changed, count = re.subn(pattern, lambda m: f"{m[1]}{float(m[2]) * factor:.6g}", text)
+        changed, count = re.subn(pattern, lambda m: f"{m[1]}{to(float(m[2])):.6g}", text)
         assert count, pattern
         return changed
 
     return edit
+
+
+def _scaled(pattern: str, factor: float) -> Callable[[str], str]:
+    return _changed(pattern, lambda number: number * factor)
 
 
 def _shifted(pattern: str, by: float) -> Callable[[str], str]:
-    def edit(text: str) -> str:
-        changed, count = re.subn(pattern, lambda m: f"{m[1]}{float(m[2]) + by:.6g}", text)
-        assert count, pattern
-        return changed
-
-    return edit
+    return _changed(pattern, lambda number: number + by)
 
 
 def _polymer(text: str) -> str:

@@ -194,13 +194,7 @@ def drop(
 
 
 def refined(
-    setting: Setting,
-    creep: Creep,
-    effort: Effort,
-    looks: Floats | None,
-    observe: Callable[[float], None] | None,
-    *,
-    rows_only: bool = False,
+    setting: Setting, creep: Creep, effort: Effort, looks: Floats | None, observe: Callable[[float], None] | None
 ) -> tuple[DropRun, float]:
     """Simulate, and again more finely when the first run says that it was too coarse.
 
@@ -213,14 +207,14 @@ def refined(
     finer = replace(effort, rtol=effort.rtol / _REFINEMENT)
     may_refine = finer.rtol >= _FINEST
     try:
-        run = simulate(setting, creep, effort, looks, observe, rows_only=rows_only)
+        run = simulate(setting, creep, effort, looks, observe)
         error = energy_error(run, setting)
     except AnnularContactError:
         if not may_refine:
             raise
         error = inf
     if error > ENERGY_LIMIT * setting.rtol and may_refine:
-        run = simulate(setting, creep, finer, looks, observe, rows_only=rows_only)
+        run = simulate(setting, creep, finer, looks, observe)
         error = energy_error(run, setting)
     if error <= ENERGY_LIMIT * setting.rtol:
         return run, error
@@ -259,7 +253,7 @@ def _rigid_restitution(setting: Setting, creep: Creep, effort: Effort) -> float:
         if not found.is_left[0]:
             row = dict(zip(COLUMNS, found.rows[0, 0].tolist(), strict=True))
             return row["rebound_speed"] / row["impact_speed"]
-    run = simulate(rigid, creep, effort, None, None, first_contact_only=True, rows_only=True)
+    run = simulate(rigid, creep, replace(effort, rows_only=True), None, None, first_contact_only=True)
     if len(run.segments) < 3 or not isinstance(run.segments[2], Flight):
         return nan
     contact = run.segments[1]

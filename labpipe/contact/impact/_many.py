@@ -148,7 +148,7 @@ def _one_by_one(
     """Rows (impact, column) of the general solver, its steps, and the touch after which it stays."""
     setting = case.setting
     warn_of_millimetres(setting.radius, setting.mass, setting.height)
-    run, _ = refined(setting, creep, Effort(setting.rtol, None, fold, MAX_STEPS), None, None, rows_only=True)
+    run, _ = refined(setting, creep, Effort(setting.rtol, None, fold, MAX_STEPS, rows_only=True), None, None)
     found = impact_rows(run, setting)
     rows = np.full((most, len(columns)), np.nan)
     happened = min(found["impact_time"].size, most)

@@ -94,7 +94,8 @@ ALL_SHORTCUTS = Shortcuts()
 class Effort:
     """How finely to simulate; ``rtol`` starts as asked for and is refined when that is too coarse.
 
-    The other fields are as in :func:`drop`.
+    With ``rows_only`` a run ends where the sphere swings too little to lift off again, and its rest is
+    not followed. The other fields are as in :func:`drop`.
     """
 
     rtol: float
@@ -102,6 +103,7 @@ class Effort:
     fold: bool
     max_steps: int
     shortcuts: Shortcuts = ALL_SHORTCUTS
+    rows_only: bool = False
 
 
 def scales(creep: Creep, radius: float, mass: float, gravity: float, speed: float) -> Scales:

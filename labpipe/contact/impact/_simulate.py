@@ -49,12 +49,7 @@ _HEAVY_PLATE = 10.0
 
 
 def _stepper(
-    setting: Setting,
-    creep: Creep,
-    expected: Scales,
-    effort: Effort,
-    observe: Callable[[float], None] | None,
-    rows_only: bool,
+    setting: Setting, creep: Creep, expected: Scales, effort: Effort, observe: Callable[[float], None] | None
 ) -> Stepper:
     if expected.radius > setting.radius:
         message = (
@@ -67,7 +62,7 @@ def _stepper(
         creep_law=creep,
         springs=springs_for(setting, creep, expected, effort),
         body=Body(setting.mass, setting.gravity, setting.plate),
-        stillness=_stillness(setting, creep, expected, effort, rows_only),
+        stillness=_stillness(setting, creep, expected, effort),
         tolerance=step_tolerance(effort.rtol),
         time_scale=expected.duration,
         speed_scale=max(setting.speed, expected.rest_speed),
@@ -78,14 +73,14 @@ def _stepper(
     )
 
 
-def _stillness(setting: Setting, creep: Creep, expected: Scales, effort: Effort, rows_only: bool) -> Stillness:
-    tolerance = _STAYS if rows_only else min(max(effort.rtol, _REST_RANGE[0]), _REST_RANGE[1])
+def _stillness(setting: Setting, creep: Creep, expected: Scales, effort: Effort) -> Stillness:
+    tolerance = _STAYS if effort.rows_only else min(max(effort.rtol, _REST_RANGE[0]), _REST_RANGE[1])
     if not effort.shortcuts.rest:
         tolerance = 0.0
     period, speed = expected.rest_period, expected.rest_speed
     if setting.plate is None:
         return Stillness(tolerance, period, speed)
-    plate_speed = _shaking_speed(setting, setting.plate, creep, expected) if rows_only else speed
+    plate_speed = _shaking_speed(setting, setting.plate, creep, expected) if effort.rows_only else speed
     return Stillness(tolerance, max(period, 1.0 / setting.plate.frequency), speed, plate_speed)
 
 
@@ -134,7 +129,6 @@ def simulate(
     observe: Callable[[float], None] | None,
     *,
     first_contact_only: bool = False,
-    rows_only: bool = False,
 ) -> DropRun:
     """Fall, bounce, rest.
 
@@ -152,8 +146,6 @@ def simulate(
         Told the time since first touch now and then.
     first_contact_only : bool
         End at the first lift-off.
-    rows_only : bool
-        End where the sphere swings too little to lift off again; its rest is not followed.
 
     Raises
     ------
@@ -170,7 +162,7 @@ def simulate(
         condensed = replace(condensed, creep=distinct(condensed.creep))
         bouncer = _bouncer(setting, condensed.creep, expected, effort)
     _refuse_endless(setting, condensed.creep, expected, effort)
-    stepper = _stepper(setting, condensed.creep, expected, effort, observe, rows_only)
+    stepper = _stepper(setting, condensed.creep, expected, effort, observe)
     end = setting.duration - setting.fall_time
     if looks is not None:
         stepper.wanted = np.minimum(looks - setting.fall_time, end).tolist()
@@ -184,7 +176,7 @@ def simulate(
     if touch < end:
         stepper.fly(touch)
         reach = MARGIN * expected.radius
-        final_touch, rest_start = _bounce(stepper, bouncer, reach, end, segments, effort, first_contact_only, rows_only)
+        final_touch, rest_start = _bounce(stepper, bouncer, reach, end, segments, effort, first_contact_only)
     else:
         stepper.look_at_dent(end)
     return DropRun(
@@ -232,7 +224,6 @@ def _bounce(
     segments: list[Segment],
     effort: Effort,
     first_contact_only: bool,
-    rows_only: bool,
 ) -> tuple[float, float]:
     """Alternate contacts and flights; return the last touch and the start of rest, or NaN."""
     now = stepper.now
@@ -261,7 +252,7 @@ def _bounce(
             segments.append(Contact(records))
         if outcome == "rest":
             settled = now.time
-            if rows_only:
+            if effort.rows_only:
                 return touched, settled
             stepper.creep(end, growth(effort.rtol))
             creeping = stepper.take_trail()

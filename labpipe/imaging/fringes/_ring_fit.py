@@ -217,12 +217,7 @@ def _with_memory(fit: RingFit, ring: Ring, optics: Optics) -> RingFit:
     is_rich = needs_rich_table(fit.parameters, free)
     table = tabulate(ring, fit.parameters, optics, is_rich=is_rich)
     sums, counts, scores = accumulate_cells(
-        ring.image,
-        ring.first_row,
-        ring.first_column,
-        ring.stride,
-        ring.inner,
-        ring.outer,
+        *ring.region,
         fit.parameters,
         ring.origin,
         table.values,

@@ -26,6 +26,11 @@ class Ring:
     origin: Floats
     ceiling: float
 
+    @property
+    def region(self) -> tuple[Floats32, int, int, int, float, float]:
+        """The pixels, as the compiled loops take them."""
+        return self.image, self.first_row, self.first_column, self.stride, self.inner, self.outer
+
 
 def pixels_in_ring(shape: tuple[int, int], x: float, y: float, inner: float, outer: float) -> int:
     """Count, to a row's rounding, the pixels of a frame between two distances."""

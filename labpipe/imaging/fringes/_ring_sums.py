@@ -84,20 +84,7 @@ def ring_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics, is
     is_rich = needs_rich_table(parameters, free)
     table = tabulate(ring, parameters, optics, is_rich=is_rich)
     normal, right, weighted, totals = accumulate(
-        ring.image,
-        ring.first_row,
-        ring.first_column,
-        ring.stride,
-        ring.inner,
-        ring.outer,
-        parameters,
-        ring.origin,
-        table.values,
-        table.start,
-        free,
-        ring.ceiling,
-        is_last,
-        is_rich,
+        *ring.region, parameters, ring.origin, table.values, table.start, free, ring.ceiling, is_last, is_rich
     )
     squares, pixels, differences, pairs = totals
     return Sums(normal, right, weighted, squares, int(pixels), differences, int(pairs))
