@@ -401,7 +401,7 @@ def check_width(
     )
 
 
-def not_a_number(cell: str, *, path: str | os.PathLike[str], line_number: int, column: int) -> SourceError:
+def not_a_number(cell: str, *, path: str | os.PathLike[str], line_number: int, column: int | None) -> SourceError:
     """Make the error for a cell that should be a number."""
     hint = "Correct the cell, or export the file again."
     if "," in cell and is_number(cell.replace(",", ".", 1)):

@@ -6,10 +6,11 @@ assumption. What the header does not say (sampling cycle, units) is asked for, n
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 
+from instruments.keyence._columns import Columns, is_aside, is_time, sort_columns
 from instruments.keyence._markers import MARKERS, Marker, marker_status
 from labpipe.errors import InputError, SourceError
 from labpipe.text import shorten
@@ -17,19 +18,21 @@ from labpipe.units import unit
 
 #: What the labels of header lines look like, by what they say. Compared as a whole, without case.
 HEADER_LABELS: Mapping[str, str] = {
-    "model": r"model|controller",
+    "model": r"model|controller|modell|mod[èe]le|機種|型式|型号",
     "serial": r"serial(?: (?:number|no\.?))?|s/n",
     "head": r"(?:sensor )?head",
-    "date": r"date(?: and time)?|start(?: time)?",
+    "date": r"date(?: and time)?|start(?: time)?|datum|日付|日時|日期",
     "clock": r"time",
-    "cycle": r"sampling (?:cycle|period|interval|rate)|サンプリング周期",
-    "storage": r"(?:storage|storing|save) (?:cycle|factor|interval)|ストレージ周期",
-    "units": r"units?|単位",
+    "cycle": r"sampling (?:cycle|period|interval|rate|frequency|time)|abtast(?:zyklus|periode|intervall|rate|zeit)|"
+    r"p[ée]riode d['’][ée]chantillonnage|fr[ée]quence d['’][ée]chantillonnage|サンプリング周期|采样周期|取样周期",
+    "storage": r"(?:storage|storing|save) (?:cycle|factor|interval)|speicher(?:zyklus|intervall|faktor)|"
+    r"ストレージ周期|蓄積周期|存储周期",
+    "units": r"units?|einheit(?:en)?|unit[ée]s?|単位|单位",
     "averaging": r"averag(?:e|ing)(?: (?:count|number|times))?|number of averages",
     "rows": r"(?:number of )?(?:data|points|samples)(?: (?:count|points|number))?",
 }
 
-_COUNTER = re.compile(r"no\.?|#|index|count(?:er)?|data no\.?|番号", re.IGNORECASE)
+_COUNTER = re.compile(r"n[or°º]\.?|#|index|count(?:er)?|data no\.?|point|番号|序号", re.IGNORECASE)
 _OUTPUT = re.compile(r"out ?0*([0-9]{1,2})\s*(?:[\[(]([^\])]*)[\])])?", re.IGNORECASE)
 _LABEL_UNIT = re.compile(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*")
 # A unit that lost a letter may be another unit ("mm" and "m"), so only displayed ones are taken.
@@ -63,7 +66,7 @@ class KeyenceProfile:
         documented, ±10 V is the end of the controller's output.
     """
 
-    encodings: tuple[str, ...] = ("cp932", "cp1252")
+    encodings: tuple[str, ...] = ("cp932", "cp1252", "gbk")
     delimiter: str | None = None
     decimal: str | None = None
     cycle: str | float | None = None
@@ -94,6 +97,8 @@ class Header:
         Whether the first column counts the points.
     unit_texts : tuple of str
         From the column names or a row below them, empty when there are none.
+    columns : Columns
+        Which of its columns those are, and where the times stand.
     """
 
     text: str
@@ -103,6 +108,7 @@ class Header:
     outputs: tuple[int, ...]
     has_counter: bool
     unit_texts: tuple[str, ...]
+    columns: Columns
 
 
 def is_length_or_volts(text: str) -> bool:
@@ -155,13 +161,15 @@ def parse_header(path: Path, lines: Sequence[str], profile: KeyenceProfile) -> H
     """
     delimiter, start = _find_start(path, lines, profile)
     head = lines[:start]
-    n_columns = len(split_cells(lines[start], delimiter))
-    names_at = _find_names(path, head, delimiter)
+    first_row = split_cells(lines[start], delimiter)
+    n_columns = len(first_row)
+    names_at = _find_names(path, head, delimiter, n_columns)
     names = split_cells(head[names_at], delimiter) if names_at is not None else []
     if names_at is None:
         _refuse_damaged_row(path, head, delimiter, n_columns)
-        has_counter = _counts(lines[start : start + _COUNTED], delimiter, n_columns)
-        outputs = tuple(range(1, n_columns + 1 - has_counter))
+        columns = sort_columns((), first_row)
+        has_counter = _counts(lines[start : start + _COUNTED], delimiter, len(columns.kept))
+        outputs = tuple(range(1, len(columns.kept) + 1 - has_counter))
         unit_texts: tuple[str, ...] = ()
     else:
         if len(names) != n_columns:
@@ -173,13 +181,18 @@ def parse_header(path: Path, lines: Sequence[str], profile: KeyenceProfile) -> H
                 hint='If the comma is the decimal sign, the delimiter must be another: delimiter=";".',
             )
         has_counter = _COUNTER.fullmatch(names[0]) is not None
-        outputs, unit_texts = _outputs(path, names, names_at, has_counter)
-        below = _units_below(path, head, names_at, delimiter, has_counter, profile.markers)
-        unit_texts = below or unit_texts
+        columns = sort_columns(names, first_row)
+        of_outputs = columns.kept[int(has_counter) :]
+        outputs, unit_texts = _outputs(path, [names[index] for index in of_outputs], names_at)
+        below = _units_below(path, head, names_at, delimiter, of_outputs, profile.markers)
+        if below:
+            unit_texts = tuple(below[index] for index in of_outputs)
+        if below and columns.times is not None:
+            columns = replace(columns, unit_text=below[columns.times] or columns.unit_text)
     if not outputs:
         raise SourceError(path, "there is no column of readings", line=start + 1)
     entries = _entries(head[:names_at], delimiter, profile)
-    return Header("\n".join(head), start, delimiter, entries, outputs, has_counter, unit_texts)
+    return Header("\n".join(head), start, delimiter, entries, outputs, has_counter, unit_texts, columns)
 
 
 _COUNTED = 3  # rows that must count 1, 2, 3 before a column without a name is taken for a counter
@@ -190,8 +203,7 @@ def _find_start(path: Path, lines: Sequence[str], profile: KeyenceProfile) -> tu
     for index, line in enumerate(lines):
         for delimiter in delimiters:
             cells = split_cells(line, delimiter)
-            has_delimiter = delimiter in line
-            if has_delimiter and all(is_reading(cell, profile.markers) for cell in cells):
+            if delimiter in line and _is_row(cells, profile.markers):
                 return delimiter, index
         if is_reading(line.strip().strip('"'), profile.markers):
             return delimiters[-1], index
@@ -203,7 +215,16 @@ def _find_start(path: Path, lines: Sequence[str], profile: KeyenceProfile) -> tu
     )
 
 
-def _find_names(path: Path, head: Sequence[str], delimiter: str) -> int | None:
+def _is_row(cells: Sequence[str], markers: tuple[Marker, ...]) -> bool:
+    """Tell whether cells are a row: readings, and beside them times of day, judgements, empty cells at the end."""
+    filled = list(cells)
+    while filled and not filled[-1]:
+        filled.pop()
+    readings = [is_reading(cell, markers) for cell in filled]
+    return any(readings) and all(is_aside(c) for c, known in zip(filled, readings, strict=True) if not known)
+
+
+def _find_names(path: Path, head: Sequence[str], delimiter: str, n_columns: int) -> int | None:
     found = [
         index
         for index, line in enumerate(head)
@@ -216,7 +237,16 @@ def _find_names(path: Path, head: Sequence[str], delimiter: str) -> int | None:
             line=found[1] + 1,
             hint="Two exports were joined: split the file.",
         )
-    return found[0] if found else None
+    return found[0] if found else _other_names(head, delimiter, n_columns)
+
+
+def _other_names(head: Sequence[str], delimiter: str, n_columns: int) -> int | None:
+    """Find names that are not the controller's own: the last line, as wide as the rows, with a word in each cell."""
+    last = max((index for index, line in enumerate(head) if line.strip()), default=None)
+    cells = split_cells(head[last], delimiter) if last is not None else []
+    is_named = len(cells) == n_columns > 1 and all(re.match(r"[^\W\d_]|#", cell) for cell in cells)
+    has_first = is_named and (_COUNTER.fullmatch(cells[0]) or is_time(cells[0]))
+    return last if has_first else None
 
 
 def _refuse_damaged_row(path: Path, head: Sequence[str], delimiter: str, n_columns: int) -> None:
@@ -242,13 +272,12 @@ def _counts(rows: Sequence[str], delimiter: str, n_columns: int) -> bool:
     return numbers[0] in (0, 1) and all(b - a == 1 for a, b in pairwise(numbers))
 
 
-def _outputs(
-    path: Path, names: Sequence[str], names_at: int, has_counter: bool
-) -> tuple[tuple[int, ...], tuple[str, ...]]:
+def _outputs(path: Path, names: Sequence[str], names_at: int) -> tuple[tuple[int, ...], tuple[str, ...]]:
     numbers, units = [], []
-    for index, name in enumerate(names):
-        if index == 0 and has_counter:
-            continue
+    if not any(map(_OUTPUT.fullmatch, names)):
+        texts = [inner[2] if (inner := _LABEL_UNIT.fullmatch(name)) else "" for name in names]
+        return tuple(range(1, len(names) + 1)), tuple(texts) if all(texts) else ()
+    for name in names:
         match = _OUTPUT.fullmatch(name)
         if match is None or int(match[1]) in numbers:
             raise SourceError(
@@ -263,15 +292,20 @@ def _outputs(
 
 
 def _units_below(
-    path: Path, head: Sequence[str], names_at: int, delimiter: str, has_counter: bool, markers: tuple[Marker, ...]
+    path: Path,
+    head: Sequence[str],
+    names_at: int,
+    delimiter: str,
+    of_outputs: Sequence[int],
+    markers: tuple[Marker, ...],
 ) -> tuple[str, ...]:
-    """Read a row of units under the names; nothing else may stand there."""
+    """Return the row of units under the names, whole; nothing else may stand there."""
     units: tuple[str, ...] = ()
     for index in range(names_at + 1, len(head)):
         cells = split_cells(head[index], delimiter)
-        texts = cells[1:] if has_counter else cells
         if not any(cells):
             continue
+        texts = [cells[k] for k in of_outputs] if len(cells) > max(of_outputs, default=0) else []
         if units or not texts or not all(map(is_length_or_volts, texts)):
             wrong = next((i for i, c in enumerate(cells) if not is_reading(c, markers)), 0)
             raise SourceError(
@@ -281,7 +315,7 @@ def _units_below(
                 column=column_of(head[index], delimiter, wrong),
                 hint="A cell of the row is no number and no known marker; export the file again.",
             )
-        units = tuple(texts)
+        units = tuple(cells)
     return units
 
 
@@ -293,7 +327,7 @@ def _entries(
         cells = split_cells(line, delimiter)
         if len(cells) == 1:
             cells = [part.strip() for part in re.split(r"\s*[:=]\s*", cells[0], maxsplit=1)]
-        label, unit_text = cells[0].rstrip(":= "), ""
+        label, unit_text = cells[0].lstrip("#%; ").rstrip(":= "), ""
         inner = _LABEL_UNIT.fullmatch(label)
         if inner:
             label, unit_text = inner[1], inner[2]

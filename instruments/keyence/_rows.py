@@ -183,7 +183,7 @@ def _read_row(table: _Table, line: str, line_number: int) -> tuple[list[float], 
             states.append(int(status))
             continue
         number = plain_number(cell, table.signs)
-        column = column_of(line, header.delimiter, index)
+        column = column_of(line, header.delimiter, index) if header.columns.all_kept else None
         if number is None:
             raise not_a_number(cell, path=table.path, line_number=line_number, column=column)
         if is_counter and not cell.isdigit():
@@ -200,7 +200,7 @@ def _read_row(table: _Table, line: str, line_number: int) -> tuple[list[float], 
     return values, states
 
 
-def _other_layout(table: _Table, cell: str, index: int, line_number: int, column: int) -> SourceError:
+def _other_layout(table: _Table, cell: str, index: int, line_number: int, column: int | None) -> SourceError:
     known = table.layouts[index]
     digits = f"{known.whole} digits before and {known.decimals} after the decimal sign" if known else ""
     return SourceError(

@@ -4,11 +4,12 @@ Nothing is guessed: what neither of them says is asked for, and a contradiction 
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from datetime import datetime
 from pathlib import Path
 
-from instruments.keyence._header import Header, is_length_or_volts
+from instruments.keyence._columns import even_interval, seconds
+from instruments.keyence._header import Header, KeyenceProfile, is_length_or_volts
 from labpipe.errors import InputError, SourceError
 from labpipe.text import shorten
 from labpipe.units import quantity, unit
@@ -131,7 +132,7 @@ def stated_storage(path: Path, header: Header, given: int | None, cycle: float, 
         return given or 1
     line, cells, unit_text = header.entries["storage"]
     text = " ".join(cells).strip()
-    match = re.fullmatch(r"[x×*]?\s*([0-9]+)", text, re.IGNORECASE)
+    match = re.fullmatch(r"(?:[x×*]|1/)?\s*([0-9]+)\s*(?:times|回|倍)?", text, re.IGNORECASE)
     interval = _time(f"{text} {unit_text}".strip())
     by_interval = interval / cycle if interval else 0.0
     factor = float(match[1]) if match and not unit_text else by_interval
@@ -145,6 +146,43 @@ def stated_storage(path: Path, header: Header, given: int | None, cycle: float, 
     if given is not None and given != round(factor):
         raise _contradiction(path, "storage_factor", line, round(factor), given)
     return round(factor)
+
+
+def interval_of_times(path: Path, header: Header, texts: Sequence[str], profile: KeyenceProfile) -> tuple[float, int]:
+    """Return the sampling cycle in s and the storage factor of a file whose rows carry their times.
+
+    Raises
+    ------
+    SourceError
+        The times do not lie evenly, have no unit, or contradict the cycle.
+    """
+    has_cycle = profile.cycle is not None or "cycle" in header.entries
+    unit_text, first_line = header.columns.unit_text, header.n_lines + 1
+    if not (unit_text or ":" in texts[0] or has_cycle):
+        raise SourceError(
+            path,
+            "the file does not say the unit of its times",
+            line=header.n_lines,
+            hint='Name the column "Time [s]" (or ms, us), or give the time between rows: cycle="50 us".',
+        )
+    unsaid = not unit_text and ":" not in texts[0]
+    cycle = stated_cycle(path, header, profile.cycle) if has_cycle else 0.0
+    for each in ("s", "ms", "us") if unsaid else (unit_text,):
+        time, resolution = seconds(texts, each, path=path, first_line=first_line)
+        interval = even_interval(time, resolution, path=path, first_line=first_line)
+        if not has_cycle:
+            return interval, 1
+        factor = max(round(interval / cycle), 1)
+        if "storage" in header.entries or profile.storage_factor is not None:
+            factor = stated_storage(path, header, profile.storage_factor, cycle, is_cycle_given=True)
+        if abs(interval - cycle * factor) <= 2.0 * resolution / (len(texts) - 1) + 1e-6 * interval:
+            return cycle, factor
+    raise SourceError(
+        path,
+        f"the times lie {interval:.6g} s apart, by the sampling cycle it is {cycle * factor:.6g} s",
+        line=header.entries["cycle"][0] if "cycle" in header.entries else first_line,
+        hint="Correct the cycle, or the unit of the times.",
+    )
 
 
 def stated_count(path: Path, header: Header, meaning: str) -> int | None:

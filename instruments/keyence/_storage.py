@@ -19,6 +19,7 @@ carries no time: time is the number of the point times the storage interval, fro
 import contextlib
 import json
 import os
+import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -29,10 +30,18 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from instruments.keyence._columns import only_readings
 from instruments.keyence._header import Header, KeyenceProfile, parse_header
 from instruments.keyence._markers import Status, layout, marker_status
 from instruments.keyence._rows import Rows, read_rows
-from instruments.keyence._statements import stated_count, stated_cycle, stated_start, stated_storage, stated_units
+from instruments.keyence._statements import (
+    interval_of_times,
+    stated_count,
+    stated_cycle,
+    stated_start,
+    stated_storage,
+    stated_units,
+)
 from instruments.keyence._writer import DEVICE, output_variables
 from labpipe.errors import InputError, SourceError
 from labpipe.text import Limits, TextFile, shorten, survey
@@ -111,10 +120,14 @@ def read(
     )
     source, header, unit_texts, stream = _open(Path(path), profile, limits or Limits())
     lines = _complete_rows(source, stream, header, profile, allow_incomplete)
+    times: list[str] = []
+    first_line = header.n_lines + 1
+    if not header.columns.all_kept:
+        lines = only_readings(lines, header.columns, header.delimiter, times, path=source.path, first_line=first_line)
     readings = read_rows(source.path, header, lines, profile)
     _check_count(source, header, readings, profile, allow_incomplete)
     _check_counter(source, header, readings, allow_incomplete)
-    return _assemble(source, header, unit_texts, readings, profile)
+    return _assemble(source, header, unit_texts, readings, times, profile)
 
 
 def _merge(profile: KeyenceProfile, **options: Any) -> KeyenceProfile:
@@ -171,6 +184,9 @@ def _complete_rows(
         if not line.strip():
             blank += 1
             continue
+        if _begins_footer(line, is_apart=blank > 0):
+            _refuse_rows_below(source, stream, number)
+            return
         if blank:
             raise SourceError(source.path, "an empty line between two rows", line=number - blank, column=1)
         is_last = number == source.n_lines and not source.is_ended
@@ -187,6 +203,28 @@ def _complete_rows(
                 hint="Export the file again, or drop this row with allow_incomplete=True.",
             )
         warnings.warn(f"{source.path}:{number}: {message}; it is dropped", stacklevel=2)
+
+
+_END = re.compile(r"\[?/?(?:end|eof)(?: of (?:file|data))?\]?", re.IGNORECASE)
+_LETTER = re.compile(r"\"?[^\W\d_]")
+
+
+def _begins_footer(line: str, *, is_apart: bool) -> bool:
+    """Tell whether what stands below the rows begins: the word END, or words after an empty line."""
+    return _END.fullmatch(line.strip(' "\t;,')) is not None or (is_apart and _LETTER.match(line) is not None)
+
+
+def _refuse_rows_below(source: TextFile, stream: Iterator[str], number: int) -> None:
+    """Maxima, means and the like may follow the rows; rows may not."""
+    for below, line in enumerate(stream, number + 1):
+        if line.strip() and not _LETTER.match(line):
+            raise SourceError(
+                source.path,
+                f"found {shorten(line)} below the end of the rows on line {number}",
+                line=below,
+                column=1,
+                hint="Two exports were joined: split the file.",
+            )
 
 
 _ABOVE = 200  # rows with which the last one is compared
@@ -262,11 +300,19 @@ def _check_counter(source: TextFile, header: Header, readings: Rows, allow: bool
 
 
 def _assemble(
-    source: TextFile, header: Header, unit_texts: Sequence[str], readings: Rows, profile: KeyenceProfile
+    source: TextFile,
+    header: Header,
+    unit_texts: Sequence[str],
+    readings: Rows,
+    times: Sequence[str],
+    profile: KeyenceProfile,
 ) -> xr.Dataset:
     path = source.path
-    cycle = stated_cycle(path, header, profile.cycle)
-    factor = stated_storage(path, header, profile.storage_factor, cycle, is_cycle_given=profile.cycle is not None)
+    if len(times) > 1:
+        cycle, factor = interval_of_times(path, header, times, profile)
+    else:
+        cycle = stated_cycle(path, header, profile.cycle)
+        factor = stated_storage(path, header, profile.storage_factor, cycle, is_cycle_given=profile.cycle is not None)
     index = np.arange(len(readings.values)) if readings.counter is None else readings.counter - readings.counter[0]
     time = index * (cycle * factor)
     variables: dict[str, Any] = {}
@@ -309,7 +355,7 @@ def _attributes(
         "source": source.path.name,
         "layout": "assumed",
         "start": stated_start(header),
-        "clock": "none: a counter of samples",
+        "clock": "none: a counter of samples" if header.columns.times is None else "times of the rows",
         "sampling_cycle": cycle,
         "storage_factor": factor,
         "sampling_interval": cycle * factor,

@@ -386,3 +386,68 @@ def test_dataset_survives_netcdf(tmp_path):
     with xr.open_dataset(tmp_path / "a.nc") as stored:
         np.testing.assert_array_equal(stored.status2.values, made.status2.values)
         assert stored.attrs["header"] == made.attrs["header"]
+
+
+N_DROP = 400
+DROP = np.round(1.5 - 0.5 * 9810.0 * np.minimum(np.arange(N_DROP) * 1e-4, 0.0175) ** 2, 4)
+LINES = "Sampling cycle,100us\nStorage cycle,x1\n"
+
+
+def table(row, n=N_DROP):
+    """Write every row of the fall by its number, time in s and ms, and value."""
+    return "".join(row.format(i=i + 1, t=i * 1e-4, ms=i * 0.1, v=DROP[i]) + "\n" for i in range(n))
+
+
+TIMES = {
+    "time of every row in s": "Time [s],OUT1 [mm]\n" + table("{t:.6f},{v:+.4f}"),
+    "in ms, decimal commas": "Zeit [ms];OUT1 [mm]\n" + table("{ms:.3f};{v:+.4f}").replace(".", ","),
+    "unit of the time below its name": "Time,OUT1\ns,mm\n" + table("{t:.4f},{v:+.4f}"),
+    "unit of the time by the cycle": LINES + "Unit,mm\nNo.,Time,OUT1\n" + table("{i},{ms:.1f},{v:+.4f}"),
+    "times of day": "Time,OUT1[mm]\n" + table("10:22:3{t:.4f},{v:+.4f}"),
+    "date and time": "Date/Time,OUT1[mm]\n" + table("2024/05/14 23:59:5{t:.4f},{v:+.4f}"),
+    "names of another program": "keyence\nTime (s),Displacement (mm)\n" + table("{t:.6f},{v:+.4f}"),
+    "judgements": LINES + "Unit,mm\nNo.,OUT1,Judge\n" + table("{i},{v:+08.4f},GO"),
+    "cells that a spreadsheet added": LINES.replace("\n", ",\n") + "Unit,mm,\nNo.,OUT1,\n" + table("{i},{v:+.4f},"),
+    "statistics below": LINES + "Unit,mm\nNo.,OUT1\n" + table("{i},{v:+.4f}") + "\nMAX,1.5\nMIN,0.1\n",
+    "END below": LINES + "Unit,mm\nNo.,OUT1\n" + table("{i},{v:+.4f}") + "END\n",
+    "rate for a cycle": "Sampling frequency,10 kHz\nStorage cycle,1/1\nUnit,mm\nNo.,OUT1\n" + table("{i},{v:+.4f}"),
+    "comment signs": "# Sampling cycle,100us\n# Storage cycle,1 times\n# Unit,mm\nNo.,OUT1\n" + table("{i},{v:+.4f}"),
+    "German": "Abtastzyklus;100 us\nSpeicherzyklus;x1\nEinheit;mm\nNr.;OUT1\n" + table("{i};{v:+.4f}"),
+}
+
+
+@pytest.mark.parametrize("name", TIMES)
+def test_other_columns_labels_and_footers_leave_the_numbers(tmp_path, name):
+    readings = read_text(tmp_path, TIMES[name])
+    np.testing.assert_allclose(readings.out1.values, DROP * 1e-3, rtol=1e-12)
+    np.testing.assert_allclose(readings.time.values, np.arange(N_DROP) * 1e-4, rtol=0, atol=1e-9)
+
+
+def test_chinese_labels_in_their_codec(tmp_path):
+    text = "采样周期,100us\n存储周期,x1\n单位,mm\n序号,OUT1\n" + table("{i},{v:+.4f}")
+    np.testing.assert_allclose(read_text(tmp_path, text, "gbk").out1.values, DROP * 1e-3, rtol=1e-12)
+
+
+def test_times_over_midnight_go_on(tmp_path):
+    stamps = [f"23:59:59.{9800 + i}" if i < 200 else f"00:00:00.{i - 200:04d}" for i in range(N_DROP)]
+    rows = "".join(f"{stamp},{value}\n" for stamp, value in zip(stamps, DROP, strict=True))
+    readings = read_text(tmp_path, "Time,OUT1[mm]\n" + rows)
+    np.testing.assert_allclose(readings.time.values[-1], 0.0399, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "words", "line"),
+    [
+        ("Time,OUT1[mm]\n" + table("{t:.4f},{v}"), "the unit of its times", 1),
+        ("Time [kg],OUT1[mm]\n" + table("{t:.4f},{v}"), "expected s, ms or us", 1),
+        (TIMES["time of every row in s"].replace("0.000500,", "0.0x0500,"), "expected a time", 7),
+        ("Time [s],OUT1[mm]\n" + table("{t:.4f},{v}").replace("0.0100,", "0.0300,"), "do not lie evenly", 102),
+        (LINES + "Unit,mm\nTime [s],OUT1\n" + table("{ms:.1f},{v}"), "by the sampling cycle it is 0.0001 s", 1),
+        (TIMES["statistics below"] + table("{i},{v:+.4f}", 3), "below the end of the rows", 408),
+        (TIMES["judgements"].replace("4,+01.4996,GO", "4,+01.4996"), "2 cells, expected 3", 8),
+    ],
+)
+def test_times_and_footers_that_do_not_fit_are_refused(tmp_path, text, words, line):
+    with pytest.raises(SourceError, match=words) as caught:
+        read_text(tmp_path, text)
+    assert caught.value.line == line

@@ -133,7 +133,7 @@ REFUSED = {
     "unit that lost a letter": (once("Unit,mm", "Unit,m"), line_of("Unit"), None, "'m'"),
     "unit of another quantity": (once("Unit,mm,mm", "Unit,mm,N"), line_of("Unit"), None, "'N'"),
     "one unit for two outputs": (once("Unit,mm,mm", "Unit,mm"), line_of("Unit"), None, "1 units for 2 outputs"),
-    "German unit label": (once("Unit,mm,mm", "Einheit,mm,mm"), None, None, 'units=["mm"]'),
+    "Finnish unit label": (once("Unit,mm,mm", "Yksikkö,mm,mm"), None, None, 'units=["mm"]'),
     "cycle missing": (once("Sampling cycle,50us\r\n", ""), None, None, 'cycle="50 us"'),
     "cycle label misspelt": (once("Sampling cycle", "Sampling circle"), None, None, "cycle="),
     "cycle without unit": (once("cycle,50us", "cycle,50"), line_of("Sampling"), None, "expected a time with its unit"),
