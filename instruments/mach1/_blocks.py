@@ -67,10 +67,10 @@ _INFO_NUMBERS = frozenset(
 # A unit that lost a letter may be another unit ("mm" and "m"), so only those met are taken.
 _UNITS = {
     r"Time": {"s"},
-    r"Position \([xyz]\)": {"mm"},
+    r"Position \([xyz]\)": {"mm", "um", "µm"},
     r"Position \(theta\)": {"deg"},
-    r"F[xyz]": {"N", "gf"},
-    r"T[xyz]": {"N-mm", "N·mm"},
+    r"F[xyz]": {"N", "mN", "gf", "kgf"},
+    r"T[xyz]": {"N-mm", "N·mm", "Nmm"},
 }
 _DECLARED_UNITS = frozenset({"1", "s", "mm", "deg", "mm/s", "deg/s", "Hz", "N", "gf", "N/min", "gf/min"})
 _NOT_SET = frozenset({"", "None", "N/A"})
@@ -312,7 +312,7 @@ def _read_columns(cursor: Cursor) -> tuple[Column, ...]:
     return tuple(columns)
 
 
-_UNITS_MET = "Units met in Mach-1 files are s, mm, deg, N, gf and N-mm."
+_UNITS_MET = "Units of Mach-1 files are s; mm, um; deg; N, mN, gf, kgf; N-mm."
 
 
 def _met_units(quantity: str) -> set[str] | None:
@@ -321,7 +321,7 @@ def _met_units(quantity: str) -> set[str] | None:
 
 
 def _column(cursor: Cursor, cell: str, position: int) -> Column:
-    quantity, separator, unit_text = cell.strip('" ').rpartition(", ")
+    quantity, separator, unit_text = cell.strip().rpartition(", ")
     if not separator:
         raise cursor.error(f"found {shorten(cell)}, expected a quantity, a comma and its unit", column=position)
     try:

@@ -1,5 +1,6 @@
 """Lines of a Mach-1 file one after the other: tags, pairs, and where a file is cut short."""
 
+import csv
 import re
 import warnings
 from collections.abc import Iterator
@@ -9,7 +10,8 @@ from labpipe.errors import SourceError
 from labpipe.text import TextFile, shorten
 
 END_DATA = "<END DATA>"
-_TAG = re.compile(r'"?<([^<>\t]+)>"?\s*')
+_TAG = re.compile(r"<([^<>\t]+)>\s*")
+_SEPARATED = re.compile(r'"?<Mach-1 File>"?([,;])')
 
 
 class Options(NamedTuple):
@@ -29,6 +31,7 @@ class Cursor:
         self.number = 0
         self.line: str | None = None
         self._lines = source.lines()
+        self._delimiter = "\t"
         self.advance()
 
     def advance(self) -> None:
@@ -37,14 +40,23 @@ class Cursor:
         if self.line is None:
             return
         self.number += 1
+        if self.number == 1 and (separated := _SEPARATED.match(self.line)):
+            self._delimiter = separated[1]
+        if self._delimiter != "\t" or '"' in self.line:
+            self.line = self._as_written(self.line)
         is_last = self.number == self.source.n_lines
         if is_last and not self.source.is_ended and self.line.rstrip() != END_DATA:
             # A number that lost its last digits still reads as a number: never use such a line.
             self.cut, self.line = self.line, None
 
+    def _as_written(self, line: str) -> str:
+        """Undo what a spreadsheet did: quotes around cells, other signs between them, empty cells at the end."""
+        cells = next(csv.reader([line], delimiter=self._delimiter), [])
+        return "\t".join(cells).rstrip("\t")
+
     def rows(self) -> Iterator[str]:
         """Go on to the next line that starts with a tag."""
-        while self.line is not None and not self.line.startswith(("<", '"<')):
+        while self.line is not None and not self.line.startswith("<"):
             yield self.line
             self.advance()
 

@@ -90,6 +90,15 @@ def test_gram_force_becomes_newton_exactly(tmp_path):
     assert readings.force_z.attrs["original_unit"] == "gf"
 
 
+@pytest.mark.parametrize(("unit", "newtons"), [("N", 1.0), ("mN", 1e-3), ("gf", GF), ("kgf", 1e3 * GF)])
+def test_units_of_force_are_converted(tmp_path, unit, newtons):
+    read_blocks(tmp_path, sinusoid())
+    path = tmp_path / "other.txt"
+    path.write_bytes((tmp_path / "made.txt").read_bytes().replace(b"Fz, gf", f"Fz, {unit}".encode()))
+    written = float(path.read_text().partition(f"Fz, {unit}\n")[2].splitlines()[0].split("\t")[2])
+    assert mach1.read(path).force_z.values[0] == pytest.approx(written * newtons, rel=1e-15)
+
+
 def test_blocks_with_other_columns_leave_nan(tmp_path):
     readings = read_blocks(tmp_path, sinusoid(30), relaxation(40))
     assert readings.sizes == {"sample": 70, "block_index": 2}

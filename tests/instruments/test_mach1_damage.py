@@ -1,5 +1,7 @@
 """Damaged Mach-1 files: the right line and column, or the right numbers; never a shorter result."""
 
+import csv
+import io
 import json
 import re
 import warnings
@@ -223,6 +225,14 @@ def same(text):
 
 
 # Changes of form that leave every number what it is.
+def separated(text, delimiter):
+    """Write every line as a spreadsheet does: quoted where needed, filled up to the widest row."""
+    written = io.StringIO()
+    table = csv.writer(written, delimiter=delimiter, lineterminator="\r\n")
+    table.writerows([*(cells := line.split("\t")), *[""] * (9 - len(cells))] for line in text.split("\r\n")[:-1])
+    return written.getvalue()
+
+
 HARMLESS = {
     "untouched": as_bytes(same),
     "UTF-8 mark": as_bytes(same, "utf-8-sig"),
@@ -238,6 +248,9 @@ HARMLESS = {
     "blank lines at the end": as_bytes(lambda t: t + "\r\n\r\n"),
     "blank line between blocks": as_bytes(once(SECOND, "\r\n" + SECOND)),
     "quoted column names": as_bytes(once("Time, s\t", '"Time, s"\t')),
+    "quotes around every cell with a comma": as_bytes(lambda t: re.sub(r"([^\t\r\n]*,[^\t\r\n]*)", r'"\1"', t)),
+    "saved as comma-separated": as_bytes(lambda t: separated(t, ",")),
+    "saved with semicolons": as_bytes(lambda t: separated(t, ";")),
     "tabs after tags and keys": as_bytes(lambda t: re.sub(r"(?m)^(<.*>|[A-Z].*:\t.*)\r", r"\1\t\t\r", t)),
     "tabs after every row": as_bytes(lambda t: re.sub(r"(?m)^([0-9].*)\r", r"\1\t\t\r", t)),
     "fewer header lines": as_bytes(once("Mach-1 System Model:\tV500c\r\n", "")),
