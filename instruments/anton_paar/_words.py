@@ -14,224 +14,107 @@ from labpipe.units import Unit, unit
 _NOT_WORD = re.compile(r"[^0-9a-z]+")
 
 #: What a label before a table means, by its folded spellings.
-LABELS: dict[str, tuple[str, ...]] = {
-    "project": (
-        "project",
-        "projekt",
-        "projet",
-        "projeto",
-        "file",
-        "data series information",
-        "datenreihen information",
-    ),
-    "test": ("test", "teste", "essai", "versuch", "name"),
-    "result": ("result", "ergebnis", "resultat", "resultado"),
-    "interval": ("interval", "abschnitt", "messabschnitt", "intervalle", "intervalo"),
+_LABELS = {
+    "project": "project, projekt, projet, projeto, file, data series information, datenreihen information",
+    "test": "test, teste, essai, versuch, name",
+    "result": "result, ergebnis, resultat, resultado",
+    "interval": "interval, abschnitt, messabschnitt, intervalle, intervalo",
     "points": (
-        "number of data points",
-        "anzahl datenpunkte",
-        "anzahl messpunkte",
-        "nombre de points de donnees",
-        "numero de pontos de dados",
+        "number of data points, anzahl datenpunkte, anzahl messpunkte, nombre de points de donnees, "
+        "numero de pontos de dados"
     ),
     "header": (
-        "interval data",
-        "intervalldaten",
-        "abschnittsdaten",
-        "intervall daten",
-        "intervalle donnees",
-        "interval donnees",
-        "donnees intervalle",
-        "dados do intervalo",
-        "intervalo dados",
+        "interval data, intervalldaten, abschnittsdaten, intervall daten, intervalle donnees, interval donnees, "
+        "donnees intervalle, dados do intervalo, intervalo dados"
     ),
 }
 
-#: What a column holds, by its folded spellings.
-COLUMNS: dict[str, tuple[str, ...]] = {
+#: What a column holds: the SI units that it may become (none of text), and its folded spellings.
+_COLUMNS = {
     "point": (
-        "point no",
-        "meas pts",
-        "measuring point",
-        "punkt nr",
-        "messpunkt",
-        "messpkt",
-        "messpkte",
-        "mess pkt",
-        "point n",
-        "point no ",
-        "no du point",
-        "n du point",
-        "pts mes",
-        "no do ponto",
-        "ponto no",
-        "n o de punto",
-        "no de punto",
-        "punto n o",
-        "n punto",
-        "punto n",
+        "",
+        "point no, meas pts, measuring point, punkt nr, messpunkt, messpkt, messpkte, mess pkt, point n, no du point, "
+        "n du point, pts mes, no do ponto, ponto no, n o de punto, no de punto, punto n o, n punto, punto n",
     ),
-    "time": ("time", "zeit", "temps", "tempo", "test time", "versuchszeit"),
+    "time": ("s", "time, zeit, temps, tempo, test time, versuchszeit"),
     "interval_time": (
-        "interval time",
-        "intervallzeit",
-        "abschnittszeit",
-        "temps d intervalle",
-        "temps de l intervalle",
-        "tempo do intervalo",
+        "s",
+        "interval time, intervallzeit, abschnittszeit, temps d intervalle, temps de l intervalle, tempo do intervalo",
     ),
-    "time_of_day": ("time of day", "uhrzeit", "tageszeit", "heure", "hora", "hora do dia"),
+    "time_of_day": ("", "time of day, uhrzeit, tageszeit, heure, hora, hora do dia"),
     "angular_frequency": (
-        "angular frequency",
-        "kreisfrequenz",
-        "frequence angulaire",
-        "pulsation",
-        "frequencia angular",
+        "rad/s, Hz, 1/s",
+        "angular frequency, kreisfrequenz, frequence angulaire, pulsation, frequencia angular",
     ),
-    "frequency": ("frequency", "frequenz", "frequence", "frequencia"),
+    "frequency": ("Hz, rad/s", "frequency, frequenz, frequence, frequencia"),
     "temperature": (
-        "temperature",
-        "temperatur",
-        "temperatura",
-        "measured temperature",
-        "sample temperature",
-        "actual temperature",
+        "degC",
+        "temperature, temperatur, temperatura, measured temperature, sample temperature, actual temperature",
     ),
     "temperature_set": (
-        "set temperature",
-        "temperature set",
-        "temperature set value",
-        "solltemperatur",
-        "temperature de consigne",
+        "degC",
+        "set temperature, temperature set, temperature set value, solltemperatur, temperature de consigne, "
         "temperatura definida",
     ),
     "storage_modulus": (
-        "storage modulus",
-        "speichermodul",
-        "module de stockage",
-        "module de conservation",
-        "modulo de armazenamento",
-        "extensional storage modulus",
-        "storage modulus e",
-        "storage modulus g",
+        "Pa",
+        "storage modulus, speichermodul, module de stockage, module de conservation, modulo de armazenamento, "
+        "extensional storage modulus, storage modulus e, storage modulus g",
     ),
     "loss_modulus": (
-        "loss modulus",
-        "verlustmodul",
-        "module de perte",
-        "modulo de perda",
-        "extensional loss modulus",
-        "loss modulus e",
+        "Pa",
+        "loss modulus, verlustmodul, module de perte, modulo de perda, extensional loss modulus, loss modulus e, "
         "loss modulus g",
     ),
     "loss_factor": (
-        "loss factor",
-        "verlustfaktor",
-        "damping factor",
-        "facteur de perte",
-        "facteur d amortissement",
-        "fator de perda",
+        "1",
+        "loss factor, verlustfaktor, damping factor, facteur de perte, facteur d amortissement, fator de perda, "
         "tan delta",
     ),
-    "complex_modulus": ("complex modulus", "komplexer modul", "module complexe", "modulo complexo"),
-    "complex_viscosity": ("complex viscosity", "komplexe viskositat", "viscosite complexe", "viscosidade complexa"),
-    "complex_viscosity_real": ("re complex viscosity", "real part complex viscosity"),
-    "complex_viscosity_imaginary": ("im complex viscosity", "imaginary part complex viscosity"),
+    "complex_modulus": ("Pa", "complex modulus, komplexer modul, module complexe, modulo complexo"),
+    "complex_viscosity": ("Pa s", "complex viscosity, komplexe viskositat, viscosite complexe, viscosidade complexa"),
+    "complex_viscosity_real": ("Pa s", "re complex viscosity, real part complex viscosity"),
+    "complex_viscosity_imaginary": ("Pa s", "im complex viscosity, imaginary part complex viscosity"),
     "strain": (
-        "shear strain",
-        "strain",
-        "deformation",
-        "scherdeformation",
-        "scherung",
-        "extensional strain",
-        "dehnung",
-        "deformation de cisaillement",
-        "deformacao de cisalhamento",
-        "deformacao",
-        "deformation en extension",
+        "1",
+        "shear strain, strain, deformation, scherdeformation, scherung, extensional strain, dehnung, "
+        "deformation de cisaillement, deformacao de cisalhamento, deformacao, deformation en extension",
     ),
     "stress": (
-        "shear stress",
-        "stress",
-        "schubspannung",
-        "spannung",
-        "zugspannung",
-        "extensional stress",
-        "contrainte de cisaillement",
-        "contrainte",
-        "tensao de cisalhamento",
-        "tensao",
+        "Pa",
+        "shear stress, stress, schubspannung, spannung, zugspannung, extensional stress, contrainte de cisaillement, "
+        "contrainte, tensao de cisalhamento, tensao",
     ),
     "shear_rate": (
-        "shear rate",
-        "scherrate",
-        "schergeschwindigkeit",
-        "taux de cisaillement",
-        "vitesse de cisaillement",
+        "1/s",
+        "shear rate, scherrate, schergeschwindigkeit, taux de cisaillement, vitesse de cisaillement, "
         "taxa de cisalhamento",
     ),
-    "viscosity": ("viscosity", "viskositat", "viscosite", "viscosidade"),
-    "relaxation_modulus": ("relaxation modulus", "relaxationsmodul", "module de relaxation", "modulo de relaxacao"),
+    "viscosity": ("Pa s", "viscosity, viskositat, viscosite, viscosidade"),
+    "relaxation_modulus": ("Pa", "relaxation modulus, relaxationsmodul, module de relaxation, modulo de relaxacao"),
     "creep_compliance": (
-        "creep compliance",
-        "kriechnachgiebigkeit",
-        "complaisance",
-        "complaisance en fluage",
-        "compliancia de fluencia",
+        "1/Pa",
+        "creep compliance, kriechnachgiebigkeit, complaisance, complaisance en fluage, compliancia de fluencia",
     ),
-    "torque": ("torque", "drehmoment", "moment", "couple", "torque do motor"),
-    "normal_force": ("normal force", "normalkraft", "force normale", "forca normal"),
+    "torque": ("N m", "torque, drehmoment, moment, couple, torque do motor"),
+    "normal_force": ("N", "normal force, normalkraft, force normale, forca normal"),
     "deflection_angle": (
-        "deflection angle",
-        "auslenkwinkel",
-        "angle de deflexion",
-        "angle de deviation",
-        "angulo de deflexao",
+        "rad",
+        "deflection angle, auslenkwinkel, angle de deflexion, angle de deviation, angulo de deflexao",
     ),
-    "phase_angle": (
-        "phase shift angle",
-        "phase angle",
-        "phasenverschiebungswinkel",
-        "angle de phase",
-        "angulo de fase",
-    ),
-    "gap": ("gap", "spalt", "measuring gap", "messspalt", "entrefer", "abertura"),
-    "status": ("status", "etat", "estado", "statut"),
+    "phase_angle": ("rad", "phase shift angle, phase angle, phasenverschiebungswinkel, angle de phase, angulo de fase"),
+    "gap": ("m", "gap, spalt, measuring gap, messspalt, entrefer, abertura"),
+    "status": ("", "status, etat, estado, statut"),
 }
 
 #: Columns that hold text.
 TEXT_COLUMNS = ("status", "time_of_day")
 
 #: SI unit that a known column must become; another is a mistake in the file, not a conversion.
-SI_OF: dict[str, tuple[str, ...]] = {
-    "time": ("s",),
-    "interval_time": ("s",),
-    "angular_frequency": ("rad/s", "Hz", "1/s"),
-    "frequency": ("Hz", "rad/s"),
-    "temperature": ("degC",),
-    "temperature_set": ("degC",),
-    "storage_modulus": ("Pa",),
-    "loss_modulus": ("Pa",),
-    "complex_modulus": ("Pa",),
-    "loss_factor": ("1",),
-    "complex_viscosity": ("Pa s",),
-    "complex_viscosity_real": ("Pa s",),
-    "complex_viscosity_imaginary": ("Pa s",),
-    "strain": ("1",),
-    "stress": ("Pa",),
-    "shear_rate": ("1/s",),
-    "viscosity": ("Pa s",),
-    "relaxation_modulus": ("Pa",),
-    "creep_compliance": ("1/Pa",),
-    "torque": ("N m",),
-    "normal_force": ("N",),
-    "deflection_angle": ("rad",),
-    "phase_angle": ("rad",),
-    "gap": ("m",),
-}
+SI_OF = {name: tuple(units.split(", ")) for name, (units, _) in _COLUMNS.items() if units}
 
-_LABEL_OF = {word: name for name, words in LABELS.items() for word in words}
-_COLUMN_OF = {word.strip(): name for name, words in COLUMNS.items() for word in words}
+_LABEL_OF = {word: name for name, words in _LABELS.items() for word in words.split(", ")}
+_COLUMN_OF = {word: name for name, (_, words) in _COLUMNS.items() for word in words.split(", ")}
 _INVALID = ("invalid", "invalide", "ungultig", "invalido")
 _COUNT = re.compile(r"\s*(\d{1,9})\s*(?:\(\s*(.+?)\s*\))?\s*")
 

@@ -52,11 +52,7 @@ def acquire() -> None:
     "--port", type=click.IntRange(1, 65535), help="TCP port; default 24687 for lk-g5000, required for dl-en1."
 )
 @click.option(
-    "--protocol",
-    type=click.Choice(["lk-g5000", "dl-en1"]),
-    default="lk-g5000",
-    show_default=True,
-    help="Protocol of the controller.",
+    "--protocol", type=click.Choice(["lk-g5000", "dl-en1"]), default="lk-g5000", help="Protocol of the controller."
 )
 @click.option(
     "--output",
@@ -64,7 +60,6 @@ def acquire() -> None:
     type=int,
     multiple=True,
     default=(1,),
-    show_default=True,
     help="Output (or amplifier) to record; may be repeated.",
 )
 @click.option(
@@ -74,19 +69,15 @@ def acquire() -> None:
     required=True,
     help="Digits after the decimal sign on the display, for every output.",
 )
-@click.option(
-    "--unit", "units", multiple=True, default=("mm",), show_default=True, help="Unit on the display, for every output."
-)
-@click.option("--interval", type=Time(), default="10 ms", show_default=True, help="Time between two readings.")
+@click.option("--unit", "units", multiple=True, default=("mm",), help="Unit on the display, for every output.")
+@click.option("--interval", type=Time(), default="10 ms", help="Time between two readings.")
 @click.option(
     "--duration", type=Time(), required=True, help="Duration of the recording, from the trigger if there is one."
 )
 @click.option("--trigger", help='Wait until an output passes a level, e.g. "out1 < -1.5 mm".')
-@click.option("--before", type=Time(), default="100 ms", show_default=True, help="Duration kept before the trigger.")
-@click.option(
-    "--patience", type=Time(), default="10 s", show_default=True, help="Longest wait for an answer of the controller."
-)
-@click.option("--model", default="", help="Model of the controller, for the file's header.")
+@click.option("--before", type=Time(), default="100 ms", help="Duration kept before the trigger.")
+@click.option("--patience", type=Time(), default="10 s", help="Longest wait for an answer of the controller.")
+@click.option("--model", default="", show_default=False, help="Model of the controller, for the file's header.")
 @json_option
 def keyence(
     file: Path,

@@ -11,13 +11,7 @@ from pipelines.commands.options import echo, echo_json, json_option
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @click.option("--quick", is_flag=True, help="Fewer settings and repeats; minutes for all parts.")
 @click.option("--list", "listed", is_flag=True, help="Name the parts; measure nothing.")
-@click.option(
-    "--out",
-    type=click.Path(file_okay=False, path_type=Path),
-    default="bench",
-    show_default=True,
-    help="Folder to write into.",
-)
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), default="bench", help="Folder to write into.")
 @json_option
 def bench(names: tuple[str, ...], quick: bool, listed: bool, out: Path, as_json: bool) -> None:
     r"""Measure error against run time of every part, on data with known true values.

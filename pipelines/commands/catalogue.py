@@ -26,14 +26,11 @@ if TYPE_CHECKING:
     type=click.Path(dir_okay=False, path_type=Path),
     help="SQLite file; by default labpipe/catalogue.sqlite in the first FOLDER.",
 )
-@click.option("--where", default="", help="Only rows for which this SQL expression is true; SI units.")
-@click.option("--columns", default="", help="Only these columns, separated by commas.")
 @click.option(
-    "--table",
-    default="experiments",
-    show_default=True,
-    type=click.Choice(["experiments", "results", "sessions", "columns"]),
+    "--where", default="", show_default=False, help="Only rows for which this SQL expression is true; SI units."
 )
+@click.option("--columns", default="", show_default=False, help="Only these columns, separated by commas.")
+@click.option("--table", default="experiments", type=click.Choice(["experiments", "results", "sessions", "columns"]))
 @json_option
 def catalogue(
     folders: tuple[Path, ...], database: Path | None, where: str, columns: str, table: str, as_json: bool

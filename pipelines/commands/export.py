@@ -12,9 +12,7 @@ from pipelines.session import FORMATS
 
 @click.command()
 @click.argument("source", type=click.Path(exists=True, path_type=Path))
-@click.option(
-    "--format", "-f", "kind", type=click.Choice(FORMATS), default="csv", show_default=True, help="Format of the files."
-)
+@click.option("--format", "-f", "kind", type=click.Choice(FORMATS), default="csv", help="Format of the files.")
 @click.option("--only", "--experiment", multiple=True, help="Only this experiment of a session.")
 @click.option("--stage", "stages", multiple=True, help="Only this step, such as bounces.")
 @click.option(

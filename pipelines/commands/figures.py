@@ -18,11 +18,7 @@ from pipelines.commands.options import echo, echo_json, jobs_option, json_option
     help="Session folder for the figures that show experiments.",
 )
 @click.option(
-    "--out",
-    type=click.Path(file_okay=False, path_type=Path),
-    default="figures",
-    show_default=True,
-    help="Folder to write into.",
+    "--out", type=click.Path(file_okay=False, path_type=Path), default="figures", help="Folder to write into."
 )
 @jobs_option
 @json_option

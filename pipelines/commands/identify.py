@@ -22,24 +22,15 @@ from pipelines.commands.options import echo, echo_json, jobs_option, json_option
 )
 @click.option("--prior", metavar="dma|NAME", help="Use the moduli of the session's rheometer experiment as prior.")
 @click.option(
-    "--spectrum",
-    type=click.Choice(["smooth", "fractional"]),
-    default="smooth",
-    show_default=True,
-    help="Family of relaxation spectra.",
+    "--spectrum", type=click.Choice(["smooth", "fractional"]), default="smooth", help="Family of relaxation spectra."
 )
 @click.option(
-    "--impacts",
-    default=6,
-    show_default=True,
-    type=click.IntRange(min=1, max=100),
-    help="Number of bounces of a drop that are evaluated.",
+    "--impacts", default=6, type=click.IntRange(min=1, max=100), help="Number of bounces of a drop that are evaluated."
 )
 @click.option(
     "--sampler",
     type=click.Choice(["laplace", "rto"]),
     default="laplace",
-    show_default=True,
     help="Normal approximation alone, or with independent draws of the posterior.",
 )
 @jobs_option

@@ -9,8 +9,15 @@ from pipelines.commands.options import echo, echo_json, json_option
 
 @click.command("open")
 @click.argument("folder", default=".", type=click.Path(exists=True, file_okay=False, path_type=Path))
-@click.option("--port", default=0, type=click.IntRange(0, 65535), help="Of 127.0.0.1; by default a free one.")
-@click.option("--browser/--no-browser", default=True, help="Show the page in the browser, or print its address alone.")
+@click.option(
+    "--port", default=0, show_default=False, type=click.IntRange(0, 65535), help="Of 127.0.0.1; by default a free one."
+)
+@click.option(
+    "--browser/--no-browser",
+    default=True,
+    show_default=False,
+    help="Show the page in the browser, or print its address alone.",
+)
 @click.option("--guide", is_flag=True, help="Show the guide that is installed instead; no network is needed.")
 @json_option
 def open_(folder: Path, port: int, browser: bool, guide: bool, as_json: bool) -> None:

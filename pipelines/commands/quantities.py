@@ -45,18 +45,14 @@ CONDUCTIVITY = Quantity("conductivity", "W/m/K", "0.19 W/m/K")
 def material_options(default: str) -> Callable[[F], F]:
     """Add ``--material``, ``--temperature`` and ``--vertical-shift``."""
     return _all(
-        click.option("--material", default=default, show_default=True, help="Library name or TOML file."),
+        click.option("--material", default=default, help="Library name or TOML file."),
         click.option(
             "--temperature",
             type=TEMPERATURE,
             help="Temperature of the material, by its shift law; default: that of its data.",
         ),
         click.option(
-            "--vertical-shift",
-            type=float,
-            default=1.0,
-            show_default=True,
-            help="b_T: factor on all moduli at that temperature.",
+            "--vertical-shift", type=float, default=1.0, help="b_T: factor on all moduli at that temperature."
         ),
     )
 
@@ -64,14 +60,10 @@ def material_options(default: str) -> Callable[[F], F]:
 def punch_options(function: F) -> F:
     """Add ``--tip-radius``, ``--period``, ``--depth`` and ``--mean`` of a periodic punch."""
     return _all(
-        click.option("--tip-radius", type=LENGTH, default="2 mm", show_default=True, help="Of curvature."),
-        click.option(
-            "--period", type=LENGTH, default="8 mm", show_default=True, help="Distance between neighbouring tips."
-        ),
-        click.option(
-            "--depth", type=LENGTH, default="18 mm", show_default=True, help="Contact length summed over the tips."
-        ),
-        click.option("--mean", type=LENGTH, default="0.1 mm", show_default=True, help="Mean indentation."),
+        click.option("--tip-radius", type=LENGTH, default="2 mm", help="Of curvature."),
+        click.option("--period", type=LENGTH, default="8 mm", help="Distance between neighbouring tips."),
+        click.option("--depth", type=LENGTH, default="18 mm", help="Contact length summed over the tips."),
+        click.option("--mean", type=LENGTH, default="0.1 mm", help="Mean indentation."),
     )(function)
 
 

@@ -44,27 +44,18 @@ def simulate() -> None:
 
 @simulate.command()
 @material_options("acrylic")
-@click.option("--radius", type=LENGTH, default="9.525 mm", show_default=True, help="Of the sphere.")
-@click.option("--mass", type=MASS, default="505 g", show_default=True, help="Total moving mass.")
-@click.option(
-    "--height", type=LENGTH, default="1.5 mm", show_default=True, help="Drop height, from release to first touch."
-)
-@click.option("--duration", type=TIME, default="0.5 s", show_default=True, help="From release.")
+@click.option("--radius", type=LENGTH, default="9.525 mm", help="Of the sphere.")
+@click.option("--mass", type=MASS, default="505 g", help="Total moving mass.")
+@click.option("--height", type=LENGTH, default="1.5 mm", help="Drop height, from release to first touch.")
+@click.option("--duration", type=TIME, default="0.5 s", help="From release.")
 @click.option(
     "--solver",
     type=click.Choice(["mdr", "rings", "thesis"]),
     default="mdr",
-    show_default=True,
     help="'thesis' is the thesis's own scheme.",
 )
-@click.option(
-    "--profile",
-    type=click.Choice(["parabola", "sphere"]),
-    default="parabola",
-    show_default=True,
-    help="Shape of the gap.",
-)
-@click.option("--rtol", type=float, default=1e-4, show_default=True, help="Target relative error.")
+@click.option("--profile", type=click.Choice(["parabola", "sphere"]), default="parabola", help="Shape of the gap.")
+@click.option("--rtol", type=float, default=1e-4, help="Target relative error.")
 @click.option("--plate-mass", type=MASS, help="Modal mass of a vibrating substrate; needs the next two options.")
 @click.option("--plate-frequency", type=FREQUENCY, help="Natural frequency.")
 @click.option("--plate-damping", type=RATIO, help="Damping ratio.")
@@ -130,26 +121,16 @@ def drop(
 @simulate.command()
 @material_options("nbr")
 @punch_options
-@click.option("--amplitude", type=LENGTH, default="0.01 mm", show_default=True, help="Of the oscillation.")
-@click.option("--frequency", type=FREQUENCY, default="1 Hz", show_default=True, help="Of the oscillation.")
-@click.option(
-    "--cycles",
-    type=click.IntRange(min=0),
-    default=5,
-    show_default=True,
-    help="Number of cycles; 0 for press and hold only.",
-)
-@click.option("--hold", type=TIME, default="600 s", show_default=True, help="Duration of the hold before the cycles.")
-@click.option("--ramp", type=SPEED, default="1 mm/s", show_default=True, help="Speed of the ramp.")
+@click.option("--amplitude", type=LENGTH, default="0.01 mm", help="Of the oscillation.")
+@click.option("--frequency", type=FREQUENCY, default="1 Hz", help="Of the oscillation.")
+@click.option("--cycles", type=click.IntRange(min=0), default=5, help="Number of cycles; 0 for press and hold only.")
+@click.option("--hold", type=TIME, default="600 s", help="Duration of the hold before the cycles.")
+@click.option("--ramp", type=SPEED, default="1 mm/s", help="Speed of the ramp.")
 @click.option("--thickness", type=LENGTH, help="Thickness of a bonded layer; default: half-plane.")
 @click.option(
-    "--profile",
-    type=click.Choice(["parabola", "circle", "cosine"]),
-    default="circle",
-    show_default=True,
-    help="Shape of a tip.",
+    "--profile", type=click.Choice(["parabola", "circle", "cosine"]), default="circle", help="Shape of a tip."
 )
-@click.option("--elements", type=click.IntRange(min=64), default=1024, show_default=True, help="Strips per period.")
+@click.option("--elements", type=click.IntRange(min=64), default=1024, help="Strips per period.")
 @click.option("--maps", is_flag=True, help="Store pressure and surface at every sample.")
 @result_options
 @json_option

@@ -25,25 +25,16 @@ _STATES = 200
 
 @click.command()
 @material_options("nbr")
-@click.option(
-    "--shape",
-    type=click.Choice(["parabola", "sphere", "cone"]),
-    default="parabola",
-    show_default=True,
-    help="Of the indenter.",
-)
-@click.option("--radius", type=LENGTH, default="9.525 mm", show_default=True, help="Of parabola and sphere.")
-@click.option("--slope", type=float, default=0.1, show_default=True, help="Of the cone's flank.")
-@click.option("--work", type=WORK, default="50 mJ/m2", show_default=True, help="Of adhesion.")
-@click.option(
-    "--distance", type=LENGTH, default="0.3 nm", show_default=True, help="Equilibrium distance of the surfaces."
-)
-@click.option("--load", type=FORCE, default="1 N", show_default=True, help="Largest load.")
+@click.option("--shape", type=click.Choice(["parabola", "sphere", "cone"]), default="parabola", help="Of the indenter.")
+@click.option("--radius", type=LENGTH, default="9.525 mm", help="Of parabola and sphere.")
+@click.option("--slope", type=float, default=0.1, help="Of the cone's flank.")
+@click.option("--work", type=WORK, default="50 mJ/m2", help="Of adhesion.")
+@click.option("--distance", type=LENGTH, default="0.3 nm", help="Equilibrium distance of the surfaces.")
+@click.option("--load", type=FORCE, default="1 N", help="Largest load.")
 @click.option(
     "--theory",
     type=click.Choice(["jkr", "maugis"]),
     default="jkr",
-    show_default=True,
     help="Edge stress: singular (JKR), or constant (Maugis–Dugdale).",
 )
 @result_options
@@ -84,30 +75,16 @@ def adhesion(
 @click.command()
 @material_options("nbr")
 @punch_options
-@click.option("--frequency", type=FREQUENCY, default="1 Hz", show_default=True, help="Of the oscillation.")
-@click.option("--least", type=LENGTH, default="10 nm", show_default=True, help="Smallest amplitude.")
-@click.option("--most", type=LENGTH, default="10 um", show_default=True, help="Largest amplitude.")
-@click.option(
-    "--critical-strain",
-    type=float,
-    default=0.01,
-    show_default=True,
-    help="Shear strain amplitude at half of the decrease.",
-)
+@click.option("--frequency", type=FREQUENCY, default="1 Hz", help="Of the oscillation.")
+@click.option("--least", type=LENGTH, default="10 nm", help="Smallest amplitude.")
+@click.option("--most", type=LENGTH, default="10 um", help="Largest amplitude.")
+@click.option("--critical-strain", type=float, default=0.01, help="Shear strain amplitude at half of the decrease.")
 @click.option(
     "--storage-floor", type=float, required=True, help="Storage modulus at large strain over the linear one, 0 to 1."
 )
-@click.option(
-    "--loss-peak",
-    type=float,
-    default=1.0,
-    show_default=True,
-    help="Loss modulus at the critical strain over the linear one.",
-)
-@click.option(
-    "--loss-floor", type=float, default=1.0, show_default=True, help="Loss modulus at large strain over the linear one."
-)
-@click.option("--exponent", type=float, default=0.6, show_default=True, help="Kraus's m.")
+@click.option("--loss-peak", type=float, default=1.0, help="Loss modulus at the critical strain over the linear one.")
+@click.option("--loss-floor", type=float, default=1.0, help="Loss modulus at large strain over the linear one.")
+@click.option("--exponent", type=float, default=0.6, help="Kraus's m.")
 @result_options
 @json_option
 def amplitude(

@@ -22,21 +22,14 @@ from pipelines.commands.options import cluster_option, echo, echo_json, json_opt
     "--set", "fixed", multiple=True, metavar="NAME=VALUE", help='A fixed parameter; with "±" and --draws it is sampled.'
 )
 @click.option("--draws", type=click.IntRange(min=0), default=0, help="Random draws per point.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the draws.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of the draws.")
 @click.option(
     "--out",
     required=True,
     type=click.Path(dir_okay=False, path_type=Path),
     help="netCDF file; the page is written beside it.",
 )
-@click.option(
-    "--jobs",
-    "-j",
-    type=click.IntRange(min=0),
-    default=1,
-    show_default=True,
-    help="Local processes; 0 for one per processor.",
-)
+@click.option("--jobs", "-j", type=click.IntRange(min=0), default=1, help="Local processes; 0 for one per processor.")
 @cluster_option
 @json_option
 def sweep(

@@ -15,24 +15,12 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("session", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.option("--every", type=click.FloatRange(min=0.01), default=2.0, help="Seconds between checks of the folder.")
 @click.option(
-    "--every",
-    type=click.FloatRange(min=0.01),
-    default=2.0,
-    show_default=True,
-    help="Seconds between checks of the folder.",
-)
-@click.option(
-    "--looks",
-    type=click.IntRange(min=2),
-    default=3,
-    show_default=True,
-    help="Consecutive checks that must find a file unchanged.",
+    "--looks", type=click.IntRange(min=2), default=3, help="Consecutive checks that must find a file unchanged."
 )
 @click.option("--until-done", is_flag=True, help="End once every experiment is processed.")
-@click.option(
-    "--jobs", "-j", default=1, show_default=True, type=click.IntRange(min=0), help="0 runs everything in this process."
-)
+@click.option("--jobs", "-j", default=1, type=click.IntRange(min=0), help="0 runs everything in this process.")
 @json_option
 def watch(session: Path, every: float, looks: int, until_done: bool, jobs: int, as_json: bool) -> None:
     r"""Process each experiment of SESSION as soon as its files are complete; end with Ctrl-C.
