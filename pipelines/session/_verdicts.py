@@ -82,6 +82,10 @@ class Verdict:
         findings = [{n: asdict(finding)[n] for n in names} for finding in self.findings]
         return asdict(self) | {"findings": findings, "causes": list(self.causes), "suspects": list(self.suspects)}
 
+    def __getitem__(self, name: str) -> Any:
+        """Return a field as it stands in the JSON of ``process``, so that one code reads both."""
+        return self.document()[name]
+
 
 @dataclass(frozen=True, slots=True)
 class Verdicts:
@@ -98,6 +102,10 @@ class Verdicts:
     def document(self) -> list[dict[str, Any]]:
         """Return all verdicts for JSON."""
         return [verdict.document() for verdict in self.experiments]
+
+    def __getitem__(self, name: str) -> list[dict[str, Any]]:
+        """Return ``verdicts["experiments"]`` as it stands in the JSON of ``process``."""
+        return {"experiments": self.document()}[name]
 
 
 def verdicts_of(run: RunResult) -> Verdicts:
