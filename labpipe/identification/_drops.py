@@ -39,10 +39,11 @@ _FAST = 3e-4  # rtol of the fast model: smooth to 1/100 of a deviation of a touc
 _MORE_TIME = 1.3  # a run lasts longer than the record: a trial may bounce higher
 _TRIES = 3
 _RESOLVED = 0.1  # of a contact's duration is the shortest time of which it tells
-ROLES = ("height", "mass", "radius", "trigger", "pulse", "pixel", "plate")
-"""What of a drop may be unknown: fall [m], mass [kg] that moves, radius [m] of the sphere, delay
-[s] of the first contact's reading, shape of the pulse in its deviations, scale of the film (1 at
-best), modal mass [kg] of the plate."""
+ROLES = ("height", "mass", "radius", "modulus", "trigger", "pulse", "pixel", "plate")
+"""What of a drop may be unknown: fall [m], mass [kg] that moves, radius [m] of the sphere, factor of the
+modulus of a contact (1 at best), delay [s] of the first contact's reading, shape of the pulse in its
+deviations, scale of the film (1 at best), modal mass [kg] of the plate."""
+_STIFFNESS = {"mass", "radius", "modulus"}  # whose effect is that of a common factor of all moduli
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,15 +184,14 @@ class DropModel:
 
     def _factor_trials(self, material: Prony, given: Given) -> list["_Trial"]:
         """Return what to run for differences by a common factor of all moduli."""
-        is_asked = {"mass", "radius"} & set(self.names)
-        return [_Trial(material.scaled(factor), given) for factor in _BOTH_SIDES] if is_asked else []
+        return [_Trial(material.scaled(factor), given) for factor in _BOTH_SIDES if _STIFFNESS & set(self.names)]
 
     def _by_factor(self, made: Iterator[Floats]) -> Floats:
         """Return the derivative (n,) by a common factor of all moduli.
 
         The sum of those by the terms would be a small difference of large ones.
         """
-        return _central(made) if {"mass", "radius"} & set(self.names) else np.zeros(self._size)
+        return _central(made) if _STIFFNESS & set(self.names) else np.zeros(self._size)
 
     def refined(self, material: Prony, given: Given) -> Floats | None:
         """Return the numbers of an accurate run."""
@@ -199,8 +199,10 @@ class DropModel:
         return self._finished(numbers, given)
 
     def _of_body(self, by_factor: Floats, at: Floats, given: Given) -> dict[str, Floats]:
-        """Return derivatives by mass and radius, from those of a factor of all moduli."""
+        """Return derivatives by mass, radius and modulus of the contact, from those of a factor of all moduli."""
         found = {}
+        if "modulus" in self.names:
+            found[self.names["modulus"]] = by_factor / given[self.names["modulus"]]
         if "mass" in self.names:
             found[self.names["mass"]] = -by_factor / given[self.names["mass"]]
         if "radius" in self.names:
@@ -266,7 +268,8 @@ class DropModel:
         for material, given in trials:
             mass, radius = self._value("mass", self.mass, given), self._value("radius", self.radius, given)
             wider.append(sqrt(radius / self.radius))
-            solids.append(material.scaled(self.mass / mass * wider[-1]))
+            stiffer = self._value("modulus", 1.0, given)
+            solids.append(material.scaled(stiffer * self.mass / mass * wider[-1]))
             heights.append(self._value("height", self.height, given))
         plates = [self._plate(given) for _, given in trials]
         after = _MORE_TIME * self.last + 2.0 * self.expected_duration

@@ -28,6 +28,7 @@ from labpipe.report import (
 )
 from labpipe.uncertainty import propagated_u
 from labpipe.workflow.session import Session
+from pipelines.experiments.shared.material_evidence import CONTACT_MODULUS
 from pipelines.experiments.shared.pages import SYNTHETIC, synthetic_notice
 from pipelines.identify._corner import best_frequency, corner, main_quantities
 from pipelines.identify._identify import Identified
@@ -38,7 +39,7 @@ _REACH = 1.96
 SHAPE = ("level", "change ")  # begin the names of the unknowns of a spectrum's shape
 _DIGITS = 4  # of the ends of an interval
 _NOTHING = 1e-4  # relative: a smaller discrepancy is in the table only
-_NU_STEP = 0.01  # by which Poisson's ratio of a polymer is commonly uncertain
+_NU_STEP = 0.01  # by which Poisson's ratio of a polymer is commonly uncertain, where nothing is stated
 _LEAST_PERCENT = 0.1  # a smaller share is said to be less than it
 _LOUD = 2.5  # standard deviations by which a nuisance may leave its prior without a remark
 
@@ -146,12 +147,7 @@ def _found(found: Identified) -> list[str]:
         f"found: from {low} to {high} the storage modulus is known to {_span(u)} and the loss factor to "
         f"{_span(u_loss)} (standard uncertainties); {_at_best(found)}"
     ]
-    nu = float(found.known.fit.problem.spectrum.nu)
-    share = 2.0 * nu * _NU_STEP / (1.0 - nu**2)
-    texts.append(
-        f"contacts show moduli over 1 - nu²: Poisson's ratio was taken as exactly {nu:.3g}, and were it {_NU_STEP:g} "
-        f"larger, every modulus would be {100 * share:.2g} % smaller, which no uncertainty here contains"
-    )
+    texts.append(_of_poissons_ratio(found))
     if found.known.structures:
         texts.append(
             "of a polymer's spectrum it is assumed that it is smooth, or that it has a shoulder or a peak half a "
@@ -159,6 +155,24 @@ def _found(found: Identified) -> list[str]:
             f"the loss factor by {_most(made, 'loss_factor', inside)}, included in these uncertainties"
         )
     return texts
+
+
+def _of_poissons_ratio(found: Identified) -> str:
+    """Say what Poisson's ratio does to the moduli, and whether that is in their uncertainties."""
+    problem = found.known.fit.problem
+    nu = float(problem.spectrum.nu)
+    by_ratio = 2.0 * nu / (1.0 - nu**2)
+    known = next((p for p in problem.nuisances if p.name == CONTACT_MODULUS), None)
+    if known is None:
+        return (
+            f"contacts show moduli over 1 - nu²: Poisson's ratio was taken as exactly {nu:.3g}, and were it "
+            f"{_NU_STEP:g} larger, every modulus would be {100 * by_ratio * _NU_STEP:.2g} % smaller, which no "
+            "uncertainty here contains"
+        )
+    return (
+        f"contacts show moduli over 1 - nu²: Poisson's ratio is stated as {nu:.3g} ± {known.sd / by_ratio:.2g}, which "
+        f"makes {100 * known.sd:.2g} % of every modulus and is included in these uncertainties"
+    )
 
 
 def _most(made: xr.Dataset, name: str, inside: NDArray[np.bool_]) -> str:
@@ -482,7 +496,7 @@ def _method(found: Identified) -> tuple[Block, ...]:
         "standard deviations; its slope has a correlation length of two decades (smooth) or of half a decade "
         "(uneven), each with a probability of one half before the data, and the curves are averages over "
         "both with their probabilities after the data. Fit and unknowns are those of the more probable one. "
-        "Poisson's ratio is taken as stated, since only E/(1 − ν²) is observed."
+        "Only E/(1 − ν²) is observed of a contact: Poisson's ratio is taken with the uncertainty that is stated of it."
     )
     rows = [
         ("cost after each start", starts, "half the sum of squares; fits from a start end roughly"),

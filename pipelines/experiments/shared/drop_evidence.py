@@ -12,8 +12,8 @@ from labpipe.identification import Bounces, DropModel, Parameter, drop_evidence
 from labpipe.report import display_unit
 from labpipe.units import Quantity
 from pipelines.experiments.shared import settings as given
-from pipelines.experiments.shared.material_choice import resolve
-from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance
+from pipelines.experiments.shared.material_choice import poissons_ratio
+from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance, of_poissons_ratio
 from pipelines.experiments.shared.plate_under_drop import plate_inputs, resolve_plate
 
 
@@ -84,10 +84,13 @@ def of_drop(
     file, fitted
         The material that the session assumes: only its Poisson's ratio is used.
     """
+    nu = poissons_ratio(settings.sphere, file, fitted)
+    for unknown in of_poissons_ratio(nu):
+        names["modulus"] = unknown.name
+        unknowns.append(unknown)
     model = _model(settings, plate, names, unknowns)
     evidence = drop_evidence(name, seen, model)
-    solid = resolve(settings.sphere, file, fitted)
-    return MaterialEvidence(float(solid.nu), evidence.model.window, tuple(unknowns), lambda rho: evidence)
+    return MaterialEvidence(nu.value, evidence.model.window, tuple(unknowns), lambda rho: evidence)
 
 
 def _model(settings: Drop, found: xr.Dataset | None, names: dict[str, str], unknowns: list[Parameter]) -> DropModel:

@@ -110,7 +110,7 @@ def variations(
         found[TEMPERATURE] = Variation(stated, step, resolve(warmer, file, fitted))
     if fitted is not None:
         found |= _of_dma(choice, fitted, times)
-    nu = _poisson_ratio(choice, file, fitted)
+    nu = poissons_ratio(choice, file, fitted)
     if nu.u > 0.0:
         # of a modulus that was measured in shear, nu has made the one in tension before
         in_shear = fitted is not None and float(fitted.attrs["modulus_factor"]) != 1.0
@@ -139,7 +139,8 @@ def _of_dma(choice: MaterialChoice, fitted: xr.Dataset, times: tuple[float, floa
     return found
 
 
-def _poisson_ratio(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None) -> Quantity:
+def poissons_ratio(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None) -> Quantity:
+    """Return Poisson's ratio of the material that the settings name; arguments as for :func:`resolve`."""
     if fitted is not None:
         return Quantity(float(fitted["nu"]), float(fitted["u_nu"]), "1")
     known = materials.describe(choice.material or "") if file is None else (materials.read_material(file))

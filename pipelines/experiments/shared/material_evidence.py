@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from labpipe.arrays import Floats
 from labpipe.identification import Evidence, Parameter
+from labpipe.units import Quantity
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +27,17 @@ class MaterialEvidence:
     window: tuple[float, float]
     unknowns: tuple[Parameter, ...]
     build: Callable[[Floats], Evidence]
+
+
+CONTACT_MODULUS = "Poisson's ratio"
+"""Unknown of all contacts with a material, by its effect: E/(1 - nu^2) over what the stated ratio makes of it."""
+
+
+def of_poissons_ratio(nu: Quantity) -> list[Parameter]:
+    """Return the unknown that an uncertain Poisson's ratio is; none where it is stated as exact."""
+    relative = 2.0 * nu.value * nu.u / (1.0 - nu.value**2)
+    text = "Poisson's ratio, by E/(1 - nu²) of a contact"
+    return [nuisance(CONTACT_MODULUS, 1.0, relative, "1", text)] if relative > 0.0 else []
 
 
 def nuisance(name: str, mean: float, sd: float, unit: str, text: str) -> Parameter:

@@ -9,8 +9,8 @@ import xarray as xr
 from labpipe.identification import Parameter
 from labpipe.uncertainty import combined_uncertainty
 from pipelines.experiments.shared import ramps_and_holds
-from pipelines.experiments.shared.material_choice import resolve
-from pipelines.experiments.shared.material_evidence import nuisance
+from pipelines.experiments.shared.material_choice import poissons_ratio
+from pipelines.experiments.shared.material_evidence import nuisance, of_poissons_ratio
 from pipelines.experiments.shared.punch_model import Geometry, relative_sources
 from pipelines.experiments.shared.punch_settings import IndentationModel, Punch, Substrate
 
@@ -56,9 +56,9 @@ def of_punch(
     """
     if settings.punch is None or settings.substrate is None:
         return "session.toml names no punch and no substrate"
-    nu = float(resolve(settings.substrate, file, fitted).nu)
-    geometry = Geometry.of(settings.punch, settings.substrate, settings.model, nu)
-    unknowns, factors = [], []
+    nu = poissons_ratio(settings.substrate, file, fitted)
+    geometry = Geometry.of(settings.punch, settings.substrate, settings.model, nu.value)
+    unknowns = of_poissons_ratio(nu)
     relative = combined_uncertainty(relative_sources(depth, 0.0, geometry))
     gain = ramps_and_holds.relative_gain(loads)
     for name, sd, text in (
@@ -67,5 +67,4 @@ def of_punch(
     ):
         if sd > 0.0:
             unknowns.append(nuisance(name, 1.0, sd, "1", text))
-            factors.append(name)
-    return PunchEvidence(geometry, nu, unknowns, tuple(factors))
+    return PunchEvidence(geometry, nu.value, unknowns, tuple(unknown.name for unknown in unknowns))

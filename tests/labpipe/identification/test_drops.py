@@ -20,8 +20,8 @@ from labpipe.materials import Prony
 
 SOLID = Prony(2e9, [2e8, 2e8, 2e8], [1e-4, 1e-3, 1e-1], nu=0.35)
 NONE = np.full(3, np.nan)
-NAMES = {r: r for r in ("height", "mass", "radius", "trigger", "pixel")}
-GIVEN = {"height": 1.5e-3, "mass": 0.505, "radius": 9.525e-3, "trigger": 0.0, "pixel": 1.0}
+NAMES = {r: r for r in ("height", "mass", "radius", "modulus", "trigger", "pixel")}
+GIVEN = {"height": 1.5e-3, "mass": 0.505, "radius": 9.525e-3, "modulus": 1.0, "trigger": 0.0, "pixel": 1.0}
 
 
 def seen() -> Bounces:
@@ -53,13 +53,14 @@ def test_model_predicts_what_the_simulator_gives(evidence) -> None:
     assert np.allclose(evidence.model.refined(SOLID, GIVEN), evidence.values, rtol=1e-4)
 
 
-@pytest.mark.parametrize(("name", "change"), [("mass", 0.01), ("radius", 2e-4)])
-def test_mass_and_radius_act_as_a_factor_of_the_moduli(derivatives, name, change) -> None:
+@pytest.mark.parametrize(("name", "change"), [("mass", 0.01), ("radius", 2e-4), ("modulus", 0.02)])
+def test_mass_radius_and_poissons_ratio_act_as_a_factor_of_the_moduli(derivatives, name, change) -> None:
     ends = []
     for sign in (1, -1):
-        body = {"mass": 0.505, "radius": 9.525e-3}
+        body = {"mass": 0.505, "radius": 9.525e-3, "modulus": 1.0}
         body[name] += sign * change
-        made = contact.drop(SOLID, body["radius"], body["mass"], 1.5e-3, 0.12, times=[0.0])
+        solid = SOLID.scaled(body["modulus"])
+        made = contact.drop(solid, body["radius"], body["mass"], 1.5e-3, 0.12, times=[0.0])
         touch = made["impact_time"].values
         ends.append(
             np.concatenate(

@@ -12,11 +12,13 @@ import pytest
 
 from labpipe import files, materials
 from labpipe.errors import UsageError
-from labpipe.identification import moduli, sample
+from labpipe.identification import Bounces, moduli, sample
 from labpipe.units import Quantity
 from labpipe.workflow.session import Experiment
 from pipelines.cli import main
 from pipelines.experiments import KINDS
+from pipelines.experiments.shared.drop_evidence import of_drop
+from pipelines.experiments.shared.material_evidence import CONTACT_MODULUS
 from pipelines.experiments.shared.settings import Plate
 from pipelines.identify import Wish, identify_materials, material_name
 from pipelines.rig.indentation_session import relaxation_section
@@ -53,6 +55,11 @@ def test_indentation_finds_the_rigs_modulus_where_it_oscillated(rubber: Path) ->
     for name, exact in (("storage", truth.real), ("loss_factor", truth.imag / truth.real)):
         gap = np.log(found[name].values / exact) / found[f"u_ln_{name}"].values
         assert np.abs(gap[known]).max() < 3
+
+
+def test_poissons_ratio_without_an_uncertainty_is_said_to_be_exact(rubber: Path) -> None:
+    page = (rubber / "labpipe/identify_nbr.html").read_text(encoding="utf-8")
+    assert "Poisson&#39;s ratio was taken as exactly 0.5" in page
 
 
 def test_indentation_alone_does_not_claim_the_long_time_modulus(rubber: Path) -> None:
@@ -117,6 +124,23 @@ def test_drop_becomes_evidence_without_the_scatter_of_its_heights(processed_sess
     model = replace(evidence.model, rtol=1e-4)
     predicted = model.refined(materials.load("acrylic"), given)
     assert np.abs(predicted / evidence.values - 1).max() < 0.03
+
+
+def test_uncertain_poissons_ratio_is_an_unknown_of_the_contact(processed_session: Path, tmp_path: Path) -> None:
+    own = tmp_path / "own.toml"
+    text = (Path(materials.__file__).parent / "library/acrylic.toml").read_text("utf-8")
+    files.write_text(own, text.replace('value = "0.35"', 'value = "0.35 ± 0.01"'))
+    settings = opened(processed_session).experiments["drop"].settings
+    none, touch = np.full(2, np.nan), np.array([0.0, 0.02])
+    seen = Bounces(touch, np.full(2, 1e-5), np.full(2, 1e-3), np.full(2, 1e-5), none, none)
+    proof = of_drop("drop", settings, seen, {}, [], None, own, None)
+    (ratio,) = (p for p in proof.unknowns if p.name == CONTACT_MODULUS)
+    contact_modulus = [1 / (1 - nu**2) for nu in (0.35, 0.36)]
+    assert ratio.sd == pytest.approx(contact_modulus[1] / contact_modulus[0] - 1, rel=0.05)
+    model = proof.build(np.array([1e-3])).model
+    solid, given = materials.load("acrylic"), {p.name: p.mean for p in proof.unknowns}
+    stiffer = model.predict(solid, given | {CONTACT_MODULUS: 1.01})
+    assert np.allclose(stiffer, model.predict(solid.scaled(1.01), given), rtol=1e-12)
 
 
 @pytest.mark.slow
