@@ -84,26 +84,29 @@ def estimate_corner(residual: Floats, share: Floats, interval: float) -> float:
     >>> estimate_corner(rng.standard_normal(4000), np.full(4000, 1e-3), 1e-4)
     0.0
     """
-    cutoff, squares = share / (2.0 * _WIDTH), residual**2
-    frequencies, powers = [], []
+    cost = np.zeros(len(_CORNERS))
     is_used = np.zeros(len(residual), bool)
     for size in _SIZES:
-        every = np.fft.rfftfreq(size)
-        for start in range(0, len(residual) - size + 1, size // 2):
-            part = slice(start, start + size)
-            if is_used[part].any() or squares[part].mean() >= _FITTING**2:
-                continue
-            kept = (every > max(_LEAST / size, _FOLLOWED * float(cutoff[part].max()))) & (every < 0.5 / _LOW_SHARE)
-            if not kept.any():
-                continue
-            is_used[part] = True
-            frequencies.append(every[kept])
-            powers.append(np.abs(np.fft.rfft(residual[part])[kept]) ** 2 / size)
-    if not powers:
-        return 0.0
-    f, power = np.concatenate(frequencies), np.concatenate(powers)
-    expected = 1.0 + _CORNERS[:, None] / f
-    cost = np.sum(np.log(expected) + power / expected, axis=1)
+        bins = slice(_LEAST + 1, size // (2 * _LOW_SHARE))
+        every = np.fft.rfftfreq(size)[bins]
+        half, count = size // 2, len(residual) // (size // 2)
+        pieces = slice(count * half), (count, half)
+        square = np.sum(residual[pieces[0]].reshape(pieces[1]) ** 2, axis=1)
+        most = np.max(share[pieces[0]].reshape(pieces[1]), axis=1, initial=0.0)
+        used = np.max(is_used[pieces[0]].reshape(pieces[1]), axis=1, initial=False)
+        lowest = _FOLLOWED * np.maximum(most[:-1], most[1:]) / (2.0 * _WIDTH)
+        fits = (square[:-1] + square[1:] < _FITTING**2 * size) & (lowest < every[-1]) & ~(used[:-1] | used[1:])
+        chosen: list[int] = []
+        for place in np.flatnonzero(fits).tolist():
+            if not chosen or place > chosen[-1] + 1:  # stretches begin half a length apart
+                chosen.append(place)
+        if chosen:
+            where = half * np.array(chosen)[:, None] + np.arange(size)
+            is_used[where] = True
+            kept = every > lowest[chosen, None]
+            power = np.abs(np.fft.rfft(residual[where], axis=1)[:, bins]) ** 2 / size
+            expected = 1.0 + _CORNERS[:, None] / every
+            cost += np.log(expected) @ kept.sum(axis=0) + (1.0 / expected) @ np.sum(power, axis=0, where=kept)
     best = int(np.argmin(cost))
     return float(_CORNERS[best] / interval) if cost[0] - cost[best] > _CERTAIN else 0.0
 

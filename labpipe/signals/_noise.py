@@ -6,6 +6,7 @@ leaves neighbouring samples correlated, and then differences see far too little:
 repeated on block means, and climbs until it no longer grows.
 """
 
+from collections.abc import Iterator
 from itertools import pairwise
 from math import comb, sqrt
 from typing import NamedTuple
@@ -73,19 +74,24 @@ def estimate_noise(values: Floats, time: Floats | None = None) -> Noise:
     step = quantisation_step(values)
     resolution = 4.0 * float(np.finfo(float).eps) * float(np.max(np.abs(values), initial=0.0))
     floor = max(step / sqrt(12.0), resolution, _DYNAMIC_RANGE * float(np.ptp(values)))
-    levels = [difference_sigma(values, time)]
-    block = 2
-    while block <= _LARGEST_BLOCK and len(values) // block >= _FEWEST_DIFFERENCES:
-        means = _block_means(values, block)
-        times = None if time is None else _block_means(time, block)
-        levels.append(sqrt(block) * difference_sigma(means, times))
-        block *= 2
-    for i in range(len(levels) - 2):
-        three = levels[i : i + 3]
-        if all(abs(np.log(b / a)) < np.log(_PLATEAU) for a, b in pairwise(three) if a and b):
+    levels: list[float] = []
+    for level in _levels(values, time):
+        levels.append(level)
+        three = levels[-3:]
+        if len(three) == 3 and all(abs(np.log(b / a)) < np.log(_PLATEAU) for a, b in pairwise(three) if a and b):
             # On a later plateau the lowest blocks are still a little short of the top.
-            return Noise(max(levels[0] if i == 0 else max(three), floor), step, 2**i)
+            found = levels[0] if len(levels) == 3 else max(three)
+            return Noise(max(found, floor), step, 2 ** (len(levels) - 3))
     return Noise(max(levels[0], floor), step, 1)
+
+
+def _levels(values: Floats, time: Floats | None) -> Iterator[float]:
+    """Noise of the samples, of means of two, four and so on, each times the root of their number."""
+    block = 1
+    while block == 1 or (block <= _LARGEST_BLOCK and len(values) >= _FEWEST_DIFFERENCES):
+        yield sqrt(block) * difference_sigma(values, time)
+        values, time = _means_of_two(values), None if time is None else _means_of_two(time)
+        block *= 2
 
 
 def difference_sigma(values: Floats, time: Floats | None = None) -> float:
@@ -94,7 +100,7 @@ def difference_sigma(values: Floats, time: Floats | None = None) -> float:
     if order < 1:
         return 0.0
     interval = None if time is None else np.diff(time)
-    if time is None or interval is None or np.ptp(interval) < _UNEVEN * np.median(interval):
+    if time is None or interval is None or np.ptp(interval) < _UNEVEN * np.min(interval):
         differences = np.diff(values, order) / sqrt(comb(2 * order, order))
     else:
         differences = _divided_differences(values, time, order)
@@ -157,22 +163,26 @@ def is_spike(time: Floats, values: Floats, sigma: float, factor: float = 8.0) ->
     marked = np.zeros(len(values), bool)
     if len(values) < 5 or sigma <= 0.0:
         return marked
-    n = len(values) - 4
+    centre = values[2:-2]
+    slope = 0.5 * (
+        (values[3:-1] - values[1:-3]) / (time[3:-1] - time[1:-3]) + (values[4:] - values[:-4]) / (time[4:] - time[:-4])
+    )
+    before = centre - (values[1:-3] + slope * (time[2:-2] - time[1:-3]))
+    after = centre - (values[3:-1] - slope * (time[3:-1] - time[2:-2]))
+    stands_out = (np.minimum(np.abs(before), np.abs(after)) > factor * sigma) & (before * after > 0.0)
+    if not stands_out.any():
+        return marked
+    n = len(centre)
     t = np.stack([time[j : j + n] - time[2:-2] for j in (0, 1, 3, 4)], axis=1)
     y = np.stack([values[j : j + n] for j in (0, 1, 3, 4)], axis=1)
-    centre = values[2:-2]
-    slope = 0.5 * ((y[:, 2] - y[:, 1]) / (t[:, 2] - t[:, 1]) + (y[:, 3] - y[:, 0]) / (t[:, 3] - t[:, 0]))
-    before = centre - (y[:, 1] - slope * t[:, 1])
-    after = centre - (y[:, 2] - slope * t[:, 2])
     middle = np.sum(_cubic_weights(t) * y, axis=1)
-    stands_out = np.minimum(np.abs(before), np.abs(after)) > factor * sigma
     height = np.maximum(np.abs(before), np.abs(after))
     # A spike has its full height above the curve through two neighbours on either side; the
     # sharpest kink, a V, has two thirds, and a smooth extremum next to nothing.
     excess = np.abs(centre - middle)
     # The neighbours of a spike are off the curve as well, by less.
     is_highest = excess >= maximum_filter1d(excess, 5)
-    marked[2:-2] = stands_out & (before * after > 0.0) & (excess > 0.9 * height) & is_highest
+    marked[2:-2] = stands_out & (excess > 0.9 * height) & is_highest
     return marked
 
 
@@ -183,7 +193,6 @@ def _cubic_weights(t: Floats) -> Floats:
     return np.stack(columns, axis=1)
 
 
-def _block_means(values: Floats, block: int) -> Floats:
-    count = len(values) // block
-    means: Floats = values[: count * block].reshape(count, block).mean(axis=1)
-    return means
+def _means_of_two(values: Floats) -> Floats:
+    end = len(values) // 2 * 2
+    return 0.5 * (values[0:end:2] + values[1:end:2])

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.compilation import compiled
+from labpipe.compilation import inner, lean
 
 LEAF = 4
 """Samples in the smallest interval."""
@@ -65,94 +65,100 @@ def graded(lengths: Floats, slope: float = 0.5) -> Floats:
 
 def _factors(position: Floats, values: Floats) -> list[Floats]:
     """Residual sum of squares of the cubic fit, of all intervals, level by level."""
-    count = 1
+    count = 2
     while count * LEAF < values.size:
         count *= 2
-    residuals = np.empty(2 * count - 1)
-    _tree(position, values, np.empty((count, _ORDER + 1, _ORDER + 1)), residuals)
-    levels, end = [], 0
-    while count:
+    levels, end = [np.zeros(count)], 0  # a cubic passes through the samples of a leaf
+    residuals, side = np.empty(count - 1), _ORDER + 1
+    _tree(position, values, np.zeros((count // 2, side, side)), np.empty((2 * LEAF, side)), residuals)
+    while count > 1:
+        count //= 2
         levels.append(residuals[end : end + count])
-        end, count = end + count, count // 2
+        end += count
     return levels
 
 
-@compiled(error_model="numpy")
-def _tree(position: Floats, values: Floats, triangle: Floats, residuals: Floats) -> None:
-    """Fill in the residuals of all leaves, of all pairs, and so on; ``triangle`` is work space."""
-    n, count = values.size, triangle.shape[0]
-    low, high = np.empty(count), np.empty(count)
-    stacked = np.empty((2 * _ORDER + 2, _ORDER + 1))
-    for leaf in range(count):
-        first, end = min(leaf * LEAF, n - 1), min(leaf * LEAF + LEAF, n)
-        low[leaf] = position[first]
-        high[leaf] = position[end - 1]
-        centre, half = _frame(low[leaf], high[leaf])
-        for r in range(stacked.shape[0]):
-            sample = leaf * LEAF + r
-            inside = r < LEAF and sample < n
-            power = 1.0 if inside else 0.0
-            for c in range(_ORDER):
-                stacked[r, c] = power
-                power *= (position[sample] - centre) / half if inside else 0.0
-            stacked[r, _ORDER] = values[sample] if inside else 0.0
-        _triangle(stacked, triangle[leaf])
-        residuals[leaf] = triangle[leaf, _ORDER, _ORDER] ** 2
+@lean()
+def _tree(position: Floats, values: Floats, triangle: Floats, below: Floats, residuals: Floats) -> None:
+    """Fill in the residuals of all pairs of leaves, of pairs of pairs, and so on.
+
+    ``triangle`` (pair, 5, 5), of zeros, and ``below`` (8, 5) are work space.
+    """
+    n, count, size = values.size, triangle.shape[0], below.shape[0]
+    for pair in range(count):
+        first, end = pair * size, min(pair * size + size, n)
+        residuals[pair] = 0.0
+        if first < end:
+            centre, half = _frame(position[first], position[end - 1])
+            for r in range(end - first):
+                power = 1.0
+                for c in range(_ORDER):
+                    below[r, c] = power
+                    power *= (position[first + r] - centre) / half
+                below[r, _ORDER] = values[first + r]
+            _reduce(triangle[pair], below, end - first)
+            residuals[pair] = triangle[pair, _ORDER, _ORDER] ** 2
     filled = count
     while count > 1:
         count //= 2
+        size *= 2
         for node in range(count):
-            centre, half = _frame(low[2 * node], high[2 * node + 1])
-            for child in range(2 * node, 2 * node + 2):
-                own_centre, own_half = _frame(low[child], high[child])
-                shift, scale = (own_centre - centre) / half, own_half / half
-                _shifted(triangle[child], shift, scale, stacked, (child - 2 * node) * (_ORDER + 1))
-            low[node], high[node] = low[2 * node], high[2 * node + 1]
-            _triangle(stacked, triangle[node])
-            residuals[filled + node] = triangle[node, _ORDER, _ORDER] ** 2
+            first, middle, end = node * size, node * size + size // 2, min(node * size + size, n)
+            top = triangle[node]
+            if middle >= end:  # nothing on the right: the frame is that of the left part
+                for r in range(_ORDER + 1):
+                    for c in range(_ORDER + 1):
+                        top[r, c] = triangle[2 * node, r, c]
+            else:
+                centre, half = _frame(position[first], position[end - 1])
+                _shift(triangle[2 * node], position[first], position[middle - 1], centre, half, top)
+                _shift(triangle[2 * node + 1], position[middle], position[end - 1], centre, half, below)
+                _reduce(top, below, 0)
+            residuals[filled + node] = top[_ORDER, _ORDER] ** 2
         filled += count
 
 
-@compiled(error_model="numpy")
-def _triangle(block: Floats, triangle: Floats) -> None:
-    """R (5, 5) of the factorisation QR of a block (10, 5), by Householder; the block is used up."""
-    rows, columns = block.shape
-    for c in range(columns):
-        size = 0.0
-        for r in range(c, rows):
-            size += block[r, c] ** 2
-        size = -math.copysign(math.sqrt(size), block[c, c])
-        triangle[c, c] = size
-        if size != 0.0:
-            block[c, c] -= size
-        for other in range(c + 1, columns):
-            along = 0.0
-            if size != 0.0:
-                for r in range(c, rows):
-                    along += block[r, c] * block[r, other]
-                along /= size * block[c, c]
-                for r in range(c, rows):
-                    block[r, other] += along * block[r, c]
-            triangle[c, other] = block[c, other]
-            triangle[other, c] = 0.0
+@inner()
+def _reduce(top: Floats, below: Floats, full: int) -> None:
+    """Make ``top`` R (5, 5) of the factorisation QR of itself with what stands below it.
+
+    That is so many ``full`` rows, or, with none, another triangle (5, 5). It is used up.
+    """
+    for c in range(_ORDER + 1):
+        rows = full if full else c + 1
+        square = top[c, c] ** 2
+        for r in range(rows):
+            square += below[r, c] ** 2
+        if square > 0.0:
+            size = -math.copysign(math.sqrt(square), top[c, c])
+            pivot = top[c, c] - size
+            over = 1.0 / (size * pivot)
+            top[c, c] = size
+            for other in range(c + 1, _ORDER + 1):
+                along = pivot * top[c, other]
+                for r in range(rows):
+                    along += below[r, c] * below[r, other]
+                along *= over
+                top[c, other] += along * pivot
+                for r in range(rows):
+                    below[r, other] += along * below[r, c]
 
 
-@compiled(error_model="numpy")
+@inner()
 def _frame(low: float, high: float) -> tuple[float, float]:
     """Centre and half length, by which the powers stay between -1 and 1."""
     return (low + high) / 2, ((high - low) / 2 if high > low else 1.0)
 
 
-@compiled(error_model="numpy")
-def _shifted(triangle: Floats, shift: float, scale: float, result: Floats, first: int) -> None:
-    """Put the columns (5, 5), expressed in the powers of the parent interval, from row ``first`` on.
-
-    They are those of ``shift + scale u``.
-    """
+@inner()
+def _shift(triangle: Floats, low: float, high: float, centre: float, half: float, result: Floats) -> None:
+    """Express a triangle from ``low`` to ``high`` in the powers of its parent's interval."""
+    own_centre, own_half = _frame(low, high)
+    shift, scale = (own_centre - centre) / half, own_half / half
     for row in range(_ORDER + 1):
         one, first_power = triangle[row, 0], scale * triangle[row, 1]
         second_power, third_power = scale**2 * triangle[row, 2], scale**3 * triangle[row, 3]
-        to = result[first + row]
+        to = result[row]
         to[0] = one
         to[1] = shift * one + first_power
         to[2] = shift * (shift * one + 2.0 * first_power) + second_power
