@@ -3,10 +3,35 @@
 import html
 from collections.abc import Iterable, Sequence
 from math import floor, isfinite, log10
+from typing import NamedTuple
 
 _PREFIXES = {-3: "n", -2: "µ", -1: "m", 0: "", 1: "k", 2: "M", 3: "G"}
 _MOST_ROWS = 30
 """Rows of a text; what is longer is counted."""
+
+
+class Shown(NamedTuple):
+    """A table that an object shows of itself."""
+
+    caption: str
+    titles: Sequence[str]
+    rows: Sequence[Sequence[object]]
+
+
+class ShownAsTable:
+    """An object that shows itself as one table, in a terminal and in a notebook alike."""
+
+    __slots__ = ()
+
+    def _shown(self) -> Shown:
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        caption, _, rows = self._shown()
+        return text_table(caption, rows)
+
+    def _repr_html_(self) -> str:
+        return html_table(*self._shown())
 
 
 def html_table(caption: str, titles: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

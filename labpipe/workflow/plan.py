@@ -6,7 +6,7 @@ from typing import Any
 
 from labpipe import files
 from labpipe.errors import SourceError, UsageError
-from labpipe.notebook import html_table, text_table
+from labpipe.notebook import Shown, ShownAsTable
 from labpipe.units import Quantity
 from labpipe.workflow._keys import Key, code_changes, make_keys
 from labpipe.workflow.context import code_changed
@@ -44,8 +44,8 @@ class Row:
         return TaskId(self.experiment, self.stage, self.recording)
 
 
-@dataclass(frozen=True, slots=True)
-class Plan:
+@dataclass(frozen=True, slots=True, repr=False)
+class Plan(ShownAsTable):
     """The tasks behind the wanted ones, inputs first, with the state of each and why."""
 
     session: Session
@@ -92,15 +92,9 @@ class Plan:
         parts += [f"{waiting} experiment{'s wait' if waiting > 1 else ' waits'}"] * bool(waiting)
         return ", ".join(part for part in parts if part)
 
-    def __repr__(self) -> str:
-        return text_table(f"{self.session.title}: {self.summary}", self._cells)
-
-    def _repr_html_(self) -> str:
-        return html_table(f"{self.session.title}: {self.summary}", _COLUMNS, self._cells)
-
-    @property
-    def _cells(self) -> list[list[str]]:
-        return [[getattr(row, name) or "" for name in _COLUMNS] for row in self.rows]
+    def _shown(self) -> Shown:
+        rows = [[getattr(row, name) or "" for name in _COLUMNS] for row in self.rows]
+        return Shown(f"{self.session.title}: {self.summary}", _COLUMNS, rows)
 
 
 def plan(

@@ -16,7 +16,7 @@ import msgspec
 
 from labpipe.errors import ConfigError, InputError, SourceError
 from labpipe.files import safe_join
-from labpipe.notebook import html_table, text_table
+from labpipe.notebook import Shown, ShownAsTable
 from labpipe.workflow import _toml_lines
 from labpipe.workflow.config import Checker
 from labpipe.workflow.document import Document, dotted, parse
@@ -45,8 +45,8 @@ class Experiment:
         return tuple(dict.fromkeys(_references(msgspec.to_builtins(self.settings))))
 
 
-@dataclass(frozen=True, slots=True)
-class Session:
+@dataclass(frozen=True, slots=True, repr=False)
+class Session(ShownAsTable):
     """A session folder and everything that its ``session.toml`` says.
 
     ``experiments`` are complete; ``waiting`` are those with values still to come or to be
@@ -66,25 +66,16 @@ class Session:
         """Where everything that labpipe writes goes."""
         return self.root / "labpipe"
 
-    def __repr__(self) -> str:
-        return text_table(self._caption, self._rows)
-
-    def _repr_html_(self) -> str:
-        return html_table(self._caption, ("experiment", "kind", "files"), self._rows)
-
-    @property
-    def _rows(self) -> list[tuple[str, ...]]:
+    def _shown(self) -> Shown:
         rows: list[tuple[str, ...]] = [
             (e.name, e.kind.replace("_", " "), ", ".join(_file_names(msgspec.to_builtins(e.settings))))
             for e in self.experiments.values()
         ]
-        return rows + [(name, "waiting", lines[0]) for name, lines in self.waiting.items()]
-
-    @property
-    def _caption(self) -> str:
+        rows += [(name, "waiting", lines[0]) for name, lines in self.waiting.items()]
         remarks = [f"recorded by {self.operator}"] if self.operator else []
         remarks += ["synthetic data"] if self.synthetic else []
-        return f"{self.title} ({'; '.join(remarks)})" if remarks else self.title
+        caption = f"{self.title} ({'; '.join(remarks)})" if remarks else self.title
+        return Shown(caption, ("experiment", "kind", "files"), rows)
 
 
 _MOST_NAMES = 4

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from labpipe import files
 from labpipe.errors import LabpipeError, UsageError
-from labpipe.notebook import html_table, text_table
+from labpipe.notebook import Shown, ShownAsTable
 from labpipe.workflow.code import Code
 from labpipe.workflow.session import Session
 from pipelines.figures._list import FIGURES, Figure
@@ -76,8 +76,8 @@ class Outcome:
     files: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Made:
+@dataclass(frozen=True, slots=True, repr=False)
+class Made(ShownAsTable):
     """What became of the wanted figures, and the folder that they are in."""
 
     folder: Path
@@ -86,19 +86,9 @@ class Made:
     def __iter__(self) -> Iterator[Outcome]:
         return iter(self.outcomes)
 
-    def __repr__(self) -> str:
-        return text_table(self._caption, self._rows)
-
-    def _repr_html_(self) -> str:
-        return html_table(self._caption, ("figure", "state", "detail"), self._rows)
-
-    @property
-    def _caption(self) -> str:
-        return f"{len(self.outcomes)} figures in {self.folder}"
-
-    @property
-    def _rows(self) -> list[tuple[str, ...]]:
-        return [(o.id, o.state, o.detail) for o in self.outcomes]
+    def _shown(self) -> Shown:
+        rows = [(o.id, o.state, o.detail) for o in self.outcomes]
+        return Shown(f"{len(self.outcomes)} figures in {self.folder}", ("figure", "state", "detail"), rows)
 
 
 def chosen(names: Iterable[str]) -> tuple[Figure, ...]:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from labpipe.notebook import html_table, text_table
+from labpipe.notebook import Shown, ShownAsTable
 from labpipe.workflow.fields import REFERENCE
 from labpipe.workflow.graph import OTHER
 from labpipe.workflow.session import Experiment, Session
@@ -13,8 +13,8 @@ from pipelines.experiments import KINDS
 from pipelines.experiments.shared.comparison_rows import Row
 
 
-@dataclass(frozen=True, slots=True)
-class Comparison:
+@dataclass(frozen=True, slots=True, repr=False)
+class Comparison(ShownAsTable):
     """All rows of a session, and the experiments that failed or compare nothing, with reasons.
 
     ``page`` is the HTML file. ``experiments`` says of each that is judged as a whole how its chi
@@ -27,20 +27,13 @@ class Comparison:
     page: Path
     experiments: tuple[dict[str, Any], ...] = ()
 
-    def __repr__(self) -> str:
-        return text_table(f"{len(self.rows)} comparisons, {self.page}", self._cells)
-
-    def _repr_html_(self) -> str:
-        titles = ("experiment", "condition", "quantity", "measured", "model", "agreement")
-        return html_table(f"{len(self.rows)} comparisons, {self.page.name}", titles, self._cells)
-
-    @property
-    def _cells(self) -> list[tuple[str, ...]]:
+    def _shown(self) -> Shown:
         rows: list[tuple[str, ...]] = [
             (r.experiment, r.condition, r.quantity, *_pair(r), _agreement(r)) for r in self.rows
         ]
-        others = (self.failed | self.absent).items()
-        return rows + [(name, "", why, "", "", "") for name, why in others]
+        rows += [(name, "", why, "", "", "") for name, why in (self.failed | self.absent).items()]
+        titles = ("experiment", "condition", "quantity", "measured", "model", "agreement")
+        return Shown(f"{len(self.rows)} comparisons, {self.page}", titles, rows)
 
 
 def _pair(row: Row) -> tuple[str, str]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from labpipe import files
 from labpipe.errors import InputError, SourceError, UsageError
-from labpipe.notebook import html_table, text_table
+from labpipe.notebook import Shown, ShownAsTable
 from labpipe.variables import described, variable
 from labpipe.workflow import session as sessions
 from labpipe.workflow.plan import READY
@@ -35,28 +35,17 @@ FOLDER = "export"
 """Below ``SESSION/labpipe``: files in it may be replaced."""
 
 
-@dataclass(frozen=True, slots=True)
-class Exported:
+@dataclass(frozen=True, slots=True, repr=False)
+class Exported(ShownAsTable):
     """What an export wrote, and which results it left out, each with the reason."""
 
     paths: tuple[Path, ...]
     left_out: tuple[str, ...]
 
-    def __repr__(self) -> str:
-        return text_table(self._caption, self._rows)
-
-    def _repr_html_(self) -> str:
-        return html_table(self._caption, ("", ""), self._rows)
-
-    @property
-    def _caption(self) -> str:
+    def _shown(self) -> Shown:
         folders = dict.fromkeys(path.parent.name for path in self.paths)
-        return f"{len(self.paths)} files in {', '.join(folders)}"
-
-    @property
-    def _rows(self) -> list[tuple[str, str]]:
-        written = [("written", path.name) for path in self.paths]
-        return written + [("left out", line) for line in self.left_out]
+        rows = [("written", path.name) for path in self.paths] + [("left out", line) for line in self.left_out]
+        return Shown(f"{len(self.paths)} files in {', '.join(folders)}", ("", ""), rows)
 
 
 @dataclass(frozen=True, slots=True)

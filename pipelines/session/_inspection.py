@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 from labpipe.errors import ConfigError, LabpipeError, SourceError
 from labpipe.notebook import html_table
@@ -16,6 +16,7 @@ from labpipe.notebook import html_table
 if TYPE_CHECKING:
     import xarray as xr
 
+    from instruments import Options
     from labpipe.frames import FrameSource
 
 _KNOWN = (
@@ -87,7 +88,7 @@ def _span(row: dict[str, Any]) -> str:
 
 
 def inspect(
-    file: str | Path, *, out: str | Path | None = None, instrument: str | None = None, **options: Any
+    file: str | Path, *, out: str | Path | None = None, instrument: str | None = None, **options: Unpack[Options]
 ) -> Inspected:
     """Say what any file is, what it holds, and what is wrong with it.
 
@@ -121,7 +122,7 @@ def inspect(
     >>> inspect("my-session/laser/drop_1.csv")["reader"]  # doctest: +SKIP
     'keyence'
     """
-    reading = options if instrument is None else options | {"instrument": instrument}
+    reading: dict[str, Any] = {**options} if instrument is None else {**options, "instrument": instrument}
     found = Inspected(describe(Path(file), reading))
     if out is not None:
         from pipelines.session._contact_sheet import write_sheet

@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from labpipe import files
-from labpipe.notebook import html_table, text_table
+from labpipe.notebook import Shown, ShownAsTable
 from pipelines.session._examined import Examined, examine
 from pipelines.session._opening import reopen_session
 from pipelines.session._sensitivity_page import advice, render
 
 
-@dataclass(frozen=True, eq=False)
-class Sensitivity:
+@dataclass(frozen=True, eq=False, repr=False)
+class Sensitivity(ShownAsTable):
     """The examined quantities of a session, and a page for each kind of experiment."""
 
     quantities: tuple[Examined, ...]
@@ -24,26 +24,13 @@ class Sensitivity:
     def __iter__(self) -> Iterator[Examined]:
         return iter(self.quantities)
 
-    def __repr__(self) -> str:
-        return text_table(self._caption, self._rows)
-
-    def _repr_html_(self) -> str:
-        titles = ("experiment", "quantity", "value", "to halve the uncertainty")
-        return html_table(self._caption, titles, self._rows)
-
-    @property
-    def _caption(self) -> str:
-        return f"{len(self.quantities)} quantities; pages: {', '.join(map(str, self.pages))}"
-
-    @property
-    def _rows(self) -> list[tuple[str, ...]]:
-        return [
-            (
-                row["experiment"], row["quantity"],
-                f"{row['value']:.5g} ± {row['u']:.2g} {row['unit']}", row["to_halve"],
-            )
+    def _shown(self) -> Shown:
+        caption = f"{len(self.quantities)} quantities; pages: {', '.join(map(str, self.pages))}"
+        rows = [
+            (row["experiment"], row["quantity"], f"{row['value']:.5g} ± {row['u']:.2g} {row['unit']}", row["to_halve"])
             for row in self.documents()
-        ]  # fmt: skip
+        ]
+        return Shown(caption, ("experiment", "quantity", "value", "to halve the uncertainty"), rows)
 
     def documents(self) -> list[dict[str, Any]]:
         """Return plain values of every quantity, for JSON."""

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from labpipe import files
 from labpipe.errors import LabpipeError, StorageError
+from labpipe.notebook import Shown, ShownAsTable
 from labpipe.workflow.context import Context, Failed
 from labpipe.workflow.plan import READY, Plan, Row
 from labpipe.workflow.results import Results
@@ -87,8 +88,8 @@ class Verdict:
         return self.document()[name]
 
 
-@dataclass(frozen=True, slots=True)
-class Verdicts:
+@dataclass(frozen=True, slots=True, repr=False)
+class Verdicts(ShownAsTable):
     """Verdicts on the experiments of a session, in its order."""
 
     folder: Path
@@ -106,6 +107,12 @@ class Verdicts:
     def __getitem__(self, name: str) -> list[dict[str, Any]]:
         """Return ``verdicts["experiments"]`` as it stands in the JSON of ``process``."""
         return {"experiments": self.document()}[name]
+
+    def _shown(self) -> Shown:
+        rows = [
+            (v.experiment, v.believable, v.model, "; ".join(f.message for f in v.findings)) for v in self.experiments
+        ]
+        return Shown(f"{len(rows)} verdicts", ("experiment", "believable", "model", "findings"), rows)
 
 
 def verdicts_of(run: RunResult) -> Verdicts:

@@ -34,15 +34,15 @@ from labpipe.materials.superposition._tables import (
     without_delay,
 )
 from labpipe.materials.superposition._verdict import Verdict, verdict_on
-from labpipe.notebook import html_table, text_table
+from labpipe.notebook import Shown, ShownAsTable
 from labpipe.uncertainty import propagated_u
 from labpipe.variables import described, variable
 
 _CURVE_NAMES = ("storage", "loss", "loss_factor")
 
 
-@dataclass(frozen=True, slots=True)
-class MasterCurve:
+@dataclass(frozen=True, slots=True, repr=False)
+class MasterCurve(ShownAsTable):
     """A master curve and everything the report says about it.
 
     Attributes
@@ -115,24 +115,14 @@ class MasterCurve:
     warnings: tuple[str, ...]
     work: dict[str, int]
 
-    def __repr__(self) -> str:
-        return text_table(self._caption, self._rows)
-
-    def _repr_html_(self) -> str:
-        titles = ("temperature", "log10 a_T", "b_T")
-        return html_table(self._caption, titles, self._rows)
-
-    @property
-    def _caption(self) -> str:
-        return f"Master curve at {self.T_ref:g} °C, {self.law.name} law; {self.prony!r}"
-
-    @property
-    def _rows(self) -> list[tuple[str, str, str]]:
+    def _shown(self) -> Shown:
+        caption = f"Master curve at {self.T_ref:g} °C, {self.law.name} law; {self.prony!r}"
         columns = (self.log10_aT["temperature"], self.log10_aT, self.u_log10_aT, self.b_T)
-        return [
+        rows = [
             (f"{T:g} °C", f"{a:+.3f} ± {u:.3f}", f"{b:.3f}")
             for T, a, u, b in zip(*(column.values for column in columns), strict=True)
         ]
+        return Shown(caption, ("temperature", "log10 a_T", "b_T"), rows)
 
     def at(self, temperature: float) -> Prony:
         """Return the material at another temperature (°C) by the shifts and their law.
