@@ -72,17 +72,7 @@ def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
         There is no space, or no permission; the message holds the bytes needed. An older file of
         that name is left as it was.
     """
-
-    def fill(part: Path) -> None:
-        with part.open("xb") as stream:
-            stream.write(data)
-
-    def verify(part: Path) -> None:
-        if digest(part) != hashlib.sha256(data).hexdigest():
-            message = f"{path}: what was written cannot be read back; the disk is failing or full"
-            raise StorageError(message)
-
-    _replace(Path(path), len(data), fill, verify)
+    write_chunks(path, len(data), [data])
 
 
 def write_chunks(path: str | os.PathLike[str], size: int, chunks: Iterable[bytes]) -> None:

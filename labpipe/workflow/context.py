@@ -1,7 +1,7 @@
 """What a page may say about the run behind it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from labpipe.workflow._ledger import LedgerRow
@@ -82,9 +82,9 @@ class Context:
     operator: str
     notes: str
     synthetic: bool
-    ledger: tuple[LedgerRow, ...]
-    warnings: tuple[Warned, ...]
-    failures: tuple[Failed, ...]
-    inputs: tuple[RawFile, ...]
-    provenance: Mapping[str, Any]
+    ledger: tuple[LedgerRow, ...] = ()
+    warnings: tuple[Warned, ...] = ()
+    failures: tuple[Failed, ...] = ()
+    inputs: tuple[RawFile, ...] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
     kept: tuple[Kept, ...] = ()

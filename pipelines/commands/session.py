@@ -192,15 +192,7 @@ def _show_steps(rows: "list[Row]") -> None:
 @click.option("--fail-fast", is_flag=True, help="Stop at the first failure.")
 @json_option
 def process(
-    sessions: tuple[Path, ...],
-    targets: tuple[str, ...],
-    only: tuple[str, ...],
-    full: bool,
-    keep: bool,
-    jobs: int,
-    cluster: str | None,
-    fail_fast: bool,
-    as_json: bool,
+    sessions: tuple[Path, ...], targets: tuple[str, ...], only: tuple[str, ...], as_json: bool, **options: Any
 ) -> None:
     r"""Process session folders: results and one report per experiment.
 
@@ -218,17 +210,7 @@ def process(
     folders = list({folder.resolve(): folder for folder in sessions}.values())
     with watching(enabled=not as_json) as progress:
         ended = dict(
-            verbs.process_all(
-                folders,
-                _split(targets),
-                _split(only),
-                jobs=jobs,
-                cluster=cluster,
-                full=full,
-                keep=keep,
-                fail_fast=fail_fast,
-                progress=progress,
-            )
+            verbs.process_all(folders, targets=_split(targets), only=_split(only), progress=progress, **options)
         )
     if len(folders) == 1 and isinstance(error := ended[folders[0]], LabpipeError):
         raise error

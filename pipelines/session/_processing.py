@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Unpack
 
 from labpipe.errors import InputError, LabpipeError
 from labpipe.workflow import session as sessions
@@ -17,7 +17,7 @@ from pipelines.session._overview import write_overview
 
 if TYPE_CHECKING:
     from labpipe.report import Report
-    from labpipe.workflow.runner import Event, RunResult
+    from labpipe.workflow.runner import Event, Options, RunResult
     from pipelines.session._verdicts import Verdicts
 
 
@@ -117,8 +117,8 @@ def process(
     """
     ((_, done),) = process_all(
         [folder],
-        targets,
-        only,
+        targets=targets,
+        only=only,
         jobs=jobs,
         cluster=cluster,
         full=full,
@@ -132,16 +132,7 @@ def process(
 
 
 def process_all(
-    folders: Iterable[str | Path],
-    targets: Iterable[str] | None = None,
-    only: Iterable[str] | None = None,
-    *,
-    jobs: int = 1,
-    cluster: str | None = None,
-    full: bool = False,
-    keep: bool | None = False,
-    fail_fast: bool = False,
-    progress: Callable[[Event], None] | None = None,
+    folders: Iterable[str | Path], **options: Unpack[Options]
 ) -> Generator[tuple[Path, RunResult | LabpipeError]]:
     """Process many sessions, their experiments side by side.
 
@@ -149,7 +140,7 @@ def process_all(
     ----------
     folders : iterable of path-like
         Session folders; each is opened when there is room for its experiments.
-    targets, only, jobs, cluster, full, keep, fail_fast, progress
+    **options
         See :func:`process`.
 
     Yields
@@ -175,22 +166,11 @@ def process_all(
                 yield session
             except LabpipeError as error:
                 refused.append((folder, error))
-                if fail_fast:
+                if options.get("fail_fast"):
                     return
 
-    for session, done in run_all(
-        opened(),
-        STAGES,
-        jobs=jobs,
-        cluster=cluster,
-        targets=targets,
-        only=only,
-        fail_fast=fail_fast,
-        full=full,
-        keep=keep,
-        schemas=SCHEMAS,
-        progress=progress,
-    ):
+    options["schemas"] = SCHEMAS
+    for session, done in run_all(opened(), STAGES, **options):
         if not isinstance(done, LabpipeError):
             write_overview(session, STAGES, done.plan)
         yield given[session.root], done

@@ -199,19 +199,8 @@ def _one(session: Session, results: Results, experiment: Experiment, failures: I
     result = _stored(results, experiment)
     if result is None:
         given = [_tolerant(results, a) for a in arguments(session, STAGES, experiment, stage.inputs)]
-        context = Context(
-            experiment.name,
-            kind,
-            session.title,
-            session.operator,
-            session.notes,
-            session.synthetic,
-            (),
-            (),
-            failed,
-            (),
-            {},
-        )
+        stated = (session.title, session.operator, session.notes, session.synthetic)
+        context = Context(experiment.name, kind, *stated, failures=failed)
         result = function(stage.function)(*given, settings=experiment.settings, context=context)
     return _of_result(session, experiment, state, result)
 

@@ -30,7 +30,7 @@ from pipelines.experiments.shared.settings import Sphere
 Change = Callable[[xr.Dataset], xr.Dataset]
 _FILM, _CAMERA = "film/a.cine", "calibration/camera_under.toml"
 _COUNT, _STEP = 900, 1e-4
-_CONTEXT = Context("film", "contact_area", "", "", "", True, (), (), (), (), {})
+_CONTEXT = Context("film", "contact_area", "", "", "", True)
 _SETTINGS = ContactArea(
     kind="contact_area",
     film=_FILM,

@@ -45,7 +45,7 @@ class Steps:
             return None
 
     def context(self, kind: str) -> Context:
-        return Context("nbr", kind, "", "", "", True, (), (), tuple(self.failures), (), {})
+        return Context("nbr", kind, "", "", "", True, failures=tuple(self.failures))
 
 
 def said(judged: Judgement) -> str:

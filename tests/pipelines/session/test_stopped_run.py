@@ -33,7 +33,7 @@ def test_a_program_changed_under_the_run_is_no_judgement_of_the_record(
 @pytest.mark.parametrize(("is_of_run", "word"), [(True, "Not known"), (False, "Impossible")])
 def test_the_sentence_tells_a_stopped_run_from_a_record_that_fails(*, is_of_run: bool, word: str) -> None:
     failures = (Failed("bounces", None, "why", is_of_run),)
-    context = Context("drop", "ball_drop", "", "", "", True, (), (), failures, (), {})
+    context = Context("drop", "ball_drop", "", "", "", True, failures=failures)
     result = judgement(Scene(failed_steps(context, {})))
     assert believed(result).believable == ("unknown" if is_of_run else "impossible")
     assert sentence(result)[1].startswith(word)

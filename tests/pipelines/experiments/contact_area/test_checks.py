@@ -16,7 +16,7 @@ from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.judgements import believed
 from pipelines.experiments.shared.settings import Sphere
 
-CONTEXT = Context("film", "contact_area", "", "", "", True, (), (), (), (), {})
+CONTEXT = Context("film", "contact_area", "", "", "", True)
 SETTINGS = ContactArea(
     kind="contact_area",
     film="film/a.cine",
@@ -171,7 +171,7 @@ def test_edges_instead_of_fringes_are_doubtful(film):
 def test_a_record_of_another_day_is_impossible():
     text = "the record was valid until 2023-04-30, the film is of 2024-05-14"
     failed = (Failed("radius", None, text),)
-    context = Context("film", "contact_area", "", "", "", True, (), (), failed, (), {})
+    context = Context("film", "contact_area", "", "", "", True, failures=failed)
     found = believed(checks.judgement(None, None, None, None, settings=SETTINGS, context=context))
     assert found.believable == "impossible"
     assert "view or day" in found.causes[0]

@@ -13,7 +13,7 @@ from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared.judgements import believed
 
 pytestmark = pytest.mark.filterwarnings("ignore:the record ends before the body is at rest")
-CONTEXT = Context("film", "dic_validation", "", "", "", True, (), (), (), (), {})
+CONTEXT = Context("film", "dic_validation", "", "", "", True)
 SETTINGS = DicValidation(
     kind="dic_validation", film="film/a.cine", camera="calibration/camera_front.toml", laser_experiment="drop"
 )
@@ -221,7 +221,7 @@ def test_frames_without_the_holder_are_noted(motion, laser):
 
 def test_a_record_of_another_view_is_impossible():
     failed = (Failed("motion", None, 'the record is of view "under"'),)
-    context = Context("film", "dic_validation", "", "", "", True, (), (), failed, (), {})
+    context = Context("film", "dic_validation", "", "", "", True, failures=failed)
     found = believed(checks.judgement(None, None, None, None, None, settings=SETTINGS, context=context))
     assert found.believable == "impossible"
     assert "another view" in found.causes[0]

@@ -22,7 +22,7 @@ SMALL = Protocol(
     frequencies=tuple(np.geomspace(10.0, 0.1, 9).tolist()),
     ramp=(0.0, 5.0),
 )
-CONTEXT = Context("x", "dma", "", "", "", True, (), (), (), (), {})
+CONTEXT = Context("x", "dma", "", "", "", True)
 
 
 def settings_for(name, count=1, **changes):
