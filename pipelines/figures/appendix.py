@@ -41,8 +41,8 @@ class _Law:
     yield_depth: float
     unloading: float = 1.0
 
-    def drop(self, height: float, duration: float) -> xr.Dataset:
-        """Follow a drop from a height [m] for a time [s] from the release."""
+    def drop(self, height: float, duration: float, impacts: int | None = None) -> xr.Dataset:
+        """Follow a drop from a height [m] for a time [s] from the release, or until so many impacts ended."""
         return contact.collision(
             SPHERE_RADIUS,
             MASS,
@@ -52,6 +52,7 @@ class _Law:
             unloading_multiplier=self.unloading,
             duration=duration,
             as_printed=self.is_printed,
+            impacts=impacts,
         )
 
 
@@ -133,7 +134,7 @@ def _fitted(inputs: Inputs) -> tuple[_Law, str]:
     left = float(np.sqrt(least.fun))
     count = sum(values.size for _, values in wanted)
     heights = len({height for height, _ in wanted})
-    most = max(float(found.drop(height, _until(height))["peak_overlap"].max()) for height, _ in wanted)
+    most = max(float(found.drop(height, _until(height), _FITTED_IMPACTS)["peak_overlap"].max()) for height, _ in wanted)
     depth = f"yield depth {found.yield_depth * 1e6:.0f} µm"
     if found.yield_depth > most:
         depth += f" (never reached: the overlap is at most {most * 1e6:.0f} µm)"
@@ -151,7 +152,7 @@ def _until(height: float) -> float:
 
 def _missed(law: _Law, height: float, restitution: Floats) -> Floats:
     """Return model minus measured restitution (impact,); an impact that is not reached counts as lost."""
-    made = law.drop(height, _until(height))["restitution"].values[: restitution.size]
+    made = law.drop(height, _until(height), restitution.size)["restitution"].values
     return np.nan_to_num(np.pad(made, (0, restitution.size - made.size))) - restitution
 
 

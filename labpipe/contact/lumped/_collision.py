@@ -58,6 +58,7 @@ def collision(
     gravity: Measure = 9.81,
     as_printed: bool = False,
     time: ArrayLike | None = None,
+    impacts: int | None = None,
 ) -> xr.Dataset:
     """Drop a sphere with the collision law of appendix A.
 
@@ -89,6 +90,8 @@ def collision(
         The thesis's χ and unloading, see the module.
     time : array (time,) [s], optional
         Output times from the release on, rising; by default the phases of the motion are sampled.
+    impacts : int, optional
+        After which the motion is no longer followed; by default all until the end are.
 
     Returns
     -------
@@ -123,7 +126,7 @@ def collision(
     law = _law(radius, youngs_modulus, nu, damping, yield_depth, unloading_multiplier, as_printed)
     _require_positive(mass=mass, height=height, duration=duration, gravity=gravity)
     motion = Motion(law, mass, gravity)
-    phases, bounces = motion.run(height, duration)
+    phases, bounces = motion.run(height, duration, impacts)
     instants = _instants(phases) if time is None else _checked_times(time, duration)
     gained = [-bounce.energy_dissipated / (mass * bounce.impact_speed**2) for bounce in bounces]
     if as_printed and any(share > _ENERGY_ROUNDING for share in gained):

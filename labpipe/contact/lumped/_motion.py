@@ -93,12 +93,12 @@ class Motion:
         static = (mass * gravity / law.stiffness) ** (2.0 / 3.0)
         self.rest_speed = float(np.sqrt(2.0 * gravity * _REST_SHARE * static))
 
-    def run(self, height: float, duration: float) -> tuple[list[Phase], list[Bounce]]:
-        """Return all phases up to ``duration`` and all contacts."""
+    def run(self, height: float, duration: float, most: int | None = None) -> tuple[list[Phase], list[Bounce]]:
+        """Return all phases up to ``duration`` and all contacts, or only so many."""
         phases: list[Phase] = []
         bounces: list[Bounce] = []
         now, x, v, dent = 0.0, height, 0.0, Dent(0.0, 0.0)
-        while now < duration:
+        while now < duration and len(bounces) != most:
             flight = self._flight(now, x, v, dent.permanent, duration)
             phases.append(flight)
             now, x = flight.end, -dent.permanent

@@ -121,3 +121,12 @@ def test_at_rest_the_flat_carries_the_weight() -> None:
     np.testing.assert_array_equal(speed, 0.0)
     overlap = -height - 2e-6
     np.testing.assert_allclose(1.3 * 1e9 * overlap**1.5, MASS * 9.81, rtol=1e-12)
+
+
+def test_the_first_impacts_are_those_of_the_whole_run() -> None:
+    law = {"damping": 15e3, "yield_depth": 5e-5, "unloading_multiplier": 1.2}
+    few, all_of_them = (collision(9.525e-3, 0.505, 5e-3, duration=0.2, impacts=n, **law) for n in (2, None))
+    assert few.sizes["impact"] == 2 < all_of_them.sizes["impact"]
+    for name in ("restitution", "impact_time", "peak_overlap"):
+        np.testing.assert_array_equal(few[name], all_of_them[name][:2])
+    assert float(few.time[-1]) == pytest.approx(float(few.impact_time[1] + few.contact_duration[1]), rel=1e-12)
