@@ -28,7 +28,8 @@ _KEPT = 0.999999  # of the variance of curve and shifts, in the modes that are s
 _EVERYWHERE = 0.95  # of the variance of the curve at every frequency that counts, in the spectra handed out
 _MOST_STORED, _MOST_USED = 60, 10
 _NODE_DECADES = 1.0  # spacing of the hat functions that change a spectrum
-_RIDGE = 1e-4  # keeps apart hat functions under which the spectrum is empty
+_RIDGE = 0.1
+"""Of what is uncertain of the curve: a weight that shows by less than that in it is not changed by more than itself."""
 _TO_EITHER_SIDE = 3.0  # a time tells of frequencies about its inverse
 _REACHES = 0.3  # a relaxation so much faster or slower than a prediction's times is no part of it
 _RECTANGULAR = 1.0 / np.sqrt(3.0)
@@ -178,7 +179,7 @@ def uncertain_spectra(
         changes += at("mode_vertical")[:, None]
     hats = _hats(solid)
     design = _by_hats(solid, frequency, hats) / value[:, None]
-    ridge = _RIDGE * np.sqrt(np.mean(design**2)) * np.eye(design.shape[1])
+    ridge = _RIDGE * np.sqrt(np.mean(np.sum(changes**2, axis=0))) * np.eye(design.shape[1])
     sizes = np.linalg.lstsq(
         np.vstack([design, ridge]), np.vstack([changes.T, np.zeros((design.shape[1], len(changes)))]), rcond=None
     )[0]
