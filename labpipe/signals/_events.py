@@ -15,7 +15,7 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.signals._colour import Colour, coloured_covariance, estimate_corner, velocity_factor
 from labpipe.signals._derivative import checked_record
-from labpipe.signals._impact_fit import OUTPUTS, PRIORS, ImpactFit, ShapePrior, fit_impact
+from labpipe.signals._impact_fit import OUTPUTS, PRIORS, SHAPE, ImpactFit, ShapePrior, fit_impact
 from labpipe.signals._mains import Hum, Stretch, hum_of
 from labpipe.signals._noise import estimate_noise, is_spike
 from labpipe.signals._readings import is_constant
@@ -30,7 +30,7 @@ from labpipe.signals._turns import (
     first_fall,
     flights_after,
 )
-from labpipe.uncertainty import propagated_u
+from labpipe.uncertainty import propagated_covariance, propagated_u
 from labpipe.variables import described, variable, with_u
 
 PHASES = ("held", "falling", "bouncing", "vibration", "static")
@@ -43,8 +43,19 @@ _RESTED = 0.1  # of the fall, by which a turn begins too early when the body sti
 _HELD = 0.1  # of the fall, before which the body surely rests
 _REST_FRACTION = 0.01  # of the first impact speed, below which the body is at rest
 
-_SHARED = ("touch_time", "liftoff_time", "incoming_speed", "outgoing_speed", "restitution", "contact_duration")
+_SHARED = (
+    "touch_time",
+    "liftoff_time",
+    "incoming_speed",
+    "outgoing_speed",
+    "restitution",
+    "contact_duration",
+    "penetration",
+)
 """Quantities of which the shape of the contact's pulse is a part of the uncertainty."""
+
+TOGETHER = ("restitution", "contact_duration", "incoming_speed", "penetration")
+"""Quantities of an impact that are compared beside each other: what they have in common is told with its sign."""
 
 _LABELS = {
     "touch_time": ("s", "time of touch"),
@@ -98,7 +109,9 @@ def bounces(
         [m/s2]; ``apex_time`` [s] and ``apex_height`` [m] of the flight that follows;
         and ``chi_square`` [1] of each fit. Times, speeds and restitution also have a
         ``shared_u_``: the part of their ``u_`` that the unknown shape of the pulse brings about,
-        which drops of the same body share, so that a mean over repeats keeps it.
+        which drops of the same body share, so that a mean over repeats keeps it. ``common_`` of
+        restitution, duration, incoming speed and penetration (impact, ``unknown``): what one deviation
+        of each unknown of the pulse's shape, then of the impact's own noise, adds to them, with its sign.
         Scalars with ``u_``: ``release_time``, ``first_contact_time``, ``rest_time`` [s] (NaN when
         the record ends before), ``contact_level``, ``drop_height``, ``rest_level`` [m],
         ``fall_acceleration`` [m/s2]. Scalar ``settling_time`` [s]: the last touch seen, after
@@ -193,7 +206,9 @@ def bounces(
     found["fall_acceleration"] = variable((), fall, "m/s2", "acceleration of the free fall")
     found["u_fall_acceleration"] = variable((), u_fall, "m/s2", "standard uncertainty of the fall")
     numbered = variable("impact", np.arange(1, len(impacts) + 1), "1", "number of the impact")
-    result = xr.Dataset(found, coords={"impact": numbered})
+    result = xr.Dataset(
+        found, coords={"impact": numbered, "unknown": [*SHAPE, *(f"noise, {name}" for name in TOGETHER)]}
+    )
     counts = {
         "samples": len(time),
         "band_solves": motion.fit.n_updates,
@@ -321,13 +336,15 @@ def _fitted(
 def _per_impact(impacts: list[ImpactFit], direction: int) -> dict[str, Any]:
     """Collect the fits over the dimension impact."""
     columns: dict[str, list[tuple[float, float, float]]] = {name: [] for name in _LABELS}
+    common = []
     for impact in impacts:
+        gradients = {}
         for name in _LABELS:
             value, gradient = _combined(name, impact.value, direction)
-            u, u_shape = (
-                float(propagated_u(gradient, covariance)) for covariance in (impact.covariance, impact.shape_covariance)
-            )
-            columns[name].append((value, u, u_shape))
+            gradients[name] = gradient
+            u_shape = float(np.linalg.norm(gradient @ impact.by_shape))
+            columns[name].append((value, float(propagated_u(gradient, impact.covariance)), u_shape))
+        common.append(_in_common(np.array([gradients[name] for name in TOGETHER]), impact))
     found: dict[str, Any] = {}
     for name, (unit, label) in _LABELS.items():
         values, u_values, shared = np.array(columns[name]).T
@@ -336,9 +353,26 @@ def _per_impact(impacts: list[ImpactFit], direction: int) -> dict[str, Any]:
         if name in _SHARED:
             text = f"standard uncertainty of {label} common to all repeats, from the pulse shape"
             found[f"shared_u_{name}"] = variable("impact", shared, unit, text)
+    for name, parts in zip(TOGETHER, np.moveaxis(np.array(common), 1, 0), strict=True):
+        text = f"what one deviation of each common unknown adds to {_LABELS[name][1]}"
+        found[f"common_{name}"] = variable(("impact", "unknown"), parts, _LABELS[name][0], text)
     chi_square = [impact.chi_square for impact in impacts]
     found["chi_square"] = variable("impact", chi_square, "1", "scatter about the fit over the noise, squared")
     return found
+
+
+def _in_common(gradients: Floats, impact: ImpactFit) -> Floats:
+    """Return what each common unknown adds to each of :data:`TOGETHER` (quantity, unknown) of one impact.
+
+    Unknown are the shape of the pulse and, independent of it, as many deviations of the noise: the
+    symmetric root of what is left of the covariance, which is alike in all repeats.
+    """
+    by_shape = gradients @ impact.by_shape
+    left = propagated_covariance(gradients, impact.covariance) - by_shape @ by_shape.T
+    size = np.sqrt(np.maximum(np.diagonal(left), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(left / np.outer(size, size))
+    root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+    return np.hstack([by_shape, size[:, None] * root])
 
 
 def _combined(name: str, value: Floats, direction: int) -> tuple[float, Floats]:

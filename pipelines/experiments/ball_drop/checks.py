@@ -100,7 +100,9 @@ def judgement(
     compared = []
     if repeats is not None and model is not None and comparison is not None:
         compared = list(rows(comparison, repeats, model, settings=settings))
-    return judgements.judgement(Scene(checks, causes, compared, _inputs(model, repeats), basis=basis))
+    inputs = _inputs(model, repeats)
+    in_common = {name: Quantity(0.0, 1.0, "1") for row in compared for name in row.slopes if name not in inputs}
+    return judgements.judgement(Scene(checks, causes, compared, inputs, in_common, basis))
 
 
 def _explained(failed: Check, of_traces: Sequence[Check], record: str) -> Check:

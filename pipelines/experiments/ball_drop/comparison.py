@@ -8,6 +8,7 @@ import xarray as xr
 
 from labpipe import signals
 from labpipe.variables import variable
+from pipelines.experiments.ball_drop.measured import NOISE
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, row
 
@@ -90,6 +91,19 @@ def rows(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, sett
             yield _event(title, unit, names, 0, repeats, model, is_length=True)
 
 
+def common(repeats: xr.Dataset, name: str, impact: int) -> dict[str, float]:
+    """Return what unknowns that are common to several rows add to a measured value, each by its deviation.
+
+    The shape of the contact's pulse is the same in all impacts, the noise is of one.
+    """
+    found = repeats[f"common_{name}"][impact]
+    return {
+        f"impact {impact + 1}, {text}" if text.startswith(NOISE) else f"pulse's {text}": float(value)
+        for text, value in zip(found["unknown"].values.tolist(), found.values, strict=True)
+        if np.isfinite(value)
+    }
+
+
 def _event(
     title: str,
     unit: str,
@@ -111,6 +125,7 @@ def _event(
     }
     if is_length:
         slopes[SCALE] = measured
+    slopes |= common(repeats, ours, impact)
     return row(
         title,
         unit,

@@ -20,6 +20,9 @@ from labpipe.variables import variable, with_u
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.laser_readings import read_laser
 
+NOISE = "noise"
+"""Begins the names of common unknowns that are an impact's own and fall with the number of repeats."""
+TOGETHER = ("restitution", "contact_duration", "incoming_speed", "penetration")
 _SPEEDS = ("incoming_speed", "outgoing_speed")
 _LENGTHS = (*_SPEEDS, "penetration")  # that go with the scale of length
 _PER_IMPACT = ("restitution", "touch_time", *_LENGTHS, "contact_duration")
@@ -155,6 +158,12 @@ def _table(bounces: list[xr.Dataset], relative: float) -> xr.Dataset:
         stated = np.sqrt(np.maximum(np.nanmean(own**2, axis=0) - shared, 0.0))
         apart = np.where(n > 1, np.maximum(scatter, stated), stated) / np.sqrt(n)
         u = np.hypot(apart, np.sqrt(shared))
+        if name in TOGETHER:
+            parts = np.array([padded(b[f"common_{name}"].values, count) for b in bounces])
+            of_noise = [text.startswith(NOISE) for text in bounces[0]["unknown"].values.tolist()]
+            mean_parts = np.nanmean(parts, axis=0) / np.where(of_noise, np.sqrt(n)[:, None], 1.0)
+            unit = bounces[0][name].attrs["units"]
+            table[f"common_{name}"] = variable(("impact", "unknown"), mean_parts, unit, f"by common unknowns: {name}")
         text = bounces[0][name].attrs
         table[name] = ("impact", mean, text)
         table[f"u_{name}"] = variable("impact", u, text["units"], f"standard uncertainty: {name}")
@@ -162,9 +171,10 @@ def _table(bounces: list[xr.Dataset], relative: float) -> xr.Dataset:
             "impact", np.where(n > 1, scatter, np.nan), text["units"], f"standard deviation over repeats: {name}"
         )
     table["n_repeats"] = variable("impact", n, "1", "repeats that show the bounce")
-    return xr.Dataset(table, coords={"impact": np.arange(1, count + 1)})
+    unknown = bounces[0]["unknown"].values
+    return xr.Dataset(table, coords={"impact": np.arange(1, count + 1), "unknown": unknown})
 
 
 def padded(values: Floats, count: int) -> Floats:
-    """Return values (impact,) and NaN up to a number of impacts."""
-    return np.concatenate([values, np.full(count - values.size, np.nan)])
+    """Return values (impact, …) and NaN up to a number of impacts."""
+    return np.concatenate([values, np.full((count - len(values), *values.shape[1:]), np.nan)])
