@@ -1,7 +1,7 @@
 """Uncertainty budgets: linear and Monte Carlo propagation, and the share of each input.
 
 Sources with known sensitivities make a budget directly (:class:`Source`,
-:func:`combined_uncertainty`, :func:`excess_uncertainty`, :func:`budget_rows`). A formula of
+:func:`combined_uncertainty`, :func:`excess_uncertainty`, :func:`scatter_beyond`, :func:`budget_rows`). A formula of
 uncertain inputs is propagated linearly (:func:`linear_budget`), by Monte Carlo as a check of the
 linear propagation (:func:`monte_carlo`, :func:`intervals_agree`), and by Sobol indices, which show
 what limits it (:func:`sobol`, :func:`inputs_to_halve`). The parameters of a fit are correlated:
@@ -23,7 +23,14 @@ from labpipe.uncertainty._linear import (
 )
 from labpipe.uncertainty._monte_carlo import MonteCarlo, interval_difference, intervals_agree, monte_carlo
 from labpipe.uncertainty._sobol import Indices, inputs_to_halve, sobol
-from labpipe.uncertainty._sources import Row, Source, budget_rows, combined_uncertainty, excess_uncertainty
+from labpipe.uncertainty._sources import (
+    Row,
+    Source,
+    budget_rows,
+    combined_uncertainty,
+    excess_uncertainty,
+    scatter_beyond,
+)
 
 __all__ = [
     "Budget",
@@ -44,5 +51,6 @@ __all__ = [
     "propagated_covariance",
     "propagated_u",
     "propagated_variance",
+    "scatter_beyond",
     "sobol",
 ]

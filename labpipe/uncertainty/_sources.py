@@ -4,7 +4,15 @@ from collections.abc import Sequence
 from math import sqrt
 from typing import NamedTuple, TypedDict
 
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import special
+
+from labpipe.arrays import Floats
 from labpipe.units import Quantity
+
+_BY_CHANCE = 0.05
+"""Of repeats with nothing but the stated error, the share whose scatter is taken for more."""
 
 
 class Source(NamedTuple):
@@ -77,6 +85,29 @@ def excess_uncertainty(total: float, *parts: float) -> float:
     4.0
     """
     return sqrt(max(total**2 - sum(part**2 for part in parts), 0.0))
+
+
+def scatter_beyond(scatter: ArrayLike, stated: ArrayLike, n: ArrayLike) -> Floats:
+    """Return what repeats scatter beyond what each of them states, where that is more than chance.
+
+    The larger of both would be too much: of two repeats with nothing but the stated error, the mean of
+    the larger variance is 1.5 times the stated one. Scatter counts from its 95 % limit on.
+
+    Parameters
+    ----------
+    scatter, stated : array-like
+        Standard deviation over the repeats, and standard uncertainty of one of them.
+    n : array-like of int
+        Number of repeats.
+
+    Examples
+    --------
+    >>> [round(float(scatter_beyond(scatter, 3.0, 2)), 2) for scatter in (5.0, 7.0)]
+    [0.0, 6.32]
+    """
+    s, u, free = np.asarray(scatter, float), np.asarray(stated, float), np.asarray(n) - 1
+    is_more = (free > 0) & (s**2 * free > u**2 * special.chdtri(np.maximum(free, 1), _BY_CHANCE))
+    return np.asarray(np.where(is_more, np.sqrt(np.maximum(s**2 - u**2, 0.0)), 0.0))
 
 
 def budget_rows(sources: Sequence[Source]) -> list[Row]:

@@ -82,7 +82,7 @@ def phases(inputs: Inputs) -> Drawing:
     end = float(max(time.max(), inputs.result(drop, "repeats")["time"].max() * 1e3))
     edges = [e for e in edges if np.isfinite(e)] + [end]
     top = 1.25e6 * float(np.nanmax(inputs.result(film, "radius")["radius"]))
-    hertz = [float(model[f"static_radius_{name}"]) * 1e6 for name in ("unrelaxed", "relaxed")]
+    hertz = [float(model[f"static_radius_{name}"]) * 1e6 for name in ("brief", "lasting")]
     names = signals.PHASES[2 : 2 + len(edges) - 1]
     with panels(1, 1, width=2, aspect=0.42) as (figure, axes):
         place = axes[0, 0]
@@ -112,7 +112,7 @@ def phases(inputs: Inputs) -> Drawing:
             computed=(
                 f"phases: {bounced} (the last touch after which no flight is resolved), vibration "
                 f"until {edges[2]:.0f} ms, static from then on. Band: Hertz radius under the "
-                f"weight with the unrelaxed and the relaxed modulus, {hertz[0]:.0f} to "
+                f"weight, with the creep from an impact's duration to the film's end, {hertz[0]:.0f} to "
                 f"{hertz[1]:.0f} µm; the film at rest shows {rest:.1f} ± {u_rest:.1f} µm."
             ),
             difference="the thesis prints neither the times of the phases nor the radii.",
@@ -296,8 +296,8 @@ def heated(inputs: Inputs) -> Drawing:
             "Contact radius of an acrylic sphere at room temperature and heated, dropped from "
             f"{inputs.experiments[pair[0][0]].height.value * 1e3:g} mm: (a) to (c) the first three "
             "impacts, over a common time: from the touch of each impact, with t_p = 0 where the contact at room "
-            "temperature is largest; (d) at rest (bars: 95 %; dashes: the "
-            "simulation at the end of the film). Below: the frame nearest to the largest radius and one at rest, "
+            "temperature is largest; (d) at rest (bars: 95 %; dashes and boxes: the "
+            "simulation at the end of the film, 95 %). Below: the frame nearest to the largest radius and one at rest, "
             "with the circle fitted to the fringes.",
             computed=(
                 "simulated drops; the heated one with the material shifted by its law. A film is laid on the "
@@ -338,11 +338,14 @@ def _heated_impact(
 
 
 def _heated_rest(place: Any, inputs: Inputs, name: str, label: str, look: dict[str, str]) -> None:
-    """Draw the radius at rest of one film, and a dash for its model."""
+    """Draw the radius at rest of one film, and for its model a dash with the band of what is uncertain of it."""
     impacts = inputs.result(name, "impacts")
     seen, u = (float(impacts[f"{prefix}static_radius"]) * 1e6 for prefix in ("", "u_"))
     place.errorbar([label], [seen], yerr=[2 * u], markersize=3.5, capsize=2, **look)
-    rest = float(inputs.result(name, "model")["contact_radius"][-1]) * 1e6
+    model = inputs.result(name, "model")
+    rest = float(model["contact_radius"][-1]) * 1e6
+    relative = float(model["u_static_radius_lasting"]) / float(model["static_radius_lasting"])
+    place.bar(label, 4 * relative * rest, 0.5, (1 - 2 * relative) * rest, color=look["color"], alpha=0.25)
     place.plot([label], [rest], marker="_", markersize=14, color=look["color"])
 
 
@@ -386,4 +389,13 @@ def _warming(inputs: Inputs, pair: list[tuple[str, str]]) -> str:
     at_rest = " and ".join(
         f"{float(r['static_radius']) * 1e6:.1f} ± {float(r['u_static_radius']) * 1e6:.1f}" for r in rest
     )
-    return f"Largest radius, heated minus room: {'; '.join(notes)}; at rest {at_rest} µm."
+    swings = [label for name, label in pair if not _is_still(inputs, name)]
+    still = f" (the sphere still swings there: {', '.join(swings)})" if swings else ""
+    return f"Largest radius, heated minus room: {'; '.join(notes)}; at rest {at_rest} µm{still}."
+
+
+def _is_still(inputs: Inputs, name: str) -> bool:
+    """Tell whether the simulated sphere rests when the film's frames at rest begin."""
+    model, impacts = inputs.result(name, "model"), inputs.result(name, "impacts")
+    since = float(impacts["static_since"]) - _first_contact(inputs, name)
+    return float(model["rest_time"]) - float(model["impact_time"][0]) <= since

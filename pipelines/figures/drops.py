@@ -64,7 +64,7 @@ def heights(inputs: Inputs, sphere: str) -> Drawing:
     return Drawing(
         Caption(
             f"Displacement of {sphere} sphere after drops from {len(chosen)} "
-            f"{'heights' if len(chosen) > 1 else 'height'}, from first contact to rest{_cut_off(inputs, chosen)} "
+            f"{'heights' if len(chosen) > 1 else 'height'}, from first contact to {_ends(inputs, chosen)} "
             "(left); green: the penetration, magnified in all impacts (middle) and in the first (right).",
             computed=(
                 "lines: drop simulation with the material that the session names. Agreement with "
@@ -91,15 +91,18 @@ def _larger_sample(heights_: int, repeats: int) -> str:
     )
 
 
-def _cut_off(inputs: Inputs, chosen: list[str]) -> str:
-    """Say from which heights the recordings end before the simulated sphere rests."""
+def _ends(inputs: Inputs, chosen: list[str]) -> str:
+    """Say until when is drawn: to rest, or to the end of the recordings where the simulated sphere rests later."""
     ended = []
     for name in chosen:
         model, time = inputs.result(name, "model"), inputs.result(name, "repeats")["time"].values
         rest = float(model["rest_time"]) - float(model["impact_time"][0]) if "rest_time" in model else np.nan
         if not rest <= float(time[-1]):
             ended.append(f"{inputs.experiments[name].height.value * 1e3:g}")
-    return f" (from {', '.join(ended)} mm to the end of the recordings, before rest)" if ended else ""
+    if not ended:
+        return "rest"
+    until = "the end of the recordings, before rest"
+    return until if len(ended) == len(chosen) else f"rest, from {', '.join(ended)} mm to {until}"
 
 
 def _widths(inputs: Inputs, chosen: list[str]) -> list[str]:

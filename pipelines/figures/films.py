@@ -59,8 +59,8 @@ def laser_and_film(inputs: Inputs) -> Drawing:
             difference=(
                 "the thesis gives no number for the agreement. First contact is printed as about 0.04 s for "
                 f"7 mm (37.8 ms of free fall); here it comes at {touch * 1e3:.2f} ms of a recording that begins "
-                f"before the release, from {drops.height.value * 1e3:g} mm. The printed figure lasts until "
-                f"rest; this film ends {'before' if t.max() < _TO_REST else 'after'} 0.15 s."
+                f"before the release, from {drops.height.value * 1e3:g} mm."
+                + (" The printed figure lasts until rest; this film ends before." if t.max() < _TO_REST else "")
             ),
             **inputs.data_note(f"the film {name} and the laser recordings {drop}."),
         ),

@@ -1,5 +1,7 @@
 """Figure B.2: vibration of the plate, recorded or computed."""
 
+from typing import Any
+
 import numpy as np
 
 from labpipe.report import line_arguments, value_with_uncertainty
@@ -9,6 +11,7 @@ from pipelines.figures.inputs import Inputs
 
 _MOST_HEIGHTS = 4
 _SHOWN = (-3.0, 60.0)  # ms around the blow
+_BARS, _BAR_STEP = -10.0, 1.5  # ms, where the amplitudes stand
 
 
 def plate_vibration(inputs: Inputs | None) -> Drawing:
@@ -30,6 +33,7 @@ def plate_vibration(inputs: Inputs | None) -> Drawing:
                 material = str(table["material"].values[i])
                 look = line_arguments(None, count=kinds.index(material)) | {"linewidth": 0.9}
                 place.plot(time[inside], made["measured"].values[i][inside] * 1e6, label=material, **look)
+                _mark_amplitude(place, kinds.index(material), float(table["amplitude"].values[i]) * 1e6, look["color"])
             letter(place, "abcd"[panel], f"$h_0$ = {height * 1e3:g} mm")
         for place in axes[-1]:
             place.set_xlabel("time from impact (ms)")
@@ -41,7 +45,7 @@ def plate_vibration(inputs: Inputs | None) -> Drawing:
     return Drawing(
         Caption(
             "Displacement of the plate beside the disc after the first contact of spheres of "
-            f"{', '.join(kinds)}, mean of the repeats.",
+            f"{', '.join(kinds)}, mean of the repeats; bars before the blow: amplitudes at impact, in this order.",
             computed=(
                 f"free vibration between the first two contacts: natural frequency "
                 f"{_shown(plate, 'frequency', 'Hz')}, damping ratio "
@@ -58,6 +62,12 @@ def plate_vibration(inputs: Inputs | None) -> Drawing:
         ),
         figure,
     )
+
+
+def _mark_amplitude(place: Any, number: int, amplitude: float, color: str) -> None:
+    """Draw the amplitude at impact as a bar before the blow: lines of like spheres cover each other."""
+    at = _BARS + _BAR_STEP * number
+    place.plot([at, at], [0.0, amplitude], color=color, linewidth=2.5, solid_capstyle="butt")
 
 
 def _shown(plate: object, name: str, unit: str) -> str:

@@ -15,6 +15,7 @@ import calibration
 from calibration import laser
 from labpipe import signals
 from labpipe.arrays import Floats
+from labpipe.uncertainty import scatter_beyond
 from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
 from pipelines.experiments.ball_drop.settings import BallDrop
@@ -128,7 +129,8 @@ def _fall(displacement: list[xr.Dataset], bounces: list[xr.Dataset], relative: f
     stated = float(np.sqrt(np.mean(own**2)))
     scatter = float(values.std(ddof=1)) if values.size > 1 else 0.0
     clock = float(json.loads(displacement[0].attrs["time_base"])["u_relative"])
-    u = np.sqrt(max(scatter, stated) ** 2 / values.size + (mean * relative) ** 2 + (2 * mean * clock) ** 2)
+    apart = np.hypot(stated, scatter_beyond(scatter, stated, values.size))
+    u = np.sqrt(apart**2 / values.size + (mean * relative) ** 2 + (2 * mean * clock) ** 2)
     return xr.Dataset(with_u("fall_acceleration", (), mean, float(u), "m/s2", "acceleration of the free fall"))
 
 
@@ -153,10 +155,10 @@ def _table(bounces: list[xr.Dataset], relative: float) -> xr.Dataset:
         shared = np.nanmean(shape**2, axis=0)
         if name in _LENGTHS:
             shared = shared + (relative * mean) ** 2
-        # scatter between repeats, but never less than what each repeat states of itself
+        # scatter between repeats counts where it is more than what each states of itself
         scatter = np.sqrt(np.nansum((values - mean) ** 2, axis=0) / np.maximum(n - 1, 1))
         stated = np.sqrt(np.maximum(np.nanmean(own**2, axis=0) - shared, 0.0))
-        apart = np.where(n > 1, np.maximum(scatter, stated), stated) / np.sqrt(n)
+        apart = np.hypot(stated, scatter_beyond(scatter, stated, n)) / np.sqrt(n)
         u = np.hypot(apart, np.sqrt(shared))
         if name in TOGETHER:
             parts = np.array([padded(b[f"common_{name}"].values, count) for b in bounces])

@@ -12,7 +12,7 @@ from labpipe.contact.sphere import hertz
 from labpipe.imaging import adhesive_edge
 from labpipe.materials import Prony
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
-from labpipe.variables import variable
+from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area._peaks import WINDOW
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.material_choice import resolve, variations
@@ -77,16 +77,33 @@ def model(
         "distance of the edge of a contact that sticks as a clean polymer does from that of Hertz",
     )
     weight = sphere.mass.value * gravity
-    for name, modulus in (("relaxed", solid.E_relaxed), ("unrelaxed", solid.E_unrelaxed)):
-        reduced = float(modulus) / (1 - float(solid.nu) ** 2)
+    # a glass never relaxes in a film: its limits at rest are those of the times that the film shows
+    brief = float(made["contact_duration"][0]) if largest.size else _STEP
+    for name, time in (("brief", brief), ("lasting", duration - fall)):
+        reduced = 1.0 / (float(solid.creep(time)) * (1 - float(solid.nu) ** 2))
         state = hertz.static_load(weight, sphere.radius.value, reduced)
-        made[f"static_radius_{name}"] = variable(
-            (), float(state.contact_radius), "m", f"Hertz radius at rest with the {name} modulus"
-        )
+        text = f"Hertz radius under the weight after a creep of {time:.2g} s"
+        radius_at_rest = float(state.contact_radius)
+        relative = combined_uncertainty(_at_rest(settings, material_file, fitted, solid, time))
+        made = made.assign(with_u(f"static_radius_{name}", (), radius_at_rest, relative * radius_at_rest, "m", text))
     work = json.loads(made.attrs["work"])
     work.pop("seconds", None)  # the clock has no place in a stored result
     made.attrs["work"] = json.dumps(work)
     return made
+
+
+def _at_rest(
+    settings: ContactArea, material_file: Path | None, fitted: xr.Dataset | None, solid: Prony, time: float
+) -> list[Source]:
+    """Return what makes a radius at rest uncertain, relative to it: a ~ (R m J)^(1/3)."""
+    sphere = settings.sphere
+    sources = [
+        Source.of(name, q, 1.0 / (3.0 * q.value)) for name, q in (("radius", sphere.radius), ("mass", sphere.mass))
+    ]
+    compliance = float(solid.creep(time))
+    for name, (q, step, other) in variations(sphere, material_file, fitted, (time, time)).items():
+        sources.append(Source.of(name, q, float(np.log(float(other.creep(time)) / compliance)) / (3.0 * step)))
+    return sources
 
 
 def _edge_beyond(largest: Floats, made: xr.Dataset, solid: Prony, settings: ContactArea) -> Floats:

@@ -179,8 +179,9 @@ def _summary(
             )
         )
         if model is not None:
-            soft, stiff = (float(model[f"static_radius_{n}"]) for n in ("relaxed", "unrelaxed"))
-            rows.append(("Hertz radius at rest", f"{soft * 1e6:.4g} µm relaxed, {stiff * 1e6:.4g} µm unrelaxed", ""))
+            brief, lasting = (float(model[f"static_radius_{n}"]) for n in ("brief", "lasting"))
+            text = f"{brief * 1e6:.4g} µm after as long as an impact, {lasting * 1e6:.4g} µm at the end of the film"
+            rows.append(("Hertz radius under the weight", text, "with the creep of the material"))
     blocks: list[Block] = [KeyValues(rows), *pages.failed_notice(context)]
     if settings.wavelength is None:
         blocks.append(

@@ -8,9 +8,9 @@ import xarray as xr
 from labpipe.judging import Check, not_made
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
-from pipelines.experiments.harmonic.comparison import rows
+from pipelines.experiments.harmonic.comparison import DELAY, rows
 from pipelines.experiments.harmonic.settings import Harmonic
-from pipelines.experiments.shared import judgements, mach1_checks
+from pipelines.experiments.shared import judgements, mach1_checks, mach1_readings
 from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS
 from pipelines.experiments.shared.judgements import Scene
 from pipelines.experiments.shared.punch_model import TOUCH, inputs_of
@@ -70,6 +70,8 @@ def judgement(
     relative = 0.0 if loads is None else relative_gain(loads)
     inputs = {FORCE_SCALE: Quantity(1.0, relative, "1"), STIFFNESS: Quantity(1.0, 0.0, "1")}
     inputs |= inputs_of(model)
+    if loads is not None:
+        inputs[DELAY] = mach1_readings.filter_delay(loads)
     shared = {TOUCH: inputs.pop(TOUCH)} if TOUCH in inputs else {}
     return judgements.judgement(Scene(checks, causes, compared, inputs, shared, basis))
 

@@ -46,12 +46,27 @@ def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *
     return xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]})
 
 
+DELAY = "delay of the force"
+"""Input of the rows where the load cell's filter was taken out: it turns the phases of all frequencies."""
+
+
+def _by_delay(oscillations: xr.Dataset) -> dict[str, Any]:
+    """Return the change (oscillation,) of stiffness and work per second by which the delay is stated too long."""
+    omega = 2.0 * np.pi * oscillations["frequency"].values
+    by_storage = omega * oscillations["storage_stiffness"].values
+    return {
+        "storage_stiffness": -omega * oscillations["loss_stiffness"].values,
+        "work_per_cycle": np.pi * oscillations["amplitude"].values ** 2 * by_storage,
+    }
+
+
 def rows(comparison: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *, settings: Harmonic) -> Iterator[Row]:
     """Yield the rows of ``compare``; none where nothing is simulated."""
     del settings
     if "nrmse" not in comparison:
         return
     inputs = inputs_of(model)
+    late = _by_delay(oscillations) if bool(oscillations.attrs["is_filter_corrected"]) else {}
     for i in range(oscillations.sizes["oscillation"]):
         condition = f"{float(oscillations['frequency'][i]):.3g} Hz"
         yield row("force", "N", 1, condition=condition, nrmse=comparison["nrmse"][i], difference=comparison["bias"][i])
@@ -64,7 +79,8 @@ def rows(comparison: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *,
                 unit,
                 1,
                 slopes={FORCE_SCALE: float(oscillations[name][i]), STIFFNESS: -float(model[name][i])}
-                | {known: -float(slope) for known, slope in zip(inputs, model[f"slope_{name}"].values[i], strict=True)},
+                | {known: -float(slope) for known, slope in zip(inputs, model[f"slope_{name}"].values[i], strict=True)}
+                | ({DELAY: float(late[name][i])} if late else {}),
                 condition=condition,
                 measured=oscillations[name][i],
                 u_measured=oscillations[f"u_{name}"][i],

@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
-from labpipe.uncertainty import Input, Model, excess_uncertainty
+from labpipe.uncertainty import Input, Model, scatter_beyond
 
 IMPACTS = 3
 """Impacts that are shown; the thesis analyses the first three."""
@@ -71,13 +71,13 @@ class Quantity:
 
 
 def repeats(values: Floats, own: Floats) -> tuple[Input, Input]:
-    """Return what repeats state of themselves, averaged, and their scatter beyond it."""
+    """Return what repeats state of themselves, averaged, and their scatter beyond it and chance."""
     n = values.size
-    stated = float(np.sqrt(np.mean(own**2)) / sqrt(n))
+    stated = float(np.sqrt(np.mean(own**2)))
     if n < 2:
         return Input(0.0, stated), Input(0.0, 0.0)
-    scatter = float(np.std(values, ddof=1) / sqrt(n))
-    return Input(0.0, stated), Input(0.0, excess_uncertainty(scatter, stated), degrees_of_freedom=n - 1)
+    beyond = float(scatter_beyond(np.std(values, ddof=1), stated, n))
+    return Input(0.0, stated / sqrt(n)), Input(0.0, beyond / sqrt(n), degrees_of_freedom=n - 1)
 
 
 def clock(displacement: xr.Dataset) -> Input:

@@ -83,6 +83,7 @@ def impacts(rest: float) -> xr.Dataset:
             "peak_radius": ("impact", np.full(3, 700e-6)),
             "static_radius": ((), rest),
             "u_static_radius": ((), 0.5e-6),
+            "static_since": ((), 0.35),
         }
     )
 
@@ -93,8 +94,10 @@ def model() -> xr.Dataset:
         {
             "contact_radius": ("time", contact_at(time)),
             "impact_time": ("impact", np.array(TOUCHES)),
-            "static_radius_unrelaxed": ((), 176e-6),
-            "static_radius_relaxed": ((), 238e-6),
+            "static_radius_brief": ((), 176e-6),
+            "static_radius_lasting": ((), 238e-6),
+            "u_static_radius_lasting": ((), 2e-6),
+            "rest_time": 0.3,
         },
         {"time": time},
     )

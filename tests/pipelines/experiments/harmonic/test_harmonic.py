@@ -81,6 +81,22 @@ def test_the_delay_of_the_record_narrows_the_loss(session: Path) -> None:
     np.testing.assert_allclose(known["loss_stiffness"], blind["loss_stiffness"], rtol=0.02)
 
 
+def test_rows_know_what_a_wrong_delay_does_to_them(session: Path) -> None:
+    loads, known, made = (stage(session, name) for name in ("loads", "oscillations", "model"))
+    chosen = settings(session)
+    longer, u = json.loads(loads.attrs["filter_delay"])
+    late = harmonic.oscillations(loads.assign_attrs(filter_delay=json.dumps([longer + 2e-4, u])), settings=chosen)
+    laid = comparison.comparison(loads, known, made, settings=chosen)
+    found = {(r.quantity, r.condition): r.slopes for r in comparison.rows(laid, known, made, settings=chosen)}
+    for i, frequency in enumerate(known["frequency"].values):
+        for title, name in (
+            ("storage stiffness", "storage_stiffness"),
+            ("dissipated work per cycle", "work_per_cycle"),
+        ):
+            slope = found[title, f"{frequency:.3g} Hz"][comparison.DELAY]
+            assert slope * 2e-4 == pytest.approx(float(late[name][i] - known[name][i]), rel=0.03)
+
+
 def test_the_work_of_the_theory_is_that_of_the_equation(session: Path) -> None:
     """Eq. (2.31) with the fitted amplitude at the mean indentation; a few per cent above loops."""
     found, table = stage(session, "theory"), stage(session, "oscillations")

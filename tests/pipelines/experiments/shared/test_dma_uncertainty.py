@@ -109,7 +109,7 @@ def test_a_weight_that_the_sweeps_hardly_show_is_not_blown_up() -> None:
     none = np.zeros((4, 2))
     master = xr.Dataset(
         {name: (("mode", "mode_frequency"), values) for name, values in changes.items()}
-        | {name: (("mode", "mode_temperature"), none) for name in ("mode_shift", "mode_vertical")}
+        | dict.fromkeys(("mode_shift", "mode_vertical"), (("mode", "mode_temperature"), none))
         | {"T_ref": 20.0},
         coords={"mode_frequency": frequency, "mode_temperature": [0.0, 40.0]},
     )
