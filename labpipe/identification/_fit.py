@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError, LabpipeError
@@ -361,7 +361,7 @@ def _misfit(rest: Floats, u: Floats, size: Floats, freedom: float) -> Misfit | N
     """
     power = float(np.sum((rest / u) ** 2))
     is_wavy = power > freedom and neighbours(rest / u) > 0.0
-    if not size.any() or not (is_wavy or power > float(chi2.ppf(_SURE, freedom))):
+    if not size.any() or not (is_wavy or power > 2.0 * float(gammaincinv(0.5 * freedom, _SURE))):
         return None
 
     def excess(relative: float) -> float:

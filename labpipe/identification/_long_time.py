@@ -17,7 +17,7 @@ from math import exp, log, log10, sqrt
 from typing import Literal
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from labpipe.arrays import Floats
 from labpipe.identification._posterior import Posterior, Structure
@@ -80,7 +80,7 @@ def long_time_modulus(known: Posterior, level: float = 0.95) -> LongTimeModulus:
     LongTimeModulus
     """
     end = max(each.model.window[1] for each in known.fit.problem.evidence)
-    reach = float(norm.ppf(0.5 + 0.5 * level))
+    reach = float(ndtri(0.5 + 0.5 * level))
     (modulus, u), (fall, u_fall) = _at_the_end(known, end)
     high, most = modulus * exp(reach * u), fall * exp(reach * u_fall) / modulus
     decades = max(log10(HORIZON / end), 0.0)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtr, ndtri
 
 from labpipe.arrays import Floats
 from labpipe.identification._evidence import Group
@@ -83,7 +83,7 @@ class Posterior:
     def interval(self, number: int, level: float = 0.95) -> tuple[float, float, float]:
         """Return value, low and high end of one unknown, in its unit."""
         parameter = self.fit.problem.parameters[number]
-        reach = float(norm.ppf(0.5 + 0.5 * level)) * float(self.sd[number])
+        reach = float(ndtri(0.5 + 0.5 * level)) * float(self.sd[number])
         at = float(self.fit.xi[number])
         return parameter.value(at), parameter.value(at - reach), parameter.value(at + reach)
 
@@ -230,7 +230,7 @@ def spectrum_draws(known: Posterior) -> Floats:
 def _prior_spread(draws: Floats, bases: Sequence[Floats]) -> tuple[Floats, Floats]:
     """Return half the width (n,) of the central 68 % of the logarithms."""
     storage, loss = (draws @ basis.T for basis in bases)
-    ends = norm.cdf([-1.0, 1.0])
+    ends = ndtr([-1.0, 1.0])
     spreads = []
     for values in (storage, loss / storage):
         low, high = np.quantile(np.log(values), ends, axis=0)

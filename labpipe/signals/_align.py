@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
+from scipy import fft
 from scipy.interpolate import CubicSpline
-from scipy.signal import correlate, correlation_lags
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
@@ -185,11 +185,14 @@ def _coarse(t1: Floats, y1: Floats, t2: Floats, y2: Floats, largest: float | Non
     grid2 = np.arange(t2[0], t2[-1] + 0.5 * interval, interval)
     a, b = np.interp(grid1, t1, y1), np.interp(grid2, t2, y2)
     a, b = (a - a.mean()) / a.std(), (b - b.mean()) / b.std()
-    ones = np.ones_like
-    overlap = correlate(ones(b), ones(a), method="fft").round()
-    product = correlate(b, a, method="fft")
-    power = correlate(b**2, ones(a), method="fft") * correlate(ones(b), a**2, method="fft")
-    shifts = correlation_lags(len(b), len(a)) * interval + (grid2[0] - grid1[0])
+    lags = np.arange(1 - len(a), len(b))
+    size = fft.next_fast_len(len(lags), real=True)
+    # values, squares and ones of each, the first turned around: their products are correlations
+    one, two = (fft.rfft(np.stack([y, y**2, np.ones_like(y)]), size) for y in (a[::-1], b))
+    pairs = np.stack([two[2] * one[2], two[0] * one[0], two[1] * one[2], two[2] * one[1]])
+    overlap, product, second, first = fft.irfft(pairs, size)[:, : len(lags)]
+    overlap, power = overlap.round(), second * first
+    shifts = lags * interval + (grid2[0] - grid1[0])
     allowed = overlap >= max(_FEWEST, _LEAST_OVERLAP * min(len(a), len(b)))
     if largest is not None:
         allowed = (overlap >= _FEWEST) & (np.abs(shifts) <= largest + 0.5 * interval)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
@@ -135,7 +135,7 @@ class Agreement:
     def interval(self, which: str, level: float = 0.95) -> tuple[float, float]:
         """Confidence interval of ``"bias"``, ``"low"`` or ``"high"``."""
         u = {"bias": self.u_bias, "low": self.u_limit, "high": self.u_limit}[which]
-        half = float(student.ppf(0.5 + 0.5 * level, max(self.n_effective - 1, 1))) * u
+        half = float(stdtrit(max(self.n_effective - 1, 1), 0.5 + 0.5 * level)) * u
         centre = float(getattr(self, which))
         return centre - half, centre + half
 
@@ -169,7 +169,7 @@ def agreement(first: ArrayLike, second: ArrayLike, n_effective: float | None = N
     n = independent_count(d) if n_effective is None else float(n_effective)
     sd = float(d.std(ddof=1))
     # 1.96 for many pairs; wider where few are independent
-    factor = float(student.ppf(0.975, max(n - 1, 1)) * np.sqrt(1 + 1 / n))
+    factor = float(stdtrit(max(n - 1, 1), 0.975) * np.sqrt(1 + 1 / n))
     spread = a.var() + b.var() + (a.mean() - b.mean()) ** 2
     concordance = 1.0 if spread == 0 else float(2 * np.cov(a, b, ddof=0)[0, 1] / spread)
     bias = float(d.mean())

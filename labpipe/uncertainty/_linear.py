@@ -59,12 +59,12 @@ class Budget:
 
     def expanded(self, level: float = 0.95) -> float:
         """Half width of the interval that holds the true value with this probability."""
-        from scipy.stats import norm, t
+        from scipy.special import ndtri, stdtrit
 
         quantile = 0.5 + 0.5 * level
         if isfinite(self.degrees_of_freedom):
-            return float(t.ppf(quantile, self.degrees_of_freedom)) * self.u
-        return float(norm.ppf(quantile)) * self.u
+            return float(stdtrit(self.degrees_of_freedom, quantile)) * self.u
+        return float(ndtri(quantile)) * self.u
 
 
 def linear_budget(model: Model, inputs: Mapping[str, Input]) -> Budget:

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm
 
 from labpipe.arrays import Floats
 from labpipe.identification import Moduli, moduli, sampled_moduli
@@ -151,7 +150,7 @@ def _panel(panel: Any, shown: MainQuantities, points: Floats, i: int, j: int) ->
         if len(points):
             edges = shown.centre[i] + reach[i] * np.linspace(-1.0, 1.0, _BINS + 1)
             # as high as the bell where the draws are normal
-            high = norm.pdf(0.0) * 2.0 * _REACH / _BINS * len(points)
+            high = (2.0 * np.pi) ** -0.5 * 2.0 * _REACH / _BINS * len(points)
             panel.hist(points[:, i], edges, alpha=0.3, color="0.4", weights=np.full(len(points), 1.0 / high))
         panel.set_yticks([])
     else:

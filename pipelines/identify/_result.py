@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from labpipe.identification import DETERMINED, Moduli, informative_range, moduli, predictive_bands, sampled_moduli
 from labpipe.variables import described
@@ -122,7 +122,7 @@ def verdicts(found: Identified) -> list[str]:
 def _parameters(found: Identified) -> dict[str, Any]:
     known = found.known
     parameters = known.fit.problem.parameters
-    reach = float(norm.ppf(0.5 + 0.5 * _LEVEL))
+    reach = float(ndtri(0.5 + 0.5 * _LEVEL))
     ends = np.array([known.interval(i, _LEVEL) for i in range(len(parameters))])
     ends[0, 1:] = found.relaxed.low, found.relaxed.high
     columns = {

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 import calibration
 from calibration import laser
@@ -130,7 +130,7 @@ def _mean(group: list[xr.Dataset], name: str) -> tuple[float, float]:
 def _pooled(values: Floats, u: Floats, name: str) -> xr.Dataset:
     """Weighted mean over all drops, and the probability that they differ as much by chance."""
     mean, u_mean, ratio = weighted_mean(values, u)
-    probability = float(chi2.sf(ratio * (len(values) - 1), len(values) - 1)) if len(u) > 1 else 1.0
+    probability = float(chdtrc(len(values) - 1, ratio * (len(values) - 1))) if len(u) > 1 else 1.0
     units, text = _UNITS[name], NAMES[name]
     return xr.Dataset(
         {

@@ -11,7 +11,7 @@ from math import exp, hypot, inf, isfinite, log, log10, nan, pi, sqrt
 
 import numpy as np
 import xarray as xr
-from scipy import stats
+from scipy import special
 
 from labpipe.arrays import Floats
 from labpipe.judging import DOUBTFUL, IMPOSSIBLE, Check, Level, bounded, compared, not_made, stated
@@ -546,7 +546,7 @@ def _pair(
 
 def _small_sample(n: int) -> float:
     """Return by how much a median deviation of few values must be widened."""
-    return float(stats.t.ppf(0.975, n - 1) / stats.norm.ppf(0.975))
+    return float(special.stdtrit(n - 1, 0.975) / special.ndtri(0.975))
 
 
 def _first(fall: Fall, variable: str) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
@@ -245,7 +245,7 @@ def _scatter(time: Floats, values: Floats, noise: Noise) -> float:
     trend = np.polynomial.Polynomial.fit(time, values, _BIN_TREND)
     square = float(np.sum((values - trend(time)) ** 2)) / freedom
     independent = max(freedom / noise.memory, 1.0)
-    limit = float(chi2.ppf(_CHANCE, independent)) / independent
+    limit = 2.0 * float(gammaincinv(0.5 * independent, _CHANCE)) / independent
     return float(np.sqrt(square)) if square > limit * noise.sd**2 else noise.sd
 
 
