@@ -24,7 +24,6 @@ from pipelines.experiments.ball_drop.budget import quantities
 from pipelines.experiments.ball_drop.comparison import rows as compared_rows
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import budget_blocks, pages
-from pipelines.experiments.shared.judgements import verdict_section
 
 _RIGID_FLOOR = (
     "The model assumes a rigid floor. A real floor takes up energy: a floor of mass M lowers the "
@@ -54,8 +53,6 @@ def page(
     if repeats is not None and model is not None and comparison is not None:
         rows = list(compared_rows(comparison, repeats, model, settings=settings))
     sections = [_summary(settings, repeats, model, comparison, context)]
-    if (verdict := verdict_section(judgement, rows)) is not None:
-        sections.insert(0, verdict)
     if repeats is not None:
         sections += [motion(repeats, model, comparison), _bounces(repeats, comparison)]
     if pages.present(bounces):
@@ -72,7 +69,7 @@ def page(
     if repeats is not None:
         sections.append(pages.methods(_methods(settings, moved, repeats, model, comparison)))
     subtitle = f"Ball drop from {pages.stated(settings.height)}"
-    return pages.document(context, subtitle, sections).render()
+    return pages.page(context, subtitle, judgement, rows, sections)
 
 
 def _moduli(settings: BallDrop) -> str:
@@ -125,8 +122,7 @@ def _measured(settings: BallDrop, readings: list[xr.Dataset], context: Context) 
         ("recordings", str(len(settings.laser)), "repeats of the same drop"),
         ("sphere radius", pages.stated(settings.sphere.radius), ""),
         ("moving mass", pages.stated(settings.sphere.mass), "sphere and holder"),
-        ("operator", context.operator, ""),
-        ("notes", context.notes, ""),
+        *pages.remarks(context),
     ]
     blocks: list[Block] = []
     if readings:

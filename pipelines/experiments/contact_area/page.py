@@ -34,7 +34,6 @@ from pipelines.experiments.contact_area.comparison import rows as compared_rows
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import budget_blocks, pages
 from pipelines.experiments.shared.film_frames import enlarged, png
-from pipelines.experiments.shared.judgements import verdict_section
 
 _CIRCLE = (60, 120, 255)  # BGR, orange
 _SMALLEST_PICTURE = 480  # px; smaller frames are enlarged by a whole factor
@@ -74,8 +73,6 @@ def page(
     compared = []
     if comparison is not None and impacts is not None and model is not None:
         compared = list(compared_rows(comparison, impacts, model, settings=settings))
-    if (verdict := verdict_section(judgement, compared)) is not None:
-        sections.insert(0, Section(verdict.title, (*_fallback(radius, settings), *verdict.blocks)))
     if keys is not None:
         sections.append(_key_frames(keys, settings))
     if radius is not None:
@@ -90,7 +87,7 @@ def page(
     if radius is not None and impacts is not None:
         sections.append(pages.methods(_methods(settings, radius, impacts)))
     subtitle = f"Contact area, drop from {pages.stated(settings.height)}"
-    return pages.document(context, subtitle, sections).render()
+    return pages.page(context, subtitle, judgement, compared, sections, _fallback(radius, settings))
 
 
 def _fallback(radius: xr.Dataset | None, settings: ContactArea) -> tuple[Block, ...]:

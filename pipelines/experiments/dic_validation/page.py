@@ -33,7 +33,6 @@ from pipelines.experiments.dic_validation.comparison import rows as compared_row
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 from pipelines.experiments.shared import budget_blocks, pages
 from pipelines.experiments.shared.film_frames import enlarged, png
-from pipelines.experiments.shared.judgements import verdict_section
 
 _VIEWS = 3  # impacts that get a button
 _BEFORE, _AFTER = 1e-3, 4e-3  # s around a touch that show one impact
@@ -63,8 +62,6 @@ def page(
         comparison = None
     sections = [_summary(settings, track, bounces, comparison, context)]
     rows = [] if comparison is None else list(compared_rows(comparison, settings=settings))
-    if (verdict := verdict_section(judgement, rows)) is not None:
-        sections.insert(0, verdict)
     if keys is not None:
         start = None if bounces is None else float(bounces["first_contact_time"])
         sections.append(_key_frames(keys, settings, start))
@@ -81,7 +78,7 @@ def page(
         sections += budget_blocks.section(context.experiment, found)
     if track is not None:
         sections.append(pages.methods(_methods(settings, track, comparison)))
-    return pages.document(context, "Camera against laser", sections).render()
+    return pages.page(context, "Camera against laser", judgement, rows, sections)
 
 
 def _value(dataset: xr.Dataset, name: str, at: int | None = None) -> str:

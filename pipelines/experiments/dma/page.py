@@ -31,7 +31,6 @@ from pipelines.experiments.dma import _material_files, _published_section
 from pipelines.experiments.dma.budget import quantities, still_falls
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import budget_blocks, pages
-from pipelines.experiments.shared.judgements import verdict_section
 
 _MPA = 1e-6
 _BAND = (
@@ -58,8 +57,6 @@ def page(
 ) -> str:
     """Write the page; a step that failed leaves its section out and its error in."""
     sections = [_summary(sweeps, master_curve, temperature_sweep, context)]
-    if (verdict := verdict_section(judgement)) is not None:
-        sections.insert(0, verdict)
     if master_curve is not None:
         compared = None if published is None or "absent" in published.attrs else published
         sections += [_master(master_curve), _shifts(master_curve, compared)]
@@ -75,7 +72,7 @@ def page(
             _terms(master_curve, context.experiment, settings),
             pages.methods(_methods(settings, master_curve)),
         ]
-    return pages.document(context, "Dynamic mechanical analysis", sections).render()
+    return pages.page(context, "Dynamic mechanical analysis", judgement, (), sections)
 
 
 def _rms(values: Floats) -> float:

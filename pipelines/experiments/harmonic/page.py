@@ -27,7 +27,7 @@ from pipelines.experiments.harmonic.budget import quantities
 from pipelines.experiments.harmonic.comparison import rows as compared_rows
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import budget_blocks, mach1_readings, pages, ramps_and_holds
-from pipelines.experiments.shared.judgements import capitalised, verdict_section
+from pipelines.experiments.shared.judgements import capitalised
 from pipelines.experiments.shared.punch_sections import blocks_table, cell, punch_rows, substrate_name
 
 _UM = 1e6
@@ -53,8 +53,6 @@ def page(
     if comparison is not None and oscillations is not None and model is not None:
         compared = list(compared_rows(comparison, oscillations, model, settings=settings))
     sections = [_summary(oscillations, comparison, context), _measured(settings, readings, loads, context)]
-    if (verdict := verdict_section(judgement, compared)) is not None:
-        sections.insert(0, verdict)
     if oscillations is not None:
         sections += [_frequencies(oscillations, comparison), _stiffness(oscillations, model)]
     if oscillations is not None and theory is not None and _is_there(model):
@@ -72,7 +70,7 @@ def page(
         sections += budget_blocks.section(context.experiment, found)
     if oscillations is not None:
         sections.append(pages.methods(_methods(settings, oscillations, comparison)))
-    return pages.document(context, "Harmonic indentation", sections).render()
+    return pages.page(context, "Harmonic indentation", judgement, compared, sections)
 
 
 def _is_there(dataset: xr.Dataset | None) -> bool:
@@ -105,8 +103,7 @@ def _summary(oscillations: xr.Dataset | None, comparison: xr.Dataset | None, con
 
 def _measured(settings: Harmonic, readings: xr.Dataset | None, loads: xr.Dataset | None, context: Context) -> Section:
     rows = [("file", settings.mach1, ""), *punch_rows(settings.punch)]
-    rows += [("operator", context.operator, ""), ("notes", context.notes, "")]
-    blocks: list[Block] = [KeyValues([r for r in rows if r[1]])]
+    blocks: list[Block] = [KeyValues([r for r in (*rows, *pages.remarks(context)) if r[1]])]
     if readings is not None:
         blocks.append(blocks_table(readings))
     if loads is not None:

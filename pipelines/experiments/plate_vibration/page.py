@@ -27,7 +27,6 @@ from pipelines.experiments.plate_vibration.comparison import rows as compared_ro
 from pipelines.experiments.plate_vibration.measured import drops_label
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared import budget_blocks, pages
-from pipelines.experiments.shared.judgements import verdict_section
 
 _UM = 1e6
 _BESIDE = 0.06  # mm by which the materials are drawn apart, so that their error bars can be told
@@ -55,8 +54,6 @@ def page(
     compared = []
     if comparison is not None and table is not None and plate is not None:
         compared = list(compared_rows(comparison, table, plate, settings=settings))
-    if (verdict := verdict_section(judgement, compared)) is not None:
-        sections.insert(0, verdict)
     if moved := pages.present(displacement):
         sections.append(_calibration(moved[0]))
     if comparison is not None:
@@ -73,7 +70,7 @@ def page(
         sections += budget_blocks.section(context.experiment, found)
     if table is not None:
         sections.append(pages.methods(_methods(settings, table, plate)))
-    return pages.document(context, "Vibration of the plate", sections).render()
+    return pages.page(context, "Vibration of the plate", judgement, compared, sections)
 
 
 def _of_materials(settings: PlateVibration) -> str:
@@ -145,8 +142,7 @@ def _measured(settings: PlateVibration, readings: list[xr.Dataset], context: Con
     count = sum(len(drops.laser) for drops in settings.drops)
     rows = [
         ("recordings", str(count), f"{len(settings.drops)} combinations of material and height"),
-        ("operator", context.operator, ""),
-        ("notes", context.notes, ""),
+        *pages.remarks(context),
     ]
     if settings.sphere is not None:
         for title, quantity in (("sphere radius", settings.sphere.radius), ("moving mass", settings.sphere.mass)):

@@ -26,7 +26,6 @@ from pipelines.experiments.relaxation.budget import quantities
 from pipelines.experiments.relaxation.comparison import rows as compared_rows
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import budget_blocks, pages, ramps_and_holds
-from pipelines.experiments.shared.judgements import verdict_section
 from pipelines.experiments.shared.punch_sections import header_blocks, punch_rows, substrate_name
 
 _UM = 1e6
@@ -53,8 +52,6 @@ def page(
     model, comparison = _complete(model), _complete(comparison)
     sections = [_summary(tests, comparison, context), _measured(settings, readings, loads, context)]
     compared = [] if tests is None else list(compared_rows(tests, settings=settings))
-    if (verdict := verdict_section(judgement, compared)) is not None:
-        sections.insert(0, verdict)
     if tests is not None:
         sections.append(_tests(tests))
     if loads is not None and ramps is not None and comparison is not None:
@@ -69,7 +66,7 @@ def page(
         sections += budget_blocks.section(context.experiment, found)
     if tests is not None:
         sections.append(pages.methods(_methods(settings, tests, ramps)))
-    return pages.document(context, "Stress relaxation", sections).render()
+    return pages.page(context, "Stress relaxation", judgement, compared, sections)
 
 
 def _complete(results: list[xr.Dataset] | None) -> list[xr.Dataset] | None:
@@ -134,8 +131,7 @@ def _measured(
 ) -> Section:
     rows = [("files", ", ".join(settings.mach1), "")]
     rows += punch_rows(settings.punch)
-    rows += [("operator", context.operator, ""), ("notes", context.notes, "")]
-    blocks: list[Block] = [KeyValues([r for r in rows if r[1]])]
+    blocks: list[Block] = [KeyValues([r for r in (*rows, *pages.remarks(context)) if r[1]])]
     for number, name in enumerate(settings.mach1):
         ours = None if loads is None else loads[number]
         raw = None if readings is None else readings[number]

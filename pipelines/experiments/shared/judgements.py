@@ -40,7 +40,6 @@ from labpipe.report import (
     Details,
     Notice,
     Paragraph,
-    Section,
     Table,
     quantity,
     shown_source,
@@ -639,12 +638,6 @@ def _checked(judged: Judgement) -> Table:
         rows.append((check.name, answer, margin, check.message or f"needs {check.needs}", check.law))
     columns = ("check", "answer", "margin", "what was seen", "law")
     return Table(tuple(Column(name) for name in columns), rows)
-
-
-def verdict_section(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> Section | None:
-    """Return the opening section of a page; None where nothing was judged."""
-    blocks = verdict_blocks(result, rows)
-    return Section("Verdict", blocks) if blocks else None
 
 
 def times_over(name: str, stated_value: float, unit: str, what: str) -> Any:

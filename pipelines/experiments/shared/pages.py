@@ -32,6 +32,8 @@ from labpipe.report import (
 )
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context, Warned
+from pipelines.experiments.shared.comparison_rows import Row
+from pipelines.experiments.shared.judgements import verdict_blocks
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -90,6 +92,25 @@ def of_each(results: Sequence[xr.Dataset], name: str, title: str, *, has_u: bool
 def counted(n: int, noun: str, plural: str | None = None) -> str:
     """Write a number with its noun, "1 recording" or "3 recordings"."""
     return f"{n} {noun if n == 1 else plural or f'{noun}s'}"
+
+
+def page(
+    context: Context,
+    subtitle: str,
+    judgement: xr.Dataset | None,
+    compared: Iterable[Row],
+    sections: Sequence[Section],
+    notices: Sequence[Block] = (),
+) -> str:
+    """Write a page whose sections follow the verdict, where there is one; notices come before its sentence."""
+    verdict = verdict_blocks(judgement, compared)
+    first = [Section("Verdict", (*notices, *verdict))] if verdict else []
+    return document(context, subtitle, [*first, *sections]).render()
+
+
+def remarks(context: Context) -> list[tuple[str, str, str]]:
+    """Say who recorded an experiment, and what was noted; empty where nothing is."""
+    return [("operator", context.operator, ""), ("notes", context.notes, "")]
 
 
 def document(context: Context, subtitle: str, sections: Sequence[Section]) -> Document:

@@ -21,7 +21,6 @@ from labpipe.report import (
 )
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared import budget_blocks, pages
-from pipelines.experiments.shared.judgements import verdict_section
 from pipelines.experiments.shared.ramps_and_holds import binned
 from pipelines.experiments.static_loading.budget import quantities
 from pipelines.experiments.static_loading.comparison import rows as compared_rows
@@ -47,8 +46,6 @@ def page(
     """Write the page; a step that failed leaves its section out and its error in."""
     sections = [_summary(approach, comparison, context), _measured(settings, readings, displacement, approach, context)]
     compared = [] if comparison is None else list(compared_rows(comparison, settings=settings))
-    if (verdict := verdict_section(judgement, compared)) is not None:
-        sections.insert(0, verdict)
     if steps is not None and approach is not None:
         sections.append(_radii(steps, approach, model, comparison))
         if model is not None:
@@ -62,7 +59,7 @@ def page(
         sections += budget_blocks.section(context.experiment, found)
     if steps is not None and approach is not None:
         sections.append(pages.methods(_methods(settings, steps, approach, comparison)))
-    return pages.document(context, "Static loading", sections).render()
+    return pages.page(context, "Static loading", judgement, compared, sections)
 
 
 def _summary(approach: xr.Dataset | None, comparison: xr.Dataset | None, context: Context) -> Section:
@@ -102,8 +99,7 @@ def _measured(
         ("file", settings.laser, ""),
         ("radius of the sphere", value_with_uncertainty(ball.radius.value, ball.radius.u, "m"), ""),
         ("material", ball.source, ""),
-        ("operator", context.operator, ""),
-        ("notes", context.notes, ""),
+        *pages.remarks(context),
     ]
     blocks: list[Block] = [KeyValues([r for r in rows if r[1]])]
     if displacement is not None:
