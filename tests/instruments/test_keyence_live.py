@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import instruments
+from instruments import keyence
 from instruments.keyence._live import DL_EN1, LK_G5000, Connection, ProtocolError, Reading
 from instruments.keyence._markers import Status
 from instruments.keyence._recorder import Recorder, Ring, Sample, Setup, Trigger, recording, stamps, timing
@@ -286,3 +287,9 @@ def test_times_and_lateness_are_those_of_the_samples() -> None:
 def test_a_setup_that_cannot_be_is_refused(arguments: tuple, words: str) -> None:
     with pytest.raises(InputError, match=words):
         Setup(*arguments)
+
+
+def test_the_unit_of_a_display_is_a_length() -> None:
+    keyence.check_units(("mm", "um"))
+    with pytest.raises(InputError, match='a length such as mm or um, found "kg"'):
+        keyence.check_units(("mm", "kg"))

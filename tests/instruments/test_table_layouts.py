@@ -468,3 +468,8 @@ def test_a_page_of_html_is_told(tmp_path):
     path.write_text("<html><table><tr><th>f (Hz)</th></tr></table></html>", "utf-8")
     with pytest.raises(SourceError, match="page of HTML"):
         instruments.identify(path)
+
+
+def test_rows_of_a_table_have_three_numbers_or_more() -> None:
+    assert tables.holds_rows(b"1.0 2.0 3.0\n4.0 5.0 6.0\n")
+    assert not tables.holds_rows(b"1.0 2.0\n4.0 5.0\n6.0 7.0\n")

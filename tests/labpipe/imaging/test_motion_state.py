@@ -1,10 +1,13 @@
 """The compiled state of the tracked points against the same rules in numpy."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from labpipe.imaging.dic._motion_state import STRETCH, converged_nearby, extent, predicted, remember
+from labpipe.imaging.dic._motion_uncertainty import one_way
 
 COUNT = 40
 Arrays = dict[str, NDArray[np.generic]]
@@ -82,3 +85,10 @@ def test_only_trusted_points_are_remembered(state: Arrays) -> None:
     np.testing.assert_array_equal(state["is_tracked"], trusted)
     np.testing.assert_array_equal(state["misses"], np.where(trusted, 0, before["misses"] + 1))
     np.testing.assert_array_equal(state["zncc"], np.where(trusted, zncc, before["zncc"]))
+
+
+def test_an_edge_along_either_axis_is_one_way_and_a_corner_is_not():
+    slopes = np.array([(1.0, 1.0, 0.0), (1.0, 1e-4, 0.0), (1e-4, 1.0, 0.0), (1.0, 1.0, 0.9999)])
+    normal = np.zeros((4, 6, 6))
+    normal[:, 0, 0], normal[:, 3, 3], normal[:, 0, 3] = slopes.T
+    assert one_way(SimpleNamespace(normal=normal)).tolist() == [False, True, True, True]

@@ -17,7 +17,7 @@ from labpipe.materials.superposition._joint_fit import (
 )
 from labpipe.materials.superposition._law_choice import STRONG_EVIDENCE, _criterion
 from labpipe.materials.superposition._noise import Noise, Scatter, next_noise, scatter_of_sweeps
-from labpipe.materials.superposition._reweighting import _with_spread
+from labpipe.materials.superposition._reweighting import Options, _root_of_influence, _with_spread
 from labpipe.materials.superposition._shift_parameters import OuterModel, expected_shifts
 from labpipe.materials.superposition._sweep_data import read_sweeps
 
@@ -179,3 +179,9 @@ def test_price_of_the_vertical_law_is_half_a_parameter(points, maxwell_truth):
     moved = total_cost(fit, with_law) - total_cost(fit, plain)
     price = np.log(2 * points.omega.size)
     assert extra - moved == pytest.approx(0.5 * price + STRONG_EVIDENCE)
+
+
+def test_a_residual_beyond_three_deviations_counts_linearly():
+    options = Options((), None, None, robust=True, noise_ratio=None, scatter=None)
+    weight = _root_of_influence(np.array([-0.5, 3.0, -12.0]), options)
+    np.testing.assert_allclose(weight**2, [1.0, 1.0, 0.25])

@@ -16,6 +16,7 @@ from pipelines.bench.film_scenes import perlin
 from pipelines.experiments.dic_validation import measured
 from pipelines.experiments.dic_validation.page import camera_angle
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
+from pipelines.experiments.dic_validation.viewing_angle import Seen, along
 from pipelines.rig.session_text import front_record
 
 PIXEL = 30e-3 / 386
@@ -116,3 +117,20 @@ def test_a_holder_that_comes_closer_is_no_tilt(tmp_path):
     assert float(moved["tilt"]) < 3 * float(moved["u_tilt"]) < 0.1
     assert abs(float(moved["growth"])) == pytest.approx(0.15 / 0.2, rel=0.1)
     assert abs(relative(moved, true)) < 3 * rows(moved)["scale along the motion"]
+
+
+def test_noise_across_the_columns_counts_by_the_sine_of_the_turn():
+    across, up = np.array([1e-3, 2e-3]), np.array([4e-3, 5e-3])
+    body = xr.Dataset(
+        {
+            name: ("frame", values)
+            for name, values in (
+                ("displacement_x", across), ("displacement_y", up), ("u_displacement_x", 3 * across),
+                ("u_displacement_y", 2 * up),
+            )
+        }
+    )  # fmt: skip
+    moved, noise = along(body, Seen(is_known=True, direction=0.3, tilt=0.2))
+    cosine, sine = math.cos(0.3) / math.cos(0.2), math.sin(0.3) / math.cos(0.2)
+    np.testing.assert_allclose(moved, cosine * up + sine * across)
+    np.testing.assert_allclose(noise, np.sqrt((cosine * 2 * up) ** 2 + (sine * 3 * across) ** 2))

@@ -12,7 +12,8 @@ from labpipe.contact.line import westergaard
 from labpipe.materials import Prony
 from labpipe.units import Quantity
 from pipelines.experiments.shared import mach1_readings
-from pipelines.experiments.shared.punch_model import Geometry, elastic_force, relative_sources
+from pipelines.experiments.shared.material_choice import Variation
+from pipelines.experiments.shared.punch_model import Geometry, elastic_force, relative_sources, simulated
 from pipelines.experiments.shared.punch_settings import IndentationModel, Punch, Substrate
 
 PUNCH = Punch(
@@ -107,3 +108,18 @@ def test_a_filtered_sinusoid_has_the_gain_and_lag_of_the_analogue_filter(kind: s
     late = time > 3
     known = np.abs(response[0]) * np.sin(2 * np.pi * frequency * time + np.angle(response[0]))
     np.testing.assert_allclose(passed[late], known[late], atol=3e-3)
+
+
+def test_a_changed_modulus_and_a_deeper_touch_change_the_force_by_as_much_as_a_simulation_does() -> None:
+    time = np.linspace(0.0, 1.0, 40)
+    loads = xr.Dataset(
+        {"position_z": ("sample", 0.3e-3 * time), "time": ("sample", time), "block": ("sample", 0 * time)},
+        attrs={"blocks": json.dumps([{"start": "2026-01-01T10:00:00"}])},
+    )
+    chosen, touch = geometry("parabola"), Quantity(0.0, 5e-6, "m")
+    soft, stiff = (Prony(E, [], [], nu=0.5) for E in (5e6, 5.5e6))
+    others = {"modulus": Variation(Quantity(5e6, 1e5, "Pa"), 0.5e6, stiff)}
+    force, effects, _ = simulated(loads, touch, soft, chosen, others)
+    np.testing.assert_allclose(effects["modulus"].change, 0.1 * force, atol=2e-3 * force.max())
+    deeper, _, _ = simulated(loads, Quantity(5e-6, 5e-6, "m"), soft, chosen, {})
+    np.testing.assert_allclose(effects["first touch"].change, deeper - force, atol=2e-3 * force.max())
