@@ -51,7 +51,10 @@ class Cursor:
 
     def _as_written(self, line: str) -> str:
         """Undo what a spreadsheet did: quotes around cells, other signs between them, empty cells at the end."""
-        cells = next(csv.reader([line], delimiter=self._delimiter), [])
+        try:
+            cells = next(csv.reader([line], delimiter=self._delimiter, strict=True), [])
+        except csv.Error:  # a lone quote is damage, to be found where the cell is read
+            return line
         return "\t".join(cells).rstrip("\t")
 
     def rows(self) -> Iterator[str]:

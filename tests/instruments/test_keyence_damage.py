@@ -287,7 +287,8 @@ def _oracle(text):
     """Cells of all rows below the names, read in the most naive way."""
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     start = next(i for i, line in enumerate(lines) if "OUT1" in line) + 1
-    rows = [re.split("[,;\t]", line) for line in lines[start:] if line.strip()]
+    footer = next((i for i in range(start, len(lines)) if re.match("[A-Za-z]", lines[i]) and not lines[i - 1]), None)
+    rows = [re.split("[,;\t]", line) for line in lines[start:footer] if line.strip()]
     cells = [[cell.strip().strip('"').strip() for cell in row] for row in rows]
     return [row for row in cells if any(row) and "mm" not in row[1:]]
 
