@@ -232,8 +232,8 @@ def not_made(name: str, law: str, needs: str) -> Check:
 
 
 def unfinished(name: str, law: str, message: str, cause: str) -> Check:
-    """Return a check that could not be made because the run was stopped; it is told as a note."""
-    return Check(name, law, message, "note", needs="a run that was not stopped", cause=cause)
+    """Return a check that could not be made because the run did not get through a step; it is told as a note."""
+    return Check(name, law, message, "note", needs="a run that gets through this step", cause=cause)
 
 
 def _as_normal(t: float, degrees_of_freedom: float) -> float:

@@ -20,7 +20,7 @@ class Judgement:
     Attributes
     ----------
     believable : "yes", "doubtful", "impossible" or "unknown"
-        Unknown when no check could be made, or when nothing was found by a run that was stopped.
+        Unknown when no check could be made, or when nothing was found by a run that did not get through.
     checks : tuple of Check
         All of them, those that could not be made too.
     causes : tuple of str

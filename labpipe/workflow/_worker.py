@@ -257,7 +257,8 @@ class _Run:
             details=details,
             seconds=seconds,
             processor_seconds=processor,
-            is_of_run=isinstance(error, LabpipeError) and error.is_of_run,
+            # what a step did not expect is a mistake of its own, and tells nothing about a record
+            is_of_run=not isinstance(error, LabpipeError) or error.is_of_run,
         )
 
     def _missing(self, task: Task) -> list[TaskId]:

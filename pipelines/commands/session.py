@@ -262,6 +262,7 @@ def as_document(outcome: "RunResult | LabpipeError", folder: Path, judged: "Verd
             for o in outcome.outcomes
         ],
         "experiments": [] if judged is None else judged.document(),
+        "findings": [] if judged is None else judged.notes_document(),
         "reports": {name: str(path) for name, path in outcome.reports.items()},
         "waiting": outcome.session.waiting,
         "exit_code": outcome.exit_code
@@ -288,6 +289,8 @@ def summarise(outcome: "RunResult | LabpipeError", judged: "Verdicts | None" = N
         echo(f"{one.experiment}: believable: {one.believable}{model}{told and f' ({told})'}")
         for cause in (one.causes if told else one.suspects)[:1]:  # what a note hints at stands on the page
             echo(f"  likely: {cause}")
+    for note in () if judged is None else judged.notes:
+        echo(f"note: {note.message}: {note.cause}")
     _show_waiting(outcome.session.waiting)
     for path in outcome.reports.values():
         echo(f"report: {path}")

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labpipe.workflow.session import FILE_NAME, Session
-from labpipe.workflow.store import Store
 from pipelines.experiments import JUDGEMENT, KINDS
 from pipelines.session._processing import process
-from pipelines.session._proposal import recognise
-from pipelines.session._session_checks import Named, named_at, named_files
+from pipelines.session._session_checks import SESSION_CHECKS, named_at
+from pipelines.session._unused import unused_files
 from pipelines.session._verdicts import Verdict, verdicts_of
 
 if TYPE_CHECKING:
@@ -20,8 +19,6 @@ if TYPE_CHECKING:
     from labpipe.workflow.runner import RunResult
 
 _WEIGHT: dict[Level, int] = {"impossible": 3, "doubtful": 2, "note": 1}
-_MOST_NAMES = 3
-"""Names in a row; more of them are counted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,8 +101,9 @@ def audit(folder: Path) -> Audit:
     run = process(folder, targets) if targets else None
     verdicts = () if run is None else verdicts_of(run).experiments
     session = _session(folder, run)
-    rows = [*_of_verdicts(session, verdicts), *_failures(run, verdicts), *_unused(session)]
-    return Audit(tuple(sorted(rows, key=_cost)), sum(v.checks for v in verdicts) + 1)
+    unused = (Trouble(f.level, (), (f.check,), f.message, f.cause, f.file, None) for f in unused_files(session))
+    rows = [*_of_verdicts(session, verdicts), *_failures(run, verdicts), *unused]
+    return Audit(tuple(sorted(rows, key=_cost)), sum(v.checks for v in verdicts) + SESSION_CHECKS + 1)
 
 
 def _session(folder: Path, run: RunResult | None) -> Session:
@@ -154,35 +152,3 @@ def _failures(run: RunResult | None, verdicts: Iterable[Verdict]) -> Iterator[Tr
             line = run.session.experiments[name].lines.get("") if run is not None else None
             step = f"step {outcome.task.stage}"
             yield Trouble("impossible", (name,), (step,), f"{step}: {outcome.message}", "", FILE_NAME, line)
-
-
-def _unused(session: Session) -> Iterator[Trouble]:
-    """Find files of known instruments, and records, that no experiment names; one that waits may name any."""
-    if session.waiting:
-        return
-    named = named_files(session)
-    used = {n.path.resolve() for n in named}
-    groups: dict[tuple[str, str], list[str]] = {}
-    for name, (title, _) in recognise(session.root).owners.items():
-        path = (session.root / name).resolve()
-        if used.isdisjoint((path, *path.parents)):
-            groups.setdefault((title, Path(name).parent.as_posix()), []).append(name)
-    for (title, _), names in groups.items():
-        twins = _twins(session, named, names)
-        n = len(names)
-        shown = ", ".join(names[:_MOST_NAMES]) + (f" and {n - _MOST_NAMES} more" if n > _MOST_NAMES else "")
-        what = f"{shown} ({title}{f', {n} files' if n > 1 else ''})"
-        cause = f"{twins}: a copy that can go" if twins else "an experiment lacks a recording, or the file can go"
-        yield Trouble(
-            "note", (), ("files that no experiment uses",), f"no experiment uses {what}", cause, names[0], None
-        )
-
-
-def _twins(session: Session, named: Sequence[Named], names: Sequence[str]) -> str:
-    """Say which used file an unused one repeats."""
-    index = Store(session.folder).index
-    digests = {index.digest(n.path): n.name for n in named if n.path.exists()}
-    for name in names:
-        if (twin := digests.get(index.digest(session.root / name))) is not None:
-            return f"{name} holds the same bytes as {twin}"
-    return ""

@@ -15,6 +15,7 @@ from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import Stages, spell_out
 from pipelines import experiments
 from pipelines.experiments import Kind
+from pipelines.session._unused import unused_files
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -71,13 +72,14 @@ def write_overview(session: Session, stages: Stages, plan: Plan | None = None) -
     path = session.folder / PAGE
     code = store.code.behind(f"{__name__}:{_page.__name__}")
     store.code.save()  # following the imports of a page takes longer than all else that an unchanged session needs
-    mark = f"<!-- {_state_digest(plan, code)} -->\n"
+    notes = [f"{f.message}: {f.cause}" for f in unused_files(session)]
+    mark = f"<!-- {_state_digest(plan, code, notes)} -->\n"
     if not (path.is_file() and path.read_text("utf-8").endswith(mark)):
-        files.write_text(path, _page(Results(plan)) + mark)
+        files.write_text(path, _page(Results(plan), notes) + mark)
     return path
 
 
-def _state_digest(plan: Plan, code: Identity) -> str:
+def _state_digest(plan: Plan, code: Identity, notes: Sequence[str]) -> str:
     """Digest of all that the page depends on."""
     session = plan.session
     rows = [
@@ -92,19 +94,21 @@ def _state_digest(plan: Plan, code: Identity) -> str:
         for row in plan.rows
     ]
     together = [(session.folder / COMPARISON_PAGE).is_file(), pages_together(session.folder)]
-    head = [code, session.title, session.operator, session.notes, session.synthetic, together, session.waiting]
+    head = [code, session.title, session.operator, session.notes, session.synthetic, together, session.waiting, notes]
     return hashlib.sha256(files.canonical([head, rows]).encode("utf-8", "replace")).hexdigest()
 
 
-def _page(results: Results) -> str:
-    from labpipe.report import Document, IndexTable, Paragraph, Section
+def _page(results: Results, notes: Sequence[str]) -> str:
+    from labpipe.report import Document, IndexTable, Notice, Paragraph, Section
+    from pipelines.session._verdict_notices import as_sentence
     from pipelines.session._verdicts import stored_verdicts
 
     session = results.plan.session
     sort, error = _SORT, _ERROR  # each is said once
     verdicts = stored_verdicts(results)
     sections, done = [], 0
-    answer: list[Block] = [*_answer(session, verdicts), *_links(session)]
+    told = (Notice("info", as_sentence(note)) for note in notes)
+    answer: list[Block] = [*_answer(session, verdicts), *told, *_links(session)]
     if answer:
         sections.append(Section("Answer", answer))
     for title, names in _groups(session):

@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -273,6 +273,18 @@ def recognise(folder: Path) -> Found:
             if not each.unproposed:
                 found.setdefault(each.content, []).append(name)
     return Found(folder, found, owners, unknown=tuple(unknown))
+
+
+def recognised_below(folder: Path, used: Set[Path]) -> Iterator[tuple[str, str]]:
+    """Yield name and title of each record and file of a known instrument that is not among some paths, nor below."""
+    titles = {each.name: each.title for each in instruments.known()}
+    for path in _candidates(folder):
+        name, whole = path.relative_to(folder).as_posix(), path.resolve()
+        if not used.isdisjoint((whole, *whole.parents)) or _leads_out(path, folder) or name_problem(name):
+            continue
+        kind = _record_kind(path) if path.suffix == ".toml" else _instrument(path)
+        if kind is not None:
+            yield name, titles.get(kind, kind.replace("_", " "))
 
 
 _COPY = re.compile(r"kopie|cop(?:y|ie)|backup|sicherung|\bold\b|\balt\b|\(\d+\)", re.IGNORECASE)

@@ -73,22 +73,13 @@ class _Body:
     mass: Quantity
 
 
-def session_findings(session: Session) -> tuple[Found, int]:
-    """Check a session as a whole.
-
-    Returns
-    -------
-    dict of str to list of Finding
-        By experiment, with file and setting.
-    int
-        How many checks were made.
-    """
-    checks = (_twice, _records, _bodies, _material_names, _uncertainties, _temperatures)
+def session_findings(session: Session) -> Found:
+    """Check a session as a whole; findings have file and setting."""
     found: Found = {}
-    for check in checks:
+    for check in _CHECKS:
         for owner, finding in check(session):
             found.setdefault(owner, []).append(finding)
-    return found, len(checks)
+    return found
 
 
 def named_files(session: Session) -> list[Named]:
@@ -449,3 +440,8 @@ def named_at(session: Session) -> Mapping[str, int]:
         if line is not None:
             found.setdefault(named.name, line)
     return found
+
+
+_CHECKS = (_twice, _records, _bodies, _material_names, _uncertainties, _temperatures)
+SESSION_CHECKS = len(_CHECKS)
+"""How many checks a session as a whole is given, beside those of its experiments."""

@@ -30,7 +30,7 @@ def belief(verdicts: Mapping[str, Verdict]) -> Notice:
     worst: Level = "error" if "impossible" in others else "warning" if "doubtful" in others else "info"
     sure = n - sum(map(len, others.values()))
     verb = "is" if n == 1 or sure == 1 else "are"
-    return Notice(worst, f"{sure} of {n} experiment{'s' * (n > 1)} {verb} believable. {_sentence(named)}")
+    return Notice(worst, f"{sure} of {n} experiment{'s' * (n > 1)} {verb} believable. {as_sentence(named)}")
 
 
 def agreement(models: Mapping[str, str]) -> Notice | None:
@@ -44,7 +44,7 @@ def agreement(models: Mapping[str, str]) -> Notice | None:
     level: Level = "error" if others["differs"] else "info" if named else "ok"
     n, agree = len(judged), sum(model == "agrees" for model in judged.values())
     text = f"The model agrees in {agree} of {n} experiment{'s' * (n != 1)}."
-    return Notice(level, f"{text} {_sentence(named)}" if named else text)
+    return Notice(level, f"{text} {as_sentence(named)}" if named else text)
 
 
 def each(names: Iterable[str], verdicts: Mapping[str, Verdict], against: Mapping[str, str]) -> Iterator[Notice]:
@@ -68,13 +68,14 @@ def each(names: Iterable[str], verdicts: Mapping[str, Verdict], against: Mapping
         if level == "ok":
             level = {"differs": "warning", "undecided": "info"}.get(one.model, level)  # type: ignore[assignment]
         grave = [finding for finding in one.findings if finding.level == one.believable]
-        reason = f" {_sentence(grave[0].message)}" if grave else ""
+        reason = f" {as_sentence(grave[0].message)}" if grave else ""
         likely = one.causes if grave else one.suspects  # a model may differ because the record is wrong
         causes = f" Likely: {likely[0].rstrip('.')}." if likely else ""
         yield Notice(level, f"{name}: {said}.{reason}{causes}")
 
 
-def _sentence(text: str) -> str:
+def as_sentence(text: str) -> str:
+    """Begin and end what was found as a sentence."""
     return f"{capitalised(text).rstrip('.')}."
 
 

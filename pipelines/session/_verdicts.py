@@ -26,6 +26,7 @@ from pipelines.session._gaps import library_names
 from pipelines.session._opening import STAGES, reopen_session
 from pipelines.session._results import opened
 from pipelines.session._session_checks import TWO_VALUES, named_files, of_record, session_findings
+from pipelines.session._unused import unused_files
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -51,7 +52,7 @@ class Verdict:
     findings : tuple of Finding
         With file and line.
     checks : int
-        How many were made.
+        How many were made of this experiment, as its page says; those of the session are not counted.
     causes : tuple of str
         What would explain the findings, the likeliest first.
     suspects : tuple of str
@@ -79,9 +80,8 @@ class Verdict:
 
     def document(self) -> dict[str, Any]:
         """Return the verdict for JSON."""
-        names = ("check", "level", "message", "cause", "file", "line")
-        findings = [{n: asdict(finding)[n] for n in names} for finding in self.findings]
-        return asdict(self) | {"findings": findings, "causes": list(self.causes), "suspects": list(self.suspects)}
+        texts = {"causes": list(self.causes), "suspects": list(self.suspects)}
+        return asdict(self) | {"findings": _documents(self.findings)} | texts
 
     def __getitem__(self, name: str) -> Any:
         """Return a field as it stands in the JSON of ``process``, so that one code reads both."""
@@ -90,10 +90,19 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Verdicts(ShownAsTable):
-    """Verdicts on the experiments of a session, in its order."""
+    """Verdicts on the experiments of a session, in its order.
+
+    Attributes
+    ----------
+    folder : Path
+    experiments : tuple of Verdict
+    notes : tuple of Finding
+        What concerns no experiment: files that none uses.
+    """
 
     folder: Path
     experiments: tuple[Verdict, ...]
+    notes: tuple[Finding, ...] = ()
 
     @property
     def is_impossible(self) -> bool:
@@ -105,14 +114,23 @@ class Verdicts(ShownAsTable):
         return [verdict.document() for verdict in self.experiments]
 
     def __getitem__(self, name: str) -> list[dict[str, Any]]:
-        """Return ``verdicts["experiments"]`` as it stands in the JSON of ``process``."""
-        return {"experiments": self.document()}[name]
+        """Return ``verdicts["experiments"]`` or ``["findings"]`` as it stands in the JSON of ``process``."""
+        return {"experiments": self.document, "findings": self.notes_document}[name]()
 
     def _shown(self) -> Shown:
         rows = [
             (v.experiment, v.believable, v.model, "; ".join(f.message for f in v.findings)) for v in self.experiments
         ]
         return Shown(f"{len(rows)} verdicts", ("experiment", "believable", "model", "findings"), rows)
+
+    def notes_document(self) -> list[dict[str, Any]]:
+        """Return what concerns no experiment, for JSON."""
+        return _documents(self.notes)
+
+
+def _documents(findings: Iterable[Finding]) -> list[dict[str, Any]]:
+    names = ("check", "level", "message", "cause", "file", "line")
+    return [{name: getattr(finding, name) for name in names} for finding in findings]
 
 
 def verdicts_of(run: RunResult) -> Verdicts:
@@ -131,7 +149,7 @@ def verdicts_of(run: RunResult) -> Verdicts:
     ]
     known |= {v.experiment: v for v in _with_session(session, made)} if made else {}
     found = (replace(known[name], state="failed" if failed else "done") for name, failed in failures.items())
-    return Verdicts(session.root, tuple(found))
+    return Verdicts(session.root, tuple(found), tuple(unused_files(session)))
 
 
 def stored_verdicts(results: Results) -> dict[str, Verdict]:
@@ -267,12 +285,12 @@ def _line_in(path: Path, setting: str) -> int | None:
 
 def _with_session(session: Session, found: Iterable[Verdict]) -> tuple[Verdict, ...]:
     """Add what the session as a whole tells of its experiments."""
-    more, checks = session_findings(session)
+    more = session_findings(session)
     placed = {n: [_placed(session, session.experiments[n], f) for f in own] for n, own in more.items()}
-    return tuple(_added(v, placed.get(v.experiment, ()), checks) for v in found)
+    return tuple(_added(v, placed.get(v.experiment, ())) for v in found)
 
 
-def _added(verdict: Verdict, more: Iterable[Finding], checks: int) -> Verdict:
+def _added(verdict: Verdict, more: Iterable[Finding]) -> Verdict:
     told = {(f.file, f.line, f.level) for f in verdict.findings if f.line is not None}
     # another experiment's value says by how much the one of this line is wrong, which no record says so well
     extra = tuple(f for f in more if f.check == TWO_VALUES or (f.file, f.line, f.level) not in told)
@@ -280,4 +298,4 @@ def _added(verdict: Verdict, more: Iterable[Finding], checks: int) -> Verdict:
     believable = verdict.believable
     if any(f.level == "doubtful" for f in extra):
         believable = worse.get(believable, believable)
-    return replace(verdict, believable=believable, findings=(*verdict.findings, *extra), checks=verdict.checks + checks)
+    return replace(verdict, believable=believable, findings=(*verdict.findings, *extra))

@@ -222,8 +222,8 @@ def day_known(calibrated: xr.Dataset | None, record: str) -> Check:
 def failed_steps(context: Context, causes: Mapping[str, str]) -> list[Check]:
     """Turn steps that gave no result into checks that failed, or that could not be made.
 
-    Where the run was at fault, as by a program that changed under it or a full disk, nothing is
-    said of the record but that the verdict lacks a step.
+    Where the run was at fault, as by a program that changed under it, a full disk, or a mistake of
+    the program itself, nothing is said of the record but that the verdict lacks a step.
 
     Parameters
     ----------
@@ -242,7 +242,8 @@ def failed_steps(context: Context, causes: Mapping[str, str]) -> list[Check]:
                 f"step {failure.stage}",
                 "what is judged must have been computed",
                 f"{where}{failure.text}",
-                "the run was stopped, which tells nothing about the record: run it again",
+                "the program did not get through this step, which tells nothing about the record: run it again, and "
+                "report it if it happens again",
             )
             continue
         found[failure.stage] = stated(
@@ -474,8 +475,7 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
     if stopped is not None:
         return (
             "warning",
-            f"Not known: {stopped.name} was not carried out: {stopped.message}; {checks}. "
-            f"{capitalised(stopped.cause)}.",
+            f"Not known: {stopped.name} was not completed: {stopped.message}; {checks}. {capitalised(stopped.cause)}.",
         )
     model = result.attrs["model"]
     known = [r for r in rows if r.deviation is not None and r.measured is not None]

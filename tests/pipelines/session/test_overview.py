@@ -1,5 +1,6 @@
 """The page of a session: states, numbers and pictures of all experiments, made again on change."""
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -124,3 +125,26 @@ def test_a_damaged_result_leaves_its_cell_empty(session_copy: Path) -> None:
     text = page(session_copy)
     assert "first restitution" not in text
     assert "data:image/png" not in text
+
+
+def test_a_file_that_no_experiment_uses_is_a_note_of_the_session(
+    session_copy: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Told by process, in its JSON and on the page; the exit code stays."""
+    (session_copy / "laser/forgotten.csv").write_bytes((session_copy / "laser/drop_2.csv").read_bytes())
+    assert _processed(session_copy, "--json") == 0
+    (note,) = json.loads(capsys.readouterr().out)["findings"]
+    assert (note["level"], note["file"]) == ("note", "laser/forgotten.csv")
+    assert "same bytes as laser/drop_2.csv" in note["cause"]
+    assert _processed(session_copy) == 0
+    assert "note: no experiment uses laser/forgotten.csv" in capsys.readouterr().out
+    assert "No experiment uses laser/forgotten.csv" in page(session_copy)
+    (session_copy / "laser/forgotten.csv").unlink()
+    assert _processed(session_copy) == 0
+    assert "forgotten" not in page(session_copy)
+
+
+def _processed(folder: Path, *options: str) -> object:
+    with pytest.raises(SystemExit) as ended:
+        main(["process", str(folder), *options])
+    return ended.value.code

@@ -8,7 +8,7 @@ from labpipe.errors import InstallationError
 from labpipe.workflow.code import Code
 from labpipe.workflow.context import Context, Failed
 from pipelines.experiments.shared.judgements import Scene, believed, failed_steps, judgement, sentence
-from pipelines.session import verdict
+from pipelines.session import process, verdict, verdicts_of
 from tests.mistakes.drop_rows import write
 
 _WHY = "home.py was changed while this program ran; start it again"
@@ -37,3 +37,20 @@ def test_the_sentence_tells_a_stopped_run_from_a_record_that_fails(*, is_of_run:
     result = judgement(Scene(failed_steps(context, {})))
     assert believed(result).believable == ("unknown" if is_of_run else "impossible")
     assert sentence(result)[1].startswith(word)
+
+
+def test_a_mistake_of_the_program_is_no_judgement_of_the_record(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = write(tmp_path / "session")
+
+    def broken(*_: object, **__: object) -> None:
+        raise KeyError("speed")
+
+    monkeypatch.setattr("pipelines.experiments.ball_drop.measured.displacement", broken)
+    done = process(folder, ["bounces"], jobs=0)
+    assert done.exit_code == 1
+    (found,) = verdicts_of(done).experiments
+    assert (found.state, found.believable) == ("failed", "unknown")
+    assert "unexpected KeyError" in found.findings[0].message
+    assert "tells nothing about the record" in found.findings[0].cause
