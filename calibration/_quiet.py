@@ -16,6 +16,8 @@ _PERIODS, _LEFT = (2.0, 1.0, 0.6), 2.0
 """How many periods of the mains tell a hum from motion, the most first; times the noise beside it that a
 hum leaves of a beginning: a fall of as long leaves more than ten times."""
 _LONGER = 1.25  # times as long a rest, that a hum makes of what looks like motion
+_WANDERS = 0.02
+"""Of the way that a record shows, by which its beginning may wander and be a zero all the same: to so much."""
 _MEDIAN = 1.2533141373155003  # sqrt(pi / 2): standard error of a median over that of a mean
 
 
@@ -79,6 +81,11 @@ def from_start(
     swing = _swing(time, values, resolution)
     if swing is not None and (longer := _still(values - swing, block, resolution)) > _LONGER * n:
         n = longer
+    wanders = float(np.ptp(values[:first]))
+    if n == 0 and wanders < _WANDERS * float(np.ptp(values)):
+        # a sensor that averages or swings: its zero is known to what it wanders
+        quiet = _describe(time[:first], values[:first], resolution, correlated)
+        return quiet._replace(u_level=max(quiet.u_level, wanders / np.sqrt(12)))
     if n == 0:
         message = (
             "the record begins in motion, so its beginning is no zero; give the zero, or a quiet "

@@ -289,13 +289,18 @@ def _check_counter(source: TextFile, header: Header, readings: Rows, allow: bool
     row = int(wrong[0]) + 1
     before = int(counter[row - 1]) if row else None
     found = f"{counter[row]} after {before}" if row else f"{counter[0]} at the beginning"
+    hint = (
+        "The rows stand in reverse order, from the last reading to the first: sort them by their number."
+        if (steps == -1).all()
+        else "Rows are missing, repeated or moved: export the file again. Where rows are only "
+        "missing, allow_incomplete=True reads the rest at its right times."
+    )
     raise SourceError(
         source.path,
         f"the counter says {found}, expected {before + 1 if before is not None else 1}",
         line=header.n_lines + 1 + row,
         column=1,
-        hint="Rows are missing, repeated or moved: export the file again. Where rows are only "
-        "missing, allow_incomplete=True reads the rest at its right times.",
+        hint=hint,
     )
 
 

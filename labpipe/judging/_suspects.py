@@ -18,14 +18,14 @@ SLIPS = {
         "length": (10.0, 100.0, 1e3, 1e4, 1e6, 25.4, 1e3 / 25.4),
         "gain": (2.0,),
         "interval": (2.0, 2.5, 4.0, 5.0, 10.0, 100.0, 1e3),
-        "mass": (9.81, 10.0, 1e3),
+        "mass": (9.81, 10.0, 1e3, 2.2046),
         "view": (36.0,),
     }.items()
 }
 """Factors, and their inverses, by which people state something wrongly, the one table of all kinds.
 
 A value: diameter for radius, decimals, units, a period for an angle. A length: decimals, units, mil. A mass: its
-weight, decimals, units. An interval or a rate: the next settings of a controller. A view: a camera's other lens.
+weight, decimals, units, pounds. An interval or a rate: the next settings of a controller. A view: another lens.
 """
 _BENT = 0.1
 """Relative, by which an effect may leave its power law over such a factor."""

@@ -173,6 +173,7 @@ def _of_record(fall: Fall, moved: xr.Dataset, stiffness: Stiffness | None, setti
     return [
         fall_checks.acceleration(fall, gravity),
         fall_checks.height(fall, settings.height),
+        fall_checks.release(fall, moved),
         fall_checks.speed(fall, gravity),
         fall_checks.smooth_flights(fall),
         fall_checks.restitution(fall),

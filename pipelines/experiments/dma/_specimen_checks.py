@@ -3,12 +3,12 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, pairwise
-from math import hypot, log, log10, pi, sqrt
+from math import hypot, inf, log, log10, pi, sqrt
 
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.judging import DOUBTFUL, Check, Level, bounded, not_made, stated
+from labpipe.judging import DOUBTFUL, Check, Level, bounded, not_made, stated, too_large
 from labpipe.report import value_with_uncertainty
 from pipelines.experiments.dma._checked_sweeps import (
     FEW_ROWS,
@@ -31,6 +31,8 @@ _OTHER_LOSS, _LOSSES_APART = 1.5, 5.0
 _WARMER, _WARMTHS_APART = 3.0, 5.0
 """K by which thermometers of two files may differ, and times the uncertainty of that difference."""
 _PLACES = 7  # frequencies at which two sweeps are laid against each other
+_OVERLAP, _LEFT = 1.0, 0.1
+"""Of the logarithm of frequency that two curves must share, and the part of a difference that a factor may leave."""
 _SLIPPED, _SLIPS_APART = 0.06, 6.0
 """Decades of modulus of a slip that is told, and times the scatter of the steps between other sweeps."""
 
@@ -308,7 +310,37 @@ def temperatures_of_files(exports: Sequence[Export], found: Sequence[Sequence[Sw
             f"the temperature of one of the two files is off by {abs(mean):.0f} K (thermometer, its place, time to "
             "warm through), or one specimen was dried, aged or of another batch"
         )
+        if is_off and (factor := _faster(own, other)) != 1.0:
+            cause = (
+                f"the frequencies of {b.name} are probably {too_large(factor)}, against those of {a.name}: Hz, rad/s "
+                "and turns per minute were mixed up, or a decimal was lost; one of the two files is wrong"
+            )
         yield stated(name, law, text, "doubtful" if is_off else None, cause=cause if is_off else "", file=b.name)
+
+
+def _faster(own: Sequence[Sweep], other: Sequence[Sweep]) -> float:
+    """Return the factor of a unit by which the frequencies of other sweeps are too large; 1 where none explains them.
+
+    A factor moves the curves of all temperatures by one length on the axis of frequencies, a
+    temperature each by another.
+    """
+    pairs = [(s, t) for s in own for t in other if abs(s.temperature - t.temperature) <= 2 * SAME_PLACE]
+    pairs = [p for p in pairs if all((q.values(f"{n}_modulus") > 0).all() for q in p for n in ("storage", "loss"))]
+
+    def apart(factor: float) -> float:
+        """Mean square by which loss factors differ where the curves overlap."""
+        found = []
+        for s, t in pairs:
+            x, z = np.log(s.values("frequency")), np.log(t.values("frequency")) - log(factor)
+            grid = np.linspace(max(x[0], z[0]), min(x[-1], z[-1]), _PLACES)
+            if grid[-1] - grid[0] > _OVERLAP:
+                ours, theirs = (np.log(q.values("loss_modulus") / q.values("storage_modulus")) for q in (s, t))
+                found.append(float(np.mean((np.interp(grid, x, ours) - np.interp(grid, z, theirs)) ** 2)))
+        return float(np.mean(found)) if len(found) > len(pairs) // 2 and len(found) >= FEW_ROWS else inf
+
+    factors = [f**sign for f in (2 * pi, 60.0, 60.0 / (2 * pi), 10.0, 100.0) for sign in (1, -1)]
+    best = min(factors, key=apart)
+    return best if apart(best) < _LEFT * apart(1.0) else 1.0
 
 
 def _warmer(own: Sequence[Sweep], other: Sequence[Sweep]) -> list[tuple[float, float]]:

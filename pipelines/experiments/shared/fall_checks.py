@@ -22,6 +22,9 @@ GUIDE = 5e-3
 """Largest share of g that the friction of a guide or the drag of the air takes from a fall."""
 _ON_GROUND = (9.76, 9.84)  # m/s²: from the equator's mountains to the poles, by the International Gravity Formula
 _ROUGH = 3e-3  # of the fall, by which a body that trembles after an impact may leave its arc
+_LET_GO, _HELD_READINGS, _SLIDES = 2e-3, 40, 0.02
+"""Seconds that it takes to let a body go, readings that tell where it was held, and the share of its fall by which the
+two may be apart: a thread that stretches, a magnet that lets go slowly."""
 _SWING = 0.07
 """Largest share of the first impact's speed that a plate, still swinging, adds to a later bounce.
 
@@ -142,6 +145,34 @@ def speed(fall: Fall, gravity: Quantity) -> Check:
         allowance=GUIDE * expected,
         file=fall.name,
     )
+
+
+def release(fall: Fall, moved: xr.Dataset) -> Check:
+    """Hold the level at which the body was held against that from which it fell."""
+    name, law = "level of the release", "a body that is let go falls from where it was held"
+    begun, direction = float(fall.bounces["release_time"]), float(fall.bounces.attrs["direction"])
+    time, x = moved["time"].values, moved["displacement"].values
+    held = x[(time < begun - _LET_GO) & np.isfinite(x)]
+    if held.size < _HELD_READINGS or not isfinite(begun):
+        return not_made(name, law, f"{_HELD_READINGS} readings before the release")
+    middle = float(np.median(held))
+    level, spread = direction * (middle - float(fall.bounces["contact_level"])), float(np.std(held))
+    fell, own = fall.value("drop_height")
+    text = (
+        f"{fall.name}: the body was held {quantity(level, 'm')} above its first touch and fell as from "
+        f"{quantity(fell, 'm')}"
+    )
+    # it moves while it is let go, by what a fall of that time is long
+    allowed = _SLIDES * abs(fell) + 0.5 * 9.81 * _LET_GO**2
+    check = compared(name, law, text, level, hypot(own, spread), fell, 0.0, allowance=allowed)
+    if check.level is None:
+        return replace(check, file=fall.name)
+    cause = (
+        "the body was pushed or thrown at the release, or the sensor was clipped while it was held"
+        if fell > level
+        else "the body did not fall freely at first: it stuck, slid or was guided by hand; or the sensor was moved"
+    )
+    return replace(check, level="doubtful", cause=cause, file=fall.name)
 
 
 def smooth_flights(fall: Fall) -> Check:
@@ -348,6 +379,11 @@ def contact_duration(fall: Fall, radius: float, mass: float, stiffness: Stiffnes
     if abs(gap) > DOUBTFUL * u:
         level = "impossible" if abs(gap) > max(IMPOSSIBLE * u, log(3.0)) else "doubtful"
     cause, setting = of_body(gap, u, radius, mass) if level else ("", "")
+    if level and not cause and gap > 0:
+        cause = (
+            "the controller averages or filters the readings over such a time, which smears an impact; or the body is "
+            "softer or heavier than stated"
+        )
     file = "" if setting else fall.name
     return Check(name, law, message, level, gap / u, gap, u, cause=cause, file=file, setting=setting)
 

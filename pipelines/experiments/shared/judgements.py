@@ -5,7 +5,7 @@ of its comparison; here they become the stage ``judgement`` and the first sectio
 """
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from math import exp, floor, inf, log, log10
 from typing import Any, NamedTuple
 
@@ -62,6 +62,10 @@ _UNEXPLAINED = (
     "no input alone explains it: the specimen is probably of another material or in another state than stated, or "
     "the model leaves something out"
 )
+_NO_GRADE = 5.0  # between moduli of two grades of one polymer
+_MODULUS = "modulus"
+"""Input of a material: its u is 0 where it is known by its name alone."""
+_OTHER_MATERIAL = "or the specimen is of another material than stated: its modulus is known by its name alone"
 _TIED = "\N{NO-BREAK SPACE}"  # a number stays with its unit
 _LEAST_OWN = 0.05
 """Least part of a difference's uncertainty that is its own, not shared with other rows."""
@@ -285,9 +289,10 @@ def judgement(scene: Scene) -> xr.Dataset:
         smallest = detectable(slopes[:, : len(names)], covariance) if names else smallest
         own = slopes[:, : len(names)]
         ranked = suspects([row.difference or 0.0 for row in rows], own, covariance) if names else []
-        told = _slipped(names, known, rows, own, covariance, ranked)
+        told = _slipped(names, known, rows, own, covariance, ranked, _confirmed(judged))
+        told = told or _common(names, rows, own)
         told += _suspected(names, known, own, ranked, found.chi2)
-        told = told[:_SUSPECTS] or _common(names, rows, own) or ([_UNEXPLAINED] if names else [])
+        told = told[:_SUSPECTS] or ([_UNEXPLAINED] if names else [])
     values = np.array([scene.inputs[name].value for name in names])
     # an error of an input that is 0 has no size to be compared with
     relative = np.divide(smallest, np.abs(values), out=np.full(len(names), np.nan), where=values != 0.0)
@@ -351,10 +356,13 @@ def _slipped(
     slopes: Any,
     covariance: Any,
     ranked: Sequence[Suspect],
+    confirmed: Set[str],
 ) -> list[str]:
     """Say which stated value is probably another by a usual factor: a diameter for a radius, a decimal, a unit.
 
-    Where an input that has no uncertainty, and so may have any value, would do the same, none is.
+    Where an input that has no uncertainty, such as a modulus that nobody measured, would do the same,
+    none is but by a factor that no grade of a material makes; nor is a value that a check of the
+    record has confirmed.
     """
     ratios = [(row.measured or 0.0) * (row.model or 0.0) for row in rows]
     free = {i for suspect in ranked if not all(known[names[j]].u for j in suspect.inputs) for i in suspect.inputs}
@@ -362,7 +370,8 @@ def _slipped(
     stated_ones = [
         i
         for i, name in enumerate(names)
-        if known[name].u and known[name].value > 0.0 and known[name].si not in _NO_SLIP and i not in free
+        if known[name].u and known[name].value > 0.0 and known[name].si not in _NO_SLIP
+        if name not in confirmed
     ]
     straight = [j for j, product in enumerate(ratios) if product > 0.0 and rows[j].u_difference]
     if not stated_ones or not straight:
@@ -373,15 +382,25 @@ def _slipped(
     spread = covariance[np.ix_(straight, straight)] / np.outer(mean, mean)
     measured, predicted = ([getattr(rows[j], of) for j in straight] for of in ("measured", "model"))
     said = []
-    for slip in slips(measured, predicted, powers, spread, SLIPS["value"]):
+    found = slips(measured, predicted, powers, spread, SLIPS["value"])
+    for slip in found:
         name = names[stated_ones[slip.input]]
+        if stated_ones[slip.input] in free and max(slip.factor, 1 / slip.factor) < _NO_GRADE:
+            return []
         given = known[name]
         typed = ": its diameter was typed" if "radius" in name and slip.factor == _DIAMETER else ""
         said.append(
             f"{name} is probably {quantity(given.value / slip.factor, given.si)}, not {quantity(given.value, given.si)}"
             f"{typed}; that would explain {100 * slip.share:.0f}{_TIED}% of it"
         )
-    return said if len(said) == 1 else []
+    by_name = any(name == _MODULUS and not known[name].u for name in names)
+    return [*said, _OTHER_MATERIAL] if len(said) == 1 and by_name else said if len(said) == 1 else []
+
+
+def _confirmed(judged: Judgement) -> Set[str]:
+    """Return the settings that a check has held against the record and found right."""
+    made = [c for c in judged.checks if c.is_made and c.setting and np.isfinite(c.log_ratio)]
+    return {c.setting for c in made} - {c.setting for c in made if c.level}
 
 
 def _common(names: Sequence[str], rows: Sequence[Row], slopes: Any) -> list[str]:

@@ -39,6 +39,10 @@ _BEYOND = 4.0  # times its usual size, to which what is no noise is cut
 _COARSE, _TOO_COARSE = 5e-3, 3e-2  # of the travel
 _SINE, _LINE = 0.98, 0.7
 """Of the variance; and of the power in three neighbouring lines, of which a sine has more than 0.8 in any phase."""
+_BEFORE = 2e-3  # s before a release that was found, while which something may move already
+_TURNS = 2  # periods of a vibration, without which it cannot be told from a drift
+_CHANCE = 1e-6  # probability by which white noise swings so
+_IN_PROPORTION = 0.3  # of the exponent 1 with which a moving average's differences grow
 _QUIET = 200  # readings at the beginning that should be still
 _FALL = (0.4, 2.5)  # times g, curvature of a beginning in mid-fall
 _HUM = 0.01  # of the travel, beyond which what is left of a hum is doubtful
@@ -129,9 +133,81 @@ def checks_of(trace: Trace, gravity: float, *found_in: xr.Dataset | None) -> lis
     results = [one for one in found_in if one is not None]
     line = Hum.of_text(results[-1].attrs.get("hum")) if results else None
     found += [hum(trace, line, is_known=bool(results)), resolution(trace), timing(trace)]
+    rest = _rest_of(trace, results)
+    found.append(smoothed(trace, rest))
     if line is None:
-        found.append(beginning(trace, gravity))
+        shaken = swing(trace, rest)
+        found.append(shaken)
+        if not shaken.level:
+            found.append(beginning(trace, gravity))
     return found
+
+
+def _rest_of(trace: Trace, results: Sequence[xr.Dataset]) -> slice:
+    """Return the readings before a release that was found, else the first ones."""
+    found = [float(one["release_time"]) for one in results if "release_time" in one]
+    end = int(np.searchsorted(trace.time, found[-1] - _BEFORE)) if found and np.isfinite(found[-1]) else 0
+    return slice(0, max(end, _QUIET))
+
+
+def swing(trace: Trace, rest: slice) -> Check:
+    """Look for one frequency in a body that should be at rest."""
+    title, law = "vibration before the release", "before its release the body is at rest"
+    known = rest.start + np.flatnonzero(np.isfinite(trace.reading[rest]))
+    if known.size < _QUIET or trace.travel == 0.0:
+        return not_made(title, law, f"{_QUIET} readings")
+    t, x = trace.time[known] - trace.time[known[0]], trace.reading[known]
+    span = float(t[-1])
+    flat = np.stack([np.ones_like(t), t / span], axis=1)
+    drift = x - flat @ np.linalg.lstsq(flat, x, rcond=None)[0]
+    power = np.abs(np.fft.rfft(drift, 4 * t.size))
+    power[: int(4 * _TURNS)] = 0.0  # fewer turns are a drift
+    guess = int(np.argmax(power)) / (4 * span * t.size / (t.size - 1))
+    best, amplitude, left = 0.0, 0.0, np.inf
+    for f in np.linspace(guess - 0.5 / span, guess + 0.5 / span, 21):
+        design = np.column_stack([flat, np.cos(2 * pi * f * t), np.sin(2 * pi * f * t)])
+        fitted = np.linalg.lstsq(design, x, rcond=None)[0]
+        if (sum_of_squares := float(np.sum((x - design @ fitted) ** 2))) < left:
+            best, amplitude, left = float(f), float(np.hypot(*fitted[2:])), sum_of_squares
+    # of white noise the best of n / 2 lines leaves so little by chance with n/2 (left/all)^((n - 4)/2)
+    is_sure = left < float(drift @ drift) * (_CHANCE / t.size) ** (2 / (t.size - 4))
+    part = 2 * amplitude / trace.travel
+    if not is_sure or part < _LIMITS[0] or amplitude < trace.resolution:
+        return stated(title, law, f"{trace.name}: no vibration before the release", None, file=trace.name)
+    text = f"{trace.name}: before the release the readings swing at {best:.3g} Hz by ± {quantity(amplitude, 'm')}"
+    cause = (
+        f"the sensor, its clamp or the bench shakes at {best:.3g} Hz: fasten it; or another sensor, a lamp or a supply "
+        "disturbs it at that frequency"
+    )
+    level: Level = "doubtful" if part > _LIMITS[1] else "note"
+    return stated(title, law, text, level, file=trace.name, cause=cause)
+
+
+def smoothed(trace: Trace, rest: slice) -> Check:
+    """Look whether neighbouring readings share their noise, as means over several readings do.
+
+    The mean square of x(t + k) - x(t) is the same for all k in white noise; a moving average of n
+    readings lets it grow in proportion to k up to n, a motion with k squared.
+    """
+    title, law = "noise of neighbouring readings", "readings that are not averaged have each a noise of its own"
+    x = trace.reading[rest]
+    x = x[np.isfinite(x)]
+    if x.size < _QUIET:
+        return not_made(title, law, f"{_QUIET} readings at rest")
+    lags = 2 ** np.arange(int(np.log2(x.size / 3)) + 1)
+    apart = np.array([float(np.mean((x[k:] - x[:-k]) ** 2)) for k in lags])
+    grows = np.diff(np.log2(np.maximum(apart, 1e-300)))
+    text = f"{trace.name}: readings two apart differ {2 ** (grows[0] / 2):.2g} times as much as neighbours"
+    is_mean = (np.abs(grows[:2] - 1.0) < _IN_PROPORTION).all() and apart[0] > trace.resolution**2
+    if not is_mean:
+        return stated(title, law, text, None, file=trace.name)
+    count = round(float(np.median(apart[-2:]) / apart[0]))
+    interval = float(np.median(np.diff(trace.time)))
+    cause = (
+        f"the controller averages over about {count} readings ({quantity(count * interval, 's')}), or a filter of it "
+        "was left on: what is shorter, such as an impact, is smeared; set the average to 1"
+    )
+    return stated(title, law, text, "doubtful", file=trace.name, cause=cause)
 
 
 def unread(trace: Trace) -> Check:

@@ -104,6 +104,8 @@ def _explained(
     of_file = re.search(rf"{re.escape(settings.laser)}:(\d+)", failed.message)
     if of_file is not None:
         return replace(failed, file=settings.laser, line=int(of_file[1]))
+    if failed.name == "step displacement" and (short := _too_short(failed, readings, settings)) is not None:
+        return short
     if failed.name != "step steps" or displacement is None:
         return failed
     at, sizes = steps_anywhere(displacement)
@@ -124,6 +126,23 @@ def _explained(
         )
         return replace(failed, cause=cause, setting="loads")
     return replace(failed, cause=f"the record steps{_listed(at)}, not when session.toml says", setting="loads")
+
+
+def _too_short(failed: Check, readings: xr.Dataset | None, settings: StaticLoading) -> Check | None:
+    """Blame the interval of a record that would be over before its second load was put on."""
+    begins = [load.time.value for load in settings.loads[1:] if load.time is not None]
+    lasts = nan if readings is None else float(readings["time"][-1])
+    if readings is None or not begins or not lasts < begins[0]:
+        return None
+    interval, header = float(readings.attrs["sampling_interval"]), str(readings.attrs.get("header", ""))
+    cause = (
+        f"the record lasts {quantity(lasts, 's')}, the last load comes after {quantity(begins[-1], 's')}: the sampling "
+        f"interval is probably not {quantity(interval, 's')} but at least {quantity(interval * begins[-1] / lasts, 's')}"
+    )
+    if settings.keyence.cycle is not None:
+        return replace(failed, cause=cause, file="", setting="keyence.cycle")
+    line = line_of(header, "cycle", "period", "周期")
+    return replace(failed, cause=cause, file=settings.laser, line=line, setting="")
 
 
 def _listed(at: np.ndarray) -> str:
