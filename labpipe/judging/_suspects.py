@@ -29,6 +29,7 @@ weight, decimals, units, pounds. An interval or a rate: the next settings of a c
 """
 _BENT = 0.1
 """Relative, by which an effect may leave its power law over such a factor."""
+_OFF = 0.2  # relative, by which the factor that fits best may have another logarithm than the usual one
 _LEFT = 0.1
 """Part of chi square that a slip may leave and still be told."""
 _CLOSE = 6.0
@@ -158,7 +159,9 @@ def slips(
             weight = np.linalg.pinv(wider, hermitian=True)
             known = float(shift @ weight @ shift)
             left = float((seen - shift) @ weight @ (seen - shift))
-            if known > _VAGUE**-2 and left < _LEFT * before:
+            # what is bent so far that it would fit anything must still fit best at this factor
+            is_best = abs(float(shift @ weight @ seen) - known) < _OFF * known
+            if is_best and known > _VAGUE**-2 and left < _LEFT * before:
                 # a far slip is vaguer: likelihood, not what is left, tells it from a near one
                 found.append((left + float(np.linalg.slogdet(wider)[1]), Slip(int(i), k, 1 - left / before)))
     found.sort(key=lambda each: each[0])

@@ -27,6 +27,7 @@ _NO_FALL = 2.0  # times g, or the inverse, beyond which a motion is no flight at
 _LEAST_COSINE = 0.7  # of an inclination that anybody would mount a sensor with
 _LEVEL = 3.0  # degrees
 _MARKER = re.compile(r"found '(?:-*|\+*|\*+|[+-]?9{4,}[.\d]*|[A-Za-z]+)'")
+_BENT_BY_SWINGS = ("durations of the flights", "smoothness of the flights")
 _OF_ANOTHER = (
     "this repeat is of another height or another body: the file belongs to another experiment, or was named wrongly"
 )
@@ -87,7 +88,11 @@ def judgement(
     is_damaged = any(check.level == "impossible" for check in of_traces)
     causes = [] if is_damaged else list(_causes(settings, headers, settings.laser, records))
     stiffness = _stiffness(settings, model)
-    of_records = {fall.name: _of_record(fall, moved, stiffness, settings) for fall, moved in records}
+    shaken = {c.file: c for c in of_traces if c.name == trace_checks.SWING and c.level}
+    of_records = {
+        fall.name: _by_swing(_of_record(fall, moved, stiffness, settings), shaken.get(fall.name))
+        for fall, moved in records
+    }
     everything = [check for some in of_records.values() for check in some]
     if causes and not explain(everything, causes):
         by_name = dict(zip(settings.laser, readings or (), strict=False))
@@ -185,6 +190,15 @@ def _of_record(fall: Fall, moved: xr.Dataset, stiffness: Stiffness | None, setti
         fall_checks.rest_level(fall, _sag(settings, stiffness)),
         fall_checks.direction(fall),
         fall_checks.ends_early(fall, float(moved["time"][-1])),
+    ]
+
+
+def _by_swing(checks: list[Check], swing: Check | None) -> list[Check]:
+    """Blame a vibration that was seen before the release for flights that do not fit each other: it lasts."""
+    if swing is None:
+        return checks
+    return [
+        replace(c, level="doubtful", cause=swing.cause) if c.level and c.name in _BENT_BY_SWINGS else c for c in checks
     ]
 
 

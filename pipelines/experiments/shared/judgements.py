@@ -290,7 +290,7 @@ def judgement(scene: Scene) -> xr.Dataset:
         own = slopes[:, : len(names)]
         ranked = suspects([row.difference or 0.0 for row in rows], own, covariance) if names else []
         told = _slipped(names, known, rows, own, covariance, ranked, _confirmed(judged))
-        told = told or _common(names, rows, own)
+        told = _common(names, rows, own) + told
         told += _suspected(names, known, own, ranked, found.chi2)
         told = told[:_SUSPECTS] or ([_UNEXPLAINED] if names else [])
     values = np.array([scene.inputs[name].value for name in names])
@@ -381,11 +381,13 @@ def _slipped(
     powers = slopes[np.ix_(straight, stated_ones)] * values / mean[:, None]
     spread = covariance[np.ix_(straight, straight)] / np.outer(mean, mean)
     measured, predicted = ([getattr(rows[j], of) for j in straight] for of in ("measured", "model"))
+    of_modulus = slopes[straight, names.index(_MODULUS)] / mean if _MODULUS in names else np.full(1, inf)
+    of_grades = float(np.abs(of_modulus).max()) * log(_NO_GRADE)
     said = []
-    found = slips(measured, predicted, powers, spread, SLIPS["value"])
-    for slip in found:
+    for slip in slips(measured, predicted, powers, spread, SLIPS["value"]):
         name = names[stated_ones[slip.input]]
-        if stated_ones[slip.input] in free and max(slip.factor, 1 / slip.factor) < _NO_GRADE:
+        effect = float(np.abs(powers[:, slip.input]).max()) * abs(log(slip.factor))
+        if stated_ones[slip.input] in free and effect < of_grades:
             return []
         given = known[name]
         typed = ": its diameter was typed" if "radius" in name and slip.factor == _DIAMETER else ""

@@ -65,6 +65,7 @@ IN_MOTION = (
     "the readings do not begin at rest: the record begins in mid-motion, the sensor drifts or hums, or the wrong "
     "channel was recorded"
 )
+SWING = "vibration before the release"
 WRONG_CHANNEL = "the wrong channel or file was recorded, or the sensor did not see the body"
 
 
@@ -150,18 +151,20 @@ def _rest_of(trace: Trace, results: Sequence[xr.Dataset]) -> slice:
     return slice(0, max(end, _QUIET))
 
 
-def swing(trace: Trace, rest: slice) -> Check:
-    """Look for one frequency in a body that should be at rest."""
-    title, law = "vibration before the release", "before its release the body is at rest"
-    known = rest.start + np.flatnonzero(np.isfinite(trace.reading[rest]))
+def swing_at_rest(trace: Trace, rest: slice) -> tuple[float, float] | None:
+    """Return frequency [Hz] and amplitude [m] with which a body swings that should be at rest; None where it does not.
+
+    Of white noise the best of n/2 lines leaves so little by chance with n/2 (left/all)^((n - 4)/2).
+    """
+    known = np.flatnonzero(np.isfinite(trace.reading[rest]))
     if known.size < _QUIET or trace.travel == 0.0:
-        return not_made(title, law, f"{_QUIET} readings")
+        return None
     t, x = trace.time[known] - trace.time[known[0]], trace.reading[known]
     span = float(t[-1])
     flat = np.stack([np.ones_like(t), t / span], axis=1)
     drift = x - flat @ np.linalg.lstsq(flat, x, rcond=None)[0]
     power = np.abs(np.fft.rfft(drift, 4 * t.size))
-    power[: int(4 * _TURNS)] = 0.0  # fewer turns are a drift
+    power[: 4 * _TURNS] = 0.0  # fewer turns are a drift
     guess = int(np.argmax(power)) / (4 * span * t.size / (t.size - 1))
     best, amplitude, left = 0.0, 0.0, np.inf
     for f in np.linspace(guess - 0.5 / span, guess + 0.5 / span, 21):
@@ -169,17 +172,25 @@ def swing(trace: Trace, rest: slice) -> Check:
         fitted = np.linalg.lstsq(design, x, rcond=None)[0]
         if (sum_of_squares := float(np.sum((x - design @ fitted) ** 2))) < left:
             best, amplitude, left = float(f), float(np.hypot(*fitted[2:])), sum_of_squares
-    # of white noise the best of n / 2 lines leaves so little by chance with n/2 (left/all)^((n - 4)/2)
     is_sure = left < float(drift @ drift) * (_CHANCE / t.size) ** (2 / (t.size - 4))
-    part = 2 * amplitude / trace.travel
-    if not is_sure or part < _LIMITS[0] or amplitude < trace.resolution:
+    is_seen = 2 * amplitude > _LIMITS[0] * trace.travel and amplitude > trace.resolution
+    return (best, amplitude) if is_sure and is_seen else None
+
+
+def swing(trace: Trace, rest: slice) -> Check:
+    """Look for one frequency in a body that should be at rest."""
+    title, law = SWING, "before its release the body is at rest"
+    if trace.reading[rest].size < _QUIET:
+        return not_made(title, law, f"{_QUIET} readings")
+    if (found := swing_at_rest(trace, rest)) is None:
         return stated(title, law, f"{trace.name}: no vibration before the release", None, file=trace.name)
-    text = f"{trace.name}: before the release the readings swing at {best:.3g} Hz by ± {quantity(amplitude, 'm')}"
+    f, amplitude = found
+    text = f"{trace.name}: before the release the readings swing at {f:.3g} Hz by ± {quantity(amplitude, 'm')}"
     cause = (
-        f"the sensor, its clamp or the bench shakes at {best:.3g} Hz: fasten it; or another sensor, a lamp or a supply "
+        f"the sensor, its clamp or the bench shakes at {f:.3g} Hz: fasten it; or another sensor, a lamp or a supply "
         "disturbs it at that frequency"
     )
-    level: Level = "doubtful" if part > _LIMITS[1] else "note"
+    level: Level = "doubtful" if 2 * amplitude > _LIMITS[1] * trace.travel else "note"
     return stated(title, law, text, level, file=trace.name, cause=cause)
 
 

@@ -104,10 +104,17 @@ def _explained(
     of_file = re.search(rf"{re.escape(settings.laser)}:(\d+)", failed.message)
     if of_file is not None:
         return replace(failed, file=settings.laser, line=int(of_file[1]))
-    if failed.name == "step displacement" and (short := _too_short(failed, readings, settings)) is not None:
-        return short
-    if failed.name != "step steps" or displacement is None:
-        return failed
+    if failed.name == "step displacement":
+        return _too_short(failed, readings, settings) or failed
+    return (
+        failed
+        if failed.name != "step steps" or displacement is None
+        else _of_steps(failed, readings, displacement, settings)
+    )
+
+
+def _of_steps(failed: Check, readings: xr.Dataset | None, displacement: xr.Dataset, settings: StaticLoading) -> Check:
+    """Say why the steps of a record are not those of the loads."""
     at, sizes = steps_anywhere(displacement)
     _, up = steps_anywhere(displacement, -1)
     wanted = len(settings.loads) - 1
@@ -136,8 +143,9 @@ def _too_short(failed: Check, readings: xr.Dataset | None, settings: StaticLoadi
         return None
     interval, header = float(readings.attrs["sampling_interval"]), str(readings.attrs.get("header", ""))
     cause = (
-        f"the record lasts {quantity(lasts, 's')}, the last load comes after {quantity(begins[-1], 's')}: the sampling "
-        f"interval is probably not {quantity(interval, 's')} but at least {quantity(interval * begins[-1] / lasts, 's')}"
+        f"the record lasts {quantity(lasts, 's')}, the last load comes after {quantity(begins[-1], 's')}: the "
+        f"sampling interval is probably not {quantity(interval, 's')} but more than "
+        f"{quantity(interval * begins[-1] / lasts, 's')}"
     )
     if settings.keyence.cycle is not None:
         return replace(failed, cause=cause, file="", setting="keyence.cycle")
