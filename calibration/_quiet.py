@@ -16,8 +16,9 @@ _PERIODS, _LEFT = (2.0, 1.0, 0.6), 2.0
 """How many periods of the mains tell a hum from motion, the most first; times the noise beside it that a
 hum leaves of a beginning: a fall of as long leaves more than ten times."""
 _LONGER = 1.25  # times as long a rest, that a hum makes of what looks like motion
-_WANDERS = 0.02
-"""Of the way that a record shows, by which its beginning may wander and be a zero all the same: to so much."""
+_WANDERS, _LASTING = 0.02, 6
+"""Of the way that a record shows, by which its beginning may wander and be a zero all the same, to so much; and
+windows for which it does: what begins to fall leaves them."""
 _MEDIAN = 1.2533141373155003  # sqrt(pi / 2): standard error of a median over that of a mean
 
 
@@ -81,7 +82,7 @@ def from_start(
     swing = _swing(time, values, resolution)
     if swing is not None and (longer := _still(values - swing, block, resolution)) > _LONGER * n:
         n = longer
-    wanders = float(np.ptp(values[:first]))
+    wanders = float(np.ptp(values[: _LASTING * first]))
     if n == 0 and wanders < _WANDERS * float(np.ptp(values)):
         # a sensor that averages or swings: its zero is known to what it wanders
         quiet = _describe(time[:first], values[:first], resolution, correlated)

@@ -219,8 +219,22 @@ def _one(session: Session, results: Results, experiment: Experiment, failures: I
         given = [_tolerant(results, a) for a in arguments(session, STAGES, experiment, stage.inputs)]
         stated = (session.title, session.operator, session.notes, session.synthetic)
         context = Context(experiment.name, kind, *stated, failures=failed)
-        result = function(stage.function)(*given, settings=experiment.settings, context=context)
+        try:
+            result = function(stage.function)(*given, settings=experiment.settings, context=context)
+        except Exception as error:
+            # checks of a kind are foreign code to a session: they end this verdict alone
+            return _not_judged(experiment, error)
     return _of_result(session, experiment, state, result)
+
+
+def _not_judged(experiment: Experiment, error: Exception) -> Verdict:
+    """Say that the checks themselves broke, which tells nothing about the record."""
+    from labpipe.judging import Finding
+
+    text = f"the checks broke: {type(error).__name__}: {error}"
+    cause = "this tells nothing about the record: report it, with the session"
+    finding = Finding(f"step {JUDGEMENT}", "note", text, cause)
+    return Verdict(experiment.name, experiment.kind, "failed", "unknown", "undecided", (finding,), causes=(cause,))
 
 
 def _of_result(session: Session, experiment: Experiment, state: str, result: xr.Dataset) -> Verdict:

@@ -267,6 +267,7 @@ ROWS = (
         ("Hz under rad/s", "interval"),
         FIRST,
     ),
+    Mistake("turns per minute under radians", _scaled(OMEGA, 30 / np.pi), "impossible", ("turns per minute", "9.549")),
     Mistake("radians labelled Hz", _label("[rad/s]", "[Hz]"), "doubtful", ("Hz",), FIRST),
     Mistake("time in min labelled s", _scaled(TIME, 1 / 60), "doubtful", ("time",), FIRST),
     # one value, one row

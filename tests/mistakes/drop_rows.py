@@ -155,6 +155,31 @@ def _upside_down(x: Floats) -> Floats:
     return 2 * x[0] - x
 
 
+def _averaged(x: Floats) -> Floats:
+    """Take the mean of sixteen readings, as a controller that was set so."""
+    return np.convolve(np.concatenate([np.full(15, x[0]), x]), np.full(16, 1 / 16), "valid")
+
+
+def _turned_round(folder: Path) -> None:
+    """Sort the rows of a file by their number, downwards."""
+    lines = (folder / FIRST[0]).read_text("utf-8").splitlines()
+    (folder / FIRST[0]).write_text("\n".join(lines[:HEAD] + lines[: HEAD - 1 : -1]) + "\n", "utf-8")
+
+
+def _pushed(folder: Path) -> None:
+    """Hold the body of the third record 0.5 mm lower than it falls from: it is let go with that speed."""
+    _other_height(2e-3)(folder)
+
+    def held(x: Floats) -> Floats:
+        top = np.median(x[:200]) - 0.5 * np.cos(np.deg2rad(12.07))
+        out, begun = x.copy(), int(np.argmax(x < top))
+        out[:begun] = top + x[:begun] - np.median(x[:200])
+        out[begun - 200 : begun] = out[:200]  # at rest until it is pushed
+        return out
+
+    values(held, LAST)(folder)
+
+
 def _rounded(step: float) -> Callable[[Floats], Floats]:
     return lambda x: np.round(x / step) * step
 
@@ -407,6 +432,11 @@ ROWS = (
     Mistake("resolution 100 um", values(_rounded(0.1)), "impossible", ("resolution",)),
     Mistake("two readings exchanged in flight", values(_two_exchanged), "note", ("2 spikes",)),
     Mistake("clamp of the sensor loose", values(_shaken), "impossible", ("shakes",)),
+    Mistake("another sensor beats at 200 Hz", values(_hum(0.008, 200.0)), "doubtful", ("at 200 Hz",)),
+    Mistake("mount swings at 70 Hz", values(_hum(0.004, 70.0)), "doubtful", ("before the release", "fasten it")),
+    Mistake("mean of 16 readings left on", values(_averaged), "doubtful", ("averages over about",)),
+    Mistake("pushed at the release", _pushed, "impossible", ("pushed or thrown",), LAST[0]),
+    Mistake("rows from the last to the first", _turned_round, "impossible", ("reverse order",), FIRST[0]),
     Mistake("upside down readings", values(_upside_down), "impossible", ("direction",)),
     # repeats
     Mistake("same file twice", _copied, "doubtful", ("same bytes",), ALL[2]),

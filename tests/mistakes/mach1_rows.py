@@ -158,6 +158,7 @@ def _of_record(name: str) -> tuple[Mistake, ...]:
         Mistake("delay 159 ms", setting(delay, "159 ± 2 ms", RECORD), "impossible", ("15.9 ms",), RECORD, "159"),
         Mistake("delay 15.9 s", setting(delay, "15.9 ± 0.2 s", RECORD), "impossible", ("15.9 ms",), RECORD, "15.9"),
         Mistake("delay 1.59 ms", setting(delay, "1.59 ± 0.02 ms", RECORD), "doubtful", ("15.9 ms",), RECORD, "1.59"),
+        Mistake("delay 8 ms", setting(delay, "8.0 ± 0.2 ms", RECORD), "doubtful", ("15.9 ms",), RECORD, "8.0"),
         Mistake("record expired", setting("2025-04-30", "2024-05-10", RECORD), "impossible", ("expired",), RECORD),
         Mistake("record of another cell", setting('"250N"', '"17N"', RECORD), "impossible", ("17N",), RECORD, "17N"),
         Mistake("record of a laser", setting('"load_cell"', '"laser"', RECORD), "impossible", ("values",), RECORD),

@@ -1,5 +1,6 @@
 """Mistakes of a laboratory with a ball drop are noticed and named; clean sessions are believed."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 from labpipe import files, materials
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
+from pipelines.rig.plate import PLATE
 from pipelines.rig.samples import drop_section, laser_record, session_head
 from pipelines.session import Verdict
 from tests.mistakes.drop_rows import RECORD, ROWS, START, write
@@ -37,6 +39,24 @@ def test_clean_session_is_believed(clean: Path) -> None:
 @pytest.mark.parametrize("mistake", by_day(ROWS, 4))
 def test_mistake_is_noticed_and_named(clean: Path, tmp_path: Path, mistake: Mistake) -> None:
     hold(clean, tmp_path / "session", mistake, "bounces")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("material", "height", "mass"), [("ptfe", 3e-3, 30.0), ("acrylic", 5e-3, 100.0)])
+def test_a_plate_that_nobody_stated_is_the_first_suspect(
+    tmp_path: Path, material: str, height: float, mass: float
+) -> None:
+    """Its mass by momentum, to a tenth: it moves a little while it is struck."""
+    rig = replace(DropRig(duration=0.12), floor=replace(PLATE, mass=mass))
+    names = write_drops(tmp_path, "drop", rig, materials.load(material), height, 3, 300, START)
+    files.write_text(tmp_path / RECORD, laser_record())
+    section = drop_section("drop", names, height, material)
+    files.write_text(tmp_path / "session.toml", session_head("Plate (synthetic)") + section)
+    found = judged(tmp_path, "judgement")
+    assert (found.believable, found.model) == ("yes", "differs")
+    told = re.search(r"states no plate .* with about (\d+) kg", found.suspects[0])
+    assert told is not None, found.suspects
+    assert float(told[1]) == pytest.approx(mass, rel=0.1)
 
 
 @pytest.mark.parametrize(

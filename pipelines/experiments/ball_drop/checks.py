@@ -5,20 +5,22 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import repeat
-from math import acos, cos, pi
+from math import acos, cos, expm1, inf, pi
 
 import numpy as np
 import xarray as xr
 
 from labpipe.errors import LabpipeError
-from labpipe.judging import SLIPS, Cause, Check, explain, not_made, too_large
+from labpipe.judging import DOUBTFUL, SLIPS, Cause, Check, explain, not_made, too_large
 from labpipe.materials import load
+from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
-from pipelines.experiments.ball_drop.comparison import SCALE, rows
+from pipelines.experiments.ball_drop.comparison import RESTITUTION, SCALE, rows
 from pipelines.experiments.ball_drop.model import OF_PLATE
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import fall_checks, judgements, trace_checks
+from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.fall_checks import Fall, Stiffness
 from pipelines.experiments.shared.judgements import Scene, line_of, times_over
 from pipelines.experiments.shared.trace_checks import Trace
@@ -26,6 +28,7 @@ from pipelines.experiments.shared.trace_checks import Trace
 _NO_FALL = 2.0  # times g, or the inverse, beyond which a motion is no flight at all
 _LEAST_COSINE = 0.7  # of an inclination that anybody would mount a sensor with
 _LEVEL = 3.0  # degrees
+_LIGHTEST_PLATE = 5.0  # times the mass that falls on it: lighter, it would be hit again before it leaves
 _MARKER = re.compile(r"found '(?:-*|\+*|\*+|[+-]?9{4,}[.\d]*|[A-Za-z]+)'")
 _BENT_BY_SWINGS = ("durations of the flights", "smoothness of the flights")
 _OF_ANOTHER = (
@@ -88,11 +91,13 @@ def judgement(
     is_damaged = any(check.level == "impossible" for check in of_traces)
     causes = [] if is_damaged else list(_causes(settings, headers, settings.laser, records))
     stiffness = _stiffness(settings, model)
-    shaken = {c.file: c for c in of_traces if c.name == trace_checks.SWING and c.level}
-    of_records = {
-        fall.name: _by_swing(_of_record(fall, moved, stiffness, settings), shaken.get(fall.name))
-        for fall, moved in records
-    }
+    of_records = {fall.name: _of_record(fall, moved, stiffness, settings) for fall, moved in records}
+    by_file = {trace.name: trace for trace in traces}
+    for swing in (c for c in of_traces if c.name == trace_checks.SWING and c.level and c.file in of_records):
+        added = trace_checks.speed_of_swing(by_file[swing.file], *results[swing.file])
+        of_records[swing.file] = [
+            _by_swing(check, swing, added, results[swing.file][1]) for check in of_records[swing.file]
+        ]
     everything = [check for some in of_records.values() for check in some]
     if causes and not explain(everything, causes):
         by_name = dict(zip(settings.laser, readings or (), strict=False))
@@ -107,7 +112,29 @@ def judgement(
         compared = list(rows(comparison, repeats, model, settings=settings))
     inputs = _inputs(model, repeats)
     in_common = {name: Quantity(0.0, 1.0, "1") for row in compared for name in row.slopes if name not in inputs}
-    return judgements.judgement(Scene(checks, causes, compared, inputs, in_common, basis))
+    unstated = _unstated_plate(compared, settings)
+    return judgements.judgement(Scene(checks, causes, compared, inputs, in_common, basis, unstated))
+
+
+def _unstated_plate(compared: Sequence[Row], settings: BallDrop) -> str:
+    """Say which plate would explain a first bounce that returns too little, where none is stated.
+
+    A plate of modal mass M takes e - (1 + e) m/(m + M) in place of e, as long as it hardly moves
+    while it is struck.
+    """
+    first = next((row for row in compared if row.quantity == f"{RESTITUTION}1"), None)
+    if first is None or settings.plate is not None or settings.plate_from is not None:
+        return ""
+    less, model = -(first.difference or 0.0), first.model or 0.0
+    if less <= DOUBTFUL * (first.u_difference or inf):
+        return ""
+    mass = settings.sphere.mass.value * ((1.0 + model) / less - 1.0)
+    if not mass > _LIGHTEST_PLATE * settings.sphere.mass.value:
+        return ""
+    return (
+        f"the session states no plate under the drop (plate or plate_from): one that swings with about "
+        f"{quantity(mass, 'kg', 2)} would take that much of the first bounce"
+    )
 
 
 def _explained(failed: Check, of_traces: Sequence[Check], record: str) -> Check:
@@ -193,13 +220,12 @@ def _of_record(fall: Fall, moved: xr.Dataset, stiffness: Stiffness | None, setti
     ]
 
 
-def _by_swing(checks: list[Check], swing: Check | None) -> list[Check]:
-    """Blame a vibration that was seen before the release for flights that do not fit each other: it lasts."""
-    if swing is None:
-        return checks
-    return [
-        replace(c, level="doubtful", cause=swing.cause) if c.level and c.name in _BENT_BY_SWINGS else c for c in checks
-    ]
+def _by_swing(check: Check, swing: Check, added: float, bounces: xr.Dataset | None) -> Check:
+    """Blame a vibration that was seen before the release, and lasts, for what it adds to speeds and flights."""
+    is_bent = check.name in _BENT_BY_SWINGS
+    if check.name == fall_checks.SPEED and bounces is not None:
+        is_bent = abs(expm1(check.log_ratio)) * float(bounces["incoming_speed"][0]) < 2 * added  # of touch and height
+    return replace(check, level="doubtful", cause=swing.cause) if check.level and is_bent else check
 
 
 def _stiffness(settings: BallDrop, model: xr.Dataset | None) -> Stiffness | None:
@@ -241,7 +267,7 @@ def _inputs(model: xr.Dataset | None, repeats: xr.Dataset | None) -> dict[str, Q
 def _causes(
     settings: BallDrop, readings: Sequence[xr.Dataset], names: Sequence[str], records: Sequence[tuple[Fall, xr.Dataset]]
 ) -> Iterator[Cause]:
-    g, fall, v = "free-fall acceleration", "height of the fall", "speed of the first impact"
+    g, fall, v = "free-fall acceleration", "height of the fall", fall_checks.SPEED
     duration = "duration of the first contact"
     if readings:
         first = readings[0]

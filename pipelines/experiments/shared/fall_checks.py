@@ -18,6 +18,7 @@ from labpipe.judging import DOUBTFUL, IMPOSSIBLE, Check, Level, bounded, compare
 from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
 
+SPEED = "speed of the first impact"
 GUIDE = 5e-3
 """Largest share of g that the friction of a guide or the drag of the air takes from a fall."""
 _ON_GROUND = (9.76, 9.84)  # m/s²: from the equator's mountains to the poles, by the International Gravity Formula
@@ -127,7 +128,7 @@ def height(fall: Fall, given: Quantity | None) -> Check:
 
 def speed(fall: Fall, gravity: Quantity) -> Check:
     """Hold the speed of the first impact against that of a free fall from the seen height."""
-    name, law = "speed of the first impact", "v² = 2 g h of the fall that is seen"
+    name, law = SPEED, "v² = 2 g h of the fall that is seen"
     seen, own = fall.value("incoming_speed", 0)
     h, u_h = fall.value("drop_height")
     expected = sqrt(2 * gravity.value * max(h, 0.0))

@@ -65,7 +65,7 @@ _UNEXPLAINED = (
 _NO_GRADE = 5.0  # between moduli of two grades of one polymer
 _MODULUS = "modulus"
 """Input of a material: its u is 0 where it is known by its name alone."""
-_OTHER_MATERIAL = "or the specimen is of another material than stated: its modulus is known by its name alone"
+_OF_NAME = "the specimen is of another material or grade than stated, whose modulus is known by its name alone"
 _TIED = "\N{NO-BREAK SPACE}"  # a number stays with its unit
 _LEAST_OWN = 0.05
 """Least part of a difference's uncertainty that is its own, not shared with other rows."""
@@ -186,6 +186,8 @@ class Scene(NamedTuple):
         stated wrongly, such as the scatter of another measurement.
     basis : Basis
         Its checks are added to the others.
+    unstated : str
+        What nobody stated and would explain a model that differs; it is told first.
     """
 
     checks: Sequence[Check]
@@ -194,6 +196,7 @@ class Scene(NamedTuple):
     inputs: Mapping[str, Quantity] = {}
     shared: Mapping[str, Quantity] = {}
     basis: Basis = Basis()
+    unstated: str = ""
 
 
 def uncertainties_stated(given: Iterable[tuple[str, Quantity]]) -> Iterator[Check]:
@@ -289,10 +292,13 @@ def judgement(scene: Scene) -> xr.Dataset:
         smallest = detectable(slopes[:, : len(names)], covariance) if names else smallest
         own = slopes[:, : len(names)]
         ranked = suspects([row.difference or 0.0 for row in rows], own, covariance) if names else []
-        told = _slipped(names, known, rows, own, covariance, ranked, _confirmed(judged))
+        if not scene.unstated:
+            told = _slipped(names, known, rows, own, covariance, ranked, _confirmed(judged))
         told = _common(names, rows, own) + told
-        told += _suspected(names, known, own, ranked, found.chi2)
-        told = told[:_SUSPECTS] or ([_UNEXPLAINED] if names else [])
+        others = _suspected(names, known, own, ranked, found.chi2)
+        if not told and _is_by_name(names, known) and ranked and names.index(_MODULUS) in ranked[0].inputs:
+            told = [_OF_NAME]
+        told = [*told, *others][:_SUSPECTS] or ([_UNEXPLAINED] if names else [])
     values = np.array([scene.inputs[name].value for name in names])
     # an error of an input that is 0 has no size to be compared with
     relative = np.divide(smallest, np.abs(values), out=np.full(len(names), np.nan), where=values != 0.0)
@@ -301,6 +307,7 @@ def judgement(scene: Scene) -> xr.Dataset:
     made = _dataset(judged, found, dict(zip(names, units, strict=True)), smallest, relative, could_notice)
     if not is_held:
         made.attrs["model"] = "undecided"
+    told = [first for first in (scene.unstated,) if first] + told
     told = [f"{scene.basis.reason}: see there first", *told] if scene.basis.reason else told
     wanted = made.attrs["model"] == "differs" or not is_held
     return made.assign_attrs(suspects=json.dumps(told if wanted else []))
@@ -395,8 +402,14 @@ def _slipped(
             f"{name} is probably {quantity(given.value / slip.factor, given.si)}, not {quantity(given.value, given.si)}"
             f"{typed}; that would explain {100 * slip.share:.0f}{_TIED}% of it"
         )
-    by_name = any(name == _MODULUS and not known[name].u for name in names)
-    return [*said, _OTHER_MATERIAL] if len(said) == 1 and by_name else said if len(said) == 1 else []
+    if len(said) != 1:
+        return []
+    return [*said, f"or {_OF_NAME}"] if _is_by_name(names, known) else said
+
+
+def _is_by_name(names: Sequence[str], known: Mapping[str, Quantity]) -> bool:
+    """Tell whether a material is known by its name alone."""
+    return _MODULUS in names and not known[_MODULUS].u
 
 
 def _confirmed(judged: Judgement) -> Set[str]:

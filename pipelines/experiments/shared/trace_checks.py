@@ -177,6 +177,12 @@ def swing_at_rest(trace: Trace, rest: slice) -> tuple[float, float] | None:
     return (best, amplitude) if is_sure and is_seen else None
 
 
+def speed_of_swing(trace: Trace, *found_in: xr.Dataset | None) -> float:
+    """Return the speed [m/s] that a swing before the release adds and takes while it lasts; 0 without one."""
+    found = swing_at_rest(trace, _rest_of(trace, [one for one in found_in if one is not None]))
+    return 0.0 if found is None else 2 * pi * found[0] * found[1]
+
+
 def swing(trace: Trace, rest: slice) -> Check:
     """Look for one frequency in a body that should be at rest."""
     title, law = SWING, "before its release the body is at rest"

@@ -54,3 +54,17 @@ def test_a_mistake_of_the_program_is_no_judgement_of_the_record(
     assert (found.state, found.believable) == ("failed", "unknown")
     assert "unexpected KeyError" in found.findings[0].message
     assert "tells nothing about the record" in found.findings[0].cause
+
+
+def test_checks_that_break_are_no_judgement_of_the_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = write(tmp_path / "session")
+
+    def broken(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("nought")
+
+    monkeypatch.setattr("pipelines.experiments.ball_drop.checks.judgement", broken)
+    done = process(folder, ["judgement"], jobs=0)
+    assert done.exit_code == 1
+    (found,) = verdicts_of(done).experiments
+    assert (found.state, found.believable) == ("failed", "unknown")
+    assert "ZeroDivisionError" in found.findings[0].message
