@@ -161,7 +161,7 @@ def swing_at_rest(trace: Trace, rest: slice) -> tuple[float, float] | None:
         return None
     t, x = trace.time[known] - trace.time[known[0]], trace.reading[known]
     span = float(t[-1])
-    flat = np.stack([np.ones_like(t), t / span], axis=1)
+    flat = np.stack([np.ones_like(t), t / span, (t / span) ** 2], axis=1)  # a drift, or a fall
     drift = x - flat @ np.linalg.lstsq(flat, x, rcond=None)[0]
     power = np.abs(np.fft.rfft(drift, 4 * t.size))
     power[: 4 * _TURNS] = 0.0  # fewer turns are a drift
@@ -171,7 +171,7 @@ def swing_at_rest(trace: Trace, rest: slice) -> tuple[float, float] | None:
         design = np.column_stack([flat, np.cos(2 * pi * f * t), np.sin(2 * pi * f * t)])
         fitted = np.linalg.lstsq(design, x, rcond=None)[0]
         if (sum_of_squares := float(np.sum((x - design @ fitted) ** 2))) < left:
-            best, amplitude, left = float(f), float(np.hypot(*fitted[2:])), sum_of_squares
+            best, amplitude, left = float(f), float(np.hypot(*fitted[3:])), sum_of_squares
     is_sure = left < float(drift @ drift) * (_CHANCE / t.size) ** (2 / (t.size - 4))
     is_seen = 2 * amplitude > _LIMITS[0] * trace.travel and amplitude > trace.resolution
     return (best, amplitude) if is_sure and is_seen else None
