@@ -1,4 +1,4 @@
-"""Which columns of a table belong together, and what those are that no heading names well.
+"""Which columns of a table belong together, and what those without a clear heading hold.
 
 Columns side by side belong to frequencies or temperatures that the headings state; of columns with the
 same quantity the first counts; a time of day is no time, and the only column in degrees is the temperature.

@@ -1,4 +1,4 @@
-"""Where the tables of a text stand: headings, a row of units, rows of numbers, and what is said above.
+"""The layout of a text with tables: headings, a row of units, rows of numbers, and the lines above them.
 
 A file may hold one table or many (the steps of a procedure), after any number of lines about
 specimen and procedure. A table begins at the line that names at least two quantities of a dynamic

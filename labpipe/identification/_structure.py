@@ -1,4 +1,4 @@
-r"""How uneven a spectrum is, and the average over it.
+r"""How uneven a relaxation spectrum is: inference for several degrees of unevenness, and their average.
 
 Spectra of polymers are smooth: broad dispersions that overlap. Some have a shoulder or a narrow
 peak, or end steeply. How soon a slope may turn decides what the moduli between two readings and

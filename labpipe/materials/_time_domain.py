@@ -1,4 +1,4 @@
-"""Readings of relaxation and creep tests as isothermal sweeps, so that all that takes sweeps takes them."""
+"""Relaxation and creep tests as isothermal sweeps, for every function that takes sweeps."""
 
 import json
 from typing import Any

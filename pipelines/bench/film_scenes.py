@@ -1,4 +1,4 @@
-"""Films of known motion for image correlation, of other making than the speckles of its tests.
+"""Films of known motion for image correlation, made in another way than the speckles of its tests.
 
 Random fields and photographs are moved by the phases of their Fourier coefficients, where blur is
 a factor; Perlin noise, edges and gratings are formulas of the place, so that any motion is exact.

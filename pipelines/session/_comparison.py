@@ -39,14 +39,19 @@ class Comparison(ShownAsTable):
 def _pair(row: Row) -> tuple[str, str]:
     if row.measured is None or row.model is None:
         return "", ""
-    return f"{row.measured:.5g} {row.unit}", f"{row.model:.5g} {row.unit}"
+    return _with_unit(f"{row.measured:.5g}", row), _with_unit(f"{row.model:.5g}", row)
 
 
 def _agreement(row: Row) -> str:
     if row.nrmse is not None:
         return f"nRMSE {100 * row.nrmse:.2f} %"
     u = "" if row.u_difference is None else f" ± {row.u_difference:.1e}"
-    return "" if row.difference is None else f"{row.difference:+.2e}{u} {row.unit}"
+    return "" if row.difference is None else _with_unit(f"{row.difference:+.2e}{u}", row)
+
+
+def _with_unit(text: str, row: Row) -> str:
+    """Write a number with its unit; a ratio has none."""
+    return text if row.unit == "1" else f"{text} {row.unit}"
 
 
 def labelled(row: Row, experiment: Experiment, session: Session) -> Row:

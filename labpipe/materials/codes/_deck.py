@@ -1,4 +1,4 @@
-r"""What a simulation code is told of a material: shear and bulk series, shift law, window, warnings.
+r"""The input of a simulation code for a material: shear and bulk series, shift law, window, warnings.
 
 Codes part a solid into shear and volume. From the tension modulus E(t) and what the bulk modulus
 does follows the shear modulus, exactly and with as many terms:

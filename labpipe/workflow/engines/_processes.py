@@ -1,4 +1,4 @@
-"""Local processes, whoever of them dies.
+"""Local processes; one that dies is replaced.
 
 They are forked from a server that has loaded the numerical libraries. They share no queue and no
 lock that a dead one could keep: each has a pipe of its own.

@@ -1,4 +1,4 @@
-"""How the camera stands to the motion that it films: turned about its axis, or looking up or down at it.
+"""The camera's angle to the motion that it films: turned about its axis, or looking up or down at it.
 
 A camera that is turned sees a fall aslant. One that looks up or down at it sees lengths along the fall
 too short, by the cosine of the angle. It also sees the holder come closer or go away, and so grow or
