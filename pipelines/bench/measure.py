@@ -16,14 +16,12 @@ import tracemalloc
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from statistics import median
-from types import MappingProxyType
 from typing import TypeVar
 
 from labpipe.errors import InputError
 
 T = TypeVar("T")
 Extra = Mapping[str, float | int | str | bool | None]
-_NOTHING: Extra = MappingProxyType({})
 
 #: Groups of points: ours have no name, the thesis's own method has this one, all others are peers.
 OURS, THESIS = "", "thesis"

@@ -3,8 +3,24 @@
 from pathlib import Path
 
 from pipelines.experiments import KINDS
-from pipelines.experiments.shared.budget_quantity import ASKED, Quantity
+from pipelines.experiments.shared.budget_quantity import Quantity
 from pipelines.session import derive, opened
+
+ASKED = (
+    "inclination",
+    "pixel size",
+    "zero",
+    "noise",
+    "sampling",
+    "filter lag",
+    "mass",
+    "radius",
+    "height",
+    "Poisson's ratio",
+    "temperature",
+    "repeatability",
+)
+"""Inputs that every budget is asked about."""
 
 ITEMS = {
     "clock": "sampling",

@@ -1,14 +1,11 @@
 """Shapes of a periodic indenter, as names or as arrays."""
 
-from typing import Literal
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 
-Profile = Literal["parabola", "circle", "cosine"]
 PROFILES: tuple[str, ...] = ("parabola", "circle", "cosine")
 
 # Collocation at the centre of a strip sees half of what its mean sees of the curvature, dx² f''/24.

@@ -21,7 +21,6 @@ from labpipe.variables import described, variable, with_u
 from pipelines.experiments.plate_vibration.settings import Drops, PlateVibration
 from pipelines.experiments.shared.laser_readings import read_laser
 
-_LEAST_CHANGE = 1e-2  # relative change of an input by which a sensitivity is found
 _PER_DROP = ("natural_frequency", "damping_ratio", "amplitude")
 _UNITS = {"natural_frequency": "Hz", "damping_ratio": "1", "amplitude": "m", "modal_mass": "kg"}
 NAMES = {

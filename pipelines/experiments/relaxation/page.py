@@ -28,7 +28,6 @@ from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import budget_blocks, pages, ramps_and_holds
 from pipelines.experiments.shared.punch_sections import header_blocks, punch_rows, substrate_name
 
-_UM = 1e6
 _MPA = 1e-6
 _RAMP_VIEW = 2.0  # s around a ramp that are drawn sample by sample
 _POINTS_PER_DECADE = 12

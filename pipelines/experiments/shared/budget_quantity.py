@@ -1,8 +1,9 @@
 """A reported quantity as a formula of its uncertain inputs, and helpers for such formulas.
 
-Every budget is asked about the same inputs (:data:`ASKED`): each acts, by a row of the budget, or
-the page says why it does not. Nothing stands twice: what readings show of themselves is the noise,
-and what repeats show beyond that is the repeatability, type A with n − 1 degrees of freedom.
+Every budget is asked about the same inputs, from the inclination to the repeatability: each acts,
+by a row of the budget, or the page says why it does not. Nothing stands twice: what readings show
+of themselves is the noise, and what repeats show beyond that is the repeatability, type A with
+n − 1 degrees of freedom.
 """
 
 import json
@@ -23,22 +24,6 @@ IMPACTS = 3
 TESTS = 3
 """Depths or frequencies of an indentation that are shown."""
 
-ASKED = (
-    "inclination",
-    "pixel size",
-    "zero",
-    "noise",
-    "sampling",
-    "filter lag",
-    "mass",
-    "radius",
-    "height",
-    "Poisson's ratio",
-    "temperature",
-    "repeatability",
-)
-"""Inputs that every budget is asked about."""
-
 NOTHING_FALLS = (("inclination, pixel size, mass, height", "there is no laser, no camera, and nothing falls"),)
 """What does not act on an indentation, and why."""
 
@@ -57,7 +42,7 @@ class Quantity:
         Takes every input by its name.
     inputs : dict of str to Input
     inert : tuple of (str, str)
-        Inputs of :data:`ASKED` that do not act, several in one text, and why.
+        Inputs that do not act, several in one text, and why.
     family : str
         What quantities of the same sense have in common; the name where it is empty.
     """

@@ -70,7 +70,6 @@ _TIED = "\N{NO-BREAK SPACE}"  # a number stays with its unit
 _LEAST_OWN = 0.05
 """Least part of a difference's uncertainty that is its own, not shared with other rows."""
 _NO_SLIP, _DIAMETER = ("1", "degC", "K"), 2.0  # units of inputs that have no usual factor, and a radius' one
-_SHOWN = 3  # detectable errors in the opening sentence
 _COMMON, _TOGETHER, _FEWEST_COMMON = 1.5, 0.15, 3
 """Factor from which on all measured values together are said to be off, how far each of them may be from it, as a
 share of its logarithm, and how many there must be."""
