@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from labpipe.contact.impact._step_table import step_table
 from labpipe.contact.memory._creep import Creep, advance, condense, history, step_weights
 from labpipe.errors import InputError
 from labpipe.materials import Prony
@@ -170,3 +171,12 @@ def test_a_term_without_compliance_is_no_term():
     creep = Creep.from_terms(1e-9, [0.0, 2e-9, 0.0], [1e-3, 1e-2, 1.0])
     assert creep.n_terms == 1
     assert creep.tau.tolist() == [1e-2]
+
+
+def test_a_constant_load_does_the_work_of_its_creep_however_the_step_is_damped():
+    instantaneous, C, tau, dt = 0.01, 1.0, 1.0, np.array([1e-3, 0.1, 1.0, 10.0])
+    table = step_table(Creep.from_terms(instantaneous, [C], [tau]), dt)
+    assert (table.jump > 0).any()  # damped, and not
+    assert (table.jump == 0).any()
+    integral = instantaneous * dt + C * (dt - tau * -np.expm1(-dt / tau))
+    np.testing.assert_allclose(table.old_integral + table.new_integral, integral, rtol=rounding(1000))
