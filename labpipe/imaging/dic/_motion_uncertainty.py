@@ -28,14 +28,6 @@ ONE_WAY, _EDGE = 10.0, 50.0
 #: Shift (px) along the weakest direction that a misfit may hide at most, in patterns of the one and
 #: of the other kind, and how many standard deviations of the residual of noise it is beyond it.
 _HIDDEN, _HIDDEN_BY_EDGE, _SIGNIFICANT = 1.0, 0.2, 4.0
-#: Squared slopes that an edge sharper than the pixels seems to have along itself, over those across it, by
-#: the share of those at frequencies near a half per px: factor, power, and largest share. They are the most
-#: of edges and lines of any angle, seen by points, by pixels, and by lenses that blur by 0.3 to 0.8 px.
-_FOLDED, _FOLDED_POWER, _MOST_SHARP = 25.0, 2.5, 0.13
-#: Shift (px) to which they mislead where the texture is no more, and the ratio of the slopes in both directions
-#: from which a pattern begins to count as edges of one direction, and from which it is. Most patterns have less
-#: than that most: larger shifts would refuse 1.4 % of what is right on photographs, these 0.4 %.
-_MISLEADS, _SIDED = 0.16, (8.0, 11.0)
 #: Share of its frames in which a point shows its own noise, the largest multiple of what points of its
 #: brightness show that it may be, and the multiple from which a point is hit by what misfits.
 _BETTER, _BRIGHTER, _HIT = 0.1, 1.5, 2.0
@@ -338,30 +330,6 @@ def is_beyond_texture(
     excess = (noise - own) * pixels - _SIGNIFICANT * np.sqrt((2.0 + spread) * pixels) * own
     hidden = np.where(strongest > _EDGE * texture, _HIDDEN_BY_EDGE, _HIDDEN)
     return np.asarray((strongest > ONE_WAY * texture) & (excess > hidden**2 * texture))
-
-
-def misled(sharpness: Floats, texture: Floats, across: Floats) -> Floats:
-    """Shift [px] along the weakest direction to which the moiré of edges sharper than the pixels misleads.
-
-    Waves that are too short for the pixels appear folded. Those of an edge make steps along it, a
-    texture that stays with the pixels while the edge moves on, and leaves no misfit where there is
-    nothing else along it. How much there is beyond half a wave per px follows from what there is close
-    below. It misleads by its share of the texture.
-
-    Parameters
-    ----------
-    sharpness : array [grey²/px²]
-        Squares of the reference near half a wave per px without its noise, see
-        :meth:`.Reference.sharpness`.
-    texture : array [grey²/px²]
-        As in :class:`Variances`: where a stretch or a turn would explain it, it tells no shift.
-    across : array [grey²/px²]
-        See :func:`strongest_slopes`.
-    """
-    sided = across / np.maximum(texture, 1e-30)
-    share = np.clip(sharpness / np.maximum(across, 1e-30), 0.0, _MOST_SHARP)
-    is_edge = np.clip((sided - _SIDED[0]) / (_SIDED[1] - _SIDED[0]), 0.0, 1.0)
-    return np.asarray(_MISLEADS * is_edge * _FOLDED * share**_FOLDED_POWER * sided)
 
 
 def misfit_factor(noise: Floats, is_static: Flags, pixels: Floats, grey: Floats) -> Floats:

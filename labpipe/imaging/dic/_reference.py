@@ -29,8 +29,6 @@ _NOISE_LIKENESS = 0.2
 #: Best standard deviation of the motion (px) that rounding to whole levels must allow.
 _WORST_RESOLUTION = 0.1
 _ROUNDING = 1.0 / np.sqrt(12.0)
-#: Fourth difference over 16: it keeps the waves near half a wave per px.
-_NEAR_HALF = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 16.0
 #: Steps (column, row) along which the image is compared with itself.
 _STEPS = ((1, 0), (0, 1), *((i, sign * k) for i, k in ((1, 1), (2, 1), (1, 2)) for sign in (1, -1)))
 #: Median of the size of third differences of white noise of deviation 1.
@@ -139,20 +137,9 @@ class Reference:
         seen = float(np.nanmedian(change)) if np.isfinite(change).any() else 0.0
         return max(seen / _MEDIAN_OF_CHANGES, _ROUNDING) ** 2, _SPREAD_OF_CHANGES
 
-    def sharpness(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Sum the squares [grey²] of the reference near half a wave per px, along x and along y, (usable,).
-
-        Also those of white noise of variance 1 in each of the static frames.
-        """
-        import cv2
-
-        total = np.zeros(self.mean.shape)
-        inside = 1.0 if self.images.inside is None else self.images.inside
-        nothing = np.ones(1)
-        for along_x, along_y in ((_NEAR_HALF, nothing), (nothing, _NEAR_HALF)):
-            total += cv2.sepFilter2D(self.mean, cv2.CV_64F, along_x, along_y, borderType=cv2.BORDER_REFLECT_101) ** 2
-        noise = 2.0 * (_NEAR_HALF**2).sum() * self.subsets.level[:, 2] / self.noise.static_frames
-        return _sums(total * inside, self.subsets), noise
+    def sums(self, image: NDArray[Any]) -> NDArray[np.float64]:
+        """Sum an image (row, column) over what counts of every subset, (usable,)."""
+        return _sums(image if self.images.inside is None else image * self.images.inside, self.subsets)
 
     def softened(
         self, chosen: NDArray[np.int64], weights: NDArray[np.float64]
@@ -192,6 +179,23 @@ class Reference:
         along, squares = self.noise.bends
         kept = level**2 + 2.0 * level * weights[:, 0] * along + (weights**2 * squares).sum(axis=1)
         return np.maximum(left, _LEAST_LEFT), np.maximum(kept, 0.0)
+
+
+def near_half(reference: Reference, order: int = 4) -> tuple[NDArray[np.float64], float]:
+    """Squares [grey²] of the reference near half a wave per px, along x and along y, (row, column).
+
+    Also the variance there of white noise of variance 1 in each of the static frames. They are the
+    differences of an even order over what it makes of half a wave per px: the higher, the nearer to it.
+    """
+    import cv2
+
+    weights = np.array([(-1.0) ** k * math.comb(order, k) for k in range(order + 1)]) / 2.0**order
+
+    total = np.zeros(reference.mean.shape)
+    nothing = np.ones(1)
+    for along_x, along_y in ((weights, nothing), (nothing, weights)):
+        total += cv2.sepFilter2D(reference.mean, cv2.CV_64F, along_x, along_y, borderType=cv2.BORDER_REFLECT_101) ** 2
+    return total, 2.0 * float((weights**2).sum()) / reference.noise.static_frames
 
 
 def _third_difference(area: NDArray[np.float64], step: tuple[int, int]) -> NDArray[np.float64]:

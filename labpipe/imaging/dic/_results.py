@@ -16,15 +16,14 @@ from labpipe.imaging.dic._motion_uncertainty import (
     ONE_WAY,
     is_beyond_texture,
     misfit_factor,
-    misled,
     motion_variance,
     sharper_factor,
-    strongest_slopes,
 )
-from labpipe.imaging.dic._reference import Reference, Status
+from labpipe.imaging.dic._reference import Reference, Status, near_half
 from labpipe.imaging.dic._seeding import shift_of
 from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, LIGHT
 from labpipe.imaging.dic._subset_solver import CHANGES
+from labpipe.imaging.dic._undersampling import undersampled
 from labpipe.variables import described, variable
 
 if TYPE_CHECKING:
@@ -36,8 +35,6 @@ if TYPE_CHECKING:
 _STATIC_RANGE = 0.3
 #: Noise of a film over the lower quartile of what its points show: they scatter about as much.
 _NOISE_OF_FILM = 0.9
-#: Shift (px) below which it is not looked whether edges sharper than the pixels mislead.
-_NOTABLE = 1e-4
 #: Results whose uncertainty is computed at once; bounds the work arrays to some 50 MB.
 _BLOCK = 50_000
 
@@ -152,12 +149,17 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
         status[one_way[:, n] & beyond, n] = Status.TEXTURELESS
     misfit = misfit_factor(noise, is_static, reference.subsets.level[:, 2], reference.subsets.level[:, 0])
     if (table.change[..., 2] < 0.0).any():
-        sharp, of_noise = reference.sharpness()
+        sharp, of_noise = near_half(reference)
+        most = reference.sums(sharp) / (of_noise * reference.subsets.level[:, 2])
         growth = np.where(is_static[:, None], 0.0, table.change[..., 2])
-        misfit = np.maximum(misfit, sharper_factor(noise, sharp / of_noise, reference.subsets.level[:, 2], growth))
+        misfit = np.maximum(misfit, sharper_factor(noise, most, reference.subsets.level[:, 2], growth))
     deviation *= misfit[..., None]
     covariance *= misfit**2
-    _widen(deviation, covariance, _misled(reference, status, texture, noise, is_static))
+    is_found = (status == Status.OK) & ~is_static[:, None]
+    shift, shared = undersampled(reference, is_found, texture, noise, is_static)
+    _widen(deviation, covariance, shift)
+    deviation[~is_static, :, :2] = np.hypot(deviation[~is_static, :, :2], np.sqrt(shared[:, :2]))
+    covariance[~is_static] += shared[:, 2]
     is_vague = np.hypot(deviation[..., 0], deviation[..., 1]) > MOST_UNCERTAIN
     status[(status == Status.OK) & is_vague] = Status.TEXTURELESS
     _warn_of_motion(value[is_static], status[is_static])
@@ -176,24 +178,6 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     return Displacements(
         value, deviation, covariance, texture, table.zncc, contrast, table.iterations, status, table.model, change
     )
-
-
-def _misled(
-    reference: Reference, status: NDArray[np.int8], texture: Floats, noise: Floats, is_static: NDArray[np.bool_]
-) -> Floats:
-    """Shift (frame, usable point) [px] to which edges sharper than the pixels mislead; see :func:`.misled`."""
-    sharp, of_noise = reference.sharpness()
-    across = strongest_slopes(reference.subsets)
-    found = (status == Status.OK) & ~is_static[:, None]
-    result = np.zeros(status.shape)
-    least = np.where(found, texture, np.inf).min(axis=0)
-    for n in np.flatnonzero(misled(sharp, least, across) > _NOTABLE).tolist():
-        slopes = reference.subsets.normal[n]
-        weakest = 0.5 * (math.atan2(2.0 * slopes[0, 3], slopes[0, 0] - slopes[3, 3]) + math.pi)
-        own, _ = reference.own_noise(n, noise[is_static, n], weakest)
-        rows = found[:, n]
-        result[rows, n] = misled(sharp[n] - of_noise[n] * own, texture[rows, n], across[n])
-    return result
 
 
 def _widen(deviation: Floats, covariance: Floats, shift: Floats) -> None:

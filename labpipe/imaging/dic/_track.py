@@ -98,8 +98,8 @@ def track(
     -------
     Dataset over (frame, point)
         ``dx``, ``dy`` : displacement relative to the mean of the static frames [px];
-        ``u_dx``, ``u_dy`` : their standard uncertainty from noise (interpolation bias, lens
-        and out-of-plane motion are not in it) [px];
+        ``u_dx``, ``u_dy`` : their standard uncertainty from noise and, where edges are sharper than
+        the pixels, from interpolation (lens and out-of-plane motion are not in it) [px];
         ``rotation``, ``u_rotation`` : turn from x towards y, clockwise on the screen [rad];
         ``cov_dx_dy`` : covariance of dx and dy [px²];
         ``texture`` : squared slopes of the pattern, noise taken off, summed over the subset along

@@ -6,7 +6,7 @@ import xarray as xr
 
 from labpipe.imaging import track
 from labpipe.imaging.dic._motion_state import contradicted
-from labpipe.imaging.dic._motion_uncertainty import misled
+from labpipe.imaging.dic._undersampling import misled
 from pipelines.bench import film_scenes
 from pipelines.bench.film_scenes import Formula, View, digitised, from_formula, from_spectrum
 from tests.by_day import by_day
@@ -234,9 +234,25 @@ def test_the_moire_of_an_edge_sharper_than_the_pixels_is_no_texture(speed: float
 def test_sharp_edges_in_many_directions_do_not_mislead() -> None:
     assert misled(np.array([0.05, 0.0]), np.array([0.2, 0.01]), np.array([1.0, 1.0])).tolist() == [0.0, 0.0]
     shift = misled(np.array([0.02, 0.05, 0.1, 0.3]), np.full(4, 0.05), np.ones(4))
-    assert (np.diff(shift) > 0.0).all()
-    assert shift[0] < 0.02
-    assert shift[-1] > 0.2
+    assert 0.0 < shift[0] < 0.02 < shift[1]
+    assert np.isinf(shift[2:]).all()
+
+
+@pytest.mark.parametrize(("seen", "least"), [("points", 0.02), ("pixels", 0.004)])
+def test_errors_of_interpolation_between_too_few_pixels_are_in_the_uncertainty(seen: str, least: float) -> None:
+    """Cells of 4.3 px, black or white, along the columns and rows: all pixels of an edge err alike."""
+    dark = np.random.default_rng(6).random((64, 64)) < 0.5
+
+    def code(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return np.where(dark[np.floor(y / 4.3).astype(int) % 64, np.floor(x / 4.3).astype(int) % 64], -50.0, 50.0)
+
+    views = tuple(View((0.37 * k, -0.23 * k)) for k in range(5))
+    draw = from_formula if seen == "points" else seen_by_pixels
+    found = track(digitised([draw(code, SIZE, view) for view in views], 1.0, 7), grid((SIZE, SIZE), 26, 12), 31)
+    off, u = error(found, views, SIZE)[1:], np.hypot(found.u_dx, found.u_dy).values[1:]
+    assert found.valid[1:].mean() > 0.99
+    assert wrong(found, views) < 0.02 * off.size  # 0.09 of what points show if it were not
+    assert least < np.sqrt((off**2).mean()) < 3.0 * np.median(u)
 
 
 def test_bricks_that_jump_are_not_found_one_brick_off() -> None:

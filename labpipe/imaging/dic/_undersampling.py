@@ -1,0 +1,150 @@
+"""What edges sharper than the pixels do to the motion: moiré along them, and errors of interpolation.
+
+Waves that are too short for the pixels appear folded, and no interpolation between pixels brings
+them back. How much there is beyond half a wave per px follows from what the reference holds close
+below it, without its noise.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.arrays import Flags, Floats
+from labpipe.imaging.dic._motion_uncertainty import strongest_slopes
+from labpipe.imaging.dic._reference import Reference, near_half
+
+#: Squared slopes that an edge sharper than the pixels seems to have along itself, over those across it, by
+#: the share of those at frequencies near half a wave per px: factor, power, and largest share. They are the most
+#: of edges and lines of any angle, seen by points, by pixels, and by lenses that blur by 0.3 to 0.8 px.
+_FOLDED, _FOLDED_POWER, _MOST_SHARP = 25.0, 2.5, 0.13
+#: Shift (px) to which they mislead where they are little of the texture, and the share of it from which nothing
+#: else is told: of results with more, half were off by 0.2 px or more, some by tens.
+_MISLEADS, _ALL_FOLDED = 0.16, 0.35
+#: Ratios of the slopes in both directions from which a pattern begins to count as edges of one direction, and
+#: from which it is; also of edges seen by points, and the shares from which they begin to be that, and are.
+_SIDED, _SIDED_OF_POINTS, _POINTS = (8.0, 11.0), (4.0, 6.0), (0.1, 0.13)
+#: Share of the squared slopes near half a wave per px below which interpolation is exact enough.
+_NOTABLE_SHARE = 0.01
+#: Factor of the variance from interpolation between points: waves are folded as far as the spectrum reaches.
+_BETWEEN_POINTS = 16.0
+#: Share of the variance of lines that err alike: those seen by pixels err less than they are sharp.
+_ALIKE = 0.25
+#: Ratio of what is left near half a wave per px by differences of twice the order from which interpolation
+#: errs, and from which it errs as much as that: 0.2 to 0.3 in photographs, 0.4 in the finest speckle that a lens
+#: shows and random fields blurred by 0.7 px, 0.57 in edges seen by pixels, 0.67 in those seen by points.
+_RATIO = (0.4, 0.5)
+#: Noise that hides such an error, in its own variances, and the mean size of noise over its deviation.
+_HIDES, _MEAN_SIZE = 1.5, 0.8
+#: Slope of an edge against the columns or rows below which all its pixels are seen at one phase.
+_ALIGNED = 0.06
+#: Shift (px) below which it is not looked whether edges sharper than the pixels mislead.
+_NOTABLE = 1e-4
+
+
+def misled(sharpness: Floats, texture: Floats, across: Floats) -> Floats:
+    """Shift [px] along the weakest direction to which the moiré of edges sharper than the pixels misleads.
+
+    Folded waves of an edge make steps along it, a texture that stays with the pixels while the edge
+    moves on, and leaves no misfit where there is nothing else along it. It misleads by its share of the
+    texture, and without limit where it may be a third of it.
+
+    Parameters
+    ----------
+    sharpness : array [grey²/px²]
+        Squares of the reference near half a wave per px without its noise, see :func:`near_half`.
+    texture : array [grey²/px²]
+        As in :class:`.Variances`: where a stretch or a turn would explain it, it tells no shift.
+    across : array [grey²/px²]
+        See :func:`.strongest_slopes`.
+    """
+    sided = across / np.maximum(texture, 1e-30)
+    share = np.maximum(sharpness / np.maximum(across, 1e-30), 0.0)
+    by_points = _seen_by_points(share)
+    first, last = (a + by_points * (b - a) for a, b in zip(_SIDED, _SIDED_OF_POINTS, strict=True))
+    is_edge = np.clip((sided - first) / (last - first), 0.0, 1.0)
+    folded = is_edge * _FOLDED * np.minimum(share, _MOST_SHARP) ** _FOLDED_POWER * sided
+    left = 1.0 - folded / _ALL_FOLDED
+    return np.where(left > 0.0, _MISLEADS * folded / np.where(left > 0.0, left, 1.0), np.inf)
+
+
+def _seen_by_points(share: Floats) -> Floats:
+    """How far (0 to 1) a share near half a wave per px exceeds what pixels with an area show."""
+    return np.asarray(np.clip((share - _POINTS[0]) / (_POINTS[1] - _POINTS[0]), 0.0, 1.0))
+
+
+def undersampled(
+    reference: Reference, found: Flags, texture: Floats, noise: Floats, is_static: Flags
+) -> tuple[Floats, Floats]:
+    """Uncertainty from edges sharper than the pixels.
+
+    Parameters
+    ----------
+    reference : Reference
+    found : bool array (frame, usable point)
+        Results that are asked about.
+    texture, noise : arrays (frame, usable point)
+        As in :class:`.Variances`.
+    is_static : bool array (frame,)
+
+    Returns
+    -------
+    shift : array (frame, usable point) [px]
+        See :func:`misled`.
+    covariance : array (usable point, 3) [px²]
+        Variances along x and along y, and the covariance, from errors of interpolation.
+    """
+    sharp, of_noise = near_half(reference)
+    sharper, of_sharper_noise = near_half(reference, 8)
+    finest = reference.sums(sharper)
+    across = strongest_slopes(reference.subsets)
+    shift, covariance = np.zeros(found.shape), np.zeros((found.shape[1], 3))
+    least = np.where(found, texture, np.inf).min(axis=0, initial=np.inf)
+    total = reference.sums(sharp)
+    is_notable = (misled(total, least, across) > _NOTABLE) | (total > _NOTABLE_SHARE * across)
+    for n in np.flatnonzero(is_notable & np.isfinite(least)).tolist():
+        slopes = reference.subsets.normal[n]
+        weakest = 0.5 * (math.atan2(2.0 * slopes[0, 3], slopes[0, 0] - slopes[3, 3]) + math.pi)
+        own, _ = reference.own_noise(n, noise[is_static, n], weakest)
+        rows = found[:, n]
+        # what one image shows of noise may be its pattern, what the residual shows a misfit
+        own = min(own, float(np.median(noise[rows, n])))
+        less = total[n] - of_noise * own * reference.subsets.level[n, 2]
+        shift[rows, n] = misled(less, texture[rows, n], across[n])
+        ratio = (finest[n] - of_sharper_noise * own * reference.subsets.level[n, 2]) / max(less, 1e-30)
+        weight = float(np.clip((ratio - _RATIO[0]) / (_RATIO[1] - _RATIO[0]), 0.0, 1.0))
+        if weight > 0.0:
+            weight *= _BETWEEN_POINTS ** float(_seen_by_points(less / across[n]))
+            covariance[n] = weight * _interpolated(reference, n, sharp, of_noise * own)
+    return shift, covariance
+
+
+def _interpolated(reference: Reference, point: int, sharp: NDArray[np.float64], noise: float) -> Floats:
+    """Covariance (xx, yy, xy) [px²] of a motion from errors of interpolation; ``noise`` is that of ``sharp``.
+
+    Such errors are as large as what there is near half a wave per px, and lie where the slopes are: each
+    moves the answer by its share of the slope, ``A⁻¹ (Σ g gᵀ e²) A⁻¹``. Along an edge that runs with the
+    columns or rows all pixels are seen at one phase, and make one error.
+    """
+    x, y, half = reference.subsets.layout[point, :3]
+    cut = np.s_[y - half : y + half + 1, x - half : x + half + 1]
+    images = reference.images
+    inside = 1.0 if images.inside is None else images.inside[cut].astype(float)
+    slope_x, slope_y = images.slope_x[cut] * inside, images.slope_y[cut] * inside
+    error = sharp[cut]
+    pairs = ((slope_x, slope_x), (slope_y, slope_y), (slope_x, slope_y))
+    own = np.array([float((a * b).sum()) for a, b in pairs])
+    weighed = np.array([float((a * b * error).sum()) for a, b in pairs])
+    beyond = 1.0 - _HIDES * noise * (own[0] + own[1]) / max(weighed[0] + weighed[1], 1e-30)
+    if beyond <= 0.0:
+        return np.zeros(3)
+    normal = reference.subsets.normal[point][np.ix_([0, 3], [0, 3])]
+    inverse = np.linalg.pinv(normal)
+    spread = inverse @ np.array([[weighed[0], weighed[2]], [weighed[2], weighed[1]]]) @ inverse
+    result = beyond * np.array([spread[0, 0], spread[1, 1], spread[0, 1]])
+    size = np.maximum(np.sqrt(error) - _MEAN_SIZE * math.sqrt(noise), 0.0)
+    for k, (along, other) in enumerate(((slope_x, slope_y), (slope_y, slope_x))):
+        is_aligned = np.abs(other) <= _ALIGNED * np.abs(along)
+        lines = (np.abs(along) * size * is_aligned).sum(axis=k)
+        result[k] += _ALIKE * float((lines**2).sum()) / max(float(normal[k, k]), 1e-30) ** 2
+    return result
