@@ -290,7 +290,7 @@ def calibrate(
     if settled is not best:
         best = settled
         begin_from(best)
-    result = _refine(attempt, plain_axes, result, view)
+    result = _with_order_of_blur(attempt, plain_axes, _refine(attempt, plain_axes, result, view))
     # What a sharp film shows beyond the third harmonic looks like a small phase.
     is_cut = result.harmonics != (0.0, 0.0) and not result.blur
     if not is_phase_free or result.phase_shift != 0.0 or is_cut:
@@ -308,6 +308,18 @@ def _with_hidden_phase(attempt: _Attempt, axes: Sequence[Parameter], known: Cali
     if abs(phase - view.optics.phase) <= _SIGNIFICANT * deviation:
         return known
     return known.with_shared(trial, float(np.median(trial.changes(best))))
+
+
+def _with_order_of_blur(attempt: _Attempt, axes: Sequence[Parameter], known: Calibration) -> Calibration:
+    """Count as uncertain all that harmonics make of the radius where the lens blurs as well.
+
+    Those of many beams are blurred as they are here, those of a camera that is not linear arise after
+    the lens, and are smaller where the fringes are fine.
+    """
+    if not known.blur or known.harmonics == (0.0, 0.0):
+        return known
+    trial, without = (attempt(axes, seen) for seen in (known, replace(known, harmonics=(0.0, 0.0))))
+    return known if trial is None or without is None else known.with_shared(trial, trial.changes(without))
 
 
 def _find_ellipse(attempt: _Attempt, known: Calibration, best: _Trial) -> tuple[_Trial, Calibration]:

@@ -114,6 +114,7 @@ SCENES: dict[str, tuple[Disturbed, Callable[[Floats, float], Floats], float]] = 
         0.12,
     ),
     "phase and defocus": (replace(PLAIN, optics=OPTICS.change(phase=6.04, blur=1.67)), hertz, 0.02),
+    "gamma and defocus": (replace(PLAIN, optics=OPTICS.change(gamma=0.7, blur=2.0)), hertz, 0.3),
     "uneven light and defocus": (
         replace(PLAIN, gradient=0.7, optics=OPTICS.change(vignette=0.3, blur=1.4)),
         hertz,
