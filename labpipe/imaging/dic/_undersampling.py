@@ -25,7 +25,7 @@ _MISLEADS, _ALL_FOLDED = 0.16, 0.35
 #: from which it is; also of edges seen by points, and the shares from which they begin to be that, and are.
 _SIDED, _SIDED_OF_POINTS, _POINTS = (8.0, 11.0), (4.0, 6.0), (0.1, 0.13)
 #: Share of the squared slopes near half a wave per px below which interpolation is exact enough.
-_NOTABLE_SHARE = 0.01
+_NOTABLE_SHARE = 0.03
 #: Factor of the variance from interpolation between points: waves are folded as far as the spectrum reaches.
 _BETWEEN_POINTS = 16.0
 #: Share of the variance of lines that err alike: those seen by pixels err less than they are sharp.
