@@ -67,7 +67,7 @@ def plate_vibration(inputs: Inputs | None) -> Drawing:
 def _mark_amplitude(place: Any, number: int, amplitude: float, color: str) -> None:
     """Draw the amplitude at impact as a bar before the blow: lines of like spheres cover each other."""
     at = _BARS + _BAR_STEP * number
-    place.plot([at, at], [0.0, amplitude], color=color, linewidth=2.5, solid_capstyle="butt")
+    place.plot([at, at], [0.0, amplitude], color=color, linestyle="-", linewidth=2.5, solid_capstyle="butt")
 
 
 def _shown(plate: object, name: str, unit: str) -> str:
