@@ -11,12 +11,12 @@ import numpy as np
 import xarray as xr
 
 from labpipe.errors import LabpipeError
-from labpipe.judging import DOUBTFUL, SLIPS, Cause, Check, explain, not_made, too_large
+from labpipe.judging import SLIPS, Cause, Check, explain, not_made, too_large
 from labpipe.materials import load
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
-from pipelines.experiments.ball_drop.comparison import RESTITUTION, SCALE, rows
+from pipelines.experiments.ball_drop.comparison import DURATION, RESTITUTION, SCALE, rows
 from pipelines.experiments.ball_drop.model import OF_PLATE
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import fall_checks, judgements, trace_checks
@@ -29,6 +29,9 @@ _NO_FALL = 2.0  # times g, or the inverse, beyond which a motion is no flight at
 _LEAST_COSINE = 0.7  # of an inclination that anybody would mount a sensor with
 _LEVEL = 3.0  # degrees
 _LIGHTEST_PLATE = 5.0  # times the mass that falls on it: lighter, it would be hit again before it leaves
+_LESS, _SHORTENED = 2.0, 0.1
+"""Standard uncertainties by which a plate must lower the first restitution to be told where all bounces differ, and the
+part of a contact's duration that it changes at most: t goes with (1 + m/M)^-0.4."""
 _MARKER = re.compile(r"found '(?:-*|\+*|\*+|[+-]?9{4,}[.\d]*|[A-Za-z]+)'")
 _BENT_BY_SWINGS = ("durations of the flights", "smoothness of the flights")
 _OF_ANOTHER = (
@@ -122,11 +125,13 @@ def _unstated_plate(compared: Sequence[Row], settings: BallDrop) -> str:
     A plate of modal mass M takes e - (1 + e) m/(m + M) in place of e, as long as it hardly moves
     while it is struck.
     """
-    first = next((row for row in compared if row.quantity == f"{RESTITUTION}1"), None)
-    if first is None or settings.plate is not None or settings.plate_from is not None:
+    by_name = {row.quantity: row for row in compared}
+    first, lasts = by_name.get(f"{RESTITUTION}1"), by_name.get(f"{DURATION}1")
+    if first is None or lasts is None or settings.plate is not None or settings.plate_from is not None:
         return ""
     less, model = -(first.difference or 0.0), first.model or 0.0
-    if less <= DOUBTFUL * (first.u_difference or inf):
+    is_of_material = abs(lasts.difference or 0.0) > _SHORTENED * (lasts.model or 0.0)
+    if is_of_material or less <= _LESS * (first.u_difference or inf):
         return ""
     mass = settings.sphere.mass.value * ((1.0 + model) / less - 1.0)
     if not mass > _LIGHTEST_PLATE * settings.sphere.mass.value:

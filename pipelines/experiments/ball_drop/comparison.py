@@ -12,7 +12,7 @@ from pipelines.experiments.ball_drop.measured import NOISE
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, row
 
-RESTITUTION = "restitution, impact "
+RESTITUTION, DURATION = "restitution, impact ", "contact duration, impact "
 SCALE = "scale of length (gain and inclination)"
 """Input of the rows beside those of the model: the laser's gain and inclination together."""
 
@@ -83,7 +83,7 @@ def rows(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, sett
         yield _event(f"{RESTITUTION}{i + 1}", "1", ("restitution",) * 2, i, repeats, model)
     for i in range(shown):
         names = ("contact_duration",) * 2
-        yield _event(f"contact duration, impact {i + 1}", "s", names, i, repeats, model)
+        yield _event(f"{DURATION}{i + 1}", "s", names, i, repeats, model)
     if shown:
         for title, unit, names in (
             ("speed of the first impact", "m/s", ("incoming_speed", "impact_speed")),

@@ -382,8 +382,8 @@ def contact_duration(fall: Fall, radius: float, mass: float, stiffness: Stiffnes
     cause, setting = of_body(gap, u, radius, mass) if level else ("", "")
     if level and not cause and gap > 0:
         cause = (
-            "the controller averages or filters the readings over such a time, which smears an impact; or the body is "
-            "softer or heavier than stated"
+            "the moving mass is larger, or the material softer, than stated; or the controller averages or filters the "
+            "readings over such a time, which smears an impact"
         )
     file = "" if setting else fall.name
     return Check(name, law, message, level, gap / u, gap, u, cause=cause, file=file, setting=setting)

@@ -62,9 +62,11 @@ _UNEXPLAINED = (
     "no input alone explains it: the specimen is probably of another material or in another state than stated, or "
     "the model leaves something out"
 )
+_DECIMAL = 10.0
 _NO_GRADE = 5.0  # between moduli of two grades of one polymer
 _MODULUS = "modulus"
 """Input of a material: its u is 0 where it is known by its name alone."""
+_MOSTLY = 0.5  # of a difference, that an input must explain where it alone is told
 _OF_NAME = "the specimen is of another material or grade than stated, whose modulus is known by its name alone"
 _TIED = "\N{NO-BREAK SPACE}"  # a number stays with its unit
 _LEAST_OWN = 0.05
@@ -295,8 +297,9 @@ def judgement(scene: Scene) -> xr.Dataset:
             told = _slipped(names, known, rows, own, covariance, ranked, _confirmed(judged))
         told = _common(names, rows, own) + told
         others = _suspected(names, known, own, ranked, found.chi2)
-        if not told and _is_by_name(names, known) and ranked and names.index(_MODULUS) in ranked[0].inputs:
-            told = [_OF_NAME]
+        if not told and ranked and ranked[0].share > _MOSTLY and _is_by_name(names, known):
+            far = [i for i, error in _errors_of(ranked[0], own) if not _is_near(known[names[i]], error)]
+            told = [f"probably {_OF_NAME}"] if names.index(_MODULUS) in far else []
         told = [*told, *others][:_SUSPECTS] or ([_UNEXPLAINED] if names else [])
     values = np.array([scene.inputs[name].value for name in names])
     # an error of an input that is 0 has no size to be compared with
@@ -393,7 +396,8 @@ def _slipped(
     for slip in slips(measured, predicted, powers, spread, SLIPS["value"]):
         name = names[stated_ones[slip.input]]
         effect = float(np.abs(powers[:, slip.input]).max()) * abs(log(slip.factor))
-        if stated_ones[slip.input] in free and effect < of_grades:
+        is_far = max(slip.factor, 1 / slip.factor) > _DECIMAL  # what is out of all proportion its own check tells
+        if stated_ones[slip.input] in free and (is_far or effect < of_grades):
             return []
         given = known[name]
         typed = ": its diameter was typed" if "radius" in name and slip.factor == _DIAMETER else ""
