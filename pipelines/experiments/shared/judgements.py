@@ -299,7 +299,9 @@ def judgement(scene: Scene) -> xr.Dataset:
         others = _suspected(names, known, own, ranked, found.chi2)
         if not told and ranked and ranked[0].share > _MOSTLY and _is_by_name(names, known):
             far = [i for i, error in _errors_of(ranked[0], own) if not _is_near(known[names[i]], error)]
-            told = [f"probably {_OF_NAME}"] if names.index(_MODULUS) in far else []
+            alike = " or ".join(names[i] for i in far if names[i] != _MODULUS)  # looks the same
+            told = [f"probably {_OF_NAME}{f'; or {alike} is stated wrongly' * bool(alike)}"]
+            told = told if names.index(_MODULUS) in far else []
         told = [*told, *others][:_SUSPECTS] or ([_UNEXPLAINED] if names else [])
     values = np.array([scene.inputs[name].value for name in names])
     # an error of an input that is 0 has no size to be compared with
@@ -393,11 +395,12 @@ def _slipped(
     of_modulus = slopes[straight, names.index(_MODULUS)] / mean if _MODULUS in names else np.full(1, inf)
     of_grades = float(np.abs(of_modulus).max()) * log(_NO_GRADE)
     said = []
-    for slip in slips(measured, predicted, powers, spread, SLIPS["value"]):
+    # beside what may have any value, what is out of all proportion is told by a check of its own
+    factors = [k for k in SLIPS["value"] if not free or abs(log(k)) <= log(_DECIMAL)]
+    for slip in slips(measured, predicted, powers, spread, factors):
         name = names[stated_ones[slip.input]]
         effect = float(np.abs(powers[:, slip.input]).max()) * abs(log(slip.factor))
-        is_far = max(slip.factor, 1 / slip.factor) > _DECIMAL  # what is out of all proportion its own check tells
-        if stated_ones[slip.input] in free and (is_far or effect < of_grades):
+        if stated_ones[slip.input] in free and effect < of_grades:
             return []
         given = known[name]
         typed = ": its diameter was typed" if "radius" in name and slip.factor == _DIAMETER else ""
