@@ -45,7 +45,10 @@ __all__ = [
 ]
 
 _WORDS = re.compile(
-    r"keyence|\bLK-?[GHNS]|\bCL-?3|\bCL-?[PLHS]\d|\bIL-?\d|\bOUT ?\d|sampling (?:cycle|period)", re.IGNORECASE
+    r"keyence|\bLK-?[GHNS]|\bCL-?3|\bCL-?[PLHS]\d|\bIL-?\d|\bOUT ?\d|sampling (?:cycle|period)|"
+    # or, of its analogue output through another recorder, the names of two columns
+    r"^\W*(?:time|zeit|temps)\b[^\n,;\t]{0,12}[,;\t]\W*(?:displacement|distance|voltage|weg|spannung)\b",
+    re.IGNORECASE | re.MULTILINE,
 )
 
 
@@ -65,7 +68,7 @@ class Options(TypedDict, total=False):
 
 
 def _sniff(head: bytes, path: Path) -> bool:
-    """Tell a storage export by the model, an output or a sampling cycle in its header."""
+    """Tell a storage export by the model, an output, a sampling cycle or its columns' names."""
     del path
     # A film or any other binary file may hold these letters by chance, but no text holds a NUL.
     text = text_of(head)

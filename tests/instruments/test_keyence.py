@@ -405,7 +405,7 @@ TIMES = {
     "unit of the time by the cycle": LINES + "Unit,mm\nNo.,Time,OUT1\n" + table("{i},{ms:.1f},{v:+.4f}"),
     "times of day": "Time,OUT1[mm]\n" + table("10:22:3{t:.4f},{v:+.4f}"),
     "date and time": "Date/Time,OUT1[mm]\n" + table("2024/05/14 23:59:5{t:.4f},{v:+.4f}"),
-    "names of another program": "keyence\nTime (s),Displacement (mm)\n" + table("{t:.6f},{v:+.4f}"),
+    "names of another program": "Time (s),Displacement (mm)\n" + table("{t:.6f},{v:+.4f}"),
     "judgements": LINES + "Unit,mm\nNo.,OUT1,Judge\n" + table("{i},{v:+08.4f},GO"),
     "cells that a spreadsheet added": LINES.replace("\n", ",\n") + "Unit,mm,\nNo.,OUT1,\n" + table("{i},{v:+.4f},"),
     "statistics below": LINES + "Unit,mm\nNo.,OUT1\n" + table("{i},{v:+.4f}") + "\nMAX,1.5\nMIN,0.1\n",
@@ -421,6 +421,15 @@ def test_other_columns_labels_and_footers_leave_the_numbers(tmp_path, name):
     readings = read_text(tmp_path, TIMES[name])
     np.testing.assert_allclose(readings.out1.values, DROP * 1e-3, rtol=1e-12)
     np.testing.assert_allclose(readings.time.values, np.arange(N_DROP) * 1e-4, rtol=0, atol=1e-9)
+
+
+def test_the_analogue_output_through_another_recorder_is_known(tmp_path):
+    path = tmp_path / "ni.csv"
+    path.write_text("Time (s),Voltage (V)\n" + table("{t:.6f},{v:+.4f}"))
+    readings = instruments.read(path)
+    assert readings.attrs["sampling_interval"] == pytest.approx(1e-4, rel=1e-9)
+    assert readings.out1.attrs["units"] == "V"
+    np.testing.assert_allclose(readings.out1.values, DROP, rtol=1e-12)
 
 
 def test_chinese_labels_in_their_codec(tmp_path):
