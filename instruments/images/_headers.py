@@ -142,7 +142,13 @@ class _Tiff:
     def unpack(self, layout: str, at: int) -> int:
         size = struct.calcsize(self.order + layout)
         if not 0 <= at <= len(self.data) - size:
-            raise SourceError(self.path, "the TIFF points outside of itself", offset=at)
+            raise SourceError(
+                self.path,
+                "the TIFF points outside of itself",
+                offset=at,
+                hint="It is cut off or damaged: copy it from the camera again. The other images of a folder can be "
+                "read without it.",
+            )
         return int(struct.unpack(self.order + layout, self.data[at : at + size])[0])
 
     def pages(self) -> list[ImageHeader]:
