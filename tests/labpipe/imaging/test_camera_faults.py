@@ -141,7 +141,13 @@ def test_steps_of_edges_sharper_than_the_pixels_are_no_teeth(name: str, step: tu
     found = track(film, POINTS)
     note = str(found.attrs["note"])
     assert "rows" not in note
-    assert found.valid.mean() > 0.6  # of discs of 10 px many subsets see a single edge
+    # Of discs of 10 px many subsets see a single edge, or for the most part its moiré: where one of the two
+    # was still given as found, it was off by 0.1 px in the middle, up to 0.7 px, beyond 5 u in 25 of 250.
+    assert found.valid.mean() > (0.5 if "10 px" in name else 0.9)
+    frames = np.arange(found.sizes["frame"])[:, None]
+    for moved, speed in ((found.dx, step[0]), (found.dy, step[1])):
+        error = np.abs(moved - speed * frames) / found[f"u_{moved.name}"]
+        assert float(error.where(found.valid).max()) < 5.0
     # A corner may come to lie where another was.
     assert without_stuck_pixels(as_frames(film))[1].count <= 1
 
