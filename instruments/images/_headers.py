@@ -31,6 +31,10 @@ class ImageHeader(NamedTuple):
     fault: str = ""
 
 
+class CutOffError(SourceError):
+    """An image ends before its header does: nothing of it can be read."""
+
+
 def is_tiff(head: bytes) -> bool:
     """Tell a TIFF or BigTIFF by its first bytes."""
     return head[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
@@ -46,6 +50,8 @@ def read_headers(path: Path) -> list[ImageHeader]:
 
     Raises
     ------
+    CutOffError
+        The file ends within its first header.
     SourceError
         The file is neither, is colour, or declares what it cannot hold.
     """
@@ -59,6 +65,8 @@ def read_headers(path: Path) -> list[ImageHeader]:
             return _tiff(path, path.read_bytes() if path.stat().st_size < 1 << 20 else None)
     except OSError as error:
         raise SourceError(path, f"cannot be opened: {error.strerror}") from None
+    if not head:
+        raise CutOffError(path, "the image is empty")
     raise SourceError(
         path,
         f"is neither PNG nor TIFF: it starts with {head[:8]!r}",
@@ -68,7 +76,7 @@ def read_headers(path: Path) -> list[ImageHeader]:
 
 def _png(path: Path, head: bytes, tail: bytes) -> ImageHeader:
     if len(head) < 33 or head[12:16] != b"IHDR":
-        raise SourceError(path, "the PNG ends within its header")
+        raise CutOffError(path, "the PNG ends within its header", hint="Copy it from the camera again.")
     columns, rows, bits, colour = struct.unpack(">IIBB", head[16:26])
     if colour != 0:
         raise SourceError(
@@ -142,13 +150,8 @@ class _Tiff:
     def unpack(self, layout: str, at: int) -> int:
         size = struct.calcsize(self.order + layout)
         if not 0 <= at <= len(self.data) - size:
-            raise SourceError(
-                self.path,
-                "the TIFF points outside of itself",
-                offset=at,
-                hint="It is cut off or damaged: copy it from the camera again. The other images of a folder can be "
-                "read without it.",
-            )
+            hint = "It is cut off or damaged: copy it from the camera again."
+            raise CutOffError(self.path, "the TIFF points outside of itself", offset=at, hint=hint)
         return int(struct.unpack(self.order + layout, self.data[at : at + size])[0])
 
     def pages(self) -> list[ImageHeader]:
@@ -160,7 +163,12 @@ class _Tiff:
             if at in seen or len(seen) >= MOST_PAGES:
                 raise SourceError(self.path, "the TIFF's pages form a circle", offset=at)
             seen.add(at)
-            header, at = self._page(at)
+            try:
+                header, at = self._page(at)
+            except CutOffError:
+                if not found:
+                    raise
+                header, at = found[0]._replace(fault="the TIFF ends before this page"), 0
             found.append(header)
         if not found:
             raise SourceError(self.path, "the TIFF holds no image")

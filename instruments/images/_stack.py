@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.images._headers import ImageHeader, png_fault, read_headers
+from instruments.images._headers import CutOffError, ImageHeader, png_fault, read_headers
 from labpipe import files
 from labpipe.errors import InputError, SourceError
 from labpipe.frames import ShownFrames
@@ -109,14 +109,25 @@ def _folder(folder: Path) -> tuple[list[_Place], NDArray[np.float64]]:
     twice = np.flatnonzero(np.diff(numbers) == 0)
     if len(twice):
         raise SourceError(numbered[twice[0] + 1][1], f"number {numbers[twice[0]]} occurs twice")
-    places = []
-    for _, path in numbered:
-        headers = read_headers(path)
-        if len(headers) != 1:
-            raise SourceError(path, f"holds {len(headers)} images, expected one per file")
-        places.append(_Place(path, 0, headers[0]))
+    paths = [path for _, path in numbered]
+    found = [_header(path) for path in paths]
+    whole = next((header for header in found if isinstance(header, ImageHeader)), None)
+    if whole is None:
+        raise next(error for error in found if isinstance(error, CutOffError))
+    headers = [each if isinstance(each, ImageHeader) else whole._replace(fault=each.message) for each in found]
     _warn_of_gaps(folder, numbers)
-    return places, numbers.astype(float)
+    return [_Place(path, 0, header) for path, header in zip(paths, headers, strict=True)], numbers.astype(float)
+
+
+def _header(path: Path) -> ImageHeader | CutOffError:
+    """Return the header of a file's one image, or that it ends before it."""
+    try:
+        headers = read_headers(path)
+    except CutOffError as error:
+        return error
+    if len(headers) != 1:
+        raise SourceError(path, f"holds {len(headers)} images, expected one per file")
+    return headers[0]
 
 
 def _signed(stem: str, found: "re.Match[str]") -> int:

@@ -54,7 +54,7 @@ _SHARED = (
 )
 """Quantities of which the shape of the contact's pulse is a part of the uncertainty."""
 
-TOGETHER = ("restitution", "contact_duration", "incoming_speed", "penetration")
+_TOGETHER = ("restitution", "contact_duration", "incoming_speed", "penetration")
 """Quantities of an impact that are compared beside each other: what they have in common is told with its sign."""
 
 _LABELS = {
@@ -207,7 +207,7 @@ def bounces(
     found["u_fall_acceleration"] = variable((), u_fall, "m/s2", "standard uncertainty of the fall")
     numbered = variable("impact", np.arange(1, len(impacts) + 1), "1", "number of the impact")
     result = xr.Dataset(
-        found, coords={"impact": numbered, "unknown": [*SHAPE, *(f"noise, {name}" for name in TOGETHER)]}
+        found, coords={"impact": numbered, "unknown": [*SHAPE, *(f"noise, {name}" for name in _TOGETHER)]}
     )
     counts = {
         "samples": len(time),
@@ -344,7 +344,7 @@ def _per_impact(impacts: list[ImpactFit], direction: int) -> dict[str, Any]:
             gradients[name] = gradient
             u_shape = float(np.linalg.norm(gradient @ impact.by_shape))
             columns[name].append((value, float(propagated_u(gradient, impact.covariance)), u_shape))
-        common.append(_in_common(np.array([gradients[name] for name in TOGETHER]), impact))
+        common.append(_in_common(np.array([gradients[name] for name in _TOGETHER]), impact))
     found: dict[str, Any] = {}
     for name, (unit, label) in _LABELS.items():
         values, u_values, shared = np.array(columns[name]).T
@@ -353,7 +353,7 @@ def _per_impact(impacts: list[ImpactFit], direction: int) -> dict[str, Any]:
         if name in _SHARED:
             text = f"standard uncertainty of {label} common to all repeats, from the pulse shape"
             found[f"shared_u_{name}"] = variable("impact", shared, unit, text)
-    for name, parts in zip(TOGETHER, np.moveaxis(np.array(common), 1, 0), strict=True):
+    for name, parts in zip(_TOGETHER, np.moveaxis(np.array(common), 1, 0), strict=True):
         text = f"what one deviation of each common unknown adds to {_LABELS[name][1]}"
         found[f"common_{name}"] = variable(("impact", "unknown"), parts, _LABELS[name][0], text)
     chi_square = [impact.chi_square for impact in impacts]
@@ -362,7 +362,7 @@ def _per_impact(impacts: list[ImpactFit], direction: int) -> dict[str, Any]:
 
 
 def _in_common(gradients: Floats, impact: ImpactFit) -> Floats:
-    """Return what each common unknown adds to each of :data:`TOGETHER` (quantity, unknown) of one impact.
+    """Return what each common unknown adds to each of :data:`_TOGETHER` (quantity, unknown) of one impact.
 
     Unknown are the shape of the pulse and, independent of it, as many deviations of the noise: the
     symmetric root of what is left of the covariance, which is alike in all repeats.

@@ -72,21 +72,38 @@ def test_an_image_of_another_size_is_named(tmp_path: Path) -> None:
         instruments.read(tmp_path / "f", fps=1.0)
 
 
-@pytest.mark.parametrize("cut", [20, 60, -4])
-def test_a_cut_png_is_refused_or_flagged(tmp_path: Path, cut: int) -> None:
-    film = write_folder(tmp_path / "f", ["a1.png", "a2.png", "a3.png"])
-    path = tmp_path / "f/a2.png"
+@pytest.mark.parametrize("suffix", ["png", "tif"])
+@pytest.mark.parametrize("cut", [0, 20, 60, -4])
+def test_a_cut_image_is_left_out(tmp_path: Path, cut: int, suffix: str) -> None:
+    film = write_folder(tmp_path / "f", [f"a{i}.{suffix}" for i in (1, 2, 3)])
+    path = tmp_path / f"f/a2.{suffix}"
     path.write_bytes(path.read_bytes()[:cut])
-    if cut == 20:
-        with pytest.raises(SourceError, match="ends within its header"):
-            instruments.read(tmp_path / "f", fps=1.0)
-        return
-    with pytest.warns(UserWarning, match=r"1 of 3 images are not whole, the first a2\.png"):
+    with pytest.warns(UserWarning, match=rf"1 of 3 images are not whole, the first a2\.{suffix}"):
         found = instruments.read(tmp_path / "f", fps=1.0)
     assert found.valid.tolist() == [True, False, True]
     np.testing.assert_array_equal(found[2], film[2])
-    with pytest.raises(SourceError, match="cut off"):
+    with pytest.raises(SourceError, match=r"ends|cut off|points outside|empty"):
         found[1]
+
+
+def test_a_tiff_of_several_pages_gives_those_before_the_cut(tmp_path: Path) -> None:
+    film = images(4, np.uint16)
+    path = tmp_path / "f.tif"
+    assert cv2.imwritemulti(str(path), list(film), [cv2.IMWRITE_TIFF_COMPRESSION, 1])
+    path.write_bytes(path.read_bytes()[: -path.stat().st_size // 3])
+    with pytest.warns(UserWarning, match="the TIFF ends before this page|cut off"):
+        found = instruments.read(path, fps=1.0)
+    assert 1 <= found.valid.sum() < 4
+    for index in np.flatnonzero(found.valid):
+        np.testing.assert_array_equal(found[int(index)], film[index])
+
+
+def test_a_folder_of_nothing_but_cut_images_is_refused(tmp_path: Path) -> None:
+    write_folder(tmp_path / "f", ["a1.png", "a2.png"])
+    for path in (tmp_path / "f").iterdir():
+        path.write_bytes(path.read_bytes()[:20])
+    with pytest.raises(SourceError, match="ends within its header"):
+        instruments.read(tmp_path / "f", fps=1.0)
 
 
 def test_a_cut_tiff_page_is_flagged(tmp_path: Path) -> None:

@@ -23,7 +23,6 @@ from pipelines.experiments.shared.laser_readings import read_laser
 
 NOISE = "noise"
 """Begins the names of common unknowns that are an impact's own and fall with the number of repeats."""
-TOGETHER = ("restitution", "contact_duration", "incoming_speed", "penetration")
 _SPEEDS = ("incoming_speed", "outgoing_speed")
 _LENGTHS = (*_SPEEDS, "penetration")  # that go with the scale of length
 _PER_IMPACT = ("restitution", "touch_time", *_LENGTHS, "contact_duration")
@@ -160,12 +159,12 @@ def _table(bounces: list[xr.Dataset], relative: float) -> xr.Dataset:
         stated = np.sqrt(np.maximum(np.nanmean(own**2, axis=0) - shared, 0.0))
         apart = np.hypot(stated, scatter_beyond(scatter, stated, n)) / np.sqrt(n)
         u = np.hypot(apart, np.sqrt(shared))
-        if name in TOGETHER:
-            parts = np.array([padded(b[f"common_{name}"].values, count) for b in bounces])
+        if (of_unknowns := f"common_{name}") in bounces[0]:
+            parts = np.array([padded(b[of_unknowns].values, count) for b in bounces])
             of_noise = [text.startswith(NOISE) for text in bounces[0]["unknown"].values.tolist()]
             mean_parts = np.nanmean(parts, axis=0) / np.where(of_noise, np.sqrt(n)[:, None], 1.0)
             unit = bounces[0][name].attrs["units"]
-            table[f"common_{name}"] = variable(("impact", "unknown"), mean_parts, unit, f"by common unknowns: {name}")
+            table[of_unknowns] = variable(("impact", "unknown"), mean_parts, unit, f"by common unknowns: {name}")
         text = bounces[0][name].attrs
         table[name] = ("impact", mean, text)
         table[f"u_{name}"] = variable("impact", u, text["units"], f"standard uncertainty: {name}")
