@@ -1,5 +1,6 @@
 """Figures and tables of the appendices that are computed."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +26,8 @@ _BOUNDS = ((0.0, 5e4), (1e-5, 3e-4), (1.0, 2.0))
 """Of c_v [N s/m^1.5], yield depth [m] and unloading multiplier in the fit."""
 
 _EVALUATIONS = 60
+_RTOL = 1e-7
+"""Of the motion in the fit, which ends at some 1e-3 of its unknowns."""
 _SHOWN = (-60.0, 250.0)  # ms
 _FIRST_BOUNCE = 1.7
 """Until which multiple of the fall's time from first contact the first bounce lasts."""
@@ -41,8 +44,16 @@ class _Law:
     yield_depth: float
     unloading: float = 1.0
 
-    def drop(self, height: float, duration: float, impacts: int | None = None) -> xr.Dataset:
-        """Follow a drop from a height [m] for a time [s] from the release, or until so many impacts ended."""
+    def drop(self, height: float, duration: float) -> xr.Dataset:
+        """Follow a drop from a height [m] for a time [s] from the release."""
+        return self._followed(height, duration=duration)
+
+    def impacts(self, height: float) -> xr.Dataset:
+        """Follow the impacts that are fitted, as exactly as a fit needs."""
+        duration = 2.0 * (_FITTED_IMPACTS + 0.5) * float(np.sqrt(2.0 * height / GRAVITY))  # holds them all
+        return self._followed(height, duration=duration, impacts=_FITTED_IMPACTS, rtol=_RTOL)
+
+    def _followed(self, height: float, **asked: Any) -> xr.Dataset:
         return contact.collision(
             SPHERE_RADIUS,
             MASS,
@@ -50,9 +61,8 @@ class _Law:
             damping=self.damping,
             yield_depth=self.yield_depth,
             unloading_multiplier=self.unloading,
-            duration=duration,
             as_printed=self.is_printed,
-            impacts=impacts,
+            **asked,
         )
 
 
@@ -111,17 +121,18 @@ def _fitted(inputs: Inputs) -> tuple[_Law, str]:
     """Fit damping, yield depth and unloading to the restitutions; return the law and its words."""
     from scipy.optimize import minimize
 
-    wanted = [
-        (settings.height.value, inputs.result(name, "repeats")["restitution"].values[:_FITTED_IMPACTS])
-        for name, settings in inputs.experiments.items()
-    ]
+    wanted: dict[float, list[Floats]] = {}
+    for name, settings in inputs.experiments.items():
+        found_here = inputs.result(name, "repeats")["restitution"].values[:_FITTED_IMPACTS]
+        wanted.setdefault(settings.height.value, []).append(found_here)
 
     def law(unit: Floats) -> _Law:
         damping, depth, unloading = (low + x * (high - low) for x, (low, high) in zip(unit, _BOUNDS, strict=True))
         return _Law("fitted to the drops", "model", False, float(damping), float(depth), float(unloading))
 
     def misfit(unit: Floats) -> float:
-        return float(np.mean(np.concatenate([_missed(law(unit), *one) for one in wanted]) ** 2))
+        missed = [_missed(law(unit), height, measured) for height, measured in wanted.items()]
+        return float(np.mean(np.concatenate(missed) ** 2))
 
     least = minimize(
         misfit,
@@ -132,9 +143,9 @@ def _fitted(inputs: Inputs) -> tuple[_Law, str]:
     )
     found = law(least.x)
     left = float(np.sqrt(least.fun))
-    count = sum(values.size for _, values in wanted)
-    heights = len({height for height, _ in wanted})
-    most = max(float(found.drop(height, _until(height), _FITTED_IMPACTS)["peak_overlap"].max()) for height, _ in wanted)
+    count = sum(values.size for measured in wanted.values() for values in measured)
+    heights = len(wanted)
+    most = max(float(found.impacts(height)["peak_overlap"].max()) for height in wanted)
     depth = f"yield depth {found.yield_depth * 1e6:.0f} µm"
     if found.yield_depth > most:
         depth += f" (never reached: the overlap is at most {most * 1e6:.0f} µm)"
@@ -145,15 +156,11 @@ def _fitted(inputs: Inputs) -> tuple[_Law, str]:
     )
 
 
-def _until(height: float) -> float:
-    """Return a time in s from the release that holds the impacts of the fit."""
-    return 2.0 * (_FITTED_IMPACTS + 0.5) * float(np.sqrt(2.0 * height / GRAVITY))
-
-
-def _missed(law: _Law, height: float, restitution: Floats) -> Floats:
+def _missed(law: _Law, height: float, measured: Sequence[Floats]) -> Floats:
     """Return model minus measured restitution (impact,); an impact that is not reached counts as lost."""
-    made = law.drop(height, _until(height), restitution.size)["restitution"].values
-    return np.nan_to_num(np.pad(made, (0, restitution.size - made.size))) - restitution
+    made = law.impacts(height)["restitution"].values
+    made = np.nan_to_num(np.pad(made, (0, _FITTED_IMPACTS - made.size)))
+    return np.concatenate([made[: values.size] - values for values in measured])
 
 
 def _agreement(height: float, made: xr.Dataset, curve: tuple[Floats, Floats]) -> str:

@@ -14,7 +14,6 @@ from scipy.integrate import solve_ivp
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 
-_RTOL = 1e-11
 _POINTS_IN_CONTACT = 65
 _POINTS_IN_FLIGHT = 33
 # Work that a motion may take: some 10 s.
@@ -85,8 +84,9 @@ class Bounce:
 class Motion:
     """The sphere's motion as a sequence of phases; x is the height of its lowest point."""
 
-    def __init__(self, law: CollisionLaw, mass: float, gravity: float) -> None:
+    def __init__(self, law: CollisionLaw, mass: float, gravity: float, rtol: float) -> None:
         self.law = law
+        self.rtol = rtol
         self.mass = mass
         self.gravity = gravity
         self.evaluations = 0
@@ -231,8 +231,8 @@ class Motion:
             (0.0, end - now),
             [x, v],
             method="DOP853",
-            rtol=_RTOL,
-            atol=_RTOL * scale,
+            rtol=self.rtol,
+            atol=self.rtol * scale,
             events=events,
             dense_output=True,
         )
