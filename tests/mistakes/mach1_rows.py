@@ -142,10 +142,13 @@ def _of_columns(name: str) -> tuple[Mistake, ...]:
     )
 
 
+_IN_MM = "position is too small by a factor of 1000: in mm under µm"
+
+
 def _of_units(name: str) -> tuple[Mistake, ...]:
     return (
         Mistake("header says ms", _all("Time, s\t", "Time, ms\t", name), "impossible", ("unit", "ms")),
-        Mistake("header says um", _all(_Z, "Position (z), um", name), "impossible", ("unit", "um")),
+        Mistake("header says um", _all(_Z, "Position (z), um", name), "impossible", (_IN_MM,), name, "Time, s"),
     )
 
 

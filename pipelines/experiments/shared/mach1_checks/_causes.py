@@ -1,6 +1,6 @@
 """Mistakes with a file, a column or a setting that would explain what the checks of a Mach-1 file see."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import log
 
 import numpy as np
@@ -23,7 +23,7 @@ from pipelines.experiments.shared.mach1_checks._titles import (
 from pipelines.experiments.shared.punch_settings import LoadCell, Punch
 
 _FACTORS = (1e3, 1e-3, 1e6, 1e-6, 10.0, 0.1, 100.0, 0.01, 2.0, 0.5, 60.0, 1 / 60.0)
-_GRAM_FORCE = 1e3 / 9.80665
+_GRAVITY = 9.80665
 
 
 def causes(
@@ -38,17 +38,20 @@ def causes(
     if not blocks:
         return
     names = blocks[0].header_line
+    position, force_unit = (
+        _SPELT.get(text := str(readings[name].attrs["original_unit"]), text) for name in ("position_z", "force_z")
+    )
     columns = [
         Cause(
             {FREQUENCY: -1.0, SPEED: -1.0, APPROACH: -1.0, HOLD: 1.0, CLOCK: 1.0},
-            lambda k: f"the column of the time is {too_large(k)}{_unit_of(k, 'ms', 's')} (line {names})",
+            lambda k: f"the column of the time is {too_large(k)}{_unit_of(k, 's', _TIMES)} (line {names})",
             _FACTORS,
             file=name,
             line=names,
         ),
         Cause(
             {AMPLITUDE: 1.0, TRAVEL: 1.0, SPEED: 1.0, APPROACH: 1.0, RATIO: -1.1},
-            lambda k: f"the column of the position is {too_large(k)}{_unit_of(k, 'µm', 'mm')} (line {names})",
+            lambda k: f"the column of the position is {too_large(k)}{_unit_of(k, position, _LENGTHS)} (line {names})",
             _FACTORS,
             file=name,
             line=names,
@@ -70,8 +73,8 @@ def causes(
     yield from [*columns, *headers] if _shared(blocks) else [*headers, *columns]
     force = Cause(
         {RATIO: 1.0},
-        lambda k: f"the column of the force is {too_large(k)}: {_force_unit(k)} (line {names})",
-        tuple(_FORCE_UNITS),
+        lambda k: f"the column of the force is {too_large(k)}{_unit_of(k, force_unit, _FORCES)} (line {names})",
+        tuple(_FORCES[force_unit] / size for unit, size in _FORCES.items() if unit != force_unit),
         only_usual=True,
         file=name,
         line=names,
@@ -119,21 +122,18 @@ _DECLARED = {
     SPEED: "velocity",
     APPROACH: "stage velocity",
 }
-_FORCE_UNITS = {
-    _GRAM_FORCE: "in gf under N",
-    1e3: "in mN under N",
-    1 / _GRAM_FORCE: "in N under gf",
-    1e-3: "in kN under N",
-    1e-3 * _GRAM_FORCE: "in kgf under N",
-}
+_TIMES = {"s": 1.0, "ms": 1e-3}
+_LENGTHS = {"mm": 1e-3, "µm": 1e-6}
+_FORCES = {"N": 1.0, "gf": 1e-3 * _GRAVITY, "mN": 1e-3, "kN": 1e3, "kgf": _GRAVITY}
+"""What a column may be in, whatever its header says, in SI."""
+_SPELT = {"um": "µm"}
 
 
-def _force_unit(factor: float) -> str:
-    return _FORCE_UNITS[min(_FORCE_UNITS, key=lambda k: abs(log(k / factor)))]
-
-
-def _unit_of(factor: float, small: str, unit: str) -> str:
-    return f": in {small} under {unit}" if abs(factor / 1e3 - 1) < 0.1 else ""
+def _unit_of(factor: float, header: str, units: Mapping[str, float]) -> str:
+    """Say in which unit a column would be that many times too large under its header; "" for none of them."""
+    away = {unit: abs(log(factor * size / units[header])) for unit, size in units.items() if unit != header}
+    nearest = min(away, key=lambda unit: away[unit])
+    return f": in {nearest} under {header}" if away[nearest] < log(1.1) else ""
 
 
 def _shared(blocks: Sequence[Part]) -> bool:
