@@ -158,7 +158,7 @@ class _Tiff:
         word, start = ("Q", 8) if self.is_big else ("I", 4)
         at = self.unpack(word, start)
         seen: set[int] = set()
-        found = []
+        found: list[ImageHeader] = []
         while at:
             if at in seen or len(seen) >= MOST_PAGES:
                 raise SourceError(self.path, "the TIFF's pages form a circle", offset=at)

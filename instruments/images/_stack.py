@@ -110,11 +110,11 @@ def _folder(folder: Path) -> tuple[list[_Place], NDArray[np.float64]]:
     if len(twice):
         raise SourceError(numbered[twice[0] + 1][1], f"number {numbers[twice[0]]} occurs twice")
     paths = [path for _, path in numbered]
-    found = [_header(path) for path in paths]
-    whole = next((header for header in found if isinstance(header, ImageHeader)), None)
+    read_all = [_header(path) for path in paths]
+    whole = next((header for header in read_all if isinstance(header, ImageHeader)), None)
     if whole is None:
-        raise next(error for error in found if isinstance(error, CutOffError))
-    headers = [each if isinstance(each, ImageHeader) else whole._replace(fault=each.message) for each in found]
+        raise next(error for error in read_all if isinstance(error, CutOffError))
+    headers = [each if isinstance(each, ImageHeader) else whole._replace(fault=each.message) for each in read_all]
     _warn_of_gaps(folder, numbers)
     return [_Place(path, 0, header) for path, header in zip(paths, headers, strict=True)], numbers.astype(float)
 
