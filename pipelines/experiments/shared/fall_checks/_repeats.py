@@ -1,0 +1,133 @@
+"""Checks of the repeats of one drop against each other."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import hypot, log10
+
+import numpy as np
+from scipy import special
+
+from labpipe.judging import DOUBTFUL, Check, compared, not_made, stated
+from labpipe.report import quantity
+from pipelines.experiments.shared.fall_checks._fall import Fall, shown
+
+LEAST_ROUGH = 2e-3  # of the fall, by which repeats may differ where they touch
+_ENOUGH = 3  # repeats: of two nobody knows which is off
+_LEVELS = ("touch_level", "u_touch_level")
+_BY_HAND = 0.2
+"""Relative, by which two repeats may differ since they were let go by hand."""
+_SLIP = 0.02  # decades by which two repeats that differ by a slipped decimal may miss it
+
+
+def repeats_alike(falls: Sequence[Fall], quantities: Sequence[tuple[str, str, str]], cause: str = "") -> list[Check]:
+    """Hold the repeats of one drop against each other.
+
+    Parameters
+    ----------
+    falls : sequence of Fall
+    quantities : sequence of (str, str, str)
+        Variable, title and unit; of variables over impacts the first one counts.
+    cause : str
+        What a repeat that differs probably is.
+    """
+    law = "repeats of one drop differ by what their scatter says"
+    found = []
+    for variable, title, unit in quantities:
+        name = f"repeats: {title}"
+        pairs = [_first(fall, variable) for fall in falls]
+        if len(falls) < 2:
+            found.append(not_made(name, law, "two repeats"))
+            continue
+        if len(falls) == 2:
+            found.append(_pair(name, law, falls, pairs, unit, cause))
+            continue
+        values, u = np.array([v for v, _ in pairs]), np.array([s for _, s in pairs])
+        centre = float(np.median(values))
+        apart = np.abs(values - centre)
+        # robust: one repeat that is another drop must not hide itself in the scatter
+        scatter = 1.4826 * float(np.median(apart)) * _small_sample(len(values))
+        scale = np.hypot(u, scatter)
+        worst = int(np.argmax(apart / scale))
+        others = np.delete(np.arange(len(values)), worst)
+        message = (
+            f"{falls[worst].name}: {shown(float(values[worst]), float(u[worst]), unit)}, the other "
+            f"repeats {quantity(float(np.median(values[others])), unit)}"
+        )
+        check = compared(
+            name,
+            law,
+            message,
+            float(values[worst]),
+            float(scale[worst]),
+            centre,
+            0.0,
+            allowance=0.02 * abs(centre),
+            factor=False,
+            file=falls[worst].name,
+        )
+        found.append(replace(check, cause=cause) if check.level is not None else check)
+    return found
+
+
+def levels_alike(falls: Sequence[Fall]) -> Check:
+    """Hold the levels of later touches, from the first, against those of the other repeats.
+
+    A plate that swings after a blow is elsewhere at the next, but in all repeats alike.
+    """
+    name, law = "repeats: levels of the touches", "what moves between two contacts moves alike in all repeats of a drop"
+    known = [fall for fall in falls if fall.bounces.sizes["impact"] > 1]
+    if len(known) < _ENOUGH:
+        return not_made(name, law, "three repeats with two touches")
+    worst, text, at, file = 0.0, f"{len(known)} repeats: alike", "", ""
+    for touch in range(1, min(fall.bounces.sizes["impact"] for fall in known)):
+        levels, u = (np.array([fall.bounces[n].values[[0, touch]] for fall in known]) for n in _LEVELS)
+        rise, own = levels[:, 1] - levels[:, 0], np.hypot(u[:, 0], u[:, 1])
+        for i, fall in enumerate(known):
+            others = np.delete(rise, i)
+            # two others tell nothing of a scatter beyond what is known of each
+            spread = float(np.median(np.abs(others - np.median(others)))) if others.size >= _ENOUGH else 0.0
+            apart = float(rise[i] - np.median(others))
+            scatter = hypot(float(np.median(own)), 1.4826 * spread)
+            beyond = abs(apart) / (DOUBTFUL * hypot(own[i], scatter) + LEAST_ROUGH * abs(fall.value("drop_height")[0]))
+            if beyond > worst:
+                worst, file = beyond, fall.name
+                at = quantity(float(fall.bounces["touch_time"].values[touch]), "s")
+                text = f"{file}: touch {touch + 1} lies {quantity(apart, 'm')} from where it lies in the other repeats"
+    if worst <= 1.0:
+        return stated(name, law, text, None, file=file)
+    cause = f"the sensor, its cable or clamp, or the plate was knocked or pulled in this repeat, before {at}"
+    return stated(name, law, text, "doubtful", cause=cause, file=file)
+
+
+def _pair(
+    name: str, law: str, falls: Sequence[Fall], pairs: Sequence[tuple[float, float]], unit: str, cause: str
+) -> Check:
+    """Hold two repeats against each other, whose scatter nobody knows: only what no hand does is told."""
+    (first, u_first), (second, u_second) = pairs
+    message = (
+        f"{falls[1].name}: {shown(second, u_second, unit)}, {falls[0].name} "
+        f"{quantity(first, unit)}, where repeats should agree"
+    )
+    allowance = _BY_HAND * min(abs(first), abs(second))
+    check = compared(
+        name, law, message, second, u_second, first, u_first, allowance=allowance, factor=False, file=falls[1].name
+    )
+    if check.level is None:
+        return check
+    slip = abs(log10(second / first)) if first * second > 0 else 0.0
+    if slip > 0.5 and abs(slip - round(slip)) < _SLIP:
+        cause = (
+            f"lengths of the two differ by a factor {10 ** round(slip):g}: the unit or decimal point of one is wrong"
+        )
+    return replace(check, cause=cause or "one of the two is of another drop")
+
+
+def _small_sample(n: int) -> float:
+    """Return by how much a median deviation of few values must be widened."""
+    return float(special.stdtrit(n - 1, 0.975) / special.ndtri(0.975))
+
+
+def _first(fall: Fall, variable: str) -> tuple[float, float]:
+    values = np.atleast_1d(fall.bounces[variable].values)
+    u = np.atleast_1d(fall.bounces[f"u_{variable}"].values)
+    return float(values[0]), float(u[0])

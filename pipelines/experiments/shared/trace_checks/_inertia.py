@@ -1,0 +1,127 @@
+"""Checks of what a body with inertia can do: no jumps, no uneven times, no sine in place of a fall."""
+
+from math import pi
+
+import numpy as np
+
+from labpipe.judging import Check, Level, not_made, stated
+from labpipe.report import quantity
+from pipelines.experiments.shared.trace_checks._trace import IN_NOISE, QUIET, WRONG_CHANNEL, Trace
+
+_FASTER = 3.0  # times the largest usual step between two readings, beyond which it is a jump
+_LEAST_JUMP = 0.02  # of the travel
+_RETURN = 3  # readings within which a spike is over
+_MANY_SPIKES = 0.01  # of all readings
+_SINE, _LINE = 0.98, 0.7
+"""Of the variance; and of the power in three neighbouring lines, of which a sine has more than 0.8 in any phase."""
+_LOUDER, _LATE = 5.0, 0.3  # times the noise at rest, and parts of an interval, of readings at uneven times
+_REGULAR = 0.02  # of a period, within which spikes come one each period
+
+
+def timing(trace: Trace) -> Check:
+    """Hold the noise of readings in motion against that at rest: uneven times make positions scatter with speed."""
+    name, law = ("times of the readings", "noise is one at rest and in motion where readings come at their times")
+    x = trace.reading
+    scatter = np.abs(np.diff(x, 4)) / np.sqrt(70.0)
+    moves = np.abs(x[4:] - x[:-4]) / 4  # from reading to reading
+    moving = moves > 0.5 * float(np.nanquantile(moves, 0.9))
+    if moving.sum() < QUIET or not np.isfinite(scatter[:QUIET]).any():
+        return not_made(name, law, f"{QUIET} readings at rest and in motion")
+    rest, fast = (1.4826 * float(np.nanmedian(part)) for part in (scatter[:QUIET], scatter[moving]))
+    late = fast / float(np.median(moves[moving]))
+    interval = float(np.median(np.diff(trace.time)))
+    text = f"{trace.name}: readings scatter by {quantity(rest, 'm')} at rest and by {quantity(fast, 'm')} in motion"
+    is_late = fast > _LOUDER * max(rest, 0.3 * trace.resolution) and late > _LATE
+    cause = (
+        f"the times of the readings jitter by about {quantity(late * interval, 's')}: they were polled by a program, "
+        "or the clock of the sampling is not that of the sensor"
+    )
+    level: Level | None = "doubtful" if is_late else None
+    return stated(name, law, text, level, cause=cause if is_late else "", file=trace.name)
+
+
+def jumps(trace: Trace) -> Check:
+    """Look for steps between two readings that no speed of the body explains."""
+    title, law = "jumps and spikes", "a body has inertia: it moves no further than its speed allows"
+    known = np.flatnonzero(np.isfinite(trace.reading))
+    x = trace.reading[known]
+    steps = np.diff(x)
+    # of three steps in a row the middle one: a spike makes two of them, against each other
+    low, high = np.minimum(steps[:-2], steps[1:-1]), np.maximum(steps[:-2], steps[1:-1])
+    usual = float(np.quantile(np.abs(np.maximum(low, np.minimum(high, steps[2:]))), 0.995))
+    limit = max(_FASTER * usual, _LEAST_JUMP * trace.travel) + IN_NOISE * trace.noise + 2 * trace.resolution
+    large = np.flatnonzero((np.abs(steps) > limit) & (np.diff(known) == 1))
+    spikes, levels = _spikes_and_levels(x, large, limit)
+    if levels:
+        worst = max(levels, key=lambda i: abs(float(steps[i])))
+        text = (
+            f"{trace.name}: the readings jump by {quantity(float(steps[worst]), 'm')} at "
+            f"{trace.at(int(known[worst + 1]))}, {quantity(usual, 'm')} between two readings is usual"
+        )
+        cause = (
+            "readings were lost there and the rest numbered anew, two recordings were pasted together, or the "
+            "sensor was moved"
+        )
+        return stated(title, law, text, "impossible", file=trace.name, cause=cause)
+    if spikes:
+        worst = max(spikes, key=lambda i: abs(float(steps[i])))
+        more = f"{len(spikes)} spikes, the largest" if len(spikes) > 1 else "one spike"
+        text = (
+            f"{trace.name}: {more} of {quantity(abs(float(steps[worst])), 'm')} at "
+            f"{trace.at(int(known[worst + 1]))}, left out"
+        )
+        many = len(spikes) > _MANY_SPIKES * x.size
+        cause = "a disturbance of the sensor, such as a flash of light or a speck of dust"
+        gaps = np.diff(trace.time[known[spikes]])
+        period = float(np.median(gaps)) if gaps.size > 2 else np.inf
+        if (np.abs(gaps / period - np.round(gaps / period)) < _REGULAR).all() and np.isfinite(period):
+            text += f"; they come each {quantity(period, 's')}"
+            cause = "what is switched so often, such as a dimmer or a converter at the mains, disturbs the sensor"
+        return stated(title, law, text, "doubtful" if many else "note", file=trace.name, cause=cause)
+    return stated(title, law, f"{trace.name}: no jump and no spike", None, file=trace.name)
+
+
+def _spikes_and_levels(x: np.ndarray, large: np.ndarray, limit: float) -> tuple[list[int], list[int]]:
+    """Part large steps into those that are taken back within a few readings, and those that stay."""
+    spikes, levels, place = [], [], 0
+    while place < large.size:
+        i = int(large[place])
+        back = [int(j) for j in large[place + 1 :] if j <= i + _RETURN]
+        end = back[-1] + 1 if back else i + 1
+        if back and abs(float(x[min(end, x.size - 1)] - x[i])) < limit:
+            spikes.append(i)
+            place += len(back) + 1
+        elif i == 0 or i >= x.size - 2:
+            spikes.append(i)
+            place += 1
+        else:
+            levels.append(i)
+            place += 1
+    return spikes, levels
+
+
+def wave(trace: Trace) -> Check:
+    """Look whether all that is seen is one sine."""
+    title, law = "shape of the record", "a drop is no sine"
+    known = np.isfinite(trace.reading)
+    t, x = trace.time[known], trace.reading[known]
+    spread = float(np.var(x))
+    power = np.abs(np.fft.rfft(x - x.mean()))
+    if spread == 0.0 or power.size < 3:
+        return not_made(title, law, "readings that differ")
+    strongest = 1 + int(np.argmax(power[1:]))
+    lines = power[1:] ** 2
+    is_line = lines[max(strongest - 2, 0) : strongest + 1].sum() > _LINE * lines.sum()
+    peak = strongest / (x.size * float(np.median(np.diff(t))))
+    best, at = 0.0, peak
+    for f in np.linspace(0.6 * peak, 1.4 * peak, 33) if is_line else ():
+        basis = np.stack([np.ones_like(t), np.cos(2 * pi * f * t), np.sin(2 * pi * f * t)], axis=1)
+        fit = basis @ np.linalg.lstsq(basis, x, rcond=None)[0]
+        explained = 1 - float(np.var(x - fit)) / spread
+        if explained > best:
+            best, at = explained, float(f)
+    n_periods = at * float(t[-1] - t[0])
+    if best > _SINE and n_periods > 1.5:
+        text = f"{trace.name}: {best:.0%} of what is seen is a sine of {at:.3g} Hz, no fall and no bounces"
+        return stated(title, law, text, "impossible", file=trace.name, cause=WRONG_CHANNEL)
+    return stated(title, law, f"{trace.name}: not a sine", None, file=trace.name)

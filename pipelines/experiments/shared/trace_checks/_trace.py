@@ -1,0 +1,81 @@
+"""The readings of one record as its checks look at them."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import xarray as xr
+
+from labpipe.report import quantity
+from labpipe.signals import quantisation_step
+
+FLAT = 6
+"""Equal readings in a row that a moving body does not give."""
+IN_NOISE = 8.0  # standard deviations of noise that a jump exceeds
+QUIET = 200  # readings at the beginning that should be still
+LIMITS = (1e-3, 0.02, 0.2)  # of the travel: drift over the record that is told, doubtful, impossible
+WRONG_CHANNEL = "the wrong channel or file was recorded, or the sensor did not see the body"
+
+
+@dataclass(frozen=True)
+class Trace:
+    """The readings of one record.
+
+    Attributes
+    ----------
+    name : str
+        File, for messages.
+    time, reading : array (time,)
+        In s and m; NaN where there is no valid reading.
+    header : str
+        What the file says above its readings.
+    """
+
+    name: str
+    time: np.ndarray
+    reading: np.ndarray
+    header: str = ""
+
+    @classmethod
+    def of(cls, name: str, readings: xr.Dataset, output: str) -> "Trace | None":
+        """Take one output; None where it is not there or no length."""
+        if output not in readings or readings[output].attrs.get("units") != "m":
+            return None
+        x = np.array(readings[output].values, float)
+        state = output.replace("out", "status")
+        if state in readings:
+            x[readings[state].values != 0] = np.nan
+        return cls(name, readings["time"].values, x, str(readings.attrs.get("header", "")))
+
+    @cached_property
+    def travel(self) -> float:
+        """Range of the readings without their extremes [m]."""
+        low, high = np.nanquantile(self.reading, [0.005, 0.995])
+        return float(high - low)
+
+    @cached_property
+    def noise(self) -> float:
+        """Standard deviation of a reading, from second differences [m]."""
+        bend = np.diff(self.reading, 2)
+        bend = bend[np.isfinite(bend)]
+        return float(1.4826 * np.median(np.abs(bend)) / np.sqrt(6.0)) if bend.size else 0.0
+
+    @cached_property
+    def resolution(self) -> float:
+        """Smallest difference between two readings [m]."""
+        x = self.reading[np.isfinite(self.reading)]
+        return float(quantisation_step(x)) if np.unique(x).size > 1 else 0.0
+
+    def at(self, index: int) -> str:
+        """Write the time of a reading."""
+        return quantity(float(self.time[index]), "s")
+
+
+def longest_run(flags: np.ndarray) -> tuple[int, int]:
+    """Return length and start of the longest run of true values."""
+    if not flags.any():
+        return 0, 0
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
+    starts, ends = edges[::2], edges[1::2]
+    best = int(np.argmax(ends - starts))
+    return int(ends[best] - starts[best]), int(starts[best])
