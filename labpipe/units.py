@@ -24,7 +24,7 @@ _MULTIPLES: dict[str, dict[str, float]] = {
     "px": {"px": 1.0},
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
     "Hz": {"Hz": 1.0, "kHz": 1e3, "fps": 1.0},
-    "1/s": {"1/s": 1.0},
+    "1/s": {"1/s": 1.0, "1/min": 1 / 60},
     "rad/s": {"rad/s": 1.0, "deg/s": 0.017453292519943295},
     "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9},
     "m2": {"m2": 1.0, "mm2": 1e-6},
@@ -38,8 +38,8 @@ _MULTIPLES: dict[str, dict[str, float]] = {
     "N/s": {"N/min": 1 / 60, "gf/min": 9.80665e-3 / 60},
     "N m": {"N m": 1.0, "N mm": 1e-3, "mN m": 1e-3, "uN m": 1e-6, "nN m": 1e-9},
     "Pa": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9},
-    "1/Pa": {"1/Pa": 1.0, "1/MPa": 1e-6},
-    "Pa s": {"Pa s": 1.0, "mPa s": 1e-3},
+    "1/Pa": {"1/Pa": 1.0, "1/kPa": 1e-3, "1/MPa": 1e-6, "1/GPa": 1e-9},
+    "Pa s": {"Pa s": 1.0, "uPa s": 1e-6, "mPa s": 1e-3, "kPa s": 1e3, "MPa s": 1e6},
     "J": {"J": 1.0, "mJ": 1e-3},
     "J/m": {"J/m": 1.0},
     "J/m2": {"J/m2": 1.0, "mJ/m2": 1e-3},
@@ -52,35 +52,46 @@ _MULTIPLES: dict[str, dict[str, float]] = {
 }
 _TABLE = {name: (factor, si) for si, multiples in _MULTIPLES.items() for name, factor in multiples.items()}
 
-#: Unit to its other spellings.
+#: Unit to its other spellings, beyond those that :func:`plain` makes one.
 _SPELLINGS = {
     "1": ("", "-"),
     "degC": ("°C", "℃", "C"),
     "deg": ("°",),
     "s": ("sec",),
-    "1/min": ("min-1",),
-    "um": ("μm", "micron"),
+    "um": ("micron",),
     "um/px": ("um/pixel",),
     "mm/px": ("mm/pixel",),
     "m/px": ("m/pixel",),
     "px": ("pixel", "pixels"),
-    "m/s2": ("m/s^2", "m/s²"),
-    "km/s2": ("km/s^2", "km/s²"),
-    "m2": ("m²", "m^2"),
-    "mm2": ("mm²", "mm^2"),
-    "g/cm3": ("g/cm³", "g/cm^3"),
-    "kg/m3": ("kg/m³", "kg/m^3"),
-    "N mm": ("N-mm", "N·mm", "N.mm", "Nmm"),
-    "N m": ("N·m", "Nm", "N-m"),
-    "mN m": ("mN·m", "mNm"),
-    "uN m": ("uN·m", "uNm"),
-    "nN m": ("nN·m", "nNm"),
-    "Pa s": ("Pa·s", "Pas"),
-    "mPa s": ("mPa·s", "mPas"),
-    "1/s": ("s-1",),
+    "N mm": ("Nmm",),
+    "N m": ("Nm",),
+    "mN m": ("mNm",),
+    "uN m": ("uNm",),
+    "nN m": ("nNm",),
+    "Pa s": ("Pas",),
+    "mPa s": ("mPas",),
     "1/MPa": ("1/Mpa",),
 }
 _ALIASES = {spelling: name for name, spellings in _SPELLINGS.items() for spelling in spellings}
+
+# The micro sign, Greek mu and the mojibake of cp932 read as cp1252 are all one prefix.
+_SIGNS = {"ƒÊ": "u", "\u00b5": "u", "\u03bc": "u", "⁻": "-", "¹": "1", "²": "2", "³": "3"}
+_PRODUCT = re.compile(r"(?<=[A-Za-z])\s?[·\u22c5\u2219.*-]\s?(?=[A-Za-z])")
+_INVERSE = re.compile(r"(^|\S) ?\b([A-Za-z]+)-(?:1|(2))$")
+
+
+def plain(text: str) -> str:
+    """Spell powers, products and the prefix of a millionth in one way.
+
+    Examples
+    --------
+    >>> plain("µN.m"), plain("rad·s⁻¹"), plain("N mm^-2"), plain("MPa-1"), plain("m/s²")
+    ('uN m', 'rad/s', 'N/mm2', '1/MPa', 'm/s2')
+    """
+    for sign, ours in _SIGNS.items():
+        text = text.replace(sign, ours)
+    text = _PRODUCT.sub(" ", re.sub(r"\^(?=[-\d])", "", text))
+    return _INVERSE.sub(lambda found: f"{found[1] or '1'}/{found[2]}{found[3] or ''}", text)
 
 
 def unit(text: str) -> Unit:
@@ -109,9 +120,7 @@ def unit(text: str) -> Unit:
     'm'
     """
     name = text.strip().strip("[]()").strip()
-    # The micro sign, Greek mu and the mojibake of cp932 read as cp1252 are all one prefix.
-    name = name.replace("ƒÊ", "u").replace("\u00b5", "u").replace("\u03bc", "u")
-    name = name.replace("\u22c5", "·").replace("\u2219", "·")
+    name = plain(_ALIASES.get(name, name))
     name = _ALIASES.get(name, name)
     try:
         return Unit(*_TABLE[name])

@@ -179,14 +179,6 @@ def repaired(text: str) -> str:
 
 
 _LOST = "\N{REPLACEMENT CHARACTER}"
-_EXTRA_UNITS = {
-    "1/min": Unit(1 / 60, "1/s"),
-    "µPa·s": Unit(1e-6, "Pa s"),
-    "1/kPa": Unit(1e-3, "1/Pa"),
-    "kPa·s": Unit(1e3, "Pa s"),
-    "MPa·s": Unit(1e6, "Pa s"),
-    "K": Unit(1.0, "K"),
-}
 
 
 def unit_of(text: str) -> Unit:
@@ -203,8 +195,8 @@ def unit_of(text: str) -> Unit:
     ('N m', 'degC')
     """
     name = repaired(text.strip()).strip("[]() ")
-    if name in _EXTRA_UNITS:
-        return _EXTRA_UNITS[name]
+    if name == "K":
+        return Unit(1.0, "K")
     if _LOST in name:
         # Only three letters outside ASCII stand in these units, each in a place of its own.
         name = "°" + name[1:] if name == f"{_LOST}C" else name

@@ -25,6 +25,8 @@ Pair = tuple[Heading, Floats]
 
 #: Quantities without a unit.
 UNITLESS = ("loss_factor", "log10_aT", "ln_aT", "a_T", "b_T", "set")
+#: What no modulus and no response is made of.
+BESIDE = frozenset({"torque", "normal_force", "deflection_angle", "gap", "shear_rate", "viscosity", "stress", "strain"})
 _ROUNDED = 2e-3  # of a column that was rounded to three digits
 _ABOVE = re.compile(rf"([+-]?\d+(?:[.,]\d+)?)\s*({_words.DEGREES}|C)\b")
 
@@ -156,12 +158,19 @@ def _refuse_specimens(path: Path, block: Block, its: Sequence[Pair]) -> None:
 
 
 def _unique(path: Path, block: Block, pairs: Sequence[Pair]) -> list[Pair]:
-    """Keep the first of columns with the same quantity; told where the others differ."""
+    """Keep the first of columns with the same quantity; told where the others differ and are made use of.
+
+    Beside frequencies, of which each reading takes a time, several clocks are no contradiction.
+    """
+    is_swept = any(heading.name in FREQUENCIES for heading, _ in pairs)
+    beside = BESIDE | (TIMES if is_swept else frozenset())
     kept: dict[str, Pair] = {}
     for heading, column in pairs:
         if heading.name not in kept:
             kept[heading.name] = (heading, column)
-        elif heading.is_known and not _is_the_same(kept[heading.name], (heading, column)):
+        elif (
+            heading.is_known and heading.name not in beside and not _is_the_same(kept[heading.name], (heading, column))
+        ):
             warnings.warn(
                 f"{path}:{block.line}: two columns hold {_words.SPOKEN.get(heading.name, heading.name)} and differ; "
                 f'the first, "{kept[heading.name][0].text}", is taken',

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
+from instruments import anton_paar
 from instruments._symbols import FREQUENCIES, MODULI, RESPONSES, TIMES
 from instruments.tables import _words
 from instruments.tables._words import DEGREES, Heading
@@ -388,7 +389,7 @@ def _of_two_rows(above: Sequence[str], below: Sequence[str]) -> list[Heading] | 
         # ``f`` below nothing, or below "Frequency", is no degree Fahrenheit.
         is_symbol = symbol.is_known and (top == "" or symbol.name == made.name)
         if not bottom or (_words.is_unit(bottom) and not is_symbol):
-            found.append(_with_unit(made, bottom) if bottom and not made.unit else made)
+            found.append(_with_unit(made, bottom))
             continue
         place = _PLACE.search(common) if are_places else _PLACE.fullmatch(common)
         if place is not None:
@@ -486,14 +487,14 @@ def _units(block: Block, lines: Sequence[tuple[int, str]], k: int, separator: st
         pairs = list(zip(block.headings, stated, strict=False))
         known = [unit for h, unit in pairs if h.is_known and unit.strip()]
         if known and _fitting(block.headings, stated) * 2 >= len(known):
-            block.headings = [h if h.unit else _with_unit(h, unit) for h, unit in pairs]
+            block.headings = [_with_unit(h, unit) for h, unit in pairs]
             block.unit_line = number
             return k + 1
     # A row of units that are none would be found to be no number; it is told as units.
     texts = [cell for cell in cells(bare, separator) if cell.strip()]
     if 1 < len(texts) <= len(block.headings) and not any(is_numeric(text) for text in texts):
         stated = cells(bare, separator) + [""] * len(block.headings)
-        block.headings = [h if h.unit else _with_unit(h, unit) for h, unit in zip(block.headings, stated, strict=False)]
+        block.headings = [_with_unit(h, unit) for h, unit in zip(block.headings, stated, strict=False)]
         block.unit_line = number
         return k + 1
     return k
@@ -506,7 +507,18 @@ def _fitting(headings: Sequence[Heading], units: Sequence[str]) -> int:
 
 
 def _with_unit(heading: Heading, unit: str) -> Heading:
-    return Heading(heading.text, heading.name, unit.strip(), heading.is_known, heading.is_logarithm, heading.at)
+    """Add the unit of a row below to a heading that states none.
+
+    What stands in brackets may be another word, ``Stress (step)``; what stands behind a slash makes another
+    quantity, ``G*/sin(delta)``.
+    """
+    if not unit.strip() or (heading.unit and _words.is_unit(heading.unit)):
+        return heading
+    found = replace(heading, unit=unit.strip())
+    is_in_brackets = f"({heading.unit})" in heading.text or f"[{heading.unit}]" in heading.text
+    if heading.unit and not is_in_brackets:
+        return replace(found, name=anton_paar.slug(heading.text), is_known=False)
+    return found
 
 
 def _separator_of_rows(line: str, block: Block, separator: str) -> str:

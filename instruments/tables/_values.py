@@ -15,6 +15,7 @@ from instruments._symbols import FREQUENCIES
 from instruments.anton_paar import Column
 from instruments.tables import _layout, _words
 from instruments.tables._columns import (
+    BESIDE,
     UNITLESS,
     Pair,
     example,
@@ -213,7 +214,11 @@ def _converted(path: Path, block: Block, pairs: Sequence[Pair]) -> dict[str, Col
     """Convert columns to SI by the units that the file states, and make the moduli of them."""
     found: dict[str, Column] = {}
     for heading, values in pairs:
-        if not heading.is_known:
+        # What is not made use of is kept as written where its unit is not one of its quantity.
+        is_used = heading.is_known and not (
+            heading.name in BESIDE and not (np.isfinite(values).any() and _words.fits(heading.name, heading.unit))
+        )
+        if not is_used:
             if np.isfinite(values).any() and heading.name not in (*found, *_OWN):
                 found[heading.name] = Column(heading.name, heading.text, heading.unit, heading.unit or "1", values)
             continue

@@ -14,7 +14,7 @@ from functools import lru_cache
 from instruments import anton_paar
 from instruments._symbols import FREQUENCIES, MODULI, RESPONSES, SHIFTS, TIMES, fold, named
 from labpipe.errors import InputError
-from labpipe.units import Unit
+from labpipe.units import Unit, plain
 
 #: What a reader of a message calls a quantity.
 SPOKEN = {
@@ -74,12 +74,11 @@ _COMMENT = re.compile(r"^[#%!;/*]+\s*(?=\S)")
 # Spellings of units beyond those of labpipe.units, which are unambiguous in such a table.
 _SPELLINGS: dict[str, Unit] = {
     **dict.fromkeys(
-        ("rad s-1", "rad s^-1", "rad·s-1", "rad·s^-1", "rad.s-1", "rad.s^-1", "rad/sec", "rad s⁻¹", "rad·s⁻¹", "rads-1",
-         "radians/s", "radian/s", "rad*s^-1", "rad/ s", "rad / s", "rad_s", "rads", "rad per s", "rad/second", "rps",
-         "radpers", "rad_per_s", "radps", "r/s", "rad_sec"),
+        ("rad/sec", "rads-1", "radians/s", "radian/s", "rad/ s", "rad / s", "rad_s", "rads", "rad per s",
+         "rad/second", "rps", "radpers", "rad_per_s", "radps", "r/s", "rad_sec"),
         Unit(1.0, "rad/s"),
     ),
-    **dict.fromkeys(("s^-1", "s⁻¹", "1/sec", "sec-1", "sec^-1"), Unit(1.0, "1/s")),
+    **dict.fromkeys(("1/sec",), Unit(1.0, "1/s")),
     **dict.fromkeys(
         ("deg C", "º C", "ºC", "oC", "° C", "celsius", "degrees C", "degree C", "deg. C", "deg_c", "degree celsius",
          "degrees celsius", "°c", "degc", "grad c", "deg.c", "°celsius", "^oc", "^circ c", "c°", "degreec",
@@ -93,22 +92,22 @@ _SPELLINGS: dict[str, Unit] = {
     **dict.fromkeys(("radian", "radians", "rad"), Unit(1.0, "rad")),
     **dict.fromkeys(("percent", "pct"), Unit(1e-2, "1")),
     **dict.fromkeys(("none", "n/a", "dimensionless", "unitless", "/", "a.u.", "--", "–", "—", "[-]"), Unit(1.0, "1")),
-    **dict.fromkeys(("n/mm2", "n/mm²", "n/mm^2", "n mm-2", "mpascal", "megapascal", "MN/m²", "MN/m2"), Unit(1e6, "Pa")),
-    **dict.fromkeys(("kn/mm2", "kn/mm²", "kn/mm^2", "gn/m2", "gn/m²"), Unit(1e9, "Pa")),
-    **dict.fromkeys(("n/cm2", "n/cm²", "n/cm^2"), Unit(1e4, "Pa")),
-    **dict.fromkeys(("kn/m2", "kn/m²", "kn/m^2"), Unit(1e3, "Pa")),
-    **dict.fromkeys(("kgf/cm2", "kgf/cm²", "kgf/cm^2", "kg/cm2", "kg/cm²"), Unit(98066.5, "Pa")),
-    **dict.fromkeys(("n/m2", "n/m²", "n/m^2", "pascal", "pascals"), Unit(1.0, "Pa")),
-    **dict.fromkeys(("dyn/cm2", "dyn/cm²", "dyn/cm^2", "dyne/cm2", "dyne/cm^2", "dynes/cm2"), Unit(0.1, "Pa")),
+    **dict.fromkeys(("n/mm2", "mpascal", "megapascal", "MN/m2"), Unit(1e6, "Pa")),
+    **dict.fromkeys(("kn/mm2", "gn/m2"), Unit(1e9, "Pa")),
+    "n/cm2": Unit(1e4, "Pa"),
+    "kn/m2": Unit(1e3, "Pa"),
+    **dict.fromkeys(("kgf/cm2", "kg/cm2"), Unit(98066.5, "Pa")),
+    **dict.fromkeys(("n/m2", "pascal", "pascals"), Unit(1.0, "Pa")),
+    **dict.fromkeys(("dyn/cm2", "dyne/cm2", "dynes/cm2"), Unit(0.1, "Pa")),
     **dict.fromkeys(("psi", "lbf/in2", "lb/in2"), Unit(6894.757293168361, "Pa")),
     "ksi": Unit(6894757.293168361, "Pa"),
     "bar": Unit(1e5, "Pa"),
-    **dict.fromkeys(("1/gpa", "gpa-1", "gpa^-1", "gpa⁻¹"), Unit(1e-9, "1/Pa")),
-    **dict.fromkeys(("1/mpa", "mpa^-1", "mpa-1", "mpa⁻¹"), Unit(1e-6, "1/Pa")),
-    **dict.fromkeys(("1/kpa", "kpa^-1", "kpa-1", "kpa⁻¹"), Unit(1e-3, "1/Pa")),
-    **dict.fromkeys(("1/pa", "pa^-1", "pa-1", "pa⁻¹", "m2/n", "m²/n", "m^2/n"), Unit(1.0, "1/Pa")),
-    **dict.fromkeys(("cm2/dyn", "cm²/dyn", "cm^2/dyn", "cm2/dyne"), Unit(10.0, "1/Pa")),
-    **dict.fromkeys(("pa s", "pa.s", "pa-s", "pa*s", "pas", "pa s.", "pa-sec", "pa.sec", "n s/m2"), Unit(1.0, "Pa s")),
+    "1/gpa": Unit(1e-9, "1/Pa"),
+    "1/mpa": Unit(1e-6, "1/Pa"),
+    "1/kpa": Unit(1e-3, "1/Pa"),
+    **dict.fromkeys(("1/pa", "m2/n"), Unit(1.0, "1/Pa")),
+    **dict.fromkeys(("cm2/dyn", "cm2/dyne"), Unit(10.0, "1/Pa")),
+    **dict.fromkeys(("pa s", "pas", "pa s.", "pa sec", "n s/m2"), Unit(1.0, "Pa s")),
     **dict.fromkeys(("poise", "p"), Unit(0.1, "Pa s")),
     **dict.fromkeys(("hz", "hertz", "cps", "cycles/s"), Unit(1.0, "Hz")),
     "khz": Unit(1e3, "Hz"),
@@ -207,10 +206,10 @@ def unit_of(text: str) -> Unit:
     try:
         return anton_paar.unit_of(bare or "1")
     except InputError:
-        plain = re.sub(r"[$\\^{}]|\\?circ|\\?degree(?=C)", "", bare)
-        for spelling in (bare, bare.casefold(), plain.strip().casefold()):
-            if spelling in _FOLDED_SPELLINGS:
-                return _FOLDED_SPELLINGS[spelling]
+        marked = re.sub(r"[$\\^{}]|\\?circ|\\?degree(?=C)", "", bare)
+        for spelling in (bare, plain(bare), marked.strip()):
+            if spelling.casefold() in _FOLDED_SPELLINGS:
+                return _FOLDED_SPELLINGS[spelling.casefold()]
         raise
 
 

@@ -315,7 +315,7 @@ def _sampling(dataset: xr.Dataset) -> tuple[dict[str, Any], list[str]]:
     }
     restarts = int((steps <= 0).sum())
     uneven = int((np.abs(forward - interval) > _IRREGULAR * interval).sum())
-    if uneven > len(forward) // 2:  # a rheometer samples as it likes; that is no mistake
+    if uneven > len(forward) // 2 or (uneven and "interval" in dataset.variables):  # a rheometer samples as it likes
         return {"interval": "uneven", "duration": found["duration"]}, []
     problems = []
     if restarts and "block" not in dataset.variables and "interval" not in dataset.variables:

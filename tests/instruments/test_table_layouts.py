@@ -370,6 +370,26 @@ def test_the_rows_of_a_trios_file_may_begin_with_words(tmp_path):
     np.testing.assert_allclose(found.storage_modulus, STORAGE[rows], rtol=1e-9)
 
 
+def test_columns_that_no_modulus_is_made_of_stop_no_sweep(tmp_path, recwarn):
+    names = (
+        "Run time\tTime\tTemperature\tAngular frequency\tOscillation displacement (cmd)\tTorque\tStress\tStress (step)\t"
+        "Viscosity\tG*/sin(delta)\tG*.sin(delta)\tStorage modulus\tLoss modulus"
+    )
+    units = "s\ts\t°C\trad/s\trad\tfurlong\tMPa\tMPa\tPa.s\tkPa\tkPa\tMPa\tMPa"
+    text = "[Step]\nStep name\tFrequency sweep\nNumber of points\t12\n" + f"Variables\t{names}\nUnits\t{units}\n"
+    columns = (F + 9, F, T, OMEGA, F, F, F, 2 * F, SIZE, SIZE, LOSS, STORAGE / 1e6, LOSS / 1e6)
+    for row in zip(*columns, strict=True):
+        cells = [f"{v:.14g}" for v in row]
+        cells[8] = ""  # a viscosity that was not measured
+        text += "Data point\t" + "\t".join(cells) + "\n"
+    found = read(tmp_path, text)
+    assert_is_the_truth(found)
+    assert (found.torque.attrs["units"], found.stress.attrs["units"]) == ("furlong", "Pa")
+    assert found.oscillation_displacement.attrs["units"] == "rad"
+    assert "viscosity" not in found
+    assert not [str(w.message) for w in recwarn]
+
+
 def test_an_export_of_netzsch(tmp_path):
     head = "#EXPORTTYPE:DATA ALL\n#FILE:a.ngb-dm2\n#FORMAT:NETZSCH5\n#DECIMAL:POINT\n#SEPARATOR:SEMICOLON\n#MTYPE:DMA\n#SAMPLE:PP\n\n"
     text = head + table(
