@@ -52,6 +52,12 @@ _WORDS = re.compile(
 )
 
 
+# A line of a header, or of readings: notes and papers that speak of the instrument hold neither.
+_LINE = re.compile(
+    r"^[^,;\t\n]{0,40}[,;\t](?! )|^\s*[+-]?(?:[\d.,]+|F{4,}|-{4,})\s*$|^\s*[+-]?\d[\d.,]*\s+[+-]?[\dF-]", re.MULTILINE
+)
+
+
 class Options(TypedDict, total=False):
     """What a storage file leaves unsaid; see :func:`read`."""
 
@@ -72,7 +78,7 @@ def _sniff(head: bytes, path: Path) -> bool:
     del path
     # A film or any other binary file may hold these letters by chance, but no text holds a NUL.
     text = text_of(head)
-    return "\0" not in text and _WORDS.search(text) is not None
+    return "\0" not in text and _WORDS.search(text) is not None and _LINE.search(text) is not None
 
 
 INSTRUMENT = Instrument(

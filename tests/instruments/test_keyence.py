@@ -460,3 +460,16 @@ def test_times_and_footers_that_do_not_fit_are_refused(tmp_path, text, words, li
     with pytest.raises(SourceError, match=words) as caught:
         read_text(tmp_path, text)
     assert caught.value.line == line
+
+
+@pytest.mark.parametrize(
+    "notes",
+    [
+        "# Files\n\nThere is no public Keyence storage file.\n| a | b |\n",
+        "The laser is a Keyence LK-G152, at 12 deg to the motion.\nSampling period as usual, see page 4.\n",
+    ],
+)
+def test_notes_that_speak_of_the_instrument_are_no_files_of_it(notes, tmp_path):
+    (tmp_path / "notes.txt").write_text(notes, encoding="utf-8")
+    with pytest.raises(SourceError, match="no instrument recognises"):
+        instruments.identify(tmp_path / "notes.txt")

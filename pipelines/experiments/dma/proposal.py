@@ -60,7 +60,7 @@ rheometer = {proposals.listed(files)}
 {mode_line(name, strain)}
 nu = "{GAP}"  # Poisson's ratio, e.g. "0.35 ± 0.02"{_temperature(files) if lacks_temperature else ""}
 # T_ref = "20 degC"  # of the master curve; by default the middle temperature\
-{_published(found, files[0])}"""
+{_published(found, files)}"""
 
 
 def _temperature(files: Sequence[str]) -> str:
@@ -98,16 +98,23 @@ def mode_line(name: str, strain: str) -> str:
 _MODES_OF = {"shear": ("shear", "torsion"), "extensional": ("tension", "bending")}
 
 
-def _published(found: Found, sweep: str) -> str:
+def _words(name: str) -> set[str]:
+    return set(re.findall(r"[a-z]{4,}", Path(name).stem.casefold()))
+
+
+def _published(found: Found, files: Sequence[str]) -> str:
     """Propose the comparison with a table of shift factors, if there is exactly one of the material.
 
     The names tell the material; a table that names none is taken only beside a sweep that names
-    none.
+    none, and of several sweeps beside that which shares a word with it.
     """
-    word = proposals.material_word(sweep)
+    word = proposals.material_word(files[0])
     alike = [n for n in found.of("plain_table") if proposals.material_word(n) == word]
     tables = [n for n in alike if (t := _table(found.path(n))) is not None and "log10_aT" in t]
     if len(tables) != 1:
+        return ""
+    others = {*found.of("sweep")} - {*files, *tables}
+    if word is None and others and not _words(tables[0]) & _words(files[0]):
         return ""
     shifts = proposals.quoted(tables[0])
     return f'''

@@ -206,7 +206,15 @@ def test_a_table_is_laid_beside_a_sweep_of_its_material_only(
 ) -> None:
     (tmp_path / table).write_text("temperature,log_aT\ndegC,1\n20,0\n30,-1\n40,-2\n")
     found = Found(tmp_path, {"plain_table": [table]})
-    assert (f'"{table}"' in _published(found, sweep)) == is_proposed
+    assert (f'"{table}"' in _published(found, [sweep])) == is_proposed
+
+
+@pytest.mark.parametrize(("sweep", "is_proposed"), [("backsheet sweeps.csv", True), ("freqsweep.csv", False)])
+def test_of_several_sweeps_a_table_belongs_to_its_namesake(sweep: str, is_proposed: bool, tmp_path: Path) -> None:
+    (tmp_path / "backsheet shifts.csv").write_text("temperature,log_aT\ndegC,1\n20,0\n30,-1\n40,-2\n")
+    held = ["backsheet shifts.csv", "backsheet sweeps.csv", "freqsweep.csv"]
+    found = Found(tmp_path, {"plain_table": held[:1], "sweep": held})
+    assert bool(_published(found, [sweep])) == is_proposed
 
 
 def test_relaxations_to_several_depths_are_one_experiment(tmp_path: Path) -> None:
