@@ -154,10 +154,10 @@ def describe(kind: Any) -> str:
 
 
 def describe_dimension(dimension: Dimension) -> str:
-    """Say which quantity and units fit: ``a length such as "9.525 mm" (m, cm, mm, um, nm)``."""
+    """Say which quantity and units fit: ``a length such as "9.525 mm" (units: m, cm, mm, um, nm)``."""
     article = "an" if dimension.noun[0] in "aeiou" else "a"
-    units = ", ".join(spellings(dimension.si))
-    return f'{article} {dimension.noun} such as "{dimension.example}" (units: {units})'
+    units = "" if dimension.si == "1" else f" (units: {', '.join(spellings(dimension.si))})"
+    return f'{article} {dimension.noun} such as "{dimension.example}"{units}'
 
 
 def found(value: Any) -> str:

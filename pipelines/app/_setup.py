@@ -308,8 +308,7 @@ def _expected(kind: Any, path: edits.Place) -> str:
     """Say what a field takes when it is typed here, where texts need no quotation marks."""
     if path[-1] == "material":
         return f"one of {', '.join(library_names())}"
-    said = describe(kind).replace("text in quotation marks", "a text").replace(" (without quotation marks)", "")
-    return said.partition(" (units: 1")[0]  # a pure number has none
+    return describe(kind).replace("text in quotation marks", "a text").replace(" (without quotation marks)", "")
 
 
 def _as_text(value: Any) -> str:
