@@ -75,7 +75,7 @@ def _two_processes(found: Superposition) -> Iterator[tuple[Level, str]]:
         "two processes that shift apart, the second by "
         f"{found.rival.share:.2f} decades for each decade of the first, describe the sweeps better than one master "
         f"curve; their shifts differ by up to {change[worst]:.2f} decades "
-        f"({float(found.model.temperature[worst]):.0f} °C), part of the uncertainties",
+        f"(at {float(found.model.temperature[worst]):.0f} °C), which is part of the uncertainties",
     )
 
 

@@ -347,13 +347,16 @@ def _loops(
             position = (loads["position_z"].values[where][used] - float(at["mean_position"])) * _UM
             force = comparison["simulated_force"].values[where][used]
             series.append(Series(f"{name}, model", position, force, role="model"))
+    lag = ""
+    if loads is not None and mach1_readings.declared_filter(loads):
+        has_model = len(series) > loops.sizes["oscillation"]
+        lag = f": it includes the load cell's lag{', as the loop of the model does' * has_model}"
     chart = ScatterChart(
         "Hysteresis loops",
         "position − mean / µm",
         "force / N",
         tuple(series),
-        caption="Mean loop over the evaluated cycles, as recorded: it includes the load cell's "
-        "lag, as the model's loop does.",
+        caption=f"Mean loop over the evaluated cycles, as recorded{lag}.",
     )
     return Section("Loops", (chart,))
 

@@ -25,10 +25,11 @@ from labpipe.workflow.context import Context
 from pipelines.experiments.relaxation.budget import quantities
 from pipelines.experiments.relaxation.comparison import rows as compared_rows
 from pipelines.experiments.relaxation.settings import Relaxation
-from pipelines.experiments.shared import budget_blocks, pages, ramps_and_holds
+from pipelines.experiments.shared import budget_blocks, mach1_readings, pages, ramps_and_holds
 from pipelines.experiments.shared.punch_sections import header_blocks, punch_rows, substrate_name
 
 _MPA = 1e-6
+_FILTERED = "The load cell's filter was applied to the model too."
 _RAMP_VIEW = 2.0  # s around a ramp that are drawn sample by sample
 _POINTS_PER_DECADE = 12
 
@@ -92,7 +93,7 @@ def _summary(tests: xr.Dataset | None, comparison: Sequence[xr.Dataset] | None, 
         for i in range(tests.sizes["test"]):
             at = tests.isel(test=i)
             shown = ", ".join(pages.told(at, name) for name in (_peak(tests), "plateau_force"))
-            rows.append((f"peak and plateau at {_label(tests, i)}", shown, _of_peak(tests)))
+            rows.append((f"peak and plateau, {_label(tests, i)}", shown, _of_peak(tests)))
         if "mean_relaxed_modulus" in tests and np.isfinite(float(tests["mean_relaxed_modulus"])):
             rows.append(
                 (
@@ -157,7 +158,7 @@ def _tests(tests: xr.Dataset) -> Section:
     u = np.abs(ratio) * np.hypot(tests[f"u_{peak}"].values / top, tests["u_plateau_force"].values / level)
     first = (
         Listed("test", _names(tests)),
-        pages.column(tests, "depth", "depth"),
+        *([pages.column(tests, "depth", "depth")] if np.isfinite(tests["depth"]).any() else []),
         pages.column(tests, peak, "peak"),
         *([pages.column(tests, "peak_force", "peak as recorded")] if peak != "peak_force" else []),
         pages.column(tests, "plateau_force", "plateau"),
@@ -210,28 +211,36 @@ def _ramps(
         since, label = time[near] - hold.begin, _title(tests, number)
         force = load["force"].values[hold.rows][near]
         series: list[Series | Band] = [Series("measured", since, force, role="measured")]
-        if "absent" not in compared.attrs:
+        has_model = "absent" not in compared.attrs
+        if has_model:
             theirs, u = (compared[name].values[hold.rows][near] for name in ("simulated_force", "u_simulated_force"))
             series += pages.model_curves(since, theirs, u)
         charts.append(
             LineChart(
-                f"Force around the ramp to {label}",
+                f"Force around the ramp, {label}",
                 "time since the ramp began / s",
                 "force / N",
                 tuple(series),
                 group=label,
                 height_px=240,
-                caption="The load cell's filter was applied to the model too.",
+                caption=_FILTERED if has_model and mach1_readings.declared_filter(load) else "",
             )
         )
         position = load["position_z"].values[hold.rows][near]
         datum = touches[number] if np.isfinite(touches[number]) else hold.start
         charts.append(
             LineChart(
-                f"Indentation around the ramp to {label}",
+                f"Indentation around the ramp, {label}",
                 "time since the ramp began / s",
                 "indentation / mm",
-                (Series("measured, input of the model", since, (position - datum) * 1e3, role="measured"),),
+                (
+                    Series(
+                        f"measured{', input of the model' * has_model}",
+                        since,
+                        (position - datum) * 1e3,
+                        role="measured",
+                    ),
+                ),
                 group=label,
                 height_px=150,
             )

@@ -21,6 +21,7 @@ from pipelines.rig.indentation_session import oscillation_section
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.relaxations import TESTER
 from pipelines.rig.session_text import cell_record, session_head
+from tests.pipelines.shown import texts_between
 
 START = datetime(2024, 5, 14, 9, 30)
 PROTOCOL = Harmonic(hold=5.0, frequencies=(1.0, 2.0), cycles=6)
@@ -125,6 +126,18 @@ def test_dimensionless_numbers_follow_their_definitions(session: Path) -> None:
     )
     np.testing.assert_allclose(found["dimensionless_amplitude"], table["amplitude"] / 2e-3)
     np.testing.assert_allclose(found["dimensionless_mean"], 0.05, rtol=0.01)
+
+
+def test_without_a_punch_no_sentence_speaks_of_a_model(session: Path, tmp_path: Path) -> None:
+    for name in ("nbr.txt", "calibration/load_cell.toml"):
+        where = next(session.rglob(Path(name).name))
+        files.write_bytes(tmp_path / where.relative_to(session), where.read_bytes())
+    text = (session / "session.toml").read_text("utf-8")
+    files.write_text(tmp_path / "session.toml", text[: text.index("[experiments.nbr.punch]")])
+    assert process(tmp_path, jobs=0).exit_code == 0
+    page = (tmp_path / "labpipe/reports/nbr.html").read_text("utf-8")
+    assert "names no punch" in page
+    assert not any("model" in text for text in texts_between(page, "frequencies", "uncertainty-budgets"))
 
 
 def test_without_a_characteristic_time_it_is_the_shortest_of_the_material(session: Path) -> None:

@@ -29,6 +29,7 @@ from pipelines.rig.indentations import Specimen
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.session_text import cell_record, session_head
 from tests.pipelines.asked import quantities
+from tests.pipelines.shown import texts_between
 
 START = datetime(2024, 5, 14, 9, 30)
 SAMPLES = Path(__file__).parents[4] / "../shared/samples/mach1"
@@ -178,6 +179,7 @@ def test_without_a_punch_the_forces_are_reported_and_the_reason_is_told(session:
     assert (found["peak_force"] > found["plateau_force"]).all()
     page = (tmp_path / "labpipe/reports/nbr.html").read_text("utf-8")
     assert "names no punch" in page
+    assert not any("model" in text for text in texts_between(page, "tests", "methods-text-to-paste"))
 
 
 def test_the_report_shows_moduli_and_errors(session: Path) -> None:
