@@ -61,7 +61,7 @@ def _stamps(module: str) -> tuple[object, ...]:
     text = Path(str(sys.modules[module].__file__)).read_text("utf-8")
     found: list[object] = []
     if "labpipe.compilation" in text:
-        for name in sorted(set(re.findall(r"^from (labpipe[\w.]*) import", text, re.MULTILINE))):
+        for name in sorted(set(re.findall(r"^from ((?:labpipe|pipelines)[\w.]*) import", text, re.MULTILINE))):
             state = Path(str(sys.modules[name].__file__)).stat()
             found += [name, state.st_mtime_ns, state.st_size, *_stamps(name)]
     return tuple(found)

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from instruments import phantom
 from labpipe.arrays import Floats
+from labpipe.compilation import compiled
 from pipelines.rig.fall import Body, fall
 from pipelines.rig.film_front import TRIGGER
 from pipelines.rig.reference_drop import Springs
@@ -196,7 +196,7 @@ def _light(camera: UnderCamera) -> Floats:
     return np.asarray(1.0 - camera.vignette * (x**2 + y**2))
 
 
-@numba.njit(cache=True)
+@compiled(error_model="numpy", no_cfunc_wrapper=True)
 def _pixels(
     table: Floats,
     grid: float,

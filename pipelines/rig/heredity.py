@@ -10,11 +10,11 @@ costs as much as the logarithm of the elapsed time, and no term of any series is
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
+from labpipe.compilation import compiled
 from pipelines.rig.solids import Viscoelastic
 
 _FIRST, _LAST = np.log(1e-9), np.log(1e7)  # ln of the times between which E is tabulated
@@ -68,7 +68,16 @@ def copy_of(history: History, springs: int) -> History:
     )
 
 
-@numba.njit(cache=True)
+@compiled(error_model="numpy", no_cfunc_wrapper=True)
+def reach_of(displacement: Floats) -> int:
+    """Return how many springs there are up to the last that is displaced."""
+    reach = displacement.size
+    while reach > 0 and displacement[reach - 1] == 0.0:
+        reach -= 1
+    return reach
+
+
+@compiled(error_model="numpy", no_cfunc_wrapper=True)
 def kernel(table: Floats, time: float, values: Floats) -> None:
     """Fill ``values`` (5,): mean of E up to a time, E, and its first three scaled derivatives."""
     x = (np.log(time) - _FIRST) / _SPACING if time > 0.0 else 0.0
@@ -84,7 +93,7 @@ def kernel(table: Floats, time: float, values: Floats) -> None:
         values[n + 1] = a * low[n + 1] + b * high[n + 1] + c * rise_low + d * rise_high
 
 
-@numba.njit(cache=True)
+@compiled(error_model="numpy", no_cfunc_wrapper=True)
 def stiffness_of_step(history: History, step: float) -> float:
     """Return the stress per displacement that grows linearly over a step from now."""
     values = np.empty(5)
@@ -92,10 +101,11 @@ def stiffness_of_step(history: History, step: float) -> float:
     return float(values[0])
 
 
-@numba.njit(cache=True)
+@compiled(error_model="numpy", no_cfunc_wrapper=True)
 def pull(history: History, now: float, reach: int, result: Floats) -> None:
     """Fill the stress of the first ``reach`` springs at a time, if they rest from now on."""
-    result[:reach] = 0.0
+    for i in range(reach):
+        result[i] = 0.0
     first, second = np.empty(5), np.empty(5)
     for place in range(history.blocks[0]):
         b = history.order[place]
@@ -117,7 +127,7 @@ def pull(history: History, now: float, reach: int, result: Floats) -> None:
                 result[i] += w0 * m[0, i] + w1 * m[1, i] + w2 * m[2, i] + w3 * m[3, i]
 
 
-@numba.njit(cache=True)
+@compiled(error_model="numpy", no_cfunc_wrapper=True)
 def remember(history: History, begin: float, end: float, increments: Floats, reach: int) -> None:
     """Append one step of the first ``reach`` springs and take old steps together."""
     place = history.blocks[0]
@@ -128,13 +138,16 @@ def remember(history: History, begin: float, end: float, increments: Floats, rea
     b = history.order[place]
     history.edges[b, 0], history.edges[b, 1] = begin, end
     history.is_single[b] = True
-    history.moments[b] = 0.0
-    history.moments[b, 0, :reach] = increments[:reach]
+    moments = history.moments[b]
+    for i in range(moments.shape[1]):
+        moments[0, i] = increments[i] if i < reach else 0.0
+        for n in range(1, _MOMENTS):
+            moments[n, i] = 0.0
     history.blocks[0] = place + 1
     _take_together(history, end, reach)
 
 
-@numba.njit(cache=True)
+@compiled(error_model="numpy", no_cfunc_wrapper=True)
 def _take_together(history: History, now: float, reach: int) -> None:
     order, edges = history.order, history.edges
     place = 0
@@ -160,7 +173,7 @@ def _take_together(history: History, now: float, reach: int) -> None:
         history.blocks[0] = last
 
 
-@numba.njit(cache=True)
+@compiled(error_model="numpy", no_cfunc_wrapper=True)
 def _move(history: History, block: int, centre: float, reach: int) -> None:
     """Take the moments of a block about another centre."""
     begin, end = history.edges[block, 0], history.edges[block, 1]

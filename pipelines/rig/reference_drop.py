@@ -24,13 +24,13 @@ doi:10.1007/978-3-642-53876-6.
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
+from labpipe.compilation import compiled
 from labpipe.errors import InputError
-from pipelines.rig.heredity import History, copy_of, no_history, pull, remember, stiffness_of_step
+from pipelines.rig.heredity import History, copy_of, no_history, pull, reach_of, remember, stiffness_of_step
 from pipelines.rig.solids import Viscoelastic
 
 GRAVITY = 9.81  # m/s², as in the thesis
@@ -103,7 +103,7 @@ class Trajectory:
         return cubic
 
 
-@numba.njit(cache=True)
+@compiled(error_model="numpy", no_cfunc_wrapper=True)
 def _contact(
     approach: float,
     speed: float,
@@ -132,10 +132,7 @@ def _contact(
     place = 0
     n_springs = u.size
     base, rise = np.zeros(n_springs), np.zeros(n_springs)
-    reach = 0
-    for i in range(n_springs):
-        if u[i] != 0.0:
-            reach = i + 1
+    reach = reach_of(u)
     force, floor_force_acceleration = 0.0, 0.0
     acceleration = -gravity  # of the approach's opposite: upward positive motion of the sphere
     height = -approach + floor
@@ -175,21 +172,19 @@ def _contact(
         record[n, 0], record[n, 1], record[n, 2] = height, speed, force
         record[n, 3], record[n, 4], record[n, 5] = edge, floor, floor_speed
         if place < len(kept) and kept[place] == n:
-            states[place] = u
+            for i in range(n_springs):
+                states[place, i] = u[i]
             place += 1
         if not in_contact and n > 2:
             return n + 1, True
     return grid.size - 1, False
 
 
-@numba.njit(cache=True)
+@compiled(error_model="numpy", no_cfunc_wrapper=True)
 def _recover(u: Floats, history: History, begun: float, duration: float) -> None:
     """Let unloaded springs creep back for ``duration``, in steps that grow geometrically."""
     base, rise = np.zeros(u.size), np.zeros(u.size)
-    reach = 0
-    for i in range(u.size):
-        if u[i] != 0.0:
-            reach = i + 1
+    reach = reach_of(u)
     elapsed, step = 0.0, CONTACT_STEP
     while elapsed < duration and reach > 0:
         step = min(step, duration - elapsed)

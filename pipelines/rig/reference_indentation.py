@@ -12,26 +12,26 @@ Mean-plane approach and stiffness of a periodic parabolic contact of half-width 
     g(b) = λ²/(4π²R) [π²/6 − Li₂(cos²(πb/λ))],     S(b) = −(π/2) / ln sin(πb/λ)
 """
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import spence
 
 from labpipe.arrays import Floats
-from pipelines.rig.heredity import History, no_history, pull, remember, stiffness_of_step
+from labpipe.compilation import compiled
+from pipelines.rig.heredity import History, no_history, pull, reach_of, remember, stiffness_of_step
 from pipelines.rig.solids import Viscoelastic
 
 SPRINGS = 1500
 WIDEST = 0.3  # of the period: the reference refuses wider contacts than it resolves
 
 
-@numba.njit(cache=True)
+@compiled(error_model="numpy", no_cfunc_wrapper=True)
 def _march(
     time: Floats, depth: Floats, gap: Floats, weight: Floats, history: History, force: Floats, edge: NDArray[np.int64]
 ) -> None:
     """Step every spring through the displacement history; fills ``force`` and ``edge``."""
     u, base, rise = np.zeros(gap.size), np.zeros(gap.size), np.zeros(gap.size)
-    reach = 0
+    reach = reach_of(u)
     for n in range(1, time.size):
         stiffness = stiffness_of_step(history, time[n] - time[n - 1])
         pull(history, time[n], reach, base)

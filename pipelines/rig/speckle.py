@@ -8,10 +8,10 @@ interpolates, meets images that know nothing of its method.
 import math
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
 from labpipe.arrays import Floats
+from labpipe.compilation import compiled
 
 _REACH = 5.5  # blob widths after which exp(-r²/2) is below 3e-7
 _WIDTHS = (1.3, 2.2)  # px, blobs of the usual size for correlation
@@ -105,7 +105,7 @@ def _stamp(field: Floats, x: Floats, y: Floats, width: Floats, weight: Floats | 
     _add_blobs(field, x, y, width, np.ones_like(x) if weight is None else weight)
 
 
-@numba.njit(cache=True)
+@compiled(error_model="numpy", no_cfunc_wrapper=True)
 def _add_blobs(field: Floats, x: Floats, y: Floats, width: Floats, weight: Floats) -> None:
     """Add round Gaussians; one is the product of a row and a column, so exp is rarely needed."""
     rows, columns = field.shape

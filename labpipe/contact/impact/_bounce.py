@@ -241,7 +241,7 @@ class Bouncer:
         outside = self.dents.stored()
         lasted = float(path.time[n])
         self.dents.relax(lasted)
-        self.dents.add(largest, self.nodes.after.copy())
+        self.dents.add(largest, self.nodes.after[: self.creep.rate.size].copy())
         left = self.dents.stored()
         lag = path.time[: n + 1, None]
         stored = path.stored[: n + 1] + np.exp(-2.0 * lag * self.creep.rate) @ outside

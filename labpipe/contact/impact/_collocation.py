@@ -2,7 +2,7 @@
 
 from functools import cache
 from math import pi, sqrt
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from scipy.special import roots_jacobi
@@ -20,6 +20,8 @@ _GAUSS_POINTS = 80
 # Part of the disagreement between the force and its polynomial that counts as error of a step.
 _ERROR_SHARE = 0.02
 _MOST_STEPS = 1000
+# Terms that there is always room for, as a power of two.
+_LEAST_ROOM = 7
 # Retardation times that agree to this are one.
 _SAME_TIME = 1e-9
 
@@ -45,16 +47,42 @@ def law_of(creep: Creep) -> Law:
     rho = relaxation.time[:, None]
     mixed = np.zeros((rho.size, creep.rate.size))
     mixed[:, : creep.n_terms] = rho / (rho - creep.tau)
-    return Law(
-        relaxation.relaxed,
-        relaxation.weight,
-        1.0 / relaxation.time,
-        creep.instantaneous,
-        creep.C,
-        creep.rate,
-        mixed,
-        creep.fluidity > 0.0,
-    )
+    values: dict[str, Any] = {
+        "maxwells": rho.size,
+        "elements": creep.rate.size,
+        "kelvins": creep.C.size,
+        "is_liquid": int(creep.fluidity > 0.0),
+        "E_relaxed": relaxation.relaxed,
+        "instantaneous": creep.instantaneous,
+        "E": relaxation.weight,
+        "rate": 1.0 / relaxation.time,
+        "C": creep.C,
+        "creep_rate": creep.rate,
+        "mixed": mixed,
+    }
+    terms = _room_for(rho.size, creep.rate.size)
+    fields = [
+        (name, np.int64 if isinstance(value, int) else np.float64, (terms,) * np.ndim(value))
+        for name, value in values.items()
+    ]
+    law = _room(np.dtype(fields))
+    for name, value in values.items():
+        if np.ndim(value):
+            law[name][tuple(map(slice, np.shape(value)))] = value
+        else:
+            law[name] = value
+    return cast("Law", law)
+
+
+def _room_for(*terms: int) -> int:
+    """Terms that a record has room for: a power of two, of which one suffices for nearly all."""
+    return 1 << max(_LEAST_ROOM, (max(terms) - 1).bit_length())
+
+
+def _room(dtype: np.dtype[np.void]) -> np.record:
+    """Return one record of zeros, of which the machine takes up what is used."""
+    row: np.recarray[tuple[int], np.dtype[np.record]] = np.zeros(1, dtype).view(np.recarray)
+    return row[0]
 
 
 @cache
@@ -114,45 +142,48 @@ def _means(s: Floats, bary: Floats) -> Floats:
 
 
 def work_space(law: Law) -> tuple[Path, Room, Nodes]:
-    """Arrays for one contact after the other."""
-    S, N, J, K, steps = _STAGES, NODES, law.E.size, law.creep_rate.size, _MOST_STEPS
-    shapes = {
+    """Room for one contact after the other."""
+    S, N, T, steps = _STAGES, NODES, law.rate.size, _MOST_STEPS
+    path = {
+        "time": (steps + 1,),
+        "state": (steps + 1, 8),
+        "stages": (steps, S, 6),
+        "approach": (steps + 1,),
+        "powers": (steps, S),
+        "edge": (steps, S),
+        "fading": (steps + 1, T),
+        "stored": (steps + 1,),
+    }
+    room = {
         "plate": (S, S + 1),
         "answer": (S, S),
         "gain": (S, S),
-        "weight": (J, S, S),
+        "weight": (T, S, S),
         "field": (S, N),
         "slope": (S, N),
         "area": (S, N),
-        "table": (S, K, S),
-        "cross": (S, K),
-        "moment": (S, K),
-        "last": (K,),
-        "rim": (K,),
-        "primitive": (K, N),
-        "held": (J,),
+        "table": (S, T, S),
+        "cross": (S, T),
+        "moment": (S, T),
+        "last": (T,),
+        "rim": (T,),
+        "primitive": (T, N),
+        "held": (T,),
         "matrix": (S, S),
         "right": (S, 1),
     }
-    path = Path(
-        time=np.zeros(steps + 1),
-        state=np.zeros((steps + 1, 8)),
-        stages=np.zeros((steps, S, 6)),
-        approach=np.zeros(steps + 1),
-        powers=np.zeros((steps, S)),
-        edge=np.zeros((steps, S)),
-        fading=np.zeros((steps + 1, J)),
-        stored=np.zeros(steps + 1),
-    )
-    room = Room(**{name: np.zeros(shapes.get(name, (S,))) for name in Room._fields})
-    nodes = Nodes(
-        touch=np.zeros(N),
-        release=np.zeros(N),
-        before=np.zeros((K, N)),
-        after=np.zeros((K, N)),
-        base=np.zeros((J, N)),
-        field=np.zeros((J, N)),
-        fading=np.zeros(J),
-        element=np.zeros(K),
-    )
-    return path, room, nodes
+    nodes = {
+        "touch": (N,),
+        "release": (N,),
+        "before": (T, N),
+        "after": (T, N),
+        "base": (T, N),
+        "field": (T, N),
+        "fading": (T,),
+        "element": (T,),
+    }
+    made = [
+        _room(np.dtype([(name, np.float64, shapes.get(name, (S,))) for name in kind.__annotations__]))
+        for kind, shapes in ((Path, path), (Room, room), (Nodes, nodes))
+    ]
+    return cast("tuple[Path, Room, Nodes]", tuple(made))

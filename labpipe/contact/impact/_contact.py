@@ -29,6 +29,8 @@ from labpipe.contact.impact._polynomials import crossing, power_sum, slope, summ
 
 # How a contact ends.
 LIFTED, TURNED, FAILED, FULL = range(4)
+# Columns of the state, and those to subtract, of which the largest values are reported.
+_LOOKED_AT = ((2, -1), (0, 4), (4, -1))
 # Looks for the largest force within a step.
 _LOOKS = 16
 # The contact is largest where it grows slower than this part of its mean growth; an error of the
@@ -44,23 +46,23 @@ _GROWTH, _SHRINK, _SAFETY = 4.0, 0.2, 0.85
 
 
 @inner()
-def _edge_powers(scheme: Scheme, room: Room, phase: Phase, of_load: bool) -> None:
-    """Fill in ``short``: coefficients over the step of the edge, or of the load of the central spring."""
+def _edge_powers(scheme: Scheme, room: Room, phase: Phase) -> None:
+    """Fill in ``short``: coefficients over the step of what ends the phase.
+
+    While the contact recedes that is the load of the central spring, before the square of its radius.
+    """
     found = room.short
     for p in range(scheme.c.size):
         found[p] = 0.0
         for m in range(scheme.c.size):
-            if of_load:
-                change = room.bulk[m] - phase.bulk
-            else:
-                change = (room.edge[m] if phase.recedes else room.edge[m] ** 2) - phase.start_edge
+            change = room.bulk[m] - phase.bulk if phase.recedes else room.edge[m] ** 2 - phase.start_edge
             found[p] += scheme.to_powers[p, m] * change
 
 
 @inner()
 def _begin(law: Law, scheme: Scheme, room: Room, path: Path, n: int, dent: Floats) -> None:
     """Set what a contact has gathered to nothing, and prepare its dents."""
-    for k in range(law.creep_rate.size):
+    for k in range(law.elements):
         room.last[k] = 0.0
         for m in range(scheme.s.size):
             total = 0.0
@@ -69,7 +71,7 @@ def _begin(law: Law, scheme: Scheme, room: Room, path: Path, n: int, dent: Float
             room.primitive[k, m] = total
         room.rim[k] = dent[k, 0]
     path.time[n] = 0.0
-    for j in range(law.E.size):
+    for j in range(law.maxwells):
         path.fading[n, j] = room.held[j] = 0.0
 
 
@@ -80,8 +82,8 @@ def _shorter(scheme: Scheme, room: Room, phase: Phase, error: float) -> float:
     shorter = max(_SHRINK, _SAFETY * max(error, 1.0) ** (-1.0 / (S + 1.0)))
     if phase.recedes and error < UNSOLVED and room.bulk[S - 1] < 0.0:
         # What lies behind the lift-off says nothing on the step before it.
-        _edge_powers(scheme, room, phase, True)
-        lifted = crossing(room.short, -phase.bulk, 1.0)
+        _edge_powers(scheme, room, phase)
+        lifted = crossing(room.short[:], -phase.bulk, 1.0)
         shorter = min(max(shorter, lifted), _SAFETY)
     return shorter
 
@@ -97,17 +99,17 @@ def _event(
     S = scheme.c.size
     if phase.recedes:
         if room.bulk[S - 1] <= _AT_LIFT_OFF * central:
-            _edge_powers(scheme, room, phase, True)
-            part = crossing(room.short, -phase.bulk, 1.25)
+            _edge_powers(scheme, room, phase)
+            part = crossing(room.short[:], -phase.bulk, 1.25)
             return part, abs(part - 1.0) < 1e-9
         return (-1.0 if room.edge[S - 1] <= phase.start_edge else 1.0), False
     # Over the square of the radius that a steady growth would add in this step.
     steady = room.edge[S - 1] ** 2 * h / (path.time[n] + h)
-    _edge_powers(scheme, room, phase, False)
-    rise = slope(room.short, 1.0) / steady
+    _edge_powers(scheme, room, phase)
+    rise = slope(room.short[:], 1.0) / steady
     if rise > _AT_SUMMIT:
         return 1.0, False
-    return summit(room.short), abs(rise) <= _AT_SUMMIT
+    return summit(room.short[:]), abs(rise) <= _AT_SUMMIT
 
 
 @inner()
@@ -117,7 +119,7 @@ def _turn(
     """Sample the springs where the contact is largest; return the load of the central one."""
     sample_touch(law, scheme, fall, room, path, peak, dent, outer, nodes)
     load = law.E_relaxed * path.approach[peak]
-    for j in range(law.E.size):
+    for j in range(law.maxwells):
         for m in range(scheme.s.size):
             left = math.exp(-law.rate[j] * (path.time[peak] - nodes.touch[m]))
             nodes.field[j, m] = nodes.base[j, m] * left
@@ -167,7 +169,7 @@ def contact(
     tries = rejected
     _begin(law, scheme, room, path, n, dent)
     phase = Phase(False, dented, 0.0, outer, 0.0, 0.0, 0.0)
-    h, field, central = fall.first, dent, 0.0
+    h, central = fall.first, 0.0
     while True:
         if n + 1 >= path.time.size:
             return FULL, n, peak, rejected
@@ -178,7 +180,7 @@ def contact(
         if is_tiny:
             return FAILED, n, peak, rejected
         tries += 1
-        error = attempt(law, scheme, fall, center, room, path, n, h, phase, field)
+        error = attempt(law, scheme, fall, center, room, path, n, h, phase, dent, nodes)
         if not error <= 1.0:
             rejected += 1
             h *= _shorter(scheme, room, phase, error)
@@ -202,7 +204,6 @@ def contact(
         elif ends or was_summit:
             peak = n
             central = _turn(law, scheme, fall, room, path, peak, dent, outer, nodes)
-            field = nodes.field
             phase = Phase(True, False, path.time[n], path.state[n, 3], _FIRST_PLACE, 0.0, central)
         else:
             phase = Phase(False, dented, 0.0, outer, edge, edge**2, load)
@@ -277,8 +278,7 @@ def outcome_of(scheme: Scheme, fall: Fall, path: Path, n: int, room: Room, lost:
     float
         The most energy mislaid on the way [J].
     """
-    row[0] = _largest(scheme, path, n, 2, -1, room.short)
-    row[1] = _largest(scheme, path, n, 0, 4, room.short)
-    row[2] = _largest(scheme, path, n, 4, -1, room.short)
+    for i in range(3):  # a constant column would be compiled for itself
+        row[i] = _largest(scheme, path, n, _LOOKED_AT[i][0], _LOOKED_AT[i][1], room.short[:])
     row[3], most = _energy_lost(fall, path, n, lost)
     return most

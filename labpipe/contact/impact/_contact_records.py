@@ -5,8 +5,12 @@ from typing import NamedTuple, Protocol
 from labpipe.arrays import Floats
 
 
-class Law(NamedTuple):
-    """Contact law of the material in both forms.
+class Law(Protocol):
+    """Contact law of the material in both forms: one record, as :class:`Scheme`.
+
+    There is room for more terms than there are, so that one compiled code serves all materials:
+    ``maxwells`` of the relaxation modulus, ``elements`` of the compliance with its dashpot, and
+    ``kelvins`` without. The same holds for what has a row per term in the other records.
 
     ``E_relaxed`` [Pa], ``E`` [Pa] and ``rate`` [1/s] (maxwell,) of the relaxation modulus;
     ``instantaneous`` [1/Pa], ``C`` [1/Pa] and ``creep_rate`` [1/s] (element,) of the compliance, a
@@ -14,6 +18,9 @@ class Law(NamedTuple):
     per displacement of a Kelvin element while the spring is free.
     """
 
+    maxwells: int
+    elements: int
+    kelvins: int
     E_relaxed: float
     E: Floats
     rate: Floats
@@ -28,7 +35,7 @@ class Scheme(Protocol):
     """Constants of the method: Radau's points, and polynomials over the radius.
 
     What is handed on is one record with these fields: a single address to compiled code, where nine
-    arrays are some sixty arguments of each call.
+    arrays are some sixty arguments of each call, and take longer to compile.
 
     ``c`` (stage,), ``a`` (stage, stage) and its square ``aa``; ``to_powers`` (stage, stage) from
     values less the first to the coefficients of u, u^2, ...; ``gamma`` (stage + 1,) of the error.
@@ -63,7 +70,7 @@ class Fall(NamedTuple):
     first: float
 
 
-class Path(NamedTuple):
+class Path(Protocol):
     """Room for the steps of a contact, and what is known of each.
 
     ``time`` (step + 1,) from touch; ``state`` (step + 1, 8) at the ends and ``stages`` (step,
@@ -100,7 +107,7 @@ class Phase(NamedTuple):
     bulk: float
 
 
-class Nodes(NamedTuple):
+class Nodes(Protocol):
     """What is sampled on the nodes of the largest contact of this bounce.
 
     ``touch`` and ``release`` (node,) [s]; ``before`` (element, node) the dents found, ``after`` the
@@ -118,7 +125,7 @@ class Nodes(NamedTuple):
     element: Floats
 
 
-class Room(NamedTuple):
+class Room(Protocol):
     """Numbers of the step at hand.
 
     ``base`` (stage,) is the approach without force, ``answer`` (stage, stage) the approach per

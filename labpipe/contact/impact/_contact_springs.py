@@ -14,7 +14,7 @@ def sample_touch(
     law: Law, scheme: Scheme, fall: Fall, room: Room, path: Path, peak: int, dent: Floats, outer: float, nodes: Nodes
 ) -> None:
     """Note for each node when it was touched, and its Maxwell elements less the fading integral."""
-    K, J, N = law.creep_rate.size, law.E.size, scheme.s.size
+    K, J, N = law.elements, law.maxwells, scheme.s.size
     largest = path.state[peak, 3]
     step = 0
     for n in range(N - 1, -1, -1):
@@ -28,7 +28,7 @@ def sample_touch(
             u = crossing(path.edge[step], square - path.state[step, 3] ** 2, 1.0)
         time = path.time[step] + u * h
         nodes.touch[n] = time
-        fade(path.fading[step], law.rate, h, u, path.powers[step], nodes.fading, room.short)
+        fade(law, path.fading[step], h, u, path.powers[step], nodes.fading, room.short)
         inside = 0.0 if outer <= 0.0 else 1.0 - square / outer**2
         s = math.sqrt(inside) if inside > 0.0 else 0.0
         for k in range(K):
@@ -46,14 +46,14 @@ def sample_touch(
 @inner()
 def _kelvin(law: Law, displacement: float, maxwell: Floats, load: float, out: Floats) -> None:
     """Kelvin elements (element,) of a spring from its Maxwell elements."""
-    K = law.creep_rate.size
+    K = law.elements
     rest = displacement - law.instantaneous * load
     for k in range(K):
         if law.is_liquid and k == K - 1:
             out[k] = rest
             return
         total = law.E_relaxed * displacement
-        for j in range(law.E.size):
+        for j in range(law.maxwells):
             total += law.E[j] * law.mixed[j, k] * maxwell[j]
         out[k] = law.C[k] * total
         rest -= out[k]
@@ -79,13 +79,13 @@ def sample_release(
             u = crossing(path.edge[step], place - reached, 1.0)
         time = path.time[step] + u * h
         nodes.release[n] = time
-        fade(path.fading[step], law.rate, h, u, path.powers[step], nodes.fading, room.short)
+        fade(law, path.fading[step], h, u, path.powers[step], nodes.fading, room.short)
         x = largest * math.sqrt(max(1.0 - place**2, 0.0))
         depth = path.approach[step] + power_sum(path.powers[step], u) - gap(fall, x)
-        for j in range(law.E.size):
+        for j in range(law.maxwells):
             nodes.fading[j] += nodes.base[j, n] * math.exp(-law.rate[j] * (time - nodes.touch[n]))
         _kelvin(law, depth, nodes.fading, 0.0, nodes.element)
-        for k in range(law.creep_rate.size):
+        for k in range(law.elements):
             nodes.after[k, n] = nodes.element[k]
 
 
@@ -94,7 +94,7 @@ def store(
     law: Law, scheme: Scheme, fall: Fall, center: Floats, path: Path, last: int, largest: float, nodes: Nodes
 ) -> None:
     """Energy held by the springs within the largest contact at the end of every step."""
-    N, K = scheme.s.size, law.creep_rate.size
+    N, K = scheme.s.size, law.elements
     for i in range(last + 1):
         time, total = path.time[i], 0.0
         for n in range(N):
@@ -106,7 +106,7 @@ def store(
                 x = largest * math.sqrt(max(1.0 - scheme.s[n] ** 2, 0.0))
                 depth = path.approach[i] - gap(fall, x)
                 load = law.E_relaxed * depth
-                for j in range(law.E.size):
+                for j in range(law.maxwells):
                     left = math.exp(-law.rate[j] * (time - nodes.touch[n]))
                     nodes.fading[j] = path.fading[i, j] + nodes.base[j, n] * left
                     load += law.E[j] * nodes.fading[j]
@@ -116,7 +116,7 @@ def store(
                     left = math.exp(-law.creep_rate[k] * (time - nodes.release[n]))
                     nodes.element[k] = nodes.after[k, n] * left
             energy = 0.5 * law.instantaneous * load**2
-            for k in range(law.C.size):
+            for k in range(law.kelvins):
                 whole = nodes.element[k] + center[k] * math.exp(-law.creep_rate[k] * time)
                 energy += 0.5 * whole**2 / law.C[k]
             total += scheme.means[0, n] * largest * energy

@@ -5,7 +5,7 @@ import math
 from labpipe.arrays import Floats
 from labpipe.compilation import inner
 from labpipe.contact.impact._contact_edge import dented_edge, gap_area, inverse_gap, receding_edge
-from labpipe.contact.impact._contact_records import Fall, Law, Path, Phase, Room, Scheme
+from labpipe.contact.impact._contact_records import Fall, Law, Nodes, Path, Phase, Room, Scheme
 from labpipe.contact.impact._polynomials import eliminate, moments, value_at
 
 _NEWTON_LIMIT = 12
@@ -42,7 +42,7 @@ def _let_plate_answer(scheme: Scheme, fall: Fall, now: Floats, h: float, room: R
             room.matrix[i, m] = inertia + (fall.plate_mass if i == m else 0.0)
             room.plate[i, m] = 1.0 if i == m else 0.0
         room.plate[i, S] = -pull
-    eliminate(room.matrix, room.plate)
+    eliminate(room.matrix[:], room.plate[:])  # of one type, whatever their shapes
     for i in range(S):
         room.plate_free[i] = now[4] + scheme.c[i] * h * now[5]
         for o in range(S):
@@ -56,7 +56,7 @@ def _let_plate_answer(scheme: Scheme, fall: Fall, now: Floats, h: float, room: R
 def _gain(law: Law, scheme: Scheme, h: float, room: Room) -> None:
     """Weights of the fading integrals, and the force per approach that they amount to."""
     S = scheme.c.size
-    for j in range(law.E.size):
+    for j in range(law.maxwells):
         for i in range(S):
             power = scheme.c[i]
             moments(law.rate[j] * h * power, room.short)
@@ -68,7 +68,7 @@ def _gain(law: Law, scheme: Scheme, h: float, room: Room) -> None:
             room.gain[i, m] = 0.0
         for p in range(S):
             total = 0.0
-            for j in range(law.E.size):
+            for j in range(law.maxwells):
                 total += law.E[j] * room.weight[j, i, p]
             for m in range(S):
                 room.gain[i, m] += total * scheme.to_powers[p, m]
@@ -112,7 +112,7 @@ def _advance_force(
 @inner()
 def _add_dents(law: Law, scheme: Scheme, room: Room, time: float, h: float, outer: float) -> None:
     """Add what the springs held when the edge reached them, integrated over time by parts."""
-    S, K = scheme.c.size, law.creep_rate.size
+    S, K = scheme.c.size, law.elements
     for i in range(S):
         x = room.edge[i]
         inside = 1.0 - (x / outer) ** 2
@@ -194,7 +194,7 @@ def _newton(law: Law, scheme: Scheme, fall: Fall, room: Room, path: Path, n: int
                 miss += room.answer[i, m] * room.force[m]
             room.right[i, 0] = miss
         _differentiate(law, scheme, room, phase)
-        eliminate(room.matrix, room.right)
+        eliminate(room.matrix[:], room.right[:])
         change = 0.0
         for i in range(S):
             room.delta[i] -= room.right[i, 0]
@@ -208,10 +208,12 @@ def _newton(law: Law, scheme: Scheme, fall: Fall, room: Room, path: Path, n: int
 
 
 @inner()
-def _fields(law: Law, scheme: Scheme, room: Room, path: Path, n: int, h: float, phase: Phase, dent: Floats) -> None:
+def _fields(
+    law: Law, scheme: Scheme, room: Room, path: Path, n: int, h: float, phase: Phase, dent: Floats, nodes: Nodes
+) -> None:
     """Fill in the field that the edge meets at each stage, and what is left of the start."""
     S, N = scheme.c.size, scheme.s.size
-    count = law.E.size if phase.recedes else law.creep_rate.size
+    count = law.maxwells if phase.recedes else law.elements
     for i in range(S):
         time = path.time[n] + scheme.c[i] * h
         for m in range(N):
@@ -223,10 +225,10 @@ def _fields(law: Law, scheme: Scheme, room: Room, path: Path, n: int, h: float, 
                 else:
                     factor = math.exp(-law.creep_rate[k] * time)
                 for m in range(N):
-                    room.field[i, m] += factor * dent[k, m]
+                    room.field[i, m] += factor * (nodes.field[k, m] if phase.recedes else dent[k, m])
             _spread(scheme, room, i)
         room.known[i] = 0.0
-        for j in range(law.E.size):
+        for j in range(law.maxwells):
             left = math.exp(-law.rate[j] * scheme.c[i] * h)
             held = path.fading[n, j] if phase.recedes else room.held[j]
             room.known[i] += law.E[j] * left * held
@@ -239,12 +241,12 @@ def _cross(law: Law, scheme: Scheme, room: Room) -> None:
     """Force per change of the dents' moments."""
     S = scheme.c.size
     for i in range(S):
-        for k in range(law.creep_rate.size):
+        for k in range(law.elements):
             for m in range(S):
                 room.table[i, k, m] = 0.0
             for p in range(S):
                 total = 0.0
-                for j in range(law.E.size):
+                for j in range(law.maxwells):
                     total += law.E[j] * room.weight[j, i, p] * (law.mixed[j, k] - 1.0)
                 for m in range(S):
                     room.table[i, k, m] += total * scheme.to_powers[p, m]
@@ -302,8 +304,8 @@ def _move_plate(scheme: Scheme, room: Room, now: Floats, i: int, h: float, value
 @inner()
 def _fade_on(law: Law, scheme: Scheme, room: Room, path: Path, n: int, h: float, phase: Phase) -> None:
     """Bring the fading integrals to the end of a step."""
-    S, K = scheme.c.size, law.creep_rate.size
-    for j in range(law.E.size):
+    S, K = scheme.c.size, law.elements
+    for j in range(law.maxwells):
         left = math.exp(-law.rate[j] * h)
         path.fading[n + 1, j] = left * path.fading[n, j]
         for p in range(S):
@@ -334,14 +336,15 @@ def attempt(
     n: int,
     h: float,
     phase: Phase,
-    field: Floats,
+    dent: Floats,
+    nodes: Nodes,
 ) -> float:
     """Solve for one step; return its error over what is allowed.
 
     It is what the polynomial through the stages misses of the force at the start.
     """
     _prepare(law, scheme, fall, center, path, n, h, room)
-    _fields(law, scheme, room, path, n, h, phase, field)
+    _fields(law, scheme, room, path, n, h, phase, dent, nodes)
     if not _newton(law, scheme, fall, room, path, n, h, phase):
         return UNSOLVED
     error = scheme.gamma[0] * path.state[n, 2]

@@ -4,7 +4,7 @@ import math
 
 from labpipe.arrays import Floats
 from labpipe.compilation import inner
-from labpipe.contact.impact._contact_records import Scheme
+from labpipe.contact.impact._contact_records import Law, Scheme
 
 
 @inner()
@@ -52,10 +52,10 @@ def power_sum(coefficients: Floats, u: float) -> float:
 
 
 @inner()
-def fade(start: Floats, rate: Floats, h: float, u: float, powers: Floats, out: Floats, room: Floats) -> None:
+def fade(law: Law, start: Floats, h: float, u: float, powers: Floats, out: Floats, room: Floats) -> None:
     """Fading integrals (maxwell,) a part ``u`` of a step on, from those at its start."""
-    for j in range(rate.size):
-        z = rate[j] * h * u
+    for j in range(law.maxwells):
+        z = law.rate[j] * h * u
         moments(z, room)
         total, power = 0.0, u
         for p in range(powers.size):

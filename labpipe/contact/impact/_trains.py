@@ -105,7 +105,7 @@ def _train(tables: _Tables, one: Setting, scale: Scales, rows: Floats, work: Int
     """
     law, path, room, nodes = tables
     until, clock, position, velocity = one.duration - one.fall_time, 0.0, 0.0, one.speed
-    state, centre, dent = PlateState(), np.zeros(law.creep_rate.size), np.zeros_like(nodes.after)
+    state, centre, dent = PlateState(), np.zeros(law.elements), np.zeros_like(nodes.after[: law.elements])
     outer = lost = deepest = error = 0.0
     peaks = np.zeros(4)
     for i, row in enumerate(rows):
@@ -134,13 +134,14 @@ def _train(tables: _Tables, one: Setting, scale: Scales, rows: Floats, work: Int
         if not has_more:
             return error
         position, velocity, state = float(end[0]) + origin, float(end[1]), PlateState(float(end[4]), float(end[5]))
-        flight = time_to_touch(velocity, one.gravity, nodes.after[:, -1].copy(), law.creep_rate, one.plate, state)
+        left, rate = nodes.after[: law.elements], law.creep_rate[: law.elements]
+        flight = time_to_touch(velocity, one.gravity, left[:, -1].copy(), rate, one.plate, state)
         if flight <= 0.0:
             return np.nan
         clock = lift_off + flight
         if clock >= until:
             return error
-        left = np.exp(-flight * law.creep_rate)[:, None] * nodes.after
+        left = np.exp(-flight * rate)[:, None] * left
         centre = left[:, -1].copy()
         dent = left - centre[:, None]
         position += (velocity + 0.5 * one.gravity * flight) * flight
