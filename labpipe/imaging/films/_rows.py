@@ -86,15 +86,18 @@ class RowsSeen:
         -----
         Most frames that move show two instants then; or, where the motion is too slow or the edges are
         too sharp for that, the fields are apart along the motion in all of them together, beyond what
-        the still frame shows.
+        the still frame shows, whose own error all of them share.
         """
         length = np.hypot(*step.T)
         if self.is_combed.sum() >= max(1.0, _MOST_FRAMES * np.count_nonzero(length > _MOVING)):
             return True
         chosen = np.flatnonzero((length > _CREEPING) & (self.is_sharp | (length < _MOVING)))
-        still = np.median(self.distances[0], axis=0) if self.is_sharp else np.zeros(2)
+        still, shared = np.zeros(2), 0.0
+        if self.is_sharp:
+            still = np.median(self.distances[0], axis=0)
+            shared = max(map(_error_of_median, self.distances[0].T))
         along = [(self.distances[k] - still) @ (step[k] / length[k]) for k in chosen]
-        return _differ_from_zero(np.concatenate(along), _SIGNIFICANT_ALONG) if along else False
+        return _differ_from_zero(np.concatenate(along), _SIGNIFICANT_ALONG, shared) if along else False
 
 
 def is_inside(corners: NDArray[np.int64], shape: tuple[int, int]) -> Flags:
@@ -235,13 +238,17 @@ def _apart(distance: Floats, shows: Flags, *, is_sharp: bool) -> tuple[bool, flo
     return False, 0.0
 
 
-def _differ_from_zero(values: Floats, significant: float = _SIGNIFICANT) -> bool:
-    """Tell whether distances of pieces (px) have a common part beyond their scatter."""
+def _differ_from_zero(values: Floats, significant: float = _SIGNIFICANT, shared: float = 0.0) -> bool:
+    """Tell whether distances of pieces (px) have a common part beyond their scatter and a shared error."""
     if len(values) < _TOGETHER:
         return False
-    middle = float(np.median(values))
-    error = _ERROR_OF_MEDIAN * float(np.median(np.abs(values - middle))) / math.sqrt(len(values))
-    return abs(middle) > max(_LEAST_TOGETHER, significant * error)
+    error = math.hypot(_error_of_median(values), shared)
+    return abs(float(np.median(values))) > max(_LEAST_TOGETHER, significant * error)
+
+
+def _error_of_median(values: Floats) -> float:
+    """Return the standard error of the median of distances (px)."""
+    return _ERROR_OF_MEDIAN * float(np.median(np.abs(values - np.median(values)))) / math.sqrt(len(values))
 
 
 def _parity(sums: Floats) -> bool | None:
