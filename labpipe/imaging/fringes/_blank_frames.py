@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Flags
 from labpipe.imaging.films import StuckPixels
-from labpipe.imaging.fringes._calibration import Calibration
 from labpipe.imaging.fringes._centre_votes import find_centres
 from labpipe.imaging.fringes._edge import Edge, find_edge
 from labpipe.imaging.fringes._radial_scan import edge_width
@@ -17,6 +16,7 @@ from labpipe.imaging.fringes._ring_fit import RingFit
 from labpipe.imaging.fringes._ring_parameters import Parameter
 from labpipe.imaging.fringes._search import View, has_structure
 from labpipe.imaging.fringes._spots import Spot, find_spots, reduce_frame
+from labpipe.imaging.fringes._trials import Calibration
 
 #: A spot without fringes next to a contact has an edge softer than this share of the radius at
 #: most; one alone must be as sharp as this many widths of the first bright ring (Hertz's gap

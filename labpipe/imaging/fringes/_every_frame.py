@@ -111,7 +111,7 @@ def _make_view(reader: FilmReader, options: FilmOptions, wanted: Flags) -> View:
         free = (*USUAL, Parameter.STRETCH, Parameter.SHEAR)
     axes = (Parameter.STRETCH, Parameter.SHEAR)
     oblique = (axes, (*axes, Parameter.SCALE)) if _shape(film, options) == "auto" else ()
-    alternatives = (*oblique, (Parameter.SCALE,), (Parameter.BLUR,), HARMONICS)
+    alternatives = ((Parameter.BLUR,), *oblique, (Parameter.SCALE,), HARMONICS)
     settings = FitSettings(options.fringes, LEAST_SPACING, free)
     black, white = film.levels
     if wanted.any() and reader.whole(int(wanted.argmax())).dtype.kind == "f":
@@ -271,9 +271,9 @@ def _next_fit(
         if fit is not None:
             return fit
     centre = (float(last.parameters[Parameter.X]), float(last.parameters[Parameter.Y]))
-    if last.free == view.settings.free:
-        # The usual fit serves this film: what it cannot fit is something else.
-        view = replace(view, alternatives=())
+    # What served the last contact serves this film: what it cannot fit is something else.
+    extra = tuple(p for p in last.free if p not in view.settings.free)
+    view = replace(view, alternatives=(extra,) if extra else ())
     return search_contact(frame, view, centre, vain)
 
 

@@ -42,12 +42,20 @@ class Optics:
         Standard deviation of the image of a point.
     flat : float [px]
         Radius of a flat worn into the sphere; 0 for a whole one.
+    disc : float
+        Share of the variance of that image which is a disc's, as of a lens out of focus; the rest is a
+        Gaussian's.
+    by_camera : bool
+        Whether harmonics arise in a camera that is not linear, behind the lens that blurs, and not between
+        many beams before it.
     """
 
     phase_scale: float
     phase: float = math.pi
     blur: float = 0.0
     flat: float = 0.0
+    disc: float = 0.0
+    by_camera: bool = False
 
 
 def make_optics(pixel_size: float, sphere_radius: float, wavelength: float, phase: float = math.pi) -> Optics:
@@ -282,31 +290,41 @@ def _gauss(count: int) -> tuple[Floats, Floats]:
     return nodes, weights
 
 
-def pixel_weights(blur: float) -> Floats:
-    """Weights over samples of a radial table: one pixel wide, convolved with the blur."""
+def pixel_weights(blur: float, disc: float = 0.0, ring: float = math.inf) -> Floats:
+    """Weights over samples of a radial table: one pixel wide, convolved with the blur.
+
+    Of a disc of radius ρ the part of its light in each sample counts. Across a ring of radius r, light
+    at x from its middle reaches over a chord, and lies farther out by (ρ² - x²)/6r in the mean: that is
+    (ρ² - 4x²)/24r more than the whole does, which :func:`table_distances` allows for.
+    """
     half = SAMPLES_PER_PIXEL // 2
-    box = np.ones(2 * half + 1)
-    box[[0, -1]] = 0.5
-    box /= box.sum()
-    if blur <= 0.0:
-        return box
-    reach = math.ceil(_BLUR_REACH * blur * SAMPLES_PER_PIXEL)
-    steps = np.arange(-reach, reach + 1) / SAMPLES_PER_PIXEL
-    bell = np.exp(-0.5 * (steps / blur) ** 2)
-    return np.convolve(box, bell / bell.sum())
+    weights = np.ones(2 * half + 1)
+    weights[[0, -1]] = 0.5
+    weights /= weights.sum()
+    bell, radius = blur * math.sqrt(1.0 - disc), 2.0 * blur * math.sqrt(disc)
+    if bell > 0.0:
+        reach = math.ceil(_BLUR_REACH * bell * SAMPLES_PER_PIXEL)
+        steps = np.arange(-reach, reach + 1) / SAMPLES_PER_PIXEL
+        light = np.exp(-0.5 * (steps / bell) ** 2)
+        weights = np.convolve(weights, light / light.sum())
+    if radius > 0.0:
+        reach = math.ceil(radius * SAMPLES_PER_PIXEL) + 2
+        places = (np.arange(-reach, reach + 2) - 0.5) / SAMPLES_PER_PIXEL
+        edges = np.clip((places - (radius**2 - 4.0 * places**2) / (24.0 * ring)) / radius, -1.0, 1.0)
+        weights = np.convolve(weights, np.diff(edges * np.sqrt(1.0 - edges**2) + np.arcsin(edges)) / math.pi)
+    return weights
 
 
-def table_distances(inner: float, outer: float, blur: float) -> tuple[float, Floats]:
+def table_distances(inner: float, outer: float, blur: float, margin: int) -> tuple[float, Floats]:
     """First distance of a table that covers ``inner .. outer``, and the samples it is made of.
 
-    The samples start before and end after the table by half the width of the pixel weights. They
+    The samples start before and end after the table by ``margin``, half the width of the pixel weights. They
     are moved outwards by the curvature of the rings: the mean over a pixel of a function of the
     distance r is its mean along the radius at r + 1/24r (blur: + σ²/2r).
     """
     step = 1.0 / SAMPLES_PER_PIXEL
     first = math.floor(inner * SAMPLES_PER_PIXEL) - 1
     last = math.ceil(outer * SAMPLES_PER_PIXEL) + 1
-    margin = len(pixel_weights(blur)) // 2
     samples = step * np.arange(first - margin, last + margin + 1)
     shift = (1.0 / 24.0 + 0.5 * blur**2) / np.maximum(np.abs(samples), 1.0)
     return first * step, np.abs(samples + np.copysign(shift, samples))
@@ -336,7 +354,8 @@ def radial_table(
     harmonics : (float, float), optional
         Second and third harmonic of the term, relative to the first.
     """
-    start, distance = table_distances(inner, outer, optics.blur)
+    kernel = pixel_weights(optics.blur, optics.disc, 0.5 * (max(contact_radius, 1.0) + outer))
+    start, distance = table_distances(inner, outer, optics.blur, len(kernel) // 2)
     spacing = 2.0 * math.pi / max(phase_slope(outer, contact_radius, optics), 1e-12)
     nodes, weights = exposure_nodes(travel, spacing)
     squares = contact_radius**2 + nodes * contact_radius * travel
@@ -356,8 +375,7 @@ def radial_table(
         raw[2] += change * (2.0 * contact_radius + node * travel) / divisor
         raw[3] += sine
         raw[4] += change * node * contact_radius / divisor
-    kernel = pixel_weights(optics.blur)
-    averaged = np.stack([np.convolve(line, kernel, mode="valid") for line in raw])
+    averaged = np.stack([np.correlate(line, kernel, mode="valid") for line in raw])
     half = len(kernel) // 2
     middle = np.maximum(distance[half : half + averaged.shape[1]], 1.0)
     averaged[5] = 0.5 * (np.gradient(averaged[1], 1.0 / SAMPLES_PER_PIXEL) + averaged[1] / middle)

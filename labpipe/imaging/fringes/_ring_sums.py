@@ -39,19 +39,31 @@ def tabulate(ring: Ring, parameters: Floats, optics: Optics, *, is_rich: bool) -
 
     radius, travel = float(parameters[Parameter.RADIUS]), table_travel(parameters)
     blur = math.sqrt(max(optics.blur**2 + float(parameters[Parameter.BLUR]), 0.0))
-    start, distance = table_distances(ring.inner, ring.outer, blur)
+    kernel = pixel_weights(blur, optics.disc, 0.5 * (max(radius, 1.0) + ring.outer))
+    start, distance = table_distances(ring.inner, ring.outer, blur, len(kernel) // 2)
     spacing = 2.0 * math.pi / max(phase_slope(ring.outer, radius, optics), 1e-12)
     nodes, weights = exposure_nodes(travel, spacing)
     phase = float(parameters[Parameter.PHASE])
     phase_scale = optics.phase_scale * math.exp(parameters[Parameter.SCALE]) / shrinkage(parameters)
-    kernel = pixel_weights(blur)
-    second, third = (float(parameters[p]) for p in HARMONICS)
+    harmonics = tuple(float(parameters[p]) for p in HARMONICS)
+    before = (0.0, 0.0) if optics.by_camera else harmonics
     values = fill_table(
-        distance, radius, travel, nodes, weights, phase_scale, phase, kernel, second, third, is_rich, optics.flat
+        distance, radius, travel, nodes, weights, phase_scale, phase, kernel, *before, is_rich, optics.flat
     )
     if is_rich:
         values[0] += min(optics.blur**2 + float(parameters[Parameter.BLUR]), 0.0) * values[5]
-    return by_smear(RadialTable(start, values), parameters)
+    table = by_smear(RadialTable(start, values), parameters)
+    if is_rich and optics.by_camera:
+        _distort(table.values, *harmonics)
+    return table
+
+
+def _distort(values: Floats, second: float, third: float) -> None:
+    """Add the harmonics that a camera makes of light that is blurred by then."""
+    light = values[0].copy()
+    values[6], values[7] = 2.0 * light**2 - 1.0, (4.0 * light**2 - 3.0) * light
+    values[0] += second * values[6] + third * values[7]
+    values[1:6] *= 1.0 + 4.0 * second * light + third * (12.0 * light**2 - 3.0)
 
 
 def shrinkage(parameters: Floats) -> float:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
+from scipy.special import j1
 
 from labpipe.arrays import Floats
 from tests.labpipe.imaging.fringe_film import Scene, expose, intensity_of_gap
@@ -67,8 +68,9 @@ class Disturbed:
     """A scene with what :class:`.Scene` does not know; amplitudes relative to the light.
 
     ``speckle`` has grains of ``grain`` px; ``parasitic`` fringes a period (px), and a direction
-    (rad); ``stretch`` and ``turn`` (rad) make circles ellipses of equal area; ``gradient`` is a
-    slope along a direction of 0.6 rad, with ``vignette`` towards the corners.
+    (rad); ``defocus`` is the radius (px) of a disc that every point becomes; ``stretch`` and ``turn``
+    (rad) make circles ellipses of equal area; ``gradient`` is a slope along a direction of 0.6 rad,
+    with ``vignette`` towards the corners.
     """
 
     optics: Scene = field(default_factory=lambda: Scene(rows=320, columns=420))
@@ -82,6 +84,7 @@ class Disturbed:
     turn: float = 0.4
     gradient: float = 0.0
     reflectivity: float = 0.0
+    defocus: float = 0.0
 
 
 def image_of(scene: Disturbed, r: Floats, gap: Floats, centre: tuple[float, float], seed: int, frame: int) -> Floats:
@@ -105,9 +108,21 @@ def image_of(scene: Disturbed, r: Floats, gap: Floats, centre: tuple[float, floa
     grey = optics.mean * light
     if optics.blur:
         grey = gaussian_filter(grey, optics.blur, mode="nearest")
+    if scene.defocus:
+        grey = out_of_focus(grey, scene.defocus)
     if optics.gamma != 1.0:
         grey = optics.white * (np.clip(grey, 0.0, None) / optics.white) ** optics.gamma
     return np.asarray(grey)
+
+
+def out_of_focus(grey: Floats, radius: float) -> Floats:
+    """Spread every point evenly over a disc (px), by the disc's own transform."""
+    edge = math.ceil(2.0 * radius)
+    wide = np.pad(grey, edge, mode="reflect")
+    turns = np.hypot(np.fft.fftfreq(wide.shape[0])[:, None], np.fft.rfftfreq(wide.shape[1]))
+    z = np.maximum(2.0 * np.pi * radius * turns, 1e-9)
+    spread = np.fft.irfft2(np.fft.rfft2(wide) * 2.0 * j1(z) / z, wide.shape)
+    return np.asarray(spread[edge:-edge, edge:-edge])
 
 
 def light_of(scene: Disturbed) -> Floats:

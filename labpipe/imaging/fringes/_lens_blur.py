@@ -1,0 +1,165 @@
+"""The blur of the lens: its size and shape, as told from a motion of the contact in the exposure."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from labpipe.arrays import Floats
+from labpipe.imaging.fringes._ring_fit import RingFit
+from labpipe.imaging.fringes._ring_parameters import Parameter
+from labpipe.imaging.fringes._trials import SIGNIFICANT, Attempt, Calibration, Trial, doubt
+
+#: Rounds in which the blur is found, its least (px), the relative change of its square at which they
+#: end, the step by which its effect is told, and the square of an even motion over its variance.
+BLUR_ROUNDS, LEAST_BLUR, _SAME_BLUR, _BLUR_STEP, _EVEN = 5, 0.2, 0.02, 0.1, 12.0
+#: Steps of the search for a blur over what a motion in its stead shows; logarithm of the odds against an
+#: equal motion in each further frame.
+_GAINS, _EQUAL_MOTION = (0.3, 2.0), math.log(10.0)
+#: Standard deviations of a difference of blurs within which two frames see the same.
+_AT_REST = 3.0
+#: Shares of a disc in the shape of the blur that are tried, and between which the likeliest is sought.
+_DISCS, _SHAPES, _SHAPE_ROUNDS, _SAME_SHAPE = (0.0, 0.7, 1.0), np.linspace(0.0, 1.0, 101), 3, 0.03
+
+
+def find_blur(
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial
+) -> tuple[Trial, Calibration] | None:
+    """Blur of the lens, when it explains the frames much better than none.
+
+    A lens and a contact that moves evenly blur nearly alike: what is seen is the sum of their
+    variances. The frame in which it is least is taken for one without motion.
+    """
+    if known.blur or not best.is_doubtful:
+        return None
+    lens = _blur_of_lens(attempt, axes, known, best)
+    if lens is None or not lens.trial.is_better_than(best):
+        return None
+    return lens.trial, lens.known(attempt, axes, known)
+
+
+@dataclass(frozen=True)
+class _Lens:
+    """Fits with a blur of the lens (px), the uncertainty of its square, and of the radii (px) for its shape."""
+
+    trial: Trial
+    blur: float
+    u_square: float
+    disc: float
+    by_shape: Floats | float = 0.0
+
+    def known(self, attempt: Attempt, axes: Sequence[Parameter], known: Calibration) -> Calibration:
+        """Return what is known with this blur, and what its uncertainty makes of the radius."""
+        seen = replace(known, disc=self.disc)
+        sharper = attempt(axes, replace(seen, blur=(1.0 - _BLUR_STEP) * self.blur))
+        slope = 0.0 if sharper is None else self.trial.changes(sharper) / (_BLUR_STEP * self.blur)
+        own = slope * self.u_square / (2.0 * self.blur)
+        uneven = np.array([_shift_by_uneven_light(fit, self.blur) for fit in self.trial.fits])
+        shared = np.sqrt(own**2 + uneven**2 + self.by_shape**2)
+        return replace(seen, blur=self.blur).with_shared(self.trial, shared)
+
+
+def _shift_by_uneven_light(fit: RingFit, blur: float) -> float:
+    """Return u of the radius (px) where blurred rings lie in light that falls off outwards.
+
+    To first order the blur moves them by its variance times the relative slope of the light, if that
+    is how the light falls on the body; not if the camera darkens its corners.
+    """
+    radius, bowl = (float(fit.parameters[p]) for p in (Parameter.RADIUS, Parameter.BOWL))
+    return blur**2 * bowl * 2.0 * radius / fit.curvature / math.sqrt(3.0)
+
+
+def _seen_blurs(trial: Trial, blur: float) -> list[tuple[float, float]]:
+    """Variance (px²) of lens and motion together in every frame with its uncertainty, least first."""
+    return sorted(
+        (blur**2 + float(fit.parameters[Parameter.SMEAR]) / _EVEN, fit.deviation(Parameter.SMEAR) / _EVEN)
+        for fit in trial.fits
+    )
+
+
+def least_blur(trial: Trial, blur: float) -> tuple[float, float, int]:
+    """Variance (px²) of the lens alone, with its uncertainty, and the number of frames that show no other.
+
+    Frames at rest see the same blur: the mean of those that are within chance of the least.
+    """
+    variances = _seen_blurs(trial, blur)
+    least, deviation = variances[0]
+    still = [one for one in variances if one[0] - least <= _AT_REST * math.hypot(one[1], deviation)]
+    values, deviations = np.array(still).T
+    weights = 1.0 / np.maximum(deviations, 1e-9) ** 2
+    mean = float(np.average(values, weights=weights))
+    scatter = float(np.average((values - mean) ** 2, weights=weights)) / max(len(still) - 1, 1)
+    beside = variances[1][0] - least if len(still) == 1 and len(variances) > 1 else 0.0
+    return mean, max(math.sqrt(max(1.0 / float(weights.sum()), scatter)), beside), len(still)
+
+
+def _blur_of_lens(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial) -> _Lens | None:
+    """Fit the frames with a lens that blurs as much, and in the shape, as the frames show."""
+    tried = [_size_of_blur(attempt, axes, known, best, disc) for disc in _DISCS]
+    for _ in range(_SHAPE_ROUNDS):
+        lenses = sorted((lens for lens in tried if lens is not None), key=lambda lens: lens.trial.left)
+        if len(lenses) < len(_DISCS):
+            return lenses[0] if lenses else None
+        near = lenses[: len(_DISCS)]
+        flat = np.array([lens.disc**2 for lens in near])
+        # How likely each shape is: what the frames leave goes with the square of what is wrong in the
+        # fourth moment, to which the disc adds by the square of its share.
+        left = np.polynomial.Polynomial.fit(flat, [lens.trial.left for lens in near], 2)(_SHAPES**2)
+        weights = np.exp(0.5 * (left.min() - left))
+        disc = float(np.average(_SHAPES, weights=weights))
+        if min(abs(disc - lens.disc) for lens in near) < _SAME_SHAPE:
+            break
+        tried.append(_size_of_blur(attempt, axes, known, near[0].trial, disc, near[0].blur))
+    deviation = math.sqrt(float(np.average((_SHAPES - disc) ** 2, weights=weights)) + _SAME_SHAPE**2 / 3.0)
+    slope = (near[1].trial.changes(near[0].trial)) / (near[1].disc - near[0].disc)
+    return replace(near[0], by_shape=slope * deviation)
+
+
+def _size_of_blur(
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, trial: Trial, disc: float, blur: float = 0.0
+) -> _Lens | None:
+    """Find the blur of a lens, of one shape, as that of the frame of least blur."""
+    square, u_square, gain = blur**2, 0.0, 1.0
+    for _ in range(BLUR_ROUNDS):
+        seen, u_square, _ = least_blur(trial, blur)
+        if seen <= LEAST_BLUR**2:
+            return None
+        beyond, step = seen - square, gain * (seen - square)
+        square = max(square + step, LEAST_BLUR**2)
+        blur = math.sqrt(square)
+        found = attempt(axes, replace(known, blur=blur, disc=disc))
+        if found is None:
+            return None
+        trial = found
+        if abs(step) < _SAME_BLUR * square:
+            break
+        # A motion is not quite a blur of the same variance.
+        left = least_blur(trial, blur)[0] - square
+        gain = float(np.clip(step / (beyond - left), *_GAINS)) if beyond != left else 1.0
+    return _Lens(trial, blur, u_square, disc)
+
+
+def settle_blur(
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial
+) -> tuple[Trial, Calibration]:
+    """Lay a blur that every frame shows to the lens or to motion, as the frames tell.
+
+    Either explains the frames nearly as well, with radii some hundredths of a pixel apart: what is
+    likelier is taken, and the other counts as what may be wrong.
+    """
+    least, deviation = _seen_blurs(best, 0.0)[0]
+    if known.blur or least <= max(LEAST_BLUR**2, SIGNIFICANT * deviation):
+        return best, known
+    lens = _blur_of_lens(attempt, axes, known, best)
+    if lens is None:
+        return best, known
+    gain = sum(
+        (a.residual**2 / b.residual**2 - 1.0) * b.pixels for a, b in zip(best.fits, lens.trial.fits, strict=True)
+    )
+    # That a contact moves as far in every frame is unlikely.
+    gain += 2.0 * _EQUAL_MOTION * (least_blur(lens.trial, lens.blur)[2] - 1)
+    changes = lens.trial.changes(best) * math.sqrt(doubt(gain))
+    if gain <= 0.0:
+        return best, known.with_shared(best, changes)
+    return lens.trial, lens.known(attempt, axes, known).with_shared(lens.trial, changes)

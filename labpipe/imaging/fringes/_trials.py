@@ -1,0 +1,217 @@
+"""Fits of a film's chosen frames with one or another thing assumed about its optics, and what they tell."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.arrays import Floats
+from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
+from labpipe.imaging.fringes._ring_parameters import HARMONICS, LIGHT, Parameter
+from labpipe.imaging.fringes._search import View
+
+#: Frames that are used, the largest contacts first.
+MOST_FRAMES = 8
+#: A freed quantity is believed when it lowers the squared misfit by this factor, ...
+FACTOR = 2.0
+#: ... the sum of squares by this many variances per frame, ...
+VARIANCES = 30.0
+#: ... and differs from its assumed value by this many standard uncertainties.
+SIGNIFICANT = 5.0
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What a film tells about its optics.
+
+    Attributes
+    ----------
+    phase_shift, u_phase_shift : float [rad]
+        Phase in the contact relative to the assumed one.
+    log_scale, u_log_scale : float [1]
+        Logarithm of the phase scale relative to the assumed one.
+    ellipse : (float, float)
+        Stretch and shear of circles.
+    blur, disc : float [px], [1]
+        Standard deviation of the image of a point, and the share of its variance that is a disc's.
+    harmonics : (float, float)
+        Relative to the first.
+    by_camera : bool
+        Whether they arise behind the lens that blurs.
+    flat : float [px]
+        Radius of a flat worn into the sphere.
+    has_uneven_light : bool
+        Whether the light needs higher powers of place.
+    radii, u_shared : tuples of float [px]
+        What the uncertainty of blur, harmonics and flat makes of contacts of these radii.
+    frames : tuple of int
+        Frames that were used.
+    doubted_phase : float [rad]
+        What the film shows where the caller's phase was kept; NaN when they agree.
+    """
+
+    phase_shift: float = 0.0
+    u_phase_shift: float = 0.0
+    log_scale: float = 0.0
+    u_log_scale: float = 0.0
+    ellipse: tuple[float, float] = (0.0, 0.0)
+    blur: float = 0.0
+    disc: float = 0.0
+    harmonics: tuple[float, float] = (0.0, 0.0)
+    by_camera: bool = False
+    flat: float = 0.0
+    has_uneven_light: bool = False
+    radii: tuple[float, ...] = ()
+    u_shared: tuple[float, ...] = ()
+    frames: tuple[int, ...] = ()
+    doubted_phase: float = math.nan
+
+    @property
+    def is_usual(self) -> bool:
+        """Whether all is as it was assumed."""
+        is_plain = (*self.ellipse, *self.harmonics) == (0.0, 0.0, 0.0, 0.0) and not self.has_uneven_light
+        return is_plain and (self.phase_shift, self.log_scale, self.blur, self.flat) == (0.0, 0.0, 0.0, 0.0)
+
+    def with_shared(self, trial: "Trial", shifts: Floats | float) -> "Calibration":
+        """Add to what is shared the shifts of the radius (px) in the frames of a trial."""
+        radii = np.array([fit.parameters[Parameter.RADIUS] for fit in trial.fits])
+        before = np.array([self.shared(float(radius)) for radius in radii])
+        total = np.hypot(before, np.abs(shifts))
+        order = np.argsort(radii)
+        return replace(self, radii=tuple(radii[order].tolist()), u_shared=tuple(total[order].tolist()))
+
+    def shared(self, radius: float) -> float:
+        """Return the standard uncertainty (px) that blur, harmonics and flat give to a radius (px)."""
+        return float(np.interp(radius, self.radii, self.u_shared)) if self.radii else 0.0
+
+    def applied(self, view: View) -> View:
+        """Return the view with what was found."""
+        optics = replace(
+            view.optics,
+            phase=view.optics.phase + self.phase_shift,
+            phase_scale=view.optics.phase_scale * math.exp(self.log_scale),
+            blur=self.blur,
+            disc=self.disc,
+            by_camera=self.by_camera,
+            flat=self.flat,
+        )
+        settings = view.settings
+        if self.has_uneven_light:
+            settings = replace(settings, free=tuple(dict.fromkeys((*settings.free, *LIGHT))))
+        return replace(
+            view, optics=optics, settings=settings, ellipse=self.ellipse, harmonics=self.harmonics, alternatives=()
+        )
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Fits of the same frames with one set of free parameters."""
+
+    fits: tuple[RingFit, ...]
+
+    @property
+    def left(self) -> float:
+        """Sum of squares, in variances of a pixel by the noise of the first frame of all trials."""
+        return sum(fit.residual**2 * fit.pixels / max(fit.between, 1e-6) ** 2 for fit in self.fits)
+
+    @property
+    def pixels(self) -> int:
+        """Pixels of all frames."""
+        return sum(fit.pixels for fit in self.fits)
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether errors of the model are seen in any of the frames."""
+        return any(fit.model_deviation > 0.0 for fit in self.fits)
+
+    @property
+    def excess(self) -> float:
+        """Mean squared misfit."""
+        return float(np.mean([fit.misfit**2 for fit in self.fits]))
+
+    @property
+    def rough_excess(self) -> float:
+        """Mean square, in amplitudes of the fringes, of what is left beyond differences of neighbours.
+
+        An ellipse taken for a circle leaves what changes along the rings as quickly as speckle does.
+        """
+        beyond = [max(fit.residual**2 - fit.between**2, 0.0) for fit in self.fits]
+        amplitudes = [max(abs(float(fit.parameters[Parameter.MODULATION])), 1e-12) for fit in self.fits]
+        return float(np.mean(np.array(beyond) / np.array(amplitudes) ** 2))
+
+    def mean(self, parameter: Parameter) -> tuple[float, float]:
+        """Weighted mean over the frames, and its uncertainty from their scatter."""
+        values = np.array([fit.parameters[parameter] for fit in self.fits])
+        weights = np.array([1.0 / max(fit.deviation(parameter), 1e-12) ** 2 for fit in self.fits])
+        mean = float((weights * values).sum() / weights.sum())
+        chi_square = float((weights * (values - mean) ** 2).sum()) / max(len(values) - 1, 1)
+        return mean, math.sqrt(max(chi_square, 1.0) / float(weights.sum()))
+
+    def shift_of_radius(self, parameters: Sequence[Parameter]) -> float:
+        """Return the standard uncertainty (px) of the radius from that of the means of some parameters."""
+        shares = []
+        for fit in self.fits:
+            rows = [fit.free.index(p) for p in parameters]
+            place = fit.free.index(Parameter.RADIUS)
+            own = fit.covariance[np.ix_(rows, rows)]
+            shares.append(fit.covariance[place, rows] @ np.linalg.pinv(own))
+        mean = np.mean(shares, axis=0)
+        deviations = np.array([self.mean(p)[1] for p in parameters])
+        return float(np.sqrt(((mean * deviations) ** 2).sum()))
+
+    def changes(self, other: "Trial") -> Floats:
+        """Return the changes of the radius (px) against another trial of the same frames."""
+        place = Parameter.RADIUS
+        return np.array([a.parameters[place] - b.parameters[place] for a, b in zip(self.fits, other.fits, strict=True)])
+
+    def gain_over(self, other: "Trial") -> float:
+        """Return the drop of the sum of squares, in variances of a pixel."""
+        return sum(
+            (a.residual**2 - b.residual**2) * b.pixels / max(b.noise, 1e-6) ** 2
+            for a, b in zip(other.fits, self.fits, strict=True)
+        )
+
+    def is_better_than(self, other: "Trial") -> bool:
+        """Tell whether the misfit is much lower, and not by chance."""
+        is_significant = self.gain_over(other) > VARIANCES * len(self.fits)
+        return is_significant and self.excess * FACTOR < other.excess
+
+
+class Attempt(Protocol):
+    """Fits the chosen frames with further parameters free, some things being known."""
+
+    def __call__(
+        self, extra: Sequence[Parameter], known: Calibration, count: int = ..., pixels: int = ...
+    ) -> Trial | None:
+        """Return the fits, or None when one of them fails."""
+
+
+def fit_frames(
+    images: Sequence[NDArray[np.generic]], starts: Sequence[RingFit], view: View, extra: tuple[Parameter, ...]
+) -> Trial | None:
+    """Fit all frames with further parameters free; None when one of them fails."""
+    free = tuple(dict.fromkeys(view.settings.free + extra))
+    settings = replace(view.settings, free=free)
+    fits = []
+    for image, start in zip(images, starts, strict=True):
+        parameters = start.parameters.copy()
+        if Parameter.STRETCH not in extra:
+            parameters[[Parameter.STRETCH, Parameter.SHEAR]] = view.ellipse
+        parameters[Parameter.PHASE] = view.optics.phase
+        parameters[Parameter.SCALE] = 0.0
+        parameters[Parameter.BLUR] = 0.0
+        if Parameter.SECOND not in extra:
+            parameters[list(HARMONICS)] = view.harmonics
+        fit = fit_contact(image, parameters, view.optics, settings, view.white)
+        if fit is None:
+            return None
+        fits.append(fit)
+    return Trial(tuple(fits))
+
+
+def doubt(gain: float) -> float:
+    """Probability of the less likely of two explanations; logarithms of likelihoods go with half the squares."""
+    return 1.0 / (1.0 + math.exp(min(0.5 * abs(gain), 700.0)))
