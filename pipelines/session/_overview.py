@@ -139,7 +139,7 @@ def _answer(session: Session, verdicts: "Mapping[str, Verdict]") -> "Iterator[No
 
     if not verdicts:
         return
-    yield belief(verdicts)
+    yield belief(verdicts, session.experiments)
     if said := agreement({name: one.model for name, one in verdicts.items()}):
         yield said
     bad = [name for name, one in verdicts.items() if one.believable != "yes" or one.model == "differs"]

@@ -16,16 +16,29 @@ _WORDS = {"yes": "the record is believable", "unknown": "whether the record is b
 _NAMED = 5  # more experiments than these are not read in a sentence
 
 
-def belief(verdicts: Mapping[str, Verdict]) -> Notice:
-    """Say how many experiments of a session can be believed, and name the others."""
+def belief(verdicts: Mapping[str, Verdict], names: Iterable[str]) -> Notice:
+    """Say how many experiments of a session can be believed, and name the others.
+
+    Parameters
+    ----------
+    verdicts : mapping of str to Verdict
+    names : iterable of str
+        Of all experiments; those without a verdict wait for their steps.
+    """
     others: dict[str, list[str]] = {}
-    for name, one in verdicts.items():
-        if one.believable != "yes":
-            others.setdefault(one.believable, []).append(name)
-    n = len(verdicts)
+    words = {name: verdicts[name].believable if name in verdicts else "waiting" for name in names}
+    for name, word in words.items():
+        if word != "yes":
+            others.setdefault(word, []).append(name)
+    n = len(words)
     if not others:
         return Notice("ok", f"All {n} experiments are believable." if n > 1 else "The experiment is believable.")
-    known = {"impossible": "impossible", "doubtful": "doubtful", "unknown": "not known"}
+    known = {
+        "impossible": "impossible",
+        "doubtful": "doubtful",
+        "unknown": "not known",
+        "waiting": "without a verdict that is up to date",
+    }
     named = "; ".join(f"{word}: {_listed(others[key])}" for key, word in known.items() if key in others)
     worst: Level = "error" if "impossible" in others else "warning" if "doubtful" in others else "info"
     sure = n - sum(map(len, others.values()))

@@ -29,12 +29,19 @@ def verdicts(**believable: str) -> dict[str, Verdict]:
     ],
 )
 def test_belief_counts_and_names_what_cannot_be_believed(words: dict[str, str], level: str, sentence: str) -> None:
-    said = belief(verdicts(**words))
+    said = belief(verdicts(**words), words)
     assert (said.level, said.text) == (level, sentence)
 
 
+def test_an_experiment_that_waits_is_not_believed() -> None:
+    said = belief(verdicts(a="yes"), ["a", "b"])
+    sentence = "1 of 2 experiments is believable. Without a verdict that is up to date: b."
+    assert (said.level, said.text) == ("info", sentence)
+
+
 def test_more_names_than_can_be_read_are_counted() -> None:
-    said = belief(verdicts(**{f"e{i}": "doubtful" for i in range(8)}))
+    names = {f"e{i}": "doubtful" for i in range(8)}
+    said = belief(verdicts(**names), names)
     assert said.text.endswith("Doubtful: e0, e1, e2, e3, e4 and 3 more.")
 
 
