@@ -114,10 +114,11 @@ def _page(results: Results, notes: Sequence[str]) -> str:
     for title, names in _groups(session):
         columns, cells, pictures = _columns(results, names)
         rows = tuple(_row(results, n, cells[n], pictures[n], verdicts.get(n), title) for n in names)
-        can_sort = len(rows) > 1
-        sections.append(Section(title, (IndexTable(tuple(columns), rows, (sort if can_sort else "") + error),)))
+        can_sort, has_error = len(rows) > 1, any(column.title == "error" for column in columns)
+        caption = (sort if can_sort else "") + (error if has_error else "")
+        sections.append(Section(title, (IndexTable(tuple(columns), rows, caption.strip()),)))
         done += sum(row.name in verdicts or row.state.startswith(_DONE) for row in rows)
-        sort, error = "" if can_sort else sort, ""
+        sort, error = "" if can_sort else sort, "" if has_error else error
     if session.waiting:
         sections.append(Section("Waiting", (_those_that_wait(session),)))
     if session.notes:
