@@ -9,6 +9,7 @@
     SESSION/labpipe/store/index.json       digests by size, times and inode
     SESSION/labpipe/store/code.json        the code behind every stage, while it is unchanged
     SESSION/labpipe/store/verdicts.json    what all judgements came to, with the digest of all that it comes from
+    SESSION/labpipe/store/verdicts-of-failures.json    the same of experiments that failed
 """
 
 import contextlib

@@ -62,6 +62,8 @@ def _processed(folder: Path) -> int:
             _tell(**_judged(verdict_on(folder, event.task.experiment)))
 
     outcome = process(folder, jobs=_jobs(), progress=progress)
+    for name in dict.fromkeys(failed.experiment for failed in outcome.failures):
+        _tell(**_judged(verdict_on(folder, name)))
     for name, lines in outcome.session.waiting.items():
         _tell(kind="waiting", experiment=name, message="\n".join(shortened(name, lines)))
     _tell(kind="finished", message=outcome.summary, reports=sorted(outcome.reports))

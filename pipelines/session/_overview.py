@@ -93,6 +93,10 @@ def _state_digest(plan: Plan, code: Identity, notes: Sequence[str]) -> str:
         ]
         for row in plan.rows
     ]
+    from pipelines.session._verdicts import FAILED_VERDICTS
+
+    failed = Store(session.folder).root / FAILED_VERDICTS
+    rows.append([files.digest(failed) if failed.is_file() else None])
     together = [(session.folder / COMPARISON_PAGE).is_file(), pages_together(session.folder)]
     head = [code, session.title, session.operator, session.notes, session.synthetic, together, session.waiting, notes]
     return hashlib.sha256(files.canonical([head, rows]).encode("utf-8", "replace")).hexdigest()
@@ -106,6 +110,7 @@ def _page(results: Results, notes: Sequence[str]) -> str:
     session = results.plan.session
     sort, error = _SORT, _ERROR  # each is said once
     verdicts = stored_verdicts(results)
+    unfinished = {row.experiment for row in results.plan.rows if row.state not in READY}
     sections, done = [], 0
     told = (Notice("info", as_sentence(note)) for note in notes)
     answer: list[Block] = [*_answer(session, verdicts), *told, *_links(session)]
@@ -117,7 +122,9 @@ def _page(results: Results, notes: Sequence[str]) -> str:
         can_sort, has_error = len(rows) > 1, any(column.title == "error" for column in columns)
         caption = (sort if can_sort else "") + (error if has_error else "")
         sections.append(Section(title, (IndexTable(tuple(columns), rows, caption.strip()),)))
-        done += sum(row.name in verdicts or row.state.startswith(_DONE) for row in rows)
+        done += sum(
+            row.name not in unfinished and (row.name in verdicts or row.state.startswith(_DONE)) for row in rows
+        )
         sort, error = "" if can_sort else sort, "" if has_error else error
     if session.waiting:
         sections.append(Section("Waiting", (_those_that_wait(session),)))
@@ -281,7 +288,8 @@ def _row(
     elif has_page and {row.stage for row in waiting} == {_REPORT}:
         state, level = "page out of date", "warning"
     elif waiting and has_page:
-        state, level = f"{len(waiting)} of {len(rows)} steps to do or failed", "error"
+        known = "" if verdict is None else f"{_judged(verdict.believable, verdict.model)[0]}, "
+        state, level = f"{known}{len(waiting)} of {len(rows)} steps to do or failed", "error"
     elif waiting:
         state, level = "not processed", "info"
     elif verdict is not None:

@@ -172,9 +172,18 @@ def process_all(
     options["schemas"] = SCHEMAS
     for session, done in run_all(opened(), STAGES, **options):
         if not isinstance(done, LabpipeError):
+            _judge_failures(done)
             write_overview(session, STAGES, done.plan)
         yield given[session.root], done
     yield from refused
+
+
+def _judge_failures(done: RunResult) -> None:
+    """Keep the verdicts on experiments that failed, for the pages of the session."""
+    if done.failures:
+        from pipelines.session._verdicts import verdicts_of
+
+        verdicts_of(done)
 
 
 def watch(folder: str | Path, *, looks: int = LOOKS, jobs: int = 1) -> Watcher:
@@ -205,6 +214,7 @@ def watch(folder: str | Path, *, looks: int = LOOKS, jobs: int = 1) -> Watcher:
         from labpipe.workflow.runner import run
 
         done = run(session, STAGES, only=[name], jobs=jobs, schemas=SCHEMAS)
+        _judge_failures(done)
         write_overview(sessions.load(session.root, SETTINGS, may_wait=True), STAGES)
         return done
 

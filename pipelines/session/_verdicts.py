@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 _KEPT = "verdicts.json"
 """Among the results: the verdicts as they were last told."""
+FAILED_VERDICTS = "verdicts-of-failures.json"
+"""Beside it: those on experiments of which a step failed, whose judgements are no results to be read again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +149,9 @@ def verdicts_of(run: RunResult) -> Verdicts:
         for name, failed in failures.items()
         if name not in known
     ]
-    known |= {v.experiment: v for v in _with_session(session, made)} if made else {}
+    new = {v.experiment: v for v in _with_session(session, made)} if made else {}
+    _keep(results.plan, {n: v for n, v in new.items() if failures[n] and not any(f.is_of_run for f in failures[n])})
+    known |= new
     found = (replace(known[name], state="failed" if failed else "done") for name, failed in failures.items())
     return Verdicts(session.root, tuple(found), tuple(unused_files(session)))
 
@@ -158,6 +162,10 @@ def stored_verdicts(results: Results) -> dict[str, Verdict]:
     They are kept beside the results, under a digest of all that they come from, so that to say
     them again takes neither NumPy nor the files of the results.
     """
+    return _of_failures(results.plan) | _of_judgements(results)
+
+
+def _of_judgements(results: Results) -> dict[str, Verdict]:
     session = results.plan.session
     store = Store(session.folder)
     rows = [row for row in results.plan.rows if row.stage == JUDGEMENT and row.state in READY]
@@ -179,14 +187,51 @@ def stored_verdicts(results: Results) -> dict[str, Verdict]:
     return {v.experiment: v for v in verdicts}
 
 
+def _of_failures(plan: Plan) -> dict[str, Verdict]:
+    """Return the verdicts on experiments that failed and would fail again, nothing of theirs having changed."""
+    store = Store(plan.session.folder)
+    try:
+        kept = files.unseal((store.root / FAILED_VERDICTS).read_bytes()) or {}
+    except OSError:
+        return {}
+    there = [name for name in kept if name in plan.session.experiments]
+    return {
+        name: Verdict.of(kept[name]["verdict"])
+        for name in there
+        if kept[name]["mark"] == _mark(plan, _rows_behind(plan, name), store)
+    }
+
+
+def _keep(plan: Plan, verdicts: Mapping[str, Verdict]) -> None:
+    if not verdicts:
+        return
+    store = Store(plan.session.folder)
+    known = {
+        name: {"mark": _mark(plan, _rows_behind(plan, name), store), "verdict": asdict(one)}
+        for name, one in {**_of_failures(plan), **verdicts}.items()
+    }
+    with contextlib.suppress(StorageError):  # the next run says it again
+        files.write_bytes(store.root / FAILED_VERDICTS, files.seal(known))
+
+
+def _rows_behind(plan: Plan, name: str) -> list[Row]:
+    """Return the rows of an experiment and of all that it refers to."""
+    names, new = set[str](), {name}
+    while new:
+        names |= new
+        new = {other for one in new for other in plan.session.experiments[one].refers_to} - names
+        new &= plan.session.experiments.keys()
+    return [row for row in plan.rows if row.experiment in names]
+
+
 def _mark(plan: Plan, rows: Iterable[Row], store: Store) -> str:
-    """Digest of all that verdicts come from: judgements, settings with their lines, files named, and code."""
+    """Digest of all that verdicts come from: results, settings with their lines, files named, and code."""
     session = plan.session
     named = [
         [n.experiment, n.setting, n.path.resolve().as_posix(), store.index.digest(n.path) if n.path.exists() else None]
         for n in named_files(session)
     ]
-    judgements = [[row.experiment, plan.keys[row.task].value] for row in rows]
+    judgements = [[row.experiment, plan.keys[row.task].value, plan.keys[row.task].problem] for row in rows]
     code = store.code.behind(f"{__name__}:{stored_verdicts.__name__}")
     store.code.save()
     settings = files.digest(session.root / FILE_NAME)
@@ -204,7 +249,12 @@ def verdict_on(folder: str | Path, experiment: str) -> Verdict:
         Its name.
     """
     session = reopen_session(folder)
-    return _one(session, opened(session.root, [experiment]), session.experiments[experiment], ())
+    results = opened(session.root, [experiment])
+    if any(row.experiment == experiment and row.state not in READY for row in results.plan.rows):
+        kept = _of_failures(opened(session.root).plan)
+        if experiment in kept:
+            return kept[experiment]
+    return _one(session, results, session.experiments[experiment], ())
 
 
 def _one(session: Session, results: Results, experiment: Experiment, failures: Iterable[Failed]) -> Verdict:

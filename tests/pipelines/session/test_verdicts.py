@@ -5,7 +5,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-from pipelines.process import process, verdict, verdicts_of
+from pipelines.process import open_session, process, verdict, verdicts_of
+from pipelines.session import catalogue, compare, verdict_on
+from pipelines.session._results import opened
+from pipelines.session._verdicts import stored_verdicts
 
 _KEPT = "labpipe/store/verdicts.json"
 
@@ -48,3 +51,26 @@ def test_findings_follow_their_lines_when_no_result_changes(session_copy: Path) 
     assert all(o.state == "cached" for o in done.outcomes)
     moved = {f.line for one in verdicts_of(done).experiments for f in one.findings if f.file == toml.name}
     assert moved == {line + 1 for line in lines if line is not None}
+
+
+def test_the_verdict_on_an_experiment_that_fails_is_told_wherever_that_of_others_is(session_copy: Path) -> None:
+    """It is no result to be read again; a change of its files or settings makes it one of the past."""
+    (name, own), *_ = ((n, e) for n, e in open_session(session_copy).experiments.items() if e.kind == "ball_drop")
+    laser = session_copy / own.settings.laser[0]
+    whole = laser.read_bytes()
+    head, rows = whole[: whole.index(b"\n1,") + 1], whole[whole.index(b"\n1,") + 1 :].splitlines()
+    at_rest = rows[0].split(b",")[1]
+    laser.write_bytes(head + b"".join(b"%d,%b\r\n" % (k, at_rest) for k in range(1, len(rows) + 1)))
+    said = {v.experiment: v.believable for v in verdict(session_copy).experiments}
+    assert said[name] == "impossible"
+    assert {v.experiment: v.believable for v in (verdict_on(session_copy, n) for n in said)} == said
+    compare(session_copy)  # writes the index anew
+    index = (session_copy / "labpipe/index.html").read_text("utf-8")
+    assert "impossible, " in index
+    assert f"Impossible: {name}" in index
+    table = catalogue(session_copy.parent).table
+    assert table.set_index("experiment").loc[name, "believable"] == "impossible"
+    laser.write_bytes(whole + b"\r\n")
+    assert name not in stored_verdicts(opened(session_copy))
+    laser.write_bytes(whole)
+    assert stored_verdicts(opened(session_copy))[name].believable == "yes"
