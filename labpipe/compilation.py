@@ -39,6 +39,12 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     return decorate
 
 
+def is_missing(kernel: Any) -> bool:
+    """Tell whether a kernel has to be compiled here, and others will find what was compiled."""
+    stored = getattr(getattr(kernel, "_cache", None), "_cache_file", None)
+    return stored is not None and not stored._load_index()
+
+
 #: Of kernels that allocate nothing: not counting references to their arrays halves the time to compile.
 lean = partial(compiled, error_model="numpy", no_cfunc_wrapper=True, _nrt=False)
 #: Of those that only compiled code calls, which need no way in from Python either.

@@ -16,7 +16,7 @@ from labpipe.contact.beyond import (
     self_heating,
     tabor,
 )
-from labpipe.contact.impact import Plate, Shortcuts, drop, impacts
+from labpipe.contact.impact import Plate, Shortcuts, compile_drop, drop, impacts, needs_compiling
 from labpipe.contact.line import (
     dissipated_power,
     dissipated_work,
@@ -39,6 +39,7 @@ __all__ = [
     "adhesive_pull_off",
     "amplitude_sweep",
     "collision",
+    "compile_drop",
     "dissipated_power",
     "dissipated_work",
     "dissipation_map",
@@ -53,6 +54,7 @@ __all__ = [
     "jkr_at_force",
     "load_sphere",
     "maugis",
+    "needs_compiling",
     "press_sphere",
     "pull_off",
     "self_heating",

@@ -19,6 +19,7 @@ from labpipe.workflow._ledger import LedgerRow, summarise
 from labpipe.workflow._log import LOG
 from labpipe.workflow._worker import DONE, FAILED, SKIPPED, WORK, Failure, Job, Outcome, check_schemas
 from labpipe.workflow.engines import Call, Crew, Died
+from labpipe.workflow.graph import Stage
 from labpipe.workflow.plan import READY, Plan, make_plan, page_name, wanted_tasks
 from labpipe.workflow.results import Results, read
 from labpipe.workflow.session import Session
@@ -307,6 +308,15 @@ def open_result(
     return Results(made).result(experiment, stage, recording)
 
 
+def imports_of(stages: Iterable[Stage]) -> tuple[str, ...]:
+    """Modules that local processes load once for all before they run stages."""
+    stages = tuple(stages)
+    own = {stage.function.partition(":")[0] for stage in stages}
+    own |= {name for stage in stages for name in stage.imports}
+    is_drawn = any(stage.output == "page" for stage in stages)
+    return (*_IMPORTS, *sorted(own), *(_IMPORTS_TO_DRAW if is_drawn else ()))
+
+
 def _bytes(path: Path) -> int:
     """Size of a file or folder; nothing where it cannot be read, which its stage will say."""
     try:
@@ -422,7 +432,12 @@ class _State:
             del self.waiting[experiment]
             own = {n: text for n, text in self.killed.items() if n.experiment == experiment}
             job = self._job(experiment, own)
-            call = Call(WORK, (job,), tells=True, imports=self._imports())
+            call = Call(
+                WORK,
+                (job,),
+                tells=True,
+                imports=imports_of(self.plan.tasks[row.task].stage for row in self.plan.to_run),
+            )
             crew.give((self, experiment), call, partial(self._hear, experiment))
             self.running[experiment] = None
 
@@ -489,14 +504,6 @@ class _State:
             wanted=frozenset(r.task for r in self.plan.rows if r.experiment == experiment),
             failures=known | {task: Failure(how, is_of_run=True) for task, how in killed.items()},
         )
-
-    def _imports(self) -> tuple[str, ...]:
-        """Modules that the stages to run need."""
-        stages = [self.plan.tasks[row.task].stage for row in self.plan.to_run]
-        own = {stage.function.partition(":")[0] for stage in stages}
-        own |= {name for stage in stages for name in stage.imports}
-        is_drawn = any(stage.output == "page" for stage in stages)
-        return (*_IMPORTS, *sorted(own), *(_IMPORTS_TO_DRAW if is_drawn else ()))
 
     def _longest_first(self, waiting: dict[str, set[str]]) -> dict[str, set[str]]:
         """Sort experiments by what they and those behind them have to read, the most first.

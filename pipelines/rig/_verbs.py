@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from labpipe.workflow.session import Session
+from pipelines.rig._ahead import ahead
 from pipelines.rig.samples import holds_demo, write_sample
 from pipelines.session import open_session, process
 
@@ -82,5 +83,6 @@ def demo(
     --------
     >>> demo().reports  # doctest: +SKIP
     """
-    record_demo(folder)
-    return process(folder, jobs=jobs, progress=progress)
+    with ahead(folder):
+        record_demo(folder)
+        return process(folder, jobs=jobs, progress=progress)

@@ -1,6 +1,7 @@
 """The dropped sphere (chapter 3): contacts, flights, rest; on rigid ground or a plate."""
 
 from labpipe.contact.impact._checks import Solver
+from labpipe.contact.impact._compiled import compile_drop, needs_compiling
 from labpipe.contact.impact._drop import drop
 from labpipe.contact.impact._line_springs import Profile, line_springs
 from labpipe.contact.impact._many import impacts
@@ -9,4 +10,16 @@ from labpipe.contact.impact._plate import Plate
 from labpipe.contact.impact._rings import ring_springs
 from labpipe.contact.impact._setup import Shortcuts
 
-__all__ = ["Plate", "Profile", "Shortcuts", "Solver", "Springs", "drop", "impacts", "line_springs", "ring_springs"]
+__all__ = [
+    "Plate",
+    "Profile",
+    "Shortcuts",
+    "Solver",
+    "Springs",
+    "compile_drop",
+    "drop",
+    "impacts",
+    "line_springs",
+    "needs_compiling",
+    "ring_springs",
+]

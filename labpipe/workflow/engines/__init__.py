@@ -9,9 +9,22 @@ crew, by an interrupt too, its local processes have ended.
 
 from labpipe.workflow.engines._calls import Call, Crew, Died, Engine, Serial, side_by_side
 from labpipe.workflow.engines._dask import Dask
-from labpipe.workflow.engines._processes import Processes, processors
+from labpipe.workflow.engines._processes import Processes, alongside, get_ready, processors
 
-__all__ = ["Call", "Crew", "Dask", "Died", "Engine", "Processes", "Serial", "choose", "processors", "side_by_side"]
+__all__ = [
+    "Call",
+    "Crew",
+    "Dask",
+    "Died",
+    "Engine",
+    "Processes",
+    "Serial",
+    "alongside",
+    "choose",
+    "get_ready",
+    "processors",
+    "side_by_side",
+]
 
 
 def choose(jobs: int, cluster: str | None = None) -> Engine:

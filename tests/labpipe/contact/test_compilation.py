@@ -47,7 +47,10 @@ def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(tmp_path:
         "from labpipe_kernels.within import FACTOR, twice\n@compiled()\ndef found(x):\n    return FACTOR * twice(x)\n"
     )
     (folder / "outer.py").write_text(head + outer)
-    program = "from labpipe_kernels.outer import found; print(found(1.0), sum(found.stats.cache_hits.values()))"
+    program = (
+        "from labpipe.compilation import is_missing; from labpipe_kernels.outer import found;"
+        "print(is_missing(found), found(1.0), sum(found.stats.cache_hits.values()))"
+    )
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
     environment["PYTHONPATH"] = os.pathsep.join([str(tmp_path), *sys.path])
     run = [sys.executable, "-c", program]
@@ -58,7 +61,7 @@ def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(tmp_path:
             (folder / "within.py").write_text(head + within)
         done = subprocess.run(run, env=environment, capture_output=True, text=True, check=True)
         printed.append(done.stdout.split())
-    assert printed == [["2.0", "0"], ["2.0", "1"], ["200.0", "0"]]
+    assert printed == [["True", "2.0", "0"], ["False", "2.0", "1"], ["True", "200.0", "0"]]
 
 
 def test_a_full_disk_is_said_and_survived(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,6 +4,8 @@ import contextlib
 import os
 import random
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -13,7 +15,7 @@ import pytest
 
 from labpipe.errors import InputError, UsageError
 from labpipe.workflow import provenance
-from labpipe.workflow.engines import Call, Dask, Died, Engine, Processes, Serial, choose, side_by_side
+from labpipe.workflow.engines import Call, Dask, Died, Engine, Processes, Serial, alongside, choose, side_by_side
 
 DOUBLE = f"{__name__}:double"
 
@@ -52,6 +54,15 @@ def says(number: int, *, tell: Callable[[object], None]) -> int:
     tell(["half", number])
     tell({"all": number})
     return number
+
+
+def stays(folder: Path) -> None:
+    (folder / f"{os.getpid()}").touch()
+    time.sleep(600.0)
+
+
+def is_loaded(module: str) -> bool:
+    return module in sys.modules
 
 
 class Lazy(Mapping[int, tuple[int]]):
@@ -127,6 +138,27 @@ def test_workers_killed_at_any_moment_neither_stop_the_others_nor_lose_a_task(
         killer.join()
     assert sorted(key for key, _ in found) == sorted(tasks)
     assert all(answer == key or isinstance(answer, Died) for key, answer in found)
+
+
+def test_a_call_alongside_is_computed_during_the_block_and_ends_with_it(tmp_path: Path) -> None:
+    with alongside(Call(f"{__name__}:stays", (tmp_path,))):
+        deadline = time.monotonic() + 60.0
+        while not (found := list(tmp_path.iterdir())):
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(found[0].name), 0)
+
+
+def test_what_processes_are_forked_from_loads_ahead() -> None:
+    program = (
+        "import sys\n"
+        "from labpipe.workflow.engines import Processes, get_ready, side_by_side\n"
+        "get_ready(['this_is_not_there', 'colorsys'])\n"
+        f"print(*side_by_side(Processes(1), '{__name__}:is_loaded', {{0: ('colorsys',)}}, imports=()))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "(0, True)\n"
 
 
 def test_tasks_are_asked_for_when_their_turn_comes() -> None:
