@@ -33,7 +33,7 @@ if TYPE_CHECKING:
         unfinished,
     )
     from labpipe.judging._detectability import detectable
-    from labpipe.judging._suspects import SLIPS, Slip, Suspect, slips, suspects
+    from labpipe.judging._suspects import SLIPS, Factor, Slip, Suspect, best_factor, slips, suspects
     from labpipe.judging._verdict import Judgement, Verdict, from_json, judge, to_json
 else:
     __getattr__ = lazily(__name__)
@@ -48,6 +48,7 @@ __all__ = [
     "Cause",
     "Check",
     "Explanation",
+    "Factor",
     "Finding",
     "Judgement",
     "Level",
@@ -55,6 +56,7 @@ __all__ = [
     "Suspect",
     "Verdict",
     "agreement",
+    "best_factor",
     "bounded",
     "compared",
     "detectable",

@@ -1,7 +1,7 @@
 """Which input, stated wrongly, would explain a difference between measurement and model."""
 
 from collections.abc import Sequence
-from math import log
+from math import exp, log
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +36,7 @@ _CLOSE = 6.0
 """Twice the logarithm of a likelihood ratio within which two slips cannot be told apart."""
 _VAGUE = 0.3
 """Relative uncertainty of the logarithm of a factor beyond which a slip cannot be told from others."""
+_STEPS = 4  # in which a factor, and by how much it is bent, settle
 
 
 class Suspect(NamedTuple):
@@ -167,3 +168,39 @@ def slips(
     found.sort(key=lambda each: each[0])
     least = found[0][0] if found else 0.0
     return [slip for score, slip in found if score < least + _CLOSE]
+
+
+class Factor(NamedTuple):
+    """By what an input is stated too small, and what share of chi square that explains."""
+
+    factor: float
+    share: float
+
+
+def best_factor(measured: ArrayLike, predicted: ArrayLike, powers: ArrayLike, covariance: ArrayLike) -> Factor | None:
+    """Return the factor of one input that explains most, however far it is; None where the rows do not tell it.
+
+    Parameters
+    ----------
+    measured, predicted, covariance
+        As for :func:`slips`.
+    powers : array (row,)
+        Derivatives of the logarithm of what is predicted to that of the input.
+
+    Examples
+    --------
+    >>> best_factor([1.15, 1.32], [1.0, 1.0], [0.2, 0.4], np.diag([1e-4, 1e-4])).factor.__round__(1)
+    2.0
+    """
+    seen, p = np.log(np.asarray(measured, float) / np.asarray(predicted, float)), np.asarray(powers, float)
+    C = np.atleast_2d(np.asarray(covariance, float))
+    size, before = 0.0, float(seen @ np.linalg.pinv(C, hermitian=True) @ seen)
+    for _ in range(_STEPS):
+        weight = np.linalg.pinv(C + np.diag((_BENT * size * p) ** 2), hermitian=True)
+        known = float(p @ weight @ p)
+        if not known * before > 0.0:
+            return None
+        size = float(p @ weight @ seen) / known
+    left = seen - size * p
+    is_told = size**2 * known > _VAGUE**-2
+    return Factor(exp(size), 1.0 - float(left @ weight @ left) / before) if is_told else None

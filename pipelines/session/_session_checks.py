@@ -276,13 +276,14 @@ def _distance(a: Quantity, b: Quantity) -> float:
 
 
 def _odd(bodies: Sequence[_Body], first: _Body, later: _Body, name: str) -> tuple[_Body, _Body, str]:
-    """Return which of two bodies stands alone among all of that material, the other, the name."""
+    """Return which of two bodies stands alone among all of its materials, the other, the name."""
 
     def votes(body: _Body) -> int:
         value = getattr(body, name)
-        return sum(
-            not b.materials.isdisjoint(body.materials) and _distance(getattr(b, name), value) <= _ALIKE for b in bodies
-        )
+        alike = [
+            _distance(getattr(b, name), value) <= _ALIKE for b in bodies if not b.materials.isdisjoint(body.materials)
+        ]
+        return 2 * sum(alike) - len(alike)  # one that is of several materials is contradicted by more bodies
 
     return (first, later, name) if votes(first) < votes(later) else (later, first, name)
 

@@ -7,6 +7,7 @@ before it failed or was not asked for, it is made again from what is there.
 from __future__ import annotations
 
 import contextlib
+import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -22,6 +23,7 @@ from labpipe.workflow.session import FILE_NAME, Experiment, Session
 from labpipe.workflow.store import Store, key_of
 from labpipe.workflow.tasks import arguments
 from pipelines.experiments import JUDGEMENT, KINDS, function
+from pipelines.session._exchanged import exchanged
 from pipelines.session._gaps import library_names
 from pipelines.session._opening import STAGES, reopen_session
 from pipelines.session._results import opened
@@ -59,6 +61,8 @@ class Verdict:
         What would explain the findings, the likeliest first.
     suspects : tuple of str
         What would explain a model that differs, or why it cannot be held against the record.
+    stiffness : float or None
+        How many times the stated modulus of its material would explain what differs; None where none would.
     """
 
     experiment: str
@@ -70,6 +74,7 @@ class Verdict:
     checks: int = 0
     causes: tuple[str, ...] = ()
     suspects: tuple[str, ...] = ()
+    stiffness: float | None = None
 
     @classmethod
     def of(cls, kept: Mapping[str, Any]) -> Verdict:
@@ -83,7 +88,9 @@ class Verdict:
     def document(self) -> dict[str, Any]:
         """Return the verdict for JSON."""
         texts = {"causes": list(self.causes), "suspects": list(self.suspects)}
-        return asdict(self) | {"findings": _documents(self.findings)} | texts
+        made = asdict(self) | {"findings": _documents(self.findings)} | texts
+        del made["stiffness"]  # what the session as a whole tells of it is a finding
+        return made
 
     def __getitem__(self, name: str) -> Any:
         """Return a field as it stands in the JSON of ``process``, so that one code reads both."""
@@ -303,6 +310,7 @@ def _of_result(session: Session, experiment: Experiment, state: str, result: xr.
         judged.n_made,
         judged.causes,
         tuple(suspected(result)),
+        json.loads(result.attrs.get("stiffness", "null")),
     )
 
 
@@ -347,9 +355,12 @@ def _line_in(path: Path, setting: str) -> int | None:
         return None
 
 
-def _with_session(session: Session, found: Iterable[Verdict]) -> tuple[Verdict, ...]:
+def _with_session(session: Session, verdicts: Iterable[Verdict]) -> tuple[Verdict, ...]:
     """Add what the session as a whole tells of its experiments."""
+    found = tuple(verdicts)
     more = session_findings(session)
+    for owner, finding in exchanged(session, {v.experiment: v.stiffness for v in found}):
+        more.setdefault(owner, []).append(finding)
     placed = {n: [_placed(session, session.experiments[n], f) for f in own] for n, own in more.items()}
     return tuple(_added(v, placed.get(v.experiment, ())) for v in found)
 

@@ -237,7 +237,25 @@ def _declared(name: str, key: str, old: str, new: str, words: str, after: str = 
     return Mistake(f"{key} {new} for {old}", edit, "impossible", (words,), name, f"{key}:\t{new}")
 
 
+def _struck(at: int) -> Callable[[list[str]], list[str]]:
+    """Return what lets the table ring for a while from some row on."""
+
+    def more(i: int, force: float) -> float:
+        since = max(i - at, 0)
+        return force + 1.5 * math.exp(-since / 15) * math.sin(2 * math.pi * 0.17 * since)
+
+    return _force(more)
+
+
 WAVE_ROWS = (
+    Mistake("table struck in an oscillation", rows(_struck(200), WAVES), "doubtful", ("struck the table",), WAVES),
+    Mistake(
+        "cell drifts in an oscillation",
+        rows(_force(lambda i, f: f - 0.01 * i), WAVES),
+        "doubtful",
+        ("mean force changes", "drifts"),
+        WAVES,
+    ),
     Mistake(
         "zero slips by 2 % of the force",
         rows(_force(lambda i, f: f + 0.3), WAVES, 3),
@@ -281,6 +299,14 @@ WAVE_ROWS = (
 
 _RELAX = "<Stress Relaxation>"
 HOLD_ROWS = (
+    Mistake("table struck in a hold", rows(_struck(600), HOLD, 1), "note", ("struck the table",), HOLD),
+    Mistake(
+        "test stopped before its last hold was over",
+        rows(lambda found: found[: int(0.7 * len(found))], "mach1/nbr_200um.txt", 1),
+        "note",
+        ("stopped before its hold was over",),
+        "mach1/nbr_200um.txt",
+    ),
     Mistake(
         "forces of one depth 1.6 times too large",
         columns(lambda t, x, f: (t, x, 1.6 * f), HOLD),

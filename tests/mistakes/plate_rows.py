@@ -78,7 +78,20 @@ def _noise(x: Floats) -> Floats:
     return x[0] + np.random.default_rng(1).normal(0.0, 3e-4, x.size)
 
 
+def _struck(x: Floats) -> Floats:
+    """Let the table ring from 5 ms on, before the blow."""
+    since = np.clip(np.arange(x.size) - 100, 0, None) * 50e-6
+    return np.asarray(x + 4e-3 * np.exp(-since / 4e-3) * np.sin(2 * np.pi * 300 * since))
+
+
+def _ten_times(folder: Path) -> None:
+    for old, new in (("1.5", "15"), ("5", "50")) * 2:
+        setting(f'height = "{old} ±', f'height = "{new} ±')(folder)
+
+
 ROWS = (
+    Mistake("table struck before the blow", _changed(_struck, (PTFE,)), "impossible", ("struck the bench",), PTFE),
+    Mistake("all heights ten times", _ten_times, "doubtful", ("stated too large", "60.0 ms"), _TOML, "15 ±"),
     # what the session states
     Mistake("height 50 for 5 mm", _height("ptfe", "5", "50"), "impossible", ("height of ptfe", "drops[3]"), _TOML),
     Mistake("height 15 for 1.5 mm", _height("acrylic", "1.5", "15"), "impossible", ("height of acrylic",), _TOML),

@@ -17,12 +17,12 @@ from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.ball_drop.comparison import DURATION, RESTITUTION, SCALE, rows
-from pipelines.experiments.ball_drop.model import OF_PLATE
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import fall_checks, judgements, trace_checks
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.fall_checks import Fall, Stiffness
 from pipelines.experiments.shared.judgements import Scene, line_of, times_over
+from pipelines.experiments.shared.plate_under_drop import OF_PLATE
 from pipelines.experiments.shared.trace_checks import Trace
 
 _NO_FALL = 2.0  # times g, or the inverse, beyond which a motion is no flight at all
@@ -51,7 +51,8 @@ _FAILED = {
     "displacement": "the calibration record does not belong to this recording: it is expired, of another instrument or "
     "of a camera, or a value of it is wrong",
     "bounces": "the recording holds no drop that is free: the wrong channel or file, a sensor that shakes, a body that "
-    "was released before the trigger, or caught, or a recording that ends too soon",
+    "was released before the trigger, or caught, a recording that ends too soon, or an average or filter of the "
+    "controller that smears impacts",
 }
 
 
@@ -116,7 +117,18 @@ def judgement(
     inputs = _inputs(model, repeats)
     in_common = {name: Quantity(0.0, 1.0, "1") for row in compared for name in row.slopes if name not in inputs}
     unstated = _unstated_plate(compared, settings)
-    return judgements.judgement(Scene(checks, causes, compared, inputs, in_common, basis, unstated))
+    return judgements.judgement(
+        Scene(
+            checks,
+            causes,
+            compared,
+            inputs,
+            in_common,
+            basis,
+            unstated,
+            measured_by=judgements.measured_by(settings.sphere),
+        )
+    )
 
 
 def _unstated_plate(compared: Sequence[Row], settings: BallDrop) -> str:

@@ -18,11 +18,10 @@ from labpipe.variables import variable
 from pipelines.experiments.ball_drop.measured import padded
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.material_choice import IMPACT_TIMES, resolve, variations
-from pipelines.experiments.shared.plate_under_drop import plate_inputs, resolve_plate
+from pipelines.experiments.shared.plate_under_drop import OF_PLATE, plate_inputs, resolve_plate
 
 _CURVE_STEP = 5e-5  # s, spacing of the model's curve; contacts of 1 ms get twenty points
 _COARSE = 1e-3  # tolerance of the simulations by which sensitivities are found
-OF_PLATE = "plate "
 _LEAST_CHANGE = 1e-3  # relative change of an input by which a sensitivity is found
 _UNCERTAIN = (
     "restitution",

@@ -13,13 +13,14 @@ from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.contact_area._scale import fringe_scale
-from pipelines.experiments.contact_area.comparison import SCALE, WAVELENGTH, rows
+from pipelines.experiments.contact_area.comparison import PLATE, SCALE, WAVELENGTH, plate_mass, rows
 from pipelines.experiments.contact_area.measured import brightness
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.film_frames import explained
 from pipelines.experiments.shared.film_light import exposed, lit
 from pipelines.experiments.shared.judgements import Scene, times_over
+from pipelines.experiments.shared.plate_under_drop import OF_PLATE
 
 _LARGEST = 0.5
 """Contact radius over the sphere's above which no drop of a solid gets."""
@@ -60,7 +61,9 @@ def judgement(
     context: Context,
 ) -> xr.Dataset:
     """Judge one film; what gave no result is judged by that."""
-    basis = judgements.Basis.of(settings, {"sphere.material_from": of_material, "plate_from": of_plate})
+    basis = judgements.Basis.of(
+        settings, {"sphere.material_from": of_material, "plate_from": of_plate}, plate_from=OF_PLATE
+    )
     model, comparison = basis.sound(model, comparison)
     checks = [explained(check) for check in judgements.failed_steps(context, _FAILED)]
     checks.append(fall_checks.gravity_stated(settings.model.gravity))
@@ -88,22 +91,35 @@ def judgement(
     if comparison is not None and impacts is not None and model is not None:
         compared_rows = list(rows(comparison, impacts, model, settings=settings))
     return judgements.judgement(
-        Scene(checks, list(_causes(settings)), compared_rows, _inputs(radius, settings), basis=basis)
+        Scene(
+            checks,
+            list(_causes(settings)),
+            compared_rows,
+            _inputs(radius, model, settings),
+            basis=basis,
+            measured_by=judgements.measured_by(settings.sphere),
+        )
     )
 
 
-def _inputs(radius: xr.Dataset | None, settings: ContactArea) -> dict[str, Quantity]:
+def _inputs(radius: xr.Dataset | None, model: xr.Dataset | None, settings: ContactArea) -> dict[str, Quantity]:
     """Return values and uncertainties of what the rows depend on."""
     relative = 0.0 if radius is None else float(radius.attrs["u_systematic_relative"])
     sphere = settings.sphere
     light = {} if settings.wavelength is None else {WAVELENGTH: settings.wavelength}
-    return light | {
-        "radius": sphere.radius,
-        "mass": sphere.mass,
-        "height": settings.height,
-        "modulus": Quantity(1.0, 0.0, "1"),
-        SCALE: Quantity(1.0, relative, "1"),
-    }
+    plate = None if model is None else plate_mass(model)
+    beneath = {} if plate is None else {PLATE: plate}
+    return (
+        light
+        | beneath
+        | {
+            "radius": sphere.radius,
+            "mass": sphere.mass,
+            "height": settings.height,
+            "modulus": Quantity(1.0, 0.0, "1"),
+            SCALE: Quantity(1.0, relative, "1"),
+        }
+    )
 
 
 def _fringes(radius: xr.Dataset, impacts: xr.Dataset | None, settings: ContactArea) -> Check:

@@ -1,5 +1,6 @@
 """Comparison of film and model: contact radii around an impact, and the largest ones."""
 
+import json
 from collections.abc import Iterator
 from math import hypot, sqrt
 from typing import Any
@@ -9,16 +10,19 @@ import xarray as xr
 from scipy.optimize import minimize_scalar
 
 from labpipe.arrays import Floats
+from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area._peaks import BESIDE, STILL, WINDOW, peak_of
 from pipelines.experiments.contact_area._scale import fringe_scale
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, row
+from pipelines.experiments.shared.plate_under_drop import OF_PLATE
 
 SCALE = "scale of the image"
 """Input of the rows beside those of the model."""
 WAVELENGTH = "wavelength"
 PIXEL = "length of a pixel, by the fringes"
+PLATE = f"{OF_PLATE}mass"
 
 _MOST_SHIFT = 2.0
 """Frame intervals by which the model may be shifted against the largest radius: it lies between frames."""
@@ -173,10 +177,28 @@ def _model_peak(model: xr.Dataset, impact: int) -> float:
     return peak_of(time[low:high], a[low:high], np.full(high - low, 1e-9)).time
 
 
+def plate_mass(model: xr.Dataset) -> Quantity | None:
+    """Return the modal mass of the plate with which the drop was simulated; None for a rigid one."""
+    given = json.loads(model.attrs.get("plate_mass", "null"))
+    return None if given is None else Quantity(given[0], given[1], "kg")
+
+
+def _of_plate(impact: int, plate: float, mass: float, model: xr.Dataset) -> float:
+    """Return the relative change of a largest radius per kilogram of the plate.
+
+    The plate gives way, as if the body weighed m M/(m + M), and takes (1 + e) m/(m + M) of the speed
+    of each bounce before; a ~ m^0.2 v^0.4.
+    """
+    gives_way = mass / (plate * (mass + plate))
+    e = model["restitution"].values[:impact]
+    return 0.2 * gives_way + 0.4 * float(np.sum((1 + e) / e)) * mass / (mass + plate) ** 2
+
+
 def rows(comparison: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, settings: ContactArea) -> Iterator[Row]:
     """Yield the rows of ``compare``."""
     sphere = settings.sphere
     counts = comparison["impact_number"].values
+    plate = plate_mass(model)
     for i in range(min(IMPACTS, comparison.sizes["impact"])):
         inside = counts == i + 1
         expected = float(comparison["peak_radius_model"][i])
@@ -205,7 +227,8 @@ def rows(comparison: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, sett
                 "mass": -0.2 * expected / sphere.mass.value,
                 "height": -0.2 * expected / settings.height.value,
                 "modulus": 0.2 * expected,
-            },
+            }
+            | ({} if plate is None else {PLATE: -expected * _of_plate(i, plate.value, sphere.mass.value, model)}),
         )
     if "pixel_by_fringes" not in comparison or settings.wavelength is None:
         return

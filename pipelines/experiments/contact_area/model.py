@@ -16,7 +16,7 @@ from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area._peaks import WINDOW
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.material_choice import resolve, variations
-from pipelines.experiments.shared.plate_under_drop import resolve_plate
+from pipelines.experiments.shared.plate_under_drop import plate_inputs, resolve_plate
 
 _STEP = 2e-5  # s, spacing of the model's curve
 
@@ -86,6 +86,8 @@ def model(
         radius_at_rest = float(state.contact_radius)
         relative = combined_uncertainty(_at_rest(settings, material_file, fitted, solid, time))
         made = made.assign(with_u(f"static_radius_{name}", (), radius_at_rest, relative * radius_at_rest, "m", text))
+    mass = plate_inputs(settings.plate, plate).get("mass")
+    made.attrs["plate_mass"] = json.dumps(None if mass is None else [mass.value, mass.u])
     work = json.loads(made.attrs["work"])
     work.pop("seconds", None)  # the clock has no place in a stored result
     made.attrs["work"] = json.dumps(work)

@@ -13,6 +13,7 @@ from labpipe.judging import SLIPS, Cause, Check, Level, compared, not_made, stat
 from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
+from labpipe.workflow.fields import REFERENCE
 from pipelines.experiments.dic_validation import viewing_angle
 from pipelines.experiments.dic_validation.comparison import rows
 from pipelines.experiments.dic_validation.settings import DicValidation
@@ -94,13 +95,14 @@ def judgement(
             fall_checks.restitution(fall),
             fall_checks.apexes(fall),
             fall_checks.flights_alike(fall, _GRAVITY),
-            _same_body(fall, laser),
+            _same_body(fall, laser, settings),
         ]
     compared_rows: list[Row] = []
     if comparison is not None and "gain" in comparison:
         checks.append(_gain(comparison, settings))
         compared_rows = list(rows(comparison, settings=settings))
-    return judgements.judgement(Scene(checks, list(_causes(settings)), compared_rows, basis=basis))
+    another = f"the film may show another drop than {_laser(settings)}: another sphere, height or day"
+    return judgements.judgement(Scene(checks, list(_causes(settings)), compared_rows, basis=basis, unstated=another))
 
 
 def _found(track: xr.Dataset, settings: DicValidation) -> Check:
@@ -310,7 +312,11 @@ def _height(fall: Fall, laser: xr.Dataset | None) -> Check:
     return compared(HEIGHT, law, message, seen, u, expected, other, allowance=3 * other, file=fall.name)
 
 
-def _same_body(fall: Fall, laser: xr.Dataset | None) -> Check:
+def _laser(settings: DicValidation) -> str:
+    return (settings.laser_experiment or "").removeprefix(REFERENCE)
+
+
+def _same_body(fall: Fall, laser: xr.Dataset | None, settings: DicValidation) -> Check:
     name, law = "restitution against the laser's", "one sphere bounces alike on two days"
     if laser is None or not laser.sizes.get("impact"):
         return not_made(name, law, "a laser experiment")
@@ -319,10 +325,12 @@ def _same_body(fall: Fall, laser: xr.Dataset | None) -> Check:
     if not (isfinite(seen) and isfinite(expected)):
         return not_made(name, law, "a first bounce in both")
     message = f"{fall.name}: e = {seen:.4f}, at the laser {expected:.4f}"
-    allowed = 2 * _DROPS
-    return compared(
-        name, law, message, seen, own, expected, hypot(u, _DROPS / 2), allowance=allowed, factor=False, file=fall.name
+    check = compared(name, law, message, seen, own, expected, hypot(u, _DROPS / 2), allowance=2 * _DROPS, factor=False)
+    cause = (
+        f"{_laser(settings)} is of another sphere or another height, or one of its recordings is: the film "
+        "shows another drop than the laser"
     )
+    return replace(check, cause=cause, setting="laser_experiment") if check.level else replace(check, file=fall.name)
 
 
 def _gain(comparison: xr.Dataset, settings: DicValidation) -> Check:
@@ -357,7 +365,7 @@ def _causes(settings: DicValidation) -> Iterator[Cause]:
     yield Cause(
         {HEIGHT: 1.0},
         lambda k: (
-            f"the film is of a drop from a height {k:.3g} times that of {settings.laser_experiment}: "
+            f"the film is of a drop from a height {k:.3g} times that of {_laser(settings)}: "
             "film or laser_experiment is another one"
         ),
         setting="laser_experiment",

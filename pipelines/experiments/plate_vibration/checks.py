@@ -45,6 +45,7 @@ _BLOCK = 16
 _STRUCK = 3.0  # times the scatter before the first blow, by which a second one leaves the free ringing
 _BEFORE, _MIDDLE = 2.5e-3, 1.1e-4  # s before a blow where the plate rests, and about its middle
 _OTHER_MODES = 0.15  # of the logarithm of a blow's duration, by the plate's other vibrations
+_NOT_FREE, _ANOTHER = 4.0, 0.05  # times the noise, and parts of the ringing, by which a plate leaves it that is struck
 _DEEP = 2.943  # Hertz: a contact lasts as many times as long as its depth takes at the impact's speed
 _MATERIAL = 0.1
 """Standard uncertainty of the logarithm of a flight's duration for a solid known by its name or its
@@ -63,8 +64,9 @@ _FAILED = {
     "readings": "the file is not what the session says, or was not copied whole",
     "displacement": "the calibration record does not belong to this recording: it is expired, of another instrument or "
     "of a camera, or a value of it is wrong",
-    "ringing": "the recording holds no ringing plate: the wrong channel or file, a blow before the recording began, a "
-    "recording that ends too soon, or a sampling interval that is stated wrongly",
+    "ringing": "the recording holds no ringing plate: the wrong channel or file, a blow before the recording began, "
+    "something else that struck plate or table shortly before or after the body, a recording that ends too soon, or a "
+    "sampling interval that is stated wrongly",
 }
 
 
@@ -92,7 +94,9 @@ def judgement(
     moved = {n: each for n, each in zip(names, displacement or (), strict=False) if each is not None}
     checks += trace_checks.of_record(next(iter(moved.values()), None), settings.calibration)
     checks += [_downwards(name, moved[name], ring) for name, ring in found.items() if name in moved]
-    checks += _one_plate(found)
+    free = [_rings_freely(name, moved[name], ring) for name, ring in found.items() if name in moved]
+    alike = _one_plate(found)
+    checks += [*free, *alike]
     for drops in settings.drops:
         # what repeats share is taken out: their scatter alone is asked
         falls = [Fall(name, found[name], 0.0) for name in drops.laser if name in found]
@@ -111,9 +115,13 @@ def judgement(
         inputs |= {} if plate is None else {name: given for name, (given, _) in of_solids(plate).items()}
     if comparison is not None and table is not None and plate is not None:
         compared_rows = list(rows(comparison, table, plate, settings=settings))
-    causes = list(_causes(table, plate, settings))
+    # of a body that cannot be, no blow tells which height is wrong
+    is_body = not any(c.setting == "sphere.mass" and c.level for c in checks)
+    causes = list(_causes(table, plate, settings)) if is_body else []
+    swings = [c for c in of_traces if c.name == trace_checks.SWING]
+    checks = _by_disturbance(checks, [*swings, *free, *alike])
     if not explain(checks, causes):
-        checks = [replace(c, cause=_STATED) if c.law == _ONE_MASS and c.level else c for c in checks]
+        checks = [replace(c, cause=_STATED) if c.law == _ONE_MASS and c.level and not c.cause else c for c in checks]
     return judgements.judgement(Scene(checks, causes, compared_rows, inputs, shared, basis))
 
 
@@ -155,18 +163,10 @@ def _statements(settings: PlateVibration) -> Iterator[Check]:
     if body is not None:
         given += [("sphere.radius", body.radius), ("sphere.mass", body.mass)]
     yield from judgements.uncertainties_stated(given)
-    name, law = "mass of the falling body", "what falls weighs at least as much as its sphere"
     if body is None:
-        yield not_made(name, law, "the sphere, with radius and mass")
-        return
-    least = fall_checks.LIGHTEST * 4 / 3 * pi * body.radius.value**3
-    text = f"{quantity(body.mass.value, 'kg')} with a sphere that weighs at least {quantity(least, 'kg')}"
-    is_light = body.mass.value < least
-    cause = (
-        "sphere.mass or sphere.radius is in another unit than was typed, or a diameter was typed" if is_light else ""
-    )
-    level: Level | None = "impossible" if is_light else None
-    yield stated(name, law, text, level, cause=cause, setting="sphere.mass")
+        yield not_made("mass of the falling body", "what falls weighs as much as its sphere", "a sphere with its mass")
+    else:
+        yield fall_checks.body_stated(body.radius.value, body.mass.value)
 
 
 def _downwards(name: str, moved: xr.Dataset, ring: xr.Dataset) -> Check:
@@ -187,20 +187,53 @@ def _downwards(name: str, moved: xr.Dataset, ring: xr.Dataset) -> Check:
     return replace(check, cause=cause) if check.level else check
 
 
+def _rings_freely(name: str, moved: xr.Dataset, ring: xr.Dataset) -> Check:
+    """Look for what else moved the plate while it should ring by itself."""
+    title, law = "free ringing", "between two blows of the body nothing else moves the plate"
+    left = _left(ring, moved)
+    time = moved["time"].values
+    inside = np.flatnonzero((time >= float(ring["free_from"])) & (time <= float(ring["free_to"])) & np.isfinite(left))
+    if inside.size < 4 * _BLOCK:
+        return not_made(title, law, f"{4 * _BLOCK} readings of free ringing")
+    blocks = np.array_split(inside, inside.size // _BLOCK)
+    sizes = np.array([np.sqrt(np.mean(left[block] ** 2)) for block in blocks])
+    worst, noise, swing = int(np.argmax(sizes)), float(moved.attrs["noise"]), float(ring["amplitude"])
+    at = quantity(float(time[blocks[worst][0]]), "s")
+    text = f"{name}: about {at} the plate leaves its ringing of {quantity(swing, 'm')} by {quantity(sizes[worst], 'm')}"
+    is_struck = sizes[worst] > max(_NOT_FREE * noise, _ANOTHER * swing)
+    cause = f"something else struck the plate or its table before {at}: a hit, a door, or the body itself"
+    return stated(title, law, text, "doubtful" if is_struck else None, cause=cause if is_struck else "", file=name)
+
+
+def _by_disturbance(checks: Sequence[Check], disturbed: Sequence[Check]) -> list[Check]:
+    """Blame what struck a plate beside the body for what directions, pauses and momenta do not keep then."""
+    struck = next((c for c in disturbed if c.level in ("doubtful", "impossible")), None)
+    names = ("momentum of the blow", "pause before", "direction of the blow", "duration of the blow")
+    return [
+        replace(c, level="doubtful", cause=struck.cause, file=struck.file, setting="")
+        if struck is not None and c.level and c.name.startswith(names)
+        else c
+        for c in checks
+    ]
+
+
 def _one_plate(found: dict[str, xr.Dataset]) -> list[Check]:
     """Hold frequency and damping of every recording against those of all."""
     checks = []
     for variable, title, unit in (("natural_frequency", "frequency", "Hz"), ("damping_ratio", "damping", "1")):
         name, law = f"{title} of the plate", f"all recordings show one plate: its {title} is the same in all"
-        if len(found) < 3:
-            checks.append(not_made(name, law, "three recordings"))
+        if len(found) < 2:
+            checks.append(not_made(name, law, "two recordings"))
             continue
         values = np.array([float(ring[variable]) for ring in found.values()])
         u = np.array([float(ring[f"u_{variable}"]) for ring in found.values()])
-        centre = float(np.median(values))
+        centre, u_centre = float(np.median(values)), float(np.median(u)) / sqrt(len(values))
         worst = int(np.argmax(np.abs(values - centre) / u))
-        file = list(found)[worst]
-        message = f"{file}: {shown(float(values[worst]), float(u[worst]), unit)}, all others {quantity(centre, unit)}"
+        if len(found) == 2:  # nobody knows which is off: the one that tells less is held against the other
+            worst = int(np.argmax(u))
+            centre, u_centre = float(values[1 - worst]), float(u[1 - worst])
+        file, others = list(found)[worst], "the other" if len(found) == 2 else "all others"
+        message = f"{file}: {shown(float(values[worst]), float(u[worst]), unit)}, {others} {quantity(centre, unit)}"
         # the damping of a real plate depends on how it lies and how far it swings
         allowance = _ANOTHER_PLATE * centre if variable == "natural_frequency" else 0.2 * centre
         check = compared(
@@ -210,19 +243,16 @@ def _one_plate(found: dict[str, xr.Dataset]) -> list[Check]:
             float(values[worst]),
             float(u[worst]),
             centre,
-            float(np.median(u)) / sqrt(len(values)),
+            u_centre,
             allowance=allowance,
             factor=False,
             file=file,
         )
-        if check.level and variable == "natural_frequency":
+        cause = "something else struck plate or table, the plate was changed, or the file is of another plate"
+        if variable == "natural_frequency":
             factor = centre / float(values[worst])
-            cause = (
-                f"the sampling interval of {file} is {factor:.3g} times what it says, the plate was "
-                "changed, or the file is of another plate"
-            )
-            check = replace(check, cause=cause)
-        checks.append(check)
+            cause = f"the sampling interval of {file} is {factor:.3g} times what it says, or {cause}"
+        checks.append(replace(check, cause=cause) if check.level else check)
     return checks
 
 
@@ -272,6 +302,9 @@ def _flights(
         longest = 2 * sqrt(2 * drops.height.value / settings.model.gravity.value)
         expected = nan if model is None else float(model["second_touch"][i])
         where = f"drops[{i}].height"
+        if model is not None and not np.isfinite(expected) and np.isfinite(model["displacement"].values[i]).any():
+            yield _too_soon(name, law, seen, u, float(model["time"][-1]), drops_label(drops), where)
+            continue
         if not np.isfinite(expected):
             text = f"{drops_label(drops)}: {shown(seen, u, 's')}, at most {quantity(longest, 's')} is possible"
             yield bounded(name, law, text, seen, u, at_least=0.0, at_most=longest, setting=where)
@@ -281,6 +314,15 @@ def _flights(
         if seen - longest > 5 * u:
             check = replace(check, level="impossible", message=f"{text}; {quantity(longest, 's')} is possible at most")
         yield check
+
+
+def _too_soon(name: str, law: str, seen: float, u: float, simulated: float, label: str, where: str) -> Check:
+    """Hold a pause against one that is longer than was simulated."""
+    text = f"{label}: {shown(seen, u, 's')} seen, more than {quantity(simulated, 's')} expected"
+    least = simulated * (1.0 - _MATERIAL)
+    check = bounded(name, law, text, seen, hypot(u, _MATERIAL * seen), at_least=least, is_law=False, setting=where)
+    cause = f"the height of {label} is stated too large, or the sampling interval too short"
+    return replace(check, cause=cause) if check.level else check
 
 
 def _pause(ring: xr.Dataset, moved: xr.Dataset | None, shortest: float) -> tuple[float, float] | None:
@@ -299,14 +341,19 @@ def _pause(ring: xr.Dataset, moved: xr.Dataset | None, shortest: float) -> tuple
     return end + _BLOCK * interval - float(ring["blow_time"]), _BLOCK * interval / sqrt(3.0)
 
 
-def _is_struck(ring: xr.Dataset, moved: xr.Dataset) -> bool:
-    """Tell whether the plate, behind the free stretch, leaves its ringing by much more than it scattered before."""
+def _left(ring: xr.Dataset, moved: xr.Dataset) -> np.ndarray:
+    """Return by how much the plate leaves the ringing that was fitted [m]."""
     time, height = moved["time"].values, moved["displacement"].values
     damping, natural = float(ring["damping_ratio"]), 2 * pi * float(ring["natural_frequency"])
     since = time - float(ring["blow_time"])
     wave = np.exp(-damping * natural * since) * np.sin(sqrt(1 - damping**2) * natural * since + float(ring["phase"]))
     left = height - float(ring["amplitude"]) * wave
-    left -= np.nanmean(left[(time >= float(ring["free_from"])) & (time <= float(ring["free_to"]))])
+    return np.asarray(left - np.nanmean(left[(time >= float(ring["free_from"])) & (time <= float(ring["free_to"]))]))
+
+
+def _is_struck(ring: xr.Dataset, moved: xr.Dataset) -> bool:
+    """Tell whether the plate, behind the free stretch, leaves its ringing by much more than it scattered before."""
+    left, time, height = _left(ring, moved), moved["time"].values, moved["displacement"].values
     behind = left[time > float(ring["free_to"])][_BLOCK : 5 * _BLOCK]
     behind = behind[np.isfinite(behind)]
     return bool(behind.size) and bool(

@@ -23,6 +23,7 @@ from labpipe.judging import (
     Level,
     Suspect,
     agreement,
+    best_factor,
     detectable,
     from_json,
     judge,
@@ -66,8 +67,10 @@ _DECIMAL = 10.0
 _NO_GRADE = 5.0  # between moduli of two grades of one polymer
 _MODULUS = "modulus"
 """Input of a material: its u is 0 where it is known by its name alone."""
+_TELLS = 0.8  # of a difference, that another modulus must explain to be told as a factor
 _MOSTLY = 0.5  # of a difference, that an input must explain where it alone is told
 _OF_NAME = "the specimen is of another material or grade than stated, whose modulus is known by its name alone"
+_OF_ANOTHER = "the specimen is not of the material of {}"
 _TIED = "\N{NO-BREAK SPACE}"  # a number stays with its unit
 _LEAST_OWN = 0.05
 """Least part of a difference's uncertainty that is its own, not shared with other rows."""
@@ -86,9 +89,9 @@ _VISIBLE = 0.5  # of the uncertainty of a difference
 _LEAST_P = 1e-4  # smaller probabilities say no more
 
 _BESIDE = {
-    "agrees": "The model agrees all the same.",
-    "differs": "The model differs, which may follow from it.",
-    "undecided": "Whether the model agrees is undecided.",
+    "agrees": "The {} agrees all the same.",
+    "differs": "The {} differs, which may follow from it.",
+    "undecided": "Whether the {} agrees is undecided.",
     "none": "No model was compared.",
 }
 """What is said of the model beside a record that cannot be believed as it is."""
@@ -189,6 +192,8 @@ class Scene(NamedTuple):
         Its checks are added to the others.
     unstated : str
         What nobody stated and would explain a model that differs; it is told first.
+    measured_by : str
+        Experiment or file that knows the modulus of the material; empty where that is known by its name alone.
     """
 
     checks: Sequence[Check]
@@ -198,6 +203,18 @@ class Scene(NamedTuple):
     shared: Mapping[str, Quantity] = {}
     basis: Basis = Basis()
     unstated: str = ""
+    measured_by: str = ""
+
+    @property
+    def another_material(self) -> str:
+        """What is said where another modulus would explain a model that differs."""
+        return _OF_ANOTHER.format(self.measured_by) if self.measured_by else _OF_NAME
+
+
+def measured_by(material: Any) -> str:
+    """Return the experiment or file that knows a material as settings choose it; empty for one known by its name."""
+    chosen = getattr(material, "material_from", None) or getattr(material, "material_file", None)
+    return (chosen or "").removeprefix(REFERENCE)
 
 
 def uncertainties_stated(given: Iterable[tuple[str, Quantity]]) -> Iterator[Check]:
@@ -284,7 +301,7 @@ def judgement(scene: Scene) -> xr.Dataset:
     known = {**scene.inputs, **scene.shared}
     # a change of a rheometer's spectrum is no value that could have been stated wrongly
     names = sorted(name for name in named & set(scene.inputs) if not is_of_spectrum(name))
-    found, smallest, told = None, np.full(len(names), np.inf), []
+    found, smallest, told, stiffness = None, np.full(len(names), np.inf), [], None
     if rows:
         every = [*names, *sorted(named & set(known) - set(names))]
         slopes = np.array([[row.slopes.get(name, 0.0) for name in every] for row in rows])
@@ -293,14 +310,15 @@ def judgement(scene: Scene) -> xr.Dataset:
         smallest = detectable(slopes[:, : len(names)], covariance) if names else smallest
         own = slopes[:, : len(names)]
         ranked = suspects([row.difference or 0.0 for row in rows], own, covariance) if names else []
+        stiffness = _stiffness(names, scene.inputs, rows, own, covariance)
         if not scene.unstated:
-            told = _slipped(names, known, rows, own, covariance, ranked, _confirmed(judged))
+            told = _slipped(scene, names, rows, own, covariance, ranked, _confirmed(judged))
         told = _common(names, rows, own) + told
         others = _suspected(names, known, own, ranked, found.chi2)
-        if not told and ranked and ranked[0].share > _MOSTLY and _is_by_name(names, known):
+        if not told and ranked and ranked[0].share > _MOSTLY and _MODULUS in names:
             far = [i for i, error in _errors_of(ranked[0], own) if not _is_near(known[names[i]], error)]
             alike = " or ".join(names[i] for i in far if names[i] != _MODULUS)  # looks the same
-            told = [f"probably {_OF_NAME}{f'; or {alike} is stated wrongly' * bool(alike)}"]
+            told = [f"probably {scene.another_material}{f'; or {alike} is stated wrongly' * bool(alike)}"]
             told = told if names.index(_MODULUS) in far else []
         told = [*told, *others][:_SUSPECTS] or ([_UNEXPLAINED] if names else [])
     values = np.array([scene.inputs[name].value for name in names])
@@ -309,12 +327,13 @@ def judgement(scene: Scene) -> xr.Dataset:
     could_notice = bool((relative < MATTERS).any()) if names else True
     units = [scene.inputs[name].si for name in names]
     made = _dataset(judged, found, dict(zip(names, units, strict=True)), smallest, relative, could_notice)
-    if not is_held:
-        made.attrs["model"] = "undecided"
+    # what an impossible experiment on which little rests does to that little, nobody knows
+    if not is_held or (scene.basis.wrong and made.attrs["model"] == "differs"):
+        made.attrs["model"], is_held = "undecided", False
     told = [first for first in (scene.unstated,) if first] + told
     told = [f"{scene.basis.reason}: see there first", *told] if scene.basis.reason else told
     wanted = made.attrs["model"] == "differs" or not is_held
-    return made.assign_attrs(suspects=json.dumps(told if wanted else []))
+    return made.assign_attrs(suspects=json.dumps(told if wanted else []), stiffness=json.dumps(stiffness))
 
 
 def _suspected(
@@ -360,9 +379,44 @@ def _errors_of(suspect: Suspect, slopes: Any) -> list[tuple[int, float]]:
     return [(i, suspect.error * slopes[row, first] / slopes[row, i]) for i in suspect.inputs if slopes[row, i]]
 
 
+class _PowerLaws(NamedTuple):
+    """Rows above 0, whose logarithms go straight with those of the inputs over large factors."""
+
+    measured: Any
+    model: Any
+    powers: Any
+    spread: Any
+
+    @classmethod
+    def of(
+        cls, names: Sequence[str], known: Mapping[str, Quantity], rows: Sequence[Row], slopes: Any, covariance: Any
+    ) -> "_PowerLaws":
+        ratios = [(row.measured or 0.0) * (row.model or 0.0) for row in rows]
+        straight = [j for j, product in enumerate(ratios) if product > 0.0 and rows[j].u_difference]
+        mean = np.sqrt([ratios[j] for j in straight])
+        values = np.array([known[name].value for name in names])
+        return cls(
+            np.array([rows[j].measured for j in straight]),
+            np.array([rows[j].model for j in straight]),
+            slopes[straight] * values / mean[:, None],
+            covariance[np.ix_(straight, straight)] / np.outer(mean, mean),
+        )
+
+
+def _stiffness(
+    names: Sequence[str], known: Mapping[str, Quantity], rows: Sequence[Row], slopes: Any, covariance: Any
+) -> float | None:
+    """Return how many times the stated modulus would explain the rows; None where no modulus does, or tells."""
+    laws = _PowerLaws.of(names, known, rows, slopes, covariance)
+    if _MODULUS not in names or not laws.measured.size:
+        return None
+    found = best_factor(laws.measured, laws.model, -laws.powers[:, names.index(_MODULUS)], laws.spread)
+    return found.factor if found is not None and found.share > _TELLS else None
+
+
 def _slipped(
+    scene: Scene,
     names: Sequence[str],
-    known: Mapping[str, Quantity],
     rows: Sequence[Row],
     slopes: Any,
     covariance: Any,
@@ -375,8 +429,9 @@ def _slipped(
     none is but by a factor that no grade of a material makes; nor is a value that a check of the
     record has confirmed.
     """
-    ratios = [(row.measured or 0.0) * (row.model or 0.0) for row in rows]
-    free = {i for suspect in ranked if not all(known[names[j]].u for j in suspect.inputs) for i in suspect.inputs}
+    known = scene.inputs
+    certain = {j for j, name in enumerate(names) if known[name].u or (scene.measured_by and name == _MODULUS)}
+    free = {i for suspect in ranked if not certain.issuperset(suspect.inputs) for i in suspect.inputs}
     # what is relative has no unit to be typed wrongly, and a temperature no factor
     stated_ones = [
         i
@@ -384,20 +439,16 @@ def _slipped(
         if known[name].u and known[name].value > 0.0 and known[name].si not in _NO_SLIP
         if name not in confirmed
     ]
-    straight = [j for j, product in enumerate(ratios) if product > 0.0 and rows[j].u_difference]
-    if not stated_ones or not straight:
+    laws = _PowerLaws.of(names, known, rows, slopes, covariance)
+    if not stated_ones or not laws.measured.size:
         return []
-    mean = np.sqrt([ratios[j] for j in straight])
-    values = np.array([known[names[i]].value for i in stated_ones])
-    powers = slopes[np.ix_(straight, stated_ones)] * values / mean[:, None]
-    spread = covariance[np.ix_(straight, straight)] / np.outer(mean, mean)
-    measured, predicted = ([getattr(rows[j], of) for j in straight] for of in ("measured", "model"))
-    of_modulus = slopes[straight, names.index(_MODULUS)] / mean if _MODULUS in names else np.full(1, inf)
+    powers = laws.powers[:, stated_ones]
+    of_modulus = laws.powers[:, names.index(_MODULUS)] if _MODULUS in names else np.full(1, inf)
     of_grades = float(np.abs(of_modulus).max()) * log(_NO_GRADE)
     said = []
     # beside what may have any value, what is out of all proportion is told by a check of its own
     factors = [k for k in SLIPS["value"] if not free or abs(log(k)) <= log(_DECIMAL)]
-    for slip in slips(measured, predicted, powers, spread, factors):
+    for slip in slips(laws.measured, laws.model, powers, laws.spread, factors):
         name = names[stated_ones[slip.input]]
         effect = float(np.abs(powers[:, slip.input]).max()) * abs(log(slip.factor))
         if stated_ones[slip.input] in free and effect < of_grades:
@@ -410,12 +461,7 @@ def _slipped(
         )
     if len(said) != 1:
         return []
-    return [*said, f"or {_OF_NAME}"] if _is_by_name(names, known) else said
-
-
-def _is_by_name(names: Sequence[str], known: Mapping[str, Quantity]) -> bool:
-    """Tell whether a material is known by its name alone."""
-    return _MODULUS in names and not known[_MODULUS].u
+    return [*said, f"or {scene.another_material}"] if _MODULUS in names else said
 
 
 def _confirmed(judged: Judgement) -> Set[str]:
@@ -505,11 +551,15 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
     """
     judged = believed(result)
     made, found = judged.n_made, judged.findings
+    known = [r for r in rows if r.deviation is not None and r.measured is not None]
+    # A film is laid against the laser, no model.
+    by = "model" if not known or any(r.against == "model" for r in known) else known[0].against
     if judged.believable in ("impossible", "doubtful"):
         cause = f" {capitalised(likeliest)}." if (likeliest := _likeliest(judged)) else ""
         word = capitalised(judged.believable)
         level = "error" if judged.believable == "impossible" else "warning"
-        return level, f"{word}: {found[0].message}.{cause} {_BESIDE[str(result.attrs['model'])]} {_counted(judged)}."
+        beside = _BESIDE[str(result.attrs["model"])].format(by)
+        return level, f"{word}: {found[0].message}.{cause} {beside} {_counted(judged)}."
     checks = _counted(judged) if made else "no check could be made"
     stopped = next((c for c in judged.checks if c.level is not None and not c.is_made), None)
     if stopped is not None:
@@ -518,11 +568,8 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
             f"Not known: {stopped.name} was not completed: {stopped.message}; {checks}. {capitalised(stopped.cause)}.",
         )
     model = result.attrs["model"]
-    known = [r for r in rows if r.deviation is not None and r.measured is not None]
     worst = max(known, key=lambda r: abs(r.deviation or 0.0), default=None)
     shown = "" if worst is None else f" Largest of {_many(known, 'deviation')}: {_compared(worst)}."
-    # A film is laid against the laser, no model.
-    by = "model" if not known or any(r.against == "model" for r in known) else known[0].against
     believable = "The record is believable" if made else "Whether the record is believable is not known"
     if model == "agrees":
         return "ok", f"{believable}, and the {by} agrees with it; {checks}.{shown}"

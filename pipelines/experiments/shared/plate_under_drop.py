@@ -8,6 +8,9 @@ from labpipe.errors import InputError
 from labpipe.units import Quantity
 from pipelines.experiments.shared.settings import Plate
 
+OF_PLATE = "plate "
+"""Beginning of the names of the plate's inputs, beside those of the body."""
+
 
 def resolve_plate(given: Plate | None, found: xr.Dataset | None) -> contact.Plate | None:
     """Return the plate of the model; None is a rigid one.

@@ -9,7 +9,7 @@ from math import hypot, log, nan, sqrt
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import SLIPS, Cause, Check, Level, bounded, compared, not_made, stated, too_large
+from labpipe.judging import SLIPS, Cause, Check, Level, bounded, compared, explain, not_made, stated, too_large
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
@@ -72,9 +72,14 @@ def judgement(
     checks.append(_smaller_than_the_sphere(approach, settings))
     checks.append(_of_material(approach, model, settings))
     checks.append(_given_radius(comparison, settings))
+    causes = _causes(settings)
+    if not any(MATERIAL in found.checks for found in explain(checks, causes)):
+        checks = [_another_material(check) if check.name == MATERIAL else check for check in checks]
     compared_rows = [] if comparison is None else list(rows(comparison, settings=settings))
     inputs = _inputs(displacement, steps, model, settings)
-    return judgements.judgement(Scene(checks, _causes(settings), compared_rows, inputs, basis=basis))
+    return judgements.judgement(
+        Scene(checks, causes, compared_rows, inputs, basis=basis, measured_by=judgements.measured_by(settings.sphere))
+    )
 
 
 def _inputs(
@@ -359,6 +364,17 @@ def _of_material(approach: xr.Dataset | None, model: xr.Dataset | None, settings
             f"or the material is {other} than the one that is named"
         )
     return Check(MATERIAL, law, message, level, gap / u, gap, u, cause=cause, setting="sphere.radius" if cause else "")
+
+
+def _another_material(check: Check) -> Check:
+    """Blame the material where nothing that is stated explains an approach by a usual factor."""
+    if not check.level or check.cause:
+        return check
+    cause = (
+        f"the sphere is probably of another material than is named, about {np.exp(-1.5 * check.log_ratio):.2g} times "
+        "as stiff; or sphere.radius or the loads are stated wrongly"
+    )
+    return replace(check, cause=cause, setting="sphere")
 
 
 def _smaller_than_the_sphere(approach: xr.Dataset | None, settings: StaticLoading) -> Check:

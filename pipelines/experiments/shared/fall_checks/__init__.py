@@ -8,9 +8,9 @@ moves them by different powers, which tells the mistake.
 from pipelines.experiments.shared.fall_checks._bounces import apexes, rest_level, restitution, touch_levels
 from pipelines.experiments.shared.fall_checks._contact import (
     BY_NAME,
-    LIGHTEST,
     MEASURED,
     Stiffness,
+    body_stated,
     contact_duration,
     of_body,
     strain,
@@ -31,13 +31,13 @@ from pipelines.experiments.shared.fall_checks._repeats import levels_alike, repe
 
 __all__ = [
     "BY_NAME",
-    "LIGHTEST",
     "MEASURED",
     "SPEED",
     "Fall",
     "Stiffness",
     "acceleration",
     "apexes",
+    "body_stated",
     "contact_duration",
     "direction",
     "ends_early",

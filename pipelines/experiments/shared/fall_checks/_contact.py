@@ -107,8 +107,8 @@ def contact_duration(fall: Fall, radius: float, mass: float, stiffness: Stiffnes
 def of_body(gap: float, u: float, radius: float, mass: float) -> tuple[str, str]:
     """Say what a contact that is too short or too long tells of the body, and its setting.
 
-    By Hertz t goes with m^0.4 R^-0.2 E*^-0.4: slips of a unit or a decimal in one of the two, else the
-    mass that explains it, where the stiffness is known well enough.
+    By Hertz t goes with m^0.4 R^-0.2 E*^-0.4: slips of a unit or a decimal in one of the two, else
+    another material, or the mass that explains it, where the stiffness is known well enough.
 
     Parameters
     ----------
@@ -128,14 +128,27 @@ def of_body(gap: float, u: float, radius: float, mass: float) -> tuple[str, str]
     ]
     # of two slips that explain it alike the smaller one is likelier
     off, _, said, setting = min(slips, key=lambda slip: (round(slip[0], 2), slip[1]), default=(inf, inf, "", ""))
+    stiffer = f"the sphere's material is about {exp(-2.5 * gap):.2g} times as stiff as stated"
     if off > _SLIPPED * min(u, _SLIPS_APART):
         if u > _SLIPS_APART:
             return "", ""
-        setting = "sphere.mass"
-        said = f"the moving mass is probably about {quantity(mass * exp(2.5 * gap), 'kg')}"
+        said = f"the moving mass is probably about {quantity(mass * exp(2.5 * gap), 'kg')}, not {quantity(mass, 'kg')}"
+        return f"{stiffer}, of another material then; or {said} (sphere.mass in session.toml)", "sphere"
     stands = quantity(mass, "kg") if setting == "sphere.mass" else quantity(radius, "m")
-    stiffer = f"or the sphere's material is about {exp(-2.5 * gap):.2g} times as stiff as stated"
-    return f"{said}, not {stands} ({setting} in session.toml); {stiffer}", setting
+    return f"{said}, not {stands} ({setting} in session.toml); or {stiffer}", setting
+
+
+def body_stated(radius: float, mass: float) -> Check:
+    """Hold a stated mass against what a sphere of that radius weighs at least, and can carry."""
+    name, law = "mass of the falling body", "what falls weighs as much as its sphere, or more by a holder"
+    least = LIGHTEST * 4 / 3 * pi * radius**3
+    text = f"{quantity(mass, 'kg')} with a sphere that weighs at least {quantity(least, 'kg')}"
+    is_light = mass < least
+    if _is_body(radius, mass):
+        return stated(name, law, text, None, setting="sphere.mass")
+    cause = "sphere.mass or sphere.radius is in another unit than was typed"
+    cause += ", or a diameter was typed" if is_light else ", or has lost its decimal point"
+    return stated(name, law, text, "impossible" if is_light else "doubtful", cause=cause, setting="sphere.mass")
 
 
 def _is_body(radius: float, mass: float) -> bool:

@@ -17,6 +17,7 @@ from pipelines.experiments.shared.mach1_checks._cell import (
     saturation,
     sign_of_stiffness,
 )
+from pipelines.experiments.shared.mach1_checks._disturbance import knocked, mean_grows
 from pipelines.experiments.shared.mach1_checks._motion import (
     axes_of_commands,
     clock_of_blocks,
@@ -69,6 +70,8 @@ def of_file(name: str, readings: xr.Dataset) -> list[Check]:
         *sign_of_stiffness(name, blocks),
         shape_of_oscillation(name, blocks),
         response_of_cell(name, blocks),
+        knocked(name, blocks),
+        mean_grows(name, blocks),
         saturation(name, blocks),
         capacity_of_cell(name, blocks),
         date_of_cell(name, blocks),

@@ -7,6 +7,7 @@ CLOCK, CAPACITY, MODULUS = "clock of the blocks", "capacity of the cell", "conta
 RATIO, SCALE = "force for the named material", "scale of the cell"
 SIGN, FALL, PHASE = "sign of the stiffness", "fall of the force in the hold", "phase lag"
 LATE = "force after the ramp"
+KNOCK, DRIFT = "steadiness of the force", "mean force of the oscillation"
 STAGE, DIRECTION = "position within the stage", "direction of the motion"
 SHAPE = "shape of the oscillation"
 RESOLVED, CALIBRATED, AXES = "resolution of the position", "date of the cell", "axes"

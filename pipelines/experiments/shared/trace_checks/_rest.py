@@ -14,6 +14,8 @@ from pipelines.experiments.shared.trace_checks._trace import LIMITS, QUIET, Trac
 _BEFORE = 2e-3  # s before a release that was found, while which something may move already
 _TURNS = 2  # periods of a vibration, without which it cannot be told from a drift
 _CHANCE = 1e-6  # probability by which white noise swings so
+_PIECES, _BURSTS = 20, 3.0
+"""Of what is at rest, and times as wide as the quiet ones, from which on a piece swings."""
 _IN_PROPORTION = 0.3  # of the exponent 1 with which a moving average's differences grow
 _FALL = (0.4, 2.5)  # times g, curvature of a beginning in mid-fall
 _HUM = 0.01  # of the travel, beyond which what is left of a hum is doubtful
@@ -70,8 +72,22 @@ def swing(trace: Trace, rest: slice) -> Check:
         f"the sensor, its clamp or the bench shakes at {f:.3g} Hz: fasten it; or another sensor, a lamp or a supply "
         "disturbs it at that frequency"
     )
+    if (struck := _burst(trace, rest)) is not None:
+        cause = f"something struck the bench, the stand or the sensor at {trace.at(struck)}, before the release"
     level: Level = "doubtful" if 2 * amplitude > LIMITS[1] * trace.travel else "note"
     return stated(title, law, text, level, file=trace.name, cause=cause)
+
+
+def _burst(trace: Trace, rest: slice) -> int | None:
+    """Return the first reading of a swing that comes at once and dies away; None for one that goes on."""
+    known = np.flatnonzero(np.isfinite(trace.reading[rest]))
+    pieces = np.array_split(known, _PIECES)
+    spread = np.array([np.ptp(trace.reading[piece]) for piece in pieces])
+    loud = np.flatnonzero(spread > _BURSTS * max(float(np.quantile(spread, 0.25)), trace.resolution))
+    if loud.size < 2 or loud[0] < 2:
+        return None
+    dies = int(np.argmax(spread)) <= int(loud[0]) + loud.size // 3
+    return int(pieces[int(loud[0])][0]) if dies else None
 
 
 def smoothed(trace: Trace, rest: slice) -> Check:

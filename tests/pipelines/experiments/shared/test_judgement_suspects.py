@@ -110,10 +110,14 @@ def test_a_believable_basis_is_a_check_that_passed() -> None:
     assert not believed(found).findings
 
 
-@pytest.mark.parametrize(("mass", "model"), [(1e5, "differs"), (1e2, "undecided")])
-def test_a_row_on_which_an_impossible_plate_has_no_visible_effect_stays_decided(mass: float, model: str) -> None:
-    """Were its mass off by its own size, rows would change by 0.01 u, or by several."""
-    rows = [replace(row, slopes={**row.slopes, "plate mass": 1.0 / mass**2}) for row in _rows(temperature=5.0)]
+@pytest.mark.parametrize(
+    ("mass", "temperature", "model"), [(1e5, 0.2, "agrees"), (1e5, 5.0, "undecided"), (1e2, 0.2, "undecided")]
+)
+def test_rows_on_which_an_impossible_plate_has_no_visible_effect_may_agree(
+    mass: float, temperature: float, model: str
+) -> None:
+    """Were its mass off by its own size, rows would change by 0.01 u, or by several; but nobody knows that size."""
+    rows = [replace(row, slopes={**row.slopes, "plate mass": 1.0 / mass**2}) for row in _rows(temperature=temperature)]
     inputs = INPUTS | {"plate mass": Quantity(mass, 0.01 * mass, "kg")}
     basis = Basis.of(RESTING, {"plate_from": _dma("impossible")}, plate_from="plate ")
     assert basis.sound(1) == (1,)

@@ -1,0 +1,81 @@
+"""Checks of what else reaches the cell while the stage oscillates or holds: a hit on the table, a drift."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from labpipe.arrays import Floats
+from labpipe.judging import Check, Level, not_made, stated
+from labpipe.report import quantity
+from pipelines.experiments.shared.mach1_checks._parts import OSCILLATION, SETTLED, Part, travel_and_speed
+from pipelines.experiments.shared.mach1_checks._titles import DRIFT, KNOCK
+from pipelines.experiments.shared.ramps_and_holds import RELAXATION
+
+_WINDOW, _FEWEST = 8, 20  # readings of a piece, and pieces that make a usual one
+_LOUDER, _LASTS = 6.0, 2  # times the usual piece, and pieces in a row: one alone is a spike
+_SMALL, _LARGE = 0.01, 0.05  # of the force's swing, from which on a knock is told, and doubtful
+_GROWS = 0.03  # of the force, by which its mean may grow over an oscillation
+
+
+def knocked(name: str, blocks: Sequence[Part]) -> Check:
+    """Look for what makes a force tremble for a while, as a hit on the table does."""
+    law = "a force that follows a steady motion is as smooth at any time as at any other"
+    worst: tuple[float, float, float, Part] | None = None
+    for part in blocks:
+        time, force = _steady(part)
+        bends = np.abs(np.diff(force, 2))
+        count = bends.size // _WINDOW
+        if count < _FEWEST or not np.isfinite(bends).all():
+            continue
+        pieces = np.median(bends[: count * _WINDOW].reshape(count, _WINDOW), axis=1)
+        usual = float(np.quantile(pieces, 0.75))
+        loud = np.convolve(pieces > _LOUDER * usual, np.ones(_LASTS), "valid") >= _LASTS
+        share = float(pieces.max()) / max(float(np.ptp(part.force)), 1e-300)
+        if usual > 0.0 and loud.any() and share > _SMALL and (worst is None or share > worst[0]):
+            worst = share, float(pieces.max()), float(time[int(np.argmax(loud)) * _WINDOW]), part
+    if worst is None:
+        known = any(_steady(part)[0].size >= _FEWEST * _WINDOW for part in blocks)
+        text = f"{name}: no force trembles for a while"
+        return stated(KNOCK, law, text, None, file=name) if known else not_made(KNOCK, law, "a steady motion")
+    share, size, at, part = worst
+    text = (
+        f"{name}, block {part.number + 1}: about {quantity(at, 's')} the force trembles by {quantity(size, 'N')} from "
+        "reading to reading, for a while"
+    )
+    level: Level = "doubtful" if share > _LARGE else "note"
+    cause = f"something struck the table or the tester about {quantity(at, 's')}; leave that cycle or hold out"
+    return stated(KNOCK, law, text, level, cause=cause, file=name, line=part.header_line)
+
+
+def _steady(part: Part) -> tuple[Floats, Floats]:
+    """Return time and force while the stage oscillates, or once it holds."""
+    if part.function == OSCILLATION:
+        return part.time, part.force
+    rest = travel_and_speed(part)[2] if part.function == RELAXATION else 0.0
+    inside = part.segment == part.segment[0]
+    inside &= part.time > float(part.time[inside][-1]) - rest + 2 * SETTLED
+    return part.time[inside], part.force[inside]
+
+
+def mean_grows(name: str, blocks: Sequence[Part]) -> Check:
+    """Hold the mean force of an oscillation against relaxation: about a held depth it falls, or stays."""
+    law = "about a held depth the mean force never grows"
+    found = []
+    for part in (p for p in blocks if p.function == OSCILLATION):
+        used = np.isfinite(part.position) & np.isfinite(part.force)
+        t, x, f = part.time[used], part.position[used], part.force[used]
+        if t.size < _FEWEST * _WINDOW or np.ptp(x) == 0.0:
+            continue
+        rate = np.gradient(x, t)
+        columns = (np.ones_like(t), (t - t.mean()) / np.ptp(t), (x - x.mean()) / np.ptp(x), rate / np.abs(rate).max())
+        rise = float(np.linalg.lstsq(np.column_stack(columns), f, rcond=None)[0][1])
+        found.append((rise / max(abs(float(f.mean())), float(np.ptp(f))), rise, part))
+    if not found:
+        return not_made(DRIFT, law, "an oscillation")
+    share, rise, part = max(found, key=lambda each: each[0])
+    text = (
+        f"{name}, block {part.number + 1}: the mean force changes by {quantity(rise, 'N')} while the stage oscillates"
+    )
+    cause = "the cell or its cable drifts, or the stage creeps into the material: let it warm up, and tare it again"
+    level: Level | None = "doubtful" if share > _GROWS else None
+    return stated(DRIFT, law, text, level, cause=cause if level else "", file=name, line=part.header_line)

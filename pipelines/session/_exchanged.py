@@ -1,0 +1,63 @@
+"""Whether the measurements of two materials were exchanged, by what rests on each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations
+from math import exp, log
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from labpipe.workflow.fields import REFERENCE
+
+if TYPE_CHECKING:
+    from labpipe.judging import Finding
+    from labpipe.workflow.session import Session
+
+_OTHER = log(1.3)  # of a modulus, from which on it is another one
+_INVERSE = 0.5  # of its logarithm, by which one factor may miss the inverse of the other
+
+
+def exchanged(session: Session, stiffness: Mapping[str, float | None]) -> Iterator[tuple[str, Finding]]:
+    """Find two materials of which one is as many times too stiff for its experiments as the other is too soft.
+
+    Parameters
+    ----------
+    session : Session
+    stiffness : mapping of str to float or None
+        Experiment to how many times the modulus of its material would explain it, where one does.
+    """
+    from labpipe.judging import Finding
+
+    found: dict[str, dict[str, float]] = {}
+    for name, factor in stiffness.items():
+        source = _source(session.experiments[name].settings)
+        if factor and source in session.experiments:
+            found.setdefault(source, {})[name] = log(factor)
+    means = {source: median(own.values()) for source, own in found.items()}
+    for first, second in combinations(means, 2):
+        a, b = means[first], means[second]
+        if a * b > 0.0 or min(abs(a), abs(b)) < _OTHER or abs(a + b) > _INVERSE * max(abs(a), abs(b)):
+            continue
+        text = "; ".join(
+            f"{_listed(list(found[of]))} would need {exp(size):.2g} times the modulus of {of}"
+            for of, size in ((first, a), (second, b))
+        )
+        cause = f"the exports of {first} and {second} were probably exchanged (rheometer in session.toml, or the files)"
+        for owner in (first, second):
+            yield owner, Finding("exchanged materials", "doubtful", text, cause, setting="rheometer")
+
+
+def _source(table: Any) -> str:
+    """Return the experiment that measured the material of a table or of one in it; empty for none."""
+    if not isinstance(table, msgspec.Struct):
+        return ""
+    own = getattr(table, "material_from", None)
+    inner = (_source(getattr(table, name)) for name in table.__struct_fields__)
+    return own.removeprefix(REFERENCE) if own else next(filter(None, inner), "")
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
