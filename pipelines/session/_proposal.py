@@ -17,7 +17,7 @@ from pathlib import Path
 
 import instruments
 from labpipe import files
-from labpipe.errors import LabpipeError, UsageError
+from labpipe.errors import LabpipeError, SourceError, UsageError
 from labpipe.names import name_problem, printable
 from labpipe.notebook import html_table, text_table
 from labpipe.workflow.session import FILE_NAME, VERSION
@@ -148,7 +148,7 @@ def _unused_files(found: Found, text: str) -> list[str]:
             first = Path(copied_from(reason))
             copies.setdefault((title, Path(name).parent.as_posix(), first.parent), []).append(name)
         else:
-            lines.append(f"{name} ({title}): {reason}")
+            lines.append(f"{name} ({title}): {_unreadable(found.folder / name) or reason}")
     for (title, place, first_place), names in copies.items():
         if len(names) == 1:
             lines.append(f"{names[0]} ({title}): {found.owners[names[0]][1]}")
@@ -356,6 +356,22 @@ def _why_not(instrument: instruments.Instrument) -> str:
     return instrument.unproposed or _UNTOLD[instrument.content]
 
 
+def _unreadable(path: Path) -> str:
+    """Say why a table cannot be read as it stands; "" of others, whose films may take long."""
+    name = _instrument(path)
+    each = next((known for known in instruments.known() if known.name == name), None)
+    if each is None or each.content not in {"sweep", "displacement", "force"}:
+        return ""
+    try:
+        instruments.read(path)
+    except SourceError as error:
+        line = f"line {error.line}: " if error.line else ""
+        return f"{line}{error.message}. {error.hint or ''}".strip()
+    except LabpipeError:
+        return ""
+    return ""
+
+
 def _nothing_proposed(found: Found) -> str:
     """Say what was found and why no experiment begins from it; or that nothing is known."""
     folder = found.folder
@@ -366,7 +382,7 @@ def _nothing_proposed(found: Found) -> str:
     for name, why in found.owners.items():
         whole = found_whole.get((folder / name).parent)
         if whole is None or whole.title != why[0]:
-            of_reason.setdefault(why, []).append(name)
+            of_reason.setdefault((why[0], _unreadable(folder / name) or why[1]), []).append(name)
     if not of_reason:
         known = ", ".join(each.name for each in instruments.known())
         return f"{folder}: no file of a known instrument was found; known are {known}. Is it the right folder?"

@@ -209,6 +209,15 @@ def test_a_table_is_laid_beside_a_sweep_of_its_material_only(
     assert (f'"{table}"' in _published(found, [sweep])) == is_proposed
 
 
+def test_a_table_that_cannot_be_read_says_what_it_lacks(tmp_path: Path) -> None:
+    bare = "Angular Frequency,Storage Modulus,Loss Modulus\n" + "".join(f"{k},{2e6 + k},3e5\n" for k in range(1, 9))
+    (tmp_path / "bare.csv").write_text(bare)
+    with pytest.raises(UsageError, match=r"bare.csv.*: line 1: Storage Modulus has no unit"):
+        init(tmp_path)
+    (tmp_path / "whole.csv").write_text(bare.replace(" Modulus", " Modulus (Pa)"))
+    assert any("line 1: Storage Modulus has no unit" in line for line in init(tmp_path).unused)
+
+
 @pytest.mark.parametrize(("sweep", "is_proposed"), [("backsheet sweeps.csv", True), ("freqsweep.csv", False)])
 def test_of_several_sweeps_a_table_belongs_to_its_namesake(sweep: str, is_proposed: bool, tmp_path: Path) -> None:
     (tmp_path / "backsheet shifts.csv").write_text("temperature,log_aT\ndegC,1\n20,0\n30,-1\n40,-2\n")
