@@ -37,7 +37,7 @@ def test_clean_session_has_no_row(clean: Path) -> None:
     assert audit.checks > 80
 
 
-@pytest.mark.parametrize("mistake", by_day(ROWS, 2))  # neighbours are of one sort
+@pytest.mark.parametrize("mistake", by_day(ROWS, 4))
 def test_mistake_is_in_the_audit(clean: Path, tmp_path: Path, mistake: SessionMistake) -> None:
     folder = tmp_path / "session"
     shutil.copytree(clean, folder)

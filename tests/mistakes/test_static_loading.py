@@ -27,7 +27,7 @@ def test_clean_session_is_believed_and_agrees(clean: Path) -> None:
     assert found.checks > 15
 
 
-@pytest.mark.parametrize("mistake", by_day(ROWS, 3))
+@pytest.mark.parametrize("mistake", by_day(ROWS, 6))
 def test_mistake_is_noticed_and_named(clean: Path, tmp_path: Path, mistake: Mistake) -> None:
     hold(clean, tmp_path / "session", mistake, "approach", otherwise="comparison")
 
