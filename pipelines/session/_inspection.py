@@ -11,7 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from labpipe.errors import ConfigError, LabpipeError, SourceError
+from labpipe.files import files_below
 from labpipe.notebook import html_table
+from labpipe.workflow.session import FILE_NAME
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -36,6 +38,7 @@ _KNOWN = (
 )
 _LOOK, _SHOWN = 4096, 60  # bytes of an unknown file that are looked at, characters that are shown
 _OWN = (".toml", ".nc", ".png")
+_MOST = 2000  # files of a folder, of which each is told in a line
 _QUICK = 16 << 20
 """Bytes of a file that is read whole to say a line about it."""
 _IRREGULAR = 0.01
@@ -200,14 +203,16 @@ def _instrument(file: Path, options: dict[str, Any]) -> dict[str, Any]:
 
 
 def _folder(folder: Path) -> dict[str, Any]:
-    """Say of every file in a folder what it is; {} where none of them is known."""
+    """Say of every file in a folder, and in those within it, what it is; {} where none of them is known."""
     import instruments
+    from pipelines.session._proposal import wholes
 
     rows, problems = [], []
-    for part in sorted(folder.iterdir()):
-        if not part.is_file() or part.name.startswith("."):
-            continue
-        row = {"file": part.name, "reader": "", "holds": "not known"}
+    stacks = [place for place in wholes(folder) if place != folder]  # each one film
+    single = [path for path in files_below(folder) if path.parent not in stacks and _is_given(path, folder)]
+    for part in sorted([*stacks, *single])[:_MOST]:
+        name = part.relative_to(folder).as_posix()
+        row = {"file": name, "reader": "", "holds": "not known"}
         try:
             row |= {"reader": instruments.identify(part), "holds": "cannot be read"}
         except SourceError:
@@ -217,11 +222,21 @@ def _folder(folder: Path) -> dict[str, Any]:
         try:
             row |= _briefly(part)
         except LabpipeError as error:
-            problems.append(f"{part.name}: {getattr(error, 'message', '') or error}")
+            problems.append(f"{name}: {getattr(error, 'message', '') or error}")
         rows.append(row)
+    if (left := len(stacks) + len(single) - _MOST) > 0:
+        problems.append(f"{left} more files are not shown: name a folder within this one")
     if not any(row["reader"] for row in rows):
         return {}
     return {"reader": "labpipe", "kind": "folder", "files": rows, "problems": problems}
+
+
+def _is_given(path: Path, folder: Path) -> bool:
+    """Tell a file that is neither hidden nor a result of a session."""
+    parts = path.relative_to(folder).parts
+    return not any(part.startswith(".") for part in parts) and not (
+        parts[0] == "labpipe" and (folder / FILE_NAME).is_file()
+    )
 
 
 def _briefly(file: Path) -> dict[str, str]:
@@ -236,7 +251,8 @@ def _briefly(file: Path) -> dict[str, str]:
     said += [
         f"{_span(spans[name])} {unit}" for name, unit in (("temperature", "°C"), ("frequency", "Hz")) if name in spans
     ]
-    said += [f"{len(found['problems'])} problems"] if found["problems"] else []
+    if count := len(found["problems"]):
+        said.append(f"{count} problem{'s' * (count > 1)}")
     return {"reader": found["reader"], "holds": ", ".join(said)}
 
 

@@ -66,8 +66,11 @@ def test_a_folder_says_of_each_file_what_it_is(tmp_path: Path) -> None:
         (tmp_path / f"pp_{celsius}.csv").write_text("f (Hz);E' (MPa);E'' (MPa);T (°C)\n" + rows, "utf-8")
     (tmp_path / "short.csv").write_text("f (Hz),E' (MPa),T (°C)\n1,2,3\n2,3,4\n", "utf-8")
     (tmp_path / "notes.md").write_text("clamped anew\n", "utf-8")
+    (tmp_path / "more").mkdir()
+    (tmp_path / "more/pp_60.csv").write_bytes((tmp_path / "pp_40.csv").read_bytes())
     found = inspect(tmp_path)
-    assert [part["reader"] for part in found["files"]] == ["", "plain_table", "plain_table", "plain_table"]
+    assert [part["file"] for part in found["files"]][:2] == ["more/pp_60.csv", "notes.md"]
+    assert [part["reader"] for part in found["files"]] == ["plain_table", "", *["plain_table"] * 3]
     assert found["problems"] == [
         "short.csv: found frequency, storage modulus, temperature; no loss modulus, tan δ or phase"
     ]
