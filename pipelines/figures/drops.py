@@ -54,7 +54,7 @@ def heights(inputs: Inputs, sphere: str) -> Drawing:
         for row, name in enumerate(chosen):
             height = inputs.experiments[name].height.value
             results = {stage: inputs.result(name, stage) for stage in ("repeats", "model", "comparison")}
-            _row(axes[row], results, inputs.origin)
+            _row(axes[row], results, inputs.origin, _rest(inputs, name))
             letter(axes[row, 0], "abcd"[row], f"$h_0$ = {height * 1e3:g} mm")
             notes.append(_agreement(height, results))
         for place in axes[-1]:
@@ -92,13 +92,9 @@ def _larger_sample(heights_: int, repeats: int) -> str:
 
 
 def _ends(inputs: Inputs, chosen: list[str]) -> str:
-    """Say until when is drawn: to rest, or to the end of the recordings where the simulated sphere rests later."""
-    ended = []
-    for name in chosen:
-        model, time = inputs.result(name, "model"), inputs.result(name, "repeats")["time"].values
-        rest = float(model["rest_time"]) - float(model["impact_time"][0]) if "rest_time" in model else np.nan
-        if not rest <= float(time[-1]):
-            ended.append(f"{inputs.experiments[name].height.value * 1e3:g}")
+    """Say until when is drawn: to rest, or to the end of the recordings where one of them ends before."""
+    shown = {name: f"{inputs.experiments[name].height.value * 1e3:g}" for name in chosen}
+    ended = [height for name, height in shown.items() if not np.isfinite(_rest(inputs, name))]
     if not ended:
         return "rest"
     until = "the end of the recordings, before rest"
@@ -126,15 +122,15 @@ def _half_width(repeats: xr.Dataset) -> Floats:
     return np.where(np.isfinite(spread), spread, repeats["u_displacement_mean"].values) * _COVERAGE
 
 
-def _row(places: Any, results: dict[str, xr.Dataset], origin: str) -> None:
-    """Draw one height: the whole drop in mm, all penetrations and the first one in µm."""
+def _row(places: Any, results: dict[str, xr.Dataset], origin: str, rest: float) -> None:
+    """Draw one height: the whole drop in mm until all rest, all penetrations and the first one in µm."""
     repeats, model = results["repeats"], results["model"]
     t = repeats["time"].values * 1e3
     first = float(model["impact_time"][0])
     t_model = (model["time"].values - first) * 1e3
     half, mean = _half_width(repeats), repeats["displacement_mean"].values
     deepest = float(model["displacement"].min()) * 1e6
-    end = _end_of_motion(model, first, float(t[-1]))
+    end = float(np.fmin(t[-1], 1e3 * _PAST_REST * rest))
     look = line_arguments("measured")
     spans = ((-_BEFORE, end), (-_BEFORE, end), _ZOOM)
     for place, factor, limits in zip(places, (1e3, 1e6, 1e6), spans, strict=True):
@@ -154,12 +150,10 @@ def _row(places: Any, results: dict[str, xr.Dataset], origin: str) -> None:
     places[2].set(ylim=(1.3 * deepest, -0.6 * deepest))
 
 
-def _end_of_motion(model: xr.Dataset, first: float, recorded: float) -> float:
-    """Return until when to draw in ms: a little beyond rest, or what is recorded if that is less."""
-    rest = float(model["rest_time"]) if "rest_time" in model else np.nan
-    if not np.isfinite(rest):
-        return recorded
-    return min(recorded, _PAST_REST * (rest - first) * 1e3)
+def _rest(inputs: Inputs, name: str) -> float:
+    """Return how long after first contact [s] the last repeat came to rest; NaN where one ended before."""
+    seen = [inputs.result(name, "bounces", file) for file in inputs.experiments[name].laser]
+    return float(np.max([one["rest_time"] - one["first_contact_time"] for one in seen]))
 
 
 def _agreement(height: float, results: dict[str, xr.Dataset]) -> str:

@@ -37,6 +37,7 @@ from pipelines.rig.indentation_session import FREQUENCIES, write_indentations
 from pipelines.rig.indentations import Harmonic
 from pipelines.rig.plate import PLATE, PLATE_RIG
 from pipelines.rig.plate_session import plate_section, write_ringing_of
+from pipelines.rig.reference_drop import GRAVITY
 from pipelines.rig.relaxations import Relaxation
 from pipelines.rig.session_text import (
     dma_section,
@@ -57,8 +58,11 @@ HEATED = 39.0
 """degC; of the sphere that was heated, dropped from the highest height."""
 
 _THERMOMETER = 0.4  # K
-_REST, _REST_PER_ROOT_HEIGHT = 0.28, 5.4
-"""s and s/sqrt(m) after the third impact: acrylic is at rest."""
+_TIMES_OF_FALL = {"acrylic": 22.0, "nylon": 16.0, "peek": 56.0, "ptfe": 4.0}
+"""After so many a sphere is about at rest, from whatever height."""
+
+_AT_REST, _WHOLE = 0.2, 0.05
+"""s that are recorded of it then, and of which a record's length is a multiple."""
 
 _DROPS = "\n[[experiments.plate.drops]]"
 _ON_PLATE = 'plate_from = "plate"\n'
@@ -71,7 +75,8 @@ class Extent:
 
     ``heights`` are those of the drops that the laser and the camera under the disc see, on
     the plate too, ``front_height`` that of PTFE before the front camera. ``bursts`` says when the
-    camera under the disc records; without it, it records evenly.
+    camera under the disc records; without it, it records evenly. ``to_rest``: laser and camera
+    record a sphere until it rests, whatever the height, instead of as long as they say.
     """
 
     heights: tuple[float, ...]
@@ -87,6 +92,7 @@ class Extent:
     relaxation: Relaxation
     harmonic: Harmonic
     dma: Protocol
+    to_rest: bool
 
 
 THESIS = Extent(
@@ -103,6 +109,7 @@ THESIS = Extent(
     relaxation=Relaxation(),
     harmonic=Harmonic(frequencies=FREQUENCIES),
     dma=CAMPAIGN,
+    to_rest=True,
 )
 """Four materials, four heights, five repeats; films of about ten megabytes."""
 
@@ -118,7 +125,7 @@ SMALL = replace(
     rig=replace(THESIS.rig, sensor=replace(THESIS.rig.sensor, cycle=100e-6), duration=0.4),
     plate_rig=replace(PLATE_RIG, sensor=replace(PLATE_RIG.sensor, cycle=100e-6), duration=0.12),
     under=UnderCamera(rows=32),
-    bursts=Bursts(spacing=2e-4, before=0.1e-3, after=1.1e-3, slow=20e-3, frames_at_rest=6),
+    bursts=Bursts(spacing=2e-4, before=0.1e-3, after=1.1e-3, slow=20e-3, rest=0.4891411, frames_at_rest=6),
     front=FrontCamera(rows=52, columns=52, frame_rate=2000, duration=0.06),
     front_height=1.5e-3,
     relaxation=Relaxation(hold=12.0),
@@ -128,6 +135,7 @@ SMALL = replace(
         frequencies=tuple(np.geomspace(10.0, 0.1, 6).tolist()),
         ramp=tuple(np.arange(-40.0, 121.0, 8.0).tolist()),
     ),
+    to_rest=False,
 )
 """Every kind once or twice, coarse and short: two megabytes, every figure can be drawn."""
 
@@ -252,8 +260,8 @@ def _contact_film(folder: Path, height: float, temperature: float | None, extent
     if extent.bursts is None:
         times = np.arange(_FULL_FRAMES, dtype=np.float64) / _FULL_RATE
     else:
-        rest = _REST + _REST_PER_ROOT_HEIGHT * float(np.sqrt(height))
-        times = burst_times(body, extent.under.release, replace(extent.bursts, rest=rest))
+        bursts = replace(extent.bursts, rest=_until_rest("acrylic", height)) if extent.to_rest else extent.bursts
+        times = burst_times(body, extent.under.release, bursts)
     seed = 3700 + round(1e4 * height) + (0 if temperature is None else 1)
     film = write_under(folder, f"{name}_under", body, extent.under, times, seed)
     return under_section(film, name, height, extra=_ON_PLATE, source=from_dma("acrylic", temperature))
@@ -277,8 +285,17 @@ def _drops(
 ) -> str:
     """Record the repeats of one height by the laser."""
     solid = specimen_of(material, _true(temperature))
-    recordings = write_drops(folder, name, extent.rig, solid, height, extent.repeats, seed, start)
+    rig = extent.rig
+    if extent.to_rest:
+        duration = rig.release + _until_rest(material, height)
+        rig = replace(rig, duration=float(np.ceil(duration / _WHOLE) * _WHOLE))
+    recordings = write_drops(folder, name, rig, solid, height, extent.repeats, seed, start)
     return drop_section(name, recordings, height, material, _ON_PLATE, from_dma(material, temperature))
+
+
+def _until_rest(material: str, height: float) -> float:
+    """Return how long after its release [s] a sphere is surely at rest."""
+    return _TIMES_OF_FALL[material] * float(np.sqrt(2 * height / GRAVITY)) + _AT_REST
 
 
 def _true(temperature: float | None) -> float | None:

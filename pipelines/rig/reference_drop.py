@@ -38,6 +38,10 @@ CONTACT_STEP = 2e-6  # s; (ω Δt)²/24 is 1e-6 for a contact of 1 ms
 _COARSER = ((4e-3, 8e-6), (40e-3, 20e-6))  # steps [s] from so long [s] after a touch: it rests
 SPRINGS = 400
 _IMPACT = 20e-3  # s; longer than any impact, so its modulus bounds the contact from above
+_LATE, _LATE_STEPS, _SLOWEST = 0.5, 3.0, 3e-3
+"""After so long [s], when nothing is compared any more, steps are three times as long, and grow as slow contacts last
+(speed^-1/5, down to so many m/s): a restitution still errs by less than 1e-4."""
+_REACH, _FEWER = 2.0, 0.9  # times its depth that a later contact may have; share of springs that is worth it
 _PRESSED = 1e-15  # m, rounding of the displacement of a pressed spring
 FLIGHT_GROWTH = 1.15  # ratio of successive recovery steps in flight; recovery is smooth in log t
 
@@ -199,10 +203,15 @@ def _recover(u: Floats, history: History, begun: float, duration: float) -> None
         step *= FLIGHT_GROWTH
 
 
-def _contact_grid(duration: float) -> Floats:
+def _lengthened(now: float, speed: float, height: float) -> float:
+    """Return how much longer the steps of a contact are that begins now."""
+    return 1.0 if now <= _LATE else _LATE_STEPS * float(np.sqrt(2 * GRAVITY * height) / max(speed, _SLOWEST)) ** 0.2
+
+
+def _contact_grid(duration: float, longer: float) -> Floats:
     """Return the times of the steps of a contact [s], from 0 to its longest duration."""
     ends = [*(begin for begin, _ in _COARSER), np.inf]
-    steps = [CONTACT_STEP, *(step for _, step in _COARSER)]
+    steps = [longer * step for step in (CONTACT_STEP, *(step for _, step in _COARSER))]
     pieces: list[Floats] = [np.zeros(1)]
     begin = 0.0
     for step, end in zip(steps, ends, strict=True):
@@ -256,7 +265,8 @@ def reference_drop(
         message = "modulus, radius, mass, height and duration must be positive"
         raise InputError(message)
     floor = Floor() if floor is None else floor
-    width = _widest(solid, radius, mass, height, duration) / SPRINGS
+    gap_of_impact, gap_at_rest = _deepest(solid, radius, mass, height, duration)
+    width = float(np.sqrt(radius * max(gap_of_impact, gap_at_rest))) / SPRINGS
     position: Floats = np.asarray((np.arange(SPRINGS) + 0.5) * width, dtype=np.float64)
     gap: Floats = np.asarray(position**2 / radius, dtype=np.float64)
     weight = np.full(SPRINGS, 2 * width)
@@ -289,7 +299,7 @@ def reference_drop(
         z, v, x, w = pieces[-1][-1, 1], pieces[-1][-1, 2], floor_x[-1], floor_w[-1]
         if now >= duration:
             break
-        steps = _contact_grid(duration - now)
+        steps = _contact_grid(duration - now, _lengthened(now, abs(v), height))
         record = np.empty((steps.size - 1, 6))
         due = asked[asked >= now]
         before = np.searchsorted(steps, due - now, side="right") - 2
@@ -317,7 +327,8 @@ def reference_drop(
             states,
         )
         record = record[:n]
-        if u[-1] > 0.0:
+        edge = float(record[:, 3].max())
+        if edge >= gap[u.size - 1]:
             message = "the contact grew beyond the springs"
             raise RuntimeError(message)
         # Under a moving floor the touch is foretold a few steps early; without force it is none.
@@ -333,8 +344,10 @@ def reference_drop(
         now = float(times[-1])
         z, v, x, w = record[-1, 0], record[-1, 1], record[-1, 4], record[-1, 5]
         if left and is_touch:
-            liftoff.append(now)
-            outgoing.append(v)
+            liftoff.append(_lifted(times, record[:, 2]))
+            outgoing.append(v + GRAVITY * (now - liftoff[-1]))
+            if snapshots is None:
+                u, history = _within_reach(u, history, max(_REACH * edge, gap_at_rest), gap)
     table = np.concatenate(pieces)
     return Trajectory(
         time=table[:, 0],
@@ -351,13 +364,28 @@ def reference_drop(
     )
 
 
-def _widest(solid: Viscoelastic, radius: float, mass: float, height: float, duration: float) -> float:
-    """Bound the contact radius from above: Hertz with moduli that have relaxed longer than they can."""
+def _lifted(time: Floats, force: Floats) -> float:
+    """Return when the force ended: within the last step, where the power 2/3 of it runs into zero."""
+    last = int(np.flatnonzero(force > 0.0)[-1])
+    if last == 0 or force[last - 1] <= force[last]:
+        return float(time[-1])
+    before, after = force[last - 1 : last + 1] ** (2 / 3)
+    return float(min(time[last] + (time[last] - time[last - 1]) * after / (before - after), time[-1]))
+
+
+def _within_reach(u: Floats, history: History, reach: float, gap: Floats) -> tuple[Floats, History]:
+    """Forget springs that no later, slower impact reaches; they bear nothing, and would cost as much as those in it."""
+    count = int(np.searchsorted(gap, reach, side="right"))
+    return (u[:count].copy(), copy_of(history, count)) if count < _FEWER * u.size else (u, history)
+
+
+def _deepest(solid: Viscoelastic, radius: float, mass: float, height: float, duration: float) -> tuple[float, float]:
+    """Bound the depth of impact and rest from above: Hertz with moduli that have relaxed longer than they can."""
     of_impact, at_rest = solid.relaxation(np.array([_IMPACT, max(duration, _IMPACT)])) / (1 - solid.nu**2)
     root = np.sqrt(radius)
     impact = (15 * mass * GRAVITY * height / (8 * of_impact * root)) ** 0.4
     static = (0.75 * mass * GRAVITY / (at_rest * root)) ** (2 / 3)
-    return float(np.sqrt(radius * max(1.05 * impact + 0.5 * static, 1.5 * static)))
+    return float(1.05 * impact + 0.5 * static), float(1.5 * static)
 
 
 def _rows(times: NDArray[np.floating[Any]], record: Floats, radius: float, width: float) -> Floats:
