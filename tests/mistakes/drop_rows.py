@@ -10,7 +10,7 @@ from labpipe import files, materials
 from labpipe.arrays import Floats
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
-from pipelines.rig.samples import drop_section, laser_record, session_head
+from pipelines.rig.samples import STATED_FLOOR, drop_section, laser_record, session_head
 from tests.mistakes.recordings import ALL, HEAD, Edit, cells, header, setting, values
 from tests.mistakes.rows import Mistake
 
@@ -26,7 +26,7 @@ def write(folder: Path) -> Path:
     rig = DropRig(duration=0.12)
     names = write_drops(folder, "drop", rig, materials.load("acrylic"), 1.5e-3, 3, 11, START)
     files.write_text(folder / RECORD, laser_record())
-    text = session_head("Mistakes (synthetic)") + drop_section("drop", names, 1.5e-3, "acrylic")
+    text = session_head("Mistakes (synthetic)") + drop_section("drop", names, 1.5e-3, "acrylic", STATED_FLOOR)
     files.write_text(folder / "session.toml", text)
     return folder
 
@@ -333,7 +333,7 @@ ROWS = (
         17,
     ),
     Mistake("height 1.4 mm", setting('"1.5 ±', '"1.4 ±'), "impossible", ("drop height",), _TOML, 17),
-    Mistake("mass 505 kg", setting("505.0 ± 0.5 g", "505.0 ± 0.5 kg"), "impossible", ("mass", "505 g"), _TOML, 21),
+    Mistake("mass 505 kg", setting("505.0 ± 0.5 g", "505.0 ± 0.5 kg"), "impossible", ("mass", "505 g"), _TOML, 22),
     Mistake(
         "gravity with exchanged digits",
         setting(
@@ -353,7 +353,7 @@ ROWS = (
     Mistake(
         "radius in inch", setting('"9.525 ± 0.005 mm"', '"0.375 ± 0.0002 mm"'), "doubtful", ("sphere.radius",), _TOML
     ),
-    Mistake("mass 5.05 g", setting("505.0 ± 0.5 g", "5.05 ± 0.005 g"), "doubtful", ("mass", "505 g"), _TOML, 21),
+    Mistake("mass 5.05 g", setting("505.0 ± 0.5 g", "5.05 ± 0.005 g"), "doubtful", ("mass", "505 g"), _TOML, 22),
     Mistake("uncertainty 5 mm", setting("± 0.005 mm", "± 5 mm"), "doubtful", ("uncertainty",), _TOML, 17),
     # calibration
     Mistake("inclination 22 deg", setting('"12.00', '"22.00', RECORD), "impossible", ("inclination",), RECORD, 13),

@@ -9,7 +9,7 @@ from pathlib import Path
 from labpipe import files, materials
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
-from pipelines.rig.samples import drop_section, laser_record, session_head
+from pipelines.rig.samples import STATED_FLOOR, drop_section, laser_record, session_head
 from tests.mistakes.drop_rows import RECORD, START
 from tests.mistakes.recordings import Edit, header, setting
 
@@ -54,7 +54,7 @@ def write(folder: Path) -> Path:
     for number, (name, material, height) in enumerate((*drops, ("ptfe_low", "ptfe", 1.5e-3))):
         start = START + timedelta(minutes=20 * number)
         names = write_drops(folder, name, rig, materials.load(material), height, 1, 40 + number, start)
-        text += drop_section(name, names, height, material)
+        text += drop_section(name, names, height, material, STATED_FLOOR)
     files.write_text(folder / RECORD, laser_record())
     files.write_text(folder / TOML, text)
     return folder

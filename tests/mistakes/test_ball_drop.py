@@ -36,6 +36,11 @@ def test_clean_session_is_believed(clean: Path) -> None:
     assert found.checks > 40
 
 
+@pytest.mark.slow
+def test_a_clean_session_agrees_with_its_model(clean: Path) -> None:
+    assert judged(clean, "judgement").model == "agrees"
+
+
 @pytest.mark.parametrize("mistake", by_day(ROWS, 6))
 def test_mistake_is_noticed_and_named(clean: Path, tmp_path: Path, mistake: Mistake) -> None:
     hold(clean, tmp_path / "session", mistake, "bounces")
