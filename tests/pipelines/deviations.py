@@ -58,7 +58,7 @@ _HEIGHTS = (1.5e-3, 5e-3, 10e-3)
 _NU = re.compile(r'nu = "[\d.]+ ± ([\d.]+)"')
 
 
-def write_specimens(folder: Path, seed: int) -> None:
+def write_specimens(folder: Path, seed: int, *, drops_only: bool = False) -> None:
     """Write one session whose true values differ from the stated ones within their uncertainties."""
     random = np.random.default_rng(seed)
     polymer, height = POLYMERS[seed % 4], _HEIGHTS[seed % 3]
@@ -81,14 +81,16 @@ def write_specimens(folder: Path, seed: int) -> None:
             for i, (name, h) in enumerate(((polymer, 5e-3), ("ptfe", 10e-3)))
         ]
         text += plate_section(rung)
-    stated = StaticRig()
-    loads = replace(stated, radius=body["radius"], sensor=replace(stated.sensor, inclination=angle))
-    file = write_static(folder, "static", loads, specimen_of("ptfe", room), seed, START)
-    text += static_section("static", file, stated, "ptfe", from_dma("ptfe"))
-    text += _indentations(folder, room, seed, random)
-    if polymer != "ptfe":  # its contact is wider than the image
-        text += _film(folder, polymer, room, body, seed, random)
-    for number, material in enumerate(sorted({polymer, "ptfe", "nbr"})):
+    if not drops_only:
+        stated = StaticRig()
+        loads = replace(stated, radius=body["radius"], sensor=replace(stated.sensor, inclination=angle))
+        file = write_static(folder, "static", loads, specimen_of("ptfe", room), seed, START)
+        text += static_section("static", file, stated, "ptfe", from_dma("ptfe"))
+        text += _indentations(folder, room, seed, random)
+        if polymer != "ptfe":  # its contact is wider than the image
+            text += _film(folder, polymer, room, body, seed, random)
+    swept = {polymer} | ({"ptfe"} if on_plate or not drops_only else set()) | (set() if drops_only else {"nbr"})
+    for number, material in enumerate(sorted(swept)):
         name, solid = dma_name(material), SOLIDS[material]
         export = write_dma(folder, name, solid, SMALL.dma, 10 * seed + number)
         error = random.standard_normal()
