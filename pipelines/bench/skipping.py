@@ -39,6 +39,8 @@ _BUDGET = 10.0
 _STILL = 1e-4
 #: A spectrum as fine as a master curve may give: many terms (s) lie outside of any drop's times.
 _MANY_TERMS = np.geomspace(1e-12, 1e8, 80)
+#: Impacts of a drop by the collision law that are fitted, its damping (N s/m^1.5) and tolerance.
+_IMPACTS, _DAMPING, _LAW_RTOL = 4, 1500.0, 1e-7
 _WAVELENGTH, _PIXEL = 633e-9, 4.34e-6
 #: How fast the gap opens (m per length of the contact), and from where on no ring is seen.
 _CLIMB, _SMEARED = 1e-4, 2e-5
@@ -83,6 +85,7 @@ def run(quick: bool) -> Suite:
             _folded_terms("13 terms of acrylic", materials.load("acrylic")),
             _folded_terms("80 terms over 20 decades", _many_terms()),
             _memory(400 if quick else 1500),
+            _impacts_asked_for(0.2 if quick else 0.4),
             _imports(),
         ]
         points = [_measure(shortcut, 1 if quick else 5) for shortcut in shortcuts]
@@ -457,6 +460,29 @@ def _memory(steps: int) -> Shortcut:
         "1e-9 of the largest displacement",
         lambda found: float(len(found)),
         "steps",
+    )
+
+
+def _impacts_asked_for(duration: float) -> Shortcut:
+    """End a drop of the collision law behind the impacts that a fit asks for."""
+
+    def drop(impacts: int | None) -> xr.Dataset:
+        return contact.collision(
+            _SPHERE, _MASS, _HEIGHT, damping=_DAMPING, duration=duration, impacts=impacts, rtol=_LAW_RTOL
+        )
+
+    def difference(short: xr.Dataset, whole: xr.Dataset) -> float:
+        apart = short["restitution"].values - whole["restitution"].values[:_IMPACTS]
+        return float(np.abs(apart).max() / 1e-12)
+
+    return Shortcut(
+        "collision: impacts that nobody asked for",
+        lambda: drop(_IMPACTS),
+        lambda: drop(None),
+        difference,
+        "1e-12 of restitution",
+        lambda found: float(found["restitution"].size),
+        "impacts",
     )
 
 

@@ -25,6 +25,7 @@ def test_no_shortcut_of_the_simulator_changes_more_than_it_may() -> None:
         skipping._flights(0.15),
         skipping._springs_out_of_reach(0.06),
         skipping._rest(0.4),
+        skipping._impacts_asked_for(0.2),
     ):
         short, whole = shortcut.short(), shortcut.whole()
         assert 0.0 <= shortcut.difference(short, whole) < 1.0
