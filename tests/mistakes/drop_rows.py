@@ -151,6 +151,12 @@ def _shaken(x: Floats) -> Floats:
     return np.r_[x[:i], x[i:] + 0.05 * np.exp(-t / 0.03) * np.sin(2 * np.pi * 320 * t)]
 
 
+def _rubbing(x: Floats) -> Floats:
+    """Let the body fall with 0.86 g until it first touches."""
+    n, first = np.arange(x.size), int(np.argmax(x < x.min() + _DEEP))
+    return np.interp(np.where(n < first, first - 0.93 * (first - n), n), n, x)
+
+
 def _upside_down(x: Floats) -> Floats:
     return 2 * x[0] - x
 
@@ -423,6 +429,7 @@ ROWS = (
     Mistake("hum of 50 um", values(_hum(0.05)), "note", ("hum of 51",)),
     Mistake("spikes at the mains", values(_every(200, 0.12), FIRST), "note", ("come each 10.0 ms", "mains"), FIRST[0]),
     Mistake("readings at uneven times", values(_jittered, LAST), "doubtful", ("times of the readings",), LAST[0]),
+    Mistake("guide rubs in the first fall", values(_rubbing), "doubtful", ("guide that rubs",), FIRST[0]),
     Mistake("bench sinks", values(_sinking, LAST), "doubtful", ("the bench sank",), LAST[0]),
     Mistake("caught at the apex", values(_caught, LAST), "impossible", ("caught",), LAST[0]),
     Mistake(

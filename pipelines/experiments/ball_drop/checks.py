@@ -40,6 +40,14 @@ _OF_ANOTHER = (
 _HELD_BACK = (
     "what was taken for its flights is no free fall: the body was caught, held or guided, or another body was in view"
 )
+_OTHERWISE = {
+    "free-fall acceleration": "the body did not fly freely (a guide that rubs, a thread), or bench or sensor moved",
+    "height of the fall": "height in session.toml is not that of this drop, the body did not fall freely (a guide that "
+    "rubs, a thread), or bench or sensor moved with it",
+    fall_checks.SPEED: "the body was slowed or pushed while it fell: a guide that rubs, a thread, a hand; or bench or "
+    "sensor moved with it",
+}
+"""What is said of a fall that no factor of time, length or height explains."""
 _REPEATS = (
     ("drop_height", "height of the fall", "m"),
     ("restitution", "first restitution", "1"),
@@ -109,6 +117,11 @@ def judgement(
     checks += everything
     checks += fall_checks.repeats_alike([fall for fall, _ in records], _REPEATS, _OF_ANOTHER)
     checks.append(fall_checks.levels_alike([fall for fall, _ in records]))
+    told = {name for found in explain(checks, causes) for name in found.checks}
+    checks = [
+        replace(c, cause=_OTHERWISE.get(c.name, "")) if c.level and not c.cause and c.name not in told else c
+        for c in checks
+    ]
     if not records:
         checks.append(not_made("free-fall acceleration", "g", "a record of bounces"))
     compared = []

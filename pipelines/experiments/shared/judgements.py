@@ -665,6 +665,8 @@ def verdict_blocks(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> tuple
     blocks: list[Block] = [Notice(level, text)]  # type: ignore[arg-type]
     if len(judged.findings) > 1:
         blocks.append(Details(f"All {len(judged.findings)} findings", blocks=(_found(judged),)))
+    elif judged.findings and judged.findings[0].level == "note":  # the sentence tells no note
+        blocks.append(Details("What was noted", blocks=(_found(judged),)))
     if result.sizes["input"]:
         blocks.append(Paragraph(noticed(result)))
         blocks.append(Details("What this comparison could have noticed", blocks=(_noticed(result),)))
