@@ -138,6 +138,11 @@ def _identify(path: Path) -> Instrument:
             return plugin.found
     tried = ", ".join(each.name for each in known())
     hint = workbook_hint(head) or 'If you know what wrote it, say so: instrument="keyence" (or another of these).'
+    if path.is_dir():
+        hint = (
+            "A folder is read when it holds the PNG or TIFF images of a film. Raw frames name neither their size "
+            "nor their bits: have the camera's program export them as TIFF."
+        )
     if holds_rows(head):
         hint += (
             " Of a table of moduli, name the columns in order with their units: "

@@ -24,6 +24,9 @@ from labpipe.frames import ShownFrames
 _SUFFIXES = (".png", ".tif", ".tiff")
 _NUMBER = re.compile(r"-?\d+(?=\D*$)")
 _NEEDS_RATE = "Images hold no time: give the camera's frame rate, fps=10000 (in session.toml: frame_rate)."
+# Of a film that was cut off the decoders print, for every image, that its end is missing; we tell it once.
+cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,6 +282,19 @@ def _decode(place: _Place) -> NDArray[Any] | None:
     return None if image is None else np.asarray(image)
 
 
+#: Where an AVI holds the name of its main header, and its number of frames.
+_HEADER_AT, _FRAMES_AT = 24, 48
+
+
+def _declared_frames(path: Path) -> int:
+    """Read how many frames an AVI says it holds, 0 for what is none: a decoder counts those that it finds."""
+    with path.open("rb") as stream:
+        head = stream.read(_FRAMES_AT + 4)
+    if len(head) < _FRAMES_AT + 4 or head[:4] != b"RIFF" or head[_HEADER_AT : _HEADER_AT + 4] != b"avih":
+        return 0
+    return int.from_bytes(head[_FRAMES_AT:], "little")
+
+
 #: Frames at the end of a video whose last rows are compared, and rows.
 _COMPARED, _LAST_ROWS = 3, 4
 
@@ -303,7 +319,8 @@ class VideoFrames(ShownFrames):
             UserWarning,
             stacklevel=4,
         )
-        self._count, self._size, self._fps = self._countable(count), (rows, columns), fps
+        declared = max(count, _declared_frames(path))
+        self._count, self._size, self._fps = self._countable(declared), (rows, columns), fps
         self._exposure = exposure
         self._rows, self._columns = range(rows), range(columns)
         self._next = 0
@@ -317,7 +334,9 @@ class VideoFrames(ShownFrames):
         self._video.set(cv2.CAP_PROP_POS_FRAMES, 0)
         if count < declared:
             warnings.warn(
-                f"{self._path.name}: {declared} frames are declared, {count} can be read", UserWarning, stacklevel=5
+                f"{self._path.name}: {declared} frames are declared, {count} can be read: the copy may have broken off",
+                UserWarning,
+                stacklevel=5,
             )
         if not count:
             raise SourceError(self._path, "no frame of the video can be decoded")

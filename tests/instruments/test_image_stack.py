@@ -173,3 +173,7 @@ def test_a_video_that_breaks_off_within_its_last_frame(tmp_path: Path) -> None:
     with pytest.warns(UserWarning, match="6 frames are declared, 5 can be read"):
         found = instruments.read(path, fps=10_000.0)
     assert found.shape == (5, 120, 160)
+    # without the index at its end a decoder counts what it finds
+    path.write_bytes(whole[: whole.find(b"00dc", len(whole) // 2) + 99])
+    with pytest.warns(UserWarning, match="6 frames are declared, [23] can be read"):
+        instruments.read(path, fps=10_000.0)

@@ -58,6 +58,12 @@ def test_unknown_content_lists_what_was_tried(tmp_path):
         assert each.name in str(caught.value)
 
 
+def test_a_folder_of_raw_frames_says_what_to_export(tmp_path):
+    (tmp_path / "frame_0001.raw").write_bytes(bytes(96))
+    with pytest.raises(SourceError, match="export them as TIFF"):
+        instruments.read(tmp_path)
+
+
 def test_instrument_may_be_named(tmp_path):
     path = tmp_path / "bare.csv"
     path.write_text("1,+00.1234\n2,+00.1235\n3,+00.1236\n")
