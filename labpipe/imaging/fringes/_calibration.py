@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from labpipe.imaging.fringes._harmonics import find_blur_before_camera, find_harmonics, settle_harmonics
 from labpipe.imaging.fringes._lens_blur import BLUR_ROUNDS, LEAST_BLUR, find_blur, least_blur, settle_blur
 from labpipe.imaging.fringes._ring_fit import RingFit
-from labpipe.imaging.fringes._ring_parameters import HARMONICS, Parameter
+from labpipe.imaging.fringes._ring_parameters import AXES, HARMONICS, Parameter
 from labpipe.imaging.fringes._search import View
+from labpipe.imaging.fringes._second_colour import find_second_colour
 from labpipe.imaging.fringes._trials import (
     FACTOR,
+    HINT,
     MOST_FRAMES,
     SIGNIFICANT,
     VARIANCES,
@@ -28,18 +30,14 @@ from labpipe.imaging.fringes._trials import (
 )
 from labpipe.imaging.fringes._worn_flat import find_flat
 
-#: Variances in all from which a phase is hinted at.
-_HINT = 25.0
 #: Greatest logarithm of the phase scale that is believed: a factor of two.
 _MOST_SCALE = 0.7
 #: Relative change of the blur at which it is settled with all else free.
 _SETTLED_BLUR = 0.003
 #: Share of the squared misfit below which nothing else is looked for beside what leaves no more.
-_ALL_BUT = 0.01
+_ALL_BUT = 0.02
 #: Things that are found one after the other at most.
 _ROUNDS = 4
-
-_AXES = (Parameter.STRETCH, Parameter.SHEAR)
 
 
 def calibrate(
@@ -96,7 +94,7 @@ def calibrate(
         starts[:] = trial.fits
         made.clear()
 
-    plain_axes = _AXES if shape == "ellipse" else ()
+    plain_axes = AXES if shape == "ellipse" else ()
     result = Calibration(frames=chosen)
     best = attempt(plain_axes, result)
     if best is None:
@@ -139,9 +137,11 @@ def calibrate(
 
 def _with_hidden_phase(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, view: View) -> Calibration:
     """Count what a phase that the film hints at, but not beyond doubt, would make of the radius."""
-    trial = attempt((*axes, Parameter.PHASE), known)
     best = attempt(tuple(axes), known)  # with all that is known by now, or its gain would be the phase's
-    if trial is None or best is None or trial.gain_over(best) < _HINT:
+    if best is None or not best.may_gain((Parameter.PHASE,)):
+        return known
+    trial = attempt((*axes, Parameter.PHASE), known)
+    if trial is None or trial.gain_over(best) < HINT:
         return known
     phase, deviation = trial.mean(Parameter.PHASE)
     if abs(phase - view.optics.phase) <= SIGNIFICANT * deviation:
@@ -160,6 +160,7 @@ def _candidates(
         lambda: _find_optics(attempt, axes, known, best, Parameter.PHASE, view),
         lambda: _find_optics(attempt, axes, known, best, Parameter.SCALE, view),
         lambda: find_blur_before_camera(attempt, axes, known, best),
+        lambda: find_second_colour(attempt, axes, known, best),
         lambda: find_flat(attempt, axes, known, best),
     )
     for make in makers:
@@ -174,13 +175,13 @@ def _find_ellipse(attempt: Attempt, known: Calibration, best: Trial) -> tuple[Tr
     A view that is oblique, or scaled along one axis, changes the area that a contact of known fringes
     covers: then neither ellipse nor scale explains anything without the other.
     """
-    for extra in (_AXES, (*_AXES, Parameter.SCALE)):
-        oblique = attempt(extra, known)
+    for extra in (AXES, (*AXES, Parameter.SCALE)):
+        oblique = attempt(extra, known) if best.may_gain(extra) else None
         if oblique is None or oblique.gain_over(best) <= VARIANCES * len(best.fits):
             continue
         if oblique.rough_excess * FACTOR >= best.rough_excess:
             continue
-        (stretch, u_stretch), (shear, u_shear) = (oblique.mean(axis) for axis in _AXES)
+        (stretch, u_stretch), (shear, u_shear) = (oblique.mean(axis) for axis in AXES)
         if max(abs(stretch) / u_stretch, abs(shear) / u_shear) <= SIGNIFICANT:
             continue
         found = replace(known, ellipse=(stretch, shear))
@@ -221,7 +222,7 @@ def _refine(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, vie
         ((Parameter.PHASE,), known.phase_shift != 0.0),
         ((Parameter.SCALE,), known.log_scale != 0.0),
         (HARMONICS, known.harmonics != (0.0, 0.0)),
-        (_AXES, known.ellipse != (0.0, 0.0)),
+        (AXES, known.ellipse != (0.0, 0.0)),
     )
     free = [parameter for group, is_found in groups if is_found for parameter in group]
     if not known.blur or not free:
@@ -251,7 +252,7 @@ def _find_optics(
     attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, parameter: Parameter, view: View
 ) -> tuple[Trial, Calibration] | None:
     """Phase or scale that the film shows, when it explains the frames much better."""
-    trial = attempt((*axes, parameter), known)
+    trial = attempt((*axes, parameter), known) if best.may_gain((parameter,)) else None
     if trial is None or not trial.is_better_than(best):
         return None
     value, deviation = trial.mean(parameter)

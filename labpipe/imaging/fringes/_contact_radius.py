@@ -138,11 +138,11 @@ def contact_radius(
     The gap of a Hertz contact opens like (r - a)^(3/2), so that the image shows no edge at r = a.
     The radius follows from a fit of the interference pattern of the first fringes to all pixels
     of a ring, with centre, light and its slopes, visibility and the blur by the motion of the
-    radius as further unknowns. Phase, scale, blur of the lens, oblique view, harmonics of the
-    fringes (many beams, a camera that is not linear) and a flat worn into the sphere are found
-    once per film where they explain it beyond doubt. What a fit leaves that changes along the
-    rings is noise, also where pixels share it (speckle, stray fringes); what does not is an error
-    of the model and widens ``u_radius``.
+    radius as further unknowns. Phase, scale, blur of the lens (a bell, a disc, or between), oblique
+    view, harmonics of the fringes (many beams, a camera that is not linear), a second colour and a
+    flat worn into the sphere are found once per film where they explain it beyond doubt. What a fit
+    leaves that changes along the rings is noise, also where pixels share it (speckle, stray fringes);
+    what does not is an error of the model and widens ``u_radius``.
     Beside every contact that does not stick the gap opens with the power 3/2, with Hertz's factor
     unless the body still recovers from a dent: where Hertz's gap does not explain a frame, the
     factor is fitted too. A dark centre alone is no contact: a sphere that touches without load, or

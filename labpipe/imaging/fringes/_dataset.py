@@ -320,6 +320,16 @@ def _lost_told(result: FilmResult) -> str:
     )
 
 
+def _colour_told(options: FilmOptions, result: FilmResult) -> str:
+    """Tell of a second colour in the light; empty when there is none."""
+    ratio, share = result.view.optics.colour
+    if not share or options.wavelength is None:
+        return ""
+    return (
+        f"a second colour near {options.wavelength / ratio * 1e9:.0f} nm, {share:.0%} of the fringes, was allowed for"
+    )
+
+
 def _frames_by_edge(result: FilmResult) -> str:
     """Name the frames that fell back to the edge, with their verb."""
     frames = sorted(result.edges)
@@ -353,6 +363,7 @@ def _attributes(options: FilmOptions, result: FilmResult, uncertainties: dict[st
     elif result.edges:
         start = "fringes fitted" if result.fits else "no fringes fitted"
         note = f"{start}; {_frames_by_edge(result)} measured by the edge of the spot"
+    rows = _rows_told(result), _lost_told(result)
     return {
         "phase": phase if result.has_fringes else math.nan,
         "u_phase": result.calibration.u_phase_shift,
@@ -361,7 +372,7 @@ def _attributes(options: FilmOptions, result: FilmResult, uncertainties: dict[st
         "blur": result.calibration.blur,
         "harmonics": list(result.view.harmonics),
         "wavelength_used": options.wavelength or NOMINAL_WAVELENGTH,
-        "note": "; ".join(filter(None, (note, _rows_told(result), _lost_told(result), result.stuck.note))),
+        "note": "; ".join(filter(None, (note, _colour_told(options, result), *rows, result.stuck.note))),
         "uncertainties": json.dumps(uncertainties),
         "work": json.dumps(result.work),
     }

@@ -48,6 +48,8 @@ class Optics:
     by_camera : bool
         Whether harmonics arise in a camera that is not linear, behind the lens that blurs, and not between
         many beams before it.
+    colour : (float, float)
+        Wavenumber of a second colour over that of the first, and its share of the fringes.
     """
 
     phase_scale: float
@@ -56,6 +58,7 @@ class Optics:
     flat: float = 0.0
     disc: float = 0.0
     by_camera: bool = False
+    colour: tuple[float, float] = (1.0, 0.0)
 
 
 def make_optics(pixel_size: float, sphere_radius: float, wavelength: float, phase: float = math.pi) -> Optics:

@@ -56,6 +56,8 @@ class FitSettings:
     tells_memory : bool
         Tell noise with a memory from errors of the model; a fit of which only the residual counts
         needs it not.
+    asks : tuple of Parameter
+        What is not fitted but told of: how the radius depends on it, and what fitting it would gain.
     """
 
     fringes: float = 3.0
@@ -65,6 +67,7 @@ class FitSettings:
     max_iterations: int = 25
     tolerance: float = 2e-4
     tells_memory: bool = True
+    asks: tuple[Parameter, ...] = ASSUMED
 
 
 @dataclass(frozen=True)
@@ -103,6 +106,10 @@ class RingFit:
         Half the difference of the squares of the ring's limits, in which BOWL is told.
     spread : float [px]
         What is known from elsewhere about errors of the model, as a standard uncertainty.
+    asked : tuple of Parameter
+        What was not fitted but asked for.
+    slope, bend : arrays (asked,), (asked, asked)
+        How the squares fall, and how that changes, with what was asked for and all else following.
     """
 
     parameters: Floats
@@ -120,6 +127,18 @@ class RingFit:
     curvature: float
     slow: float | None = None
     spread: float = 0.0
+    asked: tuple[Parameter, ...] = ()
+    slope: Floats | None = None
+    bend: Floats | None = None
+
+    def expected_gain(self, parameters: tuple[Parameter, ...]) -> float:
+        """Return by how many variances the squares would fall, to first order, with these fitted as well."""
+        rows = [self.asked.index(p) for p in parameters if p in self.asked]
+        if self.slope is None or self.bend is None or not rows:
+            return 0.0
+        slope = self.slope[rows]
+        step = np.linalg.lstsq(self.bend[np.ix_(rows, rows)], slope)[0]
+        return float(slope @ step) / max(self.noise, 1e-6) ** 2
 
     def deviation(self, parameter: Parameter) -> float:
         """Return the standard uncertainty from noise; 0 for what was not fitted."""
@@ -165,7 +184,8 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
         What is fitted and how.
     """
     free = np.array(settings.free, np.int64)
-    reported = np.array([*settings.free, *(p for p in ASSUMED if p not in settings.free)], np.int64)
+    asked = tuple(p for p in settings.asks if p not in settings.free)
+    reported = np.array([*settings.free, *asked], np.int64)
     moves = np.isin(free, (Parameter.RADIUS, Parameter.X, Parameter.Y))
     best = start.astype(float).copy()
     damping, evaluations, is_settled, is_small = _DAMPING, 1, False, False
@@ -203,7 +223,7 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
         sums = ring_sums(ring, best, reported, optics, True)
         evaluations += 1
     curvature = 0.5 * (ring.outer**2 - ring.inner**2)
-    found = _result(best, sums, settings.free, is_settled, evaluations, curvature)
+    found = _result(best, sums, settings.free, asked, is_settled, evaluations, curvature)
     return _with_memory(found, ring, optics) if settings.tells_memory else found
 
 
@@ -263,7 +283,13 @@ def _solve(sums: Sums, damping: float) -> Floats | None:
 
 
 def _result(
-    parameters: Floats, sums: Sums, free: tuple[Parameter, ...], is_converged: bool, evaluations: int, curvature: float
+    parameters: Floats,
+    sums: Sums,
+    free: tuple[Parameter, ...],
+    asked: tuple[Parameter, ...],
+    is_converged: bool,
+    evaluations: int,
+    curvature: float,
 ) -> RingFit:
     """Covariance, residuals and sensitivities at the end of an iteration."""
     count = len(free)
@@ -276,10 +302,9 @@ def _result(
     covariance = inverse @ sums.weighted[:count, :count] @ inverse
     changes = inverse @ sums.normal[:count, count:]
     place = free.index(Parameter.RADIUS) if Parameter.RADIUS in free else None
-    assumed = [parameter for parameter in ASSUMED if parameter not in free]
     sensitivity = dict.fromkeys(ASSUMED, 0.0)
     if place is not None:
-        sensitivity |= {p: float(changes[place, k]) for k, p in enumerate(assumed)}
+        sensitivity |= {p: float(changes[place, k]) for k, p in enumerate(asked)}
     return RingFit(
         parameters,
         free,
@@ -294,6 +319,9 @@ def _result(
         inverse,
         noise,
         curvature,
+        asked=asked,
+        slope=sums.right[count:] - changes.T @ sums.right[:count],
+        bend=sums.normal[count:, count:] - sums.normal[count:, :count] @ changes,
     )
 
 

@@ -52,6 +52,8 @@ USUAL = (
     Parameter.BOWL,
     Parameter.SMEAR,
 )
+#: What makes circles elliptic.
+AXES = (Parameter.STRETCH, Parameter.SHEAR)
 #: Harmonics of the interference, and the higher powers of place in the light.
 HARMONICS = (Parameter.SECOND, Parameter.THIRD)
 LIGHT = tuple(p for p in Parameter if p.name.startswith("LIGHT_"))

@@ -47,9 +47,12 @@ def tabulate(ring: Ring, parameters: Floats, optics: Optics, *, is_rich: bool) -
     phase_scale = optics.phase_scale * math.exp(parameters[Parameter.SCALE]) / shrinkage(parameters)
     harmonics = tuple(float(parameters[p]) for p in HARMONICS)
     before = (0.0, 0.0) if optics.by_camera else harmonics
-    values = fill_table(
-        distance, radius, travel, nodes, weights, phase_scale, phase, kernel, *before, is_rich, optics.flat
-    )
+    flat, (ratio, share) = optics.flat, optics.colour
+    values = fill_table(distance, radius, travel, nodes, weights, phase_scale, phase, kernel, *before, is_rich, flat)
+    if share:
+        scale = ratio * phase_scale
+        other = fill_table(distance, radius, travel, nodes, weights, scale, phase, kernel, *before, is_rich, flat)
+        values += share * (other - values)
     if is_rich:
         values[0] += min(optics.blur**2 + float(parameters[Parameter.BLUR]), 0.0) * values[5]
     table = by_smear(RadialTable(start, values), parameters)

@@ -10,15 +10,19 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
-from labpipe.imaging.fringes._ring_parameters import HARMONICS, LIGHT, Parameter
+from labpipe.imaging.fringes._ring_parameters import ASSUMED, AXES, HARMONICS, LIGHT, Parameter
 from labpipe.imaging.fringes._search import View
 
+#: Variances in all from which something is hinted at.
+HINT = 25.0
 #: Frames that are used, the largest contacts first.
 MOST_FRAMES = 8
 #: A freed quantity is believed when it lowers the squared misfit by this factor, ...
 FACTOR = 2.0
 #: ... the sum of squares by this many variances per frame, ...
 VARIANCES = 30.0
+#: ... this many times as many where noise has a memory ...
+_BY_MEMORY = 20.0
 #: ... and differs from its assumed value by this many standard uncertainties.
 SIGNIFICANT = 5.0
 
@@ -41,6 +45,8 @@ class Calibration:
         Relative to the first.
     by_camera : bool
         Whether they arise behind the lens that blurs.
+    colour : (float, float)
+        Wavenumber of a second colour over that of the first, and its share of the fringes.
     flat : float [px]
         Radius of a flat worn into the sphere.
     has_uneven_light : bool
@@ -62,6 +68,7 @@ class Calibration:
     disc: float = 0.0
     harmonics: tuple[float, float] = (0.0, 0.0)
     by_camera: bool = False
+    colour: tuple[float, float] = (1.0, 0.0)
     flat: float = 0.0
     has_uneven_light: bool = False
     radii: tuple[float, ...] = ()
@@ -72,7 +79,7 @@ class Calibration:
     @property
     def is_usual(self) -> bool:
         """Whether all is as it was assumed."""
-        is_plain = (*self.ellipse, *self.harmonics) == (0.0, 0.0, 0.0, 0.0) and not self.has_uneven_light
+        is_plain = (*self.ellipse, *self.harmonics, self.colour[1]) == (0.0,) * 5 and not self.has_uneven_light
         return is_plain and (self.phase_shift, self.log_scale, self.blur, self.flat) == (0.0, 0.0, 0.0, 0.0)
 
     def with_shared(self, trial: "Trial", shifts: Floats | float) -> "Calibration":
@@ -96,6 +103,7 @@ class Calibration:
             blur=self.blur,
             disc=self.disc,
             by_camera=self.by_camera,
+            colour=self.colour,
             flat=self.flat,
         )
         settings = view.settings
@@ -174,10 +182,20 @@ class Trial:
             for a, b in zip(other.fits, self.fits, strict=True)
         )
 
+    def may_gain(self, parameters: tuple[Parameter, ...]) -> bool:
+        """Tell whether it is worth while to fit more: errors of the model are seen, or such a fit hints at."""
+        return self.is_doubtful or sum(fit.expected_gain(parameters) for fit in self.fits) > HINT
+
     def is_better_than(self, other: "Trial") -> bool:
-        """Tell whether the misfit is much lower, and not by chance."""
-        is_significant = self.gain_over(other) > VARIANCES * len(self.fits)
-        return is_significant and self.excess * FACTOR < other.excess
+        """Tell whether the misfit is much lower, and not by chance.
+
+        Noise with a memory hides how much of the residual is misfit: there the sum of squares must
+        fall by far more than such noise makes it fall.
+        """
+        gain, needed = self.gain_over(other), VARIANCES * len(self.fits)
+        is_hidden = any(fit.slow is not None for fit in (*self.fits, *other.fits))
+        is_much = self.excess * FACTOR < other.excess or (is_hidden and gain > _BY_MEMORY * needed)
+        return gain > needed and is_much
 
 
 class Attempt(Protocol):
@@ -194,7 +212,7 @@ def fit_frames(
 ) -> Trial | None:
     """Fit all frames with further parameters free; None when one of them fails."""
     free = tuple(dict.fromkeys(view.settings.free + extra))
-    settings = replace(view.settings, free=free)
+    settings = replace(view.settings, free=free, asks=(*ASSUMED, *AXES))
     fits = []
     for image, start in zip(images, starts, strict=True):
         parameters = start.parameters.copy()

@@ -1,6 +1,7 @@
 """Scenes of real microscopes: the error lies within the stated uncertainty, and that near the scatter."""
 
 import math
+import re
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -65,6 +66,23 @@ def test_wrong_wavelength_is_found_and_said(true: float, stated: float) -> None:
     assert found.attrs["phase_scale_ratio"] == pytest.approx(stated / true, rel=2e-3)
     assert len(said) == 1
     assert "check sphere_radius, wavelength and pixel_size" in said[0]
+
+
+@pytest.mark.parametrize(("second", "share"), by_day([(532e-9, 0.3), (590e-9, 0.3)], 1))
+def test_a_second_colour_in_the_light_is_found(second: float, share: float) -> None:
+    """Taken for one colour it was a wrong phase, and radii were off by 0.6 to 0.8 µm at u of 0.006 to 0.4 µm."""
+    one, other = (
+        film_of(replace(PLAIN, optics=OPTICS.change(wavelength=light)), hertz, RADII, CENTRE)
+        for light in (LIGHT, second)
+    )
+    noise = 3.0 * np.random.default_rng(3).standard_normal(one.shape)
+    film = np.clip(np.rint((1.0 - share) * one + share * other + noise), 0, 255).astype(np.uint8)
+    found, said = measure(film)
+    check(found, RADII, 0.02 * UM)
+    assert said == []
+    told = re.search(r"a second colour near (\d+) nm, (\d+)%", found.attrs["note"])
+    assert told is not None
+    assert [float(text) for text in told.groups()] == pytest.approx([second * 1e9, 100.0 * share], rel=0.05)
 
 
 def test_what_nothing_explains_is_not_tried_in_every_frame(monkeypatch: pytest.MonkeyPatch) -> None:

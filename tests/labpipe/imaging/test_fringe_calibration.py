@@ -30,6 +30,7 @@ def trial(misfit: float, count: int = 4, smear: float = 0.0) -> Trial:
         noise=1.0,
         between=1.0,
         curvature=1000.0,
+        slow=None,
         model_deviation=1.0,
         parameters=parameters,
         deviation=lambda _: 1.0,

@@ -1,0 +1,82 @@
+"""A second colour in the light, found where one wavelength does not explain a film's contacts."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import minimize
+
+from labpipe.arrays import Floats
+from labpipe.imaging.fringes._ring_parameters import Parameter
+from labpipe.imaging.fringes._trials import VARIANCES, Attempt, Calibration, Trial
+
+#: Wavenumbers of the second colour over the first that are tried, and its share of the fringes then.
+_RATIOS, _SHARE = (0.75, 0.8, 0.85, 0.9, 0.94, 1.06, 1.1, 1.15, 1.2, 1.25, 1.3, 1.4), 0.2
+#: Frames and pixels for that, and evaluations of the search from the best of them.
+_FRAMES, _PIXELS, _MOST_EVALUATIONS = 3, 8_000, 40
+#: Mean squared misfit from which it is looked for, and which it may leave: light of low coherence is like
+#: one colour beside another, but left five times as much as two real ones with much else wrong.
+_NOTABLE, _MOST_LEFT = 2e-5, 2e-4
+#: Steps of ratio and share by which what is left tells their uncertainty, and the most that is believed.
+_STEPS, _WIDE = (0.004, 0.01), (0.1, 0.1)
+#: Shares that are possible: the first colour is the one that is stated.
+_LEAST_SHARE, _MOST_SHARE = 0.01, 0.6
+
+
+def find_second_colour(
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial
+) -> tuple[Trial, Calibration] | None:
+    """Second colour that leaves least in all frames, when it explains them much better than one."""
+    if known.colour[1] or not best.is_doubtful or best.excess < _NOTABLE:
+        return None
+
+    def left(colour: Sequence[float]) -> float:
+        ratio, share = map(float, colour)
+        if not _LEAST_SHARE < share < _MOST_SHARE:
+            return math.inf
+        trial = attempt(axes, replace(known, colour=(ratio, share)), _FRAMES, _PIXELS)
+        return math.inf if trial is None else trial.left
+
+    one = attempt(axes, known, _FRAMES, _PIXELS)
+    start = min(_RATIOS, key=lambda ratio: left((ratio, _SHARE)))
+    if one is None or one.left - left((start, _SHARE)) < VARIANCES:
+        return None
+    corners = [(start, _SHARE), (start + 0.03, _SHARE), (start, _SHARE + 0.1)]
+    options = {"initial_simplex": corners, "maxfev": _MOST_EVALUATIONS, "xatol": 2e-3, "fatol": 5.0}
+    colour = minimize(left, corners[0], method="Nelder-Mead", options=options).x
+    settled = _settled(attempt, axes, known, colour)
+    if settled is not None:
+        settled = _settled(attempt, axes, known, np.array(settled[1].colour))
+    if settled is None or settled[0].excess > _MOST_LEFT or not settled[0].is_better_than(best):
+        return None
+    return settled
+
+
+def _settled(
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, colour: Floats
+) -> tuple[Trial, Calibration] | None:
+    """Minimum of what all pixels leave, by a paraboloid about a colour, and what its width makes of the radius."""
+    steps = np.diag(_STEPS)
+    places = [colour, *(colour + s for s in steps), *(colour - s for s in steps), colour + steps.sum(axis=0)]
+    trials = [attempt(axes, replace(known, colour=(float(r), float(s)))) for r, s in places]
+    made = [trial for trial in trials if trial is not None]
+    if len(made) < len(places):
+        return None
+    middle, right, up, before, below, both = (trial.left for trial in made)
+    cross = both - right - up + middle
+    bend = np.array([[right + before - 2.0 * middle, cross], [cross, up + below - 2.0 * middle]])
+    # in steps, with what is believed at most as a prior
+    half = 0.5 * bend + np.diag((np.array(_STEPS) / _WIDE) ** 2)
+    values, vectors = np.linalg.eigh(half)
+    covariance = (vectors / np.maximum(values, 1e-6)) @ vectors.T
+    slope = 0.25 * np.array([right - before, up - below])
+    move = np.clip(-covariance @ slope, -2.0, 2.0) * _STEPS
+    ratio, share = colour + move
+    found = replace(known, colour=(float(ratio), float(share)))
+    trial = attempt(axes, found)
+    if trial is None:
+        return None
+    changes = np.stack([0.5 * made[1].changes(made[3]), 0.5 * made[2].changes(made[4])])
+    scale = max(trial.left / trial.pixels, 1.0)
+    return trial, found.with_shared(trial, np.sqrt(scale * np.einsum("if,ij,jf->f", changes, covariance, changes)))
