@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from labpipe.imaging.fringes._lens_blur import find_blur
+from labpipe.imaging.fringes._lens_blur import LEAST_SHAPED, find_blur
 from labpipe.imaging.fringes._ring_parameters import HARMONICS, Parameter
 from labpipe.imaging.fringes._trials import VARIANCES, Attempt, Calibration, Trial, doubt
 
@@ -40,7 +40,7 @@ def find_blur_before_camera(
     if known.blur or known.harmonics != (0.0, 0.0):
         return None
     found = find_blur(attempt, (*axes, *HARMONICS), replace(known, by_camera=True), best)
-    if found is None:
+    if found is None or found[1].blur < LEAST_SHAPED:
         return None
     trial, both = with_harmonics(attempt, axes, found[1])
     without = attempt(axes, found[1])

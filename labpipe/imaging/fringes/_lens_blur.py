@@ -20,7 +20,7 @@ _GAINS, _EQUAL_MOTION = (0.3, 2.0), math.log(10.0)
 #: Standard deviations of a difference of blurs within which two frames see the same.
 _AT_REST = 3.0
 #: Blur (px) from which its shape shows: below, discs and Gaussians moved radii by a tenth of u.
-_LEAST_SHAPED = 0.7
+LEAST_SHAPED = 0.7
 #: Shares of a disc in the shape of the blur that are tried, and between which the likeliest is sought.
 _DISCS, _SHAPES, _SHAPE_ROUNDS, _SAME_SHAPE = (0.0, 0.7, 1.0), np.linspace(0.0, 1.0, 101), 3, 0.03
 
@@ -99,7 +99,7 @@ def least_blur(trial: Trial, blur: float) -> tuple[float, float, int]:
 def _blur_of_lens(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial) -> _Lens | None:
     """Fit the frames with a lens that blurs as much, and in the shape, as the frames show."""
     tried = [_size_of_blur(attempt, axes, known, best, disc=0.0)]
-    if tried[0] is None or tried[0].blur < _LEAST_SHAPED:
+    if tried[0] is None or tried[0].blur < LEAST_SHAPED:
         return tried[0]
     tried += [_size_of_blur(attempt, axes, known, best, disc) for disc in _DISCS[1:]]
     for _ in range(_SHAPE_ROUNDS):
