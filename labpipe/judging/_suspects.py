@@ -34,6 +34,7 @@ _LEFT = 0.1
 """Part of chi square that a slip may leave and still be told."""
 _CLOSE = 6.0
 """Twice the logarithm of a likelihood ratio within which two slips cannot be told apart."""
+_FARTHEST = log(1e9)  # of a factor; no unit that is written by mistake differs by more
 _VAGUE = 0.3
 """Relative uncertainty of the logarithm of a factor beyond which a slip cannot be told from others."""
 _STEPS = 4  # in which a factor, and by how much it is bent, settle
@@ -178,7 +179,7 @@ class Factor(NamedTuple):
 
 
 def best_factor(measured: ArrayLike, predicted: ArrayLike, powers: ArrayLike, covariance: ArrayLike) -> Factor | None:
-    """Return the factor of one input that explains most, however far it is; None where the rows do not tell it.
+    """Return the factor of one input that explains most; None where the rows do not tell it, or only an absurd one.
 
     Parameters
     ----------
@@ -202,5 +203,5 @@ def best_factor(measured: ArrayLike, predicted: ArrayLike, powers: ArrayLike, co
             return None
         size = float(p @ weight @ seen) / known
     left = seen - size * p
-    is_told = size**2 * known > _VAGUE**-2
+    is_told = size**2 * known > _VAGUE**-2 and abs(size) < _FARTHEST
     return Factor(exp(size), 1.0 - float(left @ weight @ left) / before) if is_told else None

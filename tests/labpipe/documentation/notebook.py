@@ -70,8 +70,10 @@ def shown(value: Any) -> dict[str, Any]:
 
 def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
-        made = execute(load(), Path(os.path.realpath(scratch)))
+        folder = Path(os.path.realpath(scratch))
+        made = execute(load(), folder)
     text = json.dumps(made, indent=1, ensure_ascii=False, sort_keys=True) + "\n"
+    text = text.replace(f"{folder.as_posix()}/", "")  # where it was executed is of this machine
     NOTEBOOK.write_text(text, "utf-8")
 
 

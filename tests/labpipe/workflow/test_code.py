@@ -300,9 +300,11 @@ def test_a_material_of_the_library_reaches_the_simulations(copy: Path, before: d
 
 
 def test_no_stage_reaches_the_tables_of_all_stages(before: dict[str, Identity]) -> None:
+    packages = ("labpipe", "instruments", "calibration", "pipelines")
+    whole = sum(1 for package in packages for _ in (ROOT / package).rglob("*.py"))
     for function, found in before.items():
         assert "pipelines.stages" not in found.modules, function
-        assert len(found.modules) < 100, function
+        assert len(found.modules) < whole / 5, function
 
 
 @pytest.mark.slow
