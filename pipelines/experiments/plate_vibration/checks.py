@@ -89,7 +89,8 @@ def judgement(
     names = [name for drops in settings.drops for name in drops.laser]
     of_traces = _of_traces(names, readings, displacement, settings)
     checks = [_explained(check, of_traces, settings.calibration) for check in judgements.failed_steps(context, _FAILED)]
-    checks += [*of_traces, *_statements(settings), fall_checks.gravity_stated(settings.model.gravity)]
+    statements = list(_statements(settings))
+    checks += [*of_traces, *statements, fall_checks.gravity_stated(settings.model.gravity)]
     found = {n: ring for n, ring in zip(names, ringing or (), strict=False) if ring is not None}
     moved = {n: each for n, each in zip(names, displacement or (), strict=False) if each is not None}
     checks += trace_checks.of_record(next(iter(moved.values()), None), settings.calibration)
@@ -102,7 +103,9 @@ def judgement(
         falls = [Fall(name, found[name], 0.0) for name in drops.laser if name in found]
         checks += fall_checks.repeats_alike(falls, _ALIKE, "this recording is of another height or another body")
     checks += _of_plate(plate, settings)
-    checks += _with_interval(list(_flights(found, model, moved, settings)), names, readings, settings)
+    flights = list(_flights(found, model, moved, settings))
+    timed = _with_interval(flights, names, readings, settings)
+    checks += timed
     checks += _blows(comparison, model, settings)
     checks += _momenta(table, plate, settings)
     checks.append(_grows_with_height(table, settings))
@@ -116,10 +119,11 @@ def judgement(
     if comparison is not None and table is not None and plate is not None:
         compared_rows = list(rows(comparison, table, plate, settings=settings))
     # of a body that cannot be, no blow tells which height is wrong
-    is_body = not any(c.setting == "sphere.mass" and c.level for c in checks)
+    is_body = not any(c.setting == "sphere.mass" and c.level for c in statements)
     causes = list(_causes(table, plate, settings)) if is_body else []
     swings = [c for c in of_traces if c.name == trace_checks.SWING]
-    checks = _by_disturbance(checks, [*swings, *free, *alike])
+    if timed is flights:  # in a wrong time the second blow seems to come too soon or too late
+        checks = _by_disturbance(checks, [*swings, *free, *alike])
     if not explain(checks, causes):
         checks = [replace(c, cause=_STATED) if c.law == _ONE_MASS and c.level and not c.cause else c for c in checks]
     return judgements.judgement(Scene(checks, causes, compared_rows, inputs, shared, basis))

@@ -70,7 +70,7 @@ _MODULUS = "modulus"
 _TELLS = 0.8  # of a difference, that another modulus must explain to be told as a factor
 _MOSTLY = 0.5  # of a difference, that an input must explain where it alone is told
 _OF_NAME = "the specimen is of another material or grade than stated, whose modulus is known by its name alone"
-_OF_ANOTHER = "the specimen is not of the material of {}"
+_OF_ANOTHER = "the specimen is of another material than that of {}"
 _TIED = "\N{NO-BREAK SPACE}"  # a number stays with its unit
 _LEAST_OWN = 0.05
 """Least part of a difference's uncertainty that is its own, not shared with other rows."""
