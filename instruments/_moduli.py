@@ -124,6 +124,19 @@ def with_moduli(columns: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
     return columns, said
 
 
+def are_confirmed(columns: Mapping[str, Any]) -> bool:
+    """Tell whether columns give the moduli more than once, and alike in every row: then each is the one it is named.
+
+    Columns that are named wrongly, shifted by one for instance, do not agree by chance over a whole table.
+    """
+    made = [_made(columns, needed, way) for needed, way in _WAYS if _has(columns, needed)]
+    return len(made) > 1 and all(
+        bool((np.abs(np.log(np.abs(one / other))) < _MODULUS_ROUNDED).all())
+        for moduli in made[1:]
+        for one, other in zip(moduli, made[0], strict=True)
+    )
+
+
 def _omega(columns: Mapping[str, Any]) -> Floats | None:
     if "angular_frequency" in columns:
         return _values(columns["angular_frequency"])

@@ -174,12 +174,30 @@ def _end_cleanly() -> None:
             signal.signal(getattr(signal, name), stop)
 
 
+def _warn_plainly(is_silent: bool) -> None:
+    """Show warnings as sentences, each once; the line of code that raised one is of no use to who reads files."""
+    import warnings
+
+    told: set[str] = set()
+
+    def show(message: Warning | str, *_: object, **__: object) -> None:
+        text = printable(str(message))
+        if not is_silent and text not in told:
+            told.add(text)
+            click.echo(f"warning: {text}", err=True)
+
+    warnings.showwarning = show
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and leave with its exit code."""
-    if arguments is None:
-        _end_cleanly()
+    is_program = arguments is None
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     debug, wants_json = "--debug" in arguments, "--json" in arguments
+    if is_program:
+        _end_cleanly()
+        if not debug:
+            _warn_plainly(is_silent="--quiet" in arguments)
     # These are welcome anywhere in the line; click knows them only before the command.
     anywhere = ("--debug", "--quiet")
     arguments = [a for a in anywhere if a in arguments] + [a for a in arguments if a not in anywhere]

@@ -180,12 +180,13 @@ def _unique(path: Path, block: Block, pairs: Sequence[Pair]) -> list[Pair]:
 
 
 def _is_the_same(one: Pair, other: Pair) -> bool:
-    """Tell two columns with the same readings, be they in units of their own: Hz and rad/s, MPa and Pa."""
+    """Tell two columns with the same readings, be they in units of their own, Hz and rad/s, or of fewer digits."""
     if np.array_equal(one[1], other[1], equal_nan=True):
         return True
-    ratio = np.nanmedian(other[1] / np.where(one[1] == 0, np.nan, one[1]))
-    is_own = one[0].unit != other[0].unit
-    return is_own and bool(np.allclose(other[1], ratio * one[1], rtol=_ROUNDED, equal_nan=True))
+    ratio = 1.0
+    if one[0].unit != other[0].unit:
+        ratio = float(np.nanmedian(other[1] / np.where(one[1] == 0, np.nan, one[1])))
+    return bool(np.allclose(other[1], ratio * one[1], rtol=_ROUNDED, equal_nan=True))
 
 
 def example(block: Block, *, is_once: bool = False) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments import anton_paar
-from instruments._moduli import missing, with_moduli
+from instruments._moduli import are_confirmed, missing, with_moduli
 from instruments._symbols import FREQUENCIES
 from instruments.anton_paar import Column
 from instruments.tables import _layout, _words
@@ -83,6 +83,7 @@ class Table:
         name_the_temperature(path, block)
         _leave_out_statistics(path, block)
         _number_sets(block)
+        unnamed = _end_without_numbers(block)
         short = _short_rows(path, block)
         values = _values(path, block, signs)
         values[short] = np.nan
@@ -90,7 +91,10 @@ class Table:
         _fill_merged(block, values)
         parts = list(parted(path, block, values))
         self.is_whole = np.tile(~short, len(parts))
-        self.columns = _joined([_converted(path, block, part) for part in parts])
+        converted = [] if missing(block.names()) else [_converted(path, block, part) for part in parts]
+        if unnamed:
+            _check_order(path, block, unnamed, converted[0] if converted else {})
+        self.columns = _joined(converted)
         self._leave_out_marks(path)
 
     def _leave_out_marks(self, path: Path) -> None:
@@ -137,6 +141,35 @@ def _number_sets(block: Block) -> None:
                 row[k] = number[name]
 
 
+def _end_without_numbers(block: Block) -> list[Heading]:
+    """Take the last headings off where rows between blanks hold fewer numbers, and return them.
+
+    An empty column leaves no trace between blanks, so it may have been any: :func:`_check_order` decides.
+    """
+    count = max(block.widths)
+    width = max((k + 1 for k, heading in enumerate(block.headings) if heading.text), default=0)
+    if block.separator != _layout.BLANKS or min(block.widths) < count or width <= count:
+        return []
+    unnamed = block.headings[count:width]
+    del block.headings[count:]
+    return unnamed
+
+
+def _check_order(path: Path, block: Block, unnamed: list[Heading], columns: dict[str, Column]) -> None:
+    """Refuse columns that were counted from the left, unless what is given twice agrees."""
+    count = len(block.headings)
+    message = f"the headings name {count + len(unnamed)} columns, the rows hold {count} numbers between blanks"
+    if not are_confirmed(columns):
+        block.headings += unnamed
+        hint = f'Name the columns in order: columns="{example(block)}", without those that hold no numbers.'
+        raise SourceError(path, message, line=block.line, hint=hint)
+    warnings.warn(
+        f"{path}:{block.line}: {message}; {', '.join(heading.text for heading in unnamed)} at the end are taken as "
+        "empty, for the moduli agree with what else is given of them",
+        stacklevel=4,
+    )
+
+
 def _short_rows(path: Path, block: Block) -> NDArray[np.bool_]:
     """Find rows that lost cells, in a table whose other rows are whole.
 
@@ -145,10 +178,6 @@ def _short_rows(path: Path, block: Block) -> NDArray[np.bool_]:
     """
     width = max((k + 1 for k, heading in enumerate(block.headings) if heading.text), default=0)
     is_short = np.array(block.widths) < width
-    if is_short.all() and block.separator == _layout.BLANKS:
-        message = f"the headings name {width} columns, the rows hold {max(block.widths)} numbers between blanks"
-        hint = f'Name the columns in order: columns="{example(block)}", without those that hold no numbers.'
-        raise SourceError(path, message, line=block.line, hint=hint)
     if is_short.all() and len(set(block.widths)) <= 1:
         return np.zeros(len(block.rows), dtype=bool)
     short = [number for (number, _), is_one in zip(block.rows, is_short, strict=True) if is_one]

@@ -332,6 +332,21 @@ def test_a_file_of_reptate_gives_its_temperature(tmp_path):
     np.testing.assert_allclose(read(tmp_path, without_units).loss_modulus, LOSS[rows], rtol=1e-9)
 
 
+def test_columns_that_are_empty_to_the_end_of_every_row(tmp_path):
+    rows = T == 40
+    phase = np.round(np.degrees(np.arctan2(LOSS, STORAGE)), 2)[rows]
+    head = "T=40;\nFreq\tG'\tG\"\tPhaseAngle\tTorque\ttan_delta\tStress\nrad/s\tPa\tPa\t°\tN-m\t-\tPa"
+    given = (OMEGA[rows], STORAGE[rows], LOSS[rows])
+    with pytest.warns(UserWarning, match="tan_delta, Stress at the end are taken as empty"):
+        found = read(tmp_path, table(head, *given, phase, F[rows], sep="    "))
+    np.testing.assert_allclose(found.loss_modulus, LOSS[rows], rtol=1e-9)
+    refused = pytest.raises(SourceError, match="the headings name 7 columns, the rows hold 5 numbers between blanks")
+    with pytest.warns(UserWarning, match="one of them is wrong"), refused:
+        read(tmp_path, table(head, *given, phase + 3, F[rows], sep="    "))
+    with pytest.raises(SourceError, match="the rows hold 2 numbers between blanks"):
+        read(tmp_path, table(head, *given[:2], sep="    "))
+
+
 def trios(points="Number of points\t4"):
     """Write a file as TRIOS does: many steps, some of them no sweep."""
     head = (

@@ -42,6 +42,18 @@ def test_quiet_prints_errors_alone(capsys: pytest.CaptureFixture[str], small_ses
     assert json.loads(run(capsys, "--quiet", "plan", str(small_session), "--json")[1])["rows"]
 
 
+def test_a_warning_is_a_sentence_told_once(tmp_path: Path) -> None:
+    text = "f (Hz)\tE' (mPa)\tE'' (mPa)\tT (°C)\n1\t900\t45\t20\n10\t950\t40\t20\n"
+    (tmp_path / "sweep.csv").write_text(text, "utf-8")
+    command = [sys.executable, "-m", "labpipe", "init", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    told = done.stderr.splitlines()
+    assert {line.split(":")[0] for line in told} == {"warning"}
+    assert len(told) == len(set(told)) == 2
+    quiet = subprocess.run([*command, "--force", "--quiet"], capture_output=True, text=True, check=True)
+    assert quiet.stderr == ""
+
+
 @pytest.mark.parametrize("name", sorted(COMMANDS))
 def test_every_command_has_help_with_an_example(capsys: pytest.CaptureFixture[str], name: str) -> None:
     code, out, _ = run(capsys, name, "--help")
