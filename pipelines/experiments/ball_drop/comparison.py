@@ -9,6 +9,7 @@ import xarray as xr
 from labpipe import signals
 from labpipe.variables import variable
 from pipelines.experiments.ball_drop.measured import NOISE
+from pipelines.experiments.ball_drop.model import FOLLOWED
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, row
 
@@ -31,7 +32,7 @@ def comparison(repeats: xr.Dataset, model: xr.Dataset, *, settings: BallDrop) ->
 
 
 def _bounces_compared(repeats: xr.Dataset, model: xr.Dataset, first: float) -> xr.Dataset:
-    count = min(repeats.sizes["impact"], model.sizes["impact"])
+    count = min(repeats.sizes["impact"], model.sizes["impact"], FOLLOWED)
     pairs = {
         "restitution": (repeats["restitution"], model["restitution"], model["u_restitution"], 0.0),
         "touch_time": (repeats["touch_time"], model["impact_time"], model["u_impact_time"], first),

@@ -22,6 +22,7 @@ from labpipe.workflow.context import Context
 from pipelines.experiments.ball_drop._charts import motion
 from pipelines.experiments.ball_drop.budget import quantities
 from pipelines.experiments.ball_drop.comparison import rows as compared_rows
+from pipelines.experiments.ball_drop.model import FOLLOWED
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import budget_blocks, pages
 
@@ -179,8 +180,8 @@ def _against_model(comparison: xr.Dataset) -> Table:
         pages.column(comparison, "touch_time_difference", "measured − model"),
     )
     caption = (
-        "Comparison with the model. The uncertainty of a difference includes that of the model "
-        "from height, radius and mass, but not that of the material."
+        f"Comparison with the model, of the first {FOLLOWED} impacts at most. The uncertainty of a difference "
+        "includes that of the model from its inputs, as in the summary."
     )
     return listed(columns, caption)
 
