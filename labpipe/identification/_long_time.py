@@ -47,11 +47,11 @@ class LongTimeModulus:
     u_ln_modulus : float
         Standard deviation of its logarithm.
     fall, most_fall : float
-        By which it fell in the decade before, over ``modulus``, and the upper end of its interval.
+        Share of the modulus that the decade of time before ``end`` took, and the upper end of its interval.
     low, high : float [Pa]
         Ends of the interval; ``low`` is 0 where there is no plateau.
     left : float [Pa]
-        The least that is left after thirty years if the modulus goes on falling as at the end.
+        The least that is left after thirty years if every further decade takes as many pascals.
     verdict : str
     """
 
@@ -82,14 +82,15 @@ def long_time_modulus(known: Posterior, level: float = 0.95) -> LongTimeModulus:
     end = max(each.model.window[1] for each in known.fit.problem.evidence)
     reach = float(ndtri(0.5 + 0.5 * level))
     (modulus, u), (fall, u_fall) = _at_the_end(known, end)
-    high, most = modulus * exp(reach * u), fall * exp(reach * u_fall) / modulus
+    high, taken = modulus * exp(reach * u), fall * exp(reach * u_fall) / modulus
+    fell, most = fall / (modulus + fall), taken / (1.0 + taken)
     decades = max(log10(HORIZON / end), 0.0)
-    left = max(modulus * (exp(-reach * u) - decades * most), 0.0)
+    left = max(modulus * (exp(-reach * u) - decades * taken), 0.0)
     if reach * u > _KNOWN:
-        return LongTimeModulus(end, modulus, u, fall / modulus, most, 0.0, float("inf"), 0.0, "not identifiable")
-    is_flat = decades * most <= PLATEAU
+        return LongTimeModulus(end, modulus, u, fell, most, 0.0, float("inf"), 0.0, "not identifiable")
+    is_flat = decades * taken <= PLATEAU
     verdict: Verdict = "identified" if is_flat else "bounded from above"
-    return LongTimeModulus(end, modulus, u, fall / modulus, most, left if is_flat else 0.0, high, left, verdict)
+    return LongTimeModulus(end, modulus, u, fell, most, left if is_flat else 0.0, high, left, verdict)
 
 
 def _at_the_end(known: Posterior, end: float) -> list[tuple[float, float]]:

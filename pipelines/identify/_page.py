@@ -92,20 +92,18 @@ def relaxed_text(found: Identified) -> str:
             f"of, is not known to within a factor of two"
         )
     fall, most = (_percent(share) for share in (said.fall, said.most_fall))
-    falls = f"{fall} per decade of time" + (f" (at most {most})" if most != fall else "")
+    fell = fall + (f" (at most {most})" if most != fall else "")
     if said.verdict == "identified":
         return (
-            f"E_relaxed is {_shown(said.low, 'Pa')} to {high} (95 %): at {end} there is a plateau, on which "
-            f"the modulus falls by {falls}; the lower end is what is left if it falls like that for thirty years"
+            f"E_relaxed is {_shown(said.low, 'Pa')} to {high} (95 %): at {end} there is a plateau, for the decade of "
+            f"time before it took {fell} of the modulus; the lower end is what is left if every further decade takes "
+            "as much, for thirty years"
         )
-    left = (
-        f"if it goes on at this rate, {_shown(said.left, 'Pa')} is left after thirty years"
-        if said.left > 0.0
-        else "if it goes on at this rate, nothing is left within thirty years"
-    )
+    left = f"{_shown(said.left, 'Pa')} is" if said.left > 0.0 else "nothing is"
     return (
-        f"E_relaxed is bounded from above only: it is below {high} (95 %). There is no plateau: at {end}, the longest "
-        f"time of which these experiments tell, the modulus still falls by {falls}; {left}"
+        f"E_relaxed is bounded from above only: it is below {high} (95 %). There is no plateau: the decade of time up "
+        f"to {end}, the longest of which these experiments tell, took {fell} of the modulus; if every further decade "
+        f"takes as much, {left} left after thirty years"
     )
 
 
