@@ -193,7 +193,12 @@ def read(path: Path) -> xr.Dataset:
             _check_sizes(path, handle)
             if is_ours:
                 return _as_written(handle)
-        return _load(path)
+        with xr.open_dataset(path, engine="netcdf4", decode_times=False, mask_and_scale=False, cache=False) as opened:
+            dataset = opened.load()
+        for name, variable in dataset.variables.items():
+            if variable.dtype.kind == "O":  # older releases of xarray return text as objects
+                dataset[name] = variable.astype(str)
+        return dataset.drop_encoding()
     except StoreError:
         raise
     except Exception as error:
@@ -229,15 +234,6 @@ def _as_written(handle: netCDF4.Dataset) -> xr.Dataset:
 
 def _given(holder: Any) -> dict[str, Any]:
     return {name: holder.getncattr(name) for name in holder.ncattrs()}
-
-
-def _load(path: Path) -> xr.Dataset:
-    with xr.open_dataset(path, engine="netcdf4", decode_times=False, mask_and_scale=False, cache=False) as opened:
-        dataset = opened.load()
-    for name, variable in dataset.variables.items():
-        if variable.dtype.kind == "O":  # older releases of xarray return text as objects
-            dataset[name] = variable.astype(str)
-    return dataset.drop_encoding()
 
 
 def _check_sizes(path: Path, handle: netCDF4.Dataset) -> None:

@@ -158,9 +158,10 @@ def _dataset(path: Path, export: Export, how: dict[str, str], decimal: str | Non
     signs = signs_of(export.intervals, decimal, path)
     findings = Findings(notes=list(export.notes))
     intervals = [interpret(raw, signs, path, findings) for raw in export.intervals if raw.units]
+    first = export.header[0] if export.header else ""
     attrs: dict[str, Any] = {
         "source": path.name,
-        "project": _project(export),
+        "project": first.partition("\t")[2],
         "header": "\n".join(export.header),
         "decimal": signs.decimal,
         **how,
@@ -183,8 +184,3 @@ def _dataset(path: Path, export: Export, how: dict[str, str], decimal: str | Non
     for note in findings.notes:
         warnings.warn(f"{path}: {note}", stacklevel=3)
     return dataset
-
-
-def _project(export: Export) -> str:
-    first = export.header[0] if export.header else ""
-    return first.partition("\t")[2]

@@ -87,16 +87,12 @@ def signs_of(intervals: Iterable[RawInterval], decimal: str | None, path: Path) 
             cells += [_evident(c) for i in wanted if isinstance(c := row.cells[i], str)]
     if decimal is not None:
         other = "." if decimal == "," else ","
-        has_other = any(other in c and _is_numeric(c) for c in cells)
+        has_other = any(other in c and c.strip("+-").replace(",", "").replace(".", "").isdigit() for c in cells)
         return Separators(decimal, other if has_other else "")
     try:
         return separators(cells)
     except InputError as error:
         raise SourceError(path, str(error)) from None
-
-
-def _is_numeric(cell: str) -> bool:
-    return cell.strip("+-").replace(",", "").replace(".", "").isdigit()
 
 
 def _evident(cell: str) -> str:

@@ -71,7 +71,7 @@ def encode(
     style = _Style(delimiter, decimal, language, digits)
     labels = LANGUAGES[language]
     lines = [_joined([labels[0], str(dataset.attrs.get("project", ""))], style), ""]
-    numbers = _restarts(dataset)
+    numbers = [(e["test"], e["result"]) for e in json.loads(dataset.attrs["tests"])]
     for index, interval in enumerate(intervals_of(dataset)):
         if index == 0 or numbers[index][0] != numbers[index - 1][0]:
             lines += [_joined([labels[1], interval.test], style), ""]
@@ -80,10 +80,6 @@ def encode(
         lines += [*_table(interval, style), ""]
     text = "\r\n".join(lines[:-1]) + "\r\n"
     return b"\xff\xfe" + text.encode("utf-16-le") if encoding == "utf-16" else text.encode(encoding)
-
-
-def _restarts(dataset: xr.Dataset) -> list[tuple[int, int]]:
-    return [(e["test"], e["result"]) for e in json.loads(dataset.attrs["tests"])]
 
 
 def _joined(cells: Sequence[str], style: _Style) -> str:

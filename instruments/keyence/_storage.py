@@ -184,7 +184,8 @@ def _complete_rows(
         if not line.strip():
             blank += 1
             continue
-        if _begins_footer(line, is_apart=blank > 0):
+        # what stands below the rows begins: the word END, or words after an empty line
+        if _END.fullmatch(line.strip(' "\t;,')) is not None or (blank > 0 and _LETTER.match(line) is not None):
             _refuse_rows_below(source, stream, number)
             return
         if blank:
@@ -207,11 +208,6 @@ def _complete_rows(
 
 _END = re.compile(r"\[?/?(?:end|eof)(?: of (?:file|data))?\]?", re.IGNORECASE)
 _LETTER = re.compile(r"\"?[^\W\d_]")
-
-
-def _begins_footer(line: str, *, is_apart: bool) -> bool:
-    """Tell whether what stands below the rows begins: the word END, or words after an empty line."""
-    return _END.fullmatch(line.strip(' "\t;,')) is not None or (is_apart and _LETTER.match(line) is not None)
 
 
 def _refuse_rows_below(source: TextFile, stream: Iterator[str], number: int) -> None:

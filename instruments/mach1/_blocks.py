@@ -193,20 +193,16 @@ def _read_info(cursor: Cursor, options: Options) -> tuple[str, ...]:
             return tuple(lines)
         if tag_of(cursor.line) or pair_of(cursor.line) is None:
             raise cursor.error(f"found {shorten(cursor.line)}, expected 'Key:', a tab and a value, or <END INFO>")
-        _check_info(cursor, cursor.line, options)
+        # a header number that is none would be passed over later without a word
+        key, text = pair_of(cursor.line) or ("", "")
+        number = plain_number(text, Separators(options.decimal, ""))
+        if key in _INFO_NUMBERS and number is None:
+            column = cursor.line.find("\t") + 2
+            raise not_a_number(text, path=cursor.source.path, line_number=cursor.number, column=column)
         lines.append(cursor.line)
         cursor.advance()
     cursor.advance()
     return tuple(lines)
-
-
-def _check_info(cursor: Cursor, line: str, options: Options) -> None:
-    """Refuse a header number that is none: it would be passed over later without a word."""
-    key, text = pair_of(line) or ("", "")
-    number = plain_number(text, Separators(options.decimal, ""))
-    if key in _INFO_NUMBERS and number is None:
-        column = line.find("\t") + 2
-        raise not_a_number(text, path=cursor.source.path, line_number=cursor.number, column=column)
 
 
 def _read_block(cursor: Cursor, function: str, info_lines: tuple[str, ...], options: Options) -> Block:
@@ -251,10 +247,6 @@ def _parameter(cursor: Cursor, key: str, text: str, options: Options) -> Paramet
     except InputError:
         known = None
     return Parameter(key, text, value, known if value is not None else None)
-
-
-def _first_clause(error: InputError) -> str:
-    return str(error).partition(";")[0]
 
 
 def _read_data(cursor: Cursor, block: Block, options: Options) -> Block:
@@ -327,7 +319,7 @@ def _column(cursor: Cursor, cell: str, position: int) -> Column:
     try:
         known = unit(unit_text)
     except InputError as error:
-        raise cursor.error(_first_clause(error), column=position + len(quantity) + 2, hint=_UNITS_MET) from None
+        raise cursor.error(str(error).partition(";")[0], column=position + len(quantity) + 2, hint=_UNITS_MET) from None
     met = _met_units(quantity)
     if met is not None and unit_text not in met:
         raise cursor.error(

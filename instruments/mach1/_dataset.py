@@ -191,6 +191,7 @@ def _header_text(block: Block) -> str:
 def _describe(block: Block, decimal: str) -> dict[str, Any]:
     """Put everything that a block says of itself into plain JSON types."""
     info = dict(block.info)
+    keys = ("Name", "Type", "Calibration Factor", "Offset", "Calibration Date")
     return {
         "function": block.function,
         "start": start_of(block),
@@ -218,7 +219,7 @@ def _describe(block: Block, decimal: str) -> dict[str, Any]:
         "rows": len(block.values),
         "dividers": block.dividers,
         "sampling_interval": None if math.isnan(_interval(block)) else _interval(block),
-        "load_cell": _load_cell(info),
+        "load_cell": {key.lower().replace(" ", "_"): info.get(f"Load Cell {key}") for key in keys},
         "filter": _filter(info, decimal),
         "images_folder": info.get("Captured Images Folder"),
         "compression_sign": _compression_sign(block),
@@ -230,11 +231,6 @@ def _describe(block: Block, decimal: str) -> dict[str, Any]:
 def _si_or_none(parameter: Parameter) -> float | None:
     value = _si_value(parameter)
     return None if math.isnan(value) else value
-
-
-def _load_cell(info: Mapping[str, str]) -> dict[str, str | None]:
-    keys = ("Name", "Type", "Calibration Factor", "Offset", "Calibration Date")
-    return {key.lower().replace(" ", "_"): info.get(f"Load Cell {key}") for key in keys}
 
 
 def _filter(info: Mapping[str, str], decimal: str) -> dict[str, float | int] | None:

@@ -173,7 +173,7 @@ def _power_ticks(low: float, high: float, most: int) -> list[Tick]:
     first, last = math.log10(low), math.log10(high)
     powers = range(math.ceil(first - 1e-9), math.floor(last + 1e-9) + 1)
     every = -(-len(powers) // most) or 1
-    found = [Tick(10.0**n, _power(n)) for n in powers if n % every == 0]
+    found = [Tick(10.0**n, f"{10.0**n:.6g}" if -3 <= n <= 3 else power_of_ten(n)) for n in powers if n % every == 0]
     if last - first > _DECADES_WITH_SMALL:
         return found
     is_named = last - first < 2
@@ -183,7 +183,3 @@ def _power_ticks(low: float, high: float, most: int) -> list[Tick]:
                 text = f"{digit * 10.0**n:g}" if -3 <= n <= 3 else f"{digit}·{power_of_ten(n)}"
                 found.append(Tick(digit * 10.0**n, text if is_named and digit in (2, 5) else "", is_small=True))
     return found
-
-
-def _power(exponent: int) -> str:
-    return f"{10.0**exponent:.6g}" if -3 <= exponent <= 3 else power_of_ten(exponent)

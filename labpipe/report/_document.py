@@ -89,7 +89,7 @@ class Document:
             Pictures and texts alone are larger than that.
         """
         charts = tuple(_charts(block for section in self.sections for block in section.blocks))
-        parts = _still_parts(charts)
+        parts = [_ChartPart(chart, f"chart-{place}") for place, chart in enumerate(charts, start=1)]
         whole, room = self, max_bytes - len(self._html(parts).encode())
         least = len(parts) * _MIN_CHART_BYTES
         if room < least:
@@ -157,10 +157,6 @@ class _ChartPart:
             alt=f"{chart.title}: {chart.y_label} against {chart.x_label}; {names}",
             island=self.island,
         )
-
-
-def _still_parts(charts: Sequence[LineChart | ScatterChart]) -> list[_ChartPart]:
-    return [_ChartPart(chart, f"chart-{place}") for place, chart in enumerate(charts, start=1)]
 
 
 def _charts(blocks: Iterable[Any]) -> Iterator[LineChart | ScatterChart]:

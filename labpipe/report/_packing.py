@@ -82,7 +82,7 @@ class ThinnedChart:
 
 def wanted_bytes(chart: LineChart | ScatterChart) -> int:
     """Return the bytes that a chart takes in the page when no sample is left out."""
-    words = sum(_n(s) * len(_curves(s)) for s in chart.series)
+    words = sum(int(np.asarray(s.x).size) * len(_curves(s)) for s in chart.series)
     axes = [np.asarray(series.x, dtype=np.float64) for series in chart.series]
     # Positions take two words where they are not uniform; every common axis is stored once.
     words += sum(2 * axes[members[0]].size for members in _shared_axes(axes))
@@ -186,10 +186,6 @@ def _is_marked(chart: LineChart | ScatterChart, series: Series | Band) -> bool:
         return False
     alike = [s for s in lines if s.role == series.role]
     return series in lines and series.role not in {None, "repeat"} and len(alike) > 1
-
-
-def _n(series: Series | Band) -> int:
-    return int(np.asarray(series.x).size)
 
 
 def _curves(series: Series | Band) -> "tuple[Floats, ...]":

@@ -77,7 +77,9 @@ def static_picture(thinned: ThinnedChart) -> bytes:
     bytes
         A whole SVG file; the same chart gives the same bytes.
     """
-    thinned = _without_hovered(thinned)
+    # without what shows only where somebody points
+    kept = tuple(d for d in thinned.series if not getattr(d.source, "on_hover", False))
+    thinned = replace(thinned, series=kept)
     chart, views = thinned.chart, _panels(thinned)
     shape = chart.height_px / _SCREEN_WIDTH_PX * (1 + (_SMALL_PANEL_SHARE if views else 0))
     paper = _Paper(_PICTURE_WIDTH, _PICTURE_WIDTH * shape)
@@ -174,12 +176,6 @@ def _whole(points: float) -> int:
 def _stroke(colour: str, width: float, dash: Sequence[float] = ()) -> str:
     dashes = f' stroke-dasharray="{" ".join(str(_whole(length)) for length in dash)}"' if dash else ""
     return f'fill="none" stroke="{colour}" stroke-width="{_whole(width)}" stroke-linejoin="round"{dashes}'
-
-
-def _without_hovered(thinned: ThinnedChart) -> ThinnedChart:
-    """Leave out what shows only where somebody points."""
-    kept = tuple(d for d in thinned.series if not getattr(d.source, "on_hover", False))
-    return replace(thinned, series=kept)
 
 
 def _panels(thinned: ThinnedChart) -> list[tuple[str, float, float]]:
@@ -405,11 +401,7 @@ def _line(across: "Floats", down: "Floats") -> str:
     steps = np.diff(places, axis=0)
     steps = steps[steps.any(axis=1)]
     begin = f"M{places[0, 0]} {places[0, 1]}"
-    return begin + ("l" + _numbers(steps.ravel().tolist()) if steps.size else "h0")
-
-
-def _numbers(values: Sequence[int]) -> str:
-    return " ".join(map(str, values)).replace(" -", "-")
+    return begin + ("l" + " ".join(map(str, steps.ravel().tolist())).replace(" -", "-") if steps.size else "h0")
 
 
 def _error_bars(across: "Floats", low: "Floats", high: "Floats") -> str:

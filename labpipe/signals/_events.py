@@ -233,7 +233,10 @@ class _Motion(NamedTuple):
 def _followed(time: Floats, values: Floats, sigma: float, hum: Hum | None) -> _Motion:
     """Follow a record and find its turns."""
     fit = smooth(time, values, sigma)
-    direction = _direction(fit, time)
+    # +1 when upwards is positive: contact forces are far larger than gravity, and push up
+    acceleration, u = evaluate(fit, time, 2)
+    excess = np.sign(acceleration) * np.maximum(np.abs(acceleration) - SURE * u, 0.0)
+    direction = 1 if float(np.sum(excess**3)) >= 0.0 else -1
     speed, u_speed = evaluate(fit, time, 1)
     level, u_level = evaluate(fit, time, 0)
     share = (u_level / fit.sigma) ** 2
@@ -296,13 +299,6 @@ def phases(events: xr.Dataset, time: xr.DataArray) -> xr.DataArray:
     index = np.searchsorted(edges, np.asarray(time.values, float), side="right").astype(np.int8)
     attributes = described("1", "phase", flag_values=list(range(len(PHASES))), flag_meanings=" ".join(PHASES))
     return xr.DataArray(index, {"time": time}, dims="time", name="phase", attrs=attributes)
-
-
-def _direction(fit: Smooth, time: Floats) -> int:
-    """+1 when upwards is positive: contact forces are far larger than gravity, and push up."""
-    acceleration, u = evaluate(fit, time, 2)
-    excess = np.sign(acceleration) * np.maximum(np.abs(acceleration) - SURE * u, 0.0)
-    return 1 if float(np.sum(excess**3)) >= 0.0 else -1
 
 
 def _fitted(

@@ -89,13 +89,9 @@ def summarise(work: Iterable[tuple[str, str, Mapping[str, float | int]]]) -> tup
         for name, done in found.items():
             if name.endswith(_TOTAL):
                 continue
-            total = _total_of(name, found)
+            # the total that a count is a part of: the longest one whose name it begins with
+            bases = [n.removesuffix(_TOTAL) for n in found if n.endswith(_TOTAL)]
+            fitting = [base for base in bases if name == base or name.startswith(base + "_")]
+            total = found[max(fitting, key=len) + _TOTAL] if fitting else None
             rows.append(LedgerRow(experiment, stage, name, done, None if total is None else total - done))
     return tuple(rows)
-
-
-def _total_of(name: str, found: Mapping[str, float | int]) -> float | int | None:
-    """Find the total that a count is a part of: the longest one whose name it begins with."""
-    bases = [n.removesuffix(_TOTAL) for n in found if n.endswith(_TOTAL)]
-    fitting = [base for base in bases if name == base or name.startswith(base + "_")]
-    return found[max(fitting, key=len) + _TOTAL] if fitting else None

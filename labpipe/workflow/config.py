@@ -227,7 +227,7 @@ class Checker:
             return _BAD
         of = arguments if is_fixed else (arguments[0],) * len(value)
         items = [self.value(t, v, (*place, i), partial) for i, (t, v) in enumerate(zip(of, value, strict=True))]
-        if _is_file(of[0] if of else None):
+        if mark(split(of[0] if of else None)[1], FileMark) is not None:
             self._refuse_repeated(value, place)
         if any(item is _BAD for item in items):
             return _BAD
@@ -293,7 +293,9 @@ class Checker:
             self.report(place, str(error))
             return _BAD
         if not place_on_disk.exists() and not self.may_wait:
-            near = suggest(value, _names_below(self.root))
+            # files that a user may have meant; labpipe's own folder is not among them
+            names = (f.relative_to(self.root).as_posix() for f in files_below(self.root))
+            near = suggest(value, [name for name in names if not name.startswith("labpipe/")])
             advice = near or "; copy it there, or correct the name"
             if place_on_disk.with_name(f"{place_on_disk.name}.recording").is_file():
                 advice = (
@@ -341,13 +343,3 @@ def _gaps_of_file(path: Path, name: str) -> list[str]:
 
 _BOUNDS = {"str of length >= 1": "a text that is not empty"}
 """Words for the bounds that msgspec names by its own types."""
-
-
-def _is_file(kind: Any) -> bool:
-    return mark(split(kind)[1], FileMark) is not None
-
-
-def _names_below(root: Path) -> list[str]:
-    """Names of the files a user may have meant; labpipe's own folder is not among them."""
-    names = (f.relative_to(root).as_posix() for f in files_below(root))
-    return [name for name in names if not name.startswith("labpipe/")]

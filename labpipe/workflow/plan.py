@@ -302,7 +302,11 @@ def _changes(store: Store, task: Task, key: Key, *, is_waiting: bool) -> list[st
     if not changes and [i["input"] for i in old["inputs"]] != [i["input"] for i in new["inputs"]]:
         changes.append("the stage takes other inputs")
     if not changes and not is_waiting:
-        changes += _upstream_changes(old["inputs"], new["inputs"])
+        changes += [
+            f"upstream {after['input']} changed"
+            for before, after in zip(old["inputs"], new["inputs"], strict=True)
+            if before.get("keys") != after.get("keys")
+        ]
     return changes
 
 
@@ -326,14 +330,6 @@ def _parameter_changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[s
         f"parameter {name} changed {_shown(old.get(name))} -> {_shown(new.get(name))}"
         for name in names
         if files.canonical(old.get(name)) != files.canonical(new.get(name))
-    ]
-
-
-def _upstream_changes(old: list[Any], new: list[Any]) -> list[str]:
-    return [
-        f"upstream {after['input']} changed"
-        for before, after in zip(old, new, strict=True)
-        if before.get("keys") != after.get("keys")
     ]
 
 

@@ -77,13 +77,9 @@ def of_task(
         "key": key.value,
         "parameters": key.ingredients["parameters"],
         "full": key.ingredients.get("full", False),
-        "stages": {_stage(keys[name], key): _code(keys[name]) for name in behind},
+        "stages": {_stage(keys[name], key): key_of(keys[name].ingredients.get("code", {}))[:16] for name in behind},
         "inputs": raw_files(keys[name] for name in behind),
     }
-
-
-def _code(key: Key) -> str:
-    return key_of(key.ingredients.get("code", {}))[:16]
 
 
 def _stage(key: Key, of: Key) -> str:

@@ -44,6 +44,7 @@ def _tell(**event: Any) -> None:
 
 
 def _processed(folder: Path) -> int:
+    from labpipe.workflow.engines import processors
     from pipelines.app._outlook import shortened
     from pipelines.experiments import JUDGEMENT
     from pipelines.session import process, verdict_on
@@ -61,7 +62,7 @@ def _processed(folder: Path) -> int:
         if event.task.stage == JUDGEMENT and event.kind in ("done", "cached", "kept"):
             _tell(**_judged(verdict_on(folder, event.task.experiment)))
 
-    outcome = process(folder, jobs=_jobs(), progress=progress)
+    outcome = process(folder, jobs=max(1, min(processors(), 4)), progress=progress)
     for name in dict.fromkeys(failed.experiment for failed in outcome.failures):
         _tell(**_judged(verdict_on(folder, name)))
     for name, lines in outcome.session.waiting.items():
@@ -84,12 +85,6 @@ def _watched(folder: Path) -> int:
             if news.state == "processed":
                 _tell(**_judged(verdict_on(folder, news.experiment)))
         time.sleep(_SECONDS)
-
-
-def _jobs() -> int:
-    from labpipe.workflow.engines import processors
-
-    return max(1, min(processors(), 4))
 
 
 if __name__ == "__main__":

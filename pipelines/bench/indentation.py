@@ -169,7 +169,8 @@ def _measured(calls: Calls, error: Callable[[Any], float], repeats: int, default
 
 def _tapping(quick: bool, solid: _Solid) -> Suite:
     calls: dict[str, tuple[str, Call]] = {}
-    material = _material(solid)
+    share = np.full(solid.terms, (1 / 2e9 - 1 / solid.unrelaxed) / solid.terms)
+    material = Prony.from_creep(2e9, share, np.logspace(*solid.tau, solid.terms), nu=0.35)
     for n in (20, 100) if quick else (20, 40, 100, 200, 400):
         calls[f"{n} steps a cycle"] = OURS, partial(_tap, material, n, None)
     for rtol in (1e-5,) if quick else (1e-3, 1e-5):
@@ -185,11 +186,6 @@ def _tapping(quick: bool, solid: _Solid) -> Suite:
         points,
         notes=[speed_up(points)],
     )
-
-
-def _material(solid: _Solid) -> Prony:
-    share = np.full(solid.terms, (1 / 2e9 - 1 / solid.unrelaxed) / solid.terms)
-    return Prony.from_creep(2e9, share, np.logspace(*solid.tau, solid.terms), nu=0.35)
 
 
 def _history(per_cycle: int) -> tuple[Floats, Floats]:

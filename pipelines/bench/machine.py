@@ -24,10 +24,11 @@ def facts() -> dict[str, Any]:
     True
     """
     about = program()
+    kilobytes = _first(_MEMORY_FACTS, r"^MemTotal:\s*(\d+) kB$")
     return {
         "processor": _first(_CPU_FACTS, r"^model name\s*:\s*(.+)$") or platform.machine(),
         "cores": processors(),
-        "memory_bytes": _memory(),
+        "memory_bytes": int(kilobytes) * 1024 if kilobytes else None,
         "system": platform.system(),
         "architecture": platform.machine(),
         "python": about["python"],
@@ -36,11 +37,6 @@ def facts() -> dict[str, Any]:
         "libraries": about["libraries"],
         "threads": {name: os.environ[name] for name in _THREADS if name in os.environ},
     }
-
-
-def _memory() -> int | None:
-    kilobytes = _first(_MEMORY_FACTS, r"^MemTotal:\s*(\d+) kB$")
-    return int(kilobytes) * 1024 if kilobytes else None
 
 
 def _first(path: Path, pattern: str) -> str | None:

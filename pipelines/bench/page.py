@@ -141,15 +141,11 @@ def _blocks(result: PartResult) -> tuple[Block, ...]:
         blocks.extend(Notice("info", note) for note in suite.notes)
         if (one := _traced_alone(suite)) is not None:
             blocks.append(Paragraph(f"Peak memory of {one.setting}: {number(_mebibytes(one.peak_bytes), 3)} MiB."))
-    blocks.append(Paragraph(_duration(result)))
-    return tuple(blocks)
-
-
-def _duration(result: PartResult) -> str:
     text = f"Measured in {number(result.seconds, 3)} s"
     if math.isfinite(result.processor_seconds):
         text += f", {number(result.processor_seconds, 3)} s of processor time"
-    return text + "."
+    blocks.append(Paragraph(text + "."))
+    return tuple(blocks)
 
 
 def table(suite: Suite) -> Table:

@@ -11,12 +11,11 @@ import numpy as np
 import xarray as xr
 
 from labpipe import contact, files, imaging, materials, signals
-from labpipe.arrays import Floats
 from labpipe.materials import Prony
 from pipelines import process as verbs
 from pipelines.bench.dic import make_film
 from pipelines.bench.laser_truth import record
-from pipelines.bench.measure import Point, Suite, Timing, paired, peak_bytes
+from pipelines.bench.measure import Point, Suite, paired, peak_bytes
 from pipelines.rig.session_text import drop_section, laser_record, session_head
 
 _SPHERE, _MASS, _HEIGHT = 9.525e-3, 0.505, 1.5e-3
@@ -62,7 +61,8 @@ def _measure(growth: Growth, quick: bool) -> tuple[Suite, Point]:
     timings = paired(calls, rounds, budget=budget)
     # Traced runs take several times as long, and the slope leaves the smallest size out.
     memory = [peak_bytes(call) for call in list(calls.values())[1:]]
-    best = [_quickest(timings[str(size)]) for size in growth.sizes]
+    # the shortest run: what disturbs a run only ever lengthens it
+    best = [min(timings[str(size)].samples) for size in growth.sizes]
     points = [
         Point(f"{size}", float(size), seconds, cold_seconds=timings[str(size)].cold_seconds, peak_bytes=used)
         for size, seconds, used in zip(growth.sizes, best, [None, *memory], strict=True)
@@ -87,11 +87,6 @@ def _measure(growth: Growth, quick: bool) -> tuple[Suite, Point]:
         f"scaling-{growth.name.replace(' ', '-')}", f"{growth.name}: size against run time", growth.size_label, points
     )
     return suite, summary
-
-
-def _quickest(timing: Timing) -> float:
-    """Return the shortest run: what disturbs a run only ever lengthens it."""
-    return min(timing.samples)
 
 
 def exponents(sizes: Sequence[int], samples: Sequence[Sequence[float]]) -> list[float]:
@@ -142,7 +137,8 @@ def _film_length(count: int) -> Callable[[], object]:
     film, _ = make_film(160, 11, 2.0)
     # there and back again, so that the pattern stays in the image however long the film is
     turns = np.concatenate([np.arange(11), np.arange(9, 0, -1)])
-    points = _grid(160, 28.0)
+    axis = np.arange(26.0, 160 - 26.0, 28.0)
+    points = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     long = film[np.resize(turns, count)]
     return lambda: imaging.track(long, points)
 
@@ -161,11 +157,6 @@ def _subsets(count: int) -> Callable[[], object]:
     side = np.linspace(26.0, 165.0, math.ceil(math.sqrt(count)))
     points = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)[:count]
     return lambda: imaging.track(film, points)
-
-
-def _grid(size: int, spacing: float) -> Floats:
-    axis = np.arange(26.0, size - 26.0, spacing)
-    return np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
 
 
 def _repeated(samples: int) -> xr.DataArray:

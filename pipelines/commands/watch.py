@@ -3,14 +3,10 @@
 import time
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from pipelines.commands.options import echo, echo_json, json_option
-
-if TYPE_CHECKING:
-    from labpipe.workflow.watch import News
 
 
 @click.command()
@@ -42,7 +38,8 @@ def watch(session: Path, every: float, looks: int, until_done: bool, jobs: int, 
             for news in watcher.look():
                 failed |= news.state == "failed"
                 if not as_json:
-                    _say(news)
+                    clock = datetime.now().astimezone().strftime("%H:%M:%S")
+                    echo(f"{clock}  {news.experiment or 'session'}: {news.state}: {news.text}")
             if until_done and watcher.is_done:
                 break
             time.sleep(every)
@@ -51,8 +48,3 @@ def watch(session: Path, every: float, looks: int, until_done: bool, jobs: int, 
             states = watcher.states.items()
             echo_json({"experiments": {n: {"state": s, "text": t} for n, (s, t) in states}})
     click.get_current_context().exit(1 if failed else 0)
-
-
-def _say(news: "News") -> None:
-    clock = datetime.now().astimezone().strftime("%H:%M:%S")
-    echo(f"{clock}  {news.experiment or 'session'}: {news.state}: {news.text}")

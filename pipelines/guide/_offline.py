@@ -10,7 +10,6 @@ import re
 from pathlib import Path
 
 from markdown_it import MarkdownIt
-from markdown_it.token import Token
 
 from pipelines.guide import _gallery, _reference
 from pipelines.guide._texts import GUIDES, PARTS
@@ -48,7 +47,11 @@ def pages() -> dict[str, str]:
     made = {}
     for name, text in texts.items():
         tokens = parser.parse(_linked(text, set(texts)))
-        _name_headings(tokens)
+        # headings get the names that links to them use
+        for token, inline in itertools.pairwise(tokens):
+            if token.type == "heading_open":
+                words = re.sub(r"[^\w\- ]", "", inline.content.lower())
+                token.attrSet("id", words.replace(" ", "-"))
         shown = parser.renderer.render(tokens, parser.options, {})
         made[name] = _PAGE.format(title=html.escape(titles[name]), contents=_contents(titles, name), text=shown)
     return made
@@ -86,11 +89,3 @@ def _linked(text: str, names: set[str]) -> str:
         return f"[{words}]({name}.html{'#' + anchor if anchor else ''})" if name in names else words
 
     return re.sub(r"(?<!!)\[([^\]]+)\]\((?!https?:|#)([^)\s]+)\)", link, text)
-
-
-def _name_headings(tokens: list[Token]) -> None:
-    """Give headings the names that links to them use."""
-    for token, inline in itertools.pairwise(tokens):
-        if token.type == "heading_open":
-            words = re.sub(r"[^\w\- ]", "", inline.content.lower())
-            token.attrSet("id", words.replace(" ", "-"))

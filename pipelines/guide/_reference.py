@@ -38,7 +38,13 @@ def write(source: Path) -> None:
     """Write the three references into the folder of the site's sources."""
     files.write_text(source / "settings.md", settings())
     files.write_text(source / "commands.md", commands())
-    files.write_text(source / "python.rst", _python(source))
+    (source / "python").mkdir()
+    lines = ["Python", "======", "", "Shapes, units, errors raised and sources, as ``help`` shows them.", ""]
+    lines += [".. toctree::", "   :maxdepth: 1", "", *(f"   python/{face}" for face in FACES), ""]
+    known: set[Any] = set()
+    for face in FACES:
+        files.write_text(source / "python" / f"{face}.rst", _package(face, known))
+    files.write_text(source / "python.rst", "\n".join(lines))
 
 
 # --- session.toml ---
@@ -97,12 +103,8 @@ def _default(field: Any) -> str:
 
 
 def _prose(table: type[msgspec.Struct]) -> str:
-    return _plain(inspect.getdoc(table) or "")
-
-
-def _plain(text: str) -> str:
-    """Turn the marks of a docstring into those of Markdown."""
-    return re.sub(r"``(.+?)``", r"`\1`", re.sub(r":\w+:`~?([^`]+)`", r"`\1`", text))
+    # the marks of a docstring become those of Markdown
+    return re.sub(r"``(.+?)``", r"`\1`", re.sub(r":\w+:`~?([^`]+)`", r"`\1`", inspect.getdoc(table) or ""))
 
 
 # --- commands ---
@@ -130,17 +132,6 @@ def _command(command: click.Command, name: str, parent: click.Context, level: in
 
 
 # --- Python ---
-
-
-def _python(source: Path) -> str:
-    """Return the page of all objects, and write one for each package."""
-    (source / "python").mkdir()
-    lines = ["Python", "======", "", "Shapes, units, errors raised and sources, as ``help`` shows them.", ""]
-    lines += [".. toctree::", "   :maxdepth: 1", "", *(f"   python/{face}" for face in FACES), ""]
-    known: set[Any] = set()
-    for face in FACES:
-        files.write_text(source / "python" / f"{face}.rst", _package(face, known))
-    return "\n".join(lines)
 
 
 def _package(face: str, known: set[Any]) -> str:

@@ -97,30 +97,18 @@ def audit(folder: Path) -> Audit:
 
     What the verdicts need and is not there yet is processed first.
     """
-    targets = _targets(folder)
+    from pipelines.session._opening import open_session
+
+    session, targets = open_session(folder), []
+    for e in session.experiments.values():
+        stages = [stage.name for stage in KINDS[e.kind].stages]
+        targets += [f"{e.name}/{stage}" for stage in ([JUDGEMENT] if JUDGEMENT in stages else stages[-1:])]
     run = process(folder, targets) if targets else None
     verdicts = () if run is None else verdicts_of(run).experiments
-    session = _session(folder, run)
+    session = session if run is None else run.session
     unused = (Trouble(f.level, (), (f.check,), f.message, f.cause, f.file, None) for f in unused_files(session))
     rows = [*_of_verdicts(session, verdicts), *_failures(run, verdicts), *unused]
     return Audit(tuple(sorted(rows, key=_cost)), sum(v.checks for v in verdicts) + SESSION_CHECKS + 1)
-
-
-def _session(folder: Path, run: RunResult | None) -> Session:
-    from pipelines.session._opening import open_session
-
-    return open_session(folder) if run is None else run.session
-
-
-def _targets(folder: Path) -> list[str]:
-    """Return the verdicts; of a kind that makes none, its last results."""
-    from pipelines.session._opening import open_session
-
-    found = []
-    for e in open_session(folder).experiments.values():
-        stages = [stage.name for stage in KINDS[e.kind].stages]
-        found += [f"{e.name}/{stage}" for stage in ([JUDGEMENT] if JUDGEMENT in stages else stages[-1:])]
-    return found
 
 
 def _cost(trouble: Trouble) -> tuple[int, int, int]:

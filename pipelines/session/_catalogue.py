@@ -276,16 +276,13 @@ def _sessions(roots: Iterable[Path]) -> Iterator[Path]:
                 yield place
 
 
-def _base(path: Path) -> Path:
-    """Folder that a catalogue's names start from: its own, or the one that holds ``labpipe/``."""
-    return path.parents[1] if path.parts[-2:] == Path(FILE).parts else path.parent
-
-
 def _update(connection: sqlite3.Connection, roots: Sequence[Path], path: Path) -> dict[str, Any]:
     known = dict(connection.execute("SELECT session, digest FROM sessions"))
     renewed, unchanged = [], []
     problems: dict[str, str] = {}
-    found, base = set(), _base(path)
+    # names start from the folder of the catalogue, or from the one that holds its "labpipe/"
+    base = path.parents[1] if path.parts[-2:] == Path(FILE).parts else path.parent
+    found = set()
     for folder in _sessions(roots):
         name = _relative(folder, base)
         found.add(name)

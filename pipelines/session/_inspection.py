@@ -164,7 +164,9 @@ def describe(file: Path, options: dict[str, Any] | None = None) -> dict[str, Any
     elif suffix == ".toml":
         found = _session(file) if file.name == "session.toml" else _record(file)
     elif suffix == ".nc":
-        found = {"reader": "labpipe", "kind": "result"} | _result(file)
+        from labpipe.files import read_dataset
+
+        found = {"reader": "labpipe", "kind": "result"} | table(read_dataset(file))
     elif suffix == ".png" and not file.is_dir():
         found = {"reader": "image", "kind": "picture"} | _picture(file)
     else:
@@ -425,12 +427,6 @@ def _record(file: Path) -> dict[str, Any]:
         if (value := getattr(record.values, name)) is not None and hasattr(value, "si")
     }
     return head | {"of": record.kind} | stated | values
-
-
-def _result(file: Path) -> dict[str, Any]:
-    from labpipe.files import read_dataset
-
-    return table(read_dataset(file))
 
 
 def _picture(file: Path) -> dict[str, Any]:

@@ -240,13 +240,6 @@ class _Results:
         return _dataset(self.plan, self.values, self.problems)
 
 
-def _content(name: str) -> str:
-    """Numbers behind a material: its name alone does not say what was simulated."""
-    solid = material(name)
-    numbers = [solid.E_relaxed, solid.E.tolist(), solid.rho.tolist(), solid.nu]
-    return hashlib.sha256(files.canonical(numbers).encode()).hexdigest()
-
-
 @cache
 def code_of(simulator: str) -> str:
     """Return a digest of all code that a simulator can reach."""
@@ -259,7 +252,10 @@ def _key(simulator: str, block: Block, contents: dict[str, str]) -> str:
     for point in block:
         name = str(point["material"])
         if name not in contents:
-            contents[name] = _content(name)
+            # the name of a material alone does not say what was simulated
+            solid = material(name)
+            numbers = [solid.E_relaxed, solid.E.tolist(), solid.rho.tolist(), solid.nu]
+            contents[name] = hashlib.sha256(files.canonical(numbers).encode()).hexdigest()
         points.append({**point, "material": contents[name]})
     content = [code_of(simulator), points]
     return hashlib.sha256(files.canonical(content).encode()).hexdigest()

@@ -184,15 +184,11 @@ def _interpolation_error(temperature: Floats, deviation: Floats, T_ref: float) -
         return 0.0
     inside = float(np.interp(T_ref, unique, values))
     errors = [
-        inside - float(values[b] + (T_ref - unique[b]) * _slope(unique, values, a, b))
+        inside - float(values[b] + (T_ref - unique[b]) * ((values[b] - values[a]) / (unique[b] - unique[a])))
         for a, b in ((right - 2, right - 1), (right + 1, right))
         if 0 <= a < unique.size
     ]
     return float(np.mean(np.abs(errors))) / 2.0 if errors else 0.0
-
-
-def _slope(x: Floats, y: Floats, a: int, b: int) -> float:
-    return float((y[b] - y[a]) / (x[b] - x[a]))
 
 
 def _trend(temperature: Floats, log10_aT: Floats, T_ref: float) -> Floats:

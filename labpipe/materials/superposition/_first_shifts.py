@@ -76,13 +76,8 @@ def scanned_shifts(points: Points, temperature: Floats, ln_bT: Floats) -> Floats
 
 def overlapped_shifts(points: Points, temperature: Floats, ln_bT: Floats) -> Floats:
     """Chain the steps that continue the storage modulus; zero at the warmest isotherm."""
-    return _chained(points, temperature, ln_bT, _overlapped_step)
-
-
-def _chained(points: Points, temperature: Floats, ln_bT: Floats, step: "Callable[[_Pair], float]") -> Floats:
-    """Find every step by itself."""
     order = np.argsort(temperature, kind="stable")
-    steps = [step(_pair(points, temperature, ln_bT, cold, warm)) for cold, warm in pairwise(order.tolist())]
+    steps = [_overlapped_step(_pair(points, temperature, ln_bT, cold, warm)) for cold, warm in pairwise(order.tolist())]
     return _summed(order, steps)
 
 
@@ -123,10 +118,13 @@ def _scanned(pair: _Pair) -> _Scan:
     trial = _Trial(pair)
     tries = [trial.at(float(step)) for step in _STEPS[:_NEAR]]
     costs = np.array([one.cost for one in tries])
-    if not _has_a_clear_dip(costs):
+    # the best trial step must lie inside them, far below both ends
+    if not np.min(costs[1:-1]) < _CLEAR * min(costs[0], costs[-1]):
         tries += [trial.at(float(step)) for step in _STEPS[_NEAR:]]
         costs = np.array([one.cost for one in tries])
-    for k in _dips(costs):
+    # where trial steps are better than both neighbours, the best few, ends left out
+    inner = np.flatnonzero((costs[1:-1] <= costs[:-2]) & (costs[1:-1] <= costs[2:])) + 1
+    for k in inner[np.argsort(costs[inner], kind="stable")[:_MOST_DIPS]]:
         tries += trial.descended(tries[k])
     steps, costs, terms = (np.array([getattr(one, name) for one in tries]) for name in ("step", "cost", "terms"))
     rows = 2.0 * (pair.ln_omega[0].size + pair.ln_omega[1].size)
@@ -134,17 +132,6 @@ def _scanned(pair: _Pair) -> _Scan:
     mean, spread = _expected(pair.difference)
     # Isotherms that are torn apart have a spectrum each: what more terms gain is not the step's.
     return _Scan(steps, costs / noise + 2.0 * terms + ((steps - mean) / spread) ** 2)
-
-
-def _has_a_clear_dip(costs: Floats) -> bool:
-    """Tell whether the best of some trial steps lies inside them, far below both ends."""
-    return bool(np.min(costs[1:-1]) < _CLEAR * min(costs[0], costs[-1]))
-
-
-def _dips(costs: Floats) -> NDArray[np.intp]:
-    """Return where trial steps are better than both neighbours, the best few, ends left out."""
-    inner = np.flatnonzero((costs[1:-1] <= costs[:-2]) & (costs[1:-1] <= costs[2:])) + 1
-    return inner[np.argsort(costs[inner], kind="stable")[:_MOST_DIPS]]
 
 
 @dataclass(frozen=True, slots=True)

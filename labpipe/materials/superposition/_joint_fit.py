@@ -322,14 +322,10 @@ def _damped_step(
     while damping < _MAX_DAMPING:
         step = solve_normal(normal + damping * np.diag(diagonal), gradient)
         state = model.state(fit.state.parameters + step)
-        if state is not None and _is_near(fit.state, state):
+        if state is not None and np.max(np.abs(state.log10_aT - fit.state.log10_aT)) <= _MAX_STEP_DECADES:
             strength = fit.solution.strength
             trial = evaluate(points, weight, fit.grid, state, strength, guess=fit.solution)
             if total_cost(trial, model) < least:
                 return trial, max(damping * _DAMPING_DOWN, _LEAST_DAMPING)
         damping *= _DAMPING_UP
     return None, damping
-
-
-def _is_near(old: State, new: State) -> bool:
-    return float(np.max(np.abs(new.log10_aT - old.log10_aT))) <= _MAX_STEP_DECADES

@@ -27,7 +27,17 @@ def limits_of(
         notes.append("only one temperature: there is nothing to shift, the spectrum is that of this isotherm")
     if found.model.horizontal == "free":
         notes += _identifiability(overlap)
-        notes += _other_solutions(found)
+        best = found.starts[0][1]
+        others = [
+            (name, distance)
+            for name, cost, distance in found.starts[1:]
+            if distance > _OTHER_SOLUTION and cost - best < _NEARLY_SAME_COST
+        ]
+        notes += [
+            f'the start "{name}" ends {distance:.2f} decades away at nearly the same misfit: the '
+            "shifts have a second solution"
+            for name, distance in others
+        ]
     notes += _gaps(overlap)
     if law is not None and data.points.count > len(chosen.parameters) + 1:
         gain = free_shifts_gain(data.points, found)
@@ -65,18 +75,4 @@ def _identifiability(overlap: xr.Dataset) -> list[str]:
         f"the data barely determine the step of log10 a_T between {pairs}; there the shifts rely "
         f"on the expected continuation. Smaller temperature steps, a wider frequency range or a "
         "shift law would help"
-    ]
-
-
-def _other_solutions(found: Superposition) -> list[str]:
-    best = found.starts[0][1]
-    others = [
-        (name, distance)
-        for name, cost, distance in found.starts[1:]
-        if distance > _OTHER_SOLUTION and cost - best < _NEARLY_SAME_COST
-    ]
-    return [
-        f'the start "{name}" ends {distance:.2f} decades away at nearly the same misfit: the '
-        "shifts have a second solution"
-        for name, distance in others
     ]

@@ -221,7 +221,8 @@ def fit_law(name: LawName, temperature: Floats, log10_aT: Floats, covariance: Fl
     ShiftLaw
         The best parameters; they never put the WLF pole among the temperatures.
     """
-    information = _information(covariance)
+    # pseudo-inverse: an exact reference shift carries no information here
+    information = np.linalg.pinv(covariance, rcond=1e-12, hermitian=True)
     parameters = _first_parameters(name, temperature, log10_aT, T_ref)
     cost = np.inf
     damping = 1e-6
@@ -249,11 +250,6 @@ def fit_law(name: LawName, temperature: Floats, log10_aT: Floats, covariance: Fl
         cost,
         max(freedom, 0),
     )
-
-
-def _information(covariance: Floats) -> Floats:
-    """Pseudo-inverse of a covariance; an exact reference shift carries no information here."""
-    return np.asarray(np.linalg.pinv(covariance, rcond=1e-12, hermitian=True))
 
 
 def _first_parameters(name: LawName, temperature: Floats, log10_aT: Floats, T_ref: float) -> Floats:

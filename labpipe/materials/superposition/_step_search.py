@@ -75,7 +75,10 @@ def probe_steps(
     better: Fit | None = None
     for k, group in enumerate(groups):
         if not points.work.goes_on():
-            variance[k] = _expected_variance(model, group)
+            # of a step that was not walked is known what is known of polymers
+            order = np.argsort(model.temperature, kind="stable")
+            step = int(np.flatnonzero(np.diff(group[order]))[0])
+            variance[k] = (STEP_SPREAD + STEP_SPREAD_PER_KELVIN * float(np.diff(model.temperature[order])[step])) ** 2
             continue
         strength = fit.solution.strength
         present = _refitted(points, weight, fit, model, fit.state.log10_aT, strength)
@@ -85,13 +88,6 @@ def probe_steps(
             continue
         variance[k] = max(spread - float(group @ known @ group), 0.0)
     return Probe(np.array(groups).reshape(-1, model.temperature.size), variance, better)
-
-
-def _expected_variance(model: OuterModel, group: Floats) -> float:
-    """Return what is known of a step that was not walked: that of polymers."""
-    order = np.argsort(model.temperature, kind="stable")
-    step = int(np.flatnonzero(np.diff(group[order]))[0])
-    return (STEP_SPREAD + STEP_SPREAD_PER_KELVIN * float(np.diff(model.temperature[order])[step])) ** 2
 
 
 def _loose_steps(points: Points, fit: Fit, model: OuterModel, known: Floats) -> list[Floats]:

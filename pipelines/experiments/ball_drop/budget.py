@@ -91,7 +91,7 @@ def _along(made: list[xr.Dataset], moved: xr.Dataset, name: str, unit: str) -> t
     tilt = Input(float(moved["inclination"]), float(moved["u_inclination"]), "rad")
     gain = Input(float(moved["gain"]), float(moved["u_gain"]))
     relative = float(moved.attrs["u_systematic_relative"])
-    values, u = (_first(made, n) for n in (name, f"u_{name}"))
+    values, u = (np.array([float(np.atleast_1d(b[n].values)[0]) for b in made]) for n in (name, f"u_{name}"))
     shape = _pulse_shape(made, name, 0)
     own = np.sqrt(np.maximum(u**2 - (relative * values) ** 2 - shape.u**2, 0.0))
     noise, scatter = repeats(values, own)
@@ -129,7 +129,3 @@ def _pulse_shape(made: list[xr.Dataset], name: str, impact: int) -> Input:
         return Input(0.0, 0.0)
     shared = np.array([float(b[f"shared_u_{name}"][impact]) for b in made])
     return Input(0.0, float(np.sqrt(np.mean(shared**2))))
-
-
-def _first(made: list[xr.Dataset], name: str) -> Floats:
-    return np.array([float(np.atleast_1d(b[name].values)[0]) for b in made])

@@ -46,19 +46,15 @@ def displacement(readings: xr.Dataset, record: Path, *, settings: BallDrop) -> x
     moved = laser.displacement(readings, known, **options)
     if not settings.analysis.inclination_from_height:
         return moved
-    found = _inclination(moved, settings)
-    again = laser.displacement(readings, known, inclination=found, **options)
-    recorded = {"value": float(moved["inclination"]), "u": float(moved["u_inclination"])}
-    return again.assign_attrs(inclination_of_record=json.dumps(recorded))
-
-
-def _inclination(moved: xr.Dataset, settings: BallDrop) -> Quantity:
-    """Fit the inclination from the fall of known height, along the line of sight."""
+    # the inclination from the fall of known height, along the line of sight
     gain = float(moved["gain"])
     along = moved["displacement_raw"] * gain
     fall = signals.bounces(along, contact=settings.analysis.contact)
     travel = Quantity(float(fall["drop_height"]), float(fall["u_drop_height"]), "m")
-    return laser.inclination_from_drop(travel, settings.height)
+    found = laser.inclination_from_drop(travel, settings.height)
+    again = laser.displacement(readings, known, inclination=found, **options)
+    recorded = {"value": float(moved["inclination"]), "u": float(moved["u_inclination"])}
+    return again.assign_attrs(inclination_of_record=json.dumps(recorded))
 
 
 def bounces(displacement: xr.Dataset, *, settings: BallDrop) -> xr.Dataset:

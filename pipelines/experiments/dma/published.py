@@ -43,7 +43,8 @@ def compared(sweeps: xr.Dataset, master_curve: xr.Dataset, shifts: Path | None, 
     imposed = _imposed(kept, published[known], master_curve, settings)
     found = _over_temperature(master_curve, published, known, imposed)
     found = found.merge(_over_steps(kept, master_curve, published, known))
-    zero = float(np.interp(0.0, *_ascending(table[1], table[0])))
+    order = np.argsort(table[1], kind="stable")
+    zero = float(np.interp(0.0, table[1][order], table[0][order]))
     found.attrs = {
         "published_source": settings.published.source if settings.published else "",
         "published_file": shifts.name,
@@ -51,14 +52,9 @@ def compared(sweeps: xr.Dataset, master_curve: xr.Dataset, shifts: Path | None, 
         "published_at_reference": float(shift_tables.at(table, np.array([T_ref]))[0]),
         "residual_storage": _rms(imposed["storage_residual"].values),
         "residual_loss": _rms(imposed["loss_residual"].values),
-        "temperature_distance": _farthest(table[0], T[known]),
+        "temperature_distance": float(np.max(np.min(np.abs(table[0][None, :] - T[known][:, None]), axis=1))),
     }
     return found
-
-
-def _ascending(x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    order = np.argsort(x, kind="stable")
-    return x[order], y[order]
 
 
 def _imposed(sweeps: xr.Dataset, published: Floats, curve: xr.Dataset, settings: Dma) -> xr.Dataset:
@@ -148,11 +144,6 @@ def _slopes(sweeps: xr.Dataset) -> Floats:
         good = np.isfinite(row)
         found.append(np.polyfit(x[good], row[good], 1)[0] if good.sum() > 1 else np.nan)
     return np.array(found)
-
-
-def _farthest(published: Floats, T: Floats) -> float:
-    """Return the largest distance of a measured temperature from the nearest published one."""
-    return float(np.max(np.min(np.abs(published[None, :] - T[:, None]), axis=1)))
 
 
 def _rms(values: Floats) -> float:

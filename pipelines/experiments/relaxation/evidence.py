@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.identification import Evidence, JoinedModel, Parameter, force_evidence, lee_radok_basis
@@ -77,7 +76,10 @@ class _Hold:
         self.tare = nuisance(f"{label} tare", 0.0, max(float(loads["u_tare"]), 1e-6), "N", "zero of the force")
         delay = mach1_readings.filter_delay(loads)
         self.u_delay = delay.u
-        at = _clock_of(loads, np.nonzero(kept)[0]) + self.lag - delay.value
+        # the file's time (number,) at which the stage arrived from every number's ramp
+        clock, time = mach1_readings.clock(loads), loads["time"].values
+        begins = [clock[h.rows.start] - time[h.rows.start] + h.end for h in ramps_and_holds.find(loads)]
+        at = np.array(begins)[np.nonzero(kept)[0]] + self.lag - delay.value
         self.places = np.array([at - width, at + width, at - width - delay.u, at + width - delay.u])
         self._follow(loads, float(ramps["contact_position"]))
 
@@ -118,13 +120,6 @@ class _Hold:
             factors=self.shared.factors,
             offsets=(self.tare.name,),
         )
-
-
-def _clock_of(loads: xr.Dataset, ramp: NDArray[np.intp]) -> Floats:
-    """Return the file's time (number,) at which the stage arrived from every number's ramp."""
-    clock, time = mach1_readings.clock(loads), loads["time"].values
-    begins = [clock[h.rows.start] - time[h.rows.start] + h.end for h in ramps_and_holds.find(loads)]
-    return np.asarray(np.array(begins)[ramp])
 
 
 def _joined(name: str, parts: list[Evidence]) -> Evidence:

@@ -113,16 +113,11 @@ def blocks(
         f"Linear: {ends[0]}; Monte Carlo: {ends[1]}: they {compared(budget, drawn)}"
         f"{_reason(budget, drawn)}."
     )
-    return Paragraph(text), *_table(found, budget, columns or {}), *_others(found)
-
-
-def _table(found: Quantity, budget: Budget, columns: Mapping[str, Mapping[str, Any]]) -> tuple[Block, ...]:
-    """Return the uncertain inputs as table and bars, the largest first."""
     rows = [row for row in budget.rows if row["u"] > 0.0]
     freedom = {n: _number(g.degrees_of_freedom) for n, g in found.inputs.items()}
     few = any(isfinite(g.degrees_of_freedom) for g in found.inputs.values())
-    more = ({"degrees of freedom": freedom} if few else {}) | dict(columns)
-    return budget_table(rows, found.name, found.unit, more)
+    more = ({"degrees of freedom": freedom} if few else {}) | dict(columns or {})
+    return Paragraph(text), *budget_table(rows, found.name, found.unit, more), *_others(found)
 
 
 def _others(found: Quantity) -> tuple[Block, ...]:
