@@ -5,6 +5,7 @@ from labpipe.signals._cycles import Window, active_window, hysteresis_loops
 from labpipe.signals._derivative import velocity
 from labpipe.signals._events import PHASES, bounces, phases
 from labpipe.signals._first_touch import FirstTouch, first_touch
+from labpipe.signals._floor import Floor
 from labpipe.signals._mains import MAINS, Hum, hum_at_rest
 from labpipe.signals._metrics import Agreement, agreement, compare, independent_count, nrmse
 from labpipe.signals._noise import estimate_noise, quantisation_step
@@ -20,6 +21,7 @@ __all__ = [
     "CommonFit",
     "Damped",
     "FirstTouch",
+    "Floor",
     "Hum",
     "Lag",
     "Ringing",

@@ -15,10 +15,12 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.signals._colour import Colour, coloured_covariance, estimate_corner, velocity_factor
 from labpipe.signals._derivative import checked_record
-from labpipe.signals._impact_fit import OUTPUTS, PRIORS, SHAPE, ImpactFit, ShapePrior, fit_impact
+from labpipe.signals._floor import Beneath, Floor
+from labpipe.signals._impact_fit import OUTPUTS, ImpactFit, fit_impact
 from labpipe.signals._mains import Hum, Stretch, hum_of
 from labpipe.signals._noise import estimate_noise, is_spike
 from labpipe.signals._readings import is_constant
+from labpipe.signals._shape_prior import PRIORS, SHAPE, ShapePrior
 from labpipe.signals._smoothing import Smooth, evaluate, smooth
 from labpipe.signals._turns import (
     FEWEST_IN_FLIGHT,
@@ -80,6 +82,7 @@ def bounces(
     gravity: float | None = None,
     noise: float | None = None,
     contact: Literal["any", "polymer"] = "any",
+    floor: Floor | None = None,
 ) -> xr.Dataset:
     """Find and measure every bounce of a body that was dropped.
 
@@ -94,10 +97,12 @@ def bounces(
     noise : float, optional [m]
         Standard deviation of white noise; default estimated from the record.
     contact : {"any", "polymer"}
-        What is known of the contact force's shape, see :data:`labpipe.signals._impact_fit.PRIORS`.
+        What is known of the contact force's shape, see :data:`labpipe.signals._shape_prior.PRIORS`.
         ``"polymer"`` (a solid with a broad relaxation spectrum, such as acrylic, PEEK, nylon or
         PTFE) halves the uncertainties; ``"any"`` also covers bodies with one relaxation time and
         losses proportional to velocity.
+    floor : Floor, optional
+        The plate under the contact, which takes and bends its part of each pulse. Default: any.
 
     Returns
     -------
@@ -187,7 +192,7 @@ def bounces(
         )
         raise InputError(message)
     prior = PRIORS[contact]
-    impacts, last_touch = _fitted(time, height, (sigma, colour), turns, (fall, u_fall), prior)
+    impacts, last_touch = _fitted(time, height, (sigma, colour), turns, (fall, u_fall), prior, floor)
     for number, impact in enumerate(impacts, 1):
         if impact.unread is not None:
             text = (
@@ -308,10 +313,12 @@ def _fitted(
     turns: list[Turn],
     gravity: tuple[float, float],
     prior: ShapePrior,
+    floor: Floor | None,
 ) -> tuple[list[ImpactFit], float]:
     """Fit impact after impact until flights can no longer be distinguished from vibration."""
     sigma, colour = noise
     impacts: list[ImpactFit] = []
+    beneath = None if floor is None else Beneath(floor)
     fall, _ = gravity
     for turn, after in zip(turns, flights_after(time, turns), strict=True):
         if not _is_flight(*curvature(time[after], height[after], sigma, colour), fall):
@@ -324,7 +331,8 @@ def _fitted(
         end = min(time[after.stop - 1], turn.liftoff + _LONGEST_ARC)
         window = slice(*(int(i) for i in np.searchsorted(time, [begin, end])))
         guess = (turn.touch, turn.liftoff)
-        impacts.append(fit_impact(time[window], height[window], sigma, guess, *gravity, prior, colour))
+        impacts.append(fit_impact(time[window], height[window], sigma, guess, *gravity, prior, colour, beneath))
+        beneath = impacts[-1].beneath
     return impacts, float(impacts[-1].value[0]) if impacts else np.nan
 
 

@@ -24,11 +24,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import chebyshev
 from scipy.integrate import cumulative_simpson
-from scipy.linalg import block_diag, sqrtm
+from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 
 from labpipe.arrays import Floats
 from labpipe.signals._colour import WHITE, Colour, coloured_covariance, coloured_power
+from labpipe.signals._floor import Beneath
+from labpipe.signals._shape_prior import PRIORS, SHAPE, Character, ShapePrior, expected_shape
 from labpipe.uncertainty import propagated_covariance
 
 NAMES = ("level", "speed", "pulse", "lean", "flatness", "skewness", "crest", "onset", "touch", "liftoff", "gravity")
@@ -39,58 +41,8 @@ _N_CHEBYSHEV = 5
 _SHAPES_OF_A_PULSE = _N_CHEBYSHEV + 1  # and that of its onset
 _ONSET = 1.0  # exponent
 _NODES = 4001  # linear interpolation between them is good to 1e-8 of the pulse
+_EVERY = 20  # of these nodes, by which a floor's motion is followed: to 1e-4 of it
 
-# A slow body feels gravity inside the contact, which flattens the pulse: r2 falls with g T / v, r4 rises.
-_FLATNESS, _FLATNESS_BY_GRAVITY, _HEAVIEST = -0.227, -0.085, 4.0
-_CREST, _CREST_BY_GRAVITY = 0.0275, 0.021
-
-
-class ShapePrior(NamedTuple):
-    """What is known beforehand of lean, flatness, skewness, crest and onset (r1 to r5) of the pulse.
-
-    Each is ``at_no_loss + per_loss (1 - e) + per_loss_squared (1 - e)^2``, beside the elastic value for r2 and r4,
-    within a standard deviation of ``spread + spread_per_loss (1 - e)^power``; ``root`` is the symmetric root of
-    the correlations.
-    """
-
-    per_loss: tuple[float, ...]
-    spread: tuple[float, ...]
-    spread_per_loss: tuple[float, ...]
-    power: tuple[float, ...]
-    per_loss_squared: tuple[float, ...] = (0.0,) * 5
-    at_no_loss: tuple[float, ...] = (0.0,) * 5
-    root: Floats = np.eye(5)
-
-
-_CORRELATION = (
-    (1.0, -0.88, -0.42, -0.89, -0.88),
-    (-0.88, 1.0, 0.02, 0.84, 0.94),
-    (-0.42, 0.02, 1.0, 0.19, 0.14),
-    (-0.89, 0.84, 0.19, 1.0, 0.90),
-    (-0.88, 0.94, 0.14, 0.90, 1.0),
-)
-"""Of the five in impacts of polymers of the same loss: they go together, as steeply as the solid relaxes."""
-
-PRIORS = {
-    "any": ShapePrior(
-        (-1.1, 0.25, 0.15, 0.0, 0.15), (0.05, 0.03, 0.03, 0.01, 0.03), (0.45, 2.5, 0.35, 0.1, 0.5), (1, 2, 1, 1, 1)
-    ),
-    "polymer": ShapePrior(
-        (-0.835, 0.096, 0.098, 0.014, 0.134),
-        (0.002, 0.001, 0.001, 0.0003, 0.001),
-        (0.25, 0.22, 0.06, 0.016, 0.28),
-        (1.0, 1.25, 1.5, 1.0, 1.25),
-        (-1.05, 0.837, -0.04, 0.001, 0.525),
-        (0.0, 0.0015, 0.0, -0.0019, -0.005),
-        np.asarray(sqrtm(_CORRELATION).real),
-    ),
-}
-"""``"any"`` covers all laws of the study. ``"polymer"`` is for solids with a broad relaxation
-spectrum, for which the five follow the loss, and each other: 700 impacts, by the drop simulator, of random sums of
-one or two Cole–Cole relaxations (e = 0.2 to 0.995) on floors from rigid to 20 kg."""
-
-SHAPE = ("lean", "flatness", "skewness", "crest", "onset")
-"""Unknowns of the pulse's shape."""
 _SHAPE = [NAMES.index(name) for name in SHAPE]
 _TOUCH, _LIFTOFF, _GRAVITY = (NAMES.index(name) for name in ("touch", "liftoff", "gravity"))
 _WITH_PRIOR = [*_SHAPE, _GRAVITY]
@@ -112,7 +64,8 @@ class ImpactFit:
     polymers the shapes of the first three differ from what is expected by the same, correlation 0.97 and
     more), and their mean errs no less.
     ``chi_square`` is the reduced sum of squares, ``n_evaluations`` the number of model evaluations;
-    ``unread`` are begin and end [s] of the gap among the readings that hides the contact, if any.
+    ``unread`` are begin and end [s] of the gap among the readings that hides the contact, if any;
+    ``beneath`` is how the plate swings at lift-off, where it is known.
     """
 
     value: Floats
@@ -121,6 +74,7 @@ class ImpactFit:
     chi_square: float
     n_evaluations: int
     unread: tuple[float, float] | None = None
+    beneath: Beneath | None = None
 
 
 OUTPUTS = (
@@ -183,6 +137,7 @@ def fit_impact(
     u_gravity: float,
     prior: ShapePrior = PRIORS["any"],
     colour: Colour = WHITE,
+    beneath: Beneath | None = None,
 ) -> ImpactFit:
     """Fit arcs and pulse to the samples around one impact.
 
@@ -200,6 +155,8 @@ def fit_impact(
         One of :data:`PRIORS`.
     colour : Colour
         Of the noise.
+    beneath : Beneath, optional
+        The plate under the contact and how it swings. Default: whatever `prior` covers.
 
     Returns
     -------
@@ -211,24 +168,25 @@ def fit_impact(
     y = position - height
     start = _start(t, y, duration, gravity)
     scale = np.array([sigma, sigma / duration, start[2], *np.ones(len(_SHAPE)), duration, duration, gravity])
-    loss, weight = _character(start)
+    swung = None if beneath is None else beneath.since(reference)
+    character, left = _character(start, swung)
     n_evaluations = 0
     for _ in range(_LOSS_UPDATES):
-        mean, spread = _expected_shape(prior, loss, weight)
+        mean, spread = expected_shape(prior, character)
         if n_evaluations == 0:
             start[_SHAPE] = mean
         pull = _Pull(np.append(mean, gravity), block_diag(np.linalg.inv(spread[:, None] * prior.root), 1 / u_gravity))
         p, jacobian, misfit, n = _minimise(t, y, sigma, pull, start, scale)
         n_evaluations += n
-        previous, (loss, weight) = loss, _character(p)
+        previous, (character, left) = character, _character(p, swung)
         start = p
-        if abs(loss - previous) < _LOSS_SETTLED:
+        if abs(character.loss - previous.loss) < _LOSS_SETTLED:
             break
     interval = float(np.median(np.diff(t)))
     chi_square = misfit / max(len(t) - len(NAMES) + len(_WITH_PRIOR), 1)
     excess = chi_square / coloured_power(len(t), interval, colour.corner)
     # More scatter than the noise means a motion that the model lacks (a vibrating plate).
-    factor = max(excess, 1.0) * (1.0 + (max(loss - _TESTED_LOSS, 0.0) / _UNTESTED_SCALE) ** 2)
+    factor = max(excess, 1.0) * (1.0 + (max(character.loss - _TESTED_LOSS, 0.0) / _UNTESTED_SCALE) ** 2)
     inverse = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
     covariance = factor * coloured_covariance(jacobian, inverse, time, colour, sigma) * np.outer(scale, scale)
     ties = np.sqrt(factor) * inverse[:, _SHAPE] @ (scale[_SHAPE] * pull.whitening[:-1, :-1]).T
@@ -240,7 +198,8 @@ def fit_impact(
     unread = _unread_contact(time, float(value[0]), float(value[1]))
     if unread is not None:
         output_covariance = output_covariance + _of_unread(value, unread[1] - unread[0])
-    return ImpactFit(value, output_covariance, by_shape, chi_square, n_evaluations, unread)
+    left = None if left is None else left.since(-reference)
+    return ImpactFit(value, output_covariance, by_shape, chi_square, n_evaluations, unread, left)
 
 
 def _unread_contact(time: Floats, touch: float, liftoff: float) -> tuple[float, float] | None:
@@ -305,22 +264,22 @@ def _minimise(
     return found.x * scale, found.jac, misfit, int(found.nfev)
 
 
-def _character(p: Floats) -> tuple[float, float]:
-    """Loss of speed 1 - e, and the speed that gravity takes during contact, of the incoming."""
-    out = _derived(p)
-    incoming = max(float(out[2]), 1e-3 * abs(float(out[3])) + 1e-9)
-    loss = float(np.clip(1.0 - out[3] / incoming, 0.0, 1.0))
-    return loss, float(p[_GRAVITY] * (p[_LIFTOFF] - p[_TOUCH]) / incoming)
-
-
-def _expected_shape(prior: ShapePrior, loss: float, weight: float) -> tuple[Floats, Floats]:
-    """Mean and standard deviation of lean, flatness, skewness, crest and onset."""
-    felt = min(weight, _HEAVIEST)
-    elastic = np.array([0.0, _FLATNESS + _FLATNESS_BY_GRAVITY * felt, 0.0, _CREST + _CREST_BY_GRAVITY * felt, 0.0])
-    mean = elastic + np.array(prior.at_no_loss)
-    mean += loss * np.array(prior.per_loss) + loss**2 * np.array(prior.per_loss_squared)
-    spread = np.array(prior.spread) + np.array(prior.spread_per_loss) * loss ** np.array(prior.power)
-    return mean, spread
+def _character(p: Floats, beneath: Beneath | None) -> tuple[Character, Beneath | None]:
+    """Return what the expected shape depends on, and how the plate swings at lift-off."""
+    touch, liftoff, gravity = p[_TOUCH], p[_LIFTOFF], p[_GRAVITY]
+    _, _, incoming, outgoing, *_ = _derived(p)
+    incoming = max(float(incoming), 1e-3 * abs(float(outgoing)) + 1e-9)
+    length = liftoff - touch
+    if beneath is None or not length > 0.0:
+        return Character.of(float(outgoing) / incoming, float(gravity * length) / incoming), beneath
+    pulse = p[2] * (np.append(1.0, p[_SHAPE]) @ _SHAPES)[::_EVERY]
+    met, left = beneath.struck(float(touch), float(length), pulse)
+    approach = max(incoming - met.speed[0], 1e-3 * incoming)
+    returned = float(outgoing + met.speed[-1]) / approach
+    per_pull = length / approach
+    pulled, tilted = met.pull.mean(), 3.0 * (met.pull * np.linspace(-1.0, 1.0, pulse.size)).mean()
+    known = Character.of(returned, float(gravity + pulled) * per_pull, float(tilted) * per_pull)
+    return known._replace(u_loss=met.u_speed / approach), left
 
 
 def _start(t: Floats, y: Floats, duration: float, gravity: float) -> Floats:

@@ -113,7 +113,7 @@ def _key(
         kept = {str(name): keys[name].kept for name in ancestors(tasks, task.id)}
         if any(kept.values()):
             ingredients["kept"] = {name: list(changed) for name, changed in kept.items() if changed}
-    if problem or any(keys[before].value is None for before in task.before):
+    if problem or any(keys[before].value is None for before in task.required):
         return Key(None, ingredients, problem)
     return Key(key_of(ingredients), ingredients)
 

@@ -225,11 +225,12 @@ class _Run:
             text, is_of_run = self.job.failures[task.id]
             return Outcome(*task.id, FAILED, message=text, exit_code=1, is_of_run=is_of_run)
         if self.stopped:
-            return Outcome(*task.id, SKIPPED, message="stopped after the first failure")
+            return Outcome(*task.id, SKIPPED, message="stopped after the first failure", is_of_run=True)
         missing = self._missing(task)
         is_page = task.stage.output == "page" and task.stage.context
         if missing and not (is_page or task.stage.tolerant):
-            return Outcome(*task.id, SKIPPED, message=f"{missing[0]} gave no result")
+            is_of_run = any(self.failures[name].is_of_run for name in missing)
+            return Outcome(*task.id, SKIPPED, message=f"{missing[0]} gave no result", is_of_run=is_of_run)
         self.emit("started", task.id)
         begun = _Clock.now()
         try:
@@ -268,8 +269,9 @@ class _Run:
             if name.experiment == self.job.experiment or name in self.failures:
                 continue
             if value is None or self.store.state(value) != "stored":
-                self.failures[name] = Failure(f"{name} gave no result")
-        return [name for name in task.before if name in self.failures]
+                self.failures[name] = Failure(f"{name} gave no result", is_of_run=True)
+        failed = [name for name in task.before if name in self.failures]
+        return [name for name in failed if name in task.required or self.failures[name].is_of_run]
 
     def _relative(self, text: str) -> str:
         """Write paths relative to the session, so that a moved folder gives the same text."""

@@ -44,6 +44,9 @@ class Stage:
         None for every item.
     parameters : tuple of str
         Settings fields that the result depends on, dotted (``"sphere.radius"``), or ``"*"``.
+    may_lack : tuple of str
+        Inputs that help it but that it does without: None where they gave no result. Only what was given
+        may be at fault for that, as it stands behind the result; where the run was, the stage waits for it.
     per : {"experiment", "recording"}
         Whether it runs once, or once for every file of the field ``over``.
     over : str, optional
@@ -74,6 +77,7 @@ class Stage:
     function: str
     inputs: tuple[str, ...]
     parameters: tuple[str, ...] = ()
+    may_lack: tuple[str, ...] = ()
     per: str = "experiment"
     over: str | None = None
     schema: str | None = None

@@ -2,7 +2,7 @@
 
 import graphlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from labpipe.errors import ConfigError, InputError
@@ -33,7 +33,7 @@ class Argument:
     """One input of a task: results of other tasks, or files, or nothing.
 
     ``places`` belongs to a field that leads through a list of tables: for every item, the number
-    of its task, or None for an item that names no experiment.
+    of its task, or None for an item that names no experiment. ``may_lack`` is one that may give no result.
     """
 
     name: str
@@ -41,6 +41,7 @@ class Argument:
     files: tuple[str, ...] = ()
     is_list: bool = False
     places: tuple[int | None, ...] | None = None
+    may_lack: bool = False
 
     def arranged(self, values: Sequence[Any]) -> Any:
         """Return what a function gets, of the values of files or tasks: a list, one value, or None."""
@@ -63,6 +64,11 @@ class Task:
     def before(self) -> tuple[TaskId, ...]:
         """Tasks whose results it takes."""
         return tuple(task for argument in self.arguments for task in argument.tasks)
+
+    @property
+    def required(self) -> tuple[TaskId, ...]:
+        """Tasks without whose results it cannot be."""
+        return tuple(task for argument in self.arguments if not argument.may_lack for task in argument.tasks)
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -94,7 +100,11 @@ def spell_out(session: Session, stages: Stages) -> dict[TaskId, Task]:
             for recording in recordings(experiment, stage):
                 task_id = TaskId(name, stage.name, recording)
                 arguments = tuple(
-                    _argument(session, plans, experiment, text, recording, stage.over) for text in stage.inputs
+                    replace(
+                        _argument(session, plans, experiment, text, recording, stage.over),
+                        may_lack=text in stage.may_lack,
+                    )
+                    for text in stage.inputs
                 )
                 tasks[task_id] = Task(task_id, stage, arguments)
     return tasks

@@ -8,7 +8,7 @@ from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.mach1_tester import Tester
-from pipelines.rig.samples import drop_section, harmonic_section, laser_record, session_head
+from pipelines.rig.samples import STATED_FLOOR, drop_section, harmonic_section, laser_record, session_head
 
 START = datetime(2024, 5, 14, 9, 30)
 
@@ -21,6 +21,6 @@ def write_small(folder: Path) -> Path:
     protocol = Harmonic(hold=5.0, frequencies=(1.0, 2.0), cycles=7)
     write_harmonic(folder, "nbr", specimen, protocol, Tester(), 5, START)
     files.write_text(folder / "calibration/laser.toml", laser_record())
-    text = session_head("Small (synthetic)") + drop_section("drop", names, 1.5e-3, "acrylic")
+    text = session_head("Small (synthetic)") + drop_section("drop", names, 1.5e-3, "acrylic", STATED_FLOOR)
     files.write_text(folder / "session.toml", text + harmonic_section("nbr", specimen, "nbr"))
     return folder

@@ -118,8 +118,8 @@ class Curves:
         the place s afterwards, of a contact of radius ``largest`` [m].
     dissipated : array (step + 1,) [J]
         By the springs, at the ends.
-    peak_force, peak_approach : float [N], [m]
-        The largest, also between the ends.
+    peak_force, peak_approach, penetration : float [N], [m], [m]
+        The largest, also between the ends; the last of the sphere from where it touched.
     """
 
     time: Floats
@@ -134,6 +134,7 @@ class Curves:
     plate: tuple[float, float, float]
     peak_force: float
     peak_approach: float
+    penetration: float
 
     def at(self, times: Floats) -> Trail:
         """Return records (time,) at given times [s] within the contact."""
@@ -185,7 +186,7 @@ class Bouncer:
     path: Path = field(init=False)
     room: Room = field(init=False)
     nodes: Nodes = field(init=False)
-    largest: Floats = field(init=False, default_factory=lambda: np.zeros(4))
+    largest: Floats = field(init=False, default_factory=lambda: np.zeros(5))
 
     def __post_init__(self) -> None:
         self.dents = Dents(self.creep)
@@ -297,6 +298,7 @@ class Bouncer:
             self.plate,
             float(self.largest[0]),
             float(self.largest[1]) + origin,
+            float(self.largest[3] - starts[0, 0]),
         )
 
 

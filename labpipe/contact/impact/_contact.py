@@ -30,7 +30,7 @@ from labpipe.contact.impact._polynomials import crossing, power_sum, slope, summ
 # How a contact ends.
 LIFTED, TURNED, FAILED, FULL = range(4)
 # Columns of the state, and those to subtract, of which the largest values are reported.
-_LOOKED_AT = ((2, -1), (0, 4), (4, -1))
+_LOOKED_AT = ((2, -1), (0, 4), (4, -1), (0, -1))
 # Looks for the largest force within a step.
 _LOOKS = 16
 # The contact is largest where it grows slower than this part of its mean growth; an error of the
@@ -270,15 +270,15 @@ def outcome_of(scheme: Scheme, fall: Fall, path: Path, n: int, room: Room, lost:
         Steps.
     lost : float [J]
         Energy mislaid before.
-    row : array (4,)
-        Filled: largest force [N], approach [m] and plate's displacement [m], energy mislaid [J].
+    row : array (5,)
+        Filled: largest force [N], approach [m], plate's displacement [m] and position [m], energy mislaid [J].
 
     Returns
     -------
     float
         The most energy mislaid on the way [J].
     """
-    for i in range(3):  # a constant column would be compiled for itself
+    for i in range(4):  # a constant column would be compiled for itself
         row[i] = _largest(scheme, path, n, _LOOKED_AT[i][0], _LOOKED_AT[i][1], room.short[:])
-    row[3], most = _energy_lost(fall, path, n, lost)
+    row[4], most = _energy_lost(fall, path, n, lost)
     return most

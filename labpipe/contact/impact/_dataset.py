@@ -44,6 +44,7 @@ ROWS = {
     "peak_force": ("N", "largest contact force"),
     "peak_contact_radius": ("m", "largest contact radius"),
     "peak_approach": ("m", "largest approach"),
+    "penetration": ("m", "largest depth of the sphere below its level at touch"),
     "energy_dissipated": ("J", "energy dissipated during the contact"),
     "energy_stored": ("J", "elastic energy remaining in the dent at lift-off"),
 }
@@ -302,9 +303,10 @@ def impact_rows(run: DropRun, setting: Setting) -> dict[str, Floats]:
         dissipated = steps.spring_work - steps.stored
         incoming, outgoing = float(steps.velocity[0]), -float(steps.velocity[-1])
         if curves := contact.curves:
-            peaks = curves.peak_force, curves.largest, curves.peak_approach
+            peaks = [curves.peak_force, curves.largest, curves.peak_approach, curves.penetration]
         else:
-            peaks = peak(time, steps.force), peak(time, steps.contact_radius), peak(time, steps.approach)
+            looked_at = steps.force, steps.contact_radius, steps.approach, steps.position - steps.position[0]
+            peaks = [peak(time, values) for values in looked_at]
         rows.append(
             (
                 time[0] + setting.fall_time,
@@ -345,6 +347,7 @@ def _thesis_rows(run: ThesisRun, setting: Setting) -> dict[str, Floats]:
                 run.force[inside].max(),
                 run.contact_radius[inside].max(),
                 run.position[inside].max(),
+                run.position[inside].max() - run.position[touch],
                 nan,
                 nan,
             )

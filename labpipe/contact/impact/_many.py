@@ -54,8 +54,8 @@ def impacts(
         Over (``drop``, ``impact``), NaN for what does not happen within the duration:
         ``impact_time``, ``lift_off_time``, ``contact_duration`` [s], ``impact_speed``,
         ``rebound_speed`` [m/s], ``restitution``, ``peak_force`` [N], ``peak_contact_radius``,
-        ``peak_approach`` [m]. Over ``drop``: ``impacts``, how many happened; ``final_contact_time`` [s] as of
-        :func:`drop`, NaN unless it came among these; ``solver_steps``.
+        ``peak_approach``, ``penetration`` [m]. Over ``drop``: ``impacts``, how many happened;
+        ``final_contact_time`` [s] as of :func:`drop`, NaN unless it came among these; ``solver_steps``.
         ``attrs["work"]`` is JSON: steps, rejected ones, impacts, and drops that were left to
         :func:`drop`, because the sphere stays or touches twice in one contact.
 

@@ -26,6 +26,7 @@ COLUMNS = (
     "peak_force",
     "peak_contact_radius",
     "peak_approach",
+    "penetration",
 )
 
 
@@ -107,7 +108,7 @@ def _train(tables: _Tables, one: Setting, scale: Scales, rows: Floats, work: Int
     until, clock, position, velocity = one.duration - one.fall_time, 0.0, 0.0, one.speed
     state, centre, dent = PlateState(), np.zeros(law.elements), np.zeros_like(nodes.after[: law.elements])
     outer = lost = deepest = error = 0.0
-    peaks = np.zeros(4)
+    peaks = np.zeros(5)
     for i, row in enumerate(rows):
         tolerance = STEP_SHARE * one.rtol * max(velocity, SLOWEST_BOUNCE * scale.rest_speed)
         steps = tolerance, LONGEST * scale.duration, FIRST * scale.duration
@@ -123,13 +124,13 @@ def _train(tables: _Tables, one: Setting, scale: Scales, rows: Floats, work: Int
             return np.nan
         worst = outcome_of(scheme(), fall, path, n, room, lost, peaks)
         end = path.state[n]
-        force, approach, depth, lost = peaks.tolist()
+        force, approach, depth, sunk, lost = peaks.tolist()
         deepest = max(deepest, approach + origin + depth)
         error = max(error, worst / (one.mass * one.gravity * max(one.height, deepest)))
         lift_off = clock + float(path.time[n])
         if lift_off >= until:
             return error
-        row[:] = clock, lift_off, velocity, -end[1], force, outer, approach + origin
+        row[:] = clock, lift_off, velocity, -end[1], force, outer, approach + origin, sunk + origin - position
         row[:2] += one.fall_time
         if not has_more:
             return error

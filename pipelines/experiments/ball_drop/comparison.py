@@ -88,7 +88,7 @@ def rows(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, sett
     if shown:
         for title, unit, names in (
             ("speed of the first impact", "m/s", ("incoming_speed", "impact_speed")),
-            ("penetration of the first impact", "m", ("penetration", "peak_approach")),
+            ("penetration of the first impact", "m", ("penetration",) * 2),
         ):
             yield _event(title, unit, names, 0, repeats, model, is_length=True)
 

@@ -39,8 +39,9 @@ _STAGES = (
     _each(
         "bounces",
         "pipelines.experiments.ball_drop.measured:bounces",
-        ("displacement",),
-        ("analysis.contact",),
+        ("displacement", "other:plate_from/plate"),
+        ("analysis.contact", "plate", "sphere.mass"),
+        may_lack=("other:plate_from/plate",),
         schema="bounces",
         summary="find release, contacts, bounces and rest",
     ),

@@ -20,6 +20,7 @@ from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.laser_readings import read_laser
+from pipelines.experiments.shared.plate_under_drop import floor_under
 
 NOISE = "noise"
 """Begins the names of common unknowns that are an impact's own and fall with the number of repeats."""
@@ -57,9 +58,10 @@ def displacement(readings: xr.Dataset, record: Path, *, settings: BallDrop) -> x
     return again.assign_attrs(inclination_of_record=json.dumps(recorded))
 
 
-def bounces(displacement: xr.Dataset, *, settings: BallDrop) -> xr.Dataset:
+def bounces(displacement: xr.Dataset, plate: xr.Dataset | None = None, *, settings: BallDrop) -> xr.Dataset:
     """Find release, contacts and rest; speeds carry the inclination's uncertainty too."""
-    found = signals.bounces(displacement, contact=settings.analysis.contact)
+    floor = floor_under(settings.plate, plate, settings.sphere.mass)
+    found = signals.bounces(displacement, contact=settings.analysis.contact, floor=floor)
     relative = float(displacement.attrs["u_systematic_relative"])
     for name in (*_SPEEDS, "drop_height"):
         own, scale = found[f"u_{name}"], relative * found[name].values

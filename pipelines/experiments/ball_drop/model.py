@@ -34,7 +34,7 @@ _UNCERTAIN = (
     "peak_force",
     "peak_contact_radius",
     "contact_duration",
-    "peak_approach",
+    "penetration",
     "impact_speed",
 )
 _MODULUS = "modulus"

@@ -3,7 +3,7 @@
 import numpy as np
 import xarray as xr
 
-from labpipe import contact
+from labpipe import contact, signals
 from labpipe.errors import InputError
 from labpipe.units import Quantity
 from pipelines.experiments.shared.settings import Plate
@@ -50,6 +50,27 @@ def plate_inputs(given: Plate | None, found: xr.Dataset | None) -> dict[str, Qua
     if given is None:
         return {}
     return {"mass": given.mass, "frequency": given.frequency, "damping_ratio": given.damping_ratio}
+
+
+def floor_under(given: Plate | None, found: xr.Dataset | None, mass: Quantity) -> signals.Floor | None:
+    """Return the plate as the analysis of impacts needs it, None where no plate is known.
+
+    Parameters
+    ----------
+    given, found
+        As for :func:`resolve_plate`.
+    mass : Quantity
+        What falls.
+    """
+    if found is not None and not np.isfinite(float(found["mass"])):
+        return None
+    inputs = plate_inputs(given, found)
+    if not inputs:
+        return None
+    plate, frequency = inputs["mass"], inputs["frequency"]
+    share = mass.value / plate.value
+    u_share = share * float(np.hypot(plate.u / plate.value, mass.u / mass.value))
+    return signals.Floor(share, frequency.value, inputs["damping_ratio"].value, u_share, frequency.u)
 
 
 def modal_mass(found: xr.Dataset) -> Quantity:

@@ -14,7 +14,7 @@ LIQUID = Prony(0.0, [2e9, 1e9], [1e-3, 1e-2], nu=0.35)
 R, MASS = 9.525e-3, 0.505
 HEIGHTS = [0.5e-3, 1.5e-3, 4e-3]
 NAMES = ("impact_time", "lift_off_time", "contact_duration", "impact_speed", "rebound_speed", "restitution")
-PEAKS = ("peak_force", "peak_contact_radius", "peak_approach")
+PEAKS = ("peak_force", "peak_contact_radius", "peak_approach", "penetration")
 
 
 @pytest.mark.parametrize("profile", ["parabola", "sphere"])

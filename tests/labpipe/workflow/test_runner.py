@@ -84,6 +84,10 @@ def run_here(session: Session, jobs: int = 0, **options: object) -> RunResult:
     return run(session, toy.STAGES, **{"schemas": toy.SCHEMAS, "jobs": jobs, **options})  # type: ignore[arg-type]
 
 
+def run_here_with(stages: Any, session: Session, jobs: int = 0) -> RunResult:
+    return run(session, stages, schemas=toy.SCHEMAS, jobs=jobs)
+
+
 def states(result: RunResult) -> dict[str, str]:
     return {str(outcome.task): outcome.state for outcome in result.outcomes}
 
@@ -286,6 +290,20 @@ def test_a_failure_in_another_experiment_is_told(tmp_path: Path) -> None:
         assert "Failed(stage='rubber/curve', recording=None, text='unexpected ZeroD" in page
     # Only the other one is wanted; what it needs fails all the same.
     assert states(run_here(session, only=["nbr"], targets=["mean"]))["nbr/mean"] == "skipped"
+
+
+@pytest.mark.parametrize(("how", "state"), [("refuse", "done"), ("number", "skipped")])
+def test_a_stage_does_without_what_it_may_lack_unless_the_run_was_at_fault(
+    tmp_path: Path, how: str, state: str
+) -> None:
+    session = toy.make_session(tmp_path, toy.TOML.replace('"dma.txt"', f'"dma.txt"\ntrouble = "sweep:{how}"'))
+    page, mean, *others = toy.DROP
+    drop = (page, replace(mean, may_lack=("other:material/curve",)), *others)
+    for jobs in (0, 2):
+        result = run_here_with({"drop": drop, "dma": toy.DMA}, session, jobs)
+        assert states(result)["nbr/mean"] == (state if jobs == 0 or state == "skipped" else "cached")
+    repaired = toy.reload_session(tmp_path)
+    assert states(run_here_with({"drop": drop, "dma": toy.DMA}, repaired))["nbr/mean"] == "done"
 
 
 @pytest.mark.parametrize("jobs", [0, 1])

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import msgspec
 
+from labpipe.errors import InputError
 from labpipe.schema import Schema, Variable
 from labpipe.workflow.config import POSITIVE, ExperimentName, File, Length
 from labpipe.workflow.graph import Stage
@@ -82,6 +83,8 @@ def _trouble(settings: Any, stage: str, path: Path | None = None) -> None:
         raise ZeroDivisionError("by zero")
     if how == "units":
         return
+    if how == "refuse":
+        raise InputError("no sweep was recorded")
     raise ValueError(how)
 
 

@@ -188,6 +188,7 @@ def test_plate_and_material_of_others_are_processed_too(processed_session: Path)
     session = replace(session, experiments={**session.experiments, **others})
     settings = msgspec.structs.replace(
         experiment.settings,
+        plate=None,
         plate_from="experiment:plate_vibration",
         sphere=msgspec.structs.replace(experiment.settings.sphere, material=None, material_from="experiment:dma"),
     )

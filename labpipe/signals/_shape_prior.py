@@ -1,0 +1,100 @@
+"""What is known of the shape of a contact's pulse before it is fitted."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import sqrtm
+
+from labpipe.arrays import Floats
+
+# A slow body feels gravity inside the contact, which flattens the pulse: r2 falls with g T / v, r4 rises.
+_FLATNESS, _FLATNESS_BY_GRAVITY, _HEAVIEST = -0.227, -0.085, 4.0
+_CREST, _CREST_BY_GRAVITY = 0.0275, 0.021
+
+
+class ShapePrior(NamedTuple):
+    """What is known beforehand of lean, flatness, skewness, crest and onset (r1 to r5) of the pulse.
+
+    Each is ``at_no_loss + per_loss (1 - e) + per_loss_squared (1 - e)^2``, beside the elastic value for r2 and r4,
+    within a standard deviation of ``spread + spread_per_loss (1 - e)^power``; ``root`` is the symmetric root of
+    the correlations.
+    """
+
+    per_loss: tuple[float, ...]
+    spread: tuple[float, ...]
+    spread_per_loss: tuple[float, ...]
+    power: tuple[float, ...]
+    per_loss_squared: tuple[float, ...] = (0.0,) * 5
+    at_no_loss: tuple[float, ...] = (0.0,) * 5
+    root: Floats = np.eye(5)
+
+
+_CORRELATION = (
+    (1.0, -0.88, -0.42, -0.89, -0.88),
+    (-0.88, 1.0, 0.02, 0.84, 0.94),
+    (-0.42, 0.02, 1.0, 0.19, 0.14),
+    (-0.89, 0.84, 0.19, 1.0, 0.90),
+    (-0.88, 0.94, 0.14, 0.90, 1.0),
+)
+"""Of the five in impacts of polymers of the same loss: they go together, as steeply as the solid relaxes."""
+
+PRIORS = {
+    "any": ShapePrior(
+        (-1.1, 0.25, 0.15, 0.0, 0.15), (0.05, 0.03, 0.03, 0.01, 0.03), (0.45, 2.5, 0.35, 0.1, 0.5), (1, 2, 1, 1, 1)
+    ),
+    "polymer": ShapePrior(
+        (-0.835, 0.096, 0.098, 0.014, 0.134),
+        (0.002, 0.001, 0.001, 0.0003, 0.001),
+        (0.25, 0.22, 0.06, 0.016, 0.28),
+        (1.0, 1.25, 1.5, 1.0, 1.25),
+        (-1.05, 0.837, -0.04, 0.001, 0.525),
+        (0.0, 0.0015, 0.0, -0.0019, -0.005),
+        np.asarray(sqrtm(_CORRELATION).real),
+    ),
+}
+"""``"any"`` covers all laws of the study. ``"polymer"`` is for solids with a broad relaxation
+spectrum, for which the five follow the loss, and each other: 700 impacts, by the drop simulator, of random sums of
+one or two Cole–Cole relaxations (e = 0.2 to 0.995) on floors from rigid to 20 kg."""
+
+SHAPE = ("lean", "flatness", "skewness", "crest", "onset")
+"""Unknowns of the pulse's shape."""
+
+# Of an elastic contact (Hertz's law, integrated) per speed that a force which grows evenly takes, of the incoming.
+_BY_TILT, _LOSS_BY_TILT = np.array([-0.265, 0.0, 0.034, 0.0, 0.017]), 0.425
+
+
+class Character(NamedTuple):
+    """What the shape of a pulse depends on.
+
+    Attributes
+    ----------
+    loss : float
+        Part of the speed that the solid does not return.
+    weight : float
+        Speed that gravity, and a plate that springs back, take during contact, of the incoming.
+    tilt : float
+        The same of what the plate takes more at lift-off, and less at touch, than on average.
+    u_loss : float
+        Standard uncertainty of the loss, by what is not known of the plate.
+    """
+
+    loss: float
+    weight: float
+    tilt: float = 0.0
+    u_loss: float = 0.0
+
+    @classmethod
+    def of(cls, returned: float, weight: float, tilt: float = 0.0) -> "Character":
+        """Return it for a part of the speed that returns, of body and plate to each other."""
+        solid = returned + _LOSS_BY_TILT * tilt * 0.5 * (1.0 + returned)
+        return cls(float(np.clip(1.0 - solid, 0.0, 1.0)), weight, tilt)
+
+
+def expected_shape(prior: ShapePrior, known: Character) -> tuple[Floats, Floats]:
+    """Mean and standard deviation of lean, flatness, skewness, crest and onset."""
+    felt, loss = min(known.weight, _HEAVIEST), known.loss
+    elastic = np.array([0.0, _FLATNESS + _FLATNESS_BY_GRAVITY * felt, 0.0, _CREST + _CREST_BY_GRAVITY * felt, 0.0])
+    slope, bend = np.array(prior.per_loss), np.array(prior.per_loss_squared)
+    mean = elastic + np.array(prior.at_no_loss) + loss * slope + loss**2 * bend + known.tilt * _BY_TILT
+    spread = np.array(prior.spread) + np.array(prior.spread_per_loss) * loss ** np.array(prior.power)
+    return mean, np.hypot(spread, (slope + 2.0 * loss * bend) * known.u_loss)
