@@ -7,8 +7,10 @@ import cv2
 import numpy as np
 import xarray as xr
 
+from labpipe.arrays import Floats
 from labpipe.imaging import USUAL_WORK
 from labpipe.report import (
+    Band,
     Bars,
     Block,
     Gallery,
@@ -318,9 +320,9 @@ def _over_time(
         )
     ]
     charts += _gap_factor(radius)
-    if comparison is not None:
+    if comparison is not None and model is not None:
         for i in range(comparison.sizes["impact"]):
-            charts += _around(comparison, i)
+            charts += _around(comparison, model, i)
     return Section("Contact radius over time", tuple(charts))
 
 
@@ -340,11 +342,12 @@ def _gap_factor(radius: xr.Dataset) -> list[Block]:
     return [Notice("info", text)]
 
 
-def _around(comparison: xr.Dataset, i: int) -> tuple[LineChart, LineChart]:
+def _around(comparison: xr.Dataset, simulated: xr.Dataset, i: int) -> tuple[LineChart, LineChart]:
     """Draw one impact, film and model, and their difference below."""
     mine = comparison["impact_number"].values == i + 1
     since = comparison["since_peak"].values[mine] * 1e3
     film, model, u = (comparison[name].values[mine] for name in ("film", "model", "u_film"))
+    wide = 2e6 * _u_model(since, model, simulated, i)
     curves = LineChart(
         f"Impact {i + 1} around its largest radius",
         "time since the largest radius / ms",
@@ -360,12 +363,27 @@ def _around(comparison: xr.Dataset, i: int) -> tuple[LineChart, LineChart]:
         f"Film minus model, impact {i + 1}",
         "time since the largest radius / ms",
         "difference / µm",
-        (Series("film minus model", since, (film - model) * 1e6, role="residual", style="points", u=u * 1e6),),
+        (
+            Band("model ± 2 u", since, -wide, wide, role="model"),
+            Series("film minus model", since, (film - model) * 1e6, role="residual", style="points", u=u * 1e6),
+        ),
         group=f"impact {i + 1}",
-        height_px=170,
-        caption=f"Bars: standard uncertainty of the film. {_alignment(comparison, i)}",
+        height_px=220,
+        caption="Bars: standard uncertainty of the film. Band: twice that of the model, in which size and duration "
+        f"of a contact move together, as by a wrong modulus. {_alignment(comparison, i)}",
     )
     return curves, residual
+
+
+def _u_model(since: Floats, radius: Floats, simulated: xr.Dataset, i: int) -> Floats:
+    """Return the standard uncertainty [m] of the model's radius over the time since its largest.
+
+    Nearly all of it is the modulus', by Poisson's ratio and the rheometer: of an impact by Hertz the radius
+    goes as E^-0.2 and the duration as E^-0.4, so a contact that is larger lasts twice as much longer.
+    """
+    relative = float(simulated["u_peak_contact_radius"][i] / simulated["peak_contact_radius"][i])
+    slope = np.gradient(radius, since) if since.size > 1 else np.zeros(since.size)
+    return relative * np.abs(radius - 2.0 * since * slope)
 
 
 def _alignment(comparison: xr.Dataset, i: int) -> str:
