@@ -143,8 +143,10 @@ def value_with_uncertainty(value: float, u: float, unit: str = "1") -> str:
     '0.729 ± 0.012'
     >>> value_with_uncertainty(1.50234e-3, 12e-6, "m")
     '(1.502 ± 0.012) mm'
+    >>> value_with_uncertainty(0.8e-6, 2e-6, "m")
+    '(0.8 ± 2.0) µm'
     """
-    shown = display_unit([value if value else u], unit)
+    shown = display_unit([u if u > abs(value) else value], unit)
     suffix = f" {shown.text}" if shown.text else ""
     if shown.text == "°":
         suffix = shown.text
