@@ -27,6 +27,6 @@ def test_clean_session_is_believed_and_agrees(clean: Path) -> None:
     assert found.checks > 40
 
 
-@pytest.mark.parametrize("mistake", by_day(ROWS, 6))
+@pytest.mark.parametrize("mistake", by_day(ROWS, 12))
 def test_mistake_is_noticed_and_named(clean: Path, tmp_path: Path, mistake: Mistake) -> None:
     hold(clean, tmp_path / "session", mistake, "table", otherwise="comparison", experiment="plate")

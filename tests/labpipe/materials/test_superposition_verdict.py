@@ -112,6 +112,7 @@ def test_one_process_passes_over_more_seeds(name, seed):
     assert quiet(sweeps(seed, **HONEST[name])).verdict.level == "pass"
 
 
+@pytest.mark.slow
 def test_a_vertical_factor_of_no_material_is_not_taken():
     found = quiet(sweeps(13, factor=lambda T: 1 + 4e-4 * (T - 50.0) ** 2))
     step = np.abs(TEMPERATURES - 50.0)

@@ -22,6 +22,7 @@ def test_the_emulation_of_dice_has_the_bias_that_dice_has() -> None:
     assert 0.0008 < bias < 0.0024
 
 
+@pytest.mark.slow
 def test_scenes_in_which_more_changes_than_the_place() -> None:
     points = {point.setting: point for point in disturbances(quick=True).points}
     covered = points.pop("a wire before the specimen")
