@@ -18,7 +18,7 @@ SLIPS = {
         "length": (10.0, 100.0, 1e3, 1e4, 1e6, 25.4, 1e3 / 25.4),
         "gain": (2.0,),
         "interval": (2.0, 2.5, 4.0, 5.0, 10.0, 100.0, 1e3),
-        "mass": (9.81, 10.0, 1e3, 2.2046),
+        "mass": (9.81, 10.0, 100.0, 1e3, 2.2046),
         "view": (36.0,),
     }.items()
 }
@@ -121,7 +121,11 @@ class Slip(NamedTuple):
 
 
 def slips(
-    measured: ArrayLike, predicted: ArrayLike, powers: ArrayLike, covariance: ArrayLike, factors: Sequence[float]
+    measured: ArrayLike,
+    predicted: ArrayLike,
+    powers: ArrayLike,
+    covariance: ArrayLike,
+    factors: Sequence[Sequence[float]],
 ) -> list[Slip]:
     """Look for an input that was stated wrongly by a usual factor, however far that is.
 
@@ -136,8 +140,8 @@ def slips(
         Derivatives of the logarithm of measured over predicted to that of each input.
     covariance : array (row, row)
         Of that logarithm.
-    factors : sequence of float
-        Those to look for, such as ``SLIPS["value"]``.
+    factors : sequence of sequence of float
+        Those to look for in each input, such as ``SLIPS["value"]``.
 
     Returns
     -------
@@ -146,7 +150,8 @@ def slips(
 
     Examples
     --------
-    >>> found = slips([1.15, 1.32], [1.0, 1.0], [[0.2, 1.0], [0.4, 0.1]], np.diag([1e-4, 1e-4]), SLIPS["value"])
+    >>> powers, usual = [[0.2, 1.0], [0.4, 0.1]], [SLIPS["value"]] * 2
+    >>> found = slips([1.15, 1.32], [1.0, 1.0], powers, np.diag([1e-4, 1e-4]), usual)
     >>> [(slip.input, slip.factor) for slip in found]
     [(0, 2.0)]
     """
@@ -155,7 +160,7 @@ def slips(
     before = float(seen @ np.linalg.pinv(C, hermitian=True) @ seen)
     found: list[tuple[float, Slip]] = []
     for i in np.flatnonzero(np.abs(A).max(axis=0, initial=0.0) > 0.0):
-        for k in factors:
+        for k in factors[i]:
             shift = A[:, i] * log(k)
             wider = C + np.diag((_BENT * shift) ** 2)
             weight = np.linalg.pinv(wider, hermitian=True)

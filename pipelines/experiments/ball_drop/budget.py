@@ -24,7 +24,7 @@ _CAMERA = ("pixel size", "there is no camera")
 _LAG = ("filter lag", "the moving average of the sensor delays all readings equally")
 _MODEL = (
     "mass, radius, Poisson's ratio, temperature",
-    "the measurement does not depend on the body; they affect the model",
+    "they affect the model; what the masses of body and plate tell of the pulse stands in the row of its shape",
 )
 _ZERO = ("zero", "a difference of two readings has none")
 _HEIGHT = ("height", "that of session.toml enters only the model")

@@ -84,6 +84,8 @@ _CLOSE = 6.0
 """Difference of chi square within which an input explains as much as the one that explains most."""
 _KNOWN, _RELATIVE = 1e-3, 1e-2
 """Relative, what counts as the uncertainty of an input without a stated one, and of a factor that nobody measured."""
+_HALF = 0.5
+"""Of one: a number of things is wrong by that much at least."""
 
 _VISIBLE = 0.5  # of the uncertainty of a difference
 _LEAST_P = 1e-4  # smaller probabilities say no more
@@ -341,18 +343,13 @@ def _suspected(
 ) -> list[str]:
     """Say of the likeliest inputs by how much each would have to be stated wrongly, and what that explains."""
     said: list[str] = []
-
-    def far(suspect: Suspect) -> float:
-        given = known[names[suspect.inputs[0]]]
-        share = _RELATIVE if given.si == "1" else _KNOWN
-        return abs(suspect.error) / (given.u or share * abs(given.value) or inf)
-
     # what explains as much is the likelier, the less of its own uncertainty it takes
-    alike = [one for one in ranked if (ranked[0].share - one.share) * chi2 < _CLOSE]
-    for suspect in [*sorted(alike, key=far), *ranked[len(alike) :]]:
-        if suspect.share < _EXPLAINS or len(said) == _SUSPECTS:
+    each = [(suspect.share, _likeliest_first(suspect, names, known, slopes)) for suspect in ranked]
+    alike = [one for one in each if (ranked[0].share - one[0]) * chi2 < _CLOSE]
+    alike.sort(key=lambda one: _far(known[one[1][0][0]], one[1][0][1]) if one[1] else inf)
+    for share, errors in [*alike, *each[len(alike) :]]:
+        if share < _EXPLAINS or len(said) == _SUSPECTS:
             break
-        errors = [(names[i], error) for i, error in _errors_of(suspect, slopes)]
         near = [(name, error) for name, error in errors if _is_near(known[name], error)]
         if not near:
             continue
@@ -363,8 +360,27 @@ def _suspected(
         if given.si == "1" and given.value:
             size = f"{100 * abs(error / given.value):.2g} %"
         like = f" (or {', '.join(others)})" if others else ""
-        said.append(f"{first}{like} stated {size} {way} would explain {100 * suspect.share:.0f} % of it")
+        said.append(f"{first}{like} stated {size} {way} would explain {100 * share:.0f} % of it")
     return said
+
+
+def _likeliest_first(
+    suspect: Suspect, names: Sequence[str], known: Mapping[str, Quantity], slopes: Any
+) -> list[tuple[str, float]]:
+    """Return inputs that look the same, each with its error; of what is counted no part is wrong."""
+    errors = [(names[i], error) for i, error in _errors_of(suspect, slopes)]
+    whole = [(name, error) for name, error in errors if not (_is_count(known[name]) and abs(error) < _HALF)]
+    return sorted(whole, key=lambda one: _far(known[one[0]], one[1]))
+
+
+def _far(given: Quantity, error: float) -> float:
+    """Return an error in uncertainties of its input, or in what stands for one that nobody stated."""
+    share = _RELATIVE if given.si == "1" else _KNOWN
+    return abs(error) / (given.u or share * abs(given.value) or inf)
+
+
+def _is_count(given: Quantity) -> bool:
+    return given.si == "1" and not given.u and given.value > 1.0 and float(given.value).is_integer()
 
 
 def _is_near(given: Quantity, error: float) -> bool:
@@ -447,7 +463,14 @@ def _slipped(
     of_grades = float(np.abs(of_modulus).max()) * log(_NO_GRADE)
     said = []
     # beside what may have any value, what is out of all proportion is told by a check of its own
-    factors = [k for k in SLIPS["value"] if not free or abs(log(k)) <= log(_DECIMAL)]
+    factors = [
+        [
+            k
+            for k in SLIPS["mass" if known[names[i]].si == "kg" else "value"]
+            if not free or abs(log(k)) <= log(_DECIMAL)
+        ]
+        for i in stated_ones
+    ]
     for slip in slips(laws.measured, laws.model, powers, laws.spread, factors):
         name = names[stated_ones[slip.input]]
         effect = float(np.abs(powers[:, slip.input]).max()) * abs(log(slip.factor))

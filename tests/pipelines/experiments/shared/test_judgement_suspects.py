@@ -66,6 +66,25 @@ def test_of_inputs_that_explain_as_much_the_one_that_is_known_worst_comes_first(
     assert first.startswith("ruler")
 
 
+def test_of_inputs_that_look_the_same_the_one_known_worst_is_named_and_no_part_of_a_count() -> None:
+    """A stiffness 5 % off: a specimen by five of its uncertainties, not a length by hundreds or 0.15 of three tips."""
+    known = {
+        "length of a tip": Quantity(6e-3, 1e-6, "m"),
+        "number of tips": Quantity(3.0, 0.0, "1"),
+        "DMA, specimen": Quantity(1.0, 1e-2, "1"),
+    }
+    rows = [
+        row(
+            "stiffness", "N/m", 1, slopes={name: -size / q.value for name, q in known.items()}, measured=0.95 * size,
+            model=size, difference=-0.05 * size, u_measured=3e-3 * size, u_model=1e-2 * size,
+            u_difference=1.1e-2 * size,
+        )
+        for size in (10.0, 20.0, 30.0)
+    ]  # fmt: skip
+    (said,) = json.loads(judgement(Scene((), rows=rows, inputs=known)).attrs["suspects"])
+    assert said.startswith("DMA, specimen (or length of a tip) stated 5 % too large")
+
+
 def test_beyond_the_reach_of_slopes_no_input_is_blamed() -> None:
     found = judgement(Scene((), rows=_rows(temperature=60.0), inputs=INPUTS))
     (said,) = json.loads(found.attrs["suspects"])
