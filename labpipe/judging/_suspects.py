@@ -159,7 +159,7 @@ def slips(
     C = np.atleast_2d(np.asarray(covariance, float))
     before = float(seen @ np.linalg.pinv(C, hermitian=True) @ seen)
     found: list[tuple[float, Slip]] = []
-    for i in np.flatnonzero(np.abs(A).max(axis=0, initial=0.0) > 0.0):
+    for i in np.flatnonzero(np.abs(A).max(axis=0, initial=0.0) > 0.0).tolist():
         for k in factors[i]:
             shift = A[:, i] * log(k)
             wider = C + np.diag((_BENT * shift) ** 2)
@@ -170,7 +170,7 @@ def slips(
             is_best = abs(float(shift @ weight @ seen) - known) < _OFF * known
             if is_best and known > _VAGUE**-2 and left < _LEFT * before:
                 # a far slip is vaguer: likelihood, not what is left, tells it from a near one
-                found.append((left + float(np.linalg.slogdet(wider)[1]), Slip(int(i), k, 1 - left / before)))
+                found.append((left + float(np.linalg.slogdet(wider)[1]), Slip(i, k, 1 - left / before)))
     found.sort(key=lambda each: each[0])
     least = found[0][0] if found else 0.0
     return [slip for score, slip in found if score < least + _CLOSE]

@@ -20,6 +20,7 @@ from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.film_frames import explained
 from pipelines.experiments.shared.film_light import exposed, lit
 from pipelines.experiments.shared.judgements import Scene, times_over
+from pipelines.experiments.shared.material_inputs import material_inputs
 from pipelines.experiments.shared.plate_under_drop import OF_PLATE
 
 _LARGEST = 0.5
@@ -119,6 +120,7 @@ def _inputs(radius: xr.Dataset | None, model: xr.Dataset | None, settings: Conta
             "modulus": Quantity(1.0, 0.0, "1"),
             SCALE: Quantity(1.0, relative, "1"),
         }
+        | material_inputs(model)
     )
 
 

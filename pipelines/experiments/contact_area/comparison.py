@@ -16,6 +16,7 @@ from pipelines.experiments.contact_area._peaks import BESIDE, STILL, WINDOW, pea
 from pipelines.experiments.contact_area._scale import fringe_scale
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, row
+from pipelines.experiments.shared.material_inputs import material_slopes
 from pipelines.experiments.shared.plate_under_drop import OF_PLATE
 
 SCALE = "scale of the image"
@@ -228,6 +229,7 @@ def rows(comparison: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, sett
                 "height": -0.2 * expected / settings.height.value,
                 "modulus": 0.2 * expected,
             }
+            | material_slopes(model, expected)
             | ({} if plate is None else {PLATE: -expected * _of_plate(i, plate.value, sphere.mass.value, model)}),
         )
     if "pixel_by_fringes" not in comparison or settings.wavelength is None:

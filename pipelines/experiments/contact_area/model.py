@@ -16,6 +16,7 @@ from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area._peaks import WINDOW
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.material_choice import resolve, variations
+from pipelines.experiments.shared.material_inputs import kept_in
 from pipelines.experiments.shared.plate_under_drop import plate_inputs, resolve_plate
 
 _STEP = 2e-5  # s, spacing of the model's curve
@@ -57,19 +58,14 @@ def model(
         shortcuts=contact.Shortcuts.chosen(full=full),
     )
     largest = made["peak_contact_radius"].values
-    sources = (
-        [
-            s._replace(sensitivity=s.sensitivity * float(largest[0]))
-            for s in _relative_sources(settings, material_file, fitted, solid, made)
-        ]
-        if largest.size
-        else []
-    )
+    of_material = _of_material(settings, material_file, fitted, solid, made) if largest.size else []
+    relative_ones = [*_of_body(settings), *of_material] if largest.size else []
+    sources = [s._replace(sensitivity=s.sensitivity * float(largest[0])) for s in relative_ones]
     relative = combined_uncertainty(sources) / float(largest[0]) if sources else 0.0
     made["u_peak_contact_radius"] = variable(
         "impact", relative * largest, "m", "standard uncertainty from height, body and material: peak"
     )
-    made.attrs["budget"] = json.dumps(budget_rows(sources))
+    made.attrs |= {"budget": json.dumps(budget_rows(sources))} | kept_in(of_material)
     made["adhesion_shift"] = variable(
         "impact",
         _edge_beyond(largest, made, solid, settings),
@@ -117,20 +113,22 @@ def _edge_beyond(largest: Floats, made: xr.Dataset, solid: Prony, settings: Cont
     return adhesive_edge(largest, settings.sphere.radius.value, reduced) - largest
 
 
-def _relative_sources(
-    settings: ContactArea, material_file: Path | None, fitted: xr.Dataset | None, solid: Prony, made: xr.Dataset
-) -> list[Source]:
-    """Return what makes the largest radius uncertain, relative to it.
-
-    By the exponents of Hertz's impact, a ~ R^0.4 (m h)^0.2 E^-0.2, the modulus that at the
-    frequency of the contact.
-    """
+def _of_body(settings: ContactArea) -> list[Source]:
+    """Return what makes the largest radius uncertain but for the material, relative to it: a ~ R^0.4 (m h)^0.2."""
     sphere = settings.sphere
     given = (("radius", sphere.radius, 0.4), ("mass", sphere.mass, 0.2), ("height", settings.height, 0.2))
-    sources = [Source.of(name, q, power / q.value) for name, q, power in given]
+    return [Source.of(name, q, power / q.value) for name, q, power in given]
+
+
+def _of_material(
+    settings: ContactArea, material_file: Path | None, fitted: xr.Dataset | None, solid: Prony, made: xr.Dataset
+) -> list[Source]:
+    """Return what of the material makes it uncertain: a ~ E^-0.2, the modulus that at the contact's frequency."""
+    sources = []
     omega = np.pi / float(made["contact_duration"][0])
     stiffness = abs(complex(solid.complex_modulus(omega)))
-    for name, (q, step, other) in variations(sphere, material_file, fitted, (1 / omega, 1 / omega)).items():
+    found = variations(settings.sphere, material_file, fitted, (1 / omega, 1 / omega))
+    for name, (q, step, other) in found.items():
         slope = -0.2 * float(np.log(abs(complex(other.complex_modulus(omega))) / stiffness)) / step
         sources.append(Source.of(name, q, slope))
     return sources

@@ -16,6 +16,7 @@ from labpipe.workflow.context import Context
 from pipelines.experiments.shared import judgements, trace_checks
 from pipelines.experiments.shared.fall_checks import shown
 from pipelines.experiments.shared.judgements import Scene, line_of
+from pipelines.experiments.shared.material_inputs import material_inputs
 from pipelines.experiments.shared.trace_checks import Trace
 from pipelines.experiments.static_loading.comparison import LOADS, MODULUS, SCALE, TOUCH, rows
 from pipelines.experiments.static_loading.load_steps import SIDE, settled, steps_anywhere, valid
@@ -75,7 +76,8 @@ def judgement(
     causes = _causes(settings)
     if not any(MATERIAL in found.checks for found in explain(checks, causes)):
         checks = [_another_material(check) if check.name == MATERIAL else check for check in checks]
-    compared_rows = [] if comparison is None else list(rows(comparison, settings=settings))
+    is_compared = comparison is not None and model is not None
+    compared_rows = list(rows(comparison, model, settings=settings)) if is_compared else []
     inputs = _inputs(displacement, steps, model, settings)
     return judgements.judgement(
         Scene(checks, causes, compared_rows, inputs, basis=basis, measured_by=judgements.measured_by(settings.sphere))
@@ -91,9 +93,9 @@ def _inputs(
         "radius": settings.sphere.radius,
         SCALE: Quantity(1.0, relative, "1"),
         TOUCH: Quantity(0.0, 0.0 if steps is None else float(steps["u_touch"]), "m"),
-        MODULUS: Quantity(1.0, 0.0 if model is None else float(model.attrs["u_modulus"]), "1"),
+        MODULUS: Quantity(1.0, 0.0, "1"),
         LOADS: Quantity(1.0, 0.0, "1"),
-    }
+    } | material_inputs(model)
 
 
 def _explained(

@@ -8,6 +8,7 @@ import xarray as xr
 
 from labpipe.variables import from_rows, variable
 from pipelines.experiments.shared.comparison_rows import Row, row
+from pipelines.experiments.shared.material_inputs import material_slopes
 from pipelines.experiments.static_loading.measured import spans, windows
 from pipelines.experiments.static_loading.settings import StaticLoading
 
@@ -81,7 +82,7 @@ def _per_load(approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, settin
     return from_rows("load", rows, {name: ("m", text) for name, text in texts.items()})
 
 
-def rows(comparison: xr.Dataset, *, settings: StaticLoading) -> Iterator[Row]:
+def rows(comparison: xr.Dataset, model: xr.Dataset, *, settings: StaticLoading) -> Iterator[Row]:
     """Yield the rows of ``compare``."""
     yield row(
         "contact radius",
@@ -105,7 +106,8 @@ def rows(comparison: xr.Dataset, *, settings: StaticLoading) -> Iterator[Row]:
                 TOUCH: -radius / (2 * level) if level > 0.0 else 0.0,
                 MODULUS: value / 3,
                 LOADS: -value / 3,
-            },
+            }
+            | material_slopes(model, value),
             measured=level,
             u_measured=comparison["u_radius_measured"][i],
             model=value,

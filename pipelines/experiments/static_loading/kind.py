@@ -83,7 +83,7 @@ KIND = Kind(
     key_numbers=(KeyNumber("contact radius under the first load", "m", "approach", "level_contact_radius"),),
     picture=Picture("displacement", "time", "displacement"),
     error="nrmse_approach_model",
-    rows=Derived("pipelines.experiments.static_loading.comparison:rows", ("comparison",)),
+    rows=Derived("pipelines.experiments.static_loading.comparison:rows", ("comparison", "model")),
     budget=Derived(
         "pipelines.experiments.static_loading.budget:quantities", ("displacement", "steps", "approach", "model")
     ),

@@ -13,6 +13,7 @@ from labpipe.materials import Prony
 from labpipe.uncertainty import Source
 from labpipe.variables import described, variable
 from pipelines.experiments.shared.material_choice import resolve, variations
+from pipelines.experiments.shared.material_inputs import kept_in
 from pipelines.experiments.static_loading.load_steps import valid
 from pipelines.experiments.static_loading.measured import spans
 from pipelines.experiments.static_loading.settings import StaticLoading
@@ -93,8 +94,9 @@ def model(
         },
         attrs={
             "work": json.dumps(work),
-            "u_modulus": float(of_material),
             "budget": json.dumps(uncertainty.budget_rows(sources)),
+            # a ~ J^(1/3)
+            **kept_in([s._replace(sensitivity=s.sensitivity / 3) for s in softer]),
         },
     )
 

@@ -45,7 +45,7 @@ def page(
 ) -> str:
     """Write the page; a step that failed leaves its section out and its error in."""
     sections = [_summary(approach, comparison, context), _measured(settings, readings, displacement, approach, context)]
-    compared = [] if comparison is None else list(compared_rows(comparison, settings=settings))
+    compared = [] if comparison is None or model is None else list(compared_rows(comparison, model, settings=settings))
     if steps is not None and approach is not None:
         sections.append(_radii(steps, approach, model, comparison))
         if model is not None:
