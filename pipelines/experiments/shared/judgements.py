@@ -292,7 +292,7 @@ def judgement(scene: Scene) -> xr.Dataset:
     Dataset
         ``chi_square``, ``degrees_of_freedom``, ``p``, ``n_checks`` [1]; over ``input`` the
         smallest error that the comparison would have shown, ``detectable`` (relative, NaN
-        where the input is 0). Attributes ``judgement``, ``model`` and ``believable`` hold the
+        where the input is 0 or a temperature). Attributes ``judgement``, ``model`` and ``believable`` hold the
         words and, as JSON, all checks; ``suspects`` what would explain a model that differs.
     """
     judged = judge([*scene.checks, *scene.basis.checks], scene.causes)
@@ -323,8 +323,8 @@ def judgement(scene: Scene) -> xr.Dataset:
             told = [f"probably {scene.another_material}{f'; or {alike} is stated wrongly' * bool(alike)}"]
             told = told if names.index(_MODULUS) in far else []
         told = [*told, *others][:_SUSPECTS] or ([_UNEXPLAINED] if names else [])
-    values = np.array([scene.inputs[name].value for name in names])
-    # an error of an input that is 0 has no size to be compared with
+    # an error of an input that is 0 has no size to be compared with, nor has that of a temperature in °C
+    values = np.array([0.0 if scene.inputs[name].si == "degC" else scene.inputs[name].value for name in names])
     relative = np.divide(smallest, np.abs(values), out=np.full(len(names), np.nan), where=values != 0.0)
     could_notice = bool((relative < MATTERS).any()) if names else True
     units = [scene.inputs[name].si for name in names]
@@ -356,7 +356,7 @@ def _suspected(
         (first, error), *_ = near
         others, given = [name for name, _ in errors if name != first], known[first]
         way = "too large" if error > 0.0 else "too small"
-        size = quantity(abs(error), given.si)
+        size = quantity(abs(error), _of_error(given.si))
         if given.si == "1" and given.value:
             size = f"{100 * abs(error / given.value):.2g} %"
         like = f" (or {', '.join(others)})" if others else ""
@@ -381,6 +381,11 @@ def _far(given: Quantity, error: float) -> float:
 
 def _is_count(given: Quantity) -> bool:
     return given.si == "1" and not given.u and given.value > 1.0 and float(given.value).is_integer()
+
+
+def _of_error(unit: str) -> str:
+    """Return the unit of an error of what is stated in a unit: a difference of temperatures is one in kelvin."""
+    return "K" if unit == "degC" else unit
 
 
 def _is_near(given: Quantity, error: float) -> bool:
@@ -725,12 +730,12 @@ def _errors(result: xr.Dataset) -> list[tuple[str, str, float]]:
     )
     found = []
     for name, relative, error, unit in values:
-        if np.isnan(relative):  # of an input that is 0, such as a position
-            size = quantity(float(error), unit) if np.isfinite(error) else ""
+        if np.isnan(relative):  # of an input that is 0, such as a position, or a temperature
+            size = quantity(float(error), _of_error(unit)) if np.isfinite(error) else ""
         else:
             size = f"{100 * relative:.2g} %" if np.isfinite(relative) and relative < 1.0 else ""
         found.append((shown_source(str(name)), size, float(relative)))
-    return sorted(found, key=lambda each: (not each[1], each[2]))
+    return sorted(found, key=lambda each: (not each[1], bool(np.isnan(each[2])), each[2]))
 
 
 def _noticed(result: xr.Dataset) -> Table:
@@ -810,7 +815,7 @@ def compared(result: xr.Dataset) -> dict[str, Any]:
         "believable": judged.believable,
         "cause": _likeliest(judged) if judged.believable in ("doubtful", "impossible") else "",
         "detectable": {
-            name: {"value": float(error) if np.isfinite(error) else None, "unit": unit}
+            name: {"value": float(error) if np.isfinite(error) else None, "unit": _of_error(unit)}
             for name, error, unit in zip(names, errors, units, strict=True)
         },
     }

@@ -1,6 +1,7 @@
 """Where the model differs, the judgement names the input that would explain it, or that none does."""
 
 import json
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -11,7 +12,7 @@ from labpipe.judging import stated
 from labpipe.units import Quantity
 from pipelines.experiments import JUDGEMENT, KINDS
 from pipelines.experiments.shared.comparison_rows import Row, row
-from pipelines.experiments.shared.judgements import Basis, Scene, believed, judgement, sentence
+from pipelines.experiments.shared.judgements import Basis, Scene, believed, judgement, noticed, sentence
 
 INPUTS = {"height": Quantity(5e-3, 5e-6, "m"), "temperature": Quantity(20.0, 0.5, "degC")}
 SLOPES = ({"height": 30.0}, {"height": 60.0, "temperature": 2e-3}, {"temperature": -4e-3})
@@ -45,10 +46,17 @@ def test_the_input_that_is_stated_wrongly_is_named_first_with_its_size() -> None
     found = judgement(Scene((), rows=_rows(temperature=5.0), inputs=INPUTS))
     assert found.attrs["model"] == "differs"
     first = json.loads(found.attrs["suspects"])[0]
-    assert first.startswith("temperature stated 5.00 °C too large would explain 100 %")
-    assert "Temperature stated 5.00 °C too large" in sentence(found)[1]
+    assert first.startswith("temperature stated 5.00 K too large would explain 100 %")
+    assert "Temperature stated 5.00 K too large" in sentence(found)[1]
     higher = judgement(Scene((), rows=_rows(height=-0.3e-3), inputs=INPUTS))
     assert json.loads(higher.attrs["suspects"])[0].startswith("height stated 300 µm too small")
+
+
+def test_an_error_of_a_temperature_that_would_have_shown_is_told_in_kelvin() -> None:
+    """A share of a temperature in °C means nothing: at 0 °C it is infinite."""
+    said = noticed(judgement(Scene((), rows=_rows(), inputs=INPUTS)))
+    assert re.search(r"temperature\W[\d.]+\WK", said), said
+    assert re.search(r"height\W[\d.]+\W%", said), said
 
 
 def test_of_inputs_that_explain_as_much_the_one_that_is_known_worst_comes_first() -> None:
