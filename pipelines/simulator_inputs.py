@@ -84,11 +84,6 @@ def ramp_hold_oscillation(
     pressed = np.linspace(0.0, mean / ramp, _RAMP_SAMPLES)
     held = pressed[-1] + np.geomspace(_FIRST_HOLD, max(hold, _SHORTEST_HOLD), _HOLD_SAMPLES)
     swing = held[-1] + np.linspace(0, cycles / frequency, per_cycle * cycles + 1)[1:]
-    displacement = np.concatenate(
-        [
-            pressed * ramp,
-            np.full(held.size, mean),
-            mean + amplitude * np.sin(2 * np.pi * frequency * (swing - held[-1])),
-        ]
-    )
+    swings = mean + amplitude * np.sin(2 * np.pi * frequency * (swing - held[-1]))
+    displacement = np.concatenate([pressed * ramp, np.full(held.size, mean), swings])
     return np.concatenate([pressed, held, swing]), displacement

@@ -50,15 +50,8 @@ def _processed(folder: Path) -> int:
     from pipelines.session import process, verdict_on
 
     def progress(event: "Event") -> None:
-        _tell(
-            kind=event.kind,
-            experiment=event.task.experiment,
-            stage=event.task.stage,
-            recording=event.task.recording,
-            done=event.done,
-            total=event.total,
-            message=event.message,
-        )
+        task, so_far = event.task, {"done": event.done, "total": event.total, "message": event.message}
+        _tell(kind=event.kind, experiment=task.experiment, stage=task.stage, recording=task.recording, **so_far)
         if event.task.stage == JUDGEMENT and event.kind in ("done", "cached", "kept"):
             _tell(**_judged(verdict_on(folder, event.task.experiment)))
 

@@ -281,12 +281,8 @@ def _fields(
 def _has_problem(name: str, table: Mapping[str, Any], problems: list[Told]) -> bool:
     """Tell whether something is wrong or to come in an experiment, or in a record that it names."""
     place = dotted((edits.EXPERIMENTS, name))
-    return any(
-        problem["place"] == place
-        or problem["place"].startswith((f"{place}.", f"{place}["))
-        or problem["file"] in (table.get(key) for key in _RECORD_FIELDS)
-        for problem in problems
-    )
+    inside, records = (f"{place}.", f"{place}["), [table.get(key) for key in _RECORD_FIELDS]
+    return any(p["place"] == place or p["place"].startswith(inside) or p["file"] in records for p in problems)
 
 
 _RECORD_FIELDS = ("calibration", "camera", "record")

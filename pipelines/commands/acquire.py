@@ -121,15 +121,8 @@ def keyence(
         return laser.Connection(protocol, host, port or laser.LK_PORT, outputs, timeout)
 
     with _showing(as_json) as progress:
-        done = laser.record(
-            file,
-            setup,
-            connect,
-            duration,
-            laser.parse_trigger(trigger, before) if trigger else None,
-            patience=patience,
-            progress=progress,
-        )
+        wanted = laser.parse_trigger(trigger, before) if trigger else None
+        done = laser.record(file, setup, connect, duration, wanted, patience=patience, progress=progress)
     _tell(done, as_json)
     if not as_json:
         echo(laser.EMULATOR_ONLY)

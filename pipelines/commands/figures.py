@@ -55,12 +55,8 @@ def figures(
         for outcome in outcomes:
             _say(outcome)
     if as_json:
-        echo_json(
-            {
-                "out": str(out),
-                "figures": [{"id": o.id, "state": o.state, "detail": o.detail, "files": o.files} for o in outcomes],
-            }
-        )
+        made = [{"id": o.id, "state": o.state, "detail": o.detail, "files": o.files} for o in outcomes]
+        echo_json({"out": str(out), "figures": made})
     click.get_current_context().exit(any(o.state == make.FAILED for o in outcomes))
 
 

@@ -119,16 +119,9 @@ def amplitude(
 
     if not 0.0 < least < most:
         raise click.UsageError("--least and --most: expected 0 < least < most")
-    found = contact.amplitude_sweep(
-        load_material(material, temperature, vertical_shift),
-        Kraus(**softening),
-        frequency,
-        np.geomspace(least, most, _STATES),
-        mean,
-        tip_radius,
-        period,
-        depth,
-    )
+    solid = load_material(material, temperature, vertical_shift)
+    amplitudes, softened = np.geomspace(least, most, _STATES), Kraus(**softening)
+    found = contact.amplitude_sweep(solid, softened, frequency, amplitudes, mean, tip_radius, period, depth)
     deliver(found, out, picture, as_json, _amplitude_summary, _amplitude_panels)
 
 

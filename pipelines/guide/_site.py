@@ -78,16 +78,8 @@ def build(site: Path, sessions: Iterable[Path] = (), *, keep: bool = False) -> P
         _reference.write(source)
         files.write_text(source / "index.md", _index())
         warnings = io.StringIO()
-        app = Sphinx(
-            str(source),
-            None,
-            str(site),
-            str(Path(folder) / "doctrees"),
-            "html",
-            confoverrides=_CONFIGURATION,
-            status=None,
-            warning=warnings,
-        )
+        places = (str(source), None, str(site), str(Path(folder) / "doctrees"))
+        app = Sphinx(*places, "html", confoverrides=_CONFIGURATION, status=None, warning=warnings)
         app.build()
         said = warnings.getvalue().strip()
         if said or app.statuscode:
@@ -112,12 +104,9 @@ def _same_words(told: str, kept: str) -> None:
     lines = itertools.zip_longest(told.splitlines(), kept.splitlines(), fillvalue="")
     for number, (now, before) in enumerate(lines, 1):
         if re.findall(r"[^\W\d_]+", now) != re.findall(r"[^\W\d_]+", before):
-            raise SourceError(
-                GUIDES / _TUTORIAL,
-                f'the tutorial now says "{now.strip()}", not "{before.strip()}"',
-                line=number,
-                hint="Keep it anew: python -m pipelines.guide SITE SESSION --keep",
-            )
+            text = f'the tutorial now says "{now.strip()}", not "{before.strip()}"'
+            hint = "Keep it anew: python -m pipelines.guide SITE SESSION --keep"
+            raise SourceError(GUIDES / _TUTORIAL, text, line=number, hint=hint)
 
 
 def _alone(site: Path) -> None:

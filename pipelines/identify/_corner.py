@@ -81,13 +81,8 @@ def main_quantities(found: Identified) -> MainQuantities:
     centre = [at / 1e6, loss, *xi[chosen]]
     where = quantity(frequency, "Hz")
     names = (f"E′ / MPa\nat {where}", f"tan δ\nat {where}")
-    return MainQuantities(
-        (*names, *(_folded(parameters[i].name) for i in chosen)),
-        np.array(centre, dtype=float),
-        covariance,
-        curve,
-        tuple(chosen),
-    )
+    all_names = (*names, *(_folded(parameters[i].name) for i in chosen))
+    return MainQuantities(all_names, np.array(centre, dtype=float), covariance, curve, tuple(chosen))
 
 
 def _related(found: Identified, by_xi: Floats) -> list[int]:

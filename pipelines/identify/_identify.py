@@ -219,15 +219,8 @@ def _processed(folder: str | Path, groups: Iterable[_Group], jobs: int) -> Resul
 def _identified(results: Results, material: str, group: _Group, wish: Wish, remarks: list[str], say: Say) -> Identified:
     contributions, before = list(group.contributions), None
     if group.prior is not None:
-        contributions.append(
-            derive(
-                results,
-                group.prior,
-                known_before(group.prior),
-                name=group.prior.name,
-                temperature=temperature_of(group.experiments[0]),
-            )
-        )
+        keywords = {"name": group.prior.name, "temperature": temperature_of(group.experiments[0])}
+        contributions.append(derive(results, group.prior, known_before(group.prior), **keywords))
     data = (min(each.window[0] for each in contributions), max(each.window[1] for each in contributions))
     nu = contributions[0].nu
     spectrum = (

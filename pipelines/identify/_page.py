@@ -269,31 +269,16 @@ def _curves(found: Identified) -> tuple[Block, ...]:
         "Outside the two marks there are no data: the curves follow what is assumed of polymers, and the "
         "bands are the width of that."
     )
-    chart = LineChart(
-        "Prior against posterior",
-        "frequency / Hz",
-        "standard deviation of the logarithm",
-        spreads,
-        group="frequency",
-        x_scale="log",
-        y_scale="log",
-        vlines=marks,
-    )
+    title, x, y = "Prior against posterior", "frequency / Hz", "standard deviation of the logarithm"
+    chart = LineChart(title, x, y, spreads, group="frequency", x_scale="log", y_scale="log", vlines=marks)
     return Paragraph(text), *charts, chart
 
 
 def _fits(found: Identified) -> tuple[Block, ...]:
     made = predictive_bands(found.known)
+    sized = [(b, b.group.values.size) for b in made]
     rows = [
-        (
-            b.evidence,
-            b.group.name,
-            b.group.values.size,
-            b.chi_square / b.group.values.size,
-            100 * b.misfit.relative,
-            b.misfit.correlation,
-        )
-        for b in made
+        (b.evidence, b.group.name, n, b.chi_square / n, 100 * b.misfit.relative, b.misfit.correlation) for b, n in sized
     ]
     table = Table(
         (
@@ -375,32 +360,14 @@ def _rows(found: Identified) -> list[tuple[str, ...]]:
     for i, parameter in enumerate(found.known.fit.problem.parameters):
         ends = [float(made[n][i]) for n in ("low", "high", "prior_low", "prior_high")]
         shown = [_shown(e, parameter.unit) if isfinite(e) else "none" for e in ends]
-        rows.append(
-            (
-                parameter.name,
-                parameter.text,
-                _shown(float(made["value"][i]), parameter.unit),
-                f"{shown[0]} to {shown[1]}",
-                f"{shown[2]} to {shown[3]}",
-                texts[i],
-            )
-        )
+        value, after, before = _shown(float(made["value"][i]), parameter.unit), shown[:2], shown[2:]
+        rows.append((parameter.name, parameter.text, value, " to ".join(after), " to ".join(before), texts[i]))
     return rows
 
 
 def _table(rows: list[tuple[str, ...]]) -> Table:
-    return Table(
-        (
-            Column("unknown"),
-            Column("meaning"),
-            Column("most probable"),
-            Column("95 % posterior"),
-            Column("95 % prior"),
-            Column("verdict"),
-        ),
-        rows,
-        sortable=False,
-    )
+    titles = ("unknown", "meaning", "most probable", "95 % posterior", "95 % prior", "verdict")
+    return Table(tuple(map(Column, titles)), rows, sortable=False)
 
 
 def _spectrum(found: Identified) -> Block:
@@ -470,14 +437,9 @@ def _contraction(found: Identified) -> tuple[Block, ...]:
         "How much of what was not known of a quantity of the experiments before they have told of it: 1 where they "
         "determine it, 0 where what the page says of it is only what was stated before."
     )
-    bars = Bars(
-        "Reduction of the prior's variance by the data",
-        [
-            (p.name, float(np.clip(1.0 - sd**2, 0.0, 1.0)), "")
-            for p, sd in zip(parameters, known.sd.tolist(), strict=True)
-            if p.is_nuisance
-        ],
-    )
+    pairs = zip(parameters, known.sd.tolist(), strict=True)
+    reduced = [(p.name, float(np.clip(1.0 - sd**2, 0.0, 1.0)), "") for p, sd in pairs if p.is_nuisance]
+    bars = Bars("Reduction of the prior's variance by the data", reduced)
     return Paragraph(text), bars
 
 

@@ -64,12 +64,8 @@ def parts(found: Comparison) -> list[Section]:
     curves = [row for row in found.rows if row.is_curve]
     # What deviates most is read first; what has no uncertainty cannot be judged and comes last.
     events = sorted((row for row in found.rows if not row.is_curve), key=lambda row: -abs(row.deviation or 0.0))
-    return [
-        Section("Deviations", _deviations(found.rows)),
-        Section("Experiments", tuple(_experiments(found))),
-        Section("Values", _events(events)),
-        Section("Curves", _curves(curves)),
-    ]
+    answer = [Section("Deviations", _deviations(found.rows)), Section("Experiments", tuple(_experiments(found)))]
+    return [*answer, Section("Values", _events(events)), Section("Curves", _curves(curves))]
 
 
 def summary(curves: Sequence[Row], events: Sequence[Row], found: Comparison) -> tuple[Block, ...]:
@@ -117,15 +113,9 @@ def _experiments(found: Comparison) -> list[Block]:
     """One line for each experiment that is judged as a whole, the largest deviation first."""
     if not found.experiments:
         return []
-    columns = (
-        Column("experiment"),
-        Column("model"),
-        Column("largest deviation", "u", digits=2),
-        Column("of"),
-        Column("chi square", digits=3),
-        Column("degrees of freedom"),
-        Column("p"),
-    )
+    largest, chi_square = Column("largest deviation", "u", digits=2), Column("chi square", digits=3)
+    names = (Column("experiment"), Column("model"))
+    columns = (*names, largest, Column("of"), chi_square, Column("degrees of freedom"), Column("p"))
     body: list[tuple[Any, ...]] = []
     for document in found.experiments:
         own = [row for row in found.rows if row.experiment == document["experiment"] and row.deviation is not None]
@@ -156,16 +146,8 @@ def _deviations(rows: Sequence[Row]) -> tuple[Block, ...]:
 def _curves(rows: Sequence[Row]) -> tuple[Block, ...]:
     if not rows:
         return ()
-    columns = (
-        Column("experiment"),
-        Column("of"),
-        Column("curve"),
-        Column("nRMSE", "%", digits=2),
-        Column("bias", digits=3, u=5),
-        Column("u"),
-        Column("in"),
-        Column("n"),
-    )
+    names, nrmse = map(Column, ("experiment", "of", "curve")), Column("nRMSE", "%", digits=2)
+    columns = (*names, nrmse, Column("bias", digits=3, u=5), *map(Column, ("u", "in", "n")))
     body = []
     for r in sorted(rows, key=lambda row: -(row.nrmse or 0.0)):
         shown = display_unit(_known(r.difference), r.unit)
@@ -182,18 +164,9 @@ def _curves(rows: Sequence[Row]) -> tuple[Block, ...]:
 def _events(rows: Sequence[Row]) -> tuple[Block, ...]:
     if not rows:
         return ()
-    columns = (
-        Column("deviation", "u", digits=2),
-        Column("quantity"),
-        Column("experiment"),
-        Column("of"),
-        Column("measured", u=5),
-        Column("u"),
-        Column("model", u=7),
-        Column("u"),
-        Column("in"),
-        Column("n"),
-    )
+    deviation, names = Column("deviation", "u", digits=2), map(Column, ("quantity", "experiment", "of"))
+    sides = (Column("measured", u=5), Column("u"), Column("model", u=7), Column("u"))
+    columns = (deviation, *names, *sides, Column("in"), Column("n"))
     body = []
     for r in rows:
         shown = display_unit(_known(r.measured, r.model), r.unit)

@@ -56,13 +56,8 @@ def _with_unit(text: str, row: Row) -> str:
 
 def labelled(row: Row, experiment: Experiment, session: Session) -> Row:
     """Say of a row which experiment it is of and, where it does not, of what and how."""
-    return replace(
-        row,
-        experiment=experiment.name,
-        kind=experiment.kind,
-        material=row.material or _material(experiment, session),
-        condition=row.condition or _condition(experiment),
-    )
+    material, condition = row.material or _material(experiment, session), row.condition or _condition(experiment)
+    return replace(row, experiment=experiment.name, kind=experiment.kind, material=material, condition=condition)
 
 
 def _material(experiment: Experiment, session: Session) -> str:

@@ -129,13 +129,8 @@ def export_results(results: Results, stages: Iterable[str], experiments: Iterabl
     """
     plan = results.plan
     steps, names = set(stages), set(experiments)
-    rows = [
-        row
-        for row in plan.rows
-        if plan.tasks[row.task].stage.output == "dataset"
-        and (not steps or row.stage in steps)
-        and (not names or row.experiment in names)
-    ]
+    rows = [r for r in plan.rows if plan.tasks[r.task].stage.output == "dataset"]
+    rows = [r for r in rows if (not steps or r.stage in steps) and (not names or r.experiment in names)]
     left_out = tuple(f"{row.task}: {row.reason}" for row in rows if row.state not in READY)
     ready = [row for row in rows if row.state in READY]
     if not ready:
@@ -294,12 +289,8 @@ def export_file(path: Path, target: Target, options: dict[str, Any]) -> Exported
 
     source = instruments.read(path, **options)
     dataset = source if isinstance(source, xr.Dataset) else _frame_times(source)
-    origin = {
-        "file": path.name,
-        "sha256": files.digest(path),
-        "reader": options.get("instrument") or instruments.identify(path),
-        "program": program(),
-    }
+    reader = options.get("instrument") or instruments.identify(path)
+    origin = {"file": path.name, "sha256": files.digest(path), "reader": reader, "program": program()}
     remarks = {"source": path.name, "provenance": json.dumps(origin, sort_keys=True)}
     return Exported(tuple(target.write(path.stem, dataset, remarks)), ())
 

@@ -282,26 +282,16 @@ def table(dataset: xr.Dataset) -> dict[str, Any]:
     columns = [_column(str(name), variable) for name, variable in dataset.variables.items() if variable.size]
     known = {k: dataset.attrs[k] for k in _KNOWN if dataset.attrs.get(k) not in (None, "")}
     sampling, problems = _sampling(dataset)
-    return {
-        **known,
-        "sizes": ", ".join(f"{k} {v}" for k, v in dataset.sizes.items()),
-        **sampling,
-        "variables": columns,
-        "problems": problems + _reading_problems(dataset, columns),
-    }
+    sizes = ", ".join(f"{k} {v}" for k, v in dataset.sizes.items())
+    problems += _reading_problems(dataset, columns)
+    return {**known, "sizes": sizes, **sampling, "variables": columns, "problems": problems}
 
 
 def _column(name: str, variable: xr.Variable) -> dict[str, Any]:
     import numpy as np
 
-    row: dict[str, Any] = {
-        "name": name,
-        "long_name": str(variable.attrs.get("long_name", "")),
-        "units": str(variable.attrs.get("units", "")),
-        "min": None,
-        "max": None,
-        "invalid": 0,
-    }
+    long_name, units = (str(variable.attrs.get(key, "")) for key in ("long_name", "units"))
+    row: dict[str, Any] = {"name": name, "long_name": long_name, "units": units, "min": None, "max": None, "invalid": 0}
     if variable.dtype.kind in "fiub":
         values = np.asarray(variable.values, float)
         finite = values[np.isfinite(values)]
@@ -394,12 +384,9 @@ def _session(file: Path) -> dict[str, Any]:
         session = open_session(file.parent)
     except ConfigError as error:
         return head | {"problems": list(error.problems)}
-    return head | {
-        "title": session.title,
-        "operator": session.operator,
-        "synthetic": session.synthetic,
-        "experiments": ", ".join(f"{e.name} ({e.kind})" for e in session.experiments.values()),
-    }
+    experiments = ", ".join(f"{e.name} ({e.kind})" for e in session.experiments.values())
+    head |= {"title": session.title, "operator": session.operator, "synthetic": session.synthetic}
+    return head | {"experiments": experiments}
 
 
 def _record(file: Path) -> dict[str, Any]:
@@ -437,9 +424,6 @@ def _picture(file: Path) -> dict[str, Any]:
     if image is None:
         raise SourceError(file, "is no whole picture; it cannot be decoded", hint="Copy or save it again.")
     rows, columns = image.shape[:2]
-    return {
-        "image": f"{columns} × {rows} px",
-        "channels": 1 if image.ndim == 2 else image.shape[2],
-        "depth": f"{image.dtype.itemsize * 8} bit",
-        "levels": f"{int(image.min())} … {int(image.max())} seen",
-    }
+    channels, depth = 1 if image.ndim == 2 else image.shape[2], f"{image.dtype.itemsize * 8} bit"
+    levels = f"{int(image.min())} … {int(image.max())} seen"
+    return {"image": f"{columns} × {rows} px", "channels": channels, "depth": depth, "levels": levels}

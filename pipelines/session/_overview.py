@@ -82,17 +82,9 @@ def write_overview(session: Session, stages: Stages, plan: Plan | None = None) -
 def _state_digest(plan: Plan, code: Identity, notes: Sequence[str]) -> str:
     """Digest of all that the page depends on."""
     session = plan.session
-    rows = [
-        [
-            row.experiment,
-            row.stage,
-            row.recording,
-            row.state,
-            plan.keys[row.task].value,
-            (session.folder / page_name(row.experiment)).is_file(),
-        ]
-        for row in plan.rows
-    ]
+    pages = {row.experiment: (session.folder / page_name(row.experiment)).is_file() for row in plan.rows}
+    keys = {row.task: plan.keys[row.task].value for row in plan.rows}
+    rows = [[r.experiment, r.stage, r.recording, r.state, keys[r.task], pages[r.experiment]] for r in plan.rows]
     from pipelines.session._verdicts import FAILED_VERDICTS
 
     failed = Store(session.folder).root / FAILED_VERDICTS

@@ -115,17 +115,9 @@ def process(
     >>> done = process("my-session", only="acrylic_7mm", jobs=4)  # doctest: +SKIP
     >>> done.failures, done.reports["acrylic_7mm"]  # doctest: +SKIP
     """
-    ((_, done),) = process_all(
-        [folder],
-        targets=targets,
-        only=only,
-        jobs=jobs,
-        cluster=cluster,
-        full=full,
-        keep=keep,
-        fail_fast=fail_fast,
-        progress=progress,
-    )
+    how: Options = {"targets": targets, "only": only, "full": full, "keep": keep, "progress": progress}
+    how |= {"jobs": jobs, "cluster": cluster, "fail_fast": fail_fast}
+    ((_, done),) = process_all([folder], **how)
     if isinstance(done, LabpipeError):
         raise done
     return done

@@ -121,26 +121,11 @@ def answers(found: Sequence[Examined]) -> tuple[Block, ...]:
         shares = mean_shares(group)
         order = sorted(shares, key=lambda n: -shares[n])
         bars += [(f"{name}: {shown_source(n)}", min(shares[n], 1.0), "") for n in order[:_BARS] if shares[n] >= _SHOWN]
-        rows.append(
-            (
-                name,
-                len(group),
-                _spread(group),
-                ", ".join(f"{shown_source(n)} {100.0 * shares[n]:.0f} %" for n in order[:3] if shares[n] >= 0.01),
-                _known_better(*inputs_to_halve(shares)),
-            )
-        )
-    table = Table(
-        (
-            Column("quantity"),
-            Column("results"),
-            Column("expanded uncertainty, 95 %"),
-            Column("limiting inputs, mean share of the variance"),
-            Column("to halve it"),
-        ),
-        rows,
-        sortable=False,
-    )
+        shown = (f"{shown_source(n)} {100.0 * shares[n]:.0f} %" for n in order[:3] if shares[n] >= 0.01)
+        rows.append((name, len(group), _spread(group), ", ".join(shown), _known_better(*inputs_to_halve(shares))))
+    limiting = "limiting inputs, mean share of the variance"
+    titles = ("quantity", "results", "expanded uncertainty, 95 %", limiting, "to halve it")
+    table = Table(tuple(map(Column, titles)), rows, sortable=False)
     caption = "Shares of the variance: Sobol's total indices, averaged over the results."
     chart = Bars("The inputs that limit each quantity", bars, caption)
     return (*([chart] if bars else []), table)

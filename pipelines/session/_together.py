@@ -99,12 +99,8 @@ def write_materials(results: Results, found: Comparison) -> list[tuple[str, str]
         names = list(dict.fromkeys([*source, *(row.experiment for row in rows)]))
         own = tuple(document for document in found.experiments if document["experiment"] in names)
         part = replace(found, rows=tuple(rows), experiments=own, failed={}, absent={})
-        sections = [
-            Section(
-                "Answer", (*_verdicts(session, names, verdicts, rows), *_reports(session, names), *_synthetic(session))
-            ),
-            *parts(part),
-        ]
+        answer = (*_verdicts(session, names, verdicts, rows), *_reports(session, names), *_synthetic(session))
+        sections = [Section("Answer", answer), *parts(part)]
         name = f"{MATERIAL}{_safe(material)}.html"
         files.write_text(session.folder / name, _document(session, f"{material} over all its experiments", sections))
         pages.append((material, name))
@@ -177,17 +173,9 @@ def _difference(first: Sequence[Row], second: Sequence[Row], a: str, b: str) -> 
         f"{apart} of {n} quantit{'y' if n == 1 else 'ies'} measured in both differ{'s' if apart == 1 else ''} by more "
         "than the 95 % interval of the difference.",
     )
-    columns = (
-        Column("difference", "u", digits=2),
-        Column("quantity"),
-        Column(a, u=3),
-        Column("u"),
-        Column(b, u=5),
-        Column("u"),
-        Column(f"{a} minus {b}", u=7),
-        Column("u"),
-        Column("in"),
-    )
+    head = (Column("difference", "u", digits=2), Column("quantity"))
+    sides = (Column(a, u=3), Column("u"), Column(b, u=5), Column("u"), Column(f"{a} minus {b}", u=7), Column("u"))
+    columns = (*head, *sides, Column("in"))
     yield Table(columns, [(deviation, *cells) for deviation, cells in body])
     yield Paragraph(
         "The largest difference first, of what was measured. What both share, such as the calibration of one sensor, "

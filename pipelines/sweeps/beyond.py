@@ -30,15 +30,9 @@ def heating(point: Mapping[str, Value]) -> Outputs:
     from labpipe import contact
 
     number, material = numbers(point), describe(str(point["material"]))
-    drop = contact.drop(
-        solid(point),
-        number["radius"],
-        number["mass"],
-        number["height"],
-        number["duration"],
-        rtol=number["rtol"],
-        gravity=number["gravity"],
-    )
+    radius, mass, height, duration = (number[name] for name in ("radius", "mass", "height", "duration"))
+    rtol, gravity = number["rtol"], number["gravity"]
+    drop = contact.drop(solid(point), radius, mass, height, duration, rtol=rtol, gravity=gravity)
     thermal = thermal_of(str(point["material"]), number.get("heat_capacity"), number.get("conductivity"))
     found = contact.self_heating(drop, material, thermal, number.get("temperature"))
     return {
@@ -56,23 +50,10 @@ def amplitude(point: Mapping[str, Value]) -> Outputs:
     from labpipe.materials import Kraus
 
     number = numbers(point)
-    kraus = Kraus(
-        number["critical_strain"],
-        number["storage_floor"],
-        number["loss_peak"],
-        number["loss_floor"],
-        number["exponent"],
-    )
-    found = contact.amplitude_sweep(
-        solid(point),
-        kraus,
-        number["frequency"],
-        number["amplitude"],
-        number["mean"],
-        number["tip_radius"],
-        number["period"],
-        number["depth"],
-    )
+    softening = ("critical_strain", "storage_floor", "loss_peak", "loss_floor", "exponent")
+    kraus = Kraus(*(number[name] for name in softening))
+    loading = ("frequency", "amplitude", "mean", "tip_radius", "period", "depth")
+    found = contact.amplitude_sweep(solid(point), kraus, *(number[name] for name in loading))
     names = ("strain", "storage_stiffness", "loss_stiffness", "phase", "work_per_cycle", "lifts_off")
     return {name: float(found[name][0]) for name in names}
 

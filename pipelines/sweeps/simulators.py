@@ -72,24 +72,12 @@ def indent(point: Mapping[str, Value]) -> Outputs:
     from labpipe import contact
 
     number = numbers(point)
-    time, displacement = ramp_hold_oscillation(
-        number["mean"],
-        number["amplitude"],
-        number["frequency"],
-        round(number["cycles"]),
-        hold=number["hold"],
-        ramp=number["ramp"],
-        per_cycle=_PER_CYCLE,
-    )
-    found = contact.indent(
-        solid(point),
-        number["tip_radius"],
-        number["period"],
-        number["depth"],
-        time,
-        displacement,
-        profile=str(point["profile"]),
-    )
+    mean, amplitude, frequency = number["mean"], number["amplitude"], number["frequency"]
+    cycles, form = round(number["cycles"]), {"hold": number["hold"], "ramp": number["ramp"]}
+    time, displacement = ramp_hold_oscillation(mean, amplitude, frequency, cycles, **form, per_cycle=_PER_CYCLE)
+    tip_radius, period, depth = number["tip_radius"], number["period"], number["depth"]
+    profile = str(point["profile"])
+    found = contact.indent(solid(point), tip_radius, period, depth, time, displacement, profile=profile)
     force = found["force"].values
     last = slice(time.size - _PER_CYCLE - 1, None)
     return {

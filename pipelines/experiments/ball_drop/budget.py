@@ -51,13 +51,9 @@ def quantities(
     for i in range(min(IMPACTS, *(b.sizes["impact"] for b in made))):
         yield from _restitution(made, i)
     if model is not None and model.sizes["impact"] and "budget" in model.attrs:
-        yield model_quantity(
-            "restitution of the model, impact 1",
-            float(model["restitution"][0]),
-            "1",
-            json.loads(model.attrs["budget"]),
-            ("mass", "radius", "height", "Poisson's ratio", "temperature"),
-        )
+        inputs = ("mass", "radius", "height", "Poisson's ratio", "temperature")
+        best, sources = float(model["restitution"][0]), json.loads(model.attrs["budget"])
+        yield model_quantity("restitution of the model, impact 1", best, "1", sources, inputs)
 
 
 def _fall(made: list[xr.Dataset], moved: xr.Dataset) -> Quantity:

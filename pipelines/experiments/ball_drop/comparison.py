@@ -57,14 +57,8 @@ def rows(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, sett
     n = int(repeats.sizes["repeat"])
     relative = float(repeats.attrs["u_systematic_relative"])
     mean_size = float(np.abs(repeats["displacement_mean"]).mean())
-    yield row(
-        "displacement",
-        "m",
-        n,
-        nrmse=comparison["nrmse"],
-        difference=comparison["bias"],
-        u_difference=relative * mean_size,
-    )
+    bias, u = comparison["bias"], relative * mean_size
+    yield row("displacement", "m", n, nrmse=comparison["nrmse"], difference=bias, u_difference=u)
     if "fall_acceleration" in repeats:
         seen, u, gravity = repeats["fall_acceleration"], float(repeats["u_fall_acceleration"]), settings.model.gravity
         yield row(

@@ -103,12 +103,8 @@ def repeats(
     made = made.merge(speeds.drop_vars(["is_outlier", "n"]))
     relative = float(displacement[0].attrs["u_systematic_relative"])
     random = made["displacement_sd"].values / np.sqrt(np.maximum(made["n"].values, 1))
-    made["u_displacement_mean"] = variable(
-        "time",
-        np.hypot(np.nan_to_num(random), relative * made["displacement_mean"].values),
-        "m",
-        "standard uncertainty: mean displacement",
-    )
+    u = np.hypot(np.nan_to_num(random), relative * made["displacement_mean"].values)
+    made["u_displacement_mean"] = variable("time", u, "m", "standard uncertainty: mean displacement")
     made = made.merge(_table(bounces, relative)).merge(_fall(displacement, bounces, relative))
     made.attrs = {"u_systematic_relative": relative}
     return made

@@ -86,13 +86,8 @@ def _summary(
 ) -> Section:
     rows = [("drop height", pages.stated(settings.height), "from session.toml")]
     if repeats is not None and repeats.sizes["impact"]:
-        rows.append(
-            (
-                "restitution of the first impact, measured",
-                pages.told(repeats, "restitution", 0),
-                f"mean of {pages.counted(int(repeats['n_repeats'][0]), 'repeat')}; standard uncertainty",
-            )
-        )
+        remark = f"mean of {pages.counted(int(repeats['n_repeats'][0]), 'repeat')}; standard uncertainty"
+        rows.append(("restitution of the first impact, measured", pages.told(repeats, "restitution", 0), remark))
     if model is not None and model.sizes["impact"]:
         rows.append(
             (

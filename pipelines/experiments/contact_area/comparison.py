@@ -204,13 +204,8 @@ def rows(comparison: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, sett
         inside = counts == i + 1
         expected = float(comparison["peak_radius_model"][i])
         gap = (comparison["film"] - comparison["model"]).values[inside]
-        yield row(
-            f"contact radius, impact {i + 1}",
-            "m",
-            int(inside.sum()),
-            nrmse=comparison["nrmse"][i],
-            difference=gap.mean(),
-        )
+        title, n = f"contact radius, impact {i + 1}", int(inside.sum())
+        yield row(title, "m", n, nrmse=comparison["nrmse"][i], difference=gap.mean())
         yield row(
             f"largest radius, impact {i + 1}",
             "m",

@@ -133,7 +133,7 @@ def _summary(
         ),
     ]
     if impacts is not None and impacts.sizes["impact"]:
-        alone = value_with_uncertainty(float(impacts["peak_radius"][0]), float(impacts["u_peak_radius"][0]), "m")
+        alone = pages.told(impacts, "peak_radius", 0)
         said = (alone, "first impact, between the frames; includes the uncertainty of the image scale")
         if comparison is not None and comparison.sizes["impact"]:
             seen, u = (float(comparison[name][0]) for name in ("peak_radius_film", "u_peak_radius_film"))
@@ -142,16 +142,8 @@ def _summary(
                 said = (value_with_uncertainty(seen, u, "m"), f"{how} (by the frames at the top alone: {alone})")
         rows.append(("largest contact radius, film", *said))
     if model is not None and model.sizes["impact"]:
-        rows.append(
-            (
-                "largest contact radius, model",
-                value_with_uncertainty(
-                    float(model["peak_contact_radius"][0]), float(model["u_peak_contact_radius"][0]), "m"
-                ),
-                "first impact; uncertainty from height, radius and mass",
-            )
-        )
-    if model is not None and model.sizes["impact"]:
+        remark = "first impact; uncertainty from height, radius and mass"
+        rows.append(("largest contact radius, model", pages.told(model, "peak_contact_radius", 0), remark))
         most = quantity(float(model["adhesion_shift"][0]), "m", 2)
         rows.append(
             (
@@ -162,35 +154,21 @@ def _summary(
             )
         )
     if comparison is not None and comparison.sizes["impact"]:
-        rows.append(
-            (
-                "nRMSE of the radius",
-                f"{float(comparison['nrmse'][0]) * 100:.3g} %",
-                "first impact, relative to its largest radius",
-            )
-        )
+        nrmse = f"{float(comparison['nrmse'][0]) * 100:.3g} %"
+        rows.append(("nRMSE of the radius", nrmse, "first impact, relative to its largest radius"))
     if impacts is not None and np.isfinite(float(impacts["static_radius"])):
-        rows.append(
-            (
-                "contact radius at rest, film",
-                value_with_uncertainty(float(impacts["static_radius"]), float(impacts["u_static_radius"]), "m"),
-                "",
-            )
-        )
+        rows.append(("contact radius at rest, film", pages.told(impacts, "static_radius"), ""))
         if model is not None:
             brief, lasting = (float(model[f"static_radius_{n}"]) for n in ("brief", "lasting"))
             text = f"{brief * 1e6:.4g} µm after as long as an impact, {lasting * 1e6:.4g} µm at the end of the film"
             rows.append(("Hertz radius under the weight", text, "with the creep of the material"))
     blocks: list[Block] = [KeyValues(rows), *pages.failed_notice(context)]
     if settings.wavelength is None:
-        blocks.append(
-            Notice(
-                "warning",
-                "No wavelength is given: the radius was measured from "
-                "the edge of the dark spot, not from the fringes, and is "
-                "uncertain by several micrometres.",
-            )
+        text = (
+            "No wavelength is given: the radius was measured from the edge of the dark spot, not from the fringes, "
+            "and is uncertain by several micrometres."
         )
+        blocks.append(Notice("warning", text))
     if radius is not None:
         methods = radius["method"].values[radius["in_contact"].values.astype(bool)]
         counts = [(name, int(np.sum(methods == code))) for code, name in _METHODS.items()]
@@ -234,14 +212,10 @@ def _picture(key: xr.Dataset) -> Picture:
     frame, time = int(key["frame"]), float(key["key_time"]) * 1e3
     found = "no radius"
     if math.isfinite(r):
-        value = value_with_uncertainty(float(key["key_radius"]), float(key["u_key_radius"]), "m")
+        value = pages.told(key, "key_radius")
         found = f"radius {value} ({r:.1f} px), {_METHODS[int(key['key_method'])]}"
-    return Picture(
-        png(canvas),
-        f"frame {frame} with the fitted contact circle",
-        f"frame {frame}, {time:.2f} ms in the film, {found}",
-        at=time,
-    )
+    words = f"frame {frame} with the fitted contact circle"
+    return Picture(png(canvas), words, f"frame {frame}, {time:.2f} ms in the film, {found}", at=time)
 
 
 def _budget(radius: xr.Dataset, impacts: xr.Dataset | None) -> tuple[Block, ...]:
@@ -271,7 +245,7 @@ def _shares(one: xr.Dataset, where: str) -> Bars:
 
 
 def _calibration(radius: xr.Dataset, impacts: xr.Dataset | None) -> Section:
-    size = value_with_uncertainty(float(radius["pixel_size"]), float(radius["u_pixel_size"]), "m/px")
+    size = pages.told(radius, "pixel_size")
     blocks: list[Block] = [
         pages.calibration_rows(radius.attrs["calibration"]),
         KeyValues([("length of one pixel", size, "in the plane of the disc")]),
@@ -300,14 +274,8 @@ def _over_time(
             start -= float(comparison["model_peak_time"][0] + comparison["time_shift"][0])
         when = (model["time"].values + start) * 1e3
         inside = (when >= time[0]) & (when <= time[-1])
-        curves.append(
-            Series(
-                "model, aligned at the first impact",
-                when[inside],
-                model["contact_radius"].values[inside] * 1e3,
-                role="model",
-            )
-        )
+        a = model["contact_radius"].values[inside] * 1e3
+        curves.append(Series("model, aligned at the first impact", when[inside], a, role="model"))
     charts: list[Block] = [
         LineChart(
             "Contact radius",

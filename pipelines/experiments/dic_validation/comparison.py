@@ -80,15 +80,9 @@ def rows(comparison: xr.Dataset, *, settings: DicValidation) -> Iterator[Row]:
     del settings
     if "bias" not in comparison:
         return
-    yield row(
-        "displacement",
-        "m",
-        int(comparison["n_compared"]),
-        against="laser",
-        nrmse=comparison["nrmse"],
-        difference=comparison["bias"],
-        u_difference=comparison["u_bias"],
-    )
+    n, nrmse = int(comparison["n_compared"]), comparison["nrmse"]
+    bias, u = comparison["bias"], comparison["u_bias"]
+    yield row("displacement", "m", n, against="laser", nrmse=nrmse, difference=bias, u_difference=u)
     for i in range(min(IMPACTS, comparison.sizes["impact"])):
         yield row(
             f"restitution, impact {i + 1}",

@@ -81,12 +81,6 @@ def page(
     return pages.page(context, "Camera against laser", judgement, rows, sections)
 
 
-def _value(dataset: xr.Dataset, name: str, at: int | None = None) -> str:
-    u = f"u_{name}"
-    pick = dataset if at is None else dataset.isel(impact=at)
-    return value_with_uncertainty(float(pick[name]), float(pick[u]) if u in dataset else 0.0, pick[name].attrs["units"])
-
-
 def _summary(
     settings: DicValidation,
     track: xr.Dataset | None,
@@ -104,7 +98,7 @@ def _summary(
         )
     if bounces is not None and bounces.sizes["impact"]:
         rows.append(
-            ("restitution of the first impact, film", _value(bounces, "restitution", 0), "standard uncertainty")
+            ("restitution of the first impact, film", pages.told(bounces, "restitution", 0), "standard uncertainty")
         )
     if comparison is not None:
         rows += [
@@ -113,27 +107,24 @@ def _summary(
                 f"{float(comparison['nrmse']) * 100:.2f} %",
                 "root mean square of the difference, over the range of the laser",
             ),
-            ("bias", _value(comparison, "bias"), "mean of film minus laser"),
+            ("bias", pages.told(comparison, "bias"), "mean of film minus laser"),
             (
                 "95 % limits of agreement",
-                f"{_value(comparison, 'limit_low')} to {_value(comparison, 'limit_high')}",
+                f"{pages.told(comparison, 'limit_low')} to {pages.told(comparison, 'limit_high')}",
                 "",
             ),
             (
                 "ratio of the laser's scale to the film's",
-                _value(comparison, "gain"),
+                pages.told(comparison, "gain"),
                 f"expected 1 within {float(comparison['expected_u_gain']) * 100:.2g} % from both calibrations",
             ),
         ]
     blocks: list[Block] = [KeyValues(rows), *pages.failed_notice(context)]
     if comparison is None and not context.failures:
-        blocks.append(
-            Notice(
-                "info",
-                "No laser experiment is named, so the film is not compared; name one "
-                "as laser_experiment in session.toml.",
-            )
+        text = (
+            "No laser experiment is named, so the film is not compared; name one as laser_experiment in session.toml."
         )
+        blocks.append(Notice("info", text))
     return Section("Summary", tuple(blocks))
 
 
@@ -180,12 +171,9 @@ def _picture(key: xr.Dataset, start: float | None, tracking: Tracking) -> Pictur
         else:
             cv2.circle(canvas, centre, 4, _POINT, 2, cv2.LINE_AA)
     frame, time = int(key["frame"]), float(key["key_time"]) * 1e3
-    return Picture(
-        png(canvas),
-        f"frame {frame} of the film with the tracked subsets drawn on it",
-        f"frame {frame}, {time:.2f} ms in the film",
-        at=None if start is None else time - start * 1e3,
-    )
+    words = f"frame {frame} of the film with the tracked subsets drawn on it"
+    at = None if start is None else time - start * 1e3
+    return Picture(png(canvas), words, f"frame {frame}, {time:.2f} ms in the film", at=at)
 
 
 def _draw_masks(canvas: NDArray[np.uint8], key: xr.Dataset, tracking: Tracking, scale: float, half: float) -> None:
@@ -207,7 +195,7 @@ def _calibration(motion: xr.Dataset, settings: DicValidation) -> Section:
         pages.calibration_rows(motion.attrs["calibration"]),
         KeyValues(
             [
-                ("length of one pixel", _value(motion, "pixel_size"), "in the plane of the holder"),
+                ("length of one pixel", pages.told(motion, "pixel_size"), "in the plane of the holder"),
                 *camera_angle(motion, settings.camera_distance),
                 (
                     "relative uncertainty of a displacement's scale",
@@ -276,27 +264,14 @@ def _motion(
     if velocity is not None:
         speed = [Series("film", time, velocity["velocity"].values, role="measured")]
         if laser is not None and "velocity_mean" in laser:
-            speed.append(
-                Series(
-                    "laser, mean of the repeats",
-                    inside["time"].values * 1e3,
-                    inside["velocity_mean"].values,
-                    role="reference",
-                )
-            )
+            when, mean = inside["time"].values * 1e3, inside["velocity_mean"].values
+            speed.append(Series("laser, mean of the repeats", when, mean, role="reference"))
         charts.append(
             LineChart("Velocity", _LABEL, "velocity / (m/s), upwards", tuple(speed), group=_GROUP, views=views)
         )
+    turned, label = Series("film", time, motion["rotation"].values * 1e3, role="measured"), "rotation / mrad, clockwise"
     charts.append(
-        LineChart(
-            "Rotation of the holder",
-            _LABEL,
-            "rotation / mrad, clockwise",
-            (Series("film", time, motion["rotation"].values * 1e3, role="measured"),),
-            group=_GROUP,
-            views=views,
-            height_px=220,
-        )
+        LineChart("Rotation of the holder", _LABEL, label, (turned,), group=_GROUP, views=views, height_px=220)
     )
     return Section("Motion", tuple(charts))
 
@@ -326,12 +301,12 @@ def _difference(
 
 def _agreement(comparison: xr.Dataset) -> Section:
     rows = [
-        ("bias", _value(comparison, "bias"), "film minus laser"),
+        ("bias", pages.told(comparison, "bias"), "film minus laser"),
         ("standard deviation of the difference", quantity(float(comparison["difference_sd"]), "m"), ""),
-        ("lower 95 % limit of agreement", _value(comparison, "limit_low"), ""),
-        ("upper 95 % limit of agreement", _value(comparison, "limit_high"), ""),
+        ("lower 95 % limit of agreement", pages.told(comparison, "limit_low"), ""),
+        ("upper 95 % limit of agreement", pages.told(comparison, "limit_high"), ""),
         ("concordance", f"{float(comparison['concordance']):.6f}", "Lin's coefficient"),
-        ("remaining lag", _value(comparison, "lag"), "lag of the laser after alignment"),
+        ("remaining lag", pages.told(comparison, "lag"), "lag of the laser after alignment"),
         ("largest difference", quantity(float(comparison["max_error"]), "m"), ""),
     ]
     columns = (
@@ -375,20 +350,10 @@ def _tracking(track: xr.Dataset, motion: xr.Dataset | None) -> Section:
         ("lost", str(int((~body["valid"].values).sum())), "frames without a value"),
     ]
     if motion is not None and "line_scatter" in motion:
-        rows.append(
-            (
-                "scatter along the line",
-                quantity(float(np.nanmedian(motion["line_scatter"])), "m"),
-                "median over frames; includes the rotation",
-            )
-        )
-    chart = LineChart(
-        "Correlation of the large subset",
-        "frame",
-        "zero-normalised correlation",
-        (Series("ZNCC", frames.astype(float), body["zncc"].values, role="measured"),),
-        height_px=200,
-    )
+        scatter = quantity(float(np.nanmedian(motion["line_scatter"])), "m")
+        rows.append(("scatter along the line", scatter, "median over frames; includes the rotation"))
+    drawn = (Series("ZNCC", frames.astype(float), body["zncc"].values, role="measured"),)
+    chart = LineChart("Correlation of the large subset", "frame", "zero-normalised correlation", drawn, height_px=200)
     return Section("Tracking", (KeyValues(rows), chart))
 
 
@@ -405,7 +370,7 @@ def _methods(settings: DicValidation, track: xr.Dataset, comparison: xr.Dataset 
     return text + (
         "It was aligned with the mean of the laser's "
         "repeats at first contact. The normalised root-mean-square difference was "
-        f"{float(comparison['nrmse']) * 100:.2f} %, the bias {_value(comparison, 'bias')}, the "
-        f"95 % limits of agreement {_value(comparison, 'limit_low')} and "
-        f"{_value(comparison, 'limit_high')} (Bland and Altman)."
+        f"{float(comparison['nrmse']) * 100:.2f} %, the bias {pages.told(comparison, 'bias')}, the "
+        f"95 % limits of agreement {pages.told(comparison, 'limit_low')} and "
+        f"{pages.told(comparison, 'limit_high')} (Bland and Altman)."
     )

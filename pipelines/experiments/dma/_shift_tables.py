@@ -17,12 +17,8 @@ def read(path: Path, settings: Dma) -> tuple[Floats, Floats]:
     options = settings.export
     read = instruments.read_table(path, "sweep", "plain_table", encoding=options.encoding, decimal=options.decimal)
     if "log10_aT" not in read:
-        raise SourceError(
-            path,
-            "found no column log_aT; this is not a table of shift factors",
-            line=1,
-            hint="Begin the file with T,log_aT and a row of units such as C,-.",
-        )
+        text = "found no column log_aT; this is not a table of shift factors"
+        raise SourceError(path, text, line=1, hint="Begin the file with T,log_aT and a row of units such as C,-.")
     T, shift = read["temperature"].values, read["log10_aT"].values
     good = np.isfinite(T) & np.isfinite(shift)
     ascending, first = np.unique(T[good], return_index=True)

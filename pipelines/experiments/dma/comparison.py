@@ -20,12 +20,6 @@ def rows(master_curve: xr.Dataset, *, settings: Dma) -> Iterator[Row]:
     # As they are drawn: a modulus spans decades, and both parts belong to one curve.
     ours = np.log10(measured[known])
     theirs = ours + np.log10(ratio[known])
-    yield row(
-        "storage and loss modulus, log10",
-        "1",
-        int(known.sum()),
-        against="fit",
-        nrmse=signals.nrmse(ours, theirs),
-        difference=np.mean(ours - theirs),
-        condition=f"{float(master_curve['T_ref']):g} °C",
-    )
+    n, nrmse, bias = int(known.sum()), signals.nrmse(ours, theirs), np.mean(ours - theirs)
+    at, name = f"{float(master_curve['T_ref']):g} °C", "storage and loss modulus, log10"
+    yield row(name, "1", n, against="fit", nrmse=nrmse, difference=bias, condition=at)

@@ -291,15 +291,8 @@ def _master(curve: xr.Dataset) -> Section:
                 caption=_BAND if name == "storage" else "",
             )
         )
-    factor = LineChart(
-        "Loss factor, master curve",
-        label,
-        "tan δ",
-        [Series("spectrum", x, curve["master_loss_factor"].values, role="model")],
-        x_scale="log",
-        group="master",
-        height_px=220,
-    )
+    drawn = [Series("spectrum", x, curve["master_loss_factor"].values, role="model")]
+    factor = LineChart("Loss factor, master curve", label, "tan δ", drawn, x_scale="log", group="master", height_px=220)
     blocks.append(Details("Loss factor", (factor,)))
     return Section("Master curve", tuple(blocks))
 
@@ -316,14 +309,8 @@ def _shifts(curve: xr.Dataset, published: xr.Dataset | None) -> Section:
         values = _law_curve(law, fine)
         title = {"wlf": "WLF", "arrhenius": "Arrhenius"}[name]
         series.append(Series(title, fine, values, role="model" if role == "model" else "reference"))
-    chart = LineChart(
-        "Horizontal shift factors",
-        "temperature / °C",
-        "log₁₀ a_T",
-        series,
-        height_px=240,
-        caption="Bars are standard uncertainties.",
-    )
+    labels, caption = ("temperature / °C", "log₁₀ a_T"), "Bars are standard uncertainties."
+    chart = LineChart("Horizontal shift factors", *labels, series, height_px=240, caption=caption)
     rising = curve.isel(temperature=order)
     overlaps, steps = zip(*(_neighbour(curve, float(t)) for t in T[order]), strict=True)
     table = listed(
@@ -338,16 +325,10 @@ def _shifts(curve: xr.Dataset, published: xr.Dataset | None) -> Section:
         "A step is “loose” when the data alone do not determine it; there the shift "
         "relies on the prior, the usual behaviour of polymers.",
     )
-    fits = [
-        (title, _law_text(law), _law_quality(law))
-        for title, law in (
-            ("law of " + n.upper() if n == "wlf" else "law of Arrhenius", entry)
-            for n, entry in sorted(laws.items(), reverse=True)
-        )
-    ]
+    titles = {n: "law of WLF" if n == "wlf" else "law of Arrhenius" for n in laws}
+    fits = [(titles[n], _law_text(law), _law_quality(law)) for n, law in sorted(laws.items(), reverse=True)]
     if float(curve["delay"]):
-        shown = value_with_uncertainty(float(curve["delay"]), float(curve["u_delay"]), "s")
-        fits.append(("delay of the instrument's phase", shown, "removed"))
+        fits.append(("delay of the instrument's phase", pages.told(curve, "delay"), "removed"))
     folded = Details(f"Laws, and the shift factors of {T.size} temperatures", (KeyValues(fits), table))
     compared = [] if published is None else _published_section.blocks(published, curve)
     return Section("Shift factors", (chart, folded, *compared))
@@ -386,15 +367,8 @@ def _spectrum(curve: xr.Dataset) -> list[Block]:
     series = [Series("inside the window", rho[~outside], E[~outside], style="points", role="measured")]
     if outside.any():
         series.append(Series("extrapolated", rho[outside], E[outside], style="points", role="reference"))
-    relaxation = LineChart(
-        "Relaxation spectrum",
-        "relaxation time ρ / s",
-        "E_i / MPa",
-        series,
-        x_scale="log",
-        y_scale="log",
-        group="spectrum",
-    )
+    title, x, y = "Relaxation spectrum", "relaxation time ρ / s", "E_i / MPa"
+    relaxation = LineChart(title, x, y, series, x_scale="log", y_scale="log", group="spectrum")
     blocks: list[Block] = [relaxation]
     if "tau" in curve and curve.sizes.get("creep_term", 0):
         tau, C = curve["tau"].values, curve["C"].values * 1e6
@@ -535,13 +509,9 @@ def _terms(curve: xr.Dataset, name: str, settings: Dma) -> Section:
         f"what the bulk modulus does) writes {few.E.size} terms, within "
         f"{deck.error * 100:.2g} % of the worse modulus inside the window (rms)."
     )
-    full = _term_table(
-        curve["rho"].values,
-        curve["E"].values,
-        outside,
-        f"All terms; E_relaxed = {_modulus(float(curve['E_relaxed']))}. Terms outside the covered "
-        "window are extrapolation.",
-    )
+    relaxed = f"All terms; E_relaxed = {_modulus(float(curve['E_relaxed']))}."
+    caption = f"{relaxed} Terms outside the covered window are extrapolation."
+    full = _term_table(curve["rho"].values, curve["E"].values, outside, caption)
     caption = f"The reduced series; E_relaxed = {_modulus(few.E_relaxed)}."
     reduced = _term_table(few.rho, few.E, np.zeros(few.E.size, dtype=bool), caption)
     warnings = [Notice("warning", _sentence(warning)) for warning in deck.warnings]

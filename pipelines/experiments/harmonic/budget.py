@@ -29,22 +29,10 @@ def quantities(waves: xr.Dataset, loads: xr.Dataset, *, settings: Harmonic) -> I
         at = waves.isel(oscillation=i)
         where = f"at {float(at['frequency']):.3g} Hz"
         inputs, scatter = _of_cycle(at, loads, bool(waves.attrs["is_filter_corrected"]))
-        yield Quantity(
-            f"storage stiffness {where}",
-            "N/m",
-            _stiffness,
-            inputs,
-            (*NOTHING_FALLS, *_ON_CYCLES, ("repeatability", "all cycles are fitted together: included in the noise")),
-            "storage stiffness",
-        )
-        yield Quantity(
-            f"work per cycle {where}",
-            "J",
-            _work,
-            inputs | {"repeatability": scatter},
-            (*NOTHING_FALLS, *_ON_CYCLES),
-            "work per cycle",
-        )
+        once = (*NOTHING_FALLS, *_ON_CYCLES, ("repeatability", "all cycles are fitted together: included in the noise"))
+        yield Quantity(f"storage stiffness {where}", "N/m", _stiffness, inputs, once, "storage stiffness")
+        scattered, none = inputs | {"repeatability": scatter}, (*NOTHING_FALLS, *_ON_CYCLES)
+        yield Quantity(f"work per cycle {where}", "J", _work, scattered, none, "work per cycle")
 
 
 def _of_cycle(at: xr.Dataset, loads: xr.Dataset, is_corrected: bool) -> tuple[dict[str, Input], Input]:

@@ -88,13 +88,8 @@ def _summary(oscillations: xr.Dataset | None, comparison: xr.Dataset | None, con
     blocks: list[Block] = []
     if comparison is not None and _is_there(comparison):
         errors = comparison["nrmse"].values * 100
-        rows.append(
-            (
-                "nRMSE of force",
-                f"{errors.min():.3g} to {errors.max():.3g} %",
-                "root mean square of measured minus model, over the range of the simulated force",
-            )
-        )
+        remark = "root mean square of measured minus model, over the range of the simulated force"
+        rows.append(("nRMSE of force", f"{errors.min():.3g} to {errors.max():.3g} %", remark))
     elif comparison is not None:
         blocks.append(Notice("info", f"No comparison with a model: {comparison.attrs['absent']}."))
     table: list[Block] = [KeyValues(rows)] if rows else []
@@ -174,30 +169,14 @@ def _stiffness(oscillations: xr.Dataset, model: xr.Dataset | None) -> Section:
         ("loss_stiffness", "Loss stiffness", "(kN/m)", 1e-3),
         ("work_per_cycle", "Dissipated work per cycle", "µJ", 1e6),
     ):
-        series: list[Series | Band] = [
-            Series(
-                "measured",
-                frequency[order],
-                oscillations[name].values[order] * factor,
-                style="points",
-                role="measured",
-                u=oscillations[f"u_{name}"].values[order] * factor,
-            )
-        ]
+        y, u = (oscillations[n].values[order] * factor for n in (name, f"u_{name}"))
+        series: list[Series | Band] = [Series("measured", frequency[order], y, style="points", role="measured", u=u)]
         if model is not None and _is_there(model):
             simulated, u = (model[each].values[order] * factor for each in (name, f"u_{name}"))
             series += pages.model_curves(frequency[order], simulated, u)
-        charts.append(
-            LineChart(
-                title,
-                "frequency / Hz",
-                f"{title.lower()} / {unit}",
-                tuple(series),
-                x_scale="log",
-                height_px=260,
-                caption="Bars are standard uncertainties." if name.startswith("s") else "",
-            )
-        )
+        caption, label = "Bars are standard uncertainties." if name.startswith("s") else "", f"{title.lower()} / {unit}"
+        shape = (title, "frequency / Hz", label, tuple(series))
+        charts.append(LineChart(*shape, x_scale="log", height_px=260, caption=caption))
     return Section("Stiffness and work", tuple(charts))
 
 
@@ -275,17 +254,9 @@ def _hold(loads: xr.Dataset, hold: xr.Dataset, oscillations: xr.Dataset | None) 
     count = int(np.log10(time[-1] / first) * _POINTS_PER_DECADE) + 2
     edges = np.geomspace(0.99 * first, 1.001 * float(time[-1]), count)
     lag, mean, _, _ = ramps_and_holds.binned(time, loads["force"].values[found.rows], edges)
-    blocks += [
-        KeyValues(rows),
-        LineChart(
-            "Force in the hold",
-            "time since the stage arrived / s",
-            "force / N",
-            (Series("measured", lag, mean, style="points", role="measured"),),
-            x_scale="log",
-            height_px=200,
-        ),
-    ]
+    labels = ("Force in the hold", "time since the stage arrived / s", "force / N")
+    drawn = (Series("measured", lag, mean, style="points", role="measured"),)
+    blocks += [KeyValues(rows), LineChart(*labels, drawn, x_scale="log", height_px=200)]
     return Section("Relaxation before the oscillations", tuple(blocks))
 
 
@@ -303,29 +274,11 @@ def _curves(loads: xr.Dataset, oscillations: xr.Dataset, comparison: xr.Dataset 
             simulated = comparison["simulated_force"].values[where]
             series.append(Series("model", time, simulated, role="model"))
             residual = (Series("measured − model", time, measured - simulated, role="residual"),)
-        charts.append(
-            LineChart(
-                f"Force at {label}",
-                "time in the block / s",
-                "force / N",
-                tuple(series),
-                group=label,
-                views=views,
-                height_px=240,
-            )
-        )
+        labels = (f"Force at {label}", "time in the block / s", "force / N")
+        charts.append(LineChart(*labels, tuple(series), group=label, views=views, height_px=240))
         if comparison is not None and _is_there(comparison):
-            charts.append(
-                LineChart(
-                    f"Difference at {label}",
-                    "time in the block / s",
-                    "difference / N",
-                    residual,
-                    group=label,
-                    views=views,
-                    height_px=150,
-                )
-            )
+            labels = (f"Difference at {label}", "time in the block / s", "difference / N")
+            charts.append(LineChart(*labels, residual, group=label, views=views, height_px=150))
     return Section("Force over time", tuple(charts))
 
 
@@ -351,13 +304,8 @@ def _loops(
     if loads is not None and mach1_readings.declared_filter(loads):
         has_model = len(series) > loops.sizes["oscillation"]
         lag = f": it includes the load cell's lag{', as the loop of the model does' * has_model}"
-    chart = ScatterChart(
-        "Hysteresis loops",
-        "position − mean / µm",
-        "force / N",
-        tuple(series),
-        caption=f"Mean loop over the evaluated cycles, as recorded{lag}.",
-    )
+    caption = f"Mean loop over the evaluated cycles, as recorded{lag}."
+    chart = ScatterChart("Hysteresis loops", "position − mean / µm", "force / N", tuple(series), caption=caption)
     return Section("Loops", (chart,))
 
 

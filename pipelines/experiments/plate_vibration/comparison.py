@@ -121,15 +121,8 @@ def rows(comparison: xr.Dataset, table: xr.Dataset, plate: xr.Dataset, *, settin
             "condition": f"{float(table['height'][i]) * 1e3:g} mm",
         }
         n = int(table["n"][i])
-        yield row(
-            "plate's displacement",
-            "m",
-            n,
-            against="plate fitted to it",
-            nrmse=comparison["nrmse"][i],
-            difference=comparison["bias"][i],
-            **where,
-        )
+        nrmse, bias = comparison["nrmse"][i], comparison["bias"][i]
+        yield row("plate's displacement", "m", n, against="plate fitted to it", nrmse=nrmse, difference=bias, **where)
         if not np.isfinite(predicted[i]):
             continue
         moves = -predicted[i] * (np.eye(amplitude.size)[i] - weights[i])

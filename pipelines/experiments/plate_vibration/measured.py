@@ -40,25 +40,16 @@ def displacement(readings: xr.Dataset, record: Path, *, settings: PlateVibration
     """Correct the inclination: upward displacement of the plate, with uncertainty."""
     if settings.sensor.serial is not None:
         readings = readings.assign_attrs(serial=settings.sensor.serial)
-    return laser.displacement(
-        readings,
-        calibration.load_record(record),
-        output=settings.sensor.output,
-        direction=settings.sensor.direction,
-        measured=settings.measured_on,
-    )
+    known, sensor, day = calibration.load_record(record), settings.sensor, settings.measured_on
+    return laser.displacement(readings, known, output=sensor.output, direction=sensor.direction, measured=day)
 
 
 def ringing(displacement: xr.Dataset, *, settings: PlateVibration) -> xr.Dataset:
     """Fit the free ringing after the first blow."""
     moved = displacement["displacement"]
-    found = signals.ringing(
-        moved["time"].values,
-        moved.values,
-        noise=float(displacement.attrs["noise"]),
-        longest_impact=settings.blow.longest.value,
-        shortest_pause=settings.blow.pause.value,
-    )
+    noise, longest, pause = float(displacement.attrs["noise"]), settings.blow.longest.value, settings.blow.pause.value
+    time = moved["time"].values
+    found = signals.ringing(time, moved.values, noise=noise, longest_impact=longest, shortest_pause=pause)
     fit = found.fit
     relative = float(displacement.attrs["u_systematic_relative"])
     made = xr.Dataset(with_u("blow_time", (), found.blow_time, found.u_blow_time, "s", "time of impact"))

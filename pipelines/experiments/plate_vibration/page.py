@@ -98,13 +98,8 @@ def _summary(
             rows.append((title, shown, f"weighted mean of {pages.counted(count, 'recording')}; standard uncertainty"))
             blocks.append(_verdict(table, name, title))
     if plate is not None and np.isfinite(float(plate["mass"])):
-        rows.append(
-            (
-                "modal mass",
-                pages.told(plate, "mass"),
-                f"from amplitude and simulated momentum; {_of_materials(settings)}",
-            )
-        )
+        remark = f"from amplitude and simulated momentum; {_of_materials(settings)}"
+        rows.append(("modal mass", pages.told(plate, "mass"), remark))
     if comparison is not None:
         worst = float(comparison["nrmse"].max()) * 100
         rows.append(
@@ -234,15 +229,8 @@ def _dependence(settings: PlateVibration, table: xr.Dataset) -> Section:
         for place, (material, chosen) in enumerate(numbers.items()):
             at = table.isel(series=sorted(chosen, key=lambda i: float(table["height"][i])))
             beside = _BESIDE * (place - 0.5 * (len(numbers) - 1))
-            made.append(
-                Series(
-                    material,
-                    at["height"].values * 1e3 + beside,
-                    at[name].values * factor,
-                    style="points",
-                    u=at[f"u_{name}"].values * factor,
-                )
-            )
+            x, y, u = at["height"].values * 1e3 + beside, at[name].values * factor, at[f"u_{name}"].values * factor
+            made.append(Series(material, x, y, style="points", u=u))
         return tuple(made)
 
     charts = tuple(

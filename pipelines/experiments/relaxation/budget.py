@@ -139,12 +139,7 @@ def _with_tip(at: Floats, geometry: Geometry, name: str, by: float) -> float:
 
 def _area(at: Floats, geometry: Geometry, by: dict[str, float]) -> float:
     """Return the elastic force over reduced modulus, with dimensions of the tip changed."""
-    sizes = {
-        name: given.value * by.get(key, 1.0)
-        for key, name, given in (
-            ("tip_radius", "radius", geometry.radius),
-            ("period", "period", geometry.period),
-            ("tip_length", "depth", geometry.depth),
-        )
-    }
+    given = {"tip_radius": geometry.radius, "period": geometry.period, "tip_length": geometry.depth}
+    keys = {"tip_radius": "radius", "period": "period", "tip_length": "depth"}
+    sizes = {name: size.value * by.get(keys[name], 1.0) for name, size in given.items()}
     return float(elastic_force(at, geometry, **sizes)[0])

@@ -94,14 +94,8 @@ def rows(tests: xr.Dataset, *, settings: Relaxation) -> Iterator[Row]:
     for i in range(tests.sizes["test"]):
         condition = f"{float(tests['depth'][i]) * 1e3:.2g} mm"
         for part in ("ramp", "early", "late"):
-            yield row(
-                f"force, {part}",
-                "N",
-                1,
-                condition=condition,
-                nrmse=tests[f"nrmse_{part}"][i],
-                difference=tests[f"bias_{part}"][i],
-            )
+            nrmse, bias = tests[f"nrmse_{part}"][i], tests[f"bias_{part}"][i]
+            yield row(f"force, {part}", "N", 1, condition=condition, nrmse=nrmse, difference=bias)
         yield row(
             "plateau force",
             "N",

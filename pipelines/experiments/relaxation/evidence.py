@@ -44,11 +44,9 @@ def evidence(
         parts.append(_Hold(label, loads[number], found, curves[number], shared))
     unknowns = [p for part in parts for p in part.unknowns]
     lags = np.concatenate([part.lag for part in parts])
+    ends = (float(lags.min()), float(lags.max()))
     return MaterialEvidence(
-        parts[0].shared.nu,
-        (float(lags.min()), float(lags.max())),
-        tuple(unknowns),
-        lambda rho: _joined(name, [part.evidence(rho) for part in parts]),
+        parts[0].shared.nu, ends, tuple(unknowns), lambda rho: _joined(name, [part.evidence(rho) for part in parts])
     )
 
 
@@ -110,16 +108,8 @@ class _Hold:
         shifts = {self.zero.name: (self._basis(rho, self.areas[1])[0] - basis) / SHIFT}
         if self.u_delay > 0.0:
             shifts[FILTER.name] = longer - basis
-        return force_evidence(
-            self.label,
-            self.lag,
-            self.force,
-            self.u,
-            basis,
-            shifts=shifts,
-            factors=self.shared.factors,
-            offsets=(self.tare.name,),
-        )
+        measured, factors, offsets = (self.label, self.lag, self.force, self.u), self.shared.factors, (self.tare.name,)
+        return force_evidence(*measured, basis, shifts=shifts, factors=factors, offsets=offsets)
 
 
 def _joined(name: str, parts: list[Evidence]) -> Evidence:

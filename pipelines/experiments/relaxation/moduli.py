@@ -117,15 +117,8 @@ def _modulus(loads: xr.Dataset, at: xr.Dataset, geometry: Geometry) -> tuple[dic
         message = f"the hold lies {-depth * 1e6:.3g} µm above first touch; the position of first touch cannot be right"
         raise InputError(message)
     value = force / float(elastic_force(np.array([depth]), geometry)[0])
-    cosine = Geometry(
-        geometry.radius,
-        geometry.period,
-        geometry.depth,
-        geometry.tips,
-        np.inf,
-        geometry.nu,
-        type(geometry.model)(profile="cosine"),
-    )
+    punch = (geometry.radius, geometry.period, geometry.depth, geometry.tips)
+    cosine = Geometry(*punch, np.inf, geometry.nu, type(geometry.model)(profile="cosine"))
     gain = float(np.nan_to_num(float(loads["u_gain"])))
     tare = float(loads["u_tare"])
     noise = excess_uncertainty(float(at["u_plateau_force"]), ramps_and_holds.systematic(loads, force))

@@ -95,30 +95,15 @@ def _summary(tests: xr.Dataset | None, comparison: Sequence[xr.Dataset] | None, 
             shown = ", ".join(pages.told(at, name) for name in (_peak(tests), "plateau_force"))
             rows.append((f"peak and plateau, {_label(tests, i)}", shown, _of_peak(tests)))
         if "mean_relaxed_modulus" in tests and np.isfinite(float(tests["mean_relaxed_modulus"])):
-            rows.append(
-                (
-                    "relaxed modulus",
-                    pages.told(tests, "mean_relaxed_modulus"),
-                    "in tension, from the plateaus of all tests",
-                )
-            )
+            remark = "in tension, from the plateaus of all tests"
+            rows.append(("relaxed modulus", pages.told(tests, "mean_relaxed_modulus"), remark))
         elif "mean_reduced_modulus" in tests:
-            rows.append(
-                (
-                    "relaxed reduced modulus",
-                    pages.told(tests, "mean_reduced_modulus"),
-                    "E/(1 − ν²), from the plateaus of all tests",
-                )
-            )
+            remark = "E/(1 − ν²), from the plateaus of all tests"
+            rows.append(("relaxed reduced modulus", pages.told(tests, "mean_reduced_modulus"), remark))
         if "nrmse_all" in tests:
             errors = tests["nrmse_all"].values * 100
-            rows.append(
-                (
-                    "nRMSE of force",
-                    f"{np.nanmin(errors):.3g} to {np.nanmax(errors):.3g} %",
-                    "root mean square of measured minus model, over the range of the simulated force of each test",
-                )
-            )
+            remark = "root mean square of measured minus model, over the range of the simulated force of each test"
+            rows.append(("nRMSE of force", f"{np.nanmin(errors):.3g} to {np.nanmax(errors):.3g} %", remark))
     if rows:
         blocks.append(KeyValues(rows))
     reasons = sorted({str(c.attrs["absent"]) for c in comparison or () if "absent" in c.attrs})
@@ -273,16 +258,10 @@ def _holds(loads: Sequence[xr.Dataset], comparison: Sequence[xr.Dataset], tests:
             Series(label, lag, gap, role="residual", u=u),
             Band(f"{label}, model ± 2 u", lag, -2 * wide, 2 * wide, role="model"),
         ]
+    labels = ("time since the stage arrived / s", "force / N")
+    caption = "Means over equal steps of the logarithm of time."
     charts: list[Block] = [
-        LineChart(
-            "Relaxation",
-            "time since the stage arrived / s",
-            "force / N",
-            tuple(curves),
-            x_scale="log",
-            height_px=320,
-            caption="Means over equal steps of the logarithm of time.",
-        )
+        LineChart("Relaxation", *labels, tuple(curves), x_scale="log", height_px=320, caption=caption)
     ]
     if gaps:
         charts.append(
@@ -316,14 +295,8 @@ def _moduli(curves: Sequence[xr.Dataset], models: Sequence[xr.Dataset] | None, t
     number = 0
     for curve in curves:
         if "relaxation_modulus" in curve:
-            series.append(
-                Series(
-                    _label(tests, number),
-                    curve["elapsed"].values,
-                    curve["relaxation_modulus"].values * _MPA,
-                    role="measured",
-                )
-            )
+            modulus = curve["relaxation_modulus"].values * _MPA
+            series.append(Series(_label(tests, number), curve["elapsed"].values, modulus, role="measured"))
         number += curve.sizes["ramp"]
     there = next((m for m in models or () if "relaxation_modulus" in m), None)
     if series and there is not None:

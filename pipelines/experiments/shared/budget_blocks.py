@@ -74,15 +74,8 @@ def overview(found: Sequence[Propagated], last: str, texts: Sequence[str], capti
         )
         for (each, budget, drawn), text in zip(found, texts, strict=True)
     ]
-    columns = (
-        Column("quantity"),
-        Column("value"),
-        Column("expanded uncertainty, 95 %"),
-        Column("coverage factor", digits=3),
-        Column("degrees of freedom"),
-        Column("linear and Monte Carlo"),
-        Column(last),
-    )
+    names, k = map(Column, ("quantity", "value", "expanded uncertainty, 95 %")), Column("coverage factor", digits=3)
+    columns = (*names, k, *map(Column, ("degrees of freedom", "linear and Monte Carlo", last)))
     return Table(columns, rows, caption=caption, sortable=False)
 
 

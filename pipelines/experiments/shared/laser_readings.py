@@ -44,11 +44,6 @@ def _with_place(error: SourceError) -> SourceError:
     if error.hint is None or not error.hint.startswith("Give"):
         return error
     example = 'keyence = { cycle = "50 us", storage_factor = 1, units = ["mm"] }'
-    return SourceError(
-        error.path,
-        error.message,
-        line=error.line,
-        column=error.column,
-        offset=error.offset,
-        hint=f"{error.hint} In session.toml, for the experiment: {example}.",
-    )
+    place = {"line": error.line, "column": error.column, "offset": error.offset}
+    hint = f"{error.hint} In session.toml, for the experiment: {example}."
+    return SourceError(error.path, error.message, **place, hint=hint)

@@ -102,13 +102,8 @@ def force_lag(loads: xr.Dataset, frequency: float) -> load_cell.FilterLag | None
     note = "delay measured, see the record of the load cell"
     # where the delay leaves one kind of filter, its gain is known
     u_gain = 0.0 if filter_kinds(loads) == _KINDS[:1] else lag.u_gain
-    return lag._replace(
-        u_gain=u_gain,
-        phase=lag.phase * value / slow,
-        u_phase=lag.phase * u / slow,
-        delay=lag.delay * value / slow,
-        note=note,
-    )
+    phase, u_phase, delay = lag.phase * value / slow, lag.phase * u / slow, lag.delay * value / slow
+    return lag._replace(u_gain=u_gain, phase=phase, u_phase=u_phase, delay=delay, note=note)
 
 
 def filter_delay(loads: xr.Dataset) -> Quantity:

@@ -49,11 +49,10 @@ def stated(given: Quantity) -> str:
 
 
 def told(dataset: xr.Dataset, name: str, at: int | None = None) -> str:
-    """Write a value of a result, or the one at a place, with its standard uncertainty."""
-    value, u = dataset[name], dataset[f"u_{name}"]
-    if at is not None:
-        value, u = value[at], u[at]
-    return value_with_uncertainty(float(value), float(u), str(value.attrs["units"]))
+    """Write a value of a result, or the one at a place, with its standard uncertainty where it has one."""
+    numbers = [dataset[n].values if at is None else dataset[n].values[at] for n in (name, f"u_{name}") if n in dataset]
+    value, u = map(float, (*numbers, 0.0)[:2])
+    return value_with_uncertainty(value, u, str(dataset[name].attrs["units"]))
 
 
 def column(dataset: xr.Dataset, name: str, title: str, factor: float = 1.0, *, digits: int = 4) -> Listed:
@@ -62,13 +61,8 @@ def column(dataset: xr.Dataset, name: str, title: str, factor: float = 1.0, *, d
     With a factor other than 1 the numbers are no longer in SI, and the title says in what they are.
     """
     u = f"u_{name}"
-    return Listed(
-        title,
-        (dataset[name].values * factor).tolist(),
-        str(dataset[name].attrs["units"]) if factor == 1.0 else "",
-        (dataset[u].values * factor).tolist() if u in dataset else None,
-        digits,
-    )
+    values, units = (dataset[name].values * factor).tolist(), str(dataset[name].attrs["units"]) if factor == 1.0 else ""
+    return Listed(title, values, units, (dataset[u].values * factor).tolist() if u in dataset else None, digits)
 
 
 def model_curves(x: "ArrayLike", y: "ArrayLike", u: "ArrayLike", *, label: str = "model") -> tuple[Series, Band]:
@@ -278,10 +272,9 @@ def raw_headers(datasets: Sequence[xr.Dataset]) -> tuple[Details, ...]:
 def ledger(context: Context) -> Section:
     """Show what was done and what was skipped for this page."""
     is_of_others = len({row.experiment for row in context.ledger}) > 1  # such as the DMA behind a drop
+    left = 0 if is_of_others else 1
     rows = [
-        (row.experiment, row.stage or "all steps", row.name.replace("_", " "), row.done, row.skipped)[
-            not is_of_others :
-        ]
+        (row.experiment, row.stage or "all steps", row.name.replace("_", " "), row.done, row.skipped)[left:]
         for row in context.ledger
     ]
     columns = (Column("experiment"), Column("step"), Column("work"), Column("done"), Column("skipped"))

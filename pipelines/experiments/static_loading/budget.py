@@ -75,11 +75,7 @@ def quantities(
             asked,
         )
     if model is not None and "budget" in model.attrs:
-        found = model_quantity(
-            "contact radius of the model under the last load",
-            float(model["contact_radius"][-1]),
-            "m",
-            json.loads(model.attrs["budget"]),
-            ("radius", "Poisson's ratio", "temperature"),
-        )
+        title, names = "contact radius of the model under the last load", ("radius", "Poisson's ratio", "temperature")
+        best, sources = float(model["contact_radius"][-1]), json.loads(model.attrs["budget"])
+        found = model_quantity(title, best, "m", sources, names)
         yield replace(found, inert=(*found.inert, ("height", "nothing falls")))

@@ -84,13 +84,8 @@ def _per_load(approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, settin
 
 def rows(comparison: xr.Dataset, model: xr.Dataset, *, settings: StaticLoading) -> Iterator[Row]:
     """Yield the rows of ``compare``."""
-    yield row(
-        "contact radius",
-        "m",
-        int(comparison["time"].size),
-        nrmse=comparison["nrmse_contact_radius_model"],
-        difference=comparison["bias_contact_radius_model"],
-    )
+    n, nrmse = int(comparison["time"].size), comparison["nrmse_contact_radius_model"]
+    yield row("contact radius", "m", n, nrmse=nrmse, difference=comparison["bias_contact_radius_model"])
     radius = settings.sphere.radius.value
     for i, load in enumerate(settings.loads):
         value, difference = float(comparison["radius_model"][i]), float(comparison["radius_difference"][i])

@@ -220,12 +220,8 @@ class TouchFit:
         """Return the displacement of least misfit."""
         high = float(self.rows.min())
         low = high - float(np.ptp(self.rows))
-        found = minimize_scalar(
-            lambda touch: self.solve(touch)[1],
-            bounds=(low, high),
-            method="bounded",
-            options={"xatol": _TOLERANCE * float(np.ptp(self.rows))},
-        )
+        options, ends = {"xatol": _TOLERANCE * float(np.ptp(self.rows))}, (low, high)
+        found = minimize_scalar(lambda touch: self.solve(touch)[1], bounds=ends, method="bounded", options=options)
         return float(found.x)
 
 

@@ -42,13 +42,9 @@ def displacement(readings: xr.Dataset, record: Path, *, settings: StaticLoading)
     known = calibration.load_record(record)
     if settings.sensor.serial is not None:
         readings = readings.assign_attrs(serial=settings.sensor.serial)
+    sensor, zero = settings.sensor, 0.0 if settings.zero is None else settings.zero
     moved = laser.displacement(
-        readings,
-        known,
-        output=settings.sensor.output,
-        direction=-settings.sensor.direction,
-        measured=settings.measured_on,
-        zero=0.0 if settings.zero is None else settings.zero,
+        readings, known, output=sensor.output, direction=-sensor.direction, measured=settings.measured_on, zero=zero
     )
     short = moved["time"].values[-1] < settings.steps.window.value
     if int(moved["valid"].sum()) < 2 * SIDE * len(settings.loads) or short:

@@ -6,19 +6,7 @@ from itertools import pairwise
 import numpy as np
 import xarray as xr
 
-from labpipe.report import (
-    Band,
-    Block,
-    KeyValues,
-    LineChart,
-    Listed,
-    Paragraph,
-    Section,
-    Series,
-    budget_table,
-    listed,
-    value_with_uncertainty,
-)
+from labpipe.report import Band, Block, KeyValues, LineChart, Listed, Paragraph, Section, Series, budget_table, listed
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared import budget_blocks, pages
 from pipelines.experiments.shared.ramps_and_holds import binned
@@ -76,13 +64,8 @@ def _summary(approach: xr.Dataset | None, comparison: xr.Dataset | None, context
     if comparison is not None:
         for other, word in (("model", "viscoelastic model"), ("hertz", "Hertz, relaxed modulus")):
             error = float(comparison[f"nrmse_contact_radius_{other}"]) * 100
-            rows.append(
-                (
-                    f"nRMSE of contact radius, {word}",
-                    f"{error:.3g} %",
-                    "single readings, over the range of what they are compared with",
-                )
-            )
+            remark = "single readings, over the range of what they are compared with"
+            rows.append((f"nRMSE of contact radius, {word}", f"{error:.3g} %", remark))
     shown_rows: list[Block] = [KeyValues(rows)] if rows else []
     return Section("Summary", (*shown_rows, *pages.failed_notice(context)))
 
@@ -95,12 +78,8 @@ def _measured(
     context: Context,
 ) -> Section:
     ball = settings.sphere
-    rows = [
-        ("file", settings.laser, ""),
-        ("radius of the sphere", value_with_uncertainty(ball.radius.value, ball.radius.u, "m"), ""),
-        ("material", ball.source, ""),
-        *pages.remarks(context),
-    ]
+    rows = [("file", settings.laser, ""), ("radius of the sphere", pages.stated(ball.radius), "")]
+    rows += [("material", ball.source, ""), *pages.remarks(context)]
     blocks: list[Block] = [KeyValues([r for r in rows if r[1]])]
     if displacement is not None:
         blocks.append(pages.calibration_rows(displacement.attrs["calibration"]))
@@ -128,15 +107,8 @@ def _radii(steps: xr.Dataset, approach: xr.Dataset, model: xr.Dataset | None, co
         )
     if comparison is not None and np.isfinite(comparison["given_radius"].values).any():
         kept = np.isfinite(comparison["given_radius"].values)
-        series.append(
-            Series(
-                "given radius",
-                steps["end"].values[kept] * _MIN,
-                comparison["given_radius"].values[kept] * _UM,
-                style="points",
-                u=comparison["u_given_radius"].values[kept] * _UM,
-            )
-        )
+        radius, u = (comparison[name].values[kept] * _UM for name in ("given_radius", "u_given_radius"))
+        series.append(Series("given radius", steps["end"].values[kept] * _MIN, radius, style="points", u=u))
     lines = [(f"load {i + 1}", float(t)) for i, t in enumerate(edges[:-1])]
     views = [(f"load {i + 1}", float(a), float(b)) for i, (a, b) in enumerate(pairwise(edges))]
     chart = LineChart(
@@ -228,14 +200,8 @@ def _touch(steps: xr.Dataset, model: xr.Dataset | None) -> Section:
         "history with the creep compliance (Lee and Radok); loads of different size determine "
         "the zero of the approach, and the compliance follows without assuming a material."
     )
-    chart = LineChart(
-        "Reduced creep compliance",
-        "time under load / s",
-        "compliance / GPa⁻¹",
-        tuple(series),
-        x_scale="log",
-        height_px=240,
-    )
+    title, x, y = "Reduced creep compliance", "time under load / s", "compliance / GPa⁻¹"
+    chart = LineChart(title, x, y, tuple(series), x_scale="log", height_px=240)
     return Section("First touch and compliance", (Paragraph(text), KeyValues(rows), chart))
 
 
@@ -247,15 +213,9 @@ def _residual(steps: xr.Dataset, model: xr.Dataset | None, comparison: xr.Datase
     if model is not None:
         wide = 2.0 * model["u_approach"].values * _UM
         drawn.append(Band("model ± 2 u", model["time"].values * _MIN, -wide, wide, role="model"))
-    chart = LineChart(
-        "Approach, measured minus model",
-        "time / min",
-        "difference / µm",
-        tuple(drawn),
-        vlines=tuple(lines),
-        height_px=200,
-        caption="Readings next to a step are left out.",
-    )
+    labels, caption = ("time / min", "difference / µm"), "Readings next to a step are left out."
+    title, marks = "Approach, measured minus model", tuple(lines)
+    chart = LineChart(title, *labels, tuple(drawn), vlines=marks, height_px=200, caption=caption)
     return Section("Difference", (chart,))
 
 

@@ -71,17 +71,9 @@ def contact_duration(fall: Fall, radius: float, mass: float, stiffness: Stiffnes
             f"{fall.name}: {shown(seen, own, 's')} seen, {quantity(shortest, 's')} to {quantity(longest, 's')} would "
             "be those of the stated sphere on any solid"
         )
-        check = bounded(
-            name,
-            law,
-            message,
-            np.log(seen).item(),
-            max(own / seen, 0.05),
-            at_least=np.log(shortest).item(),
-            at_most=np.log(longest).item(),
-            is_law=False,
-            setting="sphere.mass",
-        )
+        ends = {"at_least": np.log(shortest).item(), "at_most": np.log(longest).item()}
+        seen_log, u = np.log(seen).item(), max(own / seen, 0.05)
+        check = bounded(name, law, message, seen_log, u, **ends, is_law=False, setting="sphere.mass")
         word = "large" if seen < shortest else "small"
         cause = f"sphere.mass is too {word}: {quantity(mass, 'kg')} is in another unit than was typed (g, kg)"
         return replace(check, cause=cause) if check.level else check

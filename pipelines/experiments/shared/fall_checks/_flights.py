@@ -60,17 +60,8 @@ def speed(fall: Fall, gravity: Quantity) -> Check:
     # the scale of length is in both, once in v and half in the root of h
     u = hypot(own, seen * hypot(0.5 * fall.relative, CLOCK))
     message = f"{fall.name}: {shown(seen, u, 'm/s')} seen, {quantity(expected, 'm/s')} expected"
-    return compared(
-        name,
-        law,
-        message,
-        seen,
-        u,
-        expected,
-        0.5 * expected * u_h / h if h > 0 else nan,
-        allowance=GUIDE * expected,
-        file=fall.name,
-    )
+    u_expected = 0.5 * expected * u_h / h if h > 0 else nan
+    return compared(name, law, message, seen, u, expected, u_expected, allowance=GUIDE * expected, file=fall.name)
 
 
 def release(fall: Fall, moved: xr.Dataset) -> Check:
@@ -142,17 +133,10 @@ def flights_alike(fall: Fall, gravity: Quantity) -> Check:
         f"{fall.name}: the flight from {at} lasts {quantity(float(lasts[worst]), 's')}, "
         f"its speeds say {quantity(float(said[worst]), 's')}"
     )
+    measured, u_measured, stated = float(lasts[worst]), float(u[worst]), float(said[worst])
+    width = 0.01 * measured
     return compared(
-        name,
-        law,
-        message,
-        float(lasts[worst]),
-        float(u[worst]),
-        float(said[worst]),
-        0.0,
-        allowance=0.01 * float(lasts[worst]),
-        factor=False,
-        file=fall.name,
+        name, law, message, measured, u_measured, stated, 0.0, allowance=width, factor=False, file=fall.name
     )
 
 

@@ -53,18 +53,9 @@ def repeats_alike(falls: Sequence[Fall], quantities: Sequence[tuple[str, str, st
             f"{falls[worst].name}: {shown(float(values[worst]), float(u[worst]), unit)}, the other "
             f"repeats {quantity(float(np.median(values[others])), unit)}"
         )
-        check = compared(
-            name,
-            law,
-            message,
-            float(values[worst]),
-            float(scale[worst]),
-            centre,
-            0.0,
-            allowance=0.02 * abs(centre),
-            factor=False,
-            file=falls[worst].name,
-        )
+        seen, u_seen, file = float(values[worst]), float(scale[worst]), falls[worst].name
+        allowance = 0.02 * abs(centre)
+        check = compared(name, law, message, seen, u_seen, centre, 0.0, allowance=allowance, factor=False, file=file)
         found.append(replace(check, cause=cause) if check.level is not None else check)
     return found
 

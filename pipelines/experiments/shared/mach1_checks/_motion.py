@@ -72,15 +72,8 @@ def order_of_columns(name: str, blocks: Sequence[Part]) -> Check:
         f"{name}: the column of the force moves by the declared {shown} (as mm), the column of the position by "
         f"{quantity(abs(moved_by(where, where.position)), 'm')}"
     )
-    return stated(
-        SWAPPED,
-        law,
-        text,
-        "impossible",
-        cause=f"the columns of position and force are swapped (header of the columns, line {where.header_line})",
-        file=name,
-        line=where.header_line,
-    )
+    cause = f"the columns of position and force are swapped (header of the columns, line {where.header_line})"
+    return stated(SWAPPED, law, text, "impossible", cause=cause, file=name, line=where.header_line)
 
 
 def commands_kept(name: str, blocks: Sequence[Part]) -> Iterator[Check]:

@@ -35,14 +35,8 @@ def repeated_rows(trace: Trace) -> Check:
         f"{trace.name}: {rows} readings from {trace.at(second)} come twice, digit by digit those from "
         f"{trace.at(original)}"
     )
-    return stated(
-        title,
-        law,
-        text,
-        "impossible",
-        file=trace.name,
-        cause="rows were doubled, or two copies pasted together, when the file was made or edited",
-    )
+    cause = "rows were doubled, or two copies pasted together, when the file was made or edited"
+    return stated(title, law, text, "impossible", file=trace.name, cause=cause)
 
 
 def _stretches(trace: Trace, step: float, *, from_any_zero: bool = False) -> tuple[np.ndarray, np.ndarray]:
