@@ -112,15 +112,9 @@ def with_moduli(columns: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
     needed, moduli = made[0]
     for name, values in zip(("storage_modulus", "loss_modulus"), moduli, strict=True):
         if name not in columns:
-            columns[name] = replace(
-                columns[needed[0]],
-                name=name,
-                header=f"of {_headers(columns, needed)}",
-                unit="Pa",
-                si="Pa",
-                values=values,
-                sub_label="",
-            )
+            unit = {"unit": "Pa", "si": "Pa", "sub_label": ""}
+            header = f"of {_headers(columns, needed)}"
+            columns[name] = replace(columns[needed[0]], name=name, header=header, values=values, **unit)
     return columns, said
 
 

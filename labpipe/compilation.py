@@ -90,9 +90,6 @@ def _forgive_a_full_disk(kernel: Any) -> None:
 
 @cache  # one warning for all kernels
 def _warn(reason: str) -> None:
-    warnings.warn(
-        f"compiled code cannot be kept ({reason}): each process compiles it again, "
-        "which takes some seconds; set NUMBA_CACHE_DIR to a folder that can be written",
-        UserWarning,
-        stacklevel=3,
-    )
+    text = f"compiled code cannot be kept ({reason}): each process compiles it again, which takes some seconds; "
+    text += "set NUMBA_CACHE_DIR to a folder that can be written"
+    warnings.warn(text, UserWarning, stacklevel=3)

@@ -256,12 +256,9 @@ def _count(path: Path, text: str, n_ends: int, open_length: int, limits: Limits)
         open_length += len(text) - start
         if open_length <= limits.max_line:
             return n_ends, open_length
-    raise SourceError(
-        path,
-        f"the line is longer than {limits.max_line} characters",
-        line=n_ends + 1,
-        hint="This is not a table of readings; if it is, raise Limits(max_line=…).",
-    )
+    text = f"the line is longer than {limits.max_line} characters"
+    hint = "This is not a table of readings; if it is, raise Limits(max_line=…)."
+    raise SourceError(path, text, line=n_ends + 1, hint=hint)
 
 
 def _newlines(text: str) -> Iterator[tuple[int, int]]:
@@ -392,13 +389,9 @@ def check_width(
     # The first cell too many, or the end of the line where one is missing.
     is_long = len(cells) > n_columns
     column = len(delimiter.join(cells[:n_columns])) + 2 if is_long else len(line) + 1
-    raise SourceError(
-        path,
-        f"found {len(cells)} cells, expected {n_columns}: {shorten(line)}",
-        line=line_number,
-        column=column,
-        hint="A cell is missing or was added; compare the row with its neighbours.",
-    )
+    text = f"found {len(cells)} cells, expected {n_columns}: {shorten(line)}"
+    hint = "A cell is missing or was added; compare the row with its neighbours."
+    raise SourceError(path, text, line=line_number, column=column, hint=hint)
 
 
 def not_a_number(cell: str, *, path: str | os.PathLike[str], line_number: int, column: int | None) -> SourceError:

@@ -54,12 +54,8 @@ def assemble(intervals: Sequence[Interval], **attrs: Any) -> xr.Dataset:
     coords["point"] = variable(
         _SAMPLE, np.concatenate([i.point for i in intervals]), "1", "number of the point, 0 where the file gives none"
     )
-    variables["is_valid"] = variable(
-        _SAMPLE,
-        np.concatenate([i.is_valid for i in intervals]).astype(np.int8),
-        "1",
-        "0 where the instrument marked the point invalid",
-    )
+    marks, meaning = np.concatenate([i.is_valid for i in intervals]), "0 where the instrument marked the point invalid"
+    variables["is_valid"] = variable(_SAMPLE, marks.astype(np.int8), "1", meaning)
     dataset = xr.Dataset(variables, coords=coords)
     dataset.attrs = {
         "instrument": DEVICE,
@@ -149,12 +145,9 @@ def _unclipped(dataset: xr.Dataset) -> xr.Dataset:
             ratio = loss / storage
         is_real = (storage > 0) & (np.abs(ratio) < CLIPPED * (1 - _CLIP_TOLERANCE))
         fresh = np.where(clipped & is_real, ratio, fresh)
-    dataset = dataset.assign(
-        loss_factor=(_SAMPLE, fresh, dataset["loss_factor"].attrs),
-        is_clipped=variable(
-            _SAMPLE, clipped.astype(np.int8), "1", "1 where the file's loss factor is clipped at 20000"
-        ),
-    )
+    meaning = "1 where the file's loss factor is clipped at 20000"
+    marked = variable(_SAMPLE, clipped.astype(np.int8), "1", meaning)
+    dataset = dataset.assign(loss_factor=(_SAMPLE, fresh, dataset["loss_factor"].attrs), is_clipped=marked)
     dataset.attrs["clipped_loss_factors"] = int(clipped.sum())
     return dataset
 
@@ -215,16 +208,8 @@ def _interval(part: xr.Dataset, entry: dict[str, Any]) -> Interval:
         values_of = part[stated["name"]]
         is_text = values_of.dtype.kind not in "fiu"
         values = [str(v) for v in values_of.values] if is_text else values_of.values.astype(float)
-        columns.append(
-            Column(
-                stated["name"],
-                stated["header"],
-                stated["unit"],
-                "" if is_text else values_of.attrs["units"],
-                values,
-                stated.get("sub_label", ""),
-            )
-        )
+        name, header, unit, below = stated["name"], stated["header"], stated["unit"], stated.get("sub_label", "")
+        columns.append(Column(name, header, unit, "" if is_text else values_of.attrs["units"], values, below))
     return Interval(
         entry["test_name"],
         entry["result_name"],
@@ -257,12 +242,5 @@ def make_interval(
 ) -> Interval:
     """Make an interval of valid points, numbered from 1."""
     count = len(columns[0].values)
-    return Interval(
-        test,
-        result,
-        number,
-        count if declared is None else declared,
-        np.arange(1, count + 1),
-        np.ones(count, dtype=bool),
-        tuple(columns),
-    )
+    stated, points = count if declared is None else declared, np.arange(1, count + 1)
+    return Interval(test, result, number, stated, points, np.ones(count, dtype=bool), tuple(columns))

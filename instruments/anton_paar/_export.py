@@ -109,12 +109,8 @@ def _warn_of_project(export: Export) -> None:
 def _refuse_window_definition(source: TextFile) -> None:
     first = next(iter(source.lines()), "").lstrip("\N{ZERO WIDTH NO-BREAK SPACE} ")
     if first.startswith("<"):
-        raise SourceError(
-            source.path,
-            "this XML file holds the layout of a table window, not a measurement",
-            line=1,
-            hint="In RheoCompass, export the table itself as CSV or XLSX.",
-        )
+        text = "this XML file holds the layout of a table window, not a measurement"
+        raise SourceError(source.path, text, line=1, hint="In RheoCompass, export the table itself as CSV or XLSX.")
 
 
 def _complete(source: TextFile, rows: Iterable[Row], allow: bool) -> Iterable[Row]:
@@ -136,12 +132,8 @@ def _check_last(source: TextFile, export: Export, allow: bool) -> None:
     if last.rows and last.rows[-1].line == source.n_lines and _is_whole(last):
         export.notes.append("the last line has no line end; its table is complete, but further ones may be lost")
         return
-    raise SourceError(
-        source.path,
-        "the last line is cut, it has no line end",
-        line=source.n_lines,
-        hint="Export the file again, or drop this line with allow_incomplete=True.",
-    )
+    hint = "Export the file again, or drop this line with allow_incomplete=True."
+    raise SourceError(source.path, "the last line is cut, it has no line end", line=source.n_lines, hint=hint)
 
 
 def _is_whole(interval: RawInterval) -> bool:

@@ -147,12 +147,8 @@ def _plan(raw: RawInterval, path: Path, findings: Findings) -> list[_Plan]:
         has_cells = any(text_of(r.cells[index]) for r in raw.rows)
         if not header:
             if has_cells or raw.units[index]:
-                raise SourceError(
-                    path,
-                    f"column {index + 1} has no name",
-                    line=raw.line + 1,
-                    hint="Its name was deleted; export the file again.",
-                )
+                text, hint = f"column {index + 1} has no name", "Its name was deleted; export the file again."
+                raise SourceError(path, text, line=raw.line + 1, hint=hint)
             continue
         name = words.column_name(header) or words.slug(header)
         if header.endswith(","):
@@ -185,12 +181,9 @@ def _points(raw: RawInterval, index: int | None, path: Path) -> tuple[NDArray[np
         found = words.point_number(words.repaired(text))
         if found is None or found[0] <= before:
             expected = f"a number above {before}" if found else "a point number"
-            raise SourceError(
-                path,
-                f"found {shorten(text)}, expected {expected}",
-                line=row.line,
-                hint="Rows are missing, repeated or moved; export the file again.",
-            )
+            message = f"found {shorten(text)}, expected {expected}"
+            hint = "Rows are missing, repeated or moved; export the file again."
+            raise SourceError(path, message, line=row.line, hint=hint)
         point[i] = before = found[0]
         valid[i] &= found[1]
     return point, valid
@@ -211,19 +204,13 @@ def _unit(raw: RawInterval, plan: _Plan, path: Path) -> tuple[float, str]:
     except InputError:
         if known is None:
             return 1.0, plan.unit.strip("[] ")  # an unknown quantity keeps its own unit
-        raise SourceError(
-            path,
-            f"found the unit {shorten(plan.unit)} of {plan.header}, expected one of {' or '.join(known)}",
-            line=raw.line + 1,
-            hint="Correct the row of units, or export again.",
-        ) from None
+        text = f"found the unit {shorten(plan.unit)} of {plan.header}, expected one of {' or '.join(known)}"
+        hint = "Correct the row of units, or export again."
+        raise SourceError(path, text, line=raw.line + 1, hint=hint) from None
     if known is not None and found.si not in known:
-        raise SourceError(
-            path,
-            f'{plan.header} is in "{plan.unit}", expected a unit of {" or ".join(known)}',
-            line=raw.line + 1,
-            hint="Correct the row of units, or export again; nothing is guessed.",
-        )
+        text = f'{plan.header} is in "{plan.unit}", expected a unit of {" or ".join(known)}'
+        hint = "Correct the row of units, or export again; nothing is guessed."
+        raise SourceError(path, text, line=raw.line + 1, hint=hint)
     # The radian is often left out; "angular" in the heading says it.
     is_angular = found.si == "1/s" and words.column_name(plan.header) == "angular_frequency"
     return found.factor, "rad/s" if is_angular else found.si

@@ -107,12 +107,8 @@ def _one(path: Path) -> tuple[list[str], Floats]:
     header = [name.strip() for name in lines[start].split(delimiter) if name.strip()]
     missing = [name for name in _REQUIRED if name not in header]
     if missing:
-        raise SourceError(
-            path,
-            f"the fields {', '.join(missing)} are missing; found {', '.join(header)}",
-            line=start + 1,
-            hint="Ask DICe for them in its output specification.",
-        )
+        message = f"the fields {', '.join(missing)} are missing; found {', '.join(header)}"
+        raise SourceError(path, message, line=start + 1, hint="Ask DICe for them in its output specification.")
     rows = []
     for number, line in enumerate(lines[start + 1 :], start + 2):
         if not line.strip():

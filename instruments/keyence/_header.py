@@ -207,12 +207,9 @@ def _find_start(path: Path, lines: Sequence[str], profile: KeyenceProfile) -> tu
                 return delimiter, index
         if is_reading(line.strip().strip('"'), profile.markers):
             return delimiters[-1], index
-    raise SourceError(
-        path,
-        f"found no row of readings in the first {len(lines)} lines",
-        line=1,
-        hint="Expected rows of numbers or markers such as +FFFFFFF below the header.",
-    )
+    text = f"found no row of readings in the first {len(lines)} lines"
+    hint = "Expected rows of numbers or markers such as +FFFFFFF below the header."
+    raise SourceError(path, text, line=1, hint=hint)
 
 
 def _is_row(cells: Sequence[str], markers: tuple[Marker, ...]) -> bool:
@@ -231,12 +228,8 @@ def _find_names(path: Path, head: Sequence[str], delimiter: str, n_columns: int)
         if any(_OUTPUT.fullmatch(cell) for cell in split_cells(line, delimiter))
     ]
     if len(found) > 1:
-        raise SourceError(
-            path,
-            f"the columns are named twice, before on line {found[0] + 1}",
-            line=found[1] + 1,
-            hint="Two exports were joined: split the file.",
-        )
+        text = f"the columns are named twice, before on line {found[0] + 1}"
+        raise SourceError(path, text, line=found[1] + 1, hint="Two exports were joined: split the file.")
     return found[0] if found else _other_names(head, delimiter, n_columns)
 
 
@@ -254,13 +247,9 @@ def _refuse_damaged_row(path: Path, head: Sequence[str], delimiter: str, n_colum
     for index, line in enumerate(head):
         cells = split_cells(line, delimiter)
         if len(cells) == n_columns and re.match(r"[+-]?[0-9]", cells[0]):
-            raise SourceError(
-                path,
-                f"found {shorten(line)}, which is neither a row of readings nor a header line",
-                line=index + 1,
-                column=1,
-                hint="If it is a damaged row, export the file again.",
-            )
+            text = f"found {shorten(line)}, which is neither a row of readings nor a header line"
+            hint = "If it is a damaged row, export the file again."
+            raise SourceError(path, text, line=index + 1, column=1, hint=hint)
 
 
 def _counts(rows: Sequence[str], delimiter: str, n_columns: int) -> bool:
@@ -280,12 +269,8 @@ def _outputs(path: Path, names: Sequence[str], names_at: int) -> tuple[tuple[int
     for name in names:
         match = _OUTPUT.fullmatch(name)
         if match is None or int(match[1]) in numbers:
-            raise SourceError(
-                path,
-                f"found the column name {shorten(name)}, expected OUT1, OUT2, … each once",
-                line=names_at + 1,
-                column=1,
-            )
+            text = f"found the column name {shorten(name)}, expected OUT1, OUT2, … each once"
+            raise SourceError(path, text, line=names_at + 1, column=1)
         numbers.append(int(match[1]))
         units.append(match[2] or "")
     return tuple(numbers), tuple(units) if all(units) else ()

@@ -187,12 +187,8 @@ def _read_row(table: _Table, line: str, line_number: int) -> tuple[list[float], 
         if number is None:
             raise not_a_number(cell, path=table.path, line_number=line_number, column=column)
         if is_counter and not cell.isdigit():
-            raise SourceError(
-                table.path,
-                f"found the counter {shorten(cell)}, expected a whole number",
-                line=line_number,
-                column=column,
-            )
+            text = f"found the counter {shorten(cell)}, expected a whole number"
+            raise SourceError(table.path, text, line=line_number, column=column)
         if table.fixed and not is_counter and layout(cell) != table.layouts[index]:
             raise _other_layout(table, cell, index, line_number, column)
         values.append(number)
@@ -203,10 +199,6 @@ def _read_row(table: _Table, line: str, line_number: int) -> tuple[list[float], 
 def _other_layout(table: _Table, cell: str, index: int, line_number: int, column: int | None) -> SourceError:
     known = table.layouts[index]
     digits = f"{known.whole} digits before and {known.decimals} after the decimal sign" if known else ""
-    return SourceError(
-        table.path,
-        f"found {shorten(cell)}, but every number of this column has {digits}",
-        line=line_number,
-        column=column,
-        hint="Characters were lost or added: export the file again.",
-    )
+    text = f"found {shorten(cell)}, but every number of this column has {digits}"
+    hint = "Characters were lost or added: export the file again."
+    return SourceError(table.path, text, line=line_number, column=column, hint=hint)

@@ -38,32 +38,22 @@ def stated_units(path: Path, header: Header, given: Iterable[str] | None) -> tup
             hint='Give one for every output, in order: units=["mm"].',
         )
     if len(units) != len(header.outputs):
-        raise SourceError(
-            path,
-            f"found {len(units)} units for {len(header.outputs)} outputs",
-            line=line,
-            hint='Give one for every output, in order: units=["mm", "um"].',
-        )
+        text = f"found {len(units)} units for {len(header.outputs)} outputs"
+        hint = 'Give one for every output, in order: units=["mm", "um"].'
+        raise SourceError(path, text, line=line, hint=hint)
     for text in units:
         if not is_length_or_volts(text):
-            raise SourceError(
-                path,
-                f"found the unit {shorten(text)}, expected a length, volts or a derivative",
-                line=line,
-                hint="Units of Keyence outputs are mm, um, V, mm/s, m/s2, km/s2.",
-            )
+            message = f"found the unit {shorten(text)}, expected a length, volts or a derivative"
+            hint = "Units of Keyence outputs are mm, um, V, mm/s, m/s2, km/s2."
+            raise SourceError(path, message, line=line, hint=hint)
     if stated and asked and [unit(a) for a in asked] != [unit(s) for s in stated]:
         raise _contradiction(path, "units", line, ", ".join(stated), ", ".join(asked))
     return units
 
 
 def _contradiction(path: Path, name: str, line: int | None, stated: object, given: object) -> SourceError:
-    return SourceError(
-        path,
-        f"the file says {stated}, the option {name} says {given}",
-        line=line,
-        hint=f"Leave the option {name} out, or correct it.",
-    )
+    text = f"the file says {stated}, the option {name} says {given}"
+    return SourceError(path, text, line=line, hint=f"Leave the option {name} out, or correct it.")
 
 
 _SHORTEST, _LONGEST = 1e-7, 86400.0
@@ -91,12 +81,9 @@ def stated_cycle(path: Path, header: Header, given: str | float | None) -> float
     text = f"{' '.join(cells)} {unit_text}".strip()
     stated = _time(text)
     if stated is None:
-        raise SourceError(
-            path,
-            f"found the sampling cycle {shorten(text)}, expected a time with its unit",
-            line=line,
-            hint='Correct the line; it should read for example "Sampling cycle,50us".',
-        )
+        message = f"found the sampling cycle {shorten(text)}, expected a time with its unit"
+        hint = 'Correct the line; it should read for example "Sampling cycle,50us".'
+        raise SourceError(path, message, line=line, hint=hint)
     if asked is not None and abs(asked - stated) > 1e-9 * stated:
         raise _contradiction(path, "cycle", line, f"{stated:g} s", f"{asked:g} s")
     return stated
@@ -137,12 +124,9 @@ def stated_storage(path: Path, header: Header, given: int | None, cycle: float, 
     by_interval = interval / cycle if interval else 0.0
     factor = float(match[1]) if match and not unit_text else by_interval
     if not 1 <= factor <= _LARGEST_FACTOR or abs(factor - round(factor)) > 1e-6 * factor:
-        raise SourceError(
-            path,
-            f"found the storage cycle {shorten(text)}, expected a whole factor such as x1",
-            line=line,
-            hint='Correct the line; it should read for example "Storage cycle,x10".',
-        )
+        message = f"found the storage cycle {shorten(text)}, expected a whole factor such as x1"
+        hint = 'Correct the line; it should read for example "Storage cycle,x10".'
+        raise SourceError(path, message, line=line, hint=hint)
     if given is not None and given != round(factor):
         raise _contradiction(path, "storage_factor", line, round(factor), given)
     return round(factor)
@@ -159,12 +143,8 @@ def interval_of_times(path: Path, header: Header, texts: Sequence[str], profile:
     has_cycle = profile.cycle is not None or "cycle" in header.entries
     unit_text, first_line = header.columns.unit_text, header.n_lines + 1
     if not (unit_text or ":" in texts[0] or has_cycle):
-        raise SourceError(
-            path,
-            "the file does not say the unit of its times",
-            line=header.n_lines,
-            hint='Name the column "Time [s]" (or ms, us), or give the time between rows: cycle="50 us".',
-        )
+        hint = 'Name the column "Time [s]" (or ms, us), or give the time between rows: cycle="50 us".'
+        raise SourceError(path, "the file does not say the unit of its times", line=header.n_lines, hint=hint)
     unsaid = not unit_text and ":" not in texts[0]
     cycle = stated_cycle(path, header, profile.cycle) if has_cycle else 0.0
     for each in ("s", "ms", "us") if unsaid else (unit_text,):

@@ -196,13 +196,8 @@ def _complete_rows(
             continue
         message = f"the last line is cut, it has no line end: {shorten(line)}"
         if not allow_incomplete:
-            raise SourceError(
-                source.path,
-                message,
-                line=number,
-                column=len(line) + 1,
-                hint="Export the file again, or drop this row with allow_incomplete=True.",
-            )
+            hint = "Export the file again, or drop this row with allow_incomplete=True."
+            raise SourceError(source.path, message, line=number, column=len(line) + 1, hint=hint)
         warnings.warn(f"{source.path}:{number}: {message}; it is dropped", stacklevel=2)
 
 
@@ -214,13 +209,8 @@ def _refuse_rows_below(source: TextFile, stream: Iterator[str], number: int) -> 
     """Maxima, means and the like may follow the rows; rows may not."""
     for below, line in enumerate(stream, number + 1):
         if line.strip() and not _LETTER.match(line):
-            raise SourceError(
-                source.path,
-                f"found {shorten(line)} below the end of the rows on line {number}",
-                line=below,
-                column=1,
-                hint="Two exports were joined: split the file.",
-            )
+            text = f"found {shorten(line)} below the end of the rows on line {number}"
+            raise SourceError(source.path, text, line=below, column=1, hint="Two exports were joined: split the file.")
 
 
 _ABOVE = 200  # rows with which the last one is compared
@@ -291,13 +281,8 @@ def _check_counter(source: TextFile, header: Header, readings: Rows, allow: bool
         else "Rows are missing, repeated or moved: export the file again. Where rows are only "
         "missing, allow_incomplete=True reads the rest at its right times."
     )
-    raise SourceError(
-        source.path,
-        f"the counter says {found}, expected {before + 1 if before is not None else 1}",
-        line=header.n_lines + 1 + row,
-        column=1,
-        hint=hint,
-    )
+    text = f"the counter says {found}, expected {before + 1 if before is not None else 1}"
+    raise SourceError(source.path, text, line=header.n_lines + 1 + row, column=1, hint=hint)
 
 
 def _assemble(

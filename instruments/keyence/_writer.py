@@ -37,12 +37,8 @@ def output_variables(
     if written is not None:
         attrs["decimals"] = written.decimals
         attrs["resolution"] = known.factor * 10.0**-written.decimals
-    flags = described(
-        "1",
-        f"state of OUT{output}",
-        flag_values=[int(state) for state in Status],
-        flag_meanings=" ".join(state.name for state in Status),
-    )
+    states, names = [int(state) for state in Status], " ".join(state.name for state in Status)
+    flags = described("1", f"state of OUT{output}", flag_values=states, flag_meanings=names)
     return {
         f"out{output}": ("time", values * known.factor, attrs),
         f"status{output}": ("time", status.astype(np.int8), flags),

@@ -241,10 +241,7 @@ def _filter(info: Mapping[str, str], decimal: str) -> dict[str, float | int] | N
     cutoff = info.get("Load Cell Low-pass filter Cutoff frequency (Hz)", "").replace(decimal, ".")
     if is_number(cutoff) and float(cutoff) > 0 and re.fullmatch("[1-9]", order.strip()):
         return {"order": int(order), "cutoff": float(cutoff)}
-    warnings.warn(
-        f"the header declares a low-pass filter of order {shorten(order)} and cutoff "
-        f"{shorten(cutoff)} Hz; the readings cannot be corrected for it",
-        UserWarning,
-        stacklevel=2,
-    )
+    stated = f"of order {shorten(order)} and cutoff {shorten(cutoff)} Hz"
+    text = f"the header declares a low-pass filter {stated}; the readings cannot be corrected for it"
+    warnings.warn(text, UserWarning, stacklevel=2)
     return None

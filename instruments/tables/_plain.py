@@ -195,12 +195,9 @@ def _check_last_row(path: Path, line: int, block: Block) -> None:
     if not block.rows or block.rows[-1][0] != line:
         return
     if len(block.rows[-1][1]) < max(map(len, (cells for _, cells in block.rows))):
-        raise SourceError(
-            path,
-            "the last line has no line end and fewer cells than the others; it is cut",
-            line=line,
-            hint="Complete the line, or drop it with allow_incomplete=True.",
-        )
+        text = "the last line has no line end and fewer cells than the others; it is cut"
+        hint = "Complete the line, or drop it with allow_incomplete=True."
+        raise SourceError(path, text, line=line, hint=hint)
     warnings.warn(
         f"{path}:{line}: the last line has no line end; it is kept, as no cell is missing, "
         "but if the file was cut, its last number is wrong",

@@ -196,12 +196,11 @@ def _values(path: Path, block: Block, signs: Separators) -> Floats:
     table = np.full((len(block.rows), width), np.nan)
     for i, (number, cells) in enumerate(block.rows):
         if len(cells) > width:
-            raise SourceError(
-                path,
+            text, hint = (
                 f"found {len(cells)} cells, expected {width}",
-                line=number,
-                hint="A cell was added; compare the row with its neighbours.",
+                "A cell was added; compare the row with its neighbours.",
             )
+            raise SourceError(path, text, line=number, hint=hint)
         for j, cell in enumerate(cells):
             if cell.casefold() in ABSENT:
                 continue

@@ -43,14 +43,10 @@ def budget_table(
         )
         for r in rows
     ]
-    heads = (
-        Column("source"),
-        Column("value"),
-        Column("standard uncertainty"),
-        Column("sensitivity, SI", digits=3),
-        Column("contribution", unit=difference_unit(unit), digits=2),
-        *map(Column, more),
-    )
+    sensitivity = Column("sensitivity, SI", digits=3)
+    contribution = Column("contribution", unit=difference_unit(unit), digits=2)
+    names = map(Column, ("source", "value", "standard uncertainty"))
+    heads = (*names, sensitivity, contribution, *map(Column, more))
     return Table(heads, cells, caption=caption, sortable=False), share_bars(rows)
 
 

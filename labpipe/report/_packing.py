@@ -121,14 +121,8 @@ def thin(chart: LineChart | ScatterChart, max_bytes: int) -> ThinnedChart:
         n_kept += kept.size
         for m in members:
             series = ordered[m]
-            drawn[m] = Drawn(
-                series,
-                x[kept],
-                None if is_whole else kept,
-                tuple(curve[kept] for curve in samples[m][1]),
-                found[id(series)],
-                _is_marked(chart, series),
-            )
+            found_samples, places = tuple(curve[kept] for curve in samples[m][1]), None if is_whole else kept
+            drawn[m] = Drawn(series, x[kept], places, found_samples, found[id(series)], _is_marked(chart, series))
     notes = _notes(chart, n_all, n_kept)
     kept_series = tuple(drawn[m] for m in range(len(ordered)))
     return ThinnedChart(chart, kept_series, _x_range(chart, kept_series), notes)

@@ -73,11 +73,7 @@ def _as_jpeg(picture: Picture, quality: int) -> Picture:
             return picture
         image = image[..., :3]
     # Half the colour resolution would blur a thin coloured circle.
-    options = [
-        cv2.IMWRITE_JPEG_QUALITY,
-        quality,
-        cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
-        cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
-    ]
+    sampling = (cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
+    options = [cv2.IMWRITE_JPEG_QUALITY, quality, *sampling]
     data = bytes(cv2.imencode(".jpg", image, options)[1].tobytes())
     return replace(picture, data=data) if len(data) < len(picture.data) else picture

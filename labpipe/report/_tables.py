@@ -383,8 +383,8 @@ def table_view(table: Table) -> TableView:
     # A missing number stands where the number would stand.
     rows = tuple(
         tuple(
-            replace(cell, is_number=True) if is_number and cell.text == NOT_AVAILABLE else cell
-            for cell, is_number in zip(row, numeric, strict=True)
+            replace(c, is_number=True) if n and c.text == NOT_AVAILABLE else c
+            for c, n in zip(row, numeric, strict=True)
         )
         for row in cells
     )

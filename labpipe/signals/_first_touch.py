@@ -105,11 +105,6 @@ def first_touch(position: ArrayLike, force: ArrayLike) -> FirstTouch:
     if not (best.x[1] > 0.0 and level - 2.0 * best.cost > _CLEAR**2 * max(chi_square, 1.0)):
         raise InputError(flat)
     covariance = np.linalg.pinv(best.jac.T @ best.jac) * max(chi_square, 1.0)
-    return FirstTouch(
-        float(best.x[0] * span),
-        float(np.sqrt(covariance[0, 0]) * span),
-        float(best.x[2]),
-        float(np.sqrt(covariance[2, 2])),
-        float(best.x[1]),
-        noise,
-    )
+    u_time, u_level = (float(np.sqrt(covariance[i, i])) for i in (0, 2))
+    when, u_when = float(best.x[0] * span), u_time * span
+    return FirstTouch(when, u_when, float(best.x[2]), u_level, float(best.x[1]), noise)

@@ -340,17 +340,6 @@ def _derived(p: Floats) -> Floats:
     acceleration = pulse * (shape @ _SHAPES)
     incoming = -(speed - gravity * touch)
     outgoing = speed - gravity * liftoff + pulse * length * float(shape @ _FIRST[:, -1])
-    return np.array(
-        [
-            touch,
-            liftoff,
-            incoming,
-            outgoing,
-            path[0],
-            path[-1],
-            float(path.min()),
-            float(acceleration.max()),
-            outgoing / incoming,
-            gravity,
-        ]
-    )
+    deepest, hardest, restitution = float(path.min()), float(acceleration.max()), outgoing / incoming
+    kinematics = (touch, liftoff, incoming, outgoing, path[0], path[-1])
+    return np.array([*kinematics, deepest, hardest, restitution, gravity])

@@ -98,13 +98,8 @@ class Hum:
         if text is None:
             return None
         kept = json.loads(text)
-        return cls(
-            kept["frequency"],
-            kept["epoch"],
-            tuple(kept["orders"]),
-            np.array(kept["parameters"]),
-            np.array(kept["covariance"]),
-        )
+        parameters, covariance = np.array(kept["parameters"]), np.array(kept["covariance"])
+        return cls(kept["frequency"], kept["epoch"], tuple(kept["orders"]), parameters, covariance)
 
 
 class Stretch(NamedTuple):

@@ -230,16 +230,9 @@ def common_fit(
     stiffness = pushed.amplitude / moved.amplitude
     relative, u_lag = _ratio_uncertainty(t, x - moved(t), load - recorded(t), moved, recorded)
     cosine, sine = float(np.cos(lag)), float(np.sin(lag))
-    return CommonFit(
-        moved,
-        pushed,
-        lag,
-        u_lag,
-        stiffness * cosine,
-        stiffness * float(np.hypot(relative * cosine, u_lag * sine)),
-        stiffness * sine,
-        stiffness * float(np.hypot(relative * sine, u_lag * cosine)),
-    )
+    u_storage = stiffness * float(np.hypot(relative * cosine, u_lag * sine))
+    u_loss = stiffness * float(np.hypot(relative * sine, u_lag * cosine))
+    return CommonFit(moved, pushed, lag, u_lag, stiffness * cosine, u_storage, stiffness * sine, u_loss)
 
 
 def readings_of(time: ArrayLike, signal: ArrayLike) -> tuple[Floats, Floats]:

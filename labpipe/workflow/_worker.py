@@ -498,11 +498,11 @@ def check_schemas(stages: Stages, schemas: Mapping[str, Schema]) -> None:
     InputError
         Naming every such stage.
     """
+    known = [(kind, stage) for kind, sequence in stages.items() for stage in sequence if stage.schema is not None]
     problems = [
         f'stage "{stage.name}" of "{kind}" names the unknown schema "{stage.schema}"'
-        for kind, sequence in stages.items()
-        for stage in sequence
-        if stage.schema is not None and stage.schema not in schemas
+        for kind, stage in known
+        if stage.schema not in schemas
     ]
     if problems:
         raise InputError("; ".join(problems))

@@ -90,10 +90,6 @@ def _stage(key: Key, of: Key) -> str:
 
 def raw_files(keys: Iterable[Key]) -> list[dict[str, Any]]:
     """Name, size and digest of every raw file, each once, in the order of the names."""
-    found = {
-        entry["name"]: entry
-        for key in keys
-        for argument in key.ingredients["inputs"]
-        for entry in argument.get("files", ())
-    }
+    inputs = [argument for key in keys for argument in key.ingredients["inputs"]]
+    found = {entry["name"]: entry for argument in inputs for entry in argument.get("files", ())}
     return [found[name] for name in sorted(found)]

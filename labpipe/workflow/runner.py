@@ -432,12 +432,8 @@ class _State:
             del self.waiting[experiment]
             own = {n: text for n, text in self.killed.items() if n.experiment == experiment}
             job = self._job(experiment, own)
-            call = Call(
-                WORK,
-                (job,),
-                tells=True,
-                imports=imports_of(self.plan.tasks[row.task].stage for row in self.plan.to_run),
-            )
+            imports = imports_of(self.plan.tasks[row.task].stage for row in self.plan.to_run)
+            call = Call(WORK, (job,), tells=True, imports=imports)
             crew.give((self, experiment), call, partial(self._hear, experiment))
             self.running[experiment] = None
 

@@ -254,14 +254,9 @@ def _disturbances(scene: Scene, frames: int) -> Suite:
                 },
             )
         )
-    return Suite(
-        "contact-radius-disturbed",
-        "The default where images are not ideal, and the plain edge beside it",
-        "RMS error of the radius (µm)",
-        rows,
-        time_label="run time per frame (s)",
-        has_diagram=False,
-    )
+    title = "The default where images are not ideal, and the plain edge beside it"
+    error, time = "RMS error of the radius (µm)", "run time per frame (s)"
+    return Suite("contact-radius-disturbed", title, error, rows, time_label=time, has_diagram=False)
 
 
 def surface_gap(distance: Floats, radius: float, sphere: float) -> Floats:

@@ -83,13 +83,10 @@ def disturbances(quick: bool) -> Suite:
     """
     size, frames = 192, 4 if quick else 12
     rows = [_row(name, scene, size, frames) for name, scene in scenes(size).items()]
-    return Suite(
-        "dic-scenes",
-        f"Displacement of subsets of {_SUBSET} px where more changes than the place, noise of {_NOISE:g} grey levels",
-        "RMS error (px)",
-        rows,
-        time_label="run time per point and frame (s)",
+    title = (
+        f"Displacement of subsets of {_SUBSET} px where more changes than the place, noise of {_NOISE:g} grey levels"
     )
+    return Suite("dic-scenes", title, "RMS error (px)", rows, time_label="run time per point and frame (s)")
 
 
 def _row(name: str, scene: Scene, size: int, frames: int) -> Point:

@@ -65,13 +65,9 @@ def _first_impact(quick: bool) -> Suite:
     settings += [_thesis(step) for step in steps]
     solid = Prony.from_creep(2e9, np.full(11, _SHARE), _TAU[4:], nu=0.35)
     points, note = _measure(settings, solid, 2e-3, _first_error, 3 if quick else 7)
-    return Suite(
-        "drop-first",
-        "First impact of an acrylic-like sphere, 1.5 mm: against Ting's integral",
-        "worst relative error of restitution, force, approach, duration (1)",
-        points,
-        notes=[note],
-    )
+    title = "First impact of an acrylic-like sphere, 1.5 mm: against Ting's integral"
+    error = "worst relative error of restitution, force, approach, duration (1)"
+    return Suite("drop-first", title, error, points, notes=[note])
 
 
 def _train(quick: bool) -> Suite:

@@ -179,13 +179,8 @@ def _tapping(quick: bool, solid: _Solid) -> Suite:
         calls[f"thesis's scheme, {n} steps a cycle"] = THESIS, partial(_tap_thesis, material, n)
     error = partial(_tapping_error, solid=solid)
     points = _measured(calls, error, 1 if quick else 3, "adaptive, rtol 1e-05")
-    return Suite(
-        f"indentation-tapping-{solid.terms}",
-        f"Two cycles of tapping by a cylinder, {solid.name}",
-        "worst error of the force over its peak (1)",
-        points,
-        notes=[speed_up(points)],
-    )
+    name, title = f"indentation-tapping-{solid.terms}", f"Two cycles of tapping by a cylinder, {solid.name}"
+    return Suite(name, title, "worst error of the force over its peak (1)", points, notes=[speed_up(points)])
 
 
 def _history(per_cycle: int) -> tuple[Floats, Floats]:

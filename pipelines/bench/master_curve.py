@@ -65,14 +65,8 @@ def _ten_scenes(quick: bool) -> Suite:
         points += [] if quick else _peers_on(scene.name, sets)
     notes = [f"{1 if quick else 10} records of each kind, processor time of one call, one thread"]
     notes += ["peers are left out of the quick run"] if quick else rheology_peers.missing()
-    return Suite(
-        "master-curve-scenes",
-        "Shifts of ten kinds of record",
-        "RMS error of log10 a_T (decades)",
-        points,
-        notes=notes,
-        time_label="processor time of a call (s)",
-    )
+    error, taken = "RMS error of log10 a_T (decades)", "processor time of a call (s)"
+    return Suite("master-curve-scenes", "Shifts of ten kinds of record", error, points, notes=notes, time_label=taken)
 
 
 def _peers_on(name: str, sets: list[Measured]) -> list[Point]:
@@ -169,13 +163,9 @@ def _other_truths(quick: bool) -> Suite:
                 },
             )
         )
-    return Suite(
-        "master-curve-truths",
-        "Shifts of other materials",
-        "RMS error of log10 a_T (decades)",
-        points,
-        notes=[f"the default over {len(seeds)} seeds; 12 temperatures, 2 % noise"],
-    )
+    note = f"the default over {len(seeds)} seeds; 12 temperatures, 2 % noise"
+    error = "RMS error of log10 a_T (decades)"
+    return Suite("master-curve-truths", "Shifts of other materials", error, points, notes=[note])
 
 
 def _found(sets: list[Measured], timing: Timing) -> list[MasterCurve]:
@@ -206,25 +196,11 @@ def _other_data(quick: bool) -> Suite:
             float(np.sqrt(np.mean((one.data["storage_fitted"].values / made.exact.real - 1) ** 2)))
             for made, one in zip(sets, found, strict=True)
         ]
-        points.append(
-            Point(
-                label,
-                float(np.mean(errors)),
-                timing.seconds,
-                is_default=not options,
-                extra={
-                    "worst (decades)": float(np.max(errors)),
-                    "storage modulus (%)": 100.0 * float(np.mean(storage)),
-                },
-            )
-        )
-    return Suite(
-        "master-curve-data",
-        f"Shifts of {MAXWELL.name}: what the data buy",
-        "RMS error of log10 a_T (decades)",
-        points,
-        notes=[f"the default over {len(seeds)} seeds; −40 to 120 °C, 0.1 to 10 Hz"],
-    )
+        extra = {"worst (decades)": float(np.max(errors)), "storage modulus (%)": 100.0 * float(np.mean(storage))}
+        points.append(Point(label, float(np.mean(errors)), timing.seconds, is_default=not options, extra=extra))
+    note = f"the default over {len(seeds)} seeds; −40 to 120 °C, 0.1 to 10 Hz"
+    title, error = f"Shifts of {MAXWELL.name}: what the data buy", "RMS error of log10 a_T (decades)"
+    return Suite("master-curve-data", title, error, points, notes=[note])
 
 
 def _settings(truth: Truth) -> dict[str, dict[str, Any]]:

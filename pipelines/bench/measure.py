@@ -258,19 +258,8 @@ def race(
     for name, (group, call) in calls.items():
         error, extra = judge(name, timings)
         timing, memory = timings[name], peak_bytes(call) if name in traced else None
-        points.append(
-            Point(
-                name,
-                error,
-                timing.seconds / per,
-                group,
-                name == default,
-                timing.cold_seconds,
-                memory,
-                extra,
-                timing.samples,
-            )
-        )
+        seconds, cold, is_default = timing.seconds / per, timing.cold_seconds, name == default
+        points.append(Point(name, error, seconds, group, is_default, cold, memory, extra, timing.samples))
     return points
 
 

@@ -77,15 +77,9 @@ def table(suites: Iterable[Suite]) -> Table | None:
     rows = [ratio for suite in suites for ratio in ratios_of(suite)]
     if not rows:
         return None
-    columns = (
-        Column("part"),
-        Column("other method"),
-        Column("ours"),
-        Column("its error / ours", digits=3),
-        Column("its time / ours", digits=3),
-        Column("lowest", digits=3),
-        Column("highest", digits=3),
-    )
+    numbers = ("its error / ours", "its time / ours", "lowest", "highest")
+    names = map(Column, ("part", "other method", "ours"))
+    columns = (*names, *(Column(title, digits=3) for title in numbers))
     cells = [(r.suite, r.other, r.ours, *map(_known, (r.error, r.time, r.lowest, r.highest))) for r in rows]
     return Table(columns, cells)
 

@@ -123,13 +123,8 @@ def _two_processes(seed: int) -> Measured:
     """Let the second dispersion shift by half of the first one's decades; the first one's are the truth."""
     shift = _wlf(10.0, 150.0, 50.0)
     temperature, frequency = np.linspace(0.0, 100.0, 11), np.logspace(-1.0, 2.0, 16)
-    made = recorded(
-        Truth("two", 50.0, lambda omega: 6e8 * dispersion(omega, 0.1, 0.5, 0.7) + 8e6, shift),
-        temperature,
-        frequency,
-        np.random.default_rng(seed),
-        (0.0, 0.0),
-    )
+    truth = Truth("two", 50.0, lambda omega: 6e8 * dispersion(omega, 0.1, 0.5, 0.7) + 8e6, shift)
+    made = recorded(truth, temperature, frequency, np.random.default_rng(seed), (0.0, 0.0))
     second = 2.0 * np.pi * frequency * 10.0 ** (0.5 * shift(temperature))[:, None]
     exact = made.exact + 4e8 * dispersion(second, 1e-4, 0.4, 1.0)
     rng = np.random.default_rng(seed)
@@ -159,12 +154,8 @@ def _repeats(seed: int) -> Measured:
     made = recorded(truth, nominal + 0.3 * rng.standard_normal(nominal.size), np.logspace(-1.0, 1.5, 11), rng)
     at = int(np.argmin(np.abs(nominal - 40.0)))
     law = truth.shift(nominal)
-    return replace(
-        made,
-        sweeps=made.sweeps.assign_coords(temperature=("temperature", nominal, {"units": "degC"})),
-        reference=float(nominal[at]),
-        log10_aT=law - law[at],
-    )
+    sweeps = made.sweeps.assign_coords(temperature=("temperature", nominal, {"units": "degC"}))
+    return replace(made, sweeps=sweeps, reference=float(nominal[at]), log10_aT=law - law[at])
 
 
 def _gaps(seed: int) -> Measured:

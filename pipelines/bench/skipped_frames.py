@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -79,15 +80,9 @@ def frames_without_contact(count: int) -> Shortcut:
         apart = np.abs(short["radius"].values - whole["radius"].values)[both]
         return float(apart.max() / _RADIUS_TOLERANCE)
 
-    return Shortcut(
-        "under-disc film: frames without contact",
-        lambda: measure(False),
-        lambda: measure(True),
-        difference,
-        "0.01 µm",
-        counted("pixels_read"),
-        "pixels",
-    )
+    short, long = partial(measure, False), partial(measure, True)
+    name, work = "under-disc film: frames without contact", counted("pixels_read")
+    return Shortcut(name, short, long, difference, "0.01 µm", work, "pixels")
 
 
 def contact_film(count: int) -> NDArray[np.uint8]:
@@ -142,15 +137,9 @@ def bytes_instead_of_floats(quick: bool) -> Shortcut:
     def difference(short: xr.Dataset, whole: xr.Dataset) -> float:
         return float(np.abs(short["dx"] - whole["dx"]).max() / 1e-4)
 
-    return Shortcut(
-        "image correlation: the camera's 8 bits",
-        lambda: follow(film),
-        lambda: follow(film.astype(np.float64)),
-        difference,
-        "0.0001 px",
-        counted("bytes_held"),
-        "bytes of the film",
-    )
+    short, long = partial(follow, film), lambda: follow(film.astype(np.float64))
+    name, work = "image correlation: the camera's 8 bits", counted("bytes_held")
+    return Shortcut(name, short, long, difference, "0.0001 px", work, "bytes of the film")
 
 
 def subsets_asked_for() -> Shortcut:
@@ -163,15 +152,9 @@ def subsets_asked_for() -> Shortcut:
     def difference(short: xr.Dataset, whole: xr.Dataset) -> float:
         return float(np.abs(short["dx"].values - whole["dx"].values[:, wanted]).max() / 1e-4)
 
-    return Shortcut(
-        "image correlation: the subsets asked for",
-        lambda: imaging.track(film, field[wanted]),
-        lambda: imaging.track(film, field),
-        difference,
-        "0.0001 px",
-        counted("subsets_solved"),
-        "subsets",
-    )
+    short, long = partial(imaging.track, film, field[wanted]), partial(imaging.track, film, field)
+    name, work = "image correlation: the subsets asked for", counted("subsets_solved")
+    return Shortcut(name, short, long, difference, "0.0001 px", work, "subsets")
 
 
 def one_reference(count: int) -> Shortcut:
@@ -193,12 +176,5 @@ def one_reference(count: int) -> Shortcut:
     def difference(short: xr.Dataset, whole: xr.Dataset) -> float:
         return float(np.abs(short["dx"].values - whole["dx"].values).max() / 1e-3)
 
-    return Shortcut(
-        "image correlation: one reference, start from the motion",
-        once,
-        anew,
-        difference,
-        "0.001 px",
-        counted("iterations"),
-        "iterations",
-    )
+    name, work = "image correlation: one reference, start from the motion", counted("iterations")
+    return Shortcut(name, once, anew, difference, "0.001 px", work, "iterations")

@@ -1,6 +1,7 @@
 """Shortcuts of the simulator: terms, flights, springs, rest and memory that need not be stepped through."""
 
 import itertools
+from functools import partial
 
 import numpy as np
 import xarray as xr
@@ -40,15 +41,9 @@ def folded_terms(name: str, solid: Prony) -> Shortcut:
     def drop(fold: bool) -> xr.Dataset:
         return contact.drop(solid, _SPHERE, _MASS, _HEIGHT, 0.1, fold=fold)
 
-    return Shortcut(
-        f"simulator: terms far outside the time scale ({name})",
-        lambda: drop(True),
-        lambda: drop(False),
-        _other_restitution,
-        "1e-4 of the restitution (rtol)",
-        counted("terms"),
-        "terms",
-    )
+    title, tolerance = f"simulator: terms far outside the time scale ({name})", "1e-4 of the restitution (rtol)"
+    short, long = partial(drop, True), partial(drop, False)
+    return Shortcut(title, short, long, _other_restitution, tolerance, counted("terms"), "terms")
 
 
 def flights(duration: float) -> Shortcut:
@@ -70,15 +65,8 @@ def _dropped(name: str, without: Shortcuts, height: float, duration: float, coun
     def drop(shortcuts: Shortcuts) -> xr.Dataset:
         return contact.drop(solid, _SPHERE, _MASS, height, duration, shortcuts=shortcuts)
 
-    return Shortcut(
-        name,
-        lambda: drop(Shortcuts()),
-        lambda: drop(without),
-        _other_restitution,
-        "1e-4 of the restitution (rtol)",
-        counted(count),
-        unit,
-    )
+    short, long, tolerance = partial(drop, Shortcuts()), partial(drop, without), "1e-4 of the restitution (rtol)"
+    return Shortcut(name, short, long, _other_restitution, tolerance, counted(count), unit)
 
 
 def rest(duration: float) -> Shortcut:
@@ -93,15 +81,9 @@ def rest(duration: float) -> Shortcut:
         apart = np.abs(short["displacement"] - whole["displacement"]).max()
         return float(apart / (_STILL * abs(whole["displacement"][-1])))
 
-    return Shortcut(
-        "simulator: stop at rest",
-        lambda: drop(Shortcuts()),
-        lambda: drop(Shortcuts(rest=False)),
-        difference,
-        "1e-4 of the sag (rtol)",
-        counted("solver_steps"),
-        "steps",
-    )
+    short, long = partial(drop, Shortcuts()), partial(drop, Shortcuts(rest=False))
+    name, tolerance = "simulator: stop at rest", "1e-4 of the sag (rtol)"
+    return Shortcut(name, short, long, difference, tolerance, counted("solver_steps"), "steps")
 
 
 def memory(steps: int) -> Shortcut:

@@ -110,12 +110,8 @@ def _imports() -> Shortcut:
     """Answer --help without the numerical libraries."""
 
     def start(code: str) -> int:
-        done = subprocess.run(
-            [sys.executable, "-c", code + "; import sys; print(len(sys.modules))"],
-            capture_output=True,
-            text=True,
-            check=True,
-        )
+        command = [sys.executable, "-c", code + "; import sys; print(len(sys.modules))"]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
         return int(done.stdout)
 
     light = "import pipelines.cli"

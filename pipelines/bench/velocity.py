@@ -33,13 +33,8 @@ def run(quick: bool) -> Suite:
     traced = (_DEFAULT,) if quick else contenders
     points = race(contenders, 3 if quick else 9, judge, _DEFAULT, budget=20.0, traced=traced)
     samples = len(made.velocity)
-    return Suite(
-        "velocity",
-        f"Velocity of a bouncing sphere, {samples} samples at 20 kHz, 1 µm noise, 0.1 µm steps",
-        "RMS error (m/s)",
-        points,
-        notes=_notes(),
-    )
+    title = f"Velocity of a bouncing sphere, {samples} samples at 20 kHz, 1 µm noise, 0.1 µm steps"
+    return Suite("velocity", title, "RMS error (m/s)", points, notes=_notes())
 
 
 def _contenders(displacement: xr.DataArray, made: Record, quick: bool) -> Calls:

@@ -35,15 +35,8 @@ def glass_transition() -> Drawing:
         left = axes[0, 0]
         left.plot(t, volume, label="specific volume", **line_arguments("measured"))
         left.plot(t[t > 0], cold[t > 0], label="glass, extrapolated", **line_arguments("reference"))
-        left.fill_between(
-            t[t > 0],
-            cold[t > 0],
-            volume[t > 0],
-            alpha=0.2,
-            linewidth=0,
-            color=line_arguments("model")["color"],
-            label="free volume",
-        )
+        shade = {"alpha": 0.2, "linewidth": 0, "color": line_arguments("model")["color"]}
+        left.fill_between(t[t > 0], cold[t > 0], volume[t > 0], label="free volume", **shade)
         left.axvline(0.0, color="#808080", linewidth=0.7)
         left.set(
             xlabel="temperature $(\\theta - \\theta_g)/\\theta_g$ (1)", ylabel="volume over that at $\\theta_g$ (1)"
@@ -93,12 +86,11 @@ def plate_vibration() -> Drawing:
                 )
                 moved = -made["plate_displacement"].values * 1e6
                 largest[name].append(float(np.abs(moved).max()))
-                place.plot(
+                since, line = (
                     (made["time"].values - fall) * 1e3,
-                    moved,
-                    label=name,
-                    **(line_arguments(None, count=number) | {"linewidth": 0.9}),
+                    line_arguments(None, count=number) | {"linewidth": 0.9},
                 )
+                place.plot(since, moved, label=name, **line)
             letter(place, "abcd"[panel], f"$h_0$ = {height * 1e3:g} mm")
         for place in axes[1]:
             place.set_xlabel("time $t_c$ (ms)")

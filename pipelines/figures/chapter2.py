@@ -93,12 +93,8 @@ def dissipation_map() -> Drawing:
         )
         _section_panel(second, x, frequency, rubber)
         scale = (rubber, TIP_RADIUS, PERIOD, DEPTH)
-        second.loglog(
-            x_spots,
-            dissipation.dimensionless_work(simulated, *scale),
-            label="simulated",
-            **line_arguments("measured", style="points"),
-        )
+        work = dissipation.dimensionless_work(simulated, *scale)
+        second.loglog(x_spots, work, label="simulated", **line_arguments("measured", style="points"))
         for name, place in zip("ab", axes[0], strict=True):
             letter(place, name)
             place.legend(loc="upper right" if name == "a" else "lower left")

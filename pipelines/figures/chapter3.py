@@ -40,14 +40,8 @@ def reduced_gap() -> Drawing:
         peaks = _near_peaks(near, made)
         for number in range(_SHOWN_IMPACTS):
             start = (float(made["impact_time"][number]) - first) * 1e3
-            radius.annotate(
-                "I" * (number + 1),
-                (start, peaks[number] * 1e6),
-                (0, 3),
-                textcoords="offset points",
-                ha="center",
-                fontsize=7,
-            )
+            where, how = (start, peaks[number] * 1e6), {"textcoords": "offset points", "ha": "center", "fontsize": 7}
+            radius.annotate("I" * (number + 1), where, (0, 3), **how)
         _sketch(sketch)
         letter(sketch, "b")
     dents = (made["reduced_gap"] + made["approach"]).values

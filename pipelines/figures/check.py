@@ -132,43 +132,15 @@ def _conventions() -> Iterator[Row]:
     """Signs and factors of equations, as numbers."""
     solid = materials.Prony(1.0, [3.0], [1.0], nu=0.5)
     lead = float(np.sign(np.angle(solid.complex_modulus(0.5))))
-    yield Row(
-        "1.1",
-        "sign of delta in sigma_A sin(omega t - delta)",
-        -1,
-        lead,
-        "1",
-        0,
-        inconsistent="with a minus sign a cycle would give energy; (1.15) has plus",
-    )
+    why = "with a minus sign a cycle would give energy; (1.15) has plus"
+    yield Row("1.1", "sign of delta in sigma_A sin(omega t - delta)", -1, lead, "1", 0, inconsistent=why)
     ratio = contact_stiffness(1.0, 1.0, 0.0) * 3
-    yield Row(
-        "A.1",
-        "factor of E sqrt(a)/(3(1-nu^2)) in chi",
-        2,
-        ratio,
-        "1",
-        1e-9,
-        inconsistent="2 is for two equal spheres; a sphere on a rigid flat, which the text describes, has 4",
-    )
-    yield Row(
-        "A.1 text",
-        "is the 'yield stress of 2.0e-5 m' a stress? (1 yes)",
-        1,
-        0,
-        "1",
-        0,
-        misprint="the unit is m: it is the yield depth of 20 um, not a stress",
-    )
-    yield Row(
-        "3.14 (eq.)",
-        "velocity unit before /1000, in m/s",
-        1e-6,
-        1e-3,
-        "m/s",
-        0,
-        misprint="mm over s is mm/s, not um/s; the /1000 is right",
-    )
+    why = "2 is for two equal spheres; a sphere on a rigid flat, which the text describes, has 4"
+    yield Row("A.1", "factor of E sqrt(a)/(3(1-nu^2)) in chi", 2, ratio, "1", 1e-9, inconsistent=why)
+    why = "the unit is m: it is the yield depth of 20 um, not a stress"
+    yield Row("A.1 text", "is the 'yield stress of 2.0e-5 m' a stress? (1 yes)", 1, 0, "1", 0, misprint=why)
+    why = "mm over s is mm/s, not um/s; the /1000 is right"
+    yield Row("3.14 (eq.)", "velocity unit before /1000, in m/s", 1e-6, 1e-3, "m/s", 0, misprint=why)
     yield Row("1.40", "retardation over relaxation time, beta = 4", 4, float(solid.creep_terms()[1][0]), "1", 1e-12)
 
 
@@ -178,23 +150,13 @@ def _indenter() -> Iterator[Row]:
             "2.4", f"Delta/R at {depth * 1e3:g} mm", printed, float(dimensionless_length(depth, TIP_RADIUS)), "1", 1e-9
         )
     for frequency, printed in ((0.5, 0.78e-10), (2.0, 3.12e-10)):
-        yield Row(
+        figure, found = (
             "2.5" if frequency < 1 else "2.7",
-            f"f tau_0 at {frequency:g} Hz",
-            printed,
             float(dimensionless_frequency(frequency, CHARACTERISTIC_TIME)),
-            "1",
-            5e-13,
         )
-    yield Row(
-        "2.7 caption",
-        "amplitude over R",
-        3.12e-10,
-        0.15,
-        "1",
-        1e-3,
-        misprint="the frequency f tau_0 is printed as an amplitude",
-    )
+        yield Row(figure, f"f tau_0 at {frequency:g} Hz", printed, found, "1", 5e-13)
+    why = "the frequency f tau_0 is printed as an amplitude"
+    yield Row("2.7 caption", "amplitude over R", 3.12e-10, 0.15, "1", 1e-3, misprint=why)
     yield Row("2.1", "width that three tips of R = 2 mm span", 20.0, (2 * PERIOD + 2 * TIP_RADIUS) * 1e3, "mm", 0.5)
     shortest = float(materials.load("nbr").creep_terms()[1][0])
     yield Row(
@@ -266,16 +228,8 @@ def _force_after_200_s() -> float:
     """Force after 200 s of rest at 0.1 mm, over that after the whole 600 s."""
     depth = _INDENTATIONS[0]
     time = depth / 1e-3 + np.array([-depth / 1e-3, 0.0, 200.0, 600.0])
-    made = contact.indent(
-        materials.load("nbr"),
-        TIP_RADIUS,
-        PERIOD,
-        DEPTH,
-        time,
-        np.array([0.0, depth, depth, depth]),
-        "circle",
-        elements=512,
-    )
+    rubber, moved = materials.load("nbr"), np.array([0.0, depth, depth, depth])
+    made = contact.indent(rubber, TIP_RADIUS, PERIOD, DEPTH, time, moved, "circle", elements=512)
     return float(made["force"][2] / made["force"][3])
 
 
@@ -303,56 +257,23 @@ def _tapping() -> Iterator[Row]:
     rubber = materials.load("nbr")
     mean = 0.05 * TIP_RADIUS
     slow, fast = contact.tapping_amplitude(rubber, [0.0, 1e15], mean, TIP_RADIUS, PERIOD)
-    yield Row(
-        "2.34 text",
-        "sign of d alpha / d frequency",
-        1,
-        float(np.sign(fast - slow)),
-        "1",
-        0,
-        inconsistent="|E| in (2.34) rises with frequency, so the critical amplitude falls",
-    )
+    sign, why = float(np.sign(fast - slow)), "|E| in (2.34) rises with frequency, so the critical amplitude falls"
+    yield Row("2.34 text", "sign of d alpha / d frequency", 1, sign, "1", 0, inconsistent=why)
     yield Row("2.34 text", "alpha(0)/Delta_0, 'about'", 1.0, float(slow) / mean, "1", 0.25)
-    yield Row(
-        "2.34 text",
-        "alpha(inf) beta/Delta_0, 'about'",
-        1.0,
-        float(fast) / mean * rubber.E_unrelaxed / rubber.E_relaxed,
-        "1",
-        0.25,
-    )
+    ratio = float(fast) / mean * rubber.E_unrelaxed / rubber.E_relaxed
+    yield Row("2.34 text", "alpha(inf) beta/Delta_0, 'about'", 1.0, ratio, "1", 0.25)
 
 
 def _impacts() -> Iterator[Row]:
     for height, printed in zip(HEIGHTS, (0.1715, 0.3132, 0.3706, 0.4429), strict=True):
-        yield Row(
-            "reference",
-            f"impact speed from {height * 1e3:g} mm",
-            printed,
-            float(hertz.drop_speed(height, GRAVITY)),
-            "m/s",
-            1e-4,
-        )
+        speed = float(hertz.drop_speed(height, GRAVITY))
+        yield Row("reference", f"impact speed from {height * 1e3:g} mm", printed, speed, "m/s", 1e-4)
     ptfe = contact.drop(materials.load("ptfe"), SPHERE_RADIUS, MASS, 7e-3, 0.3)
     yield Row("3.3.2", "first contact of PTFE from 7 mm", 0.04, float(ptfe["impact_time"][0]), "s", 5e-3)
-    yield Row(
-        "3.3.2",
-        "last lift-off is over, PTFE from 7 mm",
-        0.15,
-        float(ptfe["final_contact_time"]),
-        "s",
-        0.01,
-        set_by="the library's ptfe was given the loss for it",
-    )
-    yield Row(
-        "3.3.2",
-        "position at rest, PTFE from 7 mm",
-        -7.1,
-        -7.0 + float(ptfe["displacement"][-1]) * 1e3,
-        "mm",
-        0.05,
-        unavailable="the recording: zero of the laser, permanent set of PTFE",
-    )
+    over, why = float(ptfe["final_contact_time"]), "the library's ptfe was given the loss for it"
+    yield Row("3.3.2", "last lift-off is over, PTFE from 7 mm", 0.15, over, "s", 0.01, set_by=why)
+    rest, why = -7.0 + float(ptfe["displacement"][-1]) * 1e3, "the recording: zero of the laser, permanent set of PTFE"
+    yield Row("3.3.2", "position at rest, PTFE from 7 mm", -7.1, rest, "mm", 0.05, unavailable=why)
     acrylic = contact.drop(materials.load("acrylic"), SPHERE_RADIUS, MASS, HEIGHTS[0], 0.03)
     yield Row("3.3.3", "duration of an impact, 'about 10^-3 s'", 1e-3, float(acrylic["contact_duration"][0]), "s", 5e-4)
     modulus = 3.2e9 / (1 - 0.35**2)
@@ -362,15 +283,8 @@ def _impacts() -> Iterator[Row]:
     yield Row("reference", "Hertz approach, acrylic from 1.5 mm", 69.0, float(elastic.peak_approach) * 1e6, "um", 0.5)
     yield Row("3.1", "radius of a 3/4 inch sphere", 9.525, 0.75 * 25.4 / 2, "mm", 1e-9)
     sphere = 1180 * 4 / 3 * pi * SPHERE_RADIUS**3
-    yield Row(
-        "3.9 text",
-        "mass of the sphere, acrylic 1180 kg/m3",
-        5.0,
-        sphere * 1e3,
-        "g",
-        0.5,
-        unavailable="weighing; one value for four spheres, 0.15 % of all",
-    )
+    why = "weighing; one value for four spheres, 0.15 % of all"
+    yield Row("3.9 text", "mass of the sphere, acrylic 1180 kg/m3", 5.0, sphere * 1e3, "g", 0.5, unavailable=why)
 
 
 def _loads() -> Iterator[Row]:
@@ -380,15 +294,8 @@ def _loads() -> Iterator[Row]:
         load += added
         yield Row("3.3.4", f"load {number} from the masses of 3.1", printed, load, "kg", 1e-9)
     times = (2.55, 18.20, 33.10, 47.55)
-    yield Row(
-        "3.1, 3.3.4",
-        "first hold",
-        3.0,
-        times[0],
-        "min",
-        0.2,
-        inconsistent="3 min in 3.1, 2.55 min in 3.3.4 (2 min 55 s would be near)",
-    )
+    why = "3 min in 3.1, 2.55 min in 3.3.4 (2 min 55 s would be near)"
+    yield Row("3.1, 3.3.4", "first hold", 3.0, times[0], "min", 0.2, inconsistent=why)
     for number, (before, after) in enumerate(pairwise(times), start=2):
         yield Row("3.1, 3.3.4", f"hold {number}, 'about every 15 min'", 15.0, after - before, "min", 1.0)
 
@@ -404,46 +311,19 @@ def _cameras() -> Iterator[Row]:
     yield Row("3.8 caption", "front camera", 77.7, front.value * 1e6, "um/px", 0.05)
     yield Row("D.3", "camera under the disc", 0.00217, disc.value * 1e3, "mm/px", 5e-6)
     yield Row("3.1", "camera under the disc", 2.17, disc.value * 1e6, "um/px", 5e-3)
-    yield Row(
-        "3.14 caption",
-        "camera under the disc",
-        2.17,
-        disc.value * 1e3,
-        "mm/px",
-        5e-3,
-        misprint="printed in mm; 1 mm = 461 px gives 2.17 um",
-    )
+    why = "printed in mm; 1 mm = 461 px gives 2.17 um"
+    yield Row("3.14 caption", "camera under the disc", 2.17, disc.value * 1e3, "mm/px", 5e-3, misprint=why)
     for u_pixels, printed in ((1, 0.3), (2, 0.5)):
         size = _size(30e-3, 386, u_pixels)
-        yield Row(
-            "table D.1",
-            f"uncertainty of the front camera, {u_pixels} px",
-            printed,
-            100 * size.u / size.value,
-            "%",
-            0.05,
-        )
+        name, share = f"uncertainty of the front camera, {u_pixels} px", 100 * size.u / size.value
+        yield Row("table D.1", name, printed, share, "%", 0.05)
     yield Row("table D.1", "uncertainty of the disc camera, 1 px", 0.2, 100 * disc.u / disc.value, "%", 0.05)
-    yield Row(
-        "D.2 text",
-        "front over disc, 'two orders of magnitude'",
-        100.0,
-        front.value / disc.value,
-        "1",
-        50.0,
-        inconsistent="the scales printed beside it differ by a factor 36, one and a half orders",
-    )
+    ratio, why = front.value / disc.value, "the scales printed beside it differ by a factor 36, one and a half orders"
+    yield Row("D.2 text", "front over disc, 'two orders of magnitude'", 100.0, ratio, "1", 50.0, inconsistent=why)
 
 
 def _clocks() -> Iterator[Row]:
-    yield Row(
-        "3.3.1",
-        "PEEK's T_0 against the hottest sweep",
-        129.93,
-        120.0,
-        "degC",
-        1.0,
-        inconsistent="T_0 lies outside the stated sweeps",
-    )
+    name, why = "PEEK's T_0 against the hottest sweep", "T_0 lies outside the stated sweeps"
+    yield Row("3.3.1", name, 129.93, 120.0, "degC", 1.0, inconsistent=why)
     yield Row("D.1 text", "time between frames at 10,000 per second", 0.1, 1e3 / 10_000, "ms", 1e-9)
     yield Row("3.1", "time step of the laser at 20 kHz", 50.0, 1e6 / 20_000, "us", 1e-9)

@@ -54,12 +54,8 @@ def _draw_both(
     repeats, seen = inputs.result(drop, "repeats"), inputs.result(film, "radius")
     t = repeats["time"].values * 1e3
     inside = (t >= limits[0]) & (t <= limits[1])
-    place.plot(
-        t[inside],
-        repeats["displacement_mean"].values[inside] * 1e3,
-        label=f"displacement, laser, {inputs.origin}",
-        **(line_arguments("measured") | {"linewidth": 0.9}),
-    )
+    moved, label = repeats["displacement_mean"].values[inside] * 1e3, f"displacement, laser, {inputs.origin}"
+    place.plot(t[inside], moved, label=label, **(line_arguments("measured") | {"linewidth": 0.9}))
     place.set(xlabel="time $t_c$ (ms)", xlim=limits)
     other = place.twinx()
     time, a = _since_contact(inputs, film), seen["radius"].values * 1e6

@@ -235,18 +235,10 @@ def dissipated_work(inputs: Inputs) -> Drawing:
     ]
     with panels(aspect=0.8) as (figure, grid):
         axes = grid[0, 0]
-        axes.plot(
-            fine * _AXIS,
-            dissipation.dimensionless_work(theory, *scale),
-            label="eq. (2.31)",
-            **line_arguments("reference"),
-        )
-        axes.plot(
-            fine[::_EVERY] * _AXIS,
-            dissipation.dimensionless_work(np.array(simulated), *scale),
-            label="simulated sine",
-            **line_arguments("model"),
-        )
+        work = dissipation.dimensionless_work(theory, *scale)
+        axes.plot(fine * _AXIS, work, label="eq. (2.31)", **line_arguments("reference"))
+        work = dissipation.dimensionless_work(np.array(simulated), *scale)
+        axes.plot(fine[::_EVERY] * _AXIS, work, label="simulated sine", **line_arguments("model"))
         # The filled points are drawn last and fit into the open ones, which would hide them.
         for source, role, word, size in ((model, "model", "simulated", 6.5), (table, "measured", inputs.origin, 3.0)):
             work = dissipation.dimensionless_work(source["work_per_cycle"].values[order], *scale)

@@ -46,12 +46,11 @@ def _recorded_relaxation(inputs: Inputs) -> Drawing:
             since = loads["time"].values - float(at["begin"])
             inside = in_block & (since > 0) & (loads["time"].values <= float(at["last"]))
             thin = _log_thinned(since[inside])
-            place.semilogx(
-                since[inside][thin],
+            force, line = (
                 loads["force"].values[inside][thin],
-                label=f"force, {inputs.origin}",
-                **line_arguments("measured", style="points") | {"markersize": 2},
+                line_arguments("measured", style="points") | {"markersize": 2},
             )
+            place.semilogx(since[inside][thin], force, label=f"force, {inputs.origin}", **line)
             place.semilogx(since[inside][thin], simulated[inside][thin], label="model", **line_arguments("model"))
             depth = float(at["depth"])
             curves = inputs.result(name, "curves", file)
@@ -108,12 +107,8 @@ def _computed_relaxation() -> Drawing:
             made = contact.indent(rubber, TIP_RADIUS, PERIOD, DEPTH, time, moved, "circle", elements=512)
             force = made["force"].values
             place.semilogx(time[1:], force[1:], label="force, model", **line_arguments("model"))
-            place.plot(
-                [ramp[-1], 600.0],
-                [peak, plateau],
-                label="peak, plateau, printed",
-                **line_arguments("measured", style="points"),
-            )
+            line = line_arguments("measured", style="points")
+            place.plot([ramp[-1], 600.0], [peak, plateau], label="peak, plateau, printed", **line)
             others.append(_depth_axis(place, time[1:], moved[1:] * 1e3, is_last=name == "c"))
             place.set(xlabel="time (s)", ylim=(0.0, 1.3 * peak))
             letter(place, name, f"$\\Delta/R$ = {depth / TIP_RADIUS:g}")
@@ -279,20 +274,10 @@ def _computed_loading() -> Drawing:
     ours = np.interp(starts[1:] - 1.0, made["time"].values, made["contact_radius"].values)
     with panels(2, 1, width=1, aspect=1.25, height_ratios=(2.0, 1.0)) as (figure, grid):
         axes, circles = grid[:, 0]
-        axes.plot(
-            made["time"].values / 60,
-            made["contact_radius"].values * 1e6,
-            label="viscoelastic",
-            **line_arguments("model"),
-        )
-        axes.stairs(
-            np.asarray(radii) * 1e6,
-            starts / 60,
-            baseline=None,
-            label="Hertz, relaxed",
-            color=line_arguments("reference")["color"],
-            linestyle=line_arguments("reference")["linestyle"],
-        )
+        radius = made["contact_radius"].values * 1e6
+        axes.plot(made["time"].values / 60, radius, label="viscoelastic", **line_arguments("model"))
+        line = {name: line_arguments("reference")[name] for name in ("color", "linestyle")}
+        axes.stairs(np.asarray(radii) * 1e6, starts / 60, baseline=None, label="Hertz, relaxed", **line)
         axes.set(xlabel="time (min)", ylabel="contact radius (µm)", ylim=(0, 1000))
         for mass, start, radius in zip(_LOADS, starts, np.asarray(radii) * 1e6, strict=False):
             # Below its step; the first step is too short for its label, which stands beside it.

@@ -109,12 +109,9 @@ def _moduli(left: Any, made: xr.Dataset, origin: str, *, is_shear: bool, is_spli
     for axes, part, role, dashes in ((left, "storage", "measured", "'"), (right, "loss", "model", "''")):
         look = line_arguments(role)  # type: ignore[arg-type]
         points = line_arguments(role, style="points")  # type: ignore[arg-type]
-        axes.loglog(
-            f,
-            made[f"{part}_reduced"].values.ravel() * scale,
-            label=f"{part}, {origin}",
-            **(points | {"markersize": 2.2, "markerfacecolor": "white", "markeredgewidth": 0.5}),
-        )
+        reduced = made[f"{part}_reduced"].values.ravel() * scale
+        line = points | {"markersize": 2.2, "markerfacecolor": "white", "markeredgewidth": 0.5}
+        axes.loglog(f, reduced, label=f"{part}, {origin}", **line)
         centre = made[f"master_{part}"].values * scale
         half = _COVERAGE * made[f"u_master_{part}"].values * scale
         axes.fill_between(
@@ -139,13 +136,8 @@ def _moduli(left: Any, made: xr.Dataset, origin: str, *, is_shear: bool, is_spli
 
 
 def _shifts(axes: Any, made: xr.Dataset) -> None:
-    axes.errorbar(
-        made["temperature"].values,
-        made["log10_aT"].values,
-        _COVERAGE * made["u_log10_aT"].values,
-        capsize=1.5,
-        **line_arguments("measured", style="both"),
-    )
+    T, shift, u = (made[name].values for name in ("temperature", "log10_aT", "u_log10_aT"))
+    axes.errorbar(T, shift, _COVERAGE * u, capsize=1.5, **line_arguments("measured", style="both"))
     axes.axvline(float(made["T_ref"]), **line_arguments("reference"))
     axes.set(xlabel="temperature (°C)", ylabel="shift factor $\\log_{10} a_T$ (1)")
 

@@ -304,11 +304,5 @@ class _Reader:
             if not source or status not in STATUSES:
                 self.fail(name, f"expected a source and a status ({', '.join(STATUSES)})")
             entries.append(Entry(name, math.nan, 0.0, "", source, status))
-        return Material(
-            str(self.tree.get("name", self.path.stem)),
-            str(self.tree.get("summary", "")),
-            prony,
-            tuple(entries),
-            law.T_ref,
-            law,
-        )
+        name, summary = str(self.tree.get("name", self.path.stem)), str(self.tree.get("summary", ""))
+        return Material(name, summary, prony, tuple(entries), law.T_ref, law)

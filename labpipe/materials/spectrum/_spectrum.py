@@ -133,12 +133,8 @@ def make_grid(
     middle = 0.5 * (low + high)
     ln_time = np.asarray(middle + step * (np.arange(count) - 0.5 * (count - 1)))
     scale = np.exp(_smoothed_log(ln_omega, np.log(loss), -ln_time, 1.5 * step))
-    return Grid(
-        ln_time=ln_time,
-        scale=np.append(scale, np.min(storage)),
-        penalty=_second_differences(count, terms_per_decade),
-        terms_per_decade=terms_per_decade,
-    )
+    scale, penalty = np.append(scale, np.min(storage)), _second_differences(count, terms_per_decade)
+    return Grid(ln_time=ln_time, scale=scale, penalty=penalty, terms_per_decade=terms_per_decade)
 
 
 def _smoothed_log(x: Floats, y: Floats, at: Floats, width: float) -> Floats:

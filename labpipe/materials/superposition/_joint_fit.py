@@ -81,15 +81,9 @@ class Points:
 
     def only(self, kept: NDArray[np.bool_] | NDArray[np.intp]) -> "Points":
         """Return some of the points, isotherms numbered as before."""
-        return Points(
-            self.omega[kept],
-            self.isotherm[kept],
-            self.storage[kept],
-            self.loss[kept],
-            self.count,
-            None if self.readings is None else self.readings[kept],
-            self.work,
-        )
+        readings = None if self.readings is None else self.readings[kept]
+        known = (self.omega[kept], self.isotherm[kept], self.storage[kept], self.loss[kept])
+        return Points(*known, self.count, readings, self.work)
 
     @property
     def certainty(self) -> Floats:
@@ -140,13 +134,8 @@ def reduced(points: Points, state: State) -> Floats:
 def grid_for(points: Points, state: State, terms_per_decade: float, margin: float = MARGIN_DECADES) -> Grid:
     """Lay the terms for the present shifts."""
     vertical = np.exp(-state.ln_bT[points.isotherm])
-    return make_grid(
-        reduced(points, state),
-        points.storage * vertical,
-        points.loss * vertical,
-        terms_per_decade=terms_per_decade,
-        margin=margin,
-    )
+    storage, loss = points.storage * vertical, points.loss * vertical
+    return make_grid(reduced(points, state), storage, loss, terms_per_decade=terms_per_decade, margin=margin)
 
 
 def evaluate(

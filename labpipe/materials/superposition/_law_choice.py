@@ -295,12 +295,8 @@ def free_shifts_gain(points: Points, found: Superposition) -> float:
     """
     law = found.model
     shifts = found.fit.state.log10_aT
-    free = replace(
-        law,
-        horizontal="free",
-        given=shifts - shifts[law.reference],
-        expectation=expected_shifts(law.temperature, shifts),
-    )
+    given, expected = shifts - shifts[law.reference], expected_shifts(law.temperature, shifts)
+    free = replace(law, horizontal="free", given=given, expectation=expected)
     weight = weights_of(points, found.noise, found.fit.predicted)
     tied = evaluate(points, weight, found.fit.grid, found.fit.state, found.fit.solution.strength)
     state = replace(free.start(), ln_bT=found.fit.state.ln_bT, delay=found.fit.state.delay)

@@ -214,16 +214,8 @@ class MasterCurve(ShownAsTable):
 
     def to_dataset(self) -> xr.Dataset:
         """Return shifts, data, curve, terms and overlap as one Dataset for a netCDF file."""
-        shifts = xr.Dataset(
-            {
-                "log10_aT": self.log10_aT,
-                "u_log10_aT": self.u_log10_aT,
-                "covariance": self.covariance,
-                "b_T": self.b_T,
-                "u_b_T": self.u_b_T,
-                "level": self.level,
-            }
-        )
+        names = ("log10_aT", "u_log10_aT", "covariance", "b_T", "u_b_T", "level")
+        shifts = xr.Dataset({name: getattr(self, name) for name in names})
         curve = self.curve.rename({name: f"master_{name}" for name in _CURVE_NAMES})
         curve = curve.rename({f"u_{name}": f"u_master_{name}" for name in _CURVE_NAMES[:2]})
         data = self.data.rename({"reduced_frequency": "point_reduced_frequency"})
@@ -334,12 +326,8 @@ def _chosen_law(found: Superposition, law: LawName | None, laws: dict[str, Shift
     model = found.model
     if model.horizontal in ("wlf", "arrhenius"):
         size = model.horizontal_size
-        return ShiftLaw(
-            model.horizontal,
-            model.T_ref,
-            tuple(float(p) for p in found.fit.state.parameters[:size]),
-            found.covariance[:size, :size],
-        )
+        parameters = tuple(float(p) for p in found.fit.state.parameters[:size])
+        return ShiftLaw(model.horizontal, model.T_ref, parameters, found.covariance[:size, :size])
     if not laws:
         return ShiftLaw("arrhenius", model.T_ref, (0.0,), np.full((1, 1), np.nan))
     # One more constant has to pay for itself (Schwarz).
@@ -360,9 +348,5 @@ def _matrix_over(temperature: xr.DataArray, data: SweepData, values: Floats) -> 
     full = np.full((temperature.size,) * 2, np.nan)
     full[np.ix_(data.kept, data.kept)] = values
     other = variable("temperature_2", temperature.values, "degC", "temperature")
-    return xr.DataArray(
-        full,
-        dims=("temperature", "temperature_2"),
-        coords={"temperature": temperature, "temperature_2": other},
-        attrs=described("1", "covariance of log10_aT"),
-    )
+    coords, attrs = {"temperature": temperature, "temperature_2": other}, described("1", "covariance of log10_aT")
+    return xr.DataArray(full, dims=tuple(coords), coords=coords, attrs=attrs)

@@ -242,14 +242,8 @@ def fit_law(name: LawName, temperature: Floats, log10_aT: Floats, covariance: Fl
         raised = normal + damping * np.diag(np.diag(normal))
         parameters = best + np.linalg.lstsq(raised, gradient, rcond=None)[0]
     freedom = int(np.linalg.matrix_rank(covariance)) - best.size
-    return ShiftLaw(
-        name,
-        T_ref,
-        tuple(float(p) for p in best),
-        np.asarray(np.linalg.pinv(normal, hermitian=True)),
-        cost,
-        max(freedom, 0),
-    )
+    spread = np.asarray(np.linalg.pinv(normal, hermitian=True))
+    return ShiftLaw(name, T_ref, tuple(float(p) for p in best), spread, cost, max(freedom, 0))
 
 
 def _first_parameters(name: LawName, temperature: Floats, log10_aT: Floats, T_ref: float) -> Floats:

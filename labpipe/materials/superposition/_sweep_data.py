@@ -140,13 +140,8 @@ def _points(present: NDArray[np.bool_], storage: Floats, loss: Floats, frequency
     """Flatten the readings in use."""
     kept = np.flatnonzero(present.any(axis=1))
     row, column = np.nonzero(present)
-    return Points(
-        omega=2.0 * np.pi * frequency[column],
-        isotherm=np.searchsorted(kept, row),
-        storage=storage[row, column],
-        loss=loss[row, column],
-        count=kept.size,
-    )
+    omega, isotherm = 2.0 * np.pi * frequency[column], np.searchsorted(kept, row)
+    return Points(omega, isotherm, storage[row, column], loss[row, column], kept.size)
 
 
 def _leave_out_outlying(
