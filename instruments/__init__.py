@@ -1,7 +1,7 @@
 """Instruments: recognising, reading and writing their files; one package each.
 
 :func:`read` tells the instrument from the content of a file, never from its name. Each room is a
-package whose face defines one :class:`Instrument`; :data:`OURS` lists them in the order in which
+package whose ``__init__`` defines one :class:`Instrument`; :data:`OURS` lists them in the order in which
 they are asked. Other distributions add theirs by entry points of the group
 ``labpipe.instruments`` (:mod:`labpipe.plugins`); they are asked after ours.
 """

@@ -1,6 +1,6 @@
 """Description of an instrument: one object that recognises, reads and writes its files.
 
-A room (a package below this one, or of another distribution) defines one. Its face is imported
+A package (below this one, or of another distribution) defines one. Its ``__init__`` is imported
 whenever a file is to be told, so it imports no numerical library: readers are named as
 ``"module:function"`` and loaded when the first file is read.
 """

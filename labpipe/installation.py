@@ -3,7 +3,7 @@
 import importlib.util
 from collections.abc import Iterable
 
-_MARK = "from labpipe.build import BUILD"  # in the face of each of our packages
+_MARK = "from labpipe.build import BUILD"  # in the __init__ of each of our packages
 
 
 def foreign_package(names: Iterable[str]) -> str | None:

@@ -1,4 +1,4 @@
-"""Faces that load what they give away when it is first used (PEP 562)."""
+"""Public interfaces of packages whose modules are imported when they are first used (PEP 562)."""
 
 import ast
 import importlib
@@ -8,13 +8,13 @@ from typing import Any
 
 
 def lazily(package: str) -> Callable[[str], Any]:
-    """Return a ``__getattr__`` for a face, which loads the module of a name on its first use.
+    """Return a ``__getattr__`` for a package, which imports the module of a name on its first use.
 
     Parameters
     ----------
     package : str
-        The face's ``__name__``. What it gives away is what it imports under ``if TYPE_CHECKING:``,
-        by whole names of modules.
+        The package's ``__name__``. Its public names are those that it imports under
+        ``if TYPE_CHECKING:``, by whole names of modules.
     """
     homes: dict[str, tuple[str, str]] = {}
 
@@ -31,7 +31,7 @@ def lazily(package: str) -> Callable[[str], Any]:
 
 
 def _for_the_checker(package: str) -> Iterator[tuple[str, tuple[str, str]]]:
-    """Yield the names that a face imports for the type checker alone, with module and name there."""
+    """Yield the names that a package imports for the type checker alone, with module and name there."""
     loader: Any = sys.modules[package].__loader__
     for statement in ast.parse(loader.get_source(package)).body:
         if isinstance(statement, ast.If) and ast.unparse(statement.test) == "TYPE_CHECKING":

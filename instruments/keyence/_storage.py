@@ -244,14 +244,9 @@ def _check_count(source: TextFile, header: Header, readings: Rows, profile: Keye
             continue
         message = f"found {found} rows, {who} {expected}"
         if not allow:
-            raise SourceError(
-                source.path,
-                message,
-                line=header.n_lines + found,
-                column=1,
-                hint="The recording or the copy stopped early, or rows were added; export it "
-                "again, or read what there is with allow_incomplete=True.",
-            )
+            hint = "The recording or the copy stopped early, or rows were added; export it "
+            hint += "again, or read what there is with allow_incomplete=True."
+            raise SourceError(source.path, message, line=header.n_lines + found, column=1, hint=hint)
         warnings.warn(f"{source.path}: {message}", stacklevel=3)
 
 

@@ -364,11 +364,6 @@ def _check_time(cursor: Cursor, values: NDArray[np.float64], starts: list[tuple[
     row = int(wrong[0]) + 1
     before, line = max(start for start in starts if start[0] <= row)
     found = f"from {time[row - 1]:.6f} to {time[row]:.6f} s" if row else f"at {time[0]:.6f} s"
-    raise SourceError(
-        cursor.source.path,
-        f"{what} ({found})",
-        line=line + row - before,
-        column=1,
-        hint="The file was joined, repaired or edited. If rows are missing and their times are "
-        "right, read it with allow_gaps=True; rows that repeat have to be removed by hand.",
-    )
+    hint = "The file was joined, repaired or edited. If rows are missing and their times are right, read it with "
+    hint += "allow_gaps=True; rows that repeat have to be removed by hand."
+    raise SourceError(cursor.source.path, f"{what} ({found})", line=line + row - before, column=1, hint=hint)

@@ -45,7 +45,7 @@ class Module:
     name : str
         Dotted.
     is_package : bool
-        Whether it is the face of a package.
+        Whether it is the ``__init__`` of a package.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class Module:
 
     @cached_property
     def lazy(self) -> dict[str, str]:
-        """Homes of the names that a face imports when they are first used: for the checker alone, or in tables."""
+        """Homes of the names that a package imports when they are first used: for the checker alone, or in tables."""
         if "__getattr__" not in self.defined:
             return {}
         for_checker = [part for s in self.body if isinstance(s, ast.If) and _is_for_checker(s.test) for part in s.body]

@@ -145,7 +145,7 @@ def code_changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     if before == after:
         return []
     if not before:
-        return ["made before labpipe kept its code in mind"]
+        return ["made before labpipe recorded the code behind a result"]
     return [name for name in (*after, *(n for n in before if n not in after)) if before.get(name) != after.get(name)]
 
 

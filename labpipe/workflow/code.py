@@ -1,7 +1,7 @@
 """Which code a result can come from: the definitions that its function reaches, as digests.
 
 From the text of a function (``"package.module:name"``) every definition is followed that it
-mentions: through imports, also those inside functions, through faces that only pass names on, and
+mentions: through imports, also those inside functions, through packages that only pass names on, and
 through tables that name functions as text. What is reached counts by its syntax tree, without
 comments, docstrings and positions; of other distributions the version counts. So a changed line
 changes the identity of exactly those results that can depend on it.
@@ -404,14 +404,14 @@ class Reached:
         return self.take(found, "") if first.startswith("__") else self.all(found)
 
     def lazily(self, found: Module, name: str) -> list[str]:
-        """Follow a face that imports its names when they are first used."""
+        """Follow a package that imports its names when they are first used."""
         home, _, inner = found.lazy[name].partition(":")
         places = [home, f"{found.name}.{home}"]
         named = [f"{place}:{inner or name}" for place in places if self.code.module(place)]
         return named or self.all(found)
 
     def all(self, found: Module) -> list[str]:
-        """Reach a whole module, and what a face passes on."""
+        """Reach a whole module, and the names that a package passes on."""
         paths = [path for name in found.defined for path in self.take(found, name)]
         return paths + (list(found.passed.values()) if found.is_package else [])
 

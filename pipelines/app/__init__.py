@@ -1,4 +1,4 @@
-"""The local page of ``labpipe open``: a session set up by looking, run, and read.
+"""The local page of ``labpipe open``: set up a session from its files, run it, read its reports.
 
 One process, bound to 127.0.0.1, answers only under an address with a random token, to a browser
 that names this address as host and origin. Nothing is loaded from elsewhere, nothing outside the

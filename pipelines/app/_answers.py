@@ -1,4 +1,4 @@
-"""What the page asks for and is told."""
+"""The requests of the page, and the answers to them."""
 
 from __future__ import annotations
 

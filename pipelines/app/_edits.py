@@ -49,7 +49,7 @@ def set_values(text: str, changes: Sequence[tuple[Place, Any]]) -> str:
     Raises
     ------
     InputError
-        The text is no TOML, or a place lies in something that is no table.
+        The text is not TOML, or a place lies in something that is not a table.
     """
     meant = _tree(text)
     place: Place = ()
@@ -240,7 +240,7 @@ def _tree(text: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text.replace("\r\n", "\n"))
     except (ValueError, RecursionError) as error:
-        message = f"the file is no TOML ({error}); correct it by hand first"
+        message = f"the file is not TOML ({error}); correct it by hand first"
         raise InputError(message) from None
 
 

@@ -37,14 +37,12 @@ def run(quick: bool) -> Suite:
         return _error(timings[name].value), {}
 
     points = race(calls, 3 if quick else 7, judge, "events, eighth order", budget=30.0)
-    return Suite(
-        "collision",
+    title, error = (
         "Sphere with a Hertz spring and a dashpot: restitution at four dampings",
         "worst error of the restitution (1)",
-        points,
-        notes=["The closed form needs no motion; it holds without gravity and plasticity."],
-        time_label="run time of four collisions (s)",
     )
+    notes = ["The closed form needs no motion; it holds without gravity and plasticity."]
+    return Suite("collision", title, error, points, notes=notes, time_label="run time of four collisions (s)")
 
 
 def _stiffness() -> float:

@@ -87,15 +87,10 @@ def _train(quick: bool) -> Suite:
 
 
 def _ours(tolerances: Sequence[float]) -> list[_Setting]:
+    named = [(solver, name, rtol) for solver, name in (("mdr", "springs"), ("rings", "rings")) for rtol in tolerances]
     return [
-        _Setting(
-            f"{name}, rtol {rtol:.0e}",
-            OURS,
-            {"solver": solver, "rtol": rtol},
-            is_default=solver == "mdr" and rtol == 1e-4,
-        )
-        for solver, name in (("mdr", "springs"), ("rings", "rings"))
-        for rtol in tolerances
+        _Setting(f"{n}, rtol {r:.0e}", OURS, {"solver": s, "rtol": r}, is_default=s == "mdr" and r == 1e-4)
+        for s, n, r in named
     ]
 
 

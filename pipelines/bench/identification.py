@@ -169,19 +169,9 @@ def _points(name: str, trials: list[Trial]) -> list[Point]:
     points = _moduli_points(name, trials)
     right = float(np.mean([t.is_right for t in trials]))
     said = float(np.mean([t.verdict == "identified" for t in trials]))
-    points.append(
-        Point(
-            f"{name}: verdict on E_relaxed",
-            1.0 - right,
-            float("nan"),
-            is_default=True,
-            extra={
-                "truths": len(trials),
-                "limits hold the truth (%)": 100.0 * right,
-                "called identified (%)": 100.0 * said,
-            },
-        )
-    )
+    shares = {"limits hold the truth (%)": 100.0 * right, "called identified (%)": 100.0 * said}
+    extra = {"truths": len(trials), **shares}
+    points.append(Point(f"{name}: verdict on E_relaxed", 1.0 - right, float("nan"), is_default=True, extra=extra))
     return points
 
 

@@ -151,18 +151,9 @@ def _other_truths(quick: bool) -> Suite:
         timing = paired({label: _ours(sets[0], {})}, 1 if quick else 3)[label]
         found = _found(sets, timing)
         errors = [made.error(one.log10_aT.values) for made, one in zip(sets, found, strict=True)]
-        points.append(
-            Point(
-                label,
-                float(np.mean(errors)),
-                timing.seconds,
-                is_default=truth is MAXWELL and not options,
-                extra={
-                    "worst (decades)": float(np.max(errors)),
-                    "95 % bars that hold (%)": 100.0 * _covered(sets, found),
-                },
-            )
-        )
+        is_default, covered = truth is MAXWELL and not options, 100.0 * _covered(sets, found)
+        extra = {"worst (decades)": float(np.max(errors)), "95 % bars that hold (%)": covered}
+        points.append(Point(label, float(np.mean(errors)), timing.seconds, is_default=is_default, extra=extra))
     note = f"the default over {len(seeds)} seeds; 12 temperatures, 2 % noise"
     error = "RMS error of log10 a_T (decades)"
     return Suite("master-curve-truths", "Shifts of other materials", error, points, notes=[note])

@@ -55,15 +55,9 @@ def rest_in_a_film(folder: Path, count: int) -> Shortcut:
         same = whole.sel(frame=short["frame"])
         return float(np.abs(short["dy"] - same["dy"]).max() / same["u_dy"].median())
 
-    return Shortcut(
-        "front film: few frames after rest",
-        lambda: track(False),
-        lambda: track(True),
-        difference,
-        "standard uncertainty of a frame",
-        lambda found: float(sum(work_of(found, "frames_read", "coarse_frames_read"))),
-        "frames",
-    )
+    short, long, work = partial(track, False), partial(track, True), ("frames_read", "coarse_frames_read")
+    name, unit = "front film: few frames after rest", "standard uncertainty of a frame"
+    return Shortcut(name, short, long, difference, unit, lambda found: float(sum(work_of(found, *work))), "frames")
 
 
 def frames_without_contact(count: int) -> Shortcut:

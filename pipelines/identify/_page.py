@@ -59,7 +59,7 @@ def render(session: Session, found: Identified) -> str:
         Section("Fit and residuals", _fits(found)),
         Section("Unknowns", _unknowns(found)),
         *([Section("Draws of the posterior", _draws(found))] if found.drawn is not None else []),
-        Section("What the experiments told of themselves", _contraction(found)),
+        Section("What was learnt about the experiments", _contraction(found)),
         Section("Method", _method(found)),
     )
     return Document(
@@ -88,22 +88,22 @@ def relaxed_text(found: Identified) -> str:
     end, high = quantity(said.end, "s"), _shown(said.high, "Pa")
     if said.verdict == "not identifiable":
         return (
-            f"E_relaxed is not identifiable from these experiments: the modulus at {end}, the longest time they tell "
-            f"of, is not known to within a factor of two"
+            f"E_relaxed is not identifiable from these experiments: the modulus at {end}, the longest time they "
+            f"cover, is not known to within a factor of two"
         )
     fall, most = (_percent(share) for share in (said.fall, said.most_fall))
     fell = fall + (f" (at most {most})" if most != fall else "")
     if said.verdict == "identified":
         return (
-            f"E_relaxed is {_shown(said.low, 'Pa')} to {high} (95 %): at {end} there is a plateau, for the decade of "
-            f"time before it took {fell} of the modulus; the lower end is what is left if every further decade takes "
-            "as much, for thirty years"
+            f"E_relaxed is {_shown(said.low, 'Pa')} to {high} (95 %): at {end} there is a plateau, for over the decade "
+            f"of time before it the modulus fell by {fell}; the lower end is what is left if it falls by as much in "
+            "every further decade, for thirty years"
         )
     left = f"{_shown(said.left, 'Pa')} is" if said.left > 0.0 else "nothing is"
     return (
-        f"E_relaxed is bounded from above only: it is below {high} (95 %). There is no plateau: the decade of time up "
-        f"to {end}, the longest of which these experiments tell, took {fell} of the modulus; if every further decade "
-        f"takes as much, {left} left after thirty years"
+        f"E_relaxed is bounded from above only: it is below {high} (95 %). There is no plateau: over the last decade "
+        f"of time that these experiments cover, up to {end}, the modulus fell by {fell}; if it falls by as much in "
+        f"every further decade, {left} left after thirty years"
     )
 
 
@@ -200,8 +200,8 @@ def _at_best(found: Identified) -> str:
 def _not_found(found: Identified) -> list[str]:
     """Say what the experiments do not tell."""
     texts = [
-        "not found: modulus and loss at lower and higher frequencies; what is drawn there is what is assumed of "
-        "polymers, and the bands are as wide as that leaves them"
+        "not found: modulus and loss at lower and higher frequencies; curves and bands there follow from what is "
+        "assumed of polymers"
     ]
     known = found.known
     silent = [
@@ -211,7 +211,7 @@ def _not_found(found: Identified) -> list[str]:
     ]
     if silent:
         texts.append(
-            f"nothing new of {', '.join(silent)}: what is stated of them was taken, and its uncertainty is part of "
+            f"nothing new about {', '.join(silent)}: the stated values were taken, and their uncertainty is part of "
             "every result"
         )
     return texts
@@ -265,10 +265,7 @@ def _curves(found: Identified) -> tuple[Block, ...]:
         for key, name in (("storage", "storage modulus"), ("loss_factor", "loss factor"))
         for prefix in ("u", "prior")
     ]
-    text = (
-        "Outside the two marks there are no data: the curves follow what is assumed of polymers, and the "
-        "bands are the width of that."
-    )
+    text = "Outside the two marks there are no data: curves and bands follow from what is assumed of polymers."
     title, x, y = "Prior against posterior", "frequency / Hz", "standard deviation of the logarithm"
     chart = LineChart(title, x, y, spreads, group="frequency", x_scale="log", y_scale="log", vlines=marks)
     return Paragraph(text), *charts, chart
@@ -280,19 +277,10 @@ def _fits(found: Identified) -> tuple[Block, ...]:
     rows = [
         (b.evidence, b.group.name, n, b.chi_square / n, 100 * b.misfit.relative, b.misfit.correlation) for b, n in sized
     ]
-    table = Table(
-        (
-            Column("experiment"),
-            Column("quantity"),
-            Column("n"),
-            Column("chi square / n", digits=3),
-            Column("discrepancy", "%", digits=2),
-            Column("correlation of neighbours", digits=2),
-        ),
-        rows,
-        caption="chi square with the stated uncertainties alone; a discrepancy is added where it "
-        "exceeds its 99 % quantile",
-    )
+    names, caption = map(Column, ("experiment", "quantity", "n")), "chi square with the stated uncertainties alone; "
+    caption += "a discrepancy is added where it exceeds its 99 % quantile"
+    misfits = (Column("chi square / n", digits=3), Column("discrepancy", "%", digits=2))
+    table = Table((*names, *misfits, Column("correlation of neighbours", digits=2)), rows, caption=caption)
     charts = [chart for b in made for chart in _fit_charts(b)]
     return table, *charts
 
@@ -320,15 +308,9 @@ def _fit_charts(shown: Prediction) -> tuple[Block, ...]:
         group=title,
         x_scale="log" if scale == "log" else "linear",
     )
-    rest = LineChart(
-        f"{title}, residuals",
-        label,
-        "observed − predicted, in deviations",
-        (Series("residual", axis, shown.residual[order], "points", "residual"),),
-        group=title,
-        x_scale="log" if scale == "log" else "linear",
-        height_px=180,
-    )
+    left = (Series("residual", axis, shown.residual[order], "points", "residual"),)
+    labels = (f"{title}, residuals", label, "observed − predicted, in deviations")
+    rest = LineChart(*labels, left, group=title, x_scale="log" if scale == "log" else "linear", height_px=180)
     return fit, rest
 
 
@@ -434,8 +416,8 @@ def _contraction(found: Identified) -> tuple[Block, ...]:
     known = found.known
     parameters = known.fit.problem.parameters
     text = (
-        "How much of what was not known of a quantity of the experiments before they have told of it: 1 where they "
-        "determine it, 0 where what the page says of it is only what was stated before."
+        "Share of the prior variance of a quantity of the experiments that the data remove: 1 where they determine it, "
+        "0 where the result is only what was stated before."
     )
     pairs = zip(parameters, known.sd.tolist(), strict=True)
     reduced = [(p.name, float(np.clip(1.0 - sd**2, 0.0, 1.0)), "") for p, sd in pairs if p.is_nuisance]

@@ -1,4 +1,4 @@
-"""Everything that is wrong with a session, in one table, what costs most first."""
+"""All findings of a session in one table, the most serious first."""
 
 from __future__ import annotations
 

@@ -185,7 +185,7 @@ def _records(session: Session) -> Iterator[tuple[str, Finding]]:
                 yield owner, _finding("calibration record", "doubtful", text, cause, name, "when")
     for (name, record), (other, twin) in combinations(records.items(), 2):
         if record.id == twin.id and record != twin:
-            text = f'{other} says other things than {name} under the same id, "{record.id}"'
+            text = f'{name} and {other} have the same id, "{record.id}", but differ'
             cause = "one of the two records is out of date"
             for owner in dict.fromkeys(users[other]):
                 yield owner, _finding("calibration record", "doubtful", text, cause, other, "id")

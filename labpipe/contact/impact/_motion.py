@@ -1,4 +1,4 @@
-"""What moves, how it is recorded and how the work is counted: the words the parts of a drop share.
+"""The state of motion, its record and the counts of work, as all parts of a drop share them.
 
 One record of named numbers (a numpy structured scalar) is the state of a drop at one instant; the
 compiled steps change it in place, and a row of such records is the trail of a contact.

@@ -1,4 +1,4 @@
-"""A material in the words of each simulation code, by its published input rules.
+"""A material as input text of each simulation code, by its published rules.
 
 Abaqus: *ELASTIC or *HYPERELASTIC with instantaneous moduli, *VISCOELASTIC, TIME=PRONY, *TRS.
 ANSYS: MP or TB,HYPER with instantaneous moduli, TB,PRONY for shear and bulk, TB,SHIFT. COMSOL: long-time

@@ -197,7 +197,7 @@ def read_material(path: str | Path) -> Material:
     try:
         tree = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise SourceError(path, f"is no TOML: {error}") from None
+        raise SourceError(path, f"is not TOML: {error}") from None
     return _Reader(path, text, tree).material()
 
 

@@ -136,14 +136,9 @@ def bands(
         squared += float(np.sum((anchor.share * anchor.own) ** 2)) * _per_decade(value, frequency) ** 2
         variables[name] = (value, f"{name} modulus at the reference temperature")
         variables[f"u_{name}"] = (np.sqrt(np.maximum(squared, 0.0)), f"standard uncertainty of the {name} modulus")
-    dataset = xr.Dataset(
-        {name: variable("reduced_frequency", values, "Pa", text) for name, (values, text) in variables.items()},
-        coords={
-            "reduced_frequency": variable(
-                "reduced_frequency", frequency, "Hz", "frequency at the reference temperature"
-            )
-        },
-    )
+    dimension, words = "reduced_frequency", "frequency at the reference temperature"
+    named = {name: variable(dimension, values, "Pa", text) for name, (values, text) in variables.items()}
+    dataset = xr.Dataset(named, coords={dimension: variable(dimension, frequency, "Hz", words)})
     factor = dataset["loss"] / dataset["storage"]
     factor.attrs = described("1", "loss factor at the reference temperature")
     return dataset.assign(loss_factor=factor)

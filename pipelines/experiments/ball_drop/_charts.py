@@ -30,41 +30,19 @@ def motion(repeats: xr.Dataset, model: xr.Dataset | None, comparison: xr.Dataset
         position.append(_simulated("displacement", model, _MM))
         speed.append(_simulated("velocity", model, 1.0))
     hint = " Point at the chart to show each repeat." if repeats.sizes["repeat"] > 1 else ""
-    charts: list[Block] = [
-        LineChart(
-            "Displacement",
-            _LABEL,
-            "height over first contact / mm",
-            tuple(position),
-            group="drop",
-            views=views,
-            caption=f"Mean of the repeats with the band of ± 2 standard deviations.{hint}",
-        )
-    ]
+    caption = f"Mean of the repeats with the band of ± 2 standard deviations.{hint}"
+    labels = ("Displacement", _LABEL, "height over first contact / mm")
+    charts: list[Block] = [LineChart(*labels, tuple(position), group="drop", views=views, caption=caption)]
     if comparison is not None:
         charts.append(_difference(repeats, comparison, views))
     charts.append(LineChart("Velocity", _LABEL, "velocity / (m/s), upwards", tuple(speed), group="drop", views=views))
     if model is not None:
-        charts += [
-            LineChart(
-                "Contact force (model)",
-                _LABEL,
-                "force / N",
-                (_simulated("force", model, 1.0),),
-                group="drop",
-                views=views,
-                height_px=220,
-            ),
-            LineChart(
-                "Contact radius (model)",
-                _LABEL,
-                "contact radius / mm",
-                (_simulated("contact_radius", model, _MM),),
-                group="drop",
-                views=views,
-                height_px=220,
-            ),
-        ]
+        for title, label, name, factor in (
+            ("Contact force (model)", "force / N", "force", 1.0),
+            ("Contact radius (model)", "contact radius / mm", "contact_radius", _MM),
+        ):
+            curve = (_simulated(name, model, factor),)
+            charts.append(LineChart(title, _LABEL, label, curve, group="drop", views=views, height_px=220))
     return Section("Motion", tuple(charts))
 
 
@@ -113,14 +91,9 @@ def _difference(repeats: xr.Dataset, comparison: xr.Dataset, views: tuple[tuple[
     if repeats.sizes["repeat"] > 1:
         wide = 2 * repeats["displacement_sd"].sel(time=time).values * _UM
         series.insert(0, Band(_SPREAD, time * _MS, -wide, wide, role="repeat"))
-    return LineChart(
-        "Measured minus model",
-        _LABEL,
-        "difference / µm",
-        tuple(series),
-        group="drop",
-        views=views,
-        height_px=220,
-        caption="An impact that is early or late in the model shows as a spike, as both curves "
-        "are steep there; the table of bounces gives the difference in time.",
+    caption = (
+        "An impact that is early or late in the model shows as a spike, as both curves are steep there; the table of "
+        "bounces gives the difference in time."
     )
+    labels, drawn = ("Measured minus model", _LABEL, "difference / µm"), tuple(series)
+    return LineChart(*labels, drawn, group="drop", views=views, height_px=220, caption=caption)

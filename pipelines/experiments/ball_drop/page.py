@@ -89,21 +89,15 @@ def _summary(
         remark = f"mean of {pages.counted(int(repeats['n_repeats'][0]), 'repeat')}; standard uncertainty"
         rows.append(("restitution of the first impact, measured", pages.told(repeats, "restitution", 0), remark))
     if model is not None and model.sizes["impact"]:
-        rows.append(
-            (
-                "restitution of the first impact, model",
-                pages.told(model, "restitution", 0),
-                "uncertainty from height, radius, mass, plate, and from temperature and Poisson's ratio where stated "
-                f"with an uncertainty; the moduli {_moduli(settings)}",
-            )
+        remark = (
+            "uncertainty from height, radius, mass, plate, and from temperature and Poisson's ratio where stated "
+            f"with an uncertainty; the moduli {_moduli(settings)}"
         )
+        rows.append(("restitution of the first impact, model", pages.told(model, "restitution", 0), remark))
     if comparison is not None:
+        remark = "root mean square of measured minus model, over the range of the model"
         rows += [
-            (
-                "nRMSE of displacement",
-                f"{float(comparison['nrmse']) * 100:.3g} %",
-                "root mean square of measured minus model, over the range of the model",
-            ),
+            ("nRMSE of displacement", f"{float(comparison['nrmse']) * 100:.3g} %", remark),
             ("bias", quantity(float(comparison["bias"]), "m"), "mean difference"),
             ("largest difference", quantity(float(comparison["max_error"]), "m"), ""),
         ]
@@ -245,14 +239,9 @@ def _model(model: xr.Dataset) -> Section:
     if plate is None:
         blocks.append(Paragraph(_RIGID_FLOOR))
     else:
-        rows.append(
-            (
-                "flat",
-                f"{plate['mass']:.6g} kg, {plate['frequency']:.6g} Hz",
-                f"damping ratio {plate['damping_ratio']:.3g}; on a rigid one the first restitution "
-                f"is {float(model['rigid_restitution']):.5f}",
-            )
-        )
+        rigid = f"on a rigid one the first restitution is {float(model['rigid_restitution']):.5f}"
+        swing = f"{plate['mass']:.6g} kg, {plate['frequency']:.6g} Hz"
+        rows.append(("flat", swing, f"damping ratio {plate['damping_ratio']:.3g}; {rigid}"))
     return Section("Model", tuple(blocks))
 
 

@@ -123,14 +123,11 @@ def _summary(
     comparison: xr.Dataset | None,
     context: Context,
 ) -> Section:
+    wavelength = "not known" if settings.wavelength is None else pages.stated(settings.wavelength)
     rows = [
         ("film", settings.film, f'view "{settings.view}"'),
         ("drop height", pages.stated(settings.height), "from session.toml"),
-        (
-            "wavelength",
-            "not known" if settings.wavelength is None else pages.stated(settings.wavelength),
-            "from session.toml",
-        ),
+        ("wavelength", wavelength, "from session.toml"),
     ]
     if impacts is not None and impacts.sizes["impact"]:
         alone = pages.told(impacts, "peak_radius", 0)
@@ -145,14 +142,9 @@ def _summary(
         remark = "first impact; uncertainty from height, radius and mass"
         rows.append(("largest contact radius, model", pages.told(model, "peak_contact_radius", 0), remark))
         most = quantity(float(model["adhesion_shift"][0]), "m", 2)
-        rows.append(
-            (
-                "edge of the contact",
-                f"up to {most} farther out",
-                f"if the surfaces stick as clean smooth polymers do (JKR, {quantity(USUAL_WORK, 'J/m2', 2)}): fringes "
-                "show the Hertz-equivalent radius",
-            )
-        )
+        remark = f"if the surfaces stick as clean smooth polymers do (JKR, {quantity(USUAL_WORK, 'J/m2', 2)}): fringes "
+        remark += "show the Hertz-equivalent radius"
+        rows.append(("edge of the contact", f"up to {most} farther out", remark))
     if comparison is not None and comparison.sizes["impact"]:
         nrmse = f"{float(comparison['nrmse'][0]) * 100:.3g} %"
         rows.append(("nRMSE of the radius", nrmse, "first impact, relative to its largest radius"))
@@ -181,14 +173,11 @@ def _summary(
 def _key_frames(keys: xr.Dataset, settings: ContactArea) -> Section:
     pictures = [_picture(keys.isel(key=i)) for i in range(keys.sizes["key"])]
     top = int(np.nanargmax(keys["circle_radius"].values)) if pictures else 0
-    gallery = Gallery(
-        "Key frames with the fitted circle",
-        pictures,
-        start=top,
-        group=_GROUP,
-        caption="First frame, largest radius and last frame of each impact, and rest. The chart "
-        "of the contact radius marks the frame that is shown.",
+    caption = (
+        "First frame, largest radius and last frame of each impact, and rest. The chart of the contact radius marks "
+        "the frame that is shown."
     )
+    gallery = Gallery("Key frames with the fitted circle", pictures, start=top, group=_GROUP, caption=caption)
     header = pages.raw_header(keys.assign_attrs(source=settings.film))
     return Section("Film", (gallery,) if header is None else (gallery, header))
 
@@ -276,17 +265,9 @@ def _over_time(
         inside = (when >= time[0]) & (when <= time[-1])
         a = model["contact_radius"].values[inside] * 1e3
         curves.append(Series("model, aligned at the first impact", when[inside], a, role="model"))
-    charts: list[Block] = [
-        LineChart(
-            "Contact radius",
-            "time in the film / ms",
-            "contact radius / mm",
-            tuple(curves),
-            group=_GROUP,
-            views=views,
-            caption="Frames without contact stand at 0. Bars: standard uncertainty.",
-        )
-    ]
+    caption = "Frames without contact stand at 0. Bars: standard uncertainty."
+    labels = ("Contact radius", "time in the film / ms", "contact radius / mm")
+    charts: list[Block] = [LineChart(*labels, tuple(curves), group=_GROUP, views=views, caption=caption)]
     charts += _gap_factor(radius)
     if comparison is not None and model is not None:
         for i in range(comparison.sizes["impact"]):

@@ -130,14 +130,11 @@ def _summary(
 
 def _key_frames(keys: xr.Dataset, settings: DicValidation, start: float | None) -> Section:
     pictures = [_picture(keys.isel(key=i), start, settings.tracking) for i in range(keys.sizes["key"])]
-    gallery = Gallery(
-        "Key frames with the tracked subsets",
-        pictures,
-        caption="Orange: the large subset whose motion is the result, with its rotation. "
-        "Blue: the line of small subsets. " + _told_masks(settings.tracking) + "The charts below mark the "
-        "frame that is shown.",
-        group=_GROUP,
+    caption = (
+        "Orange: the large subset whose motion is the result, with its rotation. Blue: the line of small subsets. "
     )
+    caption += _told_masks(settings.tracking) + "The charts below mark the frame that is shown."
+    gallery = Gallery("Key frames with the tracked subsets", pictures, caption=caption, group=_GROUP)
     header = pages.raw_header(keys.assign_attrs(source=settings.film))
     return Section("Film", (gallery,) if header is None else (gallery, header))
 
@@ -287,16 +284,9 @@ def _difference(
     if laser is not None and laser.sizes["repeat"] > 1:
         wide = 2e6 * np.interp(time, laser["time"].values, laser["displacement_sd"].values)
         series.insert(0, Band(_SPREAD, time * 1e3, -wide, wide, role="reference"))
-    return LineChart(
-        "Film minus laser",
-        _LABEL,
-        "difference / µm",
-        tuple(series),
-        group=_GROUP,
-        views=views,
-        height_px=220,
-        caption="An impact that is early or late in one record shows as a spike, as both curves are steep there.",
-    )
+    caption = "An impact that is early or late in one record shows as a spike, as both curves are steep there."
+    labels, drawn = ("Film minus laser", _LABEL, "difference / µm"), tuple(series)
+    return LineChart(*labels, drawn, group=_GROUP, views=views, height_px=220, caption=caption)
 
 
 def _agreement(comparison: xr.Dataset) -> Section:

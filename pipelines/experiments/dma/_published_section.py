@@ -28,22 +28,9 @@ def blocks(found: xr.Dataset, curve: xr.Dataset) -> list[Block]:
     T = found["temperature"].values
     order = np.argsort(T, kind="stable")
     shared = order[np.isfinite(found["published"].values[order])]
-    gap = LineChart(
-        "Fitted less published",
-        "temperature / °C",
-        "difference of log₁₀ a_T",
-        [
-            Series(
-                "difference",
-                T[shared],
-                (found["fitted"] - found["published"]).values[shared],
-                style="points",
-                role="measured",
-                u=found["u_fitted"].values[shared],
-            )
-        ],
-        height_px=220,
-    )
+    apart, u = (found["fitted"] - found["published"]).values[shared], found["u_fitted"].values[shared]
+    drawn = [Series("difference", T[shared], apart, style="points", role="measured", u=u)]
+    gap = LineChart("Fitted less published", "temperature / °C", "difference of log₁₀ a_T", drawn, height_px=220)
     size, *causes = [Paragraph(text) for text in reasons(found, curve)]
     return [size, Details("Where and why they differ", (*causes, gap, _shift_table(found, order), _step_table(found)))]
 

@@ -131,16 +131,10 @@ def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None) -> Sec
     declared = json.loads(oscillations.attrs["filter"])
     if oscillations.attrs["is_filter_corrected"]:
         lag = oscillations["filter_phase"].values
-        notes.append(
-            Notice(
-                "info",
-                f"The load cell's low-pass (order {declared['order']:g}, "
-                f"{declared['cutoff']:g} Hz) delays the force by "
-                f"{np.degrees(lag.min()):.1f} to {np.degrees(lag.max()):.1f}°. "
-                f"This was removed, {_source_of_lag(oscillations)}. "
-                "Switch it off with load_cell.correct_filter_lag = false.",
-            )
-        )
+        low_pass = f"The load cell's low-pass (order {declared['order']:g}, {declared['cutoff']:g} Hz)"
+        delay = f"{np.degrees(lag.min()):.1f} to {np.degrees(lag.max()):.1f}°"
+        text = f"{low_pass} delays the force by {delay}. This was removed, {_source_of_lag(oscillations)}. "
+        notes.append(Notice("info", text + "Switch it off with load_cell.correct_filter_lag = false."))
     elif declared is not None:
         notes.append(
             Notice("warning", "The load cell's low-pass was not corrected: phase lags and work are too small.")
@@ -198,16 +192,10 @@ def _dissipation(theory: xr.Dataset, loops: xr.Dataset | None) -> Section:
         Series("eq. (2.31)", shown, work["theory"], role="reference"),
     )
     tau = float(theory["characteristic_time"])
-    chart = LineChart(
-        "Dissipated work, dimensionless",
-        "frequency f τ₀ / 10⁻¹⁰",
-        "work W/(E λ R d) / 10⁻⁶",
-        series,
-        x_scale="log",
-        height_px=280,
-        caption=f"τ₀ = {number(tau, 3)} s, E the relaxed modulus {_scale_text(theory)}. Bars: one "
-        "standard uncertainty. Eq. (2.31) is the limit of small amplitudes.",
-    )
+    caption = f"τ₀ = {number(tau, 3)} s, E the relaxed modulus {_scale_text(theory)}. Bars: one standard uncertainty. "
+    caption += "Eq. (2.31) is the limit of small amplitudes."
+    labels = ("Dissipated work, dimensionless", "frequency f τ₀ / 10⁻¹⁰", "work W/(E λ R d) / 10⁻⁶")
+    chart = LineChart(*labels, series, x_scale="log", height_px=280, caption=caption)
     scale = float(theory["work_scale"])
     none: list[Cell] = [None] * x.size
     table = listed(

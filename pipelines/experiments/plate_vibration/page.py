@@ -102,14 +102,9 @@ def _summary(
         rows.append(("modal mass", pages.told(plate, "mass"), remark))
     if comparison is not None:
         worst = float(comparison["nrmse"].max()) * 100
-        rows.append(
-            (
-                "nRMSE of displacement",
-                f"at most {worst:.3g} %",
-                "root mean square of measured minus fitted, over the range of the fit: frequency, damping and "
-                "mass of the plate come from the same recordings",
-            )
-        )
+        remark = "root mean square of measured minus fitted, over the range of the fit: frequency, damping and "
+        remark += "mass of the plate come from the same recordings"
+        rows.append(("nRMSE of displacement", f"at most {worst:.3g} %", remark))
     elif not context.failures:
         blocks.append(Notice("info", "There is no comparison with a model."))
     return Section("Summary", (KeyValues(rows), *blocks, *pages.failed_notice(context)))
@@ -171,17 +166,13 @@ def _motion(settings: PlateVibration, comparison: xr.Dataset) -> Section:
                 if drops.material_from is not None:
                     curves.append(_by_the_dma(drops.material, at))
                 curves.append(Series(f"{drops.material}, model", time, at["model"].values * _UM, role="model"))
-        charts.append(
-            LineChart(
-                f"Plate after a drop from {height * 1e3:g} mm",
-                "time since impact / ms",
-                "displacement, upwards / µm",
-                tuple(curves),
-                group="plate",
-                views=(("first ringing", -2.0, 20.0),),
-                height_px=260,
-            )
+        labels = (
+            f"Plate after a drop from {height * 1e3:g} mm",
+            "time since impact / ms",
+            "displacement, upwards / µm",
         )
+        first = (("first ringing", -2.0, 20.0),)
+        charts.append(LineChart(*labels, tuple(curves), group="plate", views=first, height_px=260))
     text = (
         "The charts show the mean of the repeats and the simulated drop on the fitted plate, the first of them under "
         "the verdict. Times are counted from "

@@ -200,36 +200,15 @@ def _ramps(
         if has_model:
             theirs, u = (compared[name].values[hold.rows][near] for name in ("simulated_force", "u_simulated_force"))
             series += pages.model_curves(since, theirs, u)
-        charts.append(
-            LineChart(
-                f"Force around the ramp, {label}",
-                "time since the ramp began / s",
-                "force / N",
-                tuple(series),
-                group=label,
-                height_px=240,
-                caption=_FILTERED if has_model and mach1_readings.declared_filter(load) else "",
-            )
-        )
+        labels = (f"Force around the ramp, {label}", "time since the ramp began / s", "force / N")
+        caption = _FILTERED if has_model and mach1_readings.declared_filter(load) else ""
+        charts.append(LineChart(*labels, tuple(series), group=label, height_px=240, caption=caption))
         position = load["position_z"].values[hold.rows][near]
         datum = touches[number] if np.isfinite(touches[number]) else hold.start
-        charts.append(
-            LineChart(
-                f"Indentation around the ramp, {label}",
-                "time since the ramp began / s",
-                "indentation / mm",
-                (
-                    Series(
-                        f"measured{', input of the model' * has_model}",
-                        since,
-                        (position - datum) * 1e3,
-                        role="measured",
-                    ),
-                ),
-                group=label,
-                height_px=150,
-            )
-        )
+        labels = (f"Indentation around the ramp, {label}", "time since the ramp began / s", "indentation / mm")
+        name = f"measured{', input of the model' * has_model}"
+        pressed = (Series(name, since, (position - datum) * 1e3, role="measured"),)
+        charts.append(LineChart(*labels, pressed, group=label, height_px=150))
     return Section("Ramp and peak", tuple(charts))
 
 
@@ -304,18 +283,10 @@ def _moduli(curves: Sequence[xr.Dataset], models: Sequence[xr.Dataset] | None, t
             Series("of the material", there["elapsed"].values, there["relaxation_modulus"].values * _MPA, role="model")
         )
     if series:
-        blocks.append(
-            LineChart(
-                "Relaxation modulus from the force",
-                "time / s",
-                "reduced modulus / MPa",
-                tuple(series),
-                x_scale="log",
-                height_px=280,
-                caption="For a linear material all curves coincide. They begin where ramp "
-                "and filter allow processes to be resolved.",
-            )
-        )
+        caption = "For a linear material all curves coincide. They begin where ramp and filter allow processes to be "
+        caption += "resolved."
+        labels = ("Relaxation modulus from the force", "time / s", "reduced modulus / MPa")
+        blocks.append(LineChart(*labels, tuple(series), x_scale="log", height_px=280, caption=caption))
     blocks.append(_modulus_table(tests))
     budgets = json.loads(curves[0].attrs["budgets"])
     blocks += budget_table(budgets[0], f"Budget of the reduced modulus at {_label(tests, 0)}", "Pa")

@@ -1,4 +1,4 @@
-"""The creeping contact simulated, and Hertz's steps."""
+"""Simulation of the creeping contact, and Hertz's radius under each load."""
 
 import json
 from pathlib import Path

@@ -111,16 +111,10 @@ def _radii(steps: xr.Dataset, approach: xr.Dataset, model: xr.Dataset | None, co
         series.append(Series("given radius", steps["end"].values[kept] * _MIN, radius, style="points", u=u))
     lines = [(f"load {i + 1}", float(t)) for i, t in enumerate(edges[:-1])]
     views = [(f"load {i + 1}", float(a), float(b)) for i, (a, b) in enumerate(pairwise(edges))]
-    chart = LineChart(
-        "Contact radius, a = √(R δ)",
-        "time / min",
-        "contact radius / µm",
-        tuple(series),
-        vlines=tuple(lines),
-        views=tuple(views),
-        height_px=340,
-        caption="Moving average over one minute, not across a load step.",
-    )
+    title, marks, ranges = "Contact radius, a = √(R δ)", tuple(lines), tuple(views)
+    caption = "Moving average over one minute, not across a load step."
+    shape = (title, "time / min", "contact radius / µm", tuple(series))
+    chart = LineChart(*shape, vlines=marks, views=ranges, height_px=340, caption=caption)
     return Section("Contact radius", (chart,))
 
 
@@ -140,15 +134,9 @@ def _creep(settings: StaticLoading, steps: xr.Dataset, approach: xr.Dataset, mod
         series.append(Series(f"{label}, measured", lag, mean, style="points", role="measured"))
         _, theirs, _, _ = binned(since, model["approach"].values[inside] / elastic, edges)
         series.append(Series(f"{label}, model", lag, theirs, role="model"))
-    chart = LineChart(
-        "Approach over that of Hertz",
-        "time since the load was applied / s",
-        "approach / approach by Hertz",
-        tuple(series),
-        x_scale="log",
-        height_px=320,
-        caption="Hertz with the relaxed modulus would be 1 at all times; readings next to a step are left out.",
-    )
+    caption = "Hertz with the relaxed modulus would be 1 at all times; readings next to a step are left out."
+    labels = ("Approach over that of Hertz", "time since the load was applied / s", "approach / approach by Hertz")
+    chart = LineChart(*labels, tuple(series), x_scale="log", height_px=320, caption=caption)
     return Section("Creep", (chart,))
 
 
@@ -183,13 +171,10 @@ def _loads(settings: StaticLoading, steps: xr.Dataset, approach: xr.Dataset, com
 
 
 def _touch(steps: xr.Dataset, model: xr.Dataset | None) -> Section:
+    misfit, noise = (f"{float(steps[name]) * _UM:.2f} µm" for name in ("scatter", "noise"))
     rows = [
         ("displacement at first touch", pages.told(steps, "touch"), steps.attrs["touch"]),
-        (
-            "misfit of the creep fit",
-            f"{float(steps['scatter']) * _UM:.2f} µm",
-            f"noise of a reading: {float(steps['noise']) * _UM:.2f} µm",
-        ),
+        ("misfit of the creep fit", misfit, f"noise of a reading: {noise}"),
     ]
     lag = steps["elapsed"].values
     series = [Series("from the record", lag, steps["compliance"].values * 1e9, role="measured")]

@@ -109,7 +109,7 @@ def test_a_mistake_is_named_with_its_line(tmp_path: Path, old: str, new: str, li
 
 def test_broken_toml_and_other_files_are_refused(tmp_path: Path) -> None:
     (tmp_path / "m.toml").write_text("a = [", "utf-8")
-    with pytest.raises(SourceError, match="no TOML"):
+    with pytest.raises(SourceError, match="not TOML"):
         load_file(tmp_path / "m.toml")
     (tmp_path / "n.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(SourceError, match="UTF-8"):

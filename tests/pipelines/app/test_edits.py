@@ -93,7 +93,7 @@ def test_recordings_are_split_off_and_merged_again() -> None:
         (lambda: edits.rename(TEXT, "a", " ", SETTINGS), "a name is needed"),
         (lambda: edits.rename('experiments.a.kind = "x"\n', "a", "b", SETTINGS), "by hand"),
         (lambda: edits.set_value(TEXT, ("labpipe", "x"), "1"), "no such table"),
-        (lambda: edits.set_value("= 3", ("x",), "1"), "is no TOML"),
+        (lambda: edits.set_value("= 3", ("x",), "1"), "is not TOML"),
     ],
 )
 def test_what_cannot_be_done_is_refused(change, words: str) -> None:
