@@ -24,7 +24,7 @@ from pipelines.cli import main
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.samples import drop_section, laser_record, session_head
-from tests.labpipe.report.conftest import CHROMIUM, Browser
+from tests.labpipe.report.conftest import Browser, opened
 
 MARK = "window.pwned=1"
 SHORT = f"<img src=x onerror={MARK}>"
@@ -156,11 +156,7 @@ def test_no_text_becomes_an_element_an_attribute_or_a_script(hostile: Path) -> N
 
 @pytest.fixture(scope="module")
 def window(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    if CHROMIUM is None:
-        pytest.skip("no Chromium on this machine; the reports are not looked at")
-    started = Browser(tmp_path_factory.mktemp("profile"))
-    yield started
-    started.close()
+    yield from opened(tmp_path_factory.mktemp("profile"))
 
 
 def test_no_text_is_run_by_a_browser(window: Browser, hostile: Path) -> None:

@@ -5,6 +5,8 @@ import warnings
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from labpipe.errors import LabpipeError
 from labpipe.judging import Judgement
 from labpipe.workflow.context import Context, Failed
@@ -12,6 +14,22 @@ from labpipe.workflow.context import Context, Failed
 _ROW = re.compile(r"^-?[0-9.]+\t-?[0-9.]+\t-?[0-9.]+$", re.MULTILINE)
 
 Row = tuple[float, float, float]
+
+_NOISE = np.random.default_rng(4)
+WRONG_COLUMNS: tuple[tuple[Callable[[float, float, float], Row], str], ...] = (
+    (lambda t, x, f: (t, f, x), "position and force are swapped"),
+    (lambda t, x, f: (t, x, -f), "the sign of the column of the force"),
+    (lambda t, x, f: (t, -x, f), "the sign of the column of the position"),
+    (lambda t, x, f: (1000 * t, x, f), "the column of the time is 1000 times too large: in ms"),
+    (lambda t, x, f: (2 * t, x, f), "the column of the time is 2 times too large"),
+    (lambda t, x, f: (t, 1000 * x, f), "the column of the position is 1000 times too large: in µm"),
+    (lambda t, x, f: (t, x, 101.97 * f), "the column of the force is in gf or mN"),
+    (lambda t, x, f: (t, x, 1000 * f), "the column of the force is in gf or mN"),
+    (lambda t, x, f: (t, x, max(f, -14.0)), "saturated"),
+    (lambda t, x, f: (t, x, -0.35), "the load cell was dead"),
+    (lambda t, x, f: (t, x, -0.35 + 0.01 * _NOISE.standard_normal()), "the load cell was dead"),
+)
+"""What makes the columns of time [s], position [mm] and force [N] wrong, and how it is told."""
 
 
 def columns(text: str, change: Callable[[float, float, float], Row]) -> str:

@@ -6,16 +6,12 @@ from pathlib import Path
 import pytest
 
 from pipelines.session import beside, compare
-from tests.labpipe.report.conftest import CHROMIUM, Browser, Charts
+from tests.labpipe.report.conftest import Browser, Charts, opened
 
 
 @pytest.fixture(scope="module")
 def window(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    if CHROMIUM is None:
-        pytest.skip("no Chromium on this machine; the reports are not looked at")
-    started = Browser(tmp_path_factory.mktemp("profile"))
-    yield started
-    started.close()
+    yield from opened(tmp_path_factory.mktemp("profile"))
 
 
 @pytest.mark.parametrize("page", ["index.html", "reports/drop.html", "reports/nbr.html"])

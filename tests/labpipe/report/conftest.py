@@ -200,6 +200,15 @@ class Browser:
         self._out.close()
 
 
+def opened(profile: Path) -> Iterator[Browser]:
+    """A browser for a fixture, closed after it."""
+    if CHROMIUM is None:
+        pytest.skip("no Chromium on this machine; the pages are not looked at")
+    started = Browser(profile)
+    yield started
+    started.close()
+
+
 class Charts:
     """The charts of the page that is open."""
 
@@ -259,10 +268,6 @@ def chart(browser: Browser) -> Charts:
 
 @pytest.fixture(scope="session")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    if CHROMIUM is None:
-        pytest.skip("no Chromium on this machine; the page is not looked at")
-    started = Browser(tmp_path_factory.mktemp("profile"))
-    yield started
-    started.close()
+    yield from opened(tmp_path_factory.mktemp("profile"))
     # The profile's helper processes end a moment after the browser.
     time.sleep(0.05)

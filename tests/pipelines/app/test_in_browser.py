@@ -15,18 +15,14 @@ from instruments.phantom._writer import Recording
 from pipelines.app import open_guide
 from pipelines.guide import pages
 from pipelines.session import open_session
-from tests.labpipe.report.conftest import CHROMIUM, Browser
+from tests.labpipe.report.conftest import Browser, opened
 from tests.pipelines.app.conftest import Page
 from tests.pipelines.app.test_measuring import ruler
 
 
 @pytest.fixture(scope="module")
 def window(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    if CHROMIUM is None:
-        pytest.skip("no Chromium on this machine; the page is not looked at")
-    started = Browser(tmp_path_factory.mktemp("profile"))
-    yield started
-    started.close()
+    yield from opened(tmp_path_factory.mktemp("profile"))
 
 
 class Person:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 import pytest
 
 from labpipe import files, materials
@@ -23,7 +22,7 @@ from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.relaxations import TESTER
 from pipelines.rig.session_text import cell_record, session_head
 from pipelines.session import opened
-from tests.pipelines.mach1_mistakes import Row, Steps, columns, line_of, said
+from tests.pipelines.mach1_mistakes import WRONG_COLUMNS, Row, Steps, columns, line_of, said
 
 START = datetime(2024, 5, 14, 9, 30)
 RECORD = "calibration/load_cell.toml"
@@ -104,25 +103,7 @@ def test_an_amplitude_near_the_mean_depth_is_no_mistake(
     assert judged.believable == "yes", said(judged)
 
 
-NOISE = np.random.default_rng(4)
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda t, x, f: (t, f, x), "position and force are swapped"),
-        (lambda t, x, f: (t, x, -f), "the sign of the column of the force"),
-        (lambda t, x, f: (t, -x, f), "the sign of the column of the position"),
-        (lambda t, x, f: (1000 * t, x, f), "the column of the time is 1000 times too large: in ms"),
-        (lambda t, x, f: (2 * t, x, f), "the column of the time is 2 times too large"),
-        (lambda t, x, f: (t, 1000 * x, f), "the column of the position is 1000 times too large: in µm"),
-        (lambda t, x, f: (t, x, 101.97 * f), "the column of the force is in gf or mN"),
-        (lambda t, x, f: (t, x, 1000 * f), "the column of the force is in gf or mN"),
-        (lambda t, x, f: (t, x, max(f, -14.0)), "saturated"),
-        (lambda t, x, f: (t, x, -0.35), "the load cell was dead"),
-        (lambda t, x, f: (t, x, -0.35 + 0.01 * NOISE.standard_normal()), "the load cell was dead"),
-    ],
-)
+@pytest.mark.parametrize(("change", "words"), WRONG_COLUMNS)
 def test_a_wrong_column_is_told(
     change: Callable[[float, float, float], Row], words: str, judge: Callable[..., Judgement], text: str
 ) -> None:
