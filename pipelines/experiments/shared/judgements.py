@@ -597,7 +597,7 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
         )
     model = result.attrs["model"]
     worst = max(known, key=lambda r: abs(r.deviation or 0.0), default=None)
-    shown = "" if worst is None else f" Largest of {_many(known, 'deviation')}: {_compared(worst)}."
+    shown = "" if worst is None else f" Largest of {_many(known, 'deviation')}: {_compared(worst, known)}."
     believable = "The record is believable" if made else "Whether the record is believable is not known"
     if model == "agrees":
         return "ok", f"{believable}, and the {by} agrees with it; {checks}.{shown}"
@@ -651,12 +651,15 @@ def _many(found: Sequence[object], noun: str) -> str:
     return f"{len(found)} {noun}{'s' * (len(found) != 1)}"
 
 
-def _compared(row: Row) -> str:
+def _compared(row: Row, among: Sequence[Row]) -> str:
     measured, model = (
         value_with_uncertainty(value or 0.0, u, row.unit) if u else _as_exact(value or 0.0, row)
         for value, u in ((row.measured, row.u_measured), (row.model, row.u_model))
     )
-    return f"{row.quantity}: {measured} measured, {model} expected (difference {abs(row.deviation or 0.0):.1f}{_TIED}u)"
+    where = ", ".join(part for part in (row.material, row.condition) if part)
+    is_one_of_many = sum(other.quantity == row.quantity for other in among) > 1
+    which = f"{row.quantity} ({where})" if where and is_one_of_many else row.quantity
+    return f"{which}: {measured} measured, {model} expected (difference {abs(row.deviation or 0.0):.1f}{_TIED}u)"
 
 
 def _as_exact(value: float, row: Row) -> str:

@@ -84,7 +84,7 @@ def test_a_clean_test_is_believed_and_its_stiffness_confirms_the_model(processed
     assert float(made["detectable"].sel(input="modulus of the rubber")) < 0.1
     page = (processed_session / "labpipe/reports/nbr.html").read_text("utf-8")
     assert "The record is believable, and the model agrees with it; " in page
-    assert re.search(r"Largest of \d+ deviations: [\w ,]+: \S+", page)
+    assert re.search(r"Largest of \d+ deviations: [\w ]+ \([\d.]+ Hz\): \S+", page)
     assert "Errors that would have shown: " in page
 
 
