@@ -20,7 +20,7 @@ from labpipe.report._blocks import (
 )
 from labpipe.report._budget import budget_table, difference_unit, share_bars, shown_source
 from labpipe.report._charts import Band, LineChart, ScatterChart, Series
-from labpipe.report._document import MAX_PAGE_BYTES, SURE, Document
+from labpipe.report._document import MAX_PAGE_BYTES, SURE, Document, amended
 from labpipe.report._embedded import Report
 from labpipe.report._index import IndexRow, IndexTable
 from labpipe.report._media import Level
@@ -68,6 +68,7 @@ __all__ = [
     "Section",
     "Series",
     "Table",
+    "amended",
     "budget_table",
     "difference_unit",
     "display_unit",

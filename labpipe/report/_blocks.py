@@ -91,10 +91,13 @@ class Notice:
         How grave it is; it is written out as a word too, not only as a colour.
     text : str
         The message; line ends are kept.
+    anchor : str
+        Name by which :func:`labpipe.report.amended` finds it in the finished page.
     """
 
     level: Level
     text: str
+    anchor: str = ""
 
     def __post_init__(self) -> None:
         """Refuse an unknown level."""

@@ -216,7 +216,41 @@ def _key_values(block: KeyValues) -> _Description:
 
 def _notice(block: Notice) -> _Description:
     word = _NOTICE_WORDS[block.level]
-    return "notice", {"level": block.level, "word": word, "text": block.text}
+    return "notice", {"level": block.level, "word": word, "text": block.text, "anchor": block.anchor}
+
+
+def amended(page: str, anchor: str, notices: Iterable[Notice], *, aside: str = "") -> str:
+    """Add notices to a finished page, beside the one that has an anchor.
+
+    Parameters
+    ----------
+    page : str
+    anchor : str
+    notices : iterable of Notice
+        They follow it.
+    aside : str
+        Where it is given, they come before it instead, and it becomes a remark that begins with these words.
+
+    Examples
+    --------
+    >>> page = Document("A", sections=(Section("B", (Notice("ok", "fine", "verdict"),)),)).render()
+    >>> told = amended(page, "verdict", [Notice("error", "broken")], aside="By itself: ")
+    >>> told.index("broken") < told.index("By itself: fine")
+    True
+    """
+    from markupsafe import Markup, escape
+
+    added = "\n".join(_block(notice, iter(())) for notice in notices)
+
+    def beside(found: re.Match[str]) -> str:
+        if not aside:
+            return f"{found[0]}\n{added}"
+        text = escape(aside) + Markup(found[1])  # noqa: S704 - out of a page of the kit, escaped there
+        _, values = _notice(Notice("info", "", anchor))
+        return f"{added}\n{_markup('notice', **values | {'text': text})}"
+
+    pattern = rf'<div class="notice notice-\w+" id="{re.escape(anchor)}".*?<span class="notice-text">(.*?)</span></div>'
+    return re.sub(pattern, beside, page, count=1, flags=re.DOTALL)
 
 
 def _picture(block: Picture) -> _Description:

@@ -220,7 +220,10 @@ def _state(session: Session, store: Store, task: Task, key: Key) -> str:
             published = store.index.digest(session.folder / page_name(task.id.experiment))
         except SourceError:
             return "unpublished"
-        return "stored" if record is not None and record.digest == published else "unpublished"
+        if record is not None and record.digest == published:
+            return "stored"
+        amended = store.amended().get(task.id.experiment, {})
+        return "stored" if (amended.get("key"), amended.get("digest")) == (key.value, published) else "unpublished"
     return state
 
 

@@ -10,6 +10,7 @@
     SESSION/labpipe/store/code.json        the code behind every stage, while it is unchanged
     SESSION/labpipe/store/verdicts.json    what all judgements came to, with the digest of all that it comes from
     SESSION/labpipe/store/verdicts-of-failures.json    the same of experiments that failed
+    SESSION/labpipe/store/amended.json     pages to which the session as a whole added something
 """
 
 import contextlib
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 FORMAT = 1
 """Version of the records; one of another version is set aside and its result made again."""
 
+AMENDED = "amended.json"
 _ENDINGS = {"dataset": ".nc", "page": ".html"}
 _KEY = re.compile(r"[0-9a-f]{64}")
 
@@ -150,6 +152,13 @@ class Store:
             f"{self.root / 'quarantine'}; run again to make it again"
         )
         raise StoreError(message)
+
+    def amended(self) -> dict[str, dict[str, Any]]:
+        """Return by experiment what was added to its page, with the page's key and its digest since."""
+        try:
+            return files.unseal((self.root / AMENDED).read_bytes()) or {}
+        except OSError:
+            return {}
 
     # --- writing ---
 

@@ -47,17 +47,17 @@ def _processed(folder: Path) -> int:
     from labpipe.workflow.engines import processors
     from pipelines.app._outlook import shortened
     from pipelines.experiments import JUDGEMENT
-    from pipelines.session import process, verdict_on
+    from pipelines.session import process, verdict_on, verdicts_of
 
     def progress(event: "Event") -> None:
         task, so_far = event.task, {"done": event.done, "total": event.total, "message": event.message}
         _tell(kind=event.kind, experiment=task.experiment, stage=task.stage, recording=task.recording, **so_far)
         if event.task.stage == JUDGEMENT and event.kind in ("done", "cached", "kept"):
-            _tell(**_judged(verdict_on(folder, event.task.experiment)))
+            _tell(**_judged(verdict_on(folder, event.task.experiment, is_running=True)))
 
     outcome = process(folder, jobs=max(1, min(processors(), 4)), progress=progress)
-    for name in dict.fromkeys(failed.experiment for failed in outcome.failures):
-        _tell(**_judged(verdict_on(folder, name)))
+    for one in verdicts_of(outcome).experiments:  # those that failed, and what the session as a whole tells
+        _tell(**_judged(one))
     for name, lines in outcome.session.waiting.items():
         _tell(kind="waiting", experiment=name, message="\n".join(shortened(name, lines)))
     _tell(kind="finished", message=outcome.summary, reports=sorted(outcome.reports))

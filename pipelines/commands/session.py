@@ -287,8 +287,9 @@ def summarise(outcome: "RunResult | LabpipeError", judged: "Verdicts | None" = N
         told = "; ".join(grave[:_TOLD]) + more
         model = f", model: {one.model}" if one.model != "none" else ""
         echo(f"{one.experiment}: believable: {one.believable}{model}{told and f' ({told})'}")
-        for cause in (one.causes if told else one.suspects)[:1]:  # what a note hints at stands on the page
-            echo(f"  likely: {cause}")
+        # what a note hints at stands on the page
+        if likely := one.cause if told else next(iter(one.suspects), ""):
+            echo(f"  likely: {likely}")
     for note in () if judged is None else judged.notes:
         echo(f"note: {note.message}: {note.cause}")
     _show_waiting(outcome.session.waiting)

@@ -401,7 +401,7 @@ class _Entry:
             return
         told = "; ".join(f"{f.level}: {f.message} ({_place(f)})" if f.file else f"{f.level}: {f.message}"
                          for f in verdict.findings)  # fmt: skip
-        cause = verdict.causes[0] if verdict.causes else next((f.cause for f in verdict.findings if f.cause), "")
+        cause = verdict.cause or next((f.cause for f in verdict.findings if f.cause), "")
         values = (verdict.believable, verdict.model, verdict.checks, told, cause)
         self.cells |= dict(zip(_JUDGED, values, strict=True))
 

@@ -24,6 +24,7 @@ from pipelines.session._overview import COMPARISON_PAGE, write_overview
 from pipelines.session._processing import process
 from pipelines.session._results import derive, needed, opened
 from pipelines.session._together import write_materials
+from pipelines.session._verdicts import stored_verdicts
 
 if TYPE_CHECKING:
     from labpipe.workflow.runner import Event
@@ -93,7 +94,13 @@ def compare(
         rows += [replace(row, kept=kept) for row in own]
         if not own:
             absent[name] = "it has no model: session.toml names nothing to simulate"
-    whole = [{"experiment": name, **compared(results.result(name, JUDGEMENT))} for name in judged if name not in failed]
+    verdicts = stored_verdicts(results)
+    whole = [
+        {"believable": verdicts[name].believable, "cause": verdicts[name].cause, "experiment": name}
+        | compared(results.result(name, JUDGEMENT))
+        for name in judged
+        if name not in failed
+    ]
     found = Comparison(tuple(rows), failed, absent, session.folder / COMPARISON_PAGE, tuple(whole))
     files.write_text(found.page, render(session, found, write_materials(results, found)))
     write_overview(session, STAGES)

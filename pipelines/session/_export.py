@@ -18,7 +18,7 @@ from labpipe.workflow import session as sessions
 from labpipe.workflow.plan import READY
 from labpipe.workflow.plan import plan as make_plan
 from labpipe.workflow.results import Results
-from pipelines.experiments import JUDGEMENT
+from pipelines.session._verdicts import Verdict, told_verdicts
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -140,6 +140,7 @@ def export_results(results: Results, stages: Iterable[str], experiments: Iterabl
         )
         raise InputError(message)
     paths: list[Path] = []
+    verdicts = told_verdicts(results.folder)
     for row in ready:
         dataset = results.result(*row.task)
         remarks = {"experiment": row.experiment, "stage": row.stage}
@@ -149,12 +150,12 @@ def export_results(results: Results, stages: Iterable[str], experiments: Iterabl
             remarks["synthetic"] = "yes: made by a virtual rig, not measured"
         remarks["provenance"] = str(dataset.attrs.get("provenance", ""))
         if target.format == "nc":
-            dataset = dataset.assign(quality_flag=_flag(results, row.experiment))
+            dataset = dataset.assign(quality_flag=_flag(verdicts.get(row.experiment)))
         paths += target.write(_name(row), dataset, remarks)
     return Exported(tuple(paths), left_out)
 
 
-def _flag(results: Results, experiment: str) -> xr.Variable:
+def _flag(verdict: Verdict | None) -> xr.Variable:
     """Return the verdict on an experiment as a flag of the CF conventions, with QARTOD's numbers.
 
     Unknown where the experiment was not judged, or not with what is there now.
@@ -164,9 +165,7 @@ def _flag(results: Results, experiment: str) -> xr.Variable:
 
     from labpipe.judging import FLAGS
 
-    judged = (r for r in results.plan.rows if (r.experiment, r.stage) == (experiment, JUDGEMENT) and r.state in READY)
-    row = next(judged, None)
-    word = "unknown" if row is None else str(results.result(*row.task).attrs["believable"])
+    word = "unknown" if verdict is None else verdict.believable
     attrs = {
         "long_name": "whether the record can be believed",
         "standard_name": "quality_flag",

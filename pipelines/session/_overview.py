@@ -15,13 +15,14 @@ from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import Stages, spell_out
 from pipelines import experiments
 from pipelines.experiments import Kind
+from pipelines.session._amended_pages import amend_pages
 from pipelines.session._unused import unused_files
+from pipelines.session._verdicts import Verdict, stored_verdicts
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from labpipe.report import Block, Column, IndexRow, IndexTable, LineChart, Link, Notice, ScatterChart
-    from pipelines.session._verdicts import Verdict
 
 PAGE = "index.html"
 """Below ``SESSION/labpipe``; an experiment cannot have a page of that name there."""
@@ -69,39 +70,37 @@ def write_overview(session: Session, stages: Stages, plan: Plan | None = None) -
     if plan is None:
         tasks = spell_out(session, stages)
         plan = make_plan(session, tasks, frozenset(tasks), store, keep=None)
+    results = Results(plan)
+    verdicts = stored_verdicts(results)
+    amend_pages(results, verdicts)
     path = session.folder / PAGE
     code = store.code.behind(f"{__name__}:{_page.__name__}")
     store.code.save()  # following the imports of a page takes longer than all else that an unchanged session needs
     notes = [f"{f.message}: {f.cause}" for f in unused_files(session)]
-    mark = f"<!-- {_state_digest(plan, code, notes)} -->\n"
+    told = [verdict.document() for verdict in verdicts.values()]
+    mark = f"<!-- {_state_digest(plan, code, [notes, told])} -->\n"
     if not (path.is_file() and path.read_text("utf-8").endswith(mark)):
-        files.write_text(path, _page(Results(plan), notes) + mark)
+        files.write_text(path, _page(results, verdicts, notes) + mark)
     return path
 
 
-def _state_digest(plan: Plan, code: Identity, notes: Sequence[str]) -> str:
+def _state_digest(plan: Plan, code: Identity, told: Sequence[Any]) -> str:
     """Digest of all that the page depends on."""
     session = plan.session
     pages = {row.experiment: (session.folder / page_name(row.experiment)).is_file() for row in plan.rows}
     keys = {row.task: plan.keys[row.task].value for row in plan.rows}
     rows = [[r.experiment, r.stage, r.recording, r.state, keys[r.task], pages[r.experiment]] for r in plan.rows]
-    from pipelines.session._verdicts import FAILED_VERDICTS
-
-    failed = Store(session.folder).root / FAILED_VERDICTS
-    rows.append([files.digest(failed) if failed.is_file() else None])
     together = [(session.folder / COMPARISON_PAGE).is_file(), pages_together(session.folder)]
-    head = [code, session.title, session.operator, session.notes, session.synthetic, together, session.waiting, notes]
+    head = [code, session.title, session.operator, session.notes, session.synthetic, together, session.waiting, told]
     return hashlib.sha256(files.canonical([head, rows]).encode("utf-8", "replace")).hexdigest()
 
 
-def _page(results: Results, notes: Sequence[str]) -> str:
+def _page(results: Results, verdicts: Mapping[str, Verdict], notes: Sequence[str]) -> str:
     from labpipe.report import Document, IndexTable, Notice, Paragraph, Section
     from pipelines.session._verdict_notices import as_sentence
-    from pipelines.session._verdicts import stored_verdicts
 
     session = results.plan.session
     sort, error = _SORT, _ERROR  # each is said once
-    verdicts = stored_verdicts(results)
     unfinished = {row.experiment for row in results.plan.rows if row.state not in READY}
     sections, done = [], 0
     told = (Notice("info", as_sentence(note)) for note in notes)
@@ -130,7 +129,7 @@ def _page(results: Results, notes: Sequence[str]) -> str:
     ).render()
 
 
-def _answer(session: Session, verdicts: "Mapping[str, Verdict]") -> "Iterator[Notice]":
+def _answer(session: Session, verdicts: Mapping[str, Verdict]) -> "Iterator[Notice]":
     """Say what the session came to, and of what cannot be believed or differs each with its reason.
 
     Those on which others rest come first.
@@ -263,7 +262,7 @@ def _warnings(plan: Plan, name: str) -> int:
 
 
 def _row(
-    results: Results, name: str, cells: Sequence[Any], picture: bytes | None, verdict: "Verdict | None", heading: str
+    results: Results, name: str, cells: Sequence[Any], picture: bytes | None, verdict: Verdict | None, heading: str
 ) -> "IndexRow":
     from labpipe.report import IndexRow
 

@@ -15,16 +15,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from labpipe.errors import LabpipeError
-from labpipe.judging import from_json
 from labpipe.report import display_unit, number, plus_minus
 from labpipe.workflow.plan import READY
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment
-from pipelines.experiments import JUDGEMENT, KINDS
+from pipelines.experiments import KINDS
 from pipelines.experiments.shared.comparison_rows import Row, row
 from pipelines.session._comparison import labelled
 from pipelines.session._export_formats import one_line, text_cell
 from pipelines.session._results import derive
+from pipelines.session._verdicts import told_verdicts
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -109,22 +109,17 @@ def lines(results: Results, experiments: Iterable[str] = ()) -> list[Line]:
         Only these; empty for all.
     """
     wanted = set(experiments) or set(results.experiments)
-    session = results.plan.session
+    session, verdicts = results.plan.session, told_verdicts(results.folder)
     found = []
     for name, experiment in results.experiments.items():
         if name not in wanted:
             continue
-        judged = _dataset(results, name, JUDGEMENT)
-        verdict = ("", "") if judged is None else _verdict(judged)
+        verdict = (verdicts[name].believable, verdicts[name].model) if name in verdicts else ("", "")
         rows = [labelled(r, experiment, session) for r in _compared(results, experiment)]
         known = {r.measured for r in rows}  # a key number may be what is compared
         rows += [labelled(r, experiment, session) for r in _key_numbers(results, experiment) if r.measured not in known]
         found += [Line(r, *verdict) for r in rows]
     return found
-
-
-def _verdict(judged: xr.Dataset) -> tuple[str, str]:
-    return from_json(judged.attrs["judgement"]).believable, str(judged.attrs["model"])
 
 
 def _compared(results: Results, experiment: Experiment) -> list[Row]:

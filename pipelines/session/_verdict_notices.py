@@ -11,7 +11,7 @@ from pipelines.experiments.shared.judgements import capitalised
 if TYPE_CHECKING:
     from pipelines.session._verdicts import Verdict
 
-_LEVELS: dict[str, Level] = {"yes": "ok", "doubtful": "warning", "impossible": "error"}
+LEVELS: dict[str, Level] = {"yes": "ok", "doubtful": "warning", "impossible": "error"}
 _WORDS = {"yes": "the record is believable", "unknown": "whether the record is believable is not known"}
 _NAMED = 5  # more experiments than these are not read in a sentence
 
@@ -77,13 +77,14 @@ def each(names: Iterable[str], verdicts: Mapping[str, Verdict], against: Mapping
         said = _WORDS.get(one.believable, f"the record is {one.believable}")
         model = {"none": "", "undecided": "; whether the model agrees is undecided"}
         said += model.get(one.model, f"; the {against.get(name, 'model')} {one.model}")
-        level = _LEVELS.get(one.believable, "info")
+        level = LEVELS.get(one.believable, "info")
         if level == "ok":
             level = {"differs": "warning", "undecided": "info"}.get(one.model, level)  # type: ignore[assignment]
         grave = [finding for finding in one.findings if finding.level == one.believable]
         reason = f" {as_sentence(grave[0].message)}" if grave else ""
-        likely = one.causes if grave else one.suspects  # a model may differ because the record is wrong
-        causes = f" Likely: {likely[0].rstrip('.')}." if likely else ""
+        # a model may differ because the record is wrong
+        likely = one.cause if grave else next(iter(one.suspects), "")
+        causes = f" Likely: {likely.rstrip('.')}." if likely else ""
         yield Notice(level, f"{name}: {said}.{reason}{causes}")
 
 

@@ -63,6 +63,8 @@ class Verdict:
         What would explain a model that differs, or why it cannot be held against the record.
     stiffness : float or None
         How many times the stated modulus of its material would explain what differs; None where none would.
+    n_of_session : int
+        How many of the findings, the last ones, the session as a whole tells.
     """
 
     experiment: str
@@ -75,6 +77,24 @@ class Verdict:
     causes: tuple[str, ...] = ()
     suspects: tuple[str, ...] = ()
     stiffness: float | None = None
+    n_of_session: int = 0
+
+    @property
+    def of_session(self) -> tuple[Finding, ...]:
+        """The findings that the session as a whole tells."""
+        return self.findings[len(self.findings) - self.n_of_session :]
+
+    @property
+    def cause(self) -> str:
+        """What most likely is wrong with the record; empty where it is believable, or nothing is known."""
+        grave = [finding for finding in self.findings if finding.level == self.believable]
+        return grave[0].cause or next(iter(self.causes), "") if grave else ""
+
+    @property
+    def is_by_session(self) -> bool:
+        """Whether only what the session as a whole tells speaks against the record."""
+        own = self.findings[: len(self.findings) - self.n_of_session]
+        return self.believable != "yes" and not any(f.level == self.believable for f in own)
 
     @classmethod
     def of(cls, kept: Mapping[str, Any]) -> Verdict:
@@ -89,8 +109,8 @@ class Verdict:
         """Return the verdict for JSON."""
         texts = {"causes": list(self.causes), "suspects": list(self.suspects)}
         made = asdict(self) | {"findings": _documents(self.findings)} | texts
-        del made["stiffness"]  # what the session as a whole tells of it is a finding
-        return made
+        # what the session as a whole tells is a finding like the others
+        return {name: value for name, value in made.items() if name not in ("stiffness", "n_of_session")}
 
     def __getitem__(self, name: str) -> Any:
         """Return a field as it stands in the JSON of ``process``, so that one code reads both."""
@@ -245,7 +265,12 @@ def _mark(plan: Plan, rows: Iterable[Row], store: Store) -> str:
     return key_of({"verdicts": [code, settings, library_names(), named, judgements]})
 
 
-def verdict_on(folder: str | Path, experiment: str) -> Verdict:
+def told_verdicts(folder: str | Path) -> dict[str, Verdict]:
+    """Return the verdicts on all experiments of a session that are up to date, as every outlet tells them."""
+    return stored_verdicts(opened(folder))
+
+
+def verdict_on(folder: str | Path, experiment: str, *, is_running: bool = False) -> Verdict:
     """Return the verdict on one experiment by what is stored; nothing is processed.
 
     Parameters
@@ -254,14 +279,15 @@ def verdict_on(folder: str | Path, experiment: str) -> Verdict:
         The session folder.
     experiment : str
         Its name.
+    is_running : bool
+        The others are being processed: what is found by comparing with them comes later.
     """
+    known = {} if is_running else told_verdicts(folder)
+    if experiment in known:
+        return known[experiment]
     session = reopen_session(folder)
-    results = opened(session.root, [experiment])
-    if any(row.experiment == experiment and row.state not in READY for row in results.plan.rows):
-        kept = _of_failures(opened(session.root).plan)
-        if experiment in kept:
-            return kept[experiment]
-    return _one(session, results, session.experiments[experiment], ())
+    one = _one(session, opened(session.root, [experiment]), session.experiments[experiment], ())
+    return _with_session(session, [one])[0]
 
 
 def _one(session: Session, results: Results, experiment: Experiment, failures: Iterable[Failed]) -> Verdict:
@@ -373,4 +399,4 @@ def _added(verdict: Verdict, more: Iterable[Finding]) -> Verdict:
     believable = verdict.believable
     if any(f.level == "doubtful" for f in extra):
         believable = worse.get(believable, believable)
-    return replace(verdict, believable=believable, findings=(*verdict.findings, *extra))
+    return replace(verdict, believable=believable, findings=(*verdict.findings, *extra), n_of_session=len(extra))

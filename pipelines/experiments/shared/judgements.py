@@ -53,6 +53,8 @@ from labpipe.workflow.fields import REFERENCE
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.material_choice import is_of_spectrum
 
+VERDICT = "verdict"
+"""Anchor of the sentence on a page that tells its verdict."""
 _LARGE, _VAGUE = 0.2, 0.05
 """Of a stated value, beyond which its uncertainty is doubtful, and beyond which it hides a slip of typing."""
 MATTERS = 0.2
@@ -693,7 +695,7 @@ def verdict_blocks(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> tuple
         return ()
     judged = believed(result)
     level, text = sentence(result, rows)
-    blocks: list[Block] = [Notice(level, text)]  # type: ignore[arg-type]
+    blocks: list[Block] = [Notice(level, text, VERDICT)]  # type: ignore[arg-type]
     if len(judged.findings) > 1:
         blocks.append(Details(f"All {len(judged.findings)} findings", blocks=(_found(judged),)))
     elif judged.findings and judged.findings[0].level == "note":  # the sentence tells no note
@@ -807,7 +809,6 @@ def compared(result: xr.Dataset) -> dict[str, Any]:
     """Return what the comparison of one experiment came to, for JSON."""
     units = json.loads(result.attrs["units"])
     errors = result["detectable_error"].values
-    judged = believed(result)
     names = [str(name) for name in result["input"].values]
     return {
         "model": str(result.attrs["model"]),
@@ -815,8 +816,6 @@ def compared(result: xr.Dataset) -> dict[str, Any]:
         "degrees_of_freedom": int(result["degrees_of_freedom"]),
         "p": _finite(result["p"]),
         "suspects": suspected(result),
-        "believable": judged.believable,
-        "cause": _likeliest(judged) if judged.believable in ("doubtful", "impossible") else "",
         "detectable": {
             name: {"value": float(error) if np.isfinite(error) else None, "unit": _of_error(unit)}
             for name, error, unit in zip(names, errors, units, strict=True)

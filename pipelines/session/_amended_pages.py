@@ -1,0 +1,79 @@
+"""What the session as a whole tells of an experiment, on that experiment's page too.
+
+A page is a result of its experiment and knows no other. What is found beyond it is added where the
+page is shown, so that it says what the command, the index, the catalogue and JSON say; the stored
+page stays as it is, and comes back when the finding goes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from labpipe import files
+from labpipe.workflow.plan import READY, page_name
+from labpipe.workflow.results import Results
+from labpipe.workflow.store import AMENDED, Store
+
+if TYPE_CHECKING:
+    from pipelines.session._verdicts import Verdict
+
+_BY_ITSELF = "By what it records alone: "
+
+
+def amend_pages(results: Results, verdicts: Mapping[str, Verdict]) -> None:
+    """Let the pages of all experiments say what their verdicts say.
+
+    Parameters
+    ----------
+    results : Results
+        Of the whole session.
+    verdicts : mapping of str to Verdict
+        Those that are up to date.
+    """
+    store = Store(results.plan.session.folder)
+    known = store.amended()
+    if not known and not any(one.of_session for one in verdicts.values()):
+        return
+    code = store.code.behind(f"{__name__}:{_amended.__name__}").digest
+    kept = {name: entry for name, entry in known.items() if name not in verdicts and name in results.experiments}
+    for name, one in verdicts.items():
+        path = store.folder / page_name(name)
+        if not path.is_file() or not (one.of_session or name in known):
+            continue
+        key, before = _key(results, name), known.get(name, {})
+        told = [[f.level, f.message, f.cause, f.file, f.line] for f in one.of_session]
+        mark = [key, code, told]
+        if before.get("mark") != mark or before["digest"] != store.index.digest(path):
+            page = path.read_text("utf-8") if key is None else str(store.read(key))
+            files.write_text(path, _amended(page, one))
+            before = {"key": key, "mark": mark, "digest": files.digest(path)}
+        if told:
+            kept[name] = before
+    if kept != known:
+        files.write_bytes(store.root / AMENDED, files.seal(kept))
+
+
+def _key(results: Results, name: str) -> str | None:
+    """Return the key of a page that is a result; that of an experiment that failed is made again in every run."""
+    plan = results.plan
+    rows = (r for r in plan.rows if r.experiment == name and plan.tasks[r.task].stage.output == "page")
+    row = next((r for r in rows if r.state in READY), None)
+    return None if row is None else plan.keys[row.task].value
+
+
+def _amended(page: str, one: Verdict) -> str:
+    from labpipe.report import Notice, amended
+    from pipelines.experiments.shared.judgements import VERDICT, capitalised
+    from pipelines.session._verdict_notices import LEVELS, as_sentence
+
+    if not one.of_session:
+        return page
+    notices = []
+    for found in one.of_session:
+        level: Any = LEVELS.get(found.level, "info")
+        where = ":".join(str(part) for part in (found.file, found.line) if part)
+        place = f" ({where})" if where else ""
+        cause = f" {as_sentence(found.cause)}" if found.cause else ""
+        notices.append(Notice(level, f"{capitalised(found.level)}: {found.message.rstrip('.')}{place}.{cause}"))
+    return amended(page, VERDICT, notices, aside=_BY_ITSELF if one.is_by_session else "")
