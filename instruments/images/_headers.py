@@ -1,7 +1,8 @@
 """Headers of image files, checked before decoding.
 
 A few bytes can declare an image of any size; sizes are therefore checked against limits and
-against the file first. Only what the films of a laboratory need is accepted: grey PNG and TIFF.
+against the file first. Only what the films of a laboratory need is accepted: PNG and TIFF of 8 or
+16 bits. Whether three colours say the same, as of a grey camera, only their pixels tell.
 """
 
 import os
@@ -16,6 +17,8 @@ MOST_PIXELS = 1 << 26  # of one image: four times the largest camera
 MOST_PAGES = 1 << 20  # of one TIFF
 _PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_END = b"\x00\x00\x00\x00IEND\xaeB`\x82"
+_PNG_COLOURS = (0, 2, 3, 4, 6)
+_RGB, _PALETTE = 2, 3  # interpretations of a TIFF's samples
 _TIFF_SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 16: 8, 13: 4}
 _WIDTH, _LENGTH, _BITS, _PHOTOMETRIC, _OFFSETS, _SAMPLES, _COUNTS = (256, 257, 258, 262, 273, 277, 279)
 _TILE_OFFSETS, _TILE_COUNTS = 324, 325
@@ -23,12 +26,16 @@ _WANTED = (_WIDTH, _LENGTH, _BITS, _PHOTOMETRIC, _OFFSETS, _SAMPLES, _COUNTS, _T
 
 
 class ImageHeader(NamedTuple):
-    """Size and depth of one image; ``fault`` says why it cannot be decoded completely, or ""."""
+    """Size and depth of one image; ``fault`` says why it cannot be decoded completely, or "".
+
+    What is not grey by its header has three colours, which may be alike.
+    """
 
     rows: int
     columns: int
     bits: int
     fault: str = ""
+    is_grey: bool = True
 
 
 class CutOffError(SourceError):
@@ -53,7 +60,7 @@ def read_headers(path: Path) -> list[ImageHeader]:
     CutOffError
         The file ends within its first header.
     SourceError
-        The file is neither, is colour, or declares what it cannot hold.
+        The file is neither, or declares what it cannot hold.
     """
     try:
         with path.open("rb") as stream:
@@ -78,16 +85,11 @@ def _png(path: Path, head: bytes, tail: bytes) -> ImageHeader:
     if len(head) < 33 or head[12:16] != b"IHDR":
         raise CutOffError(path, "the PNG ends within its header", hint="Copy it from the camera again.")
     columns, rows, bits, colour = struct.unpack(">IIBB", head[16:26])
-    if colour != 0:
-        raise SourceError(
-            path,
-            f"the PNG is of colour type {colour}, expected 0 (grey)",
-            offset=25,
-            hint="A colour image has no single intensity; export the film as grey.",
-        )
+    if colour not in _PNG_COLOURS:
+        raise SourceError(path, f"the PNG is of colour type {colour}; known are 0, 2, 3, 4, 6", offset=25)
     _check_size(path, rows, columns, bits)
     fault = "" if tail == _PNG_END else "the PNG is cut off: its end mark is missing"
-    return ImageHeader(rows, columns, bits, fault)
+    return ImageHeader(rows, columns, bits, fault, colour == 0)
 
 
 def png_fault(path: Path) -> str:
@@ -118,7 +120,9 @@ def _check_size(path: Path, rows: int, columns: int, bits: int) -> None:
             hint="A film of this project is far smaller: the header is damaged.",
         )
     if bits not in (8, 16):
-        raise SourceError(path, f"holds {bits} bits per pixel; expected 8 or 16")
+        raise SourceError(
+            path, f"holds {bits} bits per pixel; expected 8 or 16", hint="Export the film as grey images of 16 bits."
+        )
 
 
 def _tiff(path: Path, data: bytes | None) -> list[ImageHeader]:
@@ -203,10 +207,12 @@ class _Tiff:
     def _header(self, tags: dict[int, list[int]], at: int) -> ImageHeader:
         rows, columns = (tags.get(tag, [0])[0] for tag in (_LENGTH, _WIDTH))
         bits, samples = tags.get(_BITS, [1])[0], tags.get(_SAMPLES, [1])[0]
-        if samples != 1 or tags.get(_PHOTOMETRIC, [1])[0] not in (0, 1):
+        meaning = tags.get(_PHOTOMETRIC, [1])[0]
+        if not (samples == 1 and meaning in (0, 1)) and not (samples in (3, 4) and meaning == _RGB):
+            held = "a palette" if meaning == _PALETTE else f"{samples} samples per pixel of interpretation {meaning}"
             raise SourceError(
                 self.path,
-                f"a page has {samples} samples per pixel or a palette; expected grey",
+                f"a page has {held}; expected grey, or red, green and blue",
                 offset=at,
                 hint="A colour image has no single intensity; export the film as grey.",
             )
@@ -215,4 +221,4 @@ class _Tiff:
         sizes = tags.get(_COUNTS) or tags.get(_TILE_COUNTS, [])
         ends = [s + n for s, n in zip(starts, sizes, strict=False)]
         is_whole = ends and len(starts) == len(sizes) and max(ends) <= len(self.data)
-        return ImageHeader(rows, columns, bits, "" if is_whole else "the TIFF page is cut off")
+        return ImageHeader(rows, columns, bits, "" if is_whole else "the TIFF page is cut off", samples == 1)

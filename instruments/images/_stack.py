@@ -9,6 +9,7 @@ import re
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,9 @@ from labpipe.errors import InputError, SourceError
 from labpipe.frames import ShownFrames
 
 _SUFFIXES = (".png", ".tif", ".tiff")
-_NUMBER = re.compile(r"-?\d+(?=\D*$)")
+_NUMBER = re.compile(r"-?\d+")
+#: Bits of 16 that cameras of 14, 12 and 10 bits leave empty, fewest last; and frames that are looked at for it.
+_UNUSED_BITS, _LOOKED_AT = (6, 4, 2), 9
 _NEEDS_RATE = "Images hold no time: give the camera's frame rate, fps=10000 (in session.toml: frame_rate)."
 # Of a film that was cut off the decoders print, for every image, that its end is missing; we tell it once.
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
@@ -80,8 +83,10 @@ def read(
     places, numbers = _folder(path) if path.is_dir() else _pages(path)
     _check_alike(places)
     _warn_of_cut(path, places)
-    time = (numbers - numbers[0]) / fps
-    return ImageFrames(places, time, exposure)
+    film = ImageFrames(places, (numbers - numbers[0]) / fps, exposure)
+    if not (places[0].header.is_grey or places[0].header.fault):
+        film[0]  # what is in colour is refused before it is measured
+    return film
 
 
 def _is_tiff(path: Path) -> bool:
@@ -95,23 +100,17 @@ def _folder(folder: Path) -> tuple[list[_Place], NDArray[np.float64]]:
     """Sort the images by the last number of their names and warn of gaps."""
     named = [p for p in files.files_below(folder) if p.suffix.lower() in _SUFFIXES]
     named = [p for p in named if p.parent == folder]
-    numbered = []
-    for path in named:
-        found = _NUMBER.search(path.stem)
-        if found is None:
-            raise SourceError(
-                path,
-                "the image has no number in its name, so its place in the film is unknown",
-                hint="Name images like frame_0001.png.",
-            )
-        numbered.append((_signed(path.stem, found), path))
-    if not numbered:
+    if not named:
         raise SourceError(folder, f"the folder holds no image ({', '.join(_SUFFIXES)})")
-    numbered.sort()
+    numbered = sorted(zip(_numbers(named), named, strict=True))
     numbers = np.array([number for number, _ in numbered])
     twice = np.flatnonzero(np.diff(numbers) == 0)
     if len(twice):
-        raise SourceError(numbered[twice[0] + 1][1], f"number {numbers[twice[0]]} occurs twice")
+        raise SourceError(
+            numbered[twice[0] + 1][1],
+            f"number {numbers[twice[0]]} occurs twice, also in {numbered[twice[0]][1].name}",
+            hint="Put only the images of one film into the folder.",
+        )
     paths = [path for _, path in numbered]
     read_all = [_header(path) for path in paths]
     whole = next((header for header in read_all if isinstance(header, ImageHeader)), None)
@@ -120,6 +119,24 @@ def _folder(folder: Path) -> tuple[list[_Place], NDArray[np.float64]]:
     headers = [each if isinstance(each, ImageHeader) else whole._replace(fault=each.message) for each in read_all]
     _warn_of_gaps(folder, numbers)
     return [_Place(path, 0, header) for path, header in zip(paths, headers, strict=True)], numbers.astype(float)
+
+
+def _numbers(paths: Sequence[Path]) -> list[int]:
+    """Read the places of images from their names: the last of the numbers that are not all the same.
+
+    Names may end in what holds for the whole film, such as its frame rate or its bits.
+    """
+    found = [[_signed(path.stem, match) for match in _NUMBER.finditer(path.stem)] for path in paths]
+    for path, values in zip(paths, found, strict=True):
+        if not values:
+            raise SourceError(
+                path,
+                "the image has no number in its name, so its place in the film is unknown",
+                hint="Name images like frame_0001.png.",
+            )
+    shared = min(map(len, found))
+    place = next((k for k in range(-1, -shared - 1, -1) if len({values[k] for values in found}) > 1), -1)
+    return [values[place] for values in found]
 
 
 def _header(path: Path) -> ImageHeader | CutOffError:
@@ -175,7 +192,7 @@ def _check_alike(places: Sequence[_Place]) -> None:
     first = places[0].header
     for place in places:
         if place.header[:3] != first[:3]:
-            rows, columns, bits, _ = place.header
+            rows, columns, bits, *_ = place.header
             raise SourceError(
                 place.path,
                 f"image {place.page}: {columns} × {rows} px of {bits} bits, but the first of the "
@@ -231,10 +248,19 @@ class ImageFrames(ShownFrames):
             self._faults[index] = place.header.fault or (png_fault(place.path) if is_png else "")
         return self._faults[index]
 
-    @property
+    @cached_property
     def levels(self) -> tuple[float, float]:
-        """Range of the pixel type: what black and white were is not known."""
-        return 0.0, float(2 ** self._places[0].header.bits - 1)
+        """Range of the bits in use: cameras of 10 to 14 bits fill the lower or the upper bits of 16."""
+        bits = self._places[0].header.bits
+        sound = np.flatnonzero(self.valid) if bits > 8 else np.empty(0, int)
+        if not sound.size:
+            return 0.0, float(2**bits - 1)
+        spread = np.unique(np.linspace(0, sound.size - 1, _LOOKED_AT).round().astype(int))
+        used = int(np.bitwise_or.reduce([np.bitwise_or.reduce(self._whole(int(i)), axis=None) for i in sound[spread]]))
+        lowest = (used & -used).bit_length() - 1 if used else 0
+        if lowest > 1:
+            return 0.0, float(2**bits - 2**lowest)
+        return 0.0, float(2 ** next(bits - k for k in (*_UNUSED_BITS, 0) if used < 2 ** (bits - k)) - 1)
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -245,16 +271,19 @@ class ImageFrames(ShownFrames):
         if not -len(self) <= index < len(self):
             message = f"frame {index} of {len(self)}"
             raise IndexError(message)
-        index %= len(self)
+        image = self._whole(index % len(self))
+        return image[self._rows.start : self._rows.stop, self._columns.start : self._columns.stop]
+
+    def _whole(self, index: int) -> NDArray[np.integer[Any]]:
         place = self._places[index]
         if fault := self._fault(index):
             raise SourceError(place.path, fault, hint="Use the frames marked in `.valid`.")
         image = _decode(place)
         expected = (place.header.rows, place.header.columns)
-        if image is None or image.shape != expected:
+        if image is None or image.shape[:2] != expected:
             found = "nothing" if image is None else f"an image of shape {image.shape}"
             raise SourceError(place.path, f"decodes to {found}, expected {expected}")
-        return image[self._rows.start : self._rows.stop, self._columns.start : self._columns.stop]
+        return image if image.ndim == 2 else _grey(image, 0, place.path, "the image")
 
     def __iter__(self) -> Iterator[NDArray[np.integer[Any]]]:
         """Go through the frames in order."""
@@ -271,6 +300,18 @@ class ImageFrames(ShownFrames):
             slice(across.start, across.stop, across.step),
             self._faults,
         )
+
+
+def _grey(image: NDArray[Any], allowed: int, path: Path, what: str) -> NDArray[Any]:
+    """Return the one intensity of an image whose colours say the same."""
+    colours = image[:, :, :3].astype(np.int32)
+    if int(np.ptp(colours, axis=2).max()) > allowed:
+        raise SourceError(
+            path,
+            f"{what} is in colour, expected grey",
+            hint="A colour image has no single intensity; export the film as grey.",
+        )
+    return image[:, :, 1]
 
 
 def _decode(place: _Place) -> NDArray[Any] | None:
@@ -295,6 +336,7 @@ def _declared_frames(path: Path) -> int:
     return int.from_bytes(head[_FRAMES_AT:], "little")
 
 
+_ROUNDED = 4  # levels by which codecs of grey video round the three colours apart
 #: Frames at the end of a video whose last rows are compared, and rows.
 _COMPARED, _LAST_ROWS = 3, 4
 
@@ -400,17 +442,7 @@ class VideoFrames(ShownFrames):
         if not is_read or image.shape[:2] != self._size:
             raise SourceError(self._path, f"frame {index} cannot be decoded")
         part = image[self._rows.start : self._rows.stop, self._columns.start : self._columns.stop]
-        if part.ndim == 3:
-            # codecs of grey video round the three channels apart by a level or two
-            spread = int(np.ptp(part.astype(np.int16), axis=2).max())
-            if spread > 4:
-                raise SourceError(
-                    self._path,
-                    f"frame {index} is in colour, expected grey",
-                    hint="A colour film has no single intensity.",
-                )
-            part = part[:, :, 1]
-        return np.ascontiguousarray(part)
+        return np.ascontiguousarray(part if part.ndim == 2 else _grey(part, _ROUNDED, self._path, f"frame {index}"))
 
     def __iter__(self) -> Iterator[NDArray[np.integer[Any]]]:
         """Go through the frames in order."""

@@ -133,11 +133,43 @@ def test_a_bomb_is_refused_before_it_is_decoded(tmp_path: Path) -> None:
         instruments.read(tmp_path / "f", fps=1.0)
 
 
-def test_colour_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("suffix", ["png", "tif"])
+@pytest.mark.parametrize("colours", [3, 4])
+def test_colours_that_say_the_same_are_grey_and_others_are_refused(tmp_path: Path, suffix: str, colours: int) -> None:
     (tmp_path / "f").mkdir()
-    cv2.imwrite(str(tmp_path / "f/a1.png"), np.zeros((4, 4, 3), np.uint8))
-    with pytest.raises(SourceError, match="grey"):
+    grey = images(2, np.uint16)
+    for i, image in enumerate(grey):
+        colour = np.repeat(image[:, :, np.newaxis], colours, axis=2)
+        cv2.imwrite(str(tmp_path / f"f/a{i}.{suffix}"), colour)
+    found = instruments.read(tmp_path / "f", fps=1.0)
+    np.testing.assert_array_equal(np.stack(list(found)), grey)
+    colour[3, 4, 0] += 1
+    cv2.imwrite(str(tmp_path / f"f/a0.{suffix}"), colour)
+    with pytest.raises(SourceError, match="the image is in colour, expected grey"):
         instruments.read(tmp_path / "f", fps=1.0)
+
+
+@pytest.mark.parametrize("bits", [10, 12, 14])
+def test_the_white_level_of_fewer_bits_than_sixteen(tmp_path: Path, bits: int) -> None:
+    (tmp_path / "f").mkdir()
+    shown = images(2, np.uint16) >> (16 - bits)
+    shown[0, 0, :2] = 2**bits - 1, 1
+    for shift, white in ((0, 2**bits - 1), (16 - bits, 2**16 - 2 ** (16 - bits))):
+        for i, image in enumerate(shown << shift):
+            cv2.imwrite(str(tmp_path / f"f/a{i}.tif"), image)
+        found = instruments.read(tmp_path / "f", fps=1.0)
+        assert found.levels == (0.0, white)
+        assert found.roi(slice(2, 4), slice(0, 3)).levels == (0.0, white)
+
+
+def test_the_number_that_varies_is_the_place(tmp_path: Path) -> None:
+    film = write_folder(tmp_path / "f", ["a9_12bit.tif", "a10_12bit.tif", "a11_12bit.tif"])
+    found = instruments.read(tmp_path / "f", fps=1000.0)
+    np.testing.assert_array_equal(np.stack(list(found)), film)
+    np.testing.assert_allclose(found.time, [0, 1e-3, 2e-3])
+    write_folder(tmp_path / "f", ["b10_12bit.tif"])
+    with pytest.raises(SourceError, match=r"number 10 occurs twice, also in a10_12bit.tif\n  Put only the images"):
+        instruments.read(tmp_path / "f", fps=1000.0)
 
 
 def test_a_video_is_read_with_a_warning(tmp_path: Path) -> None:

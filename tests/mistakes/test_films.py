@@ -155,6 +155,26 @@ ROWS = (
     FilmMistake("two frames exchanged", "doubtful", ("frames near 180 are exchanged",), _exchanged(177, 180)),
     FilmMistake("neighbours exchanged", "doubtful", ("exchanged",), _exchanged(176, 177)),
     FilmMistake(
+        "frames of a contact and a flight exchanged",
+        "doubtful",
+        ("frames 178 and 321 are exchanged",),
+        _exchanged(178, 321),
+    ),
+    FilmMistake("frames at the top exchanged", "doubtful", ("frames 180 and 181 are exchanged",), _exchanged(180, 181)),
+    FilmMistake(
+        "bursts that leave out a contact's middle",
+        "doubtful",
+        ("700 µs pass between frames 176 and 183", "recorded in bursts"),
+        lambda film: film.drop_isel(frame=range(177, 183)),
+    ),
+    FilmMistake("bursts that leave out a flight", "yes", (), lambda film: film.drop_isel(frame=range(220, 380))),
+    FilmMistake(
+        "colour filter over the images",
+        "yes",
+        ("differ by 24 % in brightness", "Bayer"),
+        lambda film: film.assign_attrs(light=json.dumps(json.loads(_lit({})) | {"mosaic": 0.24})),
+    ),
+    FilmMistake(
         "one frame twice", "doubtful", ("repeated frame", "180"), _frames(lambda i: np.where(i == 180, 179, i))
     ),
     FilmMistake(

@@ -1,6 +1,5 @@
 """Whether a film of a contact can be believed: its size, fringes, flights, and order of frames."""
 
-import json
 from collections.abc import Iterator
 from dataclasses import replace
 from math import cos, hypot, isfinite, log, nan, sqrt
@@ -12,13 +11,14 @@ from labpipe.judging import SLIPS, Cause, Check, Level, bounded, compared, not_m
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
+from pipelines.experiments.contact_area._frame_checks import frame_checks, summits_seen
 from pipelines.experiments.contact_area._scale import fringe_scale
 from pipelines.experiments.contact_area.comparison import PLATE, SCALE, WAVELENGTH, plate_mass, rows
 from pipelines.experiments.contact_area.measured import brightness
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.film_frames import explained
-from pipelines.experiments.shared.film_light import exposed, lit
+from pipelines.experiments.shared.film_light import exposed, lit, no_mosaic
 from pipelines.experiments.shared.judgements import Scene, times_over
 from pipelines.experiments.shared.material_inputs import material_inputs
 from pipelines.experiments.shared.plate_under_drop import OF_PLATE
@@ -74,20 +74,21 @@ def judgement(
             _fringes(radius, impacts, settings),
             _visible(radius, settings),
             _method(radius, settings),
-            _times(radius, settings),
             _flies(radius, settings),
             _stays(radius, settings),
             _one_scale(radius, settings),
             _positive(radius, settings),
             lit(settings.film, brightness(radius), radius["in_contact"].values.astype(bool), radius["time"].values),
             exposed(radius, settings.film),
+            no_mosaic(radius, settings.film),
         ]
-        checks += [_damaged(radius, settings), _blanked(radius, settings), _copies(radius, settings)]
+        checks += frame_checks(radius, settings)
     if impacts is not None and impacts.sizes["impact"]:
         checks += [_size(impacts, settings), _like_model(impacts, model, settings), _order(impacts, settings)]
         checks += [_flight(impacts, model, settings), _duration(impacts, model, settings), _rest(impacts, settings)]
         if radius is not None:
             checks += [_steady(radius, impacts, settings), _ends(radius, impacts, settings)]
+            checks.append(summits_seen(radius, impacts, settings))
     compared_rows = []
     if comparison is not None and impacts is not None and model is not None:
         compared_rows = list(rows(comparison, impacts, model, settings=settings))
@@ -171,61 +172,6 @@ def _method(radius: xr.Dataset, settings: ContactArea) -> Check:
     level: Level | None = "doubtful" if edges > fringes else "note" if edges else None
     cause = "fringes are not resolved: the scale of another view, another wavelength, or a lens out of focus"
     return stated(name, law, message, level, cause=cause, file=settings.film)
-
-
-def _times(radius: xr.Dataset, settings: ContactArea) -> Check:
-    name, law = "times of the frames", "every frame is later than the one before"
-    steps = np.diff(radius["time"].values)
-    wrong = np.flatnonzero(~(steps > 0))
-    if wrong.size:
-        at = int(radius["frame"].values[wrong[0] + 1])
-        text = f"{settings.film}: frame {at} is not later than the one before ({wrong.size} such frames)"
-        cause = f"frames are exchanged or repeated at frame {at}"
-        return stated(name, law, text, "impossible", cause=cause, file=settings.film)
-    return stated(name, law, f"{settings.film}: {steps.size + 1} frames in order", None, file=settings.film)
-
-
-def _damaged(radius: xr.Dataset, settings: ContactArea) -> Check:
-    name, law = "sound frames", "every frame of a film can be read"
-    bad = np.flatnonzero(~radius["valid"].values.astype(bool))
-    text = f"{settings.film}: {bad.size} damaged frames" + (f" from frame {bad[0]}" if bad.size else "")
-    share = bad.size / max(radius.sizes["frame"], 1)
-    level: Level | None = "note" if bad.size else None
-    if share >= 0.2:
-        level = "impossible" if share > 0.5 else "doubtful"
-    cause = "the film was not copied whole, or frames were lost"
-    return stated(name, law, text, level, cause=cause, file=settings.film)
-
-
-def _blanked(radius: xr.Dataset, settings: ContactArea) -> Check:
-    name, law = ("whole frames", "a sensor has noise: no row of pixels holds one value that was not there before")
-    if "blanked" not in radius.attrs:
-        return not_made(name, law, "the frames")
-    found = {int(i): int(size) for i, size in json.loads(radius.attrs["blanked"]).items()}
-    if not found:
-        return stated(name, law, f"{settings.film}: no pixels are missing in frames about a contact", None)
-    first, size = next(iter(found.items()))
-    more = f"; {len(found)} such frames" if len(found) > 1 else ""
-    text = f"{settings.film}: {size} pixels in a row of frame {first} are blank, those before them are not{more}"
-    cause = f"pixels of frame {first} were lost: the film was not copied whole, was damaged, or the light failed"
-    return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
-
-
-def _copies(radius: xr.Dataset, settings: ContactArea) -> Check:
-    """Look for frames that are measured alike to the last digit: noise forbids it."""
-    name, law = "frames differ", "noise makes no two frames alike"
-    read = np.isin(radius["method"].values, (_FRINGE_FIT, _EDGE, _OPEN_GAP))
-    # at rest a frame like the one before is not read again
-    same = read[1:] & read[:-1]
-    for column in ("radius", "centre_x", "centre_y"):
-        if column in radius:
-            same &= np.diff(radius[column].values) == 0.0
-    at = np.flatnonzero(same)
-    if at.size:
-        first = int(radius["frame"].values[at[0] + 1])
-        text = f"{settings.film}: {at.size} frames equal the one before, first frame {first}"
-        return stated(name, law, text, "doubtful", cause=f"frame {first} is a repeated frame", file=settings.film)
-    return stated(name, law, f"{settings.film}: no frame equals the one before", None, file=settings.film)
 
 
 def _largest(impacts: xr.Dataset) -> tuple[float, float]:

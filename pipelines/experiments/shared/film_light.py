@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.frames import FrameSource
 from labpipe.judging import Check, Level, not_made, stated
 from labpipe.report import quantity
@@ -19,6 +20,9 @@ _HEAPED, _BESIDE = 3.0, 3
 """Ratio of the pixels at one grey level to those at each of so many levels below it from which they
 are heaped there: noise spreads any bright plane over more levels than one."""
 _CLIPPED, _MOSTLY = 0.002, 0.25  # share of pixels at that level that is told, and that spoils a film
+_TILE, _FEWEST_TILES, _MOSAIC = 16, 4, 0.05
+"""Part of an image (px) in which rows and columns are compared, how many there must be, and the
+difference that is told: fixed patterns of grey cameras are below a hundredth."""
 DARK = 0.5
 """Share of the usual brightness below which a frame is dark: lamps flicker, but do not fall to half for a frame."""
 LIGHT = "light"
@@ -37,7 +41,8 @@ def light_of(film: FrameSource, wanted: Iterable[int]) -> str:
     -------
     str
         JSON: ``brightness`` by frame over that of the film, ``clipped``, the share of pixels at the
-        grey level ``level``, above which there is none, ``view``, rows and columns.
+        grey level ``level``, above which there is none, ``mosaic``, how far the four pixels of each
+        square of two by two differ throughout, over their mean, ``view``, rows and columns.
     """
     sound = np.asarray(film.valid, bool)
     spread = np.linspace(0, len(film) - 1, min(_MOST, len(film))).round().astype(int)
@@ -51,8 +56,22 @@ def light_of(film: FrameSource, wanted: Iterable[int]) -> str:
         images.append(image.ravel())
     usual = float(np.median(list(bright.values()))) if bright else 0.0
     share, level = _heap(np.concatenate(images)) if images else (0.0, 0.0)
+    middle = np.asarray(film[chosen[len(chosen) // 2]], float) - black if chosen else np.empty((0, 0))
     shown: dict[str, Any] = {"brightness": {str(i): b / usual for i, b in bright.items()} if usual > 0.0 else {}}
-    return json.dumps(shown | {"clipped": share, "level": level, "view": list(film.shape[1:])})
+    return json.dumps(
+        shown | {"clipped": share, "level": level, "mosaic": _mosaic(middle), "view": list(film.shape[1:])}
+    )
+
+
+def _mosaic(image: Floats) -> float:
+    """Return how far pixels of even and odd rows and columns differ in most parts of an image."""
+    rows, columns = (size // _TILE for size in image.shape)
+    if rows * columns < _FEWEST_TILES:
+        return 0.0
+    tiles = image[: rows * _TILE, : columns * _TILE].reshape(rows, _TILE // 2, 2, columns, _TILE // 2, 2)
+    means = tiles.mean(axis=(1, 4)).transpose(0, 2, 1, 3).reshape(-1, 4)
+    relative = np.median(means / np.maximum(means.mean(axis=1, keepdims=True), 1e-9), axis=0)
+    return float(np.ptp(relative))
 
 
 def _heap(levels: NDArray[Any]) -> tuple[float, float]:
@@ -61,8 +80,10 @@ def _heap(levels: NDArray[Any]) -> tuple[float, float]:
         return 0.0, 0.0
     shown, counts = np.unique(levels.astype(np.int64), return_counts=True)
     # pixels that are stuck at white lie above the level at which another camera's grey was cut off
+    # levels of fewer bits stand apart in more
+    apart = int(np.gcd.reduce(np.diff(shown))) if shown.size > 1 else 1
     for at in np.flatnonzero(counts >= _CLIPPED * levels.size)[::-1]:
-        below = counts[(shown < shown[at]) & (shown >= shown[at] - _BESIDE)]
+        below = counts[(shown < shown[at]) & (shown >= shown[at] - _BESIDE * apart)]
         is_end = int(counts[at + 1 :].sum()) < _CLIPPED * counts[at]
         if is_end and counts[at] > _HEAPED * below.max(initial=0):
             return float(counts[at] / levels.size), float(shown[at])
@@ -82,6 +103,19 @@ def exposed(found: xr.Dataset, film: str) -> Check:
     how: Level = "doubtful" if share > _MOSTLY else "note"
     cause = "the film is over-exposed (saturated): less light, a shorter exposure or a smaller aperture"
     return stated(name, law, text, how, cause=cause, file=film)
+
+
+def no_mosaic(found: xr.Dataset, film: str) -> Check:
+    """Look for the colour filter of a camera: every second pixel and row of another brightness."""
+    name, law = "one sensitivity", "pixels of a grey camera see alike, whatever their row and column"
+    if "mosaic" not in json.loads(found.attrs.get(LIGHT, "{}")):
+        return not_made(name, law, "the frames")
+    apart = float(json.loads(found.attrs[LIGHT])["mosaic"])
+    if apart < _MOSAIC:
+        return stated(name, law, f"{film}: rows and columns are equally bright", None, file=film)
+    text = f"{film}: pixels of even and odd rows and columns differ by {100 * apart:.2g} % in brightness throughout"
+    cause = "a colour camera's filter (Bayer pattern) lies over its raw images: export them as grey, interpolated"
+    return stated(name, law, text, "note", cause=cause, file=film)
 
 
 def lit(film: str, brightness: dict[int, float], counts: NDArray[np.bool_], time: NDArray[np.float64]) -> Check:

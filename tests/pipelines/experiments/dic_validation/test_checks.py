@@ -145,6 +145,22 @@ def test_exchanged_repeated_and_dropped_frames_are_found(motion, laser):
     assert (told.level, "frame 120 is a repeated frame" in told.cause) == ("doubtful", True)
 
 
+def test_exchanged_images_are_found(motion, laser):
+    track = tracked(motion.sizes["time"])
+    along = motion["displacement"].values / 7.8e-5
+    for first, second in ((200, 201), (30, 240)):
+        track["dy"].values[:, 0] = along
+        track["dy"].values[[first, second], 0] = along[[second, first]]
+        told = finding(judged(motion, laser, track=track)[0], "order of the frames")
+        assert (told.level, told.cause) == ("doubtful", f"frames {first} and {second} are exchanged")
+
+
+@pytest.mark.parametrize(("lost", "level"), [((10, 60), "note"), ((60, 100), "doubtful"), ((128, 160), "doubtful")])
+def test_bursts_count_where_the_holder_moves(motion, laser, lost, level):
+    told = finding(judged(motion.drop_isel(time=range(*lost)), laser)[0], "times of the frames")
+    assert (told.level, "recorded in bursts" in told.cause) == (level, True)
+
+
 def test_a_holder_that_is_seldom_found_is_doubtful(motion, laser):
     told = finding(judged(motion, laser, share=0.7)[0], "holder is found")
     assert (told.level, told.setting) == ("doubtful", "tracking.body")

@@ -1,0 +1,106 @@
+"""Whether a film of a contact shows every frame once, whole, at its time, and where the contact is largest."""
+
+import json
+from math import nan
+
+import numpy as np
+import xarray as xr
+
+from labpipe.judging import Check, Level, not_made, stated
+from labpipe.report import quantity
+from pipelines.experiments.contact_area.measured import READ
+from pipelines.experiments.contact_area.settings import ContactArea
+from pipelines.experiments.shared.frame_order import in_order
+
+_LATE = 1.5  # of the usual interval between frames in contact, from which some are missing
+
+
+def frame_checks(radius: xr.Dataset, settings: ContactArea) -> list[Check]:
+    """Look for frames that are damaged, blank, repeated, exchanged, or at a wrong time."""
+    return [of(radius, settings) for of in (_times, _damaged, _blanked, _copies, _in_order)]
+
+
+def summits_seen(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> Check:
+    """Look for contacts in which frames are missing beside the largest radius that was seen."""
+    name, law = "frames of the contacts", "the largest radius lies between frames that follow each other"
+    time, a = radius["time"].values, np.nan_to_num(radius["radius"].values)
+    steps = np.diff(time)
+    seen = [
+        np.flatnonzero((time >= first) & (time <= last))
+        for first, last in zip(impacts["first_seen"].values, impacts["last_seen"].values, strict=True)
+    ]
+    inside = np.concatenate([steps[at[:-1]] for at in seen])
+    usual = float(np.median(inside)) if inside.size else nan
+    tops = [int(at[np.argmax(a[at])]) for at in seen]
+    lost = [k for top in tops for k in (top - 1, top) if 0 <= k < steps.size and steps[k] > _LATE * usual]
+    if not lost:
+        return stated(name, law, f"{settings.film}: frames are there about every largest radius", None)
+    at, frames = lost[0], radius["frame"].values
+    text = f"{settings.film}: {quantity(float(steps[at]), 's')} pass between frames {frames[at]} and {frames[at + 1]}, "
+    text += f"usual are {quantity(usual, 's')}; one of them shows the largest radius of a contact"
+    cause = "the camera recorded in bursts or dropped frames: the contact may have been larger between them"
+    return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
+
+
+def _times(radius: xr.Dataset, settings: ContactArea) -> Check:
+    name, law = "times of the frames", "every frame is later than the one before"
+    steps = np.diff(radius["time"].values)
+    wrong = np.flatnonzero(~(steps > 0))
+    if wrong.size:
+        at = int(radius["frame"].values[wrong[0] + 1])
+        text = f"{settings.film}: frame {at} is not later than the one before ({wrong.size} such frames)"
+        cause = f"frames are exchanged or repeated at frame {at}"
+        return stated(name, law, text, "impossible", cause=cause, file=settings.film)
+    return stated(name, law, f"{settings.film}: {steps.size + 1} frames in order", None, file=settings.film)
+
+
+def _damaged(radius: xr.Dataset, settings: ContactArea) -> Check:
+    name, law = "sound frames", "every frame of a film can be read"
+    bad = np.flatnonzero(~radius["valid"].values.astype(bool))
+    text = f"{settings.film}: {bad.size} damaged frames" + (f" from frame {bad[0]}" if bad.size else "")
+    share = bad.size / max(radius.sizes["frame"], 1)
+    level: Level | None = "note" if bad.size else None
+    if share >= 0.2:
+        level = "impossible" if share > 0.5 else "doubtful"
+    cause = "the film was not copied whole, or frames were lost"
+    return stated(name, law, text, level, cause=cause, file=settings.film)
+
+
+def _blanked(radius: xr.Dataset, settings: ContactArea) -> Check:
+    name, law = ("whole frames", "a sensor has noise: no row of pixels holds one value that was not there before")
+    if "blanked" not in radius.attrs:
+        return not_made(name, law, "the frames")
+    found = {int(i): int(size) for i, size in json.loads(radius.attrs["blanked"]).items()}
+    if not found:
+        return stated(name, law, f"{settings.film}: no pixels are missing in frames about a contact", None)
+    first, size = next(iter(found.items()))
+    more = f"; {len(found)} such frames" if len(found) > 1 else ""
+    text = f"{settings.film}: {size} pixels in a row of frame {first} are blank, those before them are not{more}"
+    cause = f"pixels of frame {first} were lost: the film was not copied whole, was damaged, or the light failed"
+    return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
+
+
+def _copies(radius: xr.Dataset, settings: ContactArea) -> Check:
+    """Look for frames that are measured alike to the last digit: noise forbids it."""
+    name, law = "frames differ", "noise makes no two frames alike"
+    read = np.isin(radius["method"].values, READ)
+    # at rest a frame like the one before is not read again
+    same = read[1:] & read[:-1]
+    for column in ("radius", "centre_x", "centre_y"):
+        if column in radius:
+            same &= np.diff(radius[column].values) == 0.0
+    at = np.flatnonzero(same)
+    if at.size:
+        first = int(radius["frame"].values[at[0] + 1])
+        text = f"{settings.film}: {at.size} frames equal the one before, first frame {first}"
+        return stated(name, law, text, "doubtful", cause=f"frame {first} is a repeated frame", file=settings.film)
+    return stated(name, law, f"{settings.film}: no frame equals the one before", None, file=settings.film)
+
+
+def _in_order(radius: xr.Dataset, settings: ContactArea) -> Check:
+    """Look for exchanged frames by the area, which goes with the depth and so is smooth where a contact begins."""
+    touches, a, u = (radius[n].values for n in ("in_contact", "radius", "u_radius"))
+    area = np.where(touches, a**2, np.where(radius["valid"], 0.0, nan))
+    measured = touches & np.isfinite(a * u)
+    noise = float(np.median(2 * a[measured] * u[measured])) if measured.any() else 0.0
+    return in_order(settings.film, radius["frame"].values, area, noise)

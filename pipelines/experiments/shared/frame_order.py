@@ -1,0 +1,67 @@
+"""Order of a film's frames: two that stand at each other's place."""
+
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.arrays import Floats
+from labpipe.judging import Check, stated
+
+_IN_NOISE, _LEFT = 10.0, 0.3
+"""Multiple of the usual bend from which a frame stands out, and share of the bends that may be left
+about two frames which were exchanged back."""
+_MOST = 40  # frames that stand out most; all their pairs are tried
+_NEAR = np.arange(-2, 3)
+
+
+def exchanged(y: Floats, noise: float = 0.0) -> tuple[int, int] | None:
+    """Find two frames that stand at each other's place in a film.
+
+    A body moves smoothly but at impacts, where no exchange makes the motion smoother.
+
+    Parameters
+    ----------
+    y : array (frame,)
+        What is measured in each frame; all numbers.
+    noise : float
+        Standard uncertainty of y, where that is more than what the frames show.
+
+    Returns
+    -------
+    tuple or None
+        Places of the two, the earlier first.
+    """
+    if not y.size:
+        return None
+    bends = _bends(y, np.arange(y.size))
+    least = _IN_NOISE * max(noise, 1.4826 * float(np.median(bends)))
+    out = np.flatnonzero(bends > least)
+    out = np.sort(out[np.argsort(bends[out])[-_MOST:]])
+    best, found = _LEFT, None
+    for i, j in combinations(out.tolist(), 2):
+        near: NDArray[np.int64] = np.unique(np.clip(np.concatenate([i + _NEAR, j + _NEAR]), 0, y.size - 1))
+        back = y.copy()
+        back[[i, j]] = y[[j, i]]
+        left = float(_bends(back, near).sum() / _bends(y, near).sum())
+        if left < best:
+            best, found = left, (i, j)
+    return found
+
+
+def _bends(y: Floats, at: NDArray[np.int64]) -> Floats:
+    """Return how far values lie from the cubic through the two neighbours on either side."""
+    before2, before, after, after2 = (y[np.clip(at + step, 0, y.size - 1)] for step in (-2, -1, 1, 2))
+    return np.abs(y[at] - (4.0 * (before + after) - before2 - after2) / 6.0)
+
+
+def in_order(film: str, frames: NDArray[np.integer], y: Floats, noise: float = 0.0) -> Check:
+    """Look for two frames that were exchanged; frames without a value are left out."""
+    name, law = "order of the frames", "a body moves smoothly between impacts"
+    known = np.flatnonzero(np.isfinite(y))
+    found = exchanged(y[known], noise)
+    if found is None:
+        return stated(name, law, f"{film}: no frames are exchanged", None, file=film)
+    first, second = (int(frames[known[k]]) for k in found)
+    text = f"{film}: frames {first} and {second} show what would follow smoothly at each other's place"
+    return stated(name, law, text, "doubtful", cause=f"frames {first} and {second} are exchanged", file=film)
