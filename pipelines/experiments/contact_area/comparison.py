@@ -224,7 +224,7 @@ def rows(comparison: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, sett
                 "height": -0.2 * expected / settings.height.value,
                 "modulus": 0.2 * expected,
             }
-            | material_slopes(model, expected)
+            | material_slopes(model, expected, i)
             | ({} if plate is None else {PLATE: -expected * _of_plate(i, plate.value, sphere.mass.value, model)}),
         )
     if "pixel_by_fringes" not in comparison or settings.wavelength is None:

@@ -15,11 +15,13 @@ from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area._peaks import WINDOW
 from pipelines.experiments.contact_area.settings import ContactArea
+from pipelines.experiments.shared.comparison_rows import IMPACTS
 from pipelines.experiments.shared.material_choice import resolve, variations
 from pipelines.experiments.shared.material_inputs import kept_in
 from pipelines.experiments.shared.plate_under_drop import plate_inputs, resolve_plate
 
 _STEP = 2e-5  # s, spacing of the model's curve
+_COARSE = 1e-4  # tolerance of the simulations by which sensitivities are found
 
 
 def model(
@@ -42,6 +44,7 @@ def model(
     fall = float(np.sqrt(2 * settings.height.value / gravity))
     begun = float(impacts["first_seen"][0]) if impacts.sizes["impact"] else 0.0
     duration = fall + float(radius["time"][-1]) - begun + 2 * WINDOW
+    beneath = resolve_plate(settings.plate, plate)
     made = contact.drop(
         solid,
         sphere.radius.value,
@@ -52,18 +55,21 @@ def model(
         chosen.profile,
         chosen.rtol,
         gravity=gravity,
-        plate=resolve_plate(settings.plate, plate),
+        plate=beneath,
         times=np.arange(0.0, duration, _STEP),
         fold=not full,
         shortcuts=contact.Shortcuts.chosen(full=full),
     )
     largest = made["peak_contact_radius"].values
-    of_material = _of_material(settings, material_file, fitted, solid, made) if largest.size else []
-    relative_ones = [*_of_body(settings), *of_material] if largest.size else []
-    sources = [s._replace(sensitivity=s.sensitivity * float(largest[0])) for s in relative_ones]
-    relative = combined_uncertainty(sources) / float(largest[0]) if sources else 0.0
+    of_material = _of_material(settings, material_file, fitted, beneath, made, duration) if largest.size else []
+    relative_ones = [[*_of_body(settings), *each] for each in of_material]
+    sources = (
+        [s._replace(sensitivity=s.sensitivity * float(largest[0])) for s in relative_ones[0]] if largest.size else []
+    )
+    # impacts after those that are compared are as uncertain as the last of these
+    each_u = [combined_uncertainty(relative_ones[min(i, len(relative_ones) - 1)]) for i in range(largest.size)]
     made["u_peak_contact_radius"] = variable(
-        "impact", relative * largest, "m", "standard uncertainty from height, body and material: peak"
+        "impact", np.array(each_u) * largest, "m", "standard uncertainty from height, body and material: peak"
     )
     made.attrs |= {"budget": json.dumps(budget_rows(sources))} | kept_in(of_material)
     made["adhesion_shift"] = variable(
@@ -121,14 +127,37 @@ def _of_body(settings: ContactArea) -> list[Source]:
 
 
 def _of_material(
-    settings: ContactArea, material_file: Path | None, fitted: xr.Dataset | None, solid: Prony, made: xr.Dataset
-) -> list[Source]:
-    """Return what of the material makes it uncertain: a ~ E^-0.2, the modulus that at the contact's frequency."""
-    sources = []
-    omega = np.pi / float(made["contact_duration"][0])
-    stiffness = abs(complex(solid.complex_modulus(omega)))
-    found = variations(settings.sphere, material_file, fitted, (1 / omega, 1 / omega))
-    for name, (q, step, other) in found.items():
-        slope = -0.2 * float(np.log(abs(complex(other.complex_modulus(omega))) / stiffness)) / step
-        sources.append(Source.of(name, q, slope))
-    return sources
+    settings: ContactArea,
+    material_file: Path | None,
+    fitted: xr.Dataset | None,
+    plate: contact.Plate | None,
+    made: xr.Dataset,
+    duration: float,
+) -> list[list[Source]]:
+    """Return what of the material makes the largest radius of each of the first impacts uncertain, relative to it.
+
+    By simulation: a later impact is slower by what those before it have lost.
+    """
+    time = float(made["contact_duration"][0]) / np.pi
+    found = variations(settings.sphere, material_file, fitted, (time, time))
+    count = min(IMPACTS, made.sizes["impact"])
+    radii = contact.impacts(
+        [resolve(settings.sphere, material_file, fitted), *(other for _, _, other in found.values())],
+        settings.sphere.radius.value,
+        settings.sphere.mass.value,
+        settings.height.value,
+        duration,
+        count,
+        settings.model.profile,
+        _COARSE,
+        gravity=settings.model.gravity.value,
+        plate=plate,
+    )["peak_contact_radius"].values
+    changes = np.nan_to_num(np.log(radii[1:] / radii[0]))
+    return [
+        [
+            Source.of(name, q, float(change[i]) / step)
+            for (name, (q, step, _)), change in zip(found.items(), changes, strict=True)
+        ]
+        for i in range(count)
+    ]

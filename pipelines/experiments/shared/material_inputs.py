@@ -12,9 +12,9 @@ from labpipe.units import Quantity
 _ATTRIBUTE = "of_material"
 
 
-def kept_in(sources: Sequence[Source]) -> dict[str, str]:
-    """Return the attribute by which a model remembers sources whose sensitivities are relative to its answer."""
-    return {_ATTRIBUTE: json.dumps(budget_rows(sources))}
+def kept_in(sources: Sequence[Sequence[Source]]) -> dict[str, str]:
+    """Return the attribute by which a model remembers, of each answer, sources with sensitivities relative to it."""
+    return {_ATTRIBUTE: json.dumps([budget_rows(each) for each in sources])}
 
 
 def material_inputs(model: xr.Dataset | None) -> dict[str, Quantity]:
@@ -22,10 +22,11 @@ def material_inputs(model: xr.Dataset | None) -> dict[str, Quantity]:
     return {row["source"]: Quantity(row["value"], row["u"], row["unit"]) for row in _rows(model)}
 
 
-def material_slopes(model: xr.Dataset, expected: float) -> dict[str, float]:
-    """Return the derivatives of measured minus expected to each of these inputs."""
-    return {row["source"]: -expected * row["sensitivity"] for row in _rows(model)}
+def material_slopes(model: xr.Dataset, expected: float, answer: int = 0) -> dict[str, float]:
+    """Return the derivatives of measured minus expected, of one of the answers, to each of these inputs."""
+    return {row["source"]: -expected * row["sensitivity"] for row in _rows(model, answer)}
 
 
-def _rows(model: xr.Dataset | None) -> list[dict[str, Any]]:
-    return [] if model is None else list(json.loads(model.attrs.get(_ATTRIBUTE, "[]")))
+def _rows(model: xr.Dataset | None, answer: int = 0) -> list[dict[str, Any]]:
+    found = [] if model is None else json.loads(model.attrs.get(_ATTRIBUTE, "[]"))
+    return list(found[answer]) if found else []

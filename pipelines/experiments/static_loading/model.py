@@ -96,7 +96,7 @@ def model(
             "work": json.dumps(work),
             "budget": json.dumps(uncertainty.budget_rows(sources)),
             # a ~ J^(1/3)
-            **kept_in([s._replace(sensitivity=s.sensitivity / 3) for s in softer]),
+            **kept_in([[s._replace(sensitivity=s.sensitivity / 3) for s in softer]]),
         },
     )
 
