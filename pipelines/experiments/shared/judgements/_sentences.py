@@ -1,0 +1,199 @@
+"""The verdict in words: the sentence that a page begins with, and what it rests on."""
+
+import json
+from collections.abc import Iterable, Sequence
+from math import floor, log10
+
+import numpy as np
+import xarray as xr
+
+from labpipe.judging import LIKELY, Judgement
+from labpipe.report import (
+    Block,
+    Column,
+    Details,
+    Notice,
+    Paragraph,
+    Table,
+    quantity,
+    shown_source,
+    value_with_uncertainty,
+)
+from pipelines.experiments.shared.comparison_rows import Row
+from pipelines.experiments.shared.judgements._judgement import MATTERS
+from pipelines.experiments.shared.judgements._stored import believed, suspected
+from pipelines.experiments.shared.judgements._words import TIED, capitalised, chance, of_error
+
+VERDICT = "verdict"
+"""Anchor of the sentence on a page that tells its verdict."""
+_BESIDE = {
+    "agrees": "The {} agrees all the same.",
+    "differs": "The {} differs, which may follow from it.",
+    "undecided": "Whether the {} agrees is undecided.",
+    "none": "No model was compared.",
+}
+"""What is said of the model beside a record that cannot be believed as it is."""
+
+
+def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
+    """Say in one sentence whether the record can be believed and the model agrees.
+
+    Returns
+    -------
+    level : "ok", "info", "warning" or "error"
+        Colour of the sentence.
+    text : str
+    """
+    judged = believed(result)
+    made, found = judged.n_made, judged.findings
+    known = [r for r in rows if r.deviation is not None and r.measured is not None]
+    # A film is laid against the laser, no model.
+    by = "model" if not known or any(r.against == "model" for r in known) else known[0].against
+    if judged.believable in ("impossible", "doubtful"):
+        cause = f" {capitalised(likeliest)}." if (likeliest := _likeliest(judged)) else ""
+        word = capitalised(judged.believable)
+        level = "error" if judged.believable == "impossible" else "warning"
+        beside = _BESIDE[str(result.attrs["model"])].format(by)
+        return level, f"{word}: {found[0].message}.{cause} {beside} {_counted(judged)}."
+    checks = _counted(judged) if made else "no check could be made"
+    stopped = next((c for c in judged.checks if c.level is not None and not c.is_made), None)
+    if stopped is not None:
+        return (
+            "warning",
+            f"Not known: {stopped.name} was not completed: {stopped.message}; {checks}. {capitalised(stopped.cause)}.",
+        )
+    model = result.attrs["model"]
+    worst = max(known, key=lambda r: abs(r.deviation or 0.0), default=None)
+    shown = "" if worst is None else f" Largest of {_many(known, 'deviation')}: {_compared(worst, known)}."
+    believable = "The record is believable" if made else "Whether the record is believable is not known"
+    if model == "agrees":
+        return "ok", f"{believable}, and the {by} agrees with it; {checks}.{shown}"
+    if model == "differs":
+        p = float(result["p"])
+        explained = "".join(f" {capitalised(text)}." for text in suspected(result))
+        return (
+            "warning",
+            f"{believable}, but the {by} differs from it ({chance(p)}, largest deviation "
+            f"{float(result['largest_deviation']):.1f} u); {checks}.{shown}{explained}",
+        )
+    if model == "undecided":
+        undecided = f"whether the {by} agrees is undecided"
+        shown = "" if suspected(result) else shown  # what it is held against tells nothing
+        return "info", f"{believable}; {undecided}; {checks}.{shown} {capitalised(_undecided(result))}."
+    return "ok" if made else "info", f"{believable}: {checks}. There is no model to compare with."
+
+
+def _likeliest(judged: Judgement) -> str:
+    """Return the cause of the gravest finding, else the first that explains any; empty where none is known."""
+    gravest = judged.findings[0].cause if judged.findings else ""
+    return gravest or next(iter(judged.causes), "")
+
+
+def _undecided(result: xr.Dataset) -> str:
+    """Say why an agreement says nothing: its basis is wrong, differences are unlikely, or no error would have shown."""
+    if basis := suspected(result):
+        return basis[0]
+    if (p := float(result["p"])) < LIKELY:
+        return f"so large differences are unlikely by chance ({chance(p)}), but no proof of another model"
+    return f"no error of {MATTERS:.0%} in any input would have shown".replace("%", f"{TIED}%")
+
+
+def _many(found: Sequence[object], noun: str) -> str:
+    return f"{len(found)} {noun}{'s' * (len(found) != 1)}"
+
+
+def _compared(row: Row, among: Sequence[Row]) -> str:
+    measured, model = (
+        value_with_uncertainty(value or 0.0, u, row.unit) if u else _as_exact(value or 0.0, row)
+        for value, u in ((row.measured, row.u_measured), (row.model, row.u_model))
+    )
+    where = ", ".join(part for part in (row.material, row.condition) if part)
+    is_one_of_many = sum(other.quantity == row.quantity for other in among) > 1
+    which = f"{row.quantity} ({where})" if where and is_one_of_many else row.quantity
+    return f"{which}: {measured} measured, {model} expected (difference {abs(row.deviation or 0.0):.1f}{TIED}u)"
+
+
+def _as_exact(value: float, row: Row) -> str:
+    """Write a value without an uncertainty of its own with the digits that the difference's can tell."""
+    if row.u_difference and value:
+        digits = max(1, floor(log10(abs(value))) - floor(log10(row.u_difference)) + 2)
+        value = float(f"{value:.{digits}g}")
+    return value_with_uncertainty(value, 0.0, row.unit)
+
+
+def _counted(judged: Judgement) -> str:
+    passed = sum(c.is_made and c.level in (None, "note") for c in judged.checks)
+    return f"{passed} of {judged.n_made} checks passed"
+
+
+def verdict_blocks(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> tuple[Block, ...]:
+    """Return the opening of a page: the sentence, then what was checked and what it could show."""
+    if result is None:
+        return ()
+    judged = believed(result)
+    level, text = sentence(result, rows)
+    blocks: list[Block] = [Notice(level, text, VERDICT)]  # type: ignore[arg-type]
+    if len(judged.findings) > 1:
+        blocks.append(Details(f"All {len(judged.findings)} findings", blocks=(_found(judged),)))
+    elif judged.findings and judged.findings[0].level == "note":  # the sentence tells no note
+        blocks.append(Details("What was noted", blocks=(_found(judged),)))
+    if result.sizes["input"]:
+        blocks.append(Paragraph(noticed(result)))
+        blocks.append(Details("What this comparison could have noticed", blocks=(_noticed(result),)))
+    blocks.append(Details(f"Checks of the record ({_counted(judged)})", blocks=(_checked(judged),)))
+    return tuple(blocks)
+
+
+def _found(judged: Judgement) -> Table:
+    rows = [(f.level, f.check, f.message, f.cause) for f in judged.findings]
+    return Table(tuple(Column(name) for name in ("level", "check", "what was seen", "probable cause")), rows)
+
+
+def noticed(result: xr.Dataset) -> str:
+    """Say in one line which error of each input the comparison would have shown.
+
+    Examples
+    --------
+    ``"Errors that would have shown: height 0.4 % · modulus 2.1 %. Not even 100 % would have shown in: mass."``
+    """
+    errors = _errors(result)
+    parts = [f"{name}{TIED}{size.replace(' ', TIED)}" for name, size, _ in errors if size]
+    none = [name for name, size, _ in errors if not size]
+    between = f"{TIED}· "
+    said = f"Errors that would have shown: {between.join(parts) or 'none below 100' + TIED + '%'}."
+    return f"{said} Not even 100{TIED}% would have shown in: {between.join(none)}." if none and parts else said
+
+
+def _errors(result: xr.Dataset) -> list[tuple[str, str, float]]:
+    """Return name, size as text, and relative size of what would have shown; the smallest first."""
+    units = json.loads(result.attrs["units"])
+    values = zip(
+        result["input"].values, result["detectable"].values, result["detectable_error"].values, units, strict=True
+    )
+    found = []
+    for name, relative, error, unit in values:
+        if np.isnan(relative):  # of an input that is 0, such as a position, or a temperature
+            size = quantity(float(error), of_error(unit)) if np.isfinite(error) else ""
+        else:
+            size = f"{100 * relative:.2g} %" if np.isfinite(relative) and relative < 1.0 else ""
+        found.append((shown_source(str(name)), size, float(relative)))
+    return sorted(found, key=lambda each: (not each[1], bool(np.isnan(each[2])), each[2]))
+
+
+def _noticed(result: xr.Dataset) -> Table:
+    rows = [(name, size or "cannot tell (below 100 %)") for name, size, _ in _errors(result)]
+    return Table(
+        (Column("input"), Column("smallest error that would have shown")),
+        rows,
+        caption="With 95 % probability at the 5 % level, all other inputs held at their uncertainty.",
+    )
+
+
+def _checked(judged: Judgement) -> Table:
+    rows = []
+    for check in judged.checks:
+        answer = check.level or ("passed" if check.is_made else "not made")
+        margin = f"{check.margin:+.1f} u" if np.isfinite(check.margin) else ""
+        rows.append((check.name, answer, margin, check.message or f"needs {check.needs}", check.law))
+    columns = ("check", "answer", "margin", "what was seen", "law")
+    return Table(tuple(Column(name) for name in columns), rows)

@@ -1,0 +1,247 @@
+"""What would explain a model that differs: a value that was stated wrongly, or another material."""
+
+from collections.abc import Mapping, Sequence, Set
+from math import exp, inf, log
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from labpipe.judging import SLIPS, Judgement, Suspect, agreement, best_factor, slips, suspects
+from labpipe.report import quantity
+from labpipe.units import Quantity
+from pipelines.experiments.shared.comparison_rows import Row
+from pipelines.experiments.shared.judgements._scene import Scene
+from pipelines.experiments.shared.judgements._words import TIED, of_error
+
+_LINEAR, _FAR = 0.3, 20.0
+"""Part of an input's value, or times its u, beyond which its effect is no longer known by its slope."""
+_UNEXPLAINED = (
+    "no input alone explains it: the specimen is probably of another material or in another state than stated, or "
+    "the model leaves something out"
+)
+_DECIMAL = 10.0
+_NO_GRADE = 5.0  # between moduli of two grades of one polymer
+_MODULUS = "modulus"
+"""Input of a material: its u is 0 where it is known by its name alone."""
+_TELLS = 0.8  # of a difference, that another modulus must explain to be told as a factor
+_MOSTLY = 0.5  # of a difference, that an input must explain where it alone is told
+_NO_SLIP, _DIAMETER = ("1", "degC", "K"), 2.0  # units of inputs that have no usual factor, and a radius' one
+_COMMON, _TOGETHER, _FEWEST_COMMON = 1.5, 0.15, 3
+"""Factor from which on all measured values together are said to be off, how far each of them may be from it, as a
+share of its logarithm, and how many there must be."""
+_SUSPECTS, _EXPLAINS = 2, 0.2  # inputs that are named where the model differs, and the least share that each explains
+_CLOSE = 6.0
+"""Difference of chi square within which an input explains as much as the one that explains most."""
+_KNOWN, _RELATIVE = 1e-3, 1e-2
+"""Relative, what counts as the uncertainty of an input without a stated one, and of a factor that nobody measured."""
+_HALF = 0.5
+"""Of one: a number of things is wrong by that much at least."""
+
+
+def explanations(
+    scene: Scene, judged: Judgement, names: Sequence[str], rows: Sequence[Row], slopes: Any, covariance: Any
+) -> list[str]:
+    """Say what would explain that measurement and model differ, the likeliest first.
+
+    Parameters
+    ----------
+    scene : Scene
+    judged : Judgement
+        Of its checks: what one of them has confirmed is no suspect.
+    names : sequence of str (m,)
+        Inputs that could have been stated wrongly.
+    rows : sequence of Row (n,)
+        Of the comparison.
+    slopes : array (n, m)
+        Derivatives of their differences to these inputs, SI.
+    covariance : array (n, n)
+        Of the differences.
+    """
+    known = {**scene.inputs, **scene.shared}
+    differences = [row.difference or 0.0 for row in rows]
+    ranked = suspects(differences, slopes, covariance) if names else []
+    told: list[str] = []
+    if not scene.unstated:
+        told = _slipped(scene, names, rows, slopes, covariance, ranked, _confirmed(judged))
+    told = _common(names, rows, slopes) + told
+    others = _suspected(names, known, slopes, ranked, agreement(differences, covariance).chi2)
+    if not told and ranked and ranked[0].share > _MOSTLY and _MODULUS in names:
+        far = [i for i, error in _errors_of(ranked[0], slopes) if not _is_near(known[names[i]], error)]
+        alike = " or ".join(names[i] for i in far if names[i] != _MODULUS)  # looks the same
+        told = [f"probably {scene.another_material}{f'; or {alike} is stated wrongly' * bool(alike)}"]
+        told = told if names.index(_MODULUS) in far else []
+    return [*told, *others][:_SUSPECTS] or ([_UNEXPLAINED] if names else [])
+
+
+def _suspected(
+    names: Sequence[str], known: Mapping[str, Quantity], slopes: Any, ranked: Sequence[Suspect], chi2: float
+) -> list[str]:
+    """Say of the likeliest inputs by how much each would have to be stated wrongly, and what that explains."""
+    said: list[str] = []
+    # what explains as much is the likelier, the less of its own uncertainty it takes
+    each = [(suspect.share, _likeliest_first(suspect, names, known, slopes)) for suspect in ranked]
+    alike = [one for one in each if (ranked[0].share - one[0]) * chi2 < _CLOSE]
+    alike.sort(key=lambda one: _far(known[one[1][0][0]], one[1][0][1]) if one[1] else inf)
+    for share, errors in [*alike, *each[len(alike) :]]:
+        if share < _EXPLAINS or len(said) == _SUSPECTS:
+            break
+        near = [(name, error) for name, error in errors if _is_near(known[name], error)]
+        if not near:
+            continue
+        (first, error), *_ = near
+        others, given = [name for name, _ in errors if name != first], known[first]
+        way = "too large" if error > 0.0 else "too small"
+        size = quantity(abs(error), of_error(given.si))
+        if given.si == "1" and given.value:
+            size = f"{100 * abs(error / given.value):.2g} %"
+        like = f" (or {', '.join(others)})" if others else ""
+        said.append(f"{first}{like} stated {size} {way} would explain {100 * share:.0f} % of it")
+    return said
+
+
+def _likeliest_first(
+    suspect: Suspect, names: Sequence[str], known: Mapping[str, Quantity], slopes: Any
+) -> list[tuple[str, float]]:
+    """Return inputs that look the same, each with its error; of what is counted no part is wrong."""
+    errors = [(names[i], error) for i, error in _errors_of(suspect, slopes)]
+    whole = [(name, error) for name, error in errors if not (_is_count(known[name]) and abs(error) < _HALF)]
+    return sorted(whole, key=lambda one: _far(known[one[0]], one[1]))
+
+
+def _far(given: Quantity, error: float) -> float:
+    """Return an error in uncertainties of its input, or in what stands for one that nobody stated."""
+    share = _RELATIVE if given.si == "1" else _KNOWN
+    return abs(error) / (given.u or share * abs(given.value) or inf)
+
+
+def _is_count(given: Quantity) -> bool:
+    return given.si == "1" and not given.u and given.value > 1.0 and float(given.value).is_integer()
+
+
+def _is_near(given: Quantity, error: float) -> bool:
+    """Tell whether the effect of an error is still known by its slope."""
+    return not given.value or abs(error) <= max(_LINEAR * abs(given.value), _FAR * given.u)
+
+
+def _errors_of(suspect: Suspect, slopes: Any) -> list[tuple[int, float]]:
+    """Return the inputs whose errors look the same, each with the error by which it would explain as much."""
+    first = suspect.inputs[0]
+    row = int(np.argmax(np.abs(slopes[:, first])))
+    return [(i, suspect.error * slopes[row, first] / slopes[row, i]) for i in suspect.inputs if slopes[row, i]]
+
+
+class _PowerLaws(NamedTuple):
+    """Rows above 0, whose logarithms go straight with those of the inputs over large factors."""
+
+    measured: Any
+    model: Any
+    powers: Any
+    spread: Any
+
+    @classmethod
+    def of(
+        cls, names: Sequence[str], known: Mapping[str, Quantity], rows: Sequence[Row], slopes: Any, covariance: Any
+    ) -> "_PowerLaws":
+        ratios = [(row.measured or 0.0) * (row.model or 0.0) for row in rows]
+        straight = [j for j, product in enumerate(ratios) if product > 0.0 and rows[j].u_difference]
+        mean = np.sqrt([ratios[j] for j in straight])
+        values = np.array([known[name].value for name in names])
+        return cls(
+            np.array([rows[j].measured for j in straight]),
+            np.array([rows[j].model for j in straight]),
+            slopes[straight] * values / mean[:, None],
+            covariance[np.ix_(straight, straight)] / np.outer(mean, mean),
+        )
+
+
+def stiffness_of(
+    names: Sequence[str], known: Mapping[str, Quantity], rows: Sequence[Row], slopes: Any, covariance: Any
+) -> float | None:
+    """Return how many times the stated modulus would explain the rows; None where no modulus does, or tells."""
+    laws = _PowerLaws.of(names, known, rows, slopes, covariance)
+    if _MODULUS not in names or not laws.measured.size:
+        return None
+    found = best_factor(laws.measured, laws.model, -laws.powers[:, names.index(_MODULUS)], laws.spread)
+    return found.factor if found is not None and found.share > _TELLS else None
+
+
+def _slipped(
+    scene: Scene,
+    names: Sequence[str],
+    rows: Sequence[Row],
+    slopes: Any,
+    covariance: Any,
+    ranked: Sequence[Suspect],
+    confirmed: Set[str],
+) -> list[str]:
+    """Say which stated value is probably another by a usual factor: a diameter for a radius, a decimal, a unit.
+
+    Where an input that has no uncertainty, such as a modulus that nobody measured, would do the same,
+    none is but by a factor that no grade of a material makes; nor is a value that a check of the
+    record has confirmed.
+    """
+    known = scene.inputs
+    certain = {j for j, name in enumerate(names) if known[name].u or (scene.measured_by and name == _MODULUS)}
+    free = {i for suspect in ranked if not certain.issuperset(suspect.inputs) for i in suspect.inputs}
+    # what is relative has no unit to be typed wrongly, and a temperature no factor
+    stated_ones = [
+        i
+        for i, name in enumerate(names)
+        if known[name].u and known[name].value > 0.0 and known[name].si not in _NO_SLIP
+        if name not in confirmed
+    ]
+    laws = _PowerLaws.of(names, known, rows, slopes, covariance)
+    if not stated_ones or not laws.measured.size:
+        return []
+    powers = laws.powers[:, stated_ones]
+    of_modulus = laws.powers[:, names.index(_MODULUS)] if _MODULUS in names else np.full(1, inf)
+    of_grades = float(np.abs(of_modulus).max()) * log(_NO_GRADE)
+    said = []
+    # beside what may have any value, what is out of all proportion is told by a check of its own
+    factors = [
+        [
+            k
+            for k in SLIPS["mass" if known[names[i]].si == "kg" else "value"]
+            if not free or abs(log(k)) <= log(_DECIMAL)
+        ]
+        for i in stated_ones
+    ]
+    for slip in slips(laws.measured, laws.model, powers, laws.spread, factors):
+        name = names[stated_ones[slip.input]]
+        effect = float(np.abs(powers[:, slip.input]).max()) * abs(log(slip.factor))
+        if stated_ones[slip.input] in free and effect < of_grades:
+            return []
+        given = known[name]
+        typed = ": its diameter was typed" if "radius" in name and slip.factor == _DIAMETER else ""
+        said.append(
+            f"{name} is probably {quantity(given.value / slip.factor, given.si)}, not {quantity(given.value, given.si)}"
+            f"{typed}; that would explain {100 * slip.share:.0f}{TIED}% of it"
+        )
+    if len(said) != 1:
+        return []
+    return [*said, f"or {scene.another_material}"] if _MODULUS in names else said
+
+
+def _confirmed(judged: Judgement) -> Set[str]:
+    """Return the settings that a check has held against the record and found right."""
+    made = [c for c in judged.checks if c.is_made and c.setting and np.isfinite(c.log_ratio)]
+    return {c.setting for c in made} - {c.setting for c in made if c.level}
+
+
+def _common(names: Sequence[str], rows: Sequence[Row], slopes: Any) -> list[str]:
+    """Say by which one factor everything that was measured differs from the model, where one explains it."""
+    pairs = [(row.measured or 0.0, row.model or 0.0) for row in rows]
+    logs = np.array([log(seen / model) for seen, model in pairs if seen * model > 0.0])
+    if logs.size < len(rows) or logs.size < _FEWEST_COMMON:
+        return []
+    middle = float(np.median(logs))
+    if abs(middle) < log(_COMMON) or float(np.max(np.abs(logs - middle))) > _TOGETHER * abs(middle):
+        return []
+    relative = slopes / np.array([row.model for row in rows])[:, None]
+    mean = relative.mean(axis=0)
+    alike = [n for n, m, r in zip(names, mean, relative.T, strict=True) if np.ptp(r) <= _TOGETHER * abs(m) > 0.0]
+    what = ", ".join(alike) or "a gain"
+    return [
+        f"all {logs.size} measured values are {exp(middle):.3g} times those of the model: what multiplies all of them "
+        f"({what}, a unit, or another material's modulus) is wrong by that factor"
+    ]

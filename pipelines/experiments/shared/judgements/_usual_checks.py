@@ -1,0 +1,124 @@
+"""Checks and causes that several kinds make alike."""
+
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+import xarray as xr
+
+from calibration.record import NO_DAY
+from labpipe.judging import Check, Level, not_made, stated, unfinished
+from labpipe.report import quantity
+from labpipe.units import Quantity
+from labpipe.workflow.context import Context
+
+_LARGE, _VAGUE = 0.2, 0.05
+"""Of a stated value, beyond which its uncertainty is doubtful, and beyond which it hides a slip of typing."""
+
+
+def uncertainties_stated(given: Iterable[tuple[str, Quantity]]) -> Iterator[Check]:
+    """Hold stated uncertainties, each with its setting, against the values to which they belong."""
+    law = "an uncertainty is far smaller than what it belongs to"
+    for setting, value in given:
+        text = f"{setting} is stated as {quantity(value.value, value.si)} with u = {quantity(value.u, value.si)}"
+        level: Level | None = None
+        cause, share = "", value.u / abs(value.value) if value.value else 0.0
+        if share > _LARGE:
+            level, cause = "doubtful", "the uncertainty was typed in another unit or with a lost decimal"
+        elif share > _VAGUE:
+            level = "note"
+            cause = f"{setting} is known too vaguely to judge by: a difference of {4 * share:.0%} would pass"
+        yield stated(f"uncertainty of {setting}", law, text, level, cause=cause, setting=setting)
+
+
+def day_known(calibrated: xr.Dataset | None, record: str) -> Check:
+    """Hold the day of a recording against what a clock can say; by it a calibration record is chosen."""
+    name, law = "day of the recording", "a recording was made after its instrument, and before it was read"
+    if calibrated is None or not str(calibrated.attrs.get("calibration", "")).startswith("{"):
+        return not_made(name, law, "a calibration record")
+    said = str(json.loads(calibrated.attrs["calibration"])["validity_check"])
+    if not said.startswith(NO_DAY):
+        return stated(name, law, f"{record}: {said}", None)
+    text = f"whether {record} was valid is not known: the clock of the instrument says {said.removeprefix(NO_DAY)}"
+    return stated(name, law, text, "note", cause="the clock of the instrument was never set, or lost its battery")
+
+
+def failed_steps(context: Context, causes: Mapping[str, str]) -> list[Check]:
+    """Turn steps that gave no result into checks that failed, or that could not be made.
+
+    Where the run was at fault, as by a program that changed under it, a full disk, or a mistake of
+    the program itself, nothing is said of the record but that the verdict lacks a step.
+
+    Parameters
+    ----------
+    context : Context
+        Of the run.
+    causes : mapping of str to str
+        Stage to what most likely is wrong with a record on which it fails.
+    """
+    found: dict[str, Check] = {}
+    for failure in context.failures:
+        if "gave no result" in failure.text or failure.stage in found:
+            continue
+        where = f"{failure.recording}: " if failure.recording else ""
+        if failure.is_of_run:
+            found[failure.stage] = unfinished(
+                f"step {failure.stage}",
+                "what is judged must have been computed",
+                f"{where}{failure.text}",
+                "the program did not get through this step, which tells nothing about the record: run it again, and "
+                "report it if it happens again",
+            )
+            continue
+        found[failure.stage] = stated(
+            f"step {failure.stage}",
+            "what an experiment records must be in the record",
+            f"{where}{failure.text}",
+            "impossible",
+            cause=causes.get(failure.stage, ""),
+            file=failure.recording or "",
+        )
+    return list(found.values())
+
+
+def times_over(name: str, stated_value: float, unit: str, what: str) -> Any:
+    """Return the sentence of a cause: what a stated value would have to be.
+
+    Parameters
+    ----------
+    name : str
+        What is wrong, such as ``"the sampling cycle"``.
+    stated_value : float
+        As it is stated, SI.
+    unit : str
+        SI.
+    what : str
+        Where it stands, such as ``"laser/a.csv"``.
+
+    Examples
+    --------
+    >>> say = times_over("the height", 1.5e-3, "m", "")
+    >>> say(0.1)
+    'the height is probably 15.0 mm, not 1.50 mm'
+    >>> say(1.0004)
+    'the height is probably 0.04 % less than the 1.50 mm that are stated'
+    """
+
+    def say(factor: float) -> str:
+        right = quantity(stated_value / factor, unit)
+        given = quantity(stated_value, unit)
+        place = f" ({what})" if what else ""
+        if right == given:
+            off, more = abs(100.0 * (1.0 / factor - 1.0)), "more" if factor < 1.0 else "less"
+            return f"{name} is probably {off:.2g} % {more} than the {given} that are stated{place}"
+        return f"{name} is probably {right}, not {given}{place}"
+
+    return say
+
+
+def line_of(header: str, *words: str) -> int | None:
+    """Return the line of a file's header that holds one of some words; None when none does."""
+    for number, text in enumerate(header.splitlines(), 1):
+        if any(word.lower() in text.lower() for word in words):
+            return number
+    return None
