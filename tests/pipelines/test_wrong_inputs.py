@@ -13,8 +13,9 @@ from pathlib import Path
 import pytest
 
 from labpipe import files
-from pipelines.experiments.shared.judgements import compared
+from pipelines.experiments.shared.judgements import suspected
 from pipelines.process import process, result
+from pipelines.session import verdict_on
 from tests.pipelines.deviations import write_specimens
 
 pytestmark = pytest.mark.slow
@@ -89,9 +90,9 @@ def right(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def _said(folder: Path, experiment: str) -> tuple[str, str, str]:
     """Return whether the model agrees, whether the record is believable, and what is named."""
-    told = compared(result(folder, experiment, "judgement"))
-    named = [*told["suspects"][:2], told["cause"]]
-    return told["model"], told["believable"], " | ".join(filter(None, named))
+    told = verdict_on(folder, experiment)
+    named = [*suspected(result(folder, experiment, "judgement"))[:2], told.cause]
+    return told.model, told.believable, " | ".join(filter(None, named))
 
 
 @pytest.mark.parametrize("experiment", ["drop", "film", "static", "relaxation", "harmonic"])
