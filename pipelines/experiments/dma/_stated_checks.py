@@ -10,7 +10,7 @@ from labpipe.judging import Check, Level, bounded, not_made, stated
 from labpipe.materials import modulus_factor
 from labpipe.report import quantity
 from pipelines.experiments.dma._checked_sweeps import POLYMERS, Export
-from pipelines.experiments.dma.measured import strain_of
+from pipelines.experiments.dma.measured import loading_told
 from pipelines.experiments.dma.settings import Dma
 
 _NU = 0.2  # lowest Poisson's ratio of a polymer that is no foam
@@ -66,14 +66,14 @@ def scale_of_moduli(settings: Dma) -> Check:
 
 
 def mode_of_loading(export: Export, settings: Dma) -> Check:
-    """Hold the mode against the heading of the strain, where the export has one that tells."""
-    name, law = "mode of loading", "what was loaded in torsion has a shear strain"
-    seen = strain_of(export.data)
+    """Hold the mode against the headings of strain and moduli, where one of them tells."""
+    name, law = "mode of loading", "what was loaded in torsion has a shear strain and moduli G' and G\""
+    seen, heading = loading_told(export.data)
     if not seen:
-        return not_made(name, law, "a heading that says shear or extensional strain")
+        return not_made(name, law, "a heading that says shear or extensional strain, or whether a modulus is G or E")
     is_shear = seen == "shear"
     expects_shear = settings.mode in ("shear", "torsion")
-    message = f'{export.name} has a column "{seen} strain", session.toml says mode = "{settings.mode}"'
+    message = f'{export.name} has a column "{heading}", session.toml says mode = "{settings.mode}"'
     should = "torsion or shear" if is_shear else "tension or bending"
     factor = 2 * (1 + settings.nu.value)
     cause = f"mode is probably {should}, not {settings.mode}: moduli are a factor {factor:.3g} off"

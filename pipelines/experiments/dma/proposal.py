@@ -4,7 +4,7 @@ Files of one isotherm each, whose names differ in a temperature only (``pi2k_-30
 """
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -12,8 +12,9 @@ import xarray as xr
 
 import instruments
 from labpipe.errors import LabpipeError
+from labpipe.names import printable
 from pipelines.experiments._kind import Found, Proposed
-from pipelines.experiments.dma.measured import strain_of
+from pipelines.experiments.dma.measured import loading_told
 from pipelines.experiments.dma.settings import MODES
 from pipelines.experiments.shared import proposals
 from pipelines.experiments.shared.proposals import GAP
@@ -34,9 +35,8 @@ def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
     held = [name for name, table in tables.items() if set(map(str, table.data_vars)) >= _NEEDED]
     for key, files in proposals.grouped(held, stem):
         lacks = ["temperature" not in tables[name] for name in files]
-        strains = {strain_of(tables[name]) for name in files}
-        strain = strains.pop() if len(strains) == 1 else ""
-        yield Proposed(key, tuple(files), partial(_text, found, files, any(lacks), strain))
+        told = dict(loading_told(tables[name]) for name in files)
+        yield Proposed(key, tuple(files), partial(_text, found, files, any(lacks), told))
 
 
 def _is_isotherm(table: xr.Dataset) -> bool:
@@ -53,11 +53,11 @@ def _table(path: Path) -> xr.Dataset | None:
     return found if isinstance(found, xr.Dataset) else None
 
 
-def _text(found: Found, files: Sequence[str], lacks_temperature: bool, strain: str, name: str) -> str:
+def _text(found: Found, files: Sequence[str], lacks_temperature: bool, told: Mapping[str, str], name: str) -> str:
     return f"""[experiments.{name}]
 kind = "dma"
 rheometer = {proposals.listed(files)}
-{mode_line(name, strain)}
+{mode_line(name, told)}
 nu = "{GAP}"  # Poisson's ratio, e.g. "0.35 ± 0.02"{_temperature(files) if lacks_temperature else ""}
 # T_ref = "20 degC"  # of the master curve; by default the middle temperature\
 {_published(found, files)}"""
@@ -76,22 +76,23 @@ def _temperature(files: Sequence[str]) -> str:
     return f"\ntemperatures = [{quoted}]  # of each file, in their order; {source}"
 
 
-def mode_line(name: str, strain: str) -> str:
-    """Return the line of the mode, from a file's name where it tells, else from its column of strain.
+def mode_line(name: str, told: Mapping[str, str]) -> str:
+    """Return the line of the mode, from a file's name where it tells, else from the headings of its columns.
 
     Parameters
     ----------
     name : str
         Of the experiment.
-    strain : {"shear", "extensional", ""}
-        As the export names its strain.
+    told : mapping
+        Heading by loading that it tells (`loading_told`); more than one where files contradict each other.
     """
     known = next((m for m in MODES if m in name.lower()), None)
     if known is not None:
         return f'mode = "{known}"  # proposed from the file name'
-    if strain:
-        mode, other = _MODES_OF[strain]
-        return f'mode = "{mode}"  # or {other}, which converts alike: the file has a column "{strain} strain"'
+    if len(told) == 1 and "" not in told:
+        ((loading, heading),) = told.items()
+        mode, other = _MODES_OF[loading]
+        return f'mode = "{mode}"  # or {other}, which converts alike: the file has a column "{printable(heading)}"'
     return f'mode = "{GAP}"  # {", ".join(MODES[:-1])} or {MODES[-1]}; the file does not say it'
 
 

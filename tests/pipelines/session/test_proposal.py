@@ -313,16 +313,19 @@ def test_every_view_and_day_has_a_camera_record_of_its_own(filmed: Path) -> None
 
 
 @pytest.mark.parametrize(
-    ("name", "strain", "line"),
+    ("name", "told", "line"),
     [
-        ("ptfe_tension", "shear", 'mode = "tension"  # proposed from the file name'),
-        ("ptfe", "shear", 'mode = "shear"  # or torsion, which converts alike: the file has a column "shear strain"'),
-        ("ptfe", "extensional", 'mode = "tension"  # or bending, which converts alike: the file has a column "ext'),
-        ("ptfe", "", 'mode = "FILL"  # tension, bending, shear or torsion; the file does not say it'),
+        ("ptfe_tension", {"shear": "Shear Strain"}, 'mode = "tension"  # proposed from the file name'),
+        ("ptfe", {"shear": "G'"}, 'mode = "shear"  # or torsion, which converts alike: the file has a column "G\'"'),
+        ("ptfe", {"extensional": "E'"}, 'mode = "tension"  # or bending, which converts alike: the file has a column'),
+        ("ptfe", {"shear": "G'", "extensional": "E'"}, 'mode = "FILL"  # tension, bending, shear or torsion'),
+        ("ptfe", {"": ""}, 'mode = "FILL"  # tension, bending, shear or torsion; the file does not say it'),
     ],
 )
-def test_the_mode_of_a_rheometer_is_proposed_from_its_name_or_its_strain(name: str, strain: str, line: str) -> None:
-    assert mode_line(name, strain).startswith(line)
+def test_the_mode_of_a_rheometer_is_proposed_from_its_name_or_its_headings(
+    name: str, told: dict[str, str], line: str
+) -> None:
+    assert mode_line(name, told).startswith(line)
     assert {modulus_factor(mode, 0.3) for mode in ("shear", "torsion")} == {modulus_factor("shear", 0.3)}
     assert modulus_factor("tension", 0.3) == modulus_factor("bending", 0.3)
 
