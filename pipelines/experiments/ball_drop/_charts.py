@@ -3,7 +3,9 @@
 import numpy as np
 import xarray as xr
 
+from labpipe.arrays import Floats
 from labpipe.report import Band, Block, LineChart, Section, Series
+from pipelines.experiments.shared.pages import model_curves
 
 _VIEWS = 3  # impacts that get a view; the thesis analyses the first three
 _MARGIN = 0.3  # of a contact's duration, shown before and after it
@@ -27,14 +29,18 @@ def motion(repeats: xr.Dataset, model: xr.Dataset | None, comparison: xr.Dataset
     position = _measured("displacement", repeats, _MM)
     speed = _measured("velocity", repeats, 1.0)
     if model is not None:
-        position.append(_simulated("displacement", model, _MM))
+        since = _since(model)
+        position += model_curves(since * _MS, model["displacement"] * _MM, model["u_displacement"] * _MM)
         speed.append(_simulated("velocity", model, 1.0))
     hint = " Point at the chart to show each repeat." if repeats.sizes["repeat"] > 1 else ""
     caption = f"Mean of the repeats with the band of ± 2 standard deviations.{hint}"
+    if model is not None:
+        followed = int(np.isfinite(model["u_impact_time"]).sum())
+        caption += f" The model's band is what the uncertainties of its inputs do to the path, until impact {followed}."
     labels = ("Displacement", _LABEL, "height over first contact / mm")
     charts: list[Block] = [LineChart(*labels, tuple(position), group="drop", views=views, caption=caption)]
-    if comparison is not None:
-        charts.append(_difference(repeats, comparison, views))
+    if model is not None and comparison is not None:
+        charts.append(_difference(repeats, model, comparison, views))
     charts.append(LineChart("Velocity", _LABEL, "velocity / (m/s), upwards", tuple(speed), group="drop", views=views))
     if model is not None:
         for title, label, name, factor in (
@@ -79,18 +85,25 @@ def _repeat_name(repeats: xr.Dataset, i: int) -> str:
 
 
 def _simulated(name: str, model: xr.Dataset, factor: float) -> Series:
-    since = (model["time"].values - float(model["impact_time"][0])) * _MS
-    return Series("model", since, model[name].values * factor, role="model")
+    return Series("model", _since(model) * _MS, model[name].values * factor, role="model")
 
 
-def _difference(repeats: xr.Dataset, comparison: xr.Dataset, views: tuple[tuple[str, float, float], ...]) -> LineChart:
-    """Draw measured minus model, and behind it how far the repeats differ among themselves."""
+def _since(model: xr.Dataset) -> Floats:
+    """Return the model's time (time,) in s since its first contact."""
+    return model["time"].values - float(model["impact_time"][0])
+
+
+def _difference(
+    repeats: xr.Dataset, model: xr.Dataset, comparison: xr.Dataset, views: tuple[tuple[str, float, float], ...]
+) -> LineChart:
+    """Draw measured minus model, behind it how far the repeats differ and how well the model is known."""
     time = comparison["time"].values
     difference = Series("difference", time * _MS, comparison["residual"].values * _UM, role="residual")
-    series: list[Series | Band] = [difference]
+    known = 2 * np.interp(time, _since(model), model["u_displacement"].values) * _UM
+    series: list[Series | Band] = [Band("model ± 2 u", time * _MS, -known, known, role="model"), difference]
     if repeats.sizes["repeat"] > 1:
         wide = 2 * repeats["displacement_sd"].sel(time=time).values * _UM
-        series.insert(0, Band(_SPREAD, time * _MS, -wide, wide, role="repeat"))
+        series.insert(1, Band(_SPREAD, time * _MS, -wide, wide, role="repeat"))
     caption = (
         "An impact that is early or late in the model shows as a spike, as both curves are steep there; the table of "
         "bounces gives the difference in time."

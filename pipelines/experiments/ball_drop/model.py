@@ -12,9 +12,8 @@ import xarray as xr
 from labpipe import contact
 from labpipe.arrays import Floats
 from labpipe.materials import Prony
-from labpipe.uncertainty import Source, budget_rows
 from labpipe.units import Quantity
-from labpipe.variables import variable
+from pipelines.experiments.ball_drop._model_uncertainty import UNCERTAIN, with_uncertainty
 from pipelines.experiments.ball_drop.measured import padded
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.material_choice import IMPACT_TIMES, resolve, variations
@@ -28,15 +27,6 @@ FOLLOWED = 20
 
 Three are compared; PEEK bounces a hundred times, and each impact costs a contact for every input.
 """
-_UNCERTAIN = (
-    "restitution",
-    "impact_time",
-    "peak_force",
-    "peak_contact_radius",
-    "contact_duration",
-    "penetration",
-    "impact_speed",
-)
 _MODULUS = "modulus"
 _STIFFER = 0.01  # relative change of the modulus by which its sensitivity is found
 
@@ -93,7 +83,7 @@ def model(
         """Return each uncertain result (trial, impact), NaN where there is none."""
         if full or chosen.solver != "mdr":
             found = [simulate(trial.solid, rtol, None, trial.change) for trial in trials]
-            return {name: np.stack([padded(one[name].values[:count], count) for one in found]) for name in _UNCERTAIN}
+            return {name: np.stack([padded(one[name].values[:count], count) for one in found]) for name in UNCERTAIN}
         values, beneath = zip(*(values_of(trial.change) for trial in trials), strict=True)
         made = contact.impacts(
             [trial.solid for trial in trials],
@@ -107,7 +97,7 @@ def model(
             gravity=gravity,
             plate=beneath,
         )
-        return {name: made[name].values for name in _UNCERTAIN}
+        return {name: made[name].values for name in UNCERTAIN}
 
     made = simulate(solid, chosen.rtol, times, {})
     # On a ringing plate a later touch meets it at another moment when the height changes, so the
@@ -123,16 +113,16 @@ def model(
     found = (
         bounces(trials, max(chosen.rtol, _COARSE), count)
         if count
-        else {name: np.zeros((len(trials), 0)) for name in _UNCERTAIN}
+        else {name: np.zeros((len(trials), 0)) for name in UNCERTAIN}
     )
     # what is compared counts from the first contact
     found["impact_time"] = found["impact_time"] - found["impact_time"][:, :1]
     slopes = {
-        trial.name: (trial.given, {name: (found[name][i] - found[name][0]) / trial.step for name in _UNCERTAIN})
+        trial.name: (trial.given, {name: (found[name][i] - found[name][0]) / trial.step for name in UNCERTAIN})
         for i, trial in enumerate(trials)
         if i > 0
     }
-    made = _with_uncertainty(made, slopes)
+    made = with_uncertainty(made, slopes)
     made.attrs["plate"] = json.dumps(None if substrate is None else asdict(substrate))
     work = json.loads(made.attrs["work"])
     work.pop("seconds", None)  # the clock has no place in a stored result
@@ -148,38 +138,3 @@ class _Trial(NamedTuple):
     step: float
     solid: Prony
     change: Mapping[str, float] = {}
-
-
-def _with_uncertainty(made: xr.Dataset, slopes: Mapping[str, tuple[Quantity, dict[str, Floats]]]) -> xr.Dataset:
-    """Add what the uncertainties of the inputs do to restitution, times, forces and radii of the first impacts."""
-    count = made.sizes["impact"]
-    for name in _UNCERTAIN:
-        parts = [np.nan_to_num(by[name]) * given.u for given, by in slopes.values()]
-        made[f"u_{name}"] = variable(
-            "impact",
-            padded(np.sqrt(np.sum(np.square(parts), axis=0)), count),
-            made[name].attrs["units"],
-            f"standard uncertainty from {', '.join(slopes)}: {name}",
-        )
-    made = made.assign_coords(slope_input=np.array(list(slopes), dtype=str))
-    given = [quantity for quantity, _ in slopes.values()]
-    made.attrs["input_units"] = json.dumps([quantity.si for quantity in given])
-    for name, values, text in (
-        ("input_value", [q.value for q in given], "value of an input of the model, SI"),
-        ("input_u", [q.u for q in given], "standard uncertainty of an input of the model, SI"),
-    ):
-        made[name] = variable("slope_input", values, "1", text)
-    for name in _UNCERTAIN:
-        made[f"slope_{name}"] = variable(
-            ("slope_input", "impact"),
-            np.array([padded(by[name], count) for _, by in slopes.values()]),
-            made[name].attrs["units"],
-            f"change per SI unit of input: {name}",
-        )
-    sources = [
-        Source.of(key, given, float(np.nan_to_num(by["restitution"][0])))
-        for key, (given, by) in slopes.items()
-        if count and given.u > 0.0
-    ]
-    made.attrs["budget"] = json.dumps(budget_rows(sources))
-    return made

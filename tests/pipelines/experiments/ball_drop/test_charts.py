@@ -53,12 +53,19 @@ def test_a_single_recording_has_neither_band_nor_repeats() -> None:
     assert "Point at" not in charts[0].caption
 
 
-def test_the_difference_stands_on_the_scatter_of_the_repeats() -> None:
+def test_the_difference_stands_on_the_scatter_of_the_repeats_and_on_the_model_s_uncertainty() -> None:
     made = repeats(3)
     part = made["time"].values[20:60]
     comparison = xr.Dataset({"residual": ("time", np.full(40, 2e-6))}, coords={"time": part})
-    chart = motion(made, None, comparison).blocks[1]
-    band, difference = chart.series
+    time = np.linspace(0.0, 0.2, 401)
+    curves = dict.fromkeys(("displacement", "velocity", "force", "contact_radius"), ("time", 0.0 * time))
+    known = {"u_displacement": ("time", 1e-6 * (time < 0.05)), "u_impact_time": ("impact", [0.0, np.nan])}
+    model = xr.Dataset({**curves, **known, "impact_time": ("impact", [0.01, 0.05])}, coords={"time": time})
+    position, chart = motion(made, model, comparison).blocks[:2]
+    assert "until impact 1." in position.caption
+    of_model, band, difference = chart.series
+    assert np.allclose(of_model.high, 2.0 * (part < 0.0399), atol=0.1)
+    assert np.array_equal(of_model.low, -of_model.high)
     assert np.allclose(difference.y, 2.0)  # µm
     assert np.allclose(band.high, 2e6 * made["displacement_sd"].values[20:60])
     assert np.array_equal(band.low, -band.high)
