@@ -1,20 +1,19 @@
 """The command export: results and raw files as csv, netCDF, MATLAB, JSON or one table."""
 
-import warnings
 from pathlib import Path
 from typing import Any
 
 import click
 
-from pipelines.commands.options import echo, echo_json, json_option, reading_options
+from pipelines.commands.options import echo, echo_json, json_option, names_option, reading_options
 from pipelines.session import FORMATS
 
 
 @click.command()
 @click.argument("source", type=click.Path(exists=True, path_type=Path))
 @click.option("--format", "-f", "kind", type=click.Choice(FORMATS), default="csv", help="Format of the files.")
-@click.option("--only", "--experiment", multiple=True, help="Only this experiment of a session.")
-@click.option("--stage", "stages", multiple=True, help="Only this step, such as bounces.")
+@names_option("--only", "--experiment", help="Only these experiments of a session.")
+@names_option("--stage", "stages", help="Only these stages, such as bounces.")
 @click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
@@ -31,8 +30,8 @@ from pipelines.session import FORMATS
 def export(
     source: Path,
     kind: str,
-    only: tuple[str, ...],
-    stages: tuple[str, ...],
+    only: list[str] | None,
+    stages: list[str] | None,
     out: Path | None,
     bulk: str | None,
     force: bool,
@@ -56,13 +55,9 @@ def export(
     """
     from pipelines import process as verbs
 
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        done = verbs.export(
-            source, kind, only=list(only) or None, stages=stages, out=out, replace=force, reading=reading, bulk=bulk
-        )
-    for warning in caught:
-        click.echo(f"warning: {warning.message}", err=True)
+    done = verbs.export(
+        source, kind, only=only, stages=stages or (), out=out, replace=force, reading=reading, bulk=bulk
+    )
     if as_json:
         echo_json({"files": [str(p) for p in done.paths], "left_out": list(done.left_out)})
         return

@@ -7,18 +7,13 @@ from typing import Literal
 import click
 
 from pipelines.cli import is_quiet
-from pipelines.commands.options import echo, echo_json, jobs_option, json_option, session_argument
+from pipelines.commands.options import echo, echo_json, jobs_option, json_option, names_option, session_argument
 
 
 @click.command()
 @session_argument
-@click.option(
-    "--experiments",
-    "--only",
-    "-e",
-    multiple=True,
-    metavar="NAME",
-    help="Only these experiments; by default all that can identify a material. Repeatable.",
+@names_option(
+    "--experiments", "--only", "-e", help="Only these experiments; by default all that can identify a material."
 )
 @click.option("--prior", metavar="dma|NAME", help="Use the moduli of the session's rheometer experiment as prior.")
 @click.option(
@@ -35,7 +30,7 @@ from pipelines.commands.options import echo, echo_json, jobs_option, json_option
 )
 @jobs_option
 @json_option
-def identify(session: Path, experiments: tuple[str, ...], prior: str | None,
+def identify(session: Path, experiments: list[str] | None, prior: str | None,
              spectrum: Literal["smooth", "fractional"], impacts: int,
              sampler: Literal["laplace", "rto"], jobs: int, as_json: bool,
              ) -> None:  # fmt: skip
@@ -54,7 +49,7 @@ def identify(session: Path, experiments: tuple[str, ...], prior: str | None,
     from pipelines.identify import identify as verb
 
     found = verb(
-        session, experiments, prior=prior, spectrum=spectrum, impacts=impacts,
+        session, experiments or (), prior=prior, spectrum=spectrum, impacts=impacts,
         sampler=sampler, jobs=jobs, say=_say,
     )  # fmt: skip
     if as_json:

@@ -23,6 +23,15 @@ def json_option(function: F) -> F:
     return click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")(function)
 
 
+def names_option(*declared: str, help: str) -> Callable[[F], F]:  # noqa: A002  # as click calls it
+    """Add an option that takes names: repeated, or several with commas; None where it is not given."""
+
+    def split(context: click.Context, option: click.Parameter, values: Sequence[str]) -> list[str] | None:
+        return [name.strip() for value in values for name in value.split(",") if name.strip()] or None
+
+    return click.option(*declared, multiple=True, callback=split, metavar="NAME[,NAME…]", help=help)
+
+
 def session_argument(function: F) -> F:
     """Add the argument SESSION, a folder that holds session.toml."""
     kind = click.Path(exists=True, file_okay=False, path_type=Path)

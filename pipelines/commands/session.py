@@ -18,6 +18,7 @@ from pipelines.commands.options import (
     jobs_option,
     json_option,
     keep_option,
+    names_option,
     session_argument,
 )
 from pipelines.session import PAGE
@@ -110,14 +111,9 @@ class _Asker:
             return self.last[gap.sort]
 
 
-def _split(values: Sequence[str]) -> list[str] | None:
-    """Return the names given to an option that may be repeated, or None for all."""
-    return list(values) or None
-
-
-_TO = click.option("--to", "targets", multiple=True, help="Only this stage and what it needs.")
+_TO = names_option("--to", "targets", help="Only these stages and what they need.")
 _TOLD = 3  # findings on one experiment that a command prints
-_ONLY = click.option("--only", multiple=True, help="Only this experiment and what it needs.")
+_ONLY = names_option("--only", help="Only these experiments and what they need.")
 _FULL = click.option("--full", is_flag=True, help="Without shortcuts: read and solve everything.")
 
 
@@ -128,7 +124,9 @@ _FULL = click.option("--full", is_flag=True, help="Without shortcuts: read and s
 @_FULL
 @keep_option
 @json_option
-def plan(session: Path, targets: tuple[str, ...], only: tuple[str, ...], full: bool, keep: bool, as_json: bool) -> None:
+def plan(
+    session: Path, targets: list[str] | None, only: list[str] | None, full: bool, keep: bool, as_json: bool
+) -> None:
     r"""Say what `process` would run, and why; nothing is computed.
 
     A summary comes first, with the experiments that wait and for which lines; then the steps, in one line
@@ -140,7 +138,7 @@ def plan(session: Path, targets: tuple[str, ...], only: tuple[str, ...], full: b
     """
     from pipelines import process as verbs
 
-    made = verbs.plan(session, _split(targets), _split(only), full=full, keep=keep)
+    made = verbs.plan(session, targets, only, full=full, keep=keep)
     if as_json:
         names = ("experiment", "stage", "recording", "state", "reason")
         rows = [{n: getattr(row, n) for n in names} for row in made.rows]
@@ -192,7 +190,7 @@ def _show_steps(rows: "list[Row]") -> None:
 @click.option("--fail-fast", is_flag=True, help="Stop at the first failure.")
 @json_option
 def process(
-    sessions: tuple[Path, ...], targets: tuple[str, ...], only: tuple[str, ...], as_json: bool, **options: Any
+    sessions: tuple[Path, ...], targets: list[str] | None, only: list[str] | None, as_json: bool, **options: Any
 ) -> None:
     r"""Process session folders: results and one report per experiment.
 
@@ -209,9 +207,7 @@ def process(
 
     folders = list({folder.resolve(): folder for folder in sessions}.values())
     with watching(enabled=not as_json) as progress:
-        ended = dict(
-            verbs.process_all(folders, targets=_split(targets), only=_split(only), progress=progress, **options)
-        )
+        ended = dict(verbs.process_all(folders, targets=targets, only=only, progress=progress, **options))
     if len(folders) == 1 and isinstance(error := ended[folders[0]], LabpipeError):
         raise error
     judged = {folder: verbs.verdicts_of(done) for folder, done in ended.items() if not isinstance(done, LabpipeError)}

@@ -58,13 +58,15 @@ class Picture:
     """The small picture on the session's page: one variable of a result over another.
 
     Of a stage that runs per recording, the first recording is shown. ``scale`` is "linear" or
-    "log", of both axes.
+    "log", of both axes. With ``is_first`` only the first stretch without a gap is drawn: one contact
+    of a film that shows several, and long waits between.
     """
 
     stage: str
     x: str
     y: str
     scale: str = "linear"
+    is_first: bool = False
 
 
 @dataclass(frozen=True, slots=True)

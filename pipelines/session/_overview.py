@@ -14,7 +14,7 @@ from labpipe.workflow.session import Session
 from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import Stages, spell_out
 from pipelines import experiments
-from pipelines.experiments import Kind
+from pipelines.experiments import Kind, Picture
 from pipelines.session._amended_pages import amend_pages
 from pipelines.session._unused import unused_files
 from pipelines.session._verdicts import Verdict, stored_verdicts
@@ -35,6 +35,7 @@ MATERIAL, BESIDE, AND = "material-", "beside-", "--"
 _REPORT, _DONE, _WAITING = "report", "done", "waits"
 _FEW_KINDS = 3  # that share one table
 _REASONS = 5  # what is wrong with more experiments stands in their rows
+_LEAST_STRETCH = 2  # points; fewer show no course
 _SORT = "Select a heading to sort. "
 _ERROR = (
     "The error is the root mean square of measurement minus model (or "
@@ -314,24 +315,28 @@ def _picture(read: _Read, kind: Kind) -> bytes | None:
     dataset = read(source.stage) if source else None
     if source is None or dataset is None or not {source.x, source.y} <= set(dataset.variables):
         return None
-    chart = _chart(dataset, source.x, source.y, source.scale)
+    chart = _chart(dataset, source)
     return None if chart is None else thumbnail(chart)
 
 
-def _chart(dataset: "xr.Dataset", x_name: str, y_name: str, scale: Any) -> "LineChart | ScatterChart | None":
+def _chart(dataset: "xr.Dataset", source: Picture) -> "LineChart | ScatterChart | None":
     import numpy as np
 
     from labpipe.report import LineChart, ScatterChart, Series
 
-    x, y = np.asarray(dataset[x_name].values, float), np.asarray(dataset[y_name].values, float)
+    x, y = (np.asarray(dataset[name].values, float) for name in (source.x, source.y))
     if x.ndim > 1:  # one loop per frequency
         loops = [(a[np.isfinite(a + b)], b[np.isfinite(a + b)]) for a, b in zip(x, y, strict=True)]
         series = [Series(str(i), a, b) for i, (a, b) in enumerate(loops) if a.size]
-        return ScatterChart("", x_name, y_name, series) if series else None
-    if np.count_nonzero(np.isfinite(x) & np.isfinite(y)) < 2:
-        return None
+        return ScatterChart("", source.x, source.y, series) if series else None
     known = np.flatnonzero(np.isfinite(x))
     order = known[np.argsort(x[known], kind="stable")]
-    # A value that is missing is a gap in the curve, not a line across it.
-    series = [Series(y_name, x[order], np.where(np.isinf(y), np.nan, y)[order])]
-    return LineChart("", x_name, y_name, series, x_scale=scale, y_scale=scale)
+    x, y = x[order], np.where(np.isinf(y), np.nan, y)[order]  # a missing value is a gap, not a line across it
+    if source.is_first:
+        edges = np.flatnonzero(np.diff(np.isfinite(y), prepend=False, append=False)).reshape(-1, 2)
+        first = next((slice(a, b) for a, b in edges if b - a > _LEAST_STRETCH), slice(None))
+        x, y = x[first], y[first]
+    if np.count_nonzero(np.isfinite(y)) < 2:
+        return None
+    series, scale = [Series(source.y, x, y)], source.scale
+    return LineChart("", source.x, source.y, series, x_scale=scale, y_scale=scale)  # type: ignore[arg-type]

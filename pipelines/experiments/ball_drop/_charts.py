@@ -32,11 +32,15 @@ def motion(repeats: xr.Dataset, model: xr.Dataset | None, comparison: xr.Dataset
         since = _since(model)
         position += model_curves(since * _MS, model["displacement"] * _MM, model["u_displacement"] * _MM)
         speed.append(_simulated("velocity", model, 1.0))
-    hint = " Point at the chart to show each repeat." if repeats.sizes["repeat"] > 1 else ""
-    caption = f"Mean of the repeats with the band of ± 2 standard deviations.{hint}"
-    if model is not None:
-        followed = int(np.isfinite(model["u_impact_time"]).sum())
-        caption += f" The model's band is what the uncertainties of its inputs do to the path, until impact {followed}."
+    told = []
+    if repeats.sizes["repeat"] > 1:
+        told.append(
+            "Mean of the repeats with the band of ± 2 standard deviations. Point at the chart to show each repeat."
+        )
+    followed = int(np.isfinite(model["u_impact_time"]).sum()) if model is not None else 0
+    until = f"The model's band is what the uncertainties of its inputs do to the path, until impact {followed}."
+    told += [until] if followed else []
+    caption = " ".join(told)
     labels = ("Displacement", _LABEL, "height over first contact / mm")
     charts: list[Block] = [LineChart(*labels, tuple(position), group="drop", views=views, caption=caption)]
     if model is not None and comparison is not None:

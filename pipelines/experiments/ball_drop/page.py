@@ -94,12 +94,14 @@ def _summary(
             f"with an uncertainty; the moduli {_moduli(settings)}"
         )
         rows.append(("restitution of the first impact, model", pages.told(model, "restitution", 0), remark))
-    if comparison is not None:
+    if model is not None and comparison is not None:
+        known = 2.0 * float(model["u_displacement"].max())
+        of_model = f"2 u of the model reach {quantity(known, 'm')}" if np.isfinite(known) else ""
         remark = "root mean square of measured minus model, over the range of the model"
         rows += [
             ("nRMSE of displacement", f"{float(comparison['nrmse']) * 100:.3g} %", remark),
             ("bias", quantity(float(comparison["bias"]), "m"), "mean difference"),
-            ("largest difference", quantity(float(comparison["max_error"]), "m"), ""),
+            ("largest difference", quantity(float(comparison["max_error"]), "m"), of_model),
         ]
     blocks: list[Block] = [KeyValues(rows), *pages.failed_notice(context)]
     if comparison is None and not context.failures:

@@ -66,7 +66,7 @@ KIND = Kind(
     stages=_STAGES,
     schemas=(DROP,),
     key_numbers=(KeyNumber("largest contact radius", "m", "impacts", "peak_radius"),),
-    picture=Picture("radius", "time", "radius"),
+    picture=Picture("radius", "time", "radius", is_first=True),
     rows=Derived("pipelines.experiments.contact_area.comparison:rows", ("comparison", "impacts", "model")),
     budget=Derived("pipelines.experiments.contact_area.budget:quantities", ("impacts", "radius", "model")),
     body="sphere",

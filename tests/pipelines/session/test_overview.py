@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 from pipelines.cli import main
-from pipelines.experiments import KINDS
+from pipelines.experiments import KINDS, Picture
 from pipelines.process import STAGES, open_session, process
 from pipelines.session import PAGE, write_overview
 from pipelines.session._overview import _chart
@@ -108,11 +108,19 @@ def test_where_kinds_are_many_each_has_a_table_with_its_own_numbers(session_copy
 
 def test_a_gap_in_a_curve_stays_a_gap_in_its_picture() -> None:
     y = [1.0, 2.0, np.nan, 3.0, 4.0]
-    drawn = _chart(xr.Dataset({"a": ("x", y)}, coords={"x": np.arange(5.0)}), "x", "a", "linear")
+    drawn = _chart(xr.Dataset({"a": ("x", y)}, coords={"x": np.arange(5.0)}), Picture("", "x", "a"))
     assert drawn is not None
     assert np.isnan(drawn.series[0].y).tolist() == [False, False, True, False, False]
     empty = xr.Dataset({"a": ("x", [1.0, np.nan])}, coords={"x": [0.0, 1.0]})
-    assert _chart(empty, "x", "a", "linear") is None
+    assert _chart(empty, Picture("", "x", "a")) is None
+
+
+def test_a_picture_of_the_first_stretch_begins_behind_flicker_and_ends_at_the_gap() -> None:
+    y = [np.nan, 9.0, np.nan, 1.0, 2.0, 3.0, np.nan, 4.0, 5.0, 6.0, 7.0]
+    dataset = xr.Dataset({"a": ("x", y)}, coords={"x": np.arange(11.0)})
+    drawn = _chart(dataset, Picture("", "x", "a", is_first=True))
+    assert drawn is not None
+    assert drawn.series[0].y.tolist() == [1.0, 2.0, 3.0]
 
 
 def test_a_damaged_result_leaves_its_cell_empty(session_copy: Path) -> None:
