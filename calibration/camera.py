@@ -55,7 +55,7 @@ def pixel_size(reference_length: Quantity, pixel_length: Quantity) -> Quantity:
 
 
 def image_scale(
-    record: Record, view: str, *, measured: str | date | None = None, ignore_validity: bool = False
+    record: Record, view: str, *, measured: str | date | None = None, recorded: str = "", ignore_validity: bool = False
 ) -> tuple[Quantity, dict[str, Any]]:
     """Return the scale of a view from its record.
 
@@ -67,6 +67,8 @@ def image_scale(
         The view of the film; a record of another one is refused.
     measured, ignore_validity
         See :func:`calibration.record.require`.
+    recorded : str
+        Day that the film itself says, as ISO text; "" where it says none.
 
     Returns
     -------
@@ -80,7 +82,8 @@ def image_scale(
     CalibrationError
         The record is of another kind, view or time.
     """
-    checked = require(record, "camera", {}, measured=measured, view=view, ignore_validity=ignore_validity)
+    film = {"start": recorded}
+    checked = require(record, "camera", film, measured=measured, view=view, ignore_validity=ignore_validity)
     if not isinstance(record, CameraRecord):
         message = f'record "{record.id}" holds no values of a camera'
         raise CalibrationError(message)
@@ -122,7 +125,8 @@ def motion(
     Parameters
     ----------
     track : Dataset (frame, point)
-        ``dx``, ``dy`` [px] with ``u_dx``, ``u_dy``, as :func:`labpipe.imaging.track` returns.
+        ``dx``, ``dy`` [px] with ``u_dx``, ``u_dy``, as :func:`labpipe.imaging.track` returns; attribute
+        ``recorded``: the day that the film itself says, where it does.
     record : Record
         Of the kind ``camera``.
     view : str
@@ -148,7 +152,8 @@ def motion(
         if name not in track:
             message = f'the track has no "{name}"; expected the result of labpipe.imaging.track'
             raise InputError(message)
-    size, checked = image_scale(record, view, measured=measured, ignore_validity=ignore_validity)
+    day = str(track.attrs.get("recorded", ""))
+    size, checked = image_scale(record, view, measured=measured, recorded=day, ignore_validity=ignore_validity)
     result = track.drop_vars(["dx", "dy", "u_dx", "u_dy"])
     # image rows count downwards, heights upwards
     for axis, sign, text in (("x", 1.0, "to the right"), ("y", -1.0, "upwards")):

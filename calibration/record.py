@@ -323,6 +323,8 @@ def require(
         "how": record.how,
         "sensor_check": _check_sensor(record, attrs),
         "validity_check": _check_validity(record, attrs, measured, ignore_validity),
+        "stated_day": measured.isoformat() if isinstance(measured, date) else "",
+        "recorded_day": _recorded_day(attrs),
     }
 
 
@@ -380,6 +382,12 @@ def _check_validity(
         "again, or, if it is known to hold on that day too, widen the days in the record"
     )
     raise CalibrationError(message)
+
+
+def _recorded_day(attrs: Mapping[str, Any]) -> str:
+    """Return the day that the readings themselves say, "" where they have none or their clock tells no day."""
+    day = _day(str(attrs.get("start", "")))
+    return "" if day is None or not _CLOCKS_SET <= day <= date.today() else day.isoformat()
 
 
 def _day(text: str | date) -> date | None:

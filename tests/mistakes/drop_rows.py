@@ -375,6 +375,29 @@ ROWS = (
     Mistake("inclination 0.12 deg", setting('"12.00', '"0.12', RECORD), "impossible", ("inclination",), RECORD, 13),
     Mistake("corrected twice", values(_scaled(1 / np.cos(np.deg2rad(12.0)))), "impossible", ("inclination", "twice")),
     Mistake("record expired", setting("2025-04-30", "2024-05-05", RECORD), "impossible", ("calibration record",)),
+    Mistake(
+        "day of another session stated",
+        setting('height = "1.5', 'measured_on = 2024-09-01\nheight = "1.5'),
+        "note",
+        ("2024-09-01, which is used", "says 2024-05-14"),
+        _TOML,
+        "measured_on",
+    ),
+    Mistake(
+        "year mistyped in the day that is stated, record renewed",
+        lambda folder: [
+            setting('height = "1.5', 'measured_on = 2025-05-14\nheight = "1.5')(folder),
+            setting(
+                "valid_from = 2024-05-01\nvalid_until = 2025-04-30",
+                "valid_from = 2025-05-01\nvalid_until = 2026-04-30",
+                RECORD,
+            )(folder),
+        ],
+        "doubtful",
+        ("2025-05-14, which is used", "says 2024-05-14", "was not valid"),
+        _TOML,
+        "measured_on",
+    ),
     Mistake("record of a camera", setting('kind = "laser"', 'kind = "camera"', RECORD), "impossible", ("camera",)),
     Mistake(
         "record of another controller", setting("LK-G5001", "LK-G3001", RECORD), "impossible", ("calibration record",)

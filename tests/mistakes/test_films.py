@@ -103,6 +103,11 @@ def _lit(brightness: dict[int, float], clipped: float = 0.0) -> str:
     return json.dumps({"brightness": shown, "clipped": clipped, "level": 255.0, "view": [480, 1280]})
 
 
+def _said(**of_file: Any) -> Change:
+    """What the file of the film says of itself."""
+    return lambda film: film.assign_attrs(said_by_file=json.dumps(of_file))
+
+
 def _lamp_off(frame: int) -> Change:
     def change(film: xr.Dataset) -> xr.Dataset:
         dark = dict.fromkeys(range(frame, frame + 3), 0.08)
@@ -148,6 +153,20 @@ ROWS = (
     FilmMistake("frame rate a tenth", "impossible", (_RATE, "0.1 times"), _faster(0.1)),
     FilmMistake("frame rate twice", "impossible", (_RATE, "2 times"), _faster(2.0)),
     FilmMistake("frame rate half", "impossible", (_RATE, "0.5 times"), _faster(0.5)),
+    FilmMistake(
+        "rate of playback stated for a film that holds its times",
+        "doubtful",
+        ("10.0 kHz", "30.0 Hz", "which are used", "no effect"),
+        _said(intervals=[_STEP, _STEP]),
+        {"frame_rate": Quantity(30.0, 0.0, "Hz")},
+    ),
+    FilmMistake(
+        "exposure in ms for us",
+        "doubtful",
+        ("2.00 µs", "2.00 ms", "which is used"),
+        _said(exposure=2e-6),
+        {"exposure": Quantity(2e-3, 0.0, "s")},
+    ),
     FilmMistake("height 15 for 1.5 mm", "impossible", ("drop height is probably 1.5",), **_height(15e-3)),
     FilmMistake("height 3 for 1.5 mm", "impossible", ("drop height is probably 1.5",), **_height(3e-3)),
     FilmMistake("height 0.15 for 1.5 mm", "impossible", ("drop height is probably 1.5",), **_height(0.15e-3)),

@@ -96,8 +96,8 @@ def judgement(
     given = [("height", settings.height), ("sphere.radius", sphere.radius), ("sphere.mass", sphere.mass)]
     checks = [_explained(check, of_traces, settings.calibration) for check in judgements.failed_steps(context, _FAILED)]
     checks += [*of_traces, *judgements.uncertainties_stated(given), fall_checks.gravity_stated(settings.model.gravity)]
-    known = next((d for d in displacement or () if d is not None), None)
-    checks += trace_checks.of_record(known, settings.calibration)
+    moved = dict(zip(settings.laser, displacement or (), strict=False))
+    checks += trace_checks.of_record(moved, settings.calibration)
     records = list(_records(displacement, bounces, settings))
     headers = [d for d in readings or () if d is not None]
     is_damaged = any(check.level == "impossible" for check in of_traces)

@@ -19,6 +19,7 @@ from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.film_frames import explained
 from pipelines.experiments.shared.film_light import exposed, lit, no_mosaic
+from pipelines.experiments.shared.film_stated import is_rate_used, stated_twice
 from pipelines.experiments.shared.judgements import Scene, times_over
 from pipelines.experiments.shared.material_inputs import material_inputs
 from pipelines.experiments.shared.plate_under_drop import OF_PLATE
@@ -68,8 +69,9 @@ def judgement(
     model, comparison = basis.sound(model, comparison)
     checks = [explained(check) for check in judgements.failed_steps(context, _FAILED)]
     checks.append(fall_checks.gravity_stated(settings.model.gravity))
-    checks.append(judgements.day_known(radius, settings.camera))
+    checks.append(judgements.day_known(radius, settings.camera, settings.film))
     if radius is not None:
+        checks += stated_twice(radius, settings.film, settings.frame_rate, settings.exposure)
         checks += [
             _fringes(radius, impacts, settings),
             _visible(radius, settings),
@@ -95,7 +97,7 @@ def judgement(
     return judgements.judgement(
         Scene(
             checks,
-            list(_causes(settings)),
+            list(_causes(radius, settings)),
             compared_rows,
             _inputs(radius, model, settings),
             basis=basis,
@@ -389,7 +391,7 @@ def _steady(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> C
     return stated(name, law, f"{settings.film}: contacts grow and shrink steadily", None, file=settings.film)
 
 
-def _causes(settings: ContactArea) -> Iterator[Cause]:
+def _causes(radius: xr.Dataset | None, settings: ContactArea) -> Iterator[Cause]:
     light, body = settings.wavelength, settings.sphere.radius
     if light is not None:
         yield Cause(
@@ -418,8 +420,8 @@ def _causes(settings: ContactArea) -> Iterator[Cause]:
         {FLIGHT: -1.0, DURATION: -1.0},
         lambda k: f"the frame rate is {k:.3g} times the true one: times come out {1 / k:.3g} times too long",
         SLIPS["interval"],
-        file="" if settings.frame_rate is not None else settings.film,
-        setting="frame_rate" if settings.frame_rate is not None else "",
+        file="" if is_rate_used(settings.frame_rate, radius) else settings.film,
+        setting="frame_rate" if is_rate_used(settings.frame_rate, radius) else "",
     )
     yield Cause(
         {FLIGHT: -0.5, RADIUS: -0.2, DURATION: 0.1},

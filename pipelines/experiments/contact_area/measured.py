@@ -22,6 +22,7 @@ from pipelines.experiments.contact_area._peaks import STILL, peak_of
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.film_frames import about_contacts, blanked, key_frames, open_film, recorded_on
 from pipelines.experiments.shared.film_light import DARK, LIGHT, light_of
+from pipelines.experiments.shared.film_stated import said_by_file
 
 READ = (1, 2, 5)
 """Methods of :func:`labpipe.imaging.contact_radius` that read the frame itself: fringes, edge, open gap."""
@@ -41,8 +42,8 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
     """Measure the contact radius while there may be contact; in every frame if full."""
     source = open_film(film, settings.frame_rate)
     known = calibration.load_record(record)
-    day = settings.measured_on or recorded_on(source) or None
-    size, checked = camera_scale.image_scale(known, settings.view, measured=day)
+    day = settings.measured_on
+    size, checked = camera_scale.image_scale(known, settings.view, measured=day, recorded=recorded_on(source))
     sphere, light = settings.sphere.radius, settings.wavelength
     rows, columns = _region(source.shape[1:], settings)
     seen = source if settings.region is None else source.roi(rows, columns)
@@ -70,6 +71,7 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
         u_systematic_relative=size.u / size.value,
         blanked=json.dumps(blanked(seen, read)),
         light=light_of(seen, about_contacts(read)),
+        said_by_file=said_by_file(source),
     )
 
 

@@ -22,6 +22,7 @@ from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.fall_checks import Fall
 from pipelines.experiments.shared.film_frames import explained
 from pipelines.experiments.shared.film_light import exposed, lit, no_mosaic
+from pipelines.experiments.shared.film_stated import is_rate_used, stated_twice
 from pipelines.experiments.shared.frame_order import in_order
 from pipelines.experiments.shared.judgements import Scene
 
@@ -74,8 +75,9 @@ def judgement(
     basis = judgements.Basis.of(settings, {"laser_experiment": of_laser})
     laser, comparison = basis.sound(laser, comparison)
     checks = [explained(check) for check in judgements.failed_steps(context, _FAILED)]
-    checks.append(judgements.day_known(motion, settings.camera))
+    checks.append(judgements.day_known(motion, settings.camera, settings.film))
     if track is not None:
+        checks += stated_twice(track, settings.film, settings.frame_rate)
         found = _found(track, settings)
         # of a holder that is not found, what the images show is the better cause
         checks = [replace(c, cause=found.cause) if c.name == "step motion" and found.level else c for c in checks]
@@ -104,7 +106,9 @@ def judgement(
         checks.append(_gain(comparison, settings))
         compared_rows = list(rows(comparison, settings=settings))
     another = f"the film may show another drop than {_laser(settings)}: another sphere, height or day"
-    return judgements.judgement(Scene(checks, list(_causes(settings)), compared_rows, basis=basis, unstated=another))
+    return judgements.judgement(
+        Scene(checks, list(_causes(track, settings)), compared_rows, basis=basis, unstated=another)
+    )
 
 
 def _found(track: xr.Dataset, settings: DicValidation) -> Check:
@@ -356,7 +360,7 @@ def _gain(comparison: xr.Dataset, settings: DicValidation) -> Check:
     )
 
 
-def _causes(settings: DicValidation) -> Iterator[Cause]:
+def _causes(track: xr.Dataset | None, settings: DicValidation) -> Iterator[Cause]:
     yield Cause(
         {G: 1.0, HEIGHT: 1.0, SPEED: 0.5, GAIN: -1.0},
         lambda k: (
@@ -371,8 +375,8 @@ def _causes(settings: DicValidation) -> Iterator[Cause]:
         {G: 2.0, SPEED: 1.0},
         lambda k: f"the frame rate is {k:.4g} times the true one: times come out {1 / k:.4g} times too long",
         SLIPS["interval"],
-        file="" if settings.frame_rate is not None else settings.film,
-        setting="frame_rate" if settings.frame_rate is not None else "",
+        file="" if is_rate_used(settings.frame_rate, track) else settings.film,
+        setting="frame_rate" if is_rate_used(settings.frame_rate, track) else "",
     )
     yield Cause(
         {HEIGHT: 1.0},

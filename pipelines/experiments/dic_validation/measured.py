@@ -24,6 +24,7 @@ from pipelines.experiments.dic_validation import viewing_angle
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 from pipelines.experiments.shared.film_frames import key_frames, open_film, recorded_on
 from pipelines.experiments.shared.film_light import light_of
+from pipelines.experiments.shared.film_stated import said_by_file
 
 _LARGEST_BODY = 201  # px; its noise is a thousandth of a pixel, and larger ones cost more
 _MOST_STATIC = 64  # frames in the reference: noise within 1 % of that of endless many
@@ -132,14 +133,18 @@ def _with_bytes(found: xr.Dataset, source: FrameSource, coarse: dict[str, int]) 
     work["frames_read"] = found.sizes["frame"]
     work["coarse_frames_read"] = coarse.get("frames_read", 0)
     work["coarse_bytes_read"] = coarse.get("pixels_read", 0) * size
-    return found.assign_attrs(work=json.dumps(work), recorded=recorded_on(source), light=light_of(source, ()))
+    return found.assign_attrs(
+        work=json.dumps(work),
+        recorded=recorded_on(source),
+        light=light_of(source, ()),
+        said_by_file=said_by_file(source),
+    )
 
 
 def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Dataset:
     """Turn the tracks into metres with the view's calibration: the holder's height over time."""
     known = calibration.load_record(record)
-    day = settings.measured_on or track.attrs["recorded"] or None
-    moved = camera_scale.motion(track, known, view=settings.view, measured=day)
+    moved = camera_scale.motion(track, known, view=settings.view, measured=settings.measured_on)
     body = moved.isel(point=0)
     share = float(body["valid"].mean())
     if share < 0.5:

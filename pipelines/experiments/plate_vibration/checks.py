@@ -93,7 +93,7 @@ def judgement(
     checks += [*of_traces, *statements, fall_checks.gravity_stated(settings.model.gravity)]
     found = {n: ring for n, ring in zip(names, ringing or (), strict=False) if ring is not None}
     moved = {n: each for n, each in zip(names, displacement or (), strict=False) if each is not None}
-    checks += trace_checks.of_record(next(iter(moved.values()), None), settings.calibration)
+    checks += trace_checks.of_record(moved, settings.calibration)
     checks += [_downwards(name, moved[name], ring) for name, ring in found.items() if name in moved]
     free = [_rings_freely(name, moved[name], ring) for name, ring in found.items() if name in moved]
     alike = _one_plate(found)

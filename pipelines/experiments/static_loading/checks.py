@@ -62,7 +62,7 @@ def judgement(
     given = [("sphere.radius", settings.sphere.radius)]
     given += [(f"loads[{i}].mass", load.mass) for i, load in enumerate(settings.loads)]
     checks += judgements.uncertainties_stated(given)
-    checks += trace_checks.of_record(displacement, settings.calibration)
+    checks += trace_checks.of_record({settings.laser: displacement}, settings.calibration)
     if displacement is None or steps is None:
         checks.append(not_made("steps of the record", "every load makes a step", "steps that were found"))
     else:

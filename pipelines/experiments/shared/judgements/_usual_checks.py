@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
+from datetime import date, timedelta
 from typing import Any
 
 import xarray as xr
@@ -14,6 +15,10 @@ from labpipe.workflow.context import Context
 
 _LARGE, _VAGUE = 0.2, 0.05
 """Of a stated value, beyond which its uncertainty is doubtful, and beyond which it hides a slip of typing."""
+
+
+_ONE_DAY = timedelta(days=1)
+"""By which days may differ that are the same: clocks of cameras count in UTC."""
 
 
 def uncertainties_stated(given: Iterable[tuple[str, Quantity]]) -> Iterator[Check]:
@@ -31,12 +36,19 @@ def uncertainties_stated(given: Iterable[tuple[str, Quantity]]) -> Iterator[Chec
         yield stated(f"uncertainty of {setting}", law, text, level, cause=cause, setting=setting)
 
 
-def day_known(calibrated: xr.Dataset | None, record: str) -> Check:
+def day_known(calibrated: xr.Dataset | None, record: str, file: str = "the recording") -> Check:
     """Hold the day of a recording against what a clock can say; by it a calibration record is chosen."""
     name, law = "day of the recording", "a recording was made after its instrument, and before it was read"
     if calibrated is None or not str(calibrated.attrs.get("calibration", "")).startswith("{"):
         return not_made(name, law, "a calibration record")
-    said = str(json.loads(calibrated.attrs["calibration"])["validity_check"])
+    checked = json.loads(calibrated.attrs["calibration"])
+    said, told, clock = (str(checked.get(of, "")) for of in ("validity_check", "stated_day", "recorded_day"))
+    if told and clock and abs(date.fromisoformat(told) - date.fromisoformat(clock)) > _ONE_DAY:
+        is_valid = checked["valid_from"] <= clock <= checked["valid_until"]
+        text = f"{file}: session.toml says measured_on = {told}, which is used; the file itself says {clock}"
+        text += "" if is_valid else f", when {record} was not valid"
+        cause = "measured_on is the day of another recording, or the clock of the instrument was set wrongly"
+        return stated(name, law, text, "note" if is_valid else "doubtful", cause=cause, setting="measured_on")
     if not said.startswith(NO_DAY):
         return stated(name, law, f"{record}: {said}", None)
     text = f"whether {record} was valid is not known: the clock of the instrument says {said.removeprefix(NO_DAY)}"

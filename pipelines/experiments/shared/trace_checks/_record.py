@@ -1,5 +1,6 @@
 """Checks of what a calibration record states of the sensor."""
 
+from collections.abc import Mapping
 from math import pi
 
 import numpy as np
@@ -13,9 +14,13 @@ _VAGUE = pi / 60  # u of an inclination: what was measured, even by eye, is know
 _UNKNOWN = 0.2  # relative u of a calibrated length, beyond which it was not calibrated
 
 
-def of_record(displacement: xr.Dataset | None, record: str) -> list[Check]:
-    """Check what a calibration record states of the sensor that gave a displacement."""
-    return [sight(displacement, record), scale_known(displacement, record), day_known(displacement, record)]
+def of_record(displacements: Mapping[str, xr.Dataset | None], record: str) -> list[Check]:
+    """Check what a calibration record states of the sensor that gave the displacements of some recordings."""
+    known = {name: each for name, each in displacements.items() if each is not None}
+    first = next(iter(known.values()), None)
+    days = [day_known(each, record, name) for name, each in known.items()] or [day_known(None, record)]
+    worst = min(days, key=lambda check: ("doubtful", "note", None).index(check.level))
+    return [sight(first, record), scale_known(first, record), worst]
 
 
 def sight(displacement: xr.Dataset | None, record: str) -> Check:
