@@ -55,6 +55,7 @@ from tests.pipelines.coverage import INSIDE, POLYMERS
 from tests.pipelines.small import START
 
 _HEIGHTS = (1.5e-3, 5e-3, 10e-3)
+_MOST_NU = 0.5
 _NU = re.compile(r'nu = "[\d.]+ ± ([\d.]+)"')
 
 
@@ -95,7 +96,10 @@ def write_specimens(folder: Path, seed: int, *, drops_only: bool = False) -> Non
         export = write_dma(folder, name, solid, SMALL.dma, 10 * seed + number)
         error = random.standard_normal()
         section = dma_section(name, export, solid)
-        text += _NU.sub(lambda m, nu=solid.nu, e=error: f'nu = "{nu + e * float(m[1]):.5f} ± {m[1]}"', section)
+        u = float(_NU.findall(section)[0])
+        while solid.nu + error * u > _MOST_NU:  # nobody states more for an isotropic solid
+            error = random.standard_normal()
+        text += _NU.sub(f'nu = "{solid.nu + error * u:.5f} ± {u:g}"', section)
     delay = cell_record().replace('"15.9 ± 0.2 ms"', f'"{15.915 + 0.2 * random.standard_normal():.4f} ± 0.2 ms"')
     gains = [
         record.replace('scale = "1.0000 ±', f'scale = "{1 + 5e-4 * random.standard_normal():.6f} ±')

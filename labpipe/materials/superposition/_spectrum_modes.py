@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
+from scipy import optimize
 
 from labpipe.arrays import Floats
 from labpipe.materials.prony import Prony
@@ -28,6 +29,7 @@ _KEPT = 0.999999  # of the variance of curve and shifts, in the modes that are s
 _EVERYWHERE = 0.95  # of the variance of the curve at every frequency that counts, in the spectra handed out
 _MOST_STORED, _MOST_USED = 60, 10
 _NODE_DECADES = 1.0  # spacing of the hat functions that change a spectrum
+_STEPS_PER_HAT = 100  # of the solver, at most
 _RIDGE = 0.1
 """Of what is uncertain of the curve: a weight that shows by less than that in it is not changed by more than itself."""
 _TO_EITHER_SIDE = 3.0  # a time tells of frequencies about its inverse
@@ -180,22 +182,22 @@ def uncertain_spectra(
     hats = _hats(solid)
     design = _by_hats(solid, frequency, hats) / value[:, None]
     ridge = _RIDGE * np.sqrt(np.mean(np.sum(changes**2, axis=0))) * np.eye(design.shape[1])
-    sizes = np.linalg.lstsq(
-        np.vstack([design, ridge]), np.vstack([changes.T, np.zeros((design.shape[1], len(changes)))]), rcond=None
-    )[0]
+    steps = _STEPS_PER_HAT * hats.shape[1]
+    shown, wanted = np.vstack([design, ridge]), np.vstack([changes.T, np.zeros((len(ridge), len(changes)))])
     fast, slow = _TO_EITHER_SIDE * a_T / times[0], a_T / times[1] / _TO_EITHER_SIDE
     omega = np.tile(2.0 * np.pi * frequency, 2)
     counts = (omega <= fast) & (omega >= slow)
     if not counts.any():  # all outside: the nearest end
         counts = omega == omega[np.argmin(np.abs(np.log(omega * times[0] / a_T)))]
-    effect = (design @ sizes)[counts]
+    effect = (design @ np.linalg.lstsq(shown, wanted, rcond=None)[0])[counts]
     _, _, turned = np.linalg.svd(effect, full_matrices=False)
     share = np.cumsum((effect @ turned.T) ** 2, axis=1) / np.sum(effect**2, axis=1)[:, None]
     enough = np.flatnonzero((share >= _EVERYWHERE).all(axis=0))
     used = min(int(enough[0]) + 1 if enough.size else turned.shape[0], _MOST_USED)
     found = []
     for number in range(used):
-        factor = np.exp(hats @ (sizes @ turned[number]))
+        # a weight that would fall below zero leaves its part to the others
+        factor = hats @ optimize.nnls(shown, wanted @ turned[number] + shown.sum(axis=1), maxiter=steps)[0]
         changed = Prony(solid.E_relaxed * factor[-1], solid.E * factor[:-1], solid.rho, nu=solid.nu)
         found.append(UncertainSpectrum(f"DMA, mode {number + 1}", changed))
     return found + _beyond(solid, frequency, times[0] / a_T, times[1] / a_T)

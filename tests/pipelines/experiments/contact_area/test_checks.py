@@ -1,5 +1,8 @@
 """Mistakes with films of a contact are named; clean films are believed."""
 
+import warnings
+from pathlib import Path
+
 import msgspec
 import numpy as np
 import pytest
@@ -15,6 +18,8 @@ from pipelines.experiments.contact_area.model import model
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.judgements import believed
 from pipelines.experiments.shared.settings import Sphere
+from pipelines.process import process, result
+from tests.pipelines.deviations import write_specimens
 
 CONTEXT = Context("film", "contact_area", "", "", "", True)
 SETTINGS = ContactArea(
@@ -175,3 +180,13 @@ def test_a_record_of_another_day_is_impossible():
     found = believed(checks.judgement(None, None, None, None, settings=SETTINGS, context=context))
     assert found.believable == "impossible"
     assert "view or day" in found.causes[0]
+
+
+@pytest.mark.slow
+def test_a_frame_whose_fit_has_failed_is_no_second_lens(tmp_path: Path) -> None:
+    """In the third contact of this film one fit is 90 µm too wide, and knows its radius to 600 µm only."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        write_specimens(tmp_path, 5001)
+        process(tmp_path, ["judgement"], jobs=0, only=["film"])
+    assert believed(result(tmp_path, "film", "judgement")).believable == "yes"

@@ -14,24 +14,25 @@ from pipelines.experiments.dma.model import master_curve
 from pipelines.experiments.dma.settings import Dma, Fit
 from pipelines.experiments.shared.material_choice import resolve, variations
 from pipelines.experiments.shared.settings import MaterialChoice
-from pipelines.rig.dma import CAMPAIGN, write_dma
+from pipelines.rig.campaign import SMALL
+from pipelines.rig.dma import CAMPAIGN, Protocol, write_dma
 from pipelines.rig.solids import ROOM, SOLIDS
 
 CHOICE = MaterialChoice(material_from="dma", temperature=Quantity(ROOM, 0.0, "degC"))
 IMPACT = (1e-4, 1e-2)  # s
 
 
-def measured(folder: Path, name: str, seed: int) -> xr.Dataset:
+def measured(folder: Path, name: str, seed: int, protocol: Protocol = CAMPAIGN) -> xr.Dataset:
     """The master curve of one export of the rig."""
     solid = SOLIDS[name]
-    export = write_dma(folder, f"{name}_{seed}", solid, CAMPAIGN, seed)
+    export = write_dma(folder, f"{name}_{seed}", solid, protocol, seed)
     settings = Dma(
         kind="dma",
         rheometer=[export],
         mode=solid.mode,
         nu=Quantity(solid.nu, 0.0, "1"),
         T_ref=Quantity(solid.T_ref, 0.0, "degC"),
-        scale=Quantity(1.0, CAMPAIGN.u_scale, "1"),
+        scale=Quantity(1.0, protocol.u_scale, "1"),
         fit=Fit(
             law="arrhenius" if name == "peek" else "free",
             delay="on",
@@ -115,4 +116,14 @@ def test_a_weight_that_the_sweeps_hardly_show_is_not_blown_up() -> None:
     )
     made = uncertain_spectra(master, solid, 20.0, (1e-4, 1e-2), 1.0)
     weights = np.array([one.solid.E[:9] for one in made if "mode" in one.name])
-    assert np.abs(np.log(weights / solid.E)).max() < 1.0
+    assert np.abs(weights / solid.E - 1).max() < 1.0
+
+
+def test_weights_past_the_slow_end_are_not_traded_for_the_relaxed_modulus(tmp_path: Path) -> None:
+    """In these sweeps the fit's weights rise past the slow end, where storage alone does not tell them from it."""
+    fitted = measured(tmp_path, "ptfe", 50_012, SMALL.dma)
+    held = 2855.0  # s
+    frequency = np.array([1 / (2 * np.pi * held)])
+    known = np.sqrt(np.sum(fitted["mode_storage"].interp(mode_frequency=frequency).values ** 2))
+    found = uncertainty(fitted, (held, held), frequency, "DMA, specimen")[0]
+    assert found == pytest.approx(known, rel=0.1)
