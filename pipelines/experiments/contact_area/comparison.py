@@ -27,6 +27,7 @@ PLATE = f"{OF_PLATE}mass"
 
 _MOST_SHIFT = 2.0
 """Frame intervals by which the model may be shifted against the largest radius: it lies between frames."""
+_MOST_LONGER = 0.3  # by which a contact may last longer than in the model and still have its form
 _SIZE_STEPS = 8  # of Gauss and Newton, from the model's own size
 _FEWEST = 5  # frames of a contact from which its shift in time can be told from its size
 
@@ -142,25 +143,27 @@ def _time_shift(time: Floats, radius: Floats, model: xr.Dataset) -> tuple[float,
 def _size(time: Floats, radius: Floats, random: Floats, shared: Floats, model: xr.Dataset) -> tuple[float, float]:
     """Return how many times as large a contact is in the film as in the model, and its uncertainty.
 
-    All frames of the contact tell it, in the model's form, together with its shift in time: the largest
-    radius lies between frames, and by itself is known as badly as they are far apart. A form that
-    the frames do not follow enlarges the uncertainty. NaN where there are too few frames.
+    All frames of the contact tell it, in the model's form, together with its shift in time and how much
+    longer it lasts: the largest radius lies between frames, and by itself is known as badly as they are
+    far apart. A form that the frames do not follow enlarges the uncertainty; another duration is no
+    other form, or a model of a wrong mass would hide what it has wrong. NaN where there are too few frames.
     """
     if len(time) < _FEWEST:
         return np.nan, np.nan
     theirs, when = model["contact_radius"].values, model["time"].values
     slope = np.gradient(theirs, when)
-    shift, size = 0.0, 1.0
+    since = time - float(np.mean(time))
+    size, shift, longer = 1.0, 0.0, 0.0
     for _ in range(_SIZE_STEPS):
-        form = np.interp(time + shift, when, theirs)
-        rows = np.column_stack([form, size * np.interp(time + shift, when, slope)]) / random[:, None]
+        at = time + shift - longer * since
+        form, rate = np.interp(at, when, theirs), size * np.interp(at, when, slope)
+        rows = np.column_stack([form, rate, -rate * since]) / random[:, None]
         rest = (radius - size * form) / random
         normal = np.linalg.pinv(rows.T @ rows, hermitian=True)
-        change = normal @ rows.T @ rest
-        size, shift = size + float(change[0]), shift + float(change[1])
-    if abs(shift) > _MOST_SHIFT * float(np.median(np.diff(time))):
+        size, shift, longer = np.array([size, shift, longer]) + normal @ rows.T @ rest
+    if abs(shift) > _MOST_SHIFT * float(np.median(np.diff(time))) or abs(longer) > _MOST_LONGER:
         return np.nan, np.nan
-    scatter = float(rest @ rest) / (len(time) - 2)
+    scatter = float(rest @ rest) / (len(time) - rows.shape[1])
     common = float(np.mean(shared / np.maximum(radius, 1e-12)))
     return size, float(np.hypot(np.sqrt(normal[0, 0] * max(scatter, 1.0)), size * common))
 
