@@ -10,15 +10,13 @@ from labpipe import build
 from labpipe.errors import InputError
 from labpipe.units import quantity, unit
 from pipelines import experiments
-from pipelines.experiments.shared.proposals import GAP
+from pipelines.experiments.shared.proposals import GAP, material_word
 
 _LINE = re.compile(rf'^\s*(\w+)\s*=\s*"{GAP}(?: ([^"]*))?"(?:\s*#\s*(.*))?$')
 _TABLE = re.compile(r"^\[{1,2}(?:experiments\.)?([^\]]+)\]{1,2}\s*(?:#.*)?$")
 NONE = "none"
 """The answer that leaves a line out, where its remark offers it."""
 _BARE_NUMBERS = re.compile(r"(?:[\d\s.,±+-]|(?<=\d)[eE](?=[+-]?\d))+")
-_OTHER_WORDS = {"pmma": "acrylic"}
-"""Words that laboratories use for ours."""
 _DAYS = ("valid_from", "valid_until", "when")
 
 
@@ -108,7 +106,7 @@ def checked(gap: Gap, answer: str) -> str:
         return _day(answer)
     for key, allowed in (("material", library_names()), *_answers()):
         if gap.key == key:
-            if (known := _OTHER_WORDS.get(answer.lower(), answer.lower())) in allowed:
+            if (known := answer.lower()) in allowed or (known := material_word(answer, is_whole=True) or "") in allowed:
                 return known
             message = f'expected one of {", ".join(allowed)}; found "{answer}"'
             raise InputError(message)

@@ -20,9 +20,9 @@ kind = "ball_drop"
 laser = {proposals.listed(files)}
 calibration = "{laser_record(found, files[0])}"  # inclination of the sensor, \
 with its uncertainty
-{proposals.height_line(name)}
+{proposals.height_line(files[0])}
 
 [experiments.{name}.sphere]
 {proposals.SPHERE}
 {proposals.MOVING_MASS}
-{proposals.material_line(name, found)}"""
+{proposals.material_line(files[0], found)}"""

@@ -19,9 +19,9 @@ def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
 def _text(found: Found, film: str, name: str) -> str:
     return f"""{head(found, film, "contact_area", name)}
 wavelength = "{GAP} nm"  # of the light; "none" for white light
-{proposals.height_line(name)}
+{proposals.height_line(film)}
 
 [experiments.{name}.sphere]
 {proposals.SPHERE}
 {proposals.MOVING_MASS}
-{proposals.material_line(name, found)}"""
+{proposals.material_line(film, found)}"""

@@ -27,6 +27,6 @@ radius = "{GAP} mm"
 mass = "{GAP} g"  # of all that moves: sphere and holder
 
 [[experiments.{name}.drops]]  # one such table for each material and height
-{proposals.named_material_lines(name, found)}
-{proposals.height_line(name)}
+{proposals.named_material_lines(files[0], found)}
+{proposals.height_line(files[0])}
 laser = {proposals.listed(files)}"""

@@ -20,15 +20,21 @@ GAP = fields.GAP
 SPHERE = f'''radius = "{GAP} mm"  # of the sphere, e.g. "9.525 ± 0.005 mm"'''
 MOVING_MASS = f'''mass = "{GAP} g"  # of all that moves: sphere and holder'''
 
-_HEIGHT = re.compile(r"(?<![\d.])(\d+(?:[.p]\d+)?)\s*mm", re.IGNORECASE)
-_SHORT_HEIGHT = re.compile(r"(?:^|[_-])h(\d+(?:[.p]\d+)?)(?=$|[_-])", re.IGNORECASE)
+_HEIGHT = re.compile(r"(?<![\d.,])(\d+(?:[.,p]\d+)?)[ _]*(mm|cm)(?![a-z])", re.IGNORECASE)
+_SHORT_HEIGHT = re.compile(r"(?:^|[_ -])h=?(\d+(?:[.,p]\d+)?)[ _]*(mm|cm)?(?=$|[_ -])", re.IGNORECASE)
 _REPEAT = re.compile(r"[_\- ]*(?:(?<![a-z])r|rep|run|repeat|test)?[_\- ]*\d+$", re.IGNORECASE)
 _DEPTH = re.compile(r"[_\- ]*\d+(?:[.p]\d+)?\s*(?:um|µm|mm)?$", re.IGNORECASE)
 _PLATE = re.compile(r"plate|vibration", re.IGNORECASE)
 _UNDER = re.compile(r"under|disc|contact|below", re.IGNORECASE)
 _SLOW = 0.1  # s between readings: no drop is seen so slowly
-_SYNONYMS = {"pmma": "acrylic"}
-_MATERIALS = ("acrylic", "pmma", "peek", "nylon", "ptfe", "nbr")
+_POLYMERS = {
+    "acrylic": re.compile(r"acryl(?:ic|glas)?(?![a-z])|pmma|plexiglas|perspex", re.IGNORECASE),
+    "peek": re.compile("peek", re.IGNORECASE),
+    "nylon": re.compile(r"nylon|polyamide?(?![a-z])|(?<![a-z])pa[ _-]?66?(?!\d)", re.IGNORECASE),
+    "ptfe": re.compile("ptfe|teflon", re.IGNORECASE),
+    "nbr": re.compile("nbr|nitrile?(?![a-z])|perbunan", re.IGNORECASE),
+}
+"""How laboratories call the polymers of the library."""
 
 
 def whole_stem(name: str) -> str:
@@ -78,10 +84,17 @@ def listed(names: Iterable[str]) -> str:
     return "[\n" + "".join(f'  "{quoted(name)}",\n' for name in names) + "]"
 
 
-def material_word(name: str) -> str | None:
-    """Return the polymer that a name holds, as the library calls it."""
-    found = next((m for m in _MATERIALS if m in name.lower()), None)
-    return _SYNONYMS.get(found, found) if found else None
+def material_word(text: str, *, is_whole: bool = False) -> str | None:
+    """Return the polymer that a text holds, or as a whole is, as the library calls it.
+
+    Examples
+    --------
+    >>> material_word("laser/2024 PMMA #3"), material_word("PMMA rubber", is_whole=True)
+    ('acrylic', None)
+    """
+    look = re.Pattern.fullmatch if is_whole else re.Pattern.search
+    parts = reversed(text.split("/"))  # a file's own name tells more than its folder's
+    return next((known for part in parts for known, called in _POLYMERS.items() if look(called, part)), None)
 
 
 def material_line(name: str, found: Found | None = None) -> str:
@@ -135,11 +148,16 @@ def dma_of(material: str, found: Found) -> str | None:
 
 
 def height_line(name: str) -> str:
-    """Return the line of the drop height, from a file's name where it tells."""
-    match = _HEIGHT.search(name) or _SHORT_HEIGHT.search(name)
-    if match is None:
-        return f'height = "{GAP} mm"  # fall from release to first touch, e.g. "1.500 ± 0.005 mm"'
-    return f'height = "{match[1].replace("p", ".")} mm"  # proposed from the file name; add ± u'
+    """Return the line of the drop height, where a file's name, or else its folder's, tells one length or calls it h."""
+    for part in reversed(Path(whole_stem(name)).parts):
+        called, lengths = _SHORT_HEIGHT.search(part), set(_HEIGHT.findall(part))
+        if called is not None or len(lengths) == 1:
+            number, unit = lengths.pop() if called is None else called.groups()
+            number = number.lower().replace("p", ".").replace(",", ".")
+            return f'height = "{number} {(unit or "mm").lower()}"  # proposed from the file name; add ± u'
+        if lengths:
+            break
+    return f'height = "{GAP} mm"  # fall from release to first touch, e.g. "1.500 ± 0.005 mm"'
 
 
 def sees_plate(name: str) -> bool:

@@ -25,7 +25,7 @@ with its uncertainty
 
 [experiments.{name}.sphere]
 {proposals.SPHERE}
-{proposals.material_line(name, found)}
+{proposals.material_line(files[0], found)}
 
 [[experiments.{name}.loads]]  # on from the beginning
 mass = "{GAP} kg"  # all that rests on the disc, holder included

@@ -17,7 +17,7 @@ from labpipe.errors import ConfigError, UsageError
 from labpipe.materials import modulus_factor
 from pipelines.experiments import KINDS, Found
 from pipelines.experiments.dma.proposal import _published, mode_line
-from pipelines.experiments.shared.proposals import without_repeat
+from pipelines.experiments.shared.proposals import height_line, material_word, without_repeat
 from pipelines.process import open_session
 from pipelines.rig.dma import Protocol, write_dma
 from pipelines.rig.indentations import Specimen
@@ -341,3 +341,38 @@ def test_the_mode_of_a_rheometer_is_proposed_from_its_name_or_its_headings(
 )
 def test_repeats_are_told_by_their_last_number(name: str, stem: str) -> None:
     assert without_repeat(name) == stem
+
+
+@pytest.mark.parametrize(
+    ("name", "height"),
+    [
+        ("laser/acrylic_1p5mm_2.csv", "1.5 mm"),
+        ("Versuche Mai/2024-05-14 Acryl 1,5 mm #1.csv", "1.5 mm"),
+        ("ptfe h=7_r2.csv", "7 mm"),
+        ("ptfe_d19mm_h10mm.csv", "10 mm"),
+        ("drops 5mm/ptfe_1.csv", "5 mm"),
+        ("nylon_1.2cm.csv", "1.2 cm"),
+        ("ptfe 19.05mm sphere 7mm.csv", "FILL mm"),  # which of both is the height nobody can tell
+        ("ptfe.csv", "FILL mm"),
+    ],
+)
+def test_the_height_is_proposed_where_a_name_tells_one_length(name: str, height: str) -> None:
+    assert height_line(name).startswith(f'height = "{height}"')
+
+
+@pytest.mark.parametrize(
+    ("name", "known"),
+    [
+        ("Acryl 1,5 mm", "acrylic"),
+        ("Plexiglas_7mm", "acrylic"),
+        ("acrylate rubber", None),
+        ("PA6_10mm", "nylon"),
+        ("spa 66", None),
+        ("pa 612", None),
+        ("Teflon-kugel", "ptfe"),
+        ("nitrile_hold", "nbr"),
+        ("acrylonitrile", "nbr"),
+    ],
+)
+def test_the_polymer_is_known_by_what_laboratories_call_it(name: str, known: str | None) -> None:
+    assert material_word(name) == known
