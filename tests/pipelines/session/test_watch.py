@@ -149,7 +149,8 @@ def test_ctrl_c_ends_the_watch_with_130_and_nothing_half_done(pristine_session: 
     time.sleep(0.2)
     child.send_signal(signal.SIGINT)
     _, err = child.communicate(timeout=60)
-    assert child.returncode == 130
+    # a shell says 130 to both: Python ends by the signal itself where it was raised within an import by a C extension
+    assert child.returncode in (130, -signal.SIGINT)
     assert "drop" in line
     assert "Traceback" not in err
     assert not list(folder.rglob("*.part"))
