@@ -1,7 +1,6 @@
 """Assemble the tracked motions into the Dataset of displacements."""
 
 import json
-import math
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
+from labpipe.imaging.dic._missed_strain import missed_shift
 from labpipe.imaging.dic._motion_uncertainty import (
     MOST_UNCERTAIN,
     ONE_WAY,
@@ -138,15 +138,14 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     seen = noise[~is_static][np.isfinite(noise[~is_static])]
     if len(seen):
         status[(status == Status.OK) & (most_noise < _NOISE_OF_FILM * np.quantile(seen, 0.25))] = Status.TEXTURELESS
-    one_way = (status == Status.OK) & (strongest > ONE_WAY * texture) & ~is_static[:, None]
-    for n in np.flatnonzero(one_way.any(axis=0)).tolist():
-        k = int(np.argmax(one_way[:, n]))
-        xx, yy = deviation[k, n, :2] ** 2
-        weakest = 0.5 * math.atan2(2.0 * covariance[k, n], xx - yy)
-        own, spread = reference.own_noise(n, noise[is_static, n], weakest)
+    weak = (status == Status.OK) & (strongest > ONE_WAY * texture) & ~is_static[:, None]
+    for n in np.flatnonzero(weak.any(axis=0)).tolist():
+        k = int(np.argmax(weak[:, n]))
+        weakest = _weakest(deviation[k, n], covariance[k, n])
+        own, spread = reference.own_noise(n, noise[is_static, n], float(weakest))
         pixels = float(reference.subsets.level[n, 2])
         beyond = is_beyond_texture(noise[:, n], own, spread, texture[:, n], strongest[:, n], pixels)
-        status[one_way[:, n] & beyond, n] = Status.TEXTURELESS
+        status[weak[:, n] & beyond, n] = Status.TEXTURELESS
     misfit = misfit_factor(noise, is_static, reference.subsets.level[:, 2], reference.subsets.level[:, 0])
     if (table.change[..., 2] < 0.0).any():
         sharp, of_noise = near_half(reference)
@@ -158,8 +157,9 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     is_found = (status == Status.OK) & ~is_static[:, None]
     shift, shared = undersampled(reference, is_found, texture, noise, is_static)
     _widen(deviation, covariance, shift)
-    deviation[~is_static, :, :2] = np.hypot(deviation[~is_static, :, :2], np.sqrt(shared[:, :2]))
-    covariance[~is_static] += shared[:, 2]
+    _add(deviation, covariance, np.where(is_static[:, None, None], 0.0, shared))
+    missed = missed_shift(reference, value, deviation, table.model, is_found)
+    _add(deviation, covariance, np.concatenate([missed**2, missed.prod(axis=2, keepdims=True)], axis=2))
     is_vague = np.hypot(deviation[..., 0], deviation[..., 1]) > MOST_UNCERTAIN
     status[(status == Status.OK) & is_vague] = Status.TEXTURELESS
     _warn_of_motion(value[is_static], status[is_static])
@@ -180,13 +180,23 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     )
 
 
+def _weakest(deviation: Floats, covariance: Floats) -> Floats:
+    """Direction (rad, from x towards y) in which motions are told least."""
+    return np.asarray(0.5 * np.arctan2(2.0 * covariance, deviation[..., 0] ** 2 - deviation[..., 1] ** 2))
+
+
 def _widen(deviation: Floats, covariance: Floats, shift: Floats) -> None:
     """Add a standard uncertainty along the direction in which a motion is told least."""
-    xx, yy = deviation[..., 0] ** 2, deviation[..., 1] ** 2
-    weakest = 0.5 * np.arctan2(2.0 * covariance, xx - yy)
+    weakest = _weakest(deviation, covariance)
     cosine, sine = shift * np.cos(weakest), shift * np.sin(weakest)
     deviation[..., 0], deviation[..., 1] = np.hypot(deviation[..., 0], cosine), np.hypot(deviation[..., 1], sine)
     covariance += cosine * sine
+
+
+def _add(deviation: Floats, covariance: Floats, more: Floats) -> None:
+    """Add variances along x and along y and a covariance (last axis) to those of the motions."""
+    deviation[..., :2] = np.hypot(deviation[..., :2], np.sqrt(more[..., :2]))
+    covariance += more[..., 2]
 
 
 def _alike(table: Table) -> Iterator[tuple[int, NDArray[np.int64], NDArray[np.int64]]]:

@@ -22,7 +22,7 @@ _LEAST_SLOPE = 1e-4
 
 _RIGID_FROM_AFFINE = np.array([[1, 0, 0, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 0, -1, 0, 1, 0]], float)
 #: Stretch along x and y, and shear.
-_STRAINS = np.array([[0, 1, 0, 0, 0, 0], [0, 0, 0, 0, 0, 1], [0, 0, 1, 0, 1, 0]], float)
+STRAINS = np.array([[0, 1, 0, 0, 0, 0], [0, 0, 0, 0, 0, 1], [0, 0, 1, 0, 1, 0]], float)
 _LIGHT_COLUMNS, _BLUR_COLUMNS = slice(MOTIONS, MOTIONS + 4), slice(MOTIONS + 4, COLUMNS)
 
 
@@ -149,13 +149,13 @@ class Subsets:
         left = self.normal - self.normal @ inverse @ self.normal
         strains = inverse[:, :MOTIONS, :MOTIONS], left[:, :MOTIONS, :MOTIONS]
         # the mean of both halves of a shear
-        halves = _STRAINS / _STRAINS.sum(axis=1, keepdims=True)
+        halves = STRAINS / STRAINS.sum(axis=1, keepdims=True)
         tester[:, :4, :4] = _weighed(code & LIGHT, inverse, left, _LIGHT_COLUMNS)
         if code & BLUR:
             tester[:, 4:7, 4:7] = _weighed(1, inverse, left, _BLUR_COLUMNS)
         else:
             tester[:, 4:5, 4:5] = _weighed(0, inverse, left, slice(_BLUR_COLUMNS.start, _BLUR_COLUMNS.start + 1))
-        solved, open_ = halves @ strains[0] @ halves.T, _STRAINS @ strains[1] @ _STRAINS.T
+        solved, open_ = halves @ strains[0] @ halves.T, STRAINS @ strains[1] @ STRAINS.T
         tester[:, 7:, 7:] = _inverted(solved if code & AFFINE else open_)
         tester[~self.is_rigid, 7:, 7:] = 0.0
         return Model(inverse, tester)
