@@ -238,6 +238,9 @@ ROWS = (
         "temperature and frequency swapped", _exchanged(T, OMEGA), "impossible", ("under the name of the frequency",)
     ),
     Mistake("loss factor in percent", _scaled(FACTOR, 100.0), "impossible", ("factor 100",), FIRST),
+    Mistake(
+        "strain ten times in one interval", _scaled(STRAIN, 10.0, 0.0, 2), "doubtful", ("interval 3", "strain"), FIRST
+    ),
     Mistake("loss factor is another test's", _scaled(FACTOR, 1.3), "impossible", ("loss factor",), FIRST),
     Mistake("negative losses", _scaled(LOSS, -1.0), "impossible", (), FIRST),
     Mistake("no losses", _put(LOSS, "0"), "impossible"),

@@ -247,6 +247,17 @@ def _struck(at: int) -> Callable[[list[str]], list[str]]:
     return _force(more)
 
 
+def _late(by: int) -> Callable[[list[str]], list[str]]:
+    """Return a change that gives each row the position of so many rows before."""
+
+    def change(found: list[str]) -> list[str]:
+        texts = [text.split("\t") for text in found if text.count("\t") == 2]
+        made = ["\t".join((t, texts[max(i - by, 0)][1], f)) for i, (t, _, f) in enumerate(texts)]
+        return [*made, *(text for text in found if text.count("\t") != 2)]
+
+    return change
+
+
 WAVE_ROWS = (
     Mistake("table struck in an oscillation", rows(_struck(200), WAVES), "doubtful", ("struck the table",), WAVES),
     Mistake(
@@ -293,6 +304,29 @@ WAVE_ROWS = (
         WAVES,
     ),
     Mistake(
+        "position late by five readings in the oscillations",
+        lambda folder: [rows(_late(5), WAVES, block)(folder) for block in (2, 3)],
+        "impossible",
+        ("before the stage moves", "comes later than that of the force"),
+        WAVES,
+    ),
+    Mistake(
+        "fewer cycles than declared",
+        _all("Number of Cycles:\t7", "Number of Cycles:\t14", WAVES),
+        "note",
+        ("7.9 cycles, declared are 14", "stopped before"),
+        WAVES,
+        "Number of Cycles",
+    ),
+    Mistake(
+        "more cycles than declared",
+        _all("Number of Cycles:\t7", "Number of Cycles:\t3", WAVES),
+        "doubtful",
+        ("declared are 3", "stand twice"),
+        WAVES,
+        "Number of Cycles",
+    ),
+    Mistake(
         "filter said to be off", _all("Low-pass filter:\tYes", "Low-pass filter:\tNo", WAVES), "impossible", ("delay",)
     ),
 )
@@ -332,6 +366,28 @@ HOLD_ROWS = (
     ),
     Mistake(
         "cell zeroed between two blocks", rows(_force(lambda i, f: f + 3.0), HOLD, 1), "doubtful", ("two zeros",), HOLD
+    ),
+    Mistake(
+        "force rounded to 0.5 N",
+        columns(lambda t, x, f: (t, x, 0.5 * round(f / 0.5)), HOLD),
+        "doubtful",
+        ("steps of 500 mN", "rounded"),
+        HOLD,
+    ),
+    Mistake(
+        "first touch stated where the approach begins",
+        setting("]\n\n[experiments.nbr.punch]", ']\ncontact = "12.300 mm"\n\n[experiments.nbr.punch]'),
+        "doubtful",
+        ("finds first touch at 12.345", "contact = 12.3000 mm, which is used"),
+        TOML,
+        "contact",
+    ),
+    Mistake(
+        "position late by five readings in the ramp",
+        rows(_late(5), HOLD, 1),
+        "impossible",
+        ("before the stage moves", "comes later than that of the force"),
+        HOLD,
     ),
     Mistake("mean of a second", rows(_averaged, HOLD, 1), "doubtful", ("force is late",), HOLD),
     Mistake(

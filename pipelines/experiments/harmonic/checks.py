@@ -52,6 +52,7 @@ def judgement(
         ]
     if loads is not None:
         checks += mach1_checks.of_cell(settings.load_cell, loads)
+        checks += mach1_checks.touch_stated(name, loads, settings.contact)
     if oscillations is not None:
         checks.append(_phase(name, oscillations, settings))
     if mach1_checks.knows_depth(checks):

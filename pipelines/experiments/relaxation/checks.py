@@ -158,6 +158,8 @@ def _of_file(
     if mach1_checks.is_swapped(checks):
         return checks
     checks += [of(name, p) for p in mach1_checks.hold_parts(readings) for of in (mach1_checks.falls, mach1_checks.late)]
+    if loads is not None:
+        checks += mach1_checks.touch_stated(name, loads, settings.contact)
     if ramps is None or loads is None or not bool(loads.attrs["is_tared"]) or not mach1_checks.knows_depth(checks):
         return checks
     depth, force = float(ramps["depth"][-1]), float(ramps["plateau_force"][-1])

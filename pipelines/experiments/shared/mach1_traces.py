@@ -7,6 +7,7 @@ force does not jump to another level.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -72,7 +73,7 @@ class Trace:
 
 def checks_of(traces: list[Trace]) -> Iterator[Check]:
     """Make all checks of the blocks of one file, the worst of each."""
-    for of_one in (_spikes, _leap, _jump, _quiet, _found):
+    for of_one in (_spikes, _leap, _jump, _quiet, partial(_found, traces)):
         found = [check for trace in traces for check in of_one(trace)]
         worst = next((c for level in ("impossible", "doubtful", "note") for c in found if c.level == level), None)
         if worst is not None or found:
@@ -209,7 +210,7 @@ def _quiet(trace: Trace) -> Iterator[Check]:
         yield clean
 
 
-def _found(trace: Trace) -> Iterator[Check]:
+def _found(traces: list[Trace], trace: Trace) -> Iterator[Check]:
     """Hold the force at the end of an approach against that by which the stage found contact."""
     law = "a stage that looks for contact stops when its force passes the criterion"
     half = trace.force.size // 2
@@ -223,6 +224,14 @@ def _found(trace: Trace) -> Iterator[Check]:
     )
     if rise > _PASSED * trace.criterion:
         yield stated(FOUND, law, text, None, file=trace.file)
+        return
+    # where no contact is seen in it, the approach has one level alone
+    step = max(_noise(each.force)[1] for each in traces if each.force.size > 2)
+    if step > trace.criterion:
+        text = f"{trace.file}: the force goes in steps of {quantity(step, 'N')}; the stage was told to look for "
+        text += f"{quantity(trace.criterion, 'N')}"
+        cause = "the forces were rounded when the file was written or saved again: take the tester's own file"
+        yield stated(FOUND, law, text, "doubtful", cause=cause, file=trace.file, line=trace.first - 1)
         return
     cause = (
         "the column is not the force that the stage listened to (another axis or cell, or another unit), or contact "

@@ -24,6 +24,7 @@ from pipelines.experiments.shared.mach1_checks._titles import (
     APPROACH,
     AXES,
     CLOCK,
+    CYCLES,
     DIRECTION,
     FREQUENCY,
     HOLD,
@@ -44,6 +45,8 @@ _AT_REST, _EXTREME = 2.5, 0.02
 """Times a sine's share of the readings beside an extreme, beyond which the stage stood; of the amplitude, beside."""
 _LATE = 0.5  # s by which a hold, or a clock, may be off
 _SWAPPED_BY = 0.3  # relative, within which the other column holds the declared motion
+_BESIDE, _MORE = 1.0, 1.5
+"""Cycles by which an oscillation may miss its command, and s that its recording may go on beside it."""
 _LARGEST_STAGE = 0.6  # m of position: no stage of the makers is longer
 _U_CLOCK = 2.0  # of the logarithm of a block's length over the time until the next: rests lie between
 
@@ -120,6 +123,30 @@ def _stopped(check: Check) -> Check:
         return check
     cause = "the test was stopped before its hold was over; what was recorded of it is whole"
     return replace(check, level="note", cause=cause, log_ratio=nan, u_log_ratio=nan)
+
+
+def cycles_kept(name: str, blocks: Sequence[Part]) -> Check:
+    """Hold the cycles that an oscillation holds against those that its command asks for."""
+    law = "a stage makes as many cycles as its command says"
+    found = []
+    for part in (p for p in blocks if p.function == OSCILLATION):
+        wanted, _, line = part.declared("Number of Cycles")
+        frequency = counted_frequency(part)[0]
+        seen = frequency * float(part.time[-1] - part.time[0])
+        if isfinite(wanted) and isfinite(seen):
+            beyond = max(wanted - seen - _BESIDE, seen - wanted - _BESIDE - _MORE * frequency)
+            found.append((beyond / wanted, seen, wanted, part, line))
+    if not found:
+        return not_made(CYCLES, law, "an oscillation with a declared number of cycles")
+    beyond, seen, wanted, part, line = max(found, key=lambda each: each[0])
+    text = f"{name}, block {part.number + 1}: {seen:.1f} cycles, declared are {wanted:g}"
+    if beyond <= 0.0:
+        return stated(CYCLES, law, text, None, file=name, line=line)
+    if seen < wanted:
+        cause = "the oscillation was stopped before its cycles were over, or its last rows were lost"
+        return stated(CYCLES, law, f"{text}; those that are there count", "note", cause=cause, file=name, line=line)
+    cause = "rows stand twice, two recordings were joined, or the number of cycles in the header was edited"
+    return stated(CYCLES, law, text, "doubtful", cause=cause, file=name, line=line)
 
 
 def clock_of_blocks(name: str, blocks: Sequence[Part]) -> Check:

@@ -22,12 +22,14 @@ from pipelines.experiments.shared.mach1_checks._motion import (
     axes_of_commands,
     clock_of_blocks,
     commands_kept,
+    cycles_kept,
     direction_of_motion,
     order_of_columns,
     position_within_stage,
     resolution_of_position,
     shape_of_oscillation,
 )
+from pipelines.experiments.shared.mach1_checks._order import force_follows
 from pipelines.experiments.shared.mach1_checks._parts import parts, trace
 from pipelines.experiments.shared.mach1_checks._titles import (
     CAPACITY,
@@ -64,11 +66,13 @@ def of_file(name: str, readings: xr.Dataset) -> list[Check]:
     return [
         order,
         *commands_kept(name, blocks),
+        cycles_kept(name, blocks),
         clock_of_blocks(name, blocks),
         position_within_stage(name, blocks),
         direction_of_motion(name, blocks),
         *sign_of_stiffness(name, blocks),
         shape_of_oscillation(name, blocks),
+        force_follows(name, blocks),
         response_of_cell(name, blocks),
         knocked(name, blocks),
         mean_grows(name, blocks),
