@@ -84,6 +84,12 @@ def _struck(x: Floats) -> Floats:
     return np.asarray(x + 4e-3 * np.exp(-since / 4e-3) * np.sin(2 * np.pi * 300 * since))
 
 
+def _struck_lightly(x: Floats) -> Floats:
+    """Let a hit of a tenth of the blow follow it by 8 ms."""
+    since = np.arange(x.size) * 50e-6 - 60.6e-3
+    return x + np.where(since > 0, 1e-3 * np.exp(-since / 0.02) * np.sin(2 * np.pi * 390 * since), 0.0)
+
+
 def _ten_times(folder: Path) -> None:
     for old, new in (("1.5", "15"), ("5", "50")) * 2:
         setting(f'height = "{old} ±', f'height = "{new} ±')(folder)
@@ -91,6 +97,13 @@ def _ten_times(folder: Path) -> None:
 
 ROWS = (
     Mistake("table struck before the blow", _changed(_struck, (PTFE,)), "impossible", ("struck the bench",), PTFE),
+    Mistake(
+        "table struck lightly while the plate rings",
+        _changed(_struck_lightly, (PTFE,)),
+        "note",
+        ("struck the plate or its table lightly",),
+        PTFE,
+    ),
     Mistake("all heights ten times", _ten_times, "doubtful", ("stated too large", "60.0 ms"), _TOML, "15 ±"),
     # what the session states
     Mistake("height 50 for 5 mm", _height("ptfe", "5", "50"), "impossible", ("height of ptfe", "drops[3]"), _TOML),

@@ -119,6 +119,8 @@ def _scaled(k: float) -> Callable[[Floats], Floats]:
     return lambda x: x[0] + k * (x - x[0])
 
 
+_LATER = (("2.55", "7.55"), ("18.20", "23.20"), ("33.10", "38.10"), ("47.55", "52.55"))
+"""Times of the loads [min], and those of a clock that was started five minutes before the record."""
 ROWS = (
     # loads
     Mistake("a load left out, times given", setting(_line(3.5), ""), "impossible", ("missing", "1098"), _TOML),
@@ -207,6 +209,34 @@ ROWS = (
     Mistake("warming under the third load", values(_ramp(6e-3, 1200.0, 1900.0), FILES), "impossible", ("load 3",)),
     Mistake("warming under the last load", values(_ramp(6e-3, 3300.0, 3700.0), FILES), "impossible", ("load 5",)),
     Mistake("cooling under the fourth load", values(_ramp(-4e-3, 2100.0, 2800.0), FILES), "impossible", ("load 4",)),
+    Mistake(
+        "a minute of readings lost under the second load",
+        cells(lambda t: t[:140] + t[152:], FILES),
+        "doubtful",
+        ("lost 57 s", "between load 2 and load 3"),
+        _TOML,
+    ),
+    Mistake(
+        "half a minute of readings lost under the third load",
+        cells(lambda t: t[:300] + t[306:], FILES),
+        "doubtful",
+        ("of readings between load 3 and load 4",),
+        _TOML,
+    ),
+    Mistake(
+        "every second reading kept from half-time on",
+        cells(lambda t: t[: len(t) // 2] + t[len(t) // 2 :: 2], FILES),
+        "impossible",
+        ("0.5 times the readings", "interval was changed"),
+        _TOML,
+    ),
+    Mistake(
+        "beginning of the record cut off, times counted from before",
+        _all(*(setting(f'"{old} min"', f'"{new} min"') for old, new in _LATER)),
+        "impossible",
+        ("lost", "of readings at its beginning"),
+        _TOML,
+    ),
     Mistake("stand knocked by 20 um", values(_shifted, FILES), "impossible", ("1502", "knocked")),
     Mistake("a load taken off for a while", values(_taken_off, FILES), "impossible", ()),
     # sensor

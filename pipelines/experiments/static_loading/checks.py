@@ -20,6 +20,7 @@ from pipelines.experiments.shared.material_inputs import material_inputs
 from pipelines.experiments.shared.trace_checks import Trace
 from pipelines.experiments.static_loading.comparison import LOADS, MODULUS, SCALE, TOUCH, rows
 from pipelines.experiments.static_loading.load_steps import SIDE, settled, steps_anywhere, valid
+from pipelines.experiments.static_loading.lost_readings import common_shift, uneven
 from pipelines.experiments.static_loading.measured import spans
 from pipelines.experiments.static_loading.settings import StaticLoading
 from pipelines.experiments.static_loading.suspects import likeliest
@@ -139,7 +140,18 @@ def _of_steps(failed: Check, readings: xr.Dataset | None, displacement: xr.Datas
             "is left out or too many"
         )
         return replace(failed, cause=cause, setting="loads")
-    return replace(failed, cause=f"the record steps{_listed(at)}, not when session.toml says", setting="loads")
+    return replace(failed, cause=_other_times(at, settings), setting="loads")
+
+
+def _other_times(at: np.ndarray, settings: StaticLoading) -> str:
+    """Say why as many steps as there are loads do not come when session.toml says."""
+    said = f"the record steps{_listed(at)}, not when session.toml says"
+    given = np.array([nan if load.time is None else load.time.value for load in settings.loads])
+    begin = np.append(0.0, at)
+    if (shift := common_shift(begin, given)) is not None:
+        return f"{said}: {shift.sentence}"
+    more = uneven(begin, given) if np.isfinite(given).all() else ""
+    return f"{said}: {more}" if more else said
 
 
 def _too_short(failed: Check, readings: xr.Dataset | None, settings: StaticLoading) -> Check | None:
@@ -331,6 +343,11 @@ def _times(steps: xr.Dataset, settings: StaticLoading) -> Check:
     late = np.where(known, np.abs(begin - given), 0.0)
     worst = int(np.argmax(late))
     text = f"load {worst + 1} came at {begin[worst]:.0f} s, stated are {given[worst]:.0f} s"
+    if (shift := common_shift(begin, given)) is not None:
+        text = f"load {shift.first} came at {begin[shift.first - 1]:.0f} s, stated are {given[shift.first - 1]:.0f} s"
+        text += "; all later ones are as far off"
+        setting = f"loads[{shift.first - 1}]"
+        return stated(name, law, text, "doubtful", cause=shift.sentence, setting=setting)
     level: Level | None = "note" if late[worst] > 0.5 * settings.steps.search.value else None
     return stated(name, law, text, level, setting=f"loads[{worst}]")
 
