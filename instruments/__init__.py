@@ -124,6 +124,10 @@ def identify(path: str | os.PathLike[str]) -> str:
     return _identify(Path(path)).name
 
 
+#: What cameras call files of bare pixels, and the texts that belong to them.
+_RAW = (".raw", ".mraw", ".cih", ".cihx")
+
+
 def _identify(path: Path) -> Instrument:
     head = _head(path)
     if path.suffix == ".recording":
@@ -138,11 +142,11 @@ def _identify(path: Path) -> Instrument:
             return plugin.found
     tried = ", ".join(each.name for each in known())
     hint = workbook_hint(head) or 'If you know what wrote it, say so: instrument="keyence" (or another of these).'
+    raw = "Raw frames name neither their size nor their bits: have the camera's program export them as TIFF."
     if path.is_dir():
-        hint = (
-            "A folder is read when it holds the PNG or TIFF images of a film. Raw frames name neither their size "
-            "nor their bits: have the camera's program export them as TIFF."
-        )
+        hint = f"A folder is read when it holds the PNG or TIFF images of a film. {raw}"
+    elif path.suffix.lower() in _RAW:
+        hint = f"{raw} Phantom's .cine and TIFF are read with their pixels packed or not."
     if holds_rows(head):
         hint += (
             " Of a table of moduli, name the columns in order with their units: "

@@ -2,7 +2,8 @@
 
 A few bytes can declare an image of any size; sizes are therefore checked against limits and
 against the file first. Only what the films of a laboratory need is accepted: PNG and TIFF of 8 or
-16 bits. Whether three colours say the same, as of a grey camera, only their pixels tell.
+16 bits, and grey TIFF of 10, 12 or 14 packed bits. Whether three colours say the same, as of a grey
+camera, only their pixels tell.
 """
 
 import os
@@ -18,6 +19,7 @@ MOST_PAGES = 1 << 20  # of one TIFF
 _PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_END = b"\x00\x00\x00\x00IEND\xaeB`\x82"
 _PNG_COLOURS = (0, 2, 3, 4, 6)
+_BYTES, _PACKED = (8, 16), (10, 12, 14)  # bits of a pixel that fill bytes, and that do not
 _RGB, _PALETTE = 2, 3  # interpretations of a TIFF's samples
 _TIFF_SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 16: 8, 13: 4}
 _WIDTH, _LENGTH, _BITS, _PHOTOMETRIC, _OFFSETS, _SAMPLES, _COUNTS = (256, 257, 258, 262, 273, 277, 279)
@@ -112,17 +114,17 @@ def png_fault(path: Path) -> str:
     return "" if at == len(data) else "the PNG goes on behind its last part"
 
 
-def _check_size(path: Path, rows: int, columns: int, bits: int) -> None:
+def _check_size(path: Path, rows: int, columns: int, bits: int, known: tuple[int, ...] = _BYTES) -> None:
     if min(rows, columns) < 1 or rows * columns > MOST_PIXELS:
         raise SourceError(
             path,
             f"declares {columns} × {rows} px; expected at least one and at most {MOST_PIXELS}",
             hint="A film of this project is far smaller: the header is damaged.",
         )
-    if bits not in (8, 16):
-        raise SourceError(
-            path, f"holds {bits} bits per pixel; expected 8 or 16", hint="Export the film as grey images of 16 bits."
-        )
+    if bits not in known:
+        *most, last = map(str, sorted(known))
+        message = f"holds {bits} bits per pixel; expected {', '.join(most)} or {last}"
+        raise SourceError(path, message, hint="Export the film as grey images of 16 bits.")
 
 
 def _tiff(path: Path, data: bytes | None) -> list[ImageHeader]:
@@ -216,7 +218,7 @@ class _Tiff:
                 offset=at,
                 hint="A colour image has no single intensity; export the film as grey.",
             )
-        _check_size(self.path, rows, columns, bits)
+        _check_size(self.path, rows, columns, bits, _BYTES + _PACKED * (samples == 1))
         starts = tags.get(_OFFSETS) or tags.get(_TILE_OFFSETS, [])
         sizes = tags.get(_COUNTS) or tags.get(_TILE_COUNTS, [])
         ends = [s + n for s, n in zip(starts, sizes, strict=False)]

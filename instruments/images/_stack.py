@@ -252,7 +252,7 @@ class ImageFrames(ShownFrames):
     def levels(self) -> tuple[float, float]:
         """Range of the bits in use: cameras of 10 to 14 bits fill the lower or the upper bits of 16."""
         bits = self._places[0].header.bits
-        sound = np.flatnonzero(self.valid) if bits > 8 else np.empty(0, int)
+        sound = np.flatnonzero(self.valid) if bits == 16 else np.empty(0, int)
         if not sound.size:
             return 0.0, float(2**bits - 1)
         spread = np.unique(np.linspace(0, sound.size - 1, _LOOKED_AT).round().astype(int))
@@ -317,10 +317,15 @@ def _grey(image: NDArray[Any], allowed: int, path: Path, what: str) -> NDArray[A
 def _decode(place: _Place) -> NDArray[Any] | None:
     if place.page:
         is_done, pages = cv2.imreadmulti(str(place.path), place.page, 1, flags=cv2.IMREAD_UNCHANGED)
-        return np.asarray(pages[0]) if is_done and pages else None
-    data = np.fromfile(place.path, np.uint8)  # names of any letters; imread takes ASCII only
-    image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
-    return None if image is None else np.asarray(image)
+        image = pages[0] if is_done and pages else None
+    else:
+        data = np.fromfile(place.path, np.uint8)  # names of any letters; imread takes ASCII only
+        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    if image is None:
+        return None
+    # packed pixels are decoded to the upper bits of 16
+    unpacked = 16 - place.header.bits if image.dtype == np.uint16 else 0
+    return np.asarray(image) >> unpacked if unpacked else np.asarray(image)
 
 
 #: Where an AVI holds the name of its main header, and its number of frames.

@@ -162,6 +162,44 @@ def test_the_white_level_of_fewer_bits_than_sixteen(tmp_path: Path, bits: int) -
         assert found.roi(slice(2, 4), slice(0, 3)).levels == (0.0, white)
 
 
+def packed_tiff(pages: np.ndarray, bits: int, order: str) -> bytes:
+    """Write pages as an uncompressed TIFF whose pixels of so many bits follow each other without a gap."""
+    rows, columns = pages.shape[1:]
+    data = (b"II*\0" if order == "<" else b"MM\0*") + struct.pack(order + "I", 8)
+    for number, page in enumerate(pages):
+        set_bits = (page[..., None] >> np.arange(bits)[::-1]) & 1
+        stored = np.packbits(set_bits.astype(np.uint8).reshape(rows, -1), axis=1).tobytes()
+        stored += b"\0" * (len(stored) % 2)
+        begin = len(data) + 2 + 9 * 12 + 4
+        shorts = {258: bits, 259: 1, 262: 1, 277: 1}
+        longs = {256: columns, 257: rows, 273: begin, 278: rows, 279: len(stored)}
+        data += struct.pack(order + "H", 9)
+        for tag in sorted(shorts | longs):
+            layout, kind = ("HHIHH", 3) if tag in shorts else ("HHII", 4)
+            data += struct.pack(order + layout, tag, kind, 1, *((shorts[tag], 0) if tag in shorts else (longs[tag],)))
+        data += struct.pack(order + "I", 0 if number == len(pages) - 1 else begin + len(stored)) + stored
+    return data
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("bits", [10, 12, 14])
+def test_packed_pixels_of_a_tiff_are_the_cameras(tmp_path: Path, bits: int, order: str) -> None:
+    film = np.random.default_rng(bits).integers(0, 2**bits, (3, 12, 21)).astype(np.uint16)
+    (tmp_path / "f.tif").write_bytes(packed_tiff(film, bits, order))
+    found = instruments.read(tmp_path / "f.tif", fps=1.0)
+    np.testing.assert_array_equal(np.stack(list(found)), film)
+    assert found.levels == (0.0, 2.0**bits - 1.0)
+
+
+def test_other_bits_and_bare_pixels_are_refused_with_what_to_do(tmp_path: Path) -> None:
+    (tmp_path / "f.tif").write_bytes(packed_tiff(np.zeros((1, 8, 8), np.uint16), 9, "<"))
+    with pytest.raises(SourceError, match=r"9 bits per pixel; expected 8, 10, 12, 14 or 16[^$]*of 16 bits"):
+        instruments.read(tmp_path / "f.tif", fps=1.0)
+    (tmp_path / "f.mraw").write_bytes(np.random.default_rng(0).bytes(999))
+    with pytest.raises(SourceError, match="export them as TIFF"):
+        instruments.read(tmp_path / "f.mraw")
+
+
 def test_the_number_that_varies_is_the_place(tmp_path: Path) -> None:
     film = write_folder(tmp_path / "f", ["a9_12bit.tif", "a10_12bit.tif", "a11_12bit.tif"])
     found = instruments.read(tmp_path / "f", fps=1000.0)
