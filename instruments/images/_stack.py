@@ -324,8 +324,8 @@ def _decode(place: _Place) -> NDArray[Any] | None:
     if image is None:
         return None
     # packed pixels are decoded to the upper bits of 16
-    unpacked = 16 - place.header.bits if image.dtype == np.uint16 else 0
-    return np.asarray(image) >> unpacked if unpacked else np.asarray(image)
+    unused = 16 - place.header.bits if image.dtype == np.uint16 else 0
+    return np.right_shift(image, unused) if unused else np.asarray(image)
 
 
 #: Where an AVI holds the name of its main header, and its number of frames.
