@@ -16,7 +16,7 @@ from labpipe.imaging.fringes._lens_blur import BLUR_ROUNDS, LEAST_BLUR, find_blu
 from labpipe.imaging.fringes._ring_fit import RingFit
 from labpipe.imaging.fringes._ring_parameters import AXES, HARMONICS, Parameter
 from labpipe.imaging.fringes._search import View
-from labpipe.imaging.fringes._second_colour import find_second_colour
+from labpipe.imaging.fringes._second_colour import find_second_colour, settle_colour
 from labpipe.imaging.fringes._trials import (
     FACTOR,
     HINT,
@@ -95,10 +95,10 @@ def calibrate(
         made.clear()
 
     plain_axes = AXES if shape == "ellipse" else ()
-    result = Calibration(frames=chosen)
+    result = Calibration(frames=chosen, colour=view.optics.colour)
     best = attempt(plain_axes, result)
     if best is None:
-        return Calibration()
+        return Calibration(colour=view.optics.colour)
     if shape == "auto":
         best, result = _find_ellipse(attempt, result, best)
     if rough:
@@ -106,6 +106,8 @@ def calibrate(
         if trial is not None:
             result = _with_rough(trial, result, rough, view)
             best = attempt(plain_axes, result) or best
+    if result.colour[1]:
+        best, result = settle_colour(attempt, plain_axes, result) or (best, result)
     # One may hide behind another: whatever explains most comes first.
     for _ in range(_ROUNDS):
         better: list[tuple[Trial, Calibration]] = []

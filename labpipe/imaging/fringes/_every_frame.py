@@ -253,6 +253,7 @@ def _follow(
             result.blanks[index] = look_without_fringes(frame, view)
             before = None
         else:
+            result.blanks.pop(index, None)  # of an earlier round with other optics
             fits[index] = fit
             last, before = fit, fits.get(index - 1)
     if not fits and other is not None and other.takes_single():

@@ -22,6 +22,7 @@ from labpipe.imaging.fringes._radial_scan import radial_profile
 from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import PARAMETERS, Parameter
 from labpipe.imaging.fringes._search import GOOD_MISFIT, View, has_structure, is_contact
+from labpipe.imaging.fringes._second_colour import find_colours
 from labpipe.imaging.fringes._spots import find_spots
 
 #: Logarithms of the factor of the phase scale that are tried: 1/2 to 2 in steps that keep three
@@ -42,6 +43,10 @@ _ITERATIONS = 20
 _MOST_TRIED, _FEW_TRIED = 6, 3
 #: Differences of phase (rad) and logarithm of the scale below which two frames agree.
 _SAME_PHASE, _SAME_SCALE = 0.4, 0.03
+#: Difference from the stated phase (rad) below which that is kept.
+_STATED_PHASE = 0.1
+#: Difference of the second colour's wavenumber over that of the first below which they agree.
+_SAME_RATIO = 0.06
 
 
 @dataclass(frozen=True)
@@ -73,14 +78,15 @@ class OtherOptics:
     def __init__(self, result: FilmResult, *, is_phase_free: bool) -> None:
         self._result = result
         self._is_phase_free = is_phase_free
-        self._tried: set[int] = set()
+        self._tried: dict[int, NDArray[np.generic]] = {}
         self._found: list[RingFit] = []
+        self._is_done = False
 
     def learns_from(self, frame: NDArray[np.generic], index: int) -> bool:
         """Look at a frame that shows no contact; tell whether the film's view has changed."""
-        if len(self._tried) >= _MOST_TRIED or index in self._tried or not has_structure(frame):
+        if self._is_done or len(self._tried) >= _MOST_TRIED or index in self._tried or not has_structure(frame):
             return False
-        self._tried.add(index)
+        self._tried[index] = frame
         fit = find_optics(frame, self._result.view, is_phase_free=self._is_phase_free)
         if fit is None:
             return False
@@ -89,19 +95,35 @@ class OtherOptics:
         return agreeing and self._take(fit)
 
     def takes_single(self) -> bool:
-        """Take the only optics found in a film that nothing else explains."""
-        return len(self._found) == 1 and len(self._tried) < _FEW_TRIED and self._take(self._found[0])
+        """Take the only optics found in a film that nothing else explains, or else light of two colours."""
+        is_few = len(self._tried) < _FEW_TRIED
+        return (len(self._found) == 1 and is_few and self._take(self._found[0])) or self._takes_colours(is_few)
+
+    def _takes_colours(self, is_one_enough: bool) -> bool:
+        view, found = self._result.view, list[tuple[RingFit, tuple[float, float]]]()
+        for frame in self._tried.values():
+            both = find_colours(frame, view, is_phase_free=self._is_phase_free)
+            if both is None:
+                continue
+            found.append(both)
+            if is_one_enough or any(_is_same_light(both, other) for other in found[:-1]):
+                self._result.view = replace(view, optics=replace(view.optics, colour=both[1]))
+                return self._take(both[0])
+        return False
 
     def _take(self, fit: RingFit) -> bool:
         view = self._result.view
-        log_scale = float(fit.parameters[Parameter.SCALE])
+        log_scale, phase = float(fit.parameters[Parameter.SCALE]), float(fit.parameters[Parameter.PHASE])
+        if abs(phase - view.optics.phase) < _STATED_PHASE:
+            phase = view.optics.phase  # the calibration tells it better, from all frames
         if abs(log_scale) < _SAME_SCALE:
             log_scale = 0.0  # one frame knows it worse than who stated R and wavelength
         scale = view.optics.phase_scale * math.exp(log_scale)
-        optics = replace(view.optics, phase=float(fit.parameters[Parameter.PHASE]), phase_scale=scale)
+        optics = replace(view.optics, phase=phase, phase_scale=scale)
         self._result.view = replace(view, optics=optics)
-        self._tried.update(range(_MOST_TRIED))
+        self._tried.clear()
         self._found.clear()
+        self._is_done = True
         return True
 
 
@@ -110,6 +132,11 @@ def _is_like(one: RingFit, other: RingFit) -> bool:
     turn = abs(float(one.parameters[Parameter.PHASE] - other.parameters[Parameter.PHASE])) % (2.0 * math.pi)
     scale = abs(float(one.parameters[Parameter.SCALE] - other.parameters[Parameter.SCALE]))
     return min(turn, 2.0 * math.pi - turn) < _SAME_PHASE and scale < _SAME_SCALE
+
+
+def _is_same_light(one: tuple[RingFit, tuple[float, float]], other: tuple[RingFit, tuple[float, float]]) -> bool:
+    """Tell whether two fits agree in phase, scale and the second colour."""
+    return abs(one[1][0] - other[1][0]) < _SAME_RATIO and _is_like(one[0], other[0])
 
 
 def rebase(result: FilmResult, fits: dict[int, RingFit]) -> None:

@@ -3,12 +3,18 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from labpipe.arrays import Floats
-from labpipe.imaging.fringes._ring_parameters import Parameter
+from labpipe.imaging.fringes._edge import Edge, find_edge
+from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
+from labpipe.imaging.fringes._ring_parameters import AXES, Parameter
+from labpipe.imaging.fringes._search import GOOD_MISFIT, View, is_contact, start_at_edge
+from labpipe.imaging.fringes._spots import find_spots
 from labpipe.imaging.fringes._trials import VARIANCES, Attempt, Calibration, Trial
 
 #: Wavenumbers of the second colour over the first that are tried, and its share of the fringes then.
@@ -20,6 +26,8 @@ _FRAMES, _PIXELS, _MOST_EVALUATIONS = 3, 8_000, 40
 _NOTABLE, _MOST_LEFT = 2e-5, 2e-4
 #: Steps of ratio and share by which what is left tells their uncertainty, and the most that is believed.
 _STEPS, _WIDE = (0.004, 0.01), (0.1, 0.1)
+#: Spots of a frame and evaluations of a fit there, and what two colours must leave of the squares that one does.
+_SPOTS, _ITERATIONS, _MUCH_LESS = 3, 15, 0.7
 #: Shares that are possible: the first colour is the one that is stated.
 _LEAST_SHARE, _MOST_SHARE = 0.01, 0.6
 
@@ -44,13 +52,71 @@ def find_second_colour(
         return None
     corners = [(start, _SHARE), (start + 0.03, _SHARE), (start, _SHARE + 0.1)]
     options = {"initial_simplex": corners, "maxfev": _MOST_EVALUATIONS, "xatol": 2e-3, "fatol": 5.0}
-    colour = minimize(left, corners[0], method="Nelder-Mead", options=options).x
-    settled = _settled(attempt, axes, known, colour)
-    if settled is not None:
-        settled = _settled(attempt, axes, known, np.array(settled[1].colour))
+    ratio, share = minimize(left, corners[0], method="Nelder-Mead", options=options).x
+    settled = settle_colour(attempt, axes, replace(known, colour=(float(ratio), float(share))))
     if settled is None or settled[0].excess > _MOST_LEFT or not settled[0].is_better_than(best):
         return None
     return settled
+
+
+def settle_colour(attempt: Attempt, axes: Sequence[Parameter], known: Calibration) -> tuple[Trial, Calibration] | None:
+    """Find a second colour that is nearly known from what all pixels leave; None when a fit fails."""
+    settled = _settled(attempt, axes, known, np.array(known.colour))
+    return None if settled is None else _settled(attempt, axes, known, np.array(settled[1].colour))
+
+
+def find_colours(
+    frame: NDArray[np.generic], view: View, *, is_phase_free: bool
+) -> tuple[RingFit, tuple[float, float]] | None:
+    """Fit the contact of a frame whose light is of two colours, so far apart that one explains nothing.
+
+    Parameters
+    ----------
+    frame : array (row, column)
+        Grey levels.
+    view : View
+        Optics as stated.
+    is_phase_free : bool
+        Whether the phase may be other than stated.
+
+    Returns
+    -------
+    (RingFit, colour) or None
+        None when two colours explain the frame hardly better than one, or not well.
+    """
+    free = (*view.settings.free, *AXES, *((Parameter.PHASE,) if is_phase_free else ()))
+    settings = replace(view.settings, free=tuple(dict.fromkeys(free)), max_pixels=_PIXELS, max_iterations=_ITERATIONS)
+
+    def seen(colour: Sequence[float]) -> View:
+        return replace(view, optics=replace(view.optics, colour=(float(colour[0]), float(colour[1]))))
+
+    def fit(edge: Edge, colour: Sequence[float]) -> RingFit | None:
+        if colour[1] and not _LEAST_SHARE < colour[1] < _MOST_SHARE:
+            return None
+        return fit_contact(frame, start_at_edge(edge, view), seen(colour).optics, settings, view.white)
+
+    def left(edge: Edge, colour: Sequence[float]) -> float:
+        made = fit(edge, colour)
+        return math.inf if made is None else made.residual**2
+
+    for spot in find_spots(frame)[:_SPOTS]:
+        edge = find_edge(frame, spot.x, spot.y, spot.radius, view.black)
+        if edge is None:
+            continue
+        start = min(_RATIOS, key=lambda ratio: left(edge, (ratio, _SHARE)))
+        if left(edge, (start, _SHARE)) > _MUCH_LESS * left(edge, (1.0, 0.0)):
+            continue
+        corners = [(start, _SHARE), (start + 0.03, _SHARE), (start, _SHARE + 0.1)]
+        options = {"initial_simplex": corners, "maxfev": _MOST_EVALUATIONS, "xatol": 2e-3, "fatol": 0.0}
+        ratio, share = minimize(partial(left, edge), corners[0], method="Nelder-Mead", options=options).x
+        made = fit(edge, (ratio, share))
+        if made is None or made.misfit > GOOD_MISFIT:
+            continue
+        own = seen((ratio, share))
+        own = replace(own, optics=replace(own.optics, phase=float(made.parameters[Parameter.PHASE])))
+        if is_contact(frame, own, made):
+            return made, (float(ratio), float(share))
+    return None
 
 
 def _settled(
