@@ -12,7 +12,6 @@ import typing
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from math import hypot, inf, log
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Union
 
@@ -24,21 +23,17 @@ from labpipe.workflow.fields import POSITIVE, FileMark, Range, fields_of, mark, 
 from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.store import Store
 from pipelines.session._gaps import library_names
+from pipelines.session._stated_alike import bodies, finding, plates, without_uncertainty, written
 
 if TYPE_CHECKING:
     from calibration.record import Record
-    from labpipe.judging import Finding, Level
+    from labpipe.judging import Finding
 
 _CONFIGURATION = ".toml"
 """Ending of records and materials: those are meant to serve several experiments."""
-_APART = 4.0  # standard uncertainties between two masses or radii of one body
-_ALIKE = 2.0  # standard uncertainties within which two values are one
-TWO_VALUES = "one body, two values"
-_LEAST = 1e-4  # relative uncertainty of a value that is stated without one
 _UNKNOWN = 0.5  # of a value, beyond which its uncertainty is no uncertainty
 _KELVIN, _IN_KELVIN, _COLD = 273.15, (250.0, 400.0), -150.0
 """Degrees that are a laboratory's temperatures in K, and below which K was written for degrees."""
-_SLIP = 0.01  # how near to a power of ten, or to two, a ratio must be to be that
 _OF_RECORD = {
     "it expired": "valid_until",
     "was not yet valid": "valid_from",
@@ -62,23 +57,12 @@ class Named:
     path: Path
 
 
-@dataclass(frozen=True, slots=True)
-class _Body:
-    """A body whose radius and mass an experiment states, such as the sphere; one for drops of several materials."""
-
-    experiment: Experiment
-    setting: str
-    materials: frozenset[str]
-    radius: Quantity
-    mass: Quantity
-
-
 def session_findings(session: Session) -> Found:
     """Check a session as a whole; findings have file and setting."""
     found: Found = {}
     for check in _CHECKS:
-        for owner, finding in check(session):
-            found.setdefault(owner, []).append(finding)
+        for owner, told in check(session):
+            found.setdefault(owner, []).append(told)
     return found
 
 
@@ -155,15 +139,7 @@ def _copy(first: Named, later: Named) -> Finding:
     else:
         text = f"{later.name} holds the same bytes as {first.name}{of_other}"
         cause = "a copy was taken for a repeat"
-    return _finding("same bytes twice", "doubtful", text, cause, later.name)
-
-
-def _finding(
-    check: str, level: Level, text: str, cause: str = "", file: str = "", setting: str = "", line: int | None = None
-) -> Finding:
-    from labpipe.judging import Finding
-
-    return Finding(check, level, text, cause, file, line, setting)
+    return finding("same bytes twice", "doubtful", text, cause, later.name)
 
 
 def _records(session: Session) -> Iterator[tuple[str, Finding]]:
@@ -182,18 +158,18 @@ def _records(session: Session) -> Iterator[tuple[str, Finding]]:
             text = f"{name}: calibrated on {record.when}, after the record ended ({record.valid_until})"
             for owner in dict.fromkeys(users[name]):
                 cause = "a day of the record is mistyped, or an older record was copied"
-                yield owner, _finding("calibration record", "doubtful", text, cause, name, "when")
+                yield owner, finding("calibration record", "doubtful", text, cause, name, "when")
     for (name, record), (other, twin) in combinations(records.items(), 2):
         if record.id == twin.id and record != twin:
             text = f'{name} and {other} have the same id, "{record.id}", but differ'
             cause = "one of the two records is out of date"
             for owner in dict.fromkeys(users[other]):
-                yield owner, _finding("calibration record", "doubtful", text, cause, other, "id")
+                yield owner, finding("calibration record", "doubtful", text, cause, other, "id")
         elif _is_one_sensor(record, twin):
             text = f"{name} and {other} calibrate one {record.kind.replace('_', ' ')} for the same days"
             for owner in dict.fromkeys(users[other]):
                 cause = "experiments of one sensor in one place should use one of them"
-                yield owner, _finding("calibration record", "note", text, cause, other, "id")
+                yield owner, finding("calibration record", "note", text, cause, other, "id")
 
 
 def _record(path: Path) -> Record | None:
@@ -221,110 +197,6 @@ def _is_one_sensor(a: Record, b: Record) -> bool:
     is_same = (a.kind, a.instrument, a.serial, a.view) == (b.kind, b.instrument, b.serial, b.view)
     differs = getattr(a, "values", None) != getattr(b, "values", None)
     return is_same and differs and a.valid_from <= b.valid_until and b.valid_from <= a.valid_until
-
-
-def _bodies(session: Session) -> Iterator[tuple[str, Finding]]:
-    """Hold the masses and radii of one body against each other."""
-    bodies = [body for e in session.experiments.values() for body in _found_bodies(e, e.settings, "")]
-    said: set[tuple[str, str]] = set()
-    for first, later in combinations(bodies, 2):
-        if first.materials.isdisjoint(later.materials) or first.experiment is later.experiment:
-            continue
-        mass, radius = _distance(first.mass, later.mass), _distance(first.radius, later.radius)
-        if radius <= _ALIKE and mass > _APART:
-            odd, other, name = _odd(bodies, first, later, "mass")
-        elif mass <= _ALIKE < radius and _mistyped(first.radius, later.radius):
-            odd, other, name = _odd(bodies, first, later, "radius")
-        else:
-            continue
-        if (odd.experiment.name, name) not in said:
-            said.add((odd.experiment.name, name))
-            yield odd.experiment.name, _two_values(odd, other, name)
-
-
-def _found_bodies(experiment: Experiment, table: Any, place: str) -> Iterator[_Body]:
-    if isinstance(table, list | tuple):
-        for number, item in enumerate(table):
-            yield from _found_bodies(experiment, item, f"{place}[{number}]")
-    if not isinstance(table, msgspec.Struct):
-        return
-    radius, mass = getattr(table, "radius", None), getattr(table, "mass", None)
-    if isinstance(radius, Quantity) and isinstance(mass, Quantity):
-        # a body without a material of its own falls on, or with, each of the others of its experiment
-        sources = frozenset(_sources(table)) or frozenset(_sources(experiment.settings))
-        yield _Body(experiment, place, sources, radius, mass)
-    for name in table.__struct_fields__:
-        yield from _found_bodies(experiment, getattr(table, name), f"{place}.{name}" if place else name)
-
-
-def _sources(table: Any) -> Iterator[str]:
-    """Yield what a table, and all in it, says of materials: names, files and experiments; the most exact of each."""
-    if isinstance(table, list | tuple):
-        for item in table:
-            yield from _sources(item)
-    elif isinstance(table, msgspec.Struct):
-        given = [getattr(table, name, None) for name in ("material_from", "material_file", "material")]
-        yield from [source for source in given if isinstance(source, str)][:1]
-        for name in table.__struct_fields__:
-            yield from _sources(getattr(table, name))
-
-
-def _distance(a: Quantity, b: Quantity) -> float:
-    """Return how far two stated values are apart, in standard uncertainties."""
-    u = hypot(a.u or _LEAST * a.value, b.u or _LEAST * b.value)
-    return abs(a.value - b.value) / u if u else inf
-
-
-def _odd(bodies: Sequence[_Body], first: _Body, later: _Body, name: str) -> tuple[_Body, _Body, str]:
-    """Return which of two bodies stands alone among all of its materials, the other, the name."""
-
-    def votes(body: _Body) -> int:
-        value = getattr(body, name)
-        alike = [
-            _distance(getattr(b, name), value) <= _ALIKE for b in bodies if not b.materials.isdisjoint(body.materials)
-        ]
-        return 2 * sum(alike) - len(alike)  # one that is of several materials is contradicted by more bodies
-
-    return (first, later, name) if votes(first) < votes(later) else (later, first, name)
-
-
-def _two_values(odd: _Body, other: _Body, name: str) -> Finding:
-    value, expected = getattr(odd, name), getattr(other, name)
-    same = "radius" if name == "mass" else "mass"
-    text = (
-        f"{name} is {_written(value)} here and {_written(expected)} in {other.experiment.name}, "
-        f"for bodies of one {same} and material"
-    )
-    factor = _slip(value.value / expected.value)
-    cause = f"the {name} of this sphere is mistyped, or another one was used: then say so"
-    if name == "radius" and factor == 2.0:
-        cause = f"the radius is probably {_written(expected)}: its diameter was typed"
-    elif factor:
-        cause = f"the {name} is probably {_written(expected)}, a factor {factor:g}: its unit or decimal point is wrong"
-    elif _mistyped(value, expected):
-        cause = f"the {name} is probably {_written(expected)}: two digits were exchanged"
-    return _finding(TWO_VALUES, "doubtful", text, cause, setting=f"{odd.setting}.{name}")
-
-
-def _written(value: Quantity, number: float | None = None) -> str:
-    from labpipe.report import quantity
-
-    return quantity(value.value if number is None else number, value.si, 4)
-
-
-def _slip(ratio: float) -> float:
-    """Return the usual factor that a ratio is, or its inverse; 0 for none of them."""
-    from labpipe.judging import SLIPS
-
-    factors = (f for f in SLIPS["value"] if f > 1 and ratio > 0 and abs(abs(log(ratio)) - log(f)) < _SLIP)
-    return next(factors, 0.0)
-
-
-def _mistyped(a: Quantity, b: Quantity) -> bool:
-    """Whether one value is the other by a usual factor, or with two digits exchanged; other sizes are not so."""
-    one, other = _written(a), _written(b)
-    differ = [i for i, (x, y) in enumerate(zip(one, other, strict=False)) if x != y]
-    return bool(_slip(b.value / a.value)) or (len(differ) == 2 and sorted(one) == sorted(other))
 
 
 def _material_names(session: Session) -> Iterator[tuple[str, Finding]]:
@@ -365,7 +237,7 @@ def _misnamed(what: str, name: str, known: set[str], setting: str) -> Finding:
     other = " and ".join(sorted(_words(name) & known))
     cause = f"one of them is of another material, {other} probably, or the name is misleading"
     text = f"{what}, but {name} is named after {other}"
-    return _finding("name of the material", "doubtful", text, cause, setting=setting)
+    return finding("name of the material", "doubtful", text, cause, setting=setting)
 
 
 def _words(name: str) -> set[str]:
@@ -396,9 +268,9 @@ def _uncertainties(session: Session) -> Iterator[tuple[str, Finding]]:
             is_positive = any(mark(marks, Range) == POSITIVE for _, marks in _options(kind))
             if is_positive and value.u > _UNKNOWN * value.value:
                 name = setting.rpartition(".")[2].replace("_", " ")
-                text = f"the {name} is {_written(value)} with a standard uncertainty of {_written(value, value.u)}"
+                text = f"the {name} is {written(value)} with a standard uncertainty of {written(value, value.u)}"
                 cause = "the unit or the decimal point of the uncertainty is wrong"
-                yield e.name, _finding("stated uncertainty", "doubtful", text, cause, setting=setting)
+                yield e.name, finding("stated uncertainty", "doubtful", text, cause, setting=setting)
 
 
 def _temperatures(session: Session) -> Iterator[tuple[str, Finding]]:
@@ -416,7 +288,7 @@ def _temperatures(session: Session) -> Iterator[tuple[str, Finding]]:
             if meant:
                 text = f"{setting} is {T:.4g} °C"
                 cause = f"{meant} is meant: its unit is wrong"
-                yield e.name, _finding("unit of the temperature", "doubtful", text, cause, setting=setting)
+                yield e.name, finding("unit of the temperature", "doubtful", text, cause, setting=setting)
 
 
 def _quantities(table: Any, place: str) -> Iterator[tuple[str, Quantity, Any]]:
@@ -443,6 +315,6 @@ def named_at(session: Session) -> Mapping[str, int]:
     return found
 
 
-_CHECKS = (_twice, _records, _bodies, _material_names, _uncertainties, _temperatures)
+_CHECKS = (_twice, _records, bodies, plates, _material_names, _uncertainties, without_uncertainty, _temperatures)
 SESSION_CHECKS = len(_CHECKS)
 """How many checks a session as a whole is given, beside those of its experiments."""

@@ -27,7 +27,8 @@ from pipelines.session._exchanged import exchanged
 from pipelines.session._gaps import library_names
 from pipelines.session._opening import STAGES, reopen_session
 from pipelines.session._results import opened
-from pipelines.session._session_checks import TWO_VALUES, named_files, of_record, session_findings
+from pipelines.session._session_checks import named_files, of_record, session_findings
+from pipelines.session._stated_alike import TWO_VALUES
 from pipelines.session._unused import unused_files
 
 if TYPE_CHECKING:
