@@ -4,7 +4,6 @@ One session of every kind by the thesis's own chain: sweeps of nylon, PTFE and r
 from 10 mm, its film, loads on PTFE and a punch in rubber. What is stated wrongly is one number.
 """
 
-import re
 import shutil
 import warnings
 from collections.abc import Callable
@@ -16,31 +15,20 @@ from labpipe import files
 from pipelines.experiments.shared.judgements import suspected
 from pipelines.process import process, result
 from pipelines.session import verdict_on
+from tests.pipelines.detection import SESSION, SHOWN, WRONG, Wrong, changed, shown
 from tests.pipelines.deviations import write_specimens
 
 pytestmark = pytest.mark.slow
 
 _SEED = 5
-SESSION = "session.toml"
-
-
-def _changed(pattern: str, to: Callable[[float], float]) -> Callable[[str], str]:
-    """Change the number of every match."""
-
-    def edit(text: str) -> str:
-        changed, count = re.subn(pattern, lambda m: f"{m[1]}{to(float(m[2])):.6g}", text)
-        assert count, pattern
-        return changed
-
-    return edit
 
 
 def _scaled(pattern: str, factor: float) -> Callable[[str], str]:
-    return _changed(pattern, lambda number: number * factor)
+    return changed(pattern, lambda number: number * factor)
 
 
 def _shifted(pattern: str, by: float) -> Callable[[str], str]:
-    return _changed(pattern, lambda number: number + by)
+    return changed(pattern, lambda number: number + by)
 
 
 def _polymer(text: str) -> str:
@@ -48,16 +36,18 @@ def _polymer(text: str) -> str:
     return before + of_drop + after.replace('material_from = "nylon_dma"', 'material_from = "ptfe_dma"', 1)
 
 
+_TEMPERATURE = r'(\ntemperature = ")([\d.]+)'
 _SCALE, _HEIGHT = r'(\nscale = ")([\d.]+)', r'(\nheight = ")(10)(?= )'
 CASES = {
     "modulus of the sweeps +5 %": (SESSION, _scaled(_SCALE, 1.05), {"relaxation": "modulus"}),
-    "height +1 %": (SESSION, _scaled(_HEIGHT, 1.01), {"drop": "height"}),
+    "modulus of the sweeps +7 %": (SESSION, _scaled(_SCALE, 1.07), {"harmonic": "modulus"}),
+    "height +0.4 %": (SESSION, _scaled(_HEIGHT, 1.004), {"drop": "height"}),
     "inclination +1 degree": (
         "calibration/laser.toml",
         _shifted(r'(inclination = ")([\d.]+)', 1.0),
         {"drop": "scale of length"},
     ),
-    "gain of the laser +2 %": ("calibration/laser.toml", _scaled(_SCALE, 1.02), {"drop": "scale of length"}),
+    "gain of the laser +0.5 %": ("calibration/laser.toml", _scaled(_SCALE, 1.005), {"drop": "scale of length"}),
     "ruler +1 %": (
         "calibration/camera_under.toml",
         _scaled(r'(reference_length = ")([\d.]+)', 1.01),
@@ -69,9 +59,16 @@ CASES = {
         _scaled(_SCALE, 1.05),
         {"harmonic": "scale of force", "relaxation": "scale of force"},
     ),
+    "delay of the load cell +1.4 ms": (
+        "calibration/load_cell.toml",
+        _shifted(r'(delay = ")([\d.]+)', 1.4),
+        {"harmonic": "delay of the force"},
+    ),
+    "radius of the tips +12 %": (SESSION, _scaled(r'(\nradius = ")(2)(?= )', 1.12), {"relaxation": "tip radius"}),
+    "temperature of all +3 K": (SESSION, _shifted(_TEMPERATURE, 3.0), {"harmonic": "temperature"}),
     "temperature of all +5 K": (
         SESSION,
-        _shifted(r'(\ntemperature = ")([\d.]+)', 5.0),
+        _shifted(_TEMPERATURE, 5.0),
         {"harmonic": "temperature", "drop": "temperature"},
     ),
     "another polymer": (SESSION, _polymer, {"drop": "another material"}),
@@ -113,3 +110,13 @@ def test_a_wrong_input_is_seen_and_named(right: Path, tmp_path: Path, case: str)
         model, believable, named = said = _said(folder, experiment)
         assert model == "differs" or believable != "yes", (experiment, said)
         assert word in named, (experiment, said)
+
+
+@pytest.mark.parametrize("wrong", WRONG, ids=lambda wrong: f"{wrong.experiment}, {wrong.input}")
+def test_half_as_much_again_as_would_have_shown_is_seen(right: Path, tmp_path: Path, wrong: Wrong) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for sign in (-1, 1):
+            found = shown(right, tmp_path, wrong, sign * 1.5)
+            assert found is not None, wrong
+            assert found.p < SHOWN, (sign, found)

@@ -185,7 +185,8 @@ def _noticed(result: xr.Dataset) -> Table:
     return Table(
         (Column("input"), Column("smallest error that would have shown")),
         rows,
-        caption="With 95 % probability at the 5 % level, all other inputs held at their uncertainty.",
+        caption="With 95 % probability the model would no longer agree (p < 0.05), all other inputs held at their "
+        "uncertainty. Up to 1.4 times as much is needed for it to differ (p < 0.001).",
     )
 
 
