@@ -351,7 +351,10 @@ def _open_gaps(reader: FilmReader, result: FilmResult, time: Floats, read: Flags
         if index in reader.damaged or (old is not None and not is_doubtful(old)):
             continue
         near = _neighbours(result.fits, index)
-        edges = result.blanks[index].edges if index in result.blanks else ()
+        frame = reader.whole(index)
+        is_poor = old is not None and old.misfit > GOOD_MISFIT  # it may have another radius than the contact
+        blank = look_without_fringes(frame, result.view) if is_poor else result.blanks.get(index)
+        edges = () if blank is None else blank.edges
         starts = [old.parameters.copy()] if old is not None else []
         if near:
             beside = min(near, key=lambda other: abs(other - index))
@@ -359,7 +362,7 @@ def _open_gaps(reader: FilmReader, result: FilmResult, time: Floats, read: Flags
             start[Parameter.RADIUS] = max(expected_radius(near, index, time)[0], 1.0)
             starts.append(start)
         starts += [start_at_edge(edge, result.view) for edge in edges]
-        fit = fit_open_gap(reader.whole(index), result.view, starts, old)
+        fit = fit_open_gap(frame, result.view, starts, old)
         if fit is not None and (old is not None or not near or _continues(fit, near, index, time)):
             result.fits[index] = fit
 

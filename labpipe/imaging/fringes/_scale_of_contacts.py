@@ -1,7 +1,6 @@
 """The scale of the fringes in each contact of a film by itself: whether the lens was changed between them."""
 
 from dataclasses import replace
-from math import hypot
 
 import numpy as np
 
@@ -13,7 +12,6 @@ from labpipe.imaging.fringes._ring_parameters import Parameter
 
 #: Contacts that are looked at, those with the largest radius first, and how many frames of one.
 _CONTACTS, _FRAMES = 4, 2
-_KNOWN = 0.1  # relative; a fit that knows its own radius no better has found no contact
 
 
 def scales_of_contacts(reader: FilmReader, result: FilmResult) -> dict[int, tuple[float, float]]:
@@ -34,10 +32,10 @@ def scales_of_contacts(reader: FilmReader, result: FilmResult) -> dict[int, tupl
         By frame the natural logarithm of the phase scale over that of the film, and its standard
         uncertainty.
     """
-    sizes = {i: float(fit.parameters[Parameter.RADIUS]) for i, fit in sorted(result.fits.items()) if _is_known(fit)}
-    if not sizes:
+    frames = np.array(sorted(result.fits), int)
+    if not frames.size:
         return {}
-    frames, radius = np.array(list(sizes), int), np.array(list(sizes.values()))
+    radius = np.array([float(result.fits[i].parameters[Parameter.RADIUS]) for i in frames])
     seen = np.zeros(len(result.resting) + 1, bool)
     seen[[*result.fits, *result.edges, *result.filled]] = True
     seen[:-1] |= result.resting
@@ -58,8 +56,3 @@ def scales_of_contacts(reader: FilmReader, result: FilmResult) -> dict[int, tupl
             if fit is not None and fit.is_converged:
                 found[index] = float(fit.parameters[Parameter.SCALE]), fit.deviation(Parameter.SCALE)
     return found
-
-
-def _is_known(fit: RingFit) -> bool:
-    u = hypot(fit.deviation(Parameter.RADIUS), fit.model_deviation)
-    return u < _KNOWN * float(fit.parameters[Parameter.RADIUS])
