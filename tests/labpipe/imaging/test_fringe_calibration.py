@@ -81,5 +81,6 @@ def test_an_oblique_view_is_believed_only_if_it_explains_much_more(
     monkeypatch.setattr(Calibration, "applied", lambda self, view: view)
     fits = {i: SimpleNamespace(parameters=np.full(len(Parameter), 50.0 + i)) for i in range(8)}
     monkeypatch.setattr(_calibration, "_choose", lambda fits: tuple(fits)[:4])
-    found = calibrate(lambda i: i, fits, None, is_phase_free=False, shape="auto")  # type: ignore
+    view = SimpleNamespace(optics=SimpleNamespace(colour=(1.0, 0.0)))
+    found = calibrate(lambda i: i, fits, view, is_phase_free=False, shape="auto")  # type: ignore
     assert (found.ellipse != (0.0, 0.0)) == is_oblique
