@@ -46,6 +46,7 @@ _FEWEST = 20  # bends of the motion that tell its noise
 _AROUND = 31  # frames whose contrast is compared
 _IN_NOISE, _RETURNS = 10.0, 0.3
 """Standard deviations of noise of a jump, and the share of it by which the frames beside it may bend."""
+_UPSIDE_DOWN = "the film is upside down: the camera was, or the film was turned or mirrored when it was exported"
 _ANOTHER_VIEW = 3.0  # factor in scale beyond which it is no mistake of measuring it
 _FAILED = {
     "track": "the film is not what the session says, or was not copied whole",
@@ -93,6 +94,7 @@ def judgement(
     if motion is not None and bounces is not None and bounces.sizes["impact"]:
         fall = Fall(settings.film, bounces, float(motion.attrs["u_systematic_relative"]))
         checks += [
+            fall_checks.direction(fall, _UPSIDE_DOWN, file=settings.film, setting=""),
             fall_checks.acceleration(fall, _GRAVITY),
             _height(fall, laser),
             fall_checks.speed(fall, _GRAVITY),
@@ -116,7 +118,7 @@ def _found(track: xr.Dataset, settings: DicValidation) -> Check:
     share = float(track["valid"].isel(point=0).mean())
     level: Level | None = None if share >= _FOUND else "doubtful"
     message = f"{settings.film}: the holder was found in {share:.1%} of the frames"
-    cause = "damaged or missing frames, or tracking.body is not on the holder"
+    cause = "damaged or missing frames, a film that is upside down, or tracking.body is not on the holder"
     if "status" in track and _is_saturated(track):
         cause = "the film is over-exposed or dark: the holder's pixels lie at white or at black"
     lost = np.flatnonzero(np.diff(~track["valid"].isel(point=0).values.astype(bool), prepend=False, append=False))
@@ -355,9 +357,10 @@ def _gain(comparison: xr.Dataset, settings: DicValidation) -> Check:
     expected, u = 1.0, float(comparison["expected_u_gain"])
     message = f"{settings.film}: lengths are {1 / gain:.4g} times those of the laser" if gain else settings.film
     other = hypot(u, _BETWEEN_DAYS)
-    return compared(
+    found = compared(
         GAIN, law, message, gain, float(comparison["u_gain"]), expected, other, allowance=0.03, file=settings.camera
     )
+    return replace(found, cause=_UPSIDE_DOWN, file=settings.film) if gain < 0.0 else found
 
 
 def _causes(track: xr.Dataset | None, settings: DicValidation) -> Iterator[Cause]:

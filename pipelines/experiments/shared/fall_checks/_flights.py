@@ -140,17 +140,19 @@ def flights_alike(fall: Fall, gravity: Quantity) -> Check:
     )
 
 
-def direction(fall: Fall) -> Check:
-    """Hold the stated direction of the sensor against that of the fall."""
+_OTHER_WAY = (
+    "the sensor counts the other way than stated: sensor.direction in session.toml has the wrong sign "
+    "(direction = -1 where the reading falls when the body rises)"
+)
+
+
+def direction(fall: Fall, cause: str = _OTHER_WAY, *, file: str = "", setting: str = "sensor.direction") -> Check:
+    """Hold the direction in which a displacement counts against that of the fall."""
     name, law = "direction of the fall", "a body falls downwards: the displacement counts upwards"
     if int(fall.bounces.attrs["direction"]) == 1:
         return stated(name, law, f"{fall.name}: the body falls downwards", None, file=fall.name)
     text = f"{fall.name}: the body falls upwards and is thrown down by the impacts"
-    cause = (
-        "the sensor counts the other way than stated: sensor.direction in session.toml has the wrong sign "
-        "(direction = -1 where the reading falls when the body rises)"
-    )
-    return stated(name, law, text, "impossible", cause=cause, setting="sensor.direction")
+    return stated(name, law, text, "impossible", cause=cause, file=file, setting=setting)
 
 
 def ends_early(fall: Fall, end: float) -> Check:

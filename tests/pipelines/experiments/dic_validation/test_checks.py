@@ -103,6 +103,15 @@ def test_the_scale_of_the_other_view_names_the_record(fallen, laser, factor, sai
     assert said in told.cause
 
 
+@pytest.mark.parametrize("has_laser", [True, False])
+def test_a_film_that_is_upside_down_is_named(fallen, laser, has_laser):
+    found, _ = judged(recorded(fallen, 1, scale=-1.0), laser if has_laser else None)
+    told = finding(found, "direction of the fall")
+    assert (told.level, told.file) == ("impossible", SETTINGS.film)
+    assert "upside down" in told.cause
+    assert {f.cause for f in found.findings} == {told.cause}
+
+
 @pytest.mark.parametrize("factor", [10.0, 0.5])
 def test_a_wrong_frame_rate_is_named(fallen, laser, factor):
     found, _ = judged(recorded(fallen, 1, rate=factor * RATE), laser)
