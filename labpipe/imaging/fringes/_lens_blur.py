@@ -21,8 +21,9 @@ _GAINS, _EQUAL_MOTION = (0.3, 2.0), math.log(10.0)
 _AT_REST = 3.0
 #: Blur (px) from which its shape shows: below, discs and Gaussians moved radii by a tenth of u.
 LEAST_SHAPED = 0.7
-#: Shares of a disc in the shape of the blur that are tried, and between which the likeliest is sought.
-_DISCS, _SHAPES, _SHAPE_ROUNDS, _SAME_SHAPE = (0.0, 0.7, 1.0), np.linspace(0.0, 1.0, 101), 3, 0.03
+#: Shares of a disc in the shape of the blur that are tried beside none, and between which the likeliest is sought.
+_NEAR_BELL, _BETWEEN, _DISC, _LEAST_SHAPES = 0.35, 0.7, 1.0, 3
+_SHAPES, _SHAPE_ROUNDS, _SAME_SHAPE = np.linspace(0.0, 1.0, 101), 3, 0.03
 
 
 def find_blur(
@@ -98,15 +99,21 @@ def least_blur(trial: Trial, blur: float) -> tuple[float, float, int]:
 
 def _blur_of_lens(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial) -> _Lens | None:
     """Fit the frames with a lens that blurs as much, and in the shape, as the frames show."""
-    tried = [_size_of_blur(attempt, axes, known, best, disc=0.0)]
-    if tried[0] is None or tried[0].blur < LEAST_SHAPED:
-        return tried[0]
-    tried += [_size_of_blur(attempt, axes, known, best, disc) for disc in _DISCS[1:]]
+    bell = _size_of_blur(attempt, axes, known, best, disc=0.0)
+    if bell is None or bell.blur < LEAST_SHAPED:
+        return bell
+    between = _size_of_blur(attempt, axes, known, bell.trial, _BETWEEN, bell.blur)
+    if between is None:
+        return bell
+    # on the side of the better of both
+    third = _DISC if between.trial.left < bell.trial.left else _NEAR_BELL
+    tried: list[_Lens | None] = [bell, between]
+    tried.append(_size_of_blur(attempt, axes, known, between.trial, third, between.blur))
     for _ in range(_SHAPE_ROUNDS):
         lenses = sorted((lens for lens in tried if lens is not None), key=lambda lens: lens.trial.left)
-        if len(lenses) < len(_DISCS):
-            return lenses[0] if lenses else None
-        near = lenses[: len(_DISCS)]
+        if len(lenses) < _LEAST_SHAPES:
+            return lenses[0]
+        near = lenses[:_LEAST_SHAPES]
         flat = np.array([lens.disc**2 for lens in near])
         # How likely each shape is: what the frames leave goes with the square of what is wrong in the
         # fourth moment, to which the disc adds by the square of its share.
@@ -126,7 +133,7 @@ def _size_of_blur(
 ) -> _Lens | None:
     """Find the blur of a lens, of one shape, as that of the frame of least blur."""
     square, u_square, gain = blur**2, 0.0, 1.0
-    for _ in range(BLUR_ROUNDS):
+    for done in range(BLUR_ROUNDS):
         seen, u_square, _ = least_blur(trial, blur)
         if seen <= LEAST_BLUR**2:
             return None
@@ -138,7 +145,9 @@ def _size_of_blur(
             return None
         trial = found
         if abs(step) < _SAME_BLUR * square:
-            break
+            if done:
+                break
+            continue  # what it began with is of another shape
         # A motion is not quite a blur of the same variance.
         left = least_blur(trial, blur)[0] - square
         gain = float(np.clip(step / (beyond - left), *_GAINS)) if beyond != left else 1.0

@@ -123,7 +123,12 @@ class Trial:
     @property
     def left(self) -> float:
         """Sum of squares, in variances of a pixel by the noise of the first frame of all trials."""
-        return sum(fit.residual**2 * fit.pixels / max(fit.between, 1e-6) ** 2 for fit in self.fits)
+        return float(self.left_of_each.sum())
+
+    @property
+    def left_of_each(self) -> Floats:
+        """The same of every frame."""
+        return np.array([fit.residual**2 * fit.pixels / max(fit.between, 1e-6) ** 2 for fit in self.fits])
 
     @property
     def pixels(self) -> int:

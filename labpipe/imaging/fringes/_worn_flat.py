@@ -16,6 +16,18 @@ _FLATS, _WORSE = (0.35, 0.5, 0.62, 0.74, 0.86, 0.96), 1.2
 _FLAT_FRAMES, _FLAT_PIXELS, _FLAT_VARIANCES, _FLAT_ROUNDS = 4, 12_000, 40.0, 2
 
 
+def _disagreement(smaller: Trial, middle: Trial, larger: Trial, unit: float) -> float:
+    """Mean square by which flats of single frames differ from that of all, over that of noise; 1 or more.
+
+    A flat is the same in all contacts; another error of the sphere's form looks like one of another size in each.
+    """
+    before, now, after = (trial.left_of_each for trial in (smaller, middle, larger))
+    bends = np.maximum(before + after - 2.0 * now, 1e-9)
+    places = 0.5 * (before - after) / bends  # in steps from the middle
+    mean = np.average(places, weights=bends)
+    return max(float((bends * (places - mean) ** 2).sum()) / unit / max(len(bends) - 1, 1), 1.0)
+
+
 def find_flat(
     attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial
 ) -> tuple[Trial, Calibration] | None:
@@ -52,10 +64,12 @@ def find_flat(
         smaller, larger = (attempt(axes, replace(known, flat=size)) for size in (flat - step, flat + step))
         if smaller is None or larger is None:
             return None
+        middle = trial
         bend = max((smaller.left + larger.left - 2.0 * trial.left) / step**2, 1e-9)
         flat += float(np.clip((smaller.left - larger.left) / (2.0 * step * bend), -step, step))
         trial = attempt(axes, replace(known, flat=flat)) or trial
-        u_flat = min(math.sqrt(2.0 * max(trial.left / trial.pixels, 1.0) / bend), width)
+        least = 2.0 * max(trial.left / trial.pixels, 1.0) / bend
+        u_flat = min(math.sqrt(least * _disagreement(smaller, middle, larger, least * bend)), width)
         slopes = larger.changes(smaller) / (2.0 * step)
         step = min(step, 5.0 * u_flat)
     return trial, replace(known, flat=flat).with_shared(trial, slopes * u_flat)
