@@ -5,17 +5,16 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from labpipe.arrays import Flags
 from labpipe.imaging.films import StuckPixels
-from labpipe.imaging.fringes._centre_votes import find_centres
-from labpipe.imaging.fringes._edge import Edge, find_edge
+from labpipe.imaging.fringes._edge import Edge
+from labpipe.imaging.fringes._looks import Looks
 from labpipe.imaging.fringes._radial_scan import edge_width
 from labpipe.imaging.fringes._ring_fit import RingFit
 from labpipe.imaging.fringes._ring_parameters import Parameter
-from labpipe.imaging.fringes._search import View, has_structure
-from labpipe.imaging.fringes._spots import Spot, find_spots, reduce_frame
+from labpipe.imaging.fringes._search import View
+from labpipe.imaging.fringes._spots import Spot, reduce_frame
 from labpipe.imaging.fringes._trials import Calibration
 
 #: A spot without fringes next to a contact has an edge softer than this share of the radius at
@@ -115,27 +114,24 @@ class FilmResult:
                 found.pop(index, None)
 
 
-def look_without_fringes(frame: NDArray[np.generic], view: View) -> Blank:
+def look_without_fringes(looks: Looks, view: View) -> Blank:
     """Find the round spots of a frame, or its brightness when it is even.
 
     Parameters
     ----------
-    frame : array (row, column)
-        Grey levels.
+    looks : Looks
+        The frame.
     view : View
         Optics; its phase tells whether contacts are dark or bright.
     """
-    if not has_structure(frame):
-        return Blank(level=float(np.median(reduce_frame(frame)[0])))
-    edges = _edges_of(find_spots(frame), frame, view) or _edges_of(find_centres(frame), frame, view)
-    return Blank(edges)
+    if not looks.have_structure:
+        return Blank(level=float(np.median(reduce_frame(looks.frame)[0])))
+    return Blank(_edges_of(looks.spots, looks, view) or _edges_of(looks.centres, looks, view))
 
 
-def _edges_of(spots: Iterable[Spot], frame: NDArray[np.generic], view: View) -> tuple[Edge, ...]:
+def _edges_of(spots: Iterable[Spot], looks: Looks, view: View) -> tuple[Edge, ...]:
     """Edges of the spots that are larger than that of a sphere which just touches."""
-    edges = (
-        find_edge(frame, spot.x, spot.y, spot.radius, view.black) for spot in spots if spot.radius >= view.newton_spot
-    )
+    edges = (looks.edge(spot, view.black) for spot in spots if spot.radius >= view.newton_spot)
     least = _LEAST_SPOT * view.newton_spot
     return tuple(edge for edge in edges if edge is not None and edge.half_radius >= least)
 

@@ -13,6 +13,7 @@ from labpipe.imaging.fringes._arguments import FilmOptions, exposure_times
 from labpipe.imaging.fringes._blank_frames import FilmResult, choose_edges, find_filled, look_without_fringes
 from labpipe.imaging.fringes._calibration import calibrate
 from labpipe.imaging.fringes._interference import make_optics
+from labpipe.imaging.fringes._looks import Looks
 from labpipe.imaging.fringes._open_gap import fit_open_gap, is_doubtful
 from labpipe.imaging.fringes._optics_search import OtherOptics, rebase
 from labpipe.imaging.fringes._radial_scan import edge_width
@@ -84,7 +85,7 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
         _open_gaps(reader, result, film.time, read)
     else:
         for index in map(int, np.flatnonzero(wanted)):
-            result.blanks[index] = look_without_fringes(reader.whole(index), view)
+            result.blanks[index] = look_without_fringes(Looks(reader.whole(index)), view)
     broken = np.flatnonzero(~np.asarray(film.valid, bool))
     result.lost_rows = reader.lost_rows
     result.damaged = reader.damaged | set(map(int, broken))
@@ -197,11 +198,11 @@ def _gate(
     for step in _FIRST_STEPS:
         for index in map(int, frames[::step]):
             if index not in known:
-                known[index] = search_contact(reader.whole(index), result.view)
+                known[index] = search_contact(Looks(reader.whole(index)), result.view)
             if all(fit is None for fit in known.values()) and other.learns_from(reader.whole(index), index):
-                known = {before: search_contact(reader.whole(before), result.view) for before in known}
+                known = {before: search_contact(Looks(reader.whole(before)), result.view) for before in known}
         if any(fit is not None for fit in known.values()) or other.takes_single():
-            known = {i: fit or search_contact(reader.whole(i), result.view) for i, fit in known.items()}
+            known = {i: fit or search_contact(Looks(reader.whole(i)), result.view) for i, fit in known.items()}
             break
     fits = {index: fit for index, fit in known.items() if fit is not None}
     contact = {index: fit is not None for index, fit in known.items()}
@@ -245,12 +246,12 @@ def _follow(
     for index in map(int, np.flatnonzero(read)):
         fit = known.get(index)
         if fit is None:
-            frame = reader.whole(index)
-            fit = _next_fit(frame, view, last, before, vain)
+            looks = Looks(reader.whole(index))
+            fit = _next_fit(looks, view, last, before, vain)
         if fit is None:
-            if last is None and not known and other is not None and other.learns_from(frame, index):
+            if last is None and not known and other is not None and other.learns_from(looks.frame, index):
                 return _follow(reader, result, read, {}, None)
-            result.blanks[index] = look_without_fringes(frame, view)
+            result.blanks[index] = look_without_fringes(looks, view)
             before = None
         else:
             result.blanks.pop(index, None)  # of an earlier round with other optics
@@ -261,21 +262,19 @@ def _follow(
     return fits
 
 
-def _next_fit(
-    frame: NDArray[np.generic], view: View, last: RingFit | None, before: RingFit | None, vain: Vain
-) -> RingFit | None:
+def _next_fit(looks: Looks, view: View, last: RingFit | None, before: RingFit | None, vain: Vain) -> RingFit | None:
     """Fit a frame from the last contact if it is like it, from its centre, or from nothing."""
     if last is None:
-        return search_contact(frame, view, None, vain)
+        return search_contact(looks, view, None, vain)
     if before is not None:
-        fit = _warm_fit(frame, view, last)
+        fit = _warm_fit(looks.frame, view, last)
         if fit is not None:
             return fit
     centre = (float(last.parameters[Parameter.X]), float(last.parameters[Parameter.Y]))
     # What served the last contact serves this film: what it cannot fit is something else.
     extra = tuple(p for p in last.free if p not in view.settings.free)
     view = replace(view, alternatives=(extra,) if extra else ())
-    return search_contact(frame, view, centre, vain)
+    return search_contact(looks, view, centre, vain)
 
 
 def _warm_fit(frame: NDArray[np.generic], view: View, last: RingFit) -> RingFit | None:
@@ -306,7 +305,7 @@ def _refit(
         if index in known:
             result.blanks[index] = known[index]
             continue
-        frame = reader.whole(index)
+        looks = Looks(reader.whole(index))
         fit: RingFit | None = None
         if index in fits:
             start = fits[index].parameters.copy()
@@ -315,12 +314,12 @@ def _refit(
             start[list(HARMONICS)] = view.harmonics
             if Parameter.STRETCH not in view.settings.free:
                 start[[Parameter.STRETCH, Parameter.SHEAR]] = view.ellipse
-            fit = fit_contact(frame, start, view.optics, view.settings, view.white)
-            if fit is not None and (fit.misfit > GOOD_MISFIT or not is_contact(frame, view, fit)):
+            fit = fit_contact(looks.frame, start, view.optics, view.settings, view.white)
+            if fit is not None and (fit.misfit > GOOD_MISFIT or not is_contact(looks.frame, view, fit)):
                 fit = None
-        fit = fit or _next_fit(frame, view, last, None, vain)
+        fit = fit or _next_fit(looks, view, last, None, vain)
         if fit is None:
-            result.blanks[index] = look_without_fringes(frame, view)
+            result.blanks[index] = look_without_fringes(looks, view)
         else:
             found[index] = last = fit
     return found

@@ -18,10 +18,11 @@ from labpipe.arrays import Floats
 from labpipe.imaging.fringes._blank_frames import FilmResult
 from labpipe.imaging.fringes._centre_votes import find_centres
 from labpipe.imaging.fringes._interference import distance_at_phase, scaled_gap
+from labpipe.imaging.fringes._looks import has_structure
 from labpipe.imaging.fringes._radial_scan import radial_profile
 from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import PARAMETERS, Parameter
-from labpipe.imaging.fringes._search import GOOD_MISFIT, View, has_structure, is_contact
+from labpipe.imaging.fringes._search import GOOD_MISFIT, View, is_contact
 from labpipe.imaging.fringes._second_colour import find_colours
 from labpipe.imaging.fringes._spots import find_spots
 

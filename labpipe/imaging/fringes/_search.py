@@ -3,14 +3,13 @@
 import math
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.imaging.fringes._centre_votes import find_centres
-from labpipe.imaging.fringes._edge import Edge, corrected_radius, find_edge
+from labpipe.imaging.fringes._edge import Edge, corrected_radius
 from labpipe.imaging.fringes._interference import SAMPLES_PER_PIXEL, Optics, radial_table, ring_limits
+from labpipe.imaging.fringes._looks import Looks
 from labpipe.imaging.fringes._radial_scan import (
     Match,
     Templates,
@@ -25,7 +24,6 @@ from labpipe.imaging.fringes._radial_scan import (
 )
 from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import HARMONICS, PARAMETERS, Parameter
-from labpipe.imaging.fringes._spots import find_spots, reduce_frame
 
 #: Share of the profile's variance that fringes must explain before a frame is fitted.
 _LEAST_SCORE = 0.5
@@ -33,8 +31,6 @@ _LEAST_SCORE = 0.5
 _MOST_SPOTS, _MOST_FITS = 4, 3
 #: Pixels and evaluations of the fits that find out what a frame shows.
 _QUICK_PIXELS, _QUICK_ITERATIONS = 12_000, 12
-#: Least ratio of the structure in a reduced frame to its noise.
-_LEAST_STRUCTURE = 8.0
 #: Misfit of a fit from which its start is nonsense, and of the first fringe from which another
 #: explanation does not explain it either: right ones left 0.6 and 0.1 at most.
 _NONSENSE, _UNEXPLAINED = 1.0, 0.3
@@ -74,8 +70,6 @@ _SMALL_CONTACT = 4.0
 _LEAST_RADIUS = 0.8
 #: Least number of rings in which a fit is compared with edges and spheres.
 _LEAST_RINGS = 24
-#: Noise is taken from blocks of this side (px), of about so many pixels, at this percentile.
-_BLOCK, _NOISE_PIXELS, _QUIET = 12, 80_000, 3.0
 #: Greatest uncertainty of a radius as a share of it.
 _MOST_UNCERTAINTY = 0.1
 #: Square of the blur (px²) from which it is sought, and the share of the misfit of a long travel in
@@ -149,14 +143,14 @@ class Vain:
 
 
 def search_contact(
-    frame: NDArray[np.generic], view: View, centre: tuple[float, float] | None = None, vain: Vain | None = None
+    looks: Looks, view: View, centre: tuple[float, float] | None = None, vain: Vain | None = None
 ) -> RingFit | None:
     """Find and fit the contact in a frame without knowing where it is.
 
     Parameters
     ----------
-    frame : array (row, column)
-        Grey levels.
+    looks : Looks
+        The frame.
     view : View
         Optics and settings.
     centre : (float, float), optional [px]
@@ -169,14 +163,15 @@ def search_contact(
     RingFit or None
         None when nothing in the frame is a contact that shows fringes.
     """
-    if not has_structure(frame):
+    if not looks.have_structure:
         return None
+    frame = looks.frame
     if centre is not None:
         found = fit_at(frame, view, *centre)
         if found is not None:
             return found
     vain = Vain() if vain is None else vain
-    spots = find_spots(frame)[:_MOST_SPOTS]
+    spots = looks.spots[:_MOST_SPOTS]
     sights = [sight for spot in spots for sight in look_at(frame, view, spot.x, spot.y)]
     sights.sort(key=lambda sight: -sight[0].score)
     plain = replace(view, alternatives=())
@@ -187,7 +182,7 @@ def search_contact(
         if found is not None:
             return found
     # Uneven light, blur and an oblique view lead the comparison astray more than they do an edge.
-    edges = (find_edge(frame, spot.x, spot.y, spot.radius, view.black) for spot in spots)
+    edges = (looks.edge(spot, view.black) for spot in spots)
     for edge in (edge for edge in edges if edge is not None):
         circle = edge.x, edge.y, edge.half_radius
         found = fit_edge(frame, vain.view_of(view, *circle), edge)
@@ -204,33 +199,13 @@ def search_contact(
                 return found
             vain.add(*circle)
     # Perhaps there is a spot that no threshold separates from uneven light.
-    for spot in find_centres(frame):
+    for spot in looks.centres:
         circle = spot.x, spot.y, 0.0
         found = fit_at(frame, vain.view_of(view, *circle), spot.x, spot.y)
         if found is not None:
             return found
         vain.add(*circle)
     return None
-
-
-def has_structure(frame: NDArray[np.generic]) -> bool:
-    """Tell whether there is more in a frame than noise."""
-    small, factor = reduce_frame(frame)
-    noise = _quiet_noise(frame)
-    smooth = cv2.GaussianBlur(small, (3, 3), 0.8)
-    low, high = np.percentile(smooth, (0.1, 99.9))
-    return float(high - low) > _LEAST_STRUCTURE * max(noise, 0.3) / (2.0 * factor)
-
-
-def _quiet_noise(frame: NDArray[np.generic]) -> float:
-    """Noise of a pixel (grey levels) where the frame is quietest, so that fringes do not count."""
-    side = min(_BLOCK, *frame.shape)
-    rows, columns = (size // side * side for size in frame.shape)
-    bands = frame[:rows, :columns].reshape(-1, side, columns)
-    bands = bands[:: max(1, bands.size // _NOISE_PIXELS)]
-    steps = np.abs(np.diff(bands.astype(np.float32), axis=1))
-    blocks = steps.reshape(len(bands), side - 1, -1, side).swapaxes(1, 2).reshape(-1, side**2 - side)
-    return float(np.percentile(np.median(blocks, axis=1), _QUIET)) / 0.954
 
 
 def look_at(frame: NDArray[np.generic], view: View, x: float, y: float) -> list[tuple[Match, float, float]]:

@@ -17,7 +17,7 @@ _REDUCED_SIDE = 120
 _LEAST_AREA, _LEAST_POINTS = 6, 6
 #: Spots looked at for one threshold, the largest first.
 _SPOTS_PER_LEVEL = 3
-#: Grey levels between which half way is a threshold besides Otsu's (percentiles): small spots.
+#: Grey levels (percentiles) half way between which is a threshold besides Otsu's: small spots.
 _LOW_PERCENT, _HIGH_PERCENT = 0.2, 60.0
 #: Centres nearer to each other than this (reduced px) are one candidate.
 _SAME = 1.0
@@ -63,8 +63,9 @@ def find_spots(frame: NDArray[np.generic]) -> list[Spot]:
     if not high > low:
         return []
     spots: list[Spot] = []
-    for polarity in (-1, 1):
-        for level in _levels(polarity * smooth):
+    tails = np.percentile(smooth, (_LOW_PERCENT, _HIGH_PERCENT, 100.0 - _HIGH_PERCENT, 100.0 - _LOW_PERCENT))
+    for polarity, usual, extreme in ((-1, -tails[1], -tails[0]), (1, tails[2], tails[3])):
+        for level in (_otsu(polarity * smooth), 0.5 * float(usual + extreme)):
             mask = (polarity * smooth > level).astype(np.uint8)
             for spot in _spots_of_mask(mask, factor, polarity):
                 is_new = all(math.hypot(spot.x - old.x, spot.y - old.y) > _SAME * factor for old in spots)
@@ -73,13 +74,12 @@ def find_spots(frame: NDArray[np.generic]) -> list[Spot]:
     return spots
 
 
-def _levels(image: Floats32) -> list[float]:
-    """Thresholds above which a spot stands: Otsu's, and half way up to the brightest."""
+def _otsu(image: Floats32) -> float:
+    """Otsu's threshold, above which a spot stands."""
     low, high = float(image.min()), float(image.max())
     scaled = ((image - low) * (255.0 / (high - low))).astype(np.uint8)
     otsu, _ = cv2.threshold(scaled, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
-    usual, extreme = np.percentile(image, (100.0 - _HIGH_PERCENT, 100.0 - _LOW_PERCENT))
-    return [low + (otsu + 0.5) * (high - low) / 255.0, 0.5 * float(usual + extreme)]
+    return low + (otsu + 0.5) * (high - low) / 255.0
 
 
 def _spots_of_mask(mask: NDArray[np.uint8], factor: int, polarity: int) -> list[Spot]:
@@ -90,7 +90,8 @@ def _spots_of_mask(mask: NDArray[np.uint8], factor: int, polarity: int) -> list[
     for label in order[:_SPOTS_PER_LEVEL]:
         if stats[label, cv2.CC_STAT_AREA] < _LEAST_AREA:
             break
-        circle = _circle_of(labels == label)
+        left, top, width, height = stats[label, : cv2.CC_STAT_AREA]
+        circle = _circle_of(labels[top : top + height, left : left + width] == label, (left, top), mask.shape)
         if circle is not None:
             x, y, radius = circle
             # The centre of the first square of pixels lies (factor - 1) / 2 inside the frame.
@@ -99,11 +100,16 @@ def _spots_of_mask(mask: NDArray[np.uint8], factor: int, polarity: int) -> list[
     return spots
 
 
-def _circle_of(part: NDArray[np.bool_]) -> tuple[float, float, float] | None:
-    """Circle through the outline of one part, without points on the border of the frame."""
-    contours, _ = cv2.findContours(part.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+def _circle_of(
+    part: NDArray[np.bool_], corner: tuple[int, int], shape: tuple[int, ...]
+) -> tuple[float, float, float] | None:
+    """Circle through the outline of one part, without points on the border of the frame.
+
+    ``part`` begins at a column and a row of a mask of this shape.
+    """
+    contours, _ = cv2.findContours(part.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE, offset=corner)
     outline = np.concatenate([contour[:, 0] for contour in contours]).astype(float)
-    rows, columns = part.shape
+    rows, columns = shape
     x, y = outline.T
     is_inside = (x > 0) & (x < columns - 1) & (y > 0) & (y < rows - 1)
     if is_inside.sum() < _LEAST_POINTS:

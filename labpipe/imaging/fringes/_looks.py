@@ -1,0 +1,67 @@
+"""What one frame shows, looked for once: the search for a contact and the look at a blank frame ask alike."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.imaging.fringes._centre_votes import find_centres
+from labpipe.imaging.fringes._edge import Edge, find_edge
+from labpipe.imaging.fringes._spots import Spot, find_spots, reduce_frame
+
+#: Least ratio of the structure in a reduced frame to its noise.
+_LEAST_STRUCTURE = 8.0
+#: Noise is taken from blocks of this side (px), of about so many pixels, at this percentile.
+_BLOCK, _NOISE_PIXELS, _QUIET = 12, 80_000, 3.0
+
+
+@dataclass(frozen=True)
+class Looks:
+    """A frame (row, column) of grey levels that does not change, and what it shows."""
+
+    frame: NDArray[np.generic]
+    _edges: dict[tuple[Spot, float], Edge | None] = field(default_factory=dict)
+
+    @cached_property
+    def have_structure(self) -> bool:
+        """Whether there is more in it than noise."""
+        return has_structure(self.frame)
+
+    @cached_property
+    def spots(self) -> Sequence[Spot]:
+        """Circles through the outlines of dark and bright spots."""
+        return find_spots(self.frame)
+
+    @cached_property
+    def centres(self) -> Sequence[Spot]:
+        """Centres of rings."""
+        return list(find_centres(self.frame))
+
+    def edge(self, spot: Spot, black: float) -> Edge | None:
+        """Return the edge of a spot; ``black`` is the grey level of darkness."""
+        if (spot, black) not in self._edges:
+            self._edges[spot, black] = find_edge(self.frame, spot.x, spot.y, spot.radius, black)
+        return self._edges[spot, black]
+
+
+def has_structure(frame: NDArray[np.generic]) -> bool:
+    """Tell whether there is more in a frame than noise."""
+    small, factor = reduce_frame(frame)
+    noise = _quiet_noise(frame)
+    smooth = cv2.GaussianBlur(small, (3, 3), 0.8)
+    low, high = np.percentile(smooth, (0.1, 99.9))
+    return float(high - low) > _LEAST_STRUCTURE * max(noise, 0.3) / (2.0 * factor)
+
+
+def _quiet_noise(frame: NDArray[np.generic]) -> float:
+    """Noise of a pixel (grey levels) where the frame is quietest, so that fringes do not count."""
+    side = min(_BLOCK, *frame.shape)
+    rows, columns = (size // side * side for size in frame.shape)
+    bands = frame[:rows, :columns].reshape(-1, side, columns)
+    bands = bands[:: max(1, bands.size // _NOISE_PIXELS)]
+    steps = np.abs(np.diff(bands.astype(np.float32), axis=1))
+    blocks = steps.reshape(len(bands), side - 1, -1, side).swapaxes(1, 2).reshape(-1, side**2 - side)
+    return float(np.percentile(np.median(blocks, axis=1), _QUIET)) / 0.954
