@@ -41,6 +41,7 @@ _N_CHEBYSHEV = 5
 _SHAPES_OF_A_PULSE = _N_CHEBYSHEV + 1  # and that of its onset
 _ONSET = 1.0  # exponent
 _NODES = 4001  # linear interpolation between them is good to 1e-8 of the pulse
+_STRIDE = 10  # of these nodes, by which the path in contact is followed
 _EVERY = 20  # of these nodes, by which a floor's motion is followed: to 1e-4 of it
 
 _SHAPE = [NAMES.index(name) for name in SHAPE]
@@ -120,12 +121,22 @@ def pulse_integrals(s: Floats, shape: Floats) -> tuple[Floats, Floats, Floats]:
     -------
     acceleration, speed, position : array (n,) each
     """
-    table, first, second = shape @ _SHAPES, shape @ _FIRST, shape @ _SECOND
-    inside = np.clip(s, 0.0, 1.0)
-    acceleration = np.interp(inside, _S, table)
-    speed = np.interp(inside, _S, first)
-    position = np.interp(inside, _S, second) + np.maximum(s - 1.0, 0.0) * first[-1]
-    return acceleration, speed, position
+    acceleration, speed, position = _at(s, shape @ np.stack([_SHAPES, _FIRST, _SECOND]))
+    return acceleration, speed, position + np.maximum(s - 1.0, 0.0) * (shape @ _FIRST[:, -1])
+
+
+def _at(s: Floats, tables: Floats) -> Floats:
+    """Interpolate tables (table, node) linearly at s (n,); beyond 0..1 they stay as they end.
+
+    Most samples lie in the flights, and cost nothing.
+    """
+    found = np.where(s < 0.5, tables[:, :1], tables[:, -1:])
+    within = np.flatnonzero((s > 0.0) & (s < 1.0))
+    place = s[within] * (_NODES - 1)
+    cell = place.astype(np.intp)
+    below = tables[:, cell]
+    found[:, within] = below + (place - cell) * (tables[:, cell + 1] - below)
+    return found
 
 
 def fit_impact(
@@ -267,7 +278,7 @@ def _minimise(
 def _character(p: Floats, beneath: Beneath | None) -> tuple[Character, Beneath | None]:
     """Return what the expected shape depends on, and how the plate swings at lift-off."""
     touch, liftoff, gravity = p[_TOUCH], p[_LIFTOFF], p[_GRAVITY]
-    _, _, incoming, outgoing, *_ = _derived(p)
+    _, _, incoming, outgoing, *_ = _derived(p[None])[0]
     incoming = max(float(incoming), 1e-3 * abs(float(outgoing)) + 1e-9)
     length = liftoff - touch
     if beneath is None or not length > 0.0:
@@ -297,7 +308,9 @@ def _position(t: Floats, p: Floats) -> Floats:
     level, speed, pulse, *_, touch, liftoff, gravity = p
     length = liftoff - touch
     shape = np.append(1.0, p[_SHAPE])
-    _, _, second = pulse_integrals((t - touch) / length, shape)
+    s = (t - touch) / length
+    (second,) = _at(s, (shape @ _SECOND)[None])
+    second += np.maximum(s - 1.0, 0.0) * (shape @ _FIRST[:, -1])
     return level + speed * t - 0.5 * gravity * t**2 + pulse * length**2 * second
 
 
@@ -307,13 +320,13 @@ def _position_gradient(t: Floats, p: Floats) -> Floats:
     length = liftoff - touch
     s = (t - touch) / length
     shape = np.append(1.0, p[_SHAPE])
-    _, first, second = pulse_integrals(s, shape)
+    first, *seconds = _at(s, np.vstack([shape @ _FIRST, _SECOND]))
+    each = np.array(seconds) + np.multiply.outer(_FIRST[:, -1], np.maximum(s - 1.0, 0.0))
+    second = shape @ each
     result = np.empty((len(t), len(NAMES)))
     result[:, 0], result[:, 1], result[:, _GRAVITY] = 1.0, t, -0.5 * t**2
     result[:, 2] = length**2 * second
-    for j, column in enumerate(_SHAPE, 1):
-        unit = np.eye(_SHAPES_OF_A_PULSE)[j]
-        result[:, column] = pulse * length**2 * pulse_integrals(s, unit)[2]
+    result[:, _SHAPE] = pulse * length**2 * each[1:].T
     # d s/d touch = (s - 1)/length, d s/d liftoff = -s/length, d length = -1, +1.
     result[:, _TOUCH] = pulse * length * ((s - 1.0) * first - 2.0 * second)
     result[:, _LIFTOFF] = pulse * length * (-s * first + 2.0 * second)
@@ -322,24 +335,21 @@ def _position_gradient(t: Floats, p: Floats) -> Floats:
 
 def _outputs(p: Floats, scale: Floats) -> tuple[Floats, Floats]:
     """Return outputs and their derivative by the parameters, by central differences."""
-    value = _derived(p)
-    gradient = np.empty((len(OUTPUTS), len(p)))
-    for j in range(len(p)):
-        step = np.zeros(len(p))
-        step[j] = 1e-5 * scale[j]
-        gradient[:, j] = (_derived(p + step) - _derived(p - step)) / (2.0 * step[j])
-    return value, gradient
+    steps = np.diag(1e-5 * scale)
+    found = _derived(p + np.vstack([np.zeros(len(p)), steps, -steps]))
+    upper, lower = np.split(found[1:], 2)
+    return found[0], (upper - lower).T / (2.0 * np.diag(steps))
 
 
 def _derived(p: Floats) -> Floats:
-    _, speed, pulse, *_, touch, liftoff, gravity = p
+    """Return the outputs (n, output) of several sets of parameters (n, parameter)."""
+    level, speed, pulse, touch, liftoff, gravity = p[:, [0, 1, 2, _TOUCH, _LIFTOFF, _GRAVITY]].T
     length = liftoff - touch
-    shape = np.append(1.0, p[_SHAPE])
-    inside = touch + length * np.linspace(0.0, 1.0, 401)
-    path = _position(inside, p)
-    acceleration = pulse * (shape @ _SHAPES)
+    shape = np.hstack([np.ones((len(p), 1)), p[:, _SHAPE]])
+    inside = touch + np.multiply.outer(_S[::_STRIDE], length)
+    path = level + speed * inside - 0.5 * gravity * inside**2 + pulse * length**2 * (shape @ _SECOND[:, ::_STRIDE]).T
+    acceleration = pulse * (shape @ _SHAPES).T
     incoming = -(speed - gravity * touch)
-    outgoing = speed - gravity * liftoff + pulse * length * float(shape @ _FIRST[:, -1])
-    deepest, hardest, restitution = float(path.min()), float(acceleration.max()), outgoing / incoming
+    outgoing = speed - gravity * liftoff + pulse * length * (shape @ _FIRST[:, -1])
     kinematics = (touch, liftoff, incoming, outgoing, path[0], path[-1])
-    return np.array([*kinematics, deepest, hardest, restitution, gravity])
+    return np.stack([*kinematics, path.min(axis=0), acceleration.max(axis=0), outgoing / incoming, gravity], axis=1)

@@ -41,7 +41,7 @@ def test_a_frame_is_refitted_from_its_own_fit_unless_that_is_a_poor_one(monkeypa
     misfit = {0: 0.5 * GOOD_MISFIT, 1: 2.0 * GOOD_MISFIT, 2: 0.5 * GOOD_MISFIT, 3: 0.5}
     monkeypatch.setattr(_every_frame, "fit_contact", lambda frame, *_: SimpleNamespace(misfit=misfit[frame], of=frame))
     monkeypatch.setattr(_every_frame, "is_contact", lambda frame, *_: frame != 2)
-    monkeypatch.setattr(_every_frame, "_next_fit", lambda frame, *_: f"searched {frame}")
+    monkeypatch.setattr(_every_frame, "_next_fit", lambda looks, *_: f"searched {looks.frame}")
     reader = SimpleNamespace(whole=lambda index: index)
     result = SimpleNamespace(view=view, blanks={})
     fits = {i: SimpleNamespace(parameters=np.zeros(len(Parameter))) for i in (0, 1, 2)}
