@@ -352,7 +352,7 @@ def _open_gaps(reader: FilmReader, result: FilmResult, time: Floats, read: Flags
         near = _neighbours(result.fits, index)
         frame = reader.whole(index)
         is_poor = old is not None and old.misfit > GOOD_MISFIT  # it may have another radius than the contact
-        blank = look_without_fringes(frame, result.view) if is_poor else result.blanks.get(index)
+        blank = look_without_fringes(Looks(frame), result.view) if is_poor else result.blanks.get(index)
         edges = () if blank is None else blank.edges
         starts = [old.parameters.copy()] if old is not None else []
         if near:
