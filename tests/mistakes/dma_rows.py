@@ -324,6 +324,14 @@ ROWS = (
     Mistake("nu 0.05", setting('nu = "0.35 ± 0.01"', 'nu = "0.05"'), "doubtful", ("nu",), TOML, "nu"),
     Mistake("nu of a rubber", setting('nu = "0.35 ± 0.01"', 'nu = "0.50 ± 0.01"'), "doubtful", ("rubber",), TOML, "nu"),
     Mistake("scale 10", setting('"1.000 ± 0.010"', '"10.00 ± 0.10"'), "doubtful", ("decimal point",), TOML, "scale"),
+    Mistake(
+        "T_ref with a slipped decimal",
+        setting('"20.042 degC"', '"200.42 degC"'),
+        "doubtful",
+        ("T_ref is wrong", "200.42"),
+        TOML,
+        "T_ref",
+    ),
     Mistake("tension for torsion", setting('"torsion"', '"tension"'), "doubtful", ("not tension",), TOML, "mode"),
     Mistake("bending for torsion", setting('"torsion"', '"bending"'), "doubtful", ("not bending",), TOML, "mode"),
     Mistake(

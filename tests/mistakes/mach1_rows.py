@@ -304,6 +304,20 @@ WAVE_ROWS = (
         WAVES,
     ),
     Mistake(
+        "cut-off of the filter ten times",
+        _all("(Hz):\t20.00", "(Hz):\t200.00", WAVES),
+        "impossible",
+        ("a filter of order 3 and 200 Hz has about 1.59 ms",),
+        RECORD,
+    ),
+    Mistake(
+        "sign of the force turned in one oscillation",
+        rows(_force(lambda i, f: -f), WAVES),
+        "impossible",
+        ("a sign is wrong",),
+        WAVES,
+    ),
+    Mistake(
         "position late by five readings in the oscillations",
         lambda folder: [rows(_late(5), WAVES, block)(folder) for block in (2, 3)],
         "impossible",
@@ -366,6 +380,20 @@ HOLD_ROWS = (
     ),
     Mistake(
         "cell zeroed between two blocks", rows(_force(lambda i, f: f + 3.0), HOLD, 1), "doubtful", ("two zeros",), HOLD
+    ),
+    Mistake(
+        "time in min under s",
+        columns(lambda t, x, f: (t / 60, x, f), HOLD),
+        "impossible",
+        ("column of the time is too small by a factor of 60",),
+        HOLD,
+    ),
+    Mistake(
+        "force in kgf under N",
+        columns(lambda t, x, f: (t, x, f / 9.80665), HOLD),
+        "impossible",
+        ("factor of 9.8",),
+        HOLD,
     ),
     Mistake(
         "force rounded to 0.5 N",

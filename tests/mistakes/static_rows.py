@@ -217,6 +217,13 @@ ROWS = (
         _TOML,
     ),
     Mistake(
+        "readings rounded to 10 um",
+        values(lambda x: np.round(x, 2), FILES),
+        "impossible",
+        ("a resolution of 10.0 µm", "too few digits"),
+        FILE,
+    ),
+    Mistake(
         "half a minute of readings lost under the third load",
         cells(lambda t: t[:300] + t[306:], FILES),
         "doubtful",
