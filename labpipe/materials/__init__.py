@@ -3,8 +3,9 @@
 from labpipe.materials._kraus import Kraus
 from labpipe.materials._melts import isofrictional_temperature, wlf_of_melt
 from labpipe.materials._response import Inequality, entropy_inequality, inequalities, respond
+from labpipe.materials._shift_law import ShiftLaw, arrhenius, shift_at, wlf
 from labpipe.materials._time_domain import with_responses
-from labpipe.materials.codes import BULKS, CODES, Bulk, Deck, StatedLaw, deck_text, make_deck
+from labpipe.materials.codes import BULKS, CODES, Bulk, Deck, deck_text, make_deck
 from labpipe.materials.library import Material, Solid, Thermal, describe, load, load_file, read_material, solid, thermal
 from labpipe.materials.prony import (
     Prony,
@@ -31,20 +32,16 @@ from labpipe.materials.spectrum import (
 )
 from labpipe.materials.superposition import (
     MasterCurve,
-    ShiftLaw,
     TableRun,
     UncertainSpectrum,
-    arrhenius,
     gather_sweeps,
     isothermal_runs,
     master_curve,
     modulus_factor,
     overlapped_shifts,
     read_sweeps,
-    shift_at,
     trusted_tables,
     uncertain_spectra,
-    wlf,
 )
 
 __all__ = [
@@ -63,7 +60,6 @@ __all__ = [
     "Retardation",
     "ShiftLaw",
     "Solid",
-    "StatedLaw",
     "TableRun",
     "Thermal",
     "UncertainSpectrum",

@@ -13,7 +13,7 @@ Ferry, Viscoelastic Properties of Polymers, 3rd ed., Wiley, 1980, ch. 11.
 import numpy as np
 
 from labpipe.errors import InputError
-from labpipe.materials.superposition import ShiftLaw, wlf
+from labpipe.materials._shift_law import ShiftLaw, wlf
 
 
 def isofrictional_temperature(temperature: float, molar_mass: float, fox_flory: float) -> float:

@@ -19,12 +19,13 @@ import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal
-from typing import Any, Literal, Protocol, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
+from labpipe.materials._shift_law import ShiftLaw
 from labpipe.materials.prony import Prony, Retardation, relaxation_from_creep
 from labpipe.materials.spectrum import fewest_terms
 
@@ -32,49 +33,11 @@ Bulk = Literal["constant", "relaxing", "incompressible"]
 BULKS: tuple[str, ...] = get_args(Bulk)
 """What the bulk modulus does while the shear modulus relaxes."""
 
-_ZERO_CELSIUS = 273.15
-_GAS_LN10 = 8.31446261815324 * float(np.log(10.0))  # J/(mol K)
-_HOLDS = 4.0  # chi-square per degree of freedom: twice the stated uncertainty on the whole
 _SMALLEST = 1e-12  # long-time over instantaneous modulus that is left of 1 - sum in double precision
 _ENOUGH = 1e-9  # the same, of which no more is asked
 _OF_TOLERANCE = 1e-3  # of the storage modulus at the end of the window, which a liquid may be wrong by
 _WIDTH = 74  # of a line of remarks; LS-DYNA reads 80 characters
 _MOST_TERMS = 17  # LS-DYNA reads 18, of which one is the long-time modulus
-
-
-class Law(Protocol):
-    """What is needed of a shift law."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def C1(self) -> float: ...
-    @property
-    def C2(self) -> float: ...
-    @property
-    def activation_energy(self) -> float: ...
-    @property
-    def chi_square(self) -> float: ...
-    @property
-    def freedom(self) -> int: ...
-
-
-@dataclass(frozen=True, slots=True)
-class StatedLaw:
-    """A shift law as plain numbers; NaN for what it does not have."""
-
-    name: str
-    C1: float = float("nan")
-    C2: float = float("nan")
-    activation_energy: float = float("nan")
-    chi_square: float = float("nan")
-    freedom: int = 0
-
-    @classmethod
-    def of(cls, stored: dict[str, Any]) -> "StatedLaw":
-        """Read a law from a stored result, where None stands for what it does not have."""
-        given = {name: stored.get(name) for name in cls.__dataclass_fields__}
-        return cls(**{name: value for name, value in given.items() if value is not None})
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +102,7 @@ def make_deck(
     T_ref: float,
     *,
     name: str = "material",
-    law: Law | None = None,
+    law: ShiftLaw | None = None,
     shifts: tuple[Sequence[float] | Floats, Sequence[float] | Floats] = ((), ()),
     b_T: Sequence[float] | Floats = (),
     bulk: Bulk | None = None,
@@ -158,7 +121,7 @@ def make_deck(
         Reference temperature.
     name : str
         Of the material.
-    law : Law, optional
+    law : ShiftLaw, optional
         The shift law about T_ref.
     shifts : (array, array)
         Temperatures [degC] and log10 a_T as measured.
@@ -183,7 +146,7 @@ def make_deck(
     K = np.inf if chosen == "incompressible" else few.E_unrelaxed / (3.0 * (1.0 - 2.0 * few.nu))
     nu = 0.5 if chosen == "incompressible" else few.nu
     shear = _shear(few, chosen, K, nu, measured)
-    wlf = _constants(law, T_ref, np.asarray(shifts[0], float))
+    wlf = _constants(law, np.asarray(shifts[0], float))
     omega = 2.0 * np.pi * np.asarray(window)
     storage = few.complex_modulus(omega).real
     times = [0.5 / np.pi / f for f in reversed(window)]
@@ -279,14 +242,12 @@ def _shares(shear: Prony) -> Floats:
     return np.array([float(share) for share in shares])
 
 
-def _constants(law: Law | None, T_ref: float, T: Floats) -> tuple[float, float] | None:
-    """Return WLF constants; Arrhenius' law is the WLF law with C2 = T_ref in kelvin."""
-    if law is None or np.unique(T).size == 1 or (law.freedom and law.chi_square / law.freedom > _HOLDS):
+def _constants(law: ShiftLaw | None, T: Floats) -> tuple[float, float] | None:
+    """Return WLF constants, where a law with finite ones is known and holds."""
+    if law is None or np.unique(T).size == 1 or not law.holds:
         return None
-    if law.name == "wlf":
-        return (law.C1, law.C2) if np.isfinite([law.C1, law.C2]).all() and law.C2 > 0 else None
-    absolute = T_ref + _ZERO_CELSIUS
-    return law.activation_energy / (_GAS_LN10 * absolute), absolute
+    C1, C2 = law.as_wlf
+    return (C1, C2) if np.isfinite([C1, C2]).all() and C2 > 0 else None
 
 
 def _bulk_note(bulk: Bulk, K: float, nu: float, measured: str) -> str:
@@ -302,7 +263,7 @@ def _bulk_note(bulk: Bulk, K: float, nu: float, measured: str) -> str:
 
 
 def _law_notes(
-    law: Law | None,
+    law: ShiftLaw | None,
     wlf: tuple[float, float] | None,
     T_ref: float,
     shifts: tuple[Sequence[float] | Floats, Sequence[float] | Floats],
@@ -333,11 +294,11 @@ def _law_notes(
     return notes
 
 
-def _without_law(law: Law | None, T: Floats) -> str:
+def _without_law(law: ShiftLaw | None, T: Floats) -> str:
     """Say why no law is written."""
     if law is None or np.unique(T).size == 1:
         return "No shift law is known"
-    if law.freedom and law.chi_square / law.freedom > _HOLDS:
+    if not law.holds:
         return "Neither WLF nor Arrhenius describes the shifts within their uncertainty"
     return "The shifts follow a straight line over temperature, a WLF law without finite constants"
 

@@ -17,8 +17,9 @@ from typing import Any, NoReturn
 import numpy as np
 
 from labpipe.errors import InputError, SourceError
+from labpipe.materials._shift_law import ShiftLaw, arrhenius, wlf
 from labpipe.materials.prony import Prony
-from labpipe.materials.superposition import MasterCurve, ShiftLaw, arrhenius, wlf
+from labpipe.materials.superposition import MasterCurve
 from labpipe.units import Measure, quantity, si
 
 __all__ = ["NAMES", "Entry", "Material", "Solid", "describe", "load", "load_file", "read_material", "solid"]

@@ -3,7 +3,6 @@
 from labpipe.materials.superposition._first_shifts import overlapped_shifts
 from labpipe.materials.superposition._master_curve import master_curve
 from labpipe.materials.superposition._result import MasterCurve
-from labpipe.materials.superposition._shift_law import ShiftLaw, arrhenius, shift_at, wlf
 from labpipe.materials.superposition._spectrum_modes import UncertainSpectrum, uncertain_spectra
 from labpipe.materials.superposition._sweep_data import read_sweeps
 from labpipe.materials.superposition._sweep_readings import (
@@ -16,18 +15,14 @@ from labpipe.materials.superposition._sweep_readings import (
 
 __all__ = [
     "MasterCurve",
-    "ShiftLaw",
     "TableRun",
     "UncertainSpectrum",
-    "arrhenius",
     "gather_sweeps",
     "isothermal_runs",
     "master_curve",
     "modulus_factor",
     "overlapped_shifts",
     "read_sweeps",
-    "shift_at",
     "trusted_tables",
     "uncertain_spectra",
-    "wlf",
 ]

@@ -11,10 +11,10 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
+from labpipe.materials._shift_law import ShiftLaw, fit_law
 from labpipe.materials.spectrum import TERMS_PER_DECADE
 from labpipe.materials.superposition._joint_fit import Points
 from labpipe.materials.superposition._reweighting import Superposition
-from labpipe.materials.superposition._shift_law import ShiftLaw, fit_law
 from labpipe.materials.superposition._shift_parameters import LEAST_SPACING
 from labpipe.uncertainty import propagated_covariance
 

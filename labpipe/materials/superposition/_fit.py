@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from labpipe.arrays import Floats
+from labpipe.materials._shift_law import fit_law
 from labpipe.materials.spectrum import MOST_TERMS_PER_DECADE, TERMS_PER_DECADE
 from labpipe.materials.superposition._first_shifts import overlapped_shifts, scanned_shifts
 from labpipe.materials.superposition._joint_fit import (
@@ -52,7 +53,6 @@ from labpipe.materials.superposition._reweighting import (
     settled,
     weights_of,
 )
-from labpipe.materials.superposition._shift_law import fit_law
 from labpipe.materials.superposition._shift_parameters import OuterModel, State, expected_shifts
 from labpipe.materials.superposition._step_search import Probe, probe_steps
 from labpipe.materials.superposition._two_processes import TwoProcesses, two_processes

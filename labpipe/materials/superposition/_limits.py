@@ -3,9 +3,9 @@
 import numpy as np
 import xarray as xr
 
+from labpipe.materials._shift_law import LawName, ShiftLaw
 from labpipe.materials.superposition._law_choice import free_shifts_gain
 from labpipe.materials.superposition._reweighting import Superposition
-from labpipe.materials.superposition._shift_law import LawName, ShiftLaw
 from labpipe.materials.superposition._sweep_data import SweepData
 from labpipe.materials.superposition._verdict import Verdict
 

@@ -21,11 +21,11 @@ from threadpoolctl import threadpool_limits
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
+from labpipe.materials._shift_law import LawName
 from labpipe.materials.superposition._fit import superpose
 from labpipe.materials.superposition._joint_fit import Points
 from labpipe.materials.superposition._outlying import off_the_curve
 from labpipe.materials.superposition._result import MasterCurve, assembled
-from labpipe.materials.superposition._shift_law import LawName
 from labpipe.materials.superposition._shift_parameters import SLOPE_SPREAD, Horizontal, OuterModel
 from labpipe.materials.superposition._sweep_data import SweepData, read_sweeps, without_readings
 from labpipe.materials.superposition._sweep_readings import Mode, gather_sweeps

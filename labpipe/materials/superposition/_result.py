@@ -15,13 +15,13 @@ import xarray as xr
 from labpipe import files
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
+from labpipe.materials._shift_law import LawName, ShiftLaw, fit_law, shift_at
 from labpipe.materials.codes import CODES, Bulk, Code, deck_text, make_deck
 from labpipe.materials.prony import Prony
 from labpipe.materials.spectrum import KramersKronig, kramers_kronig
 from labpipe.materials.superposition._anchoring import anchor_at
 from labpipe.materials.superposition._limits import BARELY_DETERMINED, limits_of
 from labpipe.materials.superposition._reweighting import Superposition
-from labpipe.materials.superposition._shift_law import LawName, ShiftLaw, fit_law, shift_at
 from labpipe.materials.superposition._shift_parameters import OuterModel
 from labpipe.materials.superposition._spectrum_modes import modes_of
 from labpipe.materials.superposition._sweep_data import SweepData

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.materials.superposition._shift_law import fit_law, law_slopes, law_values
+from labpipe.materials._shift_law import fit_law, law_slopes, law_values
 from labpipe.materials.superposition._vertical_law import (
     VERTICAL_SIZE,
     Vertical,

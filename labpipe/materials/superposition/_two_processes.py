@@ -20,6 +20,7 @@ from itertools import product
 import numpy as np
 
 from labpipe.arrays import Floats
+from labpipe.materials._shift_law import fit_law, law_values
 from labpipe.materials.spectrum import (
     Grid,
     Solution,
@@ -32,7 +33,6 @@ from labpipe.materials.spectrum import (
 )
 from labpipe.materials.superposition._joint_fit import Points
 from labpipe.materials.superposition._runs import runs_in, sweeps_of
-from labpipe.materials.superposition._shift_law import fit_law, law_values
 from labpipe.materials.superposition._shift_parameters import SLOPE_SPREAD, OuterModel
 
 # Shares of the second process to start from; it stays between these limits.

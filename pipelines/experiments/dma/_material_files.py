@@ -1,14 +1,12 @@
 """A stored master curve as a material for other programs: simulation codes, spreadsheets."""
 
 import json
-from typing import Any, Literal
+from typing import Literal
 
 import xarray as xr
 
-from labpipe.materials import Bulk, Deck, Prony, StatedLaw, make_deck
+from labpipe.materials import Bulk, Deck, Prony, ShiftLaw, make_deck
 from pipelines.experiments.dma.settings import Dma
-
-_HOLDS = 4.0  # chi-square per degree of freedom: twice the stated uncertainty on the whole
 
 
 def deck(master_curve: xr.Dataset, *, settings: Dma, name: str, bulk: Bulk | None = None) -> Deck:
@@ -27,22 +25,12 @@ def of_curve(
         (float(covered.min()), float(covered.max())),
         float(curve["T_ref"]),
         name=name or "material",
-        law=StatedLaw.of(json.loads(curve.attrs["law"])),
+        law=ShiftLaw.of(json.loads(curve.attrs["law"])),
         shifts=(curve["temperature"].values, curve["log10_aT"].values),
         b_T=curve["b_T"].values,
         bulk=bulk,
         measured=measured,
     )
-
-
-def holds(law: dict[str, Any]) -> bool:
-    """Tell whether a shift law describes the shifts within their uncertainty.
-
-    A law that was fitted to the moduli themselves has no free shifts to be judged by.
-    """
-    if law["chi_square"] is None or not law["freedom"]:
-        return True
-    return bool(law["chi_square"] / law["freedom"] <= _HOLDS)
 
 
 def as_csv(curve: xr.Dataset, reduced: Prony) -> str:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.report import Block, Details, LineChart, Listed, Paragraph, Series, Table, listed
+from pipelines.experiments.dma.published import rms
 from pipelines.experiments.shared import pages
 
 _LOOSE = 0.15  # decades; as labpipe.materials calls a step barely determined
@@ -132,7 +133,7 @@ def _vertical(found: xr.Dataset, curve: xr.Dataset) -> str:
 
 def _imposed(found: xr.Dataset, curve: xr.Dataset) -> str:
     """Compare the residuals that either table leaves."""
-    ours = [_rms(curve[name].values) * 100 for name in ("storage_residual", "loss_residual")]
+    ours = [rms(curve[name].values) * 100 for name in ("storage_residual", "loss_residual")]
     theirs = [found.attrs[name] * 100 for name in ("residual_storage", "residual_loss")]
     delay = float(curve["delay"])
     also = f" and the delay of {delay * 1e6:.0f} µs" if delay else ""
@@ -198,8 +199,3 @@ def _celsius(value: float) -> str:
 
 def _signed(value: float) -> str:
     return f"{value:+.2f}".replace("-", "\N{MINUS SIGN}")
-
-
-def _rms(values: Floats) -> float:
-    good = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(good**2))) if good.size else float("nan")

@@ -27,8 +27,9 @@ from labpipe.report import (
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
-from pipelines.experiments.dma import _material_files, _published_section
+from pipelines.experiments.dma import _material_files, _shift_section
 from pipelines.experiments.dma.budget import quantities, still_falls
+from pipelines.experiments.dma.published import rms
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import budget_blocks, pages
 
@@ -59,7 +60,7 @@ def page(
     sections = [_summary(sweeps, master_curve, temperature_sweep, context)]
     if master_curve is not None:
         compared = None if published is None or "absent" in published.attrs else published
-        sections += [_master(master_curve), _shifts(master_curve, compared)]
+        sections += [_master(master_curve), _shift_section.shifts(master_curve, compared)]
     if temperature_sweep is not None and "absent" not in temperature_sweep.attrs:
         sections.append(_transition(temperature_sweep))
     if how := (*_fit(master_curve), *_sweeps(settings, readings, sweeps)):
@@ -73,11 +74,6 @@ def page(
             pages.methods(_methods(settings, master_curve)),
         ]
     return pages.page(context, "Dynamic mechanical analysis", judgement, (), sections)
-
-
-def _rms(values: Floats) -> float:
-    good = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(good**2))) if good.size else float("nan")
 
 
 def _summary(sweeps: xr.Dataset | None, curve: xr.Dataset | None, ramp: xr.Dataset | None, context: Context) -> Section:
@@ -122,7 +118,7 @@ def _curve_rows(curve: xr.Dataset) -> list[tuple[str, str, str]]:
         _end(curve, "relaxed"),
         _end(curve, "unrelaxed"),
         ("relaxation terms", str(curve.sizes["term"]), f"{outside} outside the covered window"),
-        _law_row(json.loads(curve.attrs["law"])),
+        _shift_section.law_row(json.loads(curve.attrs["law"])),
         ("vertical shift", _vertical(curve), ""),
     ]
 
@@ -165,31 +161,6 @@ def _celsius(T: Floats) -> str:
 def _modulus(value: float) -> str:
     shown = display_unit([value], "Pa")
     return f"{value / shown.factor:.4g} {shown.text}"
-
-
-def _law_row(law: dict[str, Any]) -> tuple[str, str, str]:
-    if law["name"] == "arrhenius" and law["u_activation_energy"] is None:
-        return "shift law", "none: a single temperature determines no shift", ""
-    if _material_files.holds(law):
-        return "shift law", _law_text(law), _law_quality(law)
-    return (
-        "shift law",
-        "neither WLF nor Arrhenius holds over all temperatures",
-        "the shifts are free; a kink indicates a transition",
-    )
-
-
-def _law_text(law: dict[str, Any]) -> str:
-    if law["name"] == "wlf":
-        if law["C1"] is None or law["C2"] is None:
-            return "WLF, a straight line over temperature"
-        return (
-            f"WLF, C₁ = {value_with_uncertainty(law['C1'], law['u_C1'] or 0.0)}, "
-            f"C₂ = {value_with_uncertainty(law['C2'], law['u_C2'] or 0.0)} K"
-        )
-    u = law["u_activation_energy"] or 0.0
-    shown = value_with_uncertainty(law["activation_energy"] / 1e3, u / 1e3)
-    return f"Arrhenius, activation energy {shown} kJ/mol"
 
 
 def _transition_rows(ramp: xr.Dataset | None) -> list[tuple[str, str, str]]:
@@ -297,70 +268,6 @@ def _master(curve: xr.Dataset) -> Section:
     return Section("Master curve", tuple(blocks))
 
 
-def _shifts(curve: xr.Dataset, published: xr.Dataset | None) -> Section:
-    T, y, u = (curve[n].values for n in ("temperature", "log10_aT", "u_log10_aT"))
-    order = np.argsort(T)
-    fine = np.linspace(T.min(), T.max(), 161)
-    series = [Series("fitted", T[order], y[order], style="points", role="measured", u=u[order])]
-    if published is not None:
-        series.append(_published_section.series(published))
-    laws = json.loads(curve.attrs["laws"])
-    for (name, law), role in zip(sorted(laws.items(), reverse=True), ("model", "reference"), strict=False):
-        values = _law_curve(law, fine)
-        title = {"wlf": "WLF", "arrhenius": "Arrhenius"}[name]
-        series.append(Series(title, fine, values, role="model" if role == "model" else "reference"))
-    labels, caption = ("temperature / °C", "log₁₀ a_T"), "Bars are standard uncertainties."
-    chart = LineChart("Horizontal shift factors", *labels, series, height_px=240, caption=caption)
-    rising = curve.isel(temperature=order)
-    overlaps, steps = zip(*(_neighbour(curve, float(t)) for t in T[order]), strict=True)
-    table = listed(
-        (
-            Listed("temperature / °C", T[order].tolist(), digits=3),
-            pages.column(rising, "log10_aT", "log₁₀ a_T"),
-            pages.column(rising, "b_T", "b_T"),
-            pages.column(rising, "level", "level"),
-            Listed("overlap with the next / decades", overlaps, digits=3),
-            Listed("step", steps),
-        ),
-        "A step is “loose” when the data alone do not determine it; there the shift "
-        "relies on the prior, the usual behaviour of polymers.",
-    )
-    titles = {n: "law of WLF" if n == "wlf" else "law of Arrhenius" for n in laws}
-    fits = [(titles[n], _law_text(law), _law_quality(law)) for n, law in sorted(laws.items(), reverse=True)]
-    if float(curve["delay"]):
-        fits.append(("delay of the instrument's phase", pages.told(curve, "delay"), "removed"))
-    folded = Details(f"Laws, and the shift factors of {T.size} temperatures", (KeyValues(fits), table))
-    compared = [] if published is None else _published_section.blocks(published, curve)
-    return Section("Shift factors", (chart, folded, *compared))
-
-
-def _law_curve(law: dict[str, Any], T: Floats) -> Floats:
-    zero, gas_ln10 = 273.15, 8.314462618 * np.log(10.0)
-    parameters = law["parameters"]
-    if law["name"] == "arrhenius":
-        return np.asarray(parameters[0] / gas_ln10 * (1 / (T + zero) - 1 / (law["T_ref"] + zero)))
-    slope, bend = parameters
-    distance = T - law["T_ref"]
-    below = 1 + bend * distance
-    return np.where(below > 0, -slope * distance / np.where(below > 0, below, 1.0), np.nan)
-
-
-def _law_quality(law: dict[str, Any]) -> str:
-    if law["chi_square"] is None or not law["freedom"]:
-        return ""
-    ratio = law["chi_square"] / law["freedom"]
-    verdict = "" if _material_files.holds(law) else ": does not hold"
-    return f"χ² / degrees of freedom = {ratio:.3g}{verdict}"
-
-
-def _neighbour(curve: xr.Dataset, T: float) -> tuple[float | None, str]:
-    found = np.flatnonzero(np.isclose(curve["colder"].values, T))
-    if not found.size:
-        return None, ""
-    pair = curve.isel(pair=int(found[0]))
-    return float(pair["overlap"]), "" if int(pair["determined"]) else "loose"
-
-
 def _spectrum(curve: xr.Dataset) -> list[Block]:
     outside = curve["extrapolated"].values.astype(bool)
     rho, E = curve["rho"].values, curve["E"].values * _MPA
@@ -393,7 +300,7 @@ def _fit(curve: xr.Dataset | None) -> list[Block]:
     if curve is None:
         return []
     kk = json.loads(curve.attrs["kramers_kronig"])
-    missed = [100 * _rms(curve[name].values) for name in ("storage_residual", "loss_residual")]
+    missed = [100 * rms(curve[name].values) for name in ("storage_residual", "loss_residual")]
     text = f"The spectrum misses the storage modulus by {missed[0]:.2g} %, the loss by {missed[1]:.2g} % (rms)."
     said = f"Storage and loss modulus, Kramers–Kronig: {_CONSISTENT[kk['verdict']]}; {kk['reason']}."
     consistent = Paragraph(said) if kk["verdict"] == "pass" else Notice(_KIND[kk["verdict"]], said)  # type: ignore[arg-type]
@@ -456,7 +363,7 @@ def _residuals(curve: xr.Dataset) -> Details:
         Listed("points", np.isfinite(storage).sum(axis=1).tolist()),
     ]
     for title, values in (("E′", storage), ("E″", loss)):
-        columns.append(Listed(f"{title} rms / %", [100 * _rms(each) for each in values], digits=3))
+        columns.append(Listed(f"{title} rms / %", [100 * rms(each) for each in values], digits=3))
         columns.append(Listed(f"{title} max / %", [100 * _largest(each) for each in values], digits=3))
     blocks.append(listed(columns))
     return Details("Residuals by temperature", blocks)
@@ -558,8 +465,8 @@ def _methods(settings: Dma, curve: xr.Dataset) -> str:
         "shifts and one non-negative relaxation spectrum to both moduli (variable projection, "
         f"regularisation by generalised cross-validation); {shifts}. "
         f"The reference temperature is {float(curve['T_ref']):.4g} °C; vertical law: "
-        f"{_vertical(curve)}. {_law_row(law)[1]}. "
-        f"The fit left {_rms(curve['storage_residual'].values) * 100:.2f} % (E′) and "
-        f"{_rms(curve['loss_residual'].values) * 100:.2f} % (E″) rms."
+        f"{_vertical(curve)}. {_shift_section.law_row(law)[1]}. "
+        f"The fit left {rms(curve['storage_residual'].values) * 100:.2f} % (E′) and "
+        f"{rms(curve['loss_residual'].values) * 100:.2f} % (E″) rms."
     )
     return text

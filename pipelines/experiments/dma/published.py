@@ -50,8 +50,8 @@ def compared(sweeps: xr.Dataset, master_curve: xr.Dataset, shifts: Path | None, 
         "published_file": shifts.name,
         "published_zero": zero,
         "published_at_reference": float(shift_tables.at(table, np.array([T_ref]))[0]),
-        "residual_storage": _rms(imposed["storage_residual"].values),
-        "residual_loss": _rms(imposed["loss_residual"].values),
+        "residual_storage": rms(imposed["storage_residual"].values),
+        "residual_loss": rms(imposed["loss_residual"].values),
         "temperature_distance": float(np.max(np.min(np.abs(table[0][None, :] - T[known][:, None]), axis=1))),
     }
     return found
@@ -146,6 +146,7 @@ def _slopes(sweeps: xr.Dataset) -> Floats:
     return np.array(found)
 
 
-def _rms(values: Floats) -> float:
+def rms(values: Floats) -> float:
+    """Return the root mean square of what is finite."""
     good = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(good**2))) if good.size else float("nan")

@@ -182,9 +182,7 @@ def _shift(fitted: xr.Dataset, temperature: float) -> tuple[float, float]:
     """Return a_T and b_T of a master curve at a temperature [degC]."""
     if temperature == float(fitted["T_ref"]):
         return 1.0, 1.0
-    stored = json.loads(fitted.attrs["law"])
-    size = len(stored["parameters"])
-    law = ShiftLaw(stored["name"], stored["T_ref"], tuple(stored["parameters"]), np.zeros((size, size)))
+    law = ShiftLaw.of(json.loads(fitted.attrs["law"]))
     log10_aT = shift_at(law, fitted["temperature"].values, fitted["log10_aT"].values, temperature)
     vertical = fitted["b_T"].dropna("temperature").sortby("temperature")
     b_T = float(np.interp(temperature, vertical["temperature"].values, vertical.values))

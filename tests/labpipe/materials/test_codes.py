@@ -3,6 +3,7 @@
 import json
 import re
 import warnings
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 import xarray as xr
 
 from labpipe.errors import InputError
-from labpipe.materials import CODES, Prony, StatedLaw, deck_text, make_deck, master_curve
+from labpipe.materials import CODES, Prony, arrhenius, deck_text, make_deck, master_curve, wlf
 
 WINDOW = (1e-3, 1e5)
 OMEGA = 2 * np.pi * np.geomspace(*WINDOW, 60)
@@ -211,17 +212,17 @@ T = np.array([10.0, 25.0, 60.0])
 
 @pytest.mark.parametrize("code", CODES)
 def test_both_laws_are_written_so_that_they_give_the_shifts(code):
-    wlf = make_deck(FEW, WINDOW, 25.0, law=StatedLaw("wlf", C1=9.0, C2=120.0))
-    np.testing.assert_allclose(law_of(deck_text(wlf, code), code)(T), -9 * (T - 25) / (95 + T), rtol=1e-4, atol=1e-9)
+    deck = make_deck(FEW, WINDOW, 25.0, law=wlf(9.0, 120.0, 25.0))
+    np.testing.assert_allclose(law_of(deck_text(deck, code), code)(T), -9 * (T - 25) / (95 + T), rtol=1e-4, atol=1e-9)
     energy = 150e3
-    arrhenius = make_deck(FEW, WINDOW, 25.0, law=StatedLaw("arrhenius", activation_energy=energy))
+    deck = make_deck(FEW, WINDOW, 25.0, law=arrhenius(energy, 25.0))
     truth = energy / 8.31446261815324 / np.log(10) * (1 / (T + 273.15) - 1 / 298.15)
-    np.testing.assert_allclose(law_of(deck_text(arrhenius, code), code)(T), truth, rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(law_of(deck_text(deck, code), code)(T), truth, rtol=1e-4, atol=1e-9)
 
 
 @pytest.mark.parametrize("code", CODES)
 def test_shifts_that_no_law_describes_are_a_remark(code):
-    law = StatedLaw("wlf", C1=9.0, C2=120.0, chi_square=100.0, freedom=3)
+    law = replace(wlf(9.0, 120.0, 25.0), chi_square=100.0, freedom=3)
     deck = make_deck(FEW, WINDOW, 25.0, law=law, shifts=([10.0, 25.0], [1.25, 0.0]), b_T=[1.0, 1.1])
     text = deck_text(deck, code)
     said = re.sub(r"\s+(?:\*\*|!|%|\$)?\s*", " ", text)

@@ -12,8 +12,9 @@ References
 Williams, Landel & Ferry, J. Am. Chem. Soc. 77 (1955) 3701, doi:10.1021/ja01619a008.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +31,7 @@ ZERO_CELSIUS = 273.15
 _GAS_LN10 = 8.31446261815324 * float(np.log(10.0))
 # Gauss-Newton on two parameters settles in a few steps; the bound guards against a bad table.
 _MAX_STEPS = 60
+_HOLDS = 4.0  # chi-square per degree of freedom: twice the stated uncertainty on the whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +56,25 @@ class ShiftLaw:
     covariance: Floats
     chi_square: float = float("nan")
     freedom: int = 0
+
+    @classmethod
+    def of(cls, stored: Mapping[str, Any]) -> "ShiftLaw":
+        """Read a law from a stored result, which keeps no covariance and None for a chi-square that it lacks."""
+        parameters = tuple(stored["parameters"])
+        chi_square = stored.get("chi_square")
+        return cls(
+            stored["name"],
+            stored["T_ref"],
+            parameters,
+            np.zeros((len(parameters), len(parameters))),
+            float("nan") if chi_square is None else chi_square,
+            stored.get("freedom", 0),
+        )
+
+    @property
+    def holds(self) -> bool:
+        """Whether it describes the free shifts within their uncertainty; without such shifts nothing contradicts it."""
+        return not (self.freedom and self.chi_square / self.freedom > _HOLDS)
 
     def log10_aT(self, temperature: ArrayLike) -> Floats:
         """Return log10 a_T at temperatures in °C.
@@ -97,6 +118,14 @@ class ShiftLaw:
             return float("nan")
         q = self.parameters[1]
         return 1.0 / q if q != 0 else float("inf")
+
+    @property
+    def as_wlf(self) -> tuple[float, float]:
+        """WLF constants C₁ (1) and C₂ (K); Arrhenius' law is the WLF law with C₂ = T_ref in kelvin."""
+        if self.name == "wlf":
+            return self.C1, self.C2
+        absolute = self.T_ref + ZERO_CELSIUS
+        return self.parameters[0] / (_GAS_LN10 * absolute), absolute
 
     @property
     def u_C1(self) -> float:
