@@ -21,7 +21,7 @@ from labpipe.workflow.context import Context, Failed, Kept, RawFile, Warned
 from labpipe.workflow.plan import READY, Plan, make_plan, page_name
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import Caught, Record, Store
-from labpipe.workflow.tasks import Argument, Stages, Task, TaskId, ancestors, spell_out
+from labpipe.workflow.tasks import Argument, Stages, Task, TaskId, ancestors, spell_out, stage_name
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -457,27 +457,22 @@ class _Run:
             synthetic=session.synthetic,
             ledger=_ledger.summarise((n.experiment, n.stage, r.work) for n, r in records.items()),
             warnings=tuple(
-                Warned(_stage_name(task, name), name.recording, w.category, w.text, w.count)
+                Warned(stage_name(task, name), name.recording, w.category, w.text, w.count)
                 for name, record in records.items()
                 for w in record.warnings
             ),
             failures=tuple(
-                Failed(_stage_name(task, name), name.recording, *self.failures[name])
+                Failed(stage_name(task, name), name.recording, *self.failures[name])
                 for name in behind
                 if name in self.failures
             ),
             inputs=tuple(RawFile(**entry) for entry in provenance.raw_files(keys[name] for name in behind)),
             provenance=provenance.of_task(self.job.program, self.plan.tasks, keys, task.id),
             kept=tuple(
-                Kept(_stage_name(task, name), name.recording, changed)
+                Kept(stage_name(task, name), name.recording, changed)
                 for name, changed in self.plan.kept(task.id).items()
             ),
         )
-
-
-def _stage_name(task: Task, name: TaskId) -> str:
-    is_own = name.experiment == task.id.experiment
-    return name.stage if is_own else f"{name.experiment}/{name.stage}"
 
 
 def _import(task: Task) -> Callable[..., Any]:

@@ -13,7 +13,7 @@ from labpipe.workflow.context import code_changed
 from labpipe.workflow.fields import show, suggest
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import Last, Store
-from labpipe.workflow.tasks import Stages, Task, TaskId, ancestors, spell_out
+from labpipe.workflow.tasks import Stages, Task, TaskId, ancestors, spell_out, stage_name
 
 CACHED, KEPT, WILL_RUN, WAITS = "cached", "kept", "will run", "waits"
 READY = (CACHED, KEPT)
@@ -264,17 +264,12 @@ def _row(
         reasons = ["result damaged"]
     else:
         reasons = _changes(store, task, keys[task.id], is_waiting=bool(waiting))
-    upstream = sorted({f"upstream {_upstream_name(task, b)} will run" for b in waiting})
+    upstream = sorted({f"upstream {stage_name(task, b)} will run" for b in waiting})
     reasons = [*reasons, *upstream] or ["result is gone"]
     text = "; ".join(reasons[:_MOST_REASONS])
     if len(reasons) > _MOST_REASONS:
         text += f"; and {len(reasons) - _MOST_REASONS} more"
     return Row(*task.id, WAITS if waiting else WILL_RUN, text, task.stage.summary)
-
-
-def _upstream_name(task: Task, before: TaskId) -> str:
-    is_own = before.experiment == task.id.experiment
-    return before.stage if is_own else f"{before.experiment}/{before.stage}"
 
 
 def _changes(store: Store, task: Task, key: Key, *, is_waiting: bool) -> list[str]:

@@ -76,6 +76,12 @@ class Task:
         return tuple(name for argument in self.arguments for name in argument.files)
 
 
+def stage_name(task: Task, other: TaskId) -> str:
+    """Name a stage as the experiment of ``task`` does: that of another experiment with its name."""
+    is_own = other.experiment == task.id.experiment
+    return other.stage if is_own else f"{other.experiment}/{other.stage}"
+
+
 def spell_out(session: Session, stages: Stages) -> dict[TaskId, Task]:
     """List the tasks of a session, inputs before what takes them.
 

@@ -7,7 +7,7 @@ taken together; what they share (sphere, punch, load cell) is one unknown.
 """
 
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -33,7 +33,7 @@ from labpipe.workflow.session import Experiment, Session
 from pipelines.experiments import KINDS, Derived
 from pipelines.experiments.shared.material_evidence import MaterialEvidence
 from pipelines.identify._materials import known_before, material_name, prior_of, temperature_of
-from pipelines.session import derive, needed, opened, process, reopen_session
+from pipelines.session import derive, processed_for, reopen_session
 
 Say = Callable[[str], None]
 
@@ -145,7 +145,9 @@ def identify_materials(
             group.prior = prior_of(session, wish.prior, group.experiments)
     n = sum(len(group.experiments) for group in groups.values())
     tell(f"{n} experiment{'s' * (n != 1)} to identify from; what is missing is processed first")
-    results = _processed(folder, groups.values(), jobs)
+    wanted = [(experiment, _evidence(experiment)) for group in groups.values() for experiment in group.experiments]
+    wanted += [(group.prior, known_before(group.prior)) for group in groups.values() if group.prior is not None]
+    results = processed_for(folder, wanted, jobs=jobs)
     remarks: list[str] = []
     found = []
     for number, (material, group) in enumerate(groups.items(), 1):
@@ -197,23 +199,6 @@ def _chosen(session: Session, wanted: Sequence[str]) -> list[str]:
         message = f"the session holds no experiment of the kinds {', '.join(telling)}"
         raise UsageError(message)
     return [n for n in able if not wanted or n in wanted]
-
-
-def _processed(folder: str | Path, groups: Iterable[_Group], jobs: int) -> Results:
-    """Process what is not yet, and open the results."""
-    session = reopen_session(folder)
-    targets = []
-    for group in groups:
-        for experiment in group.experiments:
-            targets += needed(session, experiment, _evidence(experiment))
-        if group.prior is not None:
-            targets += needed(session, group.prior, known_before(group.prior))
-    experiments = {target.split("/")[0] for target in targets}
-    run = process(folder, targets, experiments, jobs=jobs, keep=None)
-    for outcome in run.failures:
-        message = f"{outcome.task}: {outcome.message}"
-        raise InputError(message)
-    return opened(folder)
 
 
 def _identified(results: Results, material: str, group: _Group, wish: Wish, remarks: list[str], say: Say) -> Identified:

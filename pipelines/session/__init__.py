@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pipelines.session._inspection import Inspected, describe, inspect
     from pipelines.session._opening import SCHEMAS, SETTINGS, STAGES, open_session, reopen_session
     from pipelines.session._overview import COMPARISON_PAGE, PAGE, write_overview
-    from pipelines.session._processing import plan, process, process_all, report, verdict, watch
+    from pipelines.session._processing import plan, process, process_all, processed_for, report, verdict, watch
     from pipelines.session._proposal import Scan, init
     from pipelines.session._results import derive, needed, opened, result, results
     from pipelines.session._sensitivity import Sensitivity, sensitivity
@@ -75,6 +75,7 @@ __all__ = [
     "plan",
     "process",
     "process_all",
+    "processed_for",
     "query",
     "reopen_session",
     "report",

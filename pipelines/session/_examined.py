@@ -7,14 +7,14 @@ linearly, by Monte Carlo and by Sobol indices (:mod:`labpipe.uncertainty`).
 from dataclasses import dataclass
 from pathlib import Path
 
-from labpipe.errors import InputError, UsageError
+from labpipe.errors import UsageError
 from labpipe.uncertainty import Budget, Indices, MonteCarlo, intervals_agree, linear_budget, monte_carlo, sobol
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared.budget_blocks import coverage_factor
 from pipelines.experiments.shared.budget_quantity import Quantity
 from pipelines.session._opening import reopen_session
-from pipelines.session._processing import process
-from pipelines.session._results import derive, needed, opened
+from pipelines.session._processing import processed_for
+from pipelines.session._results import derive
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,12 +75,7 @@ def examine(folder: str | Path, wanted: str | None = None) -> list[Examined]:
         kinds = ", ".join(budgets)
         message = f'nothing to examine for "{wanted or "this session"}"; kinds with budgets: {kinds}'
         raise UsageError(message)
-    targets = [target for e in chosen for target in needed(session, e, budgets[e.kind])]
-    run = process(folder, targets, {target.split("/")[0] for target in targets}, keep=None)
-    for outcome in run.failures:
-        message = f"{outcome.task}: {outcome.message}"
-        raise InputError(message)
-    results = opened(folder)
+    results = processed_for(folder, [(e, budgets[e.kind]) for e in chosen])
     return [examined(e.name, quantity) for e in chosen for quantity in derive(results, e, budgets[e.kind])]
 
 

@@ -10,10 +10,13 @@ from labpipe.errors import InputError, LabpipeError
 from labpipe.workflow import session as sessions
 from labpipe.workflow.plan import Plan
 from labpipe.workflow.plan import plan as make_plan
-from labpipe.workflow.session import Session
+from labpipe.workflow.results import Results
+from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.watch import LOOKS, Settling, Watcher
+from pipelines.experiments import Derived
 from pipelines.session._opening import SCHEMAS, SETTINGS, STAGES, reopen_session
 from pipelines.session._overview import write_overview
+from pipelines.session._results import needed, opened
 
 if TYPE_CHECKING:
     from labpipe.report import Report
@@ -168,6 +171,32 @@ def process_all(
             write_overview(session, STAGES, done.plan)
         yield given[session.root], done
     yield from refused
+
+
+def processed_for(folder: str | Path, wanted: Iterable[tuple[Experiment, Derived]], *, jobs: int = 1) -> Results:
+    """Process what stands behind derived values, and open the results.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder.
+    wanted : iterable of (Experiment, Derived)
+        What is to be derived from which experiments.
+    jobs : int
+        Experiments computed side by side; 0 computes in this process.
+
+    Raises
+    ------
+    InputError
+        A step behind them failed.
+    """
+    session = reopen_session(folder)
+    targets = [target for experiment, derived in wanted for target in needed(session, experiment, derived)]
+    run = process(folder, targets, {target.split("/")[0] for target in targets}, jobs=jobs, keep=None)
+    for outcome in run.failures:
+        message = f"{outcome.task}: {outcome.message}"
+        raise InputError(message)
+    return opened(folder)
 
 
 def _judge_failures(done: RunResult) -> None:

@@ -23,7 +23,7 @@ _each = partial(Stage, per="recording", over="laser")
 _STAGES = (
     _each(
         "readings",
-        "pipelines.experiments.ball_drop.measured:readings",
+        "pipelines.experiments.shared.laser_readings:readings",
         ("file:laser",),
         ("keyence",),
         summary="read the laser export",

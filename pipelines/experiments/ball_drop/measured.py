@@ -19,7 +19,6 @@ from labpipe.uncertainty import scatter_beyond
 from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
 from pipelines.experiments.ball_drop.settings import BallDrop
-from pipelines.experiments.shared.laser_readings import read_laser
 from pipelines.experiments.shared.plate_under_drop import floor_under
 
 NOISE = "noise"
@@ -27,11 +26,6 @@ NOISE = "noise"
 _SPEEDS = ("incoming_speed", "outgoing_speed")
 _LENGTHS = (*_SPEEDS, "penetration")  # that go with the scale of length
 _PER_IMPACT = ("restitution", "touch_time", *_LENGTHS, "contact_duration")
-
-
-def readings(path: Path, *, settings: BallDrop) -> xr.Dataset:
-    """Read one laser export; what it leaves unsaid comes from the settings."""
-    return read_laser(path, settings.keyence)
 
 
 def displacement(readings: xr.Dataset, record: Path, *, settings: BallDrop) -> xr.Dataset:

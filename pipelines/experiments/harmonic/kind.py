@@ -17,7 +17,10 @@ _OSCILLATIONS = Schema(
 
 _STAGES = (
     Stage(
-        "readings", "pipelines.experiments.harmonic.measured:readings", ("file:mach1",), summary="read the Mach-1 file"
+        "readings",
+        "pipelines.experiments.shared.mach1_readings:readings",
+        ("file:mach1",),
+        summary="read the Mach-1 file",
     ),
     Stage(
         "loads",

@@ -29,12 +29,6 @@ COLUMNS = {
 }
 
 
-def readings(path: Path, *, settings: Harmonic) -> xr.Dataset:
-    """Read the Mach-1 file."""
-    del settings
-    return mach1_readings.read(path)
-
-
 def loads(readings: xr.Dataset, record: Path | None, *, settings: Harmonic) -> xr.Dataset:
     """Make force compression-positive, and tare it where the file begins in air."""
     return mach1_readings.force(

@@ -33,7 +33,7 @@ _each = partial(Stage, per="recording", over="drops.laser")
 _STAGES = (
     _each(
         "readings",
-        "pipelines.experiments.plate_vibration.measured:readings",
+        "pipelines.experiments.shared.laser_readings:readings",
         ("file:drops.laser",),
         ("keyence",),
         summary="read the laser export",

@@ -19,7 +19,6 @@ from labpipe import signals
 from labpipe.arrays import Floats
 from labpipe.variables import described, variable, with_u
 from pipelines.experiments.plate_vibration.settings import Drops, PlateVibration
-from pipelines.experiments.shared.laser_readings import read_laser
 
 _PER_DROP = ("natural_frequency", "damping_ratio", "amplitude")
 _UNITS = {"natural_frequency": "Hz", "damping_ratio": "1", "amplitude": "m", "modal_mass": "kg"}
@@ -29,11 +28,6 @@ NAMES = {
     "amplitude": "amplitude at impact",
     "modal_mass": "modal mass",
 }
-
-
-def readings(path: Path, *, settings: PlateVibration) -> xr.Dataset:
-    """Read one laser export; what it leaves unsaid comes from the settings."""
-    return read_laser(path, settings.keyence)
 
 
 def displacement(readings: xr.Dataset, record: Path, *, settings: PlateVibration) -> xr.Dataset:

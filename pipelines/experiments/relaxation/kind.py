@@ -37,7 +37,7 @@ _each = partial(Stage, per="recording", over="mach1")
 _STAGES = (
     _each(
         "readings",
-        "pipelines.experiments.relaxation.measured:readings",
+        "pipelines.experiments.shared.mach1_readings:readings",
         ("file:mach1",),
         summary="read the Mach-1 file",
     ),

@@ -12,12 +12,6 @@ from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
 
 
-def readings(path: Path, *, settings: Relaxation) -> xr.Dataset:
-    """Read one Mach-1 file."""
-    del settings
-    return mach1_readings.read(path)
-
-
 def loads(readings: xr.Dataset, record: Path | None, *, settings: Relaxation) -> xr.Dataset:
     """Make force compression-positive, and tare it where the file begins in air."""
     return mach1_readings.force(

@@ -1,12 +1,25 @@
 """Readings of one laser export; what the file omits comes from the settings."""
 
 from pathlib import Path
+from typing import Protocol
 
 import xarray as xr
 
 import instruments
 from labpipe.errors import SourceError
 from pipelines.experiments.shared.settings import Keyence
+
+
+class _Recorded(Protocol):
+    """Settings of an experiment that a laser records."""
+
+    @property
+    def keyence(self) -> Keyence: ...
+
+
+def readings(path: Path, *, settings: _Recorded) -> xr.Dataset:
+    """Read one laser export, as a stage of every kind that has one."""
+    return read_laser(path, settings.keyence)
 
 
 def read_laser(path: Path, given: Keyence) -> xr.Dataset:

@@ -32,8 +32,9 @@ _FILTER_FINENESS = 10  # steps per sample, so that a digital filter behaves as t
 _POINTS_PER_DECADE = 25  # of a rest, kept for the simulation: force is smooth in log time
 
 
-def read(path: Path) -> xr.Dataset:
-    """Read a file of the tester."""
+def readings(path: Path, *, settings: object = None) -> xr.Dataset:
+    """Read a file of the tester, as a stage of every kind that has one."""
+    del settings
     return instruments.read_table(path, "force", "mach1")
 
 
@@ -43,7 +44,7 @@ def force(readings: xr.Dataset, tare: bool, record: Path | None = None, *, untar
     Parameters
     ----------
     readings : Dataset
-        Of :func:`read`.
+        Of :func:`readings`.
     tare : bool
         Subtract the force of the quiet start.
     record : Path, optional

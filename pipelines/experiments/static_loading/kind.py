@@ -21,7 +21,7 @@ _STEPS = Schema(
 _STAGES = (
     Stage(
         "readings",
-        "pipelines.experiments.static_loading.measured:readings",
+        "pipelines.experiments.shared.laser_readings:readings",
         ("file:laser",),
         ("keyence",),
         summary="read the laser export",

@@ -25,16 +25,10 @@ from labpipe.errors import InputError
 from labpipe.uncertainty import Row, Source
 from labpipe.units import Quantity
 from labpipe.variables import from_rows, variable, with_u
-from pipelines.experiments.shared.laser_readings import read_laser
 from pipelines.experiments.static_loading.load_steps import SIDE, settled, valid
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 _SMOOTH = 60.0  # s, the moving average of the thesis's smoothed curve
-
-
-def readings(path: Path, *, settings: StaticLoading) -> xr.Dataset:
-    """Read the laser's export; what it leaves unsaid comes from the settings."""
-    return read_laser(path, settings.keyence)
 
 
 def displacement(readings: xr.Dataset, record: Path, *, settings: StaticLoading) -> xr.Dataset:

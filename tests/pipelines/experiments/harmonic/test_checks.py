@@ -15,7 +15,7 @@ from labpipe.judging import Judgement
 from labpipe.units import Quantity
 from labpipe.workflow.results import Results
 from pipelines.experiments.harmonic import checks, measured
-from pipelines.experiments.shared import judgements
+from pipelines.experiments.shared import judgements, mach1_readings
 from pipelines.process import open_session
 from pipelines.rig.indentation_session import oscillation_section
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
@@ -55,7 +55,7 @@ def judge(session: Path, tmp_path: Path) -> Callable[..., Judgement]:
         files.write_text(path, text or (session / given.mach1).read_text("utf-8"))
         files.write_text(cell, record or (session / RECORD).read_text("utf-8"))
         step = Steps()
-        readings = step("readings", lambda: measured.readings(path, settings=settings))
+        readings = step("readings", lambda: mach1_readings.readings(path))
         loads = step("loads", lambda: measured.loads(readings, cell, settings=settings))
         hold = waves = None
         if loads is not None:

@@ -12,7 +12,7 @@ from labpipe import files, materials
 from labpipe.judging import Judgement
 from labpipe.units import Quantity
 from pipelines.experiments.relaxation import checks, measured
-from pipelines.experiments.shared import judgements
+from pipelines.experiments.shared import judgements, mach1_readings
 from pipelines.process import open_session, process, result
 from pipelines.rig.indentation_session import relaxation_section
 from pipelines.rig.indentations import Specimen
@@ -53,7 +53,7 @@ def judge(session: Path, tmp_path: Path) -> Callable[..., Judgement]:
             files.write_text(path, text if is_edited and text else (session / name).read_text("utf-8"))
 
             def of(path: Path = path) -> Any:
-                return measured.readings(path, settings=settings)
+                return mach1_readings.readings(path)
 
             readings = step("readings", of, name)
             loads = step("loads", lambda r=readings: measured.loads(r, session / RECORD, settings=settings), name)
