@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from labpipe.workflow.context import Context
     from labpipe.workflow.graph import Stage
     from labpipe.workflow.plan import Plan
-    from labpipe.workflow.results import Results
-    from labpipe.workflow.runner import RunResult, open_result, run, run_all
+    from labpipe.workflow.results import Results, open_result
+    from labpipe.workflow.runner import RunResult, run, run_all
     from labpipe.workflow.session import Experiment, Session, load
     from labpipe.workflow.store import Store
 else:

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 from labpipe.errors import InputError, LabpipeError
 from labpipe.workflow.plan import READY, Plan, Row, wanted_tasks
-from labpipe.workflow.session import Experiment
+from labpipe.workflow.plan import plan as make_plan
+from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.store import Store
-from labpipe.workflow.tasks import Argument, TaskId
+from labpipe.workflow.tasks import Argument, Stages, TaskId
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -97,6 +98,14 @@ class Results:
         found: list[Any] = [self.folder / name for name in argument.files]
         found += [self.result(*task) for task in argument.tasks]
         return argument.arranged(found)
+
+
+def open_result(
+    session: Session, stages: Stages, experiment: str, stage: str, recording: str | None = None
+) -> "xr.Dataset":
+    """Return an up-to-date stored result without running anything; errors are those of :meth:`Results.result`."""
+    made = make_plan(session, stages, [f"{experiment}/{stage}"], [experiment], keep=None)
+    return Results(made).result(experiment, stage, recording)
 
 
 def _which_recording(task: TaskId, known: Sequence[str]) -> str:

@@ -21,7 +21,7 @@ from labpipe.workflow._worker import DONE, FAILED, SKIPPED, WORK, Failure, Job, 
 from labpipe.workflow.engines import Call, Crew, Died
 from labpipe.workflow.graph import Stage
 from labpipe.workflow.plan import READY, Plan, make_plan, page_name, wanted_tasks
-from labpipe.workflow.results import Results, read
+from labpipe.workflow.results import read
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import Stages, TaskId, spell_out
@@ -283,29 +283,6 @@ def run_all(
         for state in under_way:
             state.leave(error)
         raise
-
-
-def open_result(
-    session: Session, stages: Stages, experiment: str, stage: str, recording: str | None = None, *, full: bool = False
-) -> "xr.Dataset":
-    """Return an up-to-date stored result without running anything.
-
-    Raises
-    ------
-    UsageError
-        The experiment or stage is unknown.
-    InputError
-        The result is missing or out of date; run first.
-    StoreError
-        It is damaged.
-    """
-    store = Store(session.folder)
-    tasks = spell_out(session, stages)
-    wanted_tasks(session, tasks, [f"{experiment}/{stage}"], [experiment])
-    task = TaskId(experiment, stage, recording)
-    known = frozenset(n for n in tasks if n[:2] == task[:2])
-    made = make_plan(session, tasks, known & {task} or known, store, full=full, keep=None)
-    return Results(made).result(experiment, stage, recording)
 
 
 def imports_of(stages: Iterable[Stage]) -> tuple[str, ...]:

@@ -83,7 +83,7 @@ def _line(row: "Row") -> str:
     if row.nrmse is not None:
         bias = "" if row.difference is None else f", bias {quantity(row.difference, row.unit, 3)}"
         return f"{where} nRMSE {100 * row.nrmse:.2f} %{bias}"
-    deviation = "" if row.deviation is None else f", {row.deviation:+.1f} u"
+    deviation = "" if row.deviation is None else f", {row.deviation:+z.1f} u"
     shown = display_unit([value for value in (row.measured, row.model) if value is not None], row.unit)
     measured, model = (
         plus_minus(value / shown.factor, u / shown.factor) if u else number(value / shown.factor, 5)

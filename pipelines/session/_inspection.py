@@ -87,7 +87,7 @@ def _shown(value: object) -> str:
 def _span(row: dict[str, Any]) -> str:
     if "values" in row:
         return ", ".join(row["values"])
-    return "no value" if row["min"] is None else f"{row['min']:.6g} … {row['max']:.6g}"
+    return "no value" if row["min"] is None else f"{row['min']:z.6g} … {row['max']:z.6g}"
 
 
 def inspect(

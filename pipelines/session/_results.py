@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from labpipe.errors import InputError
 from labpipe.workflow.plan import READY
 from labpipe.workflow.plan import plan as make_plan
-from labpipe.workflow.results import Results
+from labpipe.workflow.results import Results, open_result
 from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.tasks import arguments
 from pipelines.experiments import Derived, function
@@ -74,8 +74,6 @@ def result(folder: str | Path, experiment: str, stage: str, recording: str | Non
     --------
     >>> result("my-session", "acrylic_7mm", "repeats")["restitution"]  # doctest: +SKIP
     """
-    from labpipe.workflow.runner import open_result
-
     return open_result(reopen_session(folder), STAGES, experiment, stage, recording)
 
 

@@ -13,7 +13,8 @@ from labpipe.workflow._log import LOG, last_seconds
 from labpipe.workflow.config import File
 from labpipe.workflow.graph import Stage
 from labpipe.workflow.plan import Plan, make_plan, plan
-from labpipe.workflow.runner import RunResult, open_result, run
+from labpipe.workflow.results import open_result
+from labpipe.workflow.runner import RunResult, run
 from labpipe.workflow.session import Session, load
 from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import TaskId, spell_out

@@ -23,7 +23,8 @@ from labpipe.workflow import provenance
 from labpipe.workflow._log import events
 from labpipe.workflow._worker import Job, work
 from labpipe.workflow.graph import Stage
-from labpipe.workflow.runner import Event, RunResult, open_result, run, run_all
+from labpipe.workflow.results import open_result
+from labpipe.workflow.runner import Event, RunResult, run, run_all
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import Store
 from tests.by_day import by_day
