@@ -25,6 +25,7 @@ _LARGEST_BLOCK = 64
 _FEWEST_DIFFERENCES = 64
 _PLATEAU = 1.3  # two doublings of the block that change no more than this: it no longer grows
 _DYNAMIC_RANGE = 1e-9  # no sensor resolves more; a computed curve without noise is treated so
+_SPIKE = 8.0  # sigma that a sample must stand out of the line through its neighbours
 _UNEVEN = 1e-3  # relative spread of the sampling interval from which times are taken into account
 
 
@@ -143,7 +144,7 @@ def quantisation_step(values: Floats) -> float:
     return step
 
 
-def is_spike(time: Floats, values: Floats, sigma: float, factor: float = 8.0) -> NDArray[np.bool_]:
+def is_spike(time: Floats, values: Floats, sigma: float) -> NDArray[np.bool_]:
     """Mark single samples that stand out of both neighbours in the same direction.
 
     Parameters
@@ -152,8 +153,6 @@ def is_spike(time: Floats, values: Floats, sigma: float, factor: float = 8.0) ->
         Samples in order.
     sigma : float
         Noise level.
-    factor : float
-        How many sigma a sample must stand out, after the line through its neighbours.
 
     Returns
     -------
@@ -169,7 +168,7 @@ def is_spike(time: Floats, values: Floats, sigma: float, factor: float = 8.0) ->
     )
     before = centre - (values[1:-3] + slope * (time[2:-2] - time[1:-3]))
     after = centre - (values[3:-1] - slope * (time[3:-1] - time[2:-2]))
-    stands_out = (np.minimum(np.abs(before), np.abs(after)) > factor * sigma) & (before * after > 0.0)
+    stands_out = (np.minimum(np.abs(before), np.abs(after)) > _SPIKE * sigma) & (before * after > 0.0)
     if not stands_out.any():
         return marked
     n = len(centre)

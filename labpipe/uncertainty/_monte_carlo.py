@@ -16,6 +16,7 @@ from labpipe.uncertainty._linear import Budget, Input, Model
 
 _SEED = 9  # fixed: the same answer every time
 _DRAWS = 4000
+_LEVEL = 0.95  # of the intervals
 _DIGITS = 2  # with which an uncertainty is stated
 
 
@@ -30,15 +31,13 @@ class MonteCarlo:
     draws: int = _DRAWS
 
 
-def monte_carlo(model: Model, inputs: Mapping[str, Input], *, level: float = 0.95, draws: int = _DRAWS) -> MonteCarlo:
+def monte_carlo(model: Model, inputs: Mapping[str, Input], *, draws: int = _DRAWS) -> MonteCarlo:
     """Propagate distributions: normal, or Student's where degrees of freedom are finite.
 
     Parameters
     ----------
     model, inputs
         As for :func:`linear_budget`.
-    level : float
-        Of the interval.
     draws : int
         How many; the same ones every time.
     """
@@ -51,11 +50,11 @@ def monte_carlo(model: Model, inputs: Mapping[str, Input], *, level: float = 0.9
         shape = generator.standard_t(freedom, draws) if isfinite(freedom) else generator.standard_normal(draws)
         columns[name] = (given.value + given.u * shape).tolist()
     made = np.array([model(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)])
-    low, high = np.quantile(made, [0.5 - 0.5 * level, 0.5 + 0.5 * level])
+    low, high = np.quantile(made, [0.5 - 0.5 * _LEVEL, 0.5 + 0.5 * _LEVEL])
     return MonteCarlo(float(made.mean()), float(made.std(ddof=1)), float(low), float(high), draws)
 
 
-def intervals_agree(budget: Budget, drawn: MonteCarlo, *, level: float = 0.95) -> bool:
+def intervals_agree(budget: Budget, drawn: MonteCarlo) -> bool:
     """Tell whether the linear interval stands: both ends within half the last stated digit.
 
     The draws' own scatter is allowed for: an end of theirs is known to 4 % of u only, and to less
@@ -64,21 +63,21 @@ def intervals_agree(budget: Budget, drawn: MonteCarlo, *, level: float = 0.95) -
     if budget.u == 0.0:
         return drawn.u == 0.0
     digit = 10.0 ** (floor(log10(budget.u)) - _DIGITS + 1)
-    scatter = _end_scatter(budget.degrees_of_freedom, level, drawn.draws)
+    scatter = _end_scatter(budget.degrees_of_freedom, drawn.draws)
     tolerance = max(0.5 * digit, 3.0 * scatter * budget.u)
-    return interval_difference(budget, drawn, level=level) <= tolerance
+    return interval_difference(budget, drawn) <= tolerance
 
 
-def interval_difference(budget: Budget, drawn: MonteCarlo, *, level: float = 0.95) -> float:
+def interval_difference(budget: Budget, drawn: MonteCarlo) -> float:
     """Return by how much the ends of the linear and of the drawn interval differ at most."""
-    half = budget.expanded(level)
+    half = budget.expanded(_LEVEL)
     return max(abs(budget.value - half - drawn.low), abs(budget.value + half - drawn.high))
 
 
-def _end_scatter(freedom: float, level: float, draws: int) -> float:
+def _end_scatter(freedom: float, draws: int) -> float:
     """Return the standard deviation of the end of a drawn interval, in units of u."""
     from scipy.stats import norm, t
 
     law = t(freedom) if isfinite(freedom) else norm()
-    tail = 0.5 - 0.5 * level
+    tail = 0.5 - 0.5 * _LEVEL
     return float(sqrt(tail * (1.0 - tail) / draws) / law.pdf(law.ppf(tail)))

@@ -37,12 +37,10 @@ class _Body:
     mass: Quantity
 
 
-def finding(
-    check: str, level: Level, text: str, cause: str = "", file: str = "", setting: str = "", line: int | None = None
-) -> Finding:
+def finding(check: str, level: Level, text: str, cause: str = "", file: str = "", setting: str = "") -> Finding:
     from labpipe.judging import Finding
 
-    return Finding(check, level, text, cause, file, line, setting)
+    return Finding(check, level, text, cause, file, None, setting)
 
 
 def bodies(session: Session) -> Iterator[tuple[str, Finding]]:
