@@ -74,7 +74,7 @@ def _has_headings(text: str, *, new: bool = False) -> bool:
 
 def holds_rows(head: bytes) -> bool:
     """Tell whether the beginning of a file holds rows of three numbers or more, as a table does."""
-    from instruments.tables._layout import numbers_of
+    from instruments.tables._cells import numbers_of
 
     text = _text(head)
     return "\0" not in text and any(len(numbers_of(line)) > 2 for line in text.splitlines()[:-1])

@@ -15,6 +15,7 @@ import numpy as np
 from instruments import anton_paar
 from instruments._symbols import FREQUENCIES, MODULI, RESPONSES, TIMES
 from instruments.tables import _layout, _words
+from instruments.tables._cells import is_clock
 from instruments.tables._layout import Block
 from instruments.tables._words import Heading
 from labpipe.arrays import Floats
@@ -105,7 +106,7 @@ def without_clocks(block: Block, headings: Sequence[Heading]) -> list[Heading]:
     found = list(headings)
     if any(h.name in FREQUENCIES for h in headings):
         for k, heading in enumerate(headings):
-            if heading.name in TIMES and any(_layout.is_clock(row[k]) for _, row in block.rows if k < len(row)):
+            if heading.name in TIMES and any(is_clock(row[k]) for _, row in block.rows if k < len(row)):
                 found[k] = replace(heading, name=anton_paar.slug(heading.text), is_known=False)
     return found
 

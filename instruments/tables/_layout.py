@@ -5,7 +5,6 @@ specimen and procedure. A table begins at the line that names at least two quant
 mechanical analysis; what separates its columns is what names the most of them.
 """
 
-import csv
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -14,31 +13,24 @@ from functools import partial
 from instruments import anton_paar
 from instruments._symbols import FREQUENCIES, MODULI, RESPONSES, TIMES
 from instruments.tables import _words
+from instruments.tables._cells import (
+    ABSENT,
+    BLANKS,
+    COMMA,
+    GAPS,
+    OF_ROWS,
+    SEMICOLON,
+    SEPARATORS,
+    TAB,
+    cells,
+    is_all_numbers,
+    is_clock,
+    is_numeric,
+    trimmed,
+)
 from instruments.tables._words import DEGREES, Heading
 
-#: Ways to part a line, in the order in which they are tried.
-TAB, SEMICOLON, COMMA, BAR, GAPS, BRACKETS, BLANKS = "\t", ";", ",", "|", "two blanks", "after brackets", "blanks"
-_SEPARATORS = (TAB, SEMICOLON, COMMA, BAR, GAPS, BRACKETS, BLANKS)
-_OF_ROWS = (TAB, SEMICOLON, COMMA, BAR, BLANKS)
-
-#: What stands where there is no reading.
-ABSENT = (
-    "", "-", "--", "---", "nan", "n/a", "na", "n.a.", "n. a.", "nd", "n.d.", "n. d.", "n.v.", "k.a.", "s.o.", "null",
-    "none", "missing", "invalid", "error", "err", "failed", "#n/a", "#num!", "#div/0!", "#value!", "#ref!",
-    *("*" * count for count in range(1, 9)), *("#" * count for count in range(1, 16)), "?", "...",
-    "inf", "-inf", "+inf", "infinity", "∞", "1.#inf", "-1.#inf", "1.#ind", "-1.#ind", "1.#qnan",
-    "over", "under", "overload", "overflow", "underflow", "ovld", "ovl", "ovf", "ovr", "ol", "o.l.",
-)  # fmt: skip
-
-_POWER = r"\s*[x×*·]\s*10\^?\(?([+-]?\d+)\)?"
-_GROUPS = r"\d{1,3}(?:['\u2019\u00a0\u202f ]\d{3})+"
 _LETTER = re.compile(r"[^\W\d_]")
-_NUMERIC = re.compile(rf"[+-]?(?:(?:{_GROUPS}|\d)[\d.,]*|[.,]\d+)(?:[eEdD][+-]?\d+|{_POWER})?")
-_GROUPED = re.compile(rf"([+-]?{_GROUPS})((?:[.,]\d*)?(?:[eEdD].*)?)")
-_TIMES_TEN = re.compile(_POWER + "$")
-_RAISED = re.compile("(?<=10)[⁻⁺]?[⁰¹²³⁴⁵⁶⁷⁸⁹]+")
-_LOWERED = str.maketrans("⁻⁺⁰¹²³⁴⁵⁶⁷⁸⁹", "-+0123456789")
-_BARE_POWER = re.compile(r"^([+-]?)10\^\(?([+-]?\d+)\)?$")
 _MARK = re.compile(
     r"^\s*(?:#+|%+|//|!)\s*(?:(?:columns?|fields?|variables?|names?|header|units?)\s*[:=]\s*)?", re.IGNORECASE
 )
@@ -65,8 +57,6 @@ _PLACE = re.compile(rf"[+-]?\d+(?:[.,]\d+)?\s*(?:{DEGREES}|C|Hz|rad/s)")
 _PARAMETERS = re.compile(r"\s*[A-Za-z]\w*\s*=\s*[^=;]*;")  # key=value; of a RepTate header
 _SIGNAL = re.compile(r"\s*Sig\d+\s+(.+?)\s*", re.IGNORECASE)  # a column of a file of Universal Analysis
 _MINUS = re.compile(r"\u2212|(?<![\w.,])\u2013(?=\d)")  # as papers and word processors write it
-_DATE = r"\d{1,4}([-/.])\d{1,2}\1\d{1,4}"
-_CLOCK = re.compile(rf"(?:{_DATE}[T ,]*)?\d{{1,2}}:\d{{2}}(?::\d{{2}}(?:[.,]\d+)?)?(?:\s*[AP]M)?", re.IGNORECASE)
 _DATA = re.compile(r"\s*StartOfData\s*", re.IGNORECASE)
 _BEGINS = re.compile(r"^\s*\[step\]\s*$", re.IGNORECASE)
 
@@ -137,68 +127,6 @@ def joined(lines: Iterable[str]) -> Iterator[tuple[int, str]]:
         yield first, held
 
 
-def cells(line: str, separator: str) -> list[str]:
-    """Part one line into cells."""
-    if separator in (TAB, SEMICOLON, COMMA, BAR):
-        text = line.strip().strip("|") if separator == BAR else line
-        # A quotation mark that stands for two primes does not begin a quotation.
-        quoted = re.search(rf'(?:^|{re.escape(separator)})\s*"[^"]*"\s*(?:{re.escape(separator)}|$)', text)
-        if quoted:
-            return [cell.strip() for cell in next(csv.reader([text], delimiter=separator, skipinitialspace=True))]
-        return [cell.strip() for cell in text.split(separator)]
-    if separator == GAPS:
-        return re.split(r"\s{2,}|\t", line.strip())
-    if separator == BRACKETS:
-        return re.split(r"(?<=[)\]])\s+", line.strip())
-    return line.split()
-
-
-def trimmed(found: list[str]) -> list[str]:
-    """Drop what a spreadsheet padded at the end of a line."""
-    while found and not found[-1]:
-        found = found[:-1]
-    return found
-
-
-def is_numeric(cell: str) -> bool:
-    """Tell whether a cell can be a number, whatever its decimal sign."""
-    return _NUMERIC.fullmatch(_with_powers(cell.strip())) is not None
-
-
-def is_clock(cell: str) -> bool:
-    """Tell a time of day, a date, or both, which are no number.
-
-    Examples
-    --------
-    >>> is_clock("14:02:11,5"), is_clock("2021-03-06 14:02"), is_clock("14.02")
-    (True, True, False)
-    """
-    return _CLOCK.fullmatch(cell) is not None
-
-
-def _with_powers(cell: str) -> str:
-    """Write raised digits and a bare power of ten out: ``10⁻²`` is 1e-2."""
-    raised = _RAISED.sub(lambda match: "^" + match[0].translate(_LOWERED), cell)
-    return _BARE_POWER.sub(r"\g<1>1e\2", raised)
-
-
-def plain(cell: str) -> str:
-    """Return a number without what people put in: blanks or apostrophes between thousands, ×10^.
-
-    Examples
-    --------
-    >>> plain("1'234'567.5"), plain("2 500,0"), plain("1.2x10^6")
-    ('1234567.5', '2500,0', '1.2e6')
-    """
-    cell = _with_powers(cell)
-    grouped = _GROUPED.fullmatch(cell)
-    text = re.sub(r"\D", "", grouped[1]) if grouped else cell
-    if grouped:
-        sign = cell[0] if cell[0] in "+-" else ""
-        text = sign + text + grouped[2]
-    return _TIMES_TEN.sub(r"e\1", text)
-
-
 def headings_of(line: str, below: Sequence[str] = ()) -> tuple[list[Heading], str] | None:
     """Return the headings of a line that begins a table, and what separates them; None of others.
 
@@ -208,8 +136,8 @@ def headings_of(line: str, below: Sequence[str] = ()) -> tuple[list[Heading], st
     if len(bare) > _LONGEST or not _LETTER.search(bare):
         return None
     best: tuple[tuple[bool, int, int], list[Heading], str] | None = None
-    widths = {len(row) for text in below for way in _OF_ROWS if _is_all_numbers(row := trimmed(cells(text, way)))}
-    for separator in _SEPARATORS:
+    widths = {len(row) for text in below for way in OF_ROWS if is_all_numbers(row := trimmed(cells(text, way)))}
+    for separator in SEPARATORS:
         texts = trimmed([cell.strip().strip('"') if len(cell) > 2 else cell for cell in cells(bare, separator)])
         is_prose = separator == BLANKS and any(
             text == "=" or is_numeric(text) for text in texts
@@ -226,22 +154,6 @@ def headings_of(line: str, below: Sequence[str] = ()) -> tuple[list[Heading], st
         if best is None or rank > best[0]:
             best = (rank, found, separator)
     return None if best is None else (best[1], best[2])
-
-
-def numbers_of(line: str) -> list[str]:
-    """Return the cells of a line that are all numbers, [] of another line.
-
-    Examples
-    --------
-    >>> numbers_of("1;2,5;3"), numbers_of("1 2 three")
-    (['1', '2,5', '3'], [])
-    """
-    rows = (trimmed(cells(line, way)) for way in (TAB, SEMICOLON, COMMA, BLANKS))
-    return next((row for row in rows if _is_all_numbers(row)), [])
-
-
-def _is_all_numbers(row: Sequence[str]) -> bool:
-    return len(row) > 1 and all(is_numeric(cell) or cell.casefold() in ABSENT for cell in row)
 
 
 _BETWEEN = 4
@@ -475,7 +387,7 @@ def _units(block: Block, lines: Sequence[tuple[int, str]], k: int, separator: st
     """Take the row of units, if there is one; a line of something else may stand between."""
     number, line = lines[k]
     bare = _MARK.sub("", line)
-    for way in dict.fromkeys((separator, *_OF_ROWS)):
+    for way in dict.fromkeys((separator, *OF_ROWS)):
         texts = cells(bare, way)
         texts = texts if way in (TAB, SEMICOLON, COMMA) else trimmed(texts)
         if not any(texts) or len(trimmed(texts)) > len(block.headings):
@@ -524,9 +436,9 @@ def _with_unit(heading: Heading, unit: str) -> Heading:
 def _separator_of_rows(line: str, block: Block, separator: str) -> str:
     """Return what separates the cells of the rows: that of the headings, unless it does not fit."""
     width = len(block.headings)
-    ways = [separator] if separator in _OF_ROWS else []
+    ways = [separator] if separator in OF_ROWS else []
     numbers: dict[str, int] = {}
-    for way in (*ways, *_OF_ROWS):
+    for way in (*ways, *OF_ROWS):
         found = trimmed(cells(line, way))
         count = sum(is_numeric(cell) or cell.casefold() in ABSENT for cell in found)
         if len(found) == width and count * 2 > width:
@@ -535,13 +447,13 @@ def _separator_of_rows(line: str, block: Block, separator: str) -> str:
         return max(numbers, key=lambda way: numbers[way])  # of equals the first
     if ways and sum(map(is_numeric, cells(line, separator))) > 1:
         return separator
-    counts = {way: sum(map(is_numeric, cells(line, way))) for way in _OF_ROWS}
+    counts = {way: sum(map(is_numeric, cells(line, way))) for way in OF_ROWS}
     return max(counts, key=lambda way: counts[way])
 
 
 def _is_row(line: str, block: Block, separator: str) -> bool:
     """Tell a row of numbers: of the columns that are known most hold one."""
-    parts = trimmed(cells(line, separator if separator in _OF_ROWS else BLANKS))
+    parts = trimmed(cells(line, separator if separator in OF_ROWS else BLANKS))
     if not parts:
         return False
     pairs = list(zip(block.headings, parts, strict=False))
@@ -561,7 +473,7 @@ def _given(lines: Sequence[tuple[int, str]], given: list[Heading]) -> list[Block
     """Take every row of as many numbers as there are columns."""
     block = Block(lines[0][0] if lines else 1, given)
     for number, line in lines:
-        way = block.separator or next((w for w in _OF_ROWS if _fits_given(line, w, given)), "")
+        way = block.separator or next((w for w in OF_ROWS if _fits_given(line, w, given)), "")
         if not way:
             block.facts |= dict(_facts(line))
             continue

@@ -31,6 +31,7 @@ from instruments._instrument import HEAD_BYTES
 from instruments._symbols import SHIFTS
 from instruments.anton_paar import Column, Interval, assemble
 from instruments.tables import CODECS, _layout, _words, workbook_hint
+from instruments.tables._cells import numbers_of, plain
 from instruments.tables._columns import example
 from instruments.tables._layout import Block
 from instruments.tables._values import Table
@@ -207,7 +208,7 @@ def _check_last_row(path: Path, line: int, block: Block) -> None:
 
 def _without_headings(path: Path, lines: Sequence[tuple[int, str]]) -> SourceError:
     """Say what was found in place of headings, and how to name the columns."""
-    width = next((len(found) for _, line in lines[:200] if len(found := _layout.numbers_of(line)) > 2), 0)
+    width = next((len(found) for _, line in lines[:200] if len(found := numbers_of(line)) > 2), 0)
     rows = f"; there are rows of {width} numbers" if width else ""
     example = ["f (Hz)", "E' (MPa)", "E'' (MPa)", "T (degC)"][: max(width, 3)] + ["-"] * max(width - 4, 0)
     return SourceError(
@@ -228,7 +229,7 @@ def _spoken(headings: Sequence[Heading]) -> str:
 def _signs(path: Path, blocks: Sequence[Block], decimal: str | None) -> Separators:
     """Decide the decimal sign; between commas it can only be the dot, unless cells are quoted."""
     found = [
-        _layout.plain(cell)
+        plain(cell)
         for block in blocks
         for _, cells in block.rows
         for heading, cell in zip(block.headings, cells, strict=False)

@@ -13,7 +13,8 @@ from instruments import anton_paar
 from instruments._moduli import are_confirmed, missing, with_moduli
 from instruments._symbols import FREQUENCIES
 from instruments.anton_paar import Column
-from instruments.tables import _layout, _words
+from instruments.tables import _words
+from instruments.tables._cells import ABSENT, BLANKS, is_numeric, plain
 from instruments.tables._columns import (
     BESIDE,
     UNITLESS,
@@ -24,7 +25,7 @@ from instruments.tables._columns import (
     parted,
     without_clocks,
 )
-from instruments.tables._layout import ABSENT, Block, is_of_parameters
+from instruments.tables._layout import Block, is_of_parameters
 from instruments.tables._words import Heading
 from labpipe.arrays import Floats
 from labpipe.errors import InputError, SourceError
@@ -130,7 +131,7 @@ def _number_sets(block: Block) -> None:
     """Give sets that are named in words, ``ramp``, ``sweep``, numbers; a name of each row's own tells of none."""
     for k, heading in enumerate(block.headings):
         names = [row[k] if k < len(row) else "" for _, row in block.rows]
-        if heading.name != "set" or all(_layout.is_numeric(name) or not name for name in names):
+        if heading.name != "set" or all(is_numeric(name) or not name for name in names):
             continue
         number = {name: str(count) for count, name in enumerate(dict.fromkeys(names))}
         if len(number) == len(names) > 1:
@@ -148,7 +149,7 @@ def _end_without_numbers(block: Block) -> list[Heading]:
     """
     count = max(block.widths)
     width = max((k + 1 for k, heading in enumerate(block.headings) if heading.text), default=0)
-    if block.separator != _layout.BLANKS or min(block.widths) < count or width <= count:
+    if block.separator != BLANKS or min(block.widths) < count or width <= count:
         return []
     unnamed = block.headings[count:width]
     del block.headings[count:]
@@ -204,7 +205,7 @@ def _values(path: Path, block: Block, signs: Separators) -> Floats:
         for j, cell in enumerate(cells):
             if cell.casefold() in ABSENT:
                 continue
-            value = plain_number(_layout.plain(cell).replace("D", "E").replace("d", "e"), signs)
+            value = plain_number(plain(cell).replace("D", "E").replace("d", "e"), signs)
             if value is not None and abs(value) >= _NO_READING:
                 continue
             if value is None and block.headings[j].is_known:

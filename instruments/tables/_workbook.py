@@ -8,6 +8,7 @@ from pathlib import Path
 from instruments._workbook_texts import beginnings
 from instruments.anton_paar import workbook_rows
 from instruments.tables import _layout, _words
+from instruments.tables._cells import TAB
 
 _MOST = 1 << 20  # bytes of the texts of a workbook in which its headings are looked for
 _PARTS = re.compile(r"xl/(sharedStrings|worksheets/sheet)")
@@ -18,7 +19,7 @@ def sheets(path: Path) -> list[tuple[str, list[tuple[int, str]]]]:
     """Return title and lines of every sheet that holds any; a title that states a temperature is a line."""
     found = []
     for title, rows in groupby(workbook_rows(path), key=lambda row: row.sheet):
-        lines = [(row.line, _layout.TAB.join(_text(cell) for cell in row.cells)) for row in rows]
+        lines = [(row.line, TAB.join(_text(cell) for cell in row.cells)) for row in rows]
         filled = [(number, line) for number, line in lines if line.strip()]
         if filled:
             found.append((title, [(1, title), *filled]))
