@@ -1,6 +1,7 @@
 """Signals in time: derivative, events, oscillation, alignment, repeats, metrics."""
 
 from labpipe.signals._align import Lag, interpolated_at, lag, timed_from_event
+from labpipe.signals._as_fitted import as_fitted
 from labpipe.signals._cycles import Window, active_window, hysteresis_loops
 from labpipe.signals._derivative import velocity
 from labpipe.signals._events import PHASES, bounces, phases
@@ -29,6 +30,7 @@ __all__ = [
     "Window",
     "active_window",
     "agreement",
+    "as_fitted",
     "bounces",
     "combine_repeats",
     "common_fit",

@@ -38,7 +38,8 @@ from labpipe.variables import described, variable, with_u
 PHASES = ("held", "falling", "bouncing", "vibration", "static")
 """Meanings of the integers that :func:`phases` returns."""
 
-_LONGEST_ARC = 12e-3  # s of flight used on either side; longer adds less than the pulse costs
+LONGEST_ARC = 12e-3
+"""Flight [s] used on either side of an impact; longer adds less than the pulse costs."""
 _FALL_TOLERANCE = 0.35  # by which a flight's acceleration may differ from the common one
 _IMPULSIVE = 4.0  # times the fall's acceleration, the least mean acceleration of the first impact
 _RESTED = 0.1  # of the fall, by which a turn begins too early when the body still rests
@@ -56,10 +57,10 @@ _SHARED = (
 )
 """Quantities of which the shape of the contact's pulse is a part of the uncertainty."""
 
-_TOGETHER = ("restitution", "contact_duration", "incoming_speed", "penetration")
+TOGETHER = ("restitution", "contact_duration", "incoming_speed", "penetration")
 """Quantities of an impact that are compared beside each other: what they have in common is told with its sign."""
 
-_LABELS = {
+LABELS = {
     "touch_time": ("s", "time of touch"),
     "liftoff_time": ("s", "time of lift-off"),
     "incoming_speed": ("m/s", "speed at touch"),
@@ -74,6 +75,7 @@ _LABELS = {
     "apex_time": ("s", "time of the highest point after the bounce"),
     "apex_height": ("m", "height of the flight above lift-off"),
 }
+"""What is reported of an impact: units and what it is."""
 
 
 def bounces(
@@ -211,7 +213,7 @@ def bounces(
     found["u_fall_acceleration"] = variable((), u_fall, "m/s2", "standard uncertainty of the fall")
     numbered = variable("impact", np.arange(1, len(impacts) + 1), "1", "number of the impact")
     result = xr.Dataset(
-        found, coords={"impact": numbered, "unknown": [*SHAPE, *(f"noise, {name}" for name in _TOGETHER)]}
+        found, coords={"impact": numbered, "unknown": [*SHAPE, *(f"noise, {name}" for name in TOGETHER)]}
     )
     counts = {
         "samples": len(time),
@@ -327,8 +329,8 @@ def _fitted(
             free_from = impacts[-1].value[OUTPUTS.index("liftoff_time")] + 0.1 * turn.duration
         else:
             free_from = time[turn.before + (turn.descent - turn.before) // 3]
-        begin = max(free_from, turn.touch - _LONGEST_ARC)
-        end = min(time[after.stop - 1], turn.liftoff + _LONGEST_ARC)
+        begin = max(free_from, turn.touch - LONGEST_ARC)
+        end = min(time[after.stop - 1], turn.liftoff + LONGEST_ARC)
         window = slice(*(int(i) for i in np.searchsorted(time, [begin, end])))
         guess = (turn.touch, turn.liftoff)
         impacts.append(fit_impact(time[window], height[window], sigma, guess, *gravity, prior, colour, beneath))
@@ -338,34 +340,34 @@ def _fitted(
 
 def _per_impact(impacts: list[ImpactFit], direction: int) -> dict[str, Any]:
     """Collect the fits over the dimension impact."""
-    columns: dict[str, list[tuple[float, float, float]]] = {name: [] for name in _LABELS}
+    columns: dict[str, list[tuple[float, float, float]]] = {name: [] for name in LABELS}
     common = []
     for impact in impacts:
         gradients = {}
-        for name in _LABELS:
-            value, gradient = _combined(name, impact.value, direction)
+        for name in LABELS:
+            value, gradient = combined(name, impact.value, direction)
             gradients[name] = gradient
             u_shape = float(np.linalg.norm(gradient @ impact.by_shape))
             columns[name].append((value, float(propagated_u(gradient, impact.covariance)), u_shape))
-        common.append(_in_common(np.array([gradients[name] for name in _TOGETHER]), impact))
+        common.append(_in_common(np.array([gradients[name] for name in TOGETHER]), impact))
     found: dict[str, Any] = {}
-    for name, (unit, label) in _LABELS.items():
+    for name, (unit, label) in LABELS.items():
         values, u_values, shared = np.array(columns[name]).T
         found[name] = variable("impact", values, unit, label)
         found[f"u_{name}"] = variable("impact", u_values, unit, f"standard uncertainty of {label}")
         if name in _SHARED:
             text = f"standard uncertainty of {label} common to all repeats, from the pulse shape"
             found[f"shared_u_{name}"] = variable("impact", shared, unit, text)
-    for name, parts in zip(_TOGETHER, np.moveaxis(np.array(common), 1, 0), strict=True):
-        text = f"what one deviation of each common unknown adds to {_LABELS[name][1]}"
-        found[f"common_{name}"] = variable(("impact", "unknown"), parts, _LABELS[name][0], text)
+    for name, parts in zip(TOGETHER, np.moveaxis(np.array(common), 1, 0), strict=True):
+        text = f"what one deviation of each common unknown adds to {LABELS[name][1]}"
+        found[f"common_{name}"] = variable(("impact", "unknown"), parts, LABELS[name][0], text)
     chi_square = [impact.chi_square for impact in impacts]
     found["chi_square"] = variable("impact", chi_square, "1", "scatter about the fit over the noise, squared")
     return found
 
 
 def _in_common(gradients: Floats, impact: ImpactFit) -> Floats:
-    """Return what each common unknown adds to each of :data:`_TOGETHER` (quantity, unknown) of one impact.
+    """Return what each common unknown adds to each of :data:`TOGETHER` (quantity, unknown) of one impact.
 
     Unknown are the shape of the pulse and, independent of it, as many deviations of the noise: the
     symmetric root of what is left of the covariance, which is alike in all repeats.
@@ -378,7 +380,7 @@ def _in_common(gradients: Floats, impact: ImpactFit) -> Floats:
     return np.hstack([by_shape, size[:, None] * root])
 
 
-def _combined(name: str, value: Floats, direction: int) -> tuple[float, Floats]:
+def combined(name: str, value: Floats, direction: int) -> tuple[float, Floats]:
     """One reported quantity and its derivative by the outputs of the fit."""
     by_name = {output: i for i, output in enumerate(OUTPUTS)}
     gradient = np.zeros(len(OUTPUTS))

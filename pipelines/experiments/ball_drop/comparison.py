@@ -7,20 +7,29 @@ import numpy as np
 import xarray as xr
 
 from labpipe import signals
+from labpipe.arrays import Floats
 from labpipe.variables import variable
 from pipelines.experiments.ball_drop.measured import NOISE
 from pipelines.experiments.ball_drop.model import FOLLOWED
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, row
+from pipelines.experiments.shared.plate_under_drop import floor_under
 
 RESTITUTION, DURATION = "restitution, impact ", "contact duration, impact "
 SCALE = "scale of length (gain and inclination)"
 """Input of the rows beside those of the model: the laser's gain and inclination together."""
+_U_GRAVITY = 0.01
+"""m/s2; where the record tells no acceleration of the fall."""
 
 
-def comparison(repeats: xr.Dataset, model: xr.Dataset, *, settings: BallDrop) -> xr.Dataset:
-    """Lay the model over the mean of the repeats, both from first contact, and measure the gap."""
-    del settings
+def comparison(
+    repeats: xr.Dataset, model: xr.Dataset, plate: xr.Dataset | None = None, *, settings: BallDrop
+) -> xr.Dataset:
+    """Lay the model over the mean of the repeats, both from first contact, and measure the gap.
+
+    What an impact shows is found by a fit that expects the pulse of polymers in general. The model's own impacts
+    are fitted alike, so that what its pulse departs from that by is in both.
+    """
     first = float(model["impact_time"][0])
     since = model["time"].values - first
     window = repeats["time"].where((repeats["time"] >= since[0]) & (repeats["time"] <= since[-1]))
@@ -28,20 +37,52 @@ def comparison(repeats: xr.Dataset, model: xr.Dataset, *, settings: BallDrop) ->
     measured = repeats["displacement_mean"].sel(time=time)
     simulated = np.interp(time, since, model["displacement"].values)
     curves = signals.compare(measured, measured.copy(data=simulated))
-    return curves.merge(_bounces_compared(repeats, model, first))
+    seen = _seen(repeats, model, floor_under(settings.plate, plate, settings.sphere.mass), settings)
+    return curves.merge(_bounces_compared(repeats, model, seen, first))
 
 
-def _bounces_compared(repeats: xr.Dataset, model: xr.Dataset, first: float) -> xr.Dataset:
+def _seen(repeats: xr.Dataset, model: xr.Dataset, floor: signals.Floor | None, settings: BallDrop) -> xr.Dataset:
+    """Return the model's first impacts as the analysis finds them (``impact``), NaN where it was not asked."""
     count = min(repeats.sizes["impact"], model.sizes["impact"], FOLLOWED)
+    compared = min(IMPACTS, count)
+    interval = float(np.median(np.diff(repeats["time"])))
+    every = max(1, round(interval / float(model["time"][1] - model["time"][0])))
+    found = signals.as_fitted(
+        model["displacement"][::every],
+        model["impact_time"].values[: compared + 1],
+        model["contact_duration"].values[: compared + 1],
+        compared,
+        noise=repeats.attrs["noise"],
+        gravity=settings.model.gravity.value,
+        u_gravity=float(repeats.get("u_fall_acceleration", _U_GRAVITY)),
+        contact=settings.analysis.contact,
+        floor=floor,
+    )
+    return found.reindex(impact=np.arange(1, count + 1)).rename({name: f"seen_{name}" for name in found.data_vars})
+
+
+def _bounces_compared(repeats: xr.Dataset, model: xr.Dataset, seen: xr.Dataset, first: float) -> xr.Dataset:
+    count = seen.sizes["impact"]
+    fitted = seen["seen_restitution"].values
+    is_fitted = np.isfinite(fitted)
+    theirs, ours = model["restitution"].values[:count], repeats["u_restitution"].values[:count]
     pairs = {
-        "restitution": (repeats["restitution"], model["restitution"], model["u_restitution"], 0.0),
-        "touch_time": (repeats["touch_time"], model["impact_time"], model["u_impact_time"], first),
+        "restitution": (
+            np.where(is_fitted, fitted, theirs),
+            np.where(is_fitted, without_shape(repeats, "restitution")[:count], ours),
+            model["u_restitution"],
+        ),
+        "touch_time": (
+            model["impact_time"].values[:count] - first,
+            repeats["u_touch_time"].values[:count],
+            model["u_impact_time"],
+        ),
     }
     table: dict[str, Any] = {}
-    for name, (ours, theirs, u_theirs, shift) in pairs.items():
-        units = ours.attrs["units"]
-        a, b = ours.values[:count], theirs.values[:count] - shift
-        u = np.hypot(repeats[f"u_{name}"].values[:count], u_theirs.values[:count])
+    for name, (b, u_ours, u_theirs) in pairs.items():
+        units = repeats[name].attrs["units"]
+        a = repeats[name].values[:count]
+        u = np.hypot(u_ours, u_theirs.values[:count])
         for key, values, text in (
             (f"{name}_measured", a, "measured"),
             (f"{name}_model", b, "model"),
@@ -49,7 +90,14 @@ def _bounces_compared(repeats: xr.Dataset, model: xr.Dataset, first: float) -> x
         ):
             table[key] = variable("impact", values, units, f"{name}, {text}")
         table[f"u_{name}_difference"] = variable("impact", u, units, f"standard uncertainty: {name} difference")
-    return xr.Dataset(table, coords={"impact": np.arange(1, count + 1)})
+    return xr.Dataset(table, coords={"impact": np.arange(1, count + 1)}).merge(seen)
+
+
+def without_shape(repeats: xr.Dataset, name: str) -> Floats:
+    """Return the standard uncertainty (impact,) without the shape of the pulse, which the model's fit shares."""
+    of_noise = repeats["unknown"].str.startswith(NOISE)
+    shape = (repeats[f"common_{name}"].where(~of_noise) ** 2).sum("unknown")
+    return np.asarray(np.sqrt(np.maximum(repeats[f"u_{name}"] ** 2 - shape, 0.0)))
 
 
 def rows(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, settings: BallDrop) -> Iterator[Row]:
@@ -75,28 +123,25 @@ def rows(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, sett
         )
     shown = min(IMPACTS, comparison.sizes["impact"])
     for i in range(shown):
-        yield _event(f"{RESTITUTION}{i + 1}", "1", ("restitution",) * 2, i, repeats, model)
+        yield _event(f"{RESTITUTION}{i + 1}", "1", ("restitution",) * 2, i, repeats, model, comparison)
     for i in range(shown):
         names = ("contact_duration",) * 2
-        yield _event(f"{DURATION}{i + 1}", "s", names, i, repeats, model)
+        yield _event(f"{DURATION}{i + 1}", "s", names, i, repeats, model, comparison)
     if shown:
         for title, unit, names in (
             ("speed of the first impact", "m/s", ("incoming_speed", "impact_speed")),
             ("penetration of the first impact", "m", ("penetration",) * 2),
         ):
-            yield _event(title, unit, names, 0, repeats, model, is_length=True)
+            yield _event(title, unit, names, 0, repeats, model, comparison, is_length=True)
 
 
 def common(repeats: xr.Dataset, name: str, impact: int) -> dict[str, float]:
-    """Return what unknowns that are common to several rows add to a measured value, each by its deviation.
-
-    The shape of the contact's pulse is the same in all impacts, the noise is of one.
-    """
+    """Return what the noise of an impact, common to several rows, adds to a measured value by its deviations."""
     found = repeats[f"common_{name}"][impact]
     return {
-        f"impact {impact + 1}, {text}" if text.startswith(NOISE) else f"pulse's {text}": float(value)
+        f"impact {impact + 1}, {text}": float(value)
         for text, value in zip(found["unknown"].values.tolist(), found.values, strict=True)
-        if np.isfinite(value)
+        if text.startswith(NOISE) and np.isfinite(value)
     }
 
 
@@ -107,13 +152,14 @@ def _event(
     impact: int,
     repeats: xr.Dataset,
     model: xr.Dataset,
+    comparison: xr.Dataset,
     *,
     is_length: bool = False,
 ) -> Row:
     """Return one row; `names` are its variable in the repeats and in the model."""
     ours, theirs = names
     measured, u_measured = float(repeats[ours][impact]), float(repeats[f"u_{ours}"][impact])
-    expected, u_expected = float(model[theirs][impact]), float(model[f"u_{theirs}"][impact])
+    expected, u_expected = float(comparison[f"seen_{ours}"][impact]), float(model[f"u_{theirs}"][impact])
     slopes = {
         str(name): -float(slope)
         for name, slope in zip(model["slope_input"].values, model[f"slope_{theirs}"].values[:, impact], strict=True)
@@ -132,5 +178,5 @@ def _event(
         model=expected,
         u_model=u_expected,
         difference=measured - expected,
-        u_difference=np.hypot(u_measured, u_expected),
+        u_difference=np.hypot(float(without_shape(repeats, ours)[impact]), u_expected),
     )

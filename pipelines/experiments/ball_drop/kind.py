@@ -74,8 +74,9 @@ _STAGES = (
     Stage(
         "comparison",
         "pipelines.experiments.ball_drop.comparison:comparison",
-        ("repeats", "model"),
-        (),
+        ("repeats", "model", "other:plate_from/plate"),
+        ("analysis.contact", "plate", "sphere.mass", "model"),
+        may_lack=("other:plate_from/plate",),
         summary="measurement against model",
     ),
     judged(

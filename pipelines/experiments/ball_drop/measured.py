@@ -100,7 +100,8 @@ def repeats(
     u = np.hypot(np.nan_to_num(random), relative * made["displacement_mean"].values)
     made["u_displacement_mean"] = variable("time", u, "m", "standard uncertainty: mean displacement")
     made = made.merge(_table(bounces, relative)).merge(_fall(displacement, bounces, relative))
-    made.attrs = {"u_systematic_relative": relative}
+    noise = float(np.mean([b.attrs["noise"] for b in bounces]))
+    made.attrs = {"u_systematic_relative": relative, "noise": noise}
     return made
 
 

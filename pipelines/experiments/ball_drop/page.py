@@ -25,6 +25,7 @@ from pipelines.experiments.ball_drop.comparison import rows as compared_rows
 from pipelines.experiments.ball_drop.model import FOLLOWED
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import budget_blocks, pages
+from pipelines.experiments.shared.comparison_rows import IMPACTS
 
 _RIGID_FLOOR = (
     "The model assumes a rigid floor. A real floor takes up energy: a floor of mass M lowers the "
@@ -172,7 +173,9 @@ def _against_model(comparison: xr.Dataset) -> Table:
     )
     caption = (
         f"Comparison with the model, of the first {FOLLOWED} impacts at most. The uncertainty of a difference "
-        "includes that of the model from its inputs, as in the summary."
+        "includes that of the model from its inputs, as in the summary. Restitutions, durations and penetrations of "
+        f"the first {IMPACTS} impacts are compared with what the same fit finds in the model's motion: where the fit "
+        "errs by the shape of the pulse that it expects, it errs alike in both."
     )
     return listed(columns, caption)
 

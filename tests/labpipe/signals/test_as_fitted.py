@@ -1,0 +1,102 @@
+"""What a fit finds in a simulated drop, against what it finds in records of that drop."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from labpipe import contact, signals
+from labpipe.errors import InputError
+
+_INTERVAL, _NOISE = 5e-5, 1e-6
+_RECORDS = 8
+
+
+@pytest.fixture(scope="module")
+def simulated() -> xr.Dataset:
+    times = np.arange(0.0, 0.12, _INTERVAL)
+    return contact.drop("ptfe", 9.525e-3, 0.505, 7e-3, 0.12, times=times)
+
+
+@pytest.fixture(scope="module")
+def seen(simulated: xr.Dataset) -> xr.Dataset:
+    return signals.as_fitted(
+        simulated["displacement"],
+        simulated["impact_time"].values,
+        simulated["contact_duration"].values,
+        2,
+        noise=_NOISE,
+        gravity=9.81,
+        u_gravity=0.01,
+        contact="polymer",
+    )
+
+
+@pytest.fixture(scope="module")
+def found(simulated: xr.Dataset) -> list[xr.Dataset]:
+    """Return the bounces of records of it, each with noise of its own and at rest before the release."""
+    held = np.full(400, float(simulated["displacement"][0]))
+    moved = np.concatenate([held, simulated["displacement"].values])
+    random = np.random.default_rng(5)
+    made = []
+    for _ in range(_RECORDS):
+        noisy = moved + _NOISE * random.standard_normal(moved.size)
+        record = xr.DataArray(noisy, {"time": _INTERVAL * np.arange(moved.size)}, dims="time", attrs={"units": "m"})
+        made.append(signals.bounces(record, contact="polymer"))
+    return made
+
+
+@pytest.mark.filterwarnings("ignore:the record ends:UserWarning")
+@pytest.mark.parametrize("name", ["restitution", "contact_duration", "incoming_speed", "penetration"])
+def test_records_scatter_about_it_and_not_about_the_truth(
+    simulated: xr.Dataset, seen: xr.Dataset, found: list[xr.Dataset], name: str
+) -> None:
+    values = np.array([one[name].values[:2] for one in found])
+    mean, error = values.mean(axis=0), values.std(axis=0, ddof=1) / np.sqrt(_RECORDS)
+    # The 99.9 % point of Student's t with seven degrees of freedom.
+    assert np.all(np.abs(mean - seen[name].values) < 5.4 * error)
+
+
+def test_the_shape_of_a_steep_relaxation_shortens_what_a_fit_finds(simulated: xr.Dataset, seen: xr.Dataset) -> None:
+    for name, least in (("contact_duration", 1e-6), ("penetration", 1e-6)):
+        assert float(simulated[name][0] - seen[name][0]) > least
+
+
+def test_less_noise_leaves_less_to_what_is_expected(simulated: xr.Dataset, seen: xr.Dataset) -> None:
+    clean = signals.as_fitted(
+        simulated["displacement"],
+        simulated["impact_time"].values,
+        simulated["contact_duration"].values,
+        1,
+        noise=1e-8,
+        gravity=9.81,
+        u_gravity=0.01,
+        contact="polymer",
+    )
+    off = [float(np.abs(one["penetration"][0] - simulated["penetration"][0])) for one in (clean, seen)]
+    assert off[0] < 0.6 * off[1]
+
+
+def test_an_impact_without_a_lift_off_has_no_values(simulated: xr.Dataset) -> None:
+    short = signals.as_fitted(
+        simulated["displacement"],
+        simulated["impact_time"].values[:1],
+        simulated["contact_duration"].values[:1],
+        2,
+        noise=_NOISE,
+        gravity=9.81,
+        u_gravity=0.01,
+    )
+    assert np.isfinite(short["penetration"].values).tolist() == [True, False]
+
+
+def test_noise_that_is_none_is_refused(simulated: xr.Dataset) -> None:
+    with pytest.raises(InputError, match="expected the positive standard deviation"):
+        signals.as_fitted(
+            simulated["displacement"],
+            simulated["impact_time"].values,
+            simulated["contact_duration"].values,
+            1,
+            noise=0.0,
+            gravity=9.81,
+            u_gravity=0.01,
+        )
