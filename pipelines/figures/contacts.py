@@ -7,7 +7,7 @@ import numpy as np
 from labpipe import signals
 from labpipe.arrays import Floats
 from labpipe.report import line_arguments
-from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, panels
+from pipelines.figures.drawing import Caption, Drawing, beyond, legend_above, letter, panels
 from pipelines.figures.films import around_peak
 from pipelines.figures.inputs import Inputs, is_heated, temperature_of
 
@@ -75,8 +75,10 @@ def phases(inputs: Inputs) -> Drawing:
     first = float(events["first_contact_time"])
     edges = [0.0] + [(float(events[name]) - first) * 1e3 for name in ("settling_time", "rest_time")]
     time = _since_contact(inputs, film)
-    end = float(max(time.max(), inputs.result(drop, "repeats")["time"].max() * 1e3))
-    edges = [e for e in edges if np.isfinite(e)] + [end]
+    recorded = float(inputs.result(drop, "repeats")["time"].max() * 1e3)
+    end = float(max(time.max(), recorded))
+    is_at_rest = np.isfinite(edges[-1])
+    edges = [e for e in edges if np.isfinite(e)] + [end if is_at_rest else recorded]
     top = 1.25e6 * float(np.nanmax(inputs.result(film, "radius")["radius"]))
     hertz = [float(model[f"static_radius_{name}"]) * 1e6 for name in ("brief", "lasting")]
     names = signals.PHASES[2 : 2 + len(edges) - 1]
@@ -107,11 +109,12 @@ def phases(inputs: Inputs) -> Drawing:
             "I, II, III: the impacts that are analysed.",
             computed=(
                 f"phases: {bounced} (the last touch after which no flight is resolved), vibration "
-                f"until {edges[2]:.0f} ms, static from then on. Band: Hertz radius under the "
+                f"until {_vibrating(edges[2], is_at_rest=is_at_rest)}. Band: Hertz radius under the "
                 f"weight, with the creep from an impact's duration to the film's end, {hertz[0]:.0f} to "
                 f"{hertz[1]:.0f} µm; the film at rest shows {rest:.1f} ± {u_rest:.1f} µm."
             ),
-            difference="the thesis prints neither the times of the phases nor the radii.",
+            difference="the thesis prints neither the times of the phases nor the radii."
+            + beyond("the laser's record until rest", f"{recorded:.0f} ms of it") * (not is_at_rest),
             **inputs.data_note(
                 f"the laser recordings {drop} and the film {film}. A film of reduced size is "
                 "dense around the first three impacts and at rest only."
@@ -119,6 +122,11 @@ def phases(inputs: Inputs) -> Drawing:
         ),
         figure,
     )
+
+
+def _vibrating(until: float, *, is_at_rest: bool) -> str:
+    """Say until when it vibrates, in ms."""
+    return f"{until:.0f} ms, static from then on" if is_at_rest else f"the end of the laser's record at {until:.0f} ms"
 
 
 def _first(inputs: Inputs) -> tuple[str, str, float]:
@@ -155,7 +163,8 @@ def four_heights(inputs: Inputs) -> Drawing:
         Caption(
             "Displacement by laser and contact radius by film of an acrylic sphere, over time from first contact.",
             computed="each film is aligned with the laser's record at first contact only.",
-            difference="the thesis prints no numbers here.",
+            difference="the thesis prints no numbers here."
+            + beyond("four heights", f"{len(pairs)}") * (len(pairs) < _MOST_HEIGHTS),
             **inputs.data_note(
                 "mean of the laser recordings and the radius fitted to the interference fringes; "
                 "between the bursts around the impacts a film of reduced size has few frames."
@@ -179,7 +188,8 @@ def spots(inputs: Inputs) -> Drawing:
     chosen.append((keys.sizes["key"] - 1, float(model["contact_radius"][-1]) * 1e6, "at rest"))
     notes = []
     share = _shown_share(keys, size)
-    with panels(len(chosen), 1, width=1, aspect=0.2 + len(chosen) * (0.11 + share), sharex="all") as (figure, axes):
+    aspect = 0.12 + len(chosen) * (0.09 + 0.86 * share)
+    with panels(len(chosen), 1, width=1, aspect=aspect, sharex="all") as (figure, axes):
         for number, (key, radius, word) in enumerate(chosen):
             at = keys.isel(key=key)
             place = axes[number, 0]
@@ -285,7 +295,8 @@ def heated(inputs: Inputs) -> Drawing:
             place.set_xlabel("x (µm)")
         axes[0, 0].set_ylabel("contact radius (µm)")
         letter(axes[0, _IMPACTS], _LETTERS[_IMPACTS], "at rest")
-        axes[0, _IMPACTS].margins(x=0.5)
+        axes[0, _IMPACTS].margins(x=0.5, y=0.1)
+        axes[0, _IMPACTS].set_ylabel("radius (µm)")
         legend_above(figure, axes[0, 0])
     return Drawing(
         Caption(
@@ -341,7 +352,8 @@ def _heated_rest(place: Any, inputs: Inputs, name: str, label: str, look: dict[s
     model = inputs.result(name, "model")
     rest = float(model["contact_radius"][-1]) * 1e6
     relative = float(model["u_static_radius_lasting"]) / float(model["static_radius_lasting"])
-    place.bar(label, 4 * relative * rest, 0.5, (1 - 2 * relative) * rest, color=look["color"], alpha=0.25)
+    box = place.bar(label, 4 * relative * rest, 0.5, (1 - 2 * relative) * rest, color=look["color"], alpha=0.25)
+    box[0].sticky_edges.y.clear()  # the axis leaves room below it too
     place.plot([label], [rest], marker="_", markersize=14, color=look["color"])
 
 

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
+_ABBREVIATIONS = ("nbr", "peek", "ptfe")
+
 DOUBLE_COLUMN_LINE = 100
 """Characters in a line of a caption file."""
 
@@ -102,6 +104,28 @@ def legend_above(figure: Figure, axes: "Axes | Sequence[Axes]", columns: int = 4
         for handle, label in zip(*one.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
     figure.legend(list(handles.values()), list(handles), loc="outside upper center", ncols=columns, columnspacing=1.4)
+
+
+def beyond(printed: str, here: str, samples: str = "the sample thesis does") -> str:
+    """Say what the printed figure shows beyond a small session, and which sample shows it.
+
+    Examples
+    --------
+    >>> beyond("ten frequencies", "2")
+    ' The printed figure shows ten frequencies, as the sample thesis does; this session has 2.'
+    """
+    return f" The printed figure shows {printed}, as {samples}; this session has {here}."
+
+
+def spelled(material: str) -> str:
+    """Return a material's name as text spells it.
+
+    Examples
+    --------
+    >>> spelled("ptfe"), spelled("nylon")
+    ('PTFE', 'nylon')
+    """
+    return material.upper() if material in _ABBREVIATIONS else material
 
 
 def decades(low: float, high: float, per_decade: int = 40) -> Floats:

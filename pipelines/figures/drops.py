@@ -7,7 +7,7 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.report import line_arguments
-from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, panels
+from pipelines.figures.drawing import Caption, Drawing, beyond, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs
 
 _COVERAGE = 2.0
@@ -85,10 +85,8 @@ def _larger_sample(heights_: int, repeats: int) -> str:
     """Say what the printed figure shows beyond a small sample; nothing of a complete one."""
     if heights_ == _MOST_HEIGHTS and repeats >= _REPEATS:
         return ""
-    return (
-        " They show four heights and five repeats, as the samples core (acrylic) and thesis (every polymer) do; "
-        f"this session has {heights_} and {repeats}."
-    )
+    samples = "the samples core (acrylic) and thesis (every polymer) do"
+    return beyond("four heights and five repeats", f"{heights_} and {repeats}", samples)
 
 
 def _ends(inputs: Inputs, chosen: list[str]) -> str:

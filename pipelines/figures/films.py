@@ -6,7 +6,7 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.report import line_arguments
-from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, panels
+from pipelines.figures.drawing import Caption, Drawing, beyond, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs, referred
 
 _IMPACTS = 3
@@ -60,7 +60,8 @@ def laser_and_film(inputs: Inputs) -> Drawing:
                 "the thesis gives no number for the agreement. First contact is printed as about 0.04 s for "
                 f"7 mm (37.8 ms of free fall); here it comes at {touch * 1e3:.2f} ms of a recording that begins "
                 f"before the release, from {drops.height.value * 1e3:g} mm."
-                + (" The printed figure lasts until rest; this film ends before." if t.max() < _TO_REST else "")
+                + beyond("the motion until rest", f"{t.max():.0f} ms of film")
+                * (t.max() < _TO_REST)
             ),
             **inputs.data_note(f"the film {name} and the laser recordings {drop}."),
         ),
@@ -95,7 +96,8 @@ def contact_radius(inputs: Inputs) -> Drawing:
         Caption(
             "Contact radius of the first impacts (left to right) at each drop height, t_p = 0 at the largest radius.",
             computed=f"simulated drops; largest radius, film minus model: {'; '.join(notes)}.",
-            difference="the thesis gives no number for the agreement.",
+            difference="the thesis gives no number for the agreement."
+            + beyond("four heights", f"{len(chosen)}") * (len(chosen) < _MOST_HEIGHTS),
             **inputs.data_note("contact radius from the interference fringes of films."),
         ),
         figure,

@@ -13,7 +13,7 @@ from labpipe.materials import Prony
 from labpipe.report import line_arguments
 from pipelines.experiments.shared import mach1_readings
 from pipelines.figures.chapter2 import CHARACTERISTIC_TIME
-from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, panels
+from pipelines.figures.drawing import Caption, Drawing, beyond, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs
 
 _SHOWN_CYCLES = 3
@@ -56,8 +56,8 @@ def loops(inputs: Inputs) -> Drawing:
             unused.remove()
         frequency = _cycles_at(_PRINTED_FREQUENCY, (above, below), parts, (touch, radius, scale), inputs.origin)
         drawn = _loop_panel(right, parts, (touch, radius, scale))
-        letter(above, "a", f"$\\tilde f$ = {frequency * CHARACTERISTIC_TIME * 1e10:.2f}e-10")
-        letter(right, "b", "mean loops")
+        letter(above, "a", f"$\\tilde f = {frequency * _AXIS:.2f}\\times 10^{{-10}}$")
+        letter(right, "b", f"mean loops: lines {inputs.origin}, points model")
         legend_above(figure, below)
     error = parts["comparison"]["nrmse"].values
     return Drawing(
@@ -82,10 +82,7 @@ def _frequencies(count: int) -> str:
     """Say which sample has all frequencies of the printed figures; nothing where this one has."""
     if count >= _PRINTED_FREQUENCIES:
         return ""
-    return (
-        f" The printed figure shows {_PRINTED_FREQUENCIES} frequencies, as the samples indentation and thesis do; "
-        f"this session has {count}."
-    )
+    return beyond(f"{_PRINTED_FREQUENCIES} frequencies", f"{count}", "the samples indentation and thesis do")
 
 
 def _cycles_at(

@@ -13,7 +13,7 @@ from labpipe.contact.sphere import hertz
 from labpipe.report import line_arguments
 from pipelines.figures.chapter2 import DEPTH, PERIOD, TIP_RADIUS
 from pipelines.figures.chapter3 import GRAVITY, SPHERE_RADIUS
-from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, panels
+from pipelines.figures.drawing import Caption, Drawing, beyond, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs
 
 _PRINTED = ((0.1e-3, 23.1, 12.2), (0.2e-3, 44.7, 31.0), (0.3e-3, 80.6, 55.5))
@@ -22,7 +22,7 @@ _PRINTED = ((0.1e-3, 23.1, 12.2), (0.2e-3, 44.7, 31.0), (0.3e-3, 80.6, 55.5))
 _LOADS = (0.5, 2.5, 3.5, 4.5, 5.5)
 _STARTS_MIN = (0.0, 2.55, 18.20, 33.10, 47.55)
 _END_MIN = 63.0
-_MOST_TESTS, _DRAWN_POINTS = 3, 400
+_MOST_TESTS, _DRAWN_POINTS, _HOLD = 3, 400, 600.0
 _SMOOTHED, _CREEP = 9, 1e4
 """Readings in the moving mean; time in s until which the last load is held in the simulation."""
 
@@ -36,6 +36,7 @@ def _recorded_relaxation(inputs: Inputs) -> Drawing:
     """Draw recorded tests with the model that follows the recorded displacement."""
     name = next(iter(inputs.experiments))
     files = inputs.experiments[name].mach1[:_MOST_TESTS]
+    punch = inputs.experiments[name].punch
     notes: list[str] = []
     others: list[Any] = []
     with panels(1, len(files), width=2, aspect=0.38) as (figure, axes):
@@ -59,9 +60,10 @@ def _recorded_relaxation(inputs: Inputs) -> Drawing:
             moved = loads["position_z"].values - float(ramps["contact_position"])
             others.append(_depth_axis(place, since[inside][thin], moved[inside][thin] * 1e3, is_last=file == files[-1]))
             place.set(xlabel="time from the ramp's begin (s)", ylim=(0.0, 1.3 * peak))
-            letter(place, letter_, f"$\\Delta$ = {depth * 1e3:.3f} mm")
+            by_radius = "" if punch is None else f", $\\Delta/R$ = {depth / punch.radius.value:.3g}"
+            letter(place, letter_, f"$\\Delta$ = {depth * 1e3:.3g} mm{by_radius}")
             notes.append(
-                f"{depth * 1e3:.2g} mm: peak {clean:.1f} ± {u_clean:.1f} N before the filter and {peak:.1f} N "
+                f"{depth * 1e3:.2g} mm: peak {clean:.2f} ± {u_clean:.2f} N before the filter and {peak:.2f} N "
                 f"behind it, plateau {plateau:.2f} ± "
                 f"{float(at['u_plateau_force']):.2f} N (model "
                 f"{float(made['plateau_force_model'][0]):.2f} N), nRMSE "
@@ -74,11 +76,17 @@ def _recorded_relaxation(inputs: Inputs) -> Drawing:
             "Force while the punch is pressed in at 1 mm/s and held, at three depths; right axis: "
             "indentation from the recorded position.",
             computed=("boundary-element simulation with the measured displacement, after the load cell's filter."),
-            difference=f"{'; '.join(notes)}.",
+            difference=f"{'; '.join(notes)}.{_held(float(since[inside][-1]))}",
             **inputs.data_note(f"the Mach-1 recordings of {name}, thinned to equal steps of log time."),
         ),
         figure,
     )
+
+
+def _held(longest: float) -> str:
+    """Say that the printed hold is longer; nothing of one that is as long."""
+    shorter = longest < 0.9 * _HOLD
+    return beyond(f"holds of {_HOLD:g} s", f"{longest:.0f} s", "the samples indentation and thesis do") * shorter
 
 
 def _printed(depth: float) -> str:

@@ -106,14 +106,14 @@ def ringing_plate() -> Drawing:
         axes.plot(t, motion, label="plate", **line_arguments("measured"))
         for sign in (1, -1):
             axes.plot(t, sign * envelope, label="envelope", **line_arguments("reference"))
-        axes.set(xlabel="time since impact $t f_0$ (1)", ylabel="displacement over first amplitude (1)")
+        axes.set(xlabel="time since impact $t f_0$ (1)", ylabel="displacement (1)")
         axes.legend(loc="upper right")
         handles, labels = axes.get_legend_handles_labels()
         axes.legend(handles[:2], labels[:2], loc="upper right")
     return Drawing(
         Caption(
-            "Motion of a plate after an impact, qualitatively: a decaying oscillation about its "
-            "position at rest, with its envelope.",
+            "Motion of a plate after an impact over its first amplitude, qualitatively: a decaying oscillation about "
+            "its position at rest, with its envelope.",
             computed="a damped oscillator with a damping ratio of 0.05, an illustrative value.",
             difference="the printed figure is a sketch without numbers.",
         ),

@@ -54,11 +54,11 @@ def _times(last: float) -> tuple[list[float], str]:
     """Choose the times from release of panel (b), and say which they are."""
     printed = [t for t in _PRINTED_TIMES if t <= last]
     if len(printed) == len(_PRINTED_TIMES):
-        return printed, "those printed in the thesis"
+        return printed, "the frames nearest to those printed in the thesis"
     if len(printed) >= _FEW:
-        return printed, "those printed in the thesis, up to the end of the film"
+        return printed, "the frames nearest to those printed in the thesis, up to the end of the film"
     own = np.linspace(0.0, last, len(_PRINTED_TIMES)).tolist()
-    return own, "evenly spaced: the film is too short for those of the thesis"
+    return own, "evenly spaced: the film is too short for those of the thesis, which the sample thesis shows"
 
 
 def falling_line(inputs: Inputs) -> Drawing:

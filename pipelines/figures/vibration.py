@@ -6,7 +6,7 @@ import numpy as np
 
 from labpipe.report import line_arguments, value_with_uncertainty
 from pipelines.figures import apparatus
-from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, panels
+from pipelines.figures.drawing import Caption, Drawing, beyond, legend_above, letter, panels, spelled
 from pipelines.figures.inputs import Inputs
 
 _MOST_HEIGHTS = 4
@@ -32,7 +32,7 @@ def plate_vibration(inputs: Inputs | None) -> Drawing:
             for i in np.flatnonzero(table["height"].values == height):
                 material = str(table["material"].values[i])
                 look = line_arguments(None, count=kinds.index(material)) | {"linewidth": 0.9}
-                place.plot(time[inside], made["measured"].values[i][inside] * 1e6, label=material, **look)
+                place.plot(time[inside], made["measured"].values[i][inside] * 1e6, label=spelled(material), **look)
                 _mark_amplitude(place, kinds.index(material), float(table["amplitude"].values[i]) * 1e6, look["color"])
             letter(place, "abcd"[panel], f"$h_0$ = {height * 1e3:g} mm")
         for place in axes[-1]:
@@ -45,7 +45,8 @@ def plate_vibration(inputs: Inputs | None) -> Drawing:
     return Drawing(
         Caption(
             "Displacement of the plate beside the disc after the first contact of spheres of "
-            f"{', '.join(kinds)}, mean of the repeats; bars before the blow: amplitudes at impact, in this order.",
+            f"{', '.join(map(spelled, kinds))}, mean of the repeats; bars before the blow: amplitudes at impact, in "
+            "this order.",
             computed=(
                 f"free vibration between the first two contacts: natural frequency "
                 f"{_shown(plate, 'frequency', 'Hz')}, damping ratio "
@@ -56,12 +57,19 @@ def plate_vibration(inputs: Inputs | None) -> Drawing:
             difference=(
                 f"the thesis prints no numbers; it says that the frequency is the same for all "
                 f"materials and heights (here: probability {chance:.2f} of so large a difference "
-                "by chance) and that the amplitude grows with the height."
+                "by chance) and that the amplitude grows with the height." + _fewer(len(heights), len(kinds))
             ),
             **inputs.data_note(f"{int(table['n'].sum())} recordings of the laser on the plate ({name})."),
         ),
         figure,
     )
+
+
+def _fewer(heights: int, materials: int) -> str:
+    """Say that the printed figure shows more spheres or heights; nothing where it does not."""
+    if heights >= _MOST_HEIGHTS and materials >= _MOST_HEIGHTS:
+        return ""
+    return beyond("four heights and four spheres", f"{heights} and {materials}")
 
 
 def _mark_amplitude(place: Any, number: int, amplitude: float, color: str) -> None:
@@ -81,5 +89,5 @@ def _amplitudes(table: object, kinds: list[str]) -> str:
         chosen = np.flatnonzero(table["material"].values == kind)  # type: ignore[index]
         order = sorted(chosen, key=lambda i: float(table["height"][i]))  # type: ignore[index]
         values = ", ".join(f"{float(table['amplitude'][i]) * 1e6:.2f}" for i in order)  # type: ignore[index]
-        notes.append(f"{kind} {values}")
+        notes.append(f"{spelled(kind)} {values}")
     return "; ".join(notes)
