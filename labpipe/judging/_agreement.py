@@ -2,17 +2,20 @@
 
 For differences d with covariance C, chi square = d' C^-1 d has as many degrees of freedom as C has
 independent directions (JCGM 102; generalised least squares). What two rows share - one calibration,
-one modulus - stands off the diagonal, so that it is neither counted twice nor lost.
+one modulus - stands off the diagonal, so that it is neither counted twice nor lost. A variance that is
+allowed only because slopes are no better known is in C, but nothing is expected to scatter by it: with C0
+for the rest, chi square is trace(C^-1 C0) on the average, and that many are its degrees of freedom.
 """
 
 from dataclasses import dataclass
 from math import sqrt
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special  # scipy.stats takes longer to load than a judgement to read
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 
 ModelVerdict = Literal["agrees", "differs", "undecided", "none"]
@@ -44,7 +47,27 @@ class Agreement:
     largest: float
 
 
-def agreement(differences: ArrayLike, covariance: ArrayLike) -> Agreement:
+class Directions(NamedTuple):
+    """Independent directions of differences, and how many of them are expected to scatter.
+
+    ``root`` (direction, row) turns differences into numbers whose variance is one at most.
+    """
+
+    root: Floats
+    degrees_of_freedom: int
+
+
+def directions(covariance: Floats, slack: ArrayLike | None = None) -> Directions:
+    """Find the independent directions of a covariance (row, row); `slack` as for :func:`agreement`."""
+    scale = np.sqrt(np.diagonal(covariance))
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    kept = values > _SINGULAR * values.max()
+    root = (vectors[:, kept] / np.sqrt(values[kept])).T / scale
+    allowed = 0.0 if slack is None else float(np.sum(root**2 @ np.asarray(slack, float)))
+    return Directions(root, max(round(kept.sum() - allowed), 1))
+
+
+def agreement(differences: ArrayLike, covariance: ArrayLike, slack: ArrayLike | None = None) -> Agreement:
     """Compare measured with predicted values.
 
     Parameters
@@ -53,6 +76,8 @@ def agreement(differences: ArrayLike, covariance: ArrayLike) -> Agreement:
         Measured minus predicted, in any unit per row.
     covariance : array (row, row)
         Of the differences, with what the rows share off the diagonal.
+    slack : array (row,), optional
+        Part of its diagonal that is allowed to a row, and not expected of it. Default: none.
 
     Returns
     -------
@@ -78,13 +103,9 @@ def agreement(differences: ArrayLike, covariance: ArrayLike) -> Agreement:
     if not (variances > 0.0).all():
         message = "a difference without uncertainty cannot be judged; state the uncertainty"
         raise InputError(message)
-    scale = np.sqrt(variances)
-    z = d / scale
-    values, vectors = np.linalg.eigh(C / np.outer(scale, scale))
-    kept = values > _SINGULAR * values.max()
-    chi2 = float(np.sum((vectors[:, kept].T @ z) ** 2 / values[kept]))
-    count = int(kept.sum())
-    return Agreement(chi2, count, float(special.chdtrc(count, chi2)), float(np.abs(z).max()))
+    root, count = directions(C, slack)
+    chi2 = float(np.sum((root @ d) ** 2))
+    return Agreement(chi2, count, float(special.chdtrc(count, chi2)), float(np.abs(d / np.sqrt(variances)).max()))
 
 
 def model_verdict(found: Agreement | None, could_notice: bool) -> ModelVerdict:

@@ -4,10 +4,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
+from labpipe.judging._agreement import directions
+
 _LIMIT = 0.95
 
 
-def detectable(sensitivities: ArrayLike, covariance: ArrayLike, power: float = 0.95) -> np.ndarray:
+def detectable(
+    sensitivities: ArrayLike, covariance: ArrayLike, power: float = 0.95, slack: ArrayLike | None = None
+) -> np.ndarray:
     """Return the smallest error of each input that the comparison would have shown.
 
     An error e of an input shifts the differences by s e and makes chi square noncentral with
@@ -22,6 +26,8 @@ def detectable(sensitivities: ArrayLike, covariance: ArrayLike, power: float = 0
         Of the differences.
     power : float
         Probability with which the error would have been shown.
+    slack : array (row,), optional
+        As for :func:`labpipe.judging.agreement`.
 
     Returns
     -------
@@ -37,12 +43,9 @@ def detectable(sensitivities: ArrayLike, covariance: ArrayLike, power: float = 0
     C = np.atleast_2d(np.asarray(covariance, float))
     if S.ndim == 1:
         S = S[:, None]
-    scale = np.sqrt(np.diagonal(C))
-    values, vectors = np.linalg.eigh(C / np.outer(scale, scale))
-    kept = values > 1e-9 * values.max()
-    whitened = (vectors[:, kept].T @ (S / scale[:, None])) / np.sqrt(values[kept])[:, None]
-    strength = np.linalg.norm(whitened, axis=0)
-    wanted = np.sqrt(_noncentrality(int(kept.sum()), power))
+    root, count = directions(C, slack)
+    strength = np.linalg.norm(root @ S, axis=0)
+    wanted = np.sqrt(_noncentrality(count, power))
     return np.divide(wanted, strength, out=np.full(len(strength), np.inf), where=strength > 0.0)
 
 

@@ -152,6 +152,27 @@ def test_a_direction_without_information_does_not_count():
     assert found.chi2 == pytest.approx(1.0)
 
 
+def test_what_is_allowed_and_not_expected_is_no_degree_of_freedom():
+    random = np.random.default_rng(7)
+    expected = shared(4, 0.0, 1.0) + np.diag([0.3, 0.3, 0.0, 0.0])
+    slack = np.array([0.0, 0.0, 0.01, 0.01])
+    C = expected + np.diag(slack)
+    drawn = random.multivariate_normal(np.zeros(4), expected, size=800)
+    found = [agreement(d, C, slack) for d in drawn]
+    assert {one.degrees_of_freedom for one in found} == {3}
+    assert np.mean([one.chi2 for one in found]) == pytest.approx(3.0, abs=4 * np.sqrt(6 / 800))
+    assert stats.kstest([one.p for one in found], "uniform").pvalue > 0.01
+    # Counted as expected, they make every p too close to one.
+    assert np.mean([agreement(d, C).p for d in drawn]) > 0.6
+
+
+def test_rows_that_contradict_each_other_beyond_what_is_allowed_still_show():
+    C = shared(2, 0.0, 1.0) + 0.0025 * np.eye(2)
+    slack = np.full(2, 0.0025)
+    assert agreement([0.3, -0.3], C, slack).p < 1e-6
+    assert detectable([[1.0], [0.0]], C, slack=slack)[0] < 0.3
+
+
 def test_differences_without_uncertainty_are_refused():
     with pytest.raises(InputError, match="without uncertainty"):
         agreement([1.0], [[0.0]])

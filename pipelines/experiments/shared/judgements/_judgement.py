@@ -17,7 +17,7 @@ from pipelines.experiments.shared.material_choice import is_of_spectrum
 MATTERS = 0.2
 """Relative error of an input that a comparison must be able to show before it can agree."""
 _LEAST_OWN = 0.05
-"""Least part of a difference's uncertainty that is its own, not shared with other rows."""
+"""Least part of a difference's uncertainty that is its own, not shared with other rows: slopes are no better."""
 
 
 def judgement(scene: Scene) -> xr.Dataset:
@@ -43,9 +43,9 @@ def judgement(scene: Scene) -> xr.Dataset:
     if rows:
         every = [*names, *sorted(named & set(known) - set(names))]
         slopes = np.array([[row.slopes.get(name, 0.0) for name in every] for row in rows])
-        covariance = _covariance(rows, slopes, [known[name].u for name in every])
-        found = agreement([row.difference or 0.0 for row in rows], covariance)
-        smallest = detectable(slopes[:, : len(names)], covariance) if names else smallest
+        covariance, slack = _covariance(rows, slopes, [known[name].u for name in every])
+        found = agreement([row.difference or 0.0 for row in rows], covariance, slack)
+        smallest = detectable(slopes[:, : len(names)], covariance, slack=slack) if names else smallest
         own = slopes[:, : len(names)]
         told = explanations(scene, judged, names, rows, own, covariance)
         stiffness = stiffness_of(names, scene.inputs, rows, own, covariance)
@@ -64,13 +64,17 @@ def judgement(scene: Scene) -> xr.Dataset:
     return made.assign_attrs(suspects=json.dumps(told if wanted else []), stiffness=json.dumps(stiffness))
 
 
-def _covariance(rows: Sequence[Row], slopes: Any, u: Sequence[float]) -> Any:
-    """Return the covariance of the differences: what inputs share, and what is each row's own."""
+def _covariance(rows: Sequence[Row], slopes: Any, u: Sequence[float]) -> tuple[Any, Any]:
+    """Return the covariance of the differences, and what of its diagonal only makes up for slopes.
+
+    It is what inputs share, and what is each row's own.
+    """
     parts = slopes * np.asarray(u) if len(u) else np.zeros((len(rows), 0))
     shared = parts @ parts.T
     total = np.array([row.u_difference or 0.0 for row in rows]) ** 2
-    own = np.maximum(total - np.diagonal(shared), _LEAST_OWN**2 * total)
-    return shared + np.diag(own)
+    own = np.maximum(total - np.diagonal(shared), 0.0)
+    least = np.maximum(own, _LEAST_OWN**2 * total)
+    return shared + np.diag(least), least - own
 
 
 def _dataset(
