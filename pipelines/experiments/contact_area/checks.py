@@ -13,7 +13,7 @@ from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.contact_area._frame_checks import frame_checks, summits_seen
 from pipelines.experiments.contact_area._scale import fringe_scale
-from pipelines.experiments.contact_area.comparison import PLATE, SCALE, WAVELENGTH, plate_mass, rows
+from pipelines.experiments.contact_area.comparison import FRAMES, PLATE, SCALE, WAVELENGTH, plate_mass, rows
 from pipelines.experiments.contact_area.measured import brightness
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
@@ -100,6 +100,7 @@ def judgement(
             list(_causes(radius, settings)),
             compared_rows,
             _inputs(radius, model, settings),
+            {FRAMES: Quantity(0.0, 1.0, "1")},
             basis=basis,
             measured_by=judgements.measured_by(settings.sphere),
         )

@@ -22,6 +22,8 @@ from pipelines.experiments.shared.plate_under_drop import OF_PLATE
 SCALE = "scale of the image"
 """Input of the rows beside those of the model."""
 WAVELENGTH = "wavelength"
+FRAMES = "radius in all frames alike"
+"""Of the rows: what frames have in common beside the length of a pixel, as the light's phase."""
 PIXEL = "length of a pixel, by the fringes"
 PLATE = f"{OF_PLATE}mass"
 
@@ -75,6 +77,8 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
             (theirs * np.array(sizes, dtype=float).reshape(-1, 2).T), ("peak_radius", "u_peak_radius"), strict=True
         )
     )
+    alike = float(np.nanmedian(shared / a)) if np.isfinite(shared / a).any() else 0.0
+    beyond = sqrt(max(alike**2 - float(radius.attrs.get("u_systematic_relative", 0.0)) ** 2, 0.0))
     u = np.hypot(u_ours, model["u_peak_contact_radius"].values[:count])
     earlier, u_earlier = np.array(shifts, dtype=float).reshape(-1, 2).T
     return xr.Dataset(
@@ -87,6 +91,9 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
                 "impact", np.array(errors), "1", "root-mean-square error over largest radius of the model"
             ),
             **with_u("peak_radius_film", "impact", ours, u_ours, "m", "largest radius, film"),
+            "peak_radius_alike": variable(
+                "impact", beyond * ours, "m", f"part of that uncertainty that all impacts share: {FRAMES}"
+            ),
             "peak_radius_model": variable("impact", theirs, "m", "largest radius, model"),
             **with_u("peak_radius_difference", "impact", ours - theirs, u, "m", "largest radius, film minus model"),
             **with_u(
@@ -221,6 +228,7 @@ def rows(comparison: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, sett
             u_difference=comparison["u_peak_radius_difference"][i],
             slopes={
                 SCALE: float(comparison["peak_radius_film"][i]),
+                FRAMES: float(comparison["peak_radius_alike"][i]),
                 # Hertz's impact: a ~ R^0.4 (m h)^0.2 E^-0.2
                 "radius": -0.4 * expected / sphere.radius.value,
                 "mass": -0.2 * expected / sphere.mass.value,
