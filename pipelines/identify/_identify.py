@@ -32,7 +32,7 @@ from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment, Session
 from pipelines.experiments import KINDS, Derived
 from pipelines.experiments.shared.material_evidence import MaterialEvidence
-from pipelines.identify._materials import known_before, material_name, prior_of, temperature_of
+from pipelines.identify._materials import known_before, material_name, of_temperature, prior_of, temperature_of
 from pipelines.session import derive, processed_for, reopen_session
 
 Say = Callable[[str], None]
@@ -226,7 +226,8 @@ def _identified(results: Results, material: str, group: _Group, wish: Wish, rema
     if wish.sampler == "rto":
         say("draws of the posterior")
         drawn = sample(known)
-    return Identified(material, known, long_time_modulus(known), before, tuple(remarks), drawn)
+    said = [*remarks, *filter(None, [of_temperature(group.experiments)])]
+    return Identified(material, known, long_time_modulus(known), before, tuple(said), drawn)
 
 
 def _silent(text: str) -> None:

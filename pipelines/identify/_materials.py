@@ -1,5 +1,6 @@
 """The material of an experiment in a session, and its prior."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from labpipe.errors import UsageError
@@ -24,6 +25,18 @@ def temperature_of(experiment: Experiment) -> float | None:
     """Return the temperature [degC] at which the material was, where it is stated."""
     stated = choice(experiment).temperature
     return None if stated is None else float(stated.value)
+
+
+def of_temperature(experiments: Sequence[Experiment]) -> str:
+    """Say at which temperature the moduli are, and that how well it is known does not widen them; "" if unstated."""
+    stated = {choice(experiment).temperature for experiment in experiments} - {None}
+    if not stated:
+        return ""
+    each = ", ".join(sorted(f"{t.value:g} ± {t.u:g} °C" if t.u else f"{t.value:g} °C" for t in stated))
+    return (
+        f"moduli are those at the temperature that the specimen had, stated as {each}: how well that is known is in no "
+        "uncertainty here, and a rheometer's moduli at exactly this temperature may differ by what it changes"
+    )
 
 
 def known_before(experiment: Experiment) -> Derived:
