@@ -35,13 +35,11 @@ def knocked(name: str, blocks: Sequence[Part]) -> Check:
             worst = share, float(pieces.max()), float(time[int(np.argmax(loud)) * _WINDOW]), part
     if worst is None:
         known = any(_steady(part)[0].size >= _FEWEST * _WINDOW for part in blocks)
-        text = f"{name}: no force trembles for a while"
+        text = f"{name}: the force is as smooth in all stretches"
         return stated(KNOCK, law, text, None, file=name) if known else not_made(KNOCK, law, "a steady motion")
     share, size, at, part = worst
-    text = (
-        f"{name}, block {part.number + 1}: about {quantity(at, 's')} the force trembles by {quantity(size, 'N')} from "
-        "reading to reading, for a while"
-    )
+    text = f"{name}, block {part.number + 1}: about {quantity(at, 's')} the force fluctuates for a while, by "
+    text += f"{quantity(size, 'N')} from reading to reading"
     level: Level = "doubtful" if share > _LARGE else "note"
     cause = f"something struck the table or the tester about {quantity(at, 's')}; leave that cycle or hold out"
     return stated(KNOCK, law, text, level, cause=cause, file=name, line=part.header_line)

@@ -87,11 +87,9 @@ def commands_kept(name: str, blocks: Sequence[Part]) -> Iterator[Check]:
         wanted, rounding, line = part.declared(key)
         if not (isfinite(seen) and isfinite(wanted)) or wanted == 0.0:
             return
-        ratio = seen / wanted
-        text = (
-            f"{name}, block {part.number + 1}: {title} is {quantity(seen, unit)}, declared are "
-            f"{quantity(wanted, unit)} ({ratio:.3g} times)"
-        )
+        ratio = f"{seen / wanted:.3g}"
+        text = f"{name}, block {part.number + 1}: {title} is {quantity(seen, unit)}, declared are "
+        text += f"{quantity(wanted, unit)}{'' if ratio == '1' else f' ({ratio} times)'}"
         allowance = _STAGE[title] * wanted + (_LATE if title == HOLD else 0.0)
         law = "the stage does what the header declares"
         small = max(u, 2e-3 * wanted)
@@ -218,7 +216,8 @@ def shape_of_oscillation(name: str, blocks: Sequence[Part]) -> Check:
     if not found:
         return not_made(SHAPE, law, "an oscillation that the position resolves")
     ratio, share, part = max(found, key=lambda each: each[0])
-    text = f"{name}, block {part.number + 1}: {share:.0%} of the readings lie at one end, {ratio:.2g} times a sine's"
+    text = f"{name}, block {part.number + 1}: {100 * share:.0f} % of the readings lie at one end, "
+    text += f"{ratio:.2g} times a sine's"
     level: Level | None = "doubtful" if ratio > _AT_REST else None
     cause = (
         "the stage stopped before the end of its way: a limit of travel, force or speed, or another wave than the "
@@ -249,7 +248,7 @@ def resolution_of_position(name: str, blocks: Sequence[Part]) -> Check:
         if step > 0.0 and np.mean(np.abs(x / step - np.round(x / step)) < _ROUNDED) > _ALL:
             coarse = max(coarse, (step / float(np.ptp(x)), part), key=lambda each: each[0])
     step, part = coarse
-    text = f"{name}, block {part.number + 1}: the steps of the position are {step:.1%} of the motion"
+    text = f"{name}, block {part.number + 1}: the steps of the position are {100 * step:.2g} % of the motion"
     level: Level | None = "doubtful" if step > _COARSE else None
     cause = "the file was written, or saved again by a spreadsheet, with too few decimals" if level else ""
     return stated(RESOLVED, law, text, level, cause=cause, file=name, line=part.header_line)

@@ -74,7 +74,7 @@ def late(name: str, part: Part) -> Check:
     if early.size < 5 or not np.isfinite(after).all():
         return not_made(title, law, "readings within a third of a second after a ramp")
     means = np.convolve(after, np.full(early.size, 1.0 / early.size), "valid")
-    rise, at = float(means.max() - early.mean()), float(time[time >= arrived][int(np.argmax(means))])
+    rise, at = max(float(means.max() - early.mean()), 0.0), float(time[time >= arrived][int(np.argmax(means))])
     later = means[means.size // 2 :]
     places = np.linspace(-1.0, 1.0, later.size)
     wander = later - np.polyval(np.polyfit(places, later, 1), places)
