@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.integrate import quad
 
 from labpipe.contact.line._kernels import line_kernel
 from labpipe.contact.line._profiles import strip_heights
 from labpipe.contact.line._strips import line_bed, line_pressure
 from labpipe.contact.springs._bed import NotNestedError, sphere_bed
+from labpipe.contact.springs._march import _heat_weights
 from labpipe.errors import InputError
 
 PERIOD, RADIUS, ELEMENTS = 8e-3, 2e-3, 256
@@ -112,3 +114,12 @@ def test_a_reach_within_the_first_strip_keeps_that_strip() -> None:
     _, _, (bed, _) = bed_of(reach=1e-7)
     assert bed.size > 1
     assert bed.gap[0] < 1e-7 < bed.gap[1]
+
+
+@pytest.mark.parametrize("x", [1e-6, 1e-3, 0.02, 0.0499, 0.0501, 0.3, 2.0, 40.0])
+def test_heat_of_a_step_is_its_integral_by_series_and_in_closed_form(x: float) -> None:
+    """A dashpot whose force decays as e^-s while the step adds 1 - e^-s, below and above where the series ends."""
+    parts = (lambda s: np.exp(-2.0 * s), lambda s: -np.exp(-s) * np.expm1(-s) / x, lambda s: np.expm1(-s) ** 2 / x**2)
+    exact = [quad(part, 0.0, x, epsabs=0.0, epsrel=1e-12)[0] for part in parts]
+    # the first term that the series leaves out is some 0.01 x^5 of the whole
+    np.testing.assert_allclose([w.item() for w in _heat_weights(np.array([x]))], exact, rtol=1e-8)

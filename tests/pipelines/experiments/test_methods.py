@@ -1,5 +1,6 @@
 """Every sentence of "Methods, to paste" says what was done: each page in each of its branches."""
 
+import json
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,6 +12,7 @@ from labpipe.units import Quantity
 from pipelines.experiments.ball_drop import page as drop
 from pipelines.experiments.contact_area import page as film
 from pipelines.experiments.dic_validation import page as camera
+from pipelines.experiments.dma import page as rheometer
 from pipelines.experiments.relaxation import page as relaxation
 from pipelines.experiments.shared.settings import Sphere
 
@@ -85,6 +87,28 @@ def test_a_film_without_a_laser_is_not_compared_with_one() -> None:
     settings: Any = SimpleNamespace(tracking=SimpleNamespace(order=5), view="side")
     track = xr.Dataset({"subset": ("frame", [41])})
     _holds(camera._methods(settings, track, xr.Dataset()), ("digital image correlation",), ("laser", "Bland"))
+
+
+@pytest.mark.parametrize(
+    ("asked", "mode", "says", "hides"),
+    [
+        ("free", "tension", ("every isotherm had a shift of its own",), ("the shifts followed", "2 (1 + ν) G")),
+        ("wlf", "shear", ("the shifts followed the WLF law", "2 (1 + ν) G with ν = 0.35"), ("of its own",)),
+        ("arrhenius", "bending", ("the shifts followed the Arrhenius law",), ("of its own", "2 (1 + ν) G")),
+    ],
+)
+def test_a_rheometer_tells_what_its_shifts_followed_and_where_tension_comes_from(
+    asked: str, mode: str, says: Any, hides: Any
+) -> None:
+    law = {"name": "wlf", "T_ref": 20.0, "parameters": [0.1, 0.01], "C1": 10.0, "u_C1": 0.1, "C2": 100.0, "u_C2": 1.0}
+    curve = xr.Dataset(
+        {"T_ref": 20.0, "storage_residual": ("point", [0.01, -0.01]), "loss_residual": ("point", [0.02, np.nan])},
+        coords={"temperature": [0.0, 20.0, 40.0]},
+        attrs={"law": json.dumps(law | {"chi_square": 2.0, "freedom": 2}), "vertical_law": "none"},
+    )
+    settings: Any = SimpleNamespace(mode=mode, nu=Quantity(0.35, 0.0, "1"), fit=SimpleNamespace(law=asked))
+    text = rheometer._methods(settings, curve)
+    _holds(text, (*says, "at 3 temperatures", "1.00 % (E′) and 2.00 % (E″)"), hides)
 
 
 def _holds(text: str, says: tuple[str, ...], hides: tuple[str, ...]) -> None:

@@ -5,12 +5,13 @@ from pathlib import Path
 import pytest
 
 from labpipe.errors import UsageError
+from labpipe.report import Table
 from labpipe.uncertainty import Input
 from pipelines import process
 from pipelines.cli import main
 from pipelines.session import advice, examine
 from pipelines.session._examined import Quantity, examined
-from pipelines.session._sensitivity_page import agreement, answer
+from pipelines.session._sensitivity_page import agreement, answer, answers
 from tests.pipelines.asked import check
 
 
@@ -105,3 +106,16 @@ def test_where_the_result_bends_both_ways_differ_and_the_page_says_so() -> None:
     assert agreement([bent]).startswith("Linear shares of the variance and Sobol's total indices")
     assert "differ where the result is nonlinear" in agreement([bent])
     assert "x, y" in agreement([bent])
+
+
+def test_a_ratio_has_its_uncertainty_as_it_is_and_a_length_in_per_cent_of_itself() -> None:
+    def told(unit: str) -> str:
+        inputs = {"a": Input(0.9, 0.0045)}
+        one = examined("x", Quantity("y", unit, lambda a: a, inputs))
+        table = answers([one])[-1]
+        assert isinstance(table, Table)
+        return str(table.rows[0][2])
+
+    # expanded: 1.96 times 0.0045, of 0.9
+    assert told("m") == "0.98 %"
+    assert told("1") == "0.0088"
