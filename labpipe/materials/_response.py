@@ -249,8 +249,9 @@ def _step(solid: Prony, before: Floats, length: float, rise: float) -> tuple[Flo
 def inequalities(E_relaxed: float, E: Sequence[float] | Floats, rho: Sequence[float] | Floats) -> list[Inequality]:
     """Hold relaxation terms, admissible or not, against the thesis's thermodynamic conditions.
 
-    :class:`Prony` refuses a negative weight outright, which is sufficient; a sum with one may still
-    obey some of the conditions. This tells which, and where the others fail.
+    :class:`Prony` refuses a negative weight outright. A sum with one may still obey the conditions that
+    look at one step or at cycles; some history of strain then leaves only that element strained, and (1.20)
+    gains energy there. This tells which conditions hold, and where the others fail.
 
     Parameters
     ----------
@@ -263,9 +264,10 @@ def inequalities(E_relaxed: float, E: Sequence[float] | Floats, rho: Sequence[fl
     Returns
     -------
     list of Inequality
-        (1.8) fading memory, (1.20) relaxation modulus never rising, (1.21) and (1.24) no work gained
-        in a closed cycle (loss modulus at every frequency), (1.25) stored energy of a step not
-        negative, and convexity, which the text demands after (1.25).
+        (1.8) fading memory, (1.20) for a step: the relaxation modulus never rises, (1.21) and (1.24)
+        no work gained in a closed cycle (loss modulus at every frequency), (1.25) stored energy of a
+        step not negative, convexity, which the text demands after (1.25), and (1.20) and (1.25) for
+        every history: no weight is negative.
 
     Raises
     ------
@@ -275,9 +277,11 @@ def inequalities(E_relaxed: float, E: Sequence[float] | Floats, rho: Sequence[fl
     Examples
     --------
     >>> [row.holds for row in inequalities(1.0, [1.0], [1.0])]
-    [True, True, True, True, True]
+    [True, True, True, True, True, True]
     >>> [row.equation for row in inequalities(1.0, [1.0, -0.1], [1.0, 1e-3]) if not row.holds]
-    ['1.8', '1.20', '1.21, 1.24', '1.25 text']
+    ['1.8', '1.20', '1.21, 1.24', '1.25 text', '1.20, 1.25']
+    >>> [row.equation for row in inequalities(2.0, [2.0, -0.1], [1.0, 0.5]) if not row.holds]
+    ['1.20, 1.25']
     """
     weight, times = np.asarray(E, dtype=float), np.asarray(rho, dtype=float)
     if weight.ndim != 1 or weight.shape != times.shape:
@@ -286,6 +290,8 @@ def inequalities(E_relaxed: float, E: Sequence[float] | Floats, rho: Sequence[fl
     if not (np.isfinite(E_relaxed) and np.isfinite(weight).all() and np.isfinite(times).all() and np.all(times > 0)):
         message = "the modulus and weights must be finite, and every time positive and finite"
         raise InputError(message)
+    each, which = np.unique(times, return_inverse=True)  # elements of one time are one element
+    of_elements = np.append(each, np.inf), np.append(np.bincount(which, weight, each.size), E_relaxed)
     low, high = (float(times.min()), float(times.max())) if times.size else (1.0, 1.0)
     count = round(_PER_DECADE * np.log10(_BEYOND**2 * high / low)) + 1
     t = np.geomspace(low / _BEYOND, high * _BEYOND, count)
@@ -296,10 +302,11 @@ def inequalities(E_relaxed: float, E: Sequence[float] | Floats, rho: Sequence[fl
     falling, bending = decay @ (weight / times), decay @ (weight / times**2)
     return [
         _held("1.8", "the memory fades: |dE/dt| falls with time", t, -np.diff(np.abs(falling), append=0.0)),
-        _held("1.20", "E(t) never rises: dissipation is not negative", t, t * falling),
+        _held("1.20", "E(t) never rises: the dissipation after a step is not negative", t, t * falling),
         _held("1.21, 1.24", "no work is gained in a cycle: E''(ω) is not negative", omega, loss),
         _held("1.25", "the stored energy of a step is not negative: E(t) ≥ 0", t, E_relaxed + decay @ weight),
         _held("1.25 text", "E(t) is convex", t, t**2 * bending),
+        _held("1.20, 1.25", "dissipation and stored energy of every history: no weight is negative", *of_elements),
     ]
 
 

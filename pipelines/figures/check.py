@@ -27,6 +27,7 @@ from scipy.optimize import nnls
 
 from calibration.camera import pixel_size
 from labpipe import contact, materials
+from labpipe.arrays import Floats
 from labpipe.contact.line import dimensionless_frequency, dimensionless_length, westergaard
 from labpipe.contact.lumped import contact_stiffness
 from labpipe.contact.sphere import hertz
@@ -199,6 +200,27 @@ def _plateaus() -> Iterator[Row]:
         )
 
 
+def left_of_terms(rho: Floats) -> Floats:
+    """Return how much of a relaxing term's force is left at the end of each ramp of section 2.3.2.
+
+    Parameters
+    ----------
+    rho : array (term,) [s]
+
+    Returns
+    -------
+    array (depth, term)
+        The mean of ``exp(-(T - t) / rho)`` over the growth of the elastic force, w in the module's notes.
+    """
+    left = []
+    for depth in _INDENTATIONS:
+        t = np.linspace(0.0, depth / 1e-3, 4001)
+        force = np.asarray(westergaard.from_displacement(t * 1e-3, TIP_RADIUS, PERIOD, 1.0, "cosine").force)
+        remaining = np.exp(-(t[-1] - 0.5 * (t[1:] + t[:-1]))[:, None] / rho)
+        left.append(np.diff(force) @ remaining / force[-1])
+    return np.array(left)
+
+
 def best_excesses(excess: tuple[float, ...]) -> tuple[float, ...]:
     """Fit a spectrum without negative weights to the excess of the peaks over their plateaus.
 
@@ -213,14 +235,9 @@ def best_excesses(excess: tuple[float, ...]) -> tuple[float, ...]:
         What the best spectrum, of any number of terms, gives for them.
     """
     rho = np.geomspace(1e-4, 1e3, 141)  # s; faster ones only scale, slower ones have not relaxed
-    weights = []
-    for depth in _INDENTATIONS:
-        t = np.linspace(0.0, depth / 1e-3, 4001)
-        force = np.asarray(westergaard.from_displacement(t * 1e-3, TIP_RADIUS, PERIOD, 1.0, "cosine").force)
-        left = np.exp(-(t[-1] - 0.5 * (t[1:] + t[:-1]))[:, None] / rho)
-        weights.append(np.diff(force) @ left / force[-1])
-    found, _ = nnls(np.array(weights), np.array(excess))
-    return tuple(float(value) for value in np.array(weights) @ found)
+    weights = left_of_terms(rho)
+    found, _ = nnls(weights, np.array(excess))
+    return tuple(float(value) for value in weights @ found)
 
 
 @lru_cache(maxsize=1)

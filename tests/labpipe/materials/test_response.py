@@ -65,15 +65,45 @@ def test_every_library_solid_obeys_the_inequalities():
     ("relaxed", "E", "rho", "failing"),
     [
         # A negative weight of short time: E(t) rises at first, memory and convexity fail with it.
-        (1.0, [1.0, -0.1], [1.0, 1e-3], {"1.8", "1.20", "1.21, 1.24", "1.25 text"}),
+        (1.0, [1.0, -0.1], [1.0, 1e-3], {"1.8", "1.20", "1.21, 1.24", "1.25 text", "1.20, 1.25"}),
         # One of long time behind a strong term: E(t) rises late and gains work slowly.
-        (1.0, [1.0, -0.5], [1e-3, 1.0], {"1.20", "1.21, 1.24", "1.25 text", "1.8"}),
+        (1.0, [1.0, -0.5], [1e-3, 1.0], {"1.20", "1.21, 1.24", "1.25 text", "1.8", "1.20, 1.25"}),
         # A modulus that ends below zero, though it falls and is convex.
-        (-0.5, [1.0], [1.0], {"1.25"}),
+        (-0.5, [1.0], [1.0], {"1.25", "1.20, 1.25"}),
+        # Every step and every cycle is in order; a history that ends with the second element alone strained is not.
+        (2.0, [2.0, -0.1], [1.0, 0.5], {"1.20, 1.25"}),
     ],
 )
 def test_inadmissible_terms_fail_where_they_should(relaxed, E, rho, failing):
     assert {row.equation for row in inequalities(relaxed, E, rho) if not row.holds} == failing
+
+
+def test_a_negative_weight_behind_orderly_steps_gains_energy_in_some_history():
+    # A step, and a second one that takes the strain of the first element away again.
+    E, rho, second = np.array([2.0, -0.1]), np.array([1.0, 0.5]), -np.exp(-1.0)
+    springs = np.exp(-1.0 / rho) + second
+    assert springs[0] == pytest.approx(0.0, abs=1e-15)
+    assert float(np.sum(E * springs**2 / rho)) < 0.0
+
+
+def test_energies_are_the_double_integrals_of_the_text():
+    # (1.20) and (1.25) as they are printed, with G(t - tau, t - eta) = G(2t - tau - eta), by Gauss's points.
+    nodes, weights = np.polynomial.legendre.leggauss(80)
+    end = 0.05
+    past, weight = 0.5 * end * (nodes + 1.0), 0.5 * end * weights
+    rate = 0.3 * np.cos(70.0 * past) + 8.0 * past  # of the strain, which is smooth and begins at 0
+    solid, ages = Prony(2e6, [3e6, 1e7], [0.3, 1e-2], nu=0.4), 2.0 * end - past[:, None] - past
+    kernel = solid.relaxation(ages)
+    falling = -np.sum(solid.E / solid.rho * np.exp(-ages[..., None] / solid.rho), axis=-1)
+    stored = 0.5 * float((weight * rate) @ kernel @ (weight * rate))
+    lost = -float((weight * rate) @ falling @ (weight * rate))  # d/dt of G(2t - tau - eta) is twice its slope
+    time = np.linspace(0.0, end, 20_001)
+    made = respond(solid, time, 0.3 / 70.0 * np.sin(70.0 * time) + 4.0 * time**2)
+    assert float(made.stored_energy[-1]) == pytest.approx(stored, rel=1e-6)
+    assert float(made.dissipation_rate[-1]) == pytest.approx(lost, rel=1e-6)
+    # (1.4), with the relaxation modulus itself.
+    stress = float((weight * rate) @ solid.relaxation(end - past))
+    assert float(made.stress[-1]) == pytest.approx(stress, rel=1e-6)
 
 
 @pytest.mark.parametrize(
