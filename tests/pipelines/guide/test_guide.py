@@ -43,6 +43,12 @@ def test_every_command_is_in_the_reference() -> None:
     assert "--json" in text
 
 
+def test_a_command_stands_one_level_below_what_it_belongs_to() -> None:
+    heads = re.findall(r"^(#+) `labpipe ([^`]+)`$", _reference.commands(), re.MULTILINE)
+    assert {"simulate", "simulate drop", "acquire keyence"} <= {path for _, path in heads}
+    assert all(len(marks) == 1 + len(path.split()) for marks, path in heads)
+
+
 def test_links_lead_to_pages_of_the_site_and_others_become_words(tmp_path: Path) -> None:
     (tmp_path / "analyst.md").touch()
     text = "[a](analyst.md#x), [b](../../sample_data/README.md), [c](https://doi.org/1), ![d](e.png), [f](#g)"
