@@ -273,7 +273,7 @@ def differing(copy: Path, before: dict[str, Identity], name: str, old: str, new:
 
 def test_a_helper_of_the_signals_reaches_the_stages_that_use_it(copy: Path, before: dict[str, Identity]) -> None:
     found = differing(copy, before, "labpipe/signals/_events.py", "1 / fall", "2 / fall")
-    assert {f.rpartition(":")[2] for f in found} == {"bounces", "displacement"}
+    assert {f.rpartition(":")[2] for f in found} == {"bounces", "displacement", "comparison"}
     assert found == {f for f in FUNCTIONS if "labpipe.signals._events" in before[f].modules}
     assert not {f for f in found if f.endswith((":readings", ":track", ":radius"))}
 
