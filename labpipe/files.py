@@ -20,7 +20,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from labpipe.errors import SourceError, StorageError
 from labpipe.names import safe_join
@@ -30,12 +30,12 @@ if TYPE_CHECKING:
 
 __all__ = [
     "PART_SUFFIX",
-    "HashIndex",
     "append_line",
     "canonical",
     "digest",
     "discard",
     "files_below",
+    "folder_digest",
     "free_bytes",
     "journal",
     "lock",
@@ -278,7 +278,7 @@ def digest(path: str | os.PathLike[str]) -> str:
     """
     source = Path(path)
     if source.is_dir():
-        return _folder_digest(source, digest)
+        return folder_digest(source, digest)
     total = hashlib.sha256()
     try:
         with source.open("rb") as stream:
@@ -294,7 +294,8 @@ def files_below(folder: Path) -> list[Path]:
     return sorted(item for item in folder.rglob("*") if item.is_file())
 
 
-def _folder_digest(folder: Path, of_file: Callable[[Path], str]) -> str:
+def folder_digest(folder: Path, of_file: Callable[[Path], str]) -> str:
+    """Return the digest of a folder, of its files by ``of_file``; see :func:`digest`."""
     lines = (f"{of_file(f)}  {f.relative_to(folder).as_posix()}\n" for f in files_below(folder))
     return hashlib.sha256("".join(lines).encode("utf-8", "surrogateescape")).hexdigest()
 
@@ -480,7 +481,7 @@ else:
         return True
 
 
-# --- small JSON records and the index of digests -----------------------------------------------
+# --- small JSON records ------------------------------------------------------------------------
 
 
 def canonical(value: Any) -> str:
@@ -507,86 +508,3 @@ _END = b"}\n"
 
 def _sealed(body: bytes) -> bytes:
     return b'{"sha256":"%b","body":%b%b' % (hashlib.sha256(body).hexdigest().encode(), body, _END)
-
-
-class _Entry(NamedTuple):
-    """What identifies the content of a file without reading it."""
-
-    size: int
-    modified: int
-    changed: int
-    inode: int
-    digest: str
-
-
-_RACE = 2_000_000_000
-"""ns: a file touched this recently may be touched again within the same tick of its time stamp."""
-
-
-class HashIndex:
-    """Digests of files, remembered as long as size, times and inode stay the same.
-
-    The inode's change time is part of it, which no program can set back; so new content under an
-    old modification time is noticed.
-
-    Parameters
-    ----------
-    path : path-like
-        Where the index is kept; a missing or damaged one is an empty one.
-    paranoid : bool
-        Read every file again, whatever the index says.
-    """
-
-    def __init__(self, path: str | os.PathLike[str], *, paranoid: bool = False) -> None:
-        self._path = Path(path)
-        self._paranoid = paranoid
-        self._known: dict[str, _Entry] | None = None
-        self._fresh: dict[str, _Entry] = {}
-
-    @property
-    def _entries(self) -> dict[str, _Entry]:
-        """What was kept, read when it is first asked for: most who open a store read one result."""
-        if self._known is None:
-            self._known = self._load()
-        return self._known
-
-    def digest(self, path: str | os.PathLike[str]) -> str:
-        """Return the SHA-256 of a file or folder; see :func:`digest`."""
-        source = Path(path).absolute()
-        if source.is_dir():
-            return _folder_digest(source, self.digest)
-        name = os.path.relpath(source, self._path.absolute().parent)
-        try:
-            before = source.stat()
-        except OSError as error:
-            raise SourceError(source, f"cannot be read: {error.strerror}") from error
-        known = self._fresh.get(name)
-        if known is None and not self._paranoid:
-            known = self._entries.get(name)
-        if known is not None and known[:4] == _identity(before):
-            return known.digest
-        found = digest(source)
-        if time.time_ns() - max(before.st_mtime_ns, before.st_ctime_ns) > _RACE:
-            self._fresh[name] = _Entry(*_identity(before), found)
-        return found
-
-    def save(self) -> None:
-        """Keep what was learnt; entries that another process added meanwhile are kept too."""
-        if not self._fresh:
-            return
-        # The index only saves time: where it cannot be kept, the next call reads again.
-        with contextlib.suppress(StorageError), lock(self._path.with_suffix(".lock")):
-            self._known = self._load() | self._fresh
-            write_bytes(self._path, seal(self._known))
-            self._fresh = {}
-
-    def _load(self) -> dict[str, _Entry]:
-        try:
-            found = unseal(self._path.read_bytes())
-            return {name: _Entry(*entry) for name, entry in found.items()}
-        except (OSError, AttributeError, TypeError):  # absent, damaged, or another record of ours
-            return {}
-
-
-def _identity(status: os.stat_result) -> tuple[int, int, int, int]:
-    return status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino

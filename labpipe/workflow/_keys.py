@@ -12,7 +12,8 @@ from typing import Any
 import msgspec
 
 from labpipe.errors import SourceError
-from labpipe.files import HashIndex, files_below
+from labpipe.files import files_below
+from labpipe.stamps import HashIndex
 from labpipe.workflow.graph import Stage
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import Store, key_of

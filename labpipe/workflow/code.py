@@ -31,27 +31,17 @@ from typing import Any, NamedTuple
 
 from labpipe import files
 from labpipe.errors import InstallationError, SourceError, StorageError
+from labpipe.stamps import Stamp
 from labpipe.workflow._definitions import OURS, Module, joined, short
 
 _ENDINGS = (*importlib.machinery.EXTENSION_SUFFIXES, ".py", ".pyc")
 _DISTRIBUTIONS = {"cv2": ("opencv-python-headless", "opencv-python", "opencv-contrib-python")}
 """Distributions that are not called as what they install; others are looked up."""
-_RACE = 2_000_000_000
-"""Nanoseconds in which a file may change without a new time."""
 _COMPILED = Path(__file__).parent / "__pycache__"
 """Beside this module compiled, what all sessions that use this installation can share."""
 _BORN = time.time_ns()
-_awaited: dict[str, "Stamp"] = {}
+_awaited: dict[str, Stamp] = {}
 """Files of modules that this process had not yet loaded when it was asked for their code."""
-
-
-class Stamp(NamedTuple):
-    """What says that a file is still the same."""
-
-    size: int
-    modified: int
-    changed: int
-    inode: int
 
 
 Tree = dict[str, dict[str, Stamp]]
@@ -76,7 +66,7 @@ def tree(top: str, search: Sequence[str] | None = None) -> Tree:
     found: Tree = {}
     if spec.submodule_search_locations is None:
         if spec.origin is not None and Path(spec.origin).is_file():
-            found[top] = {spec.origin: _stamp(Path(spec.origin).stat())}
+            found[top] = {spec.origin: Stamp.of(Path(spec.origin).stat())}
         return found
     waiting = [(top, folder) for folder in spec.submodule_search_locations]
     while waiting:
@@ -91,12 +81,8 @@ def tree(top: str, search: Sequence[str] | None = None) -> Tree:
                 stem = next((entry.name.removesuffix(e) for e in _ENDINGS if entry.name.endswith(e)), "")
                 module = name if stem == "__init__" else f"{name}.{stem}" if stem else ""
                 with contextlib.suppress(FileNotFoundError):  # a link to nothing
-                    found.setdefault(module, {})[entry.path] = _stamp(entry.stat())
+                    found.setdefault(module, {})[entry.path] = Stamp.of(entry.stat())
     return found
-
-
-def _stamp(status: os.stat_result) -> Stamp:
-    return Stamp(status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino)
 
 
 @cache
@@ -206,8 +192,7 @@ class Code:
     def save(self) -> None:
         """Keep what was found; files that were just written may change again unnoticed."""
         stamps = [s for t in self._trees.values() for part in t.values() for s in part.values()]
-        newest = max((max(s.modified, s.changed) for s in stamps), default=0)
-        if self._memory is None or not self._is_new or time.time_ns() - newest < _RACE:
+        if self._memory is None or not self._is_new or any(stamp.is_recent() for stamp in stamps):
             return
         kept = {"state": self._state(self._trees, self._groups), "trees": [*self._trees], "groups": [*self._groups]}
         # One file for each set of packages: a plug-in makes nobody else follow all imports again.
@@ -243,7 +228,7 @@ class Code:
         """
         for path, stamp in self._files(modules).items():
             is_known = max(stamp.modified, stamp.changed) < _BORN or _awaited.get(path) == stamp
-            if not is_known or _stamp(Path(path).stat()) != stamp:
+            if not is_known or Stamp.of(Path(path).stat()) != stamp:
                 message = f"{path} was changed while this program ran; start it again"
                 raise InstallationError(message)
 
@@ -283,8 +268,7 @@ class Code:
             return None
         path = min(found, key=lambda p: next(i for i, e in enumerate(_ENDINGS) if p.endswith(e)))
         stamp = found[path]
-        is_old = time.time_ns() - max(stamp.modified, stamp.changed) > _RACE
-        take = _module if is_old else _module.__wrapped__
+        take = _module.__wrapped__ if stamp.is_recent() else _module
         self._modules[name] = take(path, name, stamp)
         self.n_read += 1
         return self._modules[name]

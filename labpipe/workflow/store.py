@@ -24,6 +24,7 @@ import msgspec
 
 from labpipe import files
 from labpipe.errors import SourceError, StoreError
+from labpipe.stamps import HashIndex
 from labpipe.workflow.code import Code
 from labpipe.workflow.tasks import TaskId
 
@@ -85,7 +86,7 @@ class Store:
     def __init__(self, folder: Path, *, paranoid: bool = False) -> None:
         self.folder = folder
         self.root = folder / "store"
-        self.index = files.HashIndex(self.root / "index.json", paranoid=paranoid)
+        self.index = HashIndex(self.root / "index.json", paranoid=paranoid)
         self.code = Code(self.root / "code.json")
 
     def remember(self) -> None:

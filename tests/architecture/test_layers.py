@@ -29,6 +29,7 @@ GROUND = {
     "schema",
     "frames",
     "files",
+    "stamps",
     "names",
     "netcdf",
     "text",

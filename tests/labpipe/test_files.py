@@ -21,6 +21,7 @@ from hypothesis import strategies as st
 
 from labpipe import files
 from labpipe.errors import InputError, SourceError, StorageError, StoreError
+from labpipe.stamps import HashIndex
 from tests.by_day import by_day
 
 
@@ -248,12 +249,12 @@ def settled(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("settled")
 def test_an_index_does_not_read_an_unchanged_file_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a").write_bytes(b"abc")
-    index = files.HashIndex(tmp_path / "index.json")
+    index = HashIndex(tmp_path / "index.json")
     found = index.digest(tmp_path / "a")
     index.save()
     monkeypatch.setattr(files, "digest", lambda path: "read again")
-    assert files.HashIndex(tmp_path / "index.json").digest(tmp_path / "a") == found
-    paranoid = files.HashIndex(tmp_path / "index.json", paranoid=True)
+    assert HashIndex(tmp_path / "index.json").digest(tmp_path / "a") == found
+    paranoid = HashIndex(tmp_path / "index.json", paranoid=True)
     assert paranoid.digest(tmp_path / "a") == "read again"
 
 
@@ -262,7 +263,7 @@ def test_new_content_under_the_old_time_is_noticed(tmp_path: Path) -> None:
     path = tmp_path / "a"
     path.write_bytes(b"abc")
     backdate(path)
-    index = files.HashIndex(tmp_path / "index.json")
+    index = HashIndex(tmp_path / "index.json")
     before, status = index.digest(path), path.stat()
     index.save()
     time.sleep(0.02)  # one tick of the file system's clock
@@ -271,14 +272,14 @@ def test_new_content_under_the_old_time_is_noticed(tmp_path: Path) -> None:
     os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
     assert path.stat().st_mtime_ns == status.st_mtime_ns
     assert path.stat().st_ino == status.st_ino
-    after = files.HashIndex(tmp_path / "index.json").digest(path)
+    after = HashIndex(tmp_path / "index.json").digest(path)
     assert after != before
     assert after == hashlib.sha256(b"xyz").hexdigest()
 
 
 def test_a_file_touched_just_now_is_not_remembered(tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes(b"abc")
-    index = files.HashIndex(tmp_path / "index.json")
+    index = HashIndex(tmp_path / "index.json")
     index.digest(tmp_path / "a")
     index.save()
     assert not (tmp_path / "index.json").exists()
@@ -289,7 +290,7 @@ def test_a_file_touched_just_now_is_not_remembered(tmp_path: Path) -> None:
 def test_a_damaged_index_is_an_empty_one(tmp_path: Path, damage: bytes) -> None:
     (tmp_path / "a").write_bytes(b"abc")
     (tmp_path / "index.json").write_bytes(damage)
-    index = files.HashIndex(tmp_path / "index.json")
+    index = HashIndex(tmp_path / "index.json")
     assert index.digest(tmp_path / "a") == hashlib.sha256(b"abc").hexdigest()
     index.save()
     assert files.unseal((tmp_path / "index.json").read_bytes()) is not None

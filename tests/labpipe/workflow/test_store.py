@@ -11,6 +11,7 @@ import xarray as xr
 
 from labpipe import files
 from labpipe.errors import StoreError
+from labpipe.stamps import HashIndex
 from labpipe.workflow.plan import plan
 from labpipe.workflow.runner import run
 from labpipe.workflow.store import Caught, Store, key_of
@@ -218,10 +219,10 @@ def test_damage_that_no_time_stamp_shows_is_found_when_the_result_is_read(
     key = made.keys[TaskId("nbr", "scale", "laser/r3.txt")].value
     assert key is not None
     path = session.folder / "store" / key[:2] / f"{key}.nc"
-    index_digest, good = files.HashIndex.digest, files.digest(path)
+    index_digest, good = HashIndex.digest, files.digest(path)
     path.write_bytes(path.read_bytes()[:-1] + bytes([path.read_bytes()[-1] ^ 1]))
     # A disk that loses bits does not change a time stamp: the index still says what it knew.
-    monkeypatch.setattr(files.HashIndex, "digest", lambda s, p: good if Path(p) == path else index_digest(s, p))
+    monkeypatch.setattr(HashIndex, "digest", lambda s, p: good if Path(p) == path else index_digest(s, p))
     (session.folder / "reports" / "nbr.html").unlink()
     page = made.keys[TaskId("nbr", "page")].value
     assert page is not None
