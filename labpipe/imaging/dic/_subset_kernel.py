@@ -26,6 +26,12 @@ _LIGHT_NEEDED, _BLUR_NEEDED, _AFFINE_NEEDED = 20.0, 12.0, 18.0
 #: A step that ends farther than this from the start (px) has left the basin of convergence.
 CAPTURE = 12.0
 
+#: Variance of an answer from what pixels of one column or row have in common, over what shows of it: the
+#: answer follows it, which takes most of it from the residual; and the share of the variance of blocks that
+#: it has by chance.
+_SHARED_LINES, _BY_CHANCE = 3.0, 0.1
+#: Growth of the variance that blocks tell with the sum of their squared weights: few tell it badly.
+_FEW_BLOCKS = 6.0
 # A first step has no history: a step of e px leaves an error below e²/2 (measured: 0.2 e²).
 _FIRST_SHRINK = 0.5
 # Longest stretch of a step: noise then holds three quarters of the squared slopes.
@@ -582,3 +588,187 @@ def solve_subsets(
         counts[q, 0] = evaluations
         counts[q, 1] = code
         counts[q, 2] = needed
+
+
+@compiled(nogil=True, fastmath=FAST)
+def _columns_at(packed: Floats32, at: int, j: float, i: float, level: Floats, moments: Floats, columns: Floats) -> None:
+    """Write the columns of the least squares at one pixel, gain and offset eliminated."""
+    for motion in range(2):
+        slope = packed[1 + motion, at]
+        columns[3 * motion] = slope
+        columns[3 * motion + 1] = slope * j
+        columns[3 * motion + 2] = slope * i
+    columns[6], columns[7] = j, i
+    columns[8], columns[9] = packed[0, at] * j, packed[0, at] * i
+    for k in range(3):
+        columns[10 + k] = packed[3 + k, at]
+    for a in range(COLUMNS):
+        columns[a] -= moments[0, a] / level[2] + packed[0, at] * moments[1, a] / level[1]
+        columns[a] *= packed[6, at]
+
+
+@compiled(nogil=True, fastmath=FAST)
+def _misfit_of(
+    coefficients: Floats32,
+    order: int,
+    corner: tuple[float, float],
+    layout: Integers,
+    packed: Floats32,
+    level: Floats,
+    moments: Floats,
+    inverse: Floats,
+    solved: int,
+    p: Floats,
+    gain: float,
+    values: Floats32,
+    columns: Floats,
+    step: Floats,
+    slopes: Floats,
+) -> None:
+    """Put what the solution leaves of every pixel of a subset into ``values`` (row, column)."""
+    half, place, pitch = layout[2], layout[3], layout[4]
+    width = 2 * half + 1
+    average = 0.0
+    for row in range(width):
+        i = float(row - half)
+        x = layout[0] - corner[0] - half + p[0] - p[1] * half + p[2] * i
+        y = layout[1] - corner[1] + i + p[3] - p[4] * half + p[5] * i
+        _sample_row(coefficients, order, x, y, p[1], p[4], width, values[row])
+        if layout[5]:
+            _cover(values[row], np.float32(level[0]), packed[6, place + row * pitch :], width)
+        for k in range(width):
+            average += values[row, k] - level[0]
+    average /= level[2]
+    slopes[:] = 0.0
+    for row in range(width):
+        for k in range(width):
+            at = place + row * pitch + k
+            left = (gain * (values[row, k] - level[0] - average) - packed[0, at]) * packed[6, at]
+            values[row, k] = left
+            if solved > MOTIONS:
+                _columns_at(packed, at, float(k - half), float(row - half), level, moments, columns)
+                for a in range(solved):
+                    slopes[a] += columns[a] * left
+    if solved > MOTIONS:
+        for a in range(solved):
+            step[a] = 0.0
+            for b in range(solved):
+                step[a] += inverse[a, b] * slopes[b]
+        for row in range(width):
+            for k in range(width):
+                _columns_at(
+                    packed, place + row * pitch + k, float(k - half), float(row - half), level, moments, columns
+                )
+                for a in range(MOTIONS, solved):
+                    values[row, k] -= step[a] * columns[a]
+
+
+@compiled(nogil=True)
+def scatter_subsets(
+    coefficients: Floats32,
+    order: int,
+    corner: tuple[float, float],
+    window: tuple[float, float, float, float],
+    chosen: Integers,
+    layout: Integers,
+    packed: Floats32,
+    level: Floats,
+    moments: Floats,
+    inverse: Floats,
+    model: int,
+    block: int,
+    motion: Floats,
+    gain: Floats,
+    scatter: Floats,
+    values: Floats32,
+    parts: Floats,
+    scratch: Floats,
+) -> None:
+    """Set (uu, vv, uv, turn) of blocks of chosen subsets, then what few blocks and lines add.
+
+    See :func:`.scatter_of_blocks`.
+    ``parts`` (2, block, width, 3) holds sums over what blocks and columns, and blocks and rows, have in
+    common; ``scratch`` at least (4 + block, 13).
+    """
+    solved = COLUMNS if model & (LIGHT | BLUR) else MOTIONS
+    for q in range(len(chosen)):
+        n = chosen[q]
+        half, place, pitch = layout[n, 2], layout[n, 3], layout[n, 4]
+        if not _is_inside(layout[n, 0], layout[n, 1], half, motion[q], window):
+            continue
+        width = 2 * half + 1
+        count = (width + block - 1) // block
+        columns = scratch[0]
+        _misfit_of(
+            coefficients,
+            order,
+            corner,
+            layout[n],
+            packed,
+            level[n],
+            moments[n],
+            inverse[n],
+            solved,
+            motion[q],
+            gain[q],
+            values,
+            columns,
+            scratch[1],
+            scratch[2],
+        )
+        own = inverse[n]
+        result = scatter[q]
+        parts[:, :count, :width] = 0.0
+        unequal = 0.0
+        for down in range(count):
+            scratch[4 : 4 + count, :7] = 0.0
+            for row in range(down * block, min((down + 1) * block, width)):
+                for k in range(width):
+                    at = place + row * pitch + k
+                    _columns_at(packed, at, float(k - half), float(row - half), level[n], moments[n], columns)
+                    u = v = turn = 0.0
+                    for a in range(solved):
+                        u += own[0, a] * columns[a]
+                        v += own[3, a] * columns[a]
+                        turn += 0.5 * (own[4, a] - own[2, a]) * columns[a]
+                    left = values[row, k]
+                    whole = scratch[4 + k // block]
+                    whole[0] += u * columns[0]
+                    whole[1] += u * columns[3]
+                    whole[2] += v * columns[0]
+                    whole[3] += v * columns[3]
+                    u, v, turn = u * left, v * left, turn * left
+                    whole[4] += u
+                    whole[5] += v
+                    whole[6] += turn
+                    for m, other, line in ((0, down, k), (1, k // block, row)):
+                        parts[m, other, line, 0] += u
+                        parts[m, other, line, 1] += v
+                        parts[m, other, line, 2] += turn
+            for across in range(count):
+                h = scratch[4 + across]
+                unequal += (0.5 * (h[0] + h[3])) ** 2
+                # what the others say without this block
+                a, b, c, d = 1.0 - h[0], -h[1], -h[2], 1.0 - h[3]
+                determinant = a * d - b * c
+                determinant = max(determinant, 0.02)
+                u, v = (d * h[4] - b * h[5]) / determinant, (a * h[5] - c * h[4]) / determinant
+                result[0] += u * u
+                result[1] += v * v
+                result[2] += u * v
+                result[3] += h[6] * h[6]
+        for axis in range(4):
+            result[4 + axis] = _FEW_BLOCKS * unequal * result[axis]
+        for axis in range(3):
+            place = axis if axis < 2 else 3
+            blocks = result[place]
+            for m in range(2):
+                alike = 0.0
+                for line in range(width):
+                    total = 0.0
+                    for other in range(count):
+                        part = parts[m, other, line, axis]
+                        total += part
+                        alike -= part * part
+                    alike += total * total
+                result[4 + place] += _SHARED_LINES * max(alike - _BY_CHANCE * blocks, 0.0)
