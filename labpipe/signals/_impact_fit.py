@@ -25,7 +25,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from scipy.integrate import cumulative_simpson
 from scipy.linalg import block_diag
-from scipy.optimize import least_squares
+from scipy.optimize import leastsq
 
 from labpipe.arrays import Floats
 from labpipe.signals._colour import WHITE, Colour, coloured_covariance, coloured_power
@@ -257,6 +257,7 @@ def _minimise(
     t: Floats, y: Floats, sigma: float, pull: _Pull, start: Floats, scale: Floats
 ) -> tuple[Floats, Floats, float, int]:
     """Parameters, derivatives of all residuals by the scaled ones, sum of squared misfits, evaluations."""
+    ties = pull.whitening @ np.eye(len(NAMES))[_WITH_PRIOR]
 
     def residual(scaled: Floats) -> Floats:
         p = scaled * scale
@@ -264,22 +265,28 @@ def _minimise(
         return np.concatenate([misfit, pull.whitening @ (p[_WITH_PRIOR] - pull.mean)])
 
     def jacobian(scaled: Floats) -> Floats:
-        rows = _position_gradient(t, scaled * scale) / sigma
-        ties = pull.whitening @ np.eye(len(NAMES))[_WITH_PRIOR]
-        return np.concatenate([rows, ties]) * scale
+        return np.concatenate([_position_gradient(t, scaled * scale) / sigma, ties]) * scale
 
-    found = least_squares(
-        residual, start / scale, jacobian, method="lm", x_scale="jac", ftol=1e-7, max_nfev=_MOST_EVALUATIONS
+    # The steps of `least_squares`, without what it does around them.
+    found, _, details, *_ = leastsq(
+        residual,
+        start / scale,
+        Dfun=jacobian,
+        full_output=True,
+        ftol=1e-7,
+        xtol=1e-8,
+        gtol=1e-8,
+        maxfev=_MOST_EVALUATIONS,
     )
-    misfit = float(np.sum(found.fun[: len(t)] ** 2))
-    return found.x * scale, found.jac, misfit, int(found.nfev)
+    misfit = float(np.sum(details["fvec"][: len(t)] ** 2))
+    return found * scale, jacobian(found), misfit, int(details["nfev"])
 
 
 def _character(p: Floats, beneath: Beneath | None) -> tuple[Character, Beneath | None]:
     """Return what the expected shape depends on, and how the plate swings at lift-off."""
     touch, liftoff, gravity = p[_TOUCH], p[_LIFTOFF], p[_GRAVITY]
-    _, _, incoming, outgoing, *_ = _derived(p[None])[0]
-    incoming = max(float(incoming), 1e-3 * abs(float(outgoing)) + 1e-9)
+    ((before,), (outgoing,)) = _speeds(p[None])
+    incoming = max(float(before), 1e-3 * abs(float(outgoing)) + 1e-9)
     length = liftoff - touch
     if beneath is None or not length > 0.0:
         return Character.of(float(outgoing) / incoming, float(gravity * length) / incoming), beneath
@@ -345,11 +352,21 @@ def _derived(p: Floats) -> Floats:
     """Return the outputs (n, output) of several sets of parameters (n, parameter)."""
     level, speed, pulse, touch, liftoff, gravity = p[:, [0, 1, 2, _TOUCH, _LIFTOFF, _GRAVITY]].T
     length = liftoff - touch
-    shape = np.hstack([np.ones((len(p), 1)), p[:, _SHAPE]])
+    shape = _shapes(p)
     inside = touch + np.multiply.outer(_S[::_STRIDE], length)
     path = level + speed * inside - 0.5 * gravity * inside**2 + pulse * length**2 * (shape @ _SECOND[:, ::_STRIDE]).T
     acceleration = pulse * (shape @ _SHAPES).T
-    incoming = -(speed - gravity * touch)
-    outgoing = speed - gravity * liftoff + pulse * length * (shape @ _FIRST[:, -1])
+    incoming, outgoing = _speeds(p)
     kinematics = (touch, liftoff, incoming, outgoing, path[0], path[-1])
     return np.stack([*kinematics, path.min(axis=0), acceleration.max(axis=0), outgoing / incoming, gravity], axis=1)
+
+
+def _shapes(p: Floats) -> Floats:
+    return np.hstack([np.ones((len(p), 1)), p[:, _SHAPE]])
+
+
+def _speeds(p: Floats) -> tuple[Floats, Floats]:
+    """Return the speeds before and after the contact (n,) of several sets of parameters."""
+    speed, pulse, touch, liftoff, gravity = p[:, [1, 2, _TOUCH, _LIFTOFF, _GRAVITY]].T
+    outgoing = speed - gravity * liftoff + pulse * (liftoff - touch) * (_shapes(p) @ _FIRST[:, -1])
+    return -(speed - gravity * touch), outgoing

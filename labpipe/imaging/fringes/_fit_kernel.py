@@ -272,13 +272,28 @@ def _add(
         for i in range(count):
             total += one[i] * residual[i]
         right[p] += total
-        for q in range(p + 1):
+        q = 0
+        while q < p - 1:  # three at a time, which read the row of `one` once
+            first, second, third = slopes[active[q]], slopes[active[q + 1]], slopes[active[q + 2]]
+            with_first, with_second, with_third = 0.0, 0.0, 0.0
+            for i in range(count):
+                with_first += one[i] * first[i]
+                with_second += one[i] * second[i]
+                with_third += one[i] * third[i]
+            normal[p, q] += with_first
+            normal[p, q + 1] += with_second
+            normal[p, q + 2] += with_third
+            q += 3
+        while q <= p:
             other = slopes[active[q]]
             total = 0.0
             for i in range(count):
                 total += one[i] * other[i]
             normal[p, q] += total
-            if is_last:
+            q += 1
+        if is_last:
+            for q in range(p + 1):
+                other = slopes[active[q]]
                 total = 0.0
                 for i in range(count):
                     total += residual[i] * residual[i] * one[i] * other[i]
