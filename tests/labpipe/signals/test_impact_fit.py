@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from labpipe.contact.impact import drop
 from labpipe.materials import Prony
 from labpipe.signals import bounces
-from labpipe.signals._events import _combined
+from labpipe.signals._events import combined
 from labpipe.signals._impact_fit import OUTPUTS, _of_unread, _unread_contact, fit_impact, pulse_integrals
 
 GRAVITY = 9.81
@@ -138,10 +138,10 @@ def test_what_a_hidden_contact_leaves_unknown_follows_from_the_arcs():
 def test_derivatives_of_what_is_derived_are_differences(name):
     value = np.linspace(0.5, 2.0, len(OUTPUTS)) * np.where(np.arange(len(OUTPUTS)) % 2, 1.0, 1.3)
     value[OUTPUTS.index("gravity")] = 9.81
-    _, gradient = _combined(name, value, 1)
+    _, gradient = combined(name, value, 1)
     for i, derivative in enumerate(gradient):
         step = 1e-6 * np.eye(len(OUTPUTS))[i]
-        difference = _combined(name, value + step, 1)[0] - _combined(name, value - step, 1)[0]
+        difference = combined(name, value + step, 1)[0] - combined(name, value - step, 1)[0]
         assert derivative == pytest.approx(difference / 2e-6, rel=1e-6, abs=1e-9), OUTPUTS[i]
 
 
