@@ -4,8 +4,9 @@ A check holds two ways to the same quantity against each other, or a quantity ag
 (:func:`compared`, :func:`bounded`, :func:`stated`, :func:`not_made`); :func:`judge` makes one
 verdict of all checks of a record and ranks the mistakes that would explain them
 (:class:`Cause`). :func:`agreement` compares measured with predicted values, with their whole
-covariance, :func:`detectable` says how large an error of each input it would have shown, and
-:func:`suspects` and :func:`slips` which input, stated wrongly, would explain a difference.
+covariance, :func:`along_curve` a whole curve in :func:`stretches` of it; :func:`detectable` says
+how large an error of each input it would have shown, and :func:`suspects` and :func:`slips` which
+input, stated wrongly, would explain a difference.
 
 Nothing here knows a kind of experiment; the scheme of levels follows the flags that
 oceanographers use (QARTOD: pass, not evaluated, suspect, fail). Each name is loaded when it is first
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
         stated,
         unfinished,
     )
+    from labpipe.judging._curves import along_curve, stretches
     from labpipe.judging._detectability import detectable
     from labpipe.judging._suspects import SLIPS, Factor, Slip, Suspect, best_factor, slips, suspects
     from labpipe.judging._verdict import Judgement, Verdict, from_json, judge, to_json
@@ -56,6 +58,7 @@ __all__ = [
     "Suspect",
     "Verdict",
     "agreement",
+    "along_curve",
     "best_factor",
     "bounded",
     "compared",
@@ -67,6 +70,7 @@ __all__ = [
     "not_made",
     "slips",
     "stated",
+    "stretches",
     "suspects",
     "to_json",
     "too_large",

@@ -147,16 +147,19 @@ def _curves(rows: Sequence[Row]) -> tuple[Block, ...]:
     if not rows:
         return ()
     names, nrmse = map(Column, ("experiment", "of", "curve")), Column("nRMSE", "%", digits=2)
-    columns = (*names, nrmse, Column("bias", digits=3, u=5), *map(Column, ("u", "in", "n")))
+    chi2, p = Column("χ²", digits=3), Column("p", digits=2)
+    columns = (*names, nrmse, Column("bias", digits=3, u=5), *map(Column, ("u", "in", "n")), chi2, Column("of"), p)
     body = []
     for r in sorted(rows, key=lambda row: -(row.nrmse or 0.0)):
         shown = display_unit(_known(r.difference), r.unit)
         bias = _scaled((r.difference, r.u_difference), shown)
-        body.append((r.experiment, _of(r), what(r), 100 * (r.nrmse or 0.0), *bias, shown.text, r.n))
+        judged = (r.chi2, r.degrees_of_freedom, r.p)
+        body.append((r.experiment, _of(r), what(r), 100 * (r.nrmse or 0.0), *bias, shown.text, r.n, *judged))
     text = (
         "Root mean square of measured minus model over the range of the model, and its mean. "
         "The bias has an uncertainty where the scale of the calibration contributes to it; n "
-        "counts repeats, or the points of a single curve."
+        "counts repeats, or the points of a single curve. χ² lays the curve against the model in a few "
+        "stretches, with what they share: of so many degrees of freedom, and p is the probability of a larger one."
     )
     return Paragraph(text), Table(columns, body)
 

@@ -1,7 +1,7 @@
 """What the uncertainties of the inputs do to a simulated drop: to its impacts, and to its path between them."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import xarray as xr
@@ -22,6 +22,11 @@ UNCERTAIN = (
     "impact_speed",
 )
 """Results of each impact whose sensitivities are found."""
+FOLLOWED = 20
+"""Impacts whose sensitivities are found, and that are laid against the model one by one.
+
+Three are compared; PEEK bounces a hundred times, and each impact costs a contact for every input.
+"""
 _OF_CONTACT = ("impact_time", "contact_duration", "penetration")
 
 Slopes = Mapping[str, tuple[Quantity, Mapping[str, Floats]]]
@@ -66,14 +71,34 @@ def with_uncertainty(made: xr.Dataset, slopes: Slopes) -> xr.Dataset:
     return made
 
 
+def stored_slopes(made: xr.Dataset) -> Slopes:
+    """Return the sensitivities that :func:`with_uncertainty` kept beside a simulated drop."""
+    units = json.loads(made.attrs["input_units"])
+    given = zip(made["input_value"].values, made["input_u"].values, units, strict=True)
+    return {
+        str(name): (
+            Quantity(float(value), float(u), unit),
+            {of: made[f"slope_{of}"].values[i][:FOLLOWED] for of in UNCERTAIN},
+        )
+        for i, (name, (value, u, unit)) in enumerate(zip(made["slope_input"].values, given, strict=True))
+    }
+
+
 def _of_path(made: xr.Dataset, slopes: Slopes) -> Floats:
     """Return the standard uncertainty of the displacement (time,), times counted from the first contact.
 
     NaN behind the last impact whose sensitivities were found.
     """
+    squares = np.full(made["time"].shape, 0.0 if made.sizes["impact"] else np.nan)
+    for moved in path_by_input(made, slopes):
+        squares += np.square(moved)
+    return np.sqrt(squares)
+
+
+def path_by_input(made: xr.Dataset, slopes: Slopes) -> Iterator[Floats]:
+    """Yield what one standard uncertainty of each uncertain input does to the displacement (time,) [m]."""
     time, path = made["time"].values, made["displacement"].values
     touches, durations, depths = (made[name].values for name in _OF_CONTACT)
-    squares = np.full(time.shape, 0.0 if touches.size else np.nan)
     for given, by in slopes.values():
         if given.u > 0.0 and touches.size:
             slope, longer, deeper = (by[name] for name in _OF_CONTACT)
@@ -84,8 +109,7 @@ def _of_path(made: xr.Dataset, slopes: Slopes) -> Floats:
             deeper = deeper[:count] / depths[:count]
             fall = np.where(time < touches[0], by["impact_speed"][0] * (touches[0] - time), 0.0)
             up, down = (_moved(time, path, nodes, u * later, u * deeper) + u * fall for u in (given.u, -given.u))
-            squares += np.square(0.5 * (up - down))
-    return np.sqrt(squares)
+            yield 0.5 * (up - down)
 
 
 def _moved(time: Floats, path: Floats, nodes: Floats, later: Floats, deeper: Floats) -> Floats:

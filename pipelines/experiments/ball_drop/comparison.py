@@ -9,10 +9,11 @@ import xarray as xr
 from labpipe import signals
 from labpipe.arrays import Floats
 from labpipe.variables import variable
+from pipelines.experiments.ball_drop._curve import along
+from pipelines.experiments.ball_drop._model_uncertainty import FOLLOWED
 from pipelines.experiments.ball_drop.measured import NOISE
-from pipelines.experiments.ball_drop.model import FOLLOWED
 from pipelines.experiments.ball_drop.settings import BallDrop
-from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, row
+from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, curve_table, of_curve, row
 from pipelines.experiments.shared.plate_under_drop import floor_under
 
 RESTITUTION, DURATION = "restitution, impact ", "contact duration, impact "
@@ -38,7 +39,8 @@ def comparison(
     simulated = np.interp(time, since, model["displacement"].values)
     curves = signals.compare(measured, measured.copy(data=simulated))
     seen = _seen(repeats, model, floor_under(settings.plate, plate, settings.sphere.mass), settings)
-    return curves.merge(_bounces_compared(repeats, model, seen, first))
+    found = along(repeats.sel(time=time), model, since, curves["residual"].values)
+    return curves.assign(curve_table((), [found])).merge(_bounces_compared(repeats, model, seen, first))
 
 
 def _seen(repeats: xr.Dataset, model: xr.Dataset, floor: signals.Floor | None, settings: BallDrop) -> xr.Dataset:
@@ -105,8 +107,8 @@ def rows(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, sett
     n = int(repeats.sizes["repeat"])
     relative = float(repeats.attrs["u_systematic_relative"])
     mean_size = float(np.abs(repeats["displacement_mean"]).mean())
-    bias, u = comparison["bias"], relative * mean_size
-    yield row("displacement", "m", n, nrmse=comparison["nrmse"], difference=bias, u_difference=u)
+    bias, u, told = comparison["bias"], relative * mean_size, of_curve(comparison)
+    yield row("displacement", "m", n, nrmse=comparison["nrmse"], difference=bias, u_difference=u, **told)
     if "fall_acceleration" in repeats:
         seen, u, gravity = repeats["fall_acceleration"], float(repeats["u_fall_acceleration"]), settings.model.gravity
         yield row(

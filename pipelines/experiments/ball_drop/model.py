@@ -13,7 +13,7 @@ from labpipe import contact
 from labpipe.arrays import Floats
 from labpipe.materials import Prony
 from labpipe.units import Quantity
-from pipelines.experiments.ball_drop._model_uncertainty import UNCERTAIN, with_uncertainty
+from pipelines.experiments.ball_drop._model_uncertainty import FOLLOWED, UNCERTAIN, with_uncertainty
 from pipelines.experiments.ball_drop.measured import padded
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.material_choice import IMPACT_TIMES, resolve, variations
@@ -22,11 +22,6 @@ from pipelines.experiments.shared.plate_under_drop import OF_PLATE, plate_inputs
 _CURVE_STEP = 5e-5  # s, spacing of the model's curve; contacts of 1 ms get twenty points
 _COARSE = 1e-3  # tolerance of the simulations by which sensitivities are found
 _LEAST_CHANGE = 1e-3  # relative change of an input by which a sensitivity is found
-FOLLOWED = 20
-"""Impacts whose sensitivities are found, and that are laid against the model one by one.
-
-Three are compared; PEEK bounces a hundred times, and each impact costs a contact for every input.
-"""
 _MODULUS = "modulus"
 _STIFFER = 0.01  # relative change of the modulus by which its sensitivity is found
 

@@ -20,9 +20,9 @@ from labpipe.report import (
 )
 from labpipe.workflow.context import Context
 from pipelines.experiments.ball_drop._charts import motion
+from pipelines.experiments.ball_drop._model_uncertainty import FOLLOWED
 from pipelines.experiments.ball_drop.budget import quantities
 from pipelines.experiments.ball_drop.comparison import rows as compared_rows
-from pipelines.experiments.ball_drop.model import FOLLOWED
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import budget_blocks, pages
 from pipelines.experiments.shared.comparison_rows import IMPACTS

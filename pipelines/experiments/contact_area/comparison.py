@@ -10,12 +10,13 @@ import xarray as xr
 from scipy.optimize import minimize_scalar
 
 from labpipe.arrays import Floats
+from labpipe.judging import Agreement, along_curve
 from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area._peaks import BESIDE, STILL, WINDOW, peak_of
 from pipelines.experiments.contact_area._scale import fringe_scale
 from pipelines.experiments.contact_area.settings import ContactArea
-from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, row
+from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, curve_table, of_curve, row
 from pipelines.experiments.shared.material_inputs import material_slopes
 from pipelines.experiments.shared.plate_under_drop import OF_PLATE
 
@@ -46,7 +47,7 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
     random, shared = radius["u_radius"].values, radius["radius_systematic"].values
     known = np.hypot(random, shared)
     points: dict[str, list[Floats]] = {"number": [], "since": [], "film": [], "u_film": [], "model": []}
-    errors, peak_times, shifts, sizes = [], [], [], []
+    errors, peak_times, shifts, sizes, agreed = [], [], [], [], []
     for i in range(count):
         peak = _model_peak(model, i)
         peak_times.append(peak)
@@ -66,6 +67,9 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
             ("model", theirs),
         ):
             points[key].append(values)
+        relative = float(model["u_peak_contact_radius"][i] / model["peak_contact_radius"][i])
+        moments = since[inside] + peak + shift[0]
+        agreed.append(_along(moments, a[inside] - theirs, random[inside], shared[inside], model, relative))
         largest = max(float(np.max(theirs)), 1e-12)
         errors.append(float(np.sqrt(np.mean((a[inside] - theirs) ** 2))) / largest)
     joined = {k: np.concatenate(v) if v else np.empty(0) for k, v in points.items()}
@@ -100,10 +104,29 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
                 "time_shift", "impact", earlier, u_earlier, "s", "shift of the model to earlier times against its peak"
             ),
             "model_peak_time": variable("impact", np.array(peak_times), "s", "time of the model's largest radius"),
+            **curve_table("impact", agreed),
             **_pixel(radius, impacts, settings),
         },
         coords={"impact": np.arange(1, count + 1)},
     )
+
+
+def _along(
+    time: Floats, left: Floats, random: Floats, shared: Floats, model: xr.Dataset, relative: float
+) -> Agreement | None:
+    """Lay the frames of a contact against the model, each with its own noise.
+
+    They share the scale, the moment of the largest radius, which lies between frames, and what the inputs of the
+    model do to its size (`relative`). What makes a contact smaller by E^-0.2 makes it shorter by E^-0.4.
+    """
+    theirs, when = model["contact_radius"].values, model["time"].values
+    form = np.interp(time, when, theirs)
+    rate = np.interp(time, when, np.gradient(theirs, when))
+    if time.size < _FEWEST:
+        return None
+    step = float(np.median(np.diff(time)))
+    longer = -2.0 * relative * rate * (time - float(np.mean(time)))
+    return along_curve(left, random, [shared, relative * form, longer, step * rate])
 
 
 def _pixel(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> dict[str, Any]:
@@ -214,8 +237,8 @@ def rows(comparison: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, sett
         inside = counts == i + 1
         expected = float(comparison["peak_radius_model"][i])
         gap = (comparison["film"] - comparison["model"]).values[inside]
-        title, n = f"contact radius, impact {i + 1}", int(inside.sum())
-        yield row(title, "m", n, nrmse=comparison["nrmse"][i], difference=gap.mean())
+        title, n, told = f"contact radius, impact {i + 1}", int(inside.sum()), of_curve(comparison.isel(impact=i))
+        yield row(title, "m", n, nrmse=comparison["nrmse"][i], difference=gap.mean(), **told)
         yield row(
             f"largest radius, impact {i + 1}",
             "m",

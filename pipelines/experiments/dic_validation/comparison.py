@@ -7,9 +7,11 @@ import numpy as np
 import xarray as xr
 
 from labpipe import signals
+from labpipe.judging import Agreement, along_curve, stretches
 from labpipe.variables import variable
 from pipelines.experiments.dic_validation.settings import DicValidation
-from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, row
+from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, curve_table, of_curve, row
+from pipelines.experiments.shared.flights import flights
 
 _LARGEST_LAG = 2e-3  # s that the two records may still be apart after alignment
 
@@ -56,7 +58,35 @@ def comparison(
     made["laser"] = seen.drop_attrs().assign_attrs(
         units="m", long_name="mean of the laser's repeats, over the height of first contact"
     )
-    return made.merge(_impacts(bounces, laser))
+    ratio = float(made["expected_u_gain"])
+    return made.assign(curve_table((), [_along(made, bounces, laser, ratio)])).merge(_impacts(bounces, laser))
+
+
+def _along(made: xr.Dataset, film: xr.Dataset, laser: xr.Dataset, ratio: float) -> Agreement | None:
+    """Lay the film over the laser in stretches of fall and flights.
+
+    They share the ratio of both scales, level and moment of first touch, and by how much the drops that the laser
+    saw differ from each other: the film shows one drop, and each impact's scatter moves all that follows.
+    """
+    time, start = made["time"].values, float(film["first_contact_time"])
+    touches = film["touch_time"].values - start
+    leaves = film["liftoff_time"].values - start
+    places = flights(time, touches, leaves, float(film["release_time"]) - start)
+    if not places:
+        return None
+    means, own = stretches(made["residual"].values, places)
+    later = np.gradient(made["laser"].values, time)
+    touched = [float(one["u_touch_time"][0]) * (later + float(laser["incoming_speed"][0])) for one in (film, laser)]
+    # of two repeats or more; a single one tells nothing
+    spread = np.nan_to_num(laser["touch_time_sd"].values)
+    grown = np.sqrt(np.maximum(np.diff(spread**2), 0.0))
+    apart = [
+        np.where(time > touch, one * later, 0.0) for touch, one in zip(touches[1:], grown, strict=False) if one > 0.0
+    ]
+    level = np.full(time.size, float(film["u_contact_level"]))
+    shared = (ratio * made["laser"].values, level, *touched, *apart)
+    effects = [[one[place].mean() for place in places] for one in shared]
+    return along_curve(means, own, effects)
 
 
 def _impacts(film: xr.Dataset, laser: xr.Dataset) -> xr.Dataset:
@@ -81,8 +111,8 @@ def rows(comparison: xr.Dataset, *, settings: DicValidation) -> Iterator[Row]:
     if "bias" not in comparison:
         return
     n, nrmse = int(comparison["n_compared"]), comparison["nrmse"]
-    bias, u = comparison["bias"], comparison["u_bias"]
-    yield row("displacement", "m", n, against="laser", nrmse=nrmse, difference=bias, u_difference=u)
+    bias, u, told = comparison["bias"], comparison["u_bias"], of_curve(comparison)
+    yield row("displacement", "m", n, against="laser", nrmse=nrmse, difference=bias, u_difference=u, **told)
     for i in range(min(IMPACTS, comparison.sizes["impact"])):
         yield row(
             f"restitution, impact {i + 1}",

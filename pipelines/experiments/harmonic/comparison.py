@@ -5,14 +5,18 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
+from labpipe.judging import Agreement, along_curve, stretches
 from labpipe.signals import nrmse
 from labpipe.variables import variable
-from pipelines.experiments.harmonic.measured import COLUMNS, evaluated
+from pipelines.experiments.harmonic.measured import COLUMNS, evaluated, phases
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
-from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS, Row, row
+from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS, Row, curve_table, of_curve, row
 from pipelines.experiments.shared.punch_model import inputs_of
+from pipelines.experiments.shared.ramps_and_holds import relative_gain
 
 
 def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
@@ -23,7 +27,8 @@ def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *
     declared = mach1_readings.declared_filter(loads)
     kind = mach1_readings.filter_kinds(loads)[0]
     interval = float(loads["sampling_interval"][0])
-    error, bias = [], []
+    error, bias, agreed = [], [], []
+    stretched = phases(loads, oscillations)
     simulated = np.full(loads.sizes["sample"], np.nan)
     for i in range(oscillations.sizes["oscillation"]):
         where, used = evaluated(loads, oscillations.isel(oscillation=i))
@@ -32,11 +37,13 @@ def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *
         measured = loads["force"].values[where][used]
         error.append(nrmse(measured, passed[used]))
         bias.append(float(np.mean(measured - passed[used])))
+        agreed.append(_along(loads, where, passed, stretched[i], model["effect"].values[i].T))
     table: dict[str, Any] = {
         "simulated_force": variable("sample", simulated, "N", "simulated force, filtered"),
         "nrmse": variable("oscillation", error, "1", "rms error over range of simulated force"),
         "bias": variable("oscillation", bias, "N", "mean of measured minus model"),
     }
+    table |= curve_table("oscillation", agreed)
     for name in ("storage_stiffness", "loss_stiffness", "work_per_cycle"):
         units, text = COLUMNS[name]
         difference = oscillations[name].values - model[name].values
@@ -44,6 +51,25 @@ def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *
         table[f"{name}_difference"] = variable("oscillation", difference, units, f"{text}, measured − model")
         table[f"u_{name}_difference"] = variable("oscillation", u, units, f"standard uncertainty: {text}")
     return xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]})
+
+
+def _along(
+    loads: xr.Dataset, where: slice, passed: Floats, places: list[NDArray[np.int64]], effects: Floats
+) -> Agreement | None:
+    """Lay the mean cycle against the model's, in parts of it.
+
+    They share tare and gain, what the model takes of touch, punch and solid, and the delay of the cell.
+    """
+    force = loads["force"].values
+    inside = [place - where.start for place in places]
+    means, own = stretches(force[where] - passed, inside)
+    slope = np.gradient(passed, loads["time"].values[where])
+    of_cell = [
+        np.full(len(places), float(loads["u_tare"])),
+        relative_gain(loads) * np.array([force[place].mean() for place in places]),
+        mach1_readings.filter_delay(loads).u * np.array([slope[place].mean() for place in inside]),
+    ]
+    return along_curve(means, own, np.array([*of_cell, *effects]))
 
 
 DELAY = "delay of the force"
@@ -69,7 +95,15 @@ def rows(comparison: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *,
     late = _by_delay(oscillations) if bool(oscillations.attrs["is_filter_corrected"]) else {}
     for i in range(oscillations.sizes["oscillation"]):
         condition = f"{float(oscillations['frequency'][i]):.3g} Hz"
-        yield row("force", "N", 1, condition=condition, nrmse=comparison["nrmse"][i], difference=comparison["bias"][i])
+        yield row(
+            "force",
+            "N",
+            1,
+            condition=condition,
+            nrmse=comparison["nrmse"][i],
+            difference=comparison["bias"][i],
+            **of_curve(comparison.isel(oscillation=i)),
+        )
         for title, unit, name in (
             ("storage stiffness", "N/m", "storage_stiffness"),
             ("dissipated work per cycle", "J", "work_per_cycle"),

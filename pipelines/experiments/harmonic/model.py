@@ -11,11 +11,11 @@ from labpipe.arrays import Floats
 from labpipe.materials import Prony
 from labpipe.signals import common_fit
 from labpipe.variables import variable, with_u
-from pipelines.experiments.harmonic.measured import COLUMNS, evaluated
+from pipelines.experiments.harmonic.measured import COLUMNS, evaluated, phases
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.material_choice import resolve, variations
-from pipelines.experiments.shared.punch_model import Effect, Geometry, simulated, table_of
+from pipelines.experiments.shared.punch_model import Effect, Geometry, along, simulated, table_of
 
 
 def model(
@@ -43,6 +43,7 @@ def model(
     force, effects, attrs = simulated(loads, touch, solid, geometry, others)
     result = _model_rows(loads, oscillations, solid, force, list(effects.values()))
     result = result.merge(table_of(effects))
+    result = result.assign(along(effects, phases(loads, oscillations), "oscillation"))
     result = result.assign(with_u("contact_position", (), touch.value, touch.u, "m", "stage position of first touch"))
     result.attrs |= attrs | {"contact": how}
     return result

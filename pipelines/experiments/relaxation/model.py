@@ -4,15 +4,19 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from labpipe.units import Quantity
 from labpipe.variables import variable
 from pipelines.experiments.relaxation.moduli import BINS_PER_DECADE
 from pipelines.experiments.relaxation.settings import Relaxation
+from pipelines.experiments.shared import ramps_and_holds
 from pipelines.experiments.shared.material_choice import resolve, variations
-from pipelines.experiments.shared.punch_model import TOUCH, Geometry, simulated, table_of
+from pipelines.experiments.shared.punch_model import TOUCH, Geometry, along, simulated, table_of
+from pipelines.experiments.shared.ramps_and_holds import Hold
 
 SLOPES = "slope_plateau_force"
+_NODES = 40  # along a ramp and its hold, where the effects of the inputs are given
 _SHORTEST = 0.02  # s; the fastest part of a ramp that shows in a force
 
 
@@ -43,6 +47,7 @@ def model(
     at_end = [(block == int(number)) & (time >= begin) & (time <= last) for number, begin, last in ends]
     slopes = [[float(e.change[where].mean()) / e.step for e in shared.values()] for where in at_end]
     text = "simulated force, before the cell's filter"
+    nodes = np.array([_nodes(loads, hold) for hold in ramps_and_holds.find(loads)])
     interval = float(loads["sampling_interval"][0])
     elapsed = np.geomspace(interval, longest, int(np.log10(longest / interval) * BINS_PER_DECADE))
     return xr.Dataset(
@@ -58,8 +63,21 @@ def model(
                 "Pa",
                 "reduced relaxation modulus of the material",
             ),
+            "node": variable(("ramp", "stretch"), nodes, "1", "sample at which the effects of the inputs are given"),
+            **along(effects, [np.split(one, one.size) for one in nodes], "ramp"),
             SLOPES: variable(("ramp", "uncertain"), slopes, "1", "change of the plateau's force with an input, SI"),
         },
         coords={"ramp": ramps["ramp"], "elapsed": variable("elapsed", elapsed, "s", "time since a step of strain")},
         attrs=attrs,
     ).merge(table_of(shared))
+
+
+def _nodes(loads: xr.Dataset, hold: Hold) -> NDArray[np.int64]:
+    """Return samples along a ramp, and ever fewer along its hold."""
+    first, last = hold.rows.start, hold.rows.stop - 1
+    time = loads["time"].values[hold.rows]
+    begin, end = first + np.searchsorted(time, (hold.begin, hold.end))
+    end = min(int(end), last - 1)
+    ramp = np.linspace(begin, end, _NODES // 2)
+    held = end + np.geomspace(1.0, last - end, _NODES - ramp.size)
+    return np.concatenate([ramp, held]).astype(np.int64)

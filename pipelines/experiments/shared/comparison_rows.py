@@ -1,11 +1,15 @@
 """One row of ``compare``: a curve or a single value, measured and simulated."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from math import erfc, sqrt
 from typing import Any
 
 import numpy as np
+import xarray as xr
+
+from labpipe.judging import Agreement
+from labpipe.variables import variable
 
 IMPACTS = 3
 """Impacts that are compared one by one; the thesis compares the first three."""
@@ -33,6 +37,8 @@ class Row:
         Of a curve only the difference is given: the bias, and its uncertainty where one is stated.
     nrmse : float or None
         Of a curve, relative to the range of the model.
+    chi2, degrees_of_freedom : float or None
+        Of a curve whose uncertainties are known along it, see :func:`labpipe.judging.along_curve`.
     slopes : mapping of str to float
         Derivative of the difference to each input that several rows share, SI: what hangs together
         is counted once, and says what the comparison could notice.
@@ -55,6 +61,9 @@ class Row:
     difference: float | None = None
     u_difference: float | None = None
     nrmse: float | None = None
+    chi2: float | None = None
+    degrees_of_freedom: float | None = None
+    p_of_curve: float | None = None
     slopes: Mapping[str, float] = field(default_factory=dict)
     kept: tuple[str, ...] = ()
 
@@ -73,11 +82,13 @@ class Row:
     def document(self) -> dict[str, Any]:
         """Return the row for JSON."""
         shown = asdict(self) | {"deviation": self.deviation, "p": self.p}
-        return {name: value for name, value in shown.items() if name != "slopes"}
+        return {name: value for name, value in shown.items() if name not in ("slopes", "p_of_curve")}
 
     @property
     def p(self) -> float | None:
         """Probability of a larger difference, if model and uncertainties are right."""
+        if self.is_curve:
+            return self.p_of_curve
         return None if self.deviation is None else erfc(abs(self.deviation) / sqrt(2))
 
 
@@ -100,6 +111,29 @@ def row(
     """
     plain: dict[str, Any] = {name: _plain(value) for name, value in values.items()}
     return Row("", "", material, condition, quantity, unit, n, against, slopes=slopes or {}, **plain)
+
+
+_OF_CURVE = (
+    ("chi_square", "chi square of the curve, in stretches"),
+    ("degrees_of_freedom", "degrees of freedom of the curve"),
+    ("p", "probability of a larger chi square of the curve"),
+)
+
+
+def curve_table(dim: str | tuple[()], found: Sequence[Agreement | None], name: str = "curve") -> dict[str, Any]:
+    """Return chi square, degrees of freedom and p of one curve, or of several over a dimension; NaN where unknown."""
+    known = [(np.nan,) * 3 if a is None else (a.chi2, float(a.degrees_of_freedom), a.p) for a in found]
+    columns = np.array(known, float).reshape(-1, 3).T
+    return {
+        f"{name}_{key}": variable(dim, values if dim else values[0], "1", text)
+        for (key, text), values in zip(_OF_CURVE, columns, strict=True)
+    }
+
+
+def of_curve(comparison: xr.Dataset, name: str = "curve") -> dict[str, Any]:
+    """Return what a row tells of a curve's agreement, of a table of :func:`curve_table`."""
+    keys = ("chi2", "degrees_of_freedom", "p_of_curve")
+    return {key: comparison[f"{name}_{of}"] for key, (of, _) in zip(keys, _OF_CURVE, strict=True)}
 
 
 def _plain(value: Any) -> float | None:

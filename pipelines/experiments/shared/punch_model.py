@@ -5,12 +5,13 @@ measured one, whatever was commanded.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from labpipe import contact
 from labpipe.arrays import Floats
@@ -136,6 +137,29 @@ class Effect(NamedTuple):
     def by_u(self) -> Floats:
         """Return the change of the force by one standard uncertainty of the input [N]."""
         return np.asarray(self.change * (self.given.u / self.step))
+
+
+def along(effects: Mapping[str, Effect], curves: Sequence[Sequence[NDArray[np.int64]]], dim: str) -> dict[str, Any]:
+    """Return what each effect, by one standard uncertainty, does to a simulated force along its curves.
+
+    Parameters
+    ----------
+    effects : mapping of str to Effect
+    curves : sequence of sequence of array of int
+        Samples of each stretch of each curve; all curves have as many.
+    dim : str
+        Dimension of the curves.
+
+    Returns
+    -------
+    dict
+        ``effect`` (dim, stretch, source) [N], mean over each stretch.
+    """
+    known = [effect.by_u() for effect in effects.values() if effect.given.u > 0.0]
+    values = np.array([[[one[place].mean() for one in known] for place in places] for places in curves])
+    values = values.reshape(len(curves), -1, len(known))
+    text = "change of the force along the curve by one standard uncertainty of an input"
+    return {"effect": variable((dim, "stretch", "source"), values, "N", text)}
 
 
 def table_of(effects: Mapping[str, Effect]) -> xr.Dataset:

@@ -54,6 +54,7 @@ def laser(fallen: xr.Dataset) -> xr.Dataset:
     level = moved["displacement"].values - float(found["contact_level"])
     made = found[["restitution", "u_restitution", "incoming_speed", "u_incoming_speed", "touch_time", "u_touch_time"]]
     made["touch_time"] = made["touch_time"] - start
+    made["touch_time_sd"] = made["touch_time"] * np.nan  # of a single record
     made = made.assign_coords(time=variable("time", moved["time"].values - start, "s", "time since first contact"))
     made["displacement_mean"] = variable("time", level, "m", "displacement")
     return made.assign_attrs(u_systematic_relative=1e-3)

@@ -1,0 +1,52 @@
+"""The path of a drop against the model's: chi square of its fall and flights."""
+
+import numpy as np
+import xarray as xr
+
+from labpipe.arrays import Floats
+from labpipe.judging import Agreement, along_curve, stretches
+from pipelines.experiments.ball_drop._model_uncertainty import FOLLOWED, path_by_input, stored_slopes
+from pipelines.experiments.shared.flights import flights
+
+_LOST = 0.03  # of a flight, uncertainty of its end from which sensitivities do not tell the path
+_FEW_REPEATS = 3.0  # by which the variance of two or three is taken larger
+
+
+def along(repeats: xr.Dataset, model: xr.Dataset, since: Floats, left: Floats) -> Agreement | None:
+    """Lay fall and flights against the model, each in a few stretches.
+
+    They share the scale of length, the moment of first touch, what the model takes of its inputs, and the
+    scatter between repeats, of each as a whole and of each impact, which moves what follows.
+    """
+    lost = np.flatnonzero(model["u_impact_time"].values[:FOLLOWED] > _LOST * _flight_times(model))
+    known = slice(int(lost[0]) if lost.size else FOLLOWED)
+    touches = model["impact_time"].values[known] - float(model["impact_time"][0])
+    leaves = touches + model["contact_duration"].values[known]
+    places = flights(repeats["time"].values, touches, leaves, float(since[0]))
+    if not places:
+        return None
+    means, own = stretches(left, places)
+    path, velocity = model["displacement"].values, np.gradient(model["displacement"].values, since)
+    on_grid = (np.interp(repeats["time"].values, since, one) for one in path_by_input(model, stored_slopes(model)))
+    relative, u_touch = float(repeats.attrs["u_systematic_relative"]), float(repeats["u_touch_time"][0])
+    # a touch that is taken too late has its level too low
+    later = np.interp(repeats["time"].values, since, velocity)
+    touched = u_touch * (later + float(model["impact_speed"][0]))
+    shared = [relative * np.interp(repeats["time"].values, since, path), touched, *on_grid]
+    effects = [[one[place].mean() for place in places] for one in shared]
+    single = np.array([[one[place].mean() for place in places] for one in repeats["displacement"].values])
+    n = len(single)
+    if n > 1:
+        wider = np.sqrt((n - 1) / (n - 3) if n > 3 else _FEW_REPEATS)  # variance of Student's distribution
+        effects += ((single - single.mean(axis=0)) * wider / np.sqrt(n * (n - 1))).tolist()
+        # each impact's own scatter: it moves all that follows
+        spread = np.nan_to_num(repeats["touch_time_sd"].values[: len(places)]) * wider / np.sqrt(n)
+        for touch, grown in zip(repeats["touch_time"].values[1:], np.diff(spread**2), strict=False):
+            moved = np.where(repeats["time"].values > touch, np.sqrt(max(grown, 0.0)) * later, 0.0)
+            effects.append([moved[place].mean() for place in places])
+    return along_curve(means, own, effects)
+
+
+def _flight_times(model: xr.Dataset) -> Floats:
+    """Return how long the sphere falls before each of the impacts that are followed."""
+    return np.diff(model["impact_time"].values[:FOLLOWED], prepend=0.0)
