@@ -84,7 +84,7 @@ def summary(curves: Sequence[Row], events: Sequence[Row], found: Comparison) -> 
         rows.append(("values", f"{inside} of {len(known)}", "differ by less than the 95 % interval of the difference"))
     if curves:
         good = sum(1 for row in curves if row.nrmse is not None and row.nrmse < GOOD)
-        rows.append(("curves", f"{good} of {len(curves)}", f"with an nRMSE below {GOOD:.0%}"))
+        rows.append(("curves", f"{good} of {len(curves)}", f"with an nRMSE below {100 * GOOD:g} %"))
     blocks += [KeyValues(rows)] if rows else []
     blocks += [Notice("error", f"{name}: {why}") for name, why in found.failed.items()]
     if kept := {row.experiment: row.kept for row in found.rows if row.kept}:

@@ -45,6 +45,11 @@ def test_the_command_prints_one_document_and_writes_one_page(
     assert f"The model agrees in {verdicts.count('agrees')} of {len(verdicts)} experiments" in page
     judged = [row for row in document["rows"] if row["deviation"] is not None]
     assert page.count('class="deviation-point ') == len(judged)
+    inside = sum(abs(row["deviation"]) < 1.96 for row in judged)
+    assert f"{inside} of {len(judged)}" in page
+    curves = [row["nrmse"] for row in document["rows"] if row["nrmse"] is not None]
+    assert f"{sum(error < 0.03 for error in curves)} of {len(curves)}" in page
+    assert "with an nRMSE below 3 %" in page
     assert ">µJ<" in page
     _, text = run(capsys, "compare", str(session_copy), "--jobs", "0")
     assert "nRMSE" in text
