@@ -1,6 +1,7 @@
 import contextlib
 import io
 import json
+import re
 import shutil
 from dataclasses import replace
 from datetime import datetime
@@ -69,6 +70,7 @@ def test_indentation_alone_does_not_claim_the_long_time_modulus(rubber: Path) ->
     page = (rubber / "labpipe/identify_nbr.html").read_text(encoding="utf-8")
     assert "bounded from above only" in page
     assert "Synthetic data" in page
+    assert {"nbr: storage stiffness", "nbr: loss stiffness"} <= set(re.findall(r"nbr: [a-z ]+", page))
 
 
 def test_draws_of_the_posterior_stand_beside_the_normal_approximation(rubber: Path) -> None:
