@@ -1,5 +1,6 @@
 """Selection of the frames and rows of a film that need to be read, and what its camera does to them."""
 
+from labpipe.imaging.films._grey_levels import in_grey_levels
 from labpipe.imaging.films._reading_plan import FilmReader, Place, frames_in_windows, plan_reading
 from labpipe.imaging.films._rows import PIECE, RowsSeen, is_inside, pieces_of, read_rows, row_sums
 from labpipe.imaging.films._stuck_pixels import StuckPixels, without_stuck_pixels
@@ -11,6 +12,7 @@ __all__ = [
     "RowsSeen",
     "StuckPixels",
     "frames_in_windows",
+    "in_grey_levels",
     "is_inside",
     "pieces_of",
     "plan_reading",

@@ -46,7 +46,7 @@ def contact_radius(
     Parameters
     ----------
     frames : FrameSource or array (frame, row, column)
-        Grey images of the contact seen through the flat, linear in light.
+        Grey images of the contact seen through the flat, linear in light; real numbers in any unit.
     pixel_size : float [m]
         Width of a pixel in the plane of the contact.
     sphere_radius : float [m]
@@ -164,6 +164,7 @@ def contact_radius(
     A. Ovcharenko et al., Tribol. Lett. 23 (2006) 55-63,
     https://doi.org/10.1007/s11249-006-9113-9
     """
+    from labpipe.imaging.films import in_grey_levels
     from labpipe.imaging.fringes._arguments import FilmOptions, check_film
     from labpipe.imaging.fringes._dataset import make_dataset
     from labpipe.imaging.fringes._every_frame import measure_film
@@ -190,4 +191,5 @@ def contact_radius(
         "phase": u_phase,
         "work_of_adhesion": si(u_work_of_adhesion, "J/m2", "u_work_of_adhesion"),
     }
+    film = in_grey_levels(film)
     return make_dataset(film, options, measure_film(film, options), uncertainties)

@@ -453,6 +453,16 @@ def test_same_film_gives_the_same_numbers() -> None:
     xr.testing.assert_identical(measure(film, SMALL), measure(film.copy(), SMALL))
 
 
+@pytest.mark.parametrize("unit", by_day([1.0 / 255.0, 1e-4, 10.0], 1))
+def test_light_in_any_unit_gives_the_same_radius(unit: float) -> None:
+    """Shares of white showed no contact, and no word of why."""
+    film = still_film(SMALL, 150 * UM, 2, (155.3, 118.2)).astype(float)
+    plain, scaled = measure(film, SMALL), measure(unit * film, SMALL)
+    assert scaled.method.values.tolist() == [1, 1]
+    np.testing.assert_allclose(scaled.radius, plain.radius, rtol=1e-6)
+    np.testing.assert_allclose(scaled.u_radius, plain.u_radius, rtol=1e-3)
+
+
 def test_every_variable_says_what_it_is() -> None:
     found = measure(still_film(SMALL, 150 * UM, 2, (155.3, 118.2)), SMALL)
     for name, variable in found.data_vars.items():

@@ -1,0 +1,57 @@
+"""Films of real numbers, brought to the range of grey levels of a camera."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.arrays import Floats, Integers
+from labpipe.frames import FrameSource, ShownFrames
+
+#: Brightest level below which real numbers are no grey levels, as a share of white or in other units, what
+#: it becomes, and frames that are asked.
+_LEAST, _BRIGHT, _FRAMES = 32.0, 200.0, 3
+
+
+class ScaledFrames(ShownFrames):
+    """A film whose light is multiplied by a factor.
+
+    Parameters
+    ----------
+    film : FrameSource
+        The film as given.
+    factor : float
+        Grey levels per unit of its light.
+    """
+
+    def __init__(self, film: FrameSource, factor: float) -> None:
+        self._film, self._factor = film, factor
+        self.time, self.exposure, self.shape, self.valid = film.time, film.exposure, film.shape, film.valid
+        self.levels = (factor * film.levels[0], factor * film.levels[1])
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return len(self._film)
+
+    def __getitem__(self, index: int) -> NDArray[np.integer]:
+        """Return one frame."""
+        return np.asarray(self._film[index] * self._factor)
+
+    def __iter__(self) -> Iterator[NDArray[np.integer]]:
+        """Go through the frames in order."""
+        return (self[i] for i in range(len(self)))
+
+    def roi(self, rows: slice, columns: slice) -> "ScaledFrames":
+        """Return a view of a rectangle."""
+        return ScaledFrames(self._film.roi(rows, columns), self._factor)
+
+
+def in_grey_levels(film: FrameSource) -> FrameSource:
+    """Return a film of real numbers, such as shares of white, in levels that compare with a camera's."""
+    whole: Integers = np.flatnonzero(film.valid)
+    if not len(whole) or film[int(whole[0])].dtype.kind != "f":
+        return film
+    chosen = np.unique(whole[np.linspace(0, len(whole) - 1, _FRAMES).astype(int)]).tolist()
+    light: list[Floats] = [np.asarray(film[index], float) for index in chosen]
+    brightest = max((float(np.abs(image[np.isfinite(image)]).max(initial=0.0)) for image in light), default=0.0)
+    return ScaledFrames(film, _BRIGHT / brightest) if 0.0 < brightest < _LEAST else film
