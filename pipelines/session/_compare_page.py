@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from labpipe.judging import LIKELY
 from labpipe.report import (
     SURE,
     Block,
@@ -85,6 +86,9 @@ def summary(curves: Sequence[Row], events: Sequence[Row], found: Comparison) -> 
     if curves:
         good = sum(1 for row in curves if row.nrmse is not None and row.nrmse < GOOD)
         rows.append(("curves", f"{good} of {len(curves)}", f"with an nRMSE below {100 * GOOD:g} %"))
+        p = [row.p for row in curves if row.p is not None]
+        likely = sum(1 for one in p if one > LIKELY)
+        rows += [("", f"{likely} of {len(p)}", f"with p above {LIKELY:g} along the curve")] if p else []
     blocks += [KeyValues(rows)] if rows else []
     blocks += [Notice("error", f"{name}: {why}") for name, why in found.failed.items()]
     if kept := {row.experiment: row.kept for row in found.rows if row.kept}:
@@ -147,19 +151,19 @@ def _curves(rows: Sequence[Row]) -> tuple[Block, ...]:
     if not rows:
         return ()
     names, nrmse = map(Column, ("experiment", "of", "curve")), Column("nRMSE", "%", digits=2)
-    chi2, p = Column("χ²", digits=3), Column("p", digits=2)
-    columns = (*names, nrmse, Column("bias", digits=3, u=5), *map(Column, ("u", "in", "n")), chi2, Column("of"), p)
+    judged = (Column("chi square", digits=3), Column("degrees of freedom"), Column("p", digits=2))
+    columns = (*names, nrmse, Column("bias", digits=3, u=5), *map(Column, ("u", "in", "n")), *judged)
     body = []
     for r in sorted(rows, key=lambda row: -(row.nrmse or 0.0)):
         shown = display_unit(_known(r.difference), r.unit)
         bias = _scaled((r.difference, r.u_difference), shown)
-        judged = (r.chi2, r.degrees_of_freedom, r.p)
-        body.append((r.experiment, _of(r), what(r), 100 * (r.nrmse or 0.0), *bias, shown.text, r.n, *judged))
+        of_curve = (r.chi2, r.degrees_of_freedom, r.p)
+        body.append((r.experiment, _of(r), what(r), 100 * (r.nrmse or 0.0), *bias, shown.text, r.n, *of_curve))
     text = (
         "Root mean square of measured minus model over the range of the model, and its mean. "
         "The bias has an uncertainty where the scale of the calibration contributes to it; n "
-        "counts repeats, or the points of a single curve. χ² lays the curve against the model in a few "
-        "stretches, with what they share: of so many degrees of freedom, and p is the probability of a larger one."
+        "counts repeats, or the points of a single curve. Chi square lays the curve against the model in a "
+        "few stretches, with what they share; p is the probability of a larger one."
     )
     return Paragraph(text), Table(columns, body)
 

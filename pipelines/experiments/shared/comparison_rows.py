@@ -37,7 +37,8 @@ class Row:
         Of a curve only the difference is given: the bias, and its uncertainty where one is stated.
     nrmse : float or None
         Of a curve, relative to the range of the model.
-    chi2, degrees_of_freedom : float or None
+    chi2 : float or None
+    degrees_of_freedom : int or None
         Of a curve whose uncertainties are known along it, see :func:`labpipe.judging.along_curve`.
     slopes : mapping of str to float
         Derivative of the difference to each input that several rows share, SI: what hangs together
@@ -62,7 +63,7 @@ class Row:
     u_difference: float | None = None
     nrmse: float | None = None
     chi2: float | None = None
-    degrees_of_freedom: float | None = None
+    degrees_of_freedom: int | None = None
     p_of_curve: float | None = None
     slopes: Mapping[str, float] = field(default_factory=dict)
     kept: tuple[str, ...] = ()
@@ -110,6 +111,8 @@ def row(
     >>> row("restitution", "1", 3, measured=0.8, u_measured=float("nan")).u_measured
     """
     plain: dict[str, Any] = {name: _plain(value) for name, value in values.items()}
+    if plain.get("degrees_of_freedom") is not None:
+        plain["degrees_of_freedom"] = round(plain["degrees_of_freedom"])
     return Row("", "", material, condition, quantity, unit, n, against, slopes=slopes or {}, **plain)
 
 
