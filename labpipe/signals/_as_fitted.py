@@ -12,6 +12,7 @@ from labpipe.signals._shape_prior import PRIORS
 from labpipe.variables import variable
 
 _AFTER_LIFTOFF = 0.1  # of the contact, before a flight counts
+_ASTRAY = 0.3  # of the contact, by which no fit misses its touch
 
 
 def as_fitted(
@@ -37,7 +38,7 @@ def as_fitted(
     displacement : DataArray (time,) [m]
         Upwards positive, at the record's interval, from the release or before.
     touch_time, contact_duration : array (impact,) [s]
-        Of the simulation, one more than asked for where it goes on.
+        Of the simulation, one more than asked for where it goes on; a touch without lift-off has no duration (NaN).
     count : int
         Impacts from the first on that are wanted.
     noise : float [m]
@@ -52,7 +53,8 @@ def as_fitted(
     -------
     Dataset
         Over ``impact``: ``restitution``, ``contact_duration`` [s], ``incoming_speed`` [m/s] and
-        ``penetration`` [m]; NaN where the simulation ends within the contact.
+        ``penetration`` [m]; NaN where the simulation ends within the contact, or the fit
+        finds another one.
 
     Raises
     ------
@@ -87,14 +89,16 @@ def as_fitted(
     for i in range(min(count, int(np.isfinite(liftoff).sum()))):
         # of the fall, what the record's own fit takes
         begin = liftoff[i - 1] + _AFTER_LIFTOFF * contact_duration[i - 1] if i else touch_time[0] / 3.0
-        end = touch_time[i + 1] if i + 1 < touch_time.size else time[-1]
+        end = touch_time[i + 1] if i + 1 < touch_time.size and np.isfinite(touch_time[i + 1]) else time[-1]
         between = [max(begin, touch_time[i] - LONGEST_ARC), min(end, liftoff[i] + LONGEST_ARC)]
         window = slice(*(int(n) for n in np.searchsorted(time, between)))
         guess = (float(touch_time[i]), float(liftoff[i]))
         fit = fit_impact(
             time[window], height[window], noise, guess, gravity, u_gravity, PRIORS[contact], beneath=beneath
         )
-        found[i], beneath = [combined(name, fit.value, 1)[0] for name in TOGETHER], fit.beneath
+        beneath = fit.beneath
+        if abs(fit.value[0] - touch_time[i]) < _ASTRAY * contact_duration[i]:
+            found[i] = [combined(name, fit.value, 1)[0] for name in TOGETHER]
     return xr.Dataset(
         {
             name: variable("impact", values, LABELS[name][0], f"{LABELS[name][1]}, as a fit to the motion finds it")

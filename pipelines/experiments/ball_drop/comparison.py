@@ -51,8 +51,8 @@ def _seen(repeats: xr.Dataset, model: xr.Dataset, floor: signals.Floor | None, s
     every = max(1, round(interval / float(model["time"][1] - model["time"][0])))
     found = signals.as_fitted(
         model["displacement"][::every],
-        model["impact_time"].values[: compared + 1],
-        model["contact_duration"].values[: compared + 1],
+        np.append(model["impact_time"].values, float(model["final_contact_time"]))[: compared + 1],
+        np.append(model["contact_duration"].values, np.nan)[: compared + 1],
         compared,
         noise=repeats.attrs["noise"],
         gravity=settings.model.gravity.value,
@@ -161,7 +161,10 @@ def _event(
     """Return one row; `names` are its variable in the repeats and in the model."""
     ours, theirs = names
     measured, u_measured = float(repeats[ours][impact]), float(repeats[f"u_{ours}"][impact])
-    expected, u_expected = float(comparison[f"seen_{ours}"][impact]), float(model[f"u_{theirs}"][impact])
+    expected, u_expected = float(model[theirs][impact]), float(model[f"u_{theirs}"][impact])
+    u_apart, seen = u_measured, float(comparison[f"seen_{ours}"][impact])
+    if np.isfinite(seen):
+        expected, u_apart = seen, float(without_shape(repeats, ours)[impact])
     slopes = {
         str(name): -float(slope)
         for name, slope in zip(model["slope_input"].values, model[f"slope_{theirs}"].values[:, impact], strict=True)
@@ -180,5 +183,5 @@ def _event(
         model=expected,
         u_model=u_expected,
         difference=measured - expected,
-        u_difference=np.hypot(float(without_shape(repeats, ours)[impact]), u_expected),
+        u_difference=np.hypot(u_apart, u_expected),
     )

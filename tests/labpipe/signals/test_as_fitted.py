@@ -100,3 +100,22 @@ def test_noise_that_is_none_is_refused(simulated: xr.Dataset) -> None:
             gravity=9.81,
             u_gravity=0.01,
         )
+
+
+def test_a_flight_that_ends_in_a_contact_without_lift_off_does_not_spoil_the_impact_before() -> None:
+    # The last impacts of a soft sphere from a small height: flights of a few ms, and then it stays.
+    made = contact.drop("ptfe", 9.525e-3, 0.505, 1.5e-3, 0.08, times=np.arange(0.0, 0.08, _INTERVAL))
+    count = made.sizes["impact"]
+    seen = signals.as_fitted(
+        made["displacement"],
+        made["impact_time"].values,
+        made["contact_duration"].values,
+        count,
+        noise=_NOISE,
+        gravity=9.81,
+        u_gravity=0.01,
+        contact="polymer",
+    )
+    ratio = seen["contact_duration"].values / made["contact_duration"].values
+    assert np.isfinite(ratio[:2]).all()
+    assert np.all(np.abs(ratio[np.isfinite(ratio)] - 1.0) < 0.1)
