@@ -513,6 +513,20 @@ ROWS = (
     ),
     Mistake("scale known to a half", setting('± 0.0005"', '± 0.5"', RECORD), "doubtful", ("u of the scale",), RECORD),
     Mistake("end of another repeat pasted on", _of_first(slice(0, 900), own=True), "impossible", ("pasted",), ALL[2]),
+    Mistake(
+        "another gain for one repeat",
+        values(_scaled(1.02), LAST),
+        "impossible",
+        ("lengths of laser/drop_3.csv come out 1.02", "than for the other repeats"),
+        ALL[2],
+    ),
+    Mistake(
+        "average of 32 readings, below the display's step",
+        values(lambda x: np.convolve(np.r_[np.full(31, x[0]), x], np.full(32, 1 / 32), "valid")),
+        "impossible",
+        ("averages over about", "smeared"),
+        ALL[0],
+    ),
     Mistake("repeat of another height", _other_height(1.7e-3), "impossible", ("1.7", "another height"), ALL[2]),
     Mistake(
         "repeat of another polymer",

@@ -19,7 +19,7 @@ from tests.mistakes.rows import Mistake
 
 START = datetime(2024, 5, 14, 9, 30)
 RECORD, TOML = "calibration/load_cell.toml", "session.toml"
-WAVES, HOLD = "mach1/nbr.txt", "mach1/nbr_100um.txt"
+WAVES, HOLD, DEEPER = "mach1/nbr.txt", "mach1/nbr_100um.txt", "mach1/nbr_200um.txt"
 
 
 def write_waves(folder: Path) -> Path:
@@ -87,6 +87,26 @@ def _slipped(at: int, by: float) -> Callable[[list[str]], list[str]]:
         ]
 
     return changed
+
+
+def _frozen(at: int) -> Callable[[list[str]], list[str]]:
+    """Return what writes the force of one row on until the end of its block."""
+
+    def changed(found: list[str]) -> list[str]:
+        forces = [row.split("\t")[2] for row in found if "\t" in row]
+        return _force(lambda i, f: float(forces[min(i, at)]))(found)
+
+    return changed
+
+
+def _of_other_day(clock: str) -> Edit:
+    """Return what takes one test for the other, with another time in its header."""
+
+    def edit(folder: Path) -> None:
+        text = (folder / HOLD).read_text("utf-8")
+        (folder / DEEPER).write_text(text.replace("Time:\t09:30", f"Time:\t{clock}"), "utf-8")
+
+    return edit
 
 
 def _stopped(share: float) -> Callable[[list[str]], list[str]]:
@@ -259,6 +279,13 @@ def _late(by: int) -> Callable[[list[str]], list[str]]:
 
 
 WAVE_ROWS = (
+    Mistake(
+        "position zeroed between two blocks",
+        rows(lambda found: [_cell(r, 1, f"{float(r.split(chr(9))[1]) - 12.3:.6f}") for r in found if "\t" in r], WAVES),
+        "impossible",
+        ("the position was zeroed",),
+        WAVES,
+    ),
     Mistake("table struck in an oscillation", rows(_struck(200), WAVES), "doubtful", ("struck the table",), WAVES),
     Mistake(
         "cell drifts in an oscillation",
@@ -458,6 +485,22 @@ HOLD_ROWS = (
         "doubtful",
         ("tester's clock",),
         HOLD,
+    ),
+    Mistake("force frozen in a hold", rows(_frozen(700), DEEPER), "doubtful", ("froze", "530 readings"), DEEPER),
+    Mistake(
+        "forces in whole N", columns(lambda t, x, f: (t, x, round(f)), HOLD), "doubtful", ("steps of 1.00 N",), HOLD, 27
+    ),
+    Mistake("copy with another time", _of_other_day("10:30"), "doubtful", ("digit by digit", "copy"), DEEPER),
+    Mistake(
+        "two tests at one time",
+        _all("Time:\t10:00:0", "Time:\t09:30:0", DEEPER),
+        "doubtful",
+        ("by the clock of the tester",),
+        DEEPER,
+        2,
+    ),
+    Mistake(
+        "record of another cell", setting('"250N"', '"50N"', RECORD), "doubtful", ("another load cell",), RECORD, "50N"
     ),
     Mistake(
         "another axis declared", _all("Load Cell Axis:\tFz", "Load Cell Axis:\tFx", HOLD), "doubtful", ("axis",), HOLD

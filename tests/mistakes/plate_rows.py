@@ -78,6 +78,15 @@ def _noise(x: Floats) -> Floats:
     return x[0] + np.random.default_rng(1).normal(0.0, 3e-4, x.size)
 
 
+def _clipped(x: Floats) -> Floats:
+    """Cut the lower half of the ringing off."""
+    return np.maximum(x, np.median(x) - 0.003)
+
+
+def _ends_early(folder: Path) -> None:
+    cells(lambda texts: texts[:1000], (PTFE,))(folder)
+
+
 def _struck(x: Floats) -> Floats:
     """Let the table ring from 5 ms on, before the blow."""
     since = np.clip(np.arange(x.size) - 100, 0, None) * 50e-6
@@ -174,6 +183,8 @@ ROWS = (
     Mistake("upside down readings", _changed(_upside_down), "impossible", ("direction",)),
     Mistake("noise only", _changed(_noise, (PTFE,)), "impossible", ("no ringing",), PTFE),
     Mistake("constant", _changed(lambda x: np.full(x.size, x[0]), (PTFE,)), "impossible", ("channel",), PTFE),
+    Mistake("clipped below", _changed(_clipped, (PTFE,)), "impossible", ("equal readings", "clipped"), PTFE),
+    Mistake("record ends before the blow", _ends_early, "impossible", ("ends before the impact",), PTFE),
     Mistake("level jump", _changed(_jump, (PTFE,)), "impossible", ("jump",), PTFE),
     # recordings
     Mistake("two heights exchanged", _exchanged, "impossible", ("height",)),

@@ -33,6 +33,8 @@ _LESS, _SHORTENED = 2.0, 0.1
 """Standard uncertainties by which a plate must lower the first restitution to be told where all bounces differ, and the
 part of a contact's duration that it changes at most: t goes with (1 + m/M)^-0.4."""
 _MARKER = re.compile(r"found '(?:-*|\+*|\*+|[+-]?9{4,}[.\d]*|[A-Za-z]+)'")
+_FINE = 2.0  # standard uncertainties within which a record is in order where another is not
+_SMEARED = ("height of the fall", "duration of the first contact", "levels of the touches")
 _BENT_BY_SWINGS = ("durations of the flights", "smoothness of the flights")
 _OF_ANOTHER = (
     "this repeat is of another height or another body: the file belongs to another experiment, or was named wrongly"
@@ -110,8 +112,13 @@ def judgement(
         of_records[swing.file] = [
             _by_swing(check, swing, added, results[swing.file][1]) for check in of_records[swing.file]
         ]
+    for average in (c for c in of_traces if c.name == trace_checks.SMOOTHED and c.level and c.file in of_records):
+        of_records[average.file] = [
+            replace(c, cause=average.cause, file=average.file) if c.level and c.name in _SMEARED else c
+            for c in of_records[average.file]
+        ]
     everything = [check for some in of_records.values() for check in some]
-    if causes and not explain(everything, causes):
+    if causes and (not explain(everything, causes) or _is_of_some(of_records)):
         by_name = dict(zip(settings.laser, readings or (), strict=False))
         everything = [c for one in records for c in _alone(of_records[one[0].name], one, by_name, settings)]
     checks += everything
@@ -198,7 +205,7 @@ def _alone(
     name = record[0].name
     header = readings.get(name)
     causes = [
-        replace(cause, say=lambda _: _OF_ANOTHER, file=name, setting="") if cause.setting == "height" else cause
+        _of_one(cause, name, settings)
         for cause in _causes(settings, [] if header is None else [header], [name], [record])
     ]
     ranked = explain(checks, causes)
@@ -216,6 +223,31 @@ def _alone(
             of = best.cause
             found.append(replace(check, cause=best.sentence, file=of.file, line=of.line, setting=of.setting))
     return found
+
+
+def _of_one(cause: Cause, name: str, settings: BallDrop) -> Cause:
+    """Return a cause as it can be of one record: what is stated once for all of them is not wrong for it alone."""
+    if cause.setting == "height":
+        return replace(cause, say=lambda _: _OF_ANOTHER, file=name, setting="")
+    if cause.file == settings.calibration and len(settings.laser) > 1:
+        return replace(
+            cause,
+            say=lambda k: (
+                f"lengths of {name} come out {too_large(k)}: its gain or display factor, or the angle of the sensor, "
+                "was another one than for the other repeats"
+            ),
+            file=name,
+            setting="",
+        )
+    return cause
+
+
+def _is_of_some(of_records: Mapping[str, Sequence[Check]]) -> bool:
+    """Tell whether what is wrong with some records is clearly in order with all others."""
+    wrong = {name for name, checks in of_records.items() if any(c.level for c in checks)}
+    told = {c.name for name in wrong for c in of_records[name] if c.level and np.isfinite(c.log_ratio)}
+    others = [c for name, checks in of_records.items() if name not in wrong for c in checks if c.name in told]
+    return bool(told and others) and all(abs(c.margin) < _FINE for c in others)
 
 
 def _records(

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from math import cos, degrees, hypot, isfinite, log
+from math import degrees, hypot, isfinite, log
 
 import numpy as np
 import xarray as xr
@@ -10,11 +10,11 @@ from scipy import ndimage
 
 from labpipe.arrays import Floats
 from labpipe.judging import SLIPS, Cause, Check, Level, compared, not_made, stated, too_large
-from labpipe.report import quantity, value_with_uncertainty
+from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from labpipe.workflow.fields import REFERENCE
-from pipelines.experiments.dic_validation import viewing_angle
+from pipelines.experiments.dic_validation._view_checks import direction, one_scale, sideways, tilt
 from pipelines.experiments.dic_validation.comparison import rows
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
@@ -38,8 +38,6 @@ _SOLVED, _ALIKE = 1e-4, 1e-6
 beginnings; noise changes them by more."""
 _GONE = 3  # frames in a row in which a holder that is in view does not vanish
 _KNOCKED = 0.02  # of the travel, by which a level jumps that counts
-_NO_MOTION = "four frames of a motion that is clear of the noise"
-_MATTERS = 0.5  # of the uncertainty of the scale, by which the camera's angle may change lengths untold
 _JUMPS = {"dx": 0.3, "rotation": 2e-3, "stretch_x stretch_y": 2e-3}
 """Least jump [px], [rad], [1] of what a knock or a change of the lens moves beside the displacement."""
 _FEWEST = 20  # bends of the motion that tell its noise
@@ -84,13 +82,14 @@ def judgement(
         checks = [replace(c, cause=found.cause) if c.name == "step motion" and found.level else c for c in checks]
         along = track["dy"].isel(point=0).values
         checks += [found, _copies(track, settings), in_order(settings.film, track["frame"].values, along)]
+        checks.append(sideways(track, settings))
         checks += [_lit(track, settings), exposed(track, settings.film), no_mosaic(track, settings.film)]
     if motion is not None:
         steady = _steady(track, motion, settings)
         # where no bounce was found, what the displacement itself shows is the better cause
         checks = [replace(c, cause=steady.cause) if c.name == "step bounces" and steady.level else c for c in checks]
         checks += [_times(motion, bounces, settings), steady]
-        checks += [of(motion, settings) for of in (_direction, _tilt, _one_scale)]
+        checks += [of(motion, settings) for of in (direction, tilt, one_scale)]
     if motion is not None and bounces is not None and bounces.sizes["impact"]:
         fall = Fall(settings.film, bounces, float(motion.attrs["u_systematic_relative"]))
         checks += [
@@ -264,58 +263,6 @@ def _lit(track: xr.Dataset, settings: DicValidation) -> Check:
     brightness = {int(i): float(c) for i, c in zip(known, contrast[known] / usual, strict=True)}
     # what is dark is found all the same, with a larger uncertainty
     return lit(settings.film, brightness, np.zeros(track.sizes["frame"], bool), track["time"].values)
-
-
-def _direction(motion: xr.Dataset, settings: DicValidation) -> Check:
-    """Look for a motion aslant in the image: of a camera that is turned, or of another body."""
-    name, law = "direction of the motion", "a camera that stands upright sees a body fall along the image's columns"
-    direction, u = float(motion["direction"]), float(motion["u_direction"])
-    if not isfinite(direction):
-        return not_made(name, law, _NO_MOTION)
-    text = f"{settings.film}: the holder moves at {value_with_uncertainty(degrees(direction), degrees(u), 'deg')} "
-    text += f"to the image's columns, whose vertical part is {1 - cos(direction):.2g} shorter"
-    if abs(direction) > viewing_angle.STRAIGHT:
-        cause = "the film was turned when it was exported, or tracking.body follows something else than the holder"
-        return stated(name, law, text, "doubtful", cause=cause, file=settings.film, setting="tracking.body")
-    matters = 1.0 - cos(direction) > _MATTERS * float(motion["u_pixel_size"] / motion["pixel_size"])
-    text += "; displacements are those along the motion"
-    cause = "the camera is turned about its axis, or the holder is led aslant"
-    return stated(name, law, text, "note" if matters else None, cause=cause if matters else "", file=settings.film)
-
-
-def _tilt(motion: xr.Dataset, settings: DicValidation) -> Check:
-    """Look for a camera that looks up or down, which makes lengths along the motion too short."""
-    name, law = "tilt of the camera", "seen at an angle, a body grows more along its motion than across"
-    tilt, u = float(motion["tilt"]), float(motion["u_tilt"])
-    if not isfinite(tilt):
-        return not_made(name, law, _NO_MOTION)
-    if tilt == 0.0:
-        return stated(name, law, f"{settings.film}: the holder's image does not grow or shrink", None)
-    shown, short = value_with_uncertainty(degrees(tilt), degrees(u), "deg"), 1.0 - cos(tilt)
-    if settings.camera_distance is not None:
-        text = (
-            f"{settings.film}: the camera looks up or down by {shown}; displacements are longer by {short:.2%} for it"
-        )
-        return stated(name, law, text, None)
-    matters = short > _MATTERS * float(motion["u_pixel_size"] / motion["pixel_size"])
-    text = f"{settings.film}: at a usual distance of {quantity(viewing_angle.USUAL_DISTANCE, 'm')} the camera looks up "
-    text += f"or down by {shown}, and displacements are too short by {short:.2%}"
-    cause = "the camera is tilted: state camera_distance, and displacements are corrected" if matters else ""
-    level: Level | None = "note" if matters else None
-    return stated(name, law, text, level, cause=cause, file=settings.film, setting="camera_distance")
-
-
-def _one_scale(motion: xr.Dataset, settings: DicValidation) -> Check:
-    """Look for a holder that grows or shrinks in the image while it moves."""
-    name, law = "one scale along the motion", "a camera that looks straight at a plane sees one scale all over it"
-    growth = float(motion["growth"])
-    if not isfinite(growth):
-        return not_made(name, law, _NO_MOTION)
-    change = abs(growth) * float(np.nanmax(np.abs(motion["displacement"].values)))
-    matters = change > _MATTERS * float(motion["u_pixel_size"] / motion["pixel_size"])
-    text = f"{settings.film}: the length of one pixel changes by {change:.2%} along the motion"
-    cause = "the camera looks up or down at the motion, or the holder comes closer or goes away" if matters else ""
-    return stated(name, law, text, "note" if matters else None, cause=cause, file=settings.film)
 
 
 def _height(fall: Fall, laser: xr.Dataset | None) -> Check:

@@ -60,6 +60,7 @@ def judgement(
         # what is wrong with one file does not show in the others
         checks += judge(mach1_checks.weighed(found), causes).checks
         relative = relative if load is None else relative_gain(load)
+    checks += mach1_checks.of_files({n: d for n, d in zip(files, readings or (), strict=False) if d is not None})
     known = next((d for d in loads or () if d is not None), None)
     if known is not None:
         checks += mach1_checks.of_cell(settings.load_cell, known)

@@ -16,10 +16,11 @@ from labpipe.arrays import Floats
 from labpipe.judging import Check, Level, not_made, stated
 from labpipe.report import quantity
 from labpipe.signals import quantisation_step
+from pipelines.experiments.shared.trace_checks import longest_by_chance
 
 SPIKE, JUMP, QUIET = "readings that stand alone", "level of the force", "force before contact"
 FOUND, ZERO = "force at contact", "zero of the force"
-LEAP = "leaps of the stage"
+LEAP, HELD, MOVED = "leaps of the stage", "held forces", "position from block to block"
 
 _ALONE = 15.0  # standard deviations of noise, or steps of the resolution
 _BESIDE = 3.0  # times the changes on either side
@@ -41,6 +42,7 @@ _SAME_PLACE, _RELAXES = 2e-6, 0.1
 _STILL, _FEWEST_STILL, _GOES_ON = 2e-7, 16, 1.5
 """m within which a stage rests at the end of a block, how many readings of that rest show how the force goes on, and
 by how much more it may go on than by the logarithm of time."""
+_IN_CONTACT = 0.2  # of the largest force of a file
 _MATTERS = 0.05  # of a block's travel: less than that spoils nothing that is made of it
 
 
@@ -73,12 +75,13 @@ class Trace:
 
 def checks_of(traces: list[Trace]) -> Iterator[Check]:
     """Make all checks of the blocks of one file, the worst of each."""
-    for of_one in (_spikes, _leap, _jump, _quiet, partial(_found, traces)):
+    for of_one in (_spikes, _leap, _jump, _held, _quiet, partial(_found, traces)):
         found = [check for trace in traces for check in of_one(trace)]
         worst = next((c for level in ("impossible", "doubtful", "note") for c in found if c.level == level), None)
         if worst is not None or found:
             yield worst or found[0]
     yield _zeroed(traces)
+    yield _moved(traces)
 
 
 def _noise(values: Floats) -> tuple[float, float]:
@@ -86,6 +89,42 @@ def _noise(values: Floats) -> tuple[float, float]:
     bend = np.diff(values, 2)
     step = float(quantisation_step(values)) if np.unique(values).size > 1 else 0.0
     return float(1.4826 * np.median(np.abs(bend)) / np.sqrt(6.0)), step
+
+
+def _step(values: Floats) -> float:
+    """Return the smallest step between readings, also of a few of them; 0 where they do not change."""
+    moves = np.abs(np.diff(values[np.isfinite(values)]))
+    moves = moves[moves > 1e-9 * np.max(moves, initial=0.0)]
+    return float(moves.min(initial=np.inf)) if moves.size else 0.0
+
+
+def _held(trace: Trace) -> Iterator[Check]:
+    """Look for a run of equal forces that is longer than noise and resolution let it be."""
+    law = "a cell that lives has noise: it does not stay on one reading"
+    force = trace.force
+    if force.size < 2 * _FEWEST or not np.isfinite(force).all() or np.ptp(force) == 0.0:
+        yield not_made(HELD, law, f"{2 * _FEWEST} readings that differ")
+        return
+    edges = np.flatnonzero(np.diff(force, prepend=np.nan, append=np.nan) != 0.0)
+    run = int(np.argmax(np.diff(edges)))
+    first, after = int(edges[run]), int(edges[run + 1])
+    others = np.concatenate([np.diff(force[:first], 2), np.diff(force[after:], 2)])
+    step = _step(force)
+    # rounding adds its own to the differences of what lies between two steps
+    noise = float(np.sqrt(max(np.mean(np.minimum(others**2, (4 * step) ** 2)) / 6.0 - step**2 / 12.0, 0.0)))
+    longest = longest_by_chance(noise, step, force.size)
+    if others.size < _FEWEST or after - first <= max(longest, _FEWEST):
+        yield stated(HELD, law, f"{trace.file}: the force is never held", None, file=trace.file)
+        return
+    until = "until the end of the block" if after == force.size else "and then goes on"
+    text = (
+        f"{trace.file}, block {trace.number + 1}: from {quantity(float(trace.time[first]), 's')} the force stays at "
+        f"{quantity(float(force[first]), 'N')} for {after - first} readings {until}; its noise otherwise allows "
+        f"{max(longest, _FEWEST):.0f}"
+    )
+    line = trace.line(first)
+    cause = f"the program or the cell froze and its last value was written on (line {line})"
+    yield stated(HELD, law, text, "doubtful", cause=cause, file=trace.file, line=line)
 
 
 def _spikes(trace: Trace) -> Iterator[Check]:
@@ -156,7 +195,7 @@ def _jump(trace: Trace) -> Iterator[Check]:
     if force.size < _FEWEST or not np.isfinite(force).all():
         yield not_made(JUMP, law, "a hold or an oscillation")
         return
-    noise, step = _noise(force)
+    noise, step = _noise(force)[0], _step(force)
     moved = np.abs(np.diff(force))
     limit = _FASTER * float(np.quantile(moved, 0.99)) + _IN_NOISE * noise + 2 * step
     for at in np.flatnonzero(moved > limit):
@@ -222,16 +261,16 @@ def _found(traces: list[Trace], trace: Trace) -> Iterator[Check]:
         f"{trace.file}: the force changes by {quantity(rise, 'N')} at most before the stage stops; it was told to look "
         f"for {quantity(trace.criterion, 'N')}"
     )
-    if rise > _PASSED * trace.criterion:
-        yield stated(FOUND, law, text, None, file=trace.file)
-        return
     # where no contact is seen in it, the approach has one level alone
-    step = max(_noise(each.force)[1] for each in traces if each.force.size > 2)
+    step = max(_step(each.force) for each in traces)
     if step > trace.criterion:
         text = f"{trace.file}: the force goes in steps of {quantity(step, 'N')}; the stage was told to look for "
         text += f"{quantity(trace.criterion, 'N')}"
         cause = "the forces were rounded when the file was written or saved again: take the tester's own file"
         yield stated(FOUND, law, text, "doubtful", cause=cause, file=trace.file, line=trace.first - 1)
+        return
+    if rise > _PASSED * trace.criterion:
+        yield stated(FOUND, law, text, None, file=trace.file)
         return
     cause = (
         "the column is not the force that the stage listened to (another axis or cell, or another unit), or contact "
@@ -268,6 +307,31 @@ def _zeroed(traces: list[Trace]) -> Check:
     is_off = beyond[worst] > 0.0
     level: Level | None = "doubtful" if is_off else None
     return stated(ZERO, law, text, level, cause=cause if is_off else "", file=b.file, line=b.first)
+
+
+def _moved(traces: list[Trace]) -> Check:
+    """Hold the position at the beginning of a block against that at the end of the one before, in contact."""
+    law = "a force in contact that goes on from one block to the next is that of one place"
+    force = np.concatenate([trace.force for trace in traces])
+    free = float(np.median(traces[0].force[:_FEWEST]))
+    size, travel = float(np.nanmax(np.abs(force - free))), max(float(np.ptp(trace.position)) for trace in traces)
+    known = [
+        (a, b, float(b.position[0] - a.position[-1]))
+        for a, b in pairwise(traces)
+        if a.force[-1] - free > _IN_CONTACT * size and abs(b.force[0] - a.force[-1]) < _RELAXES * size
+    ]
+    if not known or not np.isfinite([size, travel]).all():
+        return not_made(MOVED, law, "two blocks between which a force goes on")
+    before, after, by = max(known, key=lambda pair: abs(pair[2]))
+    text = (
+        f"{after.file}, block {after.number + 1}: the position begins {quantity(by, 'm')} from where the block before "
+        f"ended, and the force at {quantity(float(after.force[0]), 'N')} after "
+        f"{quantity(float(before.force[-1]), 'N')}"
+    )
+    is_far = abs(by) > travel
+    cause = f"the position was zeroed between the two blocks, or the stage was homed (line {after.first})"
+    level: Level | None = "impossible" if is_far else None
+    return stated(MOVED, law, text, level, cause=cause if is_far else "", file=after.file, line=after.first)
 
 
 def _off(before: Trace, change: float, span: float) -> float:

@@ -9,6 +9,7 @@ column moves them by different powers, which tells the mistake.
 from pipelines.experiments.shared.mach1_checks._causes import causes
 from pipelines.experiments.shared.mach1_checks._cell import of_cell
 from pipelines.experiments.shared.mach1_checks._contact import of_force, of_punch, touch_stated
+from pipelines.experiments.shared.mach1_checks._files import of_files
 from pipelines.experiments.shared.mach1_checks._of_file import is_swapped, knows_depth, of_file, placed, weighed
 from pipelines.experiments.shared.mach1_checks._parts import hold_parts
 from pipelines.experiments.shared.mach1_checks._response import falls, late, phase
@@ -25,6 +26,7 @@ __all__ = [
     "late",
     "of_cell",
     "of_file",
+    "of_files",
     "of_force",
     "of_punch",
     "phase",

@@ -15,7 +15,7 @@ from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.judgements import day_known
 from pipelines.experiments.shared.mach1_checks._motion import direction_of_motion
 from pipelines.experiments.shared.mach1_checks._parts import OSCILLATION, Part, line_of, response_of
-from pipelines.experiments.shared.mach1_checks._titles import CALIBRATED, CAPACITY, DELAY, SCALE, SIGN
+from pipelines.experiments.shared.mach1_checks._titles import CALIBRATED, CAPACITY, CELL, DELAY, SCALE, SIGN
 from pipelines.experiments.shared.punch_settings import LoadCell
 from pipelines.experiments.shared.ramps_and_holds import RELAXATION
 
@@ -98,10 +98,9 @@ def saturation(name: str, blocks: Sequence[Part]) -> Check:
 def capacity_of_cell(name: str, blocks: Sequence[Part]) -> Check:
     law = "a cell shows no force far beyond its capacity"
     cell = str((blocks[0].header.get("load_cell") or {}).get("name") or "")
-    said = re.search(r"(\d+(?:\.\d+)?)\s*(kg|g|kN|N)\b", cell)
-    if said is None:
+    capacity = _capacity(cell)
+    if capacity is None:
         return not_made(CAPACITY, law, "a load cell whose name says its capacity")
-    capacity = float(said[1]) * {"kg": 9.80665, "g": 9.80665e-3, "N": 1.0, "kN": 1e3}[said[2]]
     largest = max(float(np.nanmax(np.abs(p.force))) for p in blocks)
     text = f"{name}: up to {quantity(largest, 'N')} with a cell of {quantity(capacity, 'N')} ({cell})"
     part = blocks[0]
@@ -112,6 +111,32 @@ def capacity_of_cell(name: str, blocks: Sequence[Part]) -> Check:
         return check
     cause = f"the column of the force is in gf or mN, not in N (header of the columns, line {part.header_line})"
     return replace(check, cause=cause)
+
+
+def _capacity(name: str) -> float | None:
+    """Return the force [N] that the name of a cell says, such as "25kg SN:1886652"; None where it says none."""
+    said = re.search(r"(\d+(?:\.\d+)?)\s*(kg|g|kN|N)\b", name)
+    factor = {"kg": 9.80665, "g": 9.80665e-3, "N": 1.0, "kN": 1e3}
+    return None if said is None else float(said[1]) * factor[said[2]]
+
+
+def _cell_of_record(loads: xr.Dataset, record: str) -> Check:
+    """Hold the cell that a calibration record names against that of the file, by capacity and serial number."""
+    law = "a record calibrates the cell that measured"
+    text = str(loads.attrs.get("calibration", ""))
+    known = json.loads(text) if text.startswith("{") else {}
+    used = str((json.loads(loads.attrs["blocks"])[0].get("load_cell") or {}).get("name") or "")
+    theirs, ours = _capacity(str(known.get("instrument", ""))), _capacity(used)
+    number, told = str(known.get("serial", "")).strip(), re.search(r"SN:?\s*([\w-]*\d[\w-]*)", used)
+    is_alike = [abs(log(theirs / ours)) < log(_OWN_FACTOR)] if theirs and ours else []
+    is_alike += [number in used] if number and told else []
+    if not is_alike:
+        return not_made(CELL, law, "capacity or serial number of the cell, in its record and in the file")
+    message = f"{record} is of {' '.join(filter(None, (known['instrument'], number)))}, the file says {used}"
+    is_other = not all(is_alike)
+    cause = "the record is that of another load cell, or the tester was told another one" if is_other else ""
+    level: Level | None = "doubtful" if is_other else None
+    return stated(CELL, law, message, level, cause=cause, file=record, setting="instrument")
 
 
 def date_of_cell(name: str, blocks: Sequence[Part]) -> Check:
@@ -137,6 +162,7 @@ def of_cell(load_cell: LoadCell, loads: xr.Dataset) -> list[Check]:
     if not record:
         found.append(not_made(SCALE, law, "a calibration record of the load cell"))
     else:
+        found.append(_cell_of_record(loads, record))
         off = abs(log(abs(gain))) if gain else np.inf
         level: Level | None = (
             "impossible" if off > log(_WRONG_FACTOR) else "doubtful" if off > log(_OWN_FACTOR) else None

@@ -4,7 +4,14 @@ import numpy as np
 
 from labpipe.judging import Check, Level, not_made, stated
 from labpipe.report import quantity
-from pipelines.experiments.shared.trace_checks._trace import FLAT, IN_NOISE, WRONG_CHANNEL, Trace, longest_run
+from pipelines.experiments.shared.trace_checks._trace import (
+    FLAT,
+    IN_NOISE,
+    WRONG_CHANNEL,
+    Trace,
+    longest_by_chance,
+    longest_run,
+)
 
 _SLOW = 0.05  # of the largest step, below which a body may rest on one reading
 _BESIDE = 4  # readings on either side of equal ones that tell whether the body moves there
@@ -44,7 +51,10 @@ def held_readings(trace: Trace) -> Check:
     around = np.abs(x[max(start - _BESIDE, 0) : start + longest + 1 + _BESIDE] - x[start])
     away = float(np.nanmax(around)) if np.isfinite(around).any() else 0.0
     is_moving = usual > 3 * step and away > max(_BESIDE * _SLOW * usual, 3 * step + IN_NOISE * trace.noise)
-    if longest < FLAT or not (is_moving or longest >= x.size - 2):
+    # noise does not stay on one reading, least of all on the last one that there is
+    is_end = longest > 0 and abs(x[start] - min((np.nanmin(x), np.nanmax(x)), key=lambda v: abs(x[start] - v))) < step
+    is_cut = is_end and longest > longest_by_chance(trace.noise, step, x.size)
+    if longest < FLAT or not (is_moving or is_cut or longest >= x.size - 2):
         return stated(title, law, f"{trace.name}: no clipped or held readings", None, file=trace.name)
     is_tail = start + longest >= x.size - 2
     until = "until the end" if is_tail else "in the middle of motion"
@@ -66,4 +76,6 @@ def resolution(trace: Trace) -> Check:
     text = f"{trace.name}: a resolution of {quantity(step, 'm')} for a travel of {quantity(travel, 'm')}"
     level: Level | None = "doubtful" if step > _TOO_COARSE * travel else "note" if step > _COARSE * travel else None
     cause = "the display shows too few digits: set more decimals in the controller"
+    if travel < IN_NOISE * trace.noise:
+        cause = "nothing moves in this record: it ends before the impact or begins after it, or " + WRONG_CHANNEL
     return stated(title, law, text, level, file=trace.name, cause=cause if level else "")

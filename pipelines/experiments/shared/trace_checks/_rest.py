@@ -17,13 +17,14 @@ _CHANCE = 1e-6  # probability by which white noise swings so
 _PIECES, _BURSTS = 20, 3.0
 """Of what is at rest, and times as wide as the quiet ones, from which on a piece swings."""
 _IN_PROPORTION = 0.3  # of the exponent 1 with which a moving average's differences grow
+_SHORT = 2  # doublings of the lag at most, until they exceed what rounding adds
 _FALL = (0.4, 2.5)  # times g, curvature of a beginning in mid-fall
 _HUM = 0.01  # of the travel, beyond which what is left of a hum is doubtful
 IN_MOTION = (
     "the readings do not begin at rest: the record begins in mid-motion, the sensor drifts or hums, or the wrong "
     "channel was recorded"
 )
-SWING = "vibration before the release"
+SWING, SMOOTHED = "vibration before the release", "noise of neighbouring readings"
 
 
 def rest_of(trace: Trace, results: Sequence[xr.Dataset]) -> slice:
@@ -33,13 +34,13 @@ def rest_of(trace: Trace, results: Sequence[xr.Dataset]) -> slice:
     return slice(0, max(end, QUIET))
 
 
-def swing_at_rest(trace: Trace, rest: slice) -> tuple[float, float] | None:
+def swing_at_rest(trace: Trace, rest: slice, fewest: int = QUIET) -> tuple[float, float] | None:
     """Return frequency [Hz] and amplitude [m] with which a body swings that should be at rest; None where it does not.
 
     Of white noise the best of n/2 lines leaves so little by chance with n/2 (left/all)^((n - 4)/2).
     """
     known = np.flatnonzero(np.isfinite(trace.reading[rest]))
-    if known.size < QUIET or trace.travel == 0.0:
+    if known.size < fewest or trace.travel == 0.0:
         return None
     t, x = trace.time[known] - trace.time[known[0]], trace.reading[known]
     span = float(t[-1])
@@ -96,19 +97,23 @@ def smoothed(trace: Trace, rest: slice) -> Check:
     The mean square of x(t + k) - x(t) is the same for all k in white noise; a moving average of n
     readings lets it grow in proportion to k up to n, a motion with k squared.
     """
-    title, law = "noise of neighbouring readings", "readings that are not averaged have each a noise of its own"
+    title, law = SMOOTHED, "readings that are not averaged have each a noise of its own"
     x = trace.reading[rest]
     x = x[np.isfinite(x)]
     if x.size < QUIET:
         return not_made(title, law, f"{QUIET} readings at rest")
     lags = 2 ** np.arange(int(np.log2(x.size / 3)) + 1)
-    apart = np.array([float(np.mean((x[k:] - x[:-k]) ** 2)) for k in lags])
-    grows = np.diff(np.log2(np.maximum(apart, 1e-300)))
-    text = f"{trace.name}: readings two apart differ {2 ** (grows[0] / 2):.2g} times as much as neighbours"
-    is_mean = (np.abs(grows[:2] - 1.0) < _IN_PROPORTION).all() and apart[0] > trace.resolution**2
-    if not is_mean:
+    of_display = trace.resolution**2 / 6.0  # what rounding adds
+    apart = np.array([float(np.mean((x[k:] - x[:-k]) ** 2)) for k in lags]) - of_display
+    first = int(np.argmax(apart > of_display))
+    grows = np.diff(np.log2(np.maximum(apart[first:], 1e-300)))
+    lag = int(lags[first])
+    text = f"{trace.name}: readings {2 * lag} apart differ {2 ** (grows[0] / 2) if grows.size else 1.0:.2g} times as "
+    text += f"much as those {lag} apart"
+    is_mean = first <= _SHORT and grows.size > 2 and (np.abs(grows[:2] - 1.0) < _IN_PROPORTION).all()
+    if not is_mean or not apart[first] > of_display:
         return stated(title, law, text, None, file=trace.name)
-    count = round(float(np.median(apart[-2:]) / apart[0]))
+    count = round(lag * float(np.median(apart[-2:]) / apart[first]))
     interval = float(np.median(np.diff(trace.time)))
     cause = (
         f"the controller averages over about {count} readings ({quantity(count * interval, 's')}), or a filter of it "

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import erf, inf, log, sqrt
 
 import numpy as np
 import xarray as xr
@@ -14,6 +15,7 @@ FLAT = 6
 IN_NOISE = 8.0  # standard deviations of noise that a jump exceeds
 QUIET = 200  # readings at the beginning that should be still
 LIMITS = (1e-3, 0.02, 0.2)  # of the travel: drift over the record that is told, doubtful, impossible
+_CHANCE = 1e-9  # by which equal readings in a row are told
 WRONG_CHANNEL = "the wrong channel or file was recorded, or the sensor did not see the body"
 
 
@@ -69,6 +71,15 @@ class Trace:
     def at(self, index: int) -> str:
         """Write the time of a reading."""
         return quantity(float(self.time[index]), "s")
+
+
+def longest_by_chance(noise: float, step: float, count: int) -> float:
+    """Return how many of `count` readings stay on one step by chance; infinite where noise does not reach the step.
+
+    Of white noise a reading lies on one step with erf(step/(2 sqrt(2) noise)) at most.
+    """
+    stays = erf(step / (sqrt(8.0) * noise)) if noise > 0.0 else 1.0
+    return log(_CHANCE / count) / log(stays) if 0.0 < stays < 1.0 else inf
 
 
 def longest_run(flags: np.ndarray) -> tuple[int, int]:

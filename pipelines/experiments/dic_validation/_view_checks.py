@@ -1,0 +1,93 @@
+"""Whether the camera of a falling holder stands still and upright, and sees one scale all along the motion."""
+
+from math import cos, degrees, isfinite
+
+import numpy as np
+import xarray as xr
+
+from labpipe.judging import Check, Level, not_made, stated
+from labpipe.report import quantity, value_with_uncertainty
+from pipelines.experiments.dic_validation import viewing_angle
+from pipelines.experiments.dic_validation.settings import DicValidation
+from pipelines.experiments.shared.trace_checks import Trace, swing_at_rest
+
+_NO_MOTION = "four frames of a motion that is clear of the noise"
+_MATTERS = 0.5  # of the uncertainty of the scale, by which the camera's angle may change lengths untold
+_ASIDE = 0.15  # px to either side, beyond what the interpolation between pixels leaves
+_FEWEST = 40  # frames
+
+
+def direction(motion: xr.Dataset, settings: DicValidation) -> Check:
+    """Look for a motion aslant in the image: of a camera that is turned, or of another body."""
+    name, law = "direction of the motion", "a camera that stands upright sees a body fall along the image's columns"
+    angle, u = float(motion["direction"]), float(motion["u_direction"])
+    if not isfinite(angle):
+        return not_made(name, law, _NO_MOTION)
+    text = f"{settings.film}: the holder moves at {value_with_uncertainty(degrees(angle), degrees(u), 'deg')} "
+    text += f"to the image's columns, whose vertical part is {1 - cos(angle):.2g} shorter"
+    if abs(angle) > viewing_angle.STRAIGHT:
+        cause = "the film was turned when it was exported, or tracking.body follows something else than the holder"
+        return stated(name, law, text, "doubtful", cause=cause, file=settings.film, setting="tracking.body")
+    matters = 1.0 - cos(angle) > _MATTERS * float(motion["u_pixel_size"] / motion["pixel_size"])
+    text += "; displacements are those along the motion"
+    cause = "the camera is turned about its axis, or the holder is led aslant"
+    return stated(name, law, text, "note" if matters else None, cause=cause if matters else "", file=settings.film)
+
+
+def tilt(motion: xr.Dataset, settings: DicValidation) -> Check:
+    """Look for a camera that looks up or down, which makes lengths along the motion too short."""
+    name, law = "tilt of the camera", "seen at an angle, a body grows more along its motion than across"
+    angle, u = float(motion["tilt"]), float(motion["u_tilt"])
+    if not isfinite(angle):
+        return not_made(name, law, _NO_MOTION)
+    if angle == 0.0:
+        return stated(name, law, f"{settings.film}: the holder's image does not grow or shrink", None)
+    shown, short = value_with_uncertainty(degrees(angle), degrees(u), "deg"), 1.0 - cos(angle)
+    if settings.camera_distance is not None:
+        text = (
+            f"{settings.film}: the camera looks up or down by {shown}; displacements are longer by {short:.2%} for it"
+        )
+        return stated(name, law, text, None)
+    matters = short > _MATTERS * float(motion["u_pixel_size"] / motion["pixel_size"])
+    text = f"{settings.film}: at a usual distance of {quantity(viewing_angle.USUAL_DISTANCE, 'm')} the camera looks up "
+    text += f"or down by {shown}, and displacements are too short by {short:.2%}"
+    cause = "the camera is tilted: state camera_distance, and displacements are corrected" if matters else ""
+    level: Level | None = "note" if matters else None
+    return stated(name, law, text, level, cause=cause, file=settings.film, setting="camera_distance")
+
+
+def one_scale(motion: xr.Dataset, settings: DicValidation) -> Check:
+    """Look for a holder that grows or shrinks in the image while it moves."""
+    name, law = "one scale along the motion", "a camera that looks straight at a plane sees one scale all over it"
+    growth = float(motion["growth"])
+    if not isfinite(growth):
+        return not_made(name, law, _NO_MOTION)
+    change = abs(growth) * float(np.nanmax(np.abs(motion["displacement"].values)))
+    matters = change > _MATTERS * float(motion["u_pixel_size"] / motion["pixel_size"])
+    text = f"{settings.film}: the length of one pixel changes by {change:.2%} along the motion"
+    cause = (
+        "the camera looks up or down at the motion, the holder comes closer or goes away, or zoom or focus changes"
+        if matters
+        else ""
+    )
+    return stated(name, law, text, "note" if matters else None, cause=cause if matters else "", file=settings.film)
+
+
+def sideways(track: xr.Dataset, settings: DicValidation) -> Check:
+    """Look for a holder's image that swings aside: along the fall a swing hides in the motion, across it does not."""
+    name, law = "motion across the fall", "a body falls straight, seen by a camera that stands still"
+    of_body = track.isel(point=0)
+    across, along = (np.where(of_body["valid"], of_body[of].values, np.nan) for of in ("dx", "dy"))
+    known = np.flatnonzero(np.isfinite(across * along))
+    if known.size < _FEWEST:
+        return not_made(name, law, f"{_FEWEST} frames with the holder")
+    # a camera that is turned, or a holder that turns, moves it aside as it moves along
+    fitted = np.polynomial.Polynomial.fit(along[known], across[known], 2)
+    trace = Trace(settings.film, track["time"].values[known], across[known] - fitted(along[known]))
+    found = swing_at_rest(trace, slice(0, known.size), _FEWEST)
+    if found is None or found[1] < _ASIDE:
+        return stated(name, law, f"{settings.film}: the holder falls straight", None, file=settings.film)
+    f, amplitude = found
+    text = f"{settings.film}: the holder's image swings aside by ± {amplitude:.2g} px at {f:.3g} Hz"
+    cause = f"the camera, its mirror or the holder vibrates at {f:.3g} Hz: along the fall it may move the image as much"
+    return stated(name, law, text, "note", cause=cause, file=settings.film)
