@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-_FRINGE_FIT = 1  # method of labpipe.imaging.contact_radius: a gap that is Hertz's
+_FRINGE_FIT, _OPEN_GAP = 1, 5  # methods of labpipe.imaging.contact_radius: a gap that is Hertz's, and one that is wider
+_OPENED = 0.02  # relative, by which a gap that is fitted as wider may change the scale of its fringes
 _FORM = 0.7
 """A whole sphere enlarges the scale of the first three fringes by this times (a/R)² against the
 paraboloid that is fitted, both by the method of dimensionality reduction: 0.75 to 0.70 for a/R of 0.045
@@ -31,21 +32,27 @@ class FringeScale(NamedTuple):
     n: int
 
 
-def fringe_scale(radius: xr.Dataset, impacts: xr.Dataset, sphere_radius: float) -> FringeScale | None:
+def fringe_scale(
+    radius: xr.Dataset, impacts: xr.Dataset, sphere_radius: float, *, open_too: bool = False
+) -> FringeScale | None:
     """Take it from the growing first contact; None where no fringes tell it.
 
     While the first contact of a body grows, its gap is Hertz's, whatever the body remembers; beside
-    later ones it still recovers from its dent (Ting, https://doi.org/10.1115/1.3625192).
+    later ones it still recovers from its dent (Ting, https://doi.org/10.1115/1.3625192). Where no gap
+    is Hertz's, as with a wrong wavelength, `open_too` takes those that were fitted as wider.
     """
     if "own_scale" not in radius or not impacts.sizes["impact"]:
         return None
     own, u, time = (radius[name].values for name in ("own_scale", "u_own_scale", "time"))
     is_first = (time >= float(impacts["first_seen"][0])) & (time <= float(impacts["last_seen"][0]))
-    told = np.flatnonzero(is_first & np.isfinite(own) & np.isfinite(u) & (radius["method"].values == _FRINGE_FIT))
+    known, method = is_first & np.isfinite(own) & np.isfinite(u), radius["method"].values
+    told = np.flatnonzero(known & (method == _FRINGE_FIT))
+    is_open = open_too and not told.size
+    told = np.flatnonzero(known & (method == _OPEN_GAP)) if is_open else told
     if not told.size:
         return None
     form = _FORM * float(np.mean(radius["radius"].values[told]) / sphere_radius) ** 2
     ratio = float(radius.attrs["phase_scale_ratio"]) * float(np.mean(own[told])) / (1.0 + 0.5 * form)
     scatter = float(np.std(own[told])) / sqrt(max(told.size - 1, 1))
     random = max(float(np.sqrt(np.sum(u[told] ** 2))) / told.size, scatter)
-    return FringeScale(ratio, ratio * hypot(random, form / sqrt(12.0), _LIGHT), int(told.size))
+    return FringeScale(ratio, ratio * hypot(random, form / sqrt(12.0), _LIGHT, is_open * _OPENED), int(told.size))

@@ -131,7 +131,7 @@ def _inputs(radius: xr.Dataset | None, model: xr.Dataset | None, settings: Conta
 def _fringes(radius: xr.Dataset, impacts: xr.Dataset | None, settings: ContactArea) -> Check:
     law = "fringes lie where radius of the sphere, wavelength and scale of the image put them"
     light, body = settings.wavelength, settings.sphere.radius
-    found = None if light is None or impacts is None else fringe_scale(radius, impacts, body.value)
+    found = None if light is None or impacts is None else fringe_scale(radius, impacts, body.value, open_too=True)
     if light is None or found is None:
         return not_made(FRINGE, law, "a wavelength, and fringes that the film resolves in its first contact")
     scale = 2 * float(radius.attrs["u_systematic_relative"])
