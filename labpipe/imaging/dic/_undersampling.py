@@ -118,7 +118,7 @@ class Sharpness:
         self._reference = reference
         self._total, self._least = reference.sums(sharp), _NOTABLE_SHARE * strongest_slopes(reference.subsets)
         self.may_err = self._total > self._least
-        self._own: Floats | None = None
+        self._own = np.full(len(self._total), np.nan)
 
     def judge(self, residual: Floats) -> tuple[Flags, Flags, Floats]:
         """Whether interpolation errs (point,), whether that is all that misfits, and a factor of variances.
@@ -127,15 +127,18 @@ class Sharpness:
         """
         reference = self._reference
         pixels = reference.subsets.level[:, 2]
-        if self._own is None:
-            self._own = np.zeros(len(pixels))
-            for n in np.flatnonzero(self.may_err).tolist():
+        for _ in range(2):
+            # what one image shows of noise may be its pattern
+            own = np.fmin(self._own, residual / (reference.noise.seen * pixels))
+            sharp = np.maximum(self._total - self._of_noise * own * pixels, 0.0)
+            errs = self.may_err & (sharp > self._least) & (residual > _LEAST_LEFT * sharp)
+            fresh = np.flatnonzero(errs & np.isnan(self._own)).tolist()
+            if not fresh:
+                break
+            for n in fresh:
                 self._own[n] = reference.own_noise(n, np.zeros(0), 0.0)[0]
-        # what one image shows of noise may be its pattern
-        self._own = np.fmin(self._own, residual / (reference.noise.seen * pixels))
-        sharp = np.maximum(self._total - self._of_noise * self._own * pixels, 0.0)
-        errs = self.may_err & (sharp > self._least) & (residual > _LEAST_LEFT * sharp)
-        left = (residual - reference.noise.seen * self._own * pixels) / np.maximum(sharp, 1e-30)
+        self._own = np.where(np.isnan(self._own), np.nan, own)
+        left = (residual - reference.noise.seen * own * pixels) / np.maximum(sharp, 1e-30)
         first, last = _LEFT_BY_POINTS
         by_points = np.where(errs, np.clip((left - first) / (last - first), 0.0, 1.0), 0.0)
         factor = 1.0 + (_ALIKE_BY_POINTS - 1.0) * by_points
