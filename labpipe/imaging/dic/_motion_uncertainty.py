@@ -112,11 +112,6 @@ class NoiseModel:
             self._directions[model] = _directions(subsets, self.coarse, model)
         return self._directions[model]
 
-    @property
-    def seen(self) -> float:
-        """Variance of a pixel of the residual over that of a pixel of a frame, for any motion."""
-        return float(self.gain.mean() ** 2 + self.gain[0] ** 2 / self.static_frames)
-
     def most_noise(self, subsets: Subsets, model: int) -> Floats:
         """Variance (point,) [grey²] of a pixel up to which the texture of subsets exceeds noise."""
         least = _LEAST_TEXTURE / subsets.level[:, 2] ** 0.25
@@ -128,7 +123,8 @@ class NoiseModel:
 
         Where there is hardly a pattern, the columns of light and blur would take noise for a change.
         """
-        return np.asarray(self.most_noise(subsets, 0) * self.seen * subsets.level[:, 2] / _CLEARLY)
+        seen = float(self.gain.mean() ** 2 + self.gain[0] ** 2 / self.static_frames)
+        return np.asarray(self.most_noise(subsets, 0) * seen * subsets.level[:, 2] / _CLEARLY)
 
     def shown(self, floor: float) -> NoiseShown:
         """Tell the solver how noise shows in a residual.
@@ -139,7 +135,7 @@ class NoiseModel:
             Variance of a pixel of the frames from rounding.
         """
         share = 1.0 / self.static_frames
-        seen = self.seen
+        seen = float(self.gain.mean() ** 2 + share * self.gain[0] ** 2)
         own = share * float(self.gain[0] ** 2)
         return NoiseShown((1.0 + share) / seen, -own * self.bends[0] / seen, own / seen, floor * seen)
 

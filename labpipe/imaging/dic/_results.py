@@ -35,18 +35,13 @@ if TYPE_CHECKING:
 _STATIC_RANGE = 0.3
 #: Noise of a film over the lower quartile of what its points show: they scatter about as much.
 _NOISE_OF_FILM = 0.9
-#: Variance that the parts of a subset show, over that of the residual as noise, from which it is not by chance.
-_DISAGREE = 2.5
 #: Results whose uncertainty is computed at once; bounds the work arrays to some 50 MB.
 _BLOCK = 50_000
 
 
 @dataclass(frozen=True)
 class Table:
-    """What the tracker found over (frame, usable point); motions over (frame, point, 6).
-
-    ``scatter`` over (frame, point, 4) and ``is_explained`` as of :meth:`.Tracker.scatter`.
-    """
+    """What the tracker found over (frame, usable point); motions over (frame, point, 6)."""
 
     motion: Floats
     gain: Floats
@@ -56,8 +51,6 @@ class Table:
     status: NDArray[np.int8]
     model: NDArray[np.int8]
     change: Floats
-    scatter: Floats
-    is_explained: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -95,8 +88,6 @@ def empty_table(frames: int, points: int) -> Table:
         np.full(shape, Status.FRAME_DAMAGED, np.int8),
         np.zeros(shape, np.int8),
         np.full((*shape, CHANGES), np.nan),
-        np.zeros((*shape, 4)),
-        np.zeros(shape, bool),
     )
 
 
@@ -161,15 +152,12 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
         most = reference.sums(sharp) / (of_noise * reference.subsets.level[:, 2])
         growth = np.where(is_static[:, None], 0.0, table.change[..., 2])
         misfit = np.maximum(misfit, sharper_factor(noise, most, reference.subsets.level[:, 2], growth))
-    misfit[table.is_explained] = 1.0
     deviation *= misfit[..., None]
     covariance *= misfit**2
-    scatter = table.scatter
-    is_wider = scatter[..., :2].sum(axis=2) > _DISAGREE * np.square(deviation[..., :2]).sum(axis=2)
-    covariance[is_wider] = scatter[is_wider, 2]
-    deviation[is_wider] = np.maximum(deviation[is_wider], np.sqrt(scatter[is_wider][:, [0, 1, 3]]))
     is_found = (status == Status.OK) & ~is_static[:, None]
-    _widen(deviation, covariance, undersampled(reference, is_found, texture, noise, is_static))
+    shift, shared = undersampled(reference, is_found, texture, noise, is_static)
+    _widen(deviation, covariance, shift)
+    _add(deviation, covariance, np.where(is_static[:, None, None], 0.0, shared))
     missed = missed_shift(reference, value, deviation, table.model, is_found)
     _add(deviation, covariance, np.concatenate([missed**2, missed.prod(axis=2, keepdims=True)], axis=2))
     is_vague = np.hypot(deviation[..., 0], deviation[..., 1]) > MOST_UNCERTAIN

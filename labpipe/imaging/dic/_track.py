@@ -222,7 +222,6 @@ def _follow(
         table.model[row] = found.model
         table.change[row] = found.change
         table.status[row] = found.status
-        table.scatter[row], table.is_explained[row] = tracker.scatter(loaded, found)
     return table
 
 

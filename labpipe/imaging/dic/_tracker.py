@@ -11,15 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats, Integers
-from labpipe.imaging.dic._block_scatter import scatter_of_blocks
 from labpipe.imaging.dic._film_window import Box, FilmWindow, Loaded
 from labpipe.imaging.dic._motion_state import contradicted, converged_nearby, extent, predicted, remember
 from labpipe.imaging.dic._motion_uncertainty import one_way
-from labpipe.imaging.dic._reference import Reference, Status
+from labpipe.imaging.dic._reference import Reference
 from labpipe.imaging.dic._seeding import has_double
 from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR
 from labpipe.imaging.dic._subset_solver import CHANGES, SOLVED, Solution, empty_solution, put, solve
-from labpipe.imaging.dic._undersampling import Sharpness
 from labpipe.imaging.films import PIECE
 
 #: Distance from the prediction (px) up to which a converged point needs no confirmation:
@@ -173,7 +171,6 @@ class Tracker:
         self._stride = int(np.clip(count // _TESTED, 1, _TURNS))
         self._turn = 0
         self._noise = reference.shown
-        self._sharpness = Sharpness(reference)
         self._piece_of, self._pieces = _spread_pieces(self.places, self._half)
         #: Edges, gratings and grids: they match in so many places that nothing but their neighbours
         #: finds them again.
@@ -313,34 +310,6 @@ class Tracker:
         self.work.subsets_solved += len(chosen)
         self.work.iterations += int(result.iterations.sum())
         return result
-
-    def scatter(self, loaded: Loaded, found: FrameResult) -> tuple[Floats, Flags]:
-        """Variances (point, 4) that the parts of subsets tell, and where they say all that a misfit does.
-
-        See :func:`.scatter_of_blocks`; 0 where neither interpolation nor a blur of the reference errs.
-        """
-        result = np.zeros((len(self._seen), 4))
-        is_sharper = found.change[:, 2] < 0.0
-        if self.is_static or not (self._sharpness.may_err.any() or is_sharper.any()):
-            return result, np.zeros(len(result), bool)
-        errs, is_interpolated, factor = self._sharpness.judge(found.residual)
-        chosen = np.flatnonzero((errs | is_sharper) & (found.status == Status.OK))
-        for model in np.unique(found.model[chosen]):
-            part = chosen[found.model[chosen] == model]
-            assert loaded.coefficients is not None  # noqa: S101 - frames with NaN are skipped before
-            blocks, more = scatter_of_blocks(
-                self.reference.subsets,
-                loaded.coefficients,
-                self._options.order,
-                part,
-                found.motion[part],
-                found.gain[part],
-                origin=(loaded.box[0], loaded.box[2]),
-                window=loaded.window,
-                model=int(model),
-            )
-            result[part] = factor[part, None] * blocks + np.where(errs[part, None], more, 0.0)
-        return result, is_interpolated & (result[:, 0] > 0.0)
 
     def first_attempt(self, loaded: Loaded, expected: Floats) -> Attempt:
         """Solve the tracked points from their predictions."""

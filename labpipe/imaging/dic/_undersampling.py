@@ -8,6 +8,7 @@ below it, without its noise.
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats
 from labpipe.imaging.dic._motion_uncertainty import strongest_slopes
@@ -23,13 +24,20 @@ _MISLEADS, _ALL_FOLDED = 0.16, 0.35
 #: Ratios of the slopes in both directions from which a pattern begins to count as edges of one direction, and
 #: from which it is; also of edges seen by points, and the shares from which they begin to be that, and are.
 _SIDED, _SIDED_OF_POINTS, _POINTS = (8.0, 11.0), (4.0, 6.0), (0.1, 0.13)
-#: Share of the squared slopes near half a wave per px above which interpolation may err, and what it then leaves
-#: of them at least: 0.08 to 0.6 where edges are sharper than the pixels, 0.02 where a lens blurs them.
-_NOTABLE_SHARE, _LEAST_LEFT = 0.02, 0.05
-#: What interpolation leaves, over the squares near half a wave per px, from which a pattern may be seen by points
-#: instead of pixels, and from which it is, or something else misfits: 0.1 to 0.5 of scenes seen by pixels, 0.6 to 3
-#: of those seen by points, whose parts err more alike than their scatter tells.
-_LEFT_BY_POINTS, _ALIKE_BY_POINTS = (0.45, 0.8), 3.0
+#: Share of the squared slopes near half a wave per px below which interpolation is exact enough.
+_NOTABLE_SHARE = 0.03
+#: Factor of the variance from interpolation between points: waves are folded as far as the spectrum reaches.
+_BETWEEN_POINTS = 16.0
+#: Share of the variance of lines that err alike: those seen by pixels err less than they are sharp.
+_ALIKE = 0.25
+#: Ratio of what is left near half a wave per px by differences of twice the order from which interpolation
+#: errs, and from which it errs as much as that: 0.2 to 0.3 in photographs, 0.4 in the finest speckle that a lens
+#: shows and random fields blurred by 0.7 px, 0.57 in edges seen by pixels, 0.67 in those seen by points.
+_RATIO = (0.4, 0.5)
+#: Noise that hides such an error, in its own variances, and the mean size of noise over its deviation.
+_HIDES, _MEAN_SIZE = 1.5, 0.8
+#: Slope of an edge against the columns or rows below which all its pixels are seen at one phase.
+_ALIGNED = 0.06
 #: Shift (px) below which it is not looked whether edges sharper than the pixels mislead.
 _NOTABLE = 1e-4
 
@@ -65,8 +73,10 @@ def _seen_by_points(share: Floats) -> Floats:
     return np.asarray(np.clip((share - _POINTS[0]) / (_POINTS[1] - _POINTS[0]), 0.0, 1.0))
 
 
-def undersampled(reference: Reference, found: Flags, texture: Floats, noise: Floats, is_static: Flags) -> Floats:
-    """Shift along the weakest direction to which edges sharper than the pixels mislead.
+def undersampled(
+    reference: Reference, found: Flags, texture: Floats, noise: Floats, is_static: Flags
+) -> tuple[Floats, Floats]:
+    """Uncertainty from edges sharper than the pixels.
 
     Parameters
     ----------
@@ -79,15 +89,19 @@ def undersampled(reference: Reference, found: Flags, texture: Floats, noise: Flo
 
     Returns
     -------
-    array (frame, usable point) [px]
+    shift : array (frame, usable point) [px]
         See :func:`misled`.
+    covariance : array (usable point, 3) [px²]
+        Variances along x and along y, and the covariance, from errors of interpolation.
     """
     sharp, of_noise = near_half(reference)
+    sharper, of_sharper_noise = near_half(reference, 8)
+    finest = reference.sums(sharper)
     across = strongest_slopes(reference.subsets)
-    shift = np.zeros(found.shape)
+    shift, covariance = np.zeros(found.shape), np.zeros((found.shape[1], 3))
     least = np.where(found, texture, np.inf).min(axis=0, initial=np.inf)
     total = reference.sums(sharp)
-    is_notable = misled(total, least, across) > _NOTABLE
+    is_notable = (misled(total, least, across) > _NOTABLE) | (total > _NOTABLE_SHARE * across)
     for n in np.flatnonzero(is_notable & np.isfinite(least)).tolist():
         slopes = reference.subsets.normal[n]
         weakest = 0.5 * (math.atan2(2.0 * slopes[0, 3], slopes[0, 0] - slopes[3, 3]) + math.pi)
@@ -97,49 +111,40 @@ def undersampled(reference: Reference, found: Flags, texture: Floats, noise: Flo
         own = min(own, float(np.median(noise[rows, n])))
         less = total[n] - of_noise * own * reference.subsets.level[n, 2]
         shift[rows, n] = misled(less, texture[rows, n], across[n])
-    return shift
+        ratio = (finest[n] - of_sharper_noise * own * reference.subsets.level[n, 2]) / max(less, 1e-30)
+        weight = float(np.clip((ratio - _RATIO[0]) / (_RATIO[1] - _RATIO[0]), 0.0, 1.0))
+        if weight > 0.0:
+            weight *= _BETWEEN_POINTS ** float(_seen_by_points(less / across[n]))
+            covariance[n] = weight * _interpolated(reference, n, sharp, of_noise * own)
+    return shift, covariance
 
 
-class Sharpness:
-    """Tells from what a solution leaves whether interpolation between too few pixels errs.
+def _interpolated(reference: Reference, point: int, sharp: NDArray[np.float64], noise: float) -> Floats:
+    """Covariance (xx, yy, xy) [px²] of a motion from errors of interpolation; ``noise`` is that of ``sharp``.
 
-    Parameters
-    ----------
-    reference : Reference
-
-    Attributes
-    ----------
-    may_err : bool array (usable point,)
-        Where enough of the reference lies near half a wave per px.
+    Such errors are as large as what there is near half a wave per px, and lie where the slopes are: each
+    moves the answer by its share of the slope, ``A⁻¹ (Σ g gᵀ e²) A⁻¹``. Along an edge that runs with the
+    columns or rows all pixels are seen at one phase, and make one error.
     """
-
-    def __init__(self, reference: Reference) -> None:
-        sharp, self._of_noise = near_half(reference)
-        self._reference = reference
-        self._total, self._least = reference.sums(sharp), _NOTABLE_SHARE * strongest_slopes(reference.subsets)
-        self.may_err = self._total > self._least
-        self._own = np.full(len(self._total), np.nan)
-
-    def judge(self, residual: Floats) -> tuple[Flags, Flags, Floats]:
-        """Whether interpolation errs (point,), whether that is all that misfits, and a factor of variances.
-
-        The factor is that of patterns seen by points, which err alike. ``residual`` is as in :class:`.Solution`.
-        """
-        reference = self._reference
-        pixels = reference.subsets.level[:, 2]
-        for _ in range(2):
-            # what one image shows of noise may be its pattern
-            own = np.fmin(self._own, residual / (reference.noise.seen * pixels))
-            sharp = np.maximum(self._total - self._of_noise * own * pixels, 0.0)
-            errs = self.may_err & (sharp > self._least) & (residual > _LEAST_LEFT * sharp)
-            fresh = np.flatnonzero(errs & np.isnan(self._own)).tolist()
-            if not fresh:
-                break
-            for n in fresh:
-                self._own[n] = reference.own_noise(n, np.zeros(0), 0.0)[0]
-        self._own = np.where(np.isnan(self._own), np.nan, own)
-        left = (residual - reference.noise.seen * own * pixels) / np.maximum(sharp, 1e-30)
-        first, last = _LEFT_BY_POINTS
-        by_points = np.where(errs, np.clip((left - first) / (last - first), 0.0, 1.0), 0.0)
-        factor = 1.0 + (_ALIKE_BY_POINTS - 1.0) * by_points
-        return errs, errs & (left < last), factor
+    x, y, half = reference.subsets.layout[point, :3]
+    cut = np.s_[y - half : y + half + 1, x - half : x + half + 1]
+    images = reference.images
+    inside = 1.0 if images.inside is None else images.inside[cut].astype(float)
+    slope_x, slope_y = images.slope_x[cut] * inside, images.slope_y[cut] * inside
+    error = sharp[cut]
+    pairs = ((slope_x, slope_x), (slope_y, slope_y), (slope_x, slope_y))
+    own = np.array([float((a * b).sum()) for a, b in pairs])
+    weighed = np.array([float((a * b * error).sum()) for a, b in pairs])
+    beyond = 1.0 - _HIDES * noise * (own[0] + own[1]) / max(weighed[0] + weighed[1], 1e-30)
+    if beyond <= 0.0:
+        return np.zeros(3)
+    normal = reference.subsets.normal[point][np.ix_([0, 3], [0, 3])]
+    inverse = np.linalg.pinv(normal)
+    spread = inverse @ np.array([[weighed[0], weighed[2]], [weighed[2], weighed[1]]]) @ inverse
+    result = beyond * np.array([spread[0, 0], spread[1, 1], spread[0, 1]])
+    size = np.maximum(np.sqrt(error) - _MEAN_SIZE * math.sqrt(noise), 0.0)
+    for k, (along, other) in enumerate(((slope_x, slope_y), (slope_y, slope_x))):
+        is_aligned = np.abs(other) <= _ALIGNED * np.abs(along)
+        lines = (np.abs(along) * size * is_aligned).sum(axis=k)
+        result[k] += _ALIKE * float((lines**2).sum()) / max(float(normal[k, k]), 1e-30) ** 2
+    return result

@@ -49,7 +49,8 @@ class ScaledFrames(ShownFrames):
 def in_grey_levels(film: FrameSource) -> FrameSource:
     """Return a film of real numbers, such as shares of white, in levels that compare with a camera's."""
     whole: Integers = np.flatnonzero(film.valid)
-    if not len(whole) or film[int(whole[0])].dtype.kind != "f":
+    # one pixel tells the type: a film of a camera is not read for it
+    if not len(whole) or film.roi(slice(0, 1), slice(0, 1))[int(whole[0])].dtype.kind != "f":
         return film
     chosen = np.unique(whole[np.linspace(0, len(whole) - 1, _FRAMES).astype(int)]).tolist()
     light: list[Floats] = [np.asarray(film[index], float) for index in chosen]

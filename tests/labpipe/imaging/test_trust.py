@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 import xarray as xr
-from scipy.ndimage import gaussian_filter
-from scipy.spatial import cKDTree
 
 from labpipe.imaging import track
 from labpipe.imaging.dic._motion_state import contradicted
@@ -282,49 +280,6 @@ def test_a_strain_that_a_subset_does_not_follow_is_in_the_uncertainty(seed: int)
     ratio = (found.dx[1] - strain * (points[:, 0] - 150.0)) / found.u_dx[1]
     assert int(found.valid[1].sum()) >= 48
     assert float(np.abs(ratio).max()) < 5.0
-
-
-def hard_dots(seed: int, smallest: float, largest: float, size: int) -> Formula:
-    """Black dots on white, as sprayed on a specimen, with edges that no lens softens."""
-    rng = np.random.default_rng(seed)
-    count = int(0.9 * (size + 80) ** 2 / (smallest + largest) ** 2)
-    places, radii = rng.uniform(-40.0, size + 40.0, (count, 2)), rng.uniform(smallest, largest, count)
-    tree = cKDTree(places)
-
-    def grey(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        away, near = tree.query(np.stack([x.ravel(), y.ravel()], axis=1), k=8)
-        return np.where((away < radii[near]).any(axis=1), -55.0, 55.0).reshape(x.shape)
-
-    return grey
-
-
-def check_hard_dots(noise: float, lens: float, width: int, smallest: float, seed: int) -> None:
-    views = (View(), View(), *(View((0.37 * k, -0.23 * k)) for k in range(1, 5)))
-    dots = hard_dots(seed, smallest, 1.8 * smallest, SIZE)
-    frames = [gaussian_filter(seen_by_pixels(dots, SIZE, view), lens) for view in views]
-    found = track(digitised(frames, noise, seed), grid((SIZE, SIZE), 32, 12), width, static_frames=2)
-    off, u = error(found, views, SIZE)[2:], np.hypot(found.u_dx, found.u_dy).values[2:]
-    assert found.valid[2:].mean() > 0.995
-    assert wrong(found, views) == 0
-    scatter = float(np.sqrt((off**2).mean()))
-    assert scatter < 0.02
-    assert 0.7 * scatter < float(np.sqrt((u**2).mean())) < 2.0 * scatter
-
-
-@pytest.mark.parametrize(("noise", "lens"), [(0.0, 0.0), (2.0, 0.4)])
-def test_hard_dots_are_as_uncertain_as_they_scatter(noise: float, lens: float) -> None:
-    """Where parts of a subset disagree by more than noise, by errors of interpolation: u was ten times the scatter."""
-    check_hard_dots(noise, lens, 31, 2.0, seed=11)
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("noise", [0.0, 1.0, 2.0])
-@pytest.mark.parametrize("lens", [0.0, 0.35, 0.55])
-@pytest.mark.parametrize(("width", "smallest"), [(21, 1.2), (31, 1.2), (31, 2.8), (45, 2.8)])
-def test_hard_dots_of_any_size_are_as_uncertain_as_they_scatter(
-    noise: float, lens: float, width: int, smallest: float
-) -> None:
-    check_hard_dots(noise, lens, width, smallest, seed=12)
 
 
 def test_bricks_that_jump_are_not_found_one_brick_off() -> None:
