@@ -36,6 +36,7 @@ from pipelines.experiments.plate_vibration import measured as plate_vibration
 from pipelines.experiments.plate_vibration import model as plate_vibration_model
 from pipelines.experiments.relaxation import measured as relaxation
 from pipelines.experiments.relaxation import moduli as relaxation_moduli
+from pipelines.experiments.shared import laser_readings, mach1_readings
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force
 from pipelines.experiments.static_loading import load_steps
 from pipelines.experiments.static_loading import measured as static_loading
@@ -114,7 +115,7 @@ def ball_drops(folder: Path, seed: int, scores: Scores) -> None:
     begun(folder, drop_section("d", names, height, solid), laser=laser_record())
     settings, parts = settings_of(folder, "d"), []
     for name in names:
-        readings = ball_drop.readings(folder / name, settings=settings)
+        readings = laser_readings.readings(folder / name, settings=settings)
         moved = ball_drop.displacement(readings, folder / "calibration/laser.toml", settings=settings)
         parts.append((moved, ball_drop.bounces(moved, settings=settings)))
     known = [truth(folder, f"d_{i}") for i in (1, 2)]
@@ -161,7 +162,7 @@ def plates(folder: Path, seed: int, scores: Scores) -> None:
     curve = dma_model.master_curve(
         dma.gathered([dma.readings(folder / export, settings=sweeps)], settings=sweeps), settings=sweeps
     )
-    readings = plate_vibration.readings(folder / name, settings=settings)
+    readings = laser_readings.readings(folder / name, settings=settings)
     record = folder / "calibration/laser_plate.toml"
     moved = plate_vibration.displacement(readings, record, settings=settings)
     ringing = plate_vibration.ringing(moved, settings=settings)
@@ -184,7 +185,7 @@ def static_loadings(folder: Path, seed: int, scores: Scores) -> None:
     begun(folder, static_section("s", file, stated, "ptfe"), laser=laser_record())
     settings = settings_of(folder, "s")
     moved = static_loading.displacement(
-        static_loading.readings(folder / file, settings=settings), folder / "calibration/laser.toml", settings=settings
+        laser_readings.readings(folder / file, settings=settings), folder / "calibration/laser.toml", settings=settings
     )
     steps = load_steps.steps(moved, settings=settings)
     found = static_loading.approach(moved, steps, settings=settings)
@@ -217,7 +218,7 @@ def relaxations(folder: Path, seed: int, scores: Scores) -> None:
     names = write_relaxation(folder, "r", specimen, held, tester, seed, START)
     begun(folder, relaxation_section("r", names, _STATED), load_cell=cell_record())
     settings, record = settings_of(folder, "r"), folder / "calibration/load_cell.toml"
-    read = relaxation.readings(folder / names[0], settings=settings)
+    read = mach1_readings.readings(folder / names[0], settings=settings)
     loads = relaxation.loads(read, record, settings=settings)
     ramps = relaxation.ramps(loads, settings=settings)
     curves = relaxation_moduli.curves(loads, ramps, None, None, settings=settings)
@@ -255,7 +256,7 @@ def oscillations(folder: Path, seed: int, scores: Scores) -> None:
     record = cell_record().replace('"15.9 ± 0.2 ms"', f'"{delay:.4f} ± 0.2 ms"')
     begun(folder, oscillation_section("h", _STATED), load_cell=record)
     settings = settings_of(folder, "h")
-    readings = harmonic.readings(folder / settings.mach1, settings=settings)
+    readings = mach1_readings.readings(folder / settings.mach1, settings=settings)
     loads = harmonic.loads(readings, folder / "calibration/load_cell.toml", settings=settings)
     found = harmonic.oscillations(loads, settings=settings)
     for i, known in enumerate(truth(folder, "h")["oscillations"]):

@@ -53,7 +53,7 @@ def held_readings(trace: Trace) -> Check:
     is_moving = usual > 3 * step and away > max(_BESIDE * _SLOW * usual, 3 * step + IN_NOISE * trace.noise)
     # noise does not stay on one reading, least of all on the last one that there is
     is_end = longest > 0 and abs(x[start] - min((np.nanmin(x), np.nanmax(x)), key=lambda v: abs(x[start] - v))) < step
-    is_cut = is_end and longest > longest_by_chance(trace.noise, step, x.size)
+    is_cut = is_end and trace.noise > step and longest > longest_by_chance(trace.noise, step, x.size)
     if longest < FLAT or not (is_moving or is_cut or longest >= x.size - 2):
         return stated(title, law, f"{trace.name}: no clipped or held readings", None, file=trace.name)
     is_tail = start + longest >= x.size - 2
