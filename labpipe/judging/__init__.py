@@ -33,7 +33,7 @@ if TYPE_CHECKING:
         stated,
         unfinished,
     )
-    from labpipe.judging._curves import along_curve, stretches
+    from labpipe.judging._curves import along_curve, stretch_means, stretches
     from labpipe.judging._detectability import detectable
     from labpipe.judging._suspects import SLIPS, Factor, Slip, Suspect, best_factor, slips, suspects
     from labpipe.judging._verdict import Judgement, Verdict, from_json, judge, to_json
@@ -70,6 +70,7 @@ __all__ = [
     "not_made",
     "slips",
     "stated",
+    "stretch_means",
     "stretches",
     "suspects",
     "to_json",

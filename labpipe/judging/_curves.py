@@ -5,7 +5,7 @@ noise that lasts. So a curve is laid against its model in a few stretches. What 
 of them is known from its sensitivity; what is each stretch's own, from the scatter within it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -100,6 +100,23 @@ def stretches(
     found = [_of_stretch(np.asarray(values, float)[place]) for place in places]
     means, u = np.array(found, float).reshape(-1, 2).T
     return means, u
+
+
+def stretch_means(curves: Iterable[NDArray[np.float64]], places: Sequence[NDArray[np.int64]]) -> NDArray[np.float64]:
+    """Return the means of several curves over the same stretches.
+
+    Parameters
+    ----------
+    curves : iterable of array (sample,)
+        Such as what one standard uncertainty of each input does.
+    places : sequence of array of int
+        Samples of each stretch.
+
+    Returns
+    -------
+    array (curve, stretch)
+    """
+    return np.array([[one[place].mean() for place in places] for one in curves])
 
 
 def _of_stretch(values: NDArray[np.float64]) -> tuple[float, float]:

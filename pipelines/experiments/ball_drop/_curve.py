@@ -4,9 +4,9 @@ import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
-from labpipe.judging import Agreement, along_curve, stretches
+from labpipe.judging import Agreement, along_curve, stretch_means, stretches
 from pipelines.experiments.ball_drop._model_uncertainty import FOLLOWED, path_by_input, stored_slopes
-from pipelines.experiments.shared.flights import flights
+from pipelines.experiments.shared.flights import flights, moved_by_scatter
 
 _LOST = 0.03  # of a flight, uncertainty of its end from which sensitivities do not tell the path
 _FEW_REPEATS = 3.0  # by which the variance of two or three is taken larger
@@ -26,25 +26,21 @@ def along(repeats: xr.Dataset, model: xr.Dataset, since: Floats, left: Floats) -
     if not places:
         return None
     means, own = stretches(left, places)
-    path, velocity = model["displacement"].values, np.gradient(model["displacement"].values, since)
-    on_grid = (np.interp(repeats["time"].values, since, one) for one in path_by_input(model, stored_slopes(model)))
+    time, path = repeats["time"].values, model["displacement"].values
+    on_grid = (np.interp(time, since, one) for one in path_by_input(model, stored_slopes(model)))
     relative, u_touch = float(repeats.attrs["u_systematic_relative"]), float(repeats["u_touch_time"][0])
     # a touch that is taken too late has its level too low
-    later = np.interp(repeats["time"].values, since, velocity)
+    later = np.interp(time, since, np.gradient(path, since))
     touched = u_touch * (later + float(model["impact_speed"][0]))
-    shared = [relative * np.interp(repeats["time"].values, since, path), touched, *on_grid]
-    effects = [[one[place].mean() for place in places] for one in shared]
-    single = np.array([[one[place].mean() for place in places] for one in repeats["displacement"].values])
-    n = len(single)
+    shared = [relative * np.interp(time, since, path), touched, *on_grid]
+    n = repeats.sizes["repeat"]
     if n > 1:
         wider = np.sqrt((n - 1) / (n - 3) if n > 3 else _FEW_REPEATS)  # variance of Student's distribution
-        effects += ((single - single.mean(axis=0)) * wider / np.sqrt(n * (n - 1))).tolist()
-        # each impact's own scatter: it moves all that follows
-        spread = np.nan_to_num(repeats["touch_time_sd"].values[: len(places)]) * wider / np.sqrt(n)
-        for touch, grown in zip(repeats["touch_time"].values[1:], np.diff(spread**2), strict=False):
-            moved = np.where(repeats["time"].values > touch, np.sqrt(max(grown, 0.0)) * later, 0.0)
-            effects.append([moved[place].mean() for place in places])
-    return along_curve(means, own, effects)
+        apart = (repeats["displacement"] - repeats["displacement"].mean("repeat", skipna=False)).values
+        shared += list(apart * wider / np.sqrt(n * (n - 1)))
+        sd = repeats["touch_time_sd"].values * wider / np.sqrt(n)
+        shared += moved_by_scatter(time, repeats["touch_time"].values, sd, later)
+    return along_curve(means, own, stretch_means(shared, places))
 
 
 def _flight_times(model: xr.Dataset) -> Floats:

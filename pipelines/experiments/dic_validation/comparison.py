@@ -7,11 +7,11 @@ import numpy as np
 import xarray as xr
 
 from labpipe import signals
-from labpipe.judging import Agreement, along_curve, stretches
+from labpipe.judging import Agreement, along_curve, stretch_means, stretches
 from labpipe.variables import variable
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, curve_table, of_curve, row
-from pipelines.experiments.shared.flights import flights
+from pipelines.experiments.shared.flights import flights, moved_by_scatter
 
 _LARGEST_LAG = 2e-3  # s that the two records may still be apart after alignment
 
@@ -77,16 +77,10 @@ def _along(made: xr.Dataset, film: xr.Dataset, laser: xr.Dataset, ratio: float) 
     means, own = stretches(made["residual"].values, places)
     later = np.gradient(made["laser"].values, time)
     touched = [float(one["u_touch_time"][0]) * (later + float(laser["incoming_speed"][0])) for one in (film, laser)]
-    # of two repeats or more; a single one tells nothing
-    spread = np.nan_to_num(laser["touch_time_sd"].values)
-    grown = np.sqrt(np.maximum(np.diff(spread**2), 0.0))
-    apart = [
-        np.where(time > touch, one * later, 0.0) for touch, one in zip(touches[1:], grown, strict=False) if one > 0.0
-    ]
+    apart = moved_by_scatter(time, touches, laser["touch_time_sd"].values, later)
     level = np.full(time.size, float(film["u_contact_level"]))
     shared = (ratio * made["laser"].values, level, *touched, *apart)
-    effects = [[one[place].mean() for place in places] for one in shared]
-    return along_curve(means, own, effects)
+    return along_curve(means, own, stretch_means(shared, places))
 
 
 def _impacts(film: xr.Dataset, laser: xr.Dataset) -> xr.Dataset:

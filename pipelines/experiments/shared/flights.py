@@ -1,5 +1,7 @@
 """Where a body is free: the stretches in which two records of a drop are laid against each other."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,3 +30,18 @@ def flights(time: Floats, touches: Floats, leaves: Floats, release: float) -> li
         if inside.size >= _STRETCHES * _FEWEST and end <= time[-1]:
             places += np.array_split(inside, _STRETCHES)
     return places
+
+
+def moved_by_scatter(time: Floats, touches: Floats, sd: Floats, velocity: Floats) -> Iterator[Floats]:
+    """Yield what the scatter that each impact adds does to a path (sample,) [m]: it moves all that follows.
+
+    Parameters
+    ----------
+    time, velocity : arrays (sample,) [s], [m/s]
+        Of the path.
+    touches, sd : arrays (impact,) [s]
+        Times of touch, and their standard deviation between drops since the first of them.
+    """
+    for touch, grown in zip(touches[1:], np.diff(np.square(np.nan_to_num(sd))), strict=False):
+        if grown > 0.0:
+            yield np.where(time > touch, np.sqrt(grown) * velocity, 0.0)
