@@ -28,7 +28,8 @@ _NUMBER = re.compile(r"-?\d+")
 _UNUSED_BITS, _LOOKED_AT = (6, 4, 2), 9
 _NEEDS_RATE = "Images hold no time: give the camera's frame rate, fps=10000 (in session.toml: frame_rate)."
 # Of a film that was cut off the decoders print, for every image, that its end is missing; we tell it once.
-cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+# OpenCV 5 moved the switch; 0 is silent in both.
+(cv2.setLogLevel if hasattr(cv2, "setLogLevel") else cv2.utils.logging.setLogLevel)(0)
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 
