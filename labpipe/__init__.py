@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     )
     from pipelines.sweeps import sweep
 else:
-    __getattr__ = lazily(__name__)
+    __getattr__ = lazily(__name__, above=("pipelines", "instruments", "calibration"))
 
 __all__ = [
     "MasterCurve",

@@ -3,11 +3,14 @@
 import ast
 import importlib
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+from labpipe.errors import InstallationError
+from labpipe.installation import foreign_package
 
-def lazily(package: str) -> Callable[[str], Any]:
+
+def lazily(package: str, above: Sequence[str] = ()) -> Callable[[str], Any]:
     """Return a ``__getattr__`` for a package, which imports the module of a name on its first use.
 
     Parameters
@@ -15,6 +18,9 @@ def lazily(package: str) -> Callable[[str], Any]:
     package : str
         The package's ``__name__``. Its public names are those that it imports under
         ``if TYPE_CHECKING:``, by whole names of modules.
+    above : sequence of str
+        Packages of the same distribution that a name may come from: another distribution may have
+        replaced them, which is told (InstallationError) before any of them is imported.
     """
     homes: dict[str, tuple[str, str]] = {}
 
@@ -25,6 +31,8 @@ def lazily(package: str) -> Callable[[str], Any]:
             message = f"module {package!r} has no attribute {name!r}"
             raise AttributeError(message)
         module, inner = homes[name]
+        if module.partition(".")[0] in above and (clash := foreign_package(above)) is not None:
+            raise InstallationError(clash)
         return getattr(importlib.import_module(module), inner)
 
     return load

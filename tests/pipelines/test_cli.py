@@ -379,6 +379,25 @@ def test_a_foreign_package_of_our_name_is_told_by_every_command(
         assert "Traceback" not in done.stderr
 
 
+@pytest.mark.parametrize(("verb", "name"), [("read", "instruments"), ("process", "calibration"), ("init", "pipelines")])
+def test_a_foreign_package_of_our_name_is_told_by_the_front_door(tmp_path: Path, verb: str, name: str) -> None:
+    (tmp_path / name).mkdir()
+    (tmp_path / name / "__init__.py").write_text(WORKING)
+    path = os.pathsep.join([str(tmp_path), *sys.path])
+    code = "import labpipe as lp\nfrom labpipe.errors import InstallationError\n"
+    code += f"try:\n    lp.{verb}\nexcept InstallationError as error:\n    print(error)"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        check=True,
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": path},
+    )
+    assert f"the module `{name}`" in done.stdout
+    assert "is not labpipe's" in done.stdout
+
+
 def test_a_package_that_another_one_took_away_is_told(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
