@@ -11,12 +11,15 @@ import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from labpipe.schema import Schema
 from labpipe.workflow.graph import OTHER, Stage
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 JUDGEMENT = "judgement"
 """Name of the stage that judges an experiment, in every kind that has one."""
@@ -51,6 +54,18 @@ class KeyNumber:
     unit: str
     stage: str
     variable: str
+
+    def within(self, result: "xr.Dataset") -> tuple[float, float | None] | None:
+        """Return the number that a result holds, and its standard uncertainty if it holds that too."""
+        import numpy as np
+
+        if self.variable not in result:
+            return None
+        values = np.ravel(np.asarray(result[self.variable].values, float))
+        u = np.ravel(result[f"u_{self.variable}"].values) if f"u_{self.variable}" in result else values * np.nan
+        for i in np.flatnonzero(np.isfinite(values))[:1]:
+            return float(values[i]), float(u[i]) if u.size == values.size and np.isfinite(u[i]) else None
+        return None
 
 
 @dataclass(frozen=True, slots=True)

@@ -424,13 +424,9 @@ class _Entry:
 
     def add_key_numbers(self, kind: str, stage: str, dataset: xr.Dataset) -> None:
         """Add the numbers that the session's page shows of this kind of experiment."""
-        found: dict[str, tuple[int, float, float | None, str]] = {}
-        for name, *rest in _values(dataset):
-            found.setdefault(name, tuple(rest))  # type: ignore[arg-type]
         for number in KINDS[kind].key_numbers:
-            if number.stage == stage and number.variable in found:
-                _, value, u, _ = found[number.variable]
-                self.add_number(number.title.replace(" ", "_"), value, u, number.unit)
+            if number.stage == stage and (found := number.within(dataset)) is not None:
+                self.add_number(number.title.replace(" ", "_"), *found, number.unit)
 
     def add_number(self, name: str, value: float, u: float | None, unit: str) -> None:
         """Add a value, and its standard uncertainty under ``u_`` and the same name."""

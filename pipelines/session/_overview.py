@@ -14,7 +14,7 @@ from labpipe.workflow.session import Session
 from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import Stages, spell_out
 from pipelines import experiments
-from pipelines.experiments import Kind, Picture
+from pipelines.experiments import KeyNumber, Kind, Picture
 from pipelines.session._amended_pages import amend_pages
 from pipelines.session._unused import unused_files
 from pipelines.session._verdicts import Verdict, stored_verdicts
@@ -22,7 +22,7 @@ from pipelines.session._verdicts import Verdict, stored_verdicts
 if TYPE_CHECKING:
     import xarray as xr
 
-    from labpipe.report import Block, Column, IndexRow, IndexTable, LineChart, Link, Notice, ScatterChart
+    from labpipe.report import Block, Cell, IndexRow, IndexTable, LineChart, Link, Notice, ScatterChart, Table
 
 PAGE = "index.html"
 """Below ``SESSION/labpipe``; an experiment cannot have a page of that name there."""
@@ -109,11 +109,14 @@ def _page(results: Results, verdicts: Mapping[str, Verdict], notes: Sequence[str
     if answer:
         sections.append(Section("Answer", answer))
     for title, names in _groups(session):
-        columns, cells, pictures = _columns(results, names)
-        rows = tuple(_row(results, n, cells[n], pictures[n], verdicts.get(n), title) for n in names)
-        can_sort, has_error = len(rows) > 1, any(column.title == "error" for column in columns)
+        table, pictures = _numbers(results, names)
+        rows = tuple(
+            _row(results, n, cells, pictures[n], verdicts.get(n), title)
+            for n, cells in zip(names, table.rows, strict=True)
+        )
+        can_sort, has_error = len(rows) > 1, any(column.title == "error" for column in table.columns)
         caption = (sort if can_sort else "") + (error if has_error else "")
-        sections.append(Section(title, (IndexTable(tuple(columns), rows, caption.strip()),)))
+        sections.append(Section(title, (IndexTable(table.columns, rows, caption.strip()),)))
         done += sum(
             row.name not in unfinished and (row.name in verdicts or row.state.startswith(_DONE)) for row in rows
         )
@@ -198,34 +201,30 @@ def pages_together(folder: Path) -> list[tuple[str, str]]:
     ]
 
 
-def _columns(
-    results: Results, names: Sequence[str]
-) -> "tuple[list[Column], dict[str, list[Any]], dict[str, bytes | None]]":
-    """Columns that at least one of the experiments has a number for, the cells of each, and its picture."""
-    from labpipe.report import Column
+def _numbers(results: Results, names: Sequence[str]) -> "tuple[Table, dict[str, bytes | None]]":
+    """Return the numbers of experiments, under headings that at least one of them has, and their pictures."""
+    from labpipe.report import Listed, listed
 
     session = results.plan.session
     kinds = {name: experiments.KINDS[session.experiments[name].kind] for name in names}
     numbers = _key_numbers(kinds.values())
-    columns = [
-        Column("error", "1", digits=2),
-        *(Column(title, unit, digits=4) for title, unit in numbers),
-        Column("warnings"),
-    ]
-    cells: dict[str, list[Any]] = {}
+    headings = [("error", "1", 2), *((title, unit, 4) for title, unit in numbers), ("warnings", "", 4)]
+    found: list[list[tuple[Cell, float | None]]] = []
     pictures: dict[str, bytes | None] = {}
     for name, kind in kinds.items():
-        sources = {(n.title, n.unit): (n.stage, n.variable) for n in kind.key_numbers}
+        own = {(n.title, n.unit): n for n in kind.key_numbers}
         read = cache(partial(first_result, results, name))  # one result holds several numbers
-        cells[name] = [
-            _number(read, (_COMPARISON, kind.error), is_worst=True),
-            *(_number(read, sources.get(number)) for number in numbers),
-            _warnings(results.plan, name),
-        ]
+        error = _worst(read, kind.error)
+        found.append(
+            [(error, None), *(_number(read, own.get(n)) for n in numbers), (_warnings(results.plan, name), None)]
+        )
         pictures[name] = _picture(read, kind)
-    is_used = [any(row[i] is not None for row in cells.values()) for i in range(len(columns))]
-    kept = [i for i, used in enumerate(is_used) if used]
-    return [columns[i] for i in kept], {name: [row[i] for i in kept] for name, row in cells.items()}, pictures
+    columns = []
+    for (title, unit, digits), column in zip(headings, zip(*found, strict=True), strict=True):
+        cells, u = zip(*column, strict=True)
+        if any(cell is not None for cell in cells):
+            columns.append(Listed(title, cells, unit, u if any(u) else None, digits))
+    return listed(columns), pictures
 
 
 def _key_numbers(shown: Iterable[Kind]) -> list[tuple[str, str]]:
@@ -235,17 +234,19 @@ def _key_numbers(shown: Iterable[Kind]) -> list[tuple[str, str]]:
     return list(dict.fromkeys((number.title, number.unit) for number in every))
 
 
-def _number(read: _Read, source: tuple[str, str] | None, *, is_worst: bool = False) -> float | None:
+def _worst(read: _Read, variable: str) -> float | None:
     import numpy as np
 
-    dataset = read(source[0]) if source else None
-    if dataset is None or source is None or source[1] not in dataset:
+    dataset = read(_COMPARISON)
+    if dataset is None or variable not in dataset:
         return None
-    values = np.atleast_1d(np.asarray(dataset[source[1]].values, float))
-    values = values[np.isfinite(values)]
-    if not values.size:
-        return None
-    return float(values.max() if is_worst else values.flat[0])
+    values = np.asarray(dataset[variable].values, float)
+    return float(np.nanmax(values)) if np.isfinite(values).any() else None
+
+
+def _number(read: _Read, number: KeyNumber | None) -> tuple[float | None, float | None]:
+    dataset = read(number.stage) if number else None
+    return (None if dataset is None or number is None else number.within(dataset)) or (None, None)
 
 
 def first_result(results: Results, name: str, stage: str) -> "xr.Dataset | None":

@@ -133,17 +133,11 @@ def _compared(results: Results, experiment: Experiment) -> list[Row]:
 
 
 def _key_numbers(results: Results, experiment: Experiment) -> Iterator[Row]:
-    import numpy as np
-
     for key in KINDS[experiment.kind].key_numbers:
         dataset = _dataset(results, experiment.name, key.stage)
-        if dataset is None or key.variable not in dataset:
-            continue
-        values = np.ravel(np.asarray(dataset[key.variable].values, float))
-        u = np.ravel(dataset[f"u_{key.variable}"].values) if f"u_{key.variable}" in dataset else np.full(1, np.nan)
-        for i in np.flatnonzero(np.isfinite(values))[:1]:
-            own_u = u[i] if u.size == values.size else math.nan
-            yield row(key.title, key.unit, 1, against="", measured=values[i], u_measured=own_u)
+        if dataset is not None and (found := key.within(dataset)) is not None:
+            value, u = found
+            yield row(key.title, key.unit, 1, against="", measured=value, u_measured=math.nan if u is None else u)
 
 
 def _dataset(results: Results, experiment: str, stage: str) -> xr.Dataset | None:

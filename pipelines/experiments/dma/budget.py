@@ -1,7 +1,7 @@
 """Budgets of a dynamic mechanical analysis: a shift, the slow end of the modulus, the loss peak."""
 
 from collections.abc import Iterator
-from math import inf, isfinite, pi, sqrt, tan
+from math import isfinite, sqrt
 
 import numpy as np
 import xarray as xr
@@ -9,13 +9,14 @@ import xarray as xr
 from labpipe.arrays import Floats
 from labpipe.report import quantity
 from labpipe.uncertainty import Input
+from pipelines.experiments.dma._ends import still_falls
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, summed
 
 _ABSENT = (
     (
         "inclination, pixel size, mass, radius, height",
-        "they are included in the rheometer's moduli; session.toml states no uncertainty",
+        "they are included in the rheometer's moduli; what the specimen's dimensions leave open is `scale`",
     ),
     ("zero, filter lag", "the instrument's clock; a phase delay is fitted where the data show one"),
     ("repeatability", "one specimen; overlapping sweeps repeat each other: included in the noise"),
@@ -30,7 +31,6 @@ _PEAK = (
     ("sampling", "a cubic is fitted to the readings: included in the noise"),
 )
 _TENSION = ("Poisson's ratio", "the modulus was measured in tension or bending")
-_SLOW_DECADES = 2.0  # at the slow end, over which the loss tells how it goes on
 
 
 def quantities(
@@ -105,6 +105,8 @@ def _moduli(sweeps: xr.Dataset, master: xr.Dataset) -> Iterator[Quantity]:
     names = ("temperature", "the uncertainty of the shifts is included in the noise of the curve")
     inert = (*_MODULUS, names, *_ABSENT, *(() if factor else (_TENSION,)))
     inputs = {"noise": Input(1.0, u_storage / storage)}
+    if scale := float(sweeps.attrs["u_scale"]):
+        inputs["scale"] = Input(1.0, scale)
     if factor:
         inputs["Poisson's_ratio"] = Input(1.0, factor)
     yield Quantity(
@@ -135,20 +137,3 @@ def _product(measured: float, **factors: float) -> float:
     for factor in factors.values():
         made *= factor
     return made
-
-
-def still_falls(frequency: Floats, loss: Floats) -> float:
-    """Return how far [Pa] the storage modulus falls beyond the slow end, if the loss goes on so.
-
-    A loss that falls as the power m of the frequency belongs to a storage modulus that lies
-    E″ cot(m π/2) above its end (Kramers and Kronig). What does not fall ends nowhere.
-    """
-    order = np.argsort(frequency)
-    f, e = frequency[order], loss[order]
-    near = f <= f[0] * 10.0**_SLOW_DECADES
-    if near.sum() < 2 or not np.all(e[near] > 0.0):
-        return inf
-    power = float(np.polyfit(np.log(f[near]), np.log(e[near]), 1)[0])
-    if power <= 0.0:
-        return inf
-    return float(e[0]) / tan(0.5 * pi * min(power, 1.0))

@@ -19,6 +19,8 @@ _MASTER_CURVE = Schema(
     "master_curve",
     {
         "E_relaxed": Variable((), "Pa"),
+        "relaxed_modulus": Variable((), "Pa"),
+        "u_relaxed_modulus": Variable((), "Pa"),
         "nu": Variable((), "1"),
         "E": Variable(("term",), "Pa"),
         "rho": Variable(("term",), "s"),
@@ -85,7 +87,7 @@ KIND = Kind(
     settings=Dma,
     stages=_STAGES,
     schemas=(_SWEEPS, _MASTER_CURVE),
-    key_numbers=(KeyNumber("relaxed modulus", "Pa", "master_curve", "E_relaxed"),),
+    key_numbers=(KeyNumber("relaxed modulus", "Pa", "master_curve", "relaxed_modulus"),),
     picture=Picture("master_curve", "reduced_frequency", "master_storage", "log"),
     rows=Derived("pipelines.experiments.dma.comparison:rows", ("master_curve",)),
     budget=Derived("pipelines.experiments.dma.budget:quantities", ("sweeps", "master_curve", "temperature_sweep")),

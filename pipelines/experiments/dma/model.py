@@ -14,6 +14,7 @@ from labpipe.errors import InputError, SourceError
 from labpipe.materials import MasterCurve
 from labpipe.variables import variable, with_u
 from pipelines.experiments.dma import _shift_tables as shift_tables
+from pipelines.experiments.dma._ends import ends
 from pipelines.experiments.dma.settings import Dma
 
 _SWITCH: dict[str, bool | Literal["auto"]] = {"auto": "auto", "on": True, "off": False}
@@ -81,6 +82,8 @@ def _stored(made: MasterCurve, sweeps: xr.Dataset, u_nu: float) -> xr.Dataset:
     known |= with_u("delay", (), float(made.delay), float(made.u_delay), "s", "delay of the instrument's phase")
     result.attrs = {name: value for name, value in result.attrs.items() if name not in known}
     result = result.assign(known)
+    factor = sweeps.attrs.get("u_modulus_factor", 0.0) / sweeps.attrs["modulus_factor"]
+    result = result.assign(ends(result, float(np.hypot(factor, sweeps.attrs.get("u_scale", 0.0)))))
     curves = made.kramers_kronig.curves
     for name in map(str, curves.data_vars):
         result[f"kk_{name}"] = ("kk_frequency", curves[name].values, dict(curves[name].attrs))

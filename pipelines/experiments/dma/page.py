@@ -28,7 +28,7 @@ from labpipe.report import (
 )
 from labpipe.workflow.context import Context
 from pipelines.experiments.dma import _material_files, _shift_section
-from pipelines.experiments.dma.budget import quantities, still_falls
+from pipelines.experiments.dma.budget import quantities
 from pipelines.experiments.dma.published import rms
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import budget_blocks, pages
@@ -125,23 +125,21 @@ def _curve_rows(curve: xr.Dataset) -> list[tuple[str, str, str]]:
 
 def _end(curve: xr.Dataset, name: Literal["relaxed", "unrelaxed"]) -> tuple[str, str, str]:
     """Return the modulus of an end, relaxed or unrelaxed, as far as the data there determine it."""
-    is_slow, modulus = name == "relaxed", float(curve[f"E_{name}"])
-    when = "after an infinite time" if is_slow else "instantaneous"
+    is_slow = name == "relaxed"
+    when, end = ("after an infinite time", "slow") if is_slow else ("instantaneous", "fast")
+    modulus, u = float(curve[f"{name}_modulus"]), float(curve[f"u_{name}_modulus"])
+    if np.isfinite(modulus):
+        origin = f"{when}; standard uncertainty from extrapolating the loss at the {end} end, from noise and scale"
+        return f"{name} modulus", value_with_uncertainty(modulus, u, "Pa"), origin
     frequency = curve["reduced_frequency"].values
-    # Mirrored, the loss of the fast end falls as that of the slow one does.
-    left = still_falls(frequency if is_slow else 1.0 / frequency, curve["master_loss"].values)
-    last = float(curve["master_storage"][int(np.argmin(frequency) if is_slow else np.argmax(frequency))])
-    if left >= last:
-        text = f"0 to {_modulus(last)}" if is_slow else f"{_modulus(last)} at least"
-        may = "may still fall to zero" if is_slow else "may still rise"
-        return (
-            f"{name} modulus",
-            text,
-            f"{when}; with this loss the storage modulus {may}: the series' {_modulus(modulus)} is extrapolated",
-        )
-    found = value_with_uncertainty(modulus, left / float(np.sqrt(3.0)), "Pa")
-    end = "slow" if is_slow else "fast"
-    return f"{name} modulus", found, f"{when}; standard uncertainty from extrapolating the loss at the {end} end"
+    last = _modulus(float(curve["master_storage"][int(np.argmin(frequency) if is_slow else np.argmax(frequency))]))
+    may = "may still fall to zero" if is_slow else "may still rise"
+    return (
+        f"{name} modulus",
+        f"0 to {last}" if is_slow else f"{last} at least",
+        f"{when}; with this loss the storage modulus {may}: the series' {_modulus(float(curve[f'E_{name}']))} "
+        "is extrapolated",
+    )
 
 
 def _vertical(curve: xr.Dataset) -> str:

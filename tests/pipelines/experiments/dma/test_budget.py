@@ -5,7 +5,7 @@ from math import cos, inf, pi, sin
 import numpy as np
 import pytest
 
-from pipelines.experiments.dma.budget import still_falls
+from pipelines.experiments.dma._ends import still_falls
 
 
 @pytest.mark.parametrize("power", [0.1, 0.4, 0.8])

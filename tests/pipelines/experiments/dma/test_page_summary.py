@@ -4,18 +4,20 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from pipelines.experiments.dma._ends import ends
 from pipelines.experiments.dma.page import _end
 
 FREQUENCY = np.logspace(-6, 6, 121)
 
 
 def curve(storage, loss, relaxed, unrelaxed):
-    return xr.Dataset(
+    made = xr.Dataset(
         {
             "reduced_frequency": ("f", FREQUENCY), "master_storage": ("f", storage), "master_loss": ("f", loss),
-            "E_relaxed": relaxed, "E_unrelaxed": unrelaxed,
+            "u_master_storage": ("f", 0.01 * storage), "E_relaxed": relaxed, "E_unrelaxed": unrelaxed,
         }
     )  # fmt: skip
+    return made.assign(ends(made, 0.02))
 
 
 def test_ends_that_the_loss_determines_have_an_uncertainty_and_others_bounds():
@@ -26,6 +28,9 @@ def test_ends_that_the_loss_determines_have_an_uncertainty_and_others_bounds():
     assert _end(found, "relaxed")[1].endswith("MPa")
     assert "±" in _end(found, "relaxed")[1]
     assert "±" in _end(found, "unrelaxed")[1]
+    u = float(found["u_relaxed_modulus"])
+    falls = solid.real[0] - 1e6  # what the storage modulus still falls by, taken as a limit
+    assert u == pytest.approx(np.hypot(falls / np.sqrt(3.0), np.hypot(0.01, 0.02) * 1e6), rel=0.05)
     level = curve(solid.real, np.full_like(FREQUENCY, 1e8), 1e6, 1e9)
     assert _end(level, "relaxed")[1].startswith("0 to ")
     assert _end(level, "unrelaxed")[1].endswith("at least")
