@@ -308,8 +308,8 @@ def _row(loads: xr.Dataset, hold: Hold, touch: Quantity | None, longest: float) 
     rest = unfinished(loads, hold, level)
     if rest > _UNFINISHED * level.force:
         warnings.warn(
-            f"block {hold.block + 1}: the force is still falling at the end of the hold, by about "
-            f"{50 * np.sqrt(3.0) * rest / level.force:.1f} % more: the plateau is not relaxed",
+            f"block {hold.block + 1}: the force is still falling at the end of the hold from {hold.end:.4g} s, by "
+            f"about {50 * np.sqrt(3.0) * rest / level.force:.1f} % more: the plateau is not relaxed",
             stacklevel=2,
         )
     noise = float(np.nanmax(loads["u_force"].values))
