@@ -37,7 +37,10 @@ def test_draws_agree_with_laplace_where_it_is_right(known, drawn) -> None:
 def test_weighted_quantiles_are_those_of_repeated_draws(drawn) -> None:
     values = np.array([[1.0], [2.0], [3.0], [4.0], [5.0]])
     few = type(drawn)(values, np.full(5, 0.2), 0)
-    assert few.quantiles(values, np.array([0.5]))[0, 0] == pytest.approx(3.0)
+    shares = np.array([0.025, 0.3, 0.5, 0.85, 0.975])
+    assert few.quantiles(values, shares)[:, 0] == pytest.approx(np.quantile(values, shares, method="hazen"))
+    twice = type(drawn)(values[:3], np.array([0.25, 0.5, 0.25]), 0)  # 1, 2, 2, 3
+    assert twice.quantiles(values[:3], np.array([0.125, 0.5, 0.875]))[:, 0] == pytest.approx([1.0, 2.0, 3.0])
     tilted = type(drawn)(values, np.array([0.0, 0.0, 0.0, 0.0, 1.0]), 0)
     assert tilted.effective == pytest.approx(1.0)
     assert not type(drawn)(values, tilted.weights, 5).is_reliable
