@@ -92,8 +92,8 @@ def rows_of_intervals(export: Export) -> list[np.ndarray]:
     return [rows[(labels == label).all(axis=1)] for label in np.unique(labels, axis=0)]
 
 
-def mean_levels(isotherms: Sequence[Sweep]) -> Floats | None:
-    """Return the mean log10 of every isotherm's modulus over the frequencies that all have."""
+def median_levels(isotherms: Sequence[Sweep]) -> Floats | None:
+    """Return the median log10 of every isotherm's modulus over the frequencies that all have."""
     if len(isotherms) < 3:
         return None
     low = max(float(s.values("frequency")[0]) for s in isotherms)
@@ -112,7 +112,7 @@ def mean_levels(isotherms: Sequence[Sweep]) -> Floats | None:
 
 def steepest_slope(isotherms: Sequence[Sweep]) -> float:
     """Return the steepest change of the modulus over temperature [decades/K], at most that of a glass transition."""
-    levels = mean_levels(isotherms)
+    levels = median_levels(isotherms)
     if levels is None:
         return _TRANSITION
     T = np.array([s.temperature for s in isotherms])

@@ -6,7 +6,15 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.judging import Check, Level, not_made, stated
-from pipelines.experiments.dma._checked_sweeps import FEW_ROWS, MOST, OWN, Export, Sweep, mean_levels, rows_of_intervals
+from pipelines.experiments.dma._checked_sweeps import (
+    FEW_ROWS,
+    MOST,
+    OWN,
+    Export,
+    Sweep,
+    median_levels,
+    rows_of_intervals,
+)
 from pipelines.experiments.dma.settings import Dma
 
 _STEP = 5.0  # K, of which set temperatures are multiples
@@ -149,7 +157,7 @@ def _is_fahrenheit(T: Floats) -> bool:
 def softening(isotherms: Sequence[Sweep]) -> Check:
     """Look for the isotherm that breaks the fall of the modulus with temperature."""
     name, law = "order with temperature", "at one frequency a polymer softens as it is heated"
-    levels = mean_levels(isotherms)
+    levels = median_levels(isotherms)
     if levels is None:
         return not_made(name, law, "three isotherms over common frequencies")
     T, level = np.array([s.temperature for s in isotherms]), levels
