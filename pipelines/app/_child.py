@@ -57,7 +57,8 @@ def _processed(folder: Path) -> int:
 
     outcome = process(folder, jobs=max(1, min(processors(), 4)), progress=progress)
     for one in verdicts_of(outcome).experiments:  # those that failed, and what the session as a whole tells
-        _tell(**_judged(one))
+        if one.state != "waiting":  # told next
+            _tell(**_judged(one))
     for name, lines in outcome.session.waiting.items():
         _tell(kind="waiting", experiment=name, message="\n".join(shortened(name, lines)))
     _tell(kind="finished", message=outcome.summary, reports=sorted(outcome.reports))

@@ -278,6 +278,8 @@ def summarise(outcome: "RunResult | LabpipeError", judged: "Verdicts | None" = N
     for o in outcome.failures:
         click.echo(f"failed: {o.task}: {o.message}", err=True)
     for one in () if judged is None else judged.experiments:
+        if one.state == "waiting":  # its lines are told below, with those that nobody judged
+            continue
         grave = [f.message for f in one.findings if f.level != "note"]
         more = f"; and {len(grave) - _TOLD} more on its page" if len(grave) > _TOLD else ""
         told = "; ".join(grave[:_TOLD]) + more

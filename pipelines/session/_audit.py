@@ -13,6 +13,7 @@ from pipelines.session._processing import process
 from pipelines.session._session_checks import SESSION_CHECKS, named_at
 from pipelines.session._unused import unused_files
 from pipelines.session._verdicts import Verdict, verdicts_of
+from pipelines.session._waiting import WAITING
 
 if TYPE_CHECKING:
     from labpipe.judging import Finding, Level
@@ -104,7 +105,8 @@ def audit(folder: Path) -> Audit:
         stages = [stage.name for stage in KINDS[e.kind].stages]
         targets += [f"{e.name}/{stage}" for stage in ([JUDGEMENT] if JUDGEMENT in stages else stages[-1:])]
     run = process(folder, targets) if targets else None
-    verdicts = () if run is None else verdicts_of(run).experiments
+    # the lines that others wait for stand with the problems of session.toml
+    verdicts = () if run is None else [v for v in verdicts_of(run).experiments if v.state != WAITING]
     session = session if run is None else run.session
     unused = (Trouble(f.level, (), (f.check,), f.message, f.cause, f.file, None) for f in unused_files(session))
     rows = [*_of_verdicts(session, verdicts), *_failures(run, verdicts), *unused]

@@ -28,7 +28,7 @@ from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME
 from pipelines.experiments import KINDS
 from pipelines.session._processing import plan as plan_session
-from pipelines.session._verdicts import Verdict, stored_verdicts
+from pipelines.session._verdicts import Verdict, stored_verdicts, waiting_verdicts
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -327,7 +327,7 @@ def _digest(plan: Plan) -> str:
     # findings name lines, so that a line more is a change
     settings = {n: [msgspec.to_builtins(e.settings), dict(e.lines)] for n, e in session.experiments.items()}
     states = [[*row.task, row.state, plan.keys[row.task].value] for row in plan.rows]
-    document = [session.title, session.operator, session.synthetic, settings, states]
+    document = [session.title, session.operator, session.synthetic, settings, states, session.waiting]
     return hashlib.sha256(files.canonical(document).encode("utf-8", "replace")).hexdigest()
 
 
@@ -363,6 +363,10 @@ def _add(connection: sqlite3.Connection, name: str, digest: str, plan: Plan) -> 
                 "INSERT INTO results VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
                 [(*label, *value) for value in _values(dataset)],
             )
+        entry.insert(connection)
+    for one in waiting_verdicts(session).values():
+        entry = _Entry({"session": name, "experiment": one.experiment, "kind": one.kind, "state": one.state})
+        entry.add_verdict(one)
         entry.insert(connection)
 
 

@@ -142,7 +142,7 @@ def _answer(session: Session, verdicts: Mapping[str, Verdict]) -> "Iterator[Noti
 
     if not verdicts:
         return
-    yield belief(verdicts, session.experiments)
+    yield belief(verdicts, session.experiments, session.waiting)
     if said := agreement({name: one.model for name, one in verdicts.items()}):
         yield said
     bad = [name for name, one in verdicts.items() if one.believable != "yes" or one.model == "differs"]

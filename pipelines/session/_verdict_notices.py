@@ -16,7 +16,7 @@ _WORDS = {"yes": "the record is believable", "unknown": "whether the record is b
 _NAMED = 5  # more experiments than these are not read in a sentence
 
 
-def belief(verdicts: Mapping[str, Verdict], names: Iterable[str]) -> Notice:
+def belief(verdicts: Mapping[str, Verdict], names: Iterable[str], waiting: Iterable[str] = ()) -> Notice:
     """Say how many experiments of a session can be believed, and name the others.
 
     Parameters
@@ -24,9 +24,12 @@ def belief(verdicts: Mapping[str, Verdict], names: Iterable[str]) -> Notice:
     verdicts : mapping of str to Verdict
     names : iterable of str
         Of all experiments; those without a verdict wait for their steps.
+    waiting : iterable of str
+        Of those that wait for lines of their settings, beside them.
     """
     others: dict[str, list[str]] = {}
-    words = {name: verdicts[name].believable if name in verdicts else "waiting" for name in names}
+    words = {name: verdicts[name].believable if name in verdicts else "stale" for name in names}
+    words |= dict.fromkeys(waiting, "waiting")
     for name, word in words.items():
         if word != "yes":
             others.setdefault(word, []).append(name)
@@ -37,7 +40,8 @@ def belief(verdicts: Mapping[str, Verdict], names: Iterable[str]) -> Notice:
         "impossible": "impossible",
         "doubtful": "doubtful",
         "unknown": "not known",
-        "waiting": "without a verdict that is up to date",
+        "stale": "without a verdict that is up to date",
+        "waiting": "waiting for settings",
     }
     named = "; ".join(f"{word}: {_listed(others[key])}" for key, word in known.items() if key in others)
     worst: Level = "error" if "impossible" in others else "warning" if "doubtful" in others else "info"

@@ -30,6 +30,7 @@ from pipelines.session._results import opened
 from pipelines.session._session_checks import named_files, of_record, session_findings
 from pipelines.session._stated_alike import TWO_VALUES
 from pipelines.session._unused import unused_files
+from pipelines.session._waiting import WAITING, that_wait
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -51,7 +52,8 @@ class Verdict:
     ----------
     experiment, kind : str
     state : str
-        ``"done"``, ``"failed"`` or ``"not processed"``.
+        ``"done"``, ``"failed"``, ``"waiting"`` (for lines of its settings, which are its findings) or
+        ``"not processed"``.
     believable : "yes", "doubtful", "impossible" or "unknown"
     model : "agrees", "differs", "undecided" or "none"
     findings : tuple of Finding
@@ -120,7 +122,7 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Verdicts(ShownAsTable):
-    """Verdicts on the experiments of a session, in its order.
+    """Verdicts on the experiments of a session, in its order, those that wait last.
 
     Attributes
     ----------
@@ -181,7 +183,14 @@ def verdicts_of(run: RunResult) -> Verdicts:
     _keep(results.plan, {n: v for n, v in new.items() if failures[n] and not any(f.is_of_run for f in failures[n])})
     known |= new
     found = (replace(known[name], state="failed" if failed else "done") for name, failed in failures.items())
-    return Verdicts(session.root, tuple(found), tuple(unused_files(session)))
+    return Verdicts(session.root, (*found, *waiting_verdicts(session).values()), tuple(unused_files(session)))
+
+
+def waiting_verdicts(session: Session) -> dict[str, Verdict]:
+    """Return a verdict on each experiment that waits: nothing is known of it but the lines to correct."""
+    return {
+        name: Verdict(name, kind, WAITING, "unknown", "none", findings) for name, kind, findings in that_wait(session)
+    }
 
 
 def stored_verdicts(results: Results) -> dict[str, Verdict]:

@@ -12,7 +12,7 @@ from labpipe.errors import ConfigError, InputError, SourceError, UsageError
 from labpipe.workflow.store import Store
 from pipelines.commands import session as commands
 from pipelines.process import export, open_session, plan, process, report, result
-from pipelines.session import compare, doctor
+from pipelines.session import catalogue, compare, doctor, verdict
 
 
 def truth(folder: Path, name: str) -> dict:
@@ -287,6 +287,33 @@ def test_plan_and_process_begin_with_what_waits(session_copy: Path) -> None:
     done = CliRunner().invoke(commands.process, [str(session_copy), "-j", "0"])
     assert done.exit_code == 1
     assert "waiting: drop\n" in done.output
+
+
+@pytest.mark.parametrize(
+    ("kind", "place", "remedy"),
+    [("value", "session.toml", "fill in line"), ("record", "calibration/laser.toml", "of calibration/laser.toml")],
+)
+def test_what_waits_has_an_entry_of_its_own_in_every_outlet(
+    session_copy: Path, kind: str, place: str, remedy: str
+) -> None:
+    _with_gap(session_copy, kind)
+    done = CliRunner().invoke(commands.process, [str(session_copy), "-j", "0", "--json"])
+    found = json.loads(done.output)["experiments"]
+    one = {entry["experiment"]: entry for entry in found}["drop"]
+    assert (one["kind"], one["state"], one["believable"], one["model"]) == ("ball_drop", "waiting", "unknown", "none")
+    assert len(found) == 2
+    (finding,) = one["findings"]
+    assert (finding["level"], finding["file"]) == ("note", place)
+    assert "FILL" in (session_copy / place).read_text("utf-8").splitlines()[finding["line"] - 1]
+    assert remedy in finding["cause"]
+    assert verdict(session_copy, jobs=0)["experiments"] == found
+    assert "waiting for settings: drop" in (session_copy / "labpipe/index.html").read_text("utf-8").lower()
+    table = catalogue(session_copy).table.set_index("experiment")
+    assert (table.loc["drop", "state"], table.loc["drop", "believable"]) == ("waiting", "unknown")
+    assert f"{place}:{finding['line']}" in table.loc["drop", "findings"]
+    path = session_copy / place
+    path.write_text(path.read_text("utf-8").replace("FILL", "1.5" if kind == "value" else "12.0"), "utf-8")
+    assert catalogue(session_copy).table.set_index("experiment").loc["drop", "state"] != "waiting"
 
 
 def test_an_experiment_that_refers_to_one_that_waits_waits_too(session_copy: Path) -> None:
