@@ -19,7 +19,7 @@ from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
     from labpipe.judging._agreement import LIKELY, Agreement, agreement, model_verdict
-    from labpipe.judging._causes import Cause, Explanation, explain, too_large
+    from labpipe.judging._causes import Cause, Explanation, explain, in_words, too_large
     from labpipe.judging._checks import (
         DOUBTFUL,
         FLAGS,
@@ -65,6 +65,7 @@ __all__ = [
     "detectable",
     "explain",
     "from_json",
+    "in_words",
     "judge",
     "model_verdict",
     "not_made",

@@ -8,7 +8,7 @@ ranked by what they leave unexplained.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import exp, hypot, isfinite, log
+from math import exp, floor, hypot, isfinite, log, log10
 
 from labpipe.judging._checks import Check
 
@@ -19,6 +19,7 @@ _USUAL = 9.0
 in units of chi square."""
 _SLACK = 0.02
 """How far from such a factor, relative, a fitted one may lie: other inputs may be off too."""
+_GROUPED = 1e4  # from which the digits of a number are grouped
 _EXPLAINED = 0.1
 """Part of chi square that a cause may leave and still be told as the cause."""
 
@@ -132,7 +133,24 @@ def too_large(factor: float) -> str:
     >>> too_large(1000.0), too_large(0.5)
     ('1000 times too large', 'too small by a factor of 2')
     """
-    return f"{factor:.4g} times too large" if factor >= 1.0 else f"too small by a factor of {1.0 / factor:.4g}"
+    times = in_words(max(factor, 1.0 / factor), 4)
+    return f"{times} times too large" if factor >= 1.0 else f"too small by a factor of {times}"
+
+
+def in_words(factor: float, digits: int = 3) -> str:
+    """Write a factor with so many digits and without an exponent.
+
+    Examples
+    --------
+    >>> in_words(210.3, 2), in_words(1e6), in_words(0.00012345), in_words(2.0)
+    ('210', '1,000,000', '0.000123', '2')
+    """
+    if not isfinite(factor) or factor == 0.0:
+        return f"{factor:g}"
+    rounded = float(f"{factor:.{digits}g}")
+    decimals = max(digits - 1 - floor(log10(abs(rounded))), 0)
+    text = f"{rounded:,.{decimals}f}" if abs(rounded) >= _GROUPED else f"{rounded:.{decimals}f}"
+    return text.rstrip("0").rstrip(".") if decimals else text
 
 
 def _nearest_usual(best: float, usual: Sequence[float]) -> tuple[float, bool]:

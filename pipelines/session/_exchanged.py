@@ -29,7 +29,7 @@ def exchanged(session: Session, stiffness: Mapping[str, float | None]) -> Iterat
     stiffness : mapping of str to float or None
         Experiment to how many times the modulus of its material would explain it, where one does.
     """
-    from labpipe.judging import Finding
+    from labpipe.judging import Finding, in_words
 
     found: dict[str, dict[str, float]] = {}
     for name, factor in stiffness.items():
@@ -42,7 +42,7 @@ def exchanged(session: Session, stiffness: Mapping[str, float | None]) -> Iterat
         if a * b > 0.0 or min(abs(a), abs(b)) < _OTHER or abs(a + b) > _INVERSE * max(abs(a), abs(b)):
             continue
         text = "; ".join(
-            f"{_listed(list(found[of]))} would need {exp(size):.2g} times the modulus of {of}"
+            f"{_listed(list(found[of]))} would need {in_words(exp(size), 2)} times the modulus of {of}"
             for of, size in ((first, a), (second, b))
         )
         cause = f"the exports of {first} and {second} were probably exchanged (rheometer in session.toml, or the files)"

@@ -214,6 +214,22 @@ def _cut(text: str) -> str:
     return text[: text.index("\t5\t", text.index("points:\t4"))]
 
 
+def _as_table(times: float, heading: str = "frequency [Hz]", *, with_time: bool = True) -> Edit:
+    """Write the exports as plain tables, with so many times the frequency in Hz under a heading."""
+
+    def edit(folder: Path) -> None:
+        for name in (FIRST, SECOND):
+            found = ["time [s]," * with_time + f"temperature [°C],{heading},storage modulus [MPa],loss modulus [MPa]"]
+            for line in (folder / name).read_text(_CODE).split("\n"):
+                cells = line.split("\t")
+                if len(cells) > STRESS and cells[1].isdigit():
+                    hertz = f"{times * float(cells[OMEGA]) / (2 * np.pi):.6g}"
+                    found.append(",".join([cells[TIME]] * with_time + [cells[T], hertz, cells[STORAGE], cells[LOSS]]))
+            (folder / name).write_text("\n".join(found) + "\n", "utf-8")
+
+    return edit
+
+
 def _rubber(folder: Path) -> None:
     """Let both exports be of a rubber, beside the Poisson's ratio of a glass."""
     for name, seed in ((FIRST, 3), (SECOND, 8)):
@@ -271,6 +287,16 @@ ROWS = (
         FIRST,
     ),
     Mistake("turns per minute under radians", _scaled(OMEGA, 30 / np.pi), "impossible", ("turns per minute", "9.549")),
+    *(
+        Mistake(f"plain table, {word}", _as_table(*how, with_time=timed), "doubtful", said, FIRST)
+        for word, how, timed, said in (
+            ("turns per minute under Hz", (60.0,), True, ("turns per minute",)),
+            ("turns per minute under Hz, no times", (60.0,), False, ("turns per minute", "60 times round")),
+            ("mHz under Hz", (1e3,), True, ("mHz",)),
+            ("radians under Hz", (2 * np.pi,), False, ("rad/s under Hz",)),
+            ("hertz under radians", (1.0, "angular frequency [rad/s]"), True, ("Hz under rad/s",)),
+        )
+    ),
     Mistake("radians labelled Hz", _label("[rad/s]", "[Hz]"), "doubtful", ("Hz",), FIRST),
     Mistake("time in min labelled s", _scaled(TIME, 1 / 60), "doubtful", ("time",), FIRST),
     # one value, one row

@@ -113,6 +113,13 @@ ROWS = (
         ("struck the plate or its table lightly",),
         PTFE,
     ),
+    Mistake(
+        "hum of 180 Hz under all readings",
+        _changed(lambda x: x + 3e-4 * np.sin(2 * np.pi * 180 * 50e-6 * np.arange(x.size))),
+        "doubtful",
+        ("swing at 1", "another sensor, a lamp or a supply"),
+        ACRYLIC,
+    ),
     Mistake("all heights ten times", _ten_times, "doubtful", ("stated too large", "60.0 ms"), _TOML, "15 ±"),
     # what the session states
     Mistake("height 50 for 5 mm", _height("ptfe", "5", "50"), "impossible", ("height of ptfe", "drops[3]"), _TOML),

@@ -1,5 +1,6 @@
 """A mistake of a laboratory as a row of a corpus, and the one way in which all rows are held."""
 
+import re
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -63,6 +64,7 @@ def _lacking(mistake: Mistake, folder: Path, found: Verdict) -> list[str]:
     """Say what a verdict lacks of what it must hold."""
     said = " ".join(f"{f.message} {f.cause}" for f in found.findings).lower()
     lacking = [f"not said: {word}" for word in mistake.words if word.lower() not in said]
+    lacking += misspelt(said)
     if found.believable != ("yes" if mistake.level == "note" else mistake.level):
         lacking.append(f"the verdict is {found.believable}")
     if not any(f.level == mistake.level for f in found.findings):
@@ -77,6 +79,11 @@ def _lacking(mistake: Mistake, folder: Path, found: Verdict) -> list[str]:
         if not any(mistake.line in lines[line - 1] for _, line in places if line):
             lacking.append(f"no line with {mistake.line} is named, but {places}")
     return [*lacking, f"said: {said}"] if lacking else []
+
+
+def misspelt(said: str) -> list[str]:
+    """Name numbers that are not written as the house writes them: "6 %" with a space, factors without an exponent."""
+    return [f"not so: {found}" for found in re.findall(r"\d%|\de\+\d", said)]
 
 
 def by_day(rows: Sequence[Any], every: int) -> list[Any]:

@@ -26,6 +26,7 @@ from pipelines.experiments.contact_area.model import model
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.judgements import believed
 from pipelines.experiments.shared.settings import Sphere
+from tests.mistakes.rows import misspelt
 
 Change = Callable[[xr.Dataset], xr.Dataset]
 _FILM, _CAMERA = "film/a.cine", "calibration/camera_under.toml"
@@ -295,3 +296,4 @@ def test_mistake_is_noticed_and_named(film: xr.Dataset, mistake: FilmMistake) ->
     said = " ".join(f"{f.message} {f.cause}" for f in found.findings)
     assert found.believable == mistake.level, said
     assert [word for word in mistake.words if word not in said] == [], said
+    assert misspelt(said) == []

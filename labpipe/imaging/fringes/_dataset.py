@@ -275,7 +275,7 @@ def _warn(options: FilmOptions, result: FilmResult) -> None:
     if abs(scale) > _NOTABLE_SCALE:
         texts.append(
             f"the fringes are {'narrower' if scale > 0 else 'wider'} than R, wavelength and pixel "
-            f"size say, as if R times wavelength were {-scale / (1 + scale):+.2%} off; the scale "
+            f"size say, as if R times wavelength were {-100 * scale / (1 + scale):+.2f} % off; the scale "
             "of the fringes was used: check sphere_radius, wavelength and pixel_size"
         )
     if result.calibration.flat > 0.0:
@@ -325,9 +325,8 @@ def _colour_told(options: FilmOptions, result: FilmResult) -> str:
     ratio, share = result.view.optics.colour
     if not share or options.wavelength is None:
         return ""
-    return (
-        f"a second colour near {options.wavelength / ratio * 1e9:.0f} nm, {share:.0%} of the fringes, was allowed for"
-    )
+    colour = f"a second colour near {options.wavelength / ratio * 1e9:.0f} nm"
+    return f"{colour}, {100 * share:.0f} % of the fringes, was allowed for"
 
 
 def _frames_by_edge(result: FilmResult) -> str:

@@ -7,7 +7,7 @@ from math import cos, hypot, isfinite, log, nan, sqrt
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import SLIPS, Cause, Check, Level, bounded, compared, not_made, stated, too_large
+from labpipe.judging import SLIPS, Cause, Check, Level, bounded, compared, in_words, not_made, stated, too_large
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
@@ -136,7 +136,9 @@ def _fringes(radius: xr.Dataset, impacts: xr.Dataset | None, settings: ContactAr
         return not_made(FRINGE, law, "a wavelength, and fringes that the film resolves in its first contact")
     scale = 2 * float(radius.attrs["u_systematic_relative"])
     u = hypot(scale, light.u / light.value, body.u / body.value)
-    message = f"{settings.film}: R times wavelength is {1 / found.ratio:.4g} times what is stated, by the fringes"
+    message = (
+        f"{settings.film}: R times wavelength is {in_words(1 / found.ratio, 4)} times what is stated, by the fringes"
+    )
     return compared(FRINGE, law, message, found.ratio, found.u, 1.0, u, file=settings.film)
 
 
@@ -307,7 +309,10 @@ def _one_scale(radius: xr.Dataset, settings: ContactArea) -> Check:
     found = compared(
         name, law, message, ratio, ratio * hypot(both, _FRINGES), 1.0, _FRINGES, allowance=_RECOVERS, file=settings.film
     )
-    cause = "zoom, focus or distance of the lens changed within the film, or two films were joined"
+    cause = (
+        "zoom, focus or distance of the lens changed within the film, something came into the view, or two films were "
+        "joined"
+    )
     return replace(found, cause=cause if found.level else "", log_ratio=nan, u_log_ratio=nan)
 
 
@@ -419,7 +424,9 @@ def _causes(radius: xr.Dataset | None, settings: ContactArea) -> Iterator[Cause]
     )
     yield Cause(
         {FLIGHT: -1.0, DURATION: -1.0},
-        lambda k: f"the frame rate is {k:.3g} times the true one: times come out {1 / k:.3g} times too long",
+        lambda k: (
+            f"the frame rate is {in_words(k)} times the true one: times come out {in_words(1 / k)} times too long"
+        ),
         SLIPS["interval"],
         file="" if is_rate_used(settings.frame_rate, radius) else settings.film,
         setting="frame_rate" if is_rate_used(settings.frame_rate, radius) else "",

@@ -44,13 +44,12 @@ def tilt(motion: xr.Dataset, settings: DicValidation) -> Check:
         return stated(name, law, f"{settings.film}: the holder's image does not grow or shrink", None)
     shown, short = value_with_uncertainty(degrees(angle), degrees(u), "deg"), 1.0 - cos(angle)
     if settings.camera_distance is not None:
-        text = (
-            f"{settings.film}: the camera looks up or down by {shown}; displacements are longer by {short:.2%} for it"
-        )
+        text = f"{settings.film}: the camera looks up or down by {shown}; displacements are longer by "
+        text += f"{100 * short:.2f} % for it"
         return stated(name, law, text, None)
     matters = short > _MATTERS * float(motion["u_pixel_size"] / motion["pixel_size"])
     text = f"{settings.film}: at a usual distance of {quantity(viewing_angle.USUAL_DISTANCE, 'm')} the camera looks up "
-    text += f"or down by {shown}, and displacements are too short by {short:.2%}"
+    text += f"or down by {shown}, and displacements are too short by {100 * short:.2f} %"
     cause = "the camera is tilted: state camera_distance, and displacements are corrected" if matters else ""
     level: Level | None = "note" if matters else None
     return stated(name, law, text, level, cause=cause, file=settings.film, setting="camera_distance")
@@ -64,7 +63,7 @@ def one_scale(motion: xr.Dataset, settings: DicValidation) -> Check:
         return not_made(name, law, _NO_MOTION)
     change = abs(growth) * float(np.nanmax(np.abs(motion["displacement"].values)))
     matters = change > _MATTERS * float(motion["u_pixel_size"] / motion["pixel_size"])
-    text = f"{settings.film}: the length of one pixel changes by {change:.2%} along the motion"
+    text = f"{settings.film}: the length of one pixel changes by {100 * change:.2f} % along the motion"
     cause = (
         "the camera looks up or down at the motion, the holder comes closer or goes away, or zoom or focus changes"
         if matters

@@ -9,7 +9,7 @@ import xarray as xr
 from scipy import ndimage
 
 from labpipe.arrays import Floats
-from labpipe.judging import SLIPS, Cause, Check, Level, compared, not_made, stated, too_large
+from labpipe.judging import SLIPS, Cause, Check, Level, compared, in_words, not_made, stated, too_large
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
@@ -116,7 +116,7 @@ def _found(track: xr.Dataset, settings: DicValidation) -> Check:
     name, law = "holder is found", "what is tracked stays in the image and looks alike"
     share = float(track["valid"].isel(point=0).mean())
     level: Level | None = None if share >= _FOUND else "doubtful"
-    message = f"{settings.film}: the holder was found in {share:.1%} of the frames"
+    message = f"{settings.film}: the holder was found in {100 * share:.1f} % of the frames"
     cause = "damaged or missing frames, a film that is upside down, or tracking.body is not on the holder"
     if "status" in track and _is_saturated(track):
         cause = "the film is over-exposed or dark: the holder's pixels lie at white or at black"
@@ -247,7 +247,7 @@ def _steady(track: xr.Dataset | None, motion: xr.Dataset, settings: DicValidatio
     seen = {
         "dx": f"jumps aside by {size:.3g} px",
         "rotation": f"turns by {degrees(size):.2g}°",
-        "stretch_x stretch_y": f"grows by {size:.2%}",
+        "stretch_x stretch_y": f"grows by {100 * size:.2f} %",
     }[what]
     text = f"{settings.film}: the holder's image {seen} between two frames at "
     text += quantity(float(motion["time"][at + 1]), "s")
@@ -323,7 +323,9 @@ def _causes(track: xr.Dataset | None, settings: DicValidation) -> Iterator[Cause
     )
     yield Cause(
         {G: 2.0, SPEED: 1.0},
-        lambda k: f"the frame rate is {k:.4g} times the true one: times come out {1 / k:.4g} times too long",
+        lambda k: (
+            f"the frame rate is {in_words(k, 4)} times the true one: times come out {in_words(1 / k, 4)} times too long"
+        ),
         SLIPS["interval"],
         file="" if is_rate_used(settings.frame_rate, track) else settings.film,
         setting="frame_rate" if is_rate_used(settings.frame_rate, track) else "",
@@ -331,7 +333,7 @@ def _causes(track: xr.Dataset | None, settings: DicValidation) -> Iterator[Cause
     yield Cause(
         {HEIGHT: 1.0},
         lambda k: (
-            f"the film is of a drop from a height {k:.3g} times that of {_laser(settings)}: "
+            f"the film is of a drop from a height {in_words(k)} times that of {_laser(settings)}: "
             "film or laser_experiment is another one"
         ),
         setting="laser_experiment",

@@ -149,7 +149,7 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
     share = float(body["valid"].mean())
     if share < 0.5:
         message = (
-            f"the holder was found in {share:.0%} of the frames only; give tracking.body a place "
+            f"the holder was found in {100 * share:.0f} % of the frames only; give tracking.body a place "
             "on the speckled holder that stays in the image while it falls"
         )
         raise InputError(message)

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
+from labpipe.judging import in_words
 from labpipe.materials import isothermal_runs, trusted_tables
 from pipelines.experiments.dma.settings import Dma
 
@@ -79,7 +80,7 @@ def factor_in_words(ratio: float, decades: float = 0.05) -> str:
     """Write a factor, as a power of ten where it is that within some decades."""
     power = log10(ratio)
     is_power = abs(power) > 0.5 and abs(power - round(power)) < decades
-    return f"{10.0 ** round(power):g}" if is_power else f"{ratio:.3g}"
+    return in_words(10.0 ** round(power) if is_power else ratio)
 
 
 def rows_of_intervals(export: Export) -> list[np.ndarray]:

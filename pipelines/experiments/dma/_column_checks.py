@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.judging import Check, Level, bounded, compared, not_made, stated
+from labpipe.judging import Check, Level, bounded, compared, in_words, not_made, stated
 from labpipe.materials import modulus_factor
 from labpipe.report import quantity
 from pipelines.experiments.dma._checked_sweeps import POLYMERS, Export, Sweep, factor_in_words
@@ -25,6 +25,9 @@ _OUT = 0.5  # decades beyond its neighbours at which a reading stands alone
 _MISTYPED = 1.6  # decades from which a single value is a slip, not noise
 _ABOUT = 0.2  # decades within which neighbours tell by what power of ten a value is wrong
 _FEW_LASTS = 5  # readings of an interval that tell how long one takes
+_SAME_COUNT = 0.5  # range of the logarithm of a number of periods that is the same for all readings
+_PATIENT = 30.0  # periods; instruments wait for one to twenty
+_FAST, _FASTEST = 200.0, 1e3  # Hz, that few and that no instruments reach
 _NAMES = {"storage_modulus": "storage modulus", "loss_modulus": "loss modulus"}
 
 
@@ -98,14 +101,21 @@ def frequencies(export: Export) -> Check:
             message = f"{file}: angular frequency over frequency is {ratio:.4g}, expected 2π"
             found = compared(name, law, message, ratio, 0.01, 2 * pi, 0.0, file=file)
             return replace(found, cause="one column of frequency has the unit of the other (Hz, rad/s)")
-    hertz = export.values("frequency")
-    levels = np.unique(np.round(hertz[hertz > 0], 6))
-    if levels.size >= 2 and data.attrs.get("derived") != "frequency" and _is_turned(levels):
-        message = f"{file}: frequencies of {levels[-1]:.5g} to {levels[0]:.5g} Hz are 2π times round ones"
-        cause = "the column of frequency holds rad/s under Hz: a factor 6.28"
+    levels = np.unique(np.round(export.values("frequency"), 6))
+    if data.attrs.get("derived") != "frequency" and (turned := _turned(levels)):
+        message = f"{file}: frequencies of {levels[-1]:.5g} to {levels[0]:.5g} Hz are {turned[0]} times round ones"
+        return stated(name, law, message, "doubtful", cause=turned[1], file=file)
+    if levels[-1] > _FASTEST:
+        message = f"{file}: frequencies go up to {levels[-1]:.5g} Hz, where no rheometer or DMA can swing a specimen"
+        cause = "the column of frequency is in another unit than its heading says, such as turns per minute or mHz"
         return stated(name, law, message, "doubtful", cause=cause, file=file)
     if "time" not in data:
         return not_made(name, law, "a column of time, or both frequencies")
+    if (most := max(_periods_waited(data), default=(0.0, 0)))[0] > _PATIENT:
+        place = export.place(most[1]).rpartition(", point")[0] or file
+        message = f"{place}: each reading takes {most[0]:.3g} periods, whatever its frequency"
+        cause = "frequencies are too high for their times: turns per minute (60), mHz or rad/s (6.28) under Hz"
+        return stated(name, law, message, "doubtful", cause=cause, file=file)
     # each table by itself: the readings of a temperature sweep wait many periods for the heat
     shortest = min(_periods(data), default=None)
     if shortest is None:
@@ -119,28 +129,61 @@ def frequencies(export: Export) -> Check:
 
 def _periods(data: xr.Dataset) -> Iterator[tuple[float, int]]:
     """Yield how many periods nearly every reading of an interval takes at most, and its first row."""
+    for _, lasts, first in _durations(data):
+        yield float(np.quantile(lasts, 0.9)), first
+
+
+def _periods_waited(data: xr.Dataset) -> Iterator[tuple[float, int]]:
+    """Yield how many periods are waited for each reading of an interval at its lowest frequencies, and its first row.
+
+    Nothing is yielded where a least time is waited for, whatever the frequency.
+    """
+    for hertz, lasts, first in _durations(data):
+        slow = hertz <= 10.0 * hertz.min()
+        own = lasts[slow]
+        if own.size >= _FEW_LASTS and np.ptp(np.log(hertz[slow])) > 1.0 and np.ptp(np.log(own)) < _SAME_COUNT:
+            yield float(np.median(own)), first
+
+
+def _durations(data: xr.Dataset) -> Iterator[tuple[Floats, Floats, int]]:
+    """Yield the frequencies of an interval [Hz], the periods that its readings take, and its first row."""
     keys = [key for key in ("interval", "test", "result") if key in data.variables]
-    label = np.zeros(data.sizes["sample"], np.int64)
+    hertz = data["frequency"].values
+    label = np.zeros(hertz.size, np.int64)
     for key in keys:
         label[1:] += np.cumsum(data[key].values[1:] != data[key].values[:-1])
+    if not label.any():  # a table knows no intervals: a sweep ends where the frequency turns back
+        way = np.sign(np.diff(hertz))
+        label[1:] += np.cumsum(way * np.median(way) < 0.0)
     # a reading that begins a table has no beginning of its own
-    lasts = np.diff(data["time"].values) * data["frequency"].values[1:]
+    lasts = np.diff(data["time"].values) * hertz[1:]
     is_known = (np.diff(label) == 0) & np.isfinite(lasts) & (lasts > 0)
     for interval in np.unique(label):
-        own = lasts[is_known & (label[1:] == interval)]
-        if own.size >= _FEW_LASTS:
-            yield float(np.quantile(own, 0.9)), int(np.argmax(label == interval))
+        own = is_known & (label[1:] == interval)
+        if own.sum() >= _FEW_LASTS:
+            yield hertz[1:][own], lasts[own], int(np.argmax(label == interval))
 
 
-def _is_turned(levels: Floats) -> bool:
-    """Tell whether both end frequencies are 2 pi times a round one, and not round themselves."""
+def _turned(levels: Floats) -> tuple[str, str] | None:
+    """Tell by which factor both end frequencies are a round one, not being round themselves, and what that says.
+
+    Sixty times round ones may be meant; beyond what usual instruments reach they are not.
+    """
+    if levels.size >= 2 and _is_turned(levels, 2 * pi):
+        return "2π", "the column of frequency holds rad/s under Hz: a factor 6.28"
+    if levels.size >= 2 and levels[-1] > _FAST and _is_turned(levels, 60.0):
+        return "60", "the column of frequency holds turns per minute under Hz: a factor 60"
+    return None
+
+
+def _is_turned(levels: Floats, factor: float) -> bool:
 
     def is_round(value: float) -> bool:
         mantissa = value / 10.0 ** np.floor(log10(value))
         return min(abs(mantissa / k - 1) for k in (1.0, 2.0, 5.0, 10.0)) < 5e-4
 
     ends = (float(levels[0]), float(levels[-1]))
-    return all(is_round(f / (2 * pi)) and not is_round(f) for f in ends)
+    return all(is_round(f / factor) and not is_round(f) for f in ends)
 
 
 def stress_over_strain(export: Export) -> Check:
@@ -164,7 +207,7 @@ def stress_over_strain(export: Export) -> Check:
     thousands = {-3: "kPa stand as Pa, or GPa as MPa", 3: "Pa stand as kPa, or MPa as GPa"}
     unit = {-6: "MPa stand as Pa", 6: "Pa stand as MPa", **thousands}.get(power)
     if unit is not None and abs(log10(ratio) - power) < 0.1:
-        return replace(found, cause=f"the unit of the moduli is wrong by a factor {10.0**power:g}: {unit}")
+        return replace(found, cause=f"the unit of the moduli is wrong by a factor {in_words(10.0**power)}: {unit}")
     cause = f"the unit of the moduli, of stress or of strain is wrong: a factor {factor_in_words(ratio)}"
     return replace(found, cause=cause)
 
@@ -203,7 +246,7 @@ def size_of_modulus(export: Export, settings: Dma) -> Check:
 def signs_of_moduli(export: Export) -> Check:
     name, law = "signs of the moduli", "a solid stores and dissipates: both moduli are positive"
     share = float(np.mean((export.values("storage_modulus") <= 0) | (export.values("loss_modulus") <= 0)))
-    message = f"{export.name}: {share * 100:.2g} % of the readings are not positive"
+    message = f"{export.name}: {in_words(100 * share, 2)} % of the readings are not positive"
     level: Level | None = "impossible" if share > 0.5 else "doubtful" if share > 0.2 else "note" if share else None
     cause = "the instrument's phase is wrong, or another column stands under the modulus"
     return stated(name, law, message, level, cause=cause, file=export.name)

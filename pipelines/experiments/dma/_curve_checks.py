@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import Check, Level, bounded, not_made, stated
+from labpipe.judging import Check, Level, bounded, in_words, not_made, stated
 
 _RISE = 0.3  # decades of shift that hysteresis and ageing explain
 _FOREIGN, _TORN = 0.25, 1.5
@@ -24,7 +24,8 @@ def superposition(curve: xr.Dataset | None) -> Check:
     verdict = json.loads(curve.attrs["superposition"])
     level: Level | None = {"pass": None, "doubtful": "note", "fail": "doubtful"}[verdict["level"]]
     noise = json.loads(curve.attrs["noise"])
-    fit = f"the master curve misses E′ by {100 * noise['storage']:.2g} % and E″ by {100 * noise['loss']:.2g} %"
+    storage, loss = (in_words(100 * noise[name], 2) for name in ("storage", "loss"))
+    fit = f"the master curve misses E′ by {storage} % and E″ by {loss} %"
     return stated(name, law, verdict["reasons"][0] if verdict["reasons"] else fit, level, cause=_APART if level else "")
 
 

@@ -8,7 +8,7 @@ from math import hypot, inf, log, log10, pi, sqrt
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.judging import DOUBTFUL, Check, Level, bounded, not_made, stated, too_large
+from labpipe.judging import DOUBTFUL, Check, Level, bounded, in_words, not_made, stated, too_large
 from labpipe.report import value_with_uncertainty
 from pipelines.experiments.dma._checked_sweeps import (
     FEW_ROWS,
@@ -58,8 +58,8 @@ def slipped_specimen(export: Export, isotherms: Sequence[Sweep]) -> Check:
     worst = int(np.argmax(np.abs(steps - usual) / total))
     step, (_, a, b) = float(steps[worst] - usual[worst]), found[worst]
     text = (
-        f"from {a.place} to {b.place} the moduli change by a factor {10.0 ** float(steps[worst]):.3g} at one loss "
-        f"factor, from sweep to sweep of the others by {10.0 ** float(usual[worst]):.3g}"
+        f"from {a.place} to {b.place} the moduli change by a factor {in_words(10.0 ** float(steps[worst]))} at one "
+        f"loss factor, from sweep to sweep of the others by {in_words(10.0 ** float(usual[worst]))}"
     )
     is_off = abs(step) > _SLIPPED and abs(step) > _SLIPS_APART * total[worst]
     cause = f"the specimen slipped in its clamp, cracked or was clamped anew before {b.place}"
@@ -272,7 +272,7 @@ def files_of_one_specimen(exports: Sequence[Export], found: Sequence[Sequence[Sw
             continue
         gap = float(np.median(gaps))
         size = float(np.max(np.abs(gaps)))
-        text = f"{a.name} over {b.name}: moduli differ by a factor {10.0**gap:.3g}, up to {10.0**size:.3g}"
+        text = f"{a.name} over {b.name}: moduli differ by a factor {in_words(10.0**gap)}, up to {in_words(10.0**size)}"
         level: Level | None = None
         if abs(gap) > log10(_SPECIMENS) or size > 1.0:
             level = "impossible" if size > 1.0 else "doubtful"

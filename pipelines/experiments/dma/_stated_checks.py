@@ -6,7 +6,7 @@ from math import log, log10
 
 import numpy as np
 
-from labpipe.judging import Check, Level, bounded, not_made, stated
+from labpipe.judging import Check, Level, bounded, in_words, not_made, stated
 from labpipe.materials import modulus_factor
 from labpipe.report import quantity
 from pipelines.experiments.dma._checked_sweeps import POLYMERS, Export
@@ -76,6 +76,6 @@ def mode_of_loading(export: Export, settings: Dma) -> Check:
     message = f'{export.name} has a column "{heading}", session.toml says mode = "{settings.mode}"'
     should = "torsion or shear" if is_shear else "tension or bending"
     factor = 2 * (1 + settings.nu.value)
-    cause = f"mode is probably {should}, not {settings.mode}: moduli are a factor {factor:.3g} off"
+    cause = f"mode is probably {should}, not {settings.mode}: moduli are a factor {in_words(factor)} off"
     level: Level | None = "doubtful" if is_shear != expects_shear else None
     return stated(name, law, message, level, cause=cause, setting="mode")

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.judging import Check, Level, not_made, stated
+from labpipe.judging import Check, Level, in_words, not_made, stated
 from pipelines.experiments.dma._checked_sweeps import (
     FEW_ROWS,
     MOST,
@@ -78,7 +78,7 @@ def temperatures_of(exports: Sequence[Export], isotherms: Sequence[Sweep], setti
         times, count = repeated
         text = (
             f"{export.name}: all temperatures are {T.mean():.1f} °C, while the storage modulus differs "
-            f"by a factor {times:.3g} between {count} readings at one frequency"
+            f"by a factor {in_words(times)} between {count} readings at one frequency"
         )
         is_read = np.ptp(T) > 0.0 or T.size < _FEW
         level: Level | None = "doubtful" if times > 1.2 else None
@@ -175,7 +175,7 @@ def softening(isotherms: Sequence[Sweep]) -> Check:
     else:
         at = int(np.argmax(np.diff(level)))
         times = 10.0 ** float(np.diff(level)[at])
-        text = f"the modulus rises by a factor {times:.3g} from {T[at]:.1f} to {T[at + 1]:.1f} °C"
+        text = f"the modulus rises by a factor {in_words(times)} from {T[at]:.1f} to {T[at + 1]:.1f} °C"
         file = isotherms[at + 1].export.name
         cause = "a specimen that crystallised or dried, one of another material, or temperatures in wrong order"
         return stated(

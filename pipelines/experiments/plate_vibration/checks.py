@@ -24,6 +24,7 @@ from labpipe.judging import (
     bounded,
     compared,
     explain,
+    in_words,
     not_made,
     stated,
     too_large,
@@ -271,7 +272,7 @@ def _one_plate(found: dict[str, xr.Dataset]) -> list[Check]:
         cause = "something else struck plate or table, the plate was changed, or the file is of another plate"
         if variable == "natural_frequency":
             factor = centre / float(values[worst])
-            cause = f"the sampling interval of {file} is {factor:.3g} times what it says, or {cause}"
+            cause = f"the sampling interval of {file} is {in_words(factor)} times what it says, or {cause}"
         checks.append(replace(check, cause=cause) if check.level else check)
     return checks
 
@@ -413,7 +414,9 @@ def _blows(comparison: xr.Dataset | None, model: xr.Dataset | None, settings: Pl
     # what else a plate can swing in moves it more, never less, while it is struck
     others = _OTHER_MODES if gap > 0.0 else 0.0
     u = hypot(random, hypot(others, fall_checks.MEASURED if any(known) else fall_checks.BY_NAME))
-    text = f"the blows last {np.exp(gap):.2g} times as long as those of the stated sphere on a plate of this mass"
+    text = (
+        f"the blows last {in_words(np.exp(gap), 2)} times as long as those of the stated sphere on a plate of this mass"
+    )
     level: Level | None = "doubtful" if abs(gap) > DOUBTFUL * u else None
     cause, setting = fall_checks.of_body(gap, u, body.radius.value, body.mass.value) if level else ("", "")
     check = Check(name, law, text, level, gap / u, gap, u, cause=cause, setting=setting or "sphere.mass")

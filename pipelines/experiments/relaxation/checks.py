@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.errors import InputError
-from labpipe.judging import DOUBTFUL, Cause, Check, Level, judge, not_made, too_large
+from labpipe.judging import DOUBTFUL, Cause, Check, Level, in_words, judge, not_made, too_large
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.relaxation.comparison import rows
@@ -122,7 +122,9 @@ def _one_specimen(ratios: Sequence[tuple[str, float]]) -> Check:
     worst = int(np.argmax(np.abs(logs - np.median(logs))))
     others = float(np.mean(np.delete(logs, worst)))
     gap, file = float(logs[worst]) - others, ratios[worst][0]
-    text = f"{file}: {exp(logs[worst]):.3g} times the simulated force, {exp(others):.3g} times in the others"
+    text = (
+        f"{file}: {in_words(exp(logs[worst]))} times the simulated force, {in_words(exp(others))} times in the others"
+    )
     level: Level | None = "impossible" if abs(gap) > log(3.0) else "doubtful" if abs(gap) > _OF_DEPTHS else None
     cause = (
         f"the forces of {file} are {too_large(exp(gap))}: its scale, the specimen, the punch or the position "

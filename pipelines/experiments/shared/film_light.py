@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.frames import FrameSource
-from labpipe.judging import Check, Level, not_made, stated
+from labpipe.judging import Check, Level, in_words, not_made, stated
 from labpipe.report import quantity
 
 _EVERY = 4  # rows and columns of which one is looked at
@@ -99,7 +99,7 @@ def exposed(found: xr.Dataset, film: str) -> Check:
     share, level = light["clipped"], light["level"]
     if share < _CLIPPED:
         return stated(name, law, f"{film}: no grey level is cut off", None, file=film)
-    text = f"{film}: {100 * share:.2g} % of the pixels lie at the highest grey level, {level:.0f}"
+    text = f"{film}: {in_words(100 * share, 2)} % of the pixels lie at the highest grey level, {level:.0f}"
     how: Level = "doubtful" if share > _MOSTLY else "note"
     cause = "the film is over-exposed (saturated): less light, a shorter exposure or a smaller aperture"
     return stated(name, law, text, how, cause=cause, file=film)
@@ -113,7 +113,8 @@ def no_mosaic(found: xr.Dataset, film: str) -> Check:
     apart = float(json.loads(found.attrs[LIGHT])["mosaic"])
     if apart < _MOSAIC:
         return stated(name, law, f"{film}: rows and columns are equally bright", None, file=film)
-    text = f"{film}: pixels of even and odd rows and columns differ by {100 * apart:.2g} % in brightness throughout"
+    text = f"{film}: pixels of even and odd rows and columns differ by {in_words(100 * apart, 2)} % in brightness "
+    text += "throughout"
     cause = "a colour camera's filter (Bayer pattern) lies over its raw images: export them as grey, interpolated"
     return stated(name, law, text, "note", cause=cause, file=film)
 
@@ -141,6 +142,6 @@ def lit(film: str, brightness: dict[int, float], counts: NDArray[np.bool_], time
     lost = [run for run in runs if counts[max(run[0] - 1, 0) : run[-1] + 2].any()]
     first = int((lost or runs)[0][0])
     text = f"{film}: {dark.size} of {len(brightness)} frames looked at are dark; frame {first}, at "
-    text += f"{quantity(float(time[first]), 's')}, has {brightness[first]:.0%} of the usual light"
+    text += f"{quantity(float(time[first]), 's')}, has {100 * brightness[first]:.0f} % of the usual light"
     cause = "the light failed, flickers or is pulsed, or the shutter dropped: dark frames show nothing"
     return stated(name, law, text, "doubtful" if lost else "note", cause=cause, file=film)

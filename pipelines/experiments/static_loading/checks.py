@@ -9,7 +9,19 @@ from math import hypot, log, nan, sqrt
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import SLIPS, Cause, Check, Level, bounded, compared, explain, not_made, stated, too_large
+from labpipe.judging import (
+    SLIPS,
+    Cause,
+    Check,
+    Level,
+    bounded,
+    compared,
+    explain,
+    in_words,
+    not_made,
+    stated,
+    too_large,
+)
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
@@ -188,12 +200,13 @@ def _one_factor(at: np.ndarray, settings: StaticLoading) -> float | None:
 
 def _of_times(failed: Check, factor: float, readings: xr.Dataset | None, settings: StaticLoading) -> Check:
     if min(abs(log(factor / k)) for k in (60.0, 1 / 60, 3600.0, 1 / 3600)) < _SAME:
-        cause = f"the times of the loads are {factor:.3g} times too short: seconds and minutes were probably exchanged"
+        cause = f"the times of the loads are {in_words(factor)} times too short: "
+        cause += "seconds and minutes were probably exchanged"
         return replace(failed, cause=cause, setting="loads")
     interval = nan if readings is None else float(readings.attrs["sampling_interval"])
     header = "" if readings is None else str(readings.attrs.get("header", ""))
     cause = (
-        f"all steps come at {factor:.3g} times the stated times: the sampling interval is probably "
+        f"all steps come at {in_words(factor)} times the stated times: the sampling interval is probably "
         f"{quantity(interval / factor, 's')}, not {quantity(interval, 's')}"
     )
     if settings.keyence.cycle is not None:
@@ -377,7 +390,7 @@ def _of_material(approach: xr.Dataset | None, model: xr.Dataset | None, settings
         # a factor of two in the radius is what people get wrong
         right, what = (radius / 2, "diameter") if gap > 0 else (2 * radius, "half of the radius")
         level = "doubtful"
-        other = f"{np.exp(1.5 * abs(gap)):.2g} times {'softer' if gap > 0 else 'stiffer'}"
+        other = f"{in_words(np.exp(1.5 * abs(gap)), 2)} times {'softer' if gap > 0 else 'stiffer'}"
         cause = (
             f"sphere.radius is probably {quantity(right, 'm')}, not {quantity(radius, 'm')} (the {what} was typed); "
             f"or the material is {other} than the one that is named"
@@ -389,9 +402,10 @@ def _another_material(check: Check) -> Check:
     """Blame the material where nothing that is stated explains an approach by a usual factor."""
     if not check.level or check.cause:
         return check
+    stiffer = in_words(np.exp(-1.5 * check.log_ratio), 2)
     cause = (
-        f"the sphere is probably of another material than is named, about {np.exp(-1.5 * check.log_ratio):.2g} times "
-        "as stiff; or sphere.radius or the loads are stated wrongly"
+        f"the sphere is probably of another material than is named, about {stiffer} times as stiff; or "
+        "sphere.radius or the loads are stated wrongly"
     )
     return replace(check, cause=cause, setting="sphere")
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from labpipe.arrays import Floats
+from labpipe.judging import in_words
 
 _HAND = 3.0  # s, standard deviation by which a hand that follows a clock is early or late, at least
 _CLEAR = 5.0  # standard deviations of that by which a shift of several loads stands out
@@ -92,6 +93,6 @@ def uneven(begin: Floats, given: Floats) -> str:
     if not ratio[worst] > 0.0 or abs(ratio[worst] - 1.0) < _CHANGED:
         return ""
     return (
-        f"between load {worst + 1} and load {worst + 2} the record holds {ratio[worst]:.2g} times the readings that "
-        "the stated times ask for: readings were lost, or the sampling interval was changed within the record"
+        f"between load {worst + 1} and load {worst + 2} the record holds {in_words(ratio[worst], 2)} times the readings"
+        " that the stated times ask for: readings were lost, or the sampling interval was changed within the record"
     )

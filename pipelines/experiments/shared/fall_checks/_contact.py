@@ -1,12 +1,12 @@
 """Checks of a contact: as long and as deep as the stated sphere makes it."""
 
 from dataclasses import dataclass, replace
-from math import exp, hypot, inf, isfinite, log, pi, sqrt
+from math import exp, hypot, inf, isfinite, log, nan, pi, sqrt
 
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import DOUBTFUL, IMPOSSIBLE, Check, Level, bounded, not_made, stated
+from labpipe.judging import DOUBTFUL, IMPOSSIBLE, Check, Level, bounded, in_words, not_made, stated
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from pipelines.experiments.shared.fall_checks._fall import Fall, shown
@@ -23,6 +23,7 @@ LIGHTEST = 800.0  # kg/m³, density of the lightest solid polymer
 _RIDER = 1e4  # times the weight of such a sphere, that may rest on it
 _PLASTIC = 3e8  # Pa, contact modulus above which a polymer is no rubber
 _YIELDS, _LARGEST = 0.3, 0.8  # of a contact's radius over its sphere's: of a plastic, of any solid
+_POLYMERS = (1e6, 1.2e10)  # Pa, contact moduli of polymers, from soft rubber to hard thermoset
 _PLAUSIBLE = (1e6, 5e10)  # Pa, contact moduli of whatever is dropped
 
 
@@ -86,7 +87,7 @@ def contact_duration(fall: Fall, radius: float, mass: float, stiffness: Stiffnes
     level: Level | None = None
     if abs(gap) > DOUBTFUL * u:
         level = "impossible" if abs(gap) > max(IMPOSSIBLE * u, log(3.0)) else "doubtful"
-    cause, setting = of_body(gap, u, radius, mass) if level else ("", "")
+    cause, setting = of_body(gap, u, radius, mass, stiffness.modulus) if level else ("", "")
     if level and not cause and gap > 0:
         cause = (
             "the moving mass is larger, or the material softer, than stated; or the controller averages or filters the "
@@ -96,7 +97,7 @@ def contact_duration(fall: Fall, radius: float, mass: float, stiffness: Stiffnes
     return Check(name, law, message, level, gap / u, gap, u, cause=cause, file=file, setting=setting)
 
 
-def of_body(gap: float, u: float, radius: float, mass: float) -> tuple[str, str]:
+def of_body(gap: float, u: float, radius: float, mass: float, modulus: float = nan) -> tuple[str, str]:
     """Say what a contact that is too short or too long tells of the body, and its setting.
 
     By Hertz t goes with m^0.4 R^-0.2 E*^-0.4: slips of a unit or a decimal in one of the two, else
@@ -110,6 +111,8 @@ def of_body(gap: float, u: float, radius: float, mass: float) -> tuple[str, str]
         Its standard uncertainty.
     radius, mass : float
         As stated [m, kg].
+    modulus : float
+        E* of the stated material [Pa]. Another polymer that would explain it is named before a slip.
     """
     given = (("sphere.mass", "the moving mass", mass, "kg", 0.4), ("sphere.radius", "the radius", radius, "m", -0.2))
     slips = [
@@ -120,14 +123,17 @@ def of_body(gap: float, u: float, radius: float, mass: float) -> tuple[str, str]
     ]
     # of two slips that explain it alike the smaller one is likelier
     off, _, said, setting = min(slips, key=lambda slip: (round(slip[0], 2), slip[1]), default=(inf, inf, "", ""))
-    stiffer = f"the sphere's material is about {exp(-2.5 * gap):.2g} times as stiff as stated"
+    stiffer = f"the sphere's material is about {in_words(exp(-2.5 * gap), 2)} times as stiff as stated"
     if off > _SLIPPED * min(u, _SLIPS_APART):
         if u > _SLIPS_APART:
             return "", ""
         said = f"the moving mass is probably about {quantity(mass * exp(2.5 * gap), 'kg')}, not {quantity(mass, 'kg')}"
         return f"{stiffer}, of another material then; or {said} (sphere.mass in session.toml)", "sphere"
     stands = quantity(mass, "kg") if setting == "sphere.mass" else quantity(radius, "m")
-    return f"{said}, not {stands} ({setting} in session.toml); or {stiffer}", setting
+    slipped = f"{said}, not {stands} ({setting} in session.toml)"
+    if _POLYMERS[0] < modulus * exp(-2.5 * gap) < _POLYMERS[1]:
+        return f"{stiffer}, of another material then; or {slipped}", setting
+    return f"{slipped}; or {stiffer}", setting
 
 
 def body_stated(radius: float, mass: float) -> Check:
@@ -172,8 +178,8 @@ def strain(name: str, approach: float, radius: float, mass: float, speed: float)
     modulus = 15 / 16 * mass * speed**2 / (sqrt(radius) * approach**2.5)
     limit = _YIELDS if modulus > _PLASTIC else _LARGEST
     text = (
-        f"{name}: {quantity(approach, 'm')} deep in a sphere of {quantity(radius, 'm')}, a contact {ratio:.2g} times "
-        "as wide as the sphere"
+        f"{name}: {quantity(approach, 'm')} deep in a sphere of {quantity(radius, 'm')}, a contact "
+        f"{in_words(ratio, 2)} times as wide as the sphere"
     )
     level: Level | None = "doubtful" if ratio > limit else None
     cause = (

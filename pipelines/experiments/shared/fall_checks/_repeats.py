@@ -7,7 +7,7 @@ from math import hypot, log10
 import numpy as np
 from scipy import special
 
-from labpipe.judging import DOUBTFUL, Check, compared, not_made, stated
+from labpipe.judging import DOUBTFUL, Check, compared, in_words, not_made, stated
 from labpipe.report import quantity
 from pipelines.experiments.shared.fall_checks._fall import Fall, shown
 
@@ -107,9 +107,8 @@ def _pair(
         return check
     slip = abs(log10(second / first)) if first * second > 0 else 0.0
     if slip > 0.5 and abs(slip - round(slip)) < _SLIP:
-        cause = (
-            f"lengths of the two differ by a factor {10 ** round(slip):g}: the unit or decimal point of one is wrong"
-        )
+        factor = in_words(10.0 ** round(slip))
+        cause = f"lengths of the two differ by a factor {factor}: the unit or decimal point of one is wrong"
     return replace(check, cause=cause or "one of the two is of another drop")
 
 

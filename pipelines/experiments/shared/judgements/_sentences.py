@@ -7,7 +7,7 @@ from math import floor, log10
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import LIKELY, Judgement
+from labpipe.judging import LIKELY, Judgement, in_words
 from labpipe.report import (
     Block,
     Column,
@@ -95,7 +95,7 @@ def _undecided(result: xr.Dataset) -> str:
         return basis[0]
     if (p := float(result["p"])) < LIKELY:
         return f"so large differences are unlikely by chance ({chance(p)}), but no proof of another model"
-    return f"no error of {MATTERS:.0%} in any input would have shown".replace("%", f"{TIED}%")
+    return f"no error of {100 * MATTERS:.0f}{TIED}% in any input would have shown"
 
 
 def _many(found: Sequence[object], noun: str) -> str:
@@ -175,7 +175,7 @@ def _errors(result: xr.Dataset) -> list[tuple[str, str, float]]:
         if np.isnan(relative):  # of an input that is 0, such as a position, or a temperature
             size = quantity(float(error), of_error(unit)) if np.isfinite(error) else ""
         else:
-            size = f"{100 * relative:.2g} %" if np.isfinite(relative) and relative < 1.0 else ""
+            size = f"{in_words(100 * relative, 2)} %" if np.isfinite(relative) and relative < 1.0 else ""
         found.append((shown_source(str(name)), size, float(relative)))
     return sorted(found, key=lambda each: (not each[1], bool(np.isnan(each[2])), each[2]))
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from labpipe.judging import SLIPS, Judgement, Suspect, agreement, best_factor, slips, suspects
+from labpipe.judging import SLIPS, Judgement, Suspect, agreement, best_factor, in_words, slips, suspects
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from pipelines.experiments.shared.comparison_rows import Row
@@ -93,7 +93,7 @@ def _suspected(
         way = "too large" if error > 0.0 else "too small"
         size = quantity(abs(error), of_error(given.si))
         if given.si == "1" and given.value:
-            size = f"{100 * abs(error / given.value):.2g} %"
+            size = f"{in_words(100 * abs(error / given.value), 2)} %"
         like = f" (or {', '.join(others)})" if others else ""
         said.append(f"{first}{like} stated {size} {way} would explain {100 * share:.0f} % of it")
     return said
@@ -242,6 +242,6 @@ def _common(names: Sequence[str], rows: Sequence[Row], slopes: Any) -> list[str]
     alike = [n for n, m, r in zip(names, mean, relative.T, strict=True) if np.ptp(r) <= _TOGETHER * abs(m) > 0.0]
     what = ", ".join(alike) or "a gain"
     return [
-        f"all {logs.size} measured values are {exp(middle):.3g} times those of the model: what multiplies all of them "
-        f"({what}, a unit, or another material's modulus) is wrong by that factor"
+        f"all {logs.size} measured values are {in_words(exp(middle))} times those of the model: what multiplies all of "
+        f"them ({what}, a unit, or another material's modulus) is wrong by that factor"
     ]

@@ -32,7 +32,7 @@ def uncertainties_stated(given: Iterable[tuple[str, Quantity]]) -> Iterator[Chec
             level, cause = "doubtful", "the uncertainty was typed in another unit or with a lost decimal"
         elif share > _VAGUE:
             level = "note"
-            cause = f"{setting} is known too vaguely to judge by: a difference of {4 * share:.0%} would pass"
+            cause = f"{setting} is known too vaguely to judge by: a difference of {400 * share:.0f} % would pass"
         yield stated(f"uncertainty of {setting}", law, text, level, cause=cause, setting=setting)
 
 

@@ -6,7 +6,7 @@ from math import log
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import Cause, Check, too_large
+from labpipe.judging import Cause, Check, in_words, too_large
 from labpipe.report import quantity
 from pipelines.experiments.shared.mach1_checks._parts import OSCILLATION, Part, counted_frequency, moved_by, parts
 from pipelines.experiments.shared.mach1_checks._titles import (
@@ -93,7 +93,9 @@ def causes(
         )
     yield Cause(
         {RATIO: 1.0},
-        lambda k: f"no slip of a unit explains it: another material, {k:.3g} times as stiff, was pressed or is named",
+        lambda k: (
+            f"no slip of a unit explains it: another material, {in_words(k)} times as stiff, was pressed or is named"
+        ),
         setting="substrate.material",
     )
     if punch is None:

@@ -7,7 +7,7 @@ from math import hypot, isfinite, log, nan, pi
 
 import numpy as np
 
-from labpipe.judging import Check, Level, bounded, compared, not_made, stated
+from labpipe.judging import Check, Level, bounded, compared, in_words, not_made, stated
 from labpipe.report import quantity
 from labpipe.signals import quantisation_step
 from pipelines.experiments.shared.mach1_checks._parts import (
@@ -87,7 +87,7 @@ def commands_kept(name: str, blocks: Sequence[Part]) -> Iterator[Check]:
         wanted, rounding, line = part.declared(key)
         if not (isfinite(seen) and isfinite(wanted)) or wanted == 0.0:
             return
-        ratio = f"{seen / wanted:.3g}"
+        ratio = in_words(seen / wanted)
         text = f"{name}, block {part.number + 1}: {title} is {quantity(seen, unit)}, declared are "
         text += f"{quantity(wanted, unit)}{'' if ratio == '1' else f' ({ratio} times)'}"
         allowance = _STAGE[title] * wanted + (_LATE if title == HOLD else 0.0)
@@ -217,7 +217,7 @@ def shape_of_oscillation(name: str, blocks: Sequence[Part]) -> Check:
         return not_made(SHAPE, law, "an oscillation that the position resolves")
     ratio, share, part = max(found, key=lambda each: each[0])
     text = f"{name}, block {part.number + 1}: {100 * share:.0f} % of the readings lie at one end, "
-    text += f"{ratio:.2g} times a sine's"
+    text += f"{in_words(ratio, 2)} times a sine's"
     level: Level | None = "doubtful" if ratio > _AT_REST else None
     cause = (
         "the stage stopped before the end of its way: a limit of travel, force or speed, or another wave than the "
@@ -248,7 +248,7 @@ def resolution_of_position(name: str, blocks: Sequence[Part]) -> Check:
         if step > 0.0 and np.mean(np.abs(x / step - np.round(x / step)) < _ROUNDED) > _ALL:
             coarse = max(coarse, (step / float(np.ptp(x)), part), key=lambda each: each[0])
     step, part = coarse
-    text = f"{name}, block {part.number + 1}: the steps of the position are {100 * step:.2g} % of the motion"
+    text = f"{name}, block {part.number + 1}: the steps of the position are {in_words(100 * step, 2)} % of the motion"
     level: Level | None = "doubtful" if step > _COARSE else None
     cause = "the file was written, or saved again by a spreadsheet, with too few decimals" if level else ""
     return stated(RESOLVED, law, text, level, cause=cause, file=name, line=part.header_line)

@@ -98,8 +98,8 @@ def _of_copy(title: str, law: str, copy: tuple[Trace, Trace, float]) -> Check:
     """Say which record is a copy of another that was written in another way."""
     first, later, share = copy
     text = (
-        f"{later.name}: its noise is that of {first.name} by {share:.0%}, reading by reading, with other digits, "
-        "another zero or another scale"
+        f"{later.name}: its noise is that of {first.name} by {100 * share:.0f} %, reading by reading, with other "
+        "digits, another zero or another scale"
     )
     cause = "a copy was taken for a repeat, rounded or converted by another program"
     return stated(title, law, text, "doubtful", file=later.name, cause=cause)

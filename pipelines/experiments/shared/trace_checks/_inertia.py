@@ -122,6 +122,6 @@ def wave(trace: Trace) -> Check:
             best, at = explained, float(f)
     n_periods = at * float(t[-1] - t[0])
     if best > _SINE and n_periods > 1.5:
-        text = f"{trace.name}: {best:.0%} of what is seen is a sine of {at:.3g} Hz, no fall and no bounces"
+        text = f"{trace.name}: {100 * best:.0f} % of what is seen is a sine of {at:.3g} Hz, no fall and no bounces"
         return stated(title, law, text, "impossible", file=trace.name, cause=WRONG_CHANNEL)
     return stated(title, law, f"{trace.name}: not a sine", None, file=trace.name)

@@ -6,7 +6,7 @@ from math import pi
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import Check, Level, not_made, stated
+from labpipe.judging import Check, Level, in_words, not_made, stated
 from pipelines.experiments.shared.judgements import day_known
 
 _OBLIQUE = pi / 4  # between line of sight and motion: no makers' sensor sees its spot from further aside
@@ -48,7 +48,7 @@ def scale_known(displacement: xr.Dataset | None, record: str) -> Check:
     name, law = "uncertainty of the scale", "a calibration tells lengths far better than the eye does"
     if displacement is None or not (relative := float(displacement.attrs.get("u_systematic_relative", 0.0))):
         return not_made(name, law, "a displacement, and the uncertainty of its scale")
-    text = f"{record}: lengths are known by {100 * relative:.2g} %"
+    text = f"{record}: lengths are known by {in_words(100 * relative, 2)} %"
     level: Level | None = "doubtful" if relative > _UNKNOWN else None
     cause = f"u of the scale, or of the inclination, in {record} was typed in another unit or with a lost decimal"
     return stated(name, law, text, level, cause=cause if level else "", file=record, setting="values.scale")
