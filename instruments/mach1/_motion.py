@@ -13,8 +13,9 @@ The grammar is in :mod:`instruments.mach1._blocks`. Facts of the instrument that
 
 import json
 import os
+import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,8 @@ from instruments.mach1._lines import END_DATA, Options
 from labpipe import files
 from labpipe.errors import InputError
 from labpipe.text import Limits, survey
+
+_CELL, _WITH_COMMA = re.compile(r"-?[0-9]+([.,][0-9]+)?"), re.compile(r"-?[0-9]+,[0-9]{4,}")
 
 
 def read(
@@ -44,7 +47,8 @@ def read(
     path : path-like
         The file.
     decimal : str
-        ``","`` for a file that a spreadsheet has rewritten; the instrument writes a dot.
+        ``","`` for a file that a spreadsheet has rewritten; the instrument writes a dot. By default
+        a comma is taken where the first row of readings has it with more digits than thousands have.
     allow_incomplete : bool
         Read a file that stops early; its last block is marked, its cut row dropped, and a warning
         given. By default such a file is refused.
@@ -74,11 +78,11 @@ def read(
     >>> readings.force_z.attrs["units"]  # doctest: +SKIP
     'N'
     """
-    decimal = decimal or "."
-    if decimal not in (".", ","):
+    if decimal not in (None, ".", ","):
         message = f'decimal must be "." or ",", found "{decimal}"'
         raise InputError(message)
     source = survey(path, declared=("latin-1",), limits=limits or Limits())
+    decimal = decimal or _decimal_of(source.lines())
     blocks = parse(source, Options(decimal, allow_incomplete, allow_gaps))
     _note_unknown_starts(source.path, blocks)
     dataset = assemble(blocks, decimal)
@@ -86,6 +90,15 @@ def read(
     work = {"bytes_read": source.size, "blocks": len(blocks), "rows_read": n_rows}
     dataset.attrs |= {"source": Path(path).name, "encoding": source.encoding, "work": json.dumps(work)}
     return dataset
+
+
+def _decimal_of(lines: Iterable[str]) -> str:
+    """Return the decimal sign of the first row of readings."""
+    for line in lines:
+        cells = [cell.strip('"') for cell in re.split("[\t;]", line.strip())]
+        if len(cells) > 1 and all(map(_CELL.fullmatch, cells)):
+            return "," if any(map(_WITH_COMMA.fullmatch, cells)) else "."
+    return "."
 
 
 def _note_unknown_starts(path: Path, blocks: list[Block]) -> None:
