@@ -149,6 +149,7 @@ ROWS = (
     FilmMistake("scale of another view with fringes", "impossible", ("in a sphere of",), _larger(36.0)),
     FilmMistake("532 nm for 633 nm", "impossible", ("probably 633 nm", "532 nm"), **_light(532.0)),
     FilmMistake("450 nm for 633 nm", "impossible", ("probably 633 nm", "450 nm"), **_light(450.0)),
+    FilmMistake("589 nm for 633 nm", "impossible", ("probably 633 nm", "589 nm"), **_light(589.3)),
     FilmMistake("fringes darker than dark", "impossible", ("visibility",), _put("visibility", 1.23)),
     FilmMistake("frame rate ten times", "impossible", (_RATE, "10 times"), _faster(10.0)),
     FilmMistake("frame rate a tenth", "impossible", (_RATE, "0.1 times"), _faster(0.1)),
