@@ -3,17 +3,20 @@
 Neighbouring samples tell the white part of the noise. Drift and hum change little from sample to
 sample, but they pass every fit over many samples. What a smoothing spline leaves of a record holds
 the noise at all frequencies above those that the spline follows, which are few where the body rests,
-flies or creeps. Its power there is described by one number more, ``1 + corner / f`` times that of
+flies or creeps. Where the body is known to fly, no spline is needed: a parabola leaves all of it. Its power there is described by one number more, ``1 + corner / f`` times that of
 the white part: a flicker noise is exactly so, and other noise counts as the flicker that is as strong.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scipy import fft
+
 from labpipe.arrays import Floats
-from labpipe.signals._mains import Hum
+from labpipe.signals._mains import Hum, Stretch
 
 _SIZES = (1024, 512, 256, 128)
 """Samples of a stretch, the longest that fit first."""
@@ -30,6 +33,8 @@ _LEAST, _LOW_SHARE = 2, 8
 _CORNERS = np.concatenate([[0.0], np.geomspace(1e-4, 0.5, 200)])  # in units of the sampling rate
 _CERTAIN = 2.0
 """Gain in log likelihood below which the noise is called white."""
+
+_PARABOLA, _FEWEST_TERMS = 2, 4  # degree of a flight, and terms of its cosine transform that are worth to be seen
 
 # Of a spline that penalises the fourth derivative, response 1 / (1 + (f / cutoff)^8): the integral of
 # f over that of f^2 times the cutoff, and the integral of the response over the cutoff.
@@ -107,6 +112,50 @@ def estimate_corner(residual: Floats, share: Floats, interval: float) -> float:
             power = np.abs(np.fft.rfft(residual[where], axis=1)[:, bins]) ** 2 / size
             expected = 1.0 + _CORNERS[:, None] / every
             cost += np.log(expected) @ kept.sum(axis=0) + (1.0 / expected) @ np.sum(power, axis=0, where=kept)
+    return _likeliest(cost, interval)
+
+
+def corner_in_flight(
+    time: Floats, values: Floats, sigma: float, stretches: Sequence[Stretch], otherwise: float
+) -> float:
+    """Find the same frequency where a body flies, of all noise that is faster than a flight lasts.
+
+    Parameters
+    ----------
+    time, values : array (n,) [s], any unit
+    sigma : float
+        Standard deviation of the white part.
+    stretches : sequence of Stretch
+        Those that follow a parabola are used.
+    otherwise : float [Hz]
+        What to return where no flight has enough readings.
+
+    Returns
+    -------
+    float [Hz]
+
+    Notes
+    -----
+    Likelihood of the cosine transforms of what parabolas leave, whose terms are independent (within 3 %
+    of the variance of a flicker noise) from one more than the parabola's degree on.
+    """
+    interval = float(np.median(np.diff(time)))
+    cost, count = np.zeros(len(_CORNERS)), 0
+    for part, degree in stretches:
+        n = part.stop - part.start
+        every = np.arange(degree + 1, n // _LOW_SHARE) / (2.0 * n)
+        if degree < _PARABOLA or len(every) < _FEWEST_TERMS:
+            continue
+        basis = np.linalg.qr(np.polynomial.polynomial.polyvander(np.linspace(-1.0, 1.0, n), degree))[0]
+        left = values[part] - basis @ (basis.T @ values[part])
+        power = (fft.dct(left, norm="ortho")[degree + 1 : n // _LOW_SHARE] / sigma) ** 2
+        expected = 1.0 + _CORNERS[:, None] / every
+        cost += 0.5 * (np.log(expected).sum(axis=1) + (1.0 / expected) @ power)
+        count += len(every)
+    return _likeliest(cost, interval) if count else otherwise
+
+
+def _likeliest(cost: Floats, interval: float) -> float:
     best = int(np.argmin(cost))
     return float(_CORNERS[best] / interval) if cost[0] - cost[best] > _CERTAIN else 0.0
 

@@ -18,7 +18,8 @@ from scipy import sparse
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.signals._colour import estimate_corner, velocity_factor
+from labpipe.signals._colour import Colour, estimate_corner, velocity_factor
+from labpipe.signals._mains import Hum
 from labpipe.signals._noise import Noise, estimate_noise, is_spike
 from labpipe.signals._readings import checked_times, refuse_infinite
 from labpipe.signals._smoothing import evaluate, smooth
@@ -37,9 +38,10 @@ _WHITE_RESIDUAL = 1.1  # residuals this much larger or smaller than the noise: f
 
 
 def velocity(
-    displacement: xr.DataArray,
+    displacement: xr.Dataset | xr.DataArray,
     method: Method = "spline",
     *,
+    events: xr.Dataset | None = None,
     breaks: ArrayLike | None = None,
     releases: ArrayLike | None = None,
     noise: Measure | None = None,
@@ -49,14 +51,18 @@ def velocity(
 
     Parameters
     ----------
-    displacement : DataArray (time,) [m]
+    displacement : Dataset with ``displacement`` or DataArray, over time [m]
         Coordinate ``time`` in s, strictly increasing, evenly spaced or not. NaN marks samples
-        that the instrument could not read; they are left out. Never modified.
+        that the instrument could not read; they are left out. Never modified. An attribute ``hum``
+        of the Dataset says which hum was taken out of it already.
     method : {"spline", "thesis", "difference"}
         ``"spline"``: adaptive quintic smoothing spline. It finds impacts by itself.
         ``"thesis"``: central differences inside, one-sided at the ends (3.11-3.13), then a moving
         average of ``window`` samples that shortens symmetrically towards the ends (3.14).
         ``"difference"``: without the moving average.
+    events : Dataset, optional
+        Spline only: of :func:`labpipe.signals.bounces`. The hum found there is taken out, the colour of the
+        noise is that of the flights, and touches and lift-offs are breaks.
     breaks : array (k,), optional [s]
         Spline only: times of touch and lift-off, where knots may break: the third derivative may
         jump. A few per cent better than letting the spline find the contacts.
@@ -108,7 +114,16 @@ def velocity(
     >>> round(float(velocity(fall).sel(time=0.5)), 6)
     -4.9
     """
-    time, values = checked_record(displacement)
+    record = displacement["displacement"] if isinstance(displacement, xr.Dataset) else displacement
+    time, values = checked_record(record)
+    colour = None
+    if events is not None and method == "spline":
+        taken = Hum.of_text(displacement.attrs.get("hum")) if isinstance(displacement, xr.Dataset) else None
+        colour = Colour(float(events.attrs["noise_corner"]), Hum.of_text(events.attrs.get("hum")))
+        for sign, hum in ((1.0, taken), (-1.0, colour.hum)):
+            values = values if hum is None else values + sign * hum.at(time)
+        edges = np.concatenate([events["touch_time"].values, events["liftoff_time"].values])
+        breaks = np.sort(edges[np.isfinite(edges)]) if breaks is None else breaks
     noise = None if noise is None else si(noise, "m", "noise")
     if noise is not None and not (np.isfinite(noise) and noise >= 0.0):
         message = f"noise must be a standard deviation in m, >= 0; found {noise}"
@@ -132,7 +147,7 @@ def velocity(
     attributes: dict[str, object] = {}
     if used == "spline":
         cuts = (_times(breaks, "breaks"), _times(releases, "releases"))
-        v, u, attributes = _spline(t, y, known, noise is None, cuts)
+        v, u, attributes = _spline(t, y, known, noise is None, cuts, colour)
     elif used in ("thesis", "difference"):
         span = _odd(window, len(t)) if used == "thesis" else 1
         v, u = _differences(t, y, known.sigma, span)
@@ -142,7 +157,7 @@ def velocity(
     else:
         message = f'method must be "spline", "thesis" or "difference"; found "{method}"'
         raise InputError(message)
-    return _labelled(displacement, is_read, v, u, {"method": used, **attributes})
+    return _labelled(record, is_read, v, u, {"method": used, **attributes})
 
 
 def checked_record(displacement: xr.DataArray) -> tuple[Floats, Floats]:
@@ -181,7 +196,7 @@ def _times(times: ArrayLike | None, name: str) -> list[float]:
 
 
 def _spline(
-    t: Floats, y: Floats, known: Noise, may_refine: bool, cuts: tuple[list[float], list[float]]
+    t: Floats, y: Floats, known: Noise, may_refine: bool, cuts: tuple[list[float], list[float]], colour: Colour | None
 ) -> tuple[Floats, Floats, dict[str, object]]:
     """Velocity, uncertainty and attributes of the smoothing spline."""
     counts = {"samples": len(t)}
@@ -207,12 +222,15 @@ def _spline(
     _warn_of_fast_motion((y - level)[~spike], float(np.ptp(y)), known)
     v, u = evaluate(fit, t, 1)
     share = (u_level / fit.sigma) ** 2
-    corner = estimate_corner(((y - level) / known.sigma)[~spike], share[~spike], fit.time_scale)
-    u = u * velocity_factor(share, fit.time_scale, corner)
+    if colour is None:
+        colour = Colour(estimate_corner(((y - level) / known.sigma)[~spike], share[~spike], fit.time_scale))
+    u = u * velocity_factor(share, fit.time_scale, colour.corner)
+    if colour.hum is not None:
+        u = np.hypot(u, colour.hum.remaining_rate(t))
     half_rate = 0.5 / fit.time_scale
     band = [half_rate * float(share.min()), half_rate * min(float(share.max()), 1.0)]
     counts |= {"coefficients": len(fit.coefficients), "band_solves": n_updates}
-    return v, u, _attributes(known, band, n_spikes, counts) | {"noise_corner": corner}
+    return v, u, _attributes(known, band, n_spikes, counts) | {"noise_corner": colour.corner}
 
 
 def _warn_of_fast_motion(residual: Floats, extent: float, known: Noise) -> None:

@@ -13,7 +13,7 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.signals._colour import Colour, coloured_covariance, estimate_corner, velocity_factor
+from labpipe.signals._colour import Colour, coloured_covariance, corner_in_flight, estimate_corner, velocity_factor
 from labpipe.signals._derivative import checked_record
 from labpipe.signals._floor import Beneath, Floor
 from labpipe.signals._impact_fit import OUTPUTS, ImpactFit, fit_impact
@@ -180,11 +180,14 @@ def bounces(
     known = Hum.of_text(displacement.attrs.get("hum")) if isinstance(displacement, xr.Dataset) else None
     motion = _followed(time, values, sigma, known)
     raw = values if known is None else values + known.at(time)
-    hum = hum_of(time, raw, sigma, _without_swing(time, values, sigma, motion), known)
+    free = _without_swing(time, values, sigma, motion)
+    hum = hum_of(time, raw, sigma, free, known)
     if hum is not known:
         values = raw if hum is None else raw - hum.at(time)
         motion = _followed(time, values, sigma, hum)
-    direction, turns, colour = motion.direction, motion.turns, motion.colour
+        free = _without_swing(time, values, sigma, motion)
+    direction, turns = motion.direction, motion.turns
+    colour = Colour(corner_in_flight(time, values, sigma, free, motion.colour.corner), hum)
     height = direction * values
     fall, u_fall = common_fall(time, height, sigma, turns, gravity, colour)
     if turns[0].jump < _IMPULSIVE * fall * turns[0].duration:

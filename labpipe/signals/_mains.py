@@ -29,6 +29,7 @@ _SHORTEST = 0.1  # of a period, that a stretch lasts at least
 _UPDATES = 4  # of the frequency, about which the fit is linear
 _PERIODS = 0.6  # without which hum cannot be told from drift
 _PER_PERIOD = 8  # readings without which a line is not followed
+_RATE_STEP = 1e-3  # rad, over which a rate is a difference: good to 2e-7
 _DECIDED = 14.0  # of the sum of squares over the variance, by which one frequency of the mains is better than another
 
 
@@ -71,6 +72,11 @@ class Hum:
     def remaining(self, time: Floats) -> Floats:
         """Return the standard uncertainty (n,) of the hum at times [s]."""
         return np.asarray(np.linalg.norm(self.modes(time), axis=1))
+
+    def remaining_rate(self, time: Floats) -> Floats:
+        """Return the standard uncertainty (n,) of the rate of the hum [unit/s]."""
+        step = _RATE_STEP / (2 * np.pi * self.frequency * max(self.orders))
+        return np.asarray(np.linalg.norm(self.modes(time + step) - self.modes(time - step), axis=1)) / (2 * step)
 
     def scaled(self, factor: float) -> "Hum":
         """Return the same hum in another unit."""

@@ -70,12 +70,9 @@ def velocity(displacement: xr.Dataset, bounces: xr.Dataset, *, settings: BallDro
     if chosen.window is not None:
         interval = float(np.median(np.diff(displacement["time"])))
         options["window"] = max(1, round(chosen.window.value / interval))
-    if chosen.velocity == "spline":
-        edges = np.concatenate([bounces["touch_time"].values, bounces["liftoff_time"].values])
-        options["breaks"] = np.sort(edges[np.isfinite(edges)])
-        release = float(bounces["release_time"])
-        options["releases"] = [release] if np.isfinite(release) else []
-    found = signals.velocity(displacement["displacement"], **options)
+    release = float(bounces["release_time"])
+    releases = [release] if np.isfinite(release) else []
+    found = signals.velocity(displacement, events=bounces, releases=releases, **options)
     return xr.Dataset(
         {"velocity": found.drop_vars("u_velocity"), "u_velocity": found["u_velocity"].variable}, attrs=found.attrs
     )

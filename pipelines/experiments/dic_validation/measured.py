@@ -189,8 +189,7 @@ def bounces(motion: xr.Dataset, *, settings: DicValidation) -> xr.Dataset:
 def velocity(motion: xr.Dataset, bounces: xr.Dataset, *, settings: DicValidation) -> xr.Dataset:
     """Differentiate, with knots free to break where contacts begin and end."""
     del settings
-    edges = np.concatenate([bounces["touch_time"].values, bounces["liftoff_time"].values])
-    found = signals.velocity(motion["displacement"], breaks=np.sort(edges[np.isfinite(edges)]))
+    found = signals.velocity(motion["displacement"], events=bounces)
     return xr.Dataset(
         {"velocity": found.drop_vars("u_velocity"), "u_velocity": found["u_velocity"].variable}, attrs=found.attrs
     )

@@ -2,17 +2,12 @@
 
 import numpy as np
 import pytest
-import xarray as xr
 
-from labpipe import signals
-from labpipe.contact import drop
-from labpipe.materials import Prony
-from labpipe.signals._colour import _normal, estimate_corner, velocity_factor
-from labpipe.signals._derivative import velocity
+from labpipe.signals._colour import _normal, corner_in_flight, estimate_corner, velocity_factor
+from labpipe.signals._mains import Stretch
 from tests.rounding import rounding
 
 _INTERVAL = 5e-5
-_SOLID = Prony.from_creep(2e9, [0.25e-9], [1e-3], nu=0.35)
 
 
 def flicker(rng: np.random.Generator, count: int, sigma: float, corner: float) -> np.ndarray:
@@ -57,33 +52,18 @@ def test_a_smoother_velocity_suffers_more_from_colour():
     assert np.all(velocity_factor(np.array([1e-3, 1.0]), _INTERVAL, 0.0) == 1.0)
 
 
-def test_stated_uncertainties_hold_under_flicker_noise_and_hum():
-    rng = np.random.default_rng(3)
-    before, duration = 0.02, 0.2
-    time = np.arange(round(duration / _INTERVAL)) * _INTERVAL
-    since = np.maximum(time - before, 0.0)
-    made = drop(_SOLID, 9.525e-3, 0.505, 5e-3, duration, times=np.unique(since))
-    true = made.isel(time=np.searchsorted(made.time.values, since))
-    errors: dict[str, list[float]] = {"touch": [], "duration": [], "speed": [], "velocity": []}
-    for _ in range(6):
-        hum = 0.42e-6 * np.sin(2 * np.pi * 50.0 * time + rng.uniform(0.0, 2 * np.pi))
-        noise = flicker(rng, time.size, 0.8e-6, 300.0) + hum
-        record = xr.DataArray(true.displacement.values + noise, {"time": time}, ["time"], attrs={"units": "m"})
-        with pytest.warns(UserWarning, match="before the body is at rest"):
-            found = signals.bounces(record)
-        rows = slice(0, 3)
-        for name, column, wanted in (
-            ("touch", "touch_time", true.impact_time + before),
-            ("duration", "contact_duration", true.contact_duration),
-            ("speed", "incoming_speed", true.impact_speed),
-        ):
-            errors[name] += ((found[column] - wanted.values[: found.sizes["impact"]]) / found[f"u_{column}"])[
-                rows
-            ].values.tolist()
-        edges = np.concatenate([found.touch_time, found.liftoff_time])
-        speed = velocity(record, breaks=np.sort(edges), releases=[float(found.release_time)])
-        flying = (since > 2e-3) & (time < float(true.impact_time[2]) + before) & (true.force.values == 0.0)
-        errors["velocity"] += ((speed - true.velocity.values) / speed.u_velocity).values[flying].tolist()
-    inside = {name: float(np.mean(np.abs(values) < 1.96)) for name, values in errors.items()}
-    assert min(inside.values()) > 0.85, inside
-    assert 0.5 < float(np.std(errors["velocity"])) < 1.3
+def test_flights_tell_the_corner_that_a_spline_hides():
+    sizes, found = (400, 700, 600, 500), {0.0: [], 250.0: []}
+    time = np.arange(sum(sizes)) * _INTERVAL
+    ends = np.cumsum(sizes).tolist()
+    flights = [Stretch(slice(b - n, b), 2) for n, b in zip(sizes, ends, strict=True)]
+    for corner, each in found.items():
+        for i in range(20):
+            noise = flicker(np.random.default_rng(i), 4 * time.size, 1.0, corner)[: time.size]
+            fallen = -4.9 * time**2 * 1e6
+            each.append(corner_in_flight(time, fallen + noise, 1.0, flights, -1.0))
+    assert np.count_nonzero(found[0.0]) <= 4
+    assert np.median(found[250.0]) == pytest.approx(250.0, rel=0.2)
+    # half as large again at most, where 2200 readings tell it
+    assert np.std(np.log(found[250.0])) < np.log(1.5)
+    assert corner_in_flight(time, time, 1.0, [], 7.0) == 7.0
