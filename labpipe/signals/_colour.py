@@ -3,8 +3,9 @@
 Neighbouring samples tell the white part of the noise. Drift and hum change little from sample to
 sample, but they pass every fit over many samples. What a smoothing spline leaves of a record holds
 the noise at all frequencies above those that the spline follows, which are few where the body rests,
-flies or creeps. Where the body is known to fly, no spline is needed: a parabola leaves all of it. Its power there is described by one number more, ``1 + corner / f`` times that of
-the white part: a flicker noise is exactly so, and other noise counts as the flicker that is as strong.
+flies or creeps. Where it is known to fly, a parabola leaves the slower ones too, and tells far more. The
+power is described by one number more, ``1 + corner / f`` times that of the white part: a flicker
+noise is exactly so, and other noise counts as the flicker that is as strong.
 """
 
 from collections.abc import Sequence
@@ -12,7 +13,6 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
-
 from scipy import fft
 
 from labpipe.arrays import Floats

@@ -276,7 +276,10 @@ _STATED = Specimen(materials.load("nbr"))
 
 
 def _specimen(seed: int) -> tuple[Specimen, Any]:
-    """Draw what differs from the stated punch, surface and load cell."""
+    """Draw what differs from the stated punch, surface and load cell, and how far the stage is from what it is asked.
+
+    One and the same oscillation would be rounded to the same steps in every file, and err by one draw alone.
+    """
     random = np.random.default_rng(seed)
     specimen = replace(
         _STATED,
@@ -285,7 +288,9 @@ def _specimen(seed: int) -> tuple[Specimen, Any]:
         surface=_STATED.surface + random.normal(0.0, 1e-5),
     )
     gain, offset = 1 / (1 + random.normal(0.0, 1e-3)), random.normal(0.0, 0.3)
-    return specimen, replace(TESTER, force_gain=gain, force_offset=offset)
+    slow, wide = TESTER.frequency_error * random.uniform(0.5, 1.5), TESTER.amplitude_error * random.uniform(0.5, 1.5)
+    tester = replace(TESTER, force_gain=gain, force_offset=offset, frequency_error=slow, amplitude_error=wide)
+    return specimen, tester
 
 
 def rheometers(folder: Path, seed: int, scores: Scores) -> None:

@@ -85,7 +85,7 @@ def write_specimens(folder: Path, seed: int, *, drops_only: bool = False) -> Non
     if not drops_only:
         stated = StaticRig()
         loads = replace(stated, radius=body["radius"], sensor=replace(stated.sensor, inclination=angle))
-        file = write_static(folder, "static", loads, specimen_of("ptfe", room), seed, START)
+        file = write_static(folder, "static", loads, specimen_of("ptfe", room), 1000 * seed + 20, START)
         text += static_section("static", file, stated, "ptfe", from_dma("ptfe"))
         text += _indentations(folder, room, seed, random)
         if polymer != "ptfe":  # its contact is wider than the image
@@ -120,8 +120,9 @@ def _indentations(folder: Path, room: float, seed: int, random: np.random.Genera
     )
     tester = replace(TESTER, force_gain=1 / (1 + 1e-3 * random.standard_normal()), force_offset=0.3)
     held, wave = replace(SMALL.relaxation, depths=(0.1e-3, 0.2e-3)), SMALL.harmonic
-    names = write_relaxation(folder, "relaxation", true, held, tester, seed, START)
-    write_harmonic(folder, "harmonic", true, wave, tester, seed + 1, START)
+    # noise of its own for every file of every session
+    names = write_relaxation(folder, "relaxation", true, held, tester, 1000 * seed + 30, START)
+    write_harmonic(folder, "harmonic", true, wave, tester, 1000 * seed + 40, START)
     source = from_dma("nbr")
     return relaxation_section("relaxation", names, stated, source) + oscillation_section("harmonic", stated, source)
 
@@ -134,7 +135,7 @@ def _film(
     camera = replace(stated, pixel_size=stated.pixel_size * (1 + random.standard_normal() / 461))
     body = Body(specimen_of(polymer, room), height + 5e-6 * random.standard_normal(), floor=Floor(), **sphere)
     times = burst_times(body, camera.release, SMALL.bursts or Bursts())
-    film = write_under(folder, "film", body, camera, times, seed)
+    film = write_under(folder, "film", body, camera, times, 1000 * seed + 50)
     files.write_text(folder / "calibration/camera_under.toml", under_record())
     return under_section(film, "film", height, source=from_dma(polymer))
 

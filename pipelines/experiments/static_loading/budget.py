@@ -10,6 +10,7 @@ import xarray as xr
 
 from labpipe.uncertainty import Input, excess_uncertainty
 from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, model_quantity
+from pipelines.experiments.static_loading.load_steps import touch_apart
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 _BOTH = (
@@ -35,8 +36,9 @@ def quantities(
     gain = Input(1.0, float(displacement["u_gain"]) / float(displacement["gain"]))
     tilt = Input(angle, float(displacement["u_inclination"]), "rad")
     by_loads = float(steps["touch_part_of_loads"])
-    touch = Input(0.0, excess_uncertainty(float(steps["u_touch"]), by_loads), "m")
-    drift = Input(0.0, settings.steps.drift.value, "m")
+    of_touch, by_drift = touch_apart(steps)
+    touch = Input(0.0, excess_uncertainty(of_touch, by_loads), "m")
+    drift = Input(0.0, abs(settings.steps.drift.value - by_drift), "m")
     scale = depth * float(np.hypot(gain.u, np.tan(angle) * tilt.u))
     noise = excess_uncertainty(float(approach["u_level_approach"][-1]), scale, touch.u, by_loads, drift.u)
 

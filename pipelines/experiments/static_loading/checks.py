@@ -30,8 +30,8 @@ from pipelines.experiments.shared.fall_checks import shown
 from pipelines.experiments.shared.judgements import Scene, line_of
 from pipelines.experiments.shared.material_inputs import material_inputs
 from pipelines.experiments.shared.trace_checks import Trace
-from pipelines.experiments.static_loading.comparison import LOADS, MODULUS, SCALE, TOUCH, rows
-from pipelines.experiments.static_loading.load_steps import SIDE, settled, steps_anywhere, valid
+from pipelines.experiments.static_loading.comparison import DRIFT, LOADS, MODULUS, SCALE, TOUCH, rows
+from pipelines.experiments.static_loading.load_steps import SIDE, settled, steps_anywhere, touch_apart, valid
 from pipelines.experiments.static_loading.lost_readings import common_shift, uneven
 from pipelines.experiments.static_loading.measured import spans
 from pipelines.experiments.static_loading.settings import StaticLoading
@@ -105,7 +105,8 @@ def _inputs(
     return {
         "radius": settings.sphere.radius,
         SCALE: Quantity(1.0, relative, "1"),
-        TOUCH: Quantity(0.0, 0.0 if steps is None else float(steps["u_touch"]), "m"),
+        TOUCH: Quantity(0.0, 0.0 if steps is None else touch_apart(steps)[0], "m"),
+        DRIFT: Quantity(0.0, settings.steps.drift.value, "m"),
         MODULUS: Quantity(1.0, 0.0, "1"),
         LOADS: Quantity(1.0, 0.0, "1"),
     } | material_inputs(model)

@@ -14,7 +14,7 @@ from pipelines.experiments.static_loading.settings import StaticLoading
 
 SCALE, MODULUS, LOADS = "scale of length (gain and inclination)", "modulus", "loads"
 """Inputs of the rows, relative: the laser's gain and inclination together, the material as a whole, all masses."""
-TOUCH = "first touch"
+TOUCH, DRIFT = "first touch", "drift of the zero"
 
 
 def comparison(approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, *, settings: StaticLoading) -> xr.Dataset:
@@ -50,6 +50,9 @@ def _per_load(approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, settin
         u_a = float(model["u_contact_radius"].values[last].mean())
         given = settings.loads[number].radius
         level, u = float(at["level_contact_radius"]), float(at["u_level_contact_radius"])
+        # the zero has wandered up to here, and moved the touch that the whole record tells
+        wander = settings.steps.drift.value * float(time[last].mean()) / float(time[-1])
+        drifted = wander - float(steps["touch_by_drift"])
         hertzian = float(model["hertz_radius_relaxed"][number])
         radius = settings.sphere.radius
         # the radius of the sphere stands in both: with its root in one, its third root in the other
@@ -63,6 +66,7 @@ def _per_load(approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, settin
                 "u_radius_measured": u,
                 "radius_difference": level - float(a[last].mean()),
                 "u_radius_difference": float(np.sqrt(u**2 + u_a**2 - twice)),
+                "radius_drift": settings.sphere.radius.value / (2 * level) * drifted if level > 0.0 else 0.0,
                 "hertz_difference": level - hertzian,
                 "given_radius": np.nan if given is None else given.value,
                 "u_given_radius": np.nan if given is None else given.u,
@@ -75,6 +79,7 @@ def _per_load(approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, settin
         "radius_model": "contact radius at the end of the load, model",
         "radius_measured": "contact radius at the end of the load, from the approach",
         "radius_difference": "contact radius, measured minus model",
+        "radius_drift": "change of the contact radius by the drift of the zero, one standard uncertainty",
         "hertz_difference": "contact radius, measured minus Hertz with the relaxed modulus",
         "given_radius": "contact radius that session.toml gives",
         "given_difference": "contact radius, from the approach minus given",
@@ -86,7 +91,7 @@ def rows(comparison: xr.Dataset, model: xr.Dataset, *, settings: StaticLoading) 
     """Yield the rows of ``compare``."""
     n, nrmse = int(comparison["time"].size), comparison["nrmse_contact_radius_model"]
     yield row("contact radius", "m", n, nrmse=nrmse, difference=comparison["bias_contact_radius_model"])
-    radius = settings.sphere.radius.value
+    radius, drift = settings.sphere.radius.value, settings.steps.drift.value
     for i, load in enumerate(settings.loads):
         value, difference = float(comparison["radius_model"][i]), float(comparison["radius_difference"][i])
         level = value + difference
@@ -99,6 +104,7 @@ def rows(comparison: xr.Dataset, model: xr.Dataset, *, settings: StaticLoading) 
                 "radius": level / (2 * radius) - value / (3 * radius),
                 SCALE: level / 2,
                 TOUCH: -radius / (2 * level) if level > 0.0 else 0.0,
+                DRIFT: float(comparison["radius_drift"][i]) / drift if drift > 0.0 else 0.0,
                 MODULUS: value / 3,
                 LOADS: -value / 3,
             }

@@ -24,6 +24,7 @@ from scipy.optimize import minimize_scalar, nnls
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.signals import estimate_noise
+from labpipe.uncertainty import excess_uncertainty
 from labpipe.variables import variable, with_u
 from pipelines.experiments.static_loading.settings import StaticLoading
 
@@ -68,6 +69,15 @@ def valid(displacement: xr.Dataset) -> tuple[Floats, Floats]:
     """Return time [s] and displacement [m] of the valid readings."""
     usable = displacement["valid"].values.astype(bool)
     return displacement["time"].values[usable], displacement["displacement"].values[usable]
+
+
+def touch_apart(steps: xr.Dataset) -> tuple[float, float]:
+    """Return the standard uncertainty of first touch without the drift of the zero, and its change by the drift [m].
+
+    The drift moves touch and readings together.
+    """
+    u, by_drift = float(steps["u_touch"]), float(steps["touch_by_drift"])
+    return excess_uncertainty(u, by_drift), by_drift
 
 
 def _noise(moved: Floats) -> float:
@@ -258,7 +268,7 @@ def _first_touch(displacement: xr.Dataset, noise: float, table: xr.Dataset, sett
     else:
         touch, how = 0.0, "given in session.toml"
         factor = float(displacement["gain"]) / np.cos(float(displacement["inclination"]))
-        u, by_loads = settings.zero.u * factor, 0.0
+        u, by_loads, by_drift = settings.zero.u * factor, 0.0, 0.0
         weights, misfit = fit.solve(touch)
         scatter = _scatter(misfit, weights, rows.size)
     if scatter > _MISFIT * noise:
@@ -273,6 +283,7 @@ def _first_touch(displacement: xr.Dataset, noise: float, table: xr.Dataset, sett
     terms = np.column_stack([np.ones(lag.size), -np.expm1(-lag[:, None] / tau)])
     scalars = {
         "touch_part_of_loads": (by_loads, "m", "part of it that comes from the loads"),
+        "touch_by_drift": (by_drift, "m", "change of it by the drift of the zero, one standard uncertainty"),
         "scatter": (scatter, "m", "root mean square misfit of the creep fit"),
         "noise": (noise, "m", "noise of a reading"),
     }

@@ -25,7 +25,7 @@ from labpipe.errors import InputError
 from labpipe.uncertainty import Row, Source
 from labpipe.units import Quantity
 from labpipe.variables import from_rows, variable, with_u
-from pipelines.experiments.static_loading.load_steps import SIDE, settled, valid
+from pipelines.experiments.static_loading.load_steps import SIDE, settled, touch_apart, valid
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 _SMOOTH = 60.0  # s, the moving average of the thesis's smoothed curve
@@ -64,9 +64,9 @@ def approach(displacement: xr.Dataset, steps: xr.Dataset, *, settings: StaticLoa
     depth = moved - float(steps["touch"])
     radius = settings.sphere.radius
     relative = float(displacement.attrs["u_systematic_relative"])
-    noise, u_touch = float(steps["noise"]), float(steps["u_touch"])
+    noise, (u_touch, by_drift) = float(steps["noise"]), touch_apart(steps)
     wander = settings.steps.drift.value * time / float(time[-1])
-    u_depth = np.sqrt(u_touch**2 + (relative * depth) ** 2 + wander**2)
+    u_depth = np.sqrt(u_touch**2 + (relative * depth) ** 2 + (wander - by_drift) ** 2)
     a = np.sqrt(radius.value * np.maximum(depth, 0.0))
     rows = [_levels(time, depth, u_depth, wander, step, noise, relative, settings) for step in spans(steps)]
     u_each = np.hypot(u_depth, noise)
@@ -95,11 +95,12 @@ def _budget(largest: float, displacement: xr.Dataset, steps: xr.Dataset, setting
     Inclination and gain scale the approach alone: the way from the sensor's zero cancels.
     """
     angle, gain = float(displacement["inclination"]), float(displacement["gain"])
+    u_touch, by_drift = touch_apart(steps)
     return uncertainty.budget_rows(
         [
             Source("noise of a reading", 0.0, float(steps["noise"]), "m", 1.0, "random"),
-            Source("first touch", float(steps["touch"]), float(steps["u_touch"]), "m", -1.0, "systematic"),
-            Source("drift of the zero", 0.0, settings.steps.drift.value, "m", 1.0, "systematic"),
+            Source("first touch", float(steps["touch"]), u_touch, "m", -1.0, "systematic"),
+            Source("drift of the zero", 0.0, settings.steps.drift.value - by_drift, "m", 1.0, "systematic"),
             Source(
                 "inclination", angle, float(displacement["u_inclination"]), "rad", largest * np.tan(angle), "systematic"
             ),
