@@ -4,11 +4,15 @@ import re
 import sys
 import warnings
 from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 from numba import njit
+
+from labpipe.errors import StorageError
+from labpipe.files import lock
 
 
 def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -34,6 +38,7 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
             return njit(**options)(function)
         _watch_imports(kernel, function.__module__)
         _forgive_a_full_disk(kernel)
+        _wait_for_others(kernel)
         return kernel
 
     return decorate
@@ -86,6 +91,30 @@ def _forgive_a_full_disk(kernel: Any) -> None:
             _warn(str(error))
 
     kernel._cache.save_overload = save_overload
+
+
+def _wait_for_others(kernel: Any) -> None:
+    """Let one process compile a kernel while others that need it wait, and take what it has stored."""
+    store: Any = getattr(kernel, "_cache", None)
+    if getattr(store, "_cache_file", None) is None:
+        return
+    load, compile_here = store.load_overload, kernel.compile
+    held = ExitStack()
+
+    def load_overload(*arguments: Any) -> Any:
+        found = load(*arguments)
+        if found is None:
+            held.close()  # of another signature, which this one is part of
+            with suppress(StorageError):  # nothing will be stored there either
+                held.enter_context(lock(Path(store.cache_path) / f"{store._impl.filename_base}.lock"))
+                found = load(*arguments)
+        return found
+
+    def compile_one(signature: Any) -> Any:
+        with held:
+            return compile_here(signature)
+
+    store.load_overload, kernel.compile = load_overload, compile_one
 
 
 @cache  # one warning for all kernels

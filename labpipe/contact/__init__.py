@@ -16,7 +16,7 @@ from labpipe.contact.beyond import (
     self_heating,
     tabor,
 )
-from labpipe.contact.impact import Plate, Shortcuts, compile_drop, drop, impacts, needs_compiling
+from labpipe.contact.impact import Plate, Shortcuts, compile_drop, drop, impacts
 from labpipe.contact.line import (
     dissipated_power,
     dissipated_work,
@@ -54,7 +54,6 @@ __all__ = [
     "jkr_at_force",
     "load_sphere",
     "maugis",
-    "needs_compiling",
     "press_sphere",
     "pull_off",
     "self_heating",

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from labpipe.workflow.session import Session
-from pipelines.rig._ahead import ahead
-from pipelines.rig.samples import holds_demo, write_sample
+from pipelines.rig._ahead import ahead, holds_demo, record_elsewhere
 from pipelines.session import open_session, process
 
 if TYPE_CHECKING:
@@ -43,15 +42,17 @@ def sample(name: str, folder: str | Path, *, full_size: bool = False) -> Session
     --------
     >>> sample("core", "my-session")  # doctest: +SKIP
     """
+    from pipelines.rig.samples import write_sample
+
     write_sample(name, Path(folder), full_size=full_size)
     return open_session(folder)
 
 
 def record_demo(folder: str | Path) -> bool:
     """Write the demonstration into a folder unless it is there; tell whether it was written."""
-    is_there = holds_demo(Path(folder))
+    is_there = holds_demo(folder)
     if not is_there:
-        write_sample("demo", Path(folder))
+        record_elsewhere(Path(folder))
     return not is_there
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from labpipe import files
 from labpipe.errors import UsageError
-from labpipe.workflow.session import FILE_NAME
+from pipelines.rig._ahead import DEMO_TITLE
 from pipelines.rig.dma import CAMPAIGN, Protocol, write_dma
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
@@ -39,7 +39,6 @@ from pipelines.rig.solids import SOLIDS, specimen_of
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
 
 _START = datetime(2024, 5, 14, 9, 30)
-_DEMO_TITLE = "Demonstration (synthetic)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,12 +79,6 @@ def write_sample(name: str, folder: Path, *, full_size: bool = False) -> list[st
         message = f"{folder} is not empty; name a new folder"
         raise UsageError(message)
     return SAMPLES[name].write(folder, full_size)
-
-
-def holds_demo(folder: Path) -> bool:
-    """Tell whether a folder holds the demonstration: its session.toml says so in its title."""
-    source = folder / FILE_NAME
-    return source.is_file() and f'title = "{_DEMO_TITLE}"' in source.read_text("utf-8", "replace")
 
 
 def harmonic_section(name: str, specimen: Specimen, material: str, source: str = "") -> str:
@@ -153,7 +146,7 @@ def _write_core(folder: Path, title: str, heights: tuple[float, ...], repeats: i
 def _demo(folder: Path, full_size: bool) -> list[str]:
     del full_size  # this sample holds no film
     protocol = replace(Harmonic(), hold=60.0, frequencies=(0.5, 1.0, 2.0), cycles=8)
-    return _write_core(folder, _DEMO_TITLE, (1.5e-3,), 3, protocol)
+    return _write_core(folder, DEMO_TITLE, (1.5e-3,), 3, protocol)
 
 
 def _core(folder: Path, full_size: bool) -> list[str]:

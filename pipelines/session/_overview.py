@@ -17,7 +17,7 @@ from pipelines import experiments
 from pipelines.experiments import KeyNumber, Kind, Picture
 from pipelines.session._amended_pages import amend_pages
 from pipelines.session._unused import unused_files
-from pipelines.session._verdicts import Verdict, stored_verdicts
+from pipelines.session._verdicts import VERDICTS, Verdict, stored_verdicts
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -75,14 +75,21 @@ def write_overview(session: Session, stages: Stages, plan: Plan | None = None) -
     verdicts = stored_verdicts(results)
     amend_pages(results, verdicts)
     path = session.folder / PAGE
-    code = store.code.behind(f"{__name__}:{_page.__name__}")
-    store.code.save()  # following the imports of a page takes longer than all else that an unchanged session needs
+    code = follow_code(store)
     notes = [f"{f.message}: {f.cause}" for f in unused_files(session)]
     told = [verdict.document() for verdict in verdicts.values()]
     mark = f"<!-- {_state_digest(plan, code, [notes, told])} -->\n"
     if not (path.is_file() and path.read_text("utf-8").endswith(mark)):
         files.write_text(path, _page(results, verdicts, notes) + mark)
     return path
+
+
+def follow_code(store: Store) -> Identity:
+    """Find the code behind the page, and keep it: that takes longer than all else that an unchanged session needs."""
+    code = store.code.behind(f"{__name__}:{_page.__name__}")
+    store.code.behind(VERDICTS)
+    store.code.save()
+    return code
 
 
 def _state_digest(plan: Plan, code: Identity, told: Sequence[Any]) -> str:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Generator, Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
@@ -12,10 +14,11 @@ from labpipe.workflow.plan import Plan
 from labpipe.workflow.plan import plan as make_plan
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment, Session
+from labpipe.workflow.store import Store
 from labpipe.workflow.watch import LOOKS, Settling, Watcher
 from pipelines.experiments import Derived
 from pipelines.session._opening import SCHEMAS, SETTINGS, STAGES, reopen_session
-from pipelines.session._overview import write_overview
+from pipelines.session._overview import follow_code, write_overview
 from pipelines.session._results import needed, opened
 
 if TYPE_CHECKING:
@@ -168,7 +171,7 @@ def process_all(
     for session, done in run_all(opened(), STAGES, **options):
         if not isinstance(done, LabpipeError):
             _judge_failures(done)
-            write_overview(session, STAGES, done.plan)
+            _look_over(session, done, has_processes=bool(options.get("jobs", 1)) and not options.get("cluster"))
         yield given[session.root], done
     yield from refused
 
@@ -197,6 +200,19 @@ def processed_for(folder: str | Path, wanted: Iterable[tuple[Experiment, Derived
         message = f"{outcome.task}: {outcome.message}"
         raise InputError(message)
     return opened(folder)
+
+
+def _look_over(session: Session, done: RunResult, has_processes: bool) -> None:
+    """Write the page of a session; where processes have worked, in one more of them, which has NumPy loaded."""
+    from labpipe.workflow.engines import Call, Died, elsewhere
+
+    if has_processes and any(outcome.state == "done" for outcome in done.outcomes):
+        whole = replace(session, root=session.root.absolute())
+        follow_code(Store(session.folder))  # here the modules have been taken apart for the plan
+        with contextlib.suppress(Died):
+            elsewhere(Call(f"{write_overview.__module__}:{write_overview.__name__}", (whole, STAGES, done.plan)))
+            return
+    write_overview(session, STAGES, done.plan)
 
 
 def _judge_failures(done: RunResult) -> None:

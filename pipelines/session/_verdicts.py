@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from labpipe.judging import Finding, Judgement
     from labpipe.workflow.runner import RunResult
 
+VERDICTS = f"{__name__}:stored_verdicts"
+"""Whose code the kept ones are of."""
 _KEPT = "verdicts.json"
 """Among the results: the verdicts as they were last told."""
 FAILED_VERDICTS = "verdicts-of-failures.json"
@@ -269,7 +271,7 @@ def _mark(plan: Plan, rows: Iterable[Row], store: Store) -> str:
         for n in named_files(session)
     ]
     judgements = [[row.experiment, plan.keys[row.task].value, plan.keys[row.task].problem] for row in rows]
-    code = store.code.behind(f"{__name__}:{stored_verdicts.__name__}")
+    code = store.code.behind(VERDICTS)
     store.code.save()
     settings = files.digest(session.root / FILE_NAME)
     return key_of({"verdicts": [code, settings, library_names(), named, judgements]})

@@ -1,7 +1,7 @@
 """The dropped sphere (chapter 3): contacts, flights, rest; on rigid ground or a plate."""
 
 from labpipe.contact.impact._checks import Solver
-from labpipe.contact.impact._compiled import compile_drop, needs_compiling
+from labpipe.contact.impact._compiled import compile_drop
 from labpipe.contact.impact._drop import drop
 from labpipe.contact.impact._line_springs import Profile, line_springs
 from labpipe.contact.impact._many import impacts
@@ -20,6 +20,5 @@ __all__ = [
     "drop",
     "impacts",
     "line_springs",
-    "needs_compiling",
     "ring_springs",
 ]

@@ -2,19 +2,15 @@
 
 import warnings
 
+from labpipe.compilation import is_missing
+from labpipe.contact.impact._contact import contact
 from labpipe.contact.impact._drop import drop
 from labpipe.materials import load
 
 
-def needs_compiling() -> bool:
-    """Tell whether the steps of a drop would be compiled at the first one, and kept; loads the compiler."""
-    from labpipe.compilation import is_missing
-    from labpipe.contact.impact._contact import contact
-
-    return is_missing(contact)
-
-
 def compile_drop() -> None:
-    """Compile the steps of a drop and keep the code for all processes."""
+    """Compile the steps of a drop where they were not yet, and keep the code for all processes."""
+    if not is_missing(contact):
+        return
     with warnings.catch_warnings(action="ignore"):  # whoever drops something is told
         drop(load("acrylic"), 9.525e-3, 0.505, 1.5e-3, 0.03)

@@ -9,7 +9,7 @@ crew, by an interrupt too, its local processes have ended.
 
 from labpipe.workflow.engines._calls import Call, Crew, Died, Engine, Serial, side_by_side
 from labpipe.workflow.engines._dask import Dask
-from labpipe.workflow.engines._processes import Processes, alongside, get_ready, processors
+from labpipe.workflow.engines._processes import Processes, alongside, elsewhere, processors
 
 __all__ = [
     "Call",
@@ -21,7 +21,7 @@ __all__ = [
     "Serial",
     "alongside",
     "choose",
-    "get_ready",
+    "elsewhere",
     "processors",
     "side_by_side",
 ]

@@ -75,36 +75,34 @@ class Processes:
             crew.end()
 
 
-def get_ready(imports: Sequence[str]) -> None:
-    """Let what local processes are forked from load modules while this process does something else.
-
-    Nothing waits for it. It is of no use, and does no harm, once a first process was started.
-
-    Parameters
-    ----------
-    imports : sequence of str
-        Modules, as :attr:`Call.imports` names them.
-    """
-    if _METHOD == "forkserver":
-        from multiprocessing import forkserver  # not every system has it
-
-        multiprocessing.get_context(_METHOD).set_forkserver_preload(list(imports))
-        with _clean_start():
-            forkserver.ensure_running()
-
-
 @contextlib.contextmanager
 def alongside(call: Call) -> Iterator[None]:
-    """Let a process compute a call during a block, for what it leaves behind; its answer is lost.
-
-    It is a process of its own from the start: what others are forked from may not be ready yet.
-    """
-    worker = _Worker((), "spawn")
+    """Let a process compute a call during a block, for what it leaves behind; its answer is lost."""
+    worker = _Worker(call.imports)
     try:
         worker.take(call)
         yield
     finally:
         worker.stop()
+
+
+def elsewhere(call: Call) -> Any:
+    """Return what a call gives in a local process, which has loaded what this one need not load.
+
+    Raises
+    ------
+    Died
+        The process ended first. What the call raises is raised.
+    """
+    worker = _Worker(call.imports)
+    try:
+        worker.take(call)
+        what, value = worker.answer()
+    finally:
+        worker.stop()
+    if what == _RAISED:
+        raise value
+    return value
 
 
 @dataclass(slots=True)
@@ -160,9 +158,9 @@ class _Crew:
 class _Worker:
     """A process that computes one call after another."""
 
-    def __init__(self, imports: Sequence[str], method: str = _METHOD) -> None:
-        context: Any = multiprocessing.get_context(method)
-        if method == "forkserver":
+    def __init__(self, imports: Sequence[str]) -> None:
+        context: Any = multiprocessing.get_context(_METHOD)
+        if _METHOD == "forkserver":
             context.set_forkserver_preload(list(imports))
         self.pipe, its_end = context.Pipe()
         self.process = context.Process(target=_serve, args=(its_end,), daemon=True)

@@ -68,7 +68,7 @@ _STAGES = (
         ("height", "sphere", "model", "plate"),
         schema="drop",
         shortcuts=True,
-        imports=("labpipe.contact.impact._simulate",),
+        imports=("labpipe.contact.impact._simulate", "labpipe.compiler"),
         summary="simulate the drop",
     ),
     Stage(

@@ -12,7 +12,7 @@ _STAGES = (
         ("file:film", "file:camera"),
         ("view", "measured_on", "sphere.radius", "wavelength", "exposure", "frame_rate"),
         shortcuts=True,
-        imports=("labpipe.imaging.fringes._every_frame",),
+        imports=("labpipe.imaging.fringes._every_frame", "labpipe.compiler"),
         summary="fit the fringes around the contact",
     ),
     Stage(
@@ -34,7 +34,7 @@ _STAGES = (
         ("height", "sphere", "model", "plate"),
         schema="drop",
         shortcuts=True,
-        imports=("labpipe.contact.impact._simulate",),
+        imports=("labpipe.contact.impact._simulate", "labpipe.compiler"),
         summary="simulate the drop",
     ),
     Stage(

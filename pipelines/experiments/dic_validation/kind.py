@@ -23,7 +23,7 @@ _STAGES = (
         ("file:film",),
         ("tracking", "frame_rate"),
         shortcuts=True,
-        imports=("labpipe.imaging.dic._tracker",),
+        imports=("labpipe.imaging.dic._tracker", "labpipe.compiler"),
         summary="track the holder through the film",
     ),
     Stage(

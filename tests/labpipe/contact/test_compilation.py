@@ -64,6 +64,32 @@ def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(tmp_path:
     assert printed == [["True", "2.0", "0"], ["False", "2.0", "1"], ["True", "200.0", "0"]]
 
 
+def test_of_processes_that_need_a_kernel_at_once_one_compiles_it(tmp_path: Path) -> None:
+    (tmp_path / "labpipe_kernel.py").write_text(
+        "from labpipe.compilation import compiled\n"
+        "@compiled()\n"
+        "def found(x):\n"
+        "    total = 0.0\n"
+        "    for i in range(int(x)):\n"
+        "        total += (x - i) ** 3 if i % 2 else i / (x + i)\n"
+        "    return total\n"
+    )
+    program = (
+        "import sys; from labpipe_kernel import found; print(flush=True); sys.stdin.readline();"
+        "found(3.0); print(sum(found.stats.cache_misses.values()))"
+    )
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    environment["PYTHONPATH"] = os.pathsep.join([str(tmp_path), *sys.path])
+    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    running = [subprocess.Popen([sys.executable, "-c", program], env=environment, **pipes) for _ in range(3)]
+    for one in running:
+        one.stdout.readline()  # all have loaded the compiler
+    for one in running:
+        one.stdin.write("\n")
+        one.stdin.flush()
+    assert sorted(one.communicate()[0] for one in running) == ["0\n", "0\n", "1\n"]
+
+
 def test_a_full_disk_is_said_and_survived(monkeypatch: pytest.MonkeyPatch) -> None:
     """Code is stored at the first call, and that may fail after the import did not."""
 

@@ -4,8 +4,6 @@ import contextlib
 import os
 import random
 import signal
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -15,7 +13,18 @@ import pytest
 
 from labpipe.errors import InputError, UsageError
 from labpipe.workflow import provenance
-from labpipe.workflow.engines import Call, Dask, Died, Engine, Processes, Serial, alongside, choose, side_by_side
+from labpipe.workflow.engines import (
+    Call,
+    Dask,
+    Died,
+    Engine,
+    Processes,
+    Serial,
+    alongside,
+    choose,
+    elsewhere,
+    side_by_side,
+)
 
 DOUBLE = f"{__name__}:double"
 
@@ -59,10 +68,6 @@ def says(number: int, *, tell: Callable[[object], None]) -> int:
 def stays(folder: Path) -> None:
     (folder / f"{os.getpid()}").touch()
     time.sleep(600.0)
-
-
-def is_loaded(module: str) -> bool:
-    return module in sys.modules
 
 
 class Lazy(Mapping[int, tuple[int]]):
@@ -150,15 +155,12 @@ def test_a_call_alongside_is_computed_during_the_block_and_ends_with_it(tmp_path
         os.kill(int(found[0].name), 0)
 
 
-def test_what_processes_are_forked_from_loads_ahead() -> None:
-    program = (
-        "import sys\n"
-        "from labpipe.workflow.engines import Processes, get_ready, side_by_side\n"
-        "get_ready(['this_is_not_there', 'colorsys'])\n"
-        f"print(*side_by_side(Processes(1), '{__name__}:is_loaded', {{0: ('colorsys',)}}, imports=()))\n"
-    )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout == "(0, True)\n"
+def test_a_call_elsewhere_gives_its_answer_raises_or_tells_of_its_death(tmp_path: Path) -> None:
+    assert elsewhere(Call(DOUBLE, (4,))) == 8
+    with pytest.raises(ValueError, match="negative"):
+        elsewhere(Call(DOUBLE, (-1,)))
+    with pytest.raises(Died, match="SIGKILL"):
+        elsewhere(Call(f"{__name__}:deadly", (5, tmp_path / "marker")))
 
 
 def test_tasks_are_asked_for_when_their_turn_comes() -> None:
