@@ -18,7 +18,7 @@ from instruments.keyence._markers import NINES, NUMERIC_MARKERS, Layout, Status,
 from labpipe.errors import InputError, SourceError
 from labpipe.text import DOT, Separators, check_width, not_a_number, parse_rows, plain_number, separators, shorten
 
-_BATCH = 1 << 13  # rows: markers come in runs, so a small batch keeps most of the file fast
+_BATCH = 1 << 11  # rows: markers come in runs, so a small batch keeps most of the file fast
 SAMPLE = 200  # rows from which delimiter, decimal sign and layout of the columns are learnt
 
 _SUSPICIOUS = np.array(sorted({*NUMERIC_MARKERS, *NINES, *(-nines for nines in NINES)}))

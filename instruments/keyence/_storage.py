@@ -181,13 +181,14 @@ def _complete_rows(
     blank = 0
     for line in stream:
         number += 1
-        if not line.strip():
-            blank += 1
-            continue
-        # what stands below the rows begins: the word END, or words after an empty line
-        if _END.fullmatch(line.strip(' "\t;,')) is not None or (blank > 0 and _LETTER.match(line) is not None):
-            _refuse_rows_below(source, stream, number)
-            return
+        if line[:1] not in _OF_A_ROW:  # most lines begin with a digit
+            if not line.strip():
+                blank += 1
+                continue
+            # what stands below the rows begins: the word END, or words after an empty line
+            if _END.fullmatch(line.strip(' "\t;,')) is not None or (blank > 0 and _LETTER.match(line) is not None):
+                _refuse_rows_below(source, stream, number)
+                return
         if blank:
             raise SourceError(source.path, "an empty line between two rows", line=number - blank, column=1)
         is_last = number == source.n_lines and not source.is_ended
@@ -202,6 +203,7 @@ def _complete_rows(
 
 
 _END = re.compile(r"\[?/?(?:end|eof)(?: of (?:file|data))?\]?", re.IGNORECASE)
+_OF_A_ROW = frozenset("0123456789+-")
 _LETTER = re.compile(r"\"?[^\W\d_]")
 
 
