@@ -297,6 +297,7 @@ ROWS = (
             ("hertz under radians", (1.0, "angular frequency [rad/s]"), True, ("Hz under rad/s",)),
         )
     ),
+    Mistake("one frequency in all rows", _put(OMEGA, "6.2832"), "doubtful", ("holds one value",), FIRST),
     Mistake("radians labelled Hz", _label("[rad/s]", "[Hz]"), "doubtful", ("Hz",), FIRST),
     Mistake("time in min labelled s", _scaled(TIME, 1 / 60), "doubtful", ("time",), FIRST),
     # one value, one row

@@ -359,6 +359,13 @@ ROWS = (
     Mistake(
         "radius in inch", setting('"9.525 ± 0.005 mm"', '"0.375 ± 0.0002 mm"'), "doubtful", ("sphere.radius",), _TOML
     ),
+    Mistake(
+        "radius with a lost decimal point",
+        setting('"9.525 ± 0.005 mm"', '"95.25 ± 0.05 mm"'),
+        "impossible",
+        ("sphere.radius", "weighs at least"),
+        _TOML,
+    ),
     Mistake("mass 5.05 g", setting("505.0 ± 0.5 g", "5.05 ± 0.005 g"), "doubtful", ("mass", "505 g"), _TOML, 22),
     Mistake("uncertainty 5 mm", setting("± 0.005 mm", "± 5 mm"), "doubtful", ("uncertainty",), _TOML, 17),
     # calibration

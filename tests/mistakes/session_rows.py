@@ -283,6 +283,15 @@ ROWS = (
         'material = "acrylic"',
     ),
     SessionMistake(
+        "name of a material misspelt",
+        _in("ptfe_low", 'material = "ptfe"', 'material = "pfte"'),
+        "impossible",
+        "step model",
+        ("pfte", "misspelt", "known are nbr, acrylic"),
+        TOML,
+        '"pfte"',
+    ),
+    SessionMistake(
         "record expired",
         setting("2025-04-30", "2024-05-10", RECORD),
         "impossible",

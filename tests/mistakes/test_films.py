@@ -169,6 +169,12 @@ ROWS = (
         _said(exposure=2e-6),
         {"exposure": Quantity(2e-3, 0.0, "s")},
     ),
+    FilmMistake(
+        "exposure longer than a frame",
+        "impossible",
+        ("a frame each 100 µs", "exposure = 1.00 ms"),
+        settings={"exposure": Quantity(1e-3, 0.0, "s")},
+    ),
     FilmMistake("height 15 for 1.5 mm", "impossible", ("drop height is probably 1.5",), **_height(15e-3)),
     FilmMistake("height 3 for 1.5 mm", "impossible", ("drop height is probably 1.5",), **_height(3e-3)),
     FilmMistake("height 0.15 for 1.5 mm", "impossible", ("drop height is probably 1.5",), **_height(0.15e-3)),

@@ -59,6 +59,12 @@ def _flickers(fallen: xr.Dataset) -> Film:
     return recorded(fallen, 7), track
 
 
+def _swinging(fallen: xr.Dataset) -> Film:
+    motion = recorded(fallen, 7)
+    motion["displacement"].values += 5e-5 * np.sin(2 * np.pi * 120 * motion["time"].values)
+    return motion, tracked()
+
+
 def _of_10_mm(fallen: xr.Dataset) -> Film:
     del fallen
     other = contact.drop(materials.load("ptfe"), 9.525e-3, 0.505, 10e-3, 0.16, times=np.arange(0.0, 0.16, 1 / RATE))
@@ -71,6 +77,7 @@ ROWS = (
     FrontMistake("camera upside down", "impossible", ("upside down",), _filmed(scale=-1.0)),
     FrontMistake("camera on its side", "doubtful", ("to the image's columns", "turned"), _turned),
     FrontMistake("film of a drop from 10 mm", "impossible", ("a height 1.4", "film or laser_experiment"), _of_10_mm),
+    FrontMistake("camera swings", "yes", ("before its release", "swings at 12", "fasten it"), _swinging),
     FrontMistake("lamp flickers", "yes", ("of the usual light", "flickers"), _flickers),
     FrontMistake(
         "every fifth frame lost, times renewed",

@@ -98,6 +98,7 @@ def judgement(
     given = [("height", settings.height), ("sphere.radius", sphere.radius), ("sphere.mass", sphere.mass)]
     checks = [_explained(check, of_traces, settings.calibration) for check in judgements.failed_steps(context, _FAILED)]
     checks += [*of_traces, *judgements.uncertainties_stated(given), fall_checks.gravity_stated(settings.model.gravity)]
+    checks.append(fall_checks.body_stated(sphere.radius.value, sphere.mass.value))
     moved = dict(zip(settings.laser, displacement or (), strict=False))
     checks += trace_checks.of_record(moved, settings.calibration)
     records = list(_records(displacement, bounces, settings))

@@ -15,6 +15,8 @@ _NO_MOTION = "four frames of a motion that is clear of the noise"
 _MATTERS = 0.5  # of the uncertainty of the scale, by which the camera's angle may change lengths untold
 _ASIDE = 0.15  # px to either side, beyond what the interpolation between pixels leaves
 _FEWEST = 40  # frames
+_BEFORE = 2e-3  # s before the release, while which something may move already
+_SWINGS = 0.02  # of the fall, by which a swing spoils it
 
 
 def direction(motion: xr.Dataset, settings: DicValidation) -> Check:
@@ -70,6 +72,25 @@ def one_scale(motion: xr.Dataset, settings: DicValidation) -> Check:
         else ""
     )
     return stated(name, law, text, "note" if matters else None, cause=cause if matters else "", file=settings.film)
+
+
+def still_before(motion: xr.Dataset, bounces: xr.Dataset | None, settings: DicValidation) -> Check:
+    """Look for one frequency in a holder that should hang still before its release."""
+    name, law = "vibration before the release", "before its release the holder hangs still"
+    time, y = motion["time"].values, motion["displacement"].values
+    release = np.nan if bounces is None else float(bounces["release_time"])
+    end = int(np.searchsorted(time, release - _BEFORE)) if isfinite(release) else 0
+    if end < _FEWEST:
+        return not_made(name, law, f"{_FEWEST} frames before the release")
+    trace = Trace(settings.film, time, y)
+    found = swing_at_rest(trace, slice(0, end), _FEWEST)
+    if found is None:
+        return stated(name, law, f"{settings.film}: the holder hangs still before its release", None)
+    f, amplitude = found
+    text = f"{settings.film}: before its release the holder swings at {f:.3g} Hz by ± {quantity(amplitude, 'm')}"
+    cause = f"the camera, its mirror, its lamp or the holder vibrates at {f:.3g} Hz: fasten it"
+    level: Level = "doubtful" if 2 * amplitude > _SWINGS * trace.travel else "note"
+    return stated(name, law, text, level, cause=cause, file=settings.film)
 
 
 def sideways(track: xr.Dataset, settings: DicValidation) -> Check:

@@ -14,7 +14,7 @@ from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from labpipe.workflow.fields import REFERENCE
-from pipelines.experiments.dic_validation._view_checks import direction, one_scale, sideways, tilt
+from pipelines.experiments.dic_validation._view_checks import direction, one_scale, sideways, still_before, tilt
 from pipelines.experiments.dic_validation.comparison import rows
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
@@ -90,6 +90,7 @@ def judgement(
         checks = [replace(c, cause=steady.cause) if c.name == "step bounces" and steady.level else c for c in checks]
         checks += [_times(motion, bounces, settings), steady]
         checks += [of(motion, settings) for of in (direction, tilt, one_scale)]
+        checks.append(still_before(motion, bounces, settings))
     if motion is not None and bounces is not None and bounces.sizes["impact"]:
         fall = Fall(settings.film, bounces, float(motion.attrs["u_systematic_relative"]))
         checks += [

@@ -21,6 +21,8 @@ _STEP = 5.0  # K, of which set temperatures are multiples
 _NEAR = 0.6  # K from a set temperature
 _FEW = 20  # readings; more of them with one and the same temperature were not read from a sensor
 _CONSTANT = 1.0  # K within which all temperatures are one
+_IN_A_ROW, _SAME = 6, 1e-3  # readings, and relative differences of what is set alike for them
+_AGES, _IN_NOISE = 0.05, 8.0  # relative change, and standard deviations, of a modulus that should keep its value
 _LAG = 5.0  # K by which a specimen may follow the air while that is heated steadily
 _OF_SWEEPS = 0.05  # decades, by which a heated specimen's modulus may differ from that of the isotherms besides
 
@@ -64,6 +66,32 @@ def steady_temperature(export: Export, settings: Dma) -> Check:
     level: Level | None = "doubtful" if size > 2 * settings.sweeps.tolerance else None
     cause = "the specimen was still warming or cooling: its readings belong to several temperatures; wait longer"
     return stated(name, law, text, level, cause=cause if level else "", file=export.name)
+
+
+def one_condition(export: Export) -> Check:
+    """Look for a modulus that changes steadily over readings of one temperature, frequency and strain."""
+    name, law = "readings of one condition", "at one temperature, frequency and strain a modulus keeps its value"
+    found = []
+    for rows in rows_of_intervals(export):
+        T, f, storage = (export.data[n].values[rows] for n in ("temperature", "frequency", "storage_modulus"))
+        strain = export.data["strain"].values[rows] if "strain" in export.data else np.ones(rows.size)
+        is_one = rows.size >= _IN_A_ROW and np.ptp(T) < _CONSTANT and (storage > 0).all()
+        if is_one and np.ptp(f) <= _SAME * f.max() and np.ptp(strain) <= _AGES * np.max(strain):
+            y, third = np.log(storage), rows.size // 3
+            noise = 1.4826 * float(np.median(np.abs(np.diff(y, 2)))) / np.sqrt(6.0)
+            moved = float(np.mean(y[-third:]) - np.mean(y[:third]))
+            found.append((abs(moved) > max(_AGES, _IN_NOISE * noise), moved, int(rows[0])))
+    if not found:
+        return not_made(name, law, "readings of one temperature, frequency and strain in a row")
+    moved, row = max(((m, r) for _, m, r in found), key=lambda one: abs(one[0]))
+    place = export.place(row).rpartition(", point")[0] or export.name
+    text = f"{place}: the storage modulus changes by {100 * moved:+.1f} % over readings of one condition"
+    is_off = sum(off for off, _, _ in found) > len(found) / 2
+    cause = (
+        "the column of the frequency holds one value for readings at several; or the specimen changes at one "
+        "temperature: it dries, cures, or had not settled"
+    )
+    return stated(name, law, text, "doubtful" if is_off else None, cause=cause if is_off else "", file=export.name)
 
 
 def temperatures_of(exports: Sequence[Export], isotherms: Sequence[Sweep], settings: Dma) -> Iterator[Check]:

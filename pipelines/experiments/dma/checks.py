@@ -26,6 +26,7 @@ from pipelines.experiments.dma._specimen_checks import (
 )
 from pipelines.experiments.dma._stated_checks import bulk_modulus, mode_of_loading, poisson_ratio, scale_of_moduli
 from pipelines.experiments.dma._temperature_checks import (
+    one_condition,
     softening,
     steady_temperature,
     strayed_readings,
@@ -75,6 +76,7 @@ def judgement(
             single_values(export, own),
             strayed_readings(export, settings),
             steady_temperature(export, settings),
+            one_condition(export),
             slipped_specimen(export, own),
             causality(export, own),
             loss_of_each_sweep(export, own),

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 import xarray as xr
 
+from labpipe.arrays import Floats
 from labpipe.frames import FrameSource
 from labpipe.judging import Check, Level, stated
 from labpipe.report import quantity
@@ -56,6 +57,18 @@ def stated_twice(
         yield _rate(film, said["intervals"], frame_rate)
     if exposure is not None and said.get("exposure"):
         yield _exposure(film, said["exposure"], exposure)
+    elif exposure is not None and "time" in found:
+        yield _within_a_frame(film, found["time"].values, exposure)
+
+
+def _within_a_frame(film: str, time: Floats, given: Quantity) -> Check:
+    """Hold a stated exposure against the time from one frame to the next."""
+    name, law = "exposure stated", "a shutter closes before the next frame"
+    interval = float(np.percentile(np.diff(time), _BURST)) if time.size > 1 else np.inf
+    text = f"{film}: a frame each {quantity(interval, 's')}; session.toml says exposure = {quantity(given.value, 's')}"
+    is_longer = given.value - 4.0 * given.u > (1.0 + _ROUNDED) * interval
+    cause = "exposure is not that of this film, or its unit is wrong; or the frame rate is" if is_longer else ""
+    return stated(name, law, text, "impossible" if is_longer else None, cause=cause, setting="exposure")
 
 
 def _differ(value: float, given: Quantity) -> bool:

@@ -15,7 +15,7 @@ from labpipe.workflow.context import Context
 
 _LARGE, _VAGUE = 0.2, 0.05
 """Of a stated value, beyond which its uncertainty is doubtful, and beyond which it hides a slip of typing."""
-
+_NO_SUCH_MATERIAL = "there is no material"  # begins the message of the library
 
 _ONE_DAY = timedelta(days=1)
 """By which days may differ that are the same: clocks of cameras count in UTC."""
@@ -82,13 +82,15 @@ def failed_steps(context: Context, causes: Mapping[str, str]) -> list[Check]:
                 "report it if it happens again",
             )
             continue
+        is_name = _NO_SUCH_MATERIAL in failure.text
         found[failure.stage] = stated(
             f"step {failure.stage}",
             "what an experiment records must be in the record",
             f"{where}{failure.text}",
             "impossible",
-            cause=causes.get(failure.stage, ""),
+            cause="the name of the material is misspelt" if is_name else causes.get(failure.stage, ""),
             file=failure.recording or "",
+            setting="sphere.material" if is_name else "",
         )
     return list(found.values())
 
