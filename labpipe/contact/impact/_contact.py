@@ -204,6 +204,8 @@ def contact(
         elif ends or was_summit:
             peak = n
             central = _turn(law, scheme, fall, room, path, peak, dent, outer, nodes)
+            if not central > 0.0:  # a plate that draws back has unloaded the centre before the rim
+                return TURNED, n, peak, rejected
             phase = Phase(True, False, path.time[n], path.state[n, 3], _FIRST_PLACE, 0.0, central)
         else:
             phase = Phase(False, dented, 0.0, outer, edge, edge**2, load)
