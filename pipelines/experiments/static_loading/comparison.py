@@ -53,6 +53,7 @@ def _per_load(approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, settin
         # the zero has wandered up to here, and moved the touch that the whole record tells
         wander = settings.steps.drift.value * float(time[last].mean()) / float(time[-1])
         drifted = wander - float(steps["touch_by_drift"])
+        steep = settings.sphere.radius.value / (2 * level) if level > 0.0 else 0.0
         hertzian = float(model["hertz_radius_relaxed"][number])
         radius = settings.sphere.radius
         # the radius of the sphere stands in both: with its root in one, its third root in the other
@@ -66,7 +67,8 @@ def _per_load(approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, settin
                 "u_radius_measured": u,
                 "radius_difference": level - float(a[last].mean()),
                 "u_radius_difference": float(np.sqrt(u**2 + u_a**2 - twice)),
-                "radius_drift": settings.sphere.radius.value / (2 * level) * drifted if level > 0.0 else 0.0,
+                "radius_drift": steep * drifted,
+                "radius_touch": -steep * (1.0 - float(at["touch_follows"])),
                 "hertz_difference": level - hertzian,
                 "given_radius": np.nan if given is None else given.value,
                 "u_given_radius": np.nan if given is None else given.u,
@@ -84,7 +86,12 @@ def _per_load(approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, settin
         "given_radius": "contact radius that session.toml gives",
         "given_difference": "contact radius, from the approach minus given",
     }
-    return from_rows("load", rows, {name: ("m", text) for name, text in texts.items()})
+    columns = {name: ("m", text) for name, text in texts.items()}
+    columns["radius_touch"] = (
+        "1",
+        "change of the contact radius by first touch, and by what the readings share with it",
+    )
+    return from_rows("load", rows, columns)
 
 
 def rows(comparison: xr.Dataset, model: xr.Dataset, *, settings: StaticLoading) -> Iterator[Row]:
@@ -103,7 +110,7 @@ def rows(comparison: xr.Dataset, model: xr.Dataset, *, settings: StaticLoading) 
             slopes={
                 "radius": level / (2 * radius) - value / (3 * radius),
                 SCALE: level / 2,
-                TOUCH: -radius / (2 * level) if level > 0.0 else 0.0,
+                TOUCH: float(comparison["radius_touch"][i]),
                 DRIFT: float(comparison["radius_drift"][i]) / drift if drift > 0.0 else 0.0,
                 MODULUS: value / 3,
                 LOADS: -value / 3,

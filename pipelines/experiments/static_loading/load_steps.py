@@ -80,6 +80,24 @@ def touch_apart(steps: xr.Dataset) -> tuple[float, float]:
     return excess_uncertainty(u, by_drift), by_drift
 
 
+def touch_weights(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> Floats:
+    """Return by how much first touch follows an error of each valid reading (reading,) [1].
+
+    Of the creep fit, its terms taken as they are; 0 where the touch is given.
+    """
+    time, moved = valid(displacement)
+    follows = np.zeros(time.size)
+    if settings.zero is None:
+        used = settled(time, steps, settings)
+        design, _ = creep_design(time[used], steps, settings.sphere.radius.value)
+        touch = float(steps["touch"])
+        weights, _ = TouchFit(moved[used], design).solve(touch)
+        slopes = design[:, weights > 0] / (1.5 * np.sqrt(np.maximum(moved[used] - touch, 1e-9)))[:, None]
+        slopes = np.column_stack([np.ones(len(slopes)), slopes / np.abs(slopes).max(axis=0)])
+        follows[used] = np.linalg.pinv(slopes)[0]
+    return follows
+
+
 def _noise(moved: Floats) -> float:
     found = estimate_noise(moved)
     return float(max(found.sigma, found.step / np.sqrt(12)))

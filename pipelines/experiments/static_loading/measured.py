@@ -25,7 +25,7 @@ from labpipe.errors import InputError
 from labpipe.uncertainty import Row, Source
 from labpipe.units import Quantity
 from labpipe.variables import from_rows, variable, with_u
-from pipelines.experiments.static_loading.load_steps import SIDE, settled, touch_apart, valid
+from pipelines.experiments.static_loading.load_steps import SIDE, settled, touch_apart, touch_weights, valid
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 _SMOOTH = 60.0  # s, the moving average of the thesis's smoothed curve
@@ -55,6 +55,7 @@ _LEVELS = {
     "level_contact_radius": ("m", "contact radius at the end of the load, from the approach"),
     "mean_radius": ("m", "contact radius, mean over the load"),
     "creep": ("m", "growth of the approach under the load, first to last window"),
+    "touch_follows": ("1", "by how much the noise of the level follows an error of first touch"),
 }
 
 
@@ -68,7 +69,11 @@ def approach(displacement: xr.Dataset, steps: xr.Dataset, *, settings: StaticLoa
     wander = settings.steps.drift.value * time / float(time[-1])
     u_depth = np.sqrt(u_touch**2 + (relative * depth) ** 2 + (wander - by_drift) ** 2)
     a = np.sqrt(radius.value * np.maximum(depth, 0.0))
-    rows = [_levels(time, depth, u_depth, wander, step, noise, relative, settings) for step in spans(steps)]
+    # the touch follows the readings that it is told by, the first load's above all
+    together = noise**2 * touch_weights(displacement, steps, settings)
+    rows = [_levels(time, depth, u_depth, wander, step, noise, relative, together, settings) for step in spans(steps)]
+    for row in rows:
+        row["touch_follows"] = row["touch_follows"] / u_touch**2 if u_touch > 0.0 else 0.0
     u_each = np.hypot(u_depth, noise)
     u_a = _u_radius(a, depth, u_each, radius)
     table: dict[str, Any] = {
@@ -146,14 +151,15 @@ def _levels(
     step: tuple[float, float],
     noise: float,
     relative: float,
+    together: Floats,
     settings: StaticLoading,
 ) -> dict[str, float]:
     """Return level, radius and creep of one load with their uncertainties."""
     first, last = windows(time, step, settings)
     radius = settings.sphere.radius
     level = float(depth[last].mean())
-    random = noise / np.sqrt(last.sum())
-    u_level = float(np.hypot(random, u_depth[last].mean()))
+    random, shared = noise / np.sqrt(last.sum()), float(together[last].mean())
+    u_level = float(np.sqrt(max(random**2 - 2.0 * shared + u_depth[last].mean() ** 2, 0.0)))
     creep = level - float(depth[first].mean())
     moved = float(wander[last].mean() - wander[first].mean())
     u_creep = float(np.sqrt(noise**2 * (1 / first.sum() + 1 / last.sum()) + (relative * creep) ** 2 + moved**2))
@@ -164,6 +170,7 @@ def _levels(
     return {
         "level_approach": level,
         "u_level_approach": u_level,
+        "touch_follows": shared,
         "level_contact_radius": float(a),
         "u_level_contact_radius": float(_u_radius(a, level, u_level, radius)),
         "mean_radius": float(mean),
