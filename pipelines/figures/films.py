@@ -61,7 +61,7 @@ def laser_and_film(inputs: Inputs) -> Drawing:
                 f"7 mm (37.8 ms of free fall); here it comes at {touch * 1e3:.2f} ms of a recording that begins "
                 f"before the release, from {drops.height.value * 1e3:g} mm."
                 + beyond("the motion until rest", f"{t.max():.0f} ms of film")
-                * (t.max() < _TO_REST)
+                * (float(t.max()) < _TO_REST)
             ),
             **inputs.data_note(f"the film {name} and the laser recordings {drop}."),
         ),
