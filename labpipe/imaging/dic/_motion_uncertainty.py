@@ -24,7 +24,7 @@ MOST_UNCERTAIN = 0.4
 _CLEARLY = 4.0
 #: Ratio of the squared slopes along the strongest and the weakest direction from which a pattern
 #: may be taken for an edge or a grating, and from which it is hardly more than one.
-ONE_WAY, _EDGE = 10.0, 50.0
+ONE_WAY, EDGE = 10.0, 50.0
 #: Shift (px) along the weakest direction that a misfit may hide at most, in patterns of the one and
 #: of the other kind, and how many standard deviations of the residual of noise it is beyond it.
 _HIDDEN, _HIDDEN_BY_EDGE, _SIGNIFICANT = 1.0, 0.2, 4.0
@@ -328,7 +328,7 @@ def is_beyond_texture(
         Number of pixels.
     """
     excess = (noise - own) * pixels - _SIGNIFICANT * np.sqrt((2.0 + spread) * pixels) * own
-    hidden = np.where(strongest > _EDGE * texture, _HIDDEN_BY_EDGE, _HIDDEN)
+    hidden = np.where(strongest > EDGE * texture, _HIDDEN_BY_EDGE, _HIDDEN)
     return np.asarray((strongest > ONE_WAY * texture) & (excess > hidden**2 * texture))
 
 
@@ -415,7 +415,7 @@ def one_way(subsets: Subsets) -> Flags:
     """Tell which subsets (point,) hold hardly more than an edge or a grating."""
     strongest = strongest_slopes(subsets)
     both = subsets.normal[:, 0, 0] + subsets.normal[:, 3, 3]
-    return np.asarray(strongest > _EDGE * np.maximum(both - strongest, 0.0))
+    return np.asarray(strongest > EDGE * np.maximum(both - strongest, 0.0))
 
 
 def strongest_slopes(subsets: Subsets) -> Floats:

@@ -19,6 +19,11 @@ _CONFIRMED = 2.5
 _CHANCE, _MANY = 0.2, 10
 #: Agreement of surprised points with each other (px), and how many are needed.
 _MUTUAL, _MUTUAL_COUNT = 0.5, 5
+#: Distance (px) from where most lead, and mean square of the residual over theirs, from which a point that
+#: jumped is a stray and none of another body.
+_AWAY, _WORSE = 5.0, 2.5
+#: Most of the points, of the third that matches best, that are asked where most lead.
+_MOST_ASKED = 200
 #: Template matches per frame: when points have just been lost, and when they stay lost.
 _SEEDS_FIRST, _SEEDS_LATER = 12, 4
 #: Frames after which a lost point is looked for only every so often.
@@ -75,6 +80,7 @@ class Recovery:
             self._propagate()
         self._outvote()
         self._propagate()
+        self._distrust_strays()
         # A changed correlation without a jump (light, focus) needs no confirmation.
         moved = np.hypot(*(attempt.motion - self._expected)[:, [0, 3]].T)
         calm = self._tracker.accepts(attempt.code, attempt.zncc) & (moved <= self._tracker.surprise)
@@ -104,6 +110,30 @@ class Recovery:
         agree = np.hypot(*(expected - own[:, [0, 3]]).T) < _MUTUAL
         if agree.sum() >= max(_MUTUAL_COUNT, 0.6 * (~attempt.trusted).sum()):
             attempt.trusted[solved[agree]] = True
+
+    def _distrust_strays(self) -> None:
+        """Distrust points that jumped far from where those lead that match best, and match worse."""
+        attempt, tracker = self._attempt, self._tracker
+        trusted = np.flatnonzero(attempt.trusted)
+        if len(trusted) < _MUTUAL_COUNT:
+            return
+        own, places = attempt.motion[trusted], tracker.places[trusted]
+        subsets = tracker.reference.subsets
+        misfit = attempt.residual[trusted] / subsets.level[trusted, 2]
+        best = np.argsort(misfit, kind="stable")[: min(-(-len(trusted) // 3), _MOST_ASKED)]
+        apart = np.hypot(*(own[best][:, None, [0, 3]] - own[best][None, :, [0, 3]]).transpose(2, 0, 1))
+        together = apart < subsets.half[trusted[best]]
+        lead = best[together[np.argmax(together.sum(axis=1))]]
+        gradient, middle = np.median(own[lead], axis=0), places.mean(axis=0)
+        gradient[[0, 3]] = np.median(shift_of(own[lead], middle - places[lead]), axis=0)
+        expected = shift_of(np.broadcast_to(gradient, own.shape), places - middle)
+        away = np.hypot(*(expected - own[:, [0, 3]]).T) > _AWAY
+        moved = np.hypot(*(own - self._expected[trusted])[:, [0, 3]].T)
+        jumped = (moved > tracker.surprise[trusted]) | ~tracker.is_tracked[trusted]
+        if not away.all():
+            stray = trusted[away & jumped & (misfit > _WORSE * np.median(misfit[~away]))]
+            attempt.trusted[stray] = False
+            attempt.outvoted[stray] = True
 
     def _propagate(self) -> None:
         """Start untrusted points from the motions of their nearest trusted neighbours, in turn."""

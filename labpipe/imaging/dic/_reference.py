@@ -87,6 +87,8 @@ class Reference:
         Mean of the static frames, not blurred.
     period : array (usable,) [px]
         Shortest displacement in which the pattern matches itself; infinite where it does not.
+    rounding : float [grey²]
+        Variance of a pixel from rounding.
     """
 
     subsets: Subsets
@@ -100,6 +102,7 @@ class Reference:
     order: int
     mean: NDArray[np.float64]
     period: NDArray[np.float64]
+    rounding: float
 
     def own_noise(self, point: int, static: NDArray[np.float64], weakest: float) -> tuple[float, float]:
         """Variance of a pixel around a usable point in one frame without any misfit, and how well it is known.
@@ -135,7 +138,7 @@ class Reference:
         step = min(_STEPS, key=lambda step: abs(step[0] * math.sin(weakest) - step[1] * math.cos(weakest)))
         change = np.abs(_third_difference(area[:, ::-1] if step[1] < 0 else area, (step[0], abs(step[1]))))
         seen = float(np.nanmedian(change)) if np.isfinite(change).any() else 0.0
-        return max(seen / _MEDIAN_OF_CHANGES, _ROUNDING) ** 2, _SPREAD_OF_CHANGES
+        return max((seen / _MEDIAN_OF_CHANGES) ** 2, self.rounding), _SPREAD_OF_CHANGES
 
     def sums(self, image: NDArray[Any]) -> NDArray[np.float64]:
         """Sum an image (row, column) over what counts of every subset, (usable,)."""
@@ -324,6 +327,7 @@ def make_reference(
         smoothing = (twice[:, 0, 0] + twice[:, 3, 3]) / (normal[:, 0, 0] + normal[:, 3, 3])
     slopes = smooth(gradient_x, COARSE), smooth(gradient_y, COARSE)
     coarse = motion_matrices(*slopes, smooth(grey, COARSE), subsets, inside)
+    rounding = _ROUNDING**2 if is_integer else (_FINEST * float(np.ptp(mean))) ** 2
     noise = make_noise_model(order, blur, used, smoothing, coarse, _bends_of_noise(blur))
     return Reference(
         subsets,
@@ -332,11 +336,12 @@ def make_reference(
         status,
         noise,
         make_pyramid(grey if inside is None else _filled_up(grey, inside)),
-        noise.shown(_ROUNDING**2 if is_integer else (_FINEST * float(np.ptp(mean))) ** 2),
+        noise.shown(rounding),
         images,
         order,
         mean,
         period,
+        rounding,
     )
 
 

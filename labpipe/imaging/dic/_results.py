@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from labpipe.arrays import Floats
 from labpipe.imaging.dic._missed_strain import missed_shift
 from labpipe.imaging.dic._motion_uncertainty import (
+    EDGE,
     MOST_UNCERTAIN,
     ONE_WAY,
     is_beyond_texture,
@@ -145,6 +146,9 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
         own, spread = reference.own_noise(n, noise[is_static, n], float(weakest))
         pixels = float(reference.subsets.level[n, 2])
         beyond = is_beyond_texture(noise[:, n], own, spread, texture[:, n], strongest[:, n], pixels)
+        # of an edge, more than half of what resists along it is the reference's own noise
+        own *= pixels * reference.noise.slope / reference.noise.static_frames
+        beyond |= (texture[:, n] < own) & (strongest[:, n] > EDGE * texture[:, n])
         status[weak[:, n] & beyond, n] = Status.TEXTURELESS
     misfit = misfit_factor(noise, is_static, reference.subsets.level[:, 2], reference.subsets.level[:, 0])
     if (table.change[..., 2] < 0.0).any():
@@ -157,7 +161,7 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     is_found = (status == Status.OK) & ~is_static[:, None]
     shift, shared = undersampled(reference, is_found, texture, noise, is_static)
     _widen(deviation, covariance, shift)
-    _add(deviation, covariance, np.where(is_static[:, None, None], 0.0, shared))
+    _add(deviation, covariance, shared)
     missed = missed_shift(reference, value, deviation, table.model, is_found)
     _add(deviation, covariance, np.concatenate([missed**2, missed.prod(axis=2, keepdims=True)], axis=2))
     is_vague = np.hypot(deviation[..., 0], deviation[..., 1]) > MOST_UNCERTAIN

@@ -24,8 +24,12 @@ _MISLEADS, _ALL_FOLDED = 0.16, 0.35
 #: Ratios of the slopes in both directions from which a pattern begins to count as edges of one direction, and
 #: from which it is; also of edges seen by points, and the shares from which they begin to be that, and are.
 _SIDED, _SIDED_OF_POINTS, _POINTS = (8.0, 11.0), (4.0, 6.0), (0.1, 0.13)
-#: Share of the squared slopes near half a wave per px below which interpolation is exact enough.
-_NOTABLE_SHARE = 0.03
+#: Share of the squared slopes near half a wave per px below which interpolation is exact enough, and from which
+#: every point is looked at: it is 0.009 to 0.03 where a lens blurs sharp edges by 0.7 px. Of fine speckle that a lens
+#: shows, 0.05, so many points tell whether interpolation errs.
+_NOTABLE_SHARE, _SHARP_SHARE, _SAMPLE = 0.008, 0.03, 16
+#: Excess of the residual over noise from which they do, as a share of the noise.
+_MISFITS = 0.2
 #: Factor of the variance from interpolation between points: waves are folded as far as the spectrum reaches.
 _BETWEEN_POINTS = 16.0
 #: Share of the variance of lines that err alike: those seen by pixels err less than they are sharp.
@@ -34,10 +38,21 @@ _ALIKE = 0.25
 #: errs, and from which it errs as much as that: 0.2 to 0.3 in photographs, 0.4 in the finest speckle that a lens
 #: shows and random fields blurred by 0.7 px, 0.57 in edges seen by pixels, 0.67 in those seen by points.
 _RATIO = (0.4, 0.5)
+#: Variance of a motion from interpolation that errs by as much as the residual exceeds noise, over that of
+#: errors which no pixels share; and the standard deviations by which it exceeds noise by chance.
+_SHARED, _BY_CHANCE = 6.0, 3.0
+#: Share of frames that show a point's own noise, and the variance (grey²) of rounding, and that below which
+#: even rounding is none of it: then most of the subset is flat, and what is left lies at its edges.
+_BETTER, _HARDLY = 0.1, 0.8
 #: Noise that hides such an error, in its own variances, and the mean size of noise over its deviation.
 _HIDES, _MEAN_SIZE = 1.5, 0.8
+#: Motion (px) that edges seen by points along the columns or rows may hide, all at once: what lies between two
+#: pixels, of a block of whole pixels, no one can tell.
+_UNSEEN = 0.13
 #: Slope of an edge against the columns or rows below which all its pixels are seen at one phase.
 _ALIGNED = 0.06
+#: The same below which few of them are seen at different phases.
+_NEARLY = 0.3
 #: Shift (px) below which it is not looked whether edges sharper than the pixels mislead.
 _NOTABLE = 1e-4
 
@@ -91,36 +106,67 @@ def undersampled(
     -------
     shift : array (frame, usable point) [px]
         See :func:`misled`.
-    covariance : array (usable point, 3) [px²]
+    covariance : array (frame, usable point, 3) [px²]
         Variances along x and along y, and the covariance, from errors of interpolation.
+
+    Notes
+    -----
+    How much interpolation errs is known beforehand only of what is sharper than the pixels. Of what a lens
+    blurs a little, the residual tells it: beyond noise it holds what the frame and the reference, seen at other
+    phases of the pixels, do not share.
     """
     sharp, of_noise = near_half(reference)
     sharper, of_sharper_noise = near_half(reference, 8)
     finest = reference.sums(sharper)
     across = strongest_slopes(reference.subsets)
-    shift, covariance = np.zeros(found.shape), np.zeros((found.shape[1], 3))
+    shift, covariance = np.zeros(found.shape), np.zeros((*found.shape, 3))
     least = np.where(found, texture, np.inf).min(axis=0, initial=np.inf)
     total = reference.sums(sharp)
-    is_notable = (misled(total, least, across) > _NOTABLE) | (total > _NOTABLE_SHARE * across)
-    for n in np.flatnonzero(is_notable & np.isfinite(least)).tolist():
+    is_sharp = (misled(total, least, across) > _NOTABLE) | (
+        (total > _SHARP_SHARE * across) & (finest > _RATIO[0] * total)
+    )
+    is_asked = np.isfinite(least)
+    blurred = np.flatnonzero(~is_sharp & (total > _NOTABLE_SHARE * across) & is_asked)
+    sample = blurred[np.unique(np.linspace(0, len(blurred) - 1, _SAMPLE).astype(int))] if len(blurred) else blurred
+    rest = np.setdiff1d(blurred, sample)
+    misfits = False
+    for n in [*np.flatnonzero(is_sharp & is_asked).tolist(), *sample.tolist(), *rest.tolist()]:
+        if len(rest) and n == rest[0] and not misfits:
+            break  # fine speckle that a lens shows
         slopes = reference.subsets.normal[n]
         weakest = 0.5 * (math.atan2(2.0 * slopes[0, 3], slopes[0, 0] - slopes[3, 3]) + math.pi)
         own, _ = reference.own_noise(n, noise[is_static, n], weakest)
+        if reference.noise.static_frames > 1 and not noise[is_static, n].any():
+            own = min(own, reference.rounding)  # frames that are equal to the last bit
         rows = found[:, n]
-        # what one image shows of noise may be its pattern, what the residual shows a misfit
-        own = min(own, float(np.median(noise[rows, n])))
-        less = total[n] - of_noise * own * reference.subsets.level[n, 2]
+        pixels = float(reference.subsets.level[n, 2])
+        # what one image shows of noise may be its pattern, what the residual of a frame shows a misfit
+        least_seen = float(np.quantile(noise[rows, n], _BETTER))
+        own = min(own, least_seen, finest[n] / (of_sharper_noise * pixels))
+        if least_seen < _HARDLY * reference.rounding:
+            own = 0.0
+        less = total[n] - of_noise * own * pixels
         shift[rows, n] = misled(less, texture[rows, n], across[n])
-        ratio = (finest[n] - of_sharper_noise * own * reference.subsets.level[n, 2]) / max(less, 1e-30)
+        ratio = (finest[n] - of_sharper_noise * own * pixels) / max(less, 1e-30)
         weight = float(np.clip((ratio - _RATIO[0]) / (_RATIO[1] - _RATIO[0]), 0.0, 1.0))
-        if weight > 0.0:
-            weight *= _BETWEEN_POINTS ** float(_seen_by_points(less / across[n]))
-            covariance[n] = weight * _interpolated(reference, n, sharp, of_noise * own)
+        beyond = np.maximum(noise[rows, n] - own * (1.0 + _BY_CHANCE * math.sqrt(2.0 / pixels)), 0.0) * pixels
+        misfits |= bool(np.median(beyond) > _MISFITS * own * pixels)
+        seen = _SHARED * np.minimum(beyond / max(less, 1e-30), 1.0) * (less > _NOTABLE_SHARE * across[n])
+        by_points = weight * float(_seen_by_points(less / across[n]))
+        amplitude = weight * _BETWEEN_POINTS**by_points + (1.0 - weight) * seen
+        if amplitude.any():
+            spread, aligned = _interpolated(reference, n, sharp, of_noise * own)
+            covariance[rows, n] = amplitude[:, None] * spread
+            covariance[rows, n, :2] += by_points * (_UNSEEN * aligned) ** 2
     return shift, covariance
 
 
-def _interpolated(reference: Reference, point: int, sharp: NDArray[np.float64], noise: float) -> Floats:
+def _interpolated(
+    reference: Reference, point: int, sharp: NDArray[np.float64], noise: float
+) -> tuple[Floats, NDArray[np.float64]]:
     """Covariance (xx, yy, xy) [px²] of a motion from errors of interpolation; ``noise`` is that of ``sharp``.
+
+    Also the shares (x, y) of the squared slopes of edges that run with the rows or columns.
 
     Such errors are as large as what there is near half a wave per px, and lie where the slopes are: each
     moves the answer by its share of the slope, ``A⁻¹ (Σ g gᵀ e²) A⁻¹``. Along an edge that runs with the
@@ -137,14 +183,18 @@ def _interpolated(reference: Reference, point: int, sharp: NDArray[np.float64], 
     weighed = np.array([float((a * b * error).sum()) for a, b in pairs])
     beyond = 1.0 - _HIDES * noise * (own[0] + own[1]) / max(weighed[0] + weighed[1], 1e-30)
     if beyond <= 0.0:
-        return np.zeros(3)
+        return np.zeros(3), np.zeros(2)
     normal = reference.subsets.normal[point][np.ix_([0, 3], [0, 3])]
     inverse = np.linalg.pinv(normal)
     spread = inverse @ np.array([[weighed[0], weighed[2]], [weighed[2], weighed[1]]]) @ inverse
     result = beyond * np.array([spread[0, 0], spread[1, 1], spread[0, 1]])
+    shares = np.zeros(2)
     size = np.maximum(np.sqrt(error) - _MEAN_SIZE * math.sqrt(noise), 0.0)
     for k, (along, other) in enumerate(((slope_x, slope_y), (slope_y, slope_x))):
         is_aligned = np.abs(other) <= _ALIGNED * np.abs(along)
         lines = (np.abs(along) * size * is_aligned).sum(axis=k)
+        shares[k] = float((along**2 * (np.abs(other) <= _NEARLY * np.abs(along))).sum()) / max(
+            float((along**2).sum()), 1e-30
+        )
         result[k] += _ALIKE * float((lines**2).sum()) / max(float(normal[k, k]), 1e-30) ** 2
-    return result
+    return result, shares
