@@ -131,7 +131,7 @@ def ruler_on_disc() -> Drawing:
         axes.text(
             (start + end) / 2,
             405,
-            f"1 mm = {10 * found.pitch.value:.2f} px",
+            f"1 mm = {10 * found.pitch.value:.2f} px (synthetic)",
             ha="center",
             color="#cc4e00",
             backgroundcolor="white",
