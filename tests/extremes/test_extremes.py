@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from labpipe.errors import InputError
-from tests.extremes import bounces, calibration, contact, films, impact, materials, signals
-from tests.extremes.outcome import Case, Outcome, run_family, worst
+from tests.extremes import bounces, calibration, contact, films, impact, materials, plates, signals
+from tests.extremes.outcome import Case, Outcome, run_case, run_family, worst
 
 #: Module by module, families of cases with how many of them are tried.
 FAMILIES: Mapping[str, Mapping[str, tuple[Case, int]]] = {
     "contact": contact.FAMILIES,
     "impact": impact.FAMILIES,
+    "plates": plates.FAMILIES,
     "signals": signals.FAMILIES,
     "bounces": bounces.FAMILIES,
     "films": films.FAMILIES,
@@ -37,6 +38,7 @@ ANYTHING = {
     "invalid input",
 }
 REFUSED = dict.fromkeys(ANYTHING, 1.0) | {"any drop": 0.5, "springs and rings": 0.4}
+REFUSED |= {"any drop on a plate": 0.5, "springs and rings on a plate": 0.45}
 
 
 @pytest.mark.slow
@@ -50,6 +52,18 @@ def test_every_case_is_right_or_refused_with_a_reason(part: str, name: str) -> N
     assert tally.right + tally.refused.total() == count
     assert tally.refused.total() <= REFUSED.get(name, 0.2) * count, tally.refused
     assert all(len(reason) > 5 for reason in tally.refused)
+
+
+@pytest.mark.parametrize("seed", [111, 319])
+def test_a_contact_whose_surface_follows_the_sphere_is_one_impact(seed: int) -> None:
+    assert run_case(plates.plate_by_two_solvers, seed).share <= 1.0
+
+
+@pytest.mark.nightly
+def test_two_thousand_drops_on_plates_are_right_or_refused() -> None:
+    tally = run_family(plates.any_drop_on_a_plate, 2000)
+    assert tally.wrong == (), tally.worst
+    assert tally.right >= 1000
 
 
 def test_at_least_five_thousand_cases_are_tried() -> None:

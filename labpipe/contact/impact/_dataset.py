@@ -1,6 +1,7 @@
 """The result of a drop as a Dataset: time series, one row per bounce, ledger, work done."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import nan, sqrt
 
@@ -12,7 +13,7 @@ from labpipe.contact.impact._line_springs import Profile
 from labpipe.contact.impact._motion import Body, Counts, Snapshot, Springs, counted
 from labpipe.contact.impact._plate import Plate
 from labpipe.contact.impact._thesis_scheme import ThesisRun
-from labpipe.contact.impact._trajectory import Columns, Contact, Flight, Segment, columns, peak, record_columns
+from labpipe.contact.impact._trajectory import Columns, Contact, Segment, columns, peak, record_columns
 from labpipe.contact.memory import Condensed
 from labpipe.variables import described, variable
 
@@ -293,35 +294,43 @@ def _series(values: Columns, ledger: dict[str, Floats], *, has_plate: bool) -> d
 
 
 def impact_rows(run: DropRun, setting: Setting) -> dict[str, Floats]:
-    """One row per contact that ended in a flight."""
-    rows = []
-    for contact, following in zip(run.segments, run.segments[1:], strict=False):
-        if not (isinstance(contact, Contact) and isinstance(following, Flight)):
+    """One row per contact that ended in a flight, also where it went on by another solver."""
+    rows, parts = [], list[Contact]()
+    for segment in run.segments:
+        if isinstance(segment, Contact):
+            parts.append(segment)
             continue
-        steps = record_columns(contact.records, run.body.plate)
-        time = steps.time
-        dissipated = steps.spring_work - steps.stored
-        incoming, outgoing = float(steps.velocity[0]), -float(steps.velocity[-1])
-        if curves := contact.curves:
-            peaks = [curves.peak_force, curves.largest, curves.peak_approach, curves.penetration]
-        else:
-            looked_at = steps.force, steps.contact_radius, steps.approach, steps.position - steps.position[0]
-            peaks = [peak(time, values) for values in looked_at]
-        rows.append(
-            (
-                time[0] + setting.fall_time,
-                time[-1] + setting.fall_time,
-                time[-1] - time[0],
-                incoming,
-                outgoing,
-                outgoing / incoming if incoming > 0.0 else nan,
-                *peaks,
-                dissipated[-1] - dissipated[0],
-                steps.stored[-1],
-            )
-        )
+        if parts:
+            rows.append(_impact_row(parts, run, setting))
+        parts = []
     table = np.array(rows, dtype=float).reshape(len(rows), len(ROWS))
     return dict(zip(ROWS, table.T, strict=True))
+
+
+def _impact_row(parts: Sequence[Contact], run: DropRun, setting: Setting) -> tuple[float, ...]:
+    all_steps = [record_columns(part.records, run.body.plate) for part in parts]
+    first, last = all_steps[0], all_steps[-1]
+    peaks = []
+    for part, steps in zip(parts, all_steps, strict=True):
+        if curves := part.curves:
+            found = [curves.peak_force, curves.largest, curves.peak_approach, curves.penetration]
+        else:
+            looked_at = steps.force, steps.contact_radius, steps.approach, steps.position - steps.position[0]
+            found = [peak(steps.time, values) for values in looked_at]
+        found[3] += float(steps.position[0] - first.position[0])
+        peaks.append(found)
+    incoming, outgoing = float(first.velocity[0]), -float(last.velocity[-1])
+    return (
+        first.time[0] + setting.fall_time,
+        last.time[-1] + setting.fall_time,
+        last.time[-1] - first.time[0],
+        incoming,
+        outgoing,
+        outgoing / incoming if incoming > 0.0 else nan,
+        *np.max(peaks, axis=0),
+        last.spring_work[-1] - last.stored[-1] - (first.spring_work[0] - first.stored[0]),
+        last.stored[-1],
+    )
 
 
 def _thesis_rows(run: ThesisRun, setting: Setting) -> dict[str, Floats]:
