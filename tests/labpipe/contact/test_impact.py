@@ -460,7 +460,8 @@ def test_any_drop_is_right_or_refused(log_modulus, log_ratio, weights, log_tau, 
     assert np.all(np.diff(result.dissipated_energy) >= 0.0)
     assert float(result.force.min()) >= 0.0
     assert np.all(np.isfinite(result.displacement))
-    assert np.all(result.restitution < 1.0 + 1e-6)
+    # What the energies miss by is what a rebound may have too much.
+    assert np.all(result.restitution < 1.0 + result.attrs["energy_error"])
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.3])
