@@ -83,7 +83,7 @@ def test_a_second_colour_in_the_light_is_found(second: float, share: float) -> N
     found, said = measure(film)
     check(found, RADII, 0.02 * UM)
     assert said == []
-    told = re.search(r"a second colour near (\d+) nm, (\d+)%", found.attrs["note"])
+    told = re.search(r"a second colour near (\d+) nm, (\d+) %", found.attrs["note"])
     assert told is not None
     assert [float(text) for text in told.groups()] == pytest.approx([second * 1e9, 100.0 * share], rel=0.05)
 
