@@ -24,7 +24,7 @@ _SOFT_BESIDE, _SOFT_ALONE = 0.4, 0.75
 #: Distance of its centre from that of the contact beside it, as a share of the radius.
 _SAME_CENTRE = 0.3
 #: Least radius, in Newton spots, of a spot without fringes: touching alone shows a smaller one.
-_LEAST_SPOT = 1.5
+LEAST_SPOT = 1.5
 #: An even frame is inside the contact when it is as bright to this share of the modulation.
 _SAME_LIGHT = 0.2
 #: Rounds in which an edge confirms those in the frames beside it.
@@ -132,7 +132,7 @@ def look_without_fringes(looks: Looks, view: View) -> Blank:
 def _edges_of(spots: Iterable[Spot], looks: Looks, view: View) -> tuple[Edge, ...]:
     """Edges of the spots that are larger than that of a sphere which just touches."""
     edges = (looks.edge(spot, view.black) for spot in spots if spot.radius >= view.newton_spot)
-    least = _LEAST_SPOT * view.newton_spot
+    least = LEAST_SPOT * view.newton_spot
     return tuple(edge for edge in edges if edge is not None and edge.half_radius >= least)
 
 

@@ -114,7 +114,8 @@ def contact_radius(
         when it does not end at rest in contact [m].
         Attributes: ``phase`` (used) and ``u_phase`` (rad), ``phase_scale_ratio`` (found / given
         of 1/(λ R)), ``flat_radius`` (of a flat worn into the sphere, 0 for none) [m], ``blur``
-        (of the lens) [px], ``harmonics`` (second and third, relative to the first),
+        (of the lens) [px], ``least_radius`` (below it a contact is not told from a touch, and counts
+        as none) [m], ``harmonics`` (second and third, relative to the first),
         ``wavelength_used``, ``note``, ``work`` (counts).
 
     Raises

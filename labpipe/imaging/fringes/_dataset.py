@@ -12,7 +12,7 @@ from labpipe.arrays import Floats
 from labpipe.frames import FrameSource
 from labpipe.imaging.fringes._adhesive_edge import CLOSED_FORM, USUAL_WORK, adhesive_edge
 from labpipe.imaging.fringes._arguments import FilmOptions
-from labpipe.imaging.fringes._blank_frames import FilmResult
+from labpipe.imaging.fringes._blank_frames import LEAST_SPOT, FilmResult
 from labpipe.imaging.fringes._edge import corrected_radius
 from labpipe.imaging.fringes._every_frame import NOMINAL_WAVELENGTH
 from labpipe.imaging.fringes._open_gap import has_free_gap
@@ -362,6 +362,10 @@ def _attributes(options: FilmOptions, result: FilmResult, uncertainties: dict[st
     elif result.edges:
         start = "fringes fitted" if result.fits else "no fringes fitted"
         note = f"{start}; {_frames_by_edge(result)} measured by the edge of the spot"
+    view = result.view
+    least = (view.least_radius if result.has_fringes else LEAST_SPOT * view.newton_spot) * options.pixel_size
+    if not (result.fits or result.edges or result.filled):
+        note = f"no contact found; one of less than {1e6 * least:.2g} µm in radius is not told from a touch"
     rows = _rows_told(result), _lost_told(result)
     return {
         "phase": phase if result.has_fringes else math.nan,
@@ -369,6 +373,7 @@ def _attributes(options: FilmOptions, result: FilmResult, uncertainties: dict[st
         "phase_scale_ratio": math.exp(result.log_scale),
         "flat_radius": result.calibration.flat * options.pixel_size,
         "blur": result.calibration.blur,
+        "least_radius": least,
         "harmonics": list(result.view.harmonics),
         "wavelength_used": options.wavelength or NOMINAL_WAVELENGTH,
         "note": "; ".join(filter(None, (note, _colour_told(options, result), *rows, result.stuck.note))),

@@ -116,6 +116,11 @@ class View:
         return math.sqrt(math.pi / self.optics.phase_scale)
 
     @property
+    def least_radius(self) -> float:
+        """Radius (px) below which a contact is not told from a sphere that just touches."""
+        return _LEAST_RADIUS * self.newton_spot
+
+    @property
     def templates(self) -> Templates | None:
         """Contacts to compare profiles with."""
         settings = self.settings
@@ -216,7 +221,7 @@ def look_at(frame: NDArray[np.generic], view: View, x: float, y: float) -> list[
     profile, counts = radial_profile(frame, x, y, templates.width, templates.bins)
     matches = []
     for match in best_matches(profile, counts, templates):
-        if match.score < _LEAST_SCORE or match.radius < _LEAST_RADIUS * view.newton_spot:
+        if match.score < _LEAST_SCORE or match.radius < view.least_radius:
             continue
         term, first = template_of(match, templates)
         window = Window(profile, counts, first, len(term))
@@ -345,7 +350,7 @@ def is_clear(view: View, found: RingFit) -> bool:
         and light > 0.0
         and _LEAST_VISIBILITY * light <= modulation <= _MOST_VISIBILITY * light
         and modulation >= _LEAST_SIGNIFICANCE * found.deviation(Parameter.MODULATION)
-        and radius > _LEAST_RADIUS * view.newton_spot
+        and radius > view.least_radius
         and found.deviation(Parameter.RADIUS) < _MOST_UNCERTAINTY * radius
     )
 

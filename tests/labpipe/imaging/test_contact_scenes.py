@@ -68,6 +68,19 @@ def test_wrong_wavelength_is_found_and_said(true: float, stated: float) -> None:
     assert "check sphere_radius, wavelength and pixel_size" in said[0]
 
 
+def test_contacts_that_are_too_small_are_none_and_this_is_said() -> None:
+    """Beside a touch they differ by less than half a fringe at the centre."""
+    radii = [share * math.sqrt(SPHERE * LIGHT / 4.0) for share in (0.2, 0.5, 0.9, 1.2)]
+    found, said = measure(film_of(PLAIN, hertz, radii, CENTRE))
+    least = found.attrs["least_radius"]
+    assert radii[1] < least < radii[2]
+    assert found.in_contact.values.tolist() == [False, False, True, True]
+    assert np.abs(found.radius.values[2:] - radii[2:]).max() < 0.02 * UM
+    none, _ = measure(film_of(PLAIN, hertz, radii[:2], CENTRE))
+    assert none.attrs["note"].startswith(f"no contact found; one of less than {least / UM:.2g} µm in radius")
+    assert said == []
+
+
 @pytest.mark.parametrize(("second", "share"), by_day([(532e-9, 0.3), (450e-9, 0.25), (590e-9, 0.3)], 1))
 def test_a_second_colour_in_the_light_is_found(second: float, share: float) -> None:
     """Taken for one colour it was a wrong phase, and radii were off by 0.6 to 0.8 µm at u of 0.006 to 0.4 µm.
