@@ -34,7 +34,8 @@ class Agreement:
     ----------
     chi2 : float
         Sum of squares of independent differences in units of their uncertainty.
-    degrees_of_freedom : int
+    degrees_of_freedom : float
+        No whole number where a slack takes a part of one.
     p : float
         Probability of a larger one if the model is right and the uncertainties are.
     largest : float
@@ -42,7 +43,7 @@ class Agreement:
     """
 
     chi2: float
-    degrees_of_freedom: int
+    degrees_of_freedom: float
     p: float
     largest: float
 
@@ -54,7 +55,7 @@ class Directions(NamedTuple):
     """
 
     root: Floats
-    degrees_of_freedom: int
+    degrees_of_freedom: float
 
 
 def directions(covariance: Floats, slack: ArrayLike | None = None) -> Directions:
@@ -64,7 +65,7 @@ def directions(covariance: Floats, slack: ArrayLike | None = None) -> Directions
     kept = values > _SINGULAR * values.max()
     root = (vectors[:, kept] / np.sqrt(values[kept])).T / scale
     allowed = 0.0 if slack is None else float(np.sum(root**2 @ np.asarray(slack, float)))
-    return Directions(root, max(round(kept.sum() - allowed), 1))
+    return Directions(root, max(float(kept.sum()) - allowed, 1.0))
 
 
 def agreement(differences: ArrayLike, covariance: ArrayLike, slack: ArrayLike | None = None) -> Agreement:
@@ -92,7 +93,7 @@ def agreement(differences: ArrayLike, covariance: ArrayLike, slack: ArrayLike | 
     --------
     >>> found = agreement([0.3, -0.2], [[0.04, 0.0], [0.0, 0.01]])
     >>> round(found.chi2, 2), found.degrees_of_freedom
-    (6.25, 2)
+    (6.25, 2.0)
     """
     d = np.atleast_1d(np.asarray(differences, float))
     C = np.atleast_2d(np.asarray(covariance, float))

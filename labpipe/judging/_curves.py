@@ -52,7 +52,7 @@ def along_curve(difference: ArrayLike, own: ArrayLike, effects: ArrayLike) -> Ag
     --------
     >>> found = along_curve([0.3, -0.2], [0.2, 0.1], [])
     >>> round(found.chi2, 2), found.degrees_of_freedom
-    (6.25, 2)
+    (6.25, 2.0)
     """
     d, u = np.asarray(difference, float), np.asarray(own, float)
     shared = np.asarray(effects, float).reshape(-1, d.size)

@@ -49,7 +49,7 @@ def detectable(
     return np.divide(wanted, strength, out=np.full(len(strength), np.inf), where=strength > 0.0)
 
 
-def _noncentrality(degrees_of_freedom: int, power: float) -> float:
+def _noncentrality(degrees_of_freedom: float, power: float) -> float:
     from scipy.optimize import brentq
 
     limit = special.chdtri(degrees_of_freedom, 1 - _LIMIT)

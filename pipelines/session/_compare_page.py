@@ -119,7 +119,7 @@ def _experiments(found: Comparison) -> list[Block]:
         return []
     largest, chi_square = Column("largest deviation", "u", digits=2), Column("chi square", digits=3)
     names = (Column("experiment"), Column("model"))
-    columns = (*names, largest, Column("of"), chi_square, Column("degrees of freedom"), Column("p"))
+    columns = (*names, largest, Column("of"), chi_square, Column("degrees of freedom", digits=2), Column("p"))
     body: list[tuple[Any, ...]] = []
     for document in found.experiments:
         own = [row for row in found.rows if row.experiment == document["experiment"] and row.deviation is not None]
@@ -151,7 +151,7 @@ def _curves(rows: Sequence[Row]) -> tuple[Block, ...]:
     if not rows:
         return ()
     names, nrmse = map(Column, ("experiment", "of", "curve")), Column("nRMSE", "%", digits=2)
-    judged = (Column("chi square", digits=3), Column("degrees of freedom"), Column("p", digits=2))
+    judged = (Column("chi square", digits=3), Column("degrees of freedom", digits=2), Column("p", digits=2))
     columns = (*names, nrmse, Column("bias", digits=3, u=5), *map(Column, ("u", "in", "n")), *judged)
     body = []
     for r in sorted(rows, key=lambda row: -(row.nrmse or 0.0)):

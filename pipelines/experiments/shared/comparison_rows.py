@@ -38,7 +38,7 @@ class Row:
     nrmse : float or None
         Of a curve, relative to the range of the model.
     chi2 : float or None
-    degrees_of_freedom : int or None
+    degrees_of_freedom : float or None
         Of a curve whose uncertainties are known along it, see :func:`labpipe.judging.along_curve`.
     slopes : mapping of str to float
         Derivative of the difference to each input that several rows share, SI: what hangs together
@@ -63,7 +63,7 @@ class Row:
     u_difference: float | None = None
     nrmse: float | None = None
     chi2: float | None = None
-    degrees_of_freedom: int | None = None
+    degrees_of_freedom: float | None = None
     p_of_curve: float | None = None
     slopes: Mapping[str, float] = field(default_factory=dict)
     kept: tuple[str, ...] = ()
@@ -112,8 +112,13 @@ def row(
     """
     plain: dict[str, Any] = {name: _plain(value) for name, value in values.items()}
     if plain.get("degrees_of_freedom") is not None:
-        plain["degrees_of_freedom"] = round(plain["degrees_of_freedom"])
+        plain["degrees_of_freedom"] = told_freedom(plain["degrees_of_freedom"])
     return Row("", "", material, condition, quantity, unit, n, against, slopes=slopes or {}, **plain)
+
+
+def told_freedom(value: float) -> float:
+    """Return degrees of freedom as they are told: a whole number, or one with a decimal."""
+    return int(value) if value == int(value) else round(value, 1)
 
 
 _OF_CURVE = (

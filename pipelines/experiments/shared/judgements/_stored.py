@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.judging import Judgement, from_json
+from pipelines.experiments.shared.comparison_rows import told_freedom
 from pipelines.experiments.shared.judgements._words import of_error
 
 
@@ -28,7 +29,7 @@ def compared(result: xr.Dataset) -> dict[str, Any]:
     return {
         "model": str(result.attrs["model"]),
         "chi2": _finite(result["chi_square"]),
-        "degrees_of_freedom": int(result["degrees_of_freedom"]),
+        "degrees_of_freedom": told_freedom(float(result["degrees_of_freedom"])),
         "p": _finite(result["p"]),
         "suspects": suspected(result),
         "detectable": {
