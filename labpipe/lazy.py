@@ -23,6 +23,7 @@ def lazily(package: str, above: Sequence[str] = ()) -> Callable[[str], Any]:
         replaced them, which is told (InstallationError) before any of them is imported.
     """
     homes: dict[str, tuple[str, str]] = {}
+    unchecked = set(above)
 
     def load(name: str) -> Any:
         if not homes:
@@ -31,8 +32,10 @@ def lazily(package: str, above: Sequence[str] = ()) -> Callable[[str], Any]:
             message = f"module {package!r} has no attribute {name!r}"
             raise AttributeError(message)
         module, inner = homes[name]
-        if module.partition(".")[0] in above and (clash := foreign_package(above)) is not None:
-            raise InstallationError(clash)
+        if module.partition(".")[0] in unchecked:  # once, not each time that a name is used
+            if (clash := foreign_package(above)) is not None:
+                raise InstallationError(clash)
+            unchecked.clear()
         return getattr(importlib.import_module(module), inner)
 
     return load

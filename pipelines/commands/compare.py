@@ -32,6 +32,7 @@ def compare(session: Path, jobs: int, keep: bool, beside: tuple[str, str] | None
     """
     from pipelines.commands.progress import watching
     from pipelines.experiments.shared.judgements import chance
+    from pipelines.experiments.shared.pages import counted
     from pipelines.session import beside as side_by_side
     from pipelines.session import compare as verb
 
@@ -57,10 +58,10 @@ def compare(session: Path, jobs: int, keep: bool, beside: tuple[str, str] | None
             if whole["p"] is None and whole["suspects"]:
                 echo(f"{whole['experiment']:24} {whole['model']}: {'; '.join(whole['suspects'])}")
             if whole["p"] is not None:
-                freedom = whole["degrees_of_freedom"]
+                freedom = counted(whole["degrees_of_freedom"], "degree of freedom", "degrees of freedom")
                 echo(
                     f"{whole['experiment']:24} {whole['model']}: chi square {whole['chi2']:.1f} with "
-                    f"{freedom} degree{'' if freedom == 1 else 's'} of freedom, {chance(whole['p'])}"
+                    f"{freedom}, {chance(whole['p'])}"
                 )
         for name, why in (found.failed | found.absent).items():
             echo(f"{name}: {why}")

@@ -104,8 +104,7 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     if not any(np.isfinite(a[run]).any() for run in runs):
         message = (
             f"no contact was found in the film (one of less than {1e6 * radius.attrs['least_radius']:.2g} µm in radius "
-            "is not told from a touch); "
-            "check the view under the disc, its scale and the wavelength"
+            "is not told from a touch); check the view under the disc, its scale and the wavelength"
         )
         raise InputError(message)
     brief = _brief_contacts(time, a, runs)[:_IMPACTS]

@@ -83,7 +83,7 @@ def of_each(results: Sequence[xr.Dataset], name: str, title: str, *, has_u: bool
     return Listed(title, [float(each[name]) for each in results], units, u, digits)
 
 
-def counted(n: int, noun: str, plural: str | None = None) -> str:
+def counted(n: float, noun: str, plural: str | None = None) -> str:
     """Write a number with its noun, "1 recording" or "3 recordings"."""
     return f"{n} {noun if n == 1 else plural or f'{noun}s'}"
 
