@@ -11,6 +11,7 @@ from labpipe.signals import MAINS, Hum, estimate_noise, hum_at_rest, quantisatio
 _BLOCK = 16  # independent samples whose median is compared with the beginning
 _FIRST = 2 * _BLOCK  # the least that can be called a window
 _FACTOR = 5.0  # standard deviations that count as motion: 1 in 2 million for a single sample
+_GOES_ON = 3.0  # standard deviations of a slope that goes on, behind one that is no chance
 _MARGIN = 2  # blocks left out before the motion that was seen: it began a little earlier
 _PERIODS, _LEFT = (2.0, 1.0, 0.6), 2.0
 """How many periods of the mains tell a hum from motion, the most first; times the noise beside it that a
@@ -78,7 +79,7 @@ def from_start(
     if values.size < first:
         message = f"found {values.size} valid samples, a zero needs {first} or a given value"
         raise CalibrationError(message)
-    n = 0 if _moves(values[:first:correlated], resolution) else _still(values, block, resolution)
+    n = 0 if _begins_in_motion(values[::correlated], resolution) else _still(values, block, resolution)
     swing = _swing(time, values, resolution)
     if swing is not None and (longer := _still(values - swing, block, resolution)) > _LONGER * n:
         n = longer
@@ -160,8 +161,24 @@ def resolution_of(values: NDArray[np.float64], stated: float | None) -> float:
     return max(found, stated or 0.0)
 
 
-def _moves(values: NDArray[np.float64], resolution: float) -> bool:
-    """Whether a beginning has a slope that is real, and that moves its level by more than its noise."""
+def _begins_in_motion(values: NDArray[np.float64], resolution: float) -> bool:
+    """Whether a beginning has a slope that is real, moves its level by more than its noise, and goes on.
+
+    One of 10,000 beginnings at rest has such a slope by chance; what follows it lies on the level again.
+    """
+    slope, u_slope, noise = _slope(values[:_FIRST], resolution)
+    if abs(slope) <= _FACTOR * u_slope or abs(slope) * _FIRST <= 2 * noise:
+        return False
+    follows = values[_FIRST : 2 * _FIRST]
+    if follows.size < _FIRST:
+        return True
+    away = abs(float(np.mean(follows - values[0])) - float(np.mean(values[:_FIRST] - values[0])))
+    slope, u_slope, _ = _slope(follows, resolution)
+    return away > _FACTOR * noise * np.sqrt(2 / _FIRST) or abs(slope) > _GOES_ON * u_slope
+
+
+def _slope(values: NDArray[np.float64], resolution: float) -> tuple[float, float, float]:
+    """Return the slope per reading, its standard uncertainty, and the noise beside it."""
     position = np.arange(values.size) - (values.size - 1) / 2
     # From the first reading, so that equal readings far from zero have no slope by rounding.
     moved = values - values[0]
@@ -169,8 +186,7 @@ def _moves(values: NDArray[np.float64], resolution: float) -> bool:
     rest = moved - moved.mean() - slope * position
     rounding = float(np.spacing(np.abs(values).max()))
     noise = max(float(rest.std()), resolution / np.sqrt(12), rounding)
-    u_slope = noise / float(np.sqrt(position @ position))
-    return abs(slope) > _FACTOR * u_slope and abs(slope) * values.size > 2 * noise
+    return slope, noise / float(np.sqrt(position @ position)), noise
 
 
 def _swing(time: NDArray[np.float64], values: NDArray[np.float64], resolution: float) -> NDArray[np.float64] | None:

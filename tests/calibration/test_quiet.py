@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration._quiet import _grouped_median, in_window
+from calibration._quiet import _grouped_median, from_start, in_window
 from labpipe.errors import CalibrationError
 
 
@@ -22,3 +22,15 @@ def test_a_window_holds_both_of_its_ends() -> None:
     assert (found.level, found.start, found.stop, found.n) == (2.0, 1.0, 3.0, 3)
     with pytest.raises(CalibrationError, match="holds 1 valid"):
         in_window(time, np.array([9.0, 1.0, np.nan, 3.0, 9.0, 9.0]), (1.0, 2.0))
+
+
+def test_a_slope_by_chance_is_no_motion_where_the_level_comes_back() -> None:
+    """One beginning of 20,000 has it; a drift as steep goes on, and is refused."""
+    time, noise = np.arange(400.0), np.random.default_rng(19_501).standard_normal(400)
+    assert np.polyfit(time[:32], noise[:32], 1)[0] > 0.05  # 32 readings at rest climb by 2 standard deviations
+    found = from_start(time, noise)
+    assert abs(found.level) < 0.2
+    with pytest.raises(CalibrationError, match="begins in motion"):
+        from_start(time, noise + 0.1 * np.arange(400.0))
+    with pytest.raises(CalibrationError, match="begins in motion"):
+        from_start(time[:40], noise[:40])  # nothing follows that could tell
