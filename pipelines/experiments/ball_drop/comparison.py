@@ -1,6 +1,7 @@
 """Comparison of a ball drop with the model: displacement and restitution."""
 
 from collections.abc import Iterator
+from math import hypot
 from typing import Any
 
 import numpy as np
@@ -165,6 +166,8 @@ def _event(
     u_apart, seen = u_measured, float(comparison[f"seen_{ours}"][impact])
     if np.isfinite(seen):
         expected, u_apart = seen, float(without_shape(repeats, ours)[impact])
+    if f"swing_{theirs}" in model:
+        u_apart = hypot(u_apart, float(np.nan_to_num(model[f"swing_{theirs}"][impact])))
     slopes = {
         str(name): -float(slope)
         for name, slope in zip(model["slope_input"].values, model[f"slope_{theirs}"].values[:, impact], strict=True)

@@ -14,8 +14,10 @@ from labpipe.arrays import Floats
 from labpipe.materials import Prony
 from labpipe.units import Quantity
 from pipelines.experiments.ball_drop._model_uncertainty import FOLLOWED, UNCERTAIN, with_uncertainty
+from pipelines.experiments.ball_drop._swing import with_swing
 from pipelines.experiments.ball_drop.measured import padded
 from pipelines.experiments.ball_drop.settings import BallDrop
+from pipelines.experiments.shared.comparison_rows import IMPACTS
 from pipelines.experiments.shared.material_choice import IMPACT_TIMES, resolve, variations
 from pipelines.experiments.shared.plate_under_drop import OF_PLATE, plate_inputs, resolve_plate
 
@@ -118,6 +120,13 @@ def model(
         if i > 0
     }
     made = with_uncertainty(made, slopes)
+
+    def falls(heights: Floats, count: int) -> dict[str, Floats]:
+        drops = [_Trial("", Quantity(0.0, 0.0, "m"), 0.0, solid, {"height": float(height)}) for height in heights]
+        found = bounces(drops, max(chosen.rtol, _COARSE), count)
+        return found | {"impact_time": found["impact_time"] - found["impact_time"][:, :1]}
+
+    made = with_swing(made, repeats, substrate, settings.height.value, falls, min(IMPACTS, count))
     made.attrs["plate"] = json.dumps(None if substrate is None else asdict(substrate))
     work = json.loads(made.attrs["work"])
     work.pop("seconds", None)  # the clock has no place in a stored result

@@ -91,7 +91,7 @@ def test_of_later_impacts_the_uncertainty_is_unknown_and_they_are_not_compared(
     for module in ("model", "comparison"):
         monkeypatch.setattr(f"pipelines.experiments.ball_drop.{module}.FOLLOWED", 2)
     made, found = compared(measured, STATED)
-    assert asked == [2]
+    assert set(asked) == {2}
     assert made.sizes["impact"] == whole.sizes["impact"] > 2 == found.sizes["impact"]
     for name in ("restitution", "impact_time", "peak_force"):
         u = made[f"u_{name}"].values
