@@ -169,14 +169,14 @@ def _images(
     coarse = np.linspace(0.0, largest, 2000)
     matrix = surface_matrix(springs.position, coarse)
     fine = np.arange(0.0, largest, _GRID)
+    profile = fine**2 / (body.radius + np.sqrt(body.radius**2 - fine**2))  # of a sphere
     light = _light(camera)
     for frame in range(count):
         table = np.zeros_like(fine)
         for k, weight in enumerate(weights):
             n = frame * len(weights) + k
             dent = np.interp(fine, coarse, matrix @ springs.displacement[n])
-            gap = fine**2 / (2 * body.radius) - springs.approach[n] + dent
-            gap = np.maximum(gap, 0.0)
+            gap = np.maximum(profile - springs.approach[n] + dent, 0.0)
             table += weight * np.cos(4 * np.pi * gap / camera.wavelength + np.pi)
         relative = _pixels(
             table, _GRID, camera.rows, camera.columns, x0, y0, camera.pixel_size, np.cos(camera.tilt), camera.samples

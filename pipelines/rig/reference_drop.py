@@ -6,8 +6,8 @@ the whole history of every spring (:mod:`pipelines.rig.heredity`), explicit velo
 several hundred springs, and a floor that may move: a damped oscillator under the sphere. Where
 both agree, they agree for a reason.
 
-Each spring of the one-dimensional foundation under the profile x²/R carries a surface
-displacement u::
+Each spring of the one-dimensional foundation under the profile of a whole sphere, x artanh(x/R),
+carries a surface displacement u::
 
     q(t) = ∫ E(t − s) du(s)
 
@@ -21,6 +21,7 @@ Popov & Heß, Method of Dimensionality Reduction in Contact Mechanics and Fricti
 doi:10.1007/978-3-642-53876-6.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -233,6 +234,11 @@ def _floor_free(time: Floats, x0: float, v0: float, floor: Floor) -> tuple[Float
     return x, v
 
 
+def of_sphere(position: Floats, radius: float) -> Floats:
+    """Return the profile [m] of a whole sphere in the one-dimensional foundation, at distances from its axis [m]."""
+    return np.asarray(position * np.arctanh(position / radius))
+
+
 def reference_drop(
     solid: Viscoelastic,
     *,
@@ -242,6 +248,7 @@ def reference_drop(
     duration: float,
     floor: Floor | None = None,
     snapshots: Floats | None = None,
+    profile: Callable[[Floats, float], Floats] = of_sphere,
 ) -> Trajectory:
     """Drop a viscoelastic sphere and record everything at the solver's own steps.
 
@@ -255,6 +262,8 @@ def reference_drop(
         A moving floor; rigid by default.
     snapshots : array (time,), optional [s]
         Increasing times at which the springs are handed out too; before ``duration``.
+    profile : callable
+        Of the body in the foundation, from distances from its axis and its radius; by default a whole sphere's.
 
     Raises
     ------
@@ -268,7 +277,7 @@ def reference_drop(
     gap_of_impact, gap_at_rest = _deepest(solid, radius, mass, height, duration)
     width = float(np.sqrt(radius * max(gap_of_impact, gap_at_rest))) / SPRINGS
     position: Floats = np.asarray((np.arange(SPRINGS) + 0.5) * width, dtype=np.float64)
-    gap: Floats = np.asarray(position**2 / radius, dtype=np.float64)
+    gap = profile(position, radius)
     weight = np.full(SPRINGS, 2 * width)
     u, history = np.zeros(SPRINGS), no_history(solid, SPRINGS, 1 / (1 - solid.nu**2))
 
@@ -338,9 +347,9 @@ def reference_drop(
         for time, step in zip(due, before, strict=True):
             if step + 1 < n:
                 share = (time - now - steps[step + 1]) / (steps[step + 2] - steps[step + 1])
-                shots.append(_in_contact(int(step), share, start, kept, states, record, gap, width))
+                shots.append(_in_contact(int(step), share, start, kept, states, record, gap, position))
         times = now + steps[1 : n + 1]
-        pieces.append(_rows(times, record, radius, width))
+        pieces.append(_rows(times, record, gap, position))
         now = float(times[-1])
         z, v, x, w = record[-1, 0], record[-1, 1], record[-1, 4], record[-1, 5]
         if left and is_touch:
@@ -388,10 +397,16 @@ def _deepest(solid: Viscoelastic, radius: float, mass: float, height: float, dur
     return float(1.05 * impact + 0.5 * static), float(1.5 * static)
 
 
-def _rows(times: NDArray[np.floating[Any]], record: Floats, radius: float, width: float) -> Floats:
+def _rows(times: NDArray[np.floating[Any]], record: Floats, gap: Floats, position: Floats) -> Floats:
     """Turn the record of a contact into rows of the trajectory; a spring covers half its width."""
-    edge = np.sqrt(record[:, 3] * radius) + np.where(record[:, 3] > 0, width / 2, 0.0)
+    edge = _place(record[:, 3], gap, position) + np.where(record[:, 3] > 0, position[0], 0.0)
     return np.column_stack([times, record[:, 0], record[:, 1], record[:, 2], edge, record[:, 4]])
+
+
+def _place(depth: Any, gap: Floats, position: Floats) -> Floats:
+    """Return where the profile is so deep; its root is all but a straight line."""
+    known, at = np.append(0.0, np.sqrt(gap)), np.append(0.0, position)
+    return np.asarray(np.interp(np.sqrt(np.maximum(depth, 0.0)), known, at))
 
 
 def _handed_out(asked: Floats, shots: list[tuple[Floats, float, float]], position: Floats) -> Springs | None:
@@ -425,7 +440,7 @@ def _in_contact(
     states: Floats,
     record: Floats,
     gap: Floats,
-    width: float,
+    position: Floats,
 ) -> tuple[Floats, float, float]:
     """Springs and approach between two steps of a contact.
 
@@ -451,9 +466,9 @@ def _in_contact(
     if not len(pressed):
         return u, approach, 0.0
     edge = int(pressed[-1])
-    radius = (edge + 1) * width
+    radius = float(position[edge] + position[0])
     if edge + 1 < len(u) and u[edge + 1] == 0.0:  # on a fresh surface the profile tells exactly
-        radius = float(np.sqrt(max(approach, 0.0) / gap[0]) * 0.5 * width)
+        radius = float(_place(approach, gap, position))
     return u, approach, radius
 
 

@@ -25,15 +25,14 @@ def hertz_gap(r: np.ndarray, a: float) -> np.ndarray:
     return a * a / (np.pi * R) * shape
 
 
-def drop(duration: float, snapshots: np.ndarray | None = None):
-    return reference_drop(
-        Viscoelastic((), 3.2e9, 0.35), radius=R, mass=MASS, height=1.5e-3, duration=duration, snapshots=snapshots
-    )
+def drop(duration: float, snapshots: np.ndarray | None = None, **form):
+    solid, body = Viscoelastic((), 3.2e9, 0.35), {"radius": R, "mass": MASS, "height": 1.5e-3}
+    return reference_drop(solid, **body, duration=duration, snapshots=snapshots, **form)
 
 
 @pytest.mark.parametrize("time", [0.0177, 0.0181, 0.0184])
 def test_the_gap_of_an_elastic_contact_is_that_of_hertz(time: float) -> None:
-    springs = drop(0.0186, np.array([time])).springs
+    springs = drop(0.0186, np.array([time]), profile=lambda x, radius: x**2 / radius).springs
     a = np.sqrt(R * springs.approach[0])
     assert springs.contact_radius[0] == pytest.approx(a, abs=2 * springs.resolution)
     r = np.linspace(0, 1.2e-3, 300)
@@ -59,6 +58,25 @@ def test_the_front_film_shows_the_motion_that_its_truth_tells(tmp_path: Path) ->
     assert truth["dy"][-1] > 10
     assert np.abs(found["dy"].values[:, 0] - expected).max() < 0.03
     assert np.abs(found["dx"].values[:, 0]).max() < 0.03
+
+
+def test_a_film_shows_the_fringes_of_a_whole_sphere(tmp_path: Path) -> None:
+    """Held 3 µm over the disc; a paraboloid is a third of a fringe off at the image's ends."""
+    camera = UnderCamera(rows=4, columns=416, vignette=0.0, tilt=0.0, blur=0.0, noise=0.0, samples=16, moments=1)
+    body = Body(Viscoelastic((), 3.2e9, 0.35), 3e-6, radius=R)
+    write_under_film(tmp_path / "held.cine", body, camera, np.array([0.0, 2.2e-3]), 4)
+    seen = np.asarray(instruments.read(tmp_path / "held.cine")[0], dtype=float)
+    x0, y0 = (0.5 * (n - 1) + d for n, d in zip((camera.columns, camera.rows), camera.centre, strict=True))
+    fine = (np.arange(16) + 0.5) / 16 - 0.5
+    x, y = np.arange(camera.columns)[:, None] + fine - x0, np.arange(camera.rows)[:, None] + fine - y0
+    square = camera.pixel_size**2 * (x**2 + y[:, :, None, None] ** 2)
+    gaps = {"sphere": R - np.sqrt(R**2 - square), "paraboloid": square / (2 * R)}
+    off = {}
+    for form, gap in gaps.items():
+        light = np.cos(4 * np.pi * (gap + 3e-6) / camera.wavelength + np.pi).mean(axis=(1, 3))
+        off[form] = np.abs(seen - camera.mean * (1 + camera.visibility * light)).max()
+    assert off["sphere"] < 1.5
+    assert off["paraboloid"] > 20.0
 
 
 def test_films_of_one_seed_are_equal(tmp_path: Path) -> None:

@@ -11,10 +11,15 @@ ELASTIC = Viscoelastic((), 3.2e9, 0.35)
 BODY = {"radius": 9.525e-3, "mass": 0.505}
 
 
+def paraboloid(position: np.ndarray, radius: float) -> np.ndarray:
+    """The profile of the published tables."""
+    return position**2 / radius
+
+
 def standard_linear_solid(height: float, duration: float, floor: Floor | None = None) -> Trajectory:
     """E from 2 to 4 GPa, one retardation time of 1 ms, hence a relaxation time of 0.5 ms."""
     solid = Viscoelastic((Element(2e9, 0.5e-3),), 2e9, 0.35)
-    return reference_drop(solid, height=height, duration=duration, floor=floor, **BODY)
+    return reference_drop(solid, height=height, duration=duration, floor=floor, profile=paraboloid, **BODY)
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +49,21 @@ def test_the_first_impact_has_the_force_and_radius_of_the_table(train: Trajector
 def test_an_elastic_sphere_gives_its_energy_back() -> None:
     found = reference_drop(ELASTIC, height=1.5e-3, duration=0.06, **BODY)
     np.testing.assert_allclose(found.outgoing_speed / found.incoming_speed, 1.0, rtol=1e-4)
+
+
+def test_an_elastic_whole_sphere_is_pressed_in_as_the_closed_form_says() -> None:
+    """F = E* ((a² + R²) artanh(a/R) − a R) at the approach a artanh(a/R); its work is the energy of the fall."""
+    R, modulus = BODY["radius"], ELASTIC.unrelaxed / (1 - ELASTIC.nu**2)
+    found = reference_drop(ELASTIC, height=10e-3, duration=0.06, **BODY)
+    a = np.linspace(0.0, 0.2 * R, 20_001)[1:]
+    approach, force = a * np.arctanh(a / R), modulus * ((a**2 + R**2) * np.arctanh(a / R) - a * R)
+    assert found.contact_radius.max() > 0.1 * R
+    np.testing.assert_allclose(np.interp(-found.height.min(), approach, force), found.force.max(), rtol=1e-4)
+    np.testing.assert_allclose(np.interp(-found.height.min(), approach, a), found.contact_radius.max(), rtol=2e-3)
+    work = np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(approach))
+    fallen = BODY["mass"] * 9.81 * (10e-3 + approach[1:])
+    deepest = approach[1:][np.searchsorted(work - fallen, 0.0)]
+    np.testing.assert_allclose(-found.height.min(), deepest, rtol=1e-4)
 
 
 def test_a_moving_floor_takes_energy_and_a_heavy_one_takes_none() -> None:
