@@ -8,13 +8,14 @@ together: a block of them acts by its moments about its centre and the derivativ
 costs as much as the logarithm of the elapsed time, and no term of any series is formed.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.compilation import compiled
+from labpipe.compilation import inner
 from pipelines.rig.solids import Viscoelastic
 
 _FIRST, _LAST = np.log(1e-9), np.log(1e7)  # ln of the times between which E is tabulated
@@ -30,7 +31,8 @@ class History(NamedTuple):
     ``table`` (time, 6) holds the mean of E from 0 on, E, and t^n/n! times its first four
     derivatives. ``edges`` (block, 2) are begin and end of each block, ``moments``
     (block, moment, spring) of the increments in it, ``order`` the blocks from old to new;
-    ``is_single`` marks one step. ``blocks`` (1,) is their number.
+    ``is_single`` marks one step. ``blocks`` (1,) is their number. ``values`` (2, 5) is room for what
+    the table tells.
     """
 
     table: Floats
@@ -39,6 +41,7 @@ class History(NamedTuple):
     is_single: NDArray[np.bool_]
     order: NDArray[np.int64]
     blocks: NDArray[np.int64]
+    values: Floats
 
 
 def no_history(solid: Viscoelastic, springs: int, scale: float = 1.0) -> History:
@@ -53,6 +56,7 @@ def no_history(solid: Viscoelastic, springs: int, scale: float = 1.0) -> History
         np.zeros(_BLOCKS, dtype=np.bool_),
         np.arange(_BLOCKS),
         np.zeros(1, dtype=np.int64),
+        np.zeros((2, 5)),
     )
 
 
@@ -65,10 +69,11 @@ def copy_of(history: History, springs: int) -> History:
         history.is_single.copy(),
         history.order.copy(),
         history.blocks.copy(),
+        history.values,
     )
 
 
-@compiled(error_model="numpy", no_cfunc_wrapper=True)
+@inner()
 def reach_of(displacement: Floats) -> int:
     """Return how many springs there are up to the last that is displaced."""
     reach = displacement.size
@@ -77,10 +82,10 @@ def reach_of(displacement: Floats) -> int:
     return reach
 
 
-@compiled(error_model="numpy", no_cfunc_wrapper=True)
+@inner()
 def kernel(table: Floats, time: float, values: Floats) -> None:
     """Fill ``values`` (5,): mean of E up to a time, E, and its first three scaled derivatives."""
-    x = (np.log(time) - _FIRST) / _SPACING if time > 0.0 else 0.0
+    x = (math.log(time) - _FIRST) / _SPACING if time > 0.0 else 0.0
     k = min(max(int(x), 0), table.shape[0] - 2)
     s = min(max(x - k, 0.0), 1.0)
     a, b = (1 + 2 * s) * (1 - s) ** 2, s * s * (3 - 2 * s)
@@ -93,20 +98,19 @@ def kernel(table: Floats, time: float, values: Floats) -> None:
         values[n + 1] = a * low[n + 1] + b * high[n + 1] + c * rise_low + d * rise_high
 
 
-@compiled(error_model="numpy", no_cfunc_wrapper=True)
+@inner()
 def stiffness_of_step(history: History, step: float) -> float:
     """Return the stress per displacement that grows linearly over a step from now."""
-    values = np.empty(5)
-    kernel(history.table, step, values)
-    return float(values[0])
+    kernel(history.table, step, history.values[0])
+    return float(history.values[0, 0])
 
 
-@compiled(error_model="numpy", no_cfunc_wrapper=True)
+@inner()
 def pull(history: History, now: float, reach: int, result: Floats) -> None:
     """Fill the stress of the first ``reach`` springs at a time, if they rest from now on."""
     for i in range(reach):
         result[i] = 0.0
-    first, second = np.empty(5), np.empty(5)
+    first, second = history.values[0], history.values[1]
     for place in range(history.blocks[0]):
         b = history.order[place]
         begin, end = history.edges[b, 0], history.edges[b, 1]
@@ -127,7 +131,7 @@ def pull(history: History, now: float, reach: int, result: Floats) -> None:
                 result[i] += w0 * m[0, i] + w1 * m[1, i] + w2 * m[2, i] + w3 * m[3, i]
 
 
-@compiled(error_model="numpy", no_cfunc_wrapper=True)
+@inner()
 def remember(history: History, begin: float, end: float, increments: Floats, reach: int) -> None:
     """Append one step of the first ``reach`` springs and take old steps together."""
     place = history.blocks[0]
@@ -147,7 +151,7 @@ def remember(history: History, begin: float, end: float, increments: Floats, rea
     _take_together(history, end, reach)
 
 
-@compiled(error_model="numpy", no_cfunc_wrapper=True)
+@inner()
 def _take_together(history: History, now: float, reach: int) -> None:
     order, edges = history.order, history.edges
     place = 0
@@ -173,7 +177,7 @@ def _take_together(history: History, now: float, reach: int) -> None:
         history.blocks[0] = last
 
 
-@compiled(error_model="numpy", no_cfunc_wrapper=True)
+@inner()
 def _move(history: History, block: int, centre: float, reach: int) -> None:
     """Take the moments of a block about another centre."""
     begin, end = history.edges[block, 0], history.edges[block, 1]

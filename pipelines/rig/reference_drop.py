@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.compilation import compiled
+from labpipe.compilation import lean
 from labpipe.errors import InputError
 from pipelines.rig.heredity import History, copy_of, no_history, pull, reach_of, remember, stiffness_of_step
 from pipelines.rig.solids import Viscoelastic
@@ -108,7 +108,7 @@ class Trajectory:
         return cubic
 
 
-@compiled(error_model="numpy", no_cfunc_wrapper=True)
+@lean()
 def _contact(
     approach: float,
     speed: float,
@@ -128,15 +128,16 @@ def _contact(
     record: Floats,
     kept: NDArray[np.int64],
     states: Floats,
+    room: Floats,
 ) -> tuple[int, bool]:
     """Integrate one contact; returns the number of steps and whether the sphere left.
 
     ``grid`` are the times of the steps since the contact began at ``begun``. ``states`` receives
-    the springs after each of the steps ``kept`` (increasing).
+    the springs after each of the steps ``kept`` (increasing). ``room`` (2, spring) is scratch.
     """
     place = 0
     n_springs = u.size
-    base, rise = np.zeros(n_springs), np.zeros(n_springs)
+    base, rise = room[0], room[1]
     reach = reach_of(u)
     force, floor_force_acceleration = 0.0, 0.0
     acceleration = -gravity  # of the approach's opposite: upward positive motion of the sphere
@@ -185,10 +186,9 @@ def _contact(
     return grid.size - 1, False
 
 
-@compiled(error_model="numpy", no_cfunc_wrapper=True)
-def _recover(u: Floats, history: History, begun: float, duration: float) -> None:
-    """Let unloaded springs creep back for ``duration``, in steps that grow geometrically."""
-    base, rise = np.zeros(u.size), np.zeros(u.size)
+@lean()
+def _creep_back(u: Floats, history: History, begun: float, duration: float, room: Floats) -> None:
+    base, rise = room[0], room[1]
     reach = reach_of(u)
     elapsed, step = 0.0, CONTACT_STEP
     while elapsed < duration and reach > 0:
@@ -202,6 +202,11 @@ def _recover(u: Floats, history: History, begun: float, duration: float) -> None
         remember(history, begun + elapsed, now, rise, reach)
         elapsed += step
         step *= FLIGHT_GROWTH
+
+
+def _recover(u: Floats, history: History, begun: float, duration: float) -> None:
+    """Let unloaded springs creep back for ``duration``, in steps that grow geometrically."""
+    _creep_back(u, history, begun, duration, np.zeros((2, u.size)))
 
 
 def _lengthened(now: float, speed: float, height: float) -> float:
@@ -334,6 +339,7 @@ def reference_drop(
             record,
             kept,
             states,
+            np.zeros((2, u.size)),
         )
         record = record[:n]
         edge = float(record[:, 3].max())

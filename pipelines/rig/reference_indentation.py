@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import spence
 
 from labpipe.arrays import Floats
-from labpipe.compilation import compiled
+from labpipe.compilation import lean
 from pipelines.rig.heredity import History, no_history, pull, reach_of, remember, stiffness_of_step
 from pipelines.rig.solids import Viscoelastic
 
@@ -25,12 +25,19 @@ SPRINGS = 1500
 WIDEST = 0.3  # of the period: the reference refuses wider contacts than it resolves
 
 
-@compiled(error_model="numpy", no_cfunc_wrapper=True)
+@lean()
 def _march(
-    time: Floats, depth: Floats, gap: Floats, weight: Floats, history: History, force: Floats, edge: NDArray[np.int64]
+    time: Floats,
+    depth: Floats,
+    gap: Floats,
+    weight: Floats,
+    history: History,
+    force: Floats,
+    edge: NDArray[np.int64],
+    room: Floats,
 ) -> None:
-    """Step every spring through the displacement history; fills ``force`` and ``edge``."""
-    u, base, rise = np.zeros(gap.size), np.zeros(gap.size), np.zeros(gap.size)
+    """Step every spring through the displacement history; fills ``force`` and ``edge``; ``room`` (3, spring) is 0."""
+    u, base, rise = room[0], room[1], room[2]
     reach = reach_of(u)
     for n in range(1, time.size):
         stiffness = stiffness_of_step(history, time[n] - time[n - 1])
@@ -83,5 +90,6 @@ def reference_indentation(
         no_history(solid, SPRINGS, 1 / (1 - solid.nu**2)),
         force,
         edge,
+        np.zeros((3, SPRINGS)),
     )
     return force * depth, np.where(force > 0, edges[edge + 1], 0.0)

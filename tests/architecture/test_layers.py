@@ -39,6 +39,7 @@ GROUND = {
     "arrays",
     "variables",
     "compilation",
+    "_linked",
     "lazy",
     "notebook",
     "uncertainty",

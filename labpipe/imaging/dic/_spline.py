@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats32
-from labpipe.compilation import compiled
+from labpipe.compilation import compiled, part
 from labpipe.errors import InputError
 
 #: Poles of the interpolating prefilter of each supported order.
@@ -37,7 +37,7 @@ HORIZON = 20
 _STRIP = 64  # columns filtered together: 64 x 1280 float32 fit into a second-level cache
 
 
-@compiled(nogil=True, fastmath={"contract"})
+@part(fastmath={"contract"})
 def _filter_columns(block: Floats32, poles: NDArray[np.float64]) -> None:
     """Run the recursive filter down every column, in place, mirrored at both ends."""
     rows, columns = block.shape
@@ -104,7 +104,7 @@ def _prefilter_into(image: Floats32, poles: NDArray[np.float64], padded: Floats3
     _mirror_border(padded, rows, columns)
 
 
-@compiled(nogil=True)
+@part()
 def _mirror_border(padded: Floats32, rows: int, columns: int) -> None:
     """Copy the coefficients next to the border to their places beyond it."""
     for r in range(rows):

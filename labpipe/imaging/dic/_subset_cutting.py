@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats, Floats32, Integers
-from labpipe.compilation import compiled
+from labpipe.compilation import compiled, part
 from labpipe.imaging.dic._spline import LANES
 from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, COLUMNS, FAST, LIGHT, MOTIONS
 
@@ -313,7 +313,7 @@ def _cut(
         _multiply(layout[n], packed, level[n], gram[n], scratch)
 
 
-@compiled(nogil=True, fastmath=FAST)
+@part(fastmath=FAST)
 def _multiply(layout: Integers, packed: Floats32, level: Floats, gram: Floats, scratch: Floats32) -> None:
     """Take the mean off a subset, cover what its weights cover, and multiply its columns."""
     _, _, h, place, pitch, _ = layout

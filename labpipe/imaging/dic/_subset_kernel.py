@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats, Floats32, Integers
-from labpipe.compilation import compiled
+from labpipe.compilation import compiled, part
 from labpipe.imaging.dic._spline import LANES
 
 #: Result codes of the solver.
@@ -34,7 +34,7 @@ _MOST_RELAXATION = 4.0
 FAST = {"reassoc", "contract", "nsz", "arcp"}
 
 
-@compiled(nogil=True, fastmath=FAST)
+@part(fastmath=FAST)
 def _sample_row(
     coefficients: Floats32, order: int, x: float, y: float, step_x: float, step_y: float, width: int, result: Floats32
 ) -> None:
@@ -74,7 +74,7 @@ def _sample_row(
         done += count
 
 
-@compiled(nogil=True, fastmath=FAST)
+@part(fastmath=FAST)
 def _cubic_weights(t: np.float32) -> tuple[np.float32, np.float32, np.float32, np.float32]:
     """Cubic B-spline at t + 1, t, 1 - t, 2 - t."""
     one = np.float32(1.0)
@@ -115,7 +115,7 @@ def _sample_cubic(
         out[k] = b0 * r0 + b1 * r1 + b2 * r2 + b3 * r3
 
 
-@compiled(nogil=True, fastmath=FAST)
+@part(fastmath=FAST)
 def _quintic_weights(t: np.float32) -> tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32]:
     """Quintic B-spline at t + 2, t + 1, t, 1 - t, 2 - t, 3 - t."""
     one = np.float32(1.0)
@@ -178,7 +178,7 @@ def _sample_quintic(
         out[k] = b0 * r0 + b1 * r1 + b2 * r2 + b3 * r3 + b4 * r4 + b5 * r5
 
 
-@compiled(nogil=True, fastmath=FAST)
+@part(fastmath=FAST)
 def _accumulate(
     values: Floats32,
     level: np.float32,
@@ -216,7 +216,7 @@ def _accumulate(
     sums[8] += offset * y0
 
 
-@compiled(nogil=True, fastmath=FAST)
+@part(fastmath=FAST)
 def _accumulate_more(
     values: Floats32,
     level: np.float32,
@@ -252,7 +252,7 @@ def _accumulate_more(
     sums[15] += b2
 
 
-@compiled(nogil=True, fastmath=FAST)
+@part(fastmath=FAST)
 def _cover(values: Floats32, level: np.float32, weight: Floats32, width: int) -> None:
     """Put the mean level where a mask covers the subset: it counts nowhere."""
     for k in range(np.uint64(width)):
@@ -284,7 +284,7 @@ def compose_with_inverse(p: Floats, step: Floats, is_rigid: bool) -> None:
     p[5] = m21 * i12 + m22 * i22 - 1.0
 
 
-@compiled(nogil=True)
+@part()
 def _is_inside(x: float, y: float, half: float, p: Floats, window: tuple[float, float, float, float]) -> bool:
     """Whether the four corners of the moved subset lie in the window."""
     for sj in (-1.0, 1.0):
@@ -299,7 +299,7 @@ def _is_inside(x: float, y: float, half: float, p: Floats, window: tuple[float, 
     return True
 
 
-@compiled(nogil=True)
+@part()
 def _sum_subset(
     coefficients: Floats32,
     order: int,
@@ -439,7 +439,7 @@ def _needed(
     return result
 
 
-@compiled(nogil=True)
+@part()
 def _iterate(
     coefficients: Floats32,
     order: int,

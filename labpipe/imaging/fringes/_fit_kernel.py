@@ -8,14 +8,14 @@ import math
 import numpy as np
 
 from labpipe.arrays import Floats, Floats32, Integers
-from labpipe.compilation import compiled
+from labpipe.compilation import compiled, part
 from labpipe.imaging.fringes._interference import SAMPLES_PER_PIXEL
 
 # Sums over pixels may be reordered and fused.
 FAST = {"reassoc", "contract", "nsz", "arcp"}
 
 
-@compiled(nogil=True, fastmath=FAST)
+@part(fastmath=FAST)
 def _seen_by_pixels(raw: Floats, distance: Floats, kernel: Floats) -> Floats:
     """Average the lines of a table over pixels and blur; rich ones get the derivative by the blur."""
     width = len(kernel)
@@ -121,7 +121,7 @@ _LINES = 15
 _USUAL, _PARAMETERS = 13, 22
 
 
-@compiled(nogil=True, fastmath=FAST)
+@part(fastmath=FAST)
 def _find_pixels(
     line: Floats32,
     first_column: int,
@@ -166,7 +166,7 @@ def _find_pixels(
     return count
 
 
-@compiled(nogil=True, fastmath=FAST)
+@part(fastmath=FAST)
 def _evaluate(
     count: int,
     offset: float,
@@ -231,7 +231,7 @@ def _differentiate(count: int, dy: float, down: float, parameters: Floats, work:
         slopes[12, i] = 0.5 * bright * (r * work[_BY_R, i] + radius * work[_BY_RADIUS, i])
 
 
-@compiled(nogil=True, fastmath=FAST)
+@part(fastmath=FAST)
 def _differentiate_rich(
     count: int, down: float, parameters: Floats, table: Floats, table_start: float, work: Floats, slopes: Floats
 ) -> None:
@@ -254,7 +254,7 @@ def _differentiate_rich(
         slopes[21, i] = core * down * down * down
 
 
-@compiled(nogil=True, fastmath=FAST)
+@part(fastmath=FAST)
 def _add(
     count: int,
     active: Integers,
@@ -300,7 +300,7 @@ def _add(
                 weighted[p, q] += total
 
 
-@compiled(nogil=True)
+@part()
 def _add_differences(
     count: int, dy: float, stride: int, work: Floats, above: Floats, here: Floats, totals: Floats
 ) -> None:

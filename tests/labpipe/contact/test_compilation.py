@@ -39,10 +39,11 @@ def test_no_place_for_compiled_code_is_said_and_survived(tmp_path: Path) -> None
     assert said.count("compiled code cannot be kept") == 1
 
 
-def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(tmp_path: Path) -> None:
+@pytest.mark.parametrize("decorator", ["compiled", "part"])
+def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(tmp_path: Path, decorator: str) -> None:
     folder = tmp_path / "labpipe_kernels"
     folder.mkdir()
-    head = "from labpipe.compilation import compiled\n"
+    head = f"from labpipe.compilation import {', '.join({'compiled', decorator})}\n"
     outer = (
         "from labpipe_kernels.within import FACTOR, twice\n@compiled()\ndef found(x):\n    return FACTOR * twice(x)\n"
     )
@@ -57,11 +58,13 @@ def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(tmp_path:
     printed = []
     for factor in (1.0, None, 10.0):
         if factor is not None:
-            within = f"FACTOR = {factor}\n@compiled()\ndef twice(x):\n    return {2 * factor} * x\n"
+            within = f"FACTOR = {factor}\n@{decorator}()\ndef twice(x):\n    return {2 * factor} * x\n"
             (folder / "within.py").write_text(head + within)
         done = subprocess.run(run, env=environment, capture_output=True, text=True, check=True)
         printed.append(done.stdout.split())
     assert printed == [["True", "2.0", "0"], ["False", "2.0", "1"], ["True", "200.0", "0"]]
+    stored = {path.name.split(".")[1].partition("-")[0] for path in (tmp_path / "cache").rglob("*.nbc")}
+    assert stored == ({"found", "twice"} if decorator == "compiled" else {"found"})
 
 
 def test_of_processes_that_need_a_kernel_at_once_one_compiles_it(tmp_path: Path) -> None:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from labpipe import materials
-from pipelines.rig.heredity import copy_of, no_history, pull, remember, stiffness_of_step
+from labpipe.compilation import lean
+from pipelines.rig.heredity import History, copy_of, no_history, pull, remember, stiffness_of_step
 from pipelines.rig.solids import SOLIDS, Viscoelastic, solid_of
 
 SECONDS = np.concatenate([np.full(300, 2e-6), 2e-6 * 1.15 ** np.arange(60), np.full(300, 2e-6)])
@@ -15,15 +16,21 @@ PULSES = 1e-4 * np.sin(np.pi * np.clip(TIME / 6e-4, 0.0, 1.0)) + 1e-4 * np.sin(
 WALK = 1e-5 * np.concatenate([[0.0], np.cumsum(np.random.default_rng(1).standard_normal(SECONDS.size))])
 
 
+@lean()
+def _pressed(history: History, begin: float, end: float, rise: np.ndarray, base: np.ndarray) -> float:
+    """One step: fill in the stress of springs that rest in it, remember it, return the stiffness."""
+    pull(history, end, base.size, base)
+    remember(history, begin, end, rise, base.size)
+    return stiffness_of_step(history, end - begin)
+
+
 def marched(solid: Viscoelastic, displacement: np.ndarray) -> np.ndarray:
     """Stress of springs (time, spring) that are led through a history."""
     springs = displacement.shape[1]
     history, base, stress = no_history(solid, springs), np.zeros(springs), np.zeros_like(displacement)
     for n in range(1, TIME.size):
-        pull(history, TIME[n], springs, base)
         rise = displacement[n] - displacement[n - 1]
-        stress[n] = base + stiffness_of_step(history, TIME[n] - TIME[n - 1]) * rise
-        remember(history, TIME[n - 1], TIME[n], rise, springs)
+        stress[n] = _pressed(history, TIME[n - 1], TIME[n], rise, base) * rise + base
     assert history.blocks[0] < 80  # not one per step
     return stress
 
@@ -69,8 +76,8 @@ def test_relaxation_and_creep_of_a_solid_belong_together(name: str) -> None:
 
 def test_what_happens_to_a_copy_leaves_the_history_alone() -> None:
     history, base = no_history(SOLIDS["ptfe"].at(), 2), np.zeros(2)
-    remember(history, 0.0, 1e-3, np.array([1e-5, 2e-5]), 2)
-    remember(copy_of(history, 2), 1e-3, 2e-3, np.array([5.0, 5.0]), 2)
-    pull(history, 2e-3, 2, base)
+    _pressed(history, 0.0, 1e-3, np.array([1e-5, 2e-5]), base)
+    _pressed(copy_of(history, 2), 1e-3, 2e-3, np.array([5.0, 5.0]), base)
+    _pressed(history, 1e-3, 2e-3, np.zeros(2), base)
     assert 0.0 < base[0] < 1e5
     assert base[1] == pytest.approx(2 * base[0])
