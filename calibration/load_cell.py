@@ -9,6 +9,7 @@ import json
 import math
 from collections.abc import Mapping
 from datetime import date
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -289,6 +290,7 @@ def filter_lag(
     return FilterLag(gains[0], u_gain, phases[0], _edge(phases[0], phases), delay, _NOTE)
 
 
+@cache
 def _poles(order: int) -> list[NDArray[np.complex128]]:
     """Poles of Butterworth, Bessel and equal real poles, all 1/√2 at the angular frequency 1."""
     # n equal real poles have amplitude 1/√2 at the cutoff when each lies this much higher.

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
 from labpipe.judging._causes import Cause, explain
@@ -91,7 +91,7 @@ def _with_cause(check: Check, sentence: str, cause: Cause) -> Check:
 
 def to_json(judgement: Judgement) -> str:
     """Return a judgement as JSON text, for the attribute of a stored result."""
-    rows = [{k: _plain(v) for k, v in asdict(check).items()} for check in judgement.checks]
+    rows = [{name: _plain(getattr(check, name)) for name in _OF_A_CHECK} for check in judgement.checks]
     document = {"believable": judgement.believable, "causes": judgement.causes, "checks": rows}
     return json.dumps(document, ensure_ascii=False, sort_keys=True)
 
@@ -104,6 +104,7 @@ def from_json(text: str) -> Judgement:
 
 
 _FLOATS = ("margin", "log_ratio", "u_log_ratio")
+_OF_A_CHECK = tuple(each.name for each in fields(Check))
 
 
 def _plain(value: Any) -> Any:

@@ -164,16 +164,21 @@ def _split_by_temperature(rows: NDArray[np.intp], temperature: Floats, tolerance
     return [np.asarray(run, dtype=np.intp) for run in runs]
 
 
+_TOLD_BY = ("is_valid", "is_clipped", "status", "storage_modulus", "loss_modulus")
+"""Columns that tell which points count."""
+
+
 def _trusted(run: TableRun, skip_first: bool) -> NDArray[np.bool_]:
     """Tell which points count: valid, not clipped, torque large enough."""
-    part = run.dataset.isel(sample=run.rows)
-    good = part["is_valid"].values.astype(bool)
+    columns = run.dataset.variables
+    part = {name: columns[name].values[run.rows] for name in _TOLD_BY if name in columns}
+    good = part["is_valid"].astype(bool)
     if "is_clipped" in part:
-        good &= part["is_clipped"].values == 0
+        good &= part["is_clipped"] == 0
     if "status" in part:
-        tokens = [str(text).replace(" ", "").split(",") for text in part["status"].values]
+        tokens = [str(text).replace(" ", "").split(",") for text in part["status"]]
         good &= np.array([not any(t in _UNTRUSTED for t in row) for row in tokens], dtype=bool)
-    good &= np.isfinite(part["storage_modulus"].values) & np.isfinite(part["loss_modulus"].values)
+    good &= np.isfinite(part["storage_modulus"]) & np.isfinite(part["loss_modulus"])
     if skip_first and good.size:
         good[0] = False
     return good

@@ -212,7 +212,7 @@ def _alone(
     ranked = explain(checks, causes)
     if (
         not ranked
-        and not 1 / _NO_FALL < float(record[0].bounces["fall_acceleration"]) / settings.model.gravity.value < _NO_FALL
+        and not 1 / _NO_FALL < float(record[0].values("fall_acceleration")) / settings.model.gravity.value < _NO_FALL
     ):
         return [replace(c, cause=_HELD_BACK, file=name, line=None, setting="") if c.level else c for c in checks]
     found = []
@@ -363,7 +363,7 @@ def _causes(
     if records:
         first_fall, moved = records[0]
         angle = float(moved["inclination"])
-        cosine = cos(angle) * float(first_fall.bounces["fall_acceleration"]) / settings.model.gravity.value
+        cosine = cos(angle) * float(first_fall.values("fall_acceleration")) / settings.model.gravity.value
         if _LEAST_COSINE < cosine < 1.01:
             yield Cause(
                 {g: 1.0, fall: 1.0, v: 0.5},

@@ -98,9 +98,9 @@ def _bounces_compared(repeats: xr.Dataset, model: xr.Dataset, seen: xr.Dataset, 
 
 def without_shape(repeats: xr.Dataset, name: str) -> Floats:
     """Return the standard uncertainty (impact,) without the shape of the pulse, which the model's fit shares."""
-    of_noise = repeats["unknown"].str.startswith(NOISE)
-    shape = (repeats[f"common_{name}"].where(~of_noise) ** 2).sum("unknown")
-    return np.asarray(np.sqrt(np.maximum(repeats[f"u_{name}"] ** 2 - shape, 0.0)))
+    of_shape = [i for i, text in enumerate(repeats["unknown"].values.tolist()) if not text.startswith(NOISE)]
+    shape = np.nansum(repeats.variables[f"common_{name}"].values[:, of_shape] ** 2, axis=1)
+    return np.asarray(np.sqrt(np.maximum(repeats.variables[f"u_{name}"].values ** 2 - shape, 0.0)))
 
 
 def rows(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, settings: BallDrop) -> Iterator[Row]:
@@ -140,10 +140,10 @@ def rows(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, sett
 
 def common(repeats: xr.Dataset, name: str, impact: int) -> dict[str, float]:
     """Return what the noise of an impact, common to several rows, adds to a measured value by its deviations."""
-    found = repeats[f"common_{name}"][impact]
+    values = repeats.variables[f"common_{name}"].values[impact]
     return {
         f"impact {impact + 1}, {text}": float(value)
-        for text, value in zip(found["unknown"].values.tolist(), found.values, strict=True)
+        for text, value in zip(repeats["unknown"].values.tolist(), values, strict=True)
         if text.startswith(NOISE) and np.isfinite(value)
     }
 
@@ -161,18 +161,15 @@ def _event(
 ) -> Row:
     """Return one row; `names` are its variable in the repeats and in the model."""
     ours, theirs = names
-    measured, u_measured = float(repeats[ours][impact]), float(repeats[f"u_{ours}"][impact])
-    expected, u_expected = float(model[theirs][impact]), float(model[f"u_{theirs}"][impact])
-    u_apart, seen = u_measured, float(comparison[f"seen_{ours}"][impact])
+    measured, u_measured = (float(repeats.variables[name].values[impact]) for name in (ours, f"u_{ours}"))
+    expected, u_expected = (float(model.variables[name].values[impact]) for name in (theirs, f"u_{theirs}"))
+    u_apart, seen = u_measured, float(comparison.variables[f"seen_{ours}"].values[impact])
     if np.isfinite(seen):
         expected, u_apart = seen, float(without_shape(repeats, ours)[impact])
     if f"swing_{theirs}" in model:
-        u_apart = hypot(u_apart, float(np.nan_to_num(model[f"swing_{theirs}"][impact])))
-    slopes = {
-        str(name): -float(slope)
-        for name, slope in zip(model["slope_input"].values, model[f"slope_{theirs}"].values[:, impact], strict=True)
-        if np.isfinite(slope)
-    }
+        u_apart = hypot(u_apart, float(np.nan_to_num(model.variables[f"swing_{theirs}"].values[impact])))
+    inputs, changes = model.variables["slope_input"].values, model.variables[f"slope_{theirs}"].values[:, impact]
+    slopes = {str(name): -float(slope) for name, slope in zip(inputs, changes, strict=True) if np.isfinite(slope)}
     if is_length:
         slopes[SCALE] = measured
     slopes |= common(repeats, ours, impact)

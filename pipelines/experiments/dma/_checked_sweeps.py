@@ -57,7 +57,7 @@ class Sweep:
 
     def values(self, name: str) -> Floats:
         """Return one of its columns."""
-        return np.asarray(self.export.data[name].values[self.rows], float)
+        return np.asarray(self.export.data.variables[name].values[self.rows], float)
 
 
 def trusted_rows(data: xr.Dataset) -> np.ndarray:

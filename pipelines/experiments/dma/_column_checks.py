@@ -278,14 +278,11 @@ def single_values(export: Export, isotherms: Sequence[Sweep]) -> Check:
 
 def _alone(y: Floats) -> Floats:
     """Return by how much every value lies beyond the range of its four nearest (two at ends)."""
-    found = np.zeros(y.size)
-    for i in range(y.size):
-        near = [j for j in (i - 2, i - 1, i + 1, i + 2) if 0 <= j < y.size]
-        around = y[near]
-        middle = float(np.median(around))
-        # a steep end of a sweep goes on as it comes
-        reach = 2.0 * float(np.median(np.abs(np.diff(y)))) * (1 + abs(len(near) - 4))
-        beyond = abs(y[i] - middle) - reach
-        if beyond > 0:
-            found[i] = np.copysign(abs(y[i] - middle), y[i] - middle)
-    return found
+    padded = np.pad(y, 2, constant_values=np.nan)
+    # what is not there comes last
+    near = np.sort(np.stack([padded[at : at + y.size] for at in (0, 1, 3, 4)], axis=1), axis=1)
+    count, row = np.isfinite(near).sum(axis=1), np.arange(y.size)
+    middle = 0.5 * (near[row, (count - 1) // 2] + near[row, count // 2])
+    # a steep end of a sweep goes on as it comes
+    reach = 2.0 * float(np.median(np.abs(np.diff(y)))) * (5 - count)
+    return np.asarray(np.where(np.abs(y - middle) > reach, y - middle, 0.0))

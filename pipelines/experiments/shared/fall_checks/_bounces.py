@@ -22,14 +22,14 @@ def restitution(fall: Fall) -> Check:
     """Hold every bounce against 0 < e < 1; after the first, a swinging plate may return some speed."""
     name = "coefficients of restitution"
     law = "a bounce gives back less than it took, but for what a plate that still swings returns: 0 < e < 1"
-    values, u = fall.bounces["restitution"].values, fall.bounces["u_restitution"].values
+    values, u = fall.values("restitution"), fall.values("u_restitution")
     values = np.where(values > 1.0, np.maximum(values - _returned(fall), np.minimum(values, 1.0)), values)
     known = np.isfinite(values) & np.isfinite(u) & (u > 0)
     if not known.any():
         return not_made(name, law, "a bounce")
     beyond = np.where(known, (np.abs(values - 0.5) - 0.5) / np.where(u > 0, u, 1.0), -np.inf)
     worst = int(np.argmax(beyond))
-    seen = float(fall.bounces["restitution"].values[worst])
+    seen = float(fall.values("restitution")[worst])
     message = f"{fall.name}: e = {shown(seen, float(u[worst]), '1')} at impact {worst + 1}"
     check = bounded(
         name, law, message, float(values[worst]), float(u[worst]), at_least=0.0, at_most=1.0, file=fall.name
@@ -50,7 +50,7 @@ def _moved_later(check: Check, beyond: Floats, worst: int) -> Check:
 
 def _returned(fall: Fall) -> Floats:
     """Return what a swinging plate may add to the restitution of each impact; 0 for the first."""
-    into = fall.bounces["incoming_speed"].values
+    into = fall.values("incoming_speed")
     share = _SWING * into[0] / np.where(into > 0, into, np.inf)
     return np.where(np.arange(into.size) > 0, np.nan_to_num(share), 0.0)
 
@@ -59,8 +59,8 @@ def apexes(fall: Fall) -> Check:
     """Hold the heights of all flights against their order; a swinging plate may return some height."""
     name = "heights of the rebounds"
     law = "no flight is higher than the one before it, but for what a plate that still swings returns"
-    heights = np.concatenate([[float(fall.bounces["drop_height"])], fall.bounces["apex_height"].values])
-    u = np.concatenate([[float(fall.bounces["u_drop_height"])], fall.bounces["u_apex_height"].values])
+    heights = np.concatenate([[float(fall.values("drop_height"))], fall.values("apex_height")])
+    u = np.concatenate([[float(fall.values("u_drop_height"))], fall.values("u_apex_height")])
     # A height goes with the square of the speed.
     given = heights[:-1] * ((1.0 + _returned(fall)) ** 2 - 1.0)
     rises, u_rises = np.diff(heights) - np.nan_to_num(given), np.hypot(u[1:], u[:-1])
@@ -80,7 +80,7 @@ def apexes(fall: Fall) -> Check:
 def touch_levels(fall: Fall) -> Check:
     """Hold the displacement at every touch against that at the first."""
     name, law = "levels of the touches", "the floor stays where it is: every contact begins at one displacement"
-    level, u = fall.bounces["touch_level"].values, fall.bounces["u_touch_level"].values
+    level, u = fall.values("touch_level"), fall.values("u_touch_level")
     if level.size < 2:
         return not_made(name, law, "two bounces")
     apart = np.abs(level - level[0])
@@ -93,7 +93,7 @@ def touch_levels(fall: Fall) -> Check:
     beyond = np.flatnonzero(apart > allowed)
     if not beyond.size:
         return stated(name, law, text, None, file=fall.name)
-    at = quantity(float(fall.bounces["touch_time"].values[beyond[0]]), "s")
+    at = quantity(float(fall.values("touch_time")[beyond[0]]), "s")
     cause = f"the bench sank, or the sensor, its clamp or the plate was knocked or crept, before {at}"
     return stated(name, law, text, "doubtful", cause=cause, file=fall.name)
 
@@ -105,7 +105,7 @@ def rest_level(fall: Fall, sag: float) -> Check:
     touch, u_touch = fall.value("contact_level")
     if not isfinite(rest):
         return not_made(name, law, "a record that lasts until rest")
-    deepest = float(np.nanmax(fall.bounces["penetration"].values))
+    deepest = float(np.nanmax(fall.values("penetration")))
     gap, u = rest - touch, hypot(u_rest, u_touch)
     message = f"{fall.name}: rest lies {shown(gap, u, 'm')} from first touch"
     return compared(

@@ -59,7 +59,7 @@ def contact_duration(fall: Fall, radius: float, mass: float, stiffness: Stiffnes
     law = "Hertz: t = 2.87 (m²/(R E*² v))^(1/5) for the stated sphere"
     seen, own = fall.value("contact_duration", 0)
     # with the scale of length that makes the fall one of g: that scale has its own check
-    v = float(fall.bounces["incoming_speed"][0]) * gravity.value / float(fall.bounces["fall_acceleration"])
+    v = float(fall.bounces["incoming_speed"][0]) * gravity.value / float(fall.values("fall_acceleration"))
     if not (isfinite(seen) and v > 0 and seen > 0):
         return not_made(name, law, "a first contact")
 

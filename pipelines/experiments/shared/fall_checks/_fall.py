@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from math import isfinite
+from typing import Any
 
 import xarray as xr
 
@@ -30,9 +31,13 @@ class Fall:
     bounces: xr.Dataset
     relative: float
 
+    def values(self, name: str) -> Any:
+        """Return a quantity as its plain array: a DataArray takes longer to make than most checks to compute."""
+        return self.bounces.variables[name].values
+
     def value(self, name: str, impact: int | None = None) -> tuple[float, float]:
         """Return a quantity with the standard uncertainty of the record alone."""
-        values, u = self.bounces[name].values, self.bounces[f"u_{name}"].values
+        values, u = self.values(name), self.values(f"u_{name}")
         if impact is None:
             return float(values), float(u)
         return float(values[impact]), float(u[impact])

@@ -67,13 +67,13 @@ def speed(fall: Fall, gravity: Quantity) -> Check:
 def release(fall: Fall, moved: xr.Dataset) -> Check:
     """Hold the level at which the body was held against that from which it fell."""
     name, law = "level of the release", "a body that is let go falls from where it was held"
-    begun, direction = float(fall.bounces["release_time"]), float(fall.bounces.attrs["direction"])
+    begun, direction = float(fall.values("release_time")), float(fall.bounces.attrs["direction"])
     time, x = moved["time"].values, moved["displacement"].values
     held = x[(time < begun - _LET_GO) & np.isfinite(x)]
     if held.size < _HELD_READINGS or not isfinite(begun):
         return not_made(name, law, f"{_HELD_READINGS} readings before the release")
     middle = float(np.median(held))
-    level, spread = direction * (middle - float(fall.bounces["contact_level"])), float(np.std(held))
+    level, spread = direction * (middle - float(fall.values("contact_level"))), float(np.std(held))
     fell, own = fall.value("drop_height")
     text = (
         f"{fall.name}: the body was held {quantity(level, 'm')} above its first touch and fell as from "
@@ -97,7 +97,7 @@ def smooth_flights(fall: Fall) -> Check:
     name, law = "smoothness of the flights", "nothing acts on a flying body but gravity: flights are arcs with noise"
     if "chi_square" not in fall.bounces:
         return not_made(name, law, "flights before and after an impact")
-    ratio, noise = float(fall.bounces["chi_square"].values[0]), float(fall.bounces.attrs["noise"])
+    ratio, noise = float(fall.values("chi_square")[0]), float(fall.bounces.attrs["noise"])
     height = fall.value("drop_height")[0]
     if not (isfinite(ratio) and isfinite(height)):
         return not_made(name, law, "flights before and after an impact")
@@ -112,13 +112,13 @@ def smooth_flights(fall: Fall) -> Check:
 def flights_alike(fall: Fall, gravity: Quantity) -> Check:
     """Hold the duration of every flight against the speed with which it began."""
     name, law = "durations of the flights", "a flight lasts as long as its speeds say: 2 v/g"
-    touch, u_touch = fall.bounces["touch_time"].values, fall.bounces["u_touch_time"].values
-    leave, u_leave = fall.bounces["liftoff_time"].values, fall.bounces["u_liftoff_time"].values
-    out, u_out = fall.bounces["outgoing_speed"].values, fall.bounces["u_outgoing_speed"].values
-    into, u_into = fall.bounces["incoming_speed"].values, fall.bounces["u_incoming_speed"].values
+    touch, u_touch = fall.values("touch_time"), fall.values("u_touch_time")
+    leave, u_leave = fall.values("liftoff_time"), fall.values("u_liftoff_time")
+    out, u_out = fall.values("outgoing_speed"), fall.values("u_outgoing_speed")
+    into, u_into = fall.values("incoming_speed"), fall.values("u_incoming_speed")
     if touch.size < 3:
         return not_made(name, law, "three bounces")
-    own = float(fall.bounces["fall_acceleration"])
+    own = float(fall.values("fall_acceleration"))
     lasts = touch[1:] - leave[:-1]
     said = (out[:-1] + into[1:]) / (own if own > 0 else gravity.value)
     u = np.hypot(np.hypot(u_touch[1:], u_leave[:-1]), np.hypot(u_out[:-1], u_into[1:]) / abs(own))

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import hypot, log10
+from math import log10
 
 import numpy as np
 from scipy import special
@@ -69,23 +69,25 @@ def levels_alike(falls: Sequence[Fall]) -> Check:
     known = [fall for fall in falls if fall.bounces.sizes["impact"] > 1]
     if len(known) < _ENOUGH:
         return not_made(name, law, "three repeats with two touches")
-    worst, text, at, file = 0.0, f"{len(known)} repeats: alike", "", ""
-    for touch in range(1, min(fall.bounces.sizes["impact"] for fall in known)):
-        levels, u = (np.array([fall.bounces[n].values[[0, touch]] for fall in known]) for n in _LEVELS)
-        rise, own = levels[:, 1] - levels[:, 0], np.hypot(u[:, 0], u[:, 1])
-        for i, fall in enumerate(known):
-            others = np.delete(rise, i)
-            # two others tell nothing of a scatter beyond what is known of each
-            spread = float(np.median(np.abs(others - np.median(others)))) if others.size >= _ENOUGH else 0.0
-            apart = float(rise[i] - np.median(others))
-            # what moved the sensor widens the uncertainty of its own record, which would hide it
-            usual = float(np.median(own))
-            scatter = hypot(usual, 1.4826 * spread)
-            beyond = abs(apart) / (DOUBTFUL * hypot(usual, scatter) + LEAST_ROUGH * abs(fall.value("drop_height")[0]))
-            if beyond > worst:
-                worst, file = beyond, fall.name
-                at = quantity(float(fall.bounces["touch_time"].values[touch]), "s")
-                text = f"{file}: touch {touch + 1} lies {quantity(apart, 'm')} from where it lies in the other repeats"
+    touches = min(fall.bounces.sizes["impact"] for fall in known)
+    levels, u = (np.array([fall.values(n)[:touches] for fall in known]) for n in _LEVELS)
+    rise, own = levels[:, 1:] - levels[:, :1], np.hypot(u[:, 1:], u[:, :1])
+    others = np.array([np.delete(rise, i, axis=0) for i in range(len(known))])
+    centre = np.median(others, axis=1)
+    # two others tell nothing of a scatter beyond what is known of each
+    is_told = others.shape[1] >= _ENOUGH
+    spread = np.median(np.abs(others - centre[:, None]), axis=1) if is_told else np.zeros_like(centre)
+    # what moved the sensor widens the uncertainty of its own record, which would hide it
+    usual = np.median(own, axis=0)
+    rough = np.array([LEAST_ROUGH * abs(fall.value("drop_height")[0]) for fall in known])
+    scatter = np.hypot(usual, np.hypot(usual, 1.4826 * spread))
+    beyond = np.nan_to_num(np.abs(rise - centre) / (DOUBTFUL * scatter + rough[:, None]), nan=0.0)
+    # of equal ones the earliest touch
+    touch, i = np.unravel_index(int(np.argmax(beyond.T)), beyond.T.shape)
+    worst, file = float(beyond[i, touch]), known[i].name
+    at = quantity(float(known[i].values("touch_time")[touch + 1]), "s")
+    apart = quantity(float(rise[i, touch] - centre[i, touch]), "m")
+    text = f"{file}: touch {touch + 2} lies {apart} from where it lies in the other repeats"
     if worst <= 1.0:
         return stated(name, law, text, None, file=file)
     cause = f"the sensor, its cable or clamp, or the plate was knocked or pulled in this repeat, before {at}"
@@ -120,6 +122,6 @@ def _small_sample(n: int) -> float:
 
 
 def _first(fall: Fall, variable: str) -> tuple[float, float]:
-    values = np.atleast_1d(fall.bounces[variable].values)
-    u = np.atleast_1d(fall.bounces[f"u_{variable}"].values)
+    values = np.atleast_1d(fall.values(variable))
+    u = np.atleast_1d(fall.values(f"u_{variable}"))
     return float(values[0]), float(u[0])

@@ -39,7 +39,9 @@ def judgement(scene: Scene) -> xr.Dataset:
     known = {**scene.inputs, **scene.shared}
     # a change of a rheometer's spectrum is no value that could have been stated wrongly
     names = sorted(name for name in named & set(scene.inputs) if not is_of_spectrum(name))
-    found, smallest, told, stiffness = None, np.full(len(names), np.inf), [], None
+    found, smallest, stiffness = None, np.full(len(names), np.inf), None
+    told: list[str] = []
+    own = covariance = None
     if rows:
         every = [*names, *sorted(named & set(known) - set(names))]
         slopes = np.array([[row.slopes.get(name, 0.0) for name in every] for row in rows])
@@ -47,7 +49,6 @@ def judgement(scene: Scene) -> xr.Dataset:
         found = agreement([row.difference or 0.0 for row in rows], covariance, slack)
         smallest = detectable(slopes[:, : len(names)], covariance, slack=slack) if names else smallest
         own = slopes[:, : len(names)]
-        told = explanations(scene, judged, names, rows, own, covariance)
         stiffness = stiffness_of(names, scene.inputs, rows, own, covariance)
     # an error of an input that is 0 has no size to be compared with, nor has that of a temperature in °C
     values = np.array([0.0 if scene.inputs[name].si == "degC" else scene.inputs[name].value for name in names])
@@ -58,10 +59,11 @@ def judgement(scene: Scene) -> xr.Dataset:
     # what an impossible experiment on which little rests does to that little, nobody knows
     if not is_held or (scene.basis.wrong and made.attrs["model"] == "differs"):
         made.attrs["model"], is_held = "undecided", False
-    told = [first for first in (scene.unstated,) if first] + told
-    told = [f"{scene.basis.reason}: see there first", *told] if scene.basis.reason else told
-    wanted = made.attrs["model"] == "differs" or not is_held
-    return made.assign_attrs(suspects=json.dumps(told if wanted else []), stiffness=json.dumps(stiffness))
+    if made.attrs["model"] == "differs" or not is_held:
+        first = f"{scene.basis.reason}: see there first" if scene.basis.reason else ""
+        told = [text for text in (first, scene.unstated) if text]
+        told += explanations(scene, judged, names, rows, own, covariance) if rows else []
+    return made.assign_attrs(suspects=json.dumps(told), stiffness=json.dumps(stiffness))
 
 
 def _covariance(rows: Sequence[Row], slopes: Any, u: Sequence[float]) -> tuple[Any, Any]:

@@ -23,12 +23,15 @@ def repeated_rows(trace: Trace) -> Check:
     title, law = "rows that come twice", "noise does not repeat itself"
     if trace.reading.size < 3 * _BLOCK or trace.resolution == 0.0:
         return not_made(title, law, f"{3 * _BLOCK} readings that differ")
+    none = stated(title, law, f"{trace.name}: no stretch of readings comes twice", None, file=trace.name)
     keys, places = _stretches(trace, trace.resolution)
+    if not _has_twins(keys[places]):
+        return none
     _, first, inverse = np.unique(keys[places], return_index=True, return_inverse=True)
     again = places[first[inverse]]
     twice = np.flatnonzero((again != places) & (np.abs(places - again) >= _BLOCK))
     if not twice.size:
-        return stated(title, law, f"{trace.name}: no stretch of readings comes twice", None, file=trace.name)
+        return none
     second, original = int(places[twice[0]]), int(again[twice[0]])
     rows = int(twice.size) + _BLOCK - 1
     text = (
@@ -37,6 +40,11 @@ def repeated_rows(trace: Trace) -> Check:
     )
     cause = "rows were doubled, or two copies pasted together, when the file was made or edited"
     return stated(title, law, text, "impossible", file=trace.name, cause=cause)
+
+
+def _has_twins(keys: np.ndarray) -> bool:
+    in_order = np.sort(keys)
+    return bool((in_order[1:] == in_order[:-1]).any())
 
 
 def _stretches(trace: Trace, step: float, *, from_any_zero: bool = False) -> tuple[np.ndarray, np.ndarray]:
@@ -71,7 +79,8 @@ def shared_rows(traces: Sequence[Trace]) -> Check:
     known = [t for t in traces if t.reading.size >= 3 * _BLOCK and t.resolution > 0.0]
     found = [_stretches(t, min(steps), from_any_zero=True) for t in known]
     alive = [keys[places] for keys, places in found]
-    for (i, first), (j, later) in combinations(enumerate(known), 2):
+    pairs = combinations(enumerate(known), 2) if _has_twins(np.concatenate(alive)) else ()
+    for (i, first), (j, later) in pairs:
         if _is_same_file(first, later):
             continue
         longest, start = longest_run(np.isin(alive[j], alive[i]))

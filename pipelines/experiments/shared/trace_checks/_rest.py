@@ -14,6 +14,9 @@ from pipelines.experiments.shared.trace_checks._trace import LIMITS, QUIET, Trac
 _BEFORE = 2e-3  # s before a release that was found, while which something may move already
 _TURNS = 2  # periods of a vibration, without which it cannot be told from a drift
 _CHANCE = 1e-6  # probability by which white noise swings so
+_AT_MOST = 2.0
+"""Times what the strongest line of a spectrum explains, more than which no sine of a frequency near it does: with few
+turns a drift shares a part of it."""
 _PIECES, _BURSTS = 20, 3.0
 """Of what is at rest, and times as wide as the quiet ones, from which on a piece swings."""
 _IN_PROPORTION = 0.3  # of the exponent 1 with which a moving average's differences grow
@@ -48,6 +51,9 @@ def swing_at_rest(trace: Trace, rest: slice, fewest: int = QUIET) -> tuple[float
     drift = x - flat @ np.linalg.lstsq(flat, x, rcond=None)[0]
     power = np.abs(np.fft.rfft(drift, 4 * t.size))
     power[: 4 * _TURNS] = 0.0  # fewer turns are a drift
+    limit = float(drift @ drift) * (_CHANCE / t.size) ** (2 / (t.size - 4))
+    if float(drift @ drift) - _AT_MOST * 2.0 * float(power.max()) ** 2 / t.size > limit:
+        return None
     guess = int(np.argmax(power)) / (4 * span * t.size / (t.size - 1))
     best, amplitude, left = 0.0, 0.0, np.inf
     for f in np.linspace(guess - 0.5 / span, guess + 0.5 / span, 21):
@@ -55,7 +61,7 @@ def swing_at_rest(trace: Trace, rest: slice, fewest: int = QUIET) -> tuple[float
         fitted = np.linalg.lstsq(design, x, rcond=None)[0]
         if (sum_of_squares := float(np.sum((x - design @ fitted) ** 2))) < left:
             best, amplitude, left = float(f), float(np.hypot(*fitted[3:])), sum_of_squares
-    is_sure = left < float(drift @ drift) * (_CHANCE / t.size) ** (2 / (t.size - 4))
+    is_sure = left < limit
     is_seen = 2 * amplitude > LIMITS[0] * trace.travel and amplitude > trace.resolution
     return (best, amplitude) if is_sure and is_seen else None
 

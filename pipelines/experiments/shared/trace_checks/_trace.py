@@ -66,7 +66,9 @@ class Trace:
     def resolution(self) -> float:
         """Smallest difference between two readings [m]."""
         x = self.reading[np.isfinite(self.reading)]
-        return float(quantisation_step(x)) if np.unique(x).size > 1 else 0.0
+        if not x.size:
+            return 0.0
+        return float(quantisation_step(x)) if np.ptp(x) > 0.0 else 0.0
 
     def at(self, index: int) -> str:
         """Write the time of a reading."""
