@@ -211,6 +211,18 @@ ROWS = (
     FilmMistake(
         "frames of the flight lost", "impossible", ("first flight",), _frames(lambda i: np.delete(i, slice(300, 400)))
     ),
+    FilmMistake(
+        "thirty frames of the first flight lost",
+        "doubtful",
+        ("before impact 2", "9 % shorter", "frames were lost between"),
+        _frames(lambda i: np.delete(i, slice(330, 360))),
+    ),
+    FilmMistake(
+        "a buffer of 25 frames twice in the first flight",
+        "doubtful",
+        ("before impact 2", "longer", "frames are repeated between"),
+        _frames(lambda i: np.concatenate([i[:300], i[275:875]])),
+    ),
     FilmMistake("begins in contact", "doubtful", ("begins too late",), _frames(lambda i: i[179:])),
     FilmMistake("ends in the first contact", "doubtful", ("stopped or cut too soon",), _frames(lambda i: i[:184])),
     FilmMistake(

@@ -11,6 +11,7 @@ from labpipe.judging import SLIPS, Cause, Check, Level, bounded, compared, in_wo
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
+from pipelines.experiments.contact_area._flight_checks import flights_alike
 from pipelines.experiments.contact_area._frame_checks import frame_checks, summits_seen
 from pipelines.experiments.contact_area._scale import fringe_scale
 from pipelines.experiments.contact_area.comparison import FRAMES, PLATE, SCALE, WAVELENGTH, plate_mass, rows
@@ -90,7 +91,7 @@ def judgement(
         checks += [_flight(impacts, model, settings), _duration(impacts, model, settings), _rest(impacts, settings)]
         if radius is not None:
             checks += [_steady(radius, impacts, settings), _ends(radius, impacts, settings)]
-            checks.append(summits_seen(radius, impacts, settings))
+            checks += [summits_seen(radius, impacts, settings), flights_alike(radius, impacts, model, settings)]
     compared_rows = []
     if comparison is not None and impacts is not None and model is not None:
         compared_rows = list(rows(comparison, impacts, model, settings=settings))

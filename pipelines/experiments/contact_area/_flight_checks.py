@@ -1,0 +1,64 @@
+"""Whether the flights of a film last as long as the contacts after them say."""
+
+import numpy as np
+import xarray as xr
+
+from labpipe.judging import DOUBTFUL, Check, not_made, stated
+from labpipe.report import quantity
+from pipelines.experiments.contact_area.settings import ContactArea
+
+_POWER = 2.5  # of the largest radius, with which the speed of an impact goes (Hertz)
+_ROUGH = 0.02  # relative, by which a plate that swings changes a flight
+_LIKE_MODEL = 0.3  # of what weight and relaxation add to that law, known from the model
+_SHORTEST = 0.25  # of the longest flight: the swing of a plate is a large part of what ends a shorter one
+
+
+def flights_alike(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset | None, settings: ContactArea) -> Check:
+    """Hold the flights against each other by the radii of the contacts that end them.
+
+    A flight lasts 2 v/g, and its speed is that of the impact after it, whose largest radius goes with
+    v^(2/5). So every flight over the 5/2 power of that radius is one number, whatever the polymer,
+    but for weight and relaxation, which the model shows.
+    """
+    name = "durations of the flights"
+    law = "a flight lasts 2 v/g, and the largest radius of the contact after it goes with v^(2/5)"
+    peak, a, u_a = (impacts[n].values for n in ("peak_time", "peak_radius", "u_peak_radius"))
+    if model is None or min(peak.size, model.sizes["impact"]) < 3:
+        return not_made(name, law, "three impacts, and a model of them")
+    count = min(peak.size, model.sizes["impact"])
+    peak, a, u_a, touches = peak[:count], a[:count], u_a[:count], model["contact_duration"].values[:count]
+    lasts = np.diff(peak) - 0.5 * (touches[1:] + touches[:-1])
+    long = np.flatnonzero(lasts > _SHORTEST * lasts.max())
+    theirs = np.diff(model["impact_time"].values[:count]) - touches[:-1]
+    known = (lasts[long] > 0) & (theirs[long] > 0) & np.isfinite(a[long + 1]) & np.isfinite(u_a[long + 1])
+    long = long[known]
+    if long.size < 2:
+        return not_made(name, law, "two flights that last longer than contacts")
+    of_model = np.log(theirs[long]) - _POWER * np.log(model["peak_contact_radius"].values[long + 1])
+    told = np.log(lasts[long]) - _POWER * np.log(a[long + 1]) - of_model
+    # of the scale all contacts share the error
+    own = np.sqrt(np.maximum((u_a / a) ** 2 - float(radius.attrs["u_systematic_relative"]) ** 2, 0.0))[long + 1]
+    interval = float(np.median(np.diff(radius["time"].values)))
+    u = np.hypot(_POWER * own, interval / lasts[long])
+    centre = np.array([float(np.median(np.delete(told, k))) for k in range(told.size)])
+    bent = np.abs(of_model - np.median(of_model))
+    u_told = np.hypot(u, float(np.median(u)))
+    beyond = np.abs(told - centre) - _ROUGH - _LIKE_MODEL * bent - DOUBTFUL * u_told
+    # of two, the one that is less like the model's
+    worst = int(np.argmax(beyond if long.size > 2 else np.abs(np.log(lasts[long] / theirs[long]))))
+    flight, apart = int(long[worst]), float(np.expm1(told[worst] - centre[worst]))
+    text = (
+        f"{settings.film}: the flight before impact {flight + 2} lasts {quantity(float(lasts[flight]), 's')}, "
+        f"{abs(100 * apart):.0f} % {'longer' if apart > 0 else 'shorter'} than the radii of the contacts after the "
+        "flights say"
+    )
+    if beyond[worst] <= 0:
+        return stated(name, law, text, None, file=settings.film)
+    begin, end = (int(np.argmin(np.abs(radius["time"].values - peak[k]))) for k in (flight, flight + 1))
+    frames = radius["frame"].values
+    between = f"between frames {frames[begin]} and {frames[end]}"
+    cause = (
+        f"frames {'are repeated' if apart > 0 else 'were lost'} {between}, or those of another flight "
+        f"{'were lost' if apart > 0 else 'are repeated'}; or the lens was changed there"
+    )
+    return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
