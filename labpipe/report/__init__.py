@@ -38,6 +38,7 @@ from labpipe.report._tables import (
     quantity,
     value_with_uncertainty,
 )
+from labpipe.report._thinning import kept_samples
 
 __all__ = [
     "MAX_PAGE_BYTES",
@@ -74,6 +75,7 @@ __all__ = [
     "display_unit",
     "figure_bytes",
     "figure_style",
+    "kept_samples",
     "line_arguments",
     "listed",
     "number",

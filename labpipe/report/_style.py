@@ -312,7 +312,7 @@ def figure_bytes(figure: "Figure", file_format: str, dpi: float | None = None) -
     with rc_context(settings), _fonts_without_layout() if file_format == "pdf" else nullcontext():
         try:
             if engine is not None and not isinstance(engine, PlaceHolderLayoutEngine):
-                figure.draw_without_rendering()
+                engine.execute(figure)  # the places alone: nothing is drawn for them
                 figure.set_layout_engine("none")
             # ``savefig`` would draw everything once more before, for the layout that is known.
             drawing: Any = get_registered_canvas_class(file_format)(figure)

@@ -8,9 +8,8 @@ samples, and no peak is lost.
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
 # At least this share of the samples describes the whole range, however many windows there are.
@@ -44,11 +43,14 @@ def kept_samples(
 
     Examples
     --------
+    >>> import numpy as np
     >>> y = np.zeros(1000)
     >>> y[500] = 1.0
     >>> 500 in kept_samples(np.arange(1000.0), [y], 50)
     True
     """
+    import numpy as np
+
     n = x.size
     if n <= limit:
         return np.arange(n)
@@ -71,6 +73,8 @@ def kept_samples(
 
 def _extremes(curve: "NDArray[np.float64]", bucket: int) -> "NDArray[np.intp]":
     """Return the indices of the smallest and largest value and of one gap in every bucket."""
+    import numpy as np
+
     n_buckets = -(-curve.size // bucket)
     padded = np.full(n_buckets * bucket, np.nan)
     padded[: curve.size] = curve

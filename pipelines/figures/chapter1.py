@@ -232,7 +232,7 @@ def maxwell() -> Drawing:
                 "eqs. (1.33), (1.34), (1.36) as the special case of one term without equilibrium "
                 f"modulus; the loss modulus peaks at {modulus.imag.max():.4f} E (closed form 0.5)."
             ),
-            difference="none.",
+            difference="both moduli on one axis; printed, the loss modulus has its own on the right.",
         ),
         figure,
     )
@@ -250,7 +250,7 @@ def standard_linear_solid() -> Drawing:
                 "eqs. (1.37), (1.40), (1.42); creep comes from the exact interconversion, whose "
                 f"retardation time is {tau[0]:.6f} tau (beta tau = 10 tau by (1.40))."
             ),
-            difference="none.",
+            difference="both moduli on one axis; printed, the loss modulus has its own on the right.",
         ),
         figure,
     )

@@ -312,8 +312,9 @@ def heated(inputs: Inputs) -> Drawing:
             ),
             difference=(
                 "the thesis prints no radii; it says that the heated contact is larger in every "
-                "impact and at rest, and forms earlier. A softer contact takes longer to its largest radius; "
-                "what comes earlier is the next impact, after a lower bounce." + _whole_frames(share)
+                f"impact and at rest, and forms earlier. Here {_where_larger(inputs, pair)}: what is softer also "
+                "bounces lower, and falls slower onto the next impact. A softer contact takes longer to its largest "
+                "radius; what comes earlier is the next impact." + _whole_frames(share)
             ),
             **inputs.data_note(f"the films {pair[0][0]} and {pair[1][0]}."),
         ),
@@ -400,6 +401,18 @@ def _warming(inputs: Inputs, pair: list[tuple[str, str]]) -> str:
     swings = [label for name, label in pair if not _is_still(inputs, name)]
     still = f" (the sphere still swings there: {', '.join(swings)})" if swings else ""
     return f"Largest radius, heated minus room: {'; '.join(notes)}; at rest {at_rest} µm{still}."
+
+
+def _where_larger(inputs: Inputs, pair: list[tuple[str, str]]) -> str:
+    """Say in which impacts the film tells the heated contact to be larger, by two standard uncertainties."""
+    cold, warm = (inputs.result(name, "comparison") for name, _ in pair)
+    words: dict[str, list[str]] = {"larger": [], "not told apart": [], "smaller": []}
+    for number in range(_IMPACTS):
+        gap = float(warm["peak_radius_film"][number] - cold["peak_radius_film"][number])
+        u = float(np.hypot(*(float(made["u_peak_radius_difference"][number]) for made in (cold, warm))))
+        word = "not told apart" if abs(gap) < 2 * u else "larger" if gap > 0 else "smaller"
+        words[word].append("I" * (number + 1))
+    return ", ".join(f"{word} in {', '.join(found)}" for word, found in words.items() if found)
 
 
 def _is_still(inputs: Inputs, name: str) -> bool:

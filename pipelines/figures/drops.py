@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
-from labpipe.report import line_arguments
+from labpipe.report import kept_samples, line_arguments
 from pipelines.figures.drawing import Caption, Drawing, beyond, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs
 
@@ -19,6 +19,9 @@ _BEFORE, _PAST_REST = 20.0, 1.05
 _ZOOM = (-0.5, 2.0)
 _MOST_HEIGHTS, _REPEATS = 4, 5
 _GREEN = "#bfe3c6"
+
+_DRAWN_POINTS = 4000
+"""Of a band; a panel is some 800 points of a printer wide."""
 
 
 def acrylic(inputs: Inputs) -> Drawing:
@@ -64,7 +67,8 @@ def heights(inputs: Inputs, sphere: str) -> Drawing:
     return Drawing(
         Caption(
             f"Displacement of {sphere} sphere after drops from {len(chosen)} "
-            f"{'heights' if len(chosen) > 1 else 'height'}, from first contact to {_ends(inputs, chosen)} "
+            f"{'heights' if len(chosen) > 1 else 'height'}, from {_BEFORE:g} ms before first contact to "
+            f"{_ends(inputs, chosen)} "
             "(left); green: the penetration, magnified in all impacts (middle) and in the first (right).",
             computed=(
                 "lines: drop simulation with the material that the session names. Agreement with "
@@ -133,7 +137,8 @@ def _row(places: Any, results: dict[str, xr.Dataset], origin: str, rest: float) 
     spans = ((-_BEFORE, end), (-_BEFORE, end), _ZOOM)
     for place, factor, limits in zip(places, (1e3, 1e6, 1e6), spans, strict=True):
         place.axhspan(1.3 * deepest * factor * 1e-6, 0.0, color=_GREEN, linewidth=0, zorder=-1, label="penetration")
-        shown = (t >= limits[0]) & (t <= limits[1])
+        shown = np.flatnonzero((t >= limits[0]) & (t <= limits[1]))
+        shown = shown[kept_samples(t[shown], [(mean - half)[shown], (mean + half)[shown]], _DRAWN_POINTS)]
         low, high = ((mean + side * half)[shown] * factor for side in (-1, 1))
         # An edge keeps a band visible that is narrower than a line on this scale.
         place.fill_between(

@@ -59,7 +59,8 @@ def laser_and_film(inputs: Inputs) -> Drawing:
             difference=(
                 "the thesis gives no number for the agreement. First contact is printed as about 0.04 s for "
                 f"7 mm (37.8 ms of free fall); here it comes at {touch * 1e3:.2f} ms of a recording that begins "
-                f"before the release, from {drops.height.value * 1e3:g} mm."
+                f"before the release, from {drops.height.value * 1e3:g} mm. The text counts displacement from the "
+                "release, -7 mm at first contact; here it is 0 there."
                 + beyond("the motion until rest", f"{t.max():.0f} ms of film")
                 * (float(t.max()) < _TO_REST)
             ),
@@ -82,7 +83,9 @@ def contact_radius(inputs: Inputs) -> Drawing:
             made = inputs.result(name, "comparison")
             _impact_row(axes[row], made, inputs.result(name, "model"), inputs.origin)
             height = inputs.experiments[name].height.value * 1e3
-            letter(axes[row, 0], "abcd"[row], f"$h_0$ = {height:g} mm")
+            letter(axes[row, 0], "abcd"[row], f"$h_0$ = {height:g} mm, I")
+            for number, place in enumerate(axes[row, 1:], start=2):
+                place.set_title("I" * number, loc="left", fontsize=8.0)
             gap = made["peak_radius_difference"].values[:_IMPACTS] * 1e6
             u = made["u_peak_radius_difference"].values[:_IMPACTS] * 1e6
             pairs = ", ".join(f"{g:+.1f} ± {s:.1f}" for g, s in zip(gap, u, strict=True))
@@ -94,7 +97,7 @@ def contact_radius(inputs: Inputs) -> Drawing:
         legend_above(figure, axes[0, 0])
     return Drawing(
         Caption(
-            "Contact radius of the first impacts (left to right) at each drop height, t_p = 0 at the largest radius.",
+            "Contact radius of the first impacts (I, II, III) at each drop height, t_p = 0 at the largest radius.",
             computed=f"simulated drops; largest radius, film minus model: {'; '.join(notes)}.",
             difference="the thesis gives no number for the agreement."
             + beyond("four heights", f"{len(chosen)}") * (len(chosen) < _MOST_HEIGHTS),

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,6 +36,7 @@ class Inputs:
 
     plan: "Plan"
     experiments: Mapping[str, Any]
+    _read: "dict[tuple[str, str, str | None], xr.Dataset]" = field(default_factory=dict, repr=False)
 
     @property
     def folder(self) -> Path:
@@ -48,14 +49,17 @@ class Inputs:
         return self.plan.session.synthetic
 
     def result(self, experiment: str, stage: str, recording: str | None = None) -> "xr.Dataset":
-        """Return one stored result, of a stage per recording that of one file.
+        """Return one stored result, of a stage per recording that of one file; it is read once.
 
         Raises
         ------
         InputError
             It is missing or out of date.
         """
-        return Results(self.plan).result(experiment, stage, recording)
+        asked = experiment, stage, recording
+        if asked not in self._read:
+            self._read[asked] = Results(self.plan).result(*asked)
+        return self._read[asked]
 
     def solid_of(self, body: Any) -> "Prony":
         """Return the solid that a sphere or a substrate of session.toml names, at its temperature."""

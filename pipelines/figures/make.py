@@ -21,6 +21,7 @@ from labpipe import files
 from labpipe.errors import LabpipeError, UsageError
 from labpipe.notebook import Shown, ShownAsTable
 from labpipe.workflow.code import Code
+from labpipe.workflow.engines import load_ahead
 from labpipe.workflow.session import Session
 from pipelines.figures._list import FIGURES, Figure
 from pipelines.figures.inputs import Inputs, matching, result_keys
@@ -42,6 +43,22 @@ IMPOSSIBLE = "cannot be regenerated"
 NOT_DRAWN = "not drawn by this version"
 DRAWN = "drawn"
 FAILED = "failed"
+
+_IMPORTS = (
+    "netCDF4",
+    "matplotlib.backends.backend_agg",
+    "matplotlib.backends.backend_pdf",
+    "matplotlib.backends.backend_svg",
+    "scipy.optimize",
+    "labpipe.netcdf",
+    "pipelines.experiments",
+    "pipelines.process",
+    *dict.fromkeys(figure.function.partition(":")[0] for figure in FIGURES if figure.function),
+)
+"""What drawing needs, for workers to share."""
+
+_LONG = ("A.1", "2.6", "3.10", "3.11", "3.12", "2.8")
+"""Figures that take longest: begun last, they would be waited for alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +151,7 @@ class Shelf:
             return cls(folder, code=code)
         from pipelines import process
 
-        made = process.plan(session, keep=None)
+        made = process.plan(session.absolute(), keep=None)  # workers may stand in another folder
         return cls(folder, made.session, made, code)
 
     def record(self) -> dict[str, Any]:
@@ -221,9 +238,11 @@ def make(
     """
     found = states(shelf, figures)
     ready = [state for state in found if state.state == READY]
-    failures = _process(shelf, ready, jobs)
+    if ready and jobs > 1:
+        load_ahead(_IMPORTS)
+    now, failures = _process(shelf, ready, jobs)
     outcomes = []
-    with contextlib.closing(_drawings(shelf, ready, failures, jobs)) as drawings:
+    with contextlib.closing(_drawings(now, ready, failures, jobs)) as drawings:
         for state in found:
             if state.state == READY:
                 outcome, entry = next(drawings)
@@ -237,48 +256,54 @@ def make(
     return tuple(outcomes)
 
 
-def _process(shelf: Shelf, ready: list[State], jobs: int) -> dict[str, str]:
-    """Run the stages behind the figures, and no other; return what failed, by experiment."""
+def _process(shelf: Shelf, ready: list[State], jobs: int) -> tuple[Shelf, dict[str, str]]:
+    """Run the stages behind the figures that have no result, and no other.
+
+    Returns
+    -------
+    Shelf
+        With a plan of what there is now.
+    dict
+        What failed, by experiment.
+    """
     targets = {
-        f"{name}/{stage}": name
+        (name, stage): f"{name}/{stage}"
         for state in ready
         for need in state.figure.needs
         for name in matching(shelf.session, need)
         for stage in need.stages
     }
-    if shelf.session is None or not targets:
-        return {}
+    to_run = () if shelf.plan is None else shelf.plan.to_run
+    if shelf.session is None or targets.keys().isdisjoint((row.experiment, row.stage) for row in to_run):
+        return shelf, {}
     from pipelines import process
 
-    experiments = sorted(set(targets.values()))
-    run = process.process(shelf.session.root, list(targets), experiments, jobs=jobs, keep=None)
-    return {o.task.experiment: f"{o.task}: {o.message}" for o in run.failures}
+    root = shelf.session.root
+    run = process.process(root, list(targets.values()), sorted({name for name, _ in targets}), jobs=jobs, keep=None)
+    failures = {o.task.experiment: f"{o.task}: {o.message}" for o in run.failures}
+    return replace(Shelf.of(shelf.folder, root), code=shelf.code), failures
 
 
 def _drawings(
     shelf: Shelf, ready: list[State], failures: Mapping[str, str], jobs: int
 ) -> Generator[tuple[Outcome, dict[str, Any]]]:
-    """Draw one figure after the other, or some side by side; the order is that of the states."""
+    """Draw one figure after the other, or some side by side; they are given in the order of the states."""
     from labpipe.workflow.engines import Died, choose, side_by_side
 
-    if not ready:
-        return
-    # What was processed since the plan was made is in a new one.
-    root = None if shelf.session is None else shelf.session.root.absolute()
-    now = Shelf.of(shelf.folder.absolute(), root)
-    tasks = {number: (now, state.figure.id, state.experiments, dict(failures)) for number, state in enumerate(ready)}
-    workers = min(jobs, len(tasks))
-    engine = choose(workers if workers > 1 else 0)
     # Following the code behind all figures takes a fifth of their time where each follows its own;
     # here it is followed once, and kept.
-    keys = replace(now, code=shelf.code)
+    sent = replace(shelf, folder=shelf.folder.absolute(), code=Code())
+    longest_first = sorted(enumerate(ready), key=lambda one: one[1].figure.id not in _LONG)
+    tasks = {number: (sent, state.figure.id, state.experiments, dict(failures)) for number, state in longest_first}
+    workers = min(jobs, len(tasks))
+    engine = choose(workers if workers > 1 else 0)
     found: dict[int, tuple[Outcome, dict[str, Any]]] = {}
     done = 0
-    for number, answer in side_by_side(engine, f"{__name__}:drawn", tasks):
+    for number, answer in side_by_side(engine, f"{__name__}:drawn", tasks, imports=_IMPORTS):
         figure, names = ready[number].figure, ready[number].experiments
         lost = Outcome(figure.id, FAILED, f"{answer}; too little memory?")
         outcome, written = (lost, {}) if isinstance(answer, Died) else answer
-        found[number] = outcome, {"key": keys.key(figure, names), "files": written} if written else {}
+        found[number] = outcome, {"key": shelf.key(figure, names), "files": written} if written else {}
         while done in found:
             yield found.pop(done)
             done += 1

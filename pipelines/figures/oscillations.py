@@ -131,7 +131,9 @@ def _loop_panel(axes: Any, parts: dict[str, xr.Dataset], scales: tuple[float, fl
     for number, frequency in enumerate(table["frequency"].values.tolist()):
         depth = (position[number] - touch) / radius
         force = _without_lag(recorded["force"].values[number], frequency, parts["loads"])
-        axes.plot(depth, force / scale, label=f"{frequency * _AXIS:.3g}", color=shades[number], linewidth=1.2)
+        axes.plot(
+            depth, force / scale, label=f"{frequency * _AXIS:.3g}", color=shades[number], linewidth=1.2, linestyle="-"
+        )
         x, simulated = _simulated_loop(parts, number)
         every = max(1, x.size // _DRAWN_POINTS)
         axes.plot(

@@ -67,7 +67,7 @@ def master_curve(inputs: Inputs, printed_T_ref: float, note: str = "", *, with_s
         if with_spectrum:
             _spectrum(axes[0, 2], made)
         for place, letter_ in zip(axes[0], "abc", strict=False):
-            letter(place, letter_)
+            letter(place, letter_, f"$T_0$ = {float(made['T_ref']):g} °C" if letter_ == "b" else "")
         legend_above(figure, drawn)
     verdict = json.loads(made.attrs["kramers_kronig"])["verdict"]
     residual = [100 * float(np.sqrt(np.nanmean(made[f"{part}_residual"] ** 2))) for part in ("storage", "loss")]
@@ -81,7 +81,7 @@ def master_curve(inputs: Inputs, printed_T_ref: float, note: str = "", *, with_s
             f"(a) Storage and loss modulus{'' if with_spectrum else ' (right axis)'} in "
             f"{'shear' if is_shear else 'tension'}, shifted to the reference temperature "
             f"{reference:g} degC, with the fitted generalised Maxwell model; (b) horizontal shift "
-            "factors with two standard uncertainties"
+            "factors with two standard uncertainties, dotted: the reference temperature"
             + ("; (c) creep compliances over retardation times." if with_spectrum else "."),
             computed=(
                 "shifts and spectrum from one joint fit to both moduli; residuals "

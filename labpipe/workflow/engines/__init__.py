@@ -9,7 +9,7 @@ crew, by an interrupt too, its local processes have ended.
 
 from labpipe.workflow.engines._calls import Call, Crew, Died, Engine, Serial, side_by_side
 from labpipe.workflow.engines._dask import Dask
-from labpipe.workflow.engines._processes import Processes, alongside, elsewhere, processors
+from labpipe.workflow.engines._processes import Processes, alongside, elsewhere, load_ahead, processors
 
 __all__ = [
     "Call",
@@ -22,6 +22,7 @@ __all__ = [
     "alongside",
     "choose",
     "elsewhere",
+    "load_ahead",
     "processors",
     "side_by_side",
 ]
