@@ -110,9 +110,7 @@ def collision_model(inputs: Inputs | None) -> Drawing:
             ),
             difference=(
                 "the text gives ranges of damping and unloading multiplier, not the values per "
-                "height, so the printed curves cannot be repeated exactly; a fit to restitutions leaves the contact's "
-                "duration to E, which the text states for slow loading; a damping that must differ by height says "
-                "that the solid is not that of (A.4), whose loss grows with the fifth root of the speed. The 'yield "
+                f"height, so the printed curves cannot be repeated exactly{_of_fit(len(laws))}. The 'yield "
                 "stress of 2.0e-5 m' is a depth; taken as the update rule says, every overlap beyond 20 µm "
                 "stays, and the sphere hardly bounces: the printed agreement requires a larger one." + lacking
             ),
@@ -120,6 +118,15 @@ def collision_model(inputs: Inputs | None) -> Drawing:
         ),
         figure,
     )
+
+
+def _of_fit(heights: int) -> str:
+    """Say what a fit to the drops tells of the law; nothing where none was made."""
+    told = "; a fit to restitutions leaves the contact's duration to E" * (heights > 0)
+    return told + (
+        "; a damping that must differ by height says that the solid is not that of (A.4), whose loss grows with the "
+        "fifth root of the speed"
+    ) * (heights > 1)
 
 
 def _near(laws: dict[int, _Law], height: float) -> _Law:

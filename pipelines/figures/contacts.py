@@ -409,7 +409,7 @@ def _where_larger(inputs: Inputs, pair: list[tuple[str, str]]) -> str:
     words: dict[str, list[str]] = {"larger": [], "not told apart": [], "smaller": []}
     for number in range(_IMPACTS):
         gap = float(warm["peak_radius_film"][number] - cold["peak_radius_film"][number])
-        u = float(np.hypot(*(float(made["u_peak_radius_difference"][number]) for made in (cold, warm))))
+        u = float(np.linalg.norm([float(made["u_peak_radius_difference"][number]) for made in (cold, warm)]))
         word = "not told apart" if abs(gap) < 2 * u else "larger" if gap > 0 else "smaller"
         words[word].append("I" * (number + 1))
     return ", ".join(f"{word} in {', '.join(found)}" for word, found in words.items() if found)

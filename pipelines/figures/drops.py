@@ -150,7 +150,7 @@ def _row(places: Any, results: dict[str, xr.Dataset], origin: str, rest: float) 
         place.set_xlim(limits)
     places[0].set(ylabel="displacement (mm)", ylim=(1.3e-3 * deepest, None))
     places[1].set(ylabel="displacement (µm)", ylim=(1.3 * deepest, -0.6 * deepest))
-    places[2].set(ylim=(1.3 * deepest, -0.6 * deepest))
+    places[2].set(ylabel="displacement (µm)", ylim=(1.3 * deepest, -0.6 * deepest))
 
 
 def _rest(inputs: Inputs, name: str) -> float:

@@ -329,14 +329,15 @@ def drawn(
     logging.getLogger("fontTools").setLevel(logging.ERROR)
     (figure,) = chosen([name])
     try:
-        written = _write(shelf, figure, _draw(shelf, figure, experiments))
+        written = _write(shelf, figure, draw(shelf, figure, experiments))
     except LabpipeError as error:
         why = next((failures[n] for n in experiments if n in failures), str(error))
         return Outcome(name, FAILED, why), {}
     return Outcome(name, DRAWN, "", tuple(written)), written
 
 
-def _draw(shelf: Shelf, figure: Figure, names: tuple[str, ...]) -> "Drawing":
+def draw(shelf: Shelf, figure: Figure, names: tuple[str, ...]) -> "Drawing":
+    """Return a figure of some experiments with its caption, written nowhere; errors are those of its results."""
     module, name = figure.function.split(":")
     function = getattr(importlib.import_module(module), name)
     if not figure.needs:

@@ -82,7 +82,7 @@ def test_a_solid_of_one_term_is_found_again(rho: float) -> None:
         ("table D.1", "uncertainty of the front camera, 2 px", 200 / 386),
         ("2.5", "f tau_0 at 0.5 Hz", 0.5 * 1.56e-10),
         ("2.4", "Delta/R at 0.3 mm", 0.3 / 2),
-        ("3.3.4", "load 5 from the masses of 3.1", 5.5),
+        ("3.3.4", "load 5 from the masses of 3.1", 5.505),
         # (3 F R / 4 E*)^(1/3) with F = 0.505 kg g, R = 9.525 mm, E* = 3.2 GPa / (1 - 0.35^2)
         (
             "reference",

@@ -1,0 +1,58 @@
+"""Each figure of the list is drawn once from the committed small campaign, coarsely: none breaks unseen."""
+
+import shutil
+from io import BytesIO
+from pathlib import Path
+
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+from pipelines import process
+from pipelines.figures import FIGURES, Figure, make
+from pipelines.figures.inputs import matching
+
+CAMPAIGN = Path(__file__).parents[3] / "sample_data/thesis-small"
+DRAWN = tuple(figure for figure in FIGURES if figure.function)
+
+
+@pytest.fixture(scope="module")
+def shelf(tmp_path_factory: pytest.TempPathFactory) -> make.Shelf:
+    """A folder of figures with the small campaign, of which is processed what they need."""
+    folder = tmp_path_factory.mktemp("every")
+    session = Path(shutil.copytree(CAMPAIGN, folder / "campaign"))
+    opened = process.open_session(session)
+    shown = {(name, stage) for f in DRAWN for n in f.needs for name in matching(opened, n) for stage in n.stages}
+    targets, names = sorted(f"{name}/{stage}" for name, stage in shown), sorted({name for name, _ in shown})
+    assert process.process(session, targets, names, jobs=0).exit_code == 0
+    return make.Shelf.of(folder / "figures", session)
+
+
+def rows_of(axes: Axes) -> range | None:
+    """Rows of its figure's grid in which it stands; a colour bar stands in none."""
+    place = axes.get_subplotspec()
+    return None if place is None else place.rowspan
+
+
+@pytest.mark.parametrize("figure", DRAWN, ids=lambda figure: figure.id)
+def test_it_is_drawn_with_all_that_a_caption_says(shelf: make.Shelf, figure: Figure) -> None:
+    (state,) = make.states(shelf, [figure])
+    assert state.state == make.READY
+    assert bool(state.experiments) == bool(figure.needs)
+    drawing = make.draw(shelf, figure, state.experiments)
+    text = drawing.caption.text(figure.id, figure.title)
+    assert "nan" not in text.split()
+    assert "None" not in text
+    if drawing.figure is None:
+        assert len(drawing.table.splitlines()) > 1
+        return
+    drawing.figure.set_dpi(40)
+    canvas = FigureCanvasAgg(drawing.figure)
+    canvas.print_png(BytesIO())
+    for axes in drawing.figure.axes:
+        # Curves over numbers say what these are, or stand beside or above others that do.
+        alone = axes.get_shared_x_axes().get_siblings(axes) == [axes]
+        if axes.axison and axes.lines and alone and axes.xaxis.get_converter() is None:
+            row = [one for one in drawing.figure.axes if rows_of(one) == rows_of(axes)]
+            assert axes.get_xlabel()
+            assert any(one.get_ylabel() for one in row)
