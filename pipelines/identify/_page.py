@@ -32,7 +32,7 @@ from pipelines.experiments.shared.material_evidence import CONTACT_MODULUS
 from pipelines.experiments.shared.pages import SYNTHETIC, synthetic_notice
 from pipelines.identify._corner import best_frequency, corner, main_quantities
 from pipelines.identify._identify import Identified
-from pipelines.identify._result import dataset, verdicts
+from pipelines.identify._result import UNCHANGED, dataset, verdicts
 from pipelines.session import PAGE
 
 _REACH = 1.96
@@ -204,11 +204,15 @@ def _not_found(found: Identified) -> list[str]:
         "assumed of polymers"
     ]
     known = found.known
-    silent = [
-        p.name
-        for p, sd in zip(known.fit.problem.parameters, known.sd.tolist(), strict=True)
-        if p.is_nuisance and sd >= DETERMINED
-    ]
+    pairs = zip(known.fit.problem.parameters, known.sd.tolist(), strict=True)
+    stated = [(p.name, sd) for p, sd in pairs if p.is_nuisance]
+    better = [f"{name} by {100 * (1 - sd):.0f} %" for name, sd in stated if DETERMINED <= sd < UNCHANGED]
+    silent = [name for name, sd in stated if sd >= UNCHANGED]
+    if better:
+        texts.append(
+            f"a little better known than stated: {', '.join(better)} of the uncertainty; what is left is part of "
+            "every result"
+        )
     if silent:
         texts.append(
             f"nothing new about {', '.join(silent)}: the stated values were taken, and their uncertainty is part of "

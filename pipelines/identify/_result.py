@@ -15,6 +15,8 @@ from pipelines.identify._identify import Identified
 _PER_DECADE = 6
 _BEYOND = 100.0  # factor by which the curves go on beyond the data
 _LEVEL = 0.95
+UNCHANGED = 0.95
+"""Standard deviation over that before, from which on the data are said to tell nothing new."""
 
 
 def dataset(found: Identified) -> xr.Dataset:
@@ -110,10 +112,16 @@ def verdicts(found: Identified) -> list[str]:
     """Return for every unknown whether the data determine it.
 
     The long-time modulus is judged by whether the data show a plateau; any other unknown is
-    determined where the data at least halve the standard deviation of its prior.
+    determined where the data at least halve the standard deviation of its prior, and better known
+    where less than :data:`UNCHANGED` of it is left.
     """
     texts = [
-        "determined by the data" if sd < DETERMINED else "known from the prior only" for sd in found.known.sd.tolist()
+        "determined by the data"
+        if sd < DETERMINED
+        else "better known by the data"
+        if sd < UNCHANGED
+        else "known from the prior only"
+        for sd in found.known.sd.tolist()
     ]
     texts[0] = found.relaxed.verdict
     return texts

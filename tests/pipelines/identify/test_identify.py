@@ -1,4 +1,5 @@
 import contextlib
+import html
 import io
 import json
 import re
@@ -22,6 +23,7 @@ from pipelines.experiments.shared.drop_evidence import of_drop
 from pipelines.experiments.shared.material_evidence import CONTACT_MODULUS
 from pipelines.experiments.shared.settings import Plate
 from pipelines.identify import Wish, identify_materials, material_name
+from pipelines.identify._page import SHAPE
 from pipelines.rig.indentation_session import relaxation_section
 from pipelines.rig.indentations import Specimen
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
@@ -97,8 +99,22 @@ def test_document_names_the_unknowns_with_verdicts(rubber: Path) -> None:
     (document,) = json.loads((rubber / "said.json").read_text(encoding="utf-8"))
     assert document["E_relaxed"]["verdict"] == "bounded from above"
     verdicts = {row["name"]: row["verdict"] for row in document["unknowns"]}
-    assert verdicts["filter"] in {"determined by the data", "known from the prior only"}
+    assert verdicts["filter"] in {"determined by the data", "better known by the data", "known from the prior only"}
     assert document["frequency_range"][0] == pytest.approx(1.0, rel=0.02)
+
+
+def test_what_the_data_tell_of_the_experiment_is_said_as_large_as_it_is(rubber: Path) -> None:
+    found = files.read_dataset(rubber / "labpipe/identify_nbr.nc")
+    page = html.unescape((rubber / "labpipe/identify_nbr.html").read_text(encoding="utf-8"))
+    (silent,) = re.findall("Nothing new about ([^:<]*):", page) or [""]
+    removed = {"determined by the data": (0.75, 1.0), "better known by the data": (0.0975, 0.75)}
+    rows = zip(*(found[name].values for name in ("parameter_name", "verdict", "contraction")), strict=True)
+    for name, verdict, share in list(rows)[1:]:
+        least, most = removed.get(verdict, (-0.01, 0.0975))
+        assert least <= share <= most, (name, verdict)
+        if name.startswith(SHAPE):
+            continue
+        assert (name in silent.split(", ")) == (verdict == "known from the prior only"), name
 
 
 def test_moduli_outside_the_data_are_never_called_determined(rubber: Path) -> None:
