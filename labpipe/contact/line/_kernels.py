@@ -17,6 +17,7 @@ are absolute.
 """
 
 from dataclasses import dataclass
+from functools import cache, cached_property
 
 import numpy as np
 from scipy.special import zeta
@@ -34,7 +35,7 @@ _SHALLOW = 0.5
 _CLAUSEN_TERMS = 24
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class LineKernel:
     """Displacements of a periodic surface under strips of unit pressure, for E* = 1.
 
@@ -44,16 +45,22 @@ class LineKernel:
         Period λ.
     influence : array (element,) [m]
         Displacement at the centre of strip m under unit pressure on strip 0.
-    symbol : array (wave number,) [m]
-        Real Fourier transform of ``influence``.
     mean_compliance : float [m]
         G(0): 0 for the half-plane, whose displacements are relative to the mean surface.
     """
 
     period: float
     influence: Floats
-    symbol: Floats
     mean_compliance: float
+
+    @cached_property
+    def symbol(self) -> Floats:
+        """Real Fourier transform (wave number,) of the influence in m."""
+        symbol: Floats = np.fft.rfft(self.influence).real
+        if self.mean_compliance == 0.0:
+            # Exactly zero, not the rounding error of a sum: constants are the null space.
+            symbol[0] = 0.0
+        return symbol
 
     @property
     def elements(self) -> int:
@@ -130,11 +137,7 @@ def line_kernel(period: float, elements: int, thickness: float = np.inf, nu: flo
         mean = thickness * (1.0 - 2.0 * nu) / (1.0 - nu) ** 2
         influence = influence + _layer_excess(period, elements, thickness, nu)
         influence = influence + mean / elements
-    symbol = np.fft.rfft(influence).real
-    if mean == 0.0:
-        # Exactly zero, not the rounding error of a sum: constants are the null space.
-        symbol[0] = 0.0
-    return LineKernel(float(period), influence, symbol, float(mean))
+    return LineKernel(float(period), influence, float(mean))
 
 
 def _layer_deviation(z: Floats, nu: float) -> Floats:
@@ -169,10 +172,17 @@ def clausen(angle: Floats) -> Floats:
     theta = np.remainder(np.asarray(angle, dtype=float) + np.pi, 2.0 * np.pi) - np.pi
     square = (theta / (2.0 * np.pi)) ** 2
     series = np.zeros_like(theta)
-    for n in range(_CLAUSEN_TERMS, 0, -1):
-        series = square * (series + float(zeta(2 * n)) / (n * (2 * n + 1)))
+    for coefficient in _clausen_series():
+        series += coefficient
+        series *= square
     logarithm = np.log(np.maximum(np.abs(theta), np.finfo(float).tiny))
     return np.asarray(theta * (1.0 - logarithm + series))
+
+
+@cache
+def _clausen_series() -> tuple[float, ...]:
+    """Coefficients of the even powers of θ/2π, the highest first."""
+    return tuple(float(zeta(2 * n)) / (n * (2 * n + 1)) for n in range(_CLAUSEN_TERMS, 0, -1))
 
 
 def _half_plane(period: float, elements: int) -> Floats:

@@ -98,6 +98,8 @@ def is_symmetric(heights: Floats) -> bool:
     >>> is_symmetric(np.array([4.0, 1.0, 0.0, 1.0]))
     True
     """
+    if np.array_equal(heights[1:], heights[:0:-1]):
+        return True
     mirrored = np.roll(heights[::-1], 1)
     with np.errstate(invalid="ignore"):
         difference = np.where(heights == mirrored, 0.0, np.abs(heights - mirrored))

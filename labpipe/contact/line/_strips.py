@@ -7,6 +7,7 @@ see :mod:`labpipe.contact.springs._bed` for what the factor means.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
 
 from labpipe.arrays import Floats
@@ -97,7 +98,7 @@ def line_bed(
 def _factor(kernel: LineKernel, profile: Floats, *, is_smooth: bool, limit: str) -> tuple[SpringBed, FoldedLine]:
     matrix, counts = folded_matrix(kernel, profile.size)
     try:
-        factor = cholesky(matrix, lower=True, overwrite_a=True, check_finite=False)
+        factor = cholesky(matrix.T, lower=True, overwrite_a=True, check_finite=False)  # as LAPACK stores it
     except LinAlgError:
         message = (
             "the influence matrix is not positive definite in double precision: the layer is too "
@@ -124,15 +125,18 @@ def folded_matrix(kernel: LineKernel, n: int) -> tuple[Floats, Floats]:
 
     Strip 0 (and the one at half a period) occurs once, every other one twice.
     """
-    index = np.arange(n)
-    influence = kernel.influence
-    matrix = influence[np.abs(index[:, None] - index)]
-    matrix = matrix + influence[(index[:, None] + index) % kernel.elements]
+    influence = kernel.influence  # even about 0, so that sums of indices wrap around for themselves
+    apart = sliding_window_view(np.concatenate([influence[n - 1 : 0 : -1], influence[:n]]), n)[::-1]
+    together = sliding_window_view(np.concatenate([influence, influence[: max(2 * n - 1 - influence.size, 0)]]), n)[:n]
+    matrix: Floats = apart + together
+    matrix *= 2.0
     counts = np.full(n, 2.0)
-    counts[0] = 1.0
-    if n == kernel.elements // 2 + 1:
-        counts[-1] = 1.0
-    return 0.5 * counts[:, None] * counts * matrix, counts
+    once = [0, n - 1] if n == kernel.elements // 2 + 1 else [0]
+    for strip in once:
+        counts[strip] = 1.0
+        matrix[strip] *= 0.5
+        matrix[:, strip] *= 0.5
+    return matrix, counts
 
 
 def line_pressure(kernel: LineKernel, folded: FoldedLine, load: Floats) -> Floats:
