@@ -31,6 +31,7 @@ from typing import Any, NamedTuple
 
 from labpipe import files
 from labpipe.errors import InstallationError, SourceError, StorageError
+from labpipe.garbage import uncollected
 from labpipe.stamps import Stamp
 from labpipe.workflow._definitions import OURS, Module, joined, short
 
@@ -179,7 +180,8 @@ class Code:
         if label not in self._known:
             tops = {name.partition(":")[0].partition(".")[0] for name in functions}
             reached = Reached(self, {*OURS, *tops})
-            reached.follow(functions)
+            with uncollected():
+                reached.follow(functions)
             self._known[label] = [reached.digests(), sorted(reached.libraries)]
             self._is_new = True
         if label not in self._identities:

@@ -40,6 +40,7 @@ GROUND = {
     "variables",
     "compilation",
     "_linked",
+    "garbage",
     "lazy",
     "notebook",
     "uncertainty",
