@@ -9,13 +9,14 @@ import numpy as np
 import xarray as xr
 
 from labpipe import contact
-from labpipe.contact.impact import Solver
 from labpipe.contact.sphere import hertz
 from tests.extremes.inputs import Random, below_zero, extreme_material
 from tests.extremes.outcome import Case, Outcome, worst
 
 #: Work that one drop may take before it is refused.
 _MOST_STEPS = 3_000
+#: The springs as they are asked for, and the rings, whose steps err as a whole, as a witness that errs less.
+_SPRINGS_AND_WITNESS: tuple[dict[str, Any], ...] = ({}, {"solver": "rings", "rtol": 1e-5, "max_steps": 20_000})
 
 
 def _drawn(random: Random) -> tuple[dict[str, Any], float]:
@@ -62,8 +63,8 @@ def plate_by_two_solvers(random: Random) -> Outcome:
     reduced = material.factor("contact") * material.E_relaxed
     longest = float(hertz.impact(speed, float(body["radius"].split()[0]), body["mass"], reduced).contact_duration)
     runs = []
-    for name in ("mdr", "rings"):
-        found, said = _dropped(body, speed / 9.81 + 3.0 * longest, solver=name)
+    for options in _SPRINGS_AND_WITNESS:
+        found, said = _dropped({**body, **options}, speed / 9.81 + 3.0 * longest)
         if said:
             return Outcome(0.0, "", "warned of its accuracy")
         runs.append(found)
@@ -71,17 +72,19 @@ def plate_by_two_solvers(random: Random) -> Outcome:
     bounces = [float(run.restitution[0]) if run.sizes["impact"] else np.nan for run in runs]
     return worst(
         (abs(forces[0] / forces[1] - 1.0) / 4e-4, "peak forces of two solvers differ by 4e-4"),
-        (np.nan_to_num(abs(bounces[0] - bounces[1])) / 4e-4, "restitution by two solvers differs by 4e-4"),
+        # A plate that meets the sphere may throw it back many times faster than it came.
+        (
+            np.nan_to_num(abs(bounces[0] - bounces[1]) / max(1.0, abs(bounces[1]))) / 4e-4,
+            "restitution by two solvers differs by 4e-4",
+        ),
     )
 
 
-def _dropped(
-    body: Mapping[str, Any], duration: float, rtol: float = 1e-4, solver: Solver = "mdr"
-) -> tuple[xr.Dataset, bool]:
+def _dropped(body: Mapping[str, Any], duration: float, rtol: float = 1e-4) -> tuple[xr.Dataset, bool]:
     """Return the drop, and whether it warned that it is less accurate than asked for."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        found = contact.drop(**body, duration=duration, rtol=rtol, solver=solver)
+        found = contact.drop(**{"rtol": rtol, **body}, duration=duration)
     return found, any("energy error" in str(warning.message) for warning in caught)
 
 

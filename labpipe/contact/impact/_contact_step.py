@@ -350,4 +350,7 @@ def attempt(
     error = scheme.gamma[0] * path.state[n, 2]
     for i in range(scheme.c.size):
         error += scheme.gamma[i + 1] * room.force[i]
-    return abs(error) * h / (fall.mass * fall.tolerance)
+    moved = fall.mass  # the reduced mass: a light plate errs more than the sphere, and its swing is in the force
+    if fall.plate_mass > 0.0:
+        moved *= fall.plate_mass / (fall.mass + fall.plate_mass)
+    return abs(error) * h / (moved * fall.tolerance)
