@@ -415,7 +415,7 @@ def one_way(subsets: Subsets) -> Flags:
     """Tell which subsets (point,) hold hardly more than an edge or a grating."""
     strongest = strongest_slopes(subsets)
     both = subsets.normal[:, 0, 0] + subsets.normal[:, 3, 3]
-    return np.asarray(strongest > EDGE * np.maximum(both - strongest, 0.0))
+    return np.asarray(strongest > ONE_WAY * np.maximum(both - strongest, 0.0))
 
 
 def strongest_slopes(subsets: Subsets) -> Floats:

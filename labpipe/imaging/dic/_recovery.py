@@ -98,6 +98,10 @@ class Recovery:
         """Trust surprised points that all tell of the same rigid motion."""
         attempt, tracker = self._attempt, self._tracker
         solved = np.flatnonzero(tracker.accepts(attempt.code, attempt.zncc) & ~attempt.trusted & ~tracker.is_one_way)
+        # All points of what repeats itself may agree on another period.
+        asked = solved[np.unique(np.linspace(0, len(solved) - 1, _MUTUAL_COUNT).astype(int))] if len(solved) else solved
+        if any(tracker.has_double(n) for n in asked.tolist()):
+            solved = np.array([n for n in solved.tolist() if not tracker.has_double(n)], np.int64)
         if len(solved) < _MUTUAL_COUNT:
             return
         middle = tracker.places[solved].mean(axis=0)

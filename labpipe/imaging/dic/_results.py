@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats
+from labpipe.imaging.dic._agreement import disagreement
 from labpipe.imaging.dic._missed_strain import missed_shift
 from labpipe.imaging.dic._motion_uncertainty import (
     EDGE,
@@ -18,13 +19,14 @@ from labpipe.imaging.dic._motion_uncertainty import (
     is_beyond_texture,
     misfit_factor,
     motion_variance,
+    one_way,
     sharper_factor,
 )
 from labpipe.imaging.dic._reference import Reference, Status, near_half
 from labpipe.imaging.dic._seeding import shift_of
 from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, LIGHT
 from labpipe.imaging.dic._subset_solver import CHANGES
-from labpipe.imaging.dic._undersampling import undersampled
+from labpipe.imaging.dic._undersampling import beside_edge, undersampled
 from labpipe.variables import described, variable
 
 if TYPE_CHECKING:
@@ -139,16 +141,12 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     seen = noise[~is_static][np.isfinite(noise[~is_static])]
     if len(seen):
         status[(status == Status.OK) & (most_noise < _NOISE_OF_FILM * np.quantile(seen, 0.25))] = Status.TEXTURELESS
-    weak = (status == Status.OK) & (strongest > ONE_WAY * texture) & ~is_static[:, None]
+    weak = (strongest > ONE_WAY * texture) | one_way(reference.subsets)
+    weak &= (status == Status.OK) & ~is_static[:, None]
     for n in np.flatnonzero(weak.any(axis=0)).tolist():
         k = int(np.argmax(weak[:, n]))
-        weakest = _weakest(deviation[k, n], covariance[k, n])
-        own, spread = reference.own_noise(n, noise[is_static, n], float(weakest))
-        pixels = float(reference.subsets.level[n, 2])
-        beyond = is_beyond_texture(noise[:, n], own, spread, texture[:, n], strongest[:, n], pixels)
-        # of an edge, more than half of what resists along it is the reference's own noise
-        own *= pixels * reference.noise.slope / reference.noise.static_frames
-        beyond |= (texture[:, n] < own) & (strongest[:, n] > EDGE * texture[:, n])
+        weakest = float(_weakest(deviation[k, n], covariance[k, n]))
+        beyond = _is_edge(reference, n, weakest, noise[:, n], texture[:, n], strongest[:, n], is_static)
         status[weak[:, n] & beyond, n] = Status.TEXTURELESS
     misfit = misfit_factor(noise, is_static, reference.subsets.level[:, 2], reference.subsets.level[:, 0])
     if (table.change[..., 2] < 0.0).any():
@@ -166,6 +164,11 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     _add(deviation, covariance, np.concatenate([missed**2, missed.prod(axis=2, keepdims=True)], axis=2))
     is_vague = np.hypot(deviation[..., 0], deviation[..., 1]) > MOST_UNCERTAIN
     status[(status == Status.OK) & is_vague] = Status.TEXTURELESS
+    is_found = (status == Status.OK) & ~is_static[:, None]
+    places = np.stack([reference.subsets.x, reference.subsets.y], axis=1) + reference.offset
+    _add(deviation, covariance, disagreement(places, 2 * reference.subsets.half + 1, value, deviation, is_found))
+    is_vague = np.hypot(deviation[..., 0], deviation[..., 1]) > MOST_UNCERTAIN
+    status[(status == Status.OK) & is_vague] = Status.OUTVOTED
     _warn_of_motion(value[is_static], status[is_static])
     is_origin = is_static[:, None] & (status == Status.OK)
     seen = is_origin.sum(axis=0)
@@ -174,14 +177,32 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     status[:, seen == 0] = np.where(status[:, seen == 0] == Status.OK, Status.LOST, status[:, seen == 0])
     value -= total / np.maximum(seen, 1)[:, None]
     is_bad = status != Status.OK
-    value[is_bad] = np.nan
-    deviation[is_bad] = np.nan
-    covariance[is_bad] = np.nan
+    for values in (value, deviation, covariance):
+        values[is_bad] = np.nan
     change = np.where(is_bad[..., None], np.nan, np.concatenate([table.change, stretch], axis=2))
     contrast = 1.0 / np.where(table.gain == 0.0, np.nan, table.gain)
     return Displacements(
         value, deviation, covariance, texture, table.zncc, contrast, table.iterations, status, table.model, change
     )
+
+
+def _is_edge(
+    reference: Reference,
+    point: int,
+    weakest: float,
+    noise: Floats,
+    texture: Floats,
+    strongest: Floats,
+    is_static: Flags,
+) -> Flags:
+    """Frames in which a usable point shows an edge, or lines, and hardly a texture along them."""
+    own, spread = reference.own_noise(point, noise[is_static], weakest)
+    pixels = float(reference.subsets.level[point, 2])
+    beyond = is_beyond_texture(noise, own, spread, texture, strongest, pixels)
+    # of an edge, more than half of what resists along it is the reference's own noise
+    by_noise = own * reference.noise.slope / reference.noise.static_frames
+    beyond |= (texture < pixels * by_noise) & (strongest > EDGE * texture)
+    return beyond | (beside_edge(reference, point) < 2.0 * by_noise)
 
 
 def _weakest(deviation: Floats, covariance: Floats) -> Floats:
@@ -201,6 +222,12 @@ def _add(deviation: Floats, covariance: Floats, more: Floats) -> None:
     """Add variances along x and along y and a covariance (last axis) to those of the motions."""
     deviation[..., :2] = np.hypot(deviation[..., :2], np.sqrt(more[..., :2]))
     covariance += more[..., 2]
+
+
+def _refuse_vague(status: NDArray[np.int8], deviation: Floats, why: Status) -> None:
+    """Refuse displacements that are so uncertain that they may be any."""
+    is_vague = np.hypot(deviation[..., 0], deviation[..., 1]) > MOST_UNCERTAIN
+    status[(status == Status.OK) & is_vague] = why
 
 
 def _alike(table: Table) -> Iterator[tuple[int, NDArray[np.int64], NDArray[np.int64]]]:

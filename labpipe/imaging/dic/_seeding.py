@@ -115,7 +115,8 @@ def has_double(reference: Pyramid, centre: tuple[int, int], half: int) -> bool:
     """Tell whether the reference holds the surroundings of a subset a second time, as bricks and rulers do.
 
     A template match may then be the wrong one of them, and fits as well as the right one. Places that hang
-    together with the subset's own, from which the correlation falls slowly, are none of their own.
+    together with the subset's own, from which the correlation falls slowly, are none of their own, unless they
+    lead as far away as the subset is wide.
     """
     import cv2
 
@@ -127,7 +128,9 @@ def has_double(reference: Pyramid, centre: tuple[int, int], half: int) -> bool:
     last = min(columns, centre[0] + reach + 1 + _AROUND), min(rows, centre[1] + reach + 1 + _AROUND)
     scores = cv2.matchTemplate(reference.image[first[1] : last[1], first[0] : last[0]], template, cv2.TM_CCOEFF_NORMED)
     alike = (np.nan_to_num(scores, posinf=0.0) > _DOUBLE).astype(np.uint8)
-    return bool(cv2.connectedComponents(alike)[0] > 2)  # the ground, and the subset's own place
+    count, _, extent, _ = cv2.connectedComponentsWithStats(alike)
+    # the ground, and the subset's own place, which is a ridge where the pattern is an edge
+    return bool(count > 2 or extent[1:, cv2.CC_STAT_WIDTH : cv2.CC_STAT_HEIGHT + 1].max(initial=0) > 2 * half)
 
 
 def _coarse_shifts(reference: Pyramid, frame: Pyramid, centre: tuple[int, int], reach: int) -> list[tuple[int, int]]:

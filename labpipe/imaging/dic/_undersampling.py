@@ -49,6 +49,8 @@ _HIDES, _MEAN_SIZE = 1.5, 0.8
 #: Motion (px) that edges seen by points along the columns or rows may hide, all at once: what lies between two
 #: pixels, of a block of whole pixels, no one can tell.
 _UNSEEN = 0.13
+#: Slope along an edge over that across it below which it is but one of its steps.
+_TURNED = 0.3
 #: Slope of an edge against the columns or rows below which all its pixels are seen at one phase.
 _ALIGNED = 0.06
 #: The same below which few of them are seen at different phases.
@@ -81,6 +83,37 @@ def misled(sharpness: Floats, texture: Floats, across: Floats) -> Floats:
     folded = is_edge * _FOLDED * np.minimum(share, _MOST_SHARP) ** _FOLDED_POWER * sided
     left = 1.0 - folded / _ALL_FOLDED
     return np.where(left > 0.0, _MISLEADS * folded / np.where(left > 0.0, left, 1.0), np.inf)
+
+
+def beside_edge(reference: Reference, point: int) -> float:
+    """Mean squared slope [grey²/px²], with that of noise, along the weakest direction beside an edge across it.
+
+    An edge that was blurred after it was sampled has steps, which stay with the pixels while it moves on, and no
+    waves near half a wave per px are left to tell. But they turn its slopes by little, and lie on it alone.
+
+    Parameters
+    ----------
+    reference : Reference
+    point : int
+        Usable point.
+    """
+    weakest = _weakest_slopes(reference, point)
+    x, y, half = reference.subsets.layout[point, :3]
+    cut = np.s_[y - half : y + half + 1, x - half : x + half + 1]
+    images = reference.images
+    slope_x, slope_y = images.slope_x[cut], images.slope_y[cut]
+    along = slope_x * math.cos(weakest) + slope_y * math.sin(weakest)
+    across = slope_y * math.cos(weakest) - slope_x * math.sin(weakest)
+    is_beside = np.abs(along) >= _TURNED * np.abs(across)
+    if images.inside is not None:
+        is_beside &= images.inside[cut] > 0.0
+    return float((along[is_beside] ** 2).mean()) if is_beside.any() else 0.0
+
+
+def _weakest_slopes(reference: Reference, point: int) -> float:
+    """Direction (rad, from x towards y) in which the slopes of the reference are least."""
+    slopes = reference.subsets.normal[point]
+    return 0.5 * (math.atan2(2.0 * slopes[0, 3], slopes[0, 0] - slopes[3, 3]) + math.pi)
 
 
 def _seen_by_points(share: Floats) -> Floats:
@@ -133,9 +166,7 @@ def undersampled(
     for n in [*np.flatnonzero(is_sharp & is_asked).tolist(), *sample.tolist(), *rest.tolist()]:
         if len(rest) and n == rest[0] and not misfits:
             break  # fine speckle that a lens shows
-        slopes = reference.subsets.normal[n]
-        weakest = 0.5 * (math.atan2(2.0 * slopes[0, 3], slopes[0, 0] - slopes[3, 3]) + math.pi)
-        own, _ = reference.own_noise(n, noise[is_static, n], weakest)
+        own, _ = reference.own_noise(n, noise[is_static, n], _weakest_slopes(reference, n))
         if reference.noise.static_frames > 1 and not noise[is_static, n].any():
             own = min(own, reference.rounding)  # frames that are equal to the last bit
         rows = found[:, n]

@@ -1,0 +1,171 @@
+"""Whether a displacement lies as near to what the points around it show as both uncertainties say.
+
+Two things make it lie farther off: a subset that has slipped along an edge or around an arc and still matches,
+and a misfit that pixels share in a way that its residual does not tell, such as that of a pattern sampled
+before it was blurred. Neither is told by the subset alone.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from labpipe.arrays import Flags, Floats, Integers
+from labpipe.imaging.dic._tracker import nearest
+
+#: Points around one of them that are asked: at most, and at least for a plane and for a curved surface through
+#: their displacements; and their farthest distance in widths of the subset.
+_AROUND, _PLANE, _CURVED, _REACH = 20, 6, 12, 1.5
+#: Standard deviations of the difference from which it is none by chance, and how far it must stand out from the
+#: scatter of those around about that surface: beside the border of two bodies that is large.
+_BY_CHANCE, _STANDS_OUT = 4.0, 3.0
+#: Share of the variances of independent displacements that a difference of overlapping subsets has at least.
+_LEAST_SHARE = 0.2
+#: Points of a frame from which their scatter is judged, its multiple of what the uncertainties say from which they
+#: are widened, and the median of the square of two deviations of variance 1.
+_MANY, _WIDER, _MEDIAN = 20, 1.5, 1.386
+#: Results whose surroundings are looked at once; bounds the work arrays to some 20 MB.
+_BLOCK = 5_000
+
+
+def disagreement(places: Floats, widths: Integers, value: Floats, deviation: Floats, is_found: Flags) -> Floats:
+    """Variance (frame, point, 3) [px²] along x and y, and covariance, that the points around tell to be missing.
+
+    Parameters
+    ----------
+    places : array (point, 2) [px]
+        Where the points are in the reference.
+    widths : integer array (point,) [px]
+        Of their subsets.
+    value, deviation : arrays (frame, point, 2 or more) [px]
+        Displacements and their standard uncertainties.
+    is_found : bool array (frame, point)
+        Which displacements count.
+
+    Notes
+    -----
+    A plane or a curved surface through the displacements of the points around, by least squares, tells the
+    displacement of each. Where the differences of most points of a frame are larger than the uncertainties say,
+    all are widened alike; where that of one stands out, it is itself its uncertainty.
+    """
+    more = np.zeros((*is_found.shape, 3))
+    used = np.flatnonzero(is_found.any(axis=0))
+    if len(used) <= _PLANE:
+        return more
+    surroundings = _look_around(places[used], widths[used])
+    found = is_found[:, used]
+    shown = np.where(found[..., None], value[:, used, :2], 0.0)
+    variance = np.where(found[..., None], deviation[:, used, :2] ** 2, 0.0)
+    apart, square = _differences(surroundings, shown, variance, found)
+    judged = np.isfinite(square)
+    scale, part = np.ones(len(square)), np.zeros((*found.shape, 3))
+    # A plane leaves what is bent, which is no scatter.
+    curved = judged & (surroundings.within.sum(axis=1) >= _CURVED)
+    for k in np.flatnonzero(curved.sum(axis=1) >= _MANY).tolist():
+        scatter = float(np.median(square[k, curved[k]])) / _MEDIAN
+        if scatter > _WIDER**2:
+            scale[k] = scatter
+            part[k, :, :2] = (scatter - 1.0) * variance[k]
+    rows, points = np.nonzero(judged & (square > _BY_CHANCE**2 * scale[:, None]))
+    x, y = apart[rows, points].T
+    stands_out = np.hypot(x, y) > _STANDS_OUT * _scatter(surroundings, shown, found, rows, points)
+    part[rows, points] += np.stack([x * x, y * y, x * y], axis=1) * stands_out[:, None]
+    more[:, used] = part
+    return more
+
+
+@dataclass(frozen=True)
+class _Surroundings:
+    """The points around each: their numbers (point, near), where from it in its widths, and which are asked."""
+
+    near: Integers
+    away: Floats
+    within: Flags
+
+
+def _look_around(places: Floats, widths: Integers) -> _Surroundings:
+    near = nearest(places, places, min(_AROUND + 1, len(places)))
+    away = (places[near] - places[:, None]) / widths[:, None, None]
+    within = (near != np.arange(len(places))[:, None]) & (np.hypot(away[..., 0], away[..., 1]) < _REACH)
+    return _Surroundings(near, away, within)
+
+
+def _columns(away: Floats, count: int) -> Floats:
+    """Terms (row, near, term) of a plane or a curved surface."""
+    x, y = away[..., 0], away[..., 1]
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y][:count], axis=-1)
+
+
+def _normal(columns: Floats, counts: Flags) -> Floats:
+    """Make normal matrices (row, term, term) that are not singular."""
+    normal = np.swapaxes(columns, 1, 2) @ (columns * counts[..., None])
+    trace = np.trace(normal, axis1=1, axis2=2)
+    return normal + (1e-9 * trace + 1e-30)[:, None, None] * np.eye(columns.shape[2])
+
+
+def _surface(away: Floats, counts: Flags) -> tuple[Floats, Floats]:
+    """Weights (row, near) of those that count in the surface at the middle, and the share (row,) of variances left.
+
+    Weights are 0 where there are too few; the share is that of independent displacements, 1, less what overlaps.
+    """
+    weights = np.zeros(counts.shape)
+    number = counts.sum(axis=1)
+    for terms, chosen in ((6, number >= _CURVED), (3, (number >= _PLANE) & (number < _CURVED))):
+        if chosen.any():
+            columns = _columns(away[chosen], terms)
+            middle = np.linalg.solve(_normal(columns, counts[chosen]), np.eye(terms)[:, :1])
+            weights[chosen] = (columns @ middle)[..., 0] * counts[chosen]
+    all_places = np.concatenate([np.zeros((len(away), 1, 2)), away], axis=1)
+    all_weights = np.concatenate([np.ones((len(away), 1)), -weights], axis=1)
+    # What the noise of two of them has in common: the share in which their subsets overlap.
+    overlap = np.ones((len(away), *2 * all_weights.shape[1:]))
+    for axis in range(2):
+        along = all_places[..., axis]
+        overlap *= np.maximum(1.0 - np.abs(along[:, :, None] - along[:, None]), 0.0)
+    left = ((overlap @ all_weights[..., None])[..., 0] * all_weights).sum(axis=1)
+    return weights, np.maximum(left / np.square(all_weights).sum(axis=1), _LEAST_SHARE)
+
+
+def _differences(around: _Surroundings, shown: Floats, variance: Floats, found: Flags) -> tuple[Floats, Floats]:
+    """Differences (frame, point, 2) [px] from the surfaces, and their squares (frame, point) in variances."""
+    from scipy.sparse import csr_array
+
+    count, width = around.near.shape
+    weights, share = _surface(around.away, around.within)
+
+    def of_others(factors: Floats, values: Floats) -> Floats:
+        rows = np.arange(0, count * width + 1, width)
+        return np.asarray((csr_array((factors.ravel(), around.near.ravel(), rows), (count, count)) @ values.T).T)
+
+    apart, total = np.empty(shown.shape), np.empty(shown.shape)
+    for axis in range(2):
+        apart[..., axis] = shown[..., axis] - of_others(weights, shown[..., axis])
+        total[..., axis] = share * (variance[..., axis] + of_others(weights**2, variance[..., axis]))
+    total[:, ~weights.any(axis=1)] = np.nan
+    if not found.all():
+        misses = of_others(around.within.astype(float), (~found).astype(float)) > 0.5
+        rows, points = np.nonzero(misses & found)
+        for first in range(0, len(rows), _BLOCK):
+            row, point = rows[first : first + _BLOCK], points[first : first + _BLOCK]
+            near = row[:, None], around.near[point]
+            weight, left = _surface(around.away[point], around.within[point] & found[near])
+            apart[row, point] = shown[row, point] - (weight[..., None] * shown[near]).sum(axis=1)
+            spread = variance[row, point] + (weight[..., None] ** 2 * variance[near]).sum(axis=1)
+            total[row, point] = np.where(weight.any(axis=1), left, np.nan)[:, None] * spread
+        total[~found] = np.nan
+    return apart, np.asarray((apart**2 / np.maximum(total, 1e-30)).sum(axis=-1))
+
+
+def _scatter(around: _Surroundings, shown: Floats, found: Flags, rows: Integers, points: Integers) -> Floats:
+    """Root mean square [px] (result,) of those around about a plane through them."""
+    result = np.zeros(len(rows))
+    for first in range(0, len(rows), _BLOCK):
+        row, point = rows[first : first + _BLOCK], points[first : first + _BLOCK]
+        near = row[:, None], around.near[point]
+        counts = around.within[point] & found[near]
+        columns = _columns(around.away[point], 3)
+        moved = shown[near] * counts[..., None]
+        plane = np.linalg.solve(_normal(columns, counts), np.swapaxes(columns, 1, 2) @ moved)
+        left = (moved - columns @ plane) * counts[..., None]
+        spare = np.maximum(counts.sum(axis=1) - 3.0, 1.0)
+        result[first : first + _BLOCK] = np.sqrt(np.square(left).sum(axis=(1, 2)) / spare)
+    return result
