@@ -38,6 +38,9 @@ _METHODS = {
 SOURCES = ("sphere_radius", "wavelength", "pixel_size", "phase", "optics", "adhesion")
 #: Deviation of the fringes' scale from R, wavelength and pixel size that is worth a warning.
 _NOTABLE_SCALE = 0.003
+#: Difference of the radii in the middle of an exposure in which a², as is assumed, or a itself changes evenly, over
+#: the square of the travel divided by the radius.
+_EVEN_RADIUS = 1.0 / 24.0
 #: Rest: change of the radius, relative to its end, and fewest frames.
 _REST_CHANGE, _LEAST_REST = 0.01, 5
 #: Frames that a warning names.
@@ -145,7 +148,8 @@ def _put_fit(values: dict[str, Floats], index: int, fit: RingFit, result: FilmRe
     unequal = math.hypot(stretch, shear)
     radius = float(p[Parameter.RADIUS]) * pixel
     values["radius"][index] = radius / math.sqrt(1.0 - unequal**2)
-    deviation = math.hypot(fit.deviation(Parameter.RADIUS), fit.model_deviation)
+    by_motion = _EVEN_RADIUS * max(float(p[Parameter.SMEAR]), 0.0) / max(float(p[Parameter.RADIUS]), 1.0)
+    deviation = math.hypot(fit.deviation(Parameter.RADIUS), fit.model_deviation, by_motion)
     values["u_radius"][index] = deviation * pixel
     values["semi_axis_major"][index] = radius / (1.0 - unequal)
     values["semi_axis_minor"][index] = radius / (1.0 + unequal)

@@ -18,7 +18,7 @@ from labpipe.imaging.fringes._open_gap import fit_open_gap, is_doubtful
 from labpipe.imaging.fringes._optics_search import OtherOptics, rebase
 from labpipe.imaging.fringes._radial_scan import edge_width
 from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, fit_contact
-from labpipe.imaging.fringes._ring_parameters import HARMONICS, USUAL, Parameter
+from labpipe.imaging.fringes._ring_parameters import HARMONICS, LIGHT, USUAL, Parameter
 from labpipe.imaging.fringes._rows_of_contacts import leave_out_rows
 from labpipe.imaging.fringes._scale_of_contacts import scales_of_contacts
 from labpipe.imaging.fringes._search import (
@@ -112,7 +112,7 @@ def _make_view(reader: FilmReader, options: FilmOptions, wanted: Flags) -> View:
         free = (*USUAL, Parameter.STRETCH, Parameter.SHEAR)
     axes = (Parameter.STRETCH, Parameter.SHEAR)
     oblique = (axes, (*axes, Parameter.SCALE)) if _shape(film, options) == "auto" else ()
-    alternatives = ((Parameter.BLUR,), *oblique, (Parameter.SCALE,), HARMONICS)
+    alternatives = ((Parameter.BLUR,), *oblique, (Parameter.SCALE,), HARMONICS, LIGHT)
     settings = FitSettings(options.fringes, LEAST_SPACING, free)
     black, white = film.levels
     if wanted.any() and reader.whole(int(wanted.argmax())).dtype.kind == "f":
@@ -280,7 +280,7 @@ def _next_fit(looks: Looks, view: View, last: RingFit | None, before: RingFit | 
 def _warm_fit(frame: NDArray[np.generic], view: View, last: RingFit) -> RingFit | None:
     """Fit from the parameters of the frame before; None when the contact has changed more."""
     settings = replace(view.settings, free=last.free, max_iterations=8)
-    fit = fit_contact(frame, last.parameters, view.optics, settings, view.white)
+    fit = fit_contact(frame, last.parameters, view.optics, settings, view.levels)
     if fit is None or not fit.is_converged:
         return None
     jump = abs(float(fit.parameters[Parameter.RADIUS] - last.parameters[Parameter.RADIUS]))
@@ -314,7 +314,7 @@ def _refit(
             start[list(HARMONICS)] = view.harmonics
             if Parameter.STRETCH not in view.settings.free:
                 start[[Parameter.STRETCH, Parameter.SHEAR]] = view.ellipse
-            fit = fit_contact(looks.frame, start, view.optics, view.settings, view.white)
+            fit = fit_contact(looks.frame, start, view.optics, view.settings, view.levels)
             if fit is not None and (fit.misfit > GOOD_MISFIT or not is_contact(looks.frame, view, fit)):
                 fit = None
         fit = fit or _next_fit(looks, view, last, None, vain)
@@ -410,7 +410,7 @@ def _fit_blurred(
         if fit is None:
             continue
         settings = replace(view.settings, free=fit.free)
-        fit = fit_contact(frame, fit.parameters, view.optics, settings, view.white)
+        fit = fit_contact(frame, fit.parameters, view.optics, settings, view.levels)
         is_right = (
             fit is not None
             and fit.is_converged

@@ -74,14 +74,14 @@ def fit_open_gap(
     best = _best_trial(frame, view, starts, near)
     if best is None:
         return None
-    found = fit_contact(frame, best.parameters, view.optics, near, view.white)
+    found = fit_contact(frame, best.parameters, view.optics, near, view.levels)
     if found is None or not _is_right(found) or not is_contact(frame, view, found):
         return None
     is_old_good = old is not None and not has_free_gap(old)
     if is_old_good and old is not None and found.misfit**2 > _SHARE * old.misfit**2:
         return None
     far = replace(near, fringes=_FAR_FRINGES)
-    other = fit_contact(frame, found.parameters, view.optics, far, view.white)
+    other = fit_contact(frame, found.parameters, view.optics, far, view.levels)
     spread = found.deviation(Parameter.RADIUS)
     if other is not None:
         change = other.parameters[Parameter.RADIUS] - found.parameters[Parameter.RADIUS]
@@ -101,7 +101,7 @@ def _best_trial(frame: NDArray[np.generic], view: View, starts: Sequence[Floats]
                 trial[Parameter.RADIUS] = max(trial[Parameter.RADIUS] - below * width, 1.0)
                 trial[Parameter.SCALE] = math.log(factor)
                 trial[Parameter.SMEAR] = min(trial[Parameter.SMEAR], (0.3 * width) ** 2)
-                fit = fit_contact(frame, trial, view.optics, quick, view.white)
+                fit = fit_contact(frame, trial, view.optics, quick, view.levels)
                 # Without light to modulate, as inside the contact, anything fits.
                 if fit is None or not _is_right(fit) or not is_clear(view, fit):
                     continue

@@ -259,7 +259,7 @@ def _fit_guess(
         settings = FitSettings(
             fringes, view.settings.least_spacing, free, max_pixels=_PIXELS, max_iterations=_ITERATIONS
         )
-        fit = fit_contact(frame, start, seen.optics, settings, view.white)
+        fit = fit_contact(frame, start, seen.optics, settings, view.levels)
         if fit is None:
             return None
         start = fit.parameters

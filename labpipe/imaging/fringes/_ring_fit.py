@@ -326,7 +326,11 @@ def _result(
 
 
 def fit_contact(
-    frame: NDArray[np.generic], start: Floats, optics: Optics, settings: FitSettings, ceiling: float = math.inf
+    frame: NDArray[np.generic],
+    start: Floats,
+    optics: Optics,
+    settings: FitSettings,
+    levels: tuple[float, float] = (-math.inf, math.inf),
 ) -> RingFit | None:
     """Fit one frame with the ring laid around the start.
 
@@ -340,8 +344,8 @@ def fit_contact(
         The interference.
     settings : FitSettings
         What is fitted and how.
-    ceiling : float, optional
-        Grey level from which a pixel is saturated and left out.
+    levels : (float, float), optional
+        Grey levels at which pixels are clipped: where they are, they are left out.
 
     Returns
     -------
@@ -352,5 +356,5 @@ def fit_contact(
     inner, outer = ring_limits(radius, optics, settings.fringes, settings.least_spacing)
     # A filter of the camera or of a program makes up what lies beyond the border.
     margin = math.ceil(_BORDER * optics.blur)
-    ring = cut_ring(frame, start, inner, outer, ceiling, settings.max_pixels, margin)
+    ring = cut_ring(frame, start, inner, outer, levels, settings.max_pixels, margin)
     return None if ring is None else fit_ring(ring, start, optics, settings)

@@ -11,6 +11,9 @@ from labpipe.imaging.fringes._ring_parameters import Parameter
 
 #: Distance (px) from saturated pixels up to which others are left out: more takes whole fringes away.
 _NEAR = 1
+#: Side (px) of the square around a pixel of which so many at the black level leave it out: of light 1.4 standard
+#: deviations of the noise above it there are so many, and clipping adds 0.04 of them.
+_AROUND, _BLACK = 5, 2
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,7 @@ def cut_ring(
     start: Floats,
     inner: float,
     outer: float,
-    ceiling: float,
+    levels: tuple[float, float],
     max_pixels: int,
     margin: int = 0,
 ) -> Ring | None:
@@ -68,22 +71,27 @@ def cut_ring(
         return None
     count = pixels_in_ring((rows, columns), float(x), float(y), inner, outer)
     stride = max(1, math.ceil(count / max_pixels))
-    piece = _without_neighbours(np.ascontiguousarray(frame[top:bottom, left:right], np.float32), ceiling)
+    piece = _without_clipped(np.ascontiguousarray(frame[top:bottom, left:right], np.float32), *levels)
     middle, spread = 0.5 * (outer**2 + inner**2), 0.5 * (outer**2 - inner**2)
     origin = np.array([x, y, outer, middle / outer**2, outer**2 / spread])
-    return Ring(piece, top, left, stride, inner, outer, origin, ceiling)
+    return Ring(piece, top, left, stride, inner, outer, origin, levels[1])
 
 
-def _without_neighbours(piece: Floats32, ceiling: float) -> Floats32:
-    """Set what lies near saturated pixels to the ceiling, so that it is left out with them.
+def _without_clipped(piece: Floats32, floor: float, ceiling: float) -> Floats32:
+    """Set what is clipped to the ceiling, so that it is left out.
 
     Noise decides which of the pixels just below the ceiling reach it: those that do not are darker than
-    their light in the mean.
+    their light in the mean, and are left out with them. Where darkness is clipped, what is around a pixel
+    decides and not its own noise.
     """
     import cv2
 
-    is_saturated = (piece >= ceiling).astype(np.uint8)
-    if not is_saturated.any():
-        return piece
-    near = cv2.dilate(is_saturated, np.ones((2 * _NEAR + 1, 2 * _NEAR + 1), np.uint8))
-    return np.where(near > 0, np.float32(ceiling), piece)
+    is_left_out = piece >= ceiling
+    if is_left_out.any():
+        near = np.ones((2 * _NEAR + 1, 2 * _NEAR + 1), np.uint8)
+        is_left_out = cv2.dilate(is_left_out.astype(np.uint8), near) > 0
+    is_black = piece <= floor
+    if is_black.any():
+        around = cv2.boxFilter(is_black.astype(np.uint8), cv2.CV_16U, (_AROUND, _AROUND), normalize=False)
+        is_left_out |= around >= _BLACK
+    return np.where(is_left_out, np.float32(ceiling), piece) if is_left_out.any() else piece

@@ -82,7 +82,7 @@ def _fitted(
     for i in frames:
         start = result.fits[i].parameters.copy()
         start[Parameter.PHASE] = phase
-        fit = fit_contact(reader.whole(i), start, replace(view.optics, phase=phase), settings, view.white)
+        fit = fit_contact(reader.whole(i), start, replace(view.optics, phase=phase), settings, view.levels)
         if fit is not None:
             found[i] = fit
     return found

@@ -92,7 +92,7 @@ class View:
     shape : (int, int)
         Rows and columns.
     black, white : float
-        Grey level of darkness, and from which pixels are saturated.
+        Grey level of darkness, below which pixels are clipped, and from which they are saturated.
     ellipse : (float, float)
         Stretch and shear of circles.
     harmonics : (float, float)
@@ -109,6 +109,11 @@ class View:
     ellipse: tuple[float, float] = (0.0, 0.0)
     harmonics: tuple[float, float] = (0.0, 0.0)
     alternatives: tuple[tuple[Parameter, ...], ...] = ()
+
+    @property
+    def levels(self) -> tuple[float, float]:
+        """Return the grey levels at which pixels are clipped; numbers that are no counts are not."""
+        return self.black if math.isfinite(self.white) else -math.inf, self.white
 
     @property
     def newton_spot(self) -> float:
@@ -254,7 +259,7 @@ def _whole_fit(frame: NDArray[np.generic], view: View, found: RingFit | None) ->
     if found is None or not is_contact(frame, view, found):
         return None
     settings = replace(view.settings, free=found.free)
-    final = fit_contact(frame, found.parameters, view.optics, settings, view.white)
+    final = fit_contact(frame, found.parameters, view.optics, settings, view.levels)
     return final if final is not None and is_clear(view, final) else None
 
 
@@ -290,7 +295,7 @@ def fit_edge(frame: NDArray[np.generic], view: View, edge: Edge) -> RingFit | No
     found = fit_from(frame, view, start_at_edge(edge, view))
     if found is None or found.misfit > GOOD_MISFIT:
         return None
-    final = fit_contact(frame, found.parameters, view.optics, replace(view.settings, free=found.free), view.white)
+    final = fit_contact(frame, found.parameters, view.optics, replace(view.settings, free=found.free), view.levels)
     return final if final is not None and final.misfit <= GOOD_MISFIT and is_contact(frame, view, final) else None
 
 
@@ -302,10 +307,10 @@ def fit_from(frame: NDArray[np.generic], view: View, start: Floats) -> RingFit |
     quick = replace(view.settings, max_pixels=_QUICK_PIXELS, max_iterations=_QUICK_ITERATIONS)
     # only where it ends counts of the first step
     near = replace(quick, fringes=1.0, tells_memory=False)
-    first = fit_contact(frame, start, view.optics, near, view.white)
+    first = fit_contact(frame, start, view.optics, near, view.levels)
     if first is None or first.pixels < _LEAST_PIXELS:
         return None
-    found = fit_contact(frame, first.parameters, view.optics, quick, view.white)
+    found = fit_contact(frame, first.parameters, view.optics, quick, view.levels)
     return None if found is None else otherwise(frame, view, start, found)
 
 
@@ -330,10 +335,10 @@ def otherwise(frame: NDArray[np.generic], view: View, start: Floats, found: Ring
         other[Parameter.BLUR] = _FIRST_BLUR if Parameter.BLUR in extra else 0.0
         # A blur and a travel are hardly told from each other by the first fringe alone.
         started = tuple(p for p in free if p != Parameter.SMEAR) if Parameter.BLUR in extra else free
-        first = fit_contact(frame, other, view.optics, replace(near, free=started), view.white)
+        first = fit_contact(frame, other, view.optics, replace(near, free=started), view.levels)
         if first is None or first.misfit > _UNEXPLAINED:
             continue
-        trial = fit_contact(frame, first.parameters, view.optics, replace(quick, free=free), view.white)
+        trial = fit_contact(frame, first.parameters, view.optics, replace(quick, free=free), view.levels)
         if trial is not None and trial.misfit < least:
             return trial
     return found

@@ -93,7 +93,7 @@ def find_colours(
     def fit(edge: Edge, colour: Sequence[float]) -> RingFit | None:
         if colour[1] and not _LEAST_SHARE < colour[1] < _MOST_SHARE:
             return None
-        return fit_contact(frame, start_at_edge(edge, view), seen(colour).optics, settings, view.white)
+        return fit_contact(frame, start_at_edge(edge, view), seen(colour).optics, settings, view.levels)
 
     def left(edge: Edge, colour: Sequence[float]) -> float:
         made = fit(edge, colour)

@@ -228,7 +228,7 @@ def fit_frames(
         parameters[Parameter.BLUR] = 0.0
         if Parameter.SECOND not in extra:
             parameters[list(HARMONICS)] = view.harmonics
-        fit = fit_contact(image, parameters, view.optics, settings, view.white)
+        fit = fit_contact(image, parameters, view.optics, settings, view.levels)
         if fit is None:
             return None
         fits.append(fit)

@@ -310,3 +310,28 @@ def test_a_sphere_that_hovers_out_of_focus_is_no_contact(blur: float) -> None:
     found, _ = measure(film_of(scene, gap, radii, (181.1, 142.9), seed=6))
     assert (found.method.values == 0).tolist() == [True, True, False, False, False]
     check(found.isel(frame=slice(2, None)), radii[2:], 0.2 * UM)
+
+
+def test_a_contact_darker_than_the_black_level_is_measured_by_its_rings() -> None:
+    """With clipped pixels in the fit u was 0.11 µm, and a frame took 30 times as long."""
+    film = film_of(PLAIN, hertz, RADII, CENTRE, seed=3).astype(int) - 45
+    found, said = measure(np.clip(film, 0, 255).astype(np.uint8))
+    check(found, RADII, 0.012 * UM)
+    assert said == []
+
+
+def test_a_bright_spot_of_light_beside_the_contact() -> None:
+    """No slope describes it: only the edge was found."""
+    y, x = np.mgrid[: OPTICS.rows, : OPTICS.columns]
+    across, down = 2.0 * x / OPTICS.columns - 1.3, 2.0 * y / OPTICS.rows - 0.8
+    film = film_of(PLAIN, hertz, RADII, CENTRE, seed=4) * np.exp(-(across**2 + down**2) / 0.6)
+    found, _ = measure(np.rint(film).astype(np.uint8))
+    check(found, RADII, 0.3 * UM)
+
+
+@pytest.mark.parametrize("radius", by_day([180.0, 215.0], 1))
+def test_how_a_contact_grows_in_the_exposure_is_in_the_uncertainty(radius: float) -> None:
+    """Its radius grows evenly here, where the fit takes its square to: 15 nm, of which u of 3 nm did not know."""
+    scene = bench.Scene(rows=300, columns=360, radius=radius * UM, centre=CENTRE, travel=10 * UM)
+    found = contact_radius(bench.make_film(scene, 3, 1), scene.pixel, scene.sphere, scene.wavelength)
+    check(found, [scene.radius] * 3, 0.03 * UM)

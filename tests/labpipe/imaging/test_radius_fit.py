@@ -38,7 +38,7 @@ def test_compiled_sums_equal_the_plain_ones(is_rich: bool) -> None:
     free = np.arange(PARAMETERS if is_rich else Parameter.BLUR)
     inner, outer = ring_limits(parameters[0], OPTICS, 3.0, 3.0)
     for max_pixels in (100_000, 5_000):
-        ring = cut_ring(frame, parameters, inner, outer, 215.0, max_pixels)
+        ring = cut_ring(frame, parameters, inner, outer, (-np.inf, 215.0), max_pixels)
         assert ring is not None
         one = ring_sums(ring, parameters, free, OPTICS, True)
         other = plain_sums(ring, parameters, free, OPTICS, True)
@@ -133,7 +133,7 @@ def test_saturated_pixels_are_left_out() -> None:
     frame = expose(clean_image(scene, 150e-6, (155.3, 118.2)), scene, rng)
     start = start_at(150e-6, 155.3, 118.2, scene)
     naive = fit_contact(frame, start, OPTICS, FitSettings())
-    right = fit_contact(frame, start, OPTICS, FitSettings(), ceiling=255.0)
+    right = fit_contact(frame, start, OPTICS, FitSettings(), (0.0, 255.0))
     assert abs(radius_of(right) - 150e-6) < 0.05e-6
     assert naive is not None
     assert right is not None
@@ -184,7 +184,7 @@ def test_pixels_of_a_ring_cut_by_any_edge_are_counted() -> None:
 def test_the_curve_of_the_light_runs_from_minus_one_to_one_over_the_ring() -> None:
     """So that it is hardly correlated with the level of the light."""
     start = start_at(50e-6, 32.0, 30.0)
-    ring = cut_ring(np.zeros((64, 64)), start, 10.0, 25.0, np.inf, 10_000)
+    ring = cut_ring(np.zeros((64, 64)), start, 10.0, 25.0, (-np.inf, np.inf), 10_000)
     assert ring is not None
     _, _, outer, middle, factor = ring.origin
     curve = ((np.array([10.0, 25.0]) / outer) ** 2 - middle) * factor

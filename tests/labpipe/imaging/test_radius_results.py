@@ -36,7 +36,7 @@ def test_a_frame_is_refitted_from_its_own_fit_unless_that_is_a_poor_one(monkeypa
         settings=SimpleNamespace(free=()),
         ellipse=(0.0, 0.0),
         harmonics=(0.0, 0.0),
-        white=255.0,
+        levels=(0.0, 255.0),
     )
     misfit = {0: 0.5 * GOOD_MISFIT, 1: 2.0 * GOOD_MISFIT, 2: 0.5 * GOOD_MISFIT, 3: 0.5}
     monkeypatch.setattr(_every_frame, "fit_contact", lambda frame, *_: SimpleNamespace(misfit=misfit[frame], of=frame))
