@@ -9,9 +9,9 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+import numba
 from numba import njit
 
-from labpipe._linked import LinkedOnly
 from labpipe.errors import StorageError
 from labpipe.files import lock
 from labpipe.garbage import uncollected
@@ -52,10 +52,23 @@ def is_missing(kernel: Any) -> bool:
     return stored is not None and not stored._load_index()
 
 
+def _linked_only() -> dict[str, Any]:
+    """Return what makes numba leave a function to the kernels that call it, where its insides are known.
+
+    Of a later release each function is finished by itself as well: the same answer, compiled in twice the time.
+    """
+    if numba.version_info.short > _LAST_KNOWN:
+        return {}
+    from labpipe._linked import LinkedOnly
+
+    return {"pipeline_class": LinkedOnly}
+
+
+_LAST_KNOWN = (0, 68)
 #: Of kernels that allocate nothing: not counting references to their arrays halves the time to compile.
 lean = partial(compiled, error_model="numpy", no_cfunc_wrapper=True, _nrt=False)
 #: Of what only compiled code calls, and allocates: each kernel that calls it holds and stores it.
-part = partial(njit, pipeline_class=LinkedOnly, no_cfunc_wrapper=True, no_cpython_wrapper=True)
+part = partial(njit, no_cfunc_wrapper=True, no_cpython_wrapper=True, **_linked_only())
 #: The same where nothing is allocated.
 inner = partial(part, error_model="numpy", _nrt=False)
 

@@ -67,6 +67,22 @@ def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(tmp_path:
     assert stored == ({"found", "twice"} if decorator == "compiled" else {"found"})
 
 
+def test_a_release_of_numba_with_unknown_insides_compiles_each_function_by_itself(tmp_path: Path) -> None:
+    (tmp_path / "labpipe_kernel.py").write_text(
+        "from labpipe.compilation import compiled, inner\n"
+        "@inner()\ndef half(x):\n    return x / 2.0\n"
+        "@compiled()\ndef found(x):\n    return half(x) + 1.0\n"
+    )
+    program = (
+        "import sys, numba; numba.version_info = numba.version_info._replace(short=(99, 0));"
+        "from labpipe_kernel import found; print(found(3.0), 'labpipe._linked' in sys.modules)"
+    )
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    environment["PYTHONPATH"] = os.pathsep.join([str(tmp_path), *sys.path])
+    run = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
+    assert run.stdout.split() == ["2.5", "False"]
+
+
 def test_of_processes_that_need_a_kernel_at_once_one_compiles_it(tmp_path: Path) -> None:
     (tmp_path / "labpipe_kernel.py").write_text(
         "from labpipe.compilation import compiled\n"
