@@ -128,6 +128,11 @@ def interpret(raw: RawInterval, signs: Separators, path: Path, findings: Finding
             continue
         factor, si = _unit(raw, plan, path)
         values = _numbers(raw, plan, signs, path, findings) * factor
+        if si == "K" and plan.name in words.TEMPERATURES:
+            if (values < 0.0).any():
+                said = f'{plan.header} is in "{plan.unit}" and holds {np.nanmin(values):g}, below absolute zero'
+                raise SourceError(path, said, line=raw.line + 1, hint="Correct the row of units, or export again.")
+            values, si = values - words.ZERO_CELSIUS, "degC"
         name = _by_unit(plan.name, si)
         if name not in ("time", "interval_time"):
             values[~valid] = np.nan
@@ -207,7 +212,8 @@ def _unit(raw: RawInterval, plan: _Plan, path: Path) -> tuple[float, str]:
         text = f"found the unit {shorten(plan.unit)} of {plan.header}, expected one of {' or '.join(known)}"
         hint = "Correct the row of units, or export again."
         raise SourceError(path, text, line=raw.line + 1, hint=hint) from None
-    if known is not None and found.si not in known:
+    is_kelvin = found.si == "K" and known is not None and "degC" in known
+    if known is not None and found.si not in known and not is_kelvin:
         text = f'{plan.header} is in "{plan.unit}", expected a unit of {" or ".join(known)}'
         hint = "Correct the row of units, or export again; nothing is guessed."
         raise SourceError(path, text, line=raw.line + 1, hint=hint)

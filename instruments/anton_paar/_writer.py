@@ -118,12 +118,14 @@ def _table(interval: Interval, style: _Style) -> list[str]:
 def _written(column: Column, style: _Style) -> list[str]:
     if isinstance(column.values, list):
         return column.values
+    zero = 0.0
     try:
-        factor = words.unit_of(column.unit).factor if column.unit else 1.0
+        factor, si = words.unit_of(column.unit) if column.unit else (1.0, "")
+        zero = words.ZERO_CELSIUS if (si, column.si) == ("K", "degC") else 0.0
     except InputError:
         factor = 1.0  # an unknown quantity was kept in its own unit
     cells = []
-    for value in (column.values / factor).tolist():
+    for value in (column.values / factor + zero).tolist():
         if np.isnan(value):
             cells.append("")
             continue

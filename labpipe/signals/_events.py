@@ -43,6 +43,7 @@ LONGEST_ARC = 12e-3
 _FALL_TOLERANCE = 0.35  # by which a flight's acceleration may differ from the common one
 _IMPULSIVE = 4.0  # times the fall's acceleration, the least mean acceleration of the first impact
 _RESTED = 0.1  # of the fall, by which a turn begins too early when the body still rests
+_LEAST_READINGS = 8  # about a contact, fewer than which hold no two arcs
 _HELD = 0.1  # of the fall, before which the body surely rests
 _REST_FRACTION = 0.01  # of the first impact speed, below which the body is at rest
 
@@ -336,6 +337,11 @@ def _fitted(
         end = min(time[after.stop - 1], turn.liftoff + LONGEST_ARC)
         window = slice(*(int(i) for i in np.searchsorted(time, [begin, end])))
         guess = (turn.touch, turn.liftoff)
+        if window.stop - window.start < _LEAST_READINGS:
+            if impacts:
+                return impacts, turn.touch
+            message = f"no bounce found: hardly any reading lies about the contact at {turn.touch:.4g} s"
+            raise InputError(message)
         impacts.append(fit_impact(time[window], height[window], sigma, guess, *gravity, prior, colour, beneath))
         beneath = impacts[-1].beneath
     return impacts, float(impacts[-1].value[0]) if impacts else np.nan

@@ -186,6 +186,19 @@ def test_units_differ_from_table_to_table(tmp_path):
     np.testing.assert_allclose(found.storage_modulus[:3], found.storage_modulus[3:], rtol=1e-12)
 
 
+def test_kelvins_that_the_row_of_units_states_are_degrees(tmp_path):
+    rows = [[*row[:5], f"{float(row[5]) + 273.15:.2f}", *row[6:]] for row in ROWS]
+    found = read_text(tmp_path, rheocompass(rows, units=[unit.replace("[°C]", "[K]") for unit in UNITS]))
+    np.testing.assert_allclose(found.temperature, [25.01, 25.02, 25.00], atol=1e-9)
+    assert found.temperature.attrs["units"] == "degC"
+
+
+def test_degrees_under_kelvin_lie_below_absolute_zero(tmp_path):
+    rows = [[*row[:5], "-20.00", *row[6:]] for row in ROWS]
+    with pytest.raises(SourceError, match="below absolute zero"):
+        read_text(tmp_path, rheocompass(rows, units=[unit.replace("[°C]", "[K]") for unit in UNITS]))
+
+
 def test_a_clipped_loss_factor_is_recomputed_only_from_a_real_storage_modulus(tmp_path):
     rows = [list(r) for r in ROWS]
     rows[0][4] = "20000.000"  # G' is a reading

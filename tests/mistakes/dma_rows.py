@@ -299,6 +299,9 @@ ROWS = (
     ),
     Mistake("one frequency in all rows", _put(OMEGA, "6.2832"), "doubtful", ("holds one value",), FIRST),
     Mistake("radians labelled Hz", _label("[rad/s]", "[Hz]"), "doubtful", ("Hz",), FIRST),
+    Mistake(
+        "decimal point of one time lost", _put(TIME, "30147", 1, 4), "note", ("point 5", "its time", "mistyped"), FIRST
+    ),
     Mistake("time in min labelled s", _scaled(TIME, 1 / 60), "doubtful", ("time",), FIRST),
     # one value, one row
     *(

@@ -445,6 +445,7 @@ ROWS = (
     Mistake("hum only", values(lambda x: _hum(0.05)(np.full(x.size, x[0]))), "impossible", ("channel",)),
     Mistake("sine with cusps", values(_sine), "impossible", ()),
     Mistake("sine", values(_bare_sine), "impossible", ("channel",)),
+    Mistake("sign of the display lost", values(lambda x: np.abs(x - x.mean() - 0.3)), "impossible", ("falls upwards",)),
     Mistake(
         "direction reversed",
         setting("[experiments.drop.sphere]", "[experiments.drop.sensor]\ndirection = -1\n\n[experiments.drop.sphere]"),

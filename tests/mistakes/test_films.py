@@ -175,6 +175,8 @@ ROWS = (
         ("a frame each 100 µs", "exposure = 1.00 ms"),
         settings={"exposure": Quantity(1e-3, 0.0, "s")},
     ),
+    FilmMistake("frame rate 1.1 times", "doubtful", (_RATE, "1.1 times"), _faster(1.1)),
+    FilmMistake("height 2 for 1.5 mm", "doubtful", ("drop height is probably 1.51",), **_height(2e-3)),
     FilmMistake("height 15 for 1.5 mm", "impossible", ("drop height is probably 1.5",), **_height(15e-3)),
     FilmMistake("height 3 for 1.5 mm", "impossible", ("drop height is probably 1.5",), **_height(3e-3)),
     FilmMistake("height 0.15 for 1.5 mm", "impossible", ("drop height is probably 1.5",), **_height(0.15e-3)),

@@ -9,7 +9,7 @@ from pipelines.experiments.contact_area.settings import ContactArea
 
 _POWER = 2.5  # of the largest radius, with which the speed of an impact goes (Hertz)
 _ROUGH = 0.02  # relative, by which a plate that swings changes a flight
-_LIKE_MODEL = 0.3  # of what weight and relaxation add to that law, known from the model
+_LIKE_MODEL = 1.1  # of what weight and relaxation add to that law: the model may be of another material
 _SHORTEST = 0.25  # of the longest flight: the swing of a plate is a large part of what ends a shorter one
 
 
@@ -40,8 +40,8 @@ def flights_alike(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset | N
     own = np.sqrt(np.maximum((u_a / a) ** 2 - float(radius.attrs["u_systematic_relative"]) ** 2, 0.0))[long + 1]
     interval = float(np.median(np.diff(radius["time"].values)))
     u = np.hypot(_POWER * own, interval / lasts[long])
-    centre = np.array([float(np.median(np.delete(told, k))) for k in range(told.size)])
-    bent = np.abs(of_model - np.median(of_model))
+    centre, of_law = (np.array([np.median(np.delete(q, k)) for k in range(q.size)]) for q in (told, of_model))
+    bent = np.abs(of_model - of_law)
     u_told = np.hypot(u, float(np.median(u)))
     beyond = np.abs(told - centre) - _ROUGH - _LIKE_MODEL * bent - DOUBTFUL * u_told
     # of two, the one that is less like the model's

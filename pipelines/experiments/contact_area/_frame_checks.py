@@ -103,4 +103,4 @@ def _in_order(radius: xr.Dataset, settings: ContactArea) -> Check:
     area = np.where(touches, a**2, np.where(radius["valid"], 0.0, nan))
     measured = touches & np.isfinite(a * u)
     noise = float(np.median(2 * a[measured] * u[measured])) if measured.any() else 0.0
-    return in_order(settings.film, radius["frame"].values, area, noise)
+    return in_order(settings.film, radius["frame"].values, area, noise, radius["time"].values)

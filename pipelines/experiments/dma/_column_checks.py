@@ -276,6 +276,23 @@ def single_values(export: Export, isotherms: Sequence[Sweep]) -> Check:
     return stated(name, law, text, level, cause=cause, file=export.name)
 
 
+def times_in_order(export: Export) -> Check:
+    """Look for a reading whose time alone is out of order; a clock that begins anew goes on from there."""
+    name, law = "times of the readings", "each reading is later than the one before"
+    if "time" not in export.data.variables:
+        return not_made(name, law, "a column of times")
+    t = np.asarray(export.data.variables["time"].values, float)
+    rows = np.flatnonzero(np.isfinite(t))
+    before, here, after = t[rows[:-2]], t[rows[1:-1]], t[rows[2:]]
+    strays = rows[1:-1][(before <= after) & ((here < before) | (here > after))]
+    if not strays.size:
+        return stated(name, law, f"{export.name}: readings follow each other", None, file=export.name)
+    where = export.place(int(strays[0]))
+    text = f"{where}: its time, {t[strays[0]]:.6g} s, does not lie between those of its neighbours"
+    cause = f"the time of {where} is mistyped, lost its decimal point, or rows were exchanged"
+    return stated(name, law, text, "note", cause=cause, file=export.name)
+
+
 def _alone(y: Floats) -> Floats:
     """Return by how much every value lies beyond the range of its four nearest (two at ends)."""
     padded = np.pad(y, 2, constant_values=np.nan)

@@ -11,6 +11,7 @@ from pipelines.experiments.dma._column_checks import (
     single_values,
     size_of_modulus,
     stress_over_strain,
+    times_in_order,
     whole_file,
 )
 from pipelines.experiments.dma._curve_checks import order_of_shifts, published_shifts, superposition
@@ -74,6 +75,7 @@ def judgement(
             signs_of_moduli(export),
             mode_of_loading(export, settings),
             single_values(export, own),
+            times_in_order(export),
             strayed_readings(export, settings),
             steady_temperature(export, settings),
             one_condition(export),

@@ -11,11 +11,12 @@ from labpipe.judging import Check, stated
 _IN_NOISE, _LEFT = 10.0, 0.3
 """Multiple of the usual bend from which a frame stands out, and share of the bends that may be left
 about two frames which were exchanged back."""
+_UNEVEN = 1.5  # times the shortest step about a frame, from which on steps are uneven
 _MOST = 40  # frames that stand out most; all their pairs are tried
 _NEAR = np.arange(-2, 3)
 
 
-def exchanged(y: Floats, noise: float = 0.0) -> tuple[int, int] | None:
+def exchanged(y: Floats, noise: float = 0.0, time: Floats | None = None) -> tuple[int, int] | None:
     """Find two frames that stand at each other's place in a film.
 
     A body moves smoothly but at impacts, where no exchange makes the motion smoother.
@@ -26,6 +27,8 @@ def exchanged(y: Floats, noise: float = 0.0) -> tuple[int, int] | None:
         What is measured in each frame; all numbers.
     noise : float
         Standard uncertainty of y, where that is more than what the frames show.
+    time : array (frame,), optional
+        Of the frames, in any unit: where their steps are uneven nothing is smooth over frames.
 
     Returns
     -------
@@ -36,7 +39,7 @@ def exchanged(y: Floats, noise: float = 0.0) -> tuple[int, int] | None:
         return None
     bends = _bends(y, np.arange(y.size))
     least = _IN_NOISE * max(noise, 1.4826 * float(np.median(bends)))
-    out = np.flatnonzero(bends > least)
+    out = np.flatnonzero((bends > least) & _evenly(y.size if time is None else time))
     out = np.sort(out[np.argsort(bends[out])[-_MOST:]])
     best, found = _LEFT, None
     for i, j in combinations(out.tolist(), 2):
@@ -49,17 +52,28 @@ def exchanged(y: Floats, noise: float = 0.0) -> tuple[int, int] | None:
     return found
 
 
+def _evenly(time: Floats | int) -> NDArray[np.bool_]:
+    """Tell the frames about which two steps on either side are as long as each other."""
+    steps = np.ones(time - 1) if isinstance(time, int) else np.diff(time)
+    if steps.size < 4:
+        return np.ones(steps.size + 1, dtype=bool)
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(steps, 2, mode="edge"), 4)
+    return np.asarray(around.max(axis=1) < _UNEVEN * np.abs(around).min(axis=1))
+
+
 def _bends(y: Floats, at: NDArray[np.int64]) -> Floats:
     """Return how far values lie from the cubic through the two neighbours on either side."""
     before2, before, after, after2 = (y[np.clip(at + step, 0, y.size - 1)] for step in (-2, -1, 1, 2))
     return np.abs(y[at] - (4.0 * (before + after) - before2 - after2) / 6.0)
 
 
-def in_order(film: str, frames: NDArray[np.integer], y: Floats, noise: float = 0.0) -> Check:
+def in_order(
+    film: str, frames: NDArray[np.integer], y: Floats, noise: float = 0.0, time: Floats | None = None
+) -> Check:
     """Look for two frames that were exchanged; frames without a value are left out."""
     name, law = "order of the frames", "a body moves smoothly between impacts"
     known = np.flatnonzero(np.isfinite(y))
-    found = exchanged(y[known], noise)
+    found = exchanged(y[known], noise, None if time is None else time[known])
     if found is None:
         return stated(name, law, f"{film}: no frames are exchanged", None, file=film)
     first, second = (int(frames[known[k]]) for k in found)
