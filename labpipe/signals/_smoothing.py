@@ -207,8 +207,8 @@ def _misfit(residual: Floats) -> NDArray[np.bool_]:
     window = LEAF
     while window <= min(n // 4, 1024):
         starts = np.flatnonzero(np.abs(total[window:] - total[:-window]) > _MISFIT * np.sqrt(window))
-        np.add.at(marks, starts, 1.0)
-        np.add.at(marks, starts + window, -1.0)
+        marks[starts] += 1.0  # each place once
+        marks[starts + window] -= 1.0
         window *= 2
     inside = np.cumsum(marks[:-1]) > 0.5
     return np.asarray(np.logical_or.reduceat(inside, np.arange(0, n, LEAF)))

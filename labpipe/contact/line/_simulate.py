@@ -3,11 +3,13 @@
 import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
+from threadpoolctl import ThreadpoolController
 
 from labpipe.arrays import Floats
 from labpipe.contact.line._conjugate_gradients import GeneralContact
@@ -36,6 +38,9 @@ _MAX_MAP_BYTES = 2 << 30
 _PRESSURE_ROUNDING = 1e-6
 # Progress is reported once in so many samples.
 _PROGRESS_EVERY = 20
+# So many strips go without the threads of the linear algebra: they gain nothing there, and where all
+# processors are busy a factor of 128 strips waited for them for 20 times its own time.
+_BY_ONE_THREAD = 1200
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +92,27 @@ def simulate(
         As of :func:`labpipe.contact.indent`.
     """
     _require_known(request, rtol, outputs, solver, time.size)
+    is_small = (request.elements or DEFAULT_ELEMENTS) <= _BY_ONE_THREAD
+    with _libraries().limit(limits=1 if is_small else None, user_api="blas"):
+        return _simulated(request, time, value, control, rtol, outputs, solver, progress)
+
+
+@cache
+def _libraries() -> ThreadpoolController:
+    """Libraries with threads of their own, which take 10 ms to find."""
+    return ThreadpoolController()
+
+
+def _simulated(
+    request: Request,
+    time: Floats,
+    value: Floats,
+    control: Control,
+    rtol: float | None,
+    outputs: Sequence[Output],
+    solver: Solver,
+    progress: Callable[[float], None] | None,
+) -> xr.Dataset:
     creep = Creep.of(request.material)
     geometry = _geometry(request, value if control == "displacement" else None)
     values = value if control == "displacement" else value / request.depth
