@@ -57,6 +57,10 @@ class Scene:
     speckle: float = 0.0
     stray: float = 0.0
     gamma: float = 1.0
+    vignette: float = 0.0
+    beams: float = 0.0
+    flat: float = 0.0
+    black: float = 0.0
 
 
 def run(quick: bool) -> list[Suite]:
@@ -222,6 +226,10 @@ def _disturbances(scene: Scene, frames: int) -> Suite:
         "speckle of 15 %": replace(scene, speckle=0.15),
         "stray fringes of 20 %": replace(scene, stray=0.2),
         "ellipse, 4 %": replace(scene, stretch=0.04),
+        "light ± 40 %, dark corners": replace(scene, slope=0.4, vignette=0.3),
+        "many beams, faces that reflect 30 %": replace(scene, beams=0.3),
+        "sphere worn flat, 120 µm": replace(scene, flat=120e-6),
+        "darker than the black level": replace(scene, black=45.0),
         "blur of 2.5 px": replace(scene, blur=2.5),
         "blur of 5 px": replace(scene, blur=5.0),
         "gamma of 0.7": replace(scene, gamma=0.7),
@@ -274,6 +282,27 @@ def surface_gap(distance: Floats, radius: float, sphere: float) -> Floats:
     return np.maximum(gap, 0.0)
 
 
+def worn_gap(distance: Floats, radius: float, sphere: float, flat: float) -> Floats:
+    """Gap (m) around a contact of a sphere that is worn flat up to a radius, as :func:`surface_gap`.
+
+    The springs' profile rises from the edge of the flat as a square root, which a square in the variable of the
+    integral makes smooth.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    share, weight = 0.5 * (nodes + 1.0), 0.5 * weights
+
+    def profile(x: Floats) -> Floats:
+        return np.where(x > flat, x * np.sqrt(np.maximum(x**2 - flat**2, 0.0)) / sphere, 0.0)
+
+    depth = float(profile(np.array(radius)))
+    first, last = (np.arcsin(np.minimum(1.0, x / np.maximum(distance, 1e-12)))[:, None] for x in (flat, radius))
+    theta = first + (last - first) * share**2
+    spring = depth - profile(distance[:, None] * np.sin(theta))
+    surface = first[:, 0] * depth + (spring * 2.0 * share * weight).sum(axis=1) * (last - first)[:, 0]
+    body = np.maximum(distance**2 - flat**2, 0.0) / (2.0 * sphere)
+    return np.where(distance > radius, np.maximum(body - depth + 2.0 / math.pi * surface, 0.0), 0.0)
+
+
 def make_image(scene: Scene) -> Floats:
     """Mean grey level of every pixel, supersampled."""
     x, y = scene.centre
@@ -283,8 +312,8 @@ def make_image(scene: Scene) -> Floats:
     radii: Sequence[float] = [scene.radius + float(m) * scene.travel for m in moments]
     light = np.zeros_like(r)
     for radius in radii:
-        phase = 4.0 * math.pi * surface_gap(r, radius, scene.sphere) / scene.wavelength
-        light += (1.0 + _VISIBILITY * np.cos(phase + scene.phase)) / len(radii)
+        gap = worn_gap(r, radius, scene.sphere, scene.flat) if scene.flat else surface_gap(r, radius, scene.sphere)
+        light += _interference(4.0 * math.pi * gap / scene.wavelength + scene.phase, scene) / len(radii)
     total = np.zeros((scene.rows, scene.columns))
     steps = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
     across = (np.arange(scene.columns) - x)[None, :]
@@ -294,7 +323,12 @@ def make_image(scene: Scene) -> Floats:
             at = np.hypot((across + dx) / (1.0 + scene.stretch), down + dy) / _TABLE_STEP
             total += light[np.rint(at).astype(np.int64)]
     grey = _MEAN * total / _SAMPLES**2
-    grey *= 1.0 + scene.slope * (2.0 * np.arange(scene.columns) / scene.columns - 1.0)
+    across = 2.0 * np.arange(scene.columns) / scene.columns - 1.0
+    grey *= 1.0 + scene.slope * across
+    if scene.vignette:
+        grey *= 1.0 - 0.5 * scene.vignette * (
+            across**2 + (2.0 * np.arange(scene.rows)[:, None] / scene.rows - 1.0) ** 2
+        )
     if scene.stray:
         along = 0.76 * np.arange(scene.columns) + 0.65 * np.arange(scene.rows)[:, None]
         grey *= 1.0 + scene.stray * np.cos(2.0 * math.pi * along / _STRAY_PERIOD)
@@ -306,11 +340,20 @@ def make_image(scene: Scene) -> Floats:
     return np.asarray(_WHITE * (np.clip(grey, 0.0, None) / _WHITE) ** scene.gamma)
 
 
+def _interference(phase: Floats, scene: Scene) -> Floats:
+    """Light, about 1 in the mean, of two beams or of many between faces that reflect alike."""
+    if not scene.beams:
+        return 1.0 + _VISIBILITY * np.cos(phase)
+    finesse = 4.0 * scene.beams / (1.0 - scene.beams) ** 2
+    square = np.sin(0.5 * (phase - math.pi)) ** 2
+    return np.asarray(0.1 + 1.5 * finesse * square / (1.0 + finesse * square))
+
+
 def make_film(scene: Scene, frames: int, seed: int) -> Film:
     """Film (frame, row, column) of a contact at rest, with new noise in every frame."""
     rng = np.random.default_rng(seed)
     image = make_image(scene)
-    noisy = image + _NOISE * rng.standard_normal((frames, *image.shape))
+    noisy = image - scene.black + _NOISE * rng.standard_normal((frames, *image.shape))
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 

@@ -173,6 +173,57 @@ def bars(angle: float, period: float, sharpness: float) -> Formula:
     return grey
 
 
+def cells(angle: float, width: float, seed: int) -> Formula:
+    """Square cells, black or white, with edges sharper than any lens shows."""
+    dark = np.random.default_rng(seed).random((128, 128)) < 0.5
+
+    def grey(x: Floats, y: Floats) -> Floats:
+        across, along = x * math.cos(angle) + y * math.sin(angle), y * math.cos(angle) - x * math.sin(angle)
+        row, column = (np.floor(place / width).astype(np.int64) % 128 for place in (along, across))
+        return np.where(dark[row, column], -50.0, 50.0)
+
+    return grey
+
+
+def bricks(angle: float, height: float, joint: float, seed: int) -> Formula:
+    """Bricks of twice their height, each of its own grey, between dark joints."""
+    tones = np.random.default_rng(seed).uniform(-15.0, 20.0, (256, 256))
+
+    def grey(x: Floats, y: Floats) -> Floats:
+        across, along = x * math.cos(angle) + y * math.sin(angle), y * math.cos(angle) - x * math.sin(angle)
+        course = np.floor(across / height).astype(np.int64)
+        along = along + height * (course % 2)
+        tone = 20.0 + tones[course % 256, np.floor(along / (2.0 * height)).astype(np.int64) % 256]
+        return np.where((across % height < joint) | (along % (2.0 * height) < joint), -50.0, tone)
+
+    return grey
+
+
+def seen_by_pixels(formula: Formula, size: int, view: View) -> Floats:
+    """Grey levels (row, column) of a formula behind a lens that blurs by ``view.defocus``, mean over each pixel.
+
+    The places of a lattice have as many columns as there are places: of a square of as many, an edge along the
+    columns would be seen in steps.
+    """
+    from scipy.special import ndtr
+
+    count, blur = 31, max(view.defocus, 1e-3)
+    share = (np.arange(count) + 0.5) / count
+    z = np.linspace(-8.0, 8.0, 8001)
+    within = (ndtr((z + 0.5) / blur) - ndtr((z - 0.5) / blur)).cumsum()
+    column = np.interp(share, within / within[-1], z)
+    row = column[np.arange(count) * 12 % count]
+    lattice = list(zip(column, row, strict=True))
+    return from_formula(lambda x, y: np.mean([formula(x + a, y + b) for a, b in lattice], axis=0), size, view)
+
+
+def blurred_by_camera(formula: Formula, size: int, view: View) -> Floats:
+    """Grey levels (row, column) of a formula at the middles of the pixels, blurred by ``view.defocus`` after that."""
+    from scipy.ndimage import gaussian_filter
+
+    return np.asarray(gaussian_filter(from_formula(formula, size, view), view.defocus))
+
+
 def dots(angle: float, period: float, sharpness: float) -> Formula:
     """Grid of spots of one size."""
 

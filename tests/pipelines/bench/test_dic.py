@@ -27,6 +27,8 @@ def test_scenes_in_which_more_changes_than_the_place() -> None:
     points = {point.setting: point for point in disturbances(quick=True).points}
     covered = points.pop("a wire before the specimen")
     assert covered.extra["off by more than 5 u"] < 40
+    assert points.pop("bricks out of focus").extra["off by more than 5 u"] < 40
+    assert points["bare edge blurred after sampling"].extra["lost (%)"] == 100.0
     assert all(point.extra["off by more than 5 u"] == 0 for point in points.values())
     clean = points["nothing changes"]
     assert clean.error == pytest.approx(clean.extra["error, change not solved for (px)"], rel=0.02)
