@@ -1,18 +1,21 @@
-"""A sphere that falls and bounces: error against run time of three solvers.
+"""A sphere that falls and bounces: error against run time of three solvers, and of Ting's equations in SciPy.
 
 Truth: Ting's integral for the first impact of a polymer of eleven terms (ten digits), and a train
 of 34 bounces of one of fifteen terms by springs at a hundred times finer steps than the default.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from math import inf, isnan, nan, sqrt
 from statistics import median
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from labpipe import contact
 from labpipe.materials import Prony
+from pipelines.bench import impact_peer
 from pipelines.bench.measure import OURS, THESIS, Extra, Point, Suite, Timing, race
 
 _RADIUS, _MASS, _HEIGHT, _GRAVITY = 9.525e-3, 0.505, 1.5e-3, 9.81
@@ -64,7 +67,14 @@ def _first_impact(quick: bool) -> Suite:
     steps = (2e-4, 2e-5, 4e-6) if quick else (2e-4, 5e-5, 2e-5, 8e-6, 4e-6, 2e-6, 1e-6)
     settings += [_thesis(step) for step in steps]
     solid = Prony.from_creep(2e9, np.full(11, _SHARE), _TAU[4:], nu=0.35)
-    points, note = _measure(settings, solid, 2e-3, _first_error, 3 if quick else 7)
+    peers = {
+        f"{impact_peer.NAME}, rtol {rtol:.0e}": (
+            impact_peer.NAME,
+            partial(impact_peer.first_impact, solid, _RADIUS, _MASS, _HEIGHT, _GRAVITY, rtol),
+        )
+        for rtol in ((1e-6, 1e-10) if quick else (1e-4, 1e-6, 1e-8, 1e-10))
+    }
+    points, note = _measure(settings, solid, 2e-3, _first_error, 3 if quick else 7, peers)
     title = "First impact of an acrylic-like sphere, 1.5 mm: against Ting's integral"
     error = "worst relative error of restitution, force, approach, duration (1)"
     return Suite("drop-first", title, error, points, notes=[note])
@@ -99,9 +109,14 @@ def _thesis(step: float) -> _Setting:
 
 
 def _measure(
-    settings: Sequence[_Setting], solid: Prony, after: float, error: Error, repeats: int
+    settings: Sequence[_Setting],
+    solid: Prony,
+    after: float,
+    error: Error,
+    repeats: int,
+    peers: Mapping[str, tuple[str, Callable[[], object]]] = MappingProxyType({}),
 ) -> tuple[list[Point], str]:
-    """Time all settings in turn; the note compares with the thesis's scheme at equal error."""
+    """Time all settings and peers in turn; the note compares with the thesis's scheme at equal error."""
 
     def call(options: Mapping[str, Any]) -> Callable[[], object]:
         return lambda: contact.drop(solid, _RADIUS, _MASS, _HEIGHT, _FALL + after, **options)
@@ -111,7 +126,7 @@ def _measure(
         return error(found), {"bounces": int(found.sizes["impact"])}
 
     default = next(s.name for s in settings if s.is_default)
-    calls = {s.name: (s.group, call(s.options)) for s in settings}
+    calls = {s.name: (s.group, call(s.options)) for s in settings} | dict(peers)
     points = race(calls, repeats, judge, default, budget=60.0)
     return points, speed_up(points)
 

@@ -4,7 +4,7 @@ import importlib.util
 
 import pytest
 
-from pipelines.bench import collision, contact_peers, drop, indentation
+from pipelines.bench import collision, contact_peers, drop, impact_peer, indentation
 from pipelines.bench.measure import OURS, THESIS, Suite
 from tests.rounding import rounding
 
@@ -26,6 +26,11 @@ def test_drop_follows_its_tolerance_and_beats_the_thesis(drops: list[Suite]) -> 
     theirs = [p.error for p in drops[0].points if p.group == THESIS]
     assert theirs == sorted(theirs, reverse=True)
     assert min(theirs) > 1e-3
+
+
+def test_tings_equations_as_a_peer_follow_their_tolerance(drops: list[Suite]) -> None:
+    coarse, fine = (p for p in drops[0].points if p.group == impact_peer.NAME)
+    assert fine.error < 1e-7 < coarse.error < 5e-5
 
 
 def test_the_train_is_right_by_default_and_wrong_by_the_thesis(drops: list[Suite]) -> None:
