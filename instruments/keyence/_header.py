@@ -36,7 +36,7 @@ _COUNTER = re.compile(r"n[or°º]\.?|#|index|count(?:er)?|data no\.?|point|番�
 _OUTPUT = re.compile(r"out ?0*([0-9]{1,2})\s*(?:[\[(]([^\])]*)[\])])?", re.IGNORECASE)
 _LABEL_UNIT = re.compile(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*")
 # A unit that lost a letter may be another unit ("mm" and "m"), so only displayed ones are taken.
-_UNITS_ALLOWED = tuple(map(unit, ("mm", "um", "cm", "m", "V", "mV", "mm/s", "m/s2", "km/s2")))
+_UNITS_ALLOWED = tuple(map(unit, ("mm", "um", "cm", "V", "mV", "mm/s", "m/s2", "km/s2")))
 
 
 @dataclass(frozen=True, slots=True)

@@ -44,7 +44,7 @@ def stated_units(path: Path, header: Header, given: Iterable[str] | None) -> tup
     for text in units:
         if not is_length_or_volts(text):
             message = f"found the unit {shorten(text)}, expected a length, volts or a derivative"
-            hint = "Units of Keyence outputs are mm, um, cm, m, V, mm/s, m/s2, km/s2."
+            hint = "Units of Keyence outputs are mm, um, cm, V, mm/s, m/s2, km/s2."
             raise SourceError(path, message, line=line, hint=hint)
     if stated and asked and [unit(a) for a in asked] != [unit(s) for s in stated]:
         raise _contradiction(path, "units", line, ", ".join(stated), ", ".join(asked))

@@ -182,7 +182,13 @@ def _recorded_loading(inputs: Inputs) -> Drawing:
         axes.plot(t, model["contact_radius"].values * 1e6, label="viscoelastic", **line_arguments("model"))
         look = line_arguments("reference")
         axes.stairs(
-            radii, edges, baseline=None, label="Hertz, relaxed", color="#cc2a1e", linestyle=look["linestyle"], zorder=3
+            radii,
+            edges,
+            baseline=None,
+            label=f"Hertz, {model.attrs['reference']}",
+            color="#cc2a1e",
+            linestyle=look["linestyle"],
+            zorder=3,
         )
         axes.hlines(means, edges[:-1], edges[1:], colors="#444444", linewidth=0.8, linestyle=(0, (6, 2)), label="means")
         for edge in edges[1:-1]:
@@ -221,7 +227,7 @@ def _recorded_loading(inputs: Inputs) -> Drawing:
             "the mean of every load (horizontal); (b) Hertz contact circles to scale; (c) creep under the last load, "
             "the simulation until 10^4 s.",
             computed=(
-                "quasi-static viscoelastic contact, and Hertz with the relaxed modulus. Radius at "
+                f"quasi-static viscoelastic contact, and Hertz with the {model.attrs['reference']}. Radius at "
                 f"the end of each load: {'; '.join(found)}. nRMSE of the model "
                 f"{100 * float(made['nrmse_contact_radius_model']):.2f} %, of Hertz "
                 f"{100 * float(made['nrmse_contact_radius_hertz']):.2f} %. Means over the loads: "

@@ -76,7 +76,6 @@ REFUSED = {
     "no_units_row": (replaced("\t\t[rad/s]\t[MPa]\t[MPa]\t[1]\t[°C]\t[mN·m]\t\r\n", ""), "units"),
     "unknown_unit": (replaced("[MPa]", "[blob]"), "unit"),
     "unit_of_another_quantity": (replaced("[MPa]", "[mm]"), "expected a unit of Pa"),
-    "temperature_in_kelvin": (replaced("[°C]", "[K]"), "expected a unit of degC"),
     "torque_without_unit": (replaced("[mN·m]", ""), "expected a unit of N m"),
     "more_units_than_columns": (replaced("[mN·m]\t\r\n", "[mN·m]\t\t[Pa]\r\n"), "units for"),
     "letters_in_a_number": (replaced("\t10.0\t", "\t1O.0\t"), "expected a number"),

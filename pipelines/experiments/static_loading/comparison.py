@@ -6,18 +6,24 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from labpipe.judging import Agreement, along_curve, stretch_means, stretches
 from labpipe.variables import from_rows, variable
-from pipelines.experiments.shared.comparison_rows import Row, row
+from pipelines.experiments.shared.comparison_rows import Row, curve_table, of_curve, row
 from pipelines.experiments.shared.material_inputs import material_slopes
+from pipelines.experiments.static_loading.load_steps import touch_apart, touch_weights
 from pipelines.experiments.static_loading.measured import spans, windows
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 SCALE, MODULUS, LOADS = "scale of length (gain and inclination)", "modulus", "loads"
 """Inputs of the rows, relative: the laser's gain and inclination together, the material as a whole, all masses."""
 TOUCH, DRIFT = "first touch", "drift of the zero"
+_STRETCHES = 3  # of each load
+_FEWEST = 10  # readings of a stretch
 
 
-def comparison(approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, *, settings: StaticLoading) -> xr.Dataset:
+def comparison(
+    displacement: xr.Dataset, approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, *, settings: StaticLoading
+) -> xr.Dataset:
     """Compare the record with the viscoelastic model and with Hertz's steps."""
     time = approach["time"].values
     kept = approach["is_settled"].values.astype(bool)
@@ -36,7 +42,9 @@ def comparison(approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, *, se
             if other == "model":
                 table[f"{name}_residual"] = variable("time", gap, "m", words)
     table |= _per_load(approach, steps, model, settings)
-    return xr.Dataset(table, coords={"time": approach["time"], "load": steps["load"]})
+    table |= curve_table((), [_along(displacement, approach, steps, model, settings)])
+    coordinates = {"time": approach["time"], "load": steps["load"]}
+    return xr.Dataset(table, coordinates, {"reference": model.attrs["reference"]})
 
 
 def _per_load(approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, settings: StaticLoading) -> dict[str, Any]:
@@ -82,7 +90,7 @@ def _per_load(approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, settin
         "radius_measured": "contact radius at the end of the load, from the approach",
         "radius_difference": "contact radius, measured minus model",
         "radius_drift": "change of the contact radius by the drift of the zero, one standard uncertainty",
-        "hertz_difference": "contact radius, measured minus Hertz with the relaxed modulus",
+        "hertz_difference": "contact radius, measured minus Hertz",
         "given_radius": "contact radius that session.toml gives",
         "given_difference": "contact radius, from the approach minus given",
     }
@@ -94,10 +102,52 @@ def _per_load(approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, settin
     return from_rows("load", rows, columns)
 
 
+def _along(
+    displacement: xr.Dataset, approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, settings: StaticLoading
+) -> Agreement | None:
+    """Lay the contact radius against the model in stretches of each load, ever longer ones.
+
+    They share scale, first touch and drift of the readings, and what the model takes of sphere, loads
+    and solid. First touch follows the noise of the readings that tell it.
+    """
+    time, radius = approach["time"].values, settings.sphere.radius
+    ours, theirs = approach["contact_radius"].values, model["contact_radius"].values
+    kept = approach["is_settled"].values.astype(bool) & (ours > 0.0)
+    begin, force, u_force = (steps[name].values for name in ("begin", "force", "u_force"))
+    places = []
+    for first, last in spans(steps):
+        inside = np.flatnonzero(kept & (time > first) & (time < last))
+        count = min(_STRETCHES, inside.size // _FEWEST)
+        if count:
+            at = first + np.geomspace(time[inside[0]] - first, last - first, count + 1)[1:-1]
+            places += np.split(inside, np.searchsorted(time[inside], at))
+    if not places:
+        return None
+    means, own = stretches(ours - theirs, places)
+    a, expected = stretch_means([ours, theirs], places)
+    u_touch, by_drift = touch_apart(steps)
+    together = float(steps["noise"]) ** 2 * stretch_means([touch_weights(displacement, steps, settings)], places)[0]
+    follows = together / u_touch**2 if u_touch > 0.0 else np.zeros(means.size)
+    steep = 0.5 * radius.value / a
+    own = np.sqrt(np.maximum(own**2 - (steep * follows * u_touch) ** 2, 0.0))
+    middle = stretch_means([time], places)[0]
+    held = np.maximum(np.searchsorted(begin, middle, side="right") - 1, 0)
+    effects = [
+        0.5 * a * float(displacement.attrs["u_systematic_relative"]),
+        steep * (1.0 - follows) * u_touch,
+        steep * (settings.steps.drift.value * middle / time[-1] - by_drift),
+        (0.5 * a - expected / 3.0) * radius.u / radius.value,
+        expected / 3.0 * (u_force / force)[held],
+        *(expected * np.interp(middle, model["node"].values, one) for one in model["effect"].values),
+    ]
+    return along_curve(means, own, np.array(effects))
+
+
 def rows(comparison: xr.Dataset, model: xr.Dataset, *, settings: StaticLoading) -> Iterator[Row]:
     """Yield the rows of ``compare``."""
     n, nrmse = int(comparison["time"].size), comparison["nrmse_contact_radius_model"]
-    yield row("contact radius", "m", n, nrmse=nrmse, difference=comparison["bias_contact_radius_model"])
+    bias = comparison["bias_contact_radius_model"]
+    yield row("contact radius", "m", n, nrmse=nrmse, difference=bias, **of_curve(comparison))
     radius, drift = settings.sphere.radius.value, settings.steps.drift.value
     for i, load in enumerate(settings.loads):
         value, difference = float(comparison["radius_model"][i]), float(comparison["radius_difference"][i])

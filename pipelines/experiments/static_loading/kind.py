@@ -58,8 +58,8 @@ _STAGES = (
     Stage(
         "comparison",
         "pipelines.experiments.static_loading.comparison:comparison",
-        ("approach", "steps", "model"),
-        ("loads", "steps"),
+        ("displacement", "approach", "steps", "model"),
+        ("loads", "sphere.radius", "zero", "steps"),
         summary="measurement against model and Hertz",
     ),
     judged(

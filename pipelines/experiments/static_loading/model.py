@@ -1,6 +1,7 @@
 """Simulation of the creeping contact, and Hertz's radius under each load."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -8,11 +9,12 @@ import numpy as np
 import xarray as xr
 
 from labpipe import contact, uncertainty
+from labpipe.arrays import Floats
 from labpipe.contact.sphere import hertz
 from labpipe.materials import Prony
 from labpipe.uncertainty import Source
 from labpipe.variables import described, variable
-from pipelines.experiments.shared.material_choice import resolve, variations
+from pipelines.experiments.shared.material_choice import Variation, resolve, variations
 from pipelines.experiments.shared.material_inputs import kept_in
 from pipelines.experiments.static_loading.load_steps import valid
 from pipelines.experiments.static_loading.measured import spans
@@ -54,7 +56,9 @@ def model(
     # exponents of Hertz's contact: approach (F J)^(2/3) R^(-1/3), radius (F J)^(1/3) R^(1/3)
     spread = relative_force[np.maximum(held, 0)]
     size = radius.u / radius.value
-    softer = _softer(settings, material_file, fitted, solid, float(time[-1]))
+    lasted = float(time[-1])
+    varied = variations(settings.sphere, material_file, fitted, (lasted, lasted))
+    softer = _softer(varied, solid, lasted)
     of_material = uncertainty.combined_uncertainty(softer)
     table: dict[str, Any] = {}
     for name, power in (("approach", 2 / 3), ("contact_radius", 1 / 3)):
@@ -72,18 +76,27 @@ def model(
     ]
     sources += [s._replace(sensitivity=last / 3 * s.sensitivity) for s in softer]
     factor = 1 / (1 - float(solid.nu) ** 2)
-    for name, modulus in (("relaxed", solid.E_relaxed), ("unrelaxed", solid.E_unrelaxed)):
+    relaxed, reference = float(solid.E_relaxed), "relaxed modulus"
+    if relaxed <= 0.0:  # the sweeps tell of no plateau
+        relaxed, reference = 1.0 / float(solid.creep(lasted)), f"modulus after {lasted:.3g} s"
+    for name, modulus, words in (
+        ("relaxed", relaxed, reference),
+        ("unrelaxed", solid.E_unrelaxed, "unrelaxed modulus"),
+    ):
         state = hertz.static_load(force, radius.value, float(modulus) * factor)
         table[f"hertz_radius_{name}"] = variable(
-            "load", np.asarray(state.contact_radius), "m", f"contact radius by Hertz, {name} modulus"
+            "load", np.asarray(state.contact_radius), "m", f"contact radius by Hertz, {words}"
         )
         table[f"hertz_approach_{name}"] = variable(
-            "load", np.asarray(state.approach), "m", f"approach by Hertz, {name} modulus"
+            "load", np.asarray(state.approach), "m", f"approach by Hertz, {words}"
         )
     lag = steps["elapsed"].values
     table["compliance"] = variable(
         "elapsed", np.asarray(solid.creep(lag)) / factor, "1/Pa", "reduced creep compliance of the material"
     )
+    nodes = made["time"].values
+    wider = _wider(varied, solid, nodes, steps["begin"].values, np.diff(force, prepend=0.0))
+    table["effect"] = variable(("input", "node"), wider, "1", "relative change of the contact radius by one u")
     work = json.loads(made.attrs["work"])
     return xr.Dataset(
         table,
@@ -91,8 +104,10 @@ def model(
             "time": variable("time", time, "s", "time from the first point"),
             "load": steps["load"],
             "elapsed": steps["elapsed"],
+            "node": variable("node", nodes, "s", "time from the first point"),
         },
         attrs={
+            "reference": reference,  # of Hertz's steps
             "work": json.dumps(work),
             "budget": json.dumps(uncertainty.budget_rows(sources)),
             # a ~ J^(1/3)
@@ -101,12 +116,26 @@ def model(
     )
 
 
-def _softer(
-    settings: StaticLoading, material_file: Path | None, fitted: xr.Dataset | None, solid: Prony, lasted: float
-) -> list[Source]:
+def _softer(varied: Mapping[str, Variation], solid: Prony, lasted: float) -> list[Source]:
     """Return what is uncertain of the solid, relative to its compliance."""
     whole = float(solid.creep(lasted))
     return [
         Source.of(name, given, float(np.log(float(other.creep(lasted)) / whole)) / step)
-        for name, (given, step, other) in variations(settings.sphere, material_file, fitted, (lasted, lasted)).items()
+        for name, (given, step, other) in varied.items()
     ]
+
+
+def _wider(varied: Mapping[str, Variation], solid: Prony, time: Floats, begin: Floats, added: Floats) -> Floats:
+    """Return the relative change of the contact radius (input, time) by one u of each of them.
+
+    Under loads that only grow, the cube of the radius is their hereditary integral with the creep
+    compliance (Lee and Radok, https://doi.org/10.1115/1.3644020).
+    """
+    lag = time[:, None] - begin
+    loaded = np.where(lag >= 0.0, added, 0.0)
+    cube = np.sum(loaded * solid.creep(np.maximum(lag, 0.0)), axis=1)
+    changes = [
+        given.u / step / 3.0 * np.log(np.sum(loaded * other.creep(np.maximum(lag, 0.0)), axis=1) / cube)
+        for given, step, other in varied.values()
+    ]
+    return np.array(changes).reshape(-1, time.size)

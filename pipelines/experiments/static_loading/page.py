@@ -62,7 +62,7 @@ def _summary(approach: xr.Dataset | None, comparison: xr.Dataset | None, context
         shown = pages.told(approach, "creep", largest)
         rows.append(("largest creep under one load", shown, f"load {largest + 1}"))
     if comparison is not None:
-        for other, word in (("model", "viscoelastic model"), ("hertz", "Hertz, relaxed modulus")):
+        for other, word in (("model", "viscoelastic model"), ("hertz", f"Hertz, {comparison.attrs['reference']}")):
             error = float(comparison[f"nrmse_contact_radius_{other}"]) * 100
             remark = "single readings, over the range of what they are compared with"
             rows.append((f"nRMSE of contact radius, {word}", f"{error:.3g} %", remark))
@@ -103,7 +103,13 @@ def _radii(steps: xr.Dataset, approach: xr.Dataset, model: xr.Dataset | None, co
         series += pages.model_curves(time, radius, u, label="viscoelastic model")
         elastic = model["hertz_radius_relaxed"].values * _UM
         series.append(
-            Series("Hertz, relaxed modulus", edges, np.append(elastic, elastic[-1]), style="step", role="reference")
+            Series(
+                f"Hertz, {model.attrs['reference']}",
+                edges,
+                np.append(elastic, elastic[-1]),
+                style="step",
+                role="reference",
+            )
         )
     if comparison is not None and np.isfinite(comparison["given_radius"].values).any():
         kept = np.isfinite(comparison["given_radius"].values)
@@ -137,8 +143,8 @@ def _creep(settings: StaticLoading, steps: xr.Dataset, approach: xr.Dataset, mod
     shares = 100.0 * (model["u_approach"] / model["approach"]).values[kept]
     least, most = f"{shares.min():.2g}", f"{shares.max():.2g}"
     caption = (
-        "Hertz with the relaxed modulus would be 1 at all times; readings next to a step are left out. The model's "
-        f"standard uncertainty is {least if least == most else f'{least} to {most}'} % of its approach."
+        f"Hertz with the {model.attrs['reference']} would be 1 at all times; readings next to a step are left out. "
+        f"The model's standard uncertainty is {least if least == most else f'{least} to {most}'} % of its approach."
     )
     labels = ("Approach over that of Hertz", "time since the load was applied / s", "approach / approach by Hertz")
     chart = LineChart(*labels, tuple(series), x_scale="log", height_px=320, caption=caption)
@@ -170,7 +176,7 @@ def _loads(settings: StaticLoading, steps: xr.Dataset, approach: xr.Dataset, com
             pages.column(comparison, "radius_difference", "measured − model"),
             pages.plain(comparison, "hertz_difference", "measured − Hertz"),
         )
-        told = "Radius at the end of each load; Hertz with the relaxed modulus."
+        told = f"Radius at the end of each load; Hertz with the {comparison.attrs['reference']}."
         tables.append(listed(gaps, told, sortable=False))
     return Section("Loads", tuple(tables))
 
@@ -226,6 +232,6 @@ def _methods(settings: StaticLoading, steps: xr.Dataset, approach: xr.Dataset, c
         text += (
             "The normalised root-mean-square error of the contact radius was "
             f"{error:.2f} % against a viscoelastic simulation and {elastic:.2f} % against Hertz "
-            "with the relaxed modulus."
+            f"with the {comparison.attrs['reference']}."
         )
     return text
