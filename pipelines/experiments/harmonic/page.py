@@ -89,7 +89,7 @@ def _summary(oscillations: xr.Dataset | None, comparison: xr.Dataset | None, con
     if comparison is not None and _is_there(comparison):
         errors = comparison["nrmse"].values * 100
         remark = "root mean square of measured minus model, over the range of the simulated force"
-        rows.append(("nRMSE of force", f"{errors.min():.3g} to {errors.max():.3g} %", remark))
+        rows.append(("nRMSE of force", f"{pages.spanned(errors, '.3g')} %", remark))
     elif comparison is not None:
         blocks.append(Notice("info", f"No comparison with a model: {comparison.attrs['absent']}."))
     table: list[Block] = [KeyValues(rows)] if rows else []
@@ -315,10 +315,10 @@ def _methods(settings: Harmonic, oscillations: xr.Dataset, comparison: xr.Datase
     frequency = oscillations["frequency"].values
     text = (
         f"Harmonic indentation was evaluated at "
-        f"{pages.counted(frequency.size, 'frequency', 'frequencies')} from "
-        f"{frequency.min():.3g} to {frequency.max():.3g} Hz. Frequency, amplitude and phase were "
-        f"fitted to the recorded position; the first {settings.cycles.skip} cycles and the last "
-        f"one of each block were left out. "
+        f"{pages.counted(frequency.size, 'frequency', 'frequencies')}, "
+        f"{pages.spanned(frequency, '.3g')} Hz. Frequency, amplitude and phase were "
+        f"fitted to the recorded position; of each block the first {pages.counted(settings.cycles.skip, 'cycle')} "
+        f"and the last one were left out. "
     )
     if oscillations.attrs["is_filter_corrected"]:
         text += "The delay of the load cell's low-pass filter was removed (causal Butterworth). "
@@ -331,6 +331,6 @@ def _methods(settings: Harmonic, oscillations: xr.Dataset, comparison: xr.Datase
         errors = comparison["nrmse"].values * 100
         text += (
             "The force was simulated by periodic boundary elements with the measured displacement; "
-            f"the normalised root-mean-square error was {errors.min():.2f} to {errors.max():.2f} %."
+            f"the normalised root-mean-square error was {pages.spanned(errors, '.2f')} %."
         )
     return text

@@ -353,6 +353,6 @@ def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset
         text += (
             "The force was simulated by periodic boundary elements with the measured displacement; "
             "the normalised root-mean-square error over a test was "
-            f"{error.min():.2f} to {error.max():.2f} %."
+            f"{pages.spanned(error, '.2f')} %."
         )
     return text

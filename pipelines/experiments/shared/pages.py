@@ -88,6 +88,12 @@ def counted(n: float, noun: str, plural: str | None = None) -> str:
     return f"{n} {noun if n == 1 else plural or f'{noun}s'}"
 
 
+def spanned(values: "ArrayLike", form: str) -> str:
+    """Write the smallest and the largest of some numbers, "0.5 to 2", or the one that they are as written."""
+    least, most = (format(float(find(values)), form) for find in (np.min, np.max))
+    return least if least == most else f"{least} to {most}"
+
+
 def page(
     context: Context,
     subtitle: str,

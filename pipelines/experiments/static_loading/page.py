@@ -141,10 +141,9 @@ def _creep(settings: StaticLoading, steps: xr.Dataset, approach: xr.Dataset, mod
         _, theirs, _, _ = binned(since, model["approach"].values[inside] / elastic, edges)
         series.append(Series(f"{label}, model", lag, theirs, role="model"))
     shares = 100.0 * (model["u_approach"] / model["approach"]).values[kept]
-    least, most = f"{shares.min():.2g}", f"{shares.max():.2g}"
     caption = (
         f"Hertz with the {model.attrs['reference']} would be 1 at all times; readings next to a step are left out. "
-        f"The model's standard uncertainty is {least if least == most else f'{least} to {most}'} % of its approach."
+        f"The model's standard uncertainty is {pages.spanned(shares, '.2g')} % of its approach."
     )
     labels = ("Approach over that of Hertz", "time since the load was applied / s", "approach / approach by Hertz")
     chart = LineChart(*labels, tuple(series), x_scale="log", height_px=320, caption=caption)
