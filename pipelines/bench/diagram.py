@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from labpipe.report import figure_bytes, figure_style
 from pipelines.bench.measure import OURS, THESIS, Point, Suite
@@ -50,6 +51,7 @@ def draw(suite: Suite) -> bytes:
         axes = figure.subplots()
         axes.set_xscale("log")
         axes.set_yscale("log")
+        axes.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))  # more labels would cover each other
         for group, look in looks.items():
             _draw_group(axes, [(n, p) for n, p in shown if p.group == group], look, floor)
         _draw_bounds(axes, suite)

@@ -63,7 +63,7 @@ def run(quick: bool) -> list[Suite]:
 
 
 def _first_impact(quick: bool) -> Suite:
-    settings = [*_ours((1e-3, 1e-4, 1e-5) if quick else (1e-2, 1e-3, 1e-4, 1e-5, 1e-6))]
+    settings = [*_ours((1e-3, 1e-4, 1e-5, 1e-6) if quick else (1e-2, 1e-3, 1e-4, 1e-5, 1e-6))]
     steps = (2e-4, 2e-5, 4e-6) if quick else (2e-4, 5e-5, 2e-5, 8e-6, 4e-6, 2e-6, 1e-6)
     settings += [_thesis(step) for step in steps]
     solid = Prony.from_creep(2e9, np.full(11, _SHARE), _TAU[4:], nu=0.35)
