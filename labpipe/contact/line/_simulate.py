@@ -94,45 +94,32 @@ def simulate(
     _require_known(request, rtol, outputs, solver, time.size)
     is_small = (request.elements or DEFAULT_ELEMENTS) <= _BY_ONE_THREAD
     with _libraries().limit(limits=1 if is_small else None, user_api="blas"):
-        return _simulated(request, time, value, control, rtol, outputs, solver, progress)
+        creep = Creep.of(request.material)
+        geometry = _geometry(request, value if control == "displacement" else None)
+        values = value if control == "displacement" else value / request.depth
+        settings = (creep, control, rtol, "energy" in outputs)
+        reason = "as requested" if solver != "auto" else _why_general(geometry)
+        if solver == "springs" or not reason:
+            run = _spring_run(geometry, values, settings)
+            try:
+                rows = _record(run, geometry.kernel, time, values, outputs, progress)
+                return _dataset(run, rows, request, time, geometry.kernel, reason or "nested contact")
+            except NotNestedError:
+                where = time[run.march.samples_done]
+            reason = f"the contact stops being one growing and shrinking strip at {where:g} s"
+            if solver == "springs":
+                message = f'{reason}; use solver="auto" or "general"'
+                raise InputError(message)
+        contact = GeneralContact(geometry.kernel, geometry.heights, geometry.limit, has_end=not geometry.is_smooth)
+        run = _Run("general", March(contact, *settings), lambda load: load, contact)
+        rows = _record(run, geometry.kernel, time, values, outputs, progress)
+        return _dataset(run, rows, request, time, geometry.kernel, reason)
 
 
 @cache
 def _libraries() -> ThreadpoolController:
     """Libraries with threads of their own, which take 10 ms to find."""
     return ThreadpoolController()
-
-
-def _simulated(
-    request: Request,
-    time: Floats,
-    value: Floats,
-    control: Control,
-    rtol: float | None,
-    outputs: Sequence[Output],
-    solver: Solver,
-    progress: Callable[[float], None] | None,
-) -> xr.Dataset:
-    creep = Creep.of(request.material)
-    geometry = _geometry(request, value if control == "displacement" else None)
-    values = value if control == "displacement" else value / request.depth
-    settings = (creep, control, rtol, "energy" in outputs)
-    reason = "as requested" if solver != "auto" else _why_general(geometry)
-    if solver == "springs" or not reason:
-        run = _spring_run(geometry, values, settings)
-        try:
-            rows = _record(run, geometry.kernel, time, values, outputs, progress)
-            return _dataset(run, rows, request, time, geometry.kernel, reason or "nested contact")
-        except NotNestedError:
-            where = time[run.march.samples_done]
-        reason = f"the contact stops being one growing and shrinking strip at {where:g} s"
-        if solver == "springs":
-            message = f'{reason}; use solver="auto" or "general"'
-            raise InputError(message)
-    contact = GeneralContact(geometry.kernel, geometry.heights, geometry.limit, has_end=not geometry.is_smooth)
-    run = _Run("general", March(contact, *settings), lambda load: load, contact)
-    rows = _record(run, geometry.kernel, time, values, outputs, progress)
-    return _dataset(run, rows, request, time, geometry.kernel, reason)
 
 
 @dataclass(frozen=True, slots=True)

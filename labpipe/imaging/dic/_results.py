@@ -162,13 +162,11 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     _add(deviation, covariance, shared)
     missed = missed_shift(reference, value, deviation, table.model, is_found)
     _add(deviation, covariance, np.concatenate([missed**2, missed.prod(axis=2, keepdims=True)], axis=2))
-    is_vague = np.hypot(deviation[..., 0], deviation[..., 1]) > MOST_UNCERTAIN
-    status[(status == Status.OK) & is_vague] = Status.TEXTURELESS
+    _refuse_vague(status, deviation, Status.TEXTURELESS)
     is_found = (status == Status.OK) & ~is_static[:, None]
     places = np.stack([reference.subsets.x, reference.subsets.y], axis=1) + reference.offset
     _add(deviation, covariance, disagreement(places, 2 * reference.subsets.half + 1, value, deviation, is_found))
-    is_vague = np.hypot(deviation[..., 0], deviation[..., 1]) > MOST_UNCERTAIN
-    status[(status == Status.OK) & is_vague] = Status.OUTVOTED
+    _refuse_vague(status, deviation, Status.OUTVOTED)
     _warn_of_motion(value[is_static], status[is_static])
     is_origin = is_static[:, None] & (status == Status.OK)
     seen = is_origin.sum(axis=0)
