@@ -10,6 +10,9 @@ from typing import NamedTuple
 
 from labpipe.errors import InputError
 
+ZERO_CELSIUS = 273.15
+"""0 °C in kelvin."""
+
 
 class Unit(NamedTuple):
     """One unit: its factor to SI and the SI unit it becomes."""

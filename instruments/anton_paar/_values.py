@@ -13,6 +13,7 @@ from instruments.anton_paar._table import Cell, RawInterval, text_of
 from labpipe.arrays import Floats
 from labpipe.errors import InputError, SourceError
 from labpipe.text import DOT, Separators, not_a_number, plain_number, separators, shorten
+from labpipe.units import ZERO_CELSIUS
 
 #: What stands where there is no reading.
 _ABSENT = ("", "-", "--", "---", "*")
@@ -132,7 +133,7 @@ def interpret(raw: RawInterval, signs: Separators, path: Path, findings: Finding
             if (values < 0.0).any():
                 said = f'{plan.header} is in "{plan.unit}" and holds {np.nanmin(values):g}, below absolute zero'
                 raise SourceError(path, said, line=raw.line + 1, hint="Correct the row of units, or export again.")
-            values, si = values - words.ZERO_CELSIUS, "degC"
+            values, si = values - ZERO_CELSIUS, "degC"
         name = _by_unit(plan.name, si)
         if name not in ("time", "interval_time"):
             values[~valid] = np.nan

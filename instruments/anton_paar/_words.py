@@ -180,7 +180,6 @@ def repaired(text: str) -> str:
 
 TEMPERATURES = tuple(name for name, units in SI_OF.items() if "degC" in units)
 """Columns that are kept in degC, also where a file gives K."""
-ZERO_CELSIUS = 273.15
 
 _LOST = "\N{REPLACEMENT CHARACTER}"
 

@@ -13,6 +13,7 @@ from instruments.anton_paar._dataset import intervals_of
 from instruments.anton_paar._values import Column, Interval
 from labpipe import files
 from labpipe.errors import InputError
+from labpipe.units import ZERO_CELSIUS
 
 #: Labels in front of project, test, result, the two numbers of an interval, and its columns.
 LANGUAGES: dict[str, tuple[str, str, str, str, str]] = {
@@ -121,7 +122,7 @@ def _written(column: Column, style: _Style) -> list[str]:
     zero = 0.0
     try:
         factor, si = words.unit_of(column.unit) if column.unit else (1.0, "")
-        zero = words.ZERO_CELSIUS if (si, column.si) == ("K", "degC") else 0.0
+        zero = ZERO_CELSIUS if (si, column.si) == ("K", "degC") else 0.0
     except InputError:
         factor = 1.0  # an unknown quantity was kept in its own unit
     cells = []

@@ -31,8 +31,8 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError, SourceError
 from labpipe.numbers import listed
 from labpipe.text import Separators, not_a_number, plain_number, shorten
+from labpipe.units import ZERO_CELSIUS
 
-_ZERO_CELSIUS = 273.15
 _NO_READING = 9.9e37  # by which instruments of the SCPI standard say that there is none, or that it overflowed
 _ALONE = "Cells hold numbers alone; the units stand in the headings or in a row below them."
 _WITH_UNIT = re.compile(r"[+-]?\d[\d.,]*(?:[eE][+-]?\d+)?\s*(?:°\s?[CF]|[A-Za-z%][\w/°]*)")
@@ -305,7 +305,7 @@ def _column(path: Path, block: Block, heading: Heading, values: Floats) -> Colum
         factor /= 2.0 * np.pi
     column = column * factor
     if unit.si == "K" and "degC" in wanted:
-        column, si = column - _ZERO_CELSIUS, "degC"
+        column, si = column - ZERO_CELSIUS, "degC"
     if unit.si == "degF":
         column, si = (column - 32.0) * 5.0 / 9.0, "degC"
     return Column(name, heading.text or name, stated, si, column)

@@ -22,11 +22,10 @@ from numpy.typing import ArrayLike
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.uncertainty import propagated_u
+from labpipe.units import ZERO_CELSIUS
 
 LawName = Literal["wlf", "arrhenius"]
 
-#: 0 °C in kelvin.
-ZERO_CELSIUS = 273.15
 #: Gas constant times ln 10, J/(mol K).
 _GAS_LN10 = 8.31446261815324 * float(np.log(10.0))
 # Gauss-Newton on two parameters settles in a few steps; the bound guards against a bad table.

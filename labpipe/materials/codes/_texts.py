@@ -13,10 +13,10 @@ from typing import Literal
 import numpy as np
 
 from labpipe.materials.codes._deck import Deck
+from labpipe.units import ZERO_CELSIUS
 
 Code = Literal["abaqus", "ansys", "comsol", "lsdyna", "json"]
 
-_ZERO_CELSIUS = 273.15
 _LN10 = float(np.log(10.0))
 _NEARLY = 1000.0  # bulk over shear modulus where a code has no incompressible material
 
@@ -91,7 +91,7 @@ def _comsol(deck: Deck) -> str:
         lines.append("% Viscoelasticity: deviatoric; generalized Maxwell.")
     if deck.wlf is not None:
         lines.append("% Thermal effects, Williams-Landel-Ferry:")
-        lines.append(f"%   T0 = {deck.T_ref + _ZERO_CELSIUS:.14g} [K]")
+        lines.append(f"%   T0 = {deck.T_ref + ZERO_CELSIUS:.14g} [K]")
         lines.append(f"%   C1 = {deck.wlf[0]:.14g}")
         lines.append(f"%   C2 = {deck.wlf[1]:.14g} [K]")
     lines.append("% Branches, to load into the table: number, shear modulus in Pa, relaxation time in s")
@@ -125,7 +125,7 @@ def _lsdyna(deck: Deck) -> str:
         )
     A, B, T_ref = 0.0, 0.0, 0.0
     if deck.wlf is not None:
-        A, B, T_ref = -deck.wlf[0] * _LN10, deck.wlf[1], deck.T_ref + _ZERO_CELSIUS
+        A, B, T_ref = -deck.wlf[0] * _LN10, deck.wlf[1], deck.T_ref + ZERO_CELSIUS
         more.append(
             "Temperatures in K. The reduced time is the integral of Phi dt, with "
             "Phi = exp(-A (T - TREF)/(B + T - TREF)): A is negative, so that the material is faster when it is hot."

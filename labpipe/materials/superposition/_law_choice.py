@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.materials._shift_law import ZERO_CELSIUS
 from labpipe.materials.superposition._first_shifts import overlapped_shifts, scanned_shifts
 from labpipe.materials.superposition._joint_fit import (
     Fit,
@@ -28,6 +27,7 @@ from labpipe.materials.superposition._reweighting import (
 )
 from labpipe.materials.superposition._shift_parameters import SLOPE_SPREAD, OuterModel, State, expected_shifts
 from labpipe.materials.superposition._vertical_law import Vertical, is_physical, vertical_values
+from labpipe.units import ZERO_CELSIUS
 
 # Smoothing for comparing starts, in units of the noise; cross-validation follows.
 FIRST_STRENGTH = 100.0

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.materials._shift_law import ZERO_CELSIUS
 from labpipe.materials.superposition._dense_sweeps import means_of
 from labpipe.materials.superposition._joint_fit import Points
 from labpipe.materials.superposition._outlying import outlying
+from labpipe.units import ZERO_CELSIUS
 
 _UNITS = {"storage": "Pa", "loss": "Pa", "frequency": "Hz", "temperature": "degC"}
 # A loss modulus at or below zero is noise about a small value; more than this share of them is

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.materials._shift_law import ZERO_CELSIUS
+from labpipe.units import ZERO_CELSIUS
 
 Vertical = Literal["none", "rho_T", "linear", "quadratic"]
 
