@@ -29,6 +29,12 @@ print(*(str(w.message) for w in caught), sep="|")
 """
 
 
+def _with_kernels_of(folder: Path) -> dict[str, str]:
+    """Return the environment of a Python that finds modules in a folder and keeps compiled code there alone."""
+    search = os.pathsep.join([str(folder), *sys.path])
+    return os.environ | {"NUMBA_CACHE_DIR": str(folder / "cache"), "PYTHONPATH": search}
+
+
 @pytest.mark.slow
 def test_no_place_for_compiled_code_is_said_and_survived(tmp_path: Path) -> None:
     expected = float(drop(SLS, **BODY).restitution[0])
@@ -52,8 +58,7 @@ def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(tmp_path:
         "from labpipe.compilation import is_missing; from labpipe_kernels.outer import found;"
         "print(is_missing(found), found(1.0), sum(found.stats.cache_hits.values()))"
     )
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
-    environment["PYTHONPATH"] = os.pathsep.join([str(tmp_path), *sys.path])
+    environment = _with_kernels_of(tmp_path) | {"PYTHONDONTWRITEBYTECODE": "1"}
     run = [sys.executable, "-c", program]
     printed = []
     for factor in (1.0, None, 10.0):
@@ -77,8 +82,7 @@ def test_a_release_of_numba_with_unknown_insides_compiles_each_function_by_itsel
         "import sys, numba; numba.version_info = numba.version_info._replace(short=(99, 0));"
         "from labpipe_kernel import found; print(found(3.0), 'labpipe._linked' in sys.modules)"
     )
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    environment["PYTHONPATH"] = os.pathsep.join([str(tmp_path), *sys.path])
+    environment = _with_kernels_of(tmp_path)
     run = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
     assert run.stdout.split() == ["2.5", "False"]
 
@@ -97,8 +101,7 @@ def test_of_processes_that_need_a_kernel_at_once_one_compiles_it(tmp_path: Path)
         "import sys; from labpipe_kernel import found; print(flush=True); sys.stdin.readline();"
         "found(3.0); print(sum(found.stats.cache_misses.values()))"
     )
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    environment["PYTHONPATH"] = os.pathsep.join([str(tmp_path), *sys.path])
+    environment = _with_kernels_of(tmp_path)
     pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     running = [subprocess.Popen([sys.executable, "-c", program], env=environment, **pipes) for _ in range(3)]
     for one in running:
