@@ -12,7 +12,7 @@ from labpipe.imaging.films import FilmReader, Place, frames_in_windows, plan_rea
 from labpipe.imaging.fringes._arguments import FilmOptions, exposure_times
 from labpipe.imaging.fringes._blank_frames import FilmResult, choose_edges, find_filled, look_without_fringes
 from labpipe.imaging.fringes._calibration import calibrate
-from labpipe.imaging.fringes._interference import make_optics
+from labpipe.imaging.fringes._interference import Optics, make_optics
 from labpipe.imaging.fringes._looks import Looks
 from labpipe.imaging.fringes._open_gap import fit_open_gap, is_doubtful
 from labpipe.imaging.fringes._optics_search import OtherOptics, rebase
@@ -39,6 +39,9 @@ NOMINAL_WAVELENGTH = 550e-9
 LEAST_SPACING = 2.0
 #: Shorter films are read whole; of longer ones, frames this far apart are looked at first.
 _SHORT_FILM, _FIRST_STEPS = 96, (64, 16, 4)
+#: Frames of a film that is calibrated from a few of them when so many of its first contacts are not
+#: explained; those few, evenly spread, and how many of them must show a contact.
+_LONG_FILM, _DOUBTS, _PILOTS, _ENOUGH = 20, 3, 12, 8
 #: Distance (px) below which two contacts count as in one place.
 _SAME_PLACE = 8.0
 #: Change of the radius over a stretch of rest, as a share of it, above which it is no rest.
@@ -51,6 +54,8 @@ _MOST_CHANGE, _SAME_CENTRE = 0.5, 0.3
 #: Share of its longer side below which the shorter side of a frame makes it a strip.
 _STRIP = 0.25
 _CIRCLE = (Parameter.RADIUS, Parameter.X, Parameter.Y)
+#: Frames after one that no gap explains in which none is sought, and what they leave at most against it.
+_SAME_DOUBT, _NO_WORSE = 16, 1.2
 #: Frames before and after from which motion is estimated.
 _NEIGHBOURS = 3
 #: Travel in the exposure, in widths of the first bright ring, tried when nothing tells it.
@@ -139,7 +144,43 @@ def _follow_film(reader: FilmReader, result: FilmResult, options: FilmOptions, w
     other = OtherOptics(result, is_phase_free=options.phase is None)
     if not options.full and wanted.sum() > _SHORT_FILM:
         read, fits = _gate(reader, result, wanted, other)
-    fits = _follow(reader, result, read, fits, other)
+    count = int(read.sum())
+    is_long = count >= _LONG_FILM
+    fits = _follow(reader, result, read, fits, other, stated if is_long else None)
+    pilots: dict[int, RingFit] = {}
+    few = np.zeros_like(read)
+    if is_long and _is_doubted(result, fits, stated):
+        few[np.flatnonzero(read)[np.linspace(0, count - 1, _PILOTS).round().astype(int)]] = True
+        pilots = _follow(reader, result, few, {i: fit for i, fit in fits.items() if few[i]}, other)
+        fits |= pilots
+    if len(pilots) >= _ENOUGH:
+        # What is found once holds for all frames: they are fitted once, with it.
+        pilots = _calibrate(reader, result, few, pilots, options, stated)
+        fits = _follow(reader, result, read, pilots, None)
+    else:
+        fits = _follow(reader, result, read, fits, other) if few.any() else fits
+        fits = _calibrate(reader, result, read, fits, options, stated)
+    result.log_scale = math.log(result.view.optics.phase_scale / stated.phase_scale)
+    result.fits = fits
+    opened = _doubtful_rest(result)
+    if opened.any():
+        result.resting &= ~opened
+        result.fits |= _follow(reader, result, opened, {}, None)
+    return read | opened
+
+
+def _is_doubted(result: FilmResult, fits: dict[int, RingFit], stated: Optics) -> bool:
+    """Tell whether the first contacts of a film are not explained by the optics as they are stated."""
+    first = [fits[index] for index in sorted(fits)[:_DOUBTS]]
+    usual = result.view.settings.free
+    is_unexplained = all(fit.model_deviation > 0.0 or fit.free != usual for fit in first)
+    return len(first) == _DOUBTS and (is_unexplained or result.view.optics != stated)
+
+
+def _calibrate(
+    reader: FilmReader, result: FilmResult, read: Flags, fits: dict[int, RingFit], options: FilmOptions, stated: Optics
+) -> dict[int, RingFit]:
+    """Calibrate the optics from the fits of some frames; fit these anew where that changes the optics."""
     rebase(result, fits)
     optics = result.view.optics
     rough = (
@@ -154,16 +195,10 @@ def _follow_film(reader: FilmReader, result: FilmResult, options: FilmOptions, w
         shape=_shape(reader.film, options),
         rough=rough,
     )
-    if not result.calibration.is_usual or result.view.optics != stated:
-        before, result.view = result.view, result.calibration.applied(result.view)
-        fits = _refit(reader, result, read, fits, stays_blank=_has_same_rings(before, result.view))
-    result.log_scale = math.log(result.view.optics.phase_scale / stated.phase_scale)
-    result.fits = fits
-    opened = _doubtful_rest(result)
-    if opened.any():
-        result.resting &= ~opened
-        result.fits |= _follow(reader, result, opened, {}, None)
-    return read | opened
+    if result.calibration.is_usual and optics == stated:
+        return fits
+    before, result.view = result.view, result.calibration.applied(result.view)
+    return _refit(reader, result, read, fits, stays_blank=_has_same_rings(before, result.view))
 
 
 def _has_same_rings(one: View, other: View) -> bool:
@@ -231,12 +266,17 @@ def _distinct(places: list[Place]) -> list[Place]:
 
 
 def _follow(
-    reader: FilmReader, result: FilmResult, read: Flags, known: dict[int, RingFit], other: OtherOptics | None
+    reader: FilmReader,
+    result: FilmResult,
+    read: Flags,
+    known: dict[int, RingFit],
+    other: OtherOptics | None,
+    stated: Optics | None = None,
 ) -> dict[int, RingFit]:
     """Fit frame after frame, each from what the frames before it showed.
 
     While none is explained, ``other`` looks for optics that explain them, and all is begun anew
-    when it finds some.
+    when it finds some. With optics as they are ``stated`` it ends early when these are doubted.
     """
     view = result.view
     fits: dict[int, RingFit] = {}
@@ -250,13 +290,15 @@ def _follow(
             fit = _next_fit(looks, view, last, before, vain)
         if fit is None:
             if last is None and not known and other is not None and other.learns_from(looks.frame, index):
-                return _follow(reader, result, read, {}, None)
+                return _follow(reader, result, read, {}, None, stated)
             result.blanks[index] = look_without_fringes(looks, view)
             before = None
         else:
             result.blanks.pop(index, None)  # of an earlier round with other optics
             fits[index] = fit
             last, before = fit, fits.get(index - 1)
+            if stated is not None and len(fits) == _DOUBTS and _is_doubted(result, fits, stated):
+                return fits
     if not fits and other is not None and other.takes_single():
         return _follow(reader, result, read, {}, None)
     return fits
@@ -315,7 +357,7 @@ def _refit(
             if Parameter.STRETCH not in view.settings.free:
                 start[[Parameter.STRETCH, Parameter.SHEAR]] = view.ellipse
             fit = fit_contact(looks.frame, start, view.optics, view.settings, view.levels)
-            if fit is not None and (fit.misfit > GOOD_MISFIT or not is_contact(looks.frame, view, fit)):
+            if fit is not None and (not _explains(fit, fits[index]) or not is_contact(looks.frame, view, fit)):
                 fit = None
         fit = fit or _next_fit(looks, view, last, None, vain)
         if fit is None:
@@ -325,29 +367,47 @@ def _refit(
     return found
 
 
+def _explains(fit: RingFit, before: RingFit) -> bool:
+    """Tell whether a fit leaves little, or no more than one before it, so that no search would leave less."""
+    return fit.misfit <= max(GOOD_MISFIT, before.misfit)
+
+
 def _repair(reader: FilmReader, result: FilmResult, time: Floats, exposure: Floats | None, read: Flags) -> None:
     """Fit blurred frames again, starting from where their neighbours say the contact was.
 
-    Twice, because a repaired frame helps its neighbours.
+    Twice, because a repaired frame helps its neighbours; what no neighbour helps anew is not tried again.
     """
+    tried: dict[int, dict[int, RingFit]] = {}
     for _ in range(2):
         for index in map(int, np.flatnonzero(read)):
             old = result.fits.get(index)
             if old is not None and old.misfit <= GOOD_MISFIT and old.is_converged:
                 continue
             near = _neighbours(result.fits, index)
-            if not near:
+            if not near or _is_same(near, tried.get(index)):
                 continue
+            tried[index] = near
             fit = _fit_blurred(reader, result.view, index, near, time, exposure)
             if fit is not None and (old is None or fit.residual < old.residual):
                 result.fits[index] = fit
 
 
+def _is_same(near: dict[int, RingFit], before: dict[int, RingFit] | None) -> bool:
+    """Tell whether the fits around a frame are the ones it was tried with before."""
+    return before is not None and near.keys() == before.keys() and all(near[i] is before[i] for i in near)
+
+
 def _open_gaps(reader: FilmReader, result: FilmResult, time: Floats, read: Flags) -> None:
-    """Fit the frames again in which the gap is not Hertz's, with the factor of the gap free."""
+    """Fit the frames again in which the gap is not Hertz's, with the factor of the gap free.
+
+    What no gap explains in one frame none explains in those after it, unless they leave more.
+    """
+    vain, last = 0.0, -_SAME_DOUBT
     for index in map(int, np.flatnonzero(read)):
         old = result.fits.get(index)
         if index in reader.damaged or (old is not None and not is_doubtful(old)):
+            continue
+        if old is not None and index - last < _SAME_DOUBT and old.misfit < _NO_WORSE * vain:
             continue
         near = _neighbours(result.fits, index)
         frame = reader.whole(index)
@@ -364,6 +424,8 @@ def _open_gaps(reader: FilmReader, result: FilmResult, time: Floats, read: Flags
         fit = fit_open_gap(frame, result.view, starts, old)
         if fit is not None and (old is not None or not near or _continues(fit, near, index, time)):
             result.fits[index] = fit
+        if old is not None:
+            vain, last = (old.misfit, index) if fit is None else (0.0, index)
 
 
 def _continues(fit: RingFit, near: dict[int, RingFit], index: int, time: Floats) -> bool:

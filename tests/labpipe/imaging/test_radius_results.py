@@ -30,7 +30,7 @@ def test_the_radius_at_rest_is_the_weighted_mean_of_the_last_frames() -> None:
 
 
 def test_a_frame_is_refitted_from_its_own_fit_unless_that_is_a_poor_one(monkeypatch) -> None:
-    """A good fit of a contact is kept; a poor one, or one of no contact, is looked for anew."""
+    """A good fit of a contact is kept, as is one no worse than before; another is looked for anew."""
     view = SimpleNamespace(
         optics=SimpleNamespace(phase=3.0),
         settings=SimpleNamespace(free=()),
@@ -44,7 +44,7 @@ def test_a_frame_is_refitted_from_its_own_fit_unless_that_is_a_poor_one(monkeypa
     monkeypatch.setattr(_every_frame, "_next_fit", lambda looks, *_: f"searched {looks.frame}")
     reader = SimpleNamespace(whole=lambda index: index)
     result = SimpleNamespace(view=view, blanks={})
-    fits = {i: SimpleNamespace(parameters=np.zeros(len(Parameter))) for i in (0, 1, 2)}
+    fits = {i: SimpleNamespace(parameters=np.zeros(len(Parameter)), misfit=0.0) for i in (0, 1, 2)}
     found = _every_frame._refit(reader, result, np.ones(4, bool), fits, stays_blank=False)
     assert found[0].of == 0
     assert [found[i] for i in (1, 2, 3)] == ["searched 1", "searched 2", "searched 3"]
@@ -53,6 +53,8 @@ def test_a_frame_is_refitted_from_its_own_fit_unless_that_is_a_poor_one(monkeypa
     result.blanks = {3: "even"}
     found = _every_frame._refit(reader, result, np.ones(4, bool), fits, stays_blank=True)
     assert (sorted(found), result.blanks) == ([0, 1, 2], {3: "even"})
+    fits[1].misfit = 2.0 * GOOD_MISFIT
+    assert _every_frame._refit(reader, result, np.ones(4, bool), fits, stays_blank=True)[1].of == 1
 
 
 @pytest.mark.parametrize("zoom", [1.0, 1.02])
