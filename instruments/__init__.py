@@ -20,6 +20,7 @@ from instruments.anton_paar import Options as AntonPaarOptions
 from instruments.dice import INSTRUMENT as DICE
 from instruments.dice import Options as DiceOptions
 from instruments.images import INSTRUMENT as IMAGE_STACK
+from instruments.images import RAW_FRAMES, folder_hint
 from instruments.images import Options as ImageOptions
 from instruments.keyence import INSTRUMENT as KEYENCE
 from instruments.keyence import Options as KeyenceOptions
@@ -126,6 +127,7 @@ def identify(path: str | os.PathLike[str]) -> str:
 
 #: What cameras call files of bare pixels, and the texts that belong to them.
 _RAW = (".raw", ".mraw", ".cih", ".cihx")
+_STILLS = (".png", ".bmp", ".jpg", ".jpeg")
 
 
 def _identify(path: Path) -> Instrument:
@@ -142,11 +144,16 @@ def _identify(path: Path) -> Instrument:
             return plugin.found
     tried = ", ".join(each.name for each in known())
     hint = workbook_hint(head) or 'If you know what wrote it, say so: instrument="keyence" (or another of these).'
-    raw = "Raw frames name neither their size nor their bits: have the camera's program export them as TIFF."
     if path.is_dir():
-        hint = f"A folder is read when it holds the PNG or TIFF images of a film. {raw}"
+        hint = folder_hint(path)
+    elif not head:
+        raise SourceError(path, "the file is empty", hint="Copy it from the instrument again.")
+    elif path.suffix.lower() in _STILLS:
+        hint = "One image is no film: name the folder of its images, or the camera's own file."
     elif path.suffix.lower() in _RAW:
-        hint = f"{raw} Phantom's .cine and TIFF are read with their pixels packed or not."
+        hint = f"{RAW_FRAMES} Phantom's .cine and TIFF are read with their pixels packed or not."
+    elif b"\0" in head and not workbook_hint(head):
+        hint = "It is binary, of no format that is known: export readings as text, films as .cine, TIFF, PNG or AVI."
     if holds_rows(head):
         hint += (
             " Of a table of moduli, name the columns in order with their units: "

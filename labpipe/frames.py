@@ -1,5 +1,6 @@
 """Film interface: the contract between camera readers and imaging functions."""
 
+import warnings
 from collections.abc import Iterator
 from typing import Protocol, cast, runtime_checkable
 
@@ -8,6 +9,15 @@ from numpy.typing import NDArray
 
 from labpipe.errors import InputError
 from labpipe.notebook import html_table, shown
+
+
+class IncompleteFilmWarning(UserWarning):
+    """The file of a film lacks frames that it should hold, or holds some that are damaged."""
+
+
+def warn_incomplete(text: str) -> None:
+    """Warn whoever opens a film that it is not whole; a session judges it by that."""
+    warnings.warn(text, IncompleteFilmWarning, stacklevel=5)
 
 
 @runtime_checkable

@@ -1,4 +1,4 @@
-"""Films that were exported as images: a folder of PNG or TIFF, a multipage TIFF, or an AVI."""
+"""Films that were exported: a folder of PNG, TIFF or BMP, a multipage TIFF, an AVI, MP4, MOV or MKV."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
@@ -7,11 +7,15 @@ from instruments._instrument import Instrument
 from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
-    from instruments.images._stack import ImageFrames, VideoFrames, read
+    from instruments.images._stack import ExportedFrames, read
 else:
     __getattr__ = lazily(__name__)
 
-__all__ = ["INSTRUMENT", "ImageFrames", "Options", "VideoFrames", "read"]
+__all__ = ["INSTRUMENT", "RAW_FRAMES", "ExportedFrames", "Options", "folder_hint", "read"]
+
+_SUFFIXES = (".png", ".tif", ".tiff", ".bmp")
+_LOSSY = (".jpg", ".jpeg")
+RAW_FRAMES = "Raw frames name neither their size nor their bits: have the camera's program export them as TIFF."
 
 
 class Options(TypedDict, total=False):
@@ -21,12 +25,28 @@ class Options(TypedDict, total=False):
     exposure: float | None
 
 
+def _images(folder: Path, suffixes: tuple[str, ...] = _SUFFIXES) -> list[Path]:
+    """Return the images in a folder, without what the system keeps hidden among them."""
+    return [p for p in folder.iterdir() if p.suffix.lower() in suffixes and not p.name.startswith(".")]
+
+
 def _sniff(head: bytes, path: Path) -> bool:
-    """Tell a folder of PNG or TIFF images, a TIFF, or an AVI."""
+    """Tell a folder of images, a TIFF, or a video."""
     if path.is_dir():
-        return any(p.suffix.lower() in {".png", ".tif", ".tiff"} for p in path.iterdir())
+        return bool(_images(path))
     is_tiff = head[:4] in {b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"}
-    return is_tiff or (head[:4] == b"RIFF" and head[8:12] == b"AVI ")
+    is_avi = head[:4] == b"RIFF" and head[8:12] == b"AVI "
+    return is_tiff or is_avi or head[4:8] == b"ftyp" or head[:4] == b"\x1aE\xdf\xa3"
+
+
+def folder_hint(folder: Path) -> str:
+    """Say what to do with a folder that holds no film."""
+    inside = next((p for p in sorted(folder.iterdir()) if p.is_dir() and _images(p)), None)
+    if inside is not None:
+        return f"Its images lie one folder deeper: name {folder.name}/{inside.name}."
+    if _images(folder, _LOSSY):
+        return "It holds JPEG images, which have lost the detail that is measured: export the film as PNG or TIFF."
+    return f"A folder is read when it holds the PNG, TIFF or BMP images of a film. {RAW_FRAMES}"
 
 
 INSTRUMENT = Instrument(

@@ -2,8 +2,8 @@
 
 A few bytes can declare an image of any size; sizes are therefore checked against limits and
 against the file first. Only what the films of a laboratory need is accepted: PNG and TIFF of 8 or
-16 bits, and grey TIFF of 10, 12 or 14 packed bits. Whether three colours say the same, as of a grey
-camera, only their pixels tell.
+16 bits, grey TIFF of 10, 12 or 14 packed bits, and BMP of 8 bits a colour. Whether three colours say
+the same, as of a grey camera, only their pixels tell.
 """
 
 import os
@@ -24,24 +24,26 @@ _RGB, _PALETTE = 2, 3  # interpretations of a TIFF's samples
 _TIFF_SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 16: 8, 13: 4}
 _WIDTH, _LENGTH, _BITS, _PHOTOMETRIC, _OFFSETS, _SAMPLES, _COUNTS = (256, 257, 258, 262, 273, 277, 279)
 _TILE_OFFSETS, _TILE_COUNTS = 324, 325
-_WANTED = (_WIDTH, _LENGTH, _BITS, _PHOTOMETRIC, _OFFSETS, _SAMPLES, _COUNTS, _TILE_OFFSETS, _TILE_COUNTS)
+_COMPRESSION, _PLAIN = 259, 1
+_COMPRESSIONS = {1, 5, 7, 8, 32773, 32946}  # none, LZW, JPEG, deflate of two numbers, PackBits
+_WANTED = (_COMPRESSION, _WIDTH, _LENGTH, _BITS, _PHOTOMETRIC, _OFFSETS, _SAMPLES, _COUNTS, _TILE_OFFSETS, _TILE_COUNTS)
 
 
 class ImageHeader(NamedTuple):
     """Size and depth of one image; ``fault`` says why it cannot be decoded completely, or "".
 
-    What is not grey by its header has three colours, which may be alike.
+    Only decoding tells whether pixels are whole that are compressed without checksums.
     """
 
     rows: int
     columns: int
     bits: int
     fault: str = ""
-    is_grey: bool = True
+    is_compressed: bool = False
 
 
 class CutOffError(SourceError):
-    """An image ends before its header does: nothing of it can be read."""
+    """An image ends before its header does, or has none: nothing of it can be read."""
 
 
 def is_tiff(head: bytes) -> bool:
@@ -55,32 +57,47 @@ def is_png(head: bytes) -> bool:
 
 
 def read_headers(path: Path) -> list[ImageHeader]:
-    """Return the header of every image in a PNG or TIFF file.
+    """Return the header of every image in a PNG, TIFF or BMP file.
 
     Raises
     ------
     CutOffError
-        The file ends within its first header.
+        The file ends within its first header, or is none of these.
     SourceError
-        The file is neither, or declares what it cannot hold.
+        The file declares what it cannot hold.
     """
     try:
         with path.open("rb") as stream:
-            head = stream.read(33)
+            head, size = stream.read(34), os.fstat(stream.fileno()).st_size
             if is_png(head):
-                stream.seek(-min(12, os.fstat(stream.fileno()).st_size), os.SEEK_END)
+                stream.seek(-min(12, size), os.SEEK_END)
                 return [_png(path, head, stream.read(12))]
+            if head[:2] == b"BM":
+                return [_bmp(path, head, size)]
         if is_tiff(head):
             return _tiff(path, path.read_bytes() if path.stat().st_size < 1 << 20 else None)
     except OSError as error:
         raise SourceError(path, f"cannot be opened: {error.strerror}") from None
     if not head:
         raise CutOffError(path, "the image is empty")
-    raise SourceError(
+    raise CutOffError(
         path,
-        f"is neither PNG nor TIFF: it starts with {head[:8]!r}",
+        f"is neither PNG nor TIFF nor BMP: it starts with {head[:8]!r}",
         hint="Export the film as PNG or TIFF images, or give the camera's own file.",
     )
+
+
+def _bmp(path: Path, head: bytes, size: int) -> ImageHeader:
+    if len(head) < 34:
+        raise CutOffError(path, "the BMP ends within its header", hint="Copy it from the camera again.")
+    begin, _, columns, rows, _, bits, packing = struct.unpack("<IIiiHHI", head[10:34])
+    rows, colours = abs(rows), bits // 8
+    if bits not in (8, 24, 32) or packing:
+        message = f"the BMP has {bits} bits per pixel, packing {packing}; expected 8, 24 or 32 that are not compressed"
+        raise SourceError(path, message, hint="Export the film as PNG or TIFF images.")
+    _check_size(path, rows, columns, 8)
+    is_whole = begin + -(-columns * colours // 4) * 4 * rows <= size
+    return ImageHeader(rows, columns, 8, "" if is_whole else "the BMP is cut off")
 
 
 def _png(path: Path, head: bytes, tail: bytes) -> ImageHeader:
@@ -91,7 +108,7 @@ def _png(path: Path, head: bytes, tail: bytes) -> ImageHeader:
         raise SourceError(path, f"the PNG is of colour type {colour}; known are 0, 2, 3, 4, 6", offset=25)
     _check_size(path, rows, columns, bits)
     fault = "" if tail == _PNG_END else "the PNG is cut off: its end mark is missing"
-    return ImageHeader(rows, columns, bits, fault, colour == 0)
+    return ImageHeader(rows, columns, bits, fault)
 
 
 def png_fault(path: Path) -> str:
@@ -174,7 +191,10 @@ class _Tiff:
             except CutOffError:
                 if not found:
                     raise
-                header, at = found[0]._replace(fault="the TIFF ends before this page"), 0
+                header, at = (
+                    found[0]._replace(fault="the TIFF breaks off before it, and how many follow is not known"),
+                    0,
+                )
             found.append(header)
         if not found:
             raise SourceError(self.path, "the TIFF holds no image")
@@ -218,9 +238,17 @@ class _Tiff:
                 offset=at,
                 hint="A colour image has no single intensity; export the film as grey.",
             )
+        packing = tags.get(_COMPRESSION, [_PLAIN])[0]
+        if packing not in _COMPRESSIONS:
+            raise SourceError(
+                self.path,
+                f"a page is compressed by method {packing}, which is not read",
+                offset=at,
+                hint="Export the film as TIFF without compression, or with LZW or deflate.",
+            )
         _check_size(self.path, rows, columns, bits, _BYTES + _PACKED * (samples == 1))
         starts = tags.get(_OFFSETS) or tags.get(_TILE_OFFSETS, [])
         sizes = tags.get(_COUNTS) or tags.get(_TILE_COUNTS, [])
         ends = [s + n for s, n in zip(starts, sizes, strict=False)]
         is_whole = ends and len(starts) == len(sizes) and max(ends) <= len(self.data)
-        return ImageHeader(rows, columns, bits, "" if is_whole else "the TIFF page is cut off", samples == 1)
+        return ImageHeader(rows, columns, bits, "" if is_whole else "the TIFF page is cut off", packing != _PLAIN)

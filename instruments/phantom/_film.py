@@ -19,7 +19,7 @@ from instruments.phantom._pixels import PACKED_GROUP, decode, linear_from_compan
 from instruments.phantom._times import TimeAxis, exposure_times, time_axis
 from labpipe.binary import Window
 from labpipe.errors import InputError, SourceError
-from labpipe.frames import ShownFrames
+from labpipe.frames import ShownFrames, warn_incomplete
 
 #: Bytes that the system maps when one of them is looked at (Linux: 16 pages).
 _FAULT_AROUND = 64 * 2**10
@@ -62,11 +62,10 @@ def _warn_of_end(window: Window, header: Header) -> None:
     last = window.size - _LEAST_ANNOTATION - header.image_bytes
     beyond = np.flatnonzero(header.offsets > last)
     if beyond.size:
-        warnings.warn(
-            f"{window.path.name}: {beyond.size} of {header.count} frames lie beyond the end of the file, the "
-            f"first is frame {beyond[0]}; they are left out. Copy the film from the camera again",
-            UserWarning,
-            stacklevel=3,
+        frames = "frames lie" if beyond.size > 1 else "frames lies"
+        warn_incomplete(
+            f"{window.path.name}: {beyond.size} of {header.count} {frames} beyond the end of the file, the "
+            f"first is frame {beyond[0]}; they are left out. Copy the film from the camera again"
         )
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from labpipe import files
 from labpipe.errors import LabpipeError, StorageError
 from labpipe.notebook import Shown, ShownAsTable
-from labpipe.workflow.context import Context, Failed
+from labpipe.workflow.context import Context, Failed, Warned
 from labpipe.workflow.plan import READY, Plan, Row
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME, Experiment, Session
@@ -313,13 +313,27 @@ def _one(session: Session, results: Results, experiment: Experiment, failures: I
     if result is None:
         given = [_tolerant(results, a) for a in arguments(session, STAGES, experiment, stage.inputs)]
         stated = (session.title, session.operator, session.notes, session.synthetic)
-        context = Context(experiment.name, kind, *stated, failures=failed)
+        warned = _warned(results, experiment)
+        context = Context(experiment.name, kind, *stated, warnings=warned, failures=failed)
         try:
             result = function(stage.function)(*given, settings=experiment.settings, context=context)
         except Exception as error:
             # checks of a kind are foreign code to a session: they end this verdict alone
             return _not_judged(experiment, error)
     return _of_result(session, experiment, state, result)
+
+
+def _warned(results: Results, experiment: Experiment) -> tuple[Warned, ...]:
+    """Return what the steps of an experiment that gave a result warned of."""
+    store, keys = Store(results.plan.session.folder), results.plan.keys
+    tasks = [row.task for row in results.plan.rows if row.experiment == experiment.name]
+    records = [(task, store.record(value)) for task in tasks if (value := keys[task].value) is not None]
+    return tuple(
+        Warned(task.stage, task.recording, w.category, w.text, w.count)
+        for task, record in records
+        if record is not None
+        for w in record.warnings
+    )
 
 
 def _not_judged(experiment: Experiment, error: Exception) -> Verdict:

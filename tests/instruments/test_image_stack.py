@@ -2,6 +2,7 @@
 
 import struct
 import zlib
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import cv2
@@ -10,7 +11,7 @@ import pytest
 
 import instruments
 from labpipe.errors import InputError, SourceError
-from labpipe.frames import FrameSource
+from labpipe.frames import FrameSource, IncompleteFilmWarning
 
 
 def images(count: int, dtype: type = np.uint8) -> np.ndarray:
@@ -78,7 +79,7 @@ def test_a_cut_image_is_left_out(tmp_path: Path, cut: int, suffix: str) -> None:
     film = write_folder(tmp_path / "f", [f"a{i}.{suffix}" for i in (1, 2, 3)])
     path = tmp_path / f"f/a2.{suffix}"
     path.write_bytes(path.read_bytes()[:cut])
-    with pytest.warns(UserWarning, match=rf"1 of 3 images are not whole, the first a2\.{suffix}"):
+    with pytest.warns(UserWarning, match=rf"1 of 3 images is not whole and left out, a2\.{suffix}"):
         found = instruments.read(tmp_path / "f", fps=1.0)
     assert found.valid.tolist() == [True, False, True]
     np.testing.assert_array_equal(found[2], film[2])
@@ -91,7 +92,7 @@ def test_a_tiff_of_several_pages_gives_those_before_the_cut(tmp_path: Path) -> N
     path = tmp_path / "f.tif"
     assert cv2.imwritemulti(str(path), list(film), [cv2.IMWRITE_TIFF_COMPRESSION, 1])
     path.write_bytes(path.read_bytes()[: -path.stat().st_size // 3])
-    with pytest.warns(UserWarning, match="the TIFF ends before this page|cut off"):
+    with pytest.warns(UserWarning, match="the TIFF breaks off before it|cut off"):
         found = instruments.read(path, fps=1.0)
     assert 1 <= found.valid.sum() < 4
     for index in np.flatnonzero(found.valid):
@@ -118,7 +119,7 @@ def test_a_cut_tiff_page_is_flagged(tmp_path: Path) -> None:
             data[entry + 4 : entry + 8] = struct.pack("<I", 1)
             data[entry + 2 : entry + 4] = struct.pack("<H", 4)
     path.write_bytes(bytes(data))
-    with pytest.warns(UserWarning, match="1 of 1 images are not whole"):
+    with pytest.warns(UserWarning, match="1 of 1 images is not whole"):
         assert not instruments.read(path, fps=1.0).valid.all()
 
 
@@ -247,3 +248,136 @@ def test_a_video_that_breaks_off_within_its_last_frame(tmp_path: Path) -> None:
     path.write_bytes(whole[: whole.find(b"00dc", len(whole) // 2) + 99])
     with pytest.warns(UserWarning, match="6 frames are declared, [23] can be read"):
         instruments.read(path, fps=10_000.0)
+
+
+def plain_avi(film: np.ndarray, bits: int, *, top_first: bool = False, fourcc: bytes = b"\0\0\0\0") -> bytes:
+    """Write a film as an AVI without compression and without an index, with OpenCV's knowledge of none of it."""
+    count, rows, columns = film.shape
+
+    def chunk(name: bytes, data: bytes) -> bytes:
+        return name + struct.pack("<I", len(data)) + data + b"\0" * (len(data) % 2)
+
+    def listed(name: bytes, *inside: bytes) -> bytes:
+        return chunk(b"LIST", name + b"".join(inside))
+
+    colours = bits // 8 if fourcc == b"\0\0\0\0" else 1
+    stored = np.repeat(film, colours, axis=2)
+    stored = stored if top_first or colours != bits // 8 or fourcc != b"\0\0\0\0" else stored[:, ::-1]
+    room = (-columns * colours) % 4 if fourcc == b"\0\0\0\0" else 0
+    stored = np.pad(stored, ((0, 0), (0, 0), (0, room)))
+    main = struct.pack("<14I", 40_000, 0, 0, 0, count, 0, 1, 0, columns, rows, 0, 0, 0, 0)
+    stream = b"vids" + b"\0" * 52
+    layout = struct.pack("<IiiHH4sIiiII", 40, columns, -rows if top_first else rows, 1, bits, fourcc, 0, 0, 0, 0, 0)
+    if bits == 8 and colours == 1 and fourcc == b"\0\0\0\0":
+        layout += b"".join(bytes((i, i, i, 0)) for i in range(256))
+    header = listed(b"hdrl", chunk(b"avih", main), listed(b"strl", chunk(b"strh", stream), chunk(b"strf", layout)))
+    frames = [chunk(b"00db", image.tobytes()) for image in stored]
+    body = b"AVI " + header + chunk(b"JUNK", b"\0" * 7) + listed(b"movi", *frames)
+    return chunk(b"RIFF", body)
+
+
+@pytest.mark.filterwarnings("ignore:.*levels baked in:UserWarning")
+@pytest.mark.parametrize(
+    ("bits", "top_first", "fourcc"),
+    [
+        (8, False, b"\0\0\0\0"),
+        (24, False, b"\0\0\0\0"),
+        (24, True, b"\0\0\0\0"),
+        (32, False, b"\0\0\0\0"),
+        (8, False, b"Y800"),
+    ],
+)
+def test_a_video_without_compression_is_read_as_it_lies(
+    tmp_path: Path, bits: int, top_first: bool, fourcc: bytes
+) -> None:
+    film = np.random.default_rng(bits).integers(0, 255, (5, 9, 21), np.uint8)
+    path = tmp_path / "f.avi"
+    data = plain_avi(film, bits, top_first=top_first, fourcc=fourcc)
+    path.write_bytes(data)
+    found = instruments.read(path, fps=1000.0)
+    np.testing.assert_array_equal(np.stack(list(found)), film)
+    np.testing.assert_array_equal(found.roi(slice(2, 5), slice(3, 9))[-1], film[-1, 2:5, 3:9])
+    path.write_bytes(data[: len(data) * 4 // 5])
+    with pytest.warns(IncompleteFilmWarning, match="5 frames are declared, [234] can be read"):
+        cut = instruments.read(path, fps=1000.0)
+    np.testing.assert_array_equal(np.stack(list(cut)), film[: len(cut)])
+    path.write_bytes(data[: data.find(b"00db") + 20])
+    with pytest.raises(SourceError, match=r"no frame of the video is whole[^$]*Copy it"):
+        instruments.read(path, fps=1000.0)
+
+
+@pytest.mark.filterwarnings("ignore:.*levels baked in:UserWarning")
+@pytest.mark.parametrize(("suffix", "codec"), [("avi", "MJPG"), ("mp4", "mp4v")])
+def test_threads_that_read_one_video_get_the_frames_they_ask_for(tmp_path: Path, suffix: str, codec: str) -> None:
+    path = tmp_path / f"f.{suffix}"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), 25, (64, 48), True)
+    if not writer.isOpened():
+        pytest.skip(f"this OpenCV writes no {codec}")
+    for i in range(40):
+        writer.write(np.full((48, 64, 3), 5 * i + 20, np.uint8))
+    writer.release()
+    film = instruments.read(path, fps=1000.0)
+    part = film.roi(slice(8, 24), slice(8, 24))
+    asked = np.random.default_rng(0).integers(0, 40, 200)
+    with ThreadPoolExecutor(4) as pool:
+        seen = list(pool.map(lambda i: float((film if i % 2 else part)[int(i)].mean()), asked))
+    np.testing.assert_allclose(seen, 5.0 * asked + 20, atol=2.5)
+
+
+def test_what_a_system_hides_among_images_is_no_image(tmp_path: Path) -> None:
+    film = write_folder(tmp_path / "f", ["a1.png", "a2.png"])
+    for name in ("._a1.png", ".DS_Store", "Thumbs.db"):
+        (tmp_path / "f" / name).write_bytes(b"\0\5\x16\7")
+    np.testing.assert_array_equal(np.stack(list(instruments.read(tmp_path / "f", fps=1.0))), film)
+    for path in (tmp_path / "f").glob("a*.png"):
+        path.unlink()
+    with pytest.raises(SourceError, match="A folder is read when it holds"):
+        instruments.read(tmp_path / "f", fps=1.0)
+
+
+def test_bitmaps_are_read_and_their_ends_are_missed(tmp_path: Path) -> None:
+    film = write_folder(tmp_path / "f", ["a1.bmp", "a2.bmp", "a3.bmp"])
+    np.testing.assert_array_equal(np.stack(list(instruments.read(tmp_path / "f", fps=1.0))), film)
+    path = tmp_path / "f/a2.bmp"
+    path.write_bytes(path.read_bytes()[:-5])
+    with pytest.warns(IncompleteFilmWarning, match=r"1 of 3 images is not whole and left out, a2\.bmp: the BMP is cut"):
+        assert instruments.read(tmp_path / "f", fps=1.0).valid.tolist() == [True, False, True]
+
+
+@pytest.mark.parametrize(("suffix", "options"), [("png", []), ("tif", [cv2.IMWRITE_TIFF_COMPRESSION, 5])])
+def test_one_damaged_image_costs_one_frame(tmp_path: Path, suffix: str, options: list[int]) -> None:
+    (tmp_path / "f").mkdir()
+    film = np.random.default_rng(0).integers(0, 4095, (4, 60, 80)).astype(np.uint16)
+    for i, image in enumerate(film):
+        cv2.imwrite(str(tmp_path / f"f/a{i}.{suffix}"), image, options)
+    path = tmp_path / f"f/a2.{suffix}"
+    data = bytearray(path.read_bytes())
+    data[2000:2040] = b"\xff" * 40
+    path.write_bytes(bytes(data))
+    found = instruments.read(tmp_path / "f", fps=1.0)
+    with pytest.warns(IncompleteFilmWarning, match=rf"1 of 4 images is damaged and left out, a2\.{suffix}"):
+        assert found.valid.tolist() == [True, True, False, True]
+    np.testing.assert_array_equal(found[3], film[3])
+
+
+def test_a_file_that_is_no_image_costs_one_frame(tmp_path: Path) -> None:
+    write_folder(tmp_path / "f", ["a1.png", "a2.png", "a3.png"])
+    (tmp_path / "f/a2.png").write_bytes(b"\0" * 512)
+    with pytest.warns(IncompleteFilmWarning, match=r"a2\.png: is neither PNG nor TIFF nor BMP"):
+        assert instruments.read(tmp_path / "f", fps=1.0).valid.tolist() == [True, False, True]
+
+
+def test_what_is_no_film_is_told_with_what_to_name_instead(tmp_path: Path) -> None:
+    write_folder(tmp_path / "out", [])
+    write_folder(tmp_path / "out/PNG", ["a1.png"])
+    write_folder(tmp_path / "shots", ["a1.jpg"])
+    (tmp_path / "one.png").write_bytes((tmp_path / "out/PNG/a1.png").read_bytes())
+    (tmp_path / "empty.avi").write_bytes(b"")
+    for name, told in (
+        ("out", "name out/PNG"),
+        ("shots", "JPEG images"),
+        ("one.png", "name the folder of its images"),
+        ("empty.avi", "the file is empty"),
+    ):
+        with pytest.raises(SourceError, match=told):
+            instruments.read(tmp_path / name, fps=1.0)

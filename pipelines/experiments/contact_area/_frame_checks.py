@@ -15,9 +15,14 @@ from pipelines.experiments.shared.frame_order import in_order
 _LATE = 1.5  # of the usual interval between frames in contact, from which some are missing
 
 
-def frame_checks(radius: xr.Dataset, settings: ContactArea) -> list[Check]:
-    """Look for frames that are damaged, blank, repeated, exchanged, or at a wrong time."""
-    return [of(radius, settings) for of in (_times, _damaged, _blanked, _copies, _in_order)]
+def frame_checks(radius: xr.Dataset, whole: Check, settings: ContactArea) -> list[Check]:
+    """Look for frames that are damaged, blank, repeated, exchanged, or at a wrong time.
+
+    ``whole`` tells what the file lacks, where the frames that there are do not.
+    """
+    damaged = _damaged(radius, settings)
+    checks = [of(radius, settings) for of in (_times, _blanked, _copies, _in_order)]
+    return [*checks, damaged, *([] if damaged.level else [whole])]
 
 
 def summits_seen(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> Check:
@@ -57,7 +62,8 @@ def _times(radius: xr.Dataset, settings: ContactArea) -> Check:
 def _damaged(radius: xr.Dataset, settings: ContactArea) -> Check:
     name, law = "sound frames", "every frame of a film can be read"
     bad = np.flatnonzero(~radius["valid"].values.astype(bool))
-    text = f"{settings.film}: {bad.size} damaged frames" + (f" from frame {bad[0]}" if bad.size else "")
+    frames = "frame" if bad.size == 1 else "frames"
+    text = f"{settings.film}: {bad.size} damaged {frames}" + (f", the first is frame {bad[0]}" if bad.size else "")
     share = bad.size / max(radius.sizes["frame"], 1)
     level: Level | None = "note" if bad.size else None
     if share >= 0.2:
@@ -92,7 +98,8 @@ def _copies(radius: xr.Dataset, settings: ContactArea) -> Check:
     at = np.flatnonzero(same)
     if at.size:
         first = int(radius["frame"].values[at[0] + 1])
-        text = f"{settings.film}: {at.size} frames equal the one before, first frame {first}"
+        frames = "frame equals" if at.size == 1 else "frames equal"
+        text = f"{settings.film}: {at.size} {frames} the one before, the first is frame {first}"
         return stated(name, law, text, "doubtful", cause=f"frame {first} is a repeated frame", file=settings.film)
     return stated(name, law, f"{settings.film}: no frame equals the one before", None, file=settings.film)
 

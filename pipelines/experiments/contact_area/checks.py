@@ -18,7 +18,7 @@ from pipelines.experiments.contact_area.comparison import FRAMES, PLATE, SCALE, 
 from pipelines.experiments.contact_area.measured import brightness
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
-from pipelines.experiments.shared.film_frames import explained
+from pipelines.experiments.shared.film_frames import explained, whole_film
 from pipelines.experiments.shared.film_light import exposed, lit, no_mosaic
 from pipelines.experiments.shared.film_stated import is_rate_used, stated_twice
 from pipelines.experiments.shared.judgements import Scene, times_over
@@ -71,7 +71,8 @@ def judgement(
         settings, {"sphere.material_from": of_material, "plate_from": of_plate}, plate_from=OF_PLATE
     )
     model, comparison = basis.sound(model, comparison)
-    checks = [explained(check) for check in judgements.failed_steps(context, _FAILED)]
+    whole = whole_film(context, settings.film)
+    checks = [explained(check, whole) for check in judgements.failed_steps(context, _FAILED)]
     checks.append(fall_checks.gravity_stated(settings.model.gravity))
     checks.append(judgements.day_known(radius, settings.camera, settings.film))
     if radius is not None:
@@ -88,7 +89,7 @@ def judgement(
             exposed(radius, settings.film),
             no_mosaic(radius, settings.film),
         ]
-        checks += frame_checks(radius, settings)
+        checks += frame_checks(radius, whole, settings)
     if impacts is not None and impacts.sizes["impact"]:
         checks += [_size(impacts, settings), _like_model(impacts, model, settings), _order(impacts, settings)]
         checks += [_flight(impacts, model, settings), _duration(impacts, model, settings), _rest(impacts, settings)]

@@ -20,7 +20,7 @@ from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.fall_checks import Fall
-from pipelines.experiments.shared.film_frames import explained
+from pipelines.experiments.shared.film_frames import explained, whole_film
 from pipelines.experiments.shared.film_light import exposed, lit, no_mosaic
 from pipelines.experiments.shared.film_stated import is_rate_used, stated_twice
 from pipelines.experiments.shared.frame_order import in_order
@@ -73,7 +73,8 @@ def judgement(
     """Judge one film; what gave no result is judged by that."""
     basis = judgements.Basis.of(settings, {"laser_experiment": of_laser})
     laser, comparison = basis.sound(laser, comparison)
-    checks = [explained(check) for check in judgements.failed_steps(context, _FAILED)]
+    whole = whole_film(context, settings.film)
+    checks = [explained(check, whole) for check in judgements.failed_steps(context, _FAILED)]
     checks.append(judgements.day_known(motion, settings.camera, settings.film))
     if track is not None:
         checks += stated_twice(track, settings.film, settings.frame_rate)
@@ -82,7 +83,7 @@ def judgement(
         checks = [replace(c, cause=found.cause) if c.name == "step motion" and found.level else c for c in checks]
         along = track["dy"].isel(point=0).values
         checks += [found, _copies(track, settings), in_order(settings.film, track["frame"].values, along)]
-        checks.append(sideways(track, settings))
+        checks += [whole, sideways(track, settings)]
         checks += [_lit(track, settings), exposed(track, settings.film), no_mosaic(track, settings.film)]
     if motion is not None:
         steady = _steady(track, motion, settings)
@@ -154,7 +155,8 @@ def _times(motion: xr.Dataset, bounces: xr.Dataset | None, settings: DicValidati
     lost = np.flatnonzero(steps[:last] > 1.5 * usual)
     if lost.size:
         count = int(np.sum(np.round(steps[lost] / usual) - 1))
-        text = f"{settings.film}: {count} frames are missing, the first at {quantity(float(time[lost[0]]), 's')}"
+        frames = "frame is" if count == 1 else "frames are"
+        text = f"{settings.film}: {count} {frames} missing, the first at {quantity(float(time[lost[0]]), 's')}"
         cause = "the camera dropped frames or recorded in bursts"
         how: Level = "doubtful" if _moves(bounces, time[lost], time[lost + 1]) else "note"
         return stated(name, law, text, how, cause=cause, file=settings.film)
@@ -179,7 +181,8 @@ def _copies(track: xr.Dataset, settings: DicValidation) -> Check:
     same = np.flatnonzero(alike & (np.diff(track["frame"].values) == 1))
     if same.size:
         at = int(track["frame"].values[same[0] + 1])
-        text = f"{settings.film}: {same.size} frames equal the one before, the first is frame {at}"
+        frames = "frame equals" if same.size == 1 else "frames equal"
+        text = f"{settings.film}: {same.size} {frames} the one before, the first is frame {at}"
         return stated(name, law, text, "doubtful", cause=f"frame {at} is a repeated frame", file=settings.film)
     return stated(name, law, f"{settings.film}: no frame equals the one before", None, file=settings.film)
 

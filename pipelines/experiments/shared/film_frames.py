@@ -13,14 +13,16 @@ from numpy.typing import NDArray
 
 import instruments
 from labpipe.errors import InputError
-from labpipe.frames import FrameSource
-from labpipe.judging import Check
+from labpipe.frames import FrameSource, IncompleteFilmWarning
+from labpipe.judging import Check, stated
 from labpipe.units import Quantity
 from labpipe.variables import variable
+from labpipe.workflow.context import Context
 
 _FIRST_DAY = 946_684_800  # s since 1970: the year 2000, before the format was in use
 _WIDEST = 640  # px of a stored key frame: what a page shows
 _EXCHANGED = "width and height are exchanged"
+_NOT_WHOLE = "the film was not copied whole, or is damaged: copy it from the camera again"
 _ALIKE, _BESIDE = 0.5, 0.25
 """Part of the differences between stated neighbours that is left between true ones, and how far
 beside their distance, relative, nothing alike may lie: rows that are alike all along are a pattern."""
@@ -75,10 +77,19 @@ def _is_exchanged(film: FrameSource) -> bool:
     )
 
 
-def explained(failed: Check) -> Check:
-    """Give a step that failed over an exchanged width and height that cause."""
+def whole_film(context: Context, film: str) -> Check:
+    """Tell what the reader of a film warned of: frames that its file lacks, or that are damaged."""
+    name, law = "whole film", "a file holds every frame that it declares"
+    texts = [warned.text for warned in context.warnings if warned.category == IncompleteFilmWarning.__name__]
+    if not texts:
+        return stated(name, law, f"{film}: no frame is missing in the file", None, file=film)
+    return stated(name, law, f"{film}: {texts[0].partition(': ')[2]}", "note", cause=_NOT_WHOLE, file=film)
+
+
+def explained(failed: Check, whole: Check) -> Check:
+    """Give a step that failed over an exchanged width and height, or a film that is not whole, that cause."""
     if _EXCHANGED not in failed.message:
-        return failed
+        return replace(failed, cause=whole.cause) if whole.level and failed.level == "impossible" else failed
     cause = "width and height are exchanged in the header of the film, which was edited or damaged: export it again"
     return replace(failed, cause=cause)
 

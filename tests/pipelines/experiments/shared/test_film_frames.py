@@ -1,7 +1,7 @@
 """Films in experiments: key frames, and what cannot be a film that a camera wrote."""
 
 import struct
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,8 @@ import instruments
 from instruments import phantom
 from labpipe.errors import InputError, LabpipeError
 from labpipe.judging import stated
-from pipelines.experiments.shared.film_frames import blanked, explained, key_frames, open_film
+from labpipe.workflow.context import Context, Warned
+from pipelines.experiments.shared.film_frames import blanked, explained, key_frames, open_film, whole_film
 
 
 @dataclass
@@ -90,8 +91,19 @@ def test_exchanged_width_and_height_are_told(tmp_path, *, is_whole):
     _exchange(path, is_whole=is_whole)
     with pytest.raises(LabpipeError, match="width and height are exchanged") as error:
         open_film(path)
-    told = explained(stated("step radius", "", str(error.value), "impossible", cause="the record is of another view"))
+    failed = stated("step radius", "", str(error.value), "impossible", cause="the record is of another view")
+    told = explained(failed, stated("whole film", "", "", None))
     assert told.cause.startswith("width and height are exchanged in the header")
+
+
+def test_a_step_that_fails_over_a_film_that_broke_off_is_told_so():
+    warned = Warned("track", None, "IncompleteFilmWarning", "f.avi: 9 frames are declared, 4 can be read", 1)
+    context = Context("film", "dic_validation", "", "", "", True, warnings=(warned,))
+    whole = whole_film(context, "film/f.avi")
+    assert (whole.level, whole.message) == ("note", "film/f.avi: 9 frames are declared, 4 can be read")
+    failed = stated("step bounces", "", "no bounce found", "impossible", cause="the film shows no drop")
+    assert explained(failed, whole).cause.startswith("the film was not copied whole")
+    assert explained(failed, whole_film(replace(context, warnings=()), "film/f.avi")).cause == "the film shows no drop"
 
 
 def test_lines_along_the_image_are_no_exchanged_header(tmp_path):

@@ -1,0 +1,240 @@
+"""Images in files: a folder of PNG, TIFF or BMP, and the pages of a TIFF."""
+
+import re
+import warnings
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from instruments.images._headers import CutOffError, ImageHeader, png_fault, read_headers
+from instruments.images._pictures import one_intensity
+from labpipe.errors import SourceError
+from labpipe.frames import warn_incomplete
+
+SUFFIXES = (".png", ".tif", ".tiff", ".bmp")
+_NUMBER = re.compile(r"-?\d+")
+#: Bits of 16 that cameras of 14, 12 and 10 bits leave empty, fewest last; and images that are looked at for it.
+_UNUSED_BITS, _LOOKED_AT = (6, 4, 2), 9
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Where one image is: its file and, in a file of several, its page."""
+
+    path: Path
+    page: int
+    header: ImageHeader
+
+
+def images_in(folder: Path) -> list[Path]:
+    """Return the images of a folder by name, without what the system keeps hidden among them."""
+    found = (p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and not p.name.startswith("."))
+    return sorted(p for p in found if p.is_file())
+
+
+def folder_images(folder: Path) -> tuple["ImageFiles", NDArray[np.float64]]:
+    """Open the images of a folder, sorted by the number in their names, and return these; warn of gaps."""
+    named = images_in(folder)
+    if not named:
+        raise SourceError(folder, f"the folder holds no image ({', '.join(SUFFIXES)})")
+    numbered = sorted(zip(_numbers(named), named, strict=True))
+    numbers = np.array([number for number, _ in numbered])
+    twice = np.flatnonzero(np.diff(numbers) == 0)
+    if len(twice):
+        raise SourceError(
+            numbered[twice[0] + 1][1],
+            f"number {numbers[twice[0]]} occurs twice, also in {numbered[twice[0]][1].name}",
+            hint="Put only the images of one film into the folder.",
+        )
+    paths = [path for _, path in numbered]
+    read_all = [_header(path) for path in paths]
+    whole = next((header for header in read_all if isinstance(header, ImageHeader)), None)
+    if whole is None:
+        raise next(error for error in read_all if isinstance(error, CutOffError))
+    headers = [each if isinstance(each, ImageHeader) else whole._replace(fault=each.message) for each in read_all]
+    _warn_of_gaps(folder, numbers)
+    places = [_Place(path, 0, header) for path, header in zip(paths, headers, strict=True)]
+    return ImageFiles(folder, places), numbers.astype(float)
+
+
+def pages(path: Path) -> "ImageFiles":
+    """Open the pages of a TIFF, or the one image of another file."""
+    return ImageFiles(path, [_Place(path, i, header) for i, header in enumerate(read_headers(path))])
+
+
+def _numbers(paths: Sequence[Path]) -> list[int]:
+    """Read the places of images from their names: the last of the numbers that are not all the same.
+
+    Names may end in what holds for the whole film, such as its frame rate or its bits.
+    """
+    found = [[_signed(path.stem, match) for match in _NUMBER.finditer(path.stem)] for path in paths]
+    for path, values in zip(paths, found, strict=True):
+        if not values:
+            raise SourceError(
+                path,
+                "the image has no number in its name, so its place in the film is unknown",
+                hint="Name images like frame_0001.png; move what is no image of the film out of the folder.",
+            )
+    shared = min(map(len, found))
+    place = next((k for k in range(-1, -shared - 1, -1) if len({values[k] for values in found}) > 1), -1)
+    return [values[place] for values in found]
+
+
+def _header(path: Path) -> ImageHeader | CutOffError:
+    """Return the header of a file's one image, or why there is none."""
+    try:
+        headers = read_headers(path)
+    except CutOffError as error:
+        return error
+    if len(headers) != 1:
+        raise SourceError(
+            path,
+            f"holds {len(headers)} images, expected one per file",
+            hint="Name this file itself as the film, or export one image per file.",
+        )
+    return headers[0]
+
+
+def _signed(stem: str, found: "re.Match[str]") -> int:
+    """Read the number; a minus sign counts only where it cannot be a hyphen between words."""
+    text = found.group()
+    is_hyphen = text.startswith("-") and found.start() > 0 and stem[found.start() - 1].isalnum()
+    return int(text.removeprefix("-") if is_hyphen else text)
+
+
+def _warn_of_gaps(folder: Path, numbers: NDArray[np.int64]) -> None:
+    steps = np.diff(numbers)
+    usual = int(np.min(steps)) if len(steps) else 1
+    missing = int(np.sum(steps // usual - 1))
+    if missing:
+        first = int(numbers[int(np.flatnonzero(steps > usual)[0])])
+        images = "1 image is" if missing == 1 else f"{missing} images are"
+        warnings.warn(
+            f"{folder.name}: {images} missing, the first after number {first}; times "
+            "follow the numbers, so the film has gaps",
+            UserWarning,
+            stacklevel=4,
+        )
+
+
+def _check_alike(places: Sequence[_Place]) -> None:
+    first = places[0].header
+    for place in places:
+        if place.header[:3] != first[:3]:
+            rows, columns, bits, *_ = place.header
+            raise SourceError(
+                place.path,
+                f"image {place.page}: {columns} × {rows} px of {bits} bits, but the first of the "
+                f"film has {first.columns} × {first.rows} px of {first.bits} bits",
+                hint="Put only the images of one film into the folder.",
+            )
+
+
+class ImageFiles:
+    """Images in files; what is wrong with one is found out when it is asked for.
+
+    Parameters
+    ----------
+    path : Path
+        The folder or file, of which is told what it lacks.
+    places : sequence of _Place
+    """
+
+    def __init__(self, path: Path, places: Sequence[_Place]) -> None:
+        _check_alike(places)
+        self._path, self._places = path, places
+        self._faults: dict[int, str] = {}
+        cut = [i for i, place in enumerate(places) if place.header.fault]
+        self._warn(cut, "not whole")
+        self._is_told = len(cut)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self._places[0].header[:2]
+
+    def __len__(self) -> int:
+        """Return the number of images."""
+        return len(self._places)
+
+    @cached_property
+    def valid(self) -> NDArray[np.bool_]:
+        """False for images that are cut off, contradict their own checksums or cannot be decoded."""
+        with ThreadPoolExecutor() as pool:
+            faults = list(pool.map(self.fault, range(len(self))))
+        bad = [i for i, fault in enumerate(faults) if fault]
+        if len(bad) > self._is_told:
+            self._warn(bad, "damaged")
+        return np.array([not fault for fault in faults])
+
+    def _warn(self, bad: Sequence[int], how: str) -> None:
+        """Warn of images without a value, as after a copy that broke off."""
+        if not bad:
+            return
+        first, count = self._places[bad[0]], len(self._places)
+        is_one = len({place.path for place in self._places}) == 1
+        which = f"image {bad[0] + 1}" if is_one else first.path.name
+        verb, told = ("is", which) if len(bad) == 1 else ("are", f"the first {which}")
+        warn_incomplete(
+            f"{self._path.name}: {len(bad)} of {count} images {verb} {how} and left out, {told}: "
+            f"{self.fault(bad[0])}. Copy the film from the camera again"
+        )
+
+    def fault(self, index: int) -> str:
+        """Say why an image cannot be decoded, or ""."""
+        if index not in self._faults:
+            place = self._places[index]
+            said = place.header.fault
+            if not said and place.path.suffix.lower() == ".png":
+                said = png_fault(place.path)
+            elif not said and place.header.is_compressed and _decode(place) is None:
+                said = "its compressed pixels cannot be decoded"
+            self._faults[index] = said
+        return self._faults[index]
+
+    @cached_property
+    def levels(self) -> tuple[float, float]:
+        """Range of the bits in use: cameras of 10 to 14 bits fill the lower or the upper bits of 16."""
+        bits = self._places[0].header.bits
+        sound = np.flatnonzero(self.valid) if bits == 16 else np.empty(0, int)
+        if not sound.size:
+            return 0.0, float(2**bits - 1)
+        spread = np.unique(np.linspace(0, sound.size - 1, _LOOKED_AT).round().astype(int))
+        used = int(np.bitwise_or.reduce([np.bitwise_or.reduce(self.whole(int(i)), axis=None) for i in sound[spread]]))
+        lowest = (used & -used).bit_length() - 1 if used else 0
+        if lowest > 1:
+            return 0.0, float(2**bits - 2**lowest)
+        return 0.0, float(2 ** next(bits - k for k in (*_UNUSED_BITS, 0) if used < 2 ** (bits - k)) - 1)
+
+    def whole(self, index: int) -> NDArray[np.integer[Any]]:
+        """Decode one image."""
+        place = self._places[index]
+        if fault := self.fault(index):
+            raise SourceError(place.path, fault, hint="Use the frames marked in `.valid`.")
+        image = _decode(place)
+        if image is None or image.shape[:2] != self.size:
+            found = "nothing" if image is None else f"an image of shape {image.shape}"
+            hint = "Export it again, as PNG or as a TIFF without compression."
+            raise SourceError(place.path, f"decodes to {found}, expected {self.size}", hint=hint)
+        return one_intensity(image, 0, place.path, "the image")
+
+
+def _decode(place: _Place) -> NDArray[Any] | None:
+    if place.page:
+        is_done, found = cv2.imreadmulti(str(place.path), place.page, 1, flags=cv2.IMREAD_UNCHANGED)
+        image = found[0] if is_done and found else None
+    else:
+        data = np.fromfile(place.path, np.uint8)  # names of any letters; imread takes ASCII only
+        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    if image is None:
+        return None
+    # packed pixels are decoded to the upper bits of 16
+    unused = 16 - place.header.bits if image.dtype == np.uint16 else 0
+    return np.right_shift(image, unused) if unused else np.asarray(image)

@@ -1,0 +1,54 @@
+"""What films of exported images are decoded from: the contract, and the one intensity of grey colours."""
+
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.errors import SourceError
+
+
+class Pictures(Protocol):
+    """Whole images of one size, one at a time."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Rows and columns."""
+
+    @property
+    def levels(self) -> tuple[float, float]:
+        """Black and white level."""
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Which images can be decoded; shape (image,)."""
+
+    def __len__(self) -> int:
+        """Return the number of images."""
+
+    def fault(self, index: int) -> str:
+        """Say why an image cannot be decoded, or ""."""
+
+    def whole(self, index: int) -> NDArray[np.integer[Any]]:
+        """Decode one image; raises SourceError where it cannot be."""
+
+
+def one_intensity(image: NDArray[Any], allowed: int, path: Path, what: str) -> NDArray[Any]:
+    """Return the one intensity of an image whose colours say the same within so many levels.
+
+    Raises
+    ------
+    SourceError
+        They do not.
+    """
+    if image.ndim == 2:
+        return image
+    colours = image[:, :, :3].astype(np.int32)
+    if int(np.ptp(colours, axis=2).max()) > allowed:
+        raise SourceError(
+            path,
+            f"{what} is in colour, expected grey",
+            hint="A colour image has no single intensity; export the film as grey.",
+        )
+    return image[:, :, 1]
