@@ -27,6 +27,7 @@ from labpipe.imaging.fringes._trials import (
     Calibration,
     Trial,
     fit_frames,
+    is_promising,
 )
 from labpipe.imaging.fringes._worn_flat import find_flat
 
@@ -82,17 +83,18 @@ def calibrate(
     def attempt(
         extra: Sequence[Parameter], known: Calibration, count: int = MOST_FRAMES, pixels: int | None = None
     ) -> Trial | None:
-        key = (tuple(extra), known, count, pixels)
+        seen = known.applied(view)
+        if pixels is not None:
+            seen = replace(seen, settings=replace(seen.settings, max_pixels=pixels, tells_memory=False))
+        key = (tuple(extra), seen, count)
         if key not in made:
-            seen = known.applied(view)
-            if pixels is not None:
-                seen = replace(seen, settings=replace(seen.settings, max_pixels=pixels, tells_memory=False))
             made[key] = fit_frames(images[:count], starts[:count], seen, tuple(extra))
         return made[key]
 
-    def begin_from(trial: Trial) -> None:
+    def begin_from(trial: Trial, known: Calibration) -> None:
         starts[:] = trial.fits
         made.clear()
+        made[tuple(plain_axes), known.applied(view), MOST_FRAMES] = trial
 
     plain_axes = AXES if shape == "ellipse" else ()
     result = Calibration(frames=chosen, colour=view.optics.colour)
@@ -109,9 +111,10 @@ def calibrate(
     if result.colour[1]:
         best, result = settle_colour(attempt, plain_axes, result) or (best, result)
     # One may hide behind another: whatever explains most comes first.
+    vain: dict[int, float] = {}
     for _ in range(_ROUNDS):
         better: list[tuple[Trial, Calibration]] = []
-        for trial, found in _candidates(attempt, plain_axes, result, best, view):
+        for trial, found in _candidates(attempt, plain_axes, result, best, view, vain):
             # What differs from frame to frame fits better than what holds for all: compare the latter.
             better.append((attempt(plain_axes, found) or trial, found))
             if better[-1][0].excess < _ALL_BUT * best.excess:
@@ -124,11 +127,11 @@ def calibrate(
             # The scale would be bent to make up for a phase that is not what it is said to be.
             return replace(result, doubted_phase=view.optics.phase + found.phase_shift)
         result, best = found, trial
-        begin_from(best)
+        begin_from(best, result)
     settled, result = settle_blur(attempt, plain_axes, result, best)
     if settled is not best:
         best = settled
-        begin_from(best)
+        begin_from(best, result)
     result = _refine(attempt, plain_axes, settle_harmonics(attempt, plain_axes, result), view)
     # What a film shows beyond the third harmonic looks like a small phase where no lens has blurred it.
     is_cut = result.harmonics != (0.0, 0.0) and (result.by_camera or not result.blur)
@@ -152,9 +155,12 @@ def _with_hidden_phase(attempt: Attempt, axes: Sequence[Parameter], known: Calib
 
 
 def _candidates(
-    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, view: View
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, view: View, vain: dict[int, float]
 ) -> Iterator[tuple[Trial, Calibration]]:
-    """Yield what explains the frames much better, the likelier and cheaper first."""
+    """Yield what explains the frames much better, the likelier and cheaper first.
+
+    What explained nothing before is tried again when most of the misfit that it was ``vain`` at is gone.
+    """
     makers: tuple[Callable[[], tuple[Trial, Calibration] | None], ...] = (
         lambda: find_blur(attempt, axes, known, best),
         lambda: _find_uneven_light(attempt, axes, known, best),
@@ -165,10 +171,14 @@ def _candidates(
         lambda: find_second_colour(attempt, axes, known, best),
         lambda: find_flat(attempt, axes, known, best),
     )
-    for make in makers:
+    for place, make in enumerate(makers):
+        if FACTOR * best.excess > vain.get(place, math.inf):
+            continue
         found = make()
         if found is not None:
             yield found
+        else:
+            vain[place] = best.excess
 
 
 def _find_ellipse(attempt: Attempt, known: Calibration, best: Trial) -> tuple[Trial, Calibration]:
@@ -178,7 +188,8 @@ def _find_ellipse(attempt: Attempt, known: Calibration, best: Trial) -> tuple[Tr
     covers: then neither ellipse nor scale explains anything without the other.
     """
     for extra in (AXES, (*AXES, Parameter.SCALE)):
-        oblique = attempt(extra, known) if best.may_gain(extra) else None
+        is_likely = best.may_gain(extra) and is_promising(attempt, ((), known), (extra, known), best, may_hide=False)
+        oblique = attempt(extra, known) if is_likely else None
         if oblique is None or oblique.gain_over(best) <= VARIANCES * len(best.fits):
             continue
         if oblique.rough_excess * FACTOR >= best.rough_excess:
@@ -214,6 +225,8 @@ def _find_uneven_light(
     if known.has_uneven_light or not best.is_doubtful:
         return None
     uneven = replace(known, has_uneven_light=True)
+    if not is_promising(attempt, (axes, known), (axes, uneven), best):
+        return None
     trial = attempt(axes, uneven)
     return None if trial is None or not trial.is_better_than(best) else (trial, uneven)
 
@@ -254,7 +267,10 @@ def _find_optics(
     attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, parameter: Parameter, view: View
 ) -> tuple[Trial, Calibration] | None:
     """Phase or scale that the film shows, when it explains the frames much better."""
-    trial = attempt((*axes, parameter), known) if best.may_gain((parameter,)) else None
+    free = (*axes, parameter)
+    if not (best.may_gain((parameter,)) and is_promising(attempt, (axes, known), (free, known), best)):
+        return None
+    trial = attempt(free, known)
     if trial is None or not trial.is_better_than(best):
         return None
     value, deviation = trial.mean(parameter)

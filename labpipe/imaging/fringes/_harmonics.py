@@ -8,7 +8,7 @@ import numpy as np
 
 from labpipe.imaging.fringes._lens_blur import LEAST_SHAPED, find_blur
 from labpipe.imaging.fringes._ring_parameters import HARMONICS, Parameter
-from labpipe.imaging.fringes._trials import VARIANCES, Attempt, Calibration, Trial, doubt
+from labpipe.imaging.fringes._trials import VARIANCES, Attempt, Calibration, Trial, doubt, is_promising
 
 
 def with_harmonics(attempt: Attempt, axes: Sequence[Parameter], known: Calibration) -> tuple[Trial | None, Calibration]:
@@ -26,7 +26,10 @@ def find_harmonics(
     if known.harmonics != (0.0, 0.0) or not best.is_doubtful:
         return None
     orders = (False, True) if known.blur else (False,)
-    tried = [with_harmonics(attempt, axes, replace(known, by_camera=after)) for after in orders]
+    free = (*axes, *HARMONICS)
+    seen = [replace(known, by_camera=after) for after in orders]
+    likely = [one for one in seen if is_promising(attempt, (axes, known), (free, one), best)]
+    tried = [with_harmonics(attempt, axes, one) for one in likely]
     better = [(trial, found) for trial, found in tried if trial is not None and trial.is_better_than(best)]
     if not better:
         return None

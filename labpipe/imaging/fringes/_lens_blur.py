@@ -3,13 +3,23 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._ring_fit import RingFit
 from labpipe.imaging.fringes._ring_parameters import Parameter
-from labpipe.imaging.fringes._trials import SIGNIFICANT, Attempt, Calibration, Trial, doubt
+from labpipe.imaging.fringes._trials import (
+    FEW_FRAMES,
+    FEW_PIXELS,
+    SIGNIFICANT,
+    Attempt,
+    Calibration,
+    Trial,
+    doubt,
+    is_promising,
+)
 
 #: Rounds in which the blur is found, its least (px), the relative change of its square at which they
 #: end, the step by which its effect is told, and the square of an even motion over its variance.
@@ -35,6 +45,12 @@ def find_blur(
     variances. The frame in which it is least is taken for one without motion.
     """
     if known.blur or not best.is_doubtful:
+        return None
+    square = least_blur(best, 0.0)[0]
+    if square <= LEAST_BLUR**2:
+        return None
+    blurred = [replace(known, blur=math.sqrt(square), disc=disc) for disc in (0.0, _DISC)]
+    if not any(is_promising(attempt, (axes, known), (axes, seen), best) for seen in blurred):
         return None
     lens = _blur_of_lens(attempt, axes, known, best)
     if lens is None or not lens.trial.is_better_than(best):
@@ -98,22 +114,45 @@ def least_blur(trial: Trial, blur: float) -> tuple[float, float, int]:
 
 
 def _blur_of_lens(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial) -> _Lens | None:
-    """Fit the frames with a lens that blurs as much, and in the shape, as the frames show."""
+    """Fit the frames with a lens that blurs as much, and in the shape, as the frames show.
+
+    Some pixels of a few frames tell nearly as much; all of them say it of the likeliest shapes.
+    """
+    few = partial(attempt, count=FEW_FRAMES, pixels=FEW_PIXELS)
+    start = few(axes, known)
+    rough = [] if start is None else _likely_shapes(few, axes, known, start)
+    sized = (_size_of_blur(attempt, axes, known, lens.trial, lens.disc, lens.blur, is_near=True) for lens in rough)
+    lens = _settled_shape(attempt, axes, known, [lens for lens in sized if lens is not None])
+    if lens is None:
+        return None
+    final = _size_of_blur(attempt, axes, known, lens.trial, lens.disc, lens.blur, is_near=True)
+    return None if final is None else replace(final, by_shape=lens.by_shape)
+
+
+def _likely_shapes(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial) -> list[_Lens]:
+    """Lenses of the shapes that leave least: the bell alone where its blur is too small to show a shape."""
     bell = _size_of_blur(attempt, axes, known, best, disc=0.0)
     if bell is None or bell.blur < LEAST_SHAPED:
-        return bell
+        return [] if bell is None else [bell]
     between = _size_of_blur(attempt, axes, known, bell.trial, _BETWEEN, bell.blur)
     if between is None:
-        return bell
+        return [bell]
     # on the side of the better of both
     third = _DISC if between.trial.left < bell.trial.left else _NEAR_BELL
-    tried: list[_Lens | None] = [bell, between]
-    tried.append(_size_of_blur(attempt, axes, known, between.trial, third, between.blur))
+    tried = [bell, between]
+    last = _size_of_blur(attempt, axes, known, between.trial, third, between.blur)
+    if last is not None:
+        tried.append(last)
+        _settled_shape(attempt, axes, known, tried)
+    return sorted(tried, key=lambda lens: lens.trial.left)[:_LEAST_SHAPES]
+
+
+def _settled_shape(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, tried: list[_Lens]) -> _Lens | None:
+    """Lens of the likeliest shape; those that are tried on the way are added to the list."""
+    if len(tried) < _LEAST_SHAPES:
+        return min(tried, key=lambda lens: lens.trial.left, default=None)
     for _ in range(_SHAPE_ROUNDS):
-        lenses = sorted((lens for lens in tried if lens is not None), key=lambda lens: lens.trial.left)
-        if len(lenses) < _LEAST_SHAPES:
-            return lenses[0]
-        near = lenses[:_LEAST_SHAPES]
+        near = sorted(tried, key=lambda lens: lens.trial.left)[:_LEAST_SHAPES]
         flat = np.array([lens.disc**2 for lens in near])
         # How likely each shape is: what the frames leave goes with the square of what is wrong in the
         # fourth moment, to which the disc adds by the square of its share.
@@ -122,16 +161,29 @@ def _blur_of_lens(attempt: Attempt, axes: Sequence[Parameter], known: Calibratio
         disc = float(np.average(_SHAPES, weights=weights))
         if min(abs(disc - lens.disc) for lens in near) < _SAME_SHAPE:
             break
-        tried.append(_size_of_blur(attempt, axes, known, near[0].trial, disc, near[0].blur))
+        found = _size_of_blur(attempt, axes, known, near[0].trial, disc, near[0].blur)
+        if found is None:
+            break
+        tried.append(found)
     deviation = math.sqrt(float(np.average((_SHAPES - disc) ** 2, weights=weights)) + _SAME_SHAPE**2 / 3.0)
     slope = (near[1].trial.changes(near[0].trial)) / (near[1].disc - near[0].disc)
     return replace(near[0], by_shape=slope * deviation)
 
 
 def _size_of_blur(
-    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, trial: Trial, disc: float, blur: float = 0.0
+    attempt: Attempt,
+    axes: Sequence[Parameter],
+    known: Calibration,
+    trial: Trial,
+    disc: float,
+    blur: float = 0.0,
+    *,
+    is_near: bool = False,
 ) -> _Lens | None:
-    """Find the blur of a lens, of one shape, as that of the frame of least blur."""
+    """Find the blur of a lens, of one shape, as that of the frame of least blur.
+
+    The blur to begin with ``is_near`` where it was found for that shape.
+    """
     square, u_square, gain = blur**2, 0.0, 1.0
     for done in range(BLUR_ROUNDS):
         seen, u_square, _ = least_blur(trial, blur)
@@ -145,7 +197,7 @@ def _size_of_blur(
             return None
         trial = found
         if abs(step) < _SAME_BLUR * square:
-            if done:
+            if done or is_near:
                 break
             continue  # what it began with is of another shape
         # A motion is not quite a blur of the same variance.

@@ -39,15 +39,15 @@ def find_second_colour(
     if known.colour[1] or not best.is_doubtful or best.excess < _NOTABLE:
         return None
 
-    def left(colour: Sequence[float]) -> float:
+    def left(colour: Sequence[float], frames: int = _FRAMES) -> float:
         ratio, share = map(float, colour)
         if not _LEAST_SHARE < share < _MOST_SHARE:
             return math.inf
-        trial = attempt(axes, replace(known, colour=(ratio, share)), _FRAMES, _PIXELS)
+        trial = attempt(axes, replace(known, colour=(ratio, share)), frames, _PIXELS)
         return math.inf if trial is None else trial.left
 
     one = attempt(axes, known, _FRAMES, _PIXELS)
-    start = min(_RATIOS, key=lambda ratio: left((ratio, _SHARE)))
+    start = min(_RATIOS, key=lambda ratio: left((ratio, _SHARE), 1))
     if one is None or one.left - left((start, _SHARE)) < VARIANCES:
         return None
     corners = [(start, _SHARE), (start + 0.03, _SHARE), (start, _SHARE + 0.1)]

@@ -25,6 +25,9 @@ VARIANCES = 30.0
 _BY_MEMORY = 20.0
 #: ... and differs from its assumed value by this many standard uncertainties.
 SIGNIFICANT = 5.0
+#: Frames and pixels of a first look, the share of the squared misfit that it must leave less than, and
+#: the share of the gain wanted that it must promise, or whole frames are not tried.
+FEW_FRAMES, FEW_PIXELS, _PROMISE, _HALF = 4, 12_000, 0.8, 0.5
 
 
 @dataclass(frozen=True)
@@ -210,6 +213,28 @@ class Attempt(Protocol):
         self, extra: Sequence[Parameter], known: Calibration, count: int = ..., pixels: int = ...
     ) -> Trial | None:
         """Return the fits, or None when one of them fails."""
+
+
+def is_promising(
+    attempt: Attempt,
+    before: tuple[Sequence[Parameter], Calibration],
+    after: tuple[Sequence[Parameter], Calibration],
+    best: Trial,
+    *,
+    may_hide: bool = True,
+) -> bool:
+    """Tell by some pixels of a few frames whether another explanation may be much better than the best one.
+
+    What it leaves there costs a sixth of what whole frames do, and most explanations are wrong. Noise with a
+    memory ``may_hide`` how much of the misfit is explained.
+    """
+    one, other = (attempt(*way, FEW_FRAMES, FEW_PIXELS) for way in (before, after))
+    if one is None or other is None:
+        return True
+    gain = other.gain_over(one) * best.pixels / max(other.pixels, 1)
+    is_hidden = may_hide and any(fit.slow is not None for fit in best.fits)
+    is_less = is_hidden or other.excess < _PROMISE * one.excess
+    return is_less and gain > _HALF * VARIANCES * len(best.fits)
 
 
 def fit_frames(

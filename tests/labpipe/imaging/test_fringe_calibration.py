@@ -8,9 +8,13 @@ import pytest
 
 from labpipe.imaging.fringes import _calibration
 from labpipe.imaging.fringes._calibration import calibrate
+from labpipe.imaging.fringes._harmonics import find_harmonics
+from labpipe.imaging.fringes._interference import Optics
 from labpipe.imaging.fringes._lens_blur import find_blur
+from labpipe.imaging.fringes._ring_fit import FitSettings
 from labpipe.imaging.fringes._ring_parameters import Parameter
-from labpipe.imaging.fringes._trials import Calibration, Trial
+from labpipe.imaging.fringes._search import View
+from labpipe.imaging.fringes._trials import FEW_PIXELS, Calibration, Trial
 from labpipe.imaging.fringes._worn_flat import find_flat
 
 
@@ -60,9 +64,35 @@ def test_the_flat_that_explains_the_frames_is_found() -> None:
 def test_nothing_is_found_where_none_helps_or_nothing_can_be_fitted(find: Callable[..., object]) -> None:
     known = Calibration(blur=1.0, flat=1.0)
     moving = trial(3.0, smear=12.0)
-    assert find(lambda *_: None, (), Calibration(), moving) is None
-    assert find(lambda *_: moving, (), Calibration(), moving) is None
-    assert find(lambda *_: trial(0.1), (), known, moving) is None
+    assert find(lambda *_, **__: None, (), Calibration(), moving) is None
+    assert find(lambda *_, **__: moving, (), Calibration(), moving) is None
+    assert find(lambda *_, **__: trial(0.1), (), known, moving) is None
+
+
+def test_what_promises_nothing_on_a_few_pixels_is_not_tried_on_whole_frames() -> None:
+    asked: list[int | None] = []
+
+    def attempt(extra: object, known: Calibration, count: int = 8, pixels: int | None = None) -> Trial:
+        asked.append(pixels)
+        return trial(2.9 if known.has_uneven_light or extra else 3.0, count)
+
+    before = trial(3.0, 8, smear=12.0)
+    assert _calibration._find_uneven_light(attempt, (), Calibration(), before) is None
+    assert find_harmonics(attempt, (), Calibration(), before) is None
+    assert find_blur(attempt, (), Calibration(), before) is None
+    assert set(asked) == {FEW_PIXELS}
+
+
+def test_what_explained_nothing_is_tried_again_when_most_of_the_misfit_is_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ("find_blur", "_find_uneven_light", "find_harmonics", "find_blur_before_camera", "find_second_colour")
+    asked: list[str] = []
+    for name in (*names, "_find_optics", "find_flat"):
+        monkeypatch.setattr(_calibration, name, lambda *_, name=name: asked.append(name))
+    vain: dict[int, float] = {}
+    for misfit, count in ((3.0, 8), (2.5, 0), (2.0, 8)):
+        asked.clear()
+        assert not [*_calibration._candidates(None, (), Calibration(), trial(misfit), None, vain)]  # type: ignore
+        assert len(asked) == count
 
 
 @pytest.mark.parametrize(("misfit", "is_oblique"), [(1.0, True), (2.95, False), (4.0, False)])
@@ -81,6 +111,6 @@ def test_an_oblique_view_is_believed_only_if_it_explains_much_more(
     monkeypatch.setattr(Calibration, "applied", lambda self, view: view)
     fits = {i: SimpleNamespace(parameters=np.full(len(Parameter), 50.0 + i)) for i in range(8)}
     monkeypatch.setattr(_calibration, "_choose", lambda fits: tuple(fits)[:4])
-    view = SimpleNamespace(optics=SimpleNamespace(colour=(1.0, 0.0)))
+    view = View(Optics(1.0), FitSettings(), (9, 9), 0.0, 255.0)
     found = calibrate(lambda i: i, fits, view, is_phase_free=False, shape="auto")  # type: ignore
     assert (found.ellipse != (0.0, 0.0)) == is_oblique
