@@ -1,12 +1,13 @@
 """Standard uncertainty of a subset's motion, predicted from its texture and its residual."""
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats
-from labpipe.imaging.dic._spline import noise_gain, slope_noise_gain
+from labpipe.imaging.dic._spline import noise_gain
 from labpipe.imaging.dic._subset_cutting import Subsets, invert_within, solved_columns
 from labpipe.imaging.dic._subset_kernel import MOTIONS
 from labpipe.imaging.dic._subset_solver import NoiseShown
@@ -39,9 +40,6 @@ _BY_CHANCE, _LEAST_EXCESS = 4.0, 0.12
 _LEAST_POINTS, _ROUNDS, _BELOW = 8, 12, 4.0
 #: Width over which pixels share a misfit, as a share of that of the subset.
 _SHARED = 0.2
-#: Area (px²) over which pixels share what a blurred reference cannot show of sharper frames: a change of blur
-#: is solved for to first order. On photographs coming into focus 3 to 6 are right, on random fields 1.
-_BLURRED = 3.0
 #: Squared slopes that are left at least when those of noise are taken off.
 _LEAST_LEFT = 0.05
 #: Blur (px) at which texture is looked for: a pattern outlives it, noise does not.
@@ -79,16 +77,21 @@ class NoiseModel:
 
     Attributes
     ----------
-    fraction, gain : arrays
-        Variance left along one axis after blur and interpolation, by sub-pixel position.
+    fraction : array
+        Sub-pixel positions.
+    gain : array (2, fraction)
+        Variance of the frame left along x and along y after blur and interpolation.
+    own : float
+        Variance left of the reference.
     slope : float [1/px²]
-        Variance of the spline's slope per variance of a pixel, blur included.
+        Variance of the spline's slope in the reference per variance of a pixel, blur included.
     coarse_slope : float [1/px²]
         The same after a further blur by :data:`COARSE`.
     static_frames : int
         Frames averaged into the reference.
-    smoothing : array (point,)
-        Variance of the motion relative to unblurred noise of the same strength.
+    smoothing : array (point, 2)
+        Variance of the motion by noise of the frame, and by that of the reference, relative to unblurred
+        noise of the same strength.
     coarse : array (point, 6, 6)
         Normal matrices of the motions of the reference blurred by :data:`COARSE`.
     bends : (float, array (3,)) [1/px²], [1/px⁴]
@@ -98,6 +101,7 @@ class NoiseModel:
 
     fraction: Floats
     gain: Floats
+    own: float
     slope: float
     coarse_slope: float
     static_frames: int
@@ -123,7 +127,7 @@ class NoiseModel:
 
         Where there is hardly a pattern, the columns of light and blur would take noise for a change.
         """
-        seen = float(self.gain.mean() ** 2 + self.gain[0] ** 2 / self.static_frames)
+        seen = float(self.gain.mean(axis=1).prod()) + self.own / self.static_frames
         return np.asarray(self.most_noise(subsets, 0) * seen * subsets.level[:, 2] / _CLEARLY)
 
     def shown(self, floor: float) -> NoiseShown:
@@ -135,8 +139,8 @@ class NoiseModel:
             Variance of a pixel of the frames from rounding.
         """
         share = 1.0 / self.static_frames
-        seen = float(self.gain.mean() ** 2 + share * self.gain[0] ** 2)
-        own = share * float(self.gain[0] ** 2)
+        own = share * self.own
+        seen = float(self.gain.mean(axis=1).prod()) + own
         return NoiseShown((1.0 + share) / seen, -own * self.bends[0] / seen, own / seen, floor * seen)
 
 
@@ -172,7 +176,15 @@ class Variances:
 
 
 def make_noise_model(
-    order: int, blur: float, static_frames: int, smoothing: Floats, coarse: Floats, bends: tuple[float, Floats]
+    order: int,
+    blur: float,
+    static_frames: int,
+    smoothing: Floats,
+    coarse: Floats,
+    frame: Floats,
+    reference: Floats,
+    along: float,
+    squares: Floats,
 ) -> NoiseModel:
     """Tabulate the noise model.
 
@@ -184,16 +196,22 @@ def make_noise_model(
         Gaussian blur before interpolation.
     static_frames : int
         Frames averaged into the reference.
-    smoothing : array (point,)
+    smoothing : array (point, 2)
         See :class:`NoiseModel`.
     coarse : array (point, 6, 6)
-        See :class:`NoiseModel`, as for the next.
-    bends : (float, array (3,)) [1/px²], [1/px⁴]
+        See :class:`NoiseModel`.
+    frame : array (3,) [1, px², px²]
+        Variance left at a pixel of the frame, and how much variance its blur has beyond ``blur`` along x and along y.
+    reference : array (3,) [1, 1/px², 1/px²]
+        Variance left at a pixel, of the slope there, and of the slope after a further blur by :data:`COARSE`.
+    along, squares : float [1/px²], array (3,) [1/px⁴]
+        See ``bends`` of :class:`NoiseModel`.
     """
     fraction = np.linspace(0.0, 1.0, 33)
-    gain = noise_gain(order, fraction, blur)
-    slope, coarse_slope = slope_noise_gain(order, blur), slope_noise_gain(order, float(np.hypot(blur, COARSE)))
-    return NoiseModel(fraction, gain, slope, coarse_slope, static_frames, smoothing, coarse, bends)
+    gain = np.stack([noise_gain(order, fraction, math.sqrt(blur**2 + more)) for more in frame[1:]])
+    gain *= math.sqrt(frame[0] / gain[:, 0].prod())
+    own, slope, coarse_slope = reference.tolist()
+    return NoiseModel(fraction, gain, own, slope, coarse_slope, static_frames, smoothing, coarse, (along, squares))
 
 
 def _directions(subsets: Subsets, coarse: Floats, model: int) -> Directions:
@@ -272,11 +290,10 @@ def motion_variance(
     sampled = _interpolation_gain(model, half, motion)
     shared = np.where(is_static, -1.0, 1.0) / model.static_frames
     square = gain**2
-    at_pixels = model.gain[0] ** 2
     # A static frame and the reference share noise; unmoved, their difference is not reduced.
-    sampled = np.where(is_static, at_pixels, sampled)
+    sampled = np.where(is_static, model.own, sampled)
     left = np.ones((len(chosen), 2)) if left is None else left
-    seen = square * sampled + shared * at_pixels * (1.0 if kept is None else kept)
+    seen = square * sampled + shared * model.own * (1.0 if kept is None else kept)
     # A single static frame is its own reference: their difference shows no noise at all.
     shows_noise = seen > _LEAST_NOISE_SEEN
     pixel_noise = np.where(shows_noise, variance / np.where(shows_noise, seen, 1.0), 0.0)
@@ -289,10 +306,9 @@ def motion_variance(
     texture = np.maximum(texture, _LEAST_LEFT)
     most_noise = model.most_noise(subsets, solved)[chosen]
     is_told = pixel_noise < most_noise
-    along = (pixel_noise * model.smoothing[chosen])[:, None] * np.maximum(
-        square[:, None] + (shared * left.prod(axis=1))[:, None] * texture, 0.0
-    )
-    along /= texture**2
+    of_frame, of_reference = model.smoothing[chosen].T
+    reference_noise = (of_reference * shared * left.prod(axis=1))[:, None] * texture
+    along = pixel_noise[:, None] * np.maximum((of_frame * square)[:, None] + reference_noise, 0.0) / texture**2
     root = seen_by.root[chosen]
     turn = 0.5 * (root[:, 4] - root[:, 2])
     found = np.stack([(row**2 * along).sum(axis=1) for row in (root[:, 0], root[:, 3], turn)], axis=1)
@@ -361,11 +377,12 @@ def misfit_factor(noise: Floats, is_static: Flags, pixels: Floats, grey: Floats)
         return factor
     moved = np.where(moved > 0.0, moved, np.nan)
     own = np.full(noise.shape[1], np.nan)
-    own[found] = np.nanquantile(moved[:, found], _BETTER, axis=0) * (1.0 + _BELOW_MEAN * np.sqrt(2.0 / pixels[found]))
+    better, middle = _quantiles(moved[:, found], (_BETTER, 0.5))
+    own[found] = better * (1.0 + _BELOW_MEAN * np.sqrt(2.0 / pixels[found]))
     usual = _usual(own[found], grey[found])
     own[found] = np.minimum(own[found], _BRIGHTER * usual)
     # What is hit in most frames is hit in the others as well, where it moves too little to show much.
-    is_hit = np.nanmedian(moved[:, found], axis=0) > _HIT * own[found]
+    is_hit = middle > _HIT * own[found]
     own[found[is_hit]] = np.minimum(own[found], usual)[is_hit]
     by_chance = np.maximum(_BY_CHANCE * np.sqrt(2.0 / pixels), _LEAST_EXCESS)
     excess = 1.0 - own * (1.0 + by_chance) / moved
@@ -373,27 +390,17 @@ def misfit_factor(noise: Floats, is_static: Flags, pixels: Floats, grey: Floats)
     return factor
 
 
-def sharper_factor(noise: Floats, own: Floats, pixels: Floats, growth: Floats) -> Floats:
-    """Factor (frame, point) of the standard uncertainty where a frame is sharper than the reference.
-
-    What the blur took from the reference is missing from its match: the residual shows it beside noise, and
-    neighbouring pixels share it.
-
-    Parameters
-    ----------
-    noise : array (frame, point) [grey²]
-        Variance of a pixel as the residual shows it; NaN where nothing was found.
-    own : array (point,) [grey²]
-        What it is at most by the reference near half a wave per px, where a blur leaves noise alone.
-    pixels : array (point,)
-        Number of pixels of the subsets.
-    growth : array (frame, point) [px²]
-        Of the blur's variance.
-    """
-    by_chance = _BY_CHANCE * np.sqrt(2.0 / pixels)
-    is_known = (growth < 0.0) & (noise > 0.0)
-    excess = 1.0 - own * (1.0 + by_chance) / np.where(is_known, noise, np.inf)
-    return np.sqrt(1.0 + (_BLURRED - 1.0) * np.where(is_known, np.clip(excess, 0.0, 1.0), 0.0))
+def _quantiles(values: Floats, shares: tuple[float, ...]) -> list[Floats]:
+    """Quantiles of every column without its NaN; numpy's own go through columns with NaN one by one."""
+    ordered = np.sort(values, axis=0)  # NaN last
+    last = np.isfinite(ordered).sum(axis=0) - 1
+    found = []
+    for share in shares:
+        place = share * last
+        low = np.floor(place).astype(int)
+        pair = np.take_along_axis(ordered, np.stack([low, np.minimum(low + 1, last)]), axis=0)
+        found.append(np.asarray(pair[0] + (place - low) * (pair[1] - pair[0])))
+    return found
 
 
 def _usual(noise: Floats, grey: Floats) -> Floats:
@@ -433,6 +440,6 @@ def _interpolation_gain(model: NoiseModel, half: Floats, motion: Floats) -> Floa
     j = half[:, None, None] * _PLACES[None, None, :]
     i = half[:, None, None] * _PLACES[None, :, None]
     u, u_x, u_y, v, v_x, v_y = (motion[:, k, None, None] for k in range(6))
-    along_x = np.interp((u + u_x * j + u_y * i) % 1.0, model.fraction, model.gain)
-    along_y = np.interp((v + v_x * j + v_y * i) % 1.0, model.fraction, model.gain)
+    along_x = np.interp((u + u_x * j + u_y * i) % 1.0, model.fraction, model.gain[0])
+    along_y = np.interp((v + v_x * j + v_y * i) % 1.0, model.fraction, model.gain[1])
     return np.asarray((along_x * along_y).mean(axis=(1, 2)))

@@ -8,17 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.arrays import Floats, Floats32
+from labpipe.arrays import Floats32
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource
 from labpipe.imaging.dic._film_window import smooth
 from labpipe.imaging.dic._inputs import LEAST_SUBSET
-from labpipe.imaging.dic._motion_uncertainty import COARSE, NoiseModel, make_noise_model
+from labpipe.imaging.dic._motion_uncertainty import NoiseModel
+from labpipe.imaging.dic._pattern import NO_GROWTH, Growth, Pattern, Patterns, make_pattern, sums_over
 from labpipe.imaging.dic._periodic import find_repeats
 from labpipe.imaging.dic._seeding import Pyramid, make_pyramid
-from labpipe.imaging.dic._spline import node_gradients, prefilter
-from labpipe.imaging.dic._subset_cutting import Images, Subsets, cut_subsets, motion_matrices
-from labpipe.imaging.dic._subset_solver import NoiseShown
+from labpipe.imaging.dic._subset_cutting import Images, Subsets
 
 #: Share of pixels at black or white from which a subset counts as saturated.
 _SATURATED_SHARE = 0.5
@@ -37,12 +36,8 @@ _MEDIAN_OF_CHANGES = 20.0**0.5 * 0.6745
 _SPREAD_OF_CHANGES = 12.0
 #: Share of the range of an image of real numbers that counts as its rounding.
 _FINEST = 1e-6
-#: Share of the slopes that a growing blur leaves at least: beyond, the first order does not hold.
-_LEAST_LEFT = 0.2
 #: Reach (px) of the mirrored image in the slopes at the border of the frame.
 _FRAME_BORDER = 3
-#: Blur (px) of the image whose bend tells a change of the blur, and where its kernel is cut off.
-_SOFT, _BEND_REACH = 0.8, 4
 
 
 class Status(IntEnum):
@@ -65,24 +60,18 @@ class Reference:
 
     Attributes
     ----------
-    subsets : Subsets
-        Those of the usable points only.
+    pattern : Pattern
+        What frames of the same blur are matched with: subsets of the usable points only.
+    patterns : Patterns
+        The same for frames of another blur.
     usable : integer array
         Their numbers among all points.
     offset : array (usable, 2) [px]
         From the subset's centre pixel to the point.
     status : array (point,)
         :class:`Status` of every point in the reference itself.
-    noise : NoiseModel
-        For the uncertainties.
     pyramid : Pyramid
         For seeds.
-    shown : NoiseShown
-        For the solver.
-    images : Images
-        The reference itself.
-    order : 3 or 5
-        Spline order.
     mean : array (row, column)
         Mean of the static frames, not blurred.
     period : array (usable,) [px]
@@ -91,18 +80,30 @@ class Reference:
         Variance of a pixel from rounding.
     """
 
-    subsets: Subsets
+    pattern: Pattern
+    patterns: Patterns
     usable: NDArray[np.int64]
     offset: NDArray[np.float64]
     status: NDArray[np.int8]
-    noise: NoiseModel
     pyramid: Pyramid
-    shown: NoiseShown
-    images: Images
-    order: int
     mean: NDArray[np.float64]
     period: NDArray[np.float64]
     rounding: float
+
+    @property
+    def subsets(self) -> Subsets:
+        """Subsets of the usable points."""
+        return self.pattern.subsets
+
+    @property
+    def images(self) -> Images:
+        """The reference itself."""
+        return self.pattern.images
+
+    @property
+    def noise(self) -> NoiseModel:
+        """How noise shows in frames of the same blur."""
+        return self.pattern.noise
 
     def own_noise(self, point: int, static: NDArray[np.float64], weakest: float) -> tuple[float, float]:
         """Variance of a pixel around a usable point in one frame without any misfit, and how well it is known.
@@ -142,46 +143,7 @@ class Reference:
 
     def sums(self, image: NDArray[Any]) -> NDArray[np.float64]:
         """Sum an image (row, column) over what counts of every subset, (usable,)."""
-        return _sums(image if self.images.inside is None else image * self.images.inside, self.subsets)
-
-    def softened(
-        self, chosen: NDArray[np.int64], weights: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Slopes and noise of frames whose blur has grown, over those of the reference.
-
-        Parameters
-        ----------
-        chosen : integer array (result,)
-            Usable point of each result.
-        weights : array (result, 3) [px²]
-            Of the bends.
-
-        Returns
-        -------
-        left : array (result, 2)
-            Slopes along x and along y of the frame, in the contrast of the reference.
-        kept : array (result,)
-            Variance of the noise of the reference where it is blurred as the frame is.
-
-        Notes
-        -----
-        What the bends have in common with the grey levels themselves is part of the gain.
-        """
-        left, kept = np.ones((len(chosen), 2)), np.ones(len(chosen))
-        if not weights.any():
-            return left, kept
-        inside = np.float32(1.0) if self.images.inside is None else self.images.inside
-        own = (self.images.slope_x * inside, self.images.slope_y * inside)
-        bent = [node_gradients(prefilter(image, self.order), self.order) for image in self.images.bend]
-        common = self.subsets.moments[:, 1, -3:] / np.maximum(self.subsets.level[:, 1:2], 1e-30)
-        level = 1.0 - (common[chosen] * weights).sum(axis=1)
-        for axis in range(2):
-            square = _sums(own[axis] * own[axis], self.subsets)
-            shares = [_sums(own[axis] * slopes[axis], self.subsets) / square for slopes in bent]
-            left[:, axis] = level + (np.stack(shares, axis=1)[chosen] * weights).sum(axis=1)
-        along, squares = self.noise.bends
-        kept = level**2 + 2.0 * level * weights[:, 0] * along + (weights**2 * squares).sum(axis=1)
-        return np.maximum(left, _LEAST_LEFT), np.maximum(kept, 0.0)
+        return sums_over(image if self.images.inside is None else image * self.images.inside, self.subsets)
 
 
 def near_half(reference: Reference, order: int = 4) -> tuple[NDArray[np.float64], float]:
@@ -286,7 +248,6 @@ def make_reference(
     """
     mean, used, is_integer = average_static_frames(frames, static_frames)
     grey = smooth(mean, blur)
-    gradient_x, gradient_y = node_gradients(prefilter(grey, order), order)
     centres = np.rint(points).astype(np.int64)
     rows, columns = grey.shape
     status = np.zeros(len(points), np.int8)
@@ -302,12 +263,14 @@ def make_reference(
         inside = np.ones_like(grey) if inside is None else inside.copy()
         for side in (inside, inside.T):
             side[:_FRAME_BORDER] = side[-_FRAME_BORDER:] = 0.0
-    images = Images(grey, gradient_x, gradient_y, _bends(grey), inside)
+    rounding = _ROUNDING**2 if is_integer else (_FINEST * float(np.ptp(mean))) ** 2
 
-    def cut(chosen: NDArray[np.int64]) -> Subsets:
-        return cut_subsets(images, centres[chosen], half[chosen], is_rigid[chosen])
+    def cut(chosen: NDArray[np.int64], growth: Growth = NO_GROWTH) -> Pattern:
+        own = centres[chosen], half[chosen], is_rigid[chosen]
+        return make_pattern(grey, order, blur, used, *own, inside, rounding, growth)
 
-    subsets = cut(usable)
+    pattern = cut(usable)
+    subsets = pattern.subsets
     counted = mean if inside is None else _filled_up(mean, inside)
     found = _reference_status(counted, subsets, frames.levels if is_integer else None)
     repeats = find_repeats(counted, subsets.layout)
@@ -317,28 +280,14 @@ def make_reference(
     period = repeats.period[found == Status.OK]
     if found.any():
         usable = usable[found == Status.OK]
-        subsets = cut(usable)
-    smoothing = np.ones(len(usable))
-    if blur > 0.0:
-        # The noise of the motion is that of the slopes blurred once more.
-        slopes = smooth(gradient_x, blur), smooth(gradient_y, blur)
-        twice = motion_matrices(*slopes, grey, subsets, inside)
-        normal = subsets.normal
-        smoothing = (twice[:, 0, 0] + twice[:, 3, 3]) / (normal[:, 0, 0] + normal[:, 3, 3])
-    slopes = smooth(gradient_x, COARSE), smooth(gradient_y, COARSE)
-    coarse = motion_matrices(*slopes, smooth(grey, COARSE), subsets, inside)
-    rounding = _ROUNDING**2 if is_integer else (_FINEST * float(np.ptp(mean))) ** 2
-    noise = make_noise_model(order, blur, used, smoothing, coarse, _bends_of_noise(blur))
+        pattern = cut(usable)
     return Reference(
-        subsets,
+        pattern,
+        Patterns(lambda growth: cut(usable, growth) if growth != NO_GROWTH else pattern),
         usable,
         points[usable] - centres[usable],
         status,
-        noise,
         make_pyramid(grey if inside is None else _filled_up(grey, inside)),
-        noise.shown(rounding),
-        images,
-        order,
         mean,
         period,
         rounding,
@@ -349,43 +298,6 @@ def _filled_up(image: NDArray[Any], inside: Floats32) -> NDArray[Any]:
     """Image with the mean of what counts where a mask covers it: neither pattern nor clipped."""
     counts = inside > 0.0
     return np.where(counts, image, image[counts].mean() if counts.any() else 0.0).astype(image.dtype)
-
-
-def _bends(grey: Floats32) -> Floats32:
-    """Second derivatives (3, row, column) [1/px²]: sum, difference along x and y, mixed.
-
-    They are those of a softened image: where the blur grows by a variance ``c``, the change of the
-    image is to second order ``c / 2`` times the bend of the image blurred by half of ``c``.
-    """
-    import cv2
-
-    x = np.arange(-_BEND_REACH, _BEND_REACH + 1.0)
-    even = np.exp(-0.5 * (x / _SOFT) ** 2)
-    even /= even.sum()
-    odd = x * even / (x**2 * even).sum()
-    twice = (x**2 - (x**2 * even).sum()) * even
-    twice *= 2.0 / (x**2 * twice).sum()
-
-    def along(kernel_x: NDArray[np.float64], kernel_y: NDArray[np.float64]) -> NDArray[np.float32]:
-        found = cv2.sepFilter2D(grey, cv2.CV_32F, kernel_x, kernel_y, borderType=cv2.BORDER_REFLECT_101)
-        return np.asarray(found, np.float32)
-
-    xx, yy, xy = along(twice, even), along(even, twice), along(odd, odd)
-    return np.stack([xx + yy, xx - yy, xy])
-
-
-def _bends_of_noise(blur: float) -> tuple[float, Floats]:
-    """Mean products of blurred white noise and the sum of its bends, and of each bend and itself.
-
-    Relative to the variance of the noise, in 1/px² and 1/px⁴.
-    """
-    size = 2 * (int(np.ceil(4.0 * blur)) + _BEND_REACH) + 1
-    impulse = np.zeros((size, size))
-    impulse[size // 2, size // 2] = 1.0
-    blurred = smooth(impulse, blur)
-    bends = _bends(blurred).astype(np.float64)
-    variance = float((blurred**2).sum())
-    return float((blurred * bends[0]).sum()) / variance, (bends**2).sum(axis=(1, 2)) / variance
 
 
 def _reference_status(
@@ -412,18 +324,7 @@ def _reference_status(
 
 def _share(flags: NDArray[np.bool_], subsets: Subsets) -> NDArray[np.float64]:
     """Share of flagged pixels among those of every subset that count."""
-    return np.asarray(_sums(flags, subsets) / np.maximum(subsets.level[:, 2], 1.0))
-
-
-def _sums(values: NDArray[Any], subsets: Subsets) -> NDArray[np.float64]:
-    """Sum of an image over every subset, from a table of sums."""
-    table = np.zeros((values.shape[0] + 1, values.shape[1] + 1))
-    table[1:, 1:] = values.cumsum(axis=0, dtype=np.float64).cumsum(axis=1)
-    x, y, half = subsets.layout[:, :3].T
-    low_x, high_x, low_y, high_y = x - half, x + half + 1, y - half, y + half + 1
-    count = table[high_y, high_x] - table[low_y, high_x]
-    count += table[low_y, low_x] - table[high_y, low_x]
-    return np.asarray(count)
+    return np.asarray(sums_over(flags, subsets) / np.maximum(subsets.level[:, 2], 1.0))
 
 
 def _is_noise(area: NDArray[np.float64]) -> bool:

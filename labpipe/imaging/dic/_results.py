@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.arrays import Flags, Floats
+from labpipe.arrays import Flags, Floats, Integers
 from labpipe.imaging.dic._agreement import disagreement
 from labpipe.imaging.dic._missed_strain import missed_shift
 from labpipe.imaging.dic._motion_uncertainty import (
@@ -20,9 +20,10 @@ from labpipe.imaging.dic._motion_uncertainty import (
     misfit_factor,
     motion_variance,
     one_way,
-    sharper_factor,
+    strongest_slopes,
 )
-from labpipe.imaging.dic._reference import Reference, Status, near_half
+from labpipe.imaging.dic._pattern import STEP, Growth
+from labpipe.imaging.dic._reference import Reference, Status
 from labpipe.imaging.dic._seeding import shift_of
 from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, LIGHT
 from labpipe.imaging.dic._subset_solver import CHANGES
@@ -44,7 +45,10 @@ _BLOCK = 50_000
 
 @dataclass(frozen=True)
 class Table:
-    """What the tracker found over (frame, usable point); motions over (frame, point, 6)."""
+    """What the tracker found over (frame, usable point); motions over (frame, point, 6).
+
+    ``growth`` (frame, 3) is that of the pattern that a frame was matched with, see :class:`.Pattern`.
+    """
 
     motion: Floats
     gain: Floats
@@ -54,6 +58,7 @@ class Table:
     status: NDArray[np.int8]
     model: NDArray[np.int8]
     change: Floats
+    growth: Integers
 
 
 @dataclass(frozen=True)
@@ -91,6 +96,7 @@ def empty_table(frames: int, points: int) -> Table:
         np.full(shape, Status.FRAME_DAMAGED, np.int8),
         np.zeros(shape, np.int8),
         np.full((*shape, CHANGES), np.nan),
+        np.zeros((frames, 3), np.int64),
     )
 
 
@@ -112,16 +118,17 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     value = np.full((*shape, 3), np.nan)
     deviation = np.full((*shape, 3), np.nan)
     covariance, texture, strongest, noise, most_noise = np.full((5, *shape), np.nan)
-    for model, row, column in _alike(table):
+    for growth, model, row, column in _alike(table):
+        pattern = reference.patterns.of(growth)
         motion = table.motion[row, column]
         value[row, column, :2] = shift_of(motion, reference.offset[column])
         value[row, column, 2] = np.arctan2(motion[:, 4] - motion[:, 2], 2.0 + motion[:, 1] + motion[:, 5])
         sides = np.stack([np.hypot(1.0 + motion[:, 1], motion[:, 4]), np.hypot(1.0 + motion[:, 5], motion[:, 2])], 1)
         stretch[row, column] = np.where(reference.subsets.rigid_in(model)[column, None], 0.0, sides - 1.0)
-        left, kept = reference.softened(column, table.change[row, column, 2:])
+        left, kept = pattern.softened(column, table.change[row, column, 2:])
         found = motion_variance(
-            reference.noise,
-            reference.subsets,
+            pattern.noise,
+            pattern.subsets,
             column,
             motion,
             table.gain[row, column],
@@ -132,10 +139,12 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
             kept,
         )
         deviation[row, column] = np.sqrt(found.motion)
-        covariance[row, column], texture[row, column] = found.covariance, found.texture
+        covariance[row, column] = found.covariance
+        # as the reference shows it, where the frames are softer
+        share = strongest_slopes(reference.subsets) / np.maximum(strongest_slopes(pattern.subsets), 1e-30)
+        texture[row, column], strongest[row, column] = found.texture * share[column], found.strongest * share[column]
         status[row, column] = np.where(found.is_told, Status.OK, Status.TEXTURELESS)
         noise[row, column], most_noise[row, column] = found.noise, found.most_noise
-        strongest[row, column] = found.strongest
     # The columns of light and blur can take noise for a change where there is hardly a pattern:
     # what the film's noise would hide is not told either.
     seen = noise[~is_static][np.isfinite(noise[~is_static])]
@@ -149,11 +158,6 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
         beyond = _is_edge(reference, n, weakest, noise[:, n], texture[:, n], strongest[:, n], is_static)
         status[weak[:, n] & beyond, n] = Status.TEXTURELESS
     misfit = misfit_factor(noise, is_static, reference.subsets.level[:, 2], reference.subsets.level[:, 0])
-    if (table.change[..., 2] < 0.0).any():
-        sharp, of_noise = near_half(reference)
-        most = reference.sums(sharp) / (of_noise * reference.subsets.level[:, 2])
-        growth = np.where(is_static[:, None], 0.0, table.change[..., 2])
-        misfit = np.maximum(misfit, sharper_factor(noise, most, reference.subsets.level[:, 2], growth))
     deviation *= misfit[..., None]
     covariance *= misfit**2
     is_found = (status == Status.OK) & ~is_static[:, None]
@@ -177,10 +181,13 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     is_bad = status != Status.OK
     for values in (value, deviation, covariance):
         values[is_bad] = np.nan
-    change = np.where(is_bad[..., None], np.nan, np.concatenate([table.change, stretch], axis=2))
+    blur = table.change.copy()
+    blur[..., 2:] += STEP * table.growth[:, None]
+    models = table.model | np.where(table.growth.any(axis=1, keepdims=True), BLUR, 0).astype(np.int8)
+    change = np.where(is_bad[..., None], np.nan, np.concatenate([blur, stretch], axis=2))
     contrast = 1.0 / np.where(table.gain == 0.0, np.nan, table.gain)
     return Displacements(
-        value, deviation, covariance, texture, table.zncc, contrast, table.iterations, status, table.model, change
+        value, deviation, covariance, texture, table.zncc, contrast, table.iterations, status, models, change
     )
 
 
@@ -228,12 +235,16 @@ def _refuse_vague(status: NDArray[np.int8], deviation: Floats, why: Status) -> N
     status[(status == Status.OK) & is_vague] = why
 
 
-def _alike(table: Table) -> Iterator[tuple[int, NDArray[np.int64], NDArray[np.int64]]]:
-    """Frames and points of the results that were solved with the same model, a block at a time."""
-    for model in np.unique(table.model):
-        rows, columns = np.nonzero((table.status == Status.OK) & (table.model == model))
-        for first in range(0, len(rows), _BLOCK):
-            yield int(model), rows[first : first + _BLOCK], columns[first : first + _BLOCK]
+def _alike(table: Table) -> Iterator[tuple[Growth, int, Integers, Integers]]:
+    """Frames and points of the results that were solved with the same pattern and model, a block at a time."""
+    patterns, which = np.unique(table.growth, axis=0, return_inverse=True)
+    for k, (mean, apart, mixed) in enumerate(patterns.tolist()):
+        found = (table.status == Status.OK) & (which.reshape(-1, 1) == k)
+        for model in np.unique(table.model[found]):
+            rows, columns = np.nonzero(found & (table.model == model))
+            for first in range(0, len(rows), _BLOCK):
+                block = slice(first, first + _BLOCK)
+                yield (mean, apart, mixed), int(model), rows[block], columns[block]
 
 
 def _warn_of_motion(static: Floats, status: NDArray[np.int8]) -> None:

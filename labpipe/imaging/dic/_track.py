@@ -221,6 +221,7 @@ def _follow(
         table.iterations[row] = found.iterations
         table.model[row] = found.model
         table.change[row] = found.change
+        table.growth[row] = tracker.growth
         table.status[row] = found.status
     return table
 

@@ -10,13 +10,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.arrays import Flags, Floats, Integers
+from labpipe.arrays import Flags, Floats, Floats32, Integers
 from labpipe.imaging.dic._film_window import Box, FilmWindow, Loaded
 from labpipe.imaging.dic._motion_state import contradicted, converged_nearby, extent, predicted, remember
 from labpipe.imaging.dic._motion_uncertainty import one_way
+from labpipe.imaging.dic._pattern import Growth, Pattern, grown, more_blur
 from labpipe.imaging.dic._reference import Reference
 from labpipe.imaging.dic._seeding import has_double
-from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR
+from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, LIGHT
 from labpipe.imaging.dic._subset_solver import CHANGES, SOLVED, Solution, empty_solution, put, solve
 from labpipe.imaging.films import PIECE
 
@@ -28,10 +29,13 @@ _PERIODS = 0.125
 #: Points that are tested in a frame for what they need beside the motion: at least so many, and
 #: each once in so many frames; and the share of them above which it is no chance.
 _TESTED, _TURNS, _CHANCE = 8, 8, 0.1
-#: Share of the points whose blur has changed from which that of all has.
+#: Share of the points whose light or blur has changed from which that of all has.
 _COMMON = 0.5
-#: Rounds in which what a point needs is added to its model.
-_ROUNDS = 3
+#: Rounds in which what a point needs is added to its model, and share of a residual that may be noise alone
+#: which is left at most where that was light or blur.
+_ROUNDS, _EXPLAINED = 3, 0.7
+#: Patterns that are tried in a frame, and the share of the points that the better one must find of them.
+_MATCHES, _AS_MANY = 6, 0.9
 #: Neighbours that are asked whether a point is right.
 NEIGHBOURS = 6
 #: Pieces of a frame whose rows are compared, and pixels of the subsets for each of them.
@@ -170,11 +174,15 @@ class Tracker:
         self._most_misfit = reference.noise.most_misfit(reference.subsets)
         self._stride = int(np.clip(count // _TESTED, 1, _TURNS))
         self._turn = 0
-        self._noise = reference.shown
+        self._pattern = reference.pattern
+        #: How much of the change of blur that the first order tells is taken for it.
+        self._stride_of_blur = 1.0
+        self._softened: tuple[Loaded, Pattern, Floats32] | None = None
         self._piece_of, self._pieces = _spread_pieces(self.places, self._half)
+        self._is_edge = one_way(reference.subsets)
         #: Edges, gratings and grids: they match in so many places that nothing but their neighbours
         #: finds them again.
-        self.is_one_way = one_way(reference.subsets) | np.isfinite(reference.period)
+        self.is_one_way = self._is_edge | np.isfinite(reference.period)
         #: Distance (px) from its prediction up to which each converged point needs no confirmation.
         self.surprise = np.minimum(SURPRISE, _PERIODS * reference.period)
         #: Whether the frame at hand is one of those averaged into the reference.
@@ -254,19 +262,23 @@ class Tracker:
         found = self._solve(loaded, chosen, start, models, is_tested)
         # The mean of the static frames shares their noise, which would be taken for a change of blur.
         adapt = self._adapt[chosen] & (~BLUR if self.is_static else ~0)
-        adapt = np.where(found.residual < self._most_misfit[chosen], adapt, adapt & AFFINE)
-        lacking = found.needed & ~models & adapt
+        # Where there is hardly a pattern, the columns of light and blur would take noise for a change.
+        is_plain = found.residual < self._most_misfit[chosen]
+        lacking = found.needed & ~models & np.where(is_plain, adapt, adapt & AFFINE)
         if (lacking > 0).sum() > _CHANCE * is_tested.sum() and not is_tested.all():
             others = np.flatnonzero(~is_tested & (found.code == SOLVED) & (self._adapt[chosen] > 0))
             tested = np.ones(len(others), bool)
             retried = self._solve(loaded, chosen[others], found.motion[others], models[others], tested)
             found.iterations[others] += retried.iterations
             put(found, others, retried, slice(None))
-            lacking = found.needed & ~models & adapt
-        # Focus and exposure change in the whole frame: noise hides it in some of the points only.
-        needs_blur = (found.needed & BLUR) > 0
-        if len(chosen) >= _TESTED and needs_blur.mean() > _COMMON:
-            lacking |= adapt & BLUR & ~models
+        # Light, focus and exposure change in the whole frame: then it is no noise, of which they explain little.
+        common = 0
+        if len(chosen) >= _TESTED:
+            common = sum(group for group in (LIGHT, BLUR) if ((found.needed & group) > 0).mean() > _COMMON)
+        adapt = np.where(is_plain, adapt, adapt & (AFFINE | np.where(self._is_edge[chosen], 0, common)))
+        most = np.where(is_plain, np.inf, _EXPLAINED * found.residual)
+        # Noise hides it in some of the points only.
+        lacking = (found.needed | (common & BLUR)) & ~models & adapt
         for _ in range(_ROUNDS):
             if not lacking.any():
                 break
@@ -276,6 +288,7 @@ class Tracker:
             tested = np.ones(len(again), bool)
             better = self._solve(loaded, chosen[again], found.motion[again], found.model[again] | added, tested)
             is_solved = (better.code == SOLVED) & (better.zncc >= found.zncc[again])
+            is_solved &= (better.residual < most[again]) | (added == AFFINE)
             found.iterations[again] += better.iterations
             put(found, again[is_solved], better, is_solved)
             lacking = found.needed & ~found.model & adapt
@@ -284,13 +297,13 @@ class Tracker:
 
     def _solve(self, loaded: Loaded, chosen: Integers, start: Floats, models: Integers, is_tested: Flags) -> Solution:
         """Solve subsets with given models and count the work."""
-        assert loaded.coefficients is not None  # noqa: S101 - frames with NaN are skipped before
+        coefficients = self._coefficients(loaded)
         result = empty_solution(len(chosen))
         for model in np.unique(models):
             part = np.flatnonzero(models == model)
             found = solve(
-                self.reference.subsets,
-                loaded.coefficients,
+                self._pattern.subsets,
+                coefficients,
                 self._options.order,
                 chosen[part],
                 start[part],
@@ -298,7 +311,7 @@ class Tracker:
                 window=loaded.window,
                 model=int(model),
                 is_tested=is_tested[part],
-                noise=self._noise,
+                noise=self._pattern.shown,
                 tolerance=self._options.tolerance,
                 max_iterations=self._options.max_iterations,
             )
@@ -311,15 +324,55 @@ class Tracker:
         self.work.iterations += int(result.iterations.sum())
         return result
 
+    def _coefficients(self, loaded: Loaded) -> Floats32:
+        """Spline coefficients of a frame, blurred where it is sharper than the reference."""
+        assert loaded.coefficients is not None  # noqa: S101 - frames with NaN are skipped before
+        if self._pattern.kernel is None:
+            return loaded.coefficients
+        if self._softened is None or self._softened[0] is not loaded or self._softened[1] is not self._pattern:
+            self._softened = loaded, self._pattern, self._pattern.blurred(loaded.coefficients)
+        return self._softened[2]
+
+    @property
+    def growth(self) -> Growth:
+        """Growth of the blur of the frame at hand, see :class:`.Pattern`."""
+        return self._pattern.growth
+
+    def _solve_all(self, loaded: Loaded, chosen: Integers, start: Floats) -> Solution:
+        """Solve all tracked points, again with other patterns where their blur asks for it.
+
+        Of the patterns, that one is kept which leaves the least change of blur.
+        """
+        found = self.solve(loaded, chosen, start)
+        more = more_blur(found)
+        best, pattern, least = found, self._pattern, np.linalg.norm(more)
+        for _ in range(_MATCHES):
+            growth = grown(self.growth, self._stride_of_blur * more)
+            if growth == self.growth:
+                break
+            self._pattern = self.reference.patterns.of(growth)
+            self._model[chosen] &= ~BLUR
+            found = self.solve(loaded, chosen, np.where((best.code == SOLVED)[:, None], best.motion, start))
+            found.iterations[:] += best.iterations
+            left = more_blur(found)
+            if np.linalg.norm(left) < least and (found.code == SOLVED).sum() >= _AS_MANY * (best.code == SOLVED).sum():
+                best, pattern, least = found, self._pattern, np.linalg.norm(left)
+            if left.any():
+                # by how much the step was too long or too short, as that of a secant
+                self._stride_of_blur /= float(np.clip(1.0 - left @ more / (more @ more), 0.5, 3.0))
+            more = left
+        best.iterations[:], self._pattern = found.iterations, pattern
+        return best
+
     def first_attempt(self, loaded: Loaded, expected: Floats) -> Attempt:
         """Solve the tracked points from their predictions."""
         if self.is_tracked.all():
             every = np.arange(len(expected))
-            found = self.solve(loaded, every, expected)
+            found = self._solve_all(loaded, every, expected)
             attempt = Attempt.of(found)
         else:
             chosen = np.flatnonzero(self.is_tracked)
-            found = self.solve(loaded, chosen, expected[chosen])
+            found = self._solve_all(loaded, chosen, expected[chosen])
             attempt = Attempt.nothing(expected)
             attempt.iterations[chosen] = found.iterations
             attempt.take(chosen, found, np.ones(len(chosen), bool))

@@ -1,0 +1,346 @@
+"""What frames of one blur are matched with: the reference, or the reference as soft as they are.
+
+A change of blur is solved for to first order, as columns of the least squares. Where it is more than
+that, whichever of the two is the sharper is blurred until they are alike, and the columns tell what
+is left. Focus changes alike in all directions, by a Gaussian; motion within the exposure has one, and
+adds the mean along a path.
+"""
+
+import math
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.arrays import Flags, Floats, Floats32, Integers
+from labpipe.imaging.dic._film_window import smooth
+from labpipe.imaging.dic._motion_uncertainty import COARSE, NoiseModel, make_noise_model
+from labpipe.imaging.dic._spline import LANES, PADDING, node_gradients, prefilter
+from labpipe.imaging.dic._subset_cutting import Images, Subsets, cut_subsets, motion_matrices
+from labpipe.imaging.dic._subset_kernel import BLUR
+from labpipe.imaging.dic._subset_solver import SOLVED, NoiseShown, Solution
+
+#: Weights of the three bends, in steps of :data:`STEP`, by which the blur of frames differs.
+Growth = tuple[int, int, int]
+NO_GROWTH: Growth = (0, 0, 0)
+#: Step (px²) of these weights; by less the columns tell it.
+STEP = 0.02
+#: Difference of the variances (px²) of two directions below which there is but one blur, and largest weight (px²).
+_ALIKE, _MOST_GROWTH = 0.15, 8.0
+#: Share of the points that must show a change of blur before all are matched with another pattern.
+_COMMON = 0.5
+#: Patterns kept: that of a focus which swings to and fro, or of a shutter that is open in every other frame.
+_KEPT = 12
+#: Half width (px) of the kernels, beyond the standard deviations of the blur.
+_REACH, _DEVIATIONS = 6, 5.0
+#: Blur (px) of the image whose bend tells a change of the blur, and where its kernel is cut off.
+_SOFT, _BEND_REACH = 0.8, 4
+#: Share of the slopes that a growing blur leaves at least: beyond, the first order does not hold.
+_LEAST_LEFT = 0.2
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """What frames of one blur are matched with.
+
+    Attributes
+    ----------
+    images : Images
+        The reference, as soft as the frames where they are softer.
+    subsets : Subsets
+        Cut out of it.
+    noise : NoiseModel
+        For the uncertainties.
+    shown : NoiseShown
+        For the solver.
+    order : 3 or 5
+        Spline order.
+    growth : (int, int, int)
+        Weights of the bends, in steps of :data:`STEP`.
+    kernel : array (row, column), optional
+        By which the frames are blurred where they are sharper.
+    """
+
+    images: Images
+    subsets: Subsets
+    noise: NoiseModel
+    shown: NoiseShown
+    order: int
+    growth: Growth = NO_GROWTH
+    kernel: Floats | None = None
+    _bent: list[tuple[Floats32, Floats32]] = field(default_factory=list, repr=False)
+
+    def blurred(self, coefficients: Floats32) -> Floats32:
+        """Coefficients of a frame, blurred where the frame is sharper than the reference."""
+        import cv2
+
+        if self.kernel is None:
+            return coefficients
+        rows, columns = coefficients.shape[0] - 2 * PADDING - 1, coefficients.shape[1] - 2 * PADDING - LANES
+        inner = coefficients[PADDING : PADDING + rows, PADDING : PADDING + columns]
+        found = _convolved(inner, self.kernel)
+        after = PADDING + 1, PADDING + LANES
+        padded = cv2.copyMakeBorder(found, PADDING, after[0], PADDING, after[1], cv2.BORDER_REFLECT_101)
+        return np.asarray(padded, np.float32)
+
+    def softened(self, chosen: Integers, weights: Floats) -> tuple[Floats, Floats]:
+        """Slopes and noise of frames whose blur has grown beyond that of the pattern, over those of the pattern.
+
+        Parameters
+        ----------
+        chosen : integer array (result,)
+            Usable point of each result.
+        weights : array (result, 3) [px²]
+            Of the bends.
+
+        Returns
+        -------
+        left : array (result, 2)
+            Slopes along x and along y of the frame, in the contrast of the reference.
+        kept : array (result,)
+            Variance of the noise of the reference where it is blurred as the frame is.
+
+        Notes
+        -----
+        What the bends have in common with the grey levels themselves is part of the gain.
+        """
+        left, kept = np.ones((len(chosen), 2)), np.ones(len(chosen))
+        if not weights.any():
+            return left, kept
+        inside = np.float32(1.0) if self.images.inside is None else self.images.inside
+        own = (self.images.slope_x * inside, self.images.slope_y * inside)
+        if not self._bent:
+            self._bent.extend(node_gradients(prefilter(image, self.order), self.order) for image in self.images.bend)
+        common = self.subsets.moments[:, 1, -3:] / np.maximum(self.subsets.level[:, 1:2], 1e-30)
+        level = 1.0 - (common[chosen] * weights).sum(axis=1)
+        for axis in range(2):
+            square = sums_over(own[axis] * own[axis], self.subsets)
+            shares = [sums_over(own[axis] * slopes[axis], self.subsets) / square for slopes in self._bent]
+            left[:, axis] = level + (np.stack(shares, axis=1)[chosen] * weights).sum(axis=1)
+        along, squares = self.noise.bends
+        kept = level**2 + 2.0 * level * weights[:, 0] * along + (weights**2 * squares).sum(axis=1)
+        return np.maximum(left, _LEAST_LEFT), np.maximum(kept, 0.0)
+
+
+@dataclass
+class Patterns:
+    """Patterns by growth of the blur; those used last are kept.
+
+    Attributes
+    ----------
+    make : callable
+        Makes the pattern of a growth.
+    """
+
+    make: Callable[[Growth], Pattern]
+    _kept: OrderedDict[Growth, Pattern] = field(default_factory=OrderedDict)
+
+    def of(self, growth: Growth) -> Pattern:
+        """Pattern for frames whose blur has grown by so much."""
+        if growth not in self._kept:
+            self._kept[growth] = self.make(growth)
+            others = [key for key in self._kept if key not in (NO_GROWTH, growth)]
+            if len(others) >= _KEPT:
+                del self._kept[others[0]]
+        self._kept.move_to_end(growth)
+        return self._kept[growth]
+
+
+def more_blur(found: Solution) -> Floats:
+    """Tell the weights of the bends (3,) [px²] that most of the points show; 0 where most show no change of blur."""
+    is_solved = found.code == SOLVED
+    tell = is_solved & ((found.model & BLUR) > 0)
+    if not tell.any() or tell.sum() < _COMMON * is_solved.sum():
+        return np.zeros(3)
+    return np.asarray(np.median(found.change[tell, 2:], axis=0))
+
+
+def grown(growth: Growth, more: Floats) -> Growth:
+    """Tell the growth of the blur after that of a pattern has grown by weights of the bends (3,) [px²]."""
+    weights = np.array(growth) * STEP + more
+    weights[0] = np.clip(weights[0], -_MOST_GROWTH, _MOST_GROWTH)
+    if 2.0 * math.hypot(2.0 * weights[1], weights[2]) < _ALIKE:
+        weights[1:] = 0.0
+    steps = np.rint(weights / STEP).astype(int)
+    if np.abs(steps - np.array(growth)).max() <= 1:
+        return growth
+    return int(steps[0]), int(steps[1]), int(steps[2])
+
+
+def make_pattern(
+    grey: Floats32,
+    order: int,
+    blur: float,
+    static_frames: int,
+    centres: Integers,
+    half: Integers,
+    is_rigid: Flags,
+    inside: Floats32 | None,
+    rounding: float,
+    growth: Growth = NO_GROWTH,
+) -> Pattern:
+    """Cut a pattern out of the mean of the static frames.
+
+    Parameters
+    ----------
+    grey : float32 array (row, column)
+        That mean, blurred by ``blur``.
+    order : 3 or 5
+        Spline order.
+    blur : float [px]
+        Gaussian blur of reference and frames.
+    static_frames : int
+        Frames that were averaged.
+    centres : integer array (point, 2) [px]
+        Centre pixels (x, y).
+    half : integer array (point,) [px]
+        Half widths.
+    is_rigid : bool array (point,)
+        Motion allowed.
+    inside : float32 array (row, column), optional
+        0 where a mask covers it.
+    rounding : float [grey²]
+        Variance of a pixel from rounding.
+    growth : (int, int, int)
+        See :class:`Pattern`.
+    """
+    softer, sharper = _kernels(growth)
+    grey = _convolved(grey, softer)
+    slopes = node_gradients(prefilter(grey, order), order)
+    images = Images(grey, *slopes, _bends(grey), inside)
+    subsets = cut_subsets(images, centres, half, is_rigid)
+
+    def resisted(kernel: Floats | None) -> Floats:
+        """Variance of the motion from noise of pixels that is blurred, relative to noise that is not."""
+        if blur <= 0.0 and kernel is None:
+            return np.ones(len(half))
+        # The noise of the motion is that of the slopes blurred once more.
+        again = [_convolved(smooth(slope, blur), kernel) for slope in slopes]
+        twice, normal = motion_matrices(again[0], again[1], grey, subsets, inside), subsets.normal
+        both = normal[:, 0, 0] + normal[:, 3, 3]
+        return np.asarray((twice[:, 0, 0] + twice[:, 3, 3]) / np.where(both > 0.0, both, 1.0))
+
+    of_frame = resisted(sharper)
+    smoothing = np.stack([of_frame, of_frame if growth == NO_GROWTH else resisted(softer)], axis=1)
+    blurred = smooth(slopes[0], COARSE), smooth(slopes[1], COARSE)
+    coarse = motion_matrices(*blurred, smooth(grey, COARSE), subsets, inside)
+    noise = make_noise_model(order, blur, static_frames, smoothing, coarse, *_noise_of(order, blur, softer, sharper))
+    return Pattern(images, subsets, noise, noise.shown(rounding), order, growth, sharper)
+
+
+def sums_over(values: NDArray[Any], subsets: Subsets) -> Floats:
+    """Sum an image over every subset, from a table of sums."""
+    table = np.zeros((values.shape[0] + 1, values.shape[1] + 1))
+    table[1:, 1:] = values.cumsum(axis=0, dtype=np.float64).cumsum(axis=1)
+    x, y, half = subsets.layout[:, :3].T
+    low_x, high_x, low_y, high_y = x - half, x + half + 1, y - half, y + half + 1
+    count = table[high_y, high_x] - table[low_y, high_x]
+    count += table[low_y, low_x] - table[high_y, low_x]
+    return np.asarray(count)
+
+
+def _kernels(growth: Growth) -> tuple[Floats | None, Floats | None]:
+    """Kernels that make the reference, and the frames, as soft as the other; None where nothing is to be done."""
+    if growth == NO_GROWTH:
+        return None, None
+    mean, apart, mixed = (step * STEP for step in growth)
+    tensor = 2.0 * np.array([[mean + apart, 0.5 * mixed], [0.5 * mixed, mean - apart]])
+    values, vectors = np.linalg.eigh(tensor)
+    return _kernel(np.maximum(values, 0.0), vectors), _kernel(np.maximum(-values, 0.0), vectors)
+
+
+def _kernel(variances: Floats, directions: Floats) -> Floats | None:
+    """Kernel (row, column) of a Gaussian of the lesser variance (px²), and a path along the other direction."""
+    low, high = float(variances.min()), float(variances.max())
+    if high <= 0.0:
+        return None
+    path = math.sqrt(12.0 * (high - low)) * directions[:, int(variances.argmax())]
+    reach = _REACH + math.ceil(_DEVIATIONS * math.sqrt(high))
+    frequency = 2.0 * np.pi * np.fft.fftfreq(4 * reach)
+    x, y = frequency[None, :], frequency[:, None]
+    transfer = np.exp(-0.5 * low * (x**2 + y**2)) * np.sinc((x * path[0] + y * path[1]) / (2.0 * np.pi))
+    whole = np.fft.fftshift(np.fft.ifft2(transfer).real)
+    middle = 2 * reach
+    kernel = whole[middle - reach : middle + reach + 1, middle - reach : middle + reach + 1]
+    return np.asarray(kernel / kernel.sum())
+
+
+def _convolved(image: Floats32, kernel: Floats | None) -> Floats32:
+    """Image convolved with a symmetric kernel, mirrored at its border."""
+    import cv2
+
+    if kernel is None:
+        return image
+    middle = len(kernel) // 2
+    row, column = kernel[middle], kernel[:, middle]
+    if np.abs(np.outer(column, row) - kernel * kernel[middle, middle]).max() < 1e-9:
+        along = row / row.sum(), column / column.sum()
+        found = cv2.sepFilter2D(image, cv2.CV_32F, *along, borderType=cv2.BORDER_REFLECT_101)
+    else:
+        found = cv2.filter2D(image, cv2.CV_32F, kernel, borderType=cv2.BORDER_REFLECT_101)
+    return np.asarray(found, np.float32)
+
+
+def _bends(grey: Floats32) -> Floats32:
+    """Second derivatives (3, row, column) [1/px²]: sum, difference along x and y, mixed.
+
+    They are those of a softened image: where the blur grows by a variance ``c``, the change of the
+    image is to second order ``c / 2`` times the bend of the image blurred by half of ``c``.
+    """
+    import cv2
+
+    x = np.arange(-_BEND_REACH, _BEND_REACH + 1.0)
+    even = np.exp(-0.5 * (x / _SOFT) ** 2)
+    even /= even.sum()
+    odd = x * even / (x**2 * even).sum()
+    twice = (x**2 - (x**2 * even).sum()) * even
+    twice *= 2.0 / (x**2 * twice).sum()
+
+    def along(kernel_x: NDArray[np.float64], kernel_y: NDArray[np.float64]) -> NDArray[np.float32]:
+        found = cv2.sepFilter2D(grey, cv2.CV_32F, kernel_x, kernel_y, borderType=cv2.BORDER_REFLECT_101)
+        return np.asarray(found, np.float32)
+
+    xx, yy, xy = along(twice, even), along(even, twice), along(odd, odd)
+    return np.stack([xx + yy, xx - yy, xy])
+
+
+def _noise_of(
+    order: int, blur: float, softer: Floats | None, sharper: Floats | None
+) -> tuple[Floats, Floats, float, Floats]:
+    """Tell what blur makes of white noise of variance 1 in one image.
+
+    Returns
+    -------
+    frame : array (3,) [1, px², px²]
+        Variance of a pixel of the frame, and by how much the variance of its blur has grown along x and along y.
+    reference : array (3,) [1, 1/px², 1/px²]
+        Variance of a pixel, of the slope there, and of the slope after a further blur by ``COARSE``.
+    along : float [1/px²]
+    squares : array (3,) [1/px⁴]
+        Mean products of a pixel of the reference and the sum of its bends, and of each bend and itself, over
+        the variance of the pixel.
+    """
+    reach = math.ceil(4.0 * math.hypot(blur, COARSE)) + _BEND_REACH + 4 * PADDING
+    reach += max(0 if kernel is None else len(kernel) // 2 for kernel in (softer, sharper))
+    impulse = np.zeros((2 * reach + 1, 2 * reach + 1))
+    impulse[reach, reach] = 1.0
+    blurred = smooth(impulse, blur)
+    frame, reference = (_convolved(blurred, kernel).astype(np.float64) for kernel in (sharper, softer))
+    bends = _bends(reference.astype(np.float32)).astype(np.float64)
+    variance = float((reference**2).sum())
+
+    def slope(image: NDArray[np.float64]) -> float:
+        return 0.5 * sum(float((found**2).sum()) for found in node_gradients(prefilter(image, order), order))
+
+    place = np.arange(-reach, reach + 1.0) ** 2
+    own = blurred.astype(np.float64)
+    wider = [float(((frame - own).sum(axis=axis) * place).sum()) for axis in (0, 1)]
+    return (
+        np.array([(frame**2).sum(), *np.maximum(wider, 0.0)]),
+        np.array([variance, slope(reference), slope(smooth(reference, COARSE).astype(np.float64))]),
+        float((reference * bends[0]).sum()) / variance,
+        (bends**2).sum(axis=(1, 2)) / variance,
+    )
