@@ -21,7 +21,7 @@ def refuse_rows(found: Displacements, rows: dict[int, Floats], indices: NDArray[
     ----------
     found : Displacements
         Changed in place.
-    rows : dict of arrays (piece, 12)
+    rows : dict of arrays (piece, 16)
         Of frames that were looked at, see :func:`.row_sums`.
     indices : integer array (frame,)
         Frames of ``found`` in the film.
@@ -41,7 +41,9 @@ def refuse_rows(found: Displacements, rows: dict[int, Floats], indices: NDArray[
     seen = np.array([int(index) in rows for index in indices], bool)
     if not seen.any():
         return ""
-    told = read_rows([rows[int(index)] for index in indices[seen]], is_first_still=bool(is_static[seen][0]))
+    steps = np.where(is_static[seen, None], np.nan, _steps(found.value)[seen])
+    sums = [rows[int(index)] for index in indices[seen]]
+    told = read_rows(sums, is_first_still=bool(is_static[seen][0]), steps=steps)
     refused = np.zeros(len(indices), bool)
     text = ""
     if told.is_repeated:
@@ -51,7 +53,7 @@ def refuse_rows(found: Displacements, rows: dict[int, Floats], indices: NDArray[
             "an interlaced recording, and displacements down the rows cannot be told; keep every second row of "
             "it, and give the height of a row as twice that of a pixel"
         )
-    elif told.is_interlaced(np.where(is_static[seen, None], np.nan, _steps(found.value)[seen])):
+    elif told.is_interlaced(steps):
         refused = ~is_static
         text = (
             "odd and even rows of the frames show different instants: the film is interlaced, so that no frame after "

@@ -40,8 +40,14 @@ _ROUNDING, _LEAST_SHOWN = 0.1, 2.0
 #: Share of the moving frames that must show two instants before the film is interlaced.
 _MOST_FRAMES = 0.5
 #: Steps (px) from frame to frame from which a frame moves so that its fields must differ, and from
-#: which they may.
+#: which they may; least and largest distance of the fields over that step: half of it, or all of it where
+#: they are of two frames.
 _MOVING, _CREEPING = 0.5, 0.04
+_SHARES = (0.25, 1.3)
+#: Rows of a piece that must show that rows repeat: a single edge along them lies between two of them. And
+#: logarithm of the squared differences of columns over those of rows that repeat: of a sound film both
+#: show its noise.
+_ROWS, _BELOW_COLUMNS = 4.0, 0.8
 
 
 @dataclass(frozen=True)
@@ -53,7 +59,8 @@ class RowsSeen:
     is_combed : bool array (frame,)
         The frame shows two instants. In a film whose still frame has edges sharper than the pixels only
         teeth count, rows that differ more from their neighbours than from the next but one: the steps of
-        such edges look like small distances, in random directions.
+        such edges look like small distances, in random directions. Where the motion is known, only a
+        distance along it counts that is some share of it.
     apart : array (frame,) [px]
         Distance of what odd and even rows show, 0 where they show the same.
     is_repeated : bool
@@ -62,6 +69,10 @@ class RowsSeen:
         Distance of the fields in every piece of every frame.
     is_sharp : bool
         The still frame has edges sharper than the pixels.
+    still : array (2,) [px]
+        Distance in the still frame, median of the pieces; 0 where none is known to be still.
+    order : array (frame,)
+        -1 or 1 for frames whose fields are apart against the motion, or along it; 0 where nothing tells.
     """
 
     is_combed: Flags
@@ -69,6 +80,8 @@ class RowsSeen:
     is_repeated: bool
     distances: list[Floats]
     is_sharp: bool
+    still: Floats
+    order: Floats
 
     def are_outwards(self, frame: int, directions: Floats) -> bool:
         """Tell whether the fields of a frame are apart along directions (piece, 2), or against all of them."""
@@ -84,20 +97,30 @@ class RowsSeen:
 
         Notes
         -----
-        Most frames that move show two instants then; or, where the motion is too slow or the edges are
-        too sharp for that, the fields are apart along the motion in all of them together, beyond what
-        the still frame shows, whose own error all of them share.
+        Most frames that move show two instants then, in one order; or the fields are apart along the motion
+        in all of them together, by a share of it and beyond what the still frame shows, whose own error all
+        of them share.
         """
         length = np.hypot(*step.T)
-        if self.is_combed.sum() >= max(1.0, _MOST_FRAMES * np.count_nonzero(length > _MOVING)):
+        by_teeth = np.count_nonzero(self.is_combed & (self.order == 0.0))
+        in_order = max(np.count_nonzero(self.is_combed & (self.order == sign)) for sign in (-1.0, 1.0))
+        if by_teeth + in_order >= max(1.0, _MOST_FRAMES * np.count_nonzero(length > _MOVING)):
             return True
-        chosen = np.flatnonzero((length > _CREEPING) & (self.is_sharp | (length < _MOVING)))
-        still, shared = np.zeros(2), 0.0
-        if self.is_sharp:
-            still = np.median(self.distances[0], axis=0)
-            shared = max(map(_error_of_median, self.distances[0].T))
-        along = [(self.distances[k] - still) @ (step[k] / length[k]) for k in chosen]
-        return _differ_from_zero(np.concatenate(along), _SIGNIFICANT_ALONG, shared) if along else False
+        chosen = np.flatnonzero(length > _CREEPING)
+        if not len(chosen):
+            return False
+        shared = max(map(_error_of_median, self.distances[0].T)) if self.is_sharp else 0.0
+        directions = [np.tile(step[k] / length[k], (len(self.distances[k]), 1)) for k in chosen]
+        direction, distance = np.concatenate(directions), np.concatenate([self.distances[k] for k in chosen])
+        lengths = np.concatenate([np.full(len(one), length[k]) for one, k in zip(directions, chosen, strict=True)])
+        # Steps of edges may stay with the pixels, or move with the specimen.
+        signs = set()
+        for origin in (self.still, np.zeros(2)):
+            along = ((distance - origin) * direction).sum(axis=1)
+            share = float(np.median(along / lengths))
+            is_share = _SHARES[0] < abs(share) < _SHARES[1]
+            signs.add(np.sign(share) if is_share and _differ_from_zero(along, _SIGNIFICANT_ALONG, shared) else 0.0)
+        return len(signs) == 1 and 0.0 not in signs
 
 
 def is_inside(corners: NDArray[np.int64], shape: tuple[int, int]) -> Flags:
@@ -126,12 +149,13 @@ def pieces_of(image: NDArray[np.generic], corners: NDArray[np.int64]) -> Floats3
 
 @compiled(nogil=True, fastmath={"reassoc", "contract", "nsz"})
 def row_sums(pieces: Floats32) -> Floats:
-    """Sum (piece, 12) over square pieces of a frame.
+    """Sum (piece, 16) over square pieces of a frame.
 
     Products of the slopes along x and y, of each with the alternating residual of a row against its
     neighbours, squares of that residual on rows of both parities, and squared differences of rows: next
-    to each other from rows of both parities, and two apart; last, of some rows, squared differences of
-    columns next to each other from columns of both parities.
+    to each other from rows of both parities, and two apart; of some rows, squared differences of columns
+    next to each other from columns of both parities; last, squares of what single rows add to the squared
+    residuals and to the squared differences, of both parities.
 
     Parameters
     ----------
@@ -139,7 +163,7 @@ def row_sums(pieces: Floats32) -> Floats:
         Grey levels.
     """
     count, rows, columns = pieces.shape
-    sums = np.zeros((count, 12))
+    sums = np.zeros((count, 16))
     # a bare number would turn every product into one of double width
     half, quarter, eighth = np.float32(0.5), np.float32(0.25), np.float32(0.125)
     for n in range(count):
@@ -172,70 +196,94 @@ def row_sums(pieces: Floats32) -> Floats:
             sums[n, 5 + odd] += rr
             sums[n, 7 + odd] += near
             sums[n, 9] += far
+            sums[n, 12 + odd] += rr * rr
+            sums[n, 14 + odd] += near * near
         for i in range(0, rows, 4):
             for m in range(columns - 1):
                 sums[n, 10 + m % 2] += float((piece[i, m + 1] - piece[i, m]) ** 2)
     return sums
 
 
-def read_rows(sums: list[Floats], *, is_first_still: bool) -> RowsSeen:
+def read_rows(sums: list[Floats], *, is_first_still: bool, steps: Floats | None = None) -> RowsSeen:
     """Tell what the rows of a film show.
 
     Parameters
     ----------
-    sums : list of arrays (piece, 12)
+    sums : list of arrays (piece, 16)
         One for every frame, from :func:`row_sums`.
     is_first_still : bool
         Nothing moves in the first frame, so that what looks like a distance there is the steps of edges.
+    steps : array (frame, 2) [px], optional
+        Motion from frame to frame; NaN where it is not known.
     """
-    combed, apart = np.zeros(len(sums), bool), np.zeros(len(sums))
+    combed, (apart, order) = np.zeros(len(sums), bool), np.zeros((2, len(sums)))
     repeated, distances = [], []
     is_sharp = False
     for k, one in enumerate(sums):
-        distance, explained = _distance(one)
-        distances.append(distance)
-        is_shifted, has_teeth = _shows(one, distance, explained)
+        step = None if steps is None else steps[k]
+        seen = _see(one, step)
+        distances.append(seen.distance)
         if k == 0 and is_first_still:
-            is_sharp = bool(is_shifted.any()) and not _are_enough(has_teeth)
-        combed[k], apart[k] = _apart(distance, has_teeth if is_sharp else is_shifted | has_teeth, is_sharp=is_sharp)
+            is_sharp = bool(_see(one, None).is_shifted.any()) and not _are_enough(seen.has_teeth)
+        shows = seen.has_teeth if is_sharp else seen.has_teeth | seen.shifted_alike(step)
+        if _are_enough(shows):
+            combed[k], apart[k] = True, float(np.median(np.hypot(*seen.distance[shows].T)))
+        elif not is_sharp and any(_differ_from_zero(values) for values in seen.along):
+            combed[k], apart[k] = True, float(np.hypot(*np.median(seen.distance, axis=0)))
+        if combed[k] and step is not None and not _are_enough(seen.has_teeth):
+            order[k] = np.sign(np.median(seen.along))
         ratio = _parity(one)
         if ratio is not None:
             repeated.append(ratio)
     is_repeated = len(repeated) > 0 and bool(np.mean(repeated) > 1.0 - _SHARE)
-    return RowsSeen(combed, apart, is_repeated, distances, is_sharp)
+    still = np.median(distances[0], axis=0) if is_first_still else np.zeros(2)
+    return RowsSeen(combed, apart, is_repeated, distances, is_sharp, still, order)
 
 
-def _distance(sums: Floats) -> tuple[Floats, Floats]:
-    """Distance (piece, 2) in px of the fields, and the squares (piece,) that it explains."""
+@dataclass(frozen=True)
+class _FieldsSeen:
+    """Distance of the fields (piece, 2) [px], that along x and y or along the motion, and what shows it."""
+
+    distance: Floats
+    along: list[Floats]
+    is_shifted: Flags
+    has_teeth: Flags
+
+    def shifted_alike(self, step: Floats | None) -> Flags:
+        """Which pieces are shifted; along a known motion (2,) only where it is a share of it in the middle of all."""
+        if step is None:
+            return self.is_shifted
+        middle = float(np.median(self.along[0]))
+        is_share = _SHARES[0] * np.hypot(*step) < abs(middle) < _SHARES[1] * np.hypot(*step)
+        return self.is_shifted & (self.along[0] * middle > 0.0) & bool(is_share)
+
+
+def _see(sums: Floats, step: Floats | None) -> _FieldsSeen:
+    """See how the fields of a frame are apart in its pieces, by a share of a step (2,) where that is given."""
     xx, xy, yy, xr, yr = sums[:, :5].T
     ridge = _RIDGE * (xx + yy) + 1e-9
     xx, yy = xx + ridge, yy + ridge
     determinant = xx * yy - xy**2
     dx, dy = (yy * xr - xy * yr) / determinant, (xx * yr - xy * xr) / determinant
-    return np.stack([dx, dy], axis=1), dx * xr + dy * yr
-
-
-def _shows(sums: Floats, distance: Floats, explained: Floats) -> tuple[Flags, Flags]:
-    """Which pieces of a frame look shifted from row to row, and which have teeth."""
+    distance = np.stack([dx, dy], axis=1)
+    explained, along, is_apart = dx * xr + dy * yr, [dx, dy], np.hypot(dx, dy) > _LEAST_APART
+    if step is not None:
+        length = float(np.hypot(*step))
+        x, y = step / length if length > _CREEPING else (np.nan, np.nan)
+        shown = (x * xr + y * yr) / (x * x * xx + 2.0 * x * y * xy + y * y * yy)
+        explained, along = (x * xr + y * yr) * shown, [shown]
+        size = np.abs(shown)
+        is_apart = (size > _LEAST_APART) & (size > _SHARES[0] * length) & (size < _SHARES[1] * length)
     pixels = float((PIECE - 2) ** 2)
     left = np.maximum((sums[:, 5] + sums[:, 6] - explained) / pixels, _ROUNDING)
     near, far = sums[:, 7] + sums[:, 8], sums[:, 9]
-    is_shifted = (explained / left > _CLEAR) & (np.hypot(*distance.T) > _LEAST_APART)
-    return np.asarray(is_shifted), np.asarray((near > _TEETH * far) & (near > _LEAST_SHOWN * pixels))
+    has_teeth = np.asarray((near > _TEETH * far) & (near > _LEAST_SHOWN * pixels))
+    return _FieldsSeen(distance, along, np.asarray((explained / left > _CLEAR) & is_apart), has_teeth)
 
 
 def _are_enough(shows: Flags) -> bool:
     """Tell whether so many pieces of a frame show something that the frame does."""
     return bool(len(shows)) and bool(shows.sum() >= min(_FEWEST, len(shows)) and shows.mean() >= _SHARE)
-
-
-def _apart(distance: Floats, shows: Flags, *, is_sharp: bool) -> tuple[bool, float]:
-    """Whether pieces of a frame show two instants, and how far (px) they are apart."""
-    if _are_enough(shows):
-        return True, float(np.median(np.hypot(*distance[shows].T)))
-    if not is_sharp and any(_differ_from_zero(values) for values in distance.T):
-        return True, float(np.hypot(*np.median(distance, axis=0)))
-    return False, 0.0
 
 
 def _differ_from_zero(values: Floats, significant: float = _SIGNIFICANT, shared: float = 0.0) -> bool:
@@ -254,12 +302,17 @@ def _error_of_median(values: Floats) -> float:
 def _parity(sums: Floats) -> bool | None:
     """Whether rows of one parity repeat the others, or are their means; None where nothing shows.
 
-    Where columns repeat as well the image was magnified, or shows blocks, and its rows are right.
+    Many rows must show it: edges along the rows lie between some two of them. Where columns repeat as well
+    the image was magnified, or shows blocks, and its rows are right.
     """
     pixels = 0.5 * float((PIECE - 2) ** 2)
     bend, step, beside = (sums[:, k : k + 2] / pixels + _ROUNDING for k in (5, 7, 10))
-    shown = step.max(axis=1) > _LEAST_SHOWN
-    if not shown.any():
-        return None
-    by_step, by_bend, by_column = (np.median(np.log(pair[shown, 0] / pair[shown, 1])) for pair in (step, bend, beside))
-    return bool((abs(by_step) > _REPEATED or abs(by_bend) > _MEAN_OF_OTHERS) and abs(by_column) < _REPEATED)
+    told = []
+    for pair, squares, least in ((step, sums[:, 14:16], _REPEATED), (bend, sums[:, 12:14], _MEAN_OF_OTHERS)):
+        loud = pair.max(axis=1) - _ROUNDING
+        shown = (step.max(axis=1) > _LEAST_SHOWN) & ((loud * pixels) ** 2 > _ROWS * squares.max(axis=1))
+        if shown.any():
+            ratio, columns = (np.median(np.log(both[shown, 0] / both[shown, 1])) for both in (pair, beside))
+            quiet = math.log(beside.min() / np.median(pair[shown].min(axis=1)))
+            told.append(bool(abs(ratio) > least and abs(columns) < _REPEATED and quiet > _BELOW_COLUMNS))
+    return any(told) if told else None

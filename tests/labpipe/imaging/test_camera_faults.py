@@ -6,6 +6,8 @@ from functools import partial
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.ndimage import gaussian_filter
+from scipy.ndimage import shift as shift_of_image
 from scipy.spatial import cKDTree
 
 from labpipe.arrays import Floats
@@ -150,6 +152,35 @@ def test_steps_of_edges_sharper_than_the_pixels_are_no_teeth(name: str, step: tu
         assert float(error.where(found.valid).max()) < 5.0
     # A corner may come to lie where another was.
     assert without_stuck_pixels(as_frames(film))[1].count <= 1
+
+
+@pytest.mark.parametrize("lens", by_day([0.0, 0.42, 0.58, 0.84], 2))
+@pytest.mark.parametrize("angle", by_day([-0.05, 0.0, 0.02, 0.11], 2))
+def test_an_edge_along_the_rows_shows_neither_two_instants_nor_one_field(angle: float, lens: float) -> None:
+    """Its step lies between two rows, of one parity in one place and of the other a row farther down."""
+    y, x = np.mgrid[:SIZE, :SIZE].astype(float)
+
+    def draw(view: View) -> Floats:
+        sharp = np.where(y - view.shift[1] - 80.0 > angle * (x - view.shift[0]), 182.0, 72.0)
+        return gaussian_filter(sharp, lens) if lens else sharp
+
+    for step in ((-0.37, -0.07), (0.14, 2.13), (0.0, 0.0)):
+        film = digitised(moving(draw, step), NOISE, 17)
+        assert track(film, POINTS, static_frames=1).attrs["note"] == ""
+
+
+def test_steps_of_sharp_edges_that_are_apart_otherwise_than_the_motion_are_no_instants() -> None:
+    """Bright spots of a pixel, moved by splines: pieces of frame 1 are apart by a share of the step, up and down."""
+    rng = np.random.default_rng(18)
+    stars = np.zeros((SIZE, SIZE))
+    stars[rng.integers(0, SIZE, 400), rng.integers(0, SIZE, 400)] = rng.uniform(40.0, 160.0, 400)
+    stars = 60.0 + gaussian_filter(stars, 0.45)
+
+    def draw(view: View) -> Floats:
+        return np.asarray(shift_of_image(stars, view.shift[::-1], order=3, mode="mirror"))
+
+    for step in ((0.22, 0.48), (0.51, 0.5)):
+        assert "row" not in track(digitised(moving(draw, step), 2.0, 19), POINTS).attrs["note"]
 
 
 def stuck(film: np.ndarray, kind: str, seed: int) -> np.ndarray:

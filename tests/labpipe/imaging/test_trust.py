@@ -350,7 +350,6 @@ def sampled_first(formula: Formula, view: View, lens: float) -> np.ndarray:
     return gaussian_filter(from_formula(formula, SIZE, view), lens)
 
 
-@pytest.mark.filterwarnings("ignore:odd and even rows")
 @pytest.mark.parametrize(("angle", "lens"), by_day([(0.81, 1.05), (0.05, 0.6), (1.41, 0.9), (2.27, 1.2)], 2))
 def test_steps_of_an_edge_that_is_blurred_after_it_is_sampled_are_no_texture(angle: float, lens: float) -> None:
     """They stay with the pixels, and match far along the edge: 174 of 16,000 results were wrong, by up to 130 px."""
