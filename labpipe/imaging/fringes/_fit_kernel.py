@@ -429,14 +429,19 @@ def accumulate_cells(
     is_rich: bool,
     bins: int,
     sectors: int,
-) -> tuple[Floats, Floats, Floats]:
-    """Sum residuals over cells of the ring, and their products with the slopes over its sectors.
+    limits: Floats,
+) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """Sum residuals over cells of the ring, and their products with the slopes over its parts.
 
-    Returns sums and numbers of pixels (bin, sector), and products (sector, active).
+    Returns sums and numbers of pixels (bin, sector), products with the slopes (sector, active), and,
+    between the distances ``limits``, normal matrices (part, active, active) and products (part, active).
     """
     rows, columns = image.shape
+    size = len(active)
     sums, counts = np.zeros((bins, sectors)), np.zeros((bins, sectors))
-    scores = np.zeros((sectors, len(active)))
+    scores = np.zeros((sectors, size))
+    parts = max(len(limits) - 1, 0)
+    normals, pulls = np.zeros((parts, size, size)), np.zeros((parts, size))
     work, slopes = np.empty((_LINES, columns)), np.empty((_PARAMETERS if is_rich else _USUAL, columns))
     for row in range(0, rows, stride):
         dy = row + first_row - parameters[2]
@@ -453,9 +458,16 @@ def accumulate_cells(
             place = min(int((work[_R, i] - inner) / (outer - inner) * bins), bins - 1)
             sums[place, sector] += work[_RESIDUAL, i]
             counts[place, sector] += 1.0
-            for p in range(len(active)):
+            for p in range(size):
                 scores[sector, p] += slopes[active[p], i] * work[_RESIDUAL, i]
-    return sums, counts, scores
+            part = np.searchsorted(limits, work[_R, i], side="right") - 1
+            if 0 <= part < parts:
+                for p in range(size):
+                    slope = slopes[active[p], i]
+                    pulls[part, p] += slope * work[_RESIDUAL, i]
+                    for q in range(size):
+                        normals[part, p, q] += slope * slopes[active[q], i]
+    return sums, counts, scores, normals, pulls
 
 
 @compiled(nogil=True, fastmath=FAST)

@@ -240,6 +240,15 @@ def ring_limits(contact_radius: float, optics: Optics, fringes: float, least_spa
     return max(0.0, contact_radius - max(outer - contact_radius, _LEAST_INSIDE)), outer
 
 
+def part_limits(contact_radius: float, inner: float, outer: float, optics: Optics) -> Floats:
+    """Distances (px) that cut a ring into quarters of fringes, and the contact inside it in two."""
+    quarters = [contact_radius]
+    while quarters[-1] < outer - 0.5:
+        quarters.append(distance_at_phase(0.5 * math.pi * len(quarters), contact_radius, optics))
+    inside = [inner, 0.5 * (inner + contact_radius)] if inner < contact_radius - 1.0 else []
+    return np.array([*inside, *quarters[:-1], math.inf])
+
+
 def phase_slope(distance: float, contact_radius: float, optics: Optics) -> float:
     """Change of the phase per pixel outwards [rad/px]."""
     r, a = distance, contact_radius

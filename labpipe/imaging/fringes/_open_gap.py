@@ -43,7 +43,7 @@ def has_free_gap(fit: RingFit) -> bool:
 
 def is_doubtful(fit: RingFit) -> bool:
     """Tell whether the gap in a frame seems not to be Hertz's, beyond chance."""
-    is_worse = fit.misfit > DOUBTFUL_MISFIT and fit.model_deviation > 0.0
+    is_worse = fit.misfit > DOUBTFUL_MISFIT and fit.worst_deviation > 0.0
     return is_worse or has_free_gap(fit)
 
 

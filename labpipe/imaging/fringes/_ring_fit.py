@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.imaging.fringes._interference import Optics, ring_limits
-from labpipe.imaging.fringes._ring_noise import MOST_BINS, SECTORS, clustered, slow_power
+from labpipe.imaging.fringes._interference import Optics, part_limits, ring_limits
+from labpipe.imaging.fringes._ring_noise import clustered, slow_power, unsteadiness
 from labpipe.imaging.fringes._ring_parameters import ASSUMED, USUAL, Parameter
 from labpipe.imaging.fringes._ring_pixels import Ring, cut_ring
-from labpipe.imaging.fringes._ring_sums import Sums, needs_rich_table, ring_sums, tabulate
+from labpipe.imaging.fringes._ring_sums import Sums, ring_cells, ring_sums
 from labpipe.uncertainty import excess_uncertainty
 
 #: Damping at the start (so small that a radius which hardly differs from a shift of the centre is
@@ -104,6 +104,9 @@ class RingFit:
         model; None where the noise between neighbours tells it.
     curvature : float [px²]
         Half the difference of the squares of the ring's limits, in which BOWL is told.
+    unsteady : float or None [px]
+        What errors of the model make of the radius, from how it changes as parts of the ring are left
+        out; None where this was not asked for.
     spread : float [px]
         What is known from elsewhere about errors of the model, as a standard uncertainty.
     asked : tuple of Parameter
@@ -126,6 +129,7 @@ class RingFit:
     between: float
     curvature: float
     slow: float | None = None
+    unsteady: float | None = None
     spread: float = 0.0
     asked: tuple[Parameter, ...] = ()
     slope: Floats | None = None
@@ -148,18 +152,25 @@ class RingFit:
         return math.sqrt(max(float(self.covariance[place, place]), 0.0))
 
     @property
-    def model_deviation(self) -> float:
-        """Shift of the radius (px) that errors of the model may cause, 0 when none are seen.
+    def worst_deviation(self) -> float:
+        """Shift of the radius (px) by errors of the model at worst, 0 when none are seen.
 
         Errors as large as what the fit leaves beyond noise, in the pattern that moves the radius
-        most. Measured: 0.1 to 1 of it for blur, light of low coherence, and gaps that are not
-        Hertz's.
+        most.
         """
         if self.slow is not None:
-            return math.hypot(self.slow * math.sqrt(self.pixels) * self.leverage, self.spread)
+            return self.slow * math.sqrt(self.pixels) * self.leverage
         by_chance = _BY_CHANCE / math.sqrt(max(self.pixels, 1))
         excess = self.residual**2 - self.noise**2 * (1.0 + by_chance)
-        return math.hypot(math.sqrt(max(excess, 0.0) * self.pixels) * self.leverage, self.spread)
+        return math.sqrt(max(excess, 0.0) * self.pixels) * self.leverage
+
+    @property
+    def model_deviation(self) -> float:
+        """Shift of the radius (px) that errors of the model are expected to cause, 0 when none are seen."""
+        expected = self.worst_deviation
+        if self.unsteady is not None:
+            expected = min(expected, self.unsteady)
+        return math.hypot(expected, self.spread)
 
     @property
     def misfit(self) -> float:
@@ -229,34 +240,56 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
 
 def _with_memory(fit: RingFit, ring: Ring, optics: Optics) -> RingFit:
     """Count as noise what changes along the rings, where more is left than pixels scatter alone."""
-    if not _NOTABLE_MISFIT <= fit.misfit < _HOPELESS_MISFIT or fit.model_deviation == 0.0:
+    if not _NOTABLE_MISFIT <= fit.misfit < _HOPELESS_MISFIT or fit.worst_deviation == 0.0:
         return fit
-    from labpipe.imaging.fringes._fit_kernel import accumulate_cells
-
-    free = np.array(fit.free, np.int64)
-    is_rich = needs_rich_table(fit.parameters, free)
-    table = tabulate(ring, fit.parameters, optics, is_rich=is_rich)
-    sums, counts, scores = accumulate_cells(
-        *ring.region,
-        fit.parameters,
-        ring.origin,
-        table.values,
-        table.start,
-        free,
-        ring.ceiling,
-        is_rich,
-        max(4, min(MOST_BINS, int(ring.outer - ring.inner))),
-        SECTORS,
-    )
-    power = slow_power(sums, counts)
+    cells = ring_cells(ring, fit.parameters, np.array(fit.free, np.int64), optics)
+    power = slow_power(cells.sums, cells.counts)
     beyond = fit.residual**2 - fit.noise**2
     if power is None or beyond - power < _OWN_SHARE * power:
         return fit  # errors of the model make up nearly all of it
-    covariance = clustered(scores, fit.inverse)
+    covariance = clustered(cells.scores, fit.inverse)
     place = fit.free.index(Parameter.RADIUS) if Parameter.RADIUS in fit.free else 0
     if covariance[place, place] < fit.covariance[place, place]:
         covariance = fit.covariance
     return replace(fit, noise=math.sqrt(fit.residual**2 - power), covariance=covariance, slow=math.sqrt(power))
+
+
+def with_misfit_weighed(
+    frame: NDArray[np.generic],
+    fit: RingFit,
+    optics: Optics,
+    settings: FitSettings,
+    levels: tuple[float, float] = (-math.inf, math.inf),
+) -> RingFit:
+    """Tell what errors of the model make of the radius, from what parts of the ring say; unchanged without any.
+
+    Parameters
+    ----------
+    frame : array (row, column)
+        Grey levels.
+    fit : RingFit
+        Fit of the frame.
+    optics : Optics
+        The interference.
+    settings : FitSettings
+        How it was fitted.
+    levels : (float, float), optional
+        Grey levels at which pixels are clipped.
+    """
+    if fit.worst_deviation == 0.0 or Parameter.RADIUS not in fit.free:
+        return fit
+    ring = _ring_around(frame, fit.parameters, optics, settings, levels)
+    if ring is None:
+        return fit
+    radius, place = float(fit.parameters[Parameter.RADIUS]), fit.free.index(Parameter.RADIUS)
+    limits = part_limits(radius, ring.inner, ring.outer, optics)
+    cells = ring_cells(ring, fit.parameters, np.array(fit.free, np.int64), optics, limits)
+    by_noise = fit.noise * fit.leverage
+    unsteady = math.sqrt(max(unsteadiness(cells.normals, cells.pulls, place) - by_noise**2, 0.0))
+    covariance = clustered(cells.scores, fit.inverse)
+    if covariance[place, place] < fit.covariance[place, place]:
+        covariance = fit.covariance
+    return replace(fit, covariance=covariance, unsteady=unsteady)
 
 
 def _is_possible(parameters: Floats) -> bool:
@@ -352,9 +385,16 @@ def fit_contact(
     RingFit or None
         None when the ring lies outside the frame.
     """
+    ring = _ring_around(frame, start, optics, settings, levels)
+    return None if ring is None else fit_ring(ring, start, optics, settings)
+
+
+def _ring_around(
+    frame: NDArray[np.generic], start: Floats, optics: Optics, settings: FitSettings, levels: tuple[float, float]
+) -> Ring | None:
+    """Cut the ring around a contact; None when it lies outside the frame."""
     radius = float(start[Parameter.RADIUS])
     inner, outer = ring_limits(radius, optics, settings.fringes, settings.least_spacing)
     # A filter of the camera or of a program makes up what lies beyond the border.
     margin = math.ceil(_BORDER * optics.blur)
-    ring = cut_ring(frame, start, inner, outer, levels, settings.max_pixels, margin)
-    return None if ring is None else fit_ring(ring, start, optics, settings)
+    return cut_ring(frame, start, inner, outer, levels, settings.max_pixels, margin)

@@ -22,6 +22,8 @@ _LEAST_SECTORS, _LEAST_PIXELS = 20, 2
 _SIGNIFICANT = 3.0
 #: Weights of the products of sectors so many places apart, for noise that reaches over a sector.
 _WEIGHTS = (1.0, 2.0 / 3.0, 1.0 / 3.0)
+#: Relative size of what keeps a ring without one of its parts from telling nothing of a parameter.
+_RIDGE = 1e-9
 
 
 def slow_power(sums: Floats, counts: Floats) -> float | None:
@@ -88,3 +90,31 @@ def clustered(scores: Floats, inverse: Floats) -> Floats:
         middle += weight * (product if apart == 0 else product + product.T)
     spare = max(len(used) - size, 1) / max(len(used), 1)
     return np.asarray(inverse @ middle @ inverse / spare)
+
+
+def unsteadiness(normals: Floats, pulls: Floats, place: int) -> float:
+    """Variance of a parameter by how it changes as each part of the ring is left out: a jackknife.
+
+    Errors of the model that differ from part to part pull at it in the parts as they do in the whole;
+    only what is the same in all of them stays hidden.
+
+    Parameters
+    ----------
+    normals : array (part, parameter, parameter)
+        Normal matrices of the parts.
+    pulls : array (part, parameter)
+        Sums of residuals times slopes, which cancel over all parts.
+    place : int
+        Which parameter.
+
+    References
+    ----------
+    B. Efron, The Jackknife, the Bootstrap and Other Resampling Plans (1982), chapter 3,
+    https://doi.org/10.1137/1.9781611970319
+    """
+    used = np.flatnonzero(normals[:, place, place] > 0.0)
+    total = normals.sum(axis=0)
+    scale = np.sqrt(np.maximum(np.diag(total), 1e-300))
+    others = (total - normals[used]) / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
+    changes = np.linalg.solve(others, -(pulls[used] / scale)[:, :, None])[:, place, 0] / scale[place]
+    return float((changes**2).sum()) * (len(used) - 1) / max(len(used), 1)

@@ -3,6 +3,8 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from labpipe.arrays import Floats, Integers
 from labpipe.imaging.fringes._interference import (
     Optics,
@@ -12,12 +14,14 @@ from labpipe.imaging.fringes._interference import (
     pixel_weights,
     table_distances,
 )
+from labpipe.imaging.fringes._ring_noise import MOST_BINS, SECTORS
 from labpipe.imaging.fringes._ring_parameters import HARMONICS, Parameter
 from labpipe.imaging.fringes._ring_pixels import Ring
 
 #: Travel (px) below which the effect of the smear is taken as proportional to its square, so that
 #: noise may also make it negative.
 _LEAST_TRAVEL = 0.3
+_NO_LIMITS = np.empty(0)
 
 
 @dataclass(frozen=True)
@@ -90,6 +94,28 @@ def by_smear(table: RadialTable, parameters: Floats) -> RadialTable:
     table.values[4] /= 2.0 * travel
     table.values[0] += (parameters[Parameter.SMEAR] - travel**2) * table.values[4]
     return table
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Sums over the cells of a ring: see the compiled loop."""
+
+    sums: Floats
+    counts: Floats
+    scores: Floats
+    normals: Floats
+    pulls: Floats
+
+
+def ring_cells(ring: Ring, parameters: Floats, free: Integers, optics: Optics, limits: Floats = _NO_LIMITS) -> Cells:
+    """Sum residuals over the cells of a ring, and what parts between limits of distance say, by compiled loops."""
+    from labpipe.imaging.fringes._fit_kernel import accumulate_cells
+
+    is_rich = needs_rich_table(parameters, free)
+    table = tabulate(ring, parameters, optics, is_rich=is_rich)
+    bins = max(4, min(MOST_BINS, int(ring.outer - ring.inner)))
+    model = parameters, ring.origin, table.values, table.start, free, ring.ceiling, is_rich
+    return Cells(*accumulate_cells(*ring.region, *model, bins, SECTORS, limits))
 
 
 def ring_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics, is_last: bool) -> Sums:

@@ -141,7 +141,7 @@ class Trial:
     @property
     def is_doubtful(self) -> bool:
         """Whether errors of the model are seen in any of the frames."""
-        return any(fit.model_deviation > 0.0 for fit in self.fits)
+        return any(fit.worst_deviation > 0.0 for fit in self.fits)
 
     @property
     def excess(self) -> float:
