@@ -11,10 +11,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.imaging.fringes._harmonics import find_blur_before_camera, find_harmonics, settle_harmonics
+from labpipe.imaging.fringes._harmonics import find_blur_before_camera, find_coating, find_harmonics, settle_harmonics
 from labpipe.imaging.fringes._lens_blur import BLUR_ROUNDS, LEAST_BLUR, find_blur, least_blur, settle_blur
 from labpipe.imaging.fringes._ring_fit import RingFit
-from labpipe.imaging.fringes._ring_parameters import AXES, HARMONICS, Parameter
+from labpipe.imaging.fringes._ring_parameters import AXES, BEAMS, Parameter
 from labpipe.imaging.fringes._search import View
 from labpipe.imaging.fringes._second_colour import find_second_colour, settle_colour
 from labpipe.imaging.fringes._trials import (
@@ -134,7 +134,7 @@ def calibrate(
         begin_from(best, result)
     result = _refine(attempt, plain_axes, settle_harmonics(attempt, plain_axes, result), view)
     # What a film shows beyond the third harmonic looks like a small phase where no lens has blurred it.
-    is_cut = result.harmonics != (0.0, 0.0) and (result.by_camera or not result.blur)
+    is_cut = any(result.harmonics) and (result.by_camera or not result.blur)
     if not is_phase_free or result.phase_shift != 0.0 or is_cut:
         return result
     return _with_hidden_phase(attempt, plain_axes, result, view)
@@ -165,6 +165,7 @@ def _candidates(
         lambda: find_blur(attempt, axes, known, best),
         lambda: _find_uneven_light(attempt, axes, known, best),
         lambda: find_harmonics(attempt, axes, known, best),
+        lambda: find_coating(attempt, axes, known, best, view),
         lambda: _find_optics(attempt, axes, known, best, Parameter.PHASE, view),
         lambda: _find_optics(attempt, axes, known, best, Parameter.SCALE, view),
         lambda: find_blur_before_camera(attempt, axes, known, best),
@@ -222,13 +223,17 @@ def _find_uneven_light(
     attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial
 ) -> tuple[Trial, Calibration] | None:
     """Light of higher powers of place, when it explains the frames much better."""
-    if known.has_uneven_light or not best.is_doubtful:
+    is_negative = any(fit.has_negative_light for fit in best.fits)
+    if known.has_uneven_light or not (best.is_doubtful or is_negative):
         return None
     uneven = replace(known, has_uneven_light=True)
-    if not is_promising(attempt, (axes, known), (axes, uneven), best):
+    if not (is_negative or is_promising(attempt, (axes, known), (axes, uneven), best)):
         return None
     trial = attempt(axes, uneven)
-    return None if trial is None or not trial.is_better_than(best) else (trial, uneven)
+    if trial is None:
+        return None
+    is_better = trial.is_better_than(best) or (is_negative and trial.gain_over(best) > VARIANCES * len(best.fits))
+    return (trial, uneven) if is_better else None
 
 
 def _refine(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, view: View) -> Calibration:
@@ -236,7 +241,8 @@ def _refine(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, vie
     groups = (
         ((Parameter.PHASE,), known.phase_shift != 0.0),
         ((Parameter.SCALE,), known.log_scale != 0.0),
-        (HARMONICS, known.harmonics != (0.0, 0.0)),
+        (BEAMS, any(known.harmonics)),
+        ((Parameter.TURNED,), known.harmonics[1] != 0.0),
         (AXES, known.ellipse != (0.0, 0.0)),
     )
     free = [parameter for group, is_found in groups if is_found for parameter in group]
@@ -252,7 +258,7 @@ def _refine(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, vie
             change, u = trial.mean(Parameter.SCALE)
             known = replace(known, log_scale=known.log_scale + change, u_log_scale=u)
         if Parameter.SECOND in free:
-            known = replace(known, harmonics=(trial.mean(Parameter.SECOND)[0], trial.mean(Parameter.THIRD)[0]))
+            known = replace(known, harmonics=trial.harmonics)
         if Parameter.STRETCH in free:
             known = replace(known, ellipse=(trial.mean(Parameter.STRETCH)[0], trial.mean(Parameter.SHEAR)[0]))
         square = least_blur(trial, known.blur)[0]

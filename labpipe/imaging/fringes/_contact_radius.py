@@ -115,7 +115,7 @@ def contact_radius(
         Attributes: ``phase`` (used) and ``u_phase`` (rad), ``phase_scale_ratio`` (found / given
         of 1/(λ R)), ``flat_radius`` (of a flat worn into the sphere, 0 for none) [m], ``blur``
         (of the lens) [px], ``least_radius`` (below it a contact is not told from a touch, and counts
-        as none) [m], ``harmonics`` (second and third, relative to the first),
+        as none) [m], ``harmonics`` (ratio of each to the one before, its imaginary part, and a third beside),
         ``wavelength_used``, ``note``, ``work`` (counts).
 
     Raises
@@ -140,10 +140,12 @@ def contact_radius(
     The radius follows from a fit of the interference pattern of the first fringes to all pixels
     of a ring, with centre, light and its slopes, visibility and the blur by the motion of the
     radius as further unknowns. Phase, scale, blur of the lens (a bell, a disc, or between), oblique
-    view, harmonics of the fringes (many beams, a camera that is not linear), a second colour and a
-    flat worn into the sphere are found once per film where they explain it beyond doubt. What a fit
-    leaves that changes along the rings is noise, also where pixels share it (speckle, stray fringes);
-    what does not is an error of the model and widens ``u_radius``.
+    view, harmonics of the fringes (many beams, coatings that absorb, a camera that is not linear),
+    a second colour, a flat worn into the sphere, and whether light is bell-shaped or fringes weak in
+    places are found once per film where they explain it beyond doubt. What a fit leaves that changes
+    along the rings is noise, also where pixels share it (speckle, stray fringes); what does not is an
+    error of the model and widens ``u_radius`` by what it makes of the radius, told by how that changes
+    as quarters of fringes are left out (B. Efron's jackknife).
     Beside every contact that does not stick the gap opens with the power 3/2, with Hertz's factor
     unless the body still recovers from a dent: where Hertz's gap does not explain a frame, the
     factor is fitted too. A dark centre alone is no contact: a sphere that touches without load, or

@@ -14,11 +14,12 @@ from labpipe.imaging.fringes._blank_frames import FilmResult, choose_edges, find
 from labpipe.imaging.fringes._calibration import calibrate
 from labpipe.imaging.fringes._interference import Optics, make_optics
 from labpipe.imaging.fringes._looks import Looks
+from labpipe.imaging.fringes._misfit import weigh_misfits
 from labpipe.imaging.fringes._open_gap import fit_open_gap, is_doubtful
 from labpipe.imaging.fringes._optics_search import OtherOptics, rebase
 from labpipe.imaging.fringes._radial_scan import edge_width
-from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, fit_contact, with_misfit_weighed
-from labpipe.imaging.fringes._ring_parameters import HARMONICS, LIGHT, USUAL, Parameter
+from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, fit_contact
+from labpipe.imaging.fringes._ring_parameters import BEAMS, COATING, HARMONICS, LIGHT, USUAL, Parameter
 from labpipe.imaging.fringes._rows_of_contacts import leave_out_rows
 from labpipe.imaging.fringes._scale_of_contacts import scales_of_contacts
 from labpipe.imaging.fringes._search import (
@@ -88,7 +89,7 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
         read = _follow_film(reader, result, options, wanted)
         _repair(reader, result, film.time, exposure_times(film, options), read)
         _open_gaps(reader, result, film.time, read)
-        _weigh_misfits(reader, result)
+        weigh_misfits(reader, result)
     else:
         for index in map(int, np.flatnonzero(wanted)):
             result.blanks[index] = look_without_fringes(Looks(reader.whole(index)), view)
@@ -118,7 +119,8 @@ def _make_view(reader: FilmReader, options: FilmOptions, wanted: Flags) -> View:
         free = (*USUAL, Parameter.STRETCH, Parameter.SHEAR)
     axes = (Parameter.STRETCH, Parameter.SHEAR)
     oblique = (axes, (*axes, Parameter.SCALE)) if _shape(film, options) == "auto" else ()
-    alternatives = ((Parameter.BLUR,), *oblique, (Parameter.SCALE,), HARMONICS, LIGHT)
+    turned = (COATING,) if options.phase is None else ()
+    alternatives = ((Parameter.BLUR,), *oblique, (Parameter.SCALE,), BEAMS, LIGHT, (*LIGHT, *BEAMS), *turned)
     settings = FitSettings(options.fringes, LEAST_SPACING, free)
     black, white = film.levels
     if wanted.any() and reader.whole(int(wanted.argmax())).dtype.kind == "f":
@@ -427,15 +429,6 @@ def _open_gaps(reader: FilmReader, result: FilmResult, time: Floats, read: Flags
             result.fits[index] = fit
         if old is not None:
             vain, last = (old.misfit, index) if fit is None else (0.0, index)
-
-
-def _weigh_misfits(reader: FilmReader, result: FilmResult) -> None:
-    """Tell what errors of the model make of the radius in the frames that show some."""
-    view = result.view
-    for index, fit in result.fits.items():
-        if fit.worst_deviation > 0.0:
-            frame = reader.whole(index)
-            result.fits[index] = with_misfit_weighed(frame, fit, view.optics, view.settings, view.levels)
 
 
 def _continues(fit: RingFit, near: dict[int, RingFit], index: int, time: Floats) -> bool:

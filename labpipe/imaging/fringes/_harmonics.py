@@ -6,27 +6,31 @@ from dataclasses import replace
 
 import numpy as np
 
-from labpipe.imaging.fringes._lens_blur import LEAST_SHAPED, find_blur
-from labpipe.imaging.fringes._ring_parameters import HARMONICS, Parameter
-from labpipe.imaging.fringes._trials import VARIANCES, Attempt, Calibration, Trial, doubt, is_promising
+from labpipe.imaging.fringes._lens_blur import LEAST_SHAPED, find_blur, shape_anew
+from labpipe.imaging.fringes._ring_parameters import BEAMS, COATING, HARMONICS, Parameter
+from labpipe.imaging.fringes._search import View
+from labpipe.imaging.fringes._trials import SIGNIFICANT, VARIANCES, Attempt, Calibration, Trial, doubt, is_promising
 
 
 def with_harmonics(attempt: Attempt, axes: Sequence[Parameter], known: Calibration) -> tuple[Trial | None, Calibration]:
     """Fit the frames with harmonics, and return what is known with them."""
-    trial = attempt((*axes, *HARMONICS), known)
-    if trial is None:
-        return None, known
-    return trial, replace(known, harmonics=(trial.mean(Parameter.SECOND)[0], trial.mean(Parameter.THIRD)[0]))
+    trial = attempt((*axes, *_free(known)), known)
+    return (None, known) if trial is None else (trial, replace(known, harmonics=trial.harmonics))
+
+
+def _free(known: Calibration) -> tuple[Parameter, ...]:
+    """Return which harmonics are fitted, given what is known."""
+    return HARMONICS if known.harmonics[1] else BEAMS
 
 
 def find_harmonics(
     attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial
 ) -> tuple[Trial, Calibration] | None:
     """Harmonics of the fringes, before or behind the lens, when they explain the frames much better."""
-    if known.harmonics != (0.0, 0.0) or not best.is_doubtful:
+    if any(known.harmonics) or not best.is_doubtful:
         return None
     orders = (False, True) if known.blur else (False,)
-    free = (*axes, *HARMONICS)
+    free = (*axes, *BEAMS)
     seen = [replace(known, by_camera=after) for after in orders]
     likely = [one for one in seen if is_promising(attempt, (axes, known), (free, one), best)]
     tried = [with_harmonics(attempt, axes, one) for one in likely]
@@ -36,13 +40,34 @@ def find_harmonics(
     return min(better, key=lambda one: one[0].left)
 
 
+def find_coating(
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, view: View
+) -> tuple[Trial, Calibration] | None:
+    """Phase and turned harmonics of coatings that absorb, when neither explains as much without the other."""
+    if known.harmonics[1] or not best.is_doubtful:
+        return None
+    coated = (*axes, *COATING)
+    if not is_promising(attempt, (axes, known), (coated, known), best):
+        return None
+    trial = attempt(coated, known)
+    simpler = (best, attempt((*axes, *BEAMS), known), attempt((*axes, Parameter.PHASE), known))
+    if trial is None or not all(other is None or trial.is_better_than(other) for other in simpler):
+        return None
+    turned, deviation = trial.mean(Parameter.TURNED)
+    if abs(turned) <= SIGNIFICANT * deviation:
+        return None
+    phase, deviation = trial.mean(Parameter.PHASE)
+    shift = phase - view.optics.phase
+    return trial, replace(known, harmonics=trial.harmonics, phase_shift=shift, u_phase_shift=deviation)
+
+
 def find_blur_before_camera(
     attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial
 ) -> tuple[Trial, Calibration] | None:
     """Lens that blurs before a camera that is not linear, where neither explains much without the other."""
-    if known.blur or known.harmonics != (0.0, 0.0):
+    if known.blur or any(known.harmonics):
         return None
-    found = find_blur(attempt, (*axes, *HARMONICS), replace(known, by_camera=True), best)
+    found = find_blur(attempt, (*axes, *BEAMS), replace(known, by_camera=True), best)
     if found is None or found[1].blur < LEAST_SHAPED:
         return None
     trial, both = with_harmonics(attempt, axes, found[1])
@@ -55,11 +80,13 @@ def find_blur_before_camera(
 def settle_harmonics(attempt: Attempt, axes: Sequence[Parameter], known: Calibration) -> Calibration:
     """Tell where harmonics arise when the lens blurs as well, and count as uncertain what that leaves open.
 
-    Those of many beams are blurred with all else, those of a camera that is not linear arise after the
-    lens, and are smaller where the fringes are fine.
+    Harmonics bend the shape that a blur seemed to have before them: it is found again. Those of many
+    beams are blurred with all else, those of a camera that is not linear arise after the lens, and are
+    smaller where the fringes are fine.
     """
-    if known.harmonics == (0.0, 0.0):
+    if not any(known.harmonics):
         return known
+    known = shape_anew(attempt, (*axes, *_free(known)), known)
     orders = (False, True) if known.blur else (False,)
     tried = (with_harmonics(attempt, axes, replace(known, by_camera=after)) for after in orders)
     found = sorted(((trial, seen) for trial, seen in tried if trial is not None), key=lambda one: one[0].left)
@@ -67,4 +94,4 @@ def settle_harmonics(attempt: Attempt, axes: Sequence[Parameter], known: Calibra
         return known
     (trial, known), (other, _) = found[0], found[-1]
     by_order = trial.changes(other) * math.sqrt(doubt(other.left - trial.left))
-    return known.with_shared(trial, np.hypot(by_order, trial.shift_of_radius(HARMONICS)))
+    return known.with_shared(trial, np.hypot(by_order, trial.shift_of_radius(_free(known))))

@@ -266,10 +266,10 @@ class RadialTable:
     ----------
     start : float [px]
         Distance of the first sample; the following are 1 / :data:`SAMPLES_PER_PIXEL` apart.
-    values : array (5 or 8, sample)
+    values : array (5 or 9, sample)
         The term (cosine), its derivatives by distance, contact radius and phase, and by the
-        travel of the contact radius during the exposure; rich tables also the derivative by the
-        square of the blur, and the second and third harmonic.
+        travel of the contact radius during the exposure; rich tables also those by the square of
+        the blur and by the harmonics.
     """
 
     start: float
@@ -348,7 +348,7 @@ def radial_table(
     contact_radius: float,
     travel: float,
     optics: Optics,
-    harmonics: tuple[float, float] = (0.0, 0.0),
+    harmonics: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> RadialTable:
     """Tabulate the interference term between two distances.
 
@@ -363,8 +363,8 @@ def radial_table(
         as the approach of the bodies does.
     optics : Optics
         The interference.
-    harmonics : (float, float), optional
-        Second and third harmonic of the term, relative to the first.
+    harmonics : (float, float, float), optional
+        Real and imaginary part of the ratio of one harmonic to the one before, and a third harmonic beside.
     """
     kernel = pixel_weights(optics.blur, optics.disc, 0.5 * (max(contact_radius, 1.0) + outer))
     start, distance = table_distances(inner, outer, optics.blur, len(kernel) // 2)
@@ -372,17 +372,20 @@ def radial_table(
     nodes, weights = exposure_nodes(travel, spacing)
     squares = contact_radius**2 + nodes * contact_radius * travel
     radii = np.sqrt(np.maximum(squares, 0.0))
-    raw = np.zeros((8, len(distance)))
-    second, third = harmonics
+    raw = np.zeros((9, len(distance)))
+    second, turned, third = harmonics
     for node, weight, radius in zip(nodes, weights, radii, strict=True):
         phase = optics.phase_scale * scaled_gap(distance, radius, optics.flat) + optics.phase
         by_distance, by_radius = scaled_slopes(distance, radius, optics.flat)
-        sine = -weight * (np.sin(phase) + 2.0 * second * np.sin(2.0 * phase) + 3.0 * third * np.sin(3.0 * phase))
+        wave = np.exp(1j * phase)
+        beams = wave / (1.0 - complex(second, turned) * wave)
+        sine = weight * ((1j * beams**2 / wave).real - 3.0 * third * np.sin(3.0 * phase))
         change = optics.phase_scale * by_radius * sine
         divisor = 2.0 * max(radius, 1e-6)
-        raw[0] += weight * (np.cos(phase) + second * np.cos(2.0 * phase) + third * np.cos(3.0 * phase))
-        raw[6] += weight * np.cos(2.0 * phase)
-        raw[7] += weight * np.cos(3.0 * phase)
+        raw[0] += weight * (beams.real + third * np.cos(3.0 * phase))
+        raw[6] += weight * (beams**2).real
+        raw[7] -= weight * (beams**2).imag
+        raw[8] += weight * np.cos(3.0 * phase)
         raw[1] += optics.phase_scale * by_distance * sine
         raw[2] += change * (2.0 * contact_radius + node * travel) / divisor
         raw[3] += sine

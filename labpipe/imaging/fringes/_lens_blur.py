@@ -170,6 +170,16 @@ def _settled_shape(attempt: Attempt, axes: Sequence[Parameter], known: Calibrati
     return replace(near[0], by_shape=slope * deviation)
 
 
+def shape_anew(attempt: Attempt, axes: Sequence[Parameter], known: Calibration) -> Calibration:
+    """Find size and shape of a blur again, with what was found since among ``axes``."""
+    if known.blur < LEAST_SHAPED:
+        return known
+    sharp = replace(known, blur=0.0, disc=0.0)
+    trial = attempt(axes, sharp)
+    lens = None if trial is None else _blur_of_lens(attempt, axes, sharp, trial)
+    return known if lens is None else replace(lens.known(attempt, axes, sharp), harmonics=lens.trial.harmonics)
+
+
 def _size_of_blur(
     attempt: Attempt,
     axes: Sequence[Parameter],

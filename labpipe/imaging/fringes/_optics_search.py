@@ -141,7 +141,10 @@ def _is_same_light(one: tuple[RingFit, tuple[float, float]], other: tuple[RingFi
 
 
 def rebase(result: FilmResult, fits: dict[int, RingFit]) -> None:
-    """Make the scale that most of the fits found that of the film, and theirs relative to it."""
+    """Make phase and scale that most of the fits found those of the film, and their scales relative to it."""
+    phases = [float(fit.parameters[Parameter.PHASE]) for fit in fits.values()]
+    if phases and abs(float(np.median(phases)) - result.view.optics.phase) > _STATED_PHASE:
+        result.view = replace(result.view, optics=replace(result.view.optics, phase=float(np.median(phases))))
     scales = np.array([float(fit.parameters[Parameter.SCALE]) for fit in fits.values()])
     if not len(scales) or np.median(np.abs(scales)) <= _SAME_SCALE:
         return

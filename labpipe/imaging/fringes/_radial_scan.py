@@ -106,7 +106,7 @@ def make_templates(shape: tuple[int, int], optics: Optics, fringes: float, least
     fringes, least_spacing : float
         As in :class:`.FitSettings`.
     """
-    from labpipe.imaging.fringes._fit_kernel import fill_templates
+    from labpipe.imaging.fringes._table_kernel import fill_templates
 
     reach = math.hypot(*shape)
     edge = edge_width(0.5 * reach, optics)
@@ -162,7 +162,7 @@ def radial_profile(frame: NDArray[np.generic], x: float, y: float, width: float,
     bins : int
         Number of rings.
     """
-    from labpipe.imaging.fringes._fit_kernel import radial_sums
+    from labpipe.imaging.fringes._table_kernel import radial_sums
 
     step = max(1, math.floor(math.sqrt(frame.size / _PROFILE_PIXELS)))
     rows = np.ascontiguousarray(frame[::step], np.float32)

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.imaging.fringes._interference import Optics, part_limits, ring_limits
-from labpipe.imaging.fringes._ring_noise import clustered, slow_power, unsteadiness
-from labpipe.imaging.fringes._ring_parameters import ASSUMED, USUAL, Parameter
+from labpipe.imaging.fringes._interference import Optics, ring_limits
+from labpipe.imaging.fringes._ring_noise import clustered, slow_power
+from labpipe.imaging.fringes._ring_parameters import ASSUMED, LIGHT, USUAL, Parameter
 from labpipe.imaging.fringes._ring_pixels import Ring, cut_ring
 from labpipe.imaging.fringes._ring_sums import Sums, ring_cells, ring_sums
 from labpipe.uncertainty import excess_uncertainty
@@ -32,6 +32,8 @@ _BY_CHANCE = 5.0
 #: Greatest logarithm of the phase scale, stretch and shear, and square of the blur (px²) in an
 #: iteration: far beyond any view.
 _MOST_LOG_SCALE, _MOST_OBLIQUE, _MOST_BLUR = 1.0, 0.5, 150.0
+#: Greatest ratio of a harmonic to the one before.
+_MOST_RATIO = 0.9
 
 
 @dataclass(frozen=True)
@@ -173,6 +175,12 @@ class RingFit:
         return math.hypot(expected, self.spread)
 
     @property
+    def has_negative_light(self) -> bool:
+        """Whether the light falls off so steeply that a plane would make it negative within the ring."""
+        slope = math.hypot(*(float(self.parameters[p]) for p in (Parameter.SLOPE_X, Parameter.SLOPE_Y)))
+        return slope > 1.0 and LIGHT[0] not in self.free
+
+    @property
     def misfit(self) -> float:
         """Residual beyond the noise as a share of the modulation [1]."""
         modulation = abs(float(self.parameters[Parameter.MODULATION]))
@@ -254,44 +262,6 @@ def _with_memory(fit: RingFit, ring: Ring, optics: Optics) -> RingFit:
     return replace(fit, noise=math.sqrt(fit.residual**2 - power), covariance=covariance, slow=math.sqrt(power))
 
 
-def with_misfit_weighed(
-    frame: NDArray[np.generic],
-    fit: RingFit,
-    optics: Optics,
-    settings: FitSettings,
-    levels: tuple[float, float] = (-math.inf, math.inf),
-) -> RingFit:
-    """Tell what errors of the model make of the radius, from what parts of the ring say; unchanged without any.
-
-    Parameters
-    ----------
-    frame : array (row, column)
-        Grey levels.
-    fit : RingFit
-        Fit of the frame.
-    optics : Optics
-        The interference.
-    settings : FitSettings
-        How it was fitted.
-    levels : (float, float), optional
-        Grey levels at which pixels are clipped.
-    """
-    if fit.worst_deviation == 0.0 or Parameter.RADIUS not in fit.free:
-        return fit
-    ring = _ring_around(frame, fit.parameters, optics, settings, levels)
-    if ring is None:
-        return fit
-    radius, place = float(fit.parameters[Parameter.RADIUS]), fit.free.index(Parameter.RADIUS)
-    limits = part_limits(radius, ring.inner, ring.outer, optics)
-    cells = ring_cells(ring, fit.parameters, np.array(fit.free, np.int64), optics, limits)
-    by_noise = fit.noise * fit.leverage
-    unsteady = math.sqrt(max(unsteadiness(cells.normals, cells.pulls, place) - by_noise**2, 0.0))
-    covariance = clustered(cells.scores, fit.inverse)
-    if covariance[place, place] < fit.covariance[place, place]:
-        covariance = fit.covariance
-    return replace(fit, covariance=covariance, unsteady=unsteady)
-
-
 def _is_possible(parameters: Floats) -> bool:
     """Tell whether an iteration has not run away."""
     oblique = np.abs(parameters[[Parameter.STRETCH, Parameter.SHEAR]]).max()
@@ -301,6 +271,7 @@ def _is_possible(parameters: Floats) -> bool:
         and abs(parameters[Parameter.SCALE]) <= _MOST_LOG_SCALE
         and oblique <= _MOST_OBLIQUE
         and parameters[Parameter.BLUR] <= _MOST_BLUR
+        and math.hypot(parameters[Parameter.SECOND], parameters[Parameter.TURNED]) <= _MOST_RATIO
     )
 
 
@@ -385,11 +356,11 @@ def fit_contact(
     RingFit or None
         None when the ring lies outside the frame.
     """
-    ring = _ring_around(frame, start, optics, settings, levels)
+    ring = ring_around(frame, start, optics, settings, levels)
     return None if ring is None else fit_ring(ring, start, optics, settings)
 
 
-def _ring_around(
+def ring_around(
     frame: NDArray[np.generic], start: Floats, optics: Optics, settings: FitSettings, levels: tuple[float, float]
 ) -> Ring | None:
     """Cut the ring around a contact; None when it lies outside the frame."""

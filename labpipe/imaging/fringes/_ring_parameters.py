@@ -9,9 +9,14 @@ class Parameter(IntEnum):
     The light is (GAIN + MODULATION · cos) (1 + SLOPE_X x + SLOPE_Y y + BOWL b), x and y and b of
     order 1 over the ring. STRETCH and SHEAR make circles elliptic. SMEAR is the square of the
     change of the radius during the exposure (px²), SCALE the logarithm of a factor of the phase
-    scale. BLUR is the square of the blur (px²) beyond that of the optics, SECOND and THIRD are
-    harmonics of the cosine (many beams, a camera that is not linear), LIGHT_ the higher powers of
-    x and y in the light: x² - y², xy, x³, x²y, xy², y³.
+    scale. BLUR is the square of the blur (px²) beyond that of the optics. SECOND and TURNED are the
+    real and the imaginary part of the ratio q of one harmonic to the one before, as of many beams:
+    the real part of z/(1 - qz), z = exp iφ, stands for the cosine. THIRD is a third harmonic beside
+    those (a camera that is not linear).
+
+    With any of LIGHT_, which are the higher powers of x and y, x² - y², xy, x³, x²y, xy², y³, and
+    VISIBILITY_, the light is (GAIN + MODULATION · cos · (1 + VISIBILITY_X x + ...)) exp(SLOPE_X x + ...):
+    a beam is bell-shaped, and light that comes another way weakens the fringes unevenly.
     """
 
     RADIUS = 0
@@ -29,13 +34,17 @@ class Parameter(IntEnum):
     SCALE = 12
     BLUR = 13
     SECOND = 14
-    THIRD = 15
-    LIGHT_XX = 16
-    LIGHT_XY = 17
-    LIGHT_XXX = 18
-    LIGHT_XXY = 19
-    LIGHT_XYY = 20
-    LIGHT_YYY = 21
+    TURNED = 15
+    THIRD = 16
+    LIGHT_XX = 17
+    LIGHT_XY = 18
+    LIGHT_XXX = 19
+    LIGHT_XXY = 20
+    LIGHT_XYY = 21
+    LIGHT_YYY = 22
+    VISIBILITY_X = 23
+    VISIBILITY_Y = 24
+    VISIBILITY_BOWL = 25
 
 
 #: Length of the vector of parameters.
@@ -54,8 +63,11 @@ USUAL = (
 )
 #: What makes circles elliptic.
 AXES = (Parameter.STRETCH, Parameter.SHEAR)
-#: Harmonics of the interference, and the higher powers of place in the light.
-HARMONICS = (Parameter.SECOND, Parameter.THIRD)
-LIGHT = tuple(p for p in Parameter if p.name.startswith("LIGHT_"))
+#: Harmonics of the interference: all, those of faces that do not absorb, and those of coatings that do,
+#: which turn the phase; the higher powers of place in the light, and unevenly weak fringes.
+HARMONICS = (Parameter.SECOND, Parameter.TURNED, Parameter.THIRD)
+BEAMS = (Parameter.SECOND, Parameter.THIRD)
+COATING = (Parameter.PHASE, *HARMONICS)
+LIGHT = tuple(p for p in Parameter if p >= Parameter.LIGHT_XX)
 #: What is taken for granted in a frame; the fit tells how the radius depends on it.
 ASSUMED = (Parameter.PHASE, Parameter.SCALE)

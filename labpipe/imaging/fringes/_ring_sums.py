@@ -15,7 +15,7 @@ from labpipe.imaging.fringes._interference import (
     table_distances,
 )
 from labpipe.imaging.fringes._ring_noise import MOST_BINS, SECTORS
-from labpipe.imaging.fringes._ring_parameters import HARMONICS, Parameter
+from labpipe.imaging.fringes._ring_parameters import HARMONICS, LIGHT, Parameter
 from labpipe.imaging.fringes._ring_pixels import Ring
 
 #: Travel (px) below which the effect of the smear is taken as proportional to its square, so that
@@ -37,10 +37,13 @@ class Sums:
     pairs: int
 
 
-def tabulate(ring: Ring, parameters: Floats, optics: Optics, *, is_rich: bool) -> RadialTable:
-    """Radial table for the present parameters, by compiled loops."""
-    from labpipe.imaging.fringes._fit_kernel import fill_table
+def tabulate(ring: Ring, parameters: Floats, free: Integers, optics: Optics) -> tuple[RadialTable, int]:
+    """Radial table for the present parameters, by compiled loops, and its kind."""
+    from labpipe.imaging.fringes._fit_kernel import PLAIN
+    from labpipe.imaging.fringes._table_kernel import fill_table
 
+    kind = kind_of_table(parameters, free)
+    is_rich = kind > PLAIN
     radius, travel = float(parameters[Parameter.RADIUS]), table_travel(parameters)
     blur = math.sqrt(max(optics.blur**2 + float(parameters[Parameter.BLUR]), 0.0))
     kernel = pixel_weights(blur, optics.disc, 0.5 * (max(radius, 1.0) + ring.outer))
@@ -50,7 +53,7 @@ def tabulate(ring: Ring, parameters: Floats, optics: Optics, *, is_rich: bool) -
     phase = float(parameters[Parameter.PHASE])
     phase_scale = optics.phase_scale * math.exp(parameters[Parameter.SCALE]) / shrinkage(parameters)
     harmonics = tuple(float(parameters[p]) for p in HARMONICS)
-    before = (0.0, 0.0) if optics.by_camera else harmonics
+    before = (0.0, 0.0, 0.0) if optics.by_camera else harmonics
     flat, (ratio, share) = optics.flat, optics.colour
     values = fill_table(distance, radius, travel, nodes, weights, phase_scale, phase, kernel, *before, is_rich, flat)
     if share:
@@ -61,15 +64,15 @@ def tabulate(ring: Ring, parameters: Floats, optics: Optics, *, is_rich: bool) -
         values[0] += min(optics.blur**2 + float(parameters[Parameter.BLUR]), 0.0) * values[5]
     table = by_smear(RadialTable(start, values), parameters)
     if is_rich and optics.by_camera:
-        _distort(table.values, *harmonics)
-    return table
+        _distort(table.values, float(parameters[Parameter.SECOND]), float(parameters[Parameter.THIRD]))
+    return table, kind
 
 
 def _distort(values: Floats, second: float, third: float) -> None:
     """Add the harmonics that a camera makes of light that is blurred by then."""
     light = values[0].copy()
-    values[6], values[7] = 2.0 * light**2 - 1.0, (4.0 * light**2 - 3.0) * light
-    values[0] += second * values[6] + third * values[7]
+    values[6], values[8] = 2.0 * light**2 - 1.0, (4.0 * light**2 - 3.0) * light
+    values[0] += second * values[6] + third * values[8]
     values[1:6] *= 1.0 + 4.0 * second * light + third * (12.0 * light**2 - 3.0)
 
 
@@ -78,9 +81,13 @@ def shrinkage(parameters: Floats) -> float:
     return 1.0 - float(parameters[Parameter.STRETCH]) ** 2 - float(parameters[Parameter.SHEAR]) ** 2
 
 
-def needs_rich_table(parameters: Floats, free: Integers) -> bool:
-    """Tell whether blur, harmonics or higher powers of the light are used."""
-    return bool(parameters[Parameter.BLUR :].any() or (free >= Parameter.BLUR).any())
+def kind_of_table(parameters: Floats, free: Integers) -> int:
+    """Tell whether blur or harmonics are used, and whether light is uneven."""
+    from labpipe.imaging.fringes._fit_kernel import PLAIN, RICH, UNEVEN
+
+    if parameters[LIGHT[0] :].any() or (free >= LIGHT[0]).any():
+        return UNEVEN
+    return RICH if parameters[Parameter.BLUR :].any() or (free >= Parameter.BLUR).any() else PLAIN
 
 
 def table_travel(parameters: Floats) -> float:
@@ -111,10 +118,9 @@ def ring_cells(ring: Ring, parameters: Floats, free: Integers, optics: Optics, l
     """Sum residuals over the cells of a ring, and what parts between limits of distance say, by compiled loops."""
     from labpipe.imaging.fringes._fit_kernel import accumulate_cells
 
-    is_rich = needs_rich_table(parameters, free)
-    table = tabulate(ring, parameters, optics, is_rich=is_rich)
+    table, kind = tabulate(ring, parameters, free, optics)
     bins = max(4, min(MOST_BINS, int(ring.outer - ring.inner)))
-    model = parameters, ring.origin, table.values, table.start, free, ring.ceiling, is_rich
+    model = parameters, ring.origin, table.values, table.start, free, ring.ceiling, kind
     return Cells(*accumulate_cells(*ring.region, *model, bins, SECTORS, limits))
 
 
@@ -122,10 +128,9 @@ def ring_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics, is
     """Sum over the ring, by compiled loops."""
     from labpipe.imaging.fringes._fit_kernel import accumulate
 
-    is_rich = needs_rich_table(parameters, free)
-    table = tabulate(ring, parameters, optics, is_rich=is_rich)
+    table, kind = tabulate(ring, parameters, free, optics)
     normal, right, weighted, totals = accumulate(
-        *ring.region, parameters, ring.origin, table.values, table.start, free, ring.ceiling, is_last, is_rich
+        *ring.region, parameters, ring.origin, table.values, table.start, free, ring.ceiling, is_last, kind
     )
     squares, pixels, differences, pairs = totals
     return Sums(normal, right, weighted, squares, int(pixels), differences, int(pairs))

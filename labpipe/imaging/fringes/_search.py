@@ -23,7 +23,7 @@ from labpipe.imaging.fringes._radial_scan import (
     template_of,
 )
 from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, fit_contact
-from labpipe.imaging.fringes._ring_parameters import HARMONICS, PARAMETERS, Parameter
+from labpipe.imaging.fringes._ring_parameters import HARMONICS, LIGHT, PARAMETERS, Parameter
 
 #: Share of the profile's variance that fringes must explain before a frame is fitted.
 _LEAST_SCORE = 0.5
@@ -95,8 +95,8 @@ class View:
         Grey level of darkness, below which pixels are clipped, and from which they are saturated.
     ellipse : (float, float)
         Stretch and shear of circles.
-    harmonics : (float, float)
-        Second and third harmonic of the interference, relative to the first.
+    harmonics : (float, float, float)
+        See :data:`HARMONICS`.
     alternatives : tuple of tuples of Parameter
         What else may be freed where the usual fit fails.
     """
@@ -107,7 +107,7 @@ class View:
     black: float
     white: float
     ellipse: tuple[float, float] = (0.0, 0.0)
-    harmonics: tuple[float, float] = (0.0, 0.0)
+    harmonics: tuple[float, float, float] = (0.0, 0.0, 0.0)
     alternatives: tuple[tuple[Parameter, ...], ...] = ()
 
     @property
@@ -318,10 +318,13 @@ def otherwise(frame: NDArray[np.generic], view: View, start: Floats, found: Ring
     """Fit with the alternatives what the usual fit does not explain; the usual fit where none does better."""
     alternatives, least = view.alternatives, min(GOOD_MISFIT, found.misfit)
     if found.misfit < GOOD_MISFIT:
-        if not _has_long_travel(view, found):
+        if found.has_negative_light:
+            alternatives, least = tuple(extra for extra in alternatives if extra == LIGHT), GOOD_MISFIT
+        elif _has_long_travel(view, found):
+            alternatives = tuple(extra for extra in alternatives if Parameter.BLUR in extra)
+            least = _BLUR_BEFORE_TRAVEL * found.misfit
+        else:
             return found
-        alternatives = tuple(extra for extra in alternatives if Parameter.BLUR in extra)
-        least = _BLUR_BEFORE_TRAVEL * found.misfit
     elif found.misfit > _NONSENSE:
         return found
     quick = replace(view.settings, max_pixels=_QUICK_PIXELS, max_iterations=_QUICK_ITERATIONS)

@@ -44,8 +44,8 @@ class Calibration:
         Stretch and shear of circles.
     blur, disc : float [px], [1]
         Standard deviation of the image of a point, and the share of its variance that is a disc's.
-    harmonics : (float, float)
-        Relative to the first.
+    harmonics : (float, float, float)
+        See :data:`HARMONICS`.
     by_camera : bool
         Whether they arise behind the lens that blurs.
     colour : (float, float)
@@ -69,7 +69,7 @@ class Calibration:
     ellipse: tuple[float, float] = (0.0, 0.0)
     blur: float = 0.0
     disc: float = 0.0
-    harmonics: tuple[float, float] = (0.0, 0.0)
+    harmonics: tuple[float, float, float] = (0.0, 0.0, 0.0)
     by_camera: bool = False
     colour: tuple[float, float] = (1.0, 0.0)
     flat: float = 0.0
@@ -82,7 +82,7 @@ class Calibration:
     @property
     def is_usual(self) -> bool:
         """Whether all is as it was assumed."""
-        is_plain = (*self.ellipse, *self.harmonics, self.colour[1]) == (0.0,) * 5 and not self.has_uneven_light
+        is_plain = not any((*self.ellipse, *self.harmonics, self.colour[1], self.has_uneven_light))
         return is_plain and (self.phase_shift, self.log_scale, self.blur, self.flat) == (0.0, 0.0, 0.0, 0.0)
 
     def with_shared(self, trial: "Trial", shifts: Floats | float) -> "Calibration":
@@ -165,6 +165,12 @@ class Trial:
         mean = float((weights * values).sum() / weights.sum())
         chi_square = float((weights * (values - mean) ** 2).sum()) / max(len(values) - 1, 1)
         return mean, math.sqrt(max(chi_square, 1.0) / float(weights.sum()))
+
+    @property
+    def harmonics(self) -> tuple[float, float, float]:
+        """Return the mean harmonics."""
+        second, turned, third = (self.mean(p)[0] for p in HARMONICS)
+        return second, turned, third
 
     def shift_of_radius(self, parameters: Sequence[Parameter]) -> float:
         """Return the standard uncertainty (px) of the radius from that of the means of some parameters."""
@@ -251,8 +257,9 @@ def fit_frames(
         parameters[Parameter.PHASE] = view.optics.phase
         parameters[Parameter.SCALE] = 0.0
         parameters[Parameter.BLUR] = 0.0
-        if Parameter.SECOND not in extra:
-            parameters[list(HARMONICS)] = view.harmonics
+        for place, harmonic in zip(HARMONICS, view.harmonics, strict=True):
+            if place not in extra:
+                parameters[place] = harmonic
         fit = fit_contact(image, parameters, view.optics, settings, view.levels)
         if fit is None:
             return None

@@ -13,7 +13,7 @@ from labpipe.imaging.dic._subset_cutting import _RIGID_FROM_AFFINE
 from labpipe.imaging.dic._subset_kernel import compose_with_inverse
 from labpipe.imaging.dic._subset_solver import DEFAULT_ITERATIONS
 from labpipe.imaging.fringes._interference import SAMPLES_PER_PIXEL, Optics, radial_table
-from labpipe.imaging.fringes._ring_parameters import LIGHT, Parameter
+from labpipe.imaging.fringes._ring_parameters import HARMONICS, LIGHT, Parameter
 from labpipe.imaging.fringes._ring_pixels import Ring
 from labpipe.imaging.fringes._ring_sums import Sums, by_smear, shrinkage, table_travel
 
@@ -145,7 +145,7 @@ def plain_lines(
 def plain_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics, is_last: bool) -> Sums:
     """Sum over the ring by array operations: the twin of :func:`ring_sums`."""
     radius, x_centre, y_centre, gain, modulation, slope_x, slope_y, bowl = parameters[:8]
-    stretch, shear, _, scale, more_blur, second, third = parameters[Parameter.STRETCH : Parameter.LIGHT_XX]
+    stretch, shear, _, scale, more_blur = parameters[Parameter.STRETCH : Parameter.SECOND]
     rows, columns = ring.image.shape
     y, x = np.mgrid[0 : rows : ring.stride, 0:columns].astype(float)
     dx, dy = x + ring.first_column - x_centre, y + ring.first_row - y_centre
@@ -159,40 +159,47 @@ def plain_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics, i
         phase_scale=optics.phase_scale * math.exp(scale) / shrinkage(parameters),
         blur=math.sqrt(max(optics.blur**2 + more_blur, 0.0)),
     )
-    harmonics = (float(second), float(third))
-    table = radial_table(ring.inner, ring.outer, float(radius), table_travel(parameters), phased, harmonics)
+    second, turned, third = (float(parameters[p]) for p in HARMONICS)
+    table = radial_table(
+        ring.inner, ring.outer, float(radius), table_travel(parameters), phased, (second, turned, third)
+    )
     table.values[0] += min(optics.blur**2 + more_blur, 0.0) * table.values[5]
     table = by_smear(table, parameters)
     places = table.start + np.arange(table.values.shape[1]) / SAMPLES_PER_PIXEL
     lines = (np.interp(r[used], places, line) for line in table.values)
-    term, by_r, by_radius, by_phase, by_square, by_blur, two, three = lines
+    term, by_r, by_radius, by_phase, by_square, *rich = lines
     across = (x[used] + ring.first_column - ring.origin[0]) / ring.origin[2]
     down = (y[used] + ring.first_row - ring.origin[1]) / ring.origin[2]
     curve = (across**2 + down**2 - ring.origin[3]) * ring.origin[4]
     powers = np.stack([across**2 - down**2, across * down, across**3, across**2 * down, across * down**2, down**3])
-    light = 1.0 + slope_x * across + slope_y * down + bowl * curve + parameters[list(LIGHT)] @ powers
+    exponent = slope_x * across + slope_y * down + bowl * curve + parameters[list(LIGHT[:6])] @ powers
+    is_uneven = parameters[list(LIGHT)].any() or np.isin(LIGHT, free).any()
+    light, tilt = (np.exp(exponent),) * 2 if is_uneven else (1.0 + exponent, np.ones_like(exponent))
+    fields = np.stack([across, down, curve])
+    seen = 1.0 + parameters[list(LIGHT[6:])] @ fields
+    fringes, term = term, term * seen
     core = gain + modulation * term
     u, v, dx, dy, distance = u[used], v[used], dx[used], dy[used], np.maximum(r[used], 1e-9)
-    steep = modulation * light * by_r / distance
+    bright = modulation * light * seen
+    steep = bright * by_r / distance
     slopes = np.stack(
         [
-            modulation * light * by_radius,
+            bright * by_radius,
             -steep * (u * (1.0 + stretch) + v * shear),
             -steep * (v * (1.0 - stretch) + u * shear),
             light,
             light * term,
-            across * core,
-            down * core,
-            curve * core,
-            modulation * light * by_phase,
+            across * core * tilt,
+            down * core * tilt,
+            curve * core * tilt,
+            bright * by_phase,
             steep * (u * dx - v * dy),
             steep * (u * dy + v * dx),
-            modulation * light * by_square,
-            0.5 * modulation * light * (r[used] * by_r + radius * by_radius),
-            modulation * light * by_blur,
-            modulation * light * two,
-            modulation * light * three,
-            *(powers * core),
+            bright * by_square,
+            0.5 * bright * (r[used] * by_r + radius * by_radius),
+            *(bright * line for line in rich),
+            *(powers * core * tilt),
+            *(modulation * light * fringes * fields),
         ]
     )[free]
     residual = grey[used] - light * core

@@ -35,7 +35,8 @@ def trial(misfit: float, count: int = 4, smear: float = 0.0) -> Trial:
         between=1.0,
         curvature=1000.0,
         slow=None,
-        model_deviation=1.0,
+        worst_deviation=1.0,
+        has_negative_light=False,
         parameters=parameters,
         deviation=lambda _: 1.0,
     )
@@ -86,10 +87,10 @@ def test_what_promises_nothing_on_a_few_pixels_is_not_tried_on_whole_frames() ->
 def test_what_explained_nothing_is_tried_again_when_most_of_the_misfit_is_gone(monkeypatch: pytest.MonkeyPatch) -> None:
     names = ("find_blur", "_find_uneven_light", "find_harmonics", "find_blur_before_camera", "find_second_colour")
     asked: list[str] = []
-    for name in (*names, "_find_optics", "find_flat"):
+    for name in (*names, "find_coating", "_find_optics", "find_flat"):
         monkeypatch.setattr(_calibration, name, lambda *_, name=name: asked.append(name))
     vain: dict[int, float] = {}
-    for misfit, count in ((3.0, 8), (2.5, 0), (2.0, 8)):
+    for misfit, count in ((3.0, 9), (2.5, 0), (2.0, 9)):
         asked.clear()
         assert not [*_calibration._candidates(None, (), Calibration(), trial(misfit), None, vain)]  # type: ignore
         assert len(asked) == count

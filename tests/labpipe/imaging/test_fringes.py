@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 
 from labpipe.errors import InputError
 from labpipe.imaging import hertz_gap
-from labpipe.imaging.fringes._fit_kernel import fill_table
 from labpipe.imaging.fringes._interference import (
     SAMPLES_PER_PIXEL,
     Optics,
@@ -23,6 +22,7 @@ from labpipe.imaging.fringes._interference import (
     scaled_slopes,
     table_distances,
 )
+from labpipe.imaging.fringes._table_kernel import fill_table
 from tests.labpipe.imaging.contact_scenes import gap_of_worn_flat
 from tests.labpipe.imaging.fringe_film import gap_of_hertz, gap_of_pressure
 
@@ -99,7 +99,7 @@ def test_gap_beside_a_flat_is_that_of_the_springs(share: float) -> None:
 
 def test_a_point_contact_beside_a_flat_is_no_error() -> None:
     """An iteration may pass through a radius of 0, where no flat fits into the contact."""
-    rest = (np.ones(1), OPTICS.phase_scale, 2.9, pixel_weights(0.0), 0.0, 0.0, False, 30.0)
+    rest = (np.ones(1), OPTICS.phase_scale, 2.9, pixel_weights(0.0), 0.0, 0.0, 0.0, False, 30.0)
     table = fill_table(np.linspace(0.5, 40.0, 600), 0.0, 0.3, np.zeros(1), *rest)
     assert np.isfinite(table).all()
     assert all(np.isfinite(slope).all() for slope in scaled_slopes(np.linspace(0.5, 40.0, 9), 0.0, 30.0))
@@ -129,9 +129,9 @@ def test_compiled_table_equals_the_plain_one(travel: float, blur: float, flat: f
     start, distance = table_distances(inner, outer, blur, len(kernel) // 2)
     spacing = 2.0 * math.pi / phase_slope(outer, a, optics)
     nodes, weights = exposure_nodes(travel, spacing)
-    rest = (weights, optics.phase_scale, 2.9, kernel, 0.2, -0.1, True, flat)
+    rest = (weights, optics.phase_scale, 2.9, kernel, 0.2, 0.15, -0.1, True, flat)
     compiled = fill_table(distance, a, travel, nodes, *rest)
-    plain = radial_table(inner, outer, a, travel, optics, (0.2, -0.1))
+    plain = radial_table(inner, outer, a, travel, optics, (0.2, 0.15, -0.1))
     assert start == plain.start
     # Where a blur leaves nothing sharp, every fourth sample tells the others; the second derivative less well.
     error = np.abs(compiled - plain.values).max(axis=1) / np.maximum(np.abs(plain.values).max(axis=1), 1e-2)

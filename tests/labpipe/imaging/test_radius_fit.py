@@ -3,7 +3,7 @@ import pytest
 
 from labpipe.imaging.fringes._interference import make_optics, ring_limits
 from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, fit_contact
-from labpipe.imaging.fringes._ring_parameters import PARAMETERS, USUAL, Parameter
+from labpipe.imaging.fringes._ring_parameters import LIGHT, PARAMETERS, USUAL, Parameter
 from labpipe.imaging.fringes._ring_pixels import cut_ring, pixels_in_ring
 from labpipe.imaging.fringes._ring_sums import ring_sums
 from tests.labpipe.imaging.fringe_film import Scene, clean_image, expose, gap_of_pressure
@@ -27,15 +27,15 @@ def radius_of(fit: RingFit | None) -> float:
     return float(fit.parameters[Parameter.RADIUS]) * PIXEL
 
 
-@pytest.mark.parametrize("is_rich", [False, True])
-def test_compiled_sums_equal_the_plain_ones(is_rich: bool) -> None:
+@pytest.mark.parametrize("last", [Parameter.BLUR, LIGHT[0], PARAMETERS])
+def test_compiled_sums_equal_the_plain_ones(last: int) -> None:
     rng = np.random.default_rng(0)
     frame = expose(clean_image(SCENE, 180e-6, (150.3, 130.2), samples=2), SCENE, rng)
     parameters = start_at(180.5e-6, 150.0, 130.5)
     parameters[5 : Parameter.BLUR] = 0.02, -0.03, 0.05, 3.0, 0.004, -0.003, 2.3, 0.01
-    if is_rich:
-        parameters[Parameter.BLUR :] = 0.7, 0.1, -0.05, 0.02, 0.01, -0.02, 0.03, 0.01, -0.01
-    free = np.arange(PARAMETERS if is_rich else Parameter.BLUR)
+    rich = 0.7, 0.1, 0.07, -0.05, 0.02, 0.01, -0.02, 0.03, 0.01, -0.01, 0.04, -0.06, 0.05
+    parameters[Parameter.BLUR : last] = rich[: last - Parameter.BLUR]
+    free = np.arange(last)
     inner, outer = ring_limits(parameters[0], OPTICS, 3.0, 3.0)
     for max_pixels in (100_000, 5_000):
         ring = cut_ring(frame, parameters, inner, outer, (-np.inf, 215.0), max_pixels)

@@ -35,7 +35,7 @@ def test_a_frame_is_refitted_from_its_own_fit_unless_that_is_a_poor_one(monkeypa
         optics=SimpleNamespace(phase=3.0),
         settings=SimpleNamespace(free=()),
         ellipse=(0.0, 0.0),
-        harmonics=(0.0, 0.0),
+        harmonics=(0.0, 0.0, 0.0),
         levels=(0.0, 255.0),
     )
     misfit = {0: 0.5 * GOOD_MISFIT, 1: 2.0 * GOOD_MISFIT, 2: 0.5 * GOOD_MISFIT, 3: 0.5}

@@ -1,0 +1,73 @@
+"""What errors of the model that fits leave make of the radii of a film."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.imaging.films import FilmReader
+from labpipe.imaging.fringes._blank_frames import FilmResult
+from labpipe.imaging.fringes._interference import Optics, part_limits
+from labpipe.imaging.fringes._open_gap import has_free_gap
+from labpipe.imaging.fringes._radial_scan import edge_width
+from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, ring_around
+from labpipe.imaging.fringes._ring_noise import clustered, unsteadiness
+from labpipe.imaging.fringes._ring_parameters import Parameter
+from labpipe.imaging.fringes._ring_sums import ring_cells
+
+#: Travel in the exposure, in widths of the first bright ring, from which errors of the model are those of the motion.
+_FAR_TRAVEL = 1.5
+
+
+def weigh_misfits(reader: FilmReader, result: FilmResult) -> None:
+    """Tell what errors of the model make of the radius in the frames that show some.
+
+    How the contact moves over many fringes, and how a gap opens that is not Hertz's, is wrong in the same way in
+    all parts of the ring: that stays at its worst.
+    """
+    view = result.view
+    for index, fit in result.fits.items():
+        width = edge_width(float(fit.parameters[Parameter.RADIUS]), view.optics)
+        is_far = float(fit.parameters[Parameter.SMEAR]) > (_FAR_TRAVEL * width) ** 2
+        if fit.worst_deviation > 0.0 and not is_far and not has_free_gap(fit):
+            frame = reader.whole(index)
+            result.fits[index] = with_misfit_weighed(frame, fit, view.optics, view.settings, view.levels)
+
+
+def with_misfit_weighed(
+    frame: NDArray[np.generic],
+    fit: RingFit,
+    optics: Optics,
+    settings: FitSettings,
+    levels: tuple[float, float] = (-math.inf, math.inf),
+) -> RingFit:
+    """Tell what errors of the model make of the radius, from what parts of the ring say; unchanged without any.
+
+    Parameters
+    ----------
+    frame : array (row, column)
+        Grey levels.
+    fit : RingFit
+        Fit of the frame.
+    optics : Optics
+        The interference.
+    settings : FitSettings
+        How it was fitted.
+    levels : (float, float), optional
+        Grey levels at which pixels are clipped.
+    """
+    if fit.worst_deviation == 0.0 or Parameter.RADIUS not in fit.free:
+        return fit
+    ring = ring_around(frame, fit.parameters, optics, settings, levels)
+    if ring is None:
+        return fit
+    radius, place = float(fit.parameters[Parameter.RADIUS]), fit.free.index(Parameter.RADIUS)
+    limits = part_limits(radius, ring.inner, ring.outer, optics)
+    cells = ring_cells(ring, fit.parameters, np.array(fit.free, np.int64), optics, limits)
+    by_noise = fit.noise * fit.leverage
+    unsteady = math.sqrt(max(unsteadiness(cells.normals, cells.pulls, place) - by_noise**2, 0.0))
+    covariance = clustered(cells.scores, fit.inverse)
+    if covariance[place, place] < fit.covariance[place, place]:
+        covariance = fit.covariance
+    return replace(fit, covariance=covariance, unsteady=unsteady)

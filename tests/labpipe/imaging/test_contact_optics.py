@@ -1,0 +1,123 @@
+"""Light and lenses that no simple model describes: errors within u, and u near the scatter."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from labpipe.arrays import Floats
+from labpipe.imaging import contact_radius
+from tests.by_day import by_day
+from tests.labpipe.imaging.contact_optics import Microscope, bell, comet, haloed, oval, shaken
+from tests.labpipe.imaging.contact_scenes import gap_of_jkr
+from tests.labpipe.imaging.fringe_film import Scene
+
+UM = 1e-6
+SPHERE = 9.525e-3
+RADII = [190 * UM, 214 * UM, 229 * UM]
+PLAIN = Microscope()
+BRIGHT = Scene(rows=300, columns=360, mean=165.0)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A microscope, the greatest u (µm) that still counts as measured, and where the contact lies (px)."""
+
+    microscope: Microscope
+    most: float
+    centre: tuple[float, float] = (184.2, 147.3)
+    radii: tuple[float, float] = (170.0, 235.0)
+
+
+CASES = {
+    "faces that reflect 0.1": Case(replace(PLAIN, faces=(0.316, 0.316, 0.0)), 0.015),
+    "faces that reflect 0.4": Case(replace(PLAIN, faces=(0.632, 0.632, 0.0)), 0.01),
+    "unlike faces": Case(replace(PLAIN, faces=(0.45, 0.7, 0.0)), 0.01),
+    "coatings that absorb": Case(replace(PLAIN, faces=(0.5, 0.6, 0.5)), 0.02),
+    "coatings that absorb little": Case(replace(PLAIN, faces=(0.45, 0.3, -0.3)), 0.02),
+    "many beams, blurred": Case(replace(PLAIN, faces=(0.55, 0.55, 0.0), lens=oval(1.2, 1.2, 0.0)), 0.02),
+    "wide cone of light": Case(replace(PLAIN, cone=0.45), 0.2),
+    "two colours of a colour camera": Case(replace(PLAIN, colours=((633e-9, 0.85), (532e-9, 0.15))), 0.01),
+    "bell-shaped beam": Case(replace(PLAIN, beam=bell(0.6, 0.3, -0.2)), 0.03),
+    "bell-shaped beam aside": Case(replace(PLAIN, beam=bell(0.5, 0.6, -0.5)), 0.06),
+    "bell-shaped beam, many beams": Case(replace(PLAIN, beam=bell(0.6, 0.3, 0.2), faces=(0.45, 0.45, 0.0)), 0.04),
+    "fringes fade to one side": Case(
+        replace(PLAIN, visibility=lambda x, y: (1.0 + 0.35 * x) * (1.0 - 0.1 * y**2)), 0.02
+    ),
+    "haze": Case(replace(PLAIN, haze=lambda x, y: 0.5 + 0.4 * x - 0.25 * y + 0.3 * x * y), 0.06),
+    "corner in the shade": Case(
+        replace(PLAIN, beam=lambda x, y: 1.0 - 0.9 / (1.0 + np.exp((0.75 - x - y) / 0.12))), 0.03
+    ),
+    "ghost": Case(replace(PLAIN, ghosts=((0.08, 9.0, 17.0),)), 0.04),
+    "ghost far away": Case(replace(PLAIN, ghosts=((0.05, 40.0, -25.0),)), 0.02),
+    "two ghosts": Case(replace(PLAIN, ghosts=((0.06, 9.0, 17.0), (0.04, -14.0, 6.0))), 0.05),
+    "astigmatic lens": Case(replace(PLAIN, lens=oval(2.0, 0.8, 0.0)), 0.08),
+    "astigmatic lens, aslant": Case(replace(PLAIN, lens=oval(1.8, 0.7, 0.7)), 0.08),
+    "coma": Case(replace(PLAIN, lens=comet), 0.08),
+    "shaken camera": Case(replace(PLAIN, lens=shaken), 0.03),
+    "halo": Case(replace(PLAIN, lens=haloed), 0.15),
+    "saturated, many beams": Case(replace(PLAIN, scene=BRIGHT, faces=(0.5, 0.5, 0.0)), 0.02),
+    "partly out of view": Case(PLAIN, 0.01, (48.4, 150.3)),
+    "near the corner, bell-shaped beam": Case(replace(PLAIN, beam=bell(1.5, -0.2, 0.1)), 0.04, (75.6, 60.2)),
+    "small": Case(PLAIN, 0.01, radii=(45.0, 75.0)),
+}
+
+
+def hertz(r: Floats, a: float) -> Floats:
+    return gap_of_jkr(r, a, SPHERE, 5e9, 0.0)
+
+
+def measure(case: Case, radii: list[float], seed: int) -> tuple[xr.Dataset, Floats, Floats]:
+    scene = case.microscope.scene
+    film = case.microscope.film(hertz, radii, case.centre, seed)
+    found = contact_radius(film, scene.pixel_size, SPHERE, scene.wavelength)
+    assert (found.method.values == 1).all(), found.attrs["note"]
+    u = np.hypot(found.u_radius.values, found.radius_systematic.values)
+    return found, found.radius.values - radii, u
+
+
+@pytest.mark.filterwarnings("ignore:the fringes are")
+@pytest.mark.parametrize("name", by_day(sorted(CASES), 6))
+def test_errors_are_within_their_uncertainty(name: str) -> None:
+    case = CASES[name]
+    low, high = case.radii
+    _, error, u = measure(case, [v * UM for v in (low + 0.35 * (high - low), low + 0.7 * (high - low), high)], 3)
+    assert (np.abs(error) < 3.0 * u).all()
+    assert u.max() < case.most * UM
+
+
+@pytest.mark.nightly
+@pytest.mark.filterwarnings("ignore:the fringes are")
+@pytest.mark.parametrize("name", sorted(CASES))
+def test_uncertainty_is_near_the_scatter(name: str) -> None:
+    """Twelve frames of other radii, in three films of other centres and noise: within a factor of three."""
+    case = CASES[name]
+    errors, deviations = [], []
+    for seed in (11, 12, 13):
+        rng = np.random.default_rng(seed)
+        radii = [float(v) * UM for v in np.sort(rng.uniform(*case.radii, 4))]
+        x, y = case.centre + rng.uniform(-9.0, 9.0, 2)
+        _, error, u = measure(replace(case, centre=(float(x), float(y))), radii, seed)
+        assert (np.abs(error) < 3.0 * u).all()
+        errors.append(error)
+        deviations.append(u)
+    scatter, u = (float(np.sqrt(np.mean(np.concatenate(v) ** 2))) for v in (errors, deviations))
+    assert scatter / 3.0 < u < 3.0 * scatter
+
+
+def test_harmonics_of_many_beams_are_their_reflectivity() -> None:
+    """All harmonics follow from one number, the product of the amplitudes that the faces reflect."""
+    found, _, _ = measure(CASES["faces that reflect 0.4"], RADII, 5)
+    assert found.attrs["harmonics"] == pytest.approx([-0.4, 0.0, 0.0], abs=0.01)
+
+
+def test_coatings_that_absorb_turn_the_harmonics() -> None:
+    """The first harmonic of the light tells the phase, the second beside it what is turned."""
+    case = CASES["coatings that absorb"]
+    found, _, _ = measure(case, RADII, 5)
+    gap = np.arange(4096) / 4096 * 0.5 * case.microscope.scene.wavelength
+    first, second = np.fft.fft(case.microscope.light(gap, np.ones(1)))[1:3]
+    assert np.exp(1j * (found.attrs["phase"] - np.angle(first))) == pytest.approx(1.0, abs=0.02)
+    ratio = second / first * np.exp(-1j * np.angle(first))
+    assert complex(*found.attrs["harmonics"][:2]) == pytest.approx(ratio, abs=0.01)
