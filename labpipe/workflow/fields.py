@@ -99,6 +99,7 @@ Pressure = Annotated[Quantity, Dimension("Pa", "pressure or modulus", "2.5 MPa")
 Area = Annotated[Quantity, Dimension("m2", "area", "4 mm2")]
 Density = Annotated[Quantity, Dimension("kg/m3", "density", "1.19 g/cm3")]
 Stiffness = Annotated[Quantity, Dimension("N/m", "stiffness", "3 N/mm")]
+Adhesion = Annotated[Quantity, Dimension("J/m2", "work of adhesion", "50 ± 20 mJ/m2")]
 Dimensionless = Annotated[Quantity, Dimension("1", "number without unit", "0.35 ± 0.01")]
 
 

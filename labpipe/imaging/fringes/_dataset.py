@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.frames import FrameSource
-from labpipe.imaging.fringes._adhesive_edge import CLOSED_FORM, USUAL_WORK, adhesive_edge
+from labpipe.imaging.fringes._adhesive_edge import USUAL_WORK, adhesive_edge, edge_of_spot, edge_shift
 from labpipe.imaging.fringes._arguments import FilmOptions
 from labpipe.imaging.fringes._blank_frames import LEAST_SPOT, FilmResult
 from labpipe.imaging.fringes._edge import corrected_radius
@@ -104,7 +104,7 @@ def make_dataset(
         noise = edge.scatter * math.sqrt(2.0 / edge.points)
         values["u_centre_x"][index] = values["u_centre_y"][index] = noise
         parts[index] = _edge_systematic(radius, result, options, uncertainties)
-    _put_edges(values, parts, options, uncertainties)
+    _put_edges(values, parts, options, result, uncertainties)
     values["radius_systematic"] = np.sqrt((parts**2).sum(axis=1))
     method[result.resting] = RESTING
     method[list(result.filled)] = FILLED
@@ -167,29 +167,30 @@ def _put_fit(values: dict[str, Floats], index: int, fit: RingFit, result: FilmRe
     values["visibility"][index] = abs(float(p[Parameter.MODULATION])) / light
 
 
-def _put_edges(values: dict[str, Floats], parts: Floats, options: FilmOptions, uncertainties: dict[str, float]) -> None:
+def _put_edges(
+    values: dict[str, Floats], parts: Floats, options: FilmOptions, result: FilmResult, uncertainties: dict[str, float]
+) -> None:
     """Enter the edge of adhesive contacts, and adhesion among what all frames share.
 
     Without a stated work of adhesion the edge lies anywhere between Hertz's and that of a clean
     smooth polymer.
     """
     seen = np.isfinite(values["radius"]) & (values["radius"] > 0.0)
-    place = SOURCES.index("adhesion")
     if options.reduced_modulus is None or not seen.any():
         return
     radius, work = values["radius"][seen], options.work_of_adhesion
-    bodies = (options.sphere_radius, options.reduced_modulus)
-    farther = adhesive_edge(radius, *bodies, USUAL_WORK if work is None else work) - radius
+    bodies = options.sphere_radius, options.reduced_modulus, USUAL_WORK if work is None else work
+    light = options.wavelength or NOMINAL_WAVELENGTH
+    farther = adhesive_edge(radius, *bodies, light) - radius
+    at = np.flatnonzero(seen).tolist()
+    spots = np.array([result.edges[i].half_radius if i in result.edges else math.nan for i in at])
+    by_spot = edge_of_spot(spots * options.pixel_size, *bodies, light) - edge_of_spot(
+        spots * options.pixel_size, *bodies[:2], 0.0, light
+    )
+    shift, u = edge_shift(np.where(np.isfinite(spots), by_spot, farther), work, uncertainties["work_of_adhesion"])
     known = np.hypot(values["u_radius"][seen], np.sqrt(np.nansum(parts[seen] ** 2, axis=1)))
-    if work is None:
-        parts[seen, place] = farther / math.sqrt(3.0)
-        values["edge_radius"][seen] = radius + 0.5 * farther
-        values["u_edge_radius"][seen] = np.hypot(known, farther / math.sqrt(12.0))
-        return
-    parts[seen, place] = farther
-    by_work = 0.5 * farther * uncertainties["work_of_adhesion"] / work if work else np.zeros_like(farther)
-    values["edge_radius"][seen] = radius + farther
-    values["u_edge_radius"][seen] = np.sqrt(known**2 + by_work**2 + (CLOSED_FORM * farther) ** 2)
+    parts[seen, SOURCES.index("adhesion")] = np.hypot(shift, u)
+    values["edge_radius"][seen], values["u_edge_radius"][seen] = radius + shift, np.hypot(known, u)
 
 
 def _systematic(fit: RingFit, result: FilmResult, options: FilmOptions, uncertainties: dict[str, float]) -> Floats:

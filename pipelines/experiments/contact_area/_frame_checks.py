@@ -6,10 +6,11 @@ from math import nan
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import Check, Level, not_made, stated
+from labpipe.judging import Check, not_made, stated
 from labpipe.report import quantity
 from pipelines.experiments.contact_area.measured import READ
 from pipelines.experiments.contact_area.settings import ContactArea
+from pipelines.experiments.shared.film_frames import sound_frames
 from pipelines.experiments.shared.frame_order import in_order
 
 _LATE = 1.5  # of the usual interval between frames in contact, from which some are missing
@@ -18,11 +19,11 @@ _LATE = 1.5  # of the usual interval between frames in contact, from which some 
 def frame_checks(radius: xr.Dataset, whole: Check, settings: ContactArea) -> list[Check]:
     """Look for frames that are damaged, blank, repeated, exchanged, or at a wrong time.
 
-    ``whole`` tells what the file lacks, where the frames that there are do not.
+    ``whole`` tells what the file lacks.
     """
-    damaged = _damaged(radius, settings)
+    sound = sound_frames(radius["valid"].values.astype(bool), whole, settings.film)
     checks = [of(radius, settings) for of in (_times, _blanked, _copies, _in_order)]
-    return [*checks, damaged, *([] if damaged.level else [whole])]
+    return [*checks, sound]
 
 
 def summits_seen(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> Check:
@@ -57,19 +58,6 @@ def _times(radius: xr.Dataset, settings: ContactArea) -> Check:
         cause = f"frames are exchanged or repeated at frame {at}"
         return stated(name, law, text, "impossible", cause=cause, file=settings.film)
     return stated(name, law, f"{settings.film}: {steps.size + 1} frames in order", None, file=settings.film)
-
-
-def _damaged(radius: xr.Dataset, settings: ContactArea) -> Check:
-    name, law = "sound frames", "every frame of a film can be read"
-    bad = np.flatnonzero(~radius["valid"].values.astype(bool))
-    frames = "frame" if bad.size == 1 else "frames"
-    text = f"{settings.film}: {bad.size} damaged {frames}" + (f", the first is frame {bad[0]}" if bad.size else "")
-    share = bad.size / max(radius.sizes["frame"], 1)
-    level: Level | None = "note" if bad.size else None
-    if share >= 0.2:
-        level = "impossible" if share > 0.5 else "doubtful"
-    cause = "the film was not copied whole, or frames were lost"
-    return stated(name, law, text, level, cause=cause, file=settings.film)
 
 
 def _blanked(radius: xr.Dataset, settings: ContactArea) -> Check:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator
-from math import pi, sqrt
+from math import pi
 
 import numpy as np
 import xarray as xr
@@ -44,7 +44,7 @@ def quantities(
             "pixel_size": Input(size, u_size, "m/px"),
             "noise": Input(0.0, excess_uncertainty(u, total * radius, sampling), "m"),
             "sampling": Input(0.0, sampling, "m"),
-        } | {n: Input(0.0, share * radius, "m") for n, share in shares.items() if n != "pixel_size"}
+        } | {n: Input(0.0, share * radius, "m") for n, share in shares.items() if n not in ("pixel_size", "adhesion")}
         yield Quantity(
             f"largest contact radius, impact {i + 1}",
             "m",
@@ -52,19 +52,18 @@ def quantities(
                 measured * size * (pixel_size / size) ** power + sum(errors.values())
             ),
             inputs,
-            _UNDER,
+            (*_UNDER, ("adhesion", "fringes show the Hertz-equivalent radius, whether surfaces stick or not")),
             "largest contact radius",
         )
         if model is not None and i < model.sizes["impact"]:
-            # The edge lies between Hertz's and that of surfaces that stick as clean polymers do.
-            most = float(model["adhesion_shift"][i])
+            shift, u_shift = (float(model[name][i]) for name in ("adhesion_shift", "u_adhesion_shift"))
             yield Quantity(
                 f"largest contact area, impact {i + 1}",
                 "m2",
                 lambda measured, pixel_size, **errors: (
                     pi * (measured * size * (pixel_size / size) ** power + sum(errors.values())) ** 2
                 ),
-                inputs | {"adhesion": Input(0.5 * most, most / sqrt(12.0), "m")},
+                inputs | {"adhesion": Input(shift, u_shift, "m")},
                 _UNDER,
                 "largest contact area",
             )

@@ -85,6 +85,7 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
     beyond = sqrt(max(alike**2 - float(radius.attrs.get("u_systematic_relative", 0.0)) ** 2, 0.0))
     u = np.hypot(u_ours, model["u_peak_contact_radius"].values[:count])
     earlier, u_earlier = np.array(shifts, dtype=float).reshape(-1, 2).T
+    edge, u_edge = (model[name].values[:count] for name in ("adhesion_shift", "u_adhesion_shift"))
     return xr.Dataset(
         {
             "impact_number": variable("sample", joined["number"], "1", "impact of a compared frame"),
@@ -100,6 +101,9 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
             ),
             "peak_radius_model": variable("impact", theirs, "m", "largest radius, model"),
             **with_u("peak_radius_difference", "impact", ours - theirs, u, "m", "largest radius, film minus model"),
+            **with_u(
+                "edge_radius", "impact", ours + edge, np.hypot(u_ours, u_edge), "m", "radius of the edge of the contact"
+            ),
             **with_u(
                 "time_shift", "impact", earlier, u_earlier, "s", "shift of the model to earlier times against its peak"
             ),

@@ -31,7 +31,7 @@ _STAGES = (
             "other:sphere.material_from/master_curve",
             "other:plate_from/plate",
         ),
-        ("height", "sphere", "model", "plate"),
+        ("height", "sphere", "model", "plate", "work_of_adhesion", "wavelength"),
         schema="drop",
         shortcuts=True,
         imports=("labpipe.contact.impact._simulate", "labpipe.compiler"),

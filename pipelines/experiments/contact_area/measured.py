@@ -121,7 +121,7 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     ):
         table[name] = variable("impact", values, units, text)
     u_largest = np.hypot(own, relative * largest)
-    table |= with_u("peak_radius", "impact", largest, u_largest, "m", "largest contact radius")
+    table |= with_u("peak_radius", "impact", largest, u_largest, "m", "largest contact radius, Hertz-equivalent")
     for name, place, text in (("first_seen", 0, "first"), ("last_seen", -1, "last")):
         table[name] = variable(
             "impact", np.array([time[run[place]] for run in brief], float), "s", f"{text} frame with contact"

@@ -9,7 +9,8 @@ import xarray as xr
 from labpipe import contact
 from labpipe.arrays import Floats
 from labpipe.contact.sphere import hertz
-from labpipe.imaging import adhesive_edge
+from labpipe.imaging import USUAL_WORK, adhesive_edge
+from labpipe.imaging.fringes import edge_shift
 from labpipe.materials import Prony
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.variables import variable, with_u
@@ -72,12 +73,8 @@ def model(
         "impact", np.array(each_u) * largest, "m", "standard uncertainty from height, body and material: peak"
     )
     made.attrs |= {"budget": json.dumps(budget_rows(sources))} | kept_in(of_material)
-    made["adhesion_shift"] = variable(
-        "impact",
-        _edge_beyond(largest, made, solid, settings),
-        "m",
-        "distance of the edge of a contact that sticks as a clean polymer does from that of Hertz",
-    )
+    text = "distance of the edge of an adhesive contact from the Hertz-equivalent radius, at its largest"
+    made = made.assign(with_u("adhesion_shift", "impact", *_edge_beyond(largest, made, solid, settings), "m", text))
     weight = sphere.mass.value * gravity
     # a glass never relaxes in a film: its limits at rest are those of the times that the film shows
     brief = float(made["contact_duration"][0]) if largest.size else _STEP
@@ -110,13 +107,21 @@ def _at_rest(
     return sources
 
 
-def _edge_beyond(largest: Floats, made: xr.Dataset, solid: Prony, settings: ContactArea) -> Floats:
-    """Return how far outside Hertz's radius the edges of the largest contacts lie at most, by JKR."""
+def _edge_beyond(largest: Floats, made: xr.Dataset, solid: Prony, settings: ContactArea) -> tuple[Floats, Floats]:
+    """Return how far outside Hertz's radius the edges of the largest contacts lie by JKR, with its uncertainty."""
     if not largest.size:
-        return np.zeros(0)
+        return np.zeros(0), np.zeros(0)
     omega = np.pi / float(made["contact_duration"][0])
     reduced = abs(complex(solid.complex_modulus(omega))) / (1 - float(solid.nu) ** 2)
-    return adhesive_edge(largest, settings.sphere.radius.value, reduced) - largest
+    given, light = settings.work_of_adhesion, settings.wavelength
+    edge = adhesive_edge(
+        largest,
+        settings.sphere.radius.value,
+        reduced,
+        USUAL_WORK if given is None else given.value,
+        None if light is None else light.value,
+    )
+    return edge_shift(edge - largest, *((None,) if given is None else (given.value, given.u)))
 
 
 def _of_body(settings: ContactArea) -> list[Source]:

@@ -52,7 +52,6 @@ _SOURCES = {
     "wavelength": "wavelength",
     "pixel_size": "length of one pixel",
     "phase": "phase in the contact",
-    "adhesion": "adhesion, against the edge of the contact",
     "optics": "blur, harmonics and wear, found in the film",
 }
 _GROUP = "film"  # charts and frames over the film's time
@@ -141,10 +140,7 @@ def _summary(
     if model is not None and model.sizes["impact"]:
         remark = "first impact; uncertainty from height, radius and mass"
         rows.append(("largest contact radius, model", pages.told(model, "peak_contact_radius", 0), remark))
-        most = quantity(float(model["adhesion_shift"][0]), "m", 2)
-        remark = f"if the surfaces stick as clean smooth polymers do (JKR, {quantity(USUAL_WORK, 'J/m2', 2)}): fringes "
-        remark += "show the Hertz-equivalent radius"
-        rows.append(("edge of the contact", f"up to {most} farther out", remark))
+        rows.append(("edge of the contact", *_edge(model, settings)))
     if comparison is not None and comparison.sizes["impact"]:
         nrmse = f"{float(comparison['nrmse'][0]) * 100:.3g} %"
         rows.append(("nRMSE of the radius", nrmse, "first impact, relative to its largest radius"))
@@ -168,6 +164,19 @@ def _summary(
         if text:
             blocks.append(Notice("info", f"Method: {text}."))
     return Section("Summary", tuple(blocks))
+
+
+def _edge(model: xr.Dataset, settings: ContactArea) -> tuple[str, str]:
+    """Say where the edge of the largest contact lies beside the radius that fringes show, and why."""
+    told, given = "fringes show the Hertz-equivalent radius", settings.work_of_adhesion
+    if given is None:
+        # the middle of what is possible is half of the most
+        most = quantity(2.0 * float(model["adhesion_shift"][0]), "m", 2)
+        why = f"if the surfaces stick as clean smooth polymers do (JKR, {quantity(USUAL_WORK, 'J/m2', 2)})"
+        return f"up to {most} farther out", f"{why}; work_of_adhesion in session.toml tells it; {told}"
+    if given.value == 0.0:
+        return "at the radius", f"work_of_adhesion is stated as 0: the surfaces do not stick; {told}"
+    return f"{pages.told(model, 'adhesion_shift', 0)} farther out", f"JKR with the stated {pages.stated(given)}; {told}"
 
 
 def _key_frames(keys: xr.Dataset, settings: ContactArea) -> Section:
@@ -360,7 +369,8 @@ def _impacts(impacts: xr.Dataset, comparison: xr.Dataset | None) -> Section:
         for name, title in (("radius_model", "model"), ("radius_difference", "film − model"), ("nrmse", "nRMSE")):
             known = pages.column(comparison, name if name == "nrmse" else f"peak_{name}", title)
             columns.append(known.extended(count))
-    text = "Impacts are counted from their largest radius (t_p = 0)."
+        columns.append(pages.column(comparison, "edge_radius", "edge, film (JKR)").extended(count))
+    text = "Impacts are counted from their largest radius (t_p = 0). The radius is the Hertz-equivalent one."
     return Section("Impacts", (Paragraph(text), listed(columns)))
 
 

@@ -3,7 +3,7 @@
 from datetime import date
 from typing import Annotated, Literal
 
-from labpipe.workflow.config import POSITIVE, ExperimentName, File, Frequency, Length, Range, Time
+from labpipe.workflow.config import POSITIVE, Adhesion, ExperimentName, File, Frequency, Length, Range, Time
 from pipelines.experiments.shared.settings import DropModel, Plate, Sphere, Table, refuse_two_plates
 
 Pixel = Annotated[float, Range(at_least=0, at_most=1e5)]
@@ -20,7 +20,9 @@ class ContactArea(Table, frozen=True, kw_only=True):
     the day of the film, for the validity of the record; by default that of its trigger.
     ``region`` are two opposite corners, in px (x right, y down), of the part of the frames in which
     the contact is looked for: without it all of each frame, in which a second sphere, a scratch or
-    a label may be taken for it.
+    a label may be taken for it. ``work_of_adhesion`` of the surfaces tells where the edge of a contact
+    lies beside the Hertz-equivalent radius that fringes show (0: they do not stick); without it anywhere
+    up to where that of a clean smooth polymer puts it.
     """
 
     kind: Literal["contact_area"]
@@ -34,6 +36,7 @@ class ContactArea(Table, frozen=True, kw_only=True):
     measured_on: date | None = None
     frame_rate: Annotated[Frequency, POSITIVE] | None = None
     region: tuple[Corner, Corner] | None = None
+    work_of_adhesion: Annotated[Adhesion, Range(at_least=0.0)] | None = None
     model: DropModel = DropModel()
     plate: Plate | None = None
     plate_from: ExperimentName | None = None

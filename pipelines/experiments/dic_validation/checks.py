@@ -6,6 +6,7 @@ from math import degrees, hypot, isfinite, log
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from labpipe.arrays import Floats
@@ -20,7 +21,7 @@ from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.fall_checks import Fall
-from pipelines.experiments.shared.film_frames import explained, whole_film
+from pipelines.experiments.shared.film_frames import explained, sound_frames, whole_film
 from pipelines.experiments.shared.film_light import exposed, lit, no_mosaic
 from pipelines.experiments.shared.film_stated import is_rate_used, stated_twice
 from pipelines.experiments.shared.frame_order import in_order
@@ -83,7 +84,7 @@ def judgement(
         checks = [replace(c, cause=found.cause) if c.name == "step motion" and found.level else c for c in checks]
         along = track["dy"].isel(point=0).values
         checks += [found, _copies(track, settings), in_order(settings.film, track["frame"].values, along)]
-        checks += [whole, sideways(track, settings)]
+        checks += [sound_frames(_is_sound(track), whole, settings.film), sideways(track, settings)]
         checks += [_lit(track, settings), exposed(track, settings.film), no_mosaic(track, settings.film)]
     if motion is not None:
         steady = _steady(track, motion, settings)
@@ -130,6 +131,16 @@ def _found(track: xr.Dataset, settings: DicValidation) -> Check:
         cause = "frames are black, damaged or of something else there: the light failed, or something came between"
         return stated(name, law, text, "note", cause=cause, file=settings.film)
     return stated(name, law, message, level, cause=cause, setting="tracking.body")
+
+
+def _is_sound(track: xr.Dataset) -> NDArray[np.bool_]:
+    """Tell of every frame of a film whether it can be read; those that were not read are thought to be."""
+    sound = np.ones(int(track["frame"][-1]) + 1, bool)
+    if "status" in track:
+        status = track["status"].isel(point=0)
+        codes = dict(zip(str(status.attrs["flag_meanings"]).split(), status.attrs["flag_values"], strict=True))
+        sound[track["frame"].values] = status.values != codes.get("frame_damaged")
+    return sound
 
 
 def _is_saturated(track: xr.Dataset) -> bool:

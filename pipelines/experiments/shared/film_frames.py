@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import instruments
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource, IncompleteFilmWarning
-from labpipe.judging import Check, stated
+from labpipe.judging import Check, Level, stated
 from labpipe.units import Quantity
 from labpipe.variables import variable
 from labpipe.workflow.context import Context
@@ -26,6 +26,7 @@ _NOT_WHOLE = "the film was not copied whole, or is damaged: copy it from the cam
 _ALIKE, _BESIDE = 0.5, 0.25
 """Part of the differences between stated neighbours that is left between true ones, and how far
 beside their distance, relative, nothing alike may lie: rows that are alike all along are a pattern."""
+_MANY, _MOST = 0.2, 0.5  # of the frames, that make a film doubtful and impossible when they are damaged
 _AROUND = 8  # frames read on either side of a contact
 
 
@@ -84,6 +85,21 @@ def whole_film(context: Context, film: str) -> Check:
     if not texts:
         return stated(name, law, f"{film}: no frame is missing in the file", None, file=film)
     return stated(name, law, f"{film}: {texts[0].partition(': ')[2]}", "note", cause=_NOT_WHOLE, file=film)
+
+
+def sound_frames(is_sound: NDArray[np.bool_], whole: Check, film: str) -> Check:
+    """Count the frames of a film that are damaged; ``whole`` tells of few of them better."""
+    name, law = "sound frames", "every frame of a film can be read"
+    bad = np.flatnonzero(~is_sound)
+    share = bad.size / max(is_sound.size, 1)
+    if whole.level and share < _MANY:
+        return whole
+    frames = "frame" if bad.size == 1 else "frames"
+    text = f"{film}: {bad.size} damaged {frames}" + (f", the first is frame {bad[0]}" if bad.size else "")
+    level: Level | None = "note" if bad.size else None
+    if share >= _MANY:
+        level = "impossible" if share > _MOST else "doubtful"
+    return stated(name, law, text, level, cause=_NOT_WHOLE if bad.size else "", file=film)
 
 
 def explained(failed: Check, whole: Check) -> Check:

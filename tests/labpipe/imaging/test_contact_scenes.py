@@ -15,6 +15,7 @@ from labpipe.errors import InputError
 from labpipe.imaging import adhesive_edge, contact_radius
 from labpipe.imaging.films._lost_rows import fill_lost_rows
 from labpipe.imaging.fringes import _search
+from labpipe.imaging.fringes._adhesive_edge import edge_of_spot
 from pipelines.bench import contact_radius as bench
 from tests.by_day import by_day
 from tests.labpipe.imaging.contact_scenes import Disturbed, film_of, gap_of_jkr, gap_of_worn_flat
@@ -252,10 +253,9 @@ def test_a_worn_flat_is_told_and_no_other_is_seen() -> None:
     assert said == []
 
 
-@pytest.mark.parametrize("work", [2e-3, 20e-3])
-def test_edge_of_an_adhesive_contact_follows_from_its_fringes(work: float) -> None:
-    """Images of exact JKR contacts, E* 5 GPa: the fringes are those of a smaller Hertz contact."""
-    modulus = 5e9
+@pytest.mark.parametrize(("modulus", "work"), [(5e9, 2e-3), (5e9, 20e-3), (3e9, 50e-3), (1e9, 50e-3)])
+def test_edge_of_an_adhesive_contact_follows_from_its_fringes(modulus: float, work: float) -> None:
+    """Images of exact JKR contacts: the fringes are those of a smaller Hertz contact."""
     film = film_of(PLAIN, lambda r, a: gap_of_jkr(r, a, SPHERE, modulus, work), RADII[:2], CENTRE)
     told = contact_radius(film, OPTICS.pixel_size, SPHERE, LIGHT, reduced_modulus=modulus, work_of_adhesion=work)
     shift = np.array(RADII[:2]) - told.radius.values
@@ -269,7 +269,22 @@ def test_edge_of_an_adhesive_contact_follows_from_its_fringes(work: float) -> No
     assert usual.radius.values.tolist() == told.radius.values.tolist()
 
 
+@pytest.mark.parametrize("work", [10e-3, 50e-3])
+@pytest.mark.filterwarnings("ignore:.*measured by the edge of the spot:UserWarning")
+def test_edge_of_an_adhesive_rubber_follows_from_its_spot(work: float) -> None:
+    """E* 5 MPa: adhesion opens the gap so steeply that no ring of it is Hertz's, and the spot ends at the edge."""
+    film = film_of(PLAIN, lambda r, a: gap_of_jkr(r, a, SPHERE, 5e6, work), RADII[:2], CENTRE)
+    for given in ({"work_of_adhesion": work}, {}):
+        found = contact_radius(film, OPTICS.pixel_size, SPHERE, LIGHT, reduced_modulus=5e6, **given)
+        assert found.method.values.tolist() == [2, 2]
+        assert (np.abs(found.edge_radius.values - RADII[:2]) < 3.0 * found.u_edge_radius.values).all()
+        assert found.u_edge_radius.max() < 8 * UM
+        shared = np.hypot(found.u_radius.values, found.radius_systematic.values)
+        assert (np.abs(found.radius.values - RADII[:2]) < 3.0 * shared).all()
+
+
 def test_edge_is_that_of_hertz_without_adhesion() -> None:
+    assert edge_of_spot([1e-4], SPHERE, 5e9, 0.0, LIGHT) < 1e-4
     assert adhesive_edge([1e-4, 1e-3], SPHERE, 5e9, 0.0).tolist() == [1e-4, 1e-3]
     for wrong in ((0.0, 5e9, 0.05), (SPHERE, -1.0, 0.05), (SPHERE, 5e9, -0.05)):
         with pytest.raises(InputError, match="found"):

@@ -51,6 +51,8 @@ def compared(offset: float, count: int = 10, factor: float = 1.0) -> xr.Dataset:
             "impact_time": ("impact", [0.5e-3]),
             "peak_contact_radius": ("impact", [800 * UM]),
             "u_peak_contact_radius": ("impact", [1 * UM]),
+            "adhesion_shift": ("impact", [0.7 * UM]),
+            "u_adhesion_shift": ("impact", [0.4 * UM]),
         },
         coords={"time": when, "impact": [1]},
     )

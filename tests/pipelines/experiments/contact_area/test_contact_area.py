@@ -160,3 +160,27 @@ def test_a_region_around_the_contact_gives_the_same_circle(session: Path) -> Non
     small = msgspec.structs.replace(settings, region=((0.0, 0.0), (20.0, 50.0)))
     with pytest.raises(InputError, match="less than 32 px wide or high"):
         radius(film, record, settings=small, full=False)
+
+
+@pytest.mark.parametrize(
+    ("stated", "told"),
+    [
+        ("", "up to 1.4 µm farther out"),
+        ('work_of_adhesion = "0 mJ/m2"', "the surfaces do not stick"),
+        ('work_of_adhesion = "20 ± 5 mJ/m2"', "JKR with the stated (20.0 ± 5.0) mJ/m²"),
+    ],
+)
+def test_the_edge_of_an_adhesive_contact_is_told(session: Path, tmp_path: Path, stated: str, told: str) -> None:
+    folder = tmp_path / "session"
+    shutil.copytree(session, folder)
+    text = (folder / "session.toml").read_text("utf-8")
+    (folder / "session.toml").write_text(text.replace("wavelength =", f"{stated}\nwavelength =", 1), "utf-8")
+    assert process(folder, only=["acrylic_film"], jobs=0).exit_code == 0
+    assert told in (folder / "labpipe/reports/acrylic_film.html").read_text("utf-8")
+    compared = result(folder, "acrylic_film", "comparison")
+    beyond = float((compared["edge_radius"] - compared["peak_radius_film"])[0])
+    found = quantities(folder, "acrylic_film")
+    assert beyond == pytest.approx(found["largest contact area, impact 1"].inputs["adhesion"].value)
+    assert "adhesion" not in found["largest contact radius, impact 1"].inputs
+    expected = {"": 0.71e-6, 'work_of_adhesion = "0 mJ/m2"': 0.0}.get(stated, 0.89e-6)
+    assert beyond == pytest.approx(expected, rel=0.03)
