@@ -150,12 +150,13 @@ def track(
     >>> float(found.dx[1, 0].round(3))
     0.25
     """
+    from labpipe.imaging.dic._attempt import Options
     from labpipe.imaging.dic._film_window import FilmWindow
     from labpipe.imaging.dic._interlaced import refuse_rows
     from labpipe.imaging.dic._reference import make_reference
     from labpipe.imaging.dic._results import displacements, make_dataset
     from labpipe.imaging.dic._subset_cutting import adaptable
-    from labpipe.imaging.dic._tracker import Options, Tracker
+    from labpipe.imaging.dic._tracker import Tracker
     from labpipe.imaging.films import without_stuck_pixels
 
     film = as_frames(frames)

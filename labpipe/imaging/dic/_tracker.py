@@ -5,12 +5,10 @@ a template match confirm it: a high correlation alone is no proof, since about o
 seventy that starts too far away converges to a wrong place with a correlation above 0.9.
 """
 
-from dataclasses import dataclass, field
-
 import numpy as np
-from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats, Floats32, Integers
+from labpipe.imaging.dic._attempt import Attempt, Options, Work
 from labpipe.imaging.dic._film_window import Box, FilmWindow, Loaded
 from labpipe.imaging.dic._motion_state import contradicted, converged_nearby, extent, predicted, remember
 from labpipe.imaging.dic._motion_uncertainty import one_way
@@ -18,7 +16,7 @@ from labpipe.imaging.dic._pattern import Growth, Pattern, grown, more_blur
 from labpipe.imaging.dic._reference import Reference
 from labpipe.imaging.dic._seeding import has_double
 from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, LIGHT
-from labpipe.imaging.dic._subset_solver import CHANGES, SOLVED, Solution, empty_solution, put, solve
+from labpipe.imaging.dic._subset_solver import SOLVED, Solution, empty_solution, put, solve
 from labpipe.imaging.films import PIECE
 
 #: Distance from the prediction (px) up to which a converged point needs no confirmation:
@@ -42,104 +40,6 @@ NEIGHBOURS = 6
 _FEWEST_PIECES, _MOST_PIECES, _PIXELS_PER_PIECE = 4, 24, 40_000
 #: Drop of the correlation relative to the last frame that calls for a check.
 _DROP = 0.85
-
-
-@dataclass(frozen=True)
-class Options:
-    """Settings of the solver, see :func:`labpipe.imaging.track`.
-
-    ``adapt`` holds for every point, usable or not, the sum of what may be solved for where it is
-    needed, see :meth:`.Subsets.model`.
-    """
-
-    order: int
-    tolerance: float
-    max_iterations: int
-    min_zncc: float
-    adapt: Integers
-
-
-@dataclass
-class Work:
-    """Counts of what was done."""
-
-    subsets_solved: int = 0
-    iterations: int = 0
-    reseeds: int = 0
-
-
-@dataclass(frozen=True)
-class FrameResult:
-    """Answers for the usable points of one frame, as in ``Solution``, and their status."""
-
-    motion: Floats
-    gain: Floats
-    residual: Floats
-    zncc: Floats
-    iterations: Integers
-    status: NDArray[np.int8]
-    model: Integers
-    change: Floats
-
-
-@dataclass
-class Attempt:
-    """Best answers so far for one frame."""
-
-    motion: Floats
-    zncc: Floats
-    gain: Floats
-    residual: Floats
-    iterations: Integers
-    code: Integers
-    trusted: Flags
-    model: Integers
-    needed: Integers
-    change: Floats
-    reached: Flags = field(init=False)
-    outvoted: Flags = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.reached = np.zeros(len(self.zncc), bool)
-        self.outvoted = np.zeros(len(self.zncc), bool)
-
-    @classmethod
-    def nothing(cls, expected: Floats) -> "Attempt":
-        """Return answers that hold nothing but where the points were expected."""
-        count = len(expected)
-        zncc, gain, residual = np.full((3, count), np.nan)
-        nowhere = np.full(count, -1)
-        none = np.zeros((3, count), np.int64)
-        no, unchanged = np.zeros(count, bool), np.zeros((count, CHANGES))
-        return cls(expected.copy(), zncc, gain, residual, none[0], nowhere, no, none[1], none[2], unchanged)
-
-    @classmethod
-    def of(cls, found: Solution) -> "Attempt":
-        """Return the answers of all points, none of them trusted yet."""
-        return cls(
-            found.motion,
-            found.zncc.copy(),
-            found.gain.copy(),
-            found.residual.copy(),
-            found.iterations,
-            found.code,
-            np.zeros(len(found.code), bool),
-            found.model,
-            found.needed,
-            found.change,
-        )
-
-    def take(self, chosen: Integers, found: Solution, better: Flags) -> None:
-        """Replace the answers of chosen points where the new ones are better."""
-        where = chosen[better]
-        self.motion[where] = found.motion[better]
-        self.zncc[where] = found.zncc[better]
-        self.gain[where] = found.gain[better]
-        self.residual[where] = found.residual[better]
-        self.code[where] = found.code[better]
-        self.model[where] = found.model[better]
-        self.needed[where] = found.needed[better]
-        self.change[where] = found.change[better]
 
 
 class Tracker:
@@ -264,8 +164,10 @@ class Tracker:
         adapt = self._adapt[chosen] & (~BLUR if self.is_static else ~0)
         # Where there is hardly a pattern, the columns of light and blur would take noise for a change.
         is_plain = found.residual < self._most_misfit[chosen]
-        lacking = found.needed & ~models & np.where(is_plain, adapt, adapt & AFFINE)
-        if (lacking > 0).sum() > _CHANCE * is_tested.sum() and not is_tested.all():
+        is_lacking = (found.needed & ~models & adapt) > 0
+        is_common = is_lacking.sum() > _COMMON * is_tested.sum()
+        is_common |= (is_lacking & (is_plain | ((found.needed & AFFINE) > 0))).sum() > _CHANCE * is_tested.sum()
+        if is_common and not is_tested.all():
             others = np.flatnonzero(~is_tested & (found.code == SOLVED) & (self._adapt[chosen] > 0))
             tested = np.ones(len(others), bool)
             retried = self._solve(loaded, chosen[others], found.motion[others], models[others], tested)
