@@ -17,6 +17,7 @@ import xarray as xr
 from labpipe.arrays import Floats
 from labpipe.imaging import track
 from pipelines.bench.film_scenes import (
+    Film,
     Formula,
     View,
     blurred_by_camera,
@@ -58,11 +59,12 @@ def scenes(size: int) -> dict[str, Scene]:
     middle = 0.5 * (size - 1)
     hidden = _wire(size)
     noise = partial(from_formula, lambda x, y: _WEAK * texture(x, y), size)
-    near, wide = View(defocus=0.6), View(defocus=1.0)
+    near, wide, far = View(defocus=0.6), View(defocus=1.0), View(defocus=1.2)
     return {
         _UNCHANGED: Scene(field),
-        "defocus 0.6 to 1.2 px": Scene(field, View(defocus=0.6), View(defocus=1.2)),
-        "defocus 1.2 to 0.6 px": Scene(field, View(defocus=1.2), View(defocus=0.6)),
+        "defocus 0.6 to 1.2 px": Scene(field, near, far),
+        "defocus 1.2 to 0.6 px": Scene(field, far, near),
+        "defocus 0.6 to 2.0 px": Scene(field, near, View(defocus=2.0)),
         "motion of 4 px in the exposure": Scene(field, _PLAIN, View(smear=(4.0, 0.0))),
         "light sloping by 0.2 % per px": Scene(field, _PLAIN, View(light=(1.0, 0.002, -0.001))),
         "scale 1.03": Scene(noise, _PLAIN, View(scale=1.03)),
@@ -70,8 +72,9 @@ def scenes(size: int) -> dict[str, Scene]:
         "Perlin noise": Scene(partial(from_formula, noise_cells, size)),
         "dots that repeat themselves": Scene(partial(from_formula, dots(0.3, 9.0, 1.0), size)),
         _COVERED: Scene(lambda view: (1.0 - hidden) * field(view) + 70.0 * hidden),
-        "photograph that comes into focus": Scene(partial(from_spectrum, photograph(size)), View(defocus=1.2), near),
-        "bricks out of focus": Scene(partial(seen_by_pixels, bricks(0.4, 14.0, 1.6, 6), size), near, View(defocus=1.2)),
+        "photograph that comes into focus": Scene(partial(from_spectrum, photograph(size)), far, near),
+        "bricks out of focus": Scene(partial(seen_by_pixels, bricks(0.4, 14.0, 1.6, 6), size), near, far),
+        "bricks that come into focus": Scene(partial(seen_by_pixels, bricks(0.4, 14.0, 1.6, 6), size), far, near),
         "black and white cells behind a lens": Scene(partial(seen_by_pixels, cells(0.3, 4.3, 7), size), near, near),
         "cells blurred after sampling": Scene(partial(blurred_by_camera, cells(0.3, 4.3, 7), size), wide, wide),
         "bare edge blurred after sampling": Scene(partial(blurred_by_camera, _bare_edge(middle), size), wide, wide),
@@ -107,18 +110,22 @@ def disturbances(quick: bool) -> Suite:
 
 
 def _row(name: str, scene: Scene, size: int, frames: int) -> Point:
-    shifts = [(k * _STEP[0], k * _STEP[1]) for k in range(1, frames)]
-    views = [scene.before, *(replace(scene.after, shift=shift) for shift in shifts)]
-    film = digitised([scene.draw(view) for view in views], _NOISE, 5)
     axis = np.arange(_SUBSET, size - _SUBSET, float(_SPACING))
     points = np.stack([axis.ravel() for axis in np.meshgrid(axis, axis)], axis=1)
-    truth = np.stack([view.displacement(points, size) for view in views])[1:]
+    film, truth = _moved(scene, scene.before, scene.after, points, size, frames)
     track(film[:2], points, _SUBSET)
     start = time.perf_counter()
     found = track(film, points, _SUBSET)
     seconds = time.perf_counter() - start
     error, u = _compared(found, truth)
     plain, _ = _compared(track(film, points, _SUBSET, "rigid", adapt=False), truth)
+    recovered = None
+    if scene.before != scene.after:
+        unchanged = []
+        for view in (scene.before, replace(scene.after, scale=1.0, angle=0.0)):
+            still, place = _moved(scene, view, view, points, size, frames)
+            unchanged.append(_rms(_compared(track(still, points, _SUBSET), place)[0]))
+        recovered = 100.0 * (_rms(plain) - _rms(error)) / (_rms(plain) - min(unchanged))
     beyond = np.hypot(*error.T) > 5.0 * np.hypot(*u.T)
     return Point(
         name,
@@ -127,11 +134,19 @@ def _row(name: str, scene: Scene, size: int, frames: int) -> Point:
         is_default=name == _UNCHANGED,
         extra={
             "error, change not solved for (px)": _rms(plain) if np.isfinite(plain).any() else None,
+            "of what the change costs, recovered (%)": recovered,
             "u / scatter": _rms(u) / _rms(error) if np.isfinite(error).any() else None,
             "lost (%)": 100.0 * float(np.isnan(error).any(axis=-1).mean()),
             "off by more than 5 u": int(beyond.sum()),
         },
     )
+
+
+def _moved(scene: Scene, before: View, after: View, points: Floats, size: int, frames: int) -> tuple[Film, Floats]:
+    """Film of a scene that is shifted from frame to frame, and the displacement (frame, point, 2) after the first."""
+    views = [before, *(replace(after, shift=(k * _STEP[0], k * _STEP[1])) for k in range(1, frames))]
+    film = digitised([scene.draw(view) for view in views], _NOISE, 5)
+    return film, np.stack([view.displacement(points, size) for view in views])[1:]
 
 
 def _compared(found: xr.Dataset, truth: Floats) -> tuple[Floats, Floats]:

@@ -12,7 +12,7 @@ from labpipe.imaging.dic._attempt import Attempt, Options, Work
 from labpipe.imaging.dic._film_window import Box, FilmWindow, Loaded
 from labpipe.imaging.dic._motion_state import contradicted, converged_nearby, extent, predicted, remember
 from labpipe.imaging.dic._motion_uncertainty import one_way
-from labpipe.imaging.dic._pattern import Growth, Pattern, grown, more_blur
+from labpipe.imaging.dic._pattern import NO_GROWTH, Growth, Pattern, grown, more_blur
 from labpipe.imaging.dic._reference import Reference
 from labpipe.imaging.dic._seeding import has_double
 from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, LIGHT
@@ -169,8 +169,7 @@ class Tracker:
         is_common |= (is_lacking & (is_plain | ((found.needed & AFFINE) > 0))).sum() > _CHANCE * is_tested.sum()
         if is_common and not is_tested.all():
             others = np.flatnonzero(~is_tested & (found.code == SOLVED) & (self._adapt[chosen] > 0))
-            tested = np.ones(len(others), bool)
-            retried = self._solve(loaded, chosen[others], found.motion[others], models[others], tested)
+            retried = self._solve_tested(loaded, chosen[others], found.motion[others], models[others])
             found.iterations[others] += retried.iterations
             put(found, others, retried, slice(None))
         # Light, focus and exposure change in the whole frame: then it is no noise, of which they explain little.
@@ -179,23 +178,44 @@ class Tracker:
             common = sum(group for group in (LIGHT, BLUR) if ((found.needed & group) > 0).mean() > _COMMON)
         adapt = np.where(is_plain, adapt, adapt & (AFFINE | np.where(self._is_edge[chosen], 0, common)))
         most = np.where(is_plain, np.inf, _EXPLAINED * found.residual)
-        # Noise hides it in some of the points only.
-        lacking = (found.needed | (common & BLUR)) & ~models & adapt
+        self._add(loaded, chosen, found, found.needed & ~models & adapt, most, adapt)
+        # Noise hides a change of blur in some of the points only, or in most.
+        few = _CHANCE if self.growth == NO_GROWTH else _COMMON
+        hidden = BLUR if len(chosen) >= _TESTED and ((found.needed & BLUR) > 0).mean() > few else 0
+        self._add(loaded, chosen, found, hidden & ~found.model & adapt, most, adapt)
+        self._without_spare(loaded, chosen, found, found.model & ~models & ~found.needed & ~hidden)
+        return found
+
+    def _add(
+        self, loaded: Loaded, chosen: Integers, found: Solution, lacking: Integers, most: Floats, adapt: Integers
+    ) -> None:
+        """Add what points lack to their models while they lack something; ``most`` is the largest residual."""
         for _ in range(_ROUNDS):
             if not lacking.any():
                 break
             again = np.flatnonzero(lacking)
             # A stretch looks like a change of light and blur as well.
             added = np.where(lacking[again] & AFFINE, AFFINE, lacking[again])
-            tested = np.ones(len(again), bool)
-            better = self._solve(loaded, chosen[again], found.motion[again], found.model[again] | added, tested)
+            better = self._solve_tested(loaded, chosen[again], found.motion[again], found.model[again] | added)
             is_solved = (better.code == SOLVED) & (better.zncc >= found.zncc[again])
             is_solved &= (better.residual < most[again]) | (added == AFFINE)
             found.iterations[again] += better.iterations
             put(found, again[is_solved], better, is_solved)
             lacking = found.needed & ~found.model & adapt
             lacking[again[~is_solved]] = 0
-        return found
+
+    def _without_spare(self, loaded: Loaded, chosen: Integers, found: Solution, spare: Integers) -> None:
+        """Solve again without what was taken for needed while something like it was not solved for."""
+        again = np.flatnonzero((spare > 0) & (found.model != spare) & (found.code == SOLVED))
+        if len(again):
+            models = found.model[again] & ~spare[again]
+            better = self._solve_tested(loaded, chosen[again], found.motion[again], models)
+            is_solved = (better.code == SOLVED) & (better.needed & spare[again] == 0)
+            found.iterations[again] += better.iterations
+            put(found, again[is_solved], better, is_solved)
+
+    def _solve_tested(self, loaded: Loaded, chosen: Integers, start: Floats, models: Integers) -> Solution:
+        return self._solve(loaded, chosen, start, models, np.ones(len(chosen), bool))
 
     def _solve(self, loaded: Loaded, chosen: Integers, start: Floats, models: Integers, is_tested: Flags) -> Solution:
         """Solve subsets with given models and count the work."""

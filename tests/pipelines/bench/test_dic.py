@@ -27,15 +27,16 @@ def test_scenes_in_which_more_changes_than_the_place() -> None:
     points = {point.setting: point for point in disturbances(quick=True).points}
     covered = points.pop("a wire before the specimen")
     assert covered.extra["off by more than 5 u"] < 40
-    assert points.pop("bricks out of focus").extra["off by more than 5 u"] < 40
     assert points["bare edge blurred after sampling"].extra["lost (%)"] == 100.0
     assert all(point.extra["off by more than 5 u"] == 0 for point in points.values())
     clean = points["nothing changes"]
     assert clean.error == pytest.approx(clean.extra["error, change not solved for (px)"], rel=0.02)
-    for name in ("defocus 0.6 to 1.2 px", "light sloping by 0.2 % per px", "scale 1.03"):
-        lost = points[name].extra["error, change not solved for (px)"] - clean.error
-        assert points[name].error - clean.error < 0.25 * lost
-        assert points[name].extra["lost (%)"] == 0.0
+    changed = {name: point for name, point in points.items() if point.extra["of what the change costs, recovered (%)"]}
+    assert len(changed) == 9
+    for point in changed.values():
+        assert point.extra["of what the change costs, recovered (%)"] > 75.0
+        assert 0.85 < point.extra["u / scatter"] < 1.8  # of few frames; bricks are edges without a lens
+        assert point.extra["lost (%)"] < 5.0
 
 
 @pytest.mark.slow
