@@ -144,6 +144,9 @@ def describe(kind: Any) -> str:
         return "the name of a file"
     if mark(marks, ReferenceMark) is not None:
         return "the name of an experiment"
+    told = mark(marks, msgspec.Meta)
+    if told is not None and told.description:
+        return told.description
     origin, arguments = typing.get_origin(bare), typing.get_args(bare)
     if origin is Literal:
         return "one of " + ", ".join(f'"{a}"' if isinstance(a, str) else repr(a) for a in arguments)

@@ -1,5 +1,6 @@
-"""A small picture of a file: some frames of a film side by side, or its columns over time."""
+"""A picture of a file: a frame of a film with its pixels along the sides and others below, or columns over time."""
 
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,7 @@ from labpipe import files
 from labpipe.errors import InputError, UsageError
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     from labpipe.frames import FrameSource
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
 _FRAMES = 8
 _WIDTH, _GAP = 240, 6
 """Pixels of one picture of the strip, and between two."""
+_ACROSS = 9.0  # inches of a frame with its pixels
 _COLUMNS = 6
 """Columns of a table that are drawn; more would be too small to read."""
 
@@ -46,8 +49,30 @@ def write_sheet(source: Path, target: Path, options: dict[str, Any] | None = Non
         message = f"{target} is the file itself, which is never written; name another picture"
         raise UsageError(message)
     found = instruments.read(source, **options or {})
-    data = _curves(found) if isinstance(found, xr.Dataset) else _png(strip(found))
-    files.write_bytes(target, data)
+    files.write_bytes(target, _curves(found) if isinstance(found, xr.Dataset) else _frames(found))
+
+
+def _frames(film: "FrameSource") -> bytes:
+    """Draw the first sound frame with its pixels along the sides, and below it some frames of the film."""
+    from matplotlib.figure import Figure
+
+    sound = np.flatnonzero(film.valid)
+    if not sound.size:
+        message = "no frame of the film can be decoded"
+        raise InputError(message)
+    _, rows, columns = film.shape
+    below = strip(film)
+    high, low = _ACROSS * min(rows / columns, 1.0), _ACROSS * below.shape[0] / below.shape[1]
+    figure = Figure(figsize=(_ACROSS + 1.0, high + low + 1.2), layout="constrained")
+    first, others = figure.subplots(2, 1, height_ratios=(high, low))
+    black, white = film.levels
+    first.imshow(film[int(sound[0])], cmap="gray", vmin=black, vmax=white, interpolation="nearest")
+    first.set(xlabel="x / px", ylabel="y / px", title=f"frame {sound[0]}")
+    first.minorticks_on()
+    first.grid(color="tab:orange", linewidth=0.5, alpha=0.6)
+    others.imshow(below, cmap="gray", vmin=0, vmax=255)
+    others.set_axis_off()
+    return _bytes(figure)
 
 
 def strip(frames: "FrameSource", count: int = _FRAMES) -> "NDArray[np.uint8]":
@@ -86,16 +111,8 @@ def strip(frames: "FrameSource", count: int = _FRAMES) -> "NDArray[np.uint8]":
     return sheet
 
 
-def _png(image: "NDArray[np.uint8]") -> bytes:
-    import cv2
-
-    return bytes(cv2.imencode(".png", image)[1].tobytes())
-
-
 def _curves(dataset: xr.Dataset) -> bytes:
     """Draw the numeric columns of a table over its first long axis, one below the other."""
-    from io import BytesIO
-
     from matplotlib.figure import Figure
 
     longest = max(dataset.sizes.values(), default=0)
@@ -119,6 +136,10 @@ def _curves(dataset: xr.Dataset) -> bytes:
         axes.set_ylabel(f"{name} / {variable.attrs.get('units', '')}")
         if place == len(names) - 1:
             axes.set_xlabel("time / s" if has_time else str(variable.dims[0]))
+    return _bytes(figure)
+
+
+def _bytes(figure: "Figure") -> bytes:
     stream = BytesIO()
     figure.savefig(stream, format="png", dpi=100, metadata={"Software": None})
     return stream.getvalue()

@@ -23,6 +23,8 @@ _LEAST_SHARE = 0.2
 #: Points of a frame from which their scatter is judged, its multiple of what the uncertainties say from which they
 #: are widened, and the median of the square of two deviations of variance 1.
 _MANY, _WIDER, _MEDIAN = 20, 1.5, 1.386
+#: Error of the weights' own sums, below which the points around tell the surface at the middle.
+_TOLD = 1e-4
 #: Results whose surroundings are looked at once; bounds the work arrays to some 20 MB.
 _BLOCK = 5_000
 
@@ -105,7 +107,8 @@ def _normal(columns: Floats, counts: Flags) -> Floats:
 def _surface(away: Floats, counts: Flags) -> tuple[Floats, Floats]:
     """Weights (row, near) of those that count in the surface at the middle, and the share (row,) of variances left.
 
-    Weights are 0 where there are too few; the share is that of independent displacements, 1, less what overlaps.
+    Weights are 0 where there are too few, or where they do not tell it; the share is that of independent
+    displacements, 1, less what overlaps.
     """
     weights = np.zeros(counts.shape)
     number = counts.sum(axis=1)
@@ -113,7 +116,10 @@ def _surface(away: Floats, counts: Flags) -> tuple[Floats, Floats]:
         if chosen.any():
             columns = _columns(away[chosen], terms)
             middle = np.linalg.solve(_normal(columns, counts[chosen]), np.eye(terms)[:, :1])
-            weights[chosen] = (columns @ middle)[..., 0] * counts[chosen]
+            own = (columns @ middle)[..., 0] * counts[chosen]
+            # Points along one line do not tell a plane beside it.
+            missed = np.einsum("rn,rnt->rt", own, columns) - np.eye(terms)[0]
+            weights[chosen] = own * (np.abs(missed).max(axis=1, keepdims=True) < _TOLD)
     all_places = np.concatenate([np.zeros((len(away), 1, 2)), away], axis=1)
     all_weights = np.concatenate([np.ones((len(away), 1)), -weights], axis=1)
     # What the noise of two of them has in common: the share in which their subsets overlap.

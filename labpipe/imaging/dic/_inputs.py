@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -101,7 +102,8 @@ def mask_of(
     Raises
     ------
     InputError
-        No polygon of ``regions``, one of less than three corners, or one that no pixel lies in.
+        No polygon of ``regions``, one of less than three corners, that crosses itself, or that no pixel
+        lies in.
     """
     if regions is None and not covers:
         return None
@@ -133,6 +135,12 @@ def _filled(polygons: Sequence[ArrayLike], size: tuple[int, int], name: str) -> 
                 f"as polygon {number}"
             )
             raise InputError(message)
+        if (crossing := _crossing(corners)) is not None:
+            message = (
+                f"{name}: polygon {number} crosses itself, its sides from corner {crossing[0] + 1} and from corner "
+                f"{crossing[1] + 1}; list its corners in the order in which they follow each other around it"
+            )
+            raise InputError(message)
         own = np.zeros(size, np.uint8)
         cv2.fillPoly(own, [np.rint(corners.clip(-_FARTHEST, _FARTHEST)).astype(np.int32)], 1)
         if not own.any():
@@ -144,6 +152,20 @@ def _filled(polygons: Sequence[ArrayLike], size: tuple[int, int], name: str) -> 
             raise InputError(message)
         image |= own
     return image
+
+
+def _crossing(corners: Floats) -> tuple[int, int] | None:
+    """Return the first corners of two sides of a polygon that cross each other; None where none do."""
+    ends = np.roll(corners, -1, axis=0)
+
+    def side(a: Floats, b: Floats, c: Floats) -> float:
+        return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+
+    for i, j in combinations(range(len(corners)), 2):
+        a, b, c, d = corners[i], ends[i], corners[j], ends[j]
+        if side(a, b, c) * side(a, b, d) < 0.0 and side(c, d, a) * side(c, d, b) < 0.0:
+            return i, j
+    return None
 
 
 def selected_frames(select: slice | Sequence[int] | NDArray[np.integer] | None, count: int) -> NDArray[np.int64]:

@@ -75,11 +75,12 @@ def judgement(
     basis = judgements.Basis.of(settings, {"laser_experiment": of_laser})
     laser, comparison = basis.sound(laser, comparison)
     whole = whole_film(context, settings.film)
-    checks = [explained(check, whole) for check in judgements.failed_steps(context, _FAILED)]
+    failed = judgements.failed_steps(context, _FAILED)
+    checks = [_of_masks(explained(check, whole), settings) for check in failed]
     checks.append(judgements.day_known(motion, settings.camera, settings.film))
     if track is not None:
         checks += stated_twice(track, settings.film, settings.frame_rate)
-        found = _found(track, settings)
+        found = _of_masks(_found(track, settings), settings)
         # of a holder that is not found, what the images show is the better cause
         checks = [replace(c, cause=found.cause) if c.name == "step motion" and found.level else c for c in checks]
         along = track["dy"].isel(point=0).values
@@ -131,6 +132,20 @@ def _found(track: xr.Dataset, settings: DicValidation) -> Check:
         cause = "frames are black, damaged or of something else there: the light failed, or something came between"
         return stated(name, law, text, "note", cause=cause, file=settings.film)
     return stated(name, law, message, level, cause=cause, setting="tracking.body")
+
+
+def _of_masks(check: Check, settings: DicValidation) -> Check:
+    """Name the masks as the cause of what is said of them, and as one of a holder that is not found."""
+    tracking = settings.tracking
+    drawn = [name for name in ("regions", "covers") if getattr(tracking, name)]
+    told = [name for name in drawn if name in check.message]
+    if told:
+        cause = "the polygon is not drawn in px of the first image, x to the right and y down, or around something else"
+        return replace(check, cause=cause, setting=f"tracking.{told[0]}")
+    if check.name != "holder is found" or not drawn:
+        return check
+    names = " and ".join(f"tracking.{name}" for name in drawn)
+    return replace(check, cause=f"{check.cause}; or {names} leave too little of it, or what does not move with it")
 
 
 def _is_sound(track: xr.Dataset) -> NDArray[np.bool_]:

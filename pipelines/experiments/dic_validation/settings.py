@@ -9,9 +9,13 @@ from labpipe.workflow.config import POSITIVE, ExperimentName, File, Frequency, L
 from pipelines.experiments.shared.settings import Table
 
 Pixel = Annotated[float, Range(at_least=-1e5, at_most=1e5)]
-Place = tuple[Pixel, Pixel]
-Polygon = Annotated[list[Place], msgspec.Meta(min_length=3)]
-Polygons = Annotated[list[Polygon], msgspec.Meta(min_length=1)]
+Place = Annotated[tuple[Pixel, Pixel], msgspec.Meta(description="a place [x, y] in px")]
+Polygon = Annotated[
+    list[Place], msgspec.Meta(min_length=3, description="a polygon of three or more places, [[x, y], [x, y], [x, y]]")
+]
+Polygons = Annotated[
+    list[Polygon], msgspec.Meta(min_length=1, description="a list of polygons, [[[x, y], [x, y], [x, y]]]")
+]
 
 
 class Tracking(Table, frozen=True, kw_only=True):

@@ -106,3 +106,11 @@ def test_several_polygons_of_a_kind_are_taken_together() -> None:
 def test_polygons_that_cannot_be_meant_are_refused(mask: dict[str, list], message: str) -> None:
     with pytest.raises(InputError, match=message):
         track(np.zeros((2, 60, 60), np.uint8), [(30, 30)], **mask)
+
+
+@pytest.mark.parametrize("name", ["regions", "covers"])
+def test_a_polygon_that_crosses_itself_is_refused_with_the_sides_that_do(name: str) -> None:
+    film = np.zeros((2, ROWS, COLUMNS), np.uint8)
+    bow = [(20, 2), (100, 86), (100, 2), (20, 86)]
+    with pytest.raises(InputError, match=rf"{name}: polygon 1 crosses itself, its sides from corner 1 and"):
+        track(film, [(60, 45)], **{name: [bow]})

@@ -7,6 +7,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.special import ndtr
 
 from labpipe.imaging import track
+from labpipe.imaging.dic._agreement import disagreement
 from labpipe.imaging.dic._motion_state import contradicted
 from labpipe.imaging.dic._undersampling import misled
 from pipelines.bench import film_scenes
@@ -429,3 +430,16 @@ def test_the_border_of_two_bodies_is_no_disagreement() -> None:
     found = track(digitised(frames, NOISE, 10), points, 21)
     assert found.valid.all()
     assert float(np.quantile(found.u_dx, 0.9)) < 0.03
+
+
+def test_points_along_a_line_tell_nothing_of_one_beside_it() -> None:
+    """A large subset above the line of small ones, as a holder is followed: all move alike, by far."""
+    places = np.array([(60.0, 45.0), *((30.0 + 60.0 * k / 7.0, 60.0) for k in range(8))])
+    value = np.zeros((3, 9, 2))
+    value[:, :, 1] = np.array([[0.0], [7.0], [38.0]])
+    missing = disagreement(places, np.array([61] + 8 * [21]), value, np.full((3, 9, 2), 2e-3), np.ones((3, 9), bool))
+    assert missing.max() == 0.0
+    value[1, 4, 1] += 1.0
+    around = np.array([(x, y) for x in (30.0, 45.0, 60.0) for y in (30.0, 45.0, 60.0)])
+    told = disagreement(around, np.full(9, 21), value, np.full((3, 9, 2), 2e-3), np.ones((3, 9), bool))
+    assert told[1, 4, 1] > 0.5

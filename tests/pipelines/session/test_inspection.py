@@ -97,7 +97,8 @@ def test_a_film_tells_missing_frames_and_its_strip_reads_only_what_it_shows(tmp_
     write_sheet(path, tmp_path / "strip.png")
     image = cv2.imread(str(tmp_path / "strip.png"), cv2.IMREAD_GRAYSCALE)
     assert image is not None
-    assert image.shape == (540, 8 * 246 - 6)
+    assert image.shape[1] == 1000
+    assert image.shape[0] > 900  # the first frame with its pixels along the sides, and the strip
     images = np.zeros((20, 4, 8), np.uint8)
     gap = film(ArrayFrames(images, time=np.r_[np.arange(10.0), np.arange(15.0, 25.0)]))
     assert gap["problems"] == ["frames are missing: the longest step is 6 s"]
