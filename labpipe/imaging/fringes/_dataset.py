@@ -16,7 +16,7 @@ from labpipe.imaging.fringes._blank_frames import LEAST_SPOT, FilmResult
 from labpipe.imaging.fringes._edge import corrected_radius
 from labpipe.imaging.fringes._every_frame import NOMINAL_WAVELENGTH
 from labpipe.imaging.fringes._open_gap import has_free_gap
-from labpipe.imaging.fringes._radial_scan import has_resolved_fringes
+from labpipe.imaging.fringes._radial_scan import edge_width, has_resolved_fringes
 from labpipe.imaging.fringes._ring_fit import RingFit
 from labpipe.imaging.fringes._ring_parameters import Parameter
 from labpipe.variables import described, variable
@@ -39,8 +39,8 @@ SOURCES = ("sphere_radius", "wavelength", "pixel_size", "phase", "optics", "adhe
 #: Deviation of the fringes' scale from R, wavelength and pixel size that is worth a warning.
 _NOTABLE_SCALE = 0.003
 #: Difference of the radii in the middle of an exposure in which a², as is assumed, or a itself changes evenly, over
-#: the square of the travel divided by the radius.
-_EVEN_RADIUS = 1.0 / 24.0
+#: the square of the travel divided by the radius: where rings only blur, and where the travel is wider than they are.
+_EVEN_RADIUS, _EVEN_FAR = 1.0 / 24.0, 1.0 / 8.0
 #: Rest: change of the radius, relative to its end, and fewest frames.
 _REST_CHANGE, _LEAST_REST = 0.01, 5
 #: Frames that a warning names.
@@ -148,8 +148,7 @@ def _put_fit(values: dict[str, Floats], index: int, fit: RingFit, result: FilmRe
     unequal = math.hypot(stretch, shear)
     radius = float(p[Parameter.RADIUS]) * pixel
     values["radius"][index] = radius / math.sqrt(1.0 - unequal**2)
-    by_motion = _EVEN_RADIUS * max(float(p[Parameter.SMEAR]), 0.0) / max(float(p[Parameter.RADIUS]), 1.0)
-    deviation = math.hypot(fit.deviation(Parameter.RADIUS), fit.model_deviation, by_motion)
+    deviation = math.hypot(fit.deviation(Parameter.RADIUS), fit.model_deviation, _by_motion(fit, result))
     values["u_radius"][index] = deviation * pixel
     values["semi_axis_major"][index] = radius / (1.0 - unequal)
     values["semi_axis_minor"][index] = radius / (1.0 + unequal)
@@ -165,6 +164,16 @@ def _put_fit(values: dict[str, Floats], index: int, fit: RingFit, result: FilmRe
     values["gap_factor"][index] = math.exp(float(p[Parameter.SCALE]))
     light = float(p[Parameter.GAIN]) - result.view.black
     values["visibility"][index] = abs(float(p[Parameter.MODULATION])) / light
+
+
+def _by_motion(fit: RingFit, result: FilmResult) -> float:
+    """Return u of the radius (px) as nothing tells how evenly it changes in the exposure."""
+    square, radius = (float(fit.parameters[p]) for p in (Parameter.SMEAR, Parameter.RADIUS))
+    if square <= 0.0:
+        return 0.0
+    far = (square / edge_width(radius, result.view.optics) ** 2) ** 2
+    share = _EVEN_RADIUS + (_EVEN_FAR - _EVEN_RADIUS) * far / (1.0 + far)
+    return share * square / max(radius, 1.0)
 
 
 def _put_edges(

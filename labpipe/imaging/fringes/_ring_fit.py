@@ -25,7 +25,7 @@ _SMALL_GAIN = 0.01
 #: Share of the errors of the model that noise with a memory must reach to be told from them.
 _OWN_SHARE = 0.3
 #: Misfit from which noise with a memory is looked for, and from which nothing is explained.
-_NOTABLE_MISFIT, _HOPELESS_MISFIT = 0.01, 1.0
+_NOTABLE_MISFIT, _HOPELESS_MISFIT = 0.01, 0.35
 #: Standard deviations by which the residual exceeds the noise before that counts as an error of
 #: the model; their ratio, squared, scatters by one over the root of the number of pixels.
 _BY_CHANCE = 5.0
