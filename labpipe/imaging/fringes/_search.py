@@ -317,17 +317,19 @@ def fit_from(frame: NDArray[np.generic], view: View, start: Floats) -> RingFit |
 def otherwise(frame: NDArray[np.generic], view: View, start: Floats, found: RingFit) -> RingFit:
     """Fit with the alternatives what the usual fit does not explain; the usual fit where none does better."""
     alternatives, least = view.alternatives, min(GOOD_MISFIT, found.misfit)
+    quick = replace(view.settings, max_pixels=_QUICK_PIXELS, max_iterations=_QUICK_ITERATIONS)
+    if found.has_negative_light and LIGHT in alternatives:
+        free = (*view.settings.free, *LIGHT)
+        trial = fit_contact(frame, found.parameters, view.optics, replace(quick, free=free), view.levels)
+        if trial is not None and trial.misfit < GOOD_MISFIT:
+            return trial
     if found.misfit < GOOD_MISFIT:
-        if found.has_negative_light:
-            alternatives, least = tuple(extra for extra in alternatives if extra == LIGHT), GOOD_MISFIT
-        elif _has_long_travel(view, found):
-            alternatives = tuple(extra for extra in alternatives if Parameter.BLUR in extra)
-            least = _BLUR_BEFORE_TRAVEL * found.misfit
-        else:
+        if not _has_long_travel(view, found):
             return found
+        alternatives = tuple(extra for extra in alternatives if Parameter.BLUR in extra)
+        least = _BLUR_BEFORE_TRAVEL * found.misfit
     elif found.misfit > _NONSENSE:
         return found
-    quick = replace(view.settings, max_pixels=_QUICK_PIXELS, max_iterations=_QUICK_ITERATIONS)
     near = replace(quick, fringes=1.0, tells_memory=False)
     # Perhaps the view is oblique or out of focus, R or the wavelength is not what it is said to
     # be, or there are many beams.
