@@ -126,6 +126,8 @@ def look_without_fringes(looks: Looks, view: View) -> Blank:
     """
     if not looks.have_structure:
         return Blank(level=float(np.median(reduce_frame(looks.frame)[0])))
+    if looks.show_only_sphere(view.optics):
+        return Blank()
     return Blank(_edges_of(looks.spots, looks, view) or _edges_of(looks.centres, looks, view))
 
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -235,9 +236,10 @@ def _gate(
     frames = np.flatnonzero(wanted)
     for step in _FIRST_STEPS:
         for index in map(int, frames[::step]):
+            looks = Looks(reader.whole(index))
             if index not in known:
-                known[index] = search_contact(Looks(reader.whole(index)), result.view)
-            if all(fit is None for fit in known.values()) and other.learns_from(reader.whole(index), index):
+                known[index] = search_contact(looks, result.view, None, None, partial(other.explains, looks, index))
+            if all(fit is None for fit in known.values()) and other.learns_from(looks, index):
                 known = {before: search_contact(Looks(reader.whole(before)), result.view) for before in known}
         if any(fit is not None for fit in known.values()) or other.takes_single():
             known = {i: fit or search_contact(Looks(reader.whole(i)), result.view) for i, fit in known.items()}
@@ -290,9 +292,12 @@ def _follow(
         fit = known.get(index)
         if fit is None:
             looks = Looks(reader.whole(index))
-            fit = _next_fit(looks, view, last, before, vain)
+            if last is None and not known and other is not None:
+                fit = search_contact(looks, view, None, vain, partial(other.explains, looks, index))
+            else:
+                fit = _next_fit(looks, view, last, before, vain)
         if fit is None:
-            if last is None and not known and other is not None and other.learns_from(looks.frame, index):
+            if last is None and not known and other is not None and other.learns_from(looks, index):
                 return _follow(reader, result, read, {}, None, stated)
             result.blanks[index] = look_without_fringes(looks, view)
             before = None
@@ -304,6 +309,11 @@ def _follow(
                 return fits
     if not fits and other is not None and other.takes_single():
         return _follow(reader, result, read, {}, None)
+    for index in () if other is None else other.passed(fits):
+        fit = _next_fit(Looks(reader.whole(index)), view, last, None, vain)
+        if fit is not None:
+            result.blanks.pop(index, None)
+            fits[index] = fit
     return fits
 
 

@@ -10,8 +10,12 @@ from numpy.typing import NDArray
 
 from labpipe.imaging.fringes._centre_votes import find_centres
 from labpipe.imaging.fringes._edge import Edge, find_edge
+from labpipe.imaging.fringes._interference import Optics
+from labpipe.imaging.fringes._radial_scan import is_only_sphere
 from labpipe.imaging.fringes._spots import Spot, find_spots, reduce_frame
 
+#: Spots about which the rings of a sphere are looked for.
+_MOST_SPOTS = 4
 #: Least ratio of the structure in a reduced frame to its noise.
 _LEAST_STRUCTURE = 8.0
 #: Noise is taken from blocks of this side (px), of about so many pixels, at this percentile.
@@ -24,6 +28,7 @@ class Looks:
 
     frame: NDArray[np.generic]
     _edges: dict[tuple[Spot, float], Edge | None] = field(default_factory=dict)
+    _spheres: dict[Optics, bool] = field(default_factory=dict)
 
     @cached_property
     def have_structure(self) -> bool:
@@ -45,6 +50,13 @@ class Looks:
         if (spot, black) not in self._edges:
             self._edges[spot, black] = find_edge(self.frame, spot.x, spot.y, spot.radius, black)
         return self._edges[spot, black]
+
+    def show_only_sphere(self, optics: Optics) -> bool:
+        """Tell whether the rings are those of a sphere that touches or hovers, so that there is no contact."""
+        if optics not in self._spheres:
+            spots = self.spots[:_MOST_SPOTS]
+            self._spheres[optics] = any(is_only_sphere(self.frame, spot.x, spot.y, optics) for spot in spots)
+        return self._spheres[optics]
 
 
 def has_structure(frame: NDArray[np.generic]) -> bool:

@@ -18,7 +18,7 @@ from labpipe.arrays import Floats
 from labpipe.imaging.fringes._blank_frames import FilmResult
 from labpipe.imaging.fringes._centre_votes import find_centres
 from labpipe.imaging.fringes._interference import distance_at_phase, scaled_gap
-from labpipe.imaging.fringes._looks import has_structure
+from labpipe.imaging.fringes._looks import Looks
 from labpipe.imaging.fringes._radial_scan import radial_profile
 from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import PARAMETERS, Parameter
@@ -44,6 +44,8 @@ _ITERATIONS = 20
 _MOST_TRIED, _FEW_TRIED = 6, 3
 #: Differences of phase (rad) and logarithm of the scale below which two frames agree.
 _SAME_PHASE, _SAME_SCALE = 0.4, 0.03
+#: Misfit of other optics below which a frame is not searched for anything else before them.
+_SURE_MISFIT = 0.01
 #: Difference from the stated phase (rad) below which that is kept.
 _STATED_PHASE = 0.1
 #: Difference of the second colour's wavenumber over that of the first below which they agree.
@@ -80,20 +82,39 @@ class OtherOptics:
         self._result = result
         self._is_phase_free = is_phase_free
         self._tried: dict[int, NDArray[np.generic]] = {}
+        self._fits: dict[int, RingFit | None] = {}
         self._found: list[RingFit] = []
         self._is_done = False
 
-    def learns_from(self, frame: NDArray[np.generic], index: int) -> bool:
+    def learns_from(self, looks: Looks, index: int) -> bool:
         """Look at a frame that shows no contact; tell whether the film's view has changed."""
-        if self._is_done or len(self._tried) >= _MOST_TRIED or index in self._tried or not has_structure(frame):
+        if self._is_done or len(self._tried) >= _MOST_TRIED or index in self._tried:
             return False
-        self._tried[index] = frame
-        fit = find_optics(frame, self._result.view, is_phase_free=self._is_phase_free)
+        if not looks.have_structure or looks.show_only_sphere(self._result.view.optics):
+            return False
+        self._tried[index] = looks.frame
+        fit = self._fit_of(looks, index)
         if fit is None:
             return False
         agreeing = any(_is_like(fit, other) for other in self._found)
         self._found.append(fit)
         return agreeing and self._take(fit)
+
+    def explains(self, looks: Looks, index: int) -> bool:
+        """Tell whether other optics leave so little of a frame that nothing else need be tried before them."""
+        is_over = self._is_done or len(self._tried) >= _MOST_TRIED
+        fit = None if is_over else self._fit_of(looks, index)
+        return fit is not None and fit.misfit < _SURE_MISFIT
+
+    def passed(self, fits: dict[int, RingFit]) -> list[int]:
+        """Frames that other optics explained, but that were not measured with them."""
+        return [i for i, fit in self._fits.items() if fit is not None and i in self._tried and i not in fits]
+
+    def _fit_of(self, looks: Looks, index: int) -> RingFit | None:
+        """Fit of a frame with other optics, made once."""
+        if index not in self._fits:
+            self._fits[index] = find_optics(looks.frame, self._result.view, is_phase_free=self._is_phase_free)
+        return self._fits[index]
 
     def takes_single(self) -> bool:
         """Take the only optics found in a film that nothing else explains, or else light of two colours."""

@@ -29,6 +29,9 @@ _TRAVELS = (0.0, 1.5, 4.0)
 _LEAST_SEEN = 0.75
 #: The contact of the other brightness is a match too from this share of the better score.
 _NEARLY = 0.8
+#: A sphere is told from its rings down to this spacing (px), so many at most and so many at least, with one of
+#: these blurs (px), when it leaves less than this share of the squares.
+_COARSE_SPACING, _MANY_RINGS, _FEW_RINGS, _BLURS, _SPHERE_LEAVES = 6.0, 8.0, 2.0, (0.0, 1.5, 3.0, 6.0), 0.01
 #: Variance below which a window counts as even.
 _TINY = 1e-6
 
@@ -304,8 +307,31 @@ def is_sphere(window: Window, term: Floats, distance: Floats, optics: Optics, fa
     factor : float, optional
         Multiple of the squares left by the contact that the sphere may leave.
     """
+    return _left_by_sphere(window, distance, optics, optics.blur) < factor * float(window.left_by(term)[0])
+
+
+def _left_by_sphere(window: Window, distance: Floats, optics: Optics, blur: float) -> float:
+    """Sum of squares that a sphere at any distance leaves, seen with a blur (px)."""
     # A Gaussian blur of a phase that is square in the distance, in closed form.
-    softened = 1.0 / (1.0 - 1j * optics.phase_scale * optics.blur**2)
+    softened = 1.0 / (1.0 - 1j * optics.phase_scale * blur**2)
     wave = softened * np.exp(0.5j * optics.phase_scale * (distance**2 + 1.0 / 6.0) * softened)
-    sphere = window.left_by_both(wave.real, wave.imag)
-    return sphere < factor * float(window.left_by(term)[0])
+    return window.left_by_both(wave.real, wave.imag)
+
+
+def is_only_sphere(frame: NDArray[np.generic], x: float, y: float, optics: Optics) -> bool:
+    """Tell whether all rings around a point are those of a sphere that touches or hovers.
+
+    From the centre outwards such a sphere left 0.2 % of the squares at most, whatever its distance, out of
+    focus and beside dust; around contacts larger than three quarters of a Newton spot it leaves 3 % or more.
+    """
+    slope = optics.phase_scale
+    reach = min(2.0 * math.pi / (_COARSE_SPACING * slope), math.sqrt(4.0 * math.pi * _MANY_RINGS / slope))
+    profile, counts = radial_profile(frame, x, y, 1.0, math.ceil(reach))
+    is_seen = counts > 0.0
+    seen = len(counts) if is_seen.all() else int(is_seen.argmin())
+    if 0.5 * slope * seen**2 < 2.0 * math.pi * _FEW_RINGS:
+        return False
+    window = Window(profile, counts, 0, seen)
+    distance = np.arange(seen, dtype=np.float64) + 0.5
+    left = min(_left_by_sphere(window, distance, optics, blur) for blur in (optics.blur, *_BLURS))
+    return left < _SPHERE_LEAVES * window.squares

@@ -1,6 +1,7 @@
 """Find the contact in one frame, or decide that there is none."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +18,7 @@ from labpipe.imaging.fringes._radial_scan import (
     best_matches,
     edge_width,
     is_edge,
+    is_only_sphere,
     is_sphere,
     make_templates,
     radial_profile,
@@ -153,7 +155,11 @@ class Vain:
 
 
 def search_contact(
-    looks: Looks, view: View, centre: tuple[float, float] | None = None, vain: Vain | None = None
+    looks: Looks,
+    view: View,
+    centre: tuple[float, float] | None = None,
+    vain: Vain | None = None,
+    is_otherwise: Callable[[], bool] = lambda: False,
 ) -> RingFit | None:
     """Find and fit the contact in a frame without knowing where it is.
 
@@ -167,6 +173,8 @@ def search_contact(
         Where the contact was in other frames; tried first.
     vain : Vain, optional
         What was tried in vain in other frames of the film.
+    is_otherwise : callable, optional
+        Tells, once the usual fit has failed, that the frame is explained by something that is not sought here.
 
     Returns
     -------
@@ -176,11 +184,13 @@ def search_contact(
     if not looks.have_structure:
         return None
     frame = looks.frame
-    if centre is not None:
+    is_sphere_there = centre is not None and is_only_sphere(frame, *centre, view.optics)
+    if centre is not None and not is_sphere_there:
         found = fit_at(frame, view, *centre)
         if found is not None:
             return found
-    vain = Vain() if vain is None else vain
+    if is_sphere_there or looks.show_only_sphere(view.optics):
+        return None
     spots = looks.spots[:_MOST_SPOTS]
     sights = [sight for spot in spots for sight in look_at(frame, view, spot.x, spot.y)]
     sights.sort(key=lambda sight: -sight[0].score)
@@ -191,19 +201,30 @@ def search_contact(
         found = _whole_fit(frame, plain, usual[-1])
         if found is not None:
             return found
+    if is_otherwise():
+        return None
+    tried = list(zip(sights[:_MOST_FITS], usual, strict=True))
+    return _search_with_alternatives(looks, view, tried, Vain() if vain is None else vain)
+
+
+def _search_with_alternatives(
+    looks: Looks, view: View, tried: list[tuple[tuple[Match, float, float], RingFit | None]], vain: Vain
+) -> RingFit | None:
+    """Fit what the usual fit has not explained with whatever else may be free."""
+    frame = looks.frame
     # Uneven light, blur and an oblique view lead the comparison astray more than they do an edge.
-    edges = (looks.edge(spot, view.black) for spot in spots)
+    edges = (looks.edge(spot, view.black) for spot in looks.spots[:_MOST_SPOTS])
     for edge in (edge for edge in edges if edge is not None):
         circle = edge.x, edge.y, edge.half_radius
         found = fit_edge(frame, vain.view_of(view, *circle), edge)
         if found is not None:
             return found
         vain.add(*circle)
-    for (match, x, y), first in zip(sights[:_MOST_FITS], usual, strict=True):
+    for (match, x, y), first in tried:
         circle = x, y, match.radius
         if first is not None:
-            tried = vain.view_of(view, *circle)
-            other = otherwise(frame, tried, start_of(match, view, x, y), first)
+            start = start_of(match, view, x, y)
+            other = otherwise(frame, vain.view_of(view, *circle), start, first)
             found = None if other is first else _whole_fit(frame, view, other)
             if found is not None:
                 return found
