@@ -41,9 +41,9 @@ NOMINAL_WAVELENGTH = 550e-9
 LEAST_SPACING = 2.0
 #: Shorter films are read whole; of longer ones, frames this far apart are looked at first.
 _SHORT_FILM, _FIRST_STEPS = 96, (64, 16, 4)
-#: Frames of a film that is calibrated from a few of them when so many of its first contacts are not
-#: explained; those few, evenly spread, and how many of them must show a contact.
-_LONG_FILM, _DOUBTS, _PILOTS, _ENOUGH = 20, 3, 12, 8
+#: Frames of a film that is calibrated from a few of them when of so many of its first contacts so many
+#: are not explained; those few, evenly spread, and how many of them must show a contact.
+_LONG_FILM, _DOUBTS, _DOUBTED, _PILOTS, _ENOUGH = 20, 3, 2, 12, 8
 #: Distance (px) below which two contacts count as in one place.
 _SAME_PLACE = 8.0
 #: Change of the radius over a stretch of rest, as a share of it, above which it is no rest.
@@ -177,8 +177,8 @@ def _is_doubted(result: FilmResult, fits: dict[int, RingFit], stated: Optics) ->
     """Tell whether the first contacts of a film are not explained by the optics as they are stated."""
     first = [fits[index] for index in sorted(fits)[:_DOUBTS]]
     usual = result.view.settings.free
-    is_unexplained = all(fit.model_deviation > 0.0 or fit.free != usual for fit in first)
-    return len(first) == _DOUBTS and (is_unexplained or result.view.optics != stated)
+    unexplained = sum(fit.model_deviation > 0.0 or fit.free != usual for fit in first)
+    return len(first) == _DOUBTS and (unexplained >= _DOUBTED or result.view.optics != stated)
 
 
 def _calibrate(

@@ -15,7 +15,7 @@ from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import AXES, Parameter
 from labpipe.imaging.fringes._search import GOOD_MISFIT, View, is_contact, start_at_edge
 from labpipe.imaging.fringes._spots import find_spots
-from labpipe.imaging.fringes._trials import VARIANCES, Attempt, Calibration, Trial
+from labpipe.imaging.fringes._trials import VARIANCES, Attempt, Calibration, Trial, is_promising
 
 #: Wavenumbers of the second colour over the first that are tried, and its share of the fringes then.
 _RATIOS, _SHARE = (0.75, 0.8, 0.85, 0.9, 0.94, 1.06, 1.1, 1.15, 1.2, 1.25, 1.3, 1.4), 0.2
@@ -49,6 +49,8 @@ def find_second_colour(
     one = attempt(axes, known, _FRAMES, _PIXELS)
     start = min(_RATIOS, key=lambda ratio: left((ratio, _SHARE), 1))
     if one is None or one.left - left((start, _SHARE)) < VARIANCES:
+        return None
+    if not is_promising(attempt, (axes, known), (axes, replace(known, colour=(start, _SHARE))), best):
         return None
     corners = [(start, _SHARE), (start + 0.03, _SHARE), (start, _SHARE + 0.1)]
     options = {"initial_simplex": corners, "maxfev": _MOST_EVALUATIONS, "xatol": 2e-3, "fatol": 5.0}

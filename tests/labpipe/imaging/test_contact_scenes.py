@@ -14,7 +14,7 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.imaging import adhesive_edge, contact_radius
 from labpipe.imaging.films._lost_rows import fill_lost_rows
-from labpipe.imaging.fringes import _search
+from labpipe.imaging.fringes import _ring_fit
 from labpipe.imaging.fringes._adhesive_edge import edge_of_spot
 from pipelines.bench import contact_radius as bench
 from tests.by_day import by_day
@@ -102,27 +102,66 @@ def test_a_second_colour_in_the_light_is_found(second: float, share: float) -> N
     assert [float(text) for text in told.groups()] == pytest.approx([second * 1e9, 100.0 * share], rel=0.05)
 
 
-def test_what_nothing_explains_is_not_tried_in_every_frame(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A disc without fringes takes hardly more fits in five frames than in two."""
-    fit, made = _search.fit_contact, []
+@pytest.fixture
+def fits(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Pixels of every fit that is made."""
+    fit, made = _ring_fit.fit_ring, list[int]()
 
-    def counted(*arguments: object) -> object:
-        made.append(1)
-        return fit(*arguments)
+    def counted(*arguments: object) -> _ring_fit.RingFit:
+        found = fit(*arguments)  # type: ignore[arg-type]
+        made.append(found.pixels)
+        return found
 
-    monkeypatch.setattr(_search, "fit_contact", counted)
+    monkeypatch.setattr(_ring_fit, "fit_ring", counted)
+    return made
+
+
+@pytest.mark.parametrize(("gap", "blur"), [(0.0, 0.0), (0.05, 0.0), (0.6, 3.0), (2.0, 1.0)])
+def test_a_sphere_that_touches_or_hovers_takes_no_fit(fits: list[int], gap: float, blur: float) -> None:
+    """Its rings from the centre outwards are told by a linear fit; ten to fifty fits a frame told nothing else."""
+    scene = replace(PLAIN, optics=OPTICS.change(blur=blur))
+    found, _ = measure(film_of(scene, lambda r, a: a + r**2 / (2.0 * SPHERE), [gap * UM] * 2, CENTRE))
+    assert not found.in_contact.any()
+    assert fits == []
+
+
+def test_another_phase_is_sought_before_all_else(fits: list[int]) -> None:
+    """Two frames took 145 fits of blurred, oblique and unevenly lit contacts before their phase was asked for."""
+    scene = replace(PLAIN, optics=OPTICS.change(phase=2.4))
+    found, _ = measure(film_of(scene, hertz, RADII, CENTRE))
+    assert found.in_contact.all()
+    assert len(fits) < 75
+
+
+@pytest.mark.parametrize("change", by_day([{"ellipse": 0.04}, {"blur": 2.0}, {"reflectivity": 0.3}, {"phase": 2.4}], 2))
+def test_in_a_long_film_what_is_found_once_costs_no_fit_of_a_frame(fits: list[int], change: dict[str, float]) -> None:
+    """Every further frame takes one fit of its pixels, with optics that a few frames told."""
+    optics = Scene(rows=180, columns=200).change(**{k: v for k, v in change.items() if k in ("blur", "phase")})
+    scene = Disturbed(optics, **{k: v for k, v in change.items() if k in ("ellipse", "reflectivity")})
+    counts = []
+    for frames in (36, 48):
+        fits.clear()
+        radii = [(80.0 + 0.3 * frame) * UM for frame in range(frames)]
+        check(measure(film_of(scene, hertz, radii, (98.3, 91.2)))[0], radii, 0.3 * UM)
+        counts.append(len(fits))
+    assert 12 <= counts[1] - counts[0] <= 15, counts
+    assert counts[0] < 300, counts
+
+
+def test_what_nothing_explains_is_not_tried_in_every_frame(fits: list[int]) -> None:
+    """A disc without fringes takes hardly more fits in twelve frames than in six."""
     y, x = np.mgrid[: OPTICS.rows, : OPTICS.columns]
     disc = np.where(np.hypot(x - CENTRE[0], y - CENTRE[1]) < 90.0, 24.0, 120.0)
-    film = np.clip(disc + 5.0 * np.random.default_rng(3).standard_normal((5, *disc.shape)), 0, 255).astype(np.uint8)
+    film = np.clip(disc + 5.0 * np.random.default_rng(3).standard_normal((12, *disc.shape)), 0, 255).astype(np.uint8)
     counts = []
-    for frames in (2, 5):
-        made.clear()
+    for frames in (6, 12):
+        fits.clear()
         found, said = measure(film[:frames])
-        counts.append(len(made))
-    assert counts[1] < 2.0 * counts[0]
+        counts.append(len(fits))
+    assert counts[1] < 1.5 * counts[0], counts
     assert (found.method == 2).all()
-    assert found.attrs["note"].startswith("no fringes fitted; 5 of 5 frames in contact (frames 0, 1, 2, 3, 4)")
-    assert ["5 of 5 frames in contact" in text for text in said] == [True]
+    assert found.attrs["note"].startswith("no fringes fitted; 12 of 12 frames in contact (frames 0, 1, 2, 3, 4, …)")
+    assert ["12 of 12 frames in contact" in text for text in said] == [True]
 
 
 def worn(r: Floats, a: float) -> Floats:
