@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.imaging.fringes._harmonics import find_blur_before_camera, find_coating, find_harmonics, settle_harmonics
-from labpipe.imaging.fringes._lens_blur import BLUR_ROUNDS, LEAST_BLUR, find_blur, least_blur, settle_blur
+from labpipe.imaging.fringes._lens_blur import BLUR_ROUNDS, LEAST_BLUR, find_blur, least_blur, next_gain, settle_blur
 from labpipe.imaging.fringes._ring_fit import RingFit
 from labpipe.imaging.fringes._ring_parameters import AXES, BEAMS, Parameter
 from labpipe.imaging.fringes._search import View
@@ -37,6 +37,8 @@ _MOST_SCALE = 0.7
 _SETTLED_BLUR = 0.003
 #: Share of the squared misfit below which nothing else is looked for beside what leaves no more.
 _ALL_BUT = 0.02
+#: Explanations that cost most, and the share of the squared misfit below which a simpler one is taken before.
+_COSTLY, _MOSTLY = 2, 0.1
 #: Things that are found one after the other at most.
 _ROUNDS = 4
 
@@ -159,7 +161,8 @@ def _candidates(
 ) -> Iterator[tuple[Trial, Calibration]]:
     """Yield what explains the frames much better, the likelier and cheaper first.
 
-    What explained nothing before is tried again when most of the misfit that it was ``vain`` at is gone.
+    What explained nothing before is tried again when most of the misfit that it was ``vain`` at is gone,
+    and the last, which cost most, when nothing simpler explains most of it.
     """
     makers: tuple[Callable[[], tuple[Trial, Calibration] | None], ...] = (
         lambda: find_blur(attempt, axes, known, best),
@@ -168,15 +171,18 @@ def _candidates(
         lambda: find_coating(attempt, axes, known, best, view),
         lambda: _find_optics(attempt, axes, known, best, Parameter.PHASE, view),
         lambda: _find_optics(attempt, axes, known, best, Parameter.SCALE, view),
+        lambda: find_flat(attempt, axes, known, best),
         lambda: find_blur_before_camera(attempt, axes, known, best),
         lambda: find_second_colour(attempt, axes, known, best),
-        lambda: find_flat(attempt, axes, known, best),
     )
+    least = best.excess
     for place, make in enumerate(makers):
-        if FACTOR * best.excess > vain.get(place, math.inf):
+        is_vain = FACTOR * best.excess > vain.get(place, math.inf)
+        if is_vain or (place >= len(makers) - _COSTLY and least < _MOSTLY * best.excess):
             continue
         found = make()
         if found is not None:
+            least = min(least, found[0].excess)
             yield found
         else:
             vain[place] = best.excess
@@ -248,7 +254,7 @@ def _refine(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, vie
     free = [parameter for group, is_found in groups if is_found for parameter in group]
     if not known.blur or not free:
         return known
-    blur = known.blur
+    before, gain = 0.0, 1.0
     for _ in range(BLUR_ROUNDS):
         trial = attempt((*axes, *free), known)
         if trial is None:
@@ -261,11 +267,16 @@ def _refine(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, vie
             known = replace(known, harmonics=trial.harmonics)
         if Parameter.STRETCH in free:
             known = replace(known, ellipse=(trial.mean(Parameter.STRETCH)[0], trial.mean(Parameter.SHEAR)[0]))
-        square = least_blur(trial, known.blur)[0]
-        known = replace(known, blur=math.sqrt(max(square, LEAST_BLUR**2)))
-        if abs(known.blur - blur) < _SETTLED_BLUR * blur:
+        square = known.blur**2
+        beyond = least_blur(trial, known.blur)[0] - square
+        # What else is found with it bends what the frames show: a step may overshoot.
+        gain = next_gain(gain, before, beyond)
+        before = gain * beyond
+        square = max(square + before, LEAST_BLUR**2)
+        is_settled = abs(math.sqrt(square) - known.blur) < _SETTLED_BLUR * known.blur
+        known = replace(known, blur=math.sqrt(square))
+        if is_settled:
             break
-        blur = known.blur
     return known
 
 

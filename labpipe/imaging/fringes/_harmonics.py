@@ -67,7 +67,7 @@ def find_blur_before_camera(
     """Lens that blurs before a camera that is not linear, where neither explains much without the other."""
     if known.blur or any(known.harmonics):
         return None
-    found = find_blur(attempt, (*axes, *BEAMS), replace(known, by_camera=True), best)
+    found = find_blur(attempt, axes, replace(known, by_camera=True), best, BEAMS)
     if found is None or found[1].blur < LEAST_SHAPED:
         return None
     trial, both = with_harmonics(attempt, axes, found[1])

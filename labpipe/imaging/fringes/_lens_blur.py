@@ -37,12 +37,13 @@ _SHAPES, _SHAPE_ROUNDS, _SAME_SHAPE = np.linspace(0.0, 1.0, 101), 3, 0.03
 
 
 def find_blur(
-    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, beside: Sequence[Parameter] = ()
 ) -> tuple[Trial, Calibration] | None:
     """Blur of the lens, when it explains the frames much better than none.
 
     A lens and a contact that moves evenly blur nearly alike: what is seen is the sum of their
-    variances. The frame in which it is least is taken for one without motion.
+    variances. The frame in which it is least is taken for one without motion. What is free ``beside`` it
+    was not so in the best trial.
     """
     if known.blur or not best.is_doubtful:
         return None
@@ -50,8 +51,9 @@ def find_blur(
     if square <= LEAST_BLUR**2:
         return None
     blurred = [replace(known, blur=math.sqrt(square), disc=disc) for disc in (0.0, _DISC)]
-    if not any(is_promising(attempt, (axes, known), (axes, seen), best) for seen in blurred):
+    if not any(is_promising(attempt, (axes, known), ((*axes, *beside), seen), best) for seen in blurred):
         return None
+    axes = (*axes, *beside)
     lens = _blur_of_lens(attempt, axes, known, best)
     if lens is None or not lens.trial.is_better_than(best):
         return None
@@ -111,6 +113,12 @@ def least_blur(trial: Trial, blur: float) -> tuple[float, float, int]:
     scatter = float(np.average((values - mean) ** 2, weights=weights)) / max(len(still) - 1, 1)
     beside = variances[1][0] - least if len(still) == 1 and len(variances) > 1 else 0.0
     return mean, max(math.sqrt(max(1.0 / float(weights.sum()), scatter)), beside), len(still)
+
+
+def next_gain(gain: float, step: float, beyond: float) -> float:
+    """Return the step to make over what is seen beyond a blur (px²), after a step of another gain left that."""
+    change = step / gain - beyond
+    return float(np.clip(step / change, *_GAINS)) if step and change else 1.0
 
 
 def _blur_of_lens(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial) -> _Lens | None:
@@ -199,7 +207,7 @@ def _size_of_blur(
         seen, u_square, _ = least_blur(trial, blur)
         if seen <= LEAST_BLUR**2:
             return None
-        beyond, step = seen - square, gain * (seen - square)
+        step = gain * (seen - square)
         square = max(square + step, LEAST_BLUR**2)
         blur = math.sqrt(square)
         found = attempt(axes, replace(known, blur=blur, disc=disc))
@@ -211,8 +219,7 @@ def _size_of_blur(
                 break
             continue  # what it began with is of another shape
         # A motion is not quite a blur of the same variance.
-        left = least_blur(trial, blur)[0] - square
-        gain = float(np.clip(step / (beyond - left), *_GAINS)) if beyond != left else 1.0
+        gain = next_gain(gain, step, least_blur(trial, blur)[0] - square)
     return _Lens(trial, blur, u_square, disc)
 
 
