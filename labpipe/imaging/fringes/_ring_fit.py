@@ -1,14 +1,14 @@
 """Fit the interference pattern around a Hertz contact to the pixels of one frame."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.imaging.fringes._interference import Optics, ring_limits
-from labpipe.imaging.fringes._ring_noise import clustered, slow_power
+from labpipe.imaging.fringes._interference import Optics, part_limits, ring_limits
+from labpipe.imaging.fringes._ring_noise import clustered, slow_power, unsteadiness
 from labpipe.imaging.fringes._ring_parameters import ASSUMED, LIGHT, USUAL, Parameter
 from labpipe.imaging.fringes._ring_pixels import Ring, cut_ring
 from labpipe.imaging.fringes._ring_sums import Sums, ring_cells, ring_sums
@@ -111,6 +111,8 @@ class RingFit:
         out; None where this was not asked for.
     spread : float [px]
         What is known from elsewhere about errors of the model, as a standard uncertainty.
+    doubts : dict
+        What errors of the model make of phase and scale where these were fitted, from parts of the ring.
     asked : tuple of Parameter
         What was not fitted but asked for.
     slope, bend : arrays (asked,), (asked, asked)
@@ -133,6 +135,7 @@ class RingFit:
     slow: float | None = None
     unsteady: float | None = None
     spread: float = 0.0
+    doubts: dict[Parameter, float] = field(default_factory=dict)
     asked: tuple[Parameter, ...] = ()
     slope: Floats | None = None
     bend: Floats | None = None
@@ -243,7 +246,22 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
         evaluations += 1
     curvature = 0.5 * (ring.outer**2 - ring.inner**2)
     found = _result(best, sums, settings.free, asked, is_settled, evaluations, curvature)
-    return _with_memory(found, ring, optics) if settings.tells_memory else found
+    return _with_doubts(_with_memory(found, ring, optics), ring, optics) if settings.tells_memory else found
+
+
+def _with_doubts(fit: RingFit, ring: Ring, optics: Optics) -> RingFit:
+    """Tell what errors of the model make of phase and scale: both are held for all frames."""
+    told = [p for p in ASSUMED if p in fit.free]
+    if fit.worst_deviation == 0.0 or not told:
+        return fit
+    limits = part_limits(float(fit.parameters[Parameter.RADIUS]), ring.inner, ring.outer, optics)
+    cells = ring_cells(ring, fit.parameters, np.array(fit.free, np.int64), optics, limits)
+    places = [fit.free.index(p) for p in told]
+    along = clustered(cells.scores, fit.inverse)[places, places]
+    across = np.array([unsteadiness(cells.normals, cells.pulls, place) for place in places])
+    by_noise = fit.noise**2 * fit.inverse[places, places]
+    doubts = np.sqrt(np.maximum(across - by_noise, 0.0) + np.maximum(along - by_noise, 0.0))
+    return replace(fit, doubts=dict(zip(told, doubts.tolist(), strict=True)))
 
 
 def _with_memory(fit: RingFit, ring: Ring, optics: Optics) -> RingFit:

@@ -159,12 +159,14 @@ class Trial:
         return float(np.mean(np.array(beyond) / np.array(amplitudes) ** 2))
 
     def mean(self, parameter: Parameter) -> tuple[float, float]:
-        """Weighted mean over the frames, and its uncertainty from their scatter."""
+        """Weighted mean over the frames, and its uncertainty from their scatter and from errors of the model."""
         values = np.array([fit.parameters[parameter] for fit in self.fits])
         weights = np.array([1.0 / max(fit.deviation(parameter), 1e-12) ** 2 for fit in self.fits])
         mean = float((weights * values).sum() / weights.sum())
         chi_square = float((weights * (values - mean) ** 2).sum()) / max(len(values) - 1, 1)
-        return mean, math.sqrt(max(chi_square, 1.0) / float(weights.sum()))
+        doubts = [fit.doubts.get(parameter, 0.0) for fit in self.fits]
+        by_chance = math.sqrt(max(chi_square, 1.0) / float(weights.sum()))
+        return mean, math.hypot(by_chance, float(np.average(doubts, weights=weights)))
 
     @property
     def harmonics(self) -> tuple[float, float, float]:

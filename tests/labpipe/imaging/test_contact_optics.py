@@ -55,6 +55,7 @@ CASES = {
     "astigmatic lens": Case(replace(PLAIN, lens=oval(2.0, 0.8, 0.0)), 0.08),
     "astigmatic lens, aslant": Case(replace(PLAIN, lens=oval(1.8, 0.7, 0.7)), 0.08),
     "coma": Case(replace(PLAIN, lens=comet), 0.08),
+    "coma, near the corner": Case(replace(PLAIN, lens=comet), 0.2, (90.3, 80.6)),
     "shaken camera": Case(replace(PLAIN, lens=shaken), 0.03),
     "halo": Case(replace(PLAIN, lens=haloed), 0.15),
     "saturated, many beams": Case(replace(PLAIN, scene=BRIGHT, faces=(0.5, 0.5, 0.0)), 0.02),

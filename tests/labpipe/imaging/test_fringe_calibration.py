@@ -37,6 +37,7 @@ def trial(misfit: float, count: int = 4, smear: float = 0.0) -> Trial:
         slow=None,
         worst_deviation=1.0,
         has_negative_light=False,
+        doubts={},
         parameters=parameters,
         deviation=lambda _: 1.0,
     )

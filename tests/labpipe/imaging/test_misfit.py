@@ -9,8 +9,8 @@ from labpipe.imaging.fringes._interference import distance_at_phase, make_optics
 from labpipe.imaging.fringes._misfit import with_misfit_weighed
 from labpipe.imaging.fringes._ring_fit import FitSettings, fit_contact
 from labpipe.imaging.fringes._ring_noise import unsteadiness
-from labpipe.imaging.fringes._ring_parameters import PARAMETERS, Parameter
-from tests.labpipe.imaging.contact_optics import Microscope
+from labpipe.imaging.fringes._ring_parameters import PARAMETERS, USUAL, Parameter
+from tests.labpipe.imaging.contact_optics import Microscope, comet
 from tests.labpipe.imaging.contact_scenes import gap_of_jkr
 from tests.labpipe.imaging.fringe_film import Scene
 
@@ -19,11 +19,16 @@ SPHERE, A, CENTRE = 9.525e-3, 205e-6, (181.3, 149.2)
 OPTICS = make_optics(SCENE.pixel_size, SPHERE, SCENE.wavelength)
 
 
-def fitted(microscope: Microscope, radius: float = A) -> tuple[np.ndarray, object]:
-    frame = microscope.film(lambda r, a: gap_of_jkr(r, a, SPHERE, 5e9, 0.0), [radius], CENTRE, 4)[0]
+def started(microscope: Microscope, centre: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+    frame = microscope.film(lambda r, a: gap_of_jkr(r, a, SPHERE, 5e9, 0.0), [A], centre, 4)[0]
     start = np.zeros(PARAMETERS)
-    start[:5] = radius / SCENE.pixel_size + 0.2, CENTRE[0] - 0.1, CENTRE[1] + 0.1, 120.0, 96.0
+    start[:5] = A / SCENE.pixel_size + 0.2, centre[0] - 0.1, centre[1] + 0.1, 120.0, 96.0
     start[Parameter.PHASE] = np.pi
+    return frame, start
+
+
+def fitted(microscope: Microscope) -> tuple[np.ndarray, object]:
+    frame, start = started(microscope, CENTRE)
     return frame, fit_contact(frame, start, OPTICS, FitSettings())
 
 
@@ -71,3 +76,16 @@ def test_a_ghost_counts_by_what_it_makes_of_the_radius() -> None:
     assert u < 0.03e-6
     assert fit.worst_deviation * SCENE.pixel_size > 0.1e-6
     assert weighed.worst_deviation == fit.worst_deviation
+
+
+def test_errors_of_the_model_make_the_scale_of_the_fringes_doubtful() -> None:
+    """Coma in the corner of the frame looks like 1 % of scale, many times what the noise of pixels makes of it."""
+    near_corner = (90.3, 80.6)
+    frame, start = started(replace(Microscope(SCENE), lens=comet), near_corner)
+    fit = fit_contact(frame, start, OPTICS, FitSettings(free=(*USUAL, Parameter.SCALE)))
+    place = fit.free.index(Parameter.SCALE)
+    scale, chance = fit.parameters[Parameter.SCALE], fit.between * np.sqrt(fit.inverse[place, place])
+    assert abs(scale) > 10.0 * chance
+    assert abs(scale) < 5.0 * fit.doubts[Parameter.SCALE]
+    clean, start = started(Microscope(SCENE), near_corner)
+    assert fit_contact(clean, start, OPTICS, FitSettings(free=(*USUAL, Parameter.SCALE))).doubts == {}
