@@ -27,7 +27,7 @@ from labpipe.imaging.dic._reference import Reference, Status
 from labpipe.imaging.dic._seeding import shift_of
 from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, LIGHT
 from labpipe.imaging.dic._subset_solver import CHANGES
-from labpipe.imaging.dic._undersampling import beside_edge, undersampled
+from labpipe.imaging.dic._undersampling import look_beside, undersampled
 from labpipe.variables import described, variable
 
 if TYPE_CHECKING:
@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 _STATIC_RANGE = 0.3
 #: Noise of a film over the lower quartile of what its points show: they scatter about as much.
 _NOISE_OF_FILM = 0.9
+#: Share of its frames in which a point shows its own noise.
+_BETTER = 0.1
 #: Results whose uncertainty is computed at once; bounds the work arrays to some 50 MB.
 _BLOCK = 50_000
 
@@ -207,7 +209,8 @@ def _is_edge(
     # of an edge, more than half of what resists along it is the reference's own noise
     by_noise = own * reference.noise.slope / reference.noise.static_frames
     beyond |= (texture < pixels * by_noise) & (strongest > EDGE * texture)
-    return beyond | (beside_edge(reference, point) < 2.0 * by_noise)
+    moved = noise[~is_static & np.isfinite(noise)]
+    return beyond | (len(moved) > 0 and look_beside(reference, point, float(np.quantile(moved, _BETTER)))[1])
 
 
 def _weakest(deviation: Floats, covariance: Floats) -> Floats:
