@@ -210,7 +210,8 @@ def _is_edge(
     by_noise = own * reference.noise.slope / reference.noise.static_frames
     beyond |= (texture < pixels * by_noise) & (strongest > EDGE * texture)
     moved = noise[~is_static & np.isfinite(noise)]
-    return beyond | (len(moved) > 0 and look_beside(reference, point, float(np.quantile(moved, _BETTER)))[1])
+    least = float(np.quantile(moved, _BETTER)) if len(moved) else own
+    return beyond | look_beside(reference, point, least)[1]
 
 
 def _weakest(deviation: Floats, covariance: Floats) -> Floats:

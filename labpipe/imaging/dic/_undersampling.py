@@ -49,15 +49,16 @@ _HIDES, _MEAN_SIZE = 1.5, 0.8
 #: Motion (px) that edges seen by points along the columns or rows may hide, all at once: what lies between two
 #: pixels, of a block of whole pixels, no one can tell.
 _UNSEEN = 0.13
-#: Slope along an edge over that across it below which it is but one of its steps; mean square of slopes beyond it
-#: over that of noise, of edges with nothing else, and of those in which few steep pixels are beyond it and nearly
-#: all of the texture lies on edges: of 314 wrong results on edges blurred after sampling 283 were such, and of
-#: 3,510 right ones on photographs 36.
-_TURNED, _HARDLY_NOISE, _ON_EDGES_ALONE, _FEW_TURNED, _NEARLY_ALL = 0.3, 2.0, 5.0, 0.2, 0.85
-#: Slope over the steepest of a subset from which it belongs to an edge, slope along it over that across it from
-#: which it does not run with it, how far an edge reaches (px), and share of a subset beside edges that tells how
-#: much of its texture is there.
-_STEEP, _ASLANT, _EDGE_REACH, _LEAST_BESIDE = 0.3, 0.5, 3, 0.1
+#: Slope along an edge over that across it below which it is but one of its steps, and mean square of slopes beyond
+#: it, over that of noise, of edges with nothing else.
+_TURNED, _HARDLY_NOISE = 0.3, 2.0
+#: The same of edges on which nearly all of the texture lies, though hardly aslant (squared slopes along them over
+#: those across): of 314 wrong results on edges blurred after sampling these two and the one before tell 262, and of
+#: 3,510 right ones on photographs 102. More where less than half of a subset are edges.
+_NEARLY_ALL, _HARDLY_ASLANT, _OFTEN_NOISE, _MANY_TIMES_NOISE = 0.9, 0.03, 5.0, 20.0
+#: Slope over the steepest of a subset from which it belongs to an edge, how far that reaches (px), and share of the
+#: subset beside edges that tells how much of its texture is there.
+_STEEP, _EDGE_REACH, _LEAST_BESIDE = 0.3, 3, 0.1
 #: Slope of an edge against the columns or rows below which all its pixels are seen at one phase.
 _ALIGNED = 0.06
 #: The same below which few of them are seen at different phases.
@@ -120,19 +121,20 @@ def look_beside(reference: Reference, point: int, noise: float) -> tuple[float, 
     counts = np.ones(slope_x.shape, bool) if images.inside is None else images.inside[cut] > 0.0
     along = slope_x * math.cos(weakest) + slope_y * math.sin(weakest)
     size = np.where(counts, np.hypot(slope_x, slope_y), 0.0)
-    turn = np.abs(along) / np.maximum(np.sqrt(np.maximum(size**2 - along**2, 0.0)), 1e-30)
     is_steep = size >= _STEEP * size.max()
     is_beside = (cv2.dilate(is_steep.astype(np.uint8), np.ones(2 * [2 * _EDGE_REACH + 1], np.uint8)) == 0) & counts
+    free = float(is_beside.sum()) / max(float(counts.sum()), 1.0)
     by_noise = noise * reference.noise.slope / reference.noise.static_frames
-    is_turned = (turn >= _TURNED) & counts
-    turned = float((along[is_turned] ** 2).sum()) / max(by_noise * np.count_nonzero(is_turned), 1e-30)
-    if np.count_nonzero(is_beside) < _LEAST_BESIDE * np.count_nonzero(counts):
-        return 1.0, turned < _HARDLY_NOISE
-    beside, total = (float((along[where] ** 2).mean()) - by_noise for where in (is_beside, counts))
-    on_edges = float(np.clip(1.0 - beside / max(total, 1e-30), 0.0, 1.0))
-    is_straight = bool((turn[is_steep] >= _ASLANT).mean() < _FEW_TURNED)
-    is_alone = on_edges > _NEARLY_ALL and is_straight and turned < _ON_EDGES_ALONE
-    return on_edges, is_alone or turned < _HARDLY_NOISE
+    on_edges = 1.0
+    if free >= _LEAST_BESIDE:
+        beside, total = (float((along[where] ** 2).mean()) - by_noise for where in (is_beside, counts))
+        on_edges = float(np.clip(1.0 - beside / max(total, 1e-30), 0.0, 1.0))
+    is_turned = (along**2 >= _TURNED**2 * (size**2 - along**2)) & counts
+    turned = float((along[is_turned] ** 2).sum()) / max(by_noise * float(is_turned.sum()), 1e-30)
+    is_aslant = (along[is_steep] ** 2).sum() > _HARDLY_ASLANT / (1.0 + _HARDLY_ASLANT) * (size[is_steep] ** 2).sum()
+    is_alone = on_edges > _NEARLY_ALL and not is_aslant
+    most = (_MANY_TIMES_NOISE if free > 0.5 else _OFTEN_NOISE) if is_alone else _HARDLY_NOISE
+    return on_edges, turned < most
 
 
 def _weakest_slopes(reference: Reference, point: int) -> float:

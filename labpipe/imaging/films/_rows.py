@@ -106,7 +106,7 @@ class RowsSeen:
         in_order = max(np.count_nonzero(self.is_combed & (self.order == sign)) for sign in (-1.0, 1.0))
         if by_teeth + in_order >= max(1.0, _MOST_FRAMES * np.count_nonzero(length > _MOVING)):
             return True
-        chosen = np.flatnonzero(length > _CREEPING)
+        chosen = np.flatnonzero((length > _CREEPING) & [len(one) > 0 for one in self.distances])
         if not len(chosen):
             return False
         shared = max(map(_error_of_median, self.distances[0].T)) if self.is_sharp else 0.0
@@ -236,7 +236,7 @@ def read_rows(sums: list[Floats], *, is_first_still: bool, steps: Floats | None 
         if ratio is not None:
             repeated.append(ratio)
     is_repeated = len(repeated) > 0 and bool(np.mean(repeated) > 1.0 - _SHARE)
-    still = np.median(distances[0], axis=0) if is_first_still else np.zeros(2)
+    still = np.median(distances[0], axis=0) if is_first_still and len(distances[0]) else np.zeros(2)
     return RowsSeen(combed, apart, is_repeated, distances, is_sharp, still, order)
 
 
@@ -251,7 +251,7 @@ class _FieldsSeen:
 
     def shifted_alike(self, step: Floats | None) -> Flags:
         """Which pieces are shifted; along a known motion (2,) only where it is a share of it in the middle of all."""
-        if step is None:
+        if step is None or not len(self.is_shifted):
             return self.is_shifted
         middle = float(np.median(self.along[0]))
         is_share = _SHARES[0] * np.hypot(*step) < abs(middle) < _SHARES[1] * np.hypot(*step)
