@@ -44,6 +44,11 @@ class Failed:
     text: str
     is_of_run: bool = False
 
+    @property
+    def is_consequence(self) -> bool:
+        """Whether it failed only because one before it did."""
+        return self.text.endswith("gave no result")
+
 
 @dataclass(frozen=True, slots=True)
 class Kept:

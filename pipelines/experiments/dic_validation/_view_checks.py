@@ -5,7 +5,7 @@ from math import cos, degrees, isfinite
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import Check, Level, not_made, stated
+from labpipe.judging import Check, Level, in_words, not_made, stated
 from labpipe.report import quantity, value_with_uncertainty
 from pipelines.experiments.dic_validation import viewing_angle
 from pipelines.experiments.dic_validation.settings import DicValidation
@@ -26,7 +26,7 @@ def direction(motion: xr.Dataset, settings: DicValidation) -> Check:
     if not isfinite(angle):
         return not_made(name, law, _NO_MOTION)
     text = f"{settings.film}: the holder moves at {value_with_uncertainty(degrees(angle), degrees(u), 'deg')} "
-    text += f"to the image's columns, whose vertical part is {1 - cos(angle):.2g} shorter"
+    text += f"to the image's columns, whose vertical part is {in_words(100 * (1 - cos(angle)), 2)} % shorter"
     if abs(angle) > viewing_angle.STRAIGHT:
         cause = "the film was turned when it was exported, or tracking.body follows something else than the holder"
         return stated(name, law, text, "doubtful", cause=cause, file=settings.film, setting="tracking.body")

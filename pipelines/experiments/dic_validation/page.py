@@ -38,6 +38,7 @@ _VIEWS = 3  # impacts that get a button
 _BEFORE, _AFTER = 1e-3, 4e-3  # s around a touch that show one impact
 _SMALLEST_PICTURE = 480  # px; smaller frames are enlarged by a whole factor
 _REGION, _COVER = (80, 200, 80), (80, 80, 230)  # BGR: green, red
+_HATCH = 9  # px from line to line
 _BODY, _POINT = (80, 200, 255), (255, 200, 60)  # BGR: orange square, blue points
 _GROUP = "film"  # charts and frames over the film's time
 _SPREAD = "± 2 sd of the laser's repeats"
@@ -65,8 +66,9 @@ def page(
     if keys is not None:
         start = None if bounces is None else float(bounces["first_contact_time"])
         sections.append(_key_frames(keys, settings, start))
-    if motion is not None and bounces is not None:
-        sections.append(_motion(motion, bounces, velocity, laser, comparison))
+    if motion is not None:
+        seen = None if bounces is None else _motion(motion, bounces, velocity, laser, comparison)
+        sections.append(seen or _unparted(motion))
     if comparison is not None:
         sections.append(_agreement(comparison))
     if track is not None:
@@ -130,9 +132,8 @@ def _summary(
 
 def _key_frames(keys: xr.Dataset, settings: DicValidation, start: float | None) -> Section:
     pictures = [_picture(keys.isel(key=i), start, settings.tracking) for i in range(keys.sizes["key"])]
-    caption = (
-        "Orange: the large subset whose motion is the result, with its rotation. Blue: the line of small subsets. "
-    )
+    caption = "Orange: the large subset whose motion is the result, with its rotation. "
+    caption += "Blue: the line of small subsets. " * (keys.sizes["point"] > 1)
     caption += _told_masks(settings.tracking) + "The charts below mark the frame that is shown."
     gallery = Gallery("Key frames with the tracked subsets", pictures, caption=caption, group=_GROUP)
     header = pages.raw_header(keys.assign_attrs(source=settings.film))
@@ -145,7 +146,7 @@ def _told_masks(tracking: Tracking) -> str:
     if tracking.regions:
         drawn.append("Green: what counts. ")
     if tracking.covers:
-        drawn.append("Red: what is covered and does not count. ")
+        drawn.append("Red, hatched: what is covered and does not count. ")
     return "".join(drawn) + ("They move with the large subset. " if drawn else "")
 
 
@@ -183,8 +184,11 @@ def _draw_masks(canvas: NDArray[np.uint8], key: xr.Dataset, tracking: Tracking, 
     turn = np.array([[cosine, -sine], [sine, cosine]])
     for polygons, colour in ((tracking.regions, _REGION), (tracking.covers, _COVER)):
         for polygon in polygons or ():
-            corners = now + (np.array(polygon) - start) @ turn.T
-            cv2.polylines(canvas, [np.rint(corners * scale + half).astype(np.int32)], True, colour, 2, cv2.LINE_AA)
+            corners = np.rint((now + (np.array(polygon) - start) @ turn.T) * scale + half).astype(np.int32)
+            cv2.polylines(canvas, [corners], True, colour, 2, cv2.LINE_AA)
+            if colour == _COVER:  # hatched, to be told from the others without colour
+                inside = cv2.fillPoly(np.zeros(canvas.shape[:2], np.uint8), [corners], 1) > 0
+                canvas[inside & (np.add.outer(*map(np.arange, canvas.shape[:2])) % _HATCH < 2)] = colour
 
 
 def _calibration(motion: xr.Dataset, settings: DicValidation) -> Section:
@@ -271,6 +275,13 @@ def _motion(
         LineChart("Rotation of the holder", _LABEL, label, (turned,), group=_GROUP, views=views, height_px=220)
     )
     return Section("Motion", tuple(charts))
+
+
+def _unparted(motion: xr.Dataset) -> Section:
+    """Draw the motion over the film's own time: no contact was found from which to count."""
+    time, moved = motion["time"].values * 1e3, motion["displacement"].values * 1e3
+    labels = ("Displacement", "time in the film / ms", "displacement / mm, upwards")
+    return Section("Motion", (LineChart(*labels, (Series("film", time, moved, role="measured"),), group=_GROUP),))
 
 
 def _difference(

@@ -187,9 +187,12 @@ def kept_notice(context: Context) -> tuple[Block, ...]:
 
 def failed_notice(context: Context) -> tuple[Notice, ...]:
     """Say which steps gave no result, so that a missing section is explained."""
-    return tuple(
-        Notice("error", f"{f.stage}{f' [{f.recording}]' if f.recording else ''}: {f.text}") for f in context.failures
-    )
+    own = [f for f in context.failures if not f.is_consequence]
+    missing = dict.fromkeys(f.stage for f in context.failures if f.is_consequence)
+    told = [Notice("error", f"{f.stage}{f' [{f.recording}]' if f.recording else ''}: {f.text}") for f in own]
+    if missing:
+        told.append(Notice("info" if own else "error", f"Not made without what failed before: {', '.join(missing)}."))
+    return tuple(told)
 
 
 def problems(context: Context) -> Section:

@@ -70,7 +70,7 @@ def failed_steps(context: Context, causes: Mapping[str, str]) -> list[Check]:
     """
     found: dict[str, Check] = {}
     for failure in context.failures:
-        if "gave no result" in failure.text or failure.stage in found:
+        if failure.is_consequence or failure.stage in found:
             continue
         where = f"{failure.recording}: " if failure.recording else ""
         if failure.is_of_run:

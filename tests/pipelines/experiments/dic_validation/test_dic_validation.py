@@ -111,7 +111,7 @@ def test_masks_are_followed_and_drawn(session: Path, tmp_path: Path) -> None:
     assert np.abs(found["dy"].values - expected).max() < 0.04
     assert float(found["u_dy"].median()) > 1.1 * float(plain["u_dy"].median())
     page = (folder / "labpipe/reports/film.html").read_text("utf-8")
-    assert "Green: what counts. Red: what is covered and does not count." in page
+    assert "Green: what counts. Red, hatched: what is covered and does not count." in page
     assert "what is covered" not in (session / "labpipe/reports/film.html").read_text("utf-8")
 
 
