@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.images._headers import CutOffError, ImageHeader, png_fault, read_headers
+from instruments.images._headers import CutOffError, ImageHeader, one_page, png_fault, read_headers
 from instruments.images._pictures import one_intensity
 from labpipe.errors import SourceError
 from labpipe.frames import warn_incomplete
@@ -227,12 +227,11 @@ class ImageFiles:
 
 
 def _decode(place: _Place) -> NDArray[Any] | None:
-    if place.page:
-        is_done, found = cv2.imreadmulti(str(place.path), place.page, 1, flags=cv2.IMREAD_UNCHANGED)
-        image = found[0] if is_done and found else None
+    if place.header.directory:
+        data = np.frombuffer(one_page(place.path, place.header.directory), np.uint8)
     else:
         data = np.fromfile(place.path, np.uint8)  # names of any letters; imread takes ASCII only
-        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     if image is None:
         return None
     # packed pixels are decoded to the upper bits of 16

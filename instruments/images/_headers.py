@@ -24,6 +24,7 @@ _RGB, _PALETTE = 2, 3  # interpretations of a TIFF's samples
 _TIFF_SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 16: 8, 13: 4}
 _WIDTH, _LENGTH, _BITS, _PHOTOMETRIC, _OFFSETS, _SAMPLES, _COUNTS = (256, 257, 258, 262, 273, 277, 279)
 _TILE_OFFSETS, _TILE_COUNTS = 324, 325
+_LARGE_HEAD = 16  # bytes before the first directory of a TIFF of large numbers
 _COMPRESSION, _PLAIN = 259, 1
 _COMPRESSIONS = {1, 5, 7, 8, 32773, 32946}  # none, LZW, JPEG, deflate of two numbers, PackBits
 _WANTED = (_COMPRESSION, _WIDTH, _LENGTH, _BITS, _PHOTOMETRIC, _OFFSETS, _SAMPLES, _COUNTS, _TILE_OFFSETS, _TILE_COUNTS)
@@ -40,6 +41,15 @@ class ImageHeader(NamedTuple):
     bits: int
     fault: str = ""
     is_compressed: bool = False
+    directory: int = 0  # byte at which that of a TIFF's page begins
+
+
+class _Field(NamedTuple):
+    """Where a field of a TIFF's directory stands, the type of its values, and how many there are."""
+
+    entry: int
+    kind: int
+    number: int
 
 
 class CutOffError(SourceError):
@@ -153,6 +163,17 @@ def _tiff(path: Path, data: bytes | None) -> list[ImageHeader]:
         return _Tiff(path, view).pages()
 
 
+def one_page(path: Path, at: int) -> bytes:
+    """Return a page of a TIFF, whose directory begins at a byte, as a TIFF of its own.
+
+    A decoder that is asked for a page goes through all pages before it.
+    """
+    import mmap
+
+    with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as view:
+        return _Tiff(path, view).page(at)
+
+
 class _Tiff:
     """The chain of directories of a TIFF; no pixel is touched."""
 
@@ -213,6 +234,49 @@ class _Tiff:
         following = self.unpack("Q" if self.is_big else "I", first + count * size)
         return self._header(tags, at), following
 
+    def page(self, at: int) -> bytes:
+        """Return a page as a TIFF of its own: a large one, whose numbers reach everywhere."""
+        fields = self._fields(at)
+        starts, tail = {}, bytearray()
+        begin = _LARGE_HEAD + 8 + 20 * len(fields) + 8
+        for of, sizes in ((_OFFSETS, _COUNTS), (_TILE_OFFSETS, _TILE_COUNTS)):
+            if of in fields:
+                places = [self._values(fields[tag].entry) for tag in (of, sizes)]
+                starts[of] = struct.pack(f"{self.order}{len(places[0])}Q", *self._moved(places, begin, tail))
+        directory = bytearray()
+        for tag, field in fields.items():
+            kind, value = (16, starts[tag]) if tag in starts else (field.kind, self._stored(field))
+            if len(value) > 8:
+                tail += value + b"\0" * (-len(value) % 8)
+                value = struct.pack(f"{self.order}Q", begin + len(tail) - len(value) - (-len(value) % 8))
+            directory += struct.pack(f"{self.order}HHQ", tag, kind, field.number) + value.ljust(8, b"\0")
+        head = (b"II" if self.order == "<" else b"MM") + struct.pack(f"{self.order}HHHQ", 43, 8, 0, _LARGE_HEAD)
+        return bytes(head + struct.pack(f"{self.order}Q", len(fields)) + directory + bytes(8) + tail)
+
+    def _moved(self, places: list[list[int]], begin: int, tail: bytearray) -> list[int]:
+        """Copy stretches of the file behind others that begin at a byte, and return where they are then."""
+        found = []
+        for start, length in zip(*places, strict=True):
+            found.append(begin + len(tail))
+            tail += self.data[start : start + length]
+            tail += b"\0" * (-len(tail) % 8)
+        return found
+
+    def _fields(self, at: int) -> dict[int, "_Field"]:
+        count = self.unpack("Q" if self.is_big else "H", at)
+        first, size = (at + 8, 20) if self.is_big else (at + 2, 12)
+        number = "Q" if self.is_big else "I"
+        entries = range(first, first + size * count, size)
+        return {self.unpack("H", e): _Field(e, self.unpack("H", e + 2), self.unpack(number, e + 4)) for e in entries}
+
+    def _stored(self, field: "_Field") -> bytes:
+        """Return the bytes of a field, which lie in it or where it points."""
+        length = field.number * _TIFF_SIZES.get(field.kind, 8)
+        room, place = (8, field.entry + 12) if self.is_big else (4, field.entry + 8)
+        if length > room:
+            place = self.unpack("Q" if self.is_big else "I", place)
+        return self.data[place : place + length]
+
     def _values(self, entry: int) -> list[int]:
         kind = self.unpack("H", entry + 2)
         count = self.unpack("Q" if self.is_big else "I", entry + 4)
@@ -251,4 +315,4 @@ class _Tiff:
         sizes = tags.get(_COUNTS) or tags.get(_TILE_COUNTS, [])
         ends = [s + n for s, n in zip(starts, sizes, strict=False)]
         is_whole = ends and len(starts) == len(sizes) and max(ends) <= len(self.data)
-        return ImageHeader(rows, columns, bits, "" if is_whole else "the TIFF page is cut off", packing != _PLAIN)
+        return ImageHeader(rows, columns, bits, "" if is_whole else "the TIFF page is cut off", packing != _PLAIN, at)

@@ -381,3 +381,16 @@ def test_what_is_no_film_is_told_with_what_to_name_instead(tmp_path: Path) -> No
     ):
         with pytest.raises(SourceError, match=told):
             instruments.read(tmp_path / name, fps=1.0)
+
+
+@pytest.mark.parametrize("packing", [1, 5, 8])
+def test_a_page_is_read_without_those_before_it(tmp_path: Path, packing: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    film = images(5, np.uint16)
+    assert cv2.imwritemulti(str(tmp_path / "f.tif"), list(film), [cv2.IMWRITE_TIFF_COMPRESSION, packing])
+    found = instruments.read(tmp_path / "f.tif", fps=100.0)
+    decoded: list[int] = []
+    decode = cv2.imdecode
+    monkeypatch.setattr(cv2, "imdecode", lambda data, how: decoded.append(len(data)) or decode(data, how))
+    np.testing.assert_array_equal(found[4], film[4])
+    assert len(decoded) <= 2  # whether it can be decoded at all, and the page
+    assert max(decoded) < (tmp_path / "f.tif").stat().st_size / 2
