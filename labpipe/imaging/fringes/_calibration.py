@@ -29,7 +29,7 @@ from labpipe.imaging.fringes._trials import (
     fit_frames,
     is_promising,
 )
-from labpipe.imaging.fringes._worn_flat import find_flat
+from labpipe.imaging.fringes._worn_flat import find_flat, weigh_flat
 
 #: Greatest logarithm of the phase scale that is believed: a factor of two.
 _MOST_SCALE = 0.7
@@ -51,6 +51,7 @@ def calibrate(
     is_phase_free: bool,
     shape: str,
     rough: Sequence[Parameter] = (),
+    log_stated: float = 0.0,
 ) -> Calibration:
     """Find phase, scale and ellipticity of a film.
 
@@ -68,6 +69,8 @@ def calibrate(
         Whether circles may be ellipses: if the film says so, no, or yes in every frame.
     rough : sequence of Parameter
         Which of phase and scale the view has from single frames, so that they are found anew.
+    log_stated : float
+        Logarithm of the phase scale as it is stated, relative to that of the view.
 
     Returns
     -------
@@ -116,7 +119,7 @@ def calibrate(
     vain: dict[int, float] = {}
     for _ in range(_ROUNDS):
         better: list[tuple[Trial, Calibration]] = []
-        for trial, found in _candidates(attempt, plain_axes, result, best, view, vain):
+        for trial, found in _candidates(attempt, plain_axes, result, best, view, vain, log_stated):
             # What differs from frame to frame fits better than what holds for all: compare the latter.
             better.append((attempt(plain_axes, found) or trial, found))
             if better[-1][0].excess < _ALL_BUT * best.excess:
@@ -131,6 +134,10 @@ def calibrate(
         result, best = found, trial
         begin_from(best, result)
     settled, result = settle_blur(attempt, plain_axes, result, best)
+    if settled is not best:
+        best = settled
+        begin_from(best, result)
+    settled, result = weigh_flat(attempt, plain_axes, result, best, log_stated)
     if settled is not best:
         best = settled
         begin_from(best, result)
@@ -157,7 +164,13 @@ def _with_hidden_phase(attempt: Attempt, axes: Sequence[Parameter], known: Calib
 
 
 def _candidates(
-    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, view: View, vain: dict[int, float]
+    attempt: Attempt,
+    axes: Sequence[Parameter],
+    known: Calibration,
+    best: Trial,
+    view: View,
+    vain: dict[int, float],
+    log_stated: float,
 ) -> Iterator[tuple[Trial, Calibration]]:
     """Yield what explains the frames much better, the likelier and cheaper first.
 
@@ -172,6 +185,7 @@ def _candidates(
         lambda: _find_optics(attempt, axes, known, best, Parameter.PHASE, view),
         lambda: _find_optics(attempt, axes, known, best, Parameter.SCALE, view),
         lambda: find_flat(attempt, axes, known, best),
+        lambda: find_flat(attempt, axes, replace(known, log_scale=log_stated), best) if log_stated else None,
         lambda: find_blur_before_camera(attempt, axes, known, best),
         lambda: find_second_colour(attempt, axes, known, best),
     )

@@ -198,6 +198,7 @@ def _calibrate(
         is_phase_free=options.phase is None,
         shape=_shape(reader.film, options),
         rough=rough,
+        log_stated=math.log(stated.phase_scale / optics.phase_scale),
     )
     if result.calibration.is_usual and optics == stated:
         return fits

@@ -8,11 +8,11 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from labpipe.imaging.fringes._ring_parameters import Parameter
-from labpipe.imaging.fringes._trials import Attempt, Calibration, Trial
+from labpipe.imaging.fringes._trials import HINT, Attempt, Calibration, Trial, doubt
 
 #: Flats that are tried as shares of the smallest contact, until one leaves so much more than
 #: another; frames and pixels for that, and variances by which one must lower the sum of squares.
-_FLATS, _WORSE = (0.35, 0.5, 0.62, 0.74, 0.86, 0.96), 1.2
+_FLATS, _WORSE = (0.35, 0.5, 0.62, 0.74, 0.82, 0.88, 0.92, 0.96), 1.2
 _FLAT_FRAMES, _FLAT_PIXELS, _FLAT_VARIANCES, _FLAT_ROUNDS = 4, 12_000, 40.0, 2
 
 
@@ -34,11 +34,50 @@ def find_flat(
     """Flat that leaves least in all frames, when it explains them better than a whole sphere."""
     if known.flat or not best.is_doubtful:
         return None
+    found = _best_flat(attempt, axes, known, best, math.inf)
+    if found is None or found[1].gain_over(best) < _FLAT_VARIANCES:
+        return None
+    # a wrong wavelength or ruler is commoner than wear, and moves rings nearly alike
+    scaled = attempt((*axes, Parameter.SCALE), known)
+    if scaled is not None and scaled.gain_over(best) >= found[1].gain_over(best):
+        return None
+    return _settled_flat(attempt, axes, known, *found)
+
+
+def weigh_flat(
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, log_stated: float
+) -> tuple[Trial, Calibration]:
+    """Lay narrower fringes than stated to the scale or to a flat, as the frames tell.
+
+    In contacts of one radius either explains them nearly as well: what is likelier is taken, and the other counts
+    as what may be wrong. ``log_stated`` is the logarithm of the scale as stated, relative to that of the view.
+    """
+    if known.flat or known.log_scale <= log_stated:
+        return best, known
+    few = attempt(axes, known, _FLAT_FRAMES, _FLAT_PIXELS)
+    stated = replace(known, log_scale=log_stated, u_log_scale=0.0)
+    near = None if few is None else _best_flat(attempt, axes, stated, best, (few.left + HINT) / few.pixels)
+    found = None if near is None else _settled_flat(attempt, axes, stated, *near)
+    if found is None:
+        return best, known
+    trial, worn = found
+    gain = trial.gain_over(best)
+    changes = trial.changes(best) * math.sqrt(doubt(gain))
+    return (trial, worn.with_shared(trial, changes)) if gain > 0.0 else (best, known.with_shared(best, changes))
+
+
+def _best_flat(
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, most: float
+) -> tuple[float, Trial, float] | None:
+    """Flat that leaves least on some pixels, its trial on all, and how far it may be off.
+
+    None where it leaves more than ``most``, in variances of a pixel.
+    """
     smallest = min(float(fit.parameters[Parameter.RADIUS]) for fit in best.fits)
 
     def left(flat: float) -> float:
         trial = attempt(axes, replace(known, flat=flat), _FLAT_FRAMES, _FLAT_PIXELS)
-        return math.inf if trial is None else trial.left
+        return math.inf if trial is None else trial.left / trial.pixels
 
     tried = [(0.0, left(0.0))]
     for share in _FLATS:
@@ -50,14 +89,15 @@ def find_flat(
         return None
     low, high = tried[near - 1][0], tried[min(near + 1, len(tried) - 1)][0]
     width = high - low
-    flat = float(minimize_scalar(left, bounds=(low, high), method="bounded", options={"xatol": 0.01 * width}).x)
-    trial = attempt(axes, replace(known, flat=flat))
-    if trial is None or trial.gain_over(best) < _FLAT_VARIANCES:
-        return None
-    # a wrong wavelength or ruler is commoner than wear, and moves rings nearly alike
-    scaled = attempt((*axes, Parameter.SCALE), known)
-    if scaled is not None and scaled.gain_over(best) >= trial.gain_over(best):
-        return None
+    found = minimize_scalar(left, bounds=(low, high), method="bounded", options={"xatol": 0.01 * width})
+    trial = attempt(axes, replace(known, flat=float(found.x))) if found.fun < most else None
+    return None if trial is None else (float(found.x), trial, width)
+
+
+def _settled_flat(
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, flat: float, trial: Trial, width: float
+) -> tuple[Trial, Calibration] | None:
+    """Place the minimum by all pixels, and tell what its uncertainty makes of the radius."""
     # All pixels of all frames place the minimum better: the vertex of ever narrower parabolas.
     step = 0.1 * width
     for _ in range(_FLAT_ROUNDS):

@@ -157,7 +157,7 @@ def test_in_a_long_film_what_is_found_once_costs_no_fit_of_a_frame(
         counts.append(len(fits) - once[-1])
     assert 12 <= counts[1] - counts[0] <= 15, counts
     assert len(once) == 2
-    assert max(once) < 300
+    assert max(once) < 350
 
 
 def test_what_nothing_explains_is_not_tried_in_every_frame(fits: list[int]) -> None:
@@ -318,6 +318,17 @@ def test_edge_of_an_adhesive_contact_follows_from_its_fringes(modulus: float, wo
     assert (np.abs(usual.edge_radius.values - RADII[:2]) < 3.0 * usual.u_edge_radius.values).all()
     assert (shift < 3.0 * usual.radius_systematic.values).all()
     assert usual.radius.values.tolist() == told.radius.values.tolist()
+
+
+@pytest.mark.parametrize(("flat", "radius"), by_day([(200.0, 305.3), (120.0, 215.3), (200.0, 229.3)], 1))
+def test_a_flat_is_told_from_another_scale_in_contacts_of_one_radius(flat: float, radius: float) -> None:
+    """Narrower fringes were laid to a wrong wavelength, and radii were off by 0.12 to 4.6 µm at u of 0.03 µm."""
+    scene = replace(PLAIN, optics=OPTICS.change(rows=380, columns=400))
+    radii = [radius * UM] * 2
+    found, said = measure(film_of(scene, lambda r, a: gap_of_worn_flat(r, a, SPHERE, flat * UM), radii, (201.3, 191.2)))
+    check(found, radii, 0.02 * UM)
+    assert found.attrs["flat_radius"] == pytest.approx(flat * UM, rel=0.02)
+    assert ["as if worn" in text for text in said] == [True]
 
 
 @pytest.mark.parametrize("work", [10e-3, 50e-3])

@@ -93,7 +93,7 @@ def test_what_explained_nothing_is_tried_again_when_most_of_the_misfit_is_gone(m
     vain: dict[int, float] = {}
     for misfit, count in ((3.0, 9), (2.5, 0), (2.0, 9)):
         asked.clear()
-        assert not [*_calibration._candidates(None, (), Calibration(), trial(misfit), None, vain)]  # type: ignore
+        assert not [*_calibration._candidates(None, (), Calibration(), trial(misfit), None, vain, 0.0)]  # type: ignore
         assert len(asked) == count
 
 
