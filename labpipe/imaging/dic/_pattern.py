@@ -29,7 +29,7 @@ NO_GROWTH: Growth = (0, 0, 0)
 #: Step (px²) of these weights; by less the columns tell it.
 STEP = 0.02
 #: Difference of the variances (px²) of two directions below which there is but one blur, and largest weight (px²).
-_ALIKE, _MOST_GROWTH = 0.15, 8.0
+_ALIKE, _MOST_GROWTH = 0.06, 8.0
 #: Share of the points that must show a change of blur before all are matched with another pattern.
 _COMMON = 0.5
 #: Patterns kept: that of a focus which swings to and fro, or of a shutter that is open in every other frame.

@@ -456,6 +456,7 @@ def _iterate(
     model: int,
     is_tested: bool,
     noise: tuple[float, float, float, float],
+    most: float,
     tolerance: float,
     max_iterations: int,
     p: Floats,
@@ -509,7 +510,7 @@ def _iterate(
         needed = 0
         if is_last and with_all:
             variance = max(quality[1] / max(pixels - 8.0, 1.0), noise[3]) * noise[0]
-            surplus = quality[1] * (noise[1] + noise[2] * moments[1, 10] / level[1])
+            surplus = min(quality[1], most * quality[0] ** 2) * (noise[1] + noise[2] * moments[1, 10] / level[1])
             needed = _needed(model, slopes, step, solved, p, normal, inverse, tester, surplus, variance)
             quality[3], quality[4] = step[8], step[9]
             for k in range(3):
@@ -544,6 +545,7 @@ def solve_subsets(
     model: int,
     is_tested: NDArray[np.bool_],
     noise: tuple[float, float, float, float],
+    most: Floats,
     tolerance: float,
     max_iterations: int,
     motion: Floats,
@@ -573,6 +575,7 @@ def solve_subsets(
             model,
             is_tested[q],
             noise,
+            most[q],
             tolerance,
             max_iterations,
             motion[q],

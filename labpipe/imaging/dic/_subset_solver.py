@@ -110,6 +110,7 @@ def solve(
     model: int = 0,
     is_tested: Flags | None = None,
     noise: NoiseShown | None = None,
+    most: Floats | None = None,
     tolerance: float = DEFAULT_TOLERANCE,
     max_iterations: int = DEFAULT_ITERATIONS,
 ) -> Solution:
@@ -138,6 +139,8 @@ def solve(
         Of which subsets it shall be told what they need; of all by default.
     noise : NoiseShown, optional
         White noise that is neither blurred nor interpolated by default.
+    most : array (point,), optional
+        Residual [grey²] that noise leaves at most, in grey levels of the frame; unknown by default.
     tolerance : float [px]
         Iterate until the next step is expected to be smaller than this.
     max_iterations : int
@@ -178,6 +181,7 @@ def solve(
             model,
             np.ones(count, bool) if is_tested is None else is_tested,
             (noise.colour, noise.surplus, noise.share, noise.floor),
+            np.full(count, np.inf) if most is None else most,
             tolerance,
             max_iterations,
             found,

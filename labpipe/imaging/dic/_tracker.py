@@ -32,8 +32,16 @@ _COMMON = 0.5
 #: Rounds in which what a point needs is added to its model, and share of a residual that may be noise alone
 #: which is left at most where that was light or blur.
 _ROUNDS, _EXPLAINED = 3, 0.7
-#: Patterns that are tried in a frame, and the share of the points that the better one must find of them.
-_MATCHES, _AS_MANY = 6, 0.9
+#: Patterns that are tried in a frame, and the most misfit of a better one over that of the first, whose columns
+#: may have hidden half of the noise.
+_MATCHES, _NO_WORSE = 6, 2.0
+#: Misfit over that of the frame before from which the pattern of that frame may be a wrong one.
+_FAR_WORSE = 2.0
+#: Residual of noise alone over the least that a point has shown, at most.
+_LEAST = 1.3
+#: How much of the change of blur that the first order tells is taken for it, of softer and of sharper frames:
+#: these it tells by up to three times, and those that are blurred too much look as if noise had made them soft.
+_STRIDES = (1.0, 0.35)
 #: Neighbours that are asked whether a point is right.
 NEIGHBOURS = 6
 #: Pieces of a frame whose rows are compared, and pixels of the subsets for each of them.
@@ -75,8 +83,10 @@ class Tracker:
         self._stride = int(np.clip(count // _TESTED, 1, _TURNS))
         self._turn = 0
         self._pattern = reference.pattern
-        #: How much of the change of blur that the first order tells is taken for it.
-        self._stride_of_blur = 1.0
+        self._strides = list(_STRIDES)
+        self._misfit = np.inf
+        #: Least residual of each point so far, as noise of its pixels: what is more is no noise alone.
+        self._least = np.full(count, np.inf)
         self._softened: tuple[Loaded, Pattern, Floats32] | None = None
         self._piece_of, self._pieces = _spread_pieces(self.places, self._half)
         self._is_edge = one_way(reference.subsets)
@@ -220,6 +230,7 @@ class Tracker:
     def _solve(self, loaded: Loaded, chosen: Integers, start: Floats, models: Integers, is_tested: Flags) -> Solution:
         """Solve subsets with given models and count the work."""
         coefficients = self._coefficients(loaded)
+        most = self._least[chosen] * (_LEAST / self._pattern.shown.colour)
         result = empty_solution(len(chosen))
         for model in np.unique(models):
             part = np.flatnonzero(models == model)
@@ -234,6 +245,7 @@ class Tracker:
                 model=int(model),
                 is_tested=is_tested[part],
                 noise=self._pattern.shown,
+                most=most[part],
                 tolerance=self._options.tolerance,
                 max_iterations=self._options.max_iterations,
             )
@@ -267,23 +279,36 @@ class Tracker:
         """
         found = self.solve(loaded, chosen, start)
         more = more_blur(found)
+        if self.growth != NO_GROWTH and not more.any() and _misfit(found, self._pattern) > _FAR_WORSE * self._misfit:
+            # A pattern that is far too soft takes what is sharper for its noise.
+            self._pattern = self.reference.pattern
+            found = self.solve(loaded, chosen, start)
+            more = more_blur(found)
         best, pattern, least = found, self._pattern, np.linalg.norm(more)
+        first = pattern
+        side, most = int(more[0] < 0.0), _NO_WORSE * _misfit(found, pattern)
         for _ in range(_MATCHES):
-            growth = grown(self.growth, self._stride_of_blur * more)
+            growth = grown(self.growth, self._strides[side] * more)
             if growth == self.growth:
                 break
             self._pattern = self.reference.patterns.of(growth)
-            self._model[chosen] &= ~BLUR
+            self._model[chosen] |= BLUR  # which tells what is left in all directions
             found = self.solve(loaded, chosen, np.where((best.code == SOLVED)[:, None], best.motion, start))
             found.iterations[:] += best.iterations
             left = more_blur(found)
-            if np.linalg.norm(left) < least and (found.code == SOLVED).sum() >= _AS_MANY * (best.code == SOLVED).sum():
+            if np.linalg.norm(left) < least and _misfit(found, self._pattern) < most:
                 best, pattern, least = found, self._pattern, np.linalg.norm(left)
-            if left.any():
-                # by how much the step was too long or too short, as that of a secant
-                self._stride_of_blur /= float(np.clip(1.0 - left @ more / (more @ more), 0.5, 3.0))
+            # by how much the step was too long or too short, as that of a secant
+            change = float(np.clip(1.0 - left @ more / (more @ more), 0.5, 3.0)) if left.any() else 1.0
+            self._strides[side] = min(self._strides[side] / change, 2.0 * _STRIDES[side])
             more = left
         best.iterations[:], self._pattern = found.iterations, pattern
+        if pattern is not first:
+            self._model[chosen] &= ~BLUR
+            found = self.solve(loaded, chosen, np.where((best.code == SOLVED)[:, None], best.motion, start))
+            found.iterations[:] += best.iterations
+            best = found
+        self._misfit = _misfit(best, pattern)
         return best
 
     def first_attempt(self, loaded: Loaded, expected: Floats) -> Attempt:
@@ -320,6 +345,9 @@ class Tracker:
         """Update the state with the trusted points of a frame."""
         needed = attempt.needed & attempt.model
         self._model = np.where(attempt.trusted, needed, self._model)
+        if not self.is_static:
+            shown = _shown(attempt.residual, attempt.gain, self._pattern)
+            self._least = np.where(attempt.trusted, np.fmin(self._least, shown), self._least)
         remember(
             attempt.motion,
             attempt.zncc,
@@ -334,6 +362,18 @@ class Tracker:
             self.misses,
         )
         self._predictions.clear()
+
+
+def _shown(residual: Floats, gain: Floats, pattern: Pattern) -> Floats:
+    """Residual (point,) [grey²] of the subsets as noise of their pixels, summed over them."""
+    return np.asarray(residual * (pattern.shown.colour / np.square(gain)))
+
+
+def _misfit(found: Solution, pattern: Pattern) -> float:
+    """Median of that over the points; infinite without an answer."""
+    is_solved = found.code == SOLVED
+    shown = _shown(found.residual[is_solved], found.gain[is_solved], pattern)
+    return float(np.median(shown)) if len(shown) else np.inf
 
 
 def _spread_pieces(places: Floats, half: Integers) -> tuple[Integers, Floats]:

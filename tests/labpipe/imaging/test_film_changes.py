@@ -1,7 +1,9 @@
 """Blur, light and stretch are solved for where they change, and cost nothing where they do not."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -82,7 +84,7 @@ def test_the_uncertainty_of_a_softer_frame_is_right(name: str, feature: float, s
         square_error.append(((np.stack([found.dx, found.dy], axis=-1) - truth) ** 2).mean())
         square_u.append(float((found.u_dx**2 + found.u_dy**2).mean()) / 2)
         assert found.valid.all()
-    assert np.sqrt(np.mean(square_u) / np.mean(square_error)) == pytest.approx(1.0, abs=0.15)
+    assert np.sqrt(np.mean(square_u) / np.mean(square_error)) == pytest.approx(1.0, abs=0.1)
 
 
 def test_the_uncertainty_of_a_photograph_that_comes_into_focus_counts_what_its_blur_hid() -> None:
@@ -97,8 +99,113 @@ def test_the_uncertainty_of_a_photograph_that_comes_into_focus_counts_what_its_b
     ratio = (np.stack([found.dx, found.dy], axis=-1) - truth) / np.stack([found.u_dx, found.u_dy], axis=-1)
     ratio = ratio[found.valid.values]
     assert len(ratio) > 0.9 * found.valid.size
-    assert 0.7 < np.sqrt((ratio**2).mean()) < 1.4
-    assert (np.abs(ratio) > 5.0).mean() < 0.01
+    assert 0.85 < np.sqrt((ratio**2).mean()) < 1.15
+    assert (np.abs(ratio) > 5.0).sum() == 0
+
+
+def hard_edged(seed: int) -> dict[str, Callable[[View], np.ndarray]]:
+    """Pictures of edges sharper than the pixels, seen through a lens."""
+    formulas = {
+        "bricks": film_scenes.bricks(0.4 + 0.1 * seed, 14.0, 1.8, seed),
+        "cells": film_scenes.cells(0.3 + 0.2 * seed, 5.3, seed),
+    }
+    return {name: partial(film_scenes.seen_by_pixels, formula, SIZE) for name, formula in formulas.items()}
+
+
+def ratios(draw: Callable[[View], np.ndarray], before: View, after: View, adapt: bool = True) -> tuple[float, ...]:
+    """RMS error (px), RMS of error over u, and the share within 95 % of what a change leaves."""
+    views = [before, *(replace(after, shift=shift) for shift in SHIFTS[:3])]
+    shape = "auto" if adapt else "rigid"
+    found = track(digitised([draw(view) for view in views], NOISE, 5), POINTS, 31, shape, adapt=adapt)  # type: ignore[arg-type]
+    truth = np.stack([view.displacement(POINTS, SIZE) for view in views])
+    error = (np.stack([found.dx, found.dy], axis=-1) - truth)[1:]
+    z = error / np.stack([found.u_dx, found.u_dy], axis=-1)[1:]
+    assert found.valid.all()
+    return float(np.sqrt((error**2).mean())), float(np.sqrt((z**2).mean())), float((np.abs(z) < 1.96).mean())
+
+
+@pytest.mark.parametrize(
+    ("name", "sigma"),
+    by_day([("bricks", (0.6, 1.2)), ("cells", (0.6, 1.2)), ("cells", (0.6, 2.0)), ("bricks", (1.2, 0.6))], 2),
+)
+def test_hard_edges_that_change_focus_are_matched(name: str, sigma: tuple[float, float]) -> None:
+    """A change that the first order misses by half: 27 % had been recovered, and u was twice too large."""
+    draw = hard_edged(3)[name]
+    before, after = (View(defocus=width) for width in sigma)
+    clean = min(ratios(draw, view, view)[0] for view in (before, after))
+    lost, _, _ = ratios(draw, before, after, adapt=False)
+    error, z, inside = ratios(draw, before, after)
+    assert lost - error > 0.7 * (lost - clean)
+    assert z < 1.15
+    assert inside > 0.92
+
+
+def test_a_lasting_change_of_focus_is_matched_once() -> None:
+    pattern = 0.7 * film_scenes.random_field(SIZE, 1.9, 41)
+    views = [View(defocus=0.6), *(View((0.2 * k, 0.1 * k), defocus=1.2) for k in range(1, 9))]
+    found = track(digitised([from_spectrum(pattern, view) for view in views], NOISE, 42), POINTS, 31)
+    evaluations = found.iterations.mean("point").values
+    assert evaluations[1] > 4.0
+    assert evaluations[3:].max() < 2.6
+    growth = found.blur_growth.values[1:]
+    assert growth.mean() == pytest.approx(1.08, rel=0.03)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(("subset", "noise", "static_frames"), [(21, 2.0, 1), (31, 4.0, 8), (45, 0.5, 1)])
+@pytest.mark.parametrize("name", ["fine", "usual", "coarse", "Perlin", "photograph", "bricks", "cells"])
+def test_the_uncertainty_is_right_whatever_changes(name: str, subset: int, noise: float, static_frames: int) -> None:
+    """RMS of error over u, of each change over two seeds."""
+    points = grid((SIZE, SIZE), subset // 2 + 12, max(subset // 2, 12))
+    near, far = View(defocus=0.6), View(defocus=1.2)
+    for before, after in (
+        (near, far),
+        (far, near),
+        (View(defocus=0.8), View(defocus=1.0)),
+        (near, View(defocus=2.0)),
+        (near, replace(near, smear=(3.3, 2.3))),
+        (near, replace(near, light=(0.9, 0.002, -0.001))),
+        (near, replace(far, light=(1.1, -0.001, 0.002))),
+        (near, near),
+    ):
+        square, inside = [], []
+        for seed in (51, 52):
+            draw = pattern_drawn(name, seed)
+            is_formula = name in ("bricks", "cells")
+            views = [*(before,) * static_frames, *(replace(after, shift=shift) for shift in SHIFTS[:3])]
+            if is_formula and any(view.smear[0] for view in views):
+                continue
+            found = track(
+                digitised([draw(view) for view in views], noise, seed), points, subset, static_frames=static_frames
+            ).isel(frame=np.s_[static_frames:])
+            truth = np.stack([view.displacement(points, SIZE) for view in views[static_frames:]])
+            z = (np.stack([found.dx, found.dy], axis=-1) - truth) / np.stack([found.u_dx, found.u_dy], axis=-1)
+            z = z[found.valid.values]
+            assert len(z) > 0.6 * found.valid.size
+            square.append(float((z**2).mean()))
+            inside.append(float((np.abs(z) < 1.96).mean()))
+        if square:
+            # of edges without a lens, u counts what they may do between the pixels
+            low = 0.5 if name in ("bricks", "cells") else 0.82
+            assert low < np.sqrt(np.mean(square)) < 1.18, (before, after)
+            assert np.mean(inside) > 0.9, (before, after)
+
+
+def pattern_drawn(name: str, seed: int) -> Callable[[View], np.ndarray]:
+    """Pictures of a pattern of some making."""
+    if name in ("bricks", "cells"):
+        return hard_edged(seed)[name]
+    if name == "photograph":
+        return partial(from_spectrum, film_scenes.photograph(SIZE))
+    if name == "Perlin":
+        row, column = np.mgrid[:SIZE, :SIZE].astype(float)
+        whole = film_scenes.perlin(7.0, seed)(column, row)
+        return partial(
+            from_spectrum,
+            np.block([[whole[:96, :96], whole[:96, 95::-1]], [whole[95::-1, :96], whole[95::-1, 95::-1]]]),
+        )
+    feature = {"fine": 1.4, "usual": 2.0, "coarse": 2.8}[name]
+    return partial(from_spectrum, 0.8 * film_scenes.random_field(SIZE, feature, seed))
 
 
 def test_a_change_of_blur_that_noise_hides_in_some_points_is_solved_for_in_all() -> None:
@@ -128,6 +235,6 @@ def test_the_change_itself_is_told() -> None:
     views = [View(), View((0.3, 0.1), defocus=0.7), View((0.6, 0.2), light=(1.0, 0.002, -0.001))]
     pattern = 0.7 * film_scenes.random_field(SIZE, 1.9, 9)
     found = track(digitised([from_spectrum(pattern, view) for view in views], NOISE, 19), POINTS, 31)
-    assert float(found.blur_growth[1].mean()) == pytest.approx(0.49, rel=0.35)  # to first order
+    assert float(found.blur_growth[1].mean()) == pytest.approx(0.49, rel=0.06)
     assert float(found.light_slope_x[2].mean()) == pytest.approx(0.002, rel=0.05)
     assert float(found.light_slope_y[2].mean()) == pytest.approx(-0.001, rel=0.05)
