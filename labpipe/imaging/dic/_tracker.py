@@ -284,6 +284,8 @@ class Tracker:
             self._pattern = self.reference.pattern
             found = self.solve(loaded, chosen, start)
             more = more_blur(found)
+        if self.growth == NO_GROWTH and not more.any():
+            return found
         best, pattern, least = found, self._pattern, np.linalg.norm(more)
         first = pattern
         side, most = int(more[0] < 0.0), _NO_WORSE * _misfit(found, pattern)
