@@ -312,7 +312,14 @@ def _parity(sums: Floats) -> bool | None:
         loud = pair.max(axis=1) - _ROUNDING
         shown = (step.max(axis=1) > _LEAST_SHOWN) & ((loud * pixels) ** 2 > _ROWS * squares.max(axis=1))
         if shown.any():
-            ratio, columns = (np.median(np.log(both[shown, 0] / both[shown, 1])) for both in (pair, beside))
-            quiet = math.log(beside.min() / np.median(pair[shown].min(axis=1)))
-            told.append(bool(abs(ratio) > least and abs(columns) < _REPEATED and quiet > _BELOW_COLUMNS))
+            told.append(
+                abs(_middle_ratio(pair[shown])) > least
+                and abs(_middle_ratio(beside[shown])) < _REPEATED
+                and math.log(beside.min() / np.median(pair[shown].min(axis=1))) > _BELOW_COLUMNS
+            )
     return any(told) if told else None
+
+
+def _middle_ratio(pair: Floats) -> float:
+    """Median of the logarithms of ratios of pairs (piece, 2)."""
+    return float(np.median(np.log(pair[:, 0] / pair[:, 1])))
