@@ -121,7 +121,8 @@ def _make_view(reader: FilmReader, options: FilmOptions, wanted: Flags) -> View:
     axes = (Parameter.STRETCH, Parameter.SHEAR)
     oblique = (axes, (*axes, Parameter.SCALE)) if _shape(film, options) == "auto" else ()
     turned = (COATING,) if options.phase is None else ()
-    alternatives = ((Parameter.BLUR,), *oblique, (Parameter.SCALE,), BEAMS, LIGHT, (*LIGHT, *BEAMS), *turned)
+    both = ((*axes, *BEAMS),) if oblique else ()
+    alternatives = ((Parameter.BLUR,), *oblique, (Parameter.SCALE,), BEAMS, LIGHT, (*LIGHT, *BEAMS), *turned, *both)
     settings = FitSettings(options.fringes, LEAST_SPACING, free)
     black, white = film.levels
     if wanted.any() and reader.whole(int(wanted.argmax())).dtype.kind == "f":

@@ -326,7 +326,7 @@ def test_a_flat_is_told_from_another_scale_in_contacts_of_one_radius(flat: float
     scene = replace(PLAIN, optics=OPTICS.change(rows=380, columns=400))
     radii = [radius * UM] * 2
     found, said = measure(film_of(scene, lambda r, a: gap_of_worn_flat(r, a, SPHERE, flat * UM), radii, (201.3, 191.2)))
-    check(found, radii, 0.02 * UM)
+    check(found, radii, 0.1 * UM)
     assert found.attrs["flat_radius"] == pytest.approx(flat * UM, rel=0.02)
     assert ["as if worn" in text for text in said] == [True]
 
@@ -404,6 +404,13 @@ def test_a_bright_spot_of_light_beside_the_contact() -> None:
     film = film_of(PLAIN, hertz, RADII, CENTRE, seed=4) * np.exp(-(across**2 + down**2) / 0.6)
     found, _ = measure(np.rint(film).astype(np.uint8))
     check(found, RADII, 0.3 * UM)
+
+
+def test_an_oblique_view_by_a_camera_that_is_not_linear() -> None:
+    """Neither explains a frame without the other: only the edge of the spot was found, 0.5 µm off at u of 6 µm."""
+    radii = [171.8 * UM, 190.6 * UM]
+    found, _ = measure(film_of(replace(PLAIN, ellipse=0.03, optics=OPTICS.change(gamma=1.5)), hertz, radii, CENTRE))
+    check(found, radii, 0.02 * UM)
 
 
 @pytest.mark.parametrize("radius", by_day([180.0, 215.0], 1))
