@@ -407,7 +407,7 @@ def test_a_bright_spot_of_light_beside_the_contact() -> None:
 
 
 def test_an_oblique_view_by_a_camera_that_is_not_linear() -> None:
-    """Neither explains a frame without the other: only the edge of the spot was found, 0.5 µm off at u of 6 µm."""
+    """Neither explains such a frame as well without the other."""
     radii = [171.8 * UM, 190.6 * UM]
     found, _ = measure(film_of(replace(PLAIN, ellipse=0.03, optics=OPTICS.change(gamma=1.5)), hertz, radii, CENTRE))
     check(found, radii, 0.02 * UM)
