@@ -152,10 +152,17 @@ def test_a_lasting_change_of_focus_is_matched_once() -> None:
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize(("subset", "noise", "static_frames"), [(21, 2.0, 1), (31, 4.0, 8), (45, 0.5, 1)])
-@pytest.mark.parametrize("name", ["fine", "usual", "coarse", "Perlin", "photograph", "bricks", "cells"])
+@pytest.mark.parametrize(
+    ("name", "subset", "noise", "static_frames"),
+    [
+        (name, *setting)
+        for name in ("fine", "usual", "coarse", "Perlin", "photograph", "bricks", "cells")
+        for setting in ((21, 2.0, 1), (31, 4.0, 8), (45, 0.5, 1))
+        if (name, setting[0]) != ("bricks", 21)  # a brick is 28 px long
+    ],
+)
 def test_the_uncertainty_is_right_whatever_changes(name: str, subset: int, noise: float, static_frames: int) -> None:
-    """RMS of error over u, of each change over two seeds."""
+    """RMS of error over u, of each change over four seeds."""
     points = grid((SIZE, SIZE), subset // 2 + 12, max(subset // 2, 12))
     near, far = View(defocus=0.6), View(defocus=1.2)
     for before, after in (
@@ -169,15 +176,14 @@ def test_the_uncertainty_is_right_whatever_changes(name: str, subset: int, noise
         (near, near),
     ):
         square, inside = [], []
-        for seed in (51, 52):
+        for seed in (51, 52, 53, 54):
             draw = pattern_drawn(name, seed)
             is_formula = name in ("bricks", "cells")
             views = [*(before,) * static_frames, *(replace(after, shift=shift) for shift in SHIFTS[:3])]
             if is_formula and any(view.smear[0] for view in views):
                 continue
-            found = track(
-                digitised([draw(view) for view in views], noise, seed), points, subset, static_frames=static_frames
-            ).isel(frame=np.s_[static_frames:])
+            film = digitised([draw(view) for view in views], noise, 900 + seed)
+            found = track(film, points, subset, static_frames=static_frames).isel(frame=np.s_[static_frames:])
             truth = np.stack([view.displacement(points, SIZE) for view in views[static_frames:]])
             z = (np.stack([found.dx, found.dy], axis=-1) - truth) / np.stack([found.u_dx, found.u_dy], axis=-1)
             z = z[found.valid.values]
@@ -185,9 +191,9 @@ def test_the_uncertainty_is_right_whatever_changes(name: str, subset: int, noise
             square.append(float((z**2).mean()))
             inside.append(float((np.abs(z) < 1.96).mean()))
         if square:
-            # of edges without a lens, u counts what they may do between the pixels
-            low = 0.5 if name in ("bricks", "cells") else 0.82
-            assert low < np.sqrt(np.mean(square)) < 1.18, (before, after)
+            # of few edges, u counts what they may do between the pixels; and few of their points tell much
+            low, high = (0.4, 1.3) if name in ("photograph", "bricks", "cells") else (0.85, 1.15)
+            assert low < np.sqrt(np.mean(square)) < high, (before, after)
             assert np.mean(inside) > 0.9, (before, after)
 
 
