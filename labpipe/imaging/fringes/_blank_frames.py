@@ -13,9 +13,9 @@ from labpipe.imaging.fringes._looks import Looks
 from labpipe.imaging.fringes._radial_scan import edge_width
 from labpipe.imaging.fringes._ring_fit import RingFit
 from labpipe.imaging.fringes._ring_parameters import Parameter
-from labpipe.imaging.fringes._search import View
 from labpipe.imaging.fringes._spots import Spot, reduce_frame
 from labpipe.imaging.fringes._trials import Calibration
+from labpipe.imaging.fringes._view import View
 
 #: A spot without fringes next to a contact has an edge softer than this share of the radius at
 #: most; one alone must be as sharp as this many widths of the first bright ring (Hertz's gap

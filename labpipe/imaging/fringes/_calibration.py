@@ -15,7 +15,6 @@ from labpipe.imaging.fringes._harmonics import find_blur_before_camera, find_coa
 from labpipe.imaging.fringes._lens_blur import BLUR_ROUNDS, LEAST_BLUR, find_blur, least_blur, next_gain, settle_blur
 from labpipe.imaging.fringes._ring_fit import RingFit
 from labpipe.imaging.fringes._ring_parameters import AXES, BEAMS, Parameter
-from labpipe.imaging.fringes._search import View
 from labpipe.imaging.fringes._second_colour import find_second_colour, settle_colour
 from labpipe.imaging.fringes._trials import (
     FACTOR,
@@ -29,6 +28,7 @@ from labpipe.imaging.fringes._trials import (
     fit_frames,
     is_promising,
 )
+from labpipe.imaging.fringes._view import View
 from labpipe.imaging.fringes._worn_flat import find_flat, weigh_flat
 
 #: Greatest logarithm of the phase scale that is believed: a factor of two.

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from labpipe.arrays import Flags, Floats
 from labpipe.frames import FrameSource
 from labpipe.imaging.films import FilmReader, Place, frames_in_windows, plan_reading, without_stuck_pixels
+from labpipe.imaging.fringes._acceptance import GOOD_MISFIT, is_contact
 from labpipe.imaging.fringes._arguments import FilmOptions, exposure_times
 from labpipe.imaging.fringes._blank_frames import FilmResult, choose_edges, find_filled, look_without_fringes
 from labpipe.imaging.fringes._calibration import calibrate
@@ -23,16 +24,9 @@ from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import BEAMS, COATING, HARMONICS, LIGHT, USUAL, Parameter
 from labpipe.imaging.fringes._rows_of_contacts import leave_out_rows
 from labpipe.imaging.fringes._scale_of_contacts import scales_of_contacts
-from labpipe.imaging.fringes._search import (
-    GOOD_MISFIT,
-    Vain,
-    View,
-    fit_at,
-    fit_from,
-    is_contact,
-    search_contact,
-    start_at_edge,
-)
+from labpipe.imaging.fringes._search import Vain, fit_at, search_contact
+from labpipe.imaging.fringes._trial_fits import fit_from, start_at_edge
+from labpipe.imaging.fringes._view import View
 
 #: Wavelength assumed for the edge of the spot when it is not known: the middle of white light.
 NOMINAL_WAVELENGTH = 550e-9

@@ -8,8 +8,8 @@ import numpy as np
 
 from labpipe.imaging.fringes._lens_blur import LEAST_SHAPED, find_blur, shape_anew
 from labpipe.imaging.fringes._ring_parameters import BEAMS, COATING, HARMONICS, Parameter
-from labpipe.imaging.fringes._search import View
 from labpipe.imaging.fringes._trials import SIGNIFICANT, VARIANCES, Attempt, Calibration, Trial, doubt, is_promising
+from labpipe.imaging.fringes._view import View
 
 
 def with_harmonics(attempt: Attempt, axes: Sequence[Parameter], known: Calibration) -> tuple[Trial | None, Calibration]:

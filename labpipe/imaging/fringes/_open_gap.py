@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
+from labpipe.imaging.fringes._acceptance import is_clear, is_contact
 from labpipe.imaging.fringes._radial_scan import edge_width
 from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import Parameter
-from labpipe.imaging.fringes._search import View, is_clear, is_contact
+from labpipe.imaging.fringes._view import View
 
 #: Fringes of Hertz's gap over which the power law is taken to hold, and over which its error shows.
 _NEAR_FRINGES, _FAR_FRINGES = 2.0, 3.0

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
+from labpipe.imaging.fringes._acceptance import GOOD_MISFIT, is_contact
 from labpipe.imaging.fringes._blank_frames import FilmResult
 from labpipe.imaging.fringes._centre_votes import find_centres
 from labpipe.imaging.fringes._interference import distance_at_phase, scaled_gap
@@ -22,9 +23,9 @@ from labpipe.imaging.fringes._looks import Looks
 from labpipe.imaging.fringes._radial_scan import radial_profile
 from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import PARAMETERS, Parameter
-from labpipe.imaging.fringes._search import GOOD_MISFIT, View, is_contact
 from labpipe.imaging.fringes._second_colour import find_colours
 from labpipe.imaging.fringes._spots import find_spots
+from labpipe.imaging.fringes._view import View
 
 #: Logarithms of the factor of the phase scale that are tried: 1/2 to 2 in steps that keep three
 #: fringes within a sixth of a fringe. The stated one comes first where all explain as much.

@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from labpipe.arrays import Floats
+from labpipe.imaging.fringes._acceptance import GOOD_MISFIT, is_contact
 from labpipe.imaging.fringes._edge import Edge, find_edge
 from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import AXES, Parameter
-from labpipe.imaging.fringes._search import GOOD_MISFIT, View, is_contact, start_at_edge
 from labpipe.imaging.fringes._spots import find_spots
+from labpipe.imaging.fringes._trial_fits import start_at_edge
 from labpipe.imaging.fringes._trials import VARIANCES, Attempt, Calibration, Trial, is_promising
+from labpipe.imaging.fringes._view import View
 
 #: Wavenumbers of the second colour over the first that are tried, and its share of the fringes then.
 _RATIOS, _SHARE = (0.75, 0.8, 0.85, 0.9, 0.94, 1.06, 1.1, 1.15, 1.2, 1.25, 1.3, 1.4), 0.2

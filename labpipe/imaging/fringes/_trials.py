@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import ASSUMED, AXES, HARMONICS, LIGHT, Parameter
-from labpipe.imaging.fringes._search import View
+from labpipe.imaging.fringes._view import View
 
 #: Variances in all from which something is hinted at.
 HINT = 25.0

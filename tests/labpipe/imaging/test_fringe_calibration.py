@@ -13,8 +13,8 @@ from labpipe.imaging.fringes._interference import Optics
 from labpipe.imaging.fringes._lens_blur import find_blur
 from labpipe.imaging.fringes._ring_fit import FitSettings
 from labpipe.imaging.fringes._ring_parameters import Parameter
-from labpipe.imaging.fringes._search import View
 from labpipe.imaging.fringes._trials import FEW_PIXELS, Calibration, Trial
+from labpipe.imaging.fringes._view import View
 from labpipe.imaging.fringes._worn_flat import find_flat
 
 

@@ -7,9 +7,9 @@ import pytest
 
 from labpipe.imaging import contact_radius
 from labpipe.imaging.fringes import _every_frame
+from labpipe.imaging.fringes._acceptance import GOOD_MISFIT
 from labpipe.imaging.fringes._dataset import FRINGES, _edge_systematic, _static_radius
 from labpipe.imaging.fringes._ring_parameters import Parameter
-from labpipe.imaging.fringes._search import GOOD_MISFIT
 from tests.labpipe.imaging.fringe_film import Scene, fringe_film
 
 

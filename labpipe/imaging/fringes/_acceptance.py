@@ -1,0 +1,116 @@
+"""Decide whether a fit shows a contact: rings beyond doubt, no soft edge and no sphere that only touches."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.arrays import Floats
+from labpipe.imaging.fringes._interference import SAMPLES_PER_PIXEL, radial_table, ring_limits
+from labpipe.imaging.fringes._radial_scan import Window, edge_width, is_edge, is_sphere, radial_profile
+from labpipe.imaging.fringes._ring_fit import RingFit
+from labpipe.imaging.fringes._ring_parameters import Parameter
+from labpipe.imaging.fringes._view import View
+
+#: Residual beyond the noise, as a share of the modulation, from which a fit is not believed:
+#: measured 0.03 for R 2 % wrong, 0.04 for light of low coherence; 0.1 and more for fits of
+#: something else.
+_MOST_MISFIT = 0.1
+#: Misfit from which another explanation is looked for.
+GOOD_MISFIT = 0.04
+#: Greatest travel in the exposure as a share of the radius: at 2 there is no contact at first.
+_MOST_TRAVEL = 1.5
+#: Travel in the exposure, in widths of the first bright ring, from which fringes may be mistaken
+#: for a soft edge.
+_LONG_TRAVEL = 0.5
+#: Blur, in widths of the first bright ring, from which the same holds.
+_STRONG_BLUR = 0.25
+#: Widths of the first bright ring by which an axis differs from a circle that its profile tells of.
+_ROUND = 0.25
+#: A plain edge is believed against a fit when it leaves less than this multiple of the squares that
+#: the fit leaves.
+_FRINGES_SURE = 2.0
+#: Least visibility, and least modulation in units of its uncertainty.
+_LEAST_VISIBILITY, _LEAST_SIGNIFICANCE = 0.1, 10.0
+#: Light is never negative, so that fringes have a visibility of one at most; clipped light and
+#: cameras that are not linear were seen to fit with a fifth more.
+_MOST_VISIBILITY = 1.5
+#: Contacts smaller than this many Newton spots are compared with a sphere that does not press.
+SMALL_CONTACT = 4.0
+#: Least number of rings in which a fit is compared with edges and spheres.
+_LEAST_RINGS = 24
+#: Greatest uncertainty of a radius as a share of it.
+_MOST_UNCERTAINTY = 0.1
+#: Pixels of a ring that must lie in the frame, at least.
+LEAST_PIXELS = 200
+
+
+def is_clear(view: View, found: RingFit) -> bool:
+    """Tell whether a fit shows rings beyond doubt, around a circle that can be a contact."""
+    radius = float(found.parameters[Parameter.RADIUS])
+    modulation = abs(float(found.parameters[Parameter.MODULATION]))
+    light = float(found.parameters[Parameter.GAIN]) - view.black
+    return (
+        found.pixels >= LEAST_PIXELS
+        and found.misfit <= _MOST_MISFIT
+        and light > 0.0
+        and _LEAST_VISIBILITY * light <= modulation <= _MOST_VISIBILITY * light
+        and modulation >= _LEAST_SIGNIFICANCE * found.deviation(Parameter.MODULATION)
+        and radius > view.least_radius
+        and found.deviation(Parameter.RADIUS) < _MOST_UNCERTAINTY * radius
+    )
+
+
+def is_contact(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
+    """Decide whether a fit shows a contact, and not a sphere close by or something else."""
+    if not is_clear(view, found):
+        return False
+    radius = float(found.parameters[Parameter.RADIUS])
+    travel = math.sqrt(max(float(found.parameters[Parameter.SMEAR]), 0.0))
+    if travel > _MOST_TRAVEL * radius:
+        return False
+    edge = edge_width(radius, view.optics)
+    oblique = math.hypot(float(found.parameters[Parameter.STRETCH]), float(found.parameters[Parameter.SHEAR]))
+    # The mean around the centre of an ellipse is softer than its rings; but a shadow is no ellipse.
+    is_ellipse = oblique * radius > _ROUND * edge and found.misfit < 0.5 * GOOD_MISFIT
+    may_be_edge = (has_long_travel(view, found) or _blur_of(view, found) > _STRONG_BLUR * edge) and not is_ellipse
+    is_small = radius < SMALL_CONTACT * view.newton_spot
+    if not may_be_edge and not is_small:
+        return True
+    window, term, distance = _profile_of(frame, view, found)
+    if not window.is_seen:
+        return not may_be_edge
+    if may_be_edge and is_edge(window, term, _FRINGES_SURE):
+        return False
+    seen = replace(view.optics, blur=_blur_of(view, found))
+    return not (is_small and is_sphere(window, term, distance, seen))
+
+
+def has_long_travel(view: View, found: RingFit) -> bool:
+    """Tell whether the radius moves so far in the exposure that fringes look like a soft edge."""
+    travel = math.sqrt(max(float(found.parameters[Parameter.SMEAR]), 0.0))
+    return travel > _LONG_TRAVEL * edge_width(float(found.parameters[Parameter.RADIUS]), view.optics)
+
+
+def _blur_of(view: View, found: RingFit) -> float:
+    """Return the standard deviation (px) of the image of a point in a fit."""
+    return math.sqrt(max(view.optics.blur**2 + float(found.parameters[Parameter.BLUR]), 0.0))
+
+
+def _profile_of(frame: NDArray[np.generic], view: View, found: RingFit) -> tuple[Window, Floats, Floats]:
+    """Profile about the centre of a fit, the term that was fitted, and its distances."""
+    x, y, radius = (float(found.parameters[p]) for p in (Parameter.X, Parameter.Y, Parameter.RADIUS))
+    travel = math.sqrt(max(float(found.parameters[Parameter.SMEAR]), 0.0))
+    settings = view.settings
+    scale = math.exp(float(found.parameters[Parameter.SCALE]))
+    optics = replace(view.optics, phase_scale=view.optics.phase_scale * scale, blur=_blur_of(view, found))
+    inner, outer = ring_limits(radius, view.optics, settings.fringes, settings.least_spacing)
+    width = min(1.0, (outer - inner) / _LEAST_RINGS)
+    first, last = math.ceil(inner / width), math.floor(outer / width)
+    profile, counts = radial_profile(frame, x, y, width, last)
+    table = radial_table(inner, outer, radius, travel, optics)
+    distance = (np.arange(last - first, dtype=np.float64) + first + 0.5) * width
+    index = (distance - table.start) * SAMPLES_PER_PIXEL
+    term = np.interp(index, np.arange(table.values.shape[1]), table.values[0])
+    return Window(profile, counts, first, last - first), term, distance

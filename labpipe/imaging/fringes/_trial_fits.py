@@ -1,0 +1,115 @@
+"""Fit the contact that may be at a start with some of the pixels, by the usual parameters or by others.
+
+A start is a profile that resembles one, the edge of a spot, or any parameters. What the usual fit does
+not explain is fitted with whatever else may be free: blur, an oblique view, another scale, many beams,
+uneven light.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.arrays import Floats
+from labpipe.imaging.fringes._acceptance import GOOD_MISFIT, LEAST_PIXELS, has_long_travel, is_contact
+from labpipe.imaging.fringes._edge import Edge, corrected_radius
+from labpipe.imaging.fringes._radial_scan import Match
+from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
+from labpipe.imaging.fringes._ring_parameters import HARMONICS, LIGHT, PARAMETERS, Parameter
+from labpipe.imaging.fringes._view import View
+
+#: Pixels and evaluations of the fits that find out what a frame shows.
+_QUICK_PIXELS, _QUICK_ITERATIONS = 12_000, 12
+#: Misfit of a fit from which its start is nonsense, and of the first fringe from which another
+#: explanation does not explain it either: right ones left 0.6 and 0.1 at most.
+_NONSENSE, _UNEXPLAINED = 1.0, 0.3
+#: Square of the blur (px²) from which it is sought, and the share of the misfit of a long travel in
+#: the exposure that a blur must stay below to be the better reason for soft fringes.
+_FIRST_BLUR, _BLUR_BEFORE_TRAVEL = 2.0, 0.5
+
+
+def start_of(match: Match, view: View, x: float, y: float) -> Floats:
+    """Parameters to start a fit from."""
+    start = np.zeros(PARAMETERS)
+    start[Parameter.RADIUS] = match.radius
+    start[[Parameter.X, Parameter.Y]] = x, y
+    start[[Parameter.GAIN, Parameter.MODULATION]] = match.gain, match.modulation
+    start[Parameter.PHASE] = view.optics.phase
+    start[[Parameter.STRETCH, Parameter.SHEAR]] = view.ellipse
+    start[list(HARMONICS)] = view.harmonics
+    start[Parameter.SMEAR] = match.travel**2
+    return start
+
+
+def start_at_edge(edge: Edge, view: View) -> Floats:
+    """Parameters to start a fit from where a spot has its edge."""
+    sign = math.copysign(1.0, math.cos(view.optics.phase))
+    start = np.zeros(PARAMETERS)
+    start[Parameter.RADIUS] = max(corrected_radius(edge, view.optics)[0], 1.0)
+    start[[Parameter.X, Parameter.Y]] = edge.x, edge.y
+    start[Parameter.GAIN] = 0.5 * (edge.inside + edge.outside)
+    start[Parameter.MODULATION] = 0.5 * sign * (edge.inside - edge.outside)
+    start[Parameter.PHASE] = view.optics.phase
+    start[[Parameter.STRETCH, Parameter.SHEAR]] = view.ellipse
+    start[list(HARMONICS)] = view.harmonics
+    return start
+
+
+def fit_edge(frame: NDArray[np.generic], view: View, edge: Edge) -> RingFit | None:
+    """Fit the fringes beside the edge of a spot; None when they do not explain it well."""
+    found = fit_from(frame, view, start_at_edge(edge, view))
+    if found is None or found.misfit > GOOD_MISFIT:
+        return None
+    final = fit_contact(frame, found.parameters, view.optics, replace(view.settings, free=found.free), view.levels)
+    return final if final is not None and final.misfit <= GOOD_MISFIT and is_contact(frame, view, final) else None
+
+
+def fit_from(frame: NDArray[np.generic], view: View, start: Floats) -> RingFit | None:
+    """Fit part of the pixels in two steps, from the first fringe outwards.
+
+    The first fringe needs less of a start than the finer ones farther out.
+    """
+    quick = replace(view.settings, max_pixels=_QUICK_PIXELS, max_iterations=_QUICK_ITERATIONS)
+    # only where it ends counts of the first step
+    near = replace(quick, fringes=1.0, tells_memory=False)
+    first = fit_contact(frame, start, view.optics, near, view.levels)
+    if first is None or first.pixels < LEAST_PIXELS:
+        return None
+    found = fit_contact(frame, first.parameters, view.optics, quick, view.levels)
+    return None if found is None else otherwise(frame, view, start, found)
+
+
+def otherwise(frame: NDArray[np.generic], view: View, start: Floats, found: RingFit) -> RingFit:
+    """Fit with the alternatives what the usual fit does not explain; the usual fit where none does better."""
+    alternatives, least = view.alternatives, min(GOOD_MISFIT, found.misfit)
+    quick = replace(view.settings, max_pixels=_QUICK_PIXELS, max_iterations=_QUICK_ITERATIONS)
+    if found.has_negative_light and LIGHT in alternatives:
+        free = (*view.settings.free, *LIGHT)
+        trial = fit_contact(frame, found.parameters, view.optics, replace(quick, free=free), view.levels)
+        if trial is not None and trial.misfit < GOOD_MISFIT:
+            return trial
+    if found.misfit < GOOD_MISFIT:
+        if not has_long_travel(view, found):
+            return found
+        alternatives = tuple(extra for extra in alternatives if Parameter.BLUR in extra)
+        least = _BLUR_BEFORE_TRAVEL * found.misfit
+    elif found.misfit > _NONSENSE:
+        return found
+    near = replace(quick, fringes=1.0, tells_memory=False)
+    # Perhaps the view is oblique or out of focus, R or the wavelength is not what it is said to
+    # be, or there are many beams.
+    for extra in alternatives:
+        free = (*view.settings.free, *extra)
+        other = start.copy()
+        other[Parameter.SMEAR] = 0.0
+        other[Parameter.BLUR] = _FIRST_BLUR if Parameter.BLUR in extra else 0.0
+        # A blur and a travel are hardly told from each other by the first fringe alone.
+        started = tuple(p for p in free if p != Parameter.SMEAR) if Parameter.BLUR in extra else free
+        first = fit_contact(frame, other, view.optics, replace(near, free=started), view.levels)
+        if first is None or first.misfit > _UNEXPLAINED:
+            continue
+        trial = fit_contact(frame, first.parameters, view.optics, replace(quick, free=free), view.levels)
+        if trial is not None and trial.misfit < least:
+            return trial
+    return found
