@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from labpipe.imaging import contact_radius
-from labpipe.imaging.fringes import _every_frame
+from labpipe.imaging.fringes import _frame_by_frame
 from labpipe.imaging.fringes._acceptance import GOOD_MISFIT
 from labpipe.imaging.fringes._dataset import FRINGES, _edge_systematic, _static_radius
 from labpipe.imaging.fringes._ring_parameters import Parameter
@@ -39,22 +39,24 @@ def test_a_frame_is_refitted_from_its_own_fit_unless_that_is_a_poor_one(monkeypa
         levels=(0.0, 255.0),
     )
     misfit = {0: 0.5 * GOOD_MISFIT, 1: 2.0 * GOOD_MISFIT, 2: 0.5 * GOOD_MISFIT, 3: 0.5}
-    monkeypatch.setattr(_every_frame, "fit_contact", lambda frame, *_: SimpleNamespace(misfit=misfit[frame], of=frame))
-    monkeypatch.setattr(_every_frame, "is_contact", lambda frame, *_: frame != 2)
-    monkeypatch.setattr(_every_frame, "_next_fit", lambda looks, *_: f"searched {looks.frame}")
+    monkeypatch.setattr(
+        _frame_by_frame, "fit_contact", lambda frame, *_: SimpleNamespace(misfit=misfit[frame], of=frame)
+    )
+    monkeypatch.setattr(_frame_by_frame, "is_contact", lambda frame, *_: frame != 2)
+    monkeypatch.setattr(_frame_by_frame, "_next_fit", lambda looks, *_: f"searched {looks.frame}")
     reader = SimpleNamespace(whole=lambda index: index)
     result = SimpleNamespace(view=view, blanks={})
     fits = {i: SimpleNamespace(parameters=np.zeros(len(Parameter)), misfit=0.0) for i in (0, 1, 2)}
-    found = _every_frame._refit(reader, result, np.ones(4, bool), fits, stays_blank=False)
+    found = _frame_by_frame.refit(reader, result, np.ones(4, bool), fits, stays_blank=False)
     assert found[0].of == 0
     assert [found[i] for i in (1, 2, 3)] == ["searched 1", "searched 2", "searched 3"]
     assert result.blanks == {}
     # with all rings where they were, what held no contact is not searched again
     result.blanks = {3: "even"}
-    found = _every_frame._refit(reader, result, np.ones(4, bool), fits, stays_blank=True)
+    found = _frame_by_frame.refit(reader, result, np.ones(4, bool), fits, stays_blank=True)
     assert (sorted(found), result.blanks) == ([0, 1, 2], {3: "even"})
     fits[1].misfit = 2.0 * GOOD_MISFIT
-    assert _every_frame._refit(reader, result, np.ones(4, bool), fits, stays_blank=True)[1].of == 1
+    assert _frame_by_frame.refit(reader, result, np.ones(4, bool), fits, stays_blank=True)[1].of == 1
 
 
 @pytest.mark.parametrize("zoom", [1.0, 1.02])

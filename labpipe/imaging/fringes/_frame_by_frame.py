@@ -1,0 +1,183 @@
+"""Fit frame after frame, each from what the frames before it showed, and again with other optics."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.arrays import Flags
+from labpipe.imaging.films import FilmReader
+from labpipe.imaging.fringes._acceptance import GOOD_MISFIT, is_contact
+from labpipe.imaging.fringes._blank_frames import FilmResult, look_without_fringes
+from labpipe.imaging.fringes._interference import Optics
+from labpipe.imaging.fringes._looks import Looks
+from labpipe.imaging.fringes._optics_search import OtherOptics
+from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
+from labpipe.imaging.fringes._ring_parameters import HARMONICS, Parameter
+from labpipe.imaging.fringes._search import Vain, search_contact
+from labpipe.imaging.fringes._view import View
+
+#: Jump of the radius (px) up to which a fit is started from the frame before.
+_SMALL_JUMP = 2.0
+#: The optics as they are stated are doubted when of so many first contacts of a film so many are not explained.
+_DOUBTS, _DOUBTED = 3, 2
+
+
+def is_doubted(result: FilmResult, fits: dict[int, RingFit], stated: Optics) -> bool:
+    """Tell whether the first contacts of a film are not explained by the optics as they are stated."""
+    first = [fits[index] for index in sorted(fits)[:_DOUBTS]]
+    usual = result.view.settings.free
+    unexplained = sum(fit.model_deviation > 0.0 or fit.free != usual for fit in first)
+    return len(first) == _DOUBTS and (unexplained >= _DOUBTED or result.view.optics != stated)
+
+
+def follow(
+    reader: FilmReader,
+    result: FilmResult,
+    read: Flags,
+    known: dict[int, RingFit],
+    other: OtherOptics | None,
+    stated: Optics | None = None,
+) -> dict[int, RingFit]:
+    """Fit frame after frame, each from what the frames before it showed.
+
+    While none is explained, ``other`` looks for optics that explain them, and all is begun anew
+    when it finds some. With optics as they are ``stated`` it ends early when these are doubted.
+
+    Parameters
+    ----------
+    reader : FilmReader
+        The film.
+    result : FilmResult
+        What is known of it; frames without a contact are added to its blanks.
+    read : bool array (frame,)
+        Frames to fit.
+    known : dict of RingFit
+        Fits that need not be made again, by frame.
+    other : OtherOptics or None
+        Looks for other optics; None keeps those there are.
+    stated : Optics, optional
+        The optics that may be doubted.
+
+    Returns
+    -------
+    dict of RingFit
+        By frame in contact.
+    """
+    view = result.view
+    fits: dict[int, RingFit] = {}
+    last: RingFit | None = None
+    before: RingFit | None = None
+    vain = Vain()
+    for index in map(int, np.flatnonzero(read)):
+        fit = known.get(index)
+        if fit is None:
+            looks = Looks(reader.whole(index))
+            if last is None and not known and other is not None:
+                fit = search_contact(looks, view, None, vain, partial(other.explains, looks, index))
+            else:
+                fit = _next_fit(looks, view, last, before, vain)
+        if fit is None:
+            if last is None and not known and other is not None and other.learns_from(looks, index):
+                return follow(reader, result, read, {}, None, stated)
+            result.blanks[index] = look_without_fringes(looks, view)
+            before = None
+        else:
+            result.blanks.pop(index, None)  # of an earlier round with other optics
+            fits[index] = fit
+            last, before = fit, fits.get(index - 1)
+            if stated is not None and len(fits) == _DOUBTS and is_doubted(result, fits, stated):
+                return fits
+    if not fits and other is not None and other.takes_single():
+        return follow(reader, result, read, {}, None)
+    for index in () if other is None else other.passed(fits):
+        fit = _next_fit(Looks(reader.whole(index)), view, last, None, vain)
+        if fit is not None:
+            result.blanks.pop(index, None)
+            fits[index] = fit
+    return fits
+
+
+def _next_fit(looks: Looks, view: View, last: RingFit | None, before: RingFit | None, vain: Vain) -> RingFit | None:
+    """Fit a frame from the last contact if it is like it, from its centre, or from nothing."""
+    if last is None:
+        return search_contact(looks, view, None, vain)
+    if before is not None:
+        fit = _warm_fit(looks.frame, view, last)
+        if fit is not None:
+            return fit
+    centre = (float(last.parameters[Parameter.X]), float(last.parameters[Parameter.Y]))
+    # What served the last contact serves this film: what it cannot fit is something else.
+    extra = tuple(p for p in last.free if p not in view.settings.free)
+    view = replace(view, alternatives=(extra,) if extra else ())
+    return search_contact(looks, view, centre, vain)
+
+
+def _warm_fit(frame: NDArray[np.generic], view: View, last: RingFit) -> RingFit | None:
+    """Fit from the parameters of the frame before; None when the contact has changed more."""
+    settings = replace(view.settings, free=last.free, max_iterations=8)
+    fit = fit_contact(frame, last.parameters, view.optics, settings, view.levels)
+    if fit is None or not fit.is_converged:
+        return None
+    jump = abs(float(fit.parameters[Parameter.RADIUS] - last.parameters[Parameter.RADIUS]))
+    is_like = jump < _SMALL_JUMP and fit.misfit <= max(GOOD_MISFIT, 1.2 * last.misfit)
+    return fit if is_like and is_contact(frame, view, fit) else None
+
+
+def refit(
+    reader: FilmReader, result: FilmResult, read: Flags, fits: dict[int, RingFit], *, stays_blank: bool
+) -> dict[int, RingFit]:
+    """Fit frames again with the optics calibrated from the film.
+
+    Parameters
+    ----------
+    reader : FilmReader
+        The film.
+    result : FilmResult
+        Its view holds the optics; its blanks are replaced.
+    read : bool array (frame,)
+        Frames to fit.
+    fits : dict of RingFit
+        Fits before the calibration, by frame.
+    stays_blank : bool
+        Whether the frames in which nothing was found before are left out.
+
+    Returns
+    -------
+    dict of RingFit
+        By frame in contact.
+    """
+    view = result.view
+    known = result.blanks.copy() if stays_blank else {}
+    result.blanks.clear()
+    found: dict[int, RingFit] = {}
+    last: RingFit | None = None
+    vain = Vain()
+    for index in map(int, np.flatnonzero(read)):
+        if index in known:
+            result.blanks[index] = known[index]
+            continue
+        looks = Looks(reader.whole(index))
+        fit: RingFit | None = None
+        if index in fits:
+            start = fits[index].parameters.copy()
+            start[Parameter.PHASE], start[Parameter.SCALE] = view.optics.phase, 0.0
+            start[Parameter.BLUR] = 0.0
+            start[list(HARMONICS)] = view.harmonics
+            if Parameter.STRETCH not in view.settings.free:
+                start[[Parameter.STRETCH, Parameter.SHEAR]] = view.ellipse
+            fit = fit_contact(looks.frame, start, view.optics, view.settings, view.levels)
+            if fit is not None and (not _explains(fit, fits[index]) or not is_contact(looks.frame, view, fit)):
+                fit = None
+        fit = fit or _next_fit(looks, view, last, None, vain)
+        if fit is None:
+            result.blanks[index] = look_without_fringes(looks, view)
+        else:
+            found[index] = last = fit
+    return found
+
+
+def _explains(fit: RingFit, before: RingFit) -> bool:
+    """Tell whether a fit leaves little, or no more than one before it, so that no search would leave less."""
+    return fit.misfit <= max(GOOD_MISFIT, before.misfit)
