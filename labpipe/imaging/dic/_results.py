@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats, Integers
 from labpipe.imaging.dic._agreement import disagreement
+from labpipe.imaging.dic._misfit import is_beyond_texture, misfit_factor
 from labpipe.imaging.dic._missed_strain import missed_shift
 from labpipe.imaging.dic._motion_uncertainty import (
     EDGE,
     MOST_UNCERTAIN,
     ONE_WAY,
-    is_beyond_texture,
-    misfit_factor,
     motion_variance,
     one_way,
     strongest_slopes,

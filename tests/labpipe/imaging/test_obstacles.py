@@ -7,7 +7,7 @@ import pytest
 
 from labpipe.arrays import Floats
 from labpipe.imaging import track
-from labpipe.imaging.dic._motion_uncertainty import misfit_factor
+from labpipe.imaging.dic._misfit import misfit_factor
 from pipelines.bench import film_scenes
 from pipelines.bench.film_scenes import View, digitised, from_spectrum
 from tests.by_day import by_day

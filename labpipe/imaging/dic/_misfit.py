@@ -1,0 +1,116 @@
+"""What a subset that misfits by more than noise makes of its motion: another uncertainty, or none."""
+
+import numpy as np
+
+from labpipe.arrays import Flags, Floats
+from labpipe.imaging.dic._motion_uncertainty import EDGE, ONE_WAY
+
+#: Shift (px) along the weakest direction that a misfit may hide at most, in patterns beyond
+#: :data:`.ONE_WAY` and beyond :data:`.EDGE`, and how many standard deviations of the residual of noise it is beyond it.
+_HIDDEN, _HIDDEN_BY_EDGE, _SIGNIFICANT = 1.0, 0.2, 4.0
+#: Share of its frames in which a point shows its own noise, the largest multiple of what points of its
+#: brightness show that it may be, and the multiple from which a point is hit by what misfits.
+_BETTER, _BRIGHTER, _HIT = 0.1, 1.5, 2.0
+#: Standard deviations by which that share lies below the mean by chance.
+_BELOW_MEAN = 1.28
+#: Standard deviations, and share of the noise, by which a misfit exceeds noise at least.
+_BY_CHANCE, _LEAST_EXCESS = 4.0, 0.12
+#: Points that a line needs, its rounds, and the weight of those below it.
+_LEAST_POINTS, _ROUNDS, _BELOW = 8, 12, 4.0
+#: Width over which pixels share a misfit, as a share of that of the subset.
+_SHARED = 0.2
+
+
+def is_beyond_texture(
+    noise: Floats, own: float, spread: float, texture: Floats, strongest: Floats, pixels: float
+) -> Flags:
+    """Tell which results misfit by more than a wrong place along the weakest direction would.
+
+    Where a pattern is an edge or a grating with little else, the correlation hardly falls at a wrong
+    place along it, and the uncertainty, which takes the residual for noise, does not know of it. But
+    the residual there is larger than noise by what the faint texture leaves unmatched.
+
+    Parameters
+    ----------
+    noise : array (result,) [grey²]
+        Variance of a pixel as the residual shows it.
+    own, spread : float [grey²], [1]
+        Variance of a pixel without a misfit, and its relative variance times the pixels.
+    texture, strongest : arrays (result,) [grey²/px²]
+        As in :class:`.Variances`.
+    pixels : float
+        Number of pixels.
+    """
+    excess = (noise - own) * pixels - _SIGNIFICANT * np.sqrt((2.0 + spread) * pixels) * own
+    hidden = np.where(strongest > EDGE * texture, _HIDDEN_BY_EDGE, _HIDDEN)
+    return np.asarray((strongest > ONE_WAY * texture) & (excess > hidden**2 * texture))
+
+
+def misfit_factor(noise: Floats, is_static: Flags, pixels: Floats, grey: Floats) -> Floats:
+    """Factor (frame, point) of the standard uncertainty where a subset misfits by more than noise.
+
+    What stands before the specimen, a reflection, or lines of another moment do not move with the
+    subset. What they leave in the residual is no noise: neighbouring pixels share it, so that it
+    moves the answer as few independent places would.
+
+    Parameters
+    ----------
+    noise : array (frame, point) [grey²]
+        Variance of a pixel as the residual shows it; NaN where nothing was found.
+    is_static : bool array (frame,)
+        Frames averaged into the reference.
+    pixels, grey : arrays (point,) [1], [grey levels]
+        Number of pixels of the subsets, and their mean.
+
+    Notes
+    -----
+    A point's own noise is what it shows in its better frames, but not much more than points of its
+    brightness mostly show: bright places are noisier than dark ones, and a subset that misfits in
+    every frame shows none without misfit.
+    """
+    factor = np.ones(noise.shape)
+    moved = noise[~is_static]
+    found = np.flatnonzero((moved > 0.0).any(axis=0))
+    if not len(found):
+        return factor
+    moved = np.where(moved > 0.0, moved, np.nan)
+    own = np.full(noise.shape[1], np.nan)
+    better, middle = _quantiles(moved[:, found], (_BETTER, 0.5))
+    own[found] = better * (1.0 + _BELOW_MEAN * np.sqrt(2.0 / pixels[found]))
+    usual = _usual(own[found], grey[found])
+    own[found] = np.minimum(own[found], _BRIGHTER * usual)
+    # What is hit in most frames is hit in the others as well, where it moves too little to show much.
+    is_hit = middle > _HIT * own[found]
+    own[found[is_hit]] = np.minimum(own[found], usual)[is_hit]
+    by_chance = np.maximum(_BY_CHANCE * np.sqrt(2.0 / pixels), _LEAST_EXCESS)
+    excess = 1.0 - own * (1.0 + by_chance) / moved
+    factor[~is_static] = np.sqrt(1.0 + _SHARED**2 * pixels * np.clip(np.nan_to_num(excess), 0.0, 1.0))
+    return factor
+
+
+def _quantiles(values: Floats, shares: tuple[float, ...]) -> list[Floats]:
+    """Quantiles of every column without its NaN; numpy's own go through columns with NaN one by one."""
+    ordered = np.sort(values, axis=0)  # NaN last
+    last = np.isfinite(ordered).sum(axis=0) - 1
+    found = []
+    for share in shares:
+        place = share * last
+        low = np.floor(place).astype(int)
+        pair = np.take_along_axis(ordered, np.stack([low, np.minimum(low + 1, last)]), axis=0)
+        found.append(np.asarray(pair[0] + (place - low) * (pair[1] - pair[0])))
+    return found
+
+
+def _usual(noise: Floats, grey: Floats) -> Floats:
+    """Lower edge of the noise of points as a line over their brightness: that of counted light is one."""
+    level = np.full(len(noise), np.quantile(noise, 0.25))
+    if len(noise) < _LEAST_POINTS or np.ptp(grey) == 0.0:
+        return level
+    columns = np.stack([np.ones(len(grey)), grey / np.ptp(grey)], axis=1)
+    for _ in range(_ROUNDS):
+        weight = np.where(noise < level, _BELOW, 1.0) / level
+        line, *_ = np.linalg.lstsq(columns * weight[:, None], noise * weight, rcond=None)
+        if line[1] <= 0.0:
+            return np.full(len(noise), np.quantile(noise, 0.25))
+        level = np.maximum(columns @ line, 0.3 * level)
+    return level
