@@ -212,6 +212,10 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
     best = start.astype(float).copy()
     damping, evaluations, is_settled, is_small = _DAMPING, 1, False, False
     sums = ring_sums(ring, best, free, optics, False)
+    if not _is_finite(sums):
+        # A field of light told by fewer pixels can run out of all numbers beyond them.
+        best[[Parameter.SLOPE_X, Parameter.SLOPE_Y, Parameter.BOWL, *LIGHT]] = 0.0
+        sums = ring_sums(ring, best, free, optics, False)
     while evaluations < settings.max_iterations and damping < _MOST_DAMPING:
         if sums.pixels <= len(free):
             break
@@ -229,6 +233,9 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
         )
         tried = ring_sums(ring, trial, reported if is_small else free, optics, is_small)
         evaluations += 1
+        if not _is_finite(tried):
+            is_small, damping = False, max(damping * _MORE, _BAD_DAMPING)
+            continue
         # The pixels at the limits change with the centre: means are compared, not sums.
         if is_small or tried.squares * sums.pixels <= sums.squares * tried.pixels:
             best, sums, damping = trial, tried, damping * _LESS
@@ -291,6 +298,11 @@ def _is_possible(parameters: Floats) -> bool:
         and parameters[Parameter.BLUR] <= _MOST_BLUR
         and math.hypot(parameters[Parameter.SECOND], parameters[Parameter.TURNED]) <= _MOST_RATIO
     )
+
+
+def _is_finite(sums: Sums) -> bool:
+    """Tell whether the model is finite in all pixels."""
+    return bool(np.isfinite(sums.normal).all()) and math.isfinite(sums.squares)
 
 
 def _solve(sums: Sums, damping: float) -> Floats | None:

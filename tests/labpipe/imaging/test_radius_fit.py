@@ -50,6 +50,18 @@ def test_compiled_sums_equal_the_plain_ones(last: int) -> None:
             assert np.abs(getattr(one, name) - expected).max() < 1e-10 * scale, name
 
 
+def test_a_light_that_runs_out_of_all_numbers_is_begun_anew() -> None:
+    """As it does beyond the one fringe that told its cubic, once three are looked at."""
+    frame = expose(clean_image(SCENE, 150e-6, (160.3, 120.2), samples=2), SCENE, np.random.default_rng(1))
+    start = start_at(150.3e-6, 160.3, 120.2)
+    plain = fit_contact(frame, start, OPTICS, FitSettings(free=(*USUAL, *LIGHT)))
+    start[list(LIGHT)] = 700.0
+    fit = fit_contact(frame, start, OPTICS, FitSettings(free=(*USUAL, *LIGHT)))
+    assert radius_of(fit) == pytest.approx(radius_of(plain), abs=1e-10)
+    assert fit is not None
+    assert np.isfinite(fit.covariance).all()
+
+
 def test_both_ways_end_at_the_same_radius(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(1)
     frame = expose(clean_image(SCENE, 150e-6, (160.3, 120.2), samples=2), SCENE, rng)
