@@ -13,6 +13,7 @@ from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.film_frames import sound_frames
 from pipelines.experiments.shared.frame_order import in_order
 
+_NAMED = 5  # frames that a sentence names
 _LATE = 1.5  # of the usual interval between frames in contact, from which some are missing
 
 
@@ -45,6 +46,24 @@ def summits_seen(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea)
     text = f"{settings.film}: {quantity(float(steps[at]), 's')} pass between frames {frames[at]} and {frames[at + 1]}, "
     text += f"usual are {quantity(usual, 's')}; one of them shows the largest radius of a contact"
     cause = "the camera recorded in bursts or dropped frames: the contact may have been larger between them"
+    return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
+
+
+def contacts_whole(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> Check:
+    """Look for frames without a contact between frames that show it."""
+    name, law = "contacts without gaps", "a contact does not open and close between two frames of an impact"
+    time, frame = radius["time"].values, radius["frame"].values
+    shows = radius["in_contact"].values.astype(bool) | ~radius["valid"].values.astype(bool)
+    inside = np.zeros(time.size, bool)
+    for first, last in zip(impacts["first_seen"].values, impacts["last_seen"].values, strict=True):
+        inside |= (time > first) & (time < last)
+    lost = frame[inside & ~shows]
+    if not lost.size:
+        return stated(name, law, f"{settings.film}: every frame of an impact shows its contact", None)
+    which = ", ".join(str(int(k)) for k in lost[:_NAMED]) + (", …" if lost.size > _NAMED else "")
+    named, show = ("frame", "shows") if lost.size == 1 else ("frames", "show")
+    text = f"{settings.film}: {named} {which} within an impact {show} no contact"
+    cause = f"the contact is hidden or its fringes are spoiled in {named} {which} (glare, speckle, a lost image)"
     return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
 
 

@@ -12,7 +12,7 @@ from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.contact_area._flight_checks import flights_alike
-from pipelines.experiments.contact_area._frame_checks import frame_checks, summits_seen
+from pipelines.experiments.contact_area._frame_checks import contacts_whole, frame_checks, summits_seen
 from pipelines.experiments.contact_area._scale import fringe_scale
 from pipelines.experiments.contact_area.comparison import FRAMES, PLATE, SCALE, WAVELENGTH, plate_mass, rows
 from pipelines.experiments.contact_area.measured import brightness
@@ -45,6 +45,7 @@ _PLAY, _WANDERS = 25e-6, 4.0
 """Play (m) of a guide, by which contacts stand apart, and multiple of it beyond which the camera moved."""
 _RECOVERS = 0.03
 """Relative change of the gap's scale that a body may show which recovers from its dents."""
+_RECEDES = 0.02  # of the radius in the frame before, by which a contact is smaller that recedes
 _LIKE_LARGEST = 0.5  # of the largest radius, from which contacts are compared
 _ZIGZAG = 0.03  # of the largest radius, by which a contact does not shrink before it grows on
 _FRINGE_FIT, _EDGE, _OPEN_GAP = 1, 2, 5  # methods of labpipe.imaging.contact_radius
@@ -95,6 +96,7 @@ def judgement(
         checks += [_flight(impacts, model, settings), _duration(impacts, model, settings), _rest(impacts, settings)]
         if radius is not None:
             checks += [_steady(radius, impacts, settings), _ends(radius, impacts, settings)]
+            checks += [contacts_whole(radius, impacts, settings)]
             checks += [summits_seen(radius, impacts, settings), flights_alike(radius, impacts, model, settings)]
     compared_rows = []
     if comparison is not None and impacts is not None and model is not None:
@@ -299,7 +301,11 @@ def _one_scale(radius: xr.Dataset, settings: ContactArea) -> Check:
     told = np.isfinite(radius["own_scale"].values) & np.isfinite(radius["u_own_scale"].values)
     # at rest a small contact creeps on in the dent of larger ones, and its gap is not Hertz's
     size = np.nan_to_num(radius["radius"].values)
-    at = np.flatnonzero(told & (size > _LIKE_LARGEST * size.max(initial=0.0)))
+    # beside a contact that recedes the surface still recovers
+    seen = np.flatnonzero(size > 0.0)
+    grows = np.ones(size.size, bool)
+    grows[seen[1:]] = size[seen[1:]] > (1.0 - _RECEDES) * size[seen[:-1]]
+    at = np.flatnonzero(told & grows & (size > _LIKE_LARGEST * size.max(initial=0.0)))
     if at.size < 2:
         return not_made(name, law, "fringes in two contacts")
     scale, u, frame = (radius[n].values[at] for n in ("own_scale", "u_own_scale", "frame"))

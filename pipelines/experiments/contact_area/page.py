@@ -97,19 +97,24 @@ def _fallback(radius: xr.Dataset | None, settings: ContactArea) -> tuple[Block, 
     if not edges:
         return ()
     if settings.wavelength is None:
-        why = "no wavelength is stated."
+        why = "no wavelength is stated. State it, of monochromatic light, to use the fringes."
     elif fringes:
-        why = "their fringes are too fine for the pixels, washed out, or not those of a contact."
+        why = (
+            "their fringes are too fine for the pixels, washed out, or not those of a contact. Look at these frames; "
+            "a higher magnification, a lens in focus, a shorter exposure and a clear view keep fringes."
+        )
     else:
         why = (
             "fringes are too fine for the pixels, or wavelength, sphere radius or image scale are not what "
-            "is stated, or the lens is out of focus."
+            "is stated, or the lens is out of focus. Check these in session.toml and the camera's record, and "
+            "record in focus at a higher magnification."
         )
     frames = radius["frame"].values[radius["method"].values == 2] if radius is not None else np.empty(0, int)
     which = ", ".join(str(int(frame)) for frame in frames[:5]) + (", …" if len(frames) > 5 else "")
+    named, were = ("frame", "was") if edges == 1 else ("frames", "were")
     text = (
-        f"{edges} of {edges + fringes} frames (frame {which}) were measured by the edge of the spot, not by "
-        f"fringes, and are uncertain by several micrometres: {why}"
+        f"{edges} of {edges + fringes} frames ({named} {which}) {were} measured by the edge of the spot, not by "
+        f"fringes, to several micrometres: {why}"
     )
     return (Notice("warning", text),)
 
@@ -278,18 +283,22 @@ def _over_time(
     caption = f"Frames without contact, or with one below {least}, stand at 0. Bars: standard uncertainty."
     labels = ("Contact radius", "time in the film / ms", "contact radius / mm")
     charts: list[Block] = [LineChart(*labels, tuple(curves), group=_GROUP, views=views, caption=caption)]
-    charts += _gap_factor(radius)
+    charts += _gap_factor(radius, impacts)
     if comparison is not None and model is not None:
         for i in range(comparison.sizes["impact"]):
             charts += _around(comparison, model, i)
     return Section("Contact radius over time", tuple(charts))
 
 
-def _gap_factor(radius: xr.Dataset) -> list[Block]:
+def _gap_factor(radius: xr.Dataset, impacts: xr.Dataset | None) -> list[Block]:
     """Say where the gap beside the contact was not Hertz's, and how much it differed."""
     is_open = radius["method"].values == 5
     if not is_open.any():
         return []
+    is_fresh = np.zeros(is_open.size, bool)
+    if impacts is not None and impacts.sizes["impact"]:
+        time = radius["time"].values
+        is_fresh = is_open & (time >= float(impacts["first_seen"][0])) & (time < float(impacts["peak_time"][0]))
     factor = radius["gap_factor"].values[is_open]
     text = (
         f"In {pages.counted(int(is_open.sum()), 'frame')} the gap around the contact was "
@@ -298,7 +307,14 @@ def _gap_factor(radius: xr.Dataset) -> list[Block]:
         "early. There the factor was fitted as well; the error bars of these frames include the "
         "uncertainty of the gap's shape."
     )
-    return [Notice("info", text)]
+    if not is_fresh.sum() > 1:
+        return [Notice("info", text)]
+    fresh = (
+        f"{pages.counted(int(is_fresh.sum()), 'frame')} of them show the first contact while it grows, when nothing "
+        f"recovers yet: the gap is {float(np.mean(radius['gap_factor'].values[is_fresh])):.2f} times Hertz's because "
+        "wavelength, radius of the sphere or length of a pixel is not what is stated, or the image is blurred."
+    )
+    return [Notice("info", text), Notice("warning", fresh)]
 
 
 def _around(comparison: xr.Dataset, simulated: xr.Dataset, i: int) -> tuple[LineChart, LineChart]:

@@ -125,6 +125,26 @@ def test_green_light_for_red_is_named_by_the_fringes(film):
     assert told.setting == "wavelength"
 
 
+def test_frames_of_an_impact_that_show_no_contact_are_named(film):
+    top = int(np.nanargmax(film["radius"].values))
+    for name, value in (("in_contact", False), ("method", 0), ("radius", np.nan)):
+        film[name].values[top + 1] = value
+    found, _ = judged(film)
+    told = finding(found, "contacts without gaps")
+    assert (found.believable, told.level) == ("doubtful", "doubtful")
+    assert f"frame {top + 1} within an impact shows no contact" in told.message
+
+
+def test_a_contact_that_recedes_tells_no_other_scale(film):
+    a = film["radius"].values
+    recedes = np.append(False, np.diff(a) < -0.05 * a[1:])
+    film["own_scale"].values[recedes] = 0.94
+    film["method"].values[recedes] = 5
+    assert judged(film)[0].believable == "yes"
+    film["own_scale"].values[film["time"].values > 0.05] *= 0.94
+    assert finding(judged(film)[0], "one scale of the fringes").level == "impossible"
+
+
 def test_fringes_darker_than_dark_are_impossible(film):
     """What 532 nm for 633 nm makes of a film whose contacts a phase and a gap explain otherwise."""
     film["visibility"] = film["visibility"] * 1.5
