@@ -103,9 +103,7 @@ def disturbances(quick: bool) -> Suite:
     """
     size, frames = 192, 4 if quick else 12
     rows = [_row(name, scene, size, frames) for name, scene in scenes(size).items()]
-    title = (
-        f"Displacement of subsets of {_SUBSET} px where more changes than the place, noise of {_NOISE:g} grey levels"
-    )
+    title = f"Displacement of subsets of {_SUBSET} px where more changes than the place, noise of {_NOISE:g} grey level"
     return Suite("dic-scenes", title, "RMS error (px)", rows, time_label="run time per point and frame (s)")
 
 
