@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats, Floats32, Integers
 from labpipe.compilation import compiled, part
+from labpipe.imaging.dic._row_sampling import FAST
 from labpipe.imaging.dic._spline import LANES
-from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, COLUMNS, FAST, LIGHT, MOTIONS
+from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, COLUMNS, LIGHT, MOTIONS
 
 # Below this the motion is not determined in every direction (a single edge, a flat subset).
 _LEAST_EIGENVALUE = 1e-4

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
+from labpipe.imaging.dic._row_sampling import _sample_cubic, _sample_quintic
 from labpipe.imaging.dic._spline import node_gradients, prefilter
 from labpipe.imaging.dic._subset_cutting import Images, Subsets, cut_subsets
-from labpipe.imaging.dic._subset_kernel import _gauss_newton_step, _sample_cubic, _sample_quintic
+from labpipe.imaging.dic._subset_kernel import _gauss_newton_step
 from labpipe.imaging.dic._subset_solver import LEFT_WINDOW, NO_TEXTURE, NOT_CONVERGED, SOLVED, Solution, solve
 from tests.labpipe.imaging.oracles import solve_oracle
 from tests.labpipe.imaging.speckle import Motion, grid, make_speckle, render
