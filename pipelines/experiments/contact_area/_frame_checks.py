@@ -63,7 +63,7 @@ def contacts_whole(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactAre
     which = ", ".join(str(int(k)) for k in lost[:_NAMED]) + (", …" if lost.size > _NAMED else "")
     named, show = ("frame", "shows") if lost.size == 1 else ("frames", "show")
     text = f"{settings.film}: {named} {which} within an impact {show} no contact"
-    cause = f"the contact is hidden or its fringes are spoiled in {named} {which} (glare, speckle, a lost image)"
+    cause = "the contact is hidden there or its fringes are spoiled (glare, speckle, a lost image): look at these"
     return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
 
 

@@ -144,7 +144,8 @@ def _fringes(radius: xr.Dataset, impacts: xr.Dataset | None, settings: ContactAr
     scale = 2 * float(radius.attrs["u_systematic_relative"])
     u = hypot(scale, light.u / light.value, body.u / body.value)
     message = (
-        f"{settings.film}: R times wavelength is {in_words(1 / found.ratio, 4)} times what is stated, by the fringes"
+        f"{settings.film}: R times wavelength is {in_words(1 / found.ratio, 4)} times what is stated, by the fringes, "
+        f"or else a pixel {in_words(sqrt(found.ratio), 4)} times as long"
     )
     return compared(FRINGE, law, message, found.ratio, found.u, 1.0, u, file=settings.film)
 

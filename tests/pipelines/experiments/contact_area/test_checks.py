@@ -1,5 +1,6 @@
 """Mistakes with films of a contact are named; clean films are believed."""
 
+import re
 import warnings
 from pathlib import Path
 
@@ -143,6 +144,15 @@ def test_a_contact_that_recedes_tells_no_other_scale(film):
     assert judged(film)[0].believable == "yes"
     film["own_scale"].values[film["time"].values > 0.05] *= 0.94
     assert finding(judged(film)[0], "one scale of the fringes").level == "impossible"
+
+
+def test_fringes_that_contradict_the_ruler_say_what_each_would_have_to_be(film):
+    film.attrs["phase_scale_ratio"] = 1.0201
+    told = finding(judged(film)[0], "spacing of the fringes")
+    said = re.search(r"R times wavelength is ([\d.]+) times .* or else a pixel ([\d.]+) times as long", told.message)
+    assert said is not None
+    assert float(said[2]) == pytest.approx(float(said[1]) ** -0.5, abs=1e-3)
+    assert float(said[2]) == pytest.approx(1.01, abs=1.5e-3)
 
 
 def test_fringes_darker_than_dark_are_impossible(film):
