@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from labpipe.arrays import Flags, Floats, Integers
-from labpipe.imaging.dic._tracker import nearest
+from labpipe.imaging.dic._places import nearest
 
 #: Points around one of them that are asked: at most, and at least for a plane and for a curved surface through
 #: their displacements; and their farthest distance in widths of the subset.

@@ -9,10 +9,11 @@ import numpy as np
 from labpipe.arrays import Flags, Floats, Integers
 from labpipe.imaging.dic._attempt import Attempt, FrameResult
 from labpipe.imaging.dic._film_window import Loaded
+from labpipe.imaging.dic._places import nearest
 from labpipe.imaging.dic._reference import Status
 from labpipe.imaging.dic._seeding import Pyramid, find_subset, fit_motion, make_pyramid, shift_of
 from labpipe.imaging.dic._subset_solver import LEFT_WINDOW
-from labpipe.imaging.dic._tracker import NEIGHBOURS, Tracker, nearest
+from labpipe.imaging.dic._tracker import NEIGHBOURS, Tracker
 
 #: Distance from a neighbour's or a template's proposal (px) within which it is confirmed.
 _CONFIRMED = 2.5

@@ -13,11 +13,11 @@ from labpipe.imaging.dic._film_window import Box, FilmWindow, Loaded
 from labpipe.imaging.dic._motion_state import contradicted, converged_nearby, extent, predicted, remember
 from labpipe.imaging.dic._motion_uncertainty import one_way
 from labpipe.imaging.dic._pattern import NO_GROWTH, Growth, Pattern, grown, more_blur
+from labpipe.imaging.dic._places import nearest, spread_pieces
 from labpipe.imaging.dic._reference import Reference
 from labpipe.imaging.dic._seeding import has_double
 from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, LIGHT
 from labpipe.imaging.dic._subset_solver import SOLVED, Solution, empty_solution, put, solve
-from labpipe.imaging.films import PIECE
 
 #: Distance from the prediction (px) up to which a converged point needs no confirmation:
 #: the velocity of a bouncing holder changes by at most 1 px per frame.
@@ -44,8 +44,6 @@ _LEAST = 1.3
 _STRIDES = (1.0, 0.35)
 #: Neighbours that are asked whether a point is right.
 NEIGHBOURS = 6
-#: Pieces of a frame whose rows are compared, and pixels of the subsets for each of them.
-_FEWEST_PIECES, _MOST_PIECES, _PIXELS_PER_PIECE = 4, 24, 40_000
 #: Drop of the correlation relative to the last frame that calls for a check.
 _DROP = 0.85
 
@@ -88,7 +86,7 @@ class Tracker:
         #: Least residual of each point so far, as noise of its pixels: what is more is no noise alone.
         self._least = np.full(count, np.inf)
         self._softened: tuple[Loaded, Pattern, Floats32] | None = None
-        self._piece_of, self._pieces = _spread_pieces(self.places, self._half)
+        self._piece_of, self._pieces = spread_pieces(self.places, self._half)
         self._is_edge = one_way(reference.subsets)
         #: Edges, gratings and grids: they match in so many places that nothing but their neighbours
         #: finds them again.
@@ -376,35 +374,3 @@ def _misfit(found: Solution, pattern: Pattern) -> float:
     is_solved = found.code == SOLVED
     shown = _shown(found.residual[is_solved], found.gain[is_solved], pattern)
     return float(np.median(shown)) if len(shown) else np.inf
-
-
-def _spread_pieces(places: Floats, half: Integers) -> tuple[Integers, Floats]:
-    """Points of pieces spread over the subsets, and their first columns and rows (piece, 2) [px].
-
-    As many as cost little beside the subsets themselves; wide subsets hold several.
-    """
-    side = np.maximum((2 * half + 1) // PIECE, 1)
-    most = int(np.clip((2.0 * half + 1.0) @ (2.0 * half + 1.0) / _PIXELS_PER_PIECE, _FEWEST_PIECES, _MOST_PIECES))
-    points = np.repeat(np.arange(len(half)), side**2)
-    own = np.arange(len(points)) - np.repeat(np.cumsum(side**2) - side**2, side**2)
-    steps = np.stack([own % side[points], own // side[points]], axis=1) - 0.5 * side[points][:, None]
-    corners = places[points] + PIECE * steps
-    chosen = np.unique(np.linspace(0, len(points) - 1, most).round().astype(int)) if len(points) else points
-    return points[chosen], corners[chosen]
-
-
-def nearest(places: Floats, others: Floats, count: int) -> Integers:
-    """Find for every place its nearest others, shape (place, count).
-
-    Parameters
-    ----------
-    places, others : arrays (place, 2) and (other, 2) [px]
-    count : int
-        At most the number of others.
-    """
-    from scipy.spatial import cKDTree
-
-    if not len(places):
-        return np.zeros((0, count), np.int64)
-    found = cKDTree(others).query(places, k=range(1, count + 1))[1]
-    return np.asarray(found, np.int64)
