@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
 from instruments._instrument import Instrument
+from instruments.images._names import LOSSY, has_images
 from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
@@ -13,8 +14,6 @@ else:
 
 __all__ = ["INSTRUMENT", "RAW_FRAMES", "ExportedFrames", "Options", "folder_hint", "read"]
 
-_SUFFIXES = (".png", ".tif", ".tiff", ".bmp")
-_LOSSY = (".jpg", ".jpeg")
 RAW_FRAMES = "Raw frames name neither their size nor their bits: have the camera's program export them as TIFF."
 
 
@@ -25,15 +24,10 @@ class Options(TypedDict, total=False):
     exposure: float | None
 
 
-def _images(folder: Path, suffixes: tuple[str, ...] = _SUFFIXES) -> list[Path]:
-    """Return the images in a folder, without what the system keeps hidden among them."""
-    return [p for p in folder.iterdir() if p.suffix.lower() in suffixes and not p.name.startswith(".")]
-
-
 def _sniff(head: bytes, path: Path) -> bool:
     """Tell a folder of images, a TIFF, or a video."""
     if path.is_dir():
-        return bool(_images(path))
+        return has_images(path)
     is_tiff = head[:4] in {b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"}
     is_avi = head[:4] == b"RIFF" and head[8:12] == b"AVI "
     return is_tiff or is_avi or head[4:8] == b"ftyp" or head[:4] == b"\x1aE\xdf\xa3"
@@ -41,10 +35,10 @@ def _sniff(head: bytes, path: Path) -> bool:
 
 def folder_hint(folder: Path) -> str:
     """Say what to do with a folder that holds no film."""
-    inside = next((p for p in sorted(folder.iterdir()) if p.is_dir() and _images(p)), None)
+    inside = next((p for p in sorted(folder.iterdir()) if p.is_dir() and has_images(p)), None)
     if inside is not None:
         return f"Its images lie one folder deeper: name {folder.name}/{inside.name}."
-    if _images(folder, _LOSSY):
+    if has_images(folder, LOSSY):
         return "It holds JPEG images, which have lost the detail that is measured: export the film as PNG or TIFF."
     return f"A folder is read when it holds the PNG, TIFF or BMP images of a film. {RAW_FRAMES}"
 

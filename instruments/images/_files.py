@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments.images._headers import CutOffError, ImageHeader, one_page, png_fault, read_headers
+from instruments.images._names import SUFFIXES, images_in
 from instruments.images._pictures import one_intensity
 from labpipe.errors import SourceError
 from labpipe.frames import warn_incomplete
 
-SUFFIXES = (".png", ".tif", ".tiff", ".bmp")
 _NUMBER = re.compile(r"-?\d+")
 #: Bits of 16 that cameras of 14, 12 and 10 bits leave empty, fewest last; and images that are looked at for it.
 _UNUSED_BITS, _LOOKED_AT = (6, 4, 2), 9
@@ -33,15 +33,9 @@ class _Place:
     header: ImageHeader
 
 
-def images_in(folder: Path) -> list[Path]:
-    """Return the images of a folder by name, without what the system keeps hidden among them."""
-    found = (p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and not p.name.startswith("."))
-    return sorted(p for p in found if p.is_file())
-
-
 def folder_images(folder: Path) -> tuple["ImageFiles", NDArray[np.float64]]:
     """Open the images of a folder, sorted by the number in their names, and return these; warn of gaps."""
-    named = images_in(folder)
+    named = sorted(p for p in images_in(folder) if p.is_file())
     if not named:
         raise SourceError(folder, f"the folder holds no image ({', '.join(SUFFIXES)})")
     numbered = sorted(zip(_numbers(named), named, strict=True))

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.images._files import SUFFIXES, folder_images, pages
+from instruments.images._files import folder_images, pages
 from instruments.images._headers import is_tiff
+from instruments.images._names import SUFFIXES
 from instruments.images._pictures import Pictures
 from instruments.images._uncompressed import uncompressed
 from instruments.images._video import Video

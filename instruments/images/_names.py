@@ -1,0 +1,18 @@
+"""Which files of a folder are images of a film, by their names alone."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+SUFFIXES = (".png", ".tif", ".tiff", ".bmp")
+#: Images that have lost detail: told of, not read.
+LOSSY = (".jpg", ".jpeg")
+
+
+def images_in(folder: Path, suffixes: tuple[str, ...] = SUFFIXES) -> Iterator[Path]:
+    """Go through the images in a folder, without what the system keeps hidden among them."""
+    return (p for p in folder.iterdir() if p.suffix.lower() in suffixes and not p.name.startswith("."))
+
+
+def has_images(folder: Path, suffixes: tuple[str, ...] = SUFFIXES) -> bool:
+    """Tell whether there is one, without going through the others."""
+    return next(images_in(folder, suffixes), None) is not None
