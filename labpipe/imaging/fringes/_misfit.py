@@ -8,13 +8,12 @@ from numpy.typing import NDArray
 
 from labpipe.imaging.films import FilmReader
 from labpipe.imaging.fringes._blank_frames import FilmResult
-from labpipe.imaging.fringes._interference import Optics, part_limits
+from labpipe.imaging.fringes._interference import Optics
 from labpipe.imaging.fringes._open_gap import has_free_gap
 from labpipe.imaging.fringes._radial_scan import edge_width
-from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, ring_around
-from labpipe.imaging.fringes._ring_noise import clustered, unsteadiness
+from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, cells_of_parts, ring_around, shared_covariance
+from labpipe.imaging.fringes._ring_noise import unsteadiness
 from labpipe.imaging.fringes._ring_parameters import Parameter
-from labpipe.imaging.fringes._ring_sums import ring_cells
 
 #: Travel in the exposure, in widths of the first bright ring, from which errors of the model are those of the motion.
 _FAR_TRAVEL = 1.5
@@ -62,12 +61,7 @@ def with_misfit_weighed(
     ring = ring_around(frame, fit.parameters, optics, settings, levels)
     if ring is None:
         return fit
-    radius, place = float(fit.parameters[Parameter.RADIUS]), fit.free.index(Parameter.RADIUS)
-    limits = part_limits(radius, ring.inner, ring.outer, optics)
-    cells = ring_cells(ring, fit.parameters, np.array(fit.free, np.int64), optics, limits)
+    cells, place = cells_of_parts(fit, ring, optics), fit.free.index(Parameter.RADIUS)
     by_noise = fit.noise * fit.leverage
     unsteady = math.sqrt(max(unsteadiness(cells.normals, cells.pulls, place) - by_noise**2, 0.0))
-    covariance = clustered(cells.scores, fit.inverse)
-    if covariance[place, place] < fit.covariance[place, place]:
-        covariance = fit.covariance
-    return replace(fit, covariance=covariance, unsteady=unsteady)
+    return replace(fit, covariance=shared_covariance(fit, cells), unsteady=unsteady)

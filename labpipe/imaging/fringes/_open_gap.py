@@ -59,7 +59,7 @@ def fit_open_gap(
         Grey levels.
     view : View
         Optics and settings.
-    starts : sequence of arrays (13,)
+    starts : sequence of arrays (parameter,)
         Where the contact may be.
     old : RingFit or None
         Fit of Hertz's gap, if there is one.

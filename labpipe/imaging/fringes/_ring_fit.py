@@ -11,7 +11,7 @@ from labpipe.imaging.fringes._interference import Optics, part_limits, ring_limi
 from labpipe.imaging.fringes._ring_noise import clustered, slow_power, unsteadiness
 from labpipe.imaging.fringes._ring_parameters import ASSUMED, LIGHT, USUAL, Parameter
 from labpipe.imaging.fringes._ring_pixels import Ring, cut_ring
-from labpipe.imaging.fringes._ring_sums import Sums, ring_cells, ring_sums
+from labpipe.imaging.fringes._ring_sums import Cells, Sums, ring_cells, ring_sums
 from labpipe.uncertainty import excess_uncertainty
 
 #: Damping at the start (so small that a radius which hardly differs from a shift of the centre is
@@ -78,7 +78,7 @@ class RingFit:
 
     Attributes
     ----------
-    parameters : array (13,)
+    parameters : array (parameter,)
         See :class:`Parameter`.
     free : tuple of Parameter
         Those that were fitted.
@@ -198,7 +198,7 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
     ----------
     ring : Ring
         The pixels.
-    start : array (13,)
+    start : array (parameter,)
         Parameters to start from, right to a third of a fringe.
     optics : Optics
         The interference; its phase is replaced by that of the parameters.
@@ -261,8 +261,7 @@ def _with_doubts(fit: RingFit, ring: Ring, optics: Optics) -> RingFit:
     told = [p for p in ASSUMED if p in fit.free]
     if fit.worst_deviation == 0.0 or not told:
         return fit
-    limits = part_limits(float(fit.parameters[Parameter.RADIUS]), ring.inner, ring.outer, optics)
-    cells = ring_cells(ring, fit.parameters, np.array(fit.free, np.int64), optics, limits)
+    cells = cells_of_parts(fit, ring, optics)
     places = [fit.free.index(p) for p in told]
     along = clustered(cells.scores, fit.inverse)[places, places]
     across = np.array([unsteadiness(cells.normals, cells.pulls, place) for place in places])
@@ -280,11 +279,21 @@ def _with_memory(fit: RingFit, ring: Ring, optics: Optics) -> RingFit:
     beyond = fit.residual**2 - fit.noise**2
     if power is None or beyond - power < _OWN_SHARE * power:
         return fit  # errors of the model make up nearly all of it
+    noise = math.sqrt(fit.residual**2 - power)
+    return replace(fit, noise=noise, covariance=shared_covariance(fit, cells), slow=math.sqrt(power))
+
+
+def cells_of_parts(fit: RingFit, ring: Ring, optics: Optics) -> Cells:
+    """Sum what a fit leaves over the cells of its ring, and over the quarters of its fringes."""
+    limits = part_limits(float(fit.parameters[Parameter.RADIUS]), ring.inner, ring.outer, optics)
+    return ring_cells(ring, fit.parameters, np.array(fit.free, np.int64), optics, limits)
+
+
+def shared_covariance(fit: RingFit, cells: Cells) -> Floats:
+    """Covariance of a fit for noise that neighbouring pixels share, where that tells the radius worse."""
     covariance = clustered(cells.scores, fit.inverse)
     place = fit.free.index(Parameter.RADIUS) if Parameter.RADIUS in fit.free else 0
-    if covariance[place, place] < fit.covariance[place, place]:
-        covariance = fit.covariance
-    return replace(fit, noise=math.sqrt(fit.residual**2 - power), covariance=covariance, slow=math.sqrt(power))
+    return fit.covariance if covariance[place, place] < fit.covariance[place, place] else covariance
 
 
 def _is_possible(parameters: Floats) -> bool:
@@ -372,7 +381,7 @@ def fit_contact(
     ----------
     frame : array (row, column)
         Grey levels.
-    start : array (13,)
+    start : array (parameter,)
         Parameters to start from.
     optics : Optics
         The interference.

@@ -38,10 +38,10 @@ class Parameter(IntEnum):
     THIRD = 16
     LIGHT_XX = 17
     LIGHT_XY = 18
-    LIGHT_XXX = 19
-    LIGHT_XXY = 20
-    LIGHT_XYY = 21
-    LIGHT_YYY = 22
+    LIGHT_X3 = 19
+    LIGHT_X2Y = 20
+    LIGHT_XY2 = 21
+    LIGHT_Y3 = 22
     VISIBILITY_X = 23
     VISIBILITY_Y = 24
     VISIBILITY_BOWL = 25
