@@ -20,6 +20,8 @@ from labpipe.errors import SourceError
 from labpipe.frames import warn_incomplete
 
 _NUMBER = re.compile(r"-?\d+")
+_COUNT = "Where names hold times, number the images in the order they were taken: frame_0001.png, …"
+_ROUNDED = 0.1  # of the steps between frames, from which those that are no multiple of the least are a clock's
 #: Bits of 16 that cameras of 14, 12 and 10 bits leave empty, fewest last; and images that are looked at for it.
 _UNUSED_BITS, _LOOKED_AT = (6, 4, 2), 9
 
@@ -45,7 +47,7 @@ def folder_images(folder: Path) -> tuple["ImageFiles", NDArray[np.float64]]:
         raise SourceError(
             numbered[twice[0] + 1][1],
             f"number {numbers[twice[0]]} occurs twice, also in {numbered[twice[0]][1].name}",
-            hint="Put only the images of one film into the folder.",
+            hint=f"Put only the images of one film into the folder. {_COUNT}",
         )
     paths = [path for _, path in numbered]
     read_all = [_header(path) for path in paths]
@@ -64,7 +66,7 @@ def pages(path: Path) -> "ImageFiles":
 
 
 def _numbers(paths: Sequence[Path]) -> list[int]:
-    """Read the places of images from their names: the last of the numbers that are not all the same.
+    """Read the places of images from their names: the last of the numbers that counts them.
 
     Names may end in what holds for the whole film, such as its frame rate or its bits.
     """
@@ -77,8 +79,30 @@ def _numbers(paths: Sequence[Path]) -> list[int]:
                 hint="Name images like frame_0001.png; move what is no image of the film out of the folder.",
             )
     shared = min(map(len, found))
-    place = next((k for k in range(-1, -shared - 1, -1) if len({values[k] for values in found}) > 1), -1)
-    return [values[place] for values in found]
+    columns = [[values[k] for values in found] for k in range(-1, -shared - 1, -1)]
+    varying = [column for column in columns if len(set(column)) > 1]
+    if not varying:
+        return columns[0]
+    wholly = [tuple(values[-shared:]) for values in found]
+    counted = next((column for column in varying if _counts(column, wholly)), None)
+    if counted is None and len(set(varying[0])) == len(found):
+        text = f"no number in the names counts the frames, as times of a clock do not; before it comes {paths[0].name}"
+        raise SourceError(paths[1], text, hint=_COUNT)
+    return counted or varying[0]
+
+
+def _counts(column: list[int], wholly: list[tuple[int, ...]]) -> bool:
+    """Tell whether numbers count frames, as a part of a clock's time does not.
+
+    The frames of a camera are as far apart as each other or, where some are missing, multiples of it.
+    Times of a clock are rounded, and their parts begin anew.
+    """
+    order = sorted(range(len(column)), key=column.__getitem__)
+    steps = np.diff(np.array([column[i] for i in order], dtype=object))
+    if min(steps) == max(steps) > 0:
+        return True
+    in_time = order == sorted(order, key=wholly.__getitem__)
+    return bool(min(steps) > 0 and np.mean(steps % min(steps) > 0) < _ROUNDED and in_time)
 
 
 def _header(path: Path) -> ImageHeader | CutOffError:
@@ -107,6 +131,12 @@ def _warn_of_gaps(folder: Path, numbers: NDArray[np.int64]) -> None:
     steps = np.diff(numbers)
     usual = int(np.min(steps)) if len(steps) else 1
     missing = int(np.sum(steps // usual - 1))
+    if usual > 1:
+        text = (
+            f"{folder.name}: the numbers of the images go up by {usual}, so its times do by {usual} / frame rate; "
+            "if every frame of the camera is here, number them one by one"
+        )
+        warnings.warn(text, UserWarning, stacklevel=4)
     if missing:
         first = int(numbers[int(np.flatnonzero(steps > usual)[0])])
         images = "1 image is" if missing == 1 else f"{missing} images are"
@@ -127,7 +157,7 @@ def _check_alike(places: Sequence[_Place]) -> None:
                 place.path,
                 f"image {place.page}: {columns} × {rows} px of {bits} bits, but the first of the "
                 f"film has {first.columns} × {first.rows} px of {first.bits} bits",
-                hint="Put only the images of one film into the folder.",
+                hint=f"Put only the images of one film into the folder. {_COUNT}",
             )
 
 

@@ -394,3 +394,31 @@ def test_a_page_is_read_without_those_before_it(tmp_path: Path, packing: int, mo
     np.testing.assert_array_equal(found[4], film[4])
     assert len(decoded) <= 2  # whether it can be decoded at all, and the page
     assert max(decoded) < (tmp_path / "f.tif").stat().st_size / 2
+
+
+@pytest.mark.parametrize(
+    ("names", "told"),
+    [
+        (["145958120", "145958153", "145958187", "145958220"], "no number in the names counts"),
+        (["14-59-58.980", "14-59-58.990", "14-59-59.000", "14-59-59.020"], "no number in the names counts"),
+        (["14-59-58.5", "14-59-59.0", "14-59-59.5", "15-00-00.0"], "occurs twice"),
+    ],
+)
+def test_times_of_a_clock_are_no_numbers_of_frames(tmp_path: Path, names: list[str], told: str) -> None:
+    write_folder(tmp_path / "f", [f"cam_{name}.png" for name in names])
+    with pytest.raises(SourceError, match=f"{told}[^\\n]*\n.*number the images in the order"):
+        instruments.read(tmp_path / "f", fps=1000.0)
+
+
+@pytest.mark.parametrize("form", ["{i:03d}_cam_{clock}", "cam_{clock}_{i:03d}", "cam_{clock}_{i:03d}_12bit"])
+def test_a_count_beside_the_time_of_a_clock_is_found(tmp_path: Path, form: str) -> None:
+    clocks = enumerate(["145958", "145959", "145959", "150001"])
+    write_folder(tmp_path / "f", [form.format(i=i, clock=clock) + ".png" for i, clock in clocks])
+    np.testing.assert_allclose(instruments.read(tmp_path / "f", fps=1000.0).time, [0, 1e-3, 2e-3, 3e-3])
+
+
+def test_numbers_that_go_up_by_more_than_one_are_told(tmp_path: Path) -> None:
+    write_folder(tmp_path / "f", ["f10.png", "f20.png", "f30.png"])
+    with pytest.warns(UserWarning, match="go up by 10, so its times do by 10 / frame rate"):
+        film = instruments.read(tmp_path / "f", fps=1000.0)
+    np.testing.assert_allclose(film.time, [0, 1e-2, 2e-2])
