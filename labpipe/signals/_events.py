@@ -43,6 +43,7 @@ LONGEST_ARC = 12e-3
 _FALL_TOLERANCE = 0.35  # by which a flight's acceleration may differ from the common one
 _IMPULSIVE = 4.0  # times the fall's acceleration, the least mean acceleration of the first impact
 _RESTED = 0.1  # of the fall, by which a turn begins too early when the body still rests
+_ENDS = 4  # readings at either end of a record that do not tell which way it falls
 _LEAST_READINGS = 8  # about a contact, fewer than which hold no two arcs
 _HELD = 0.1  # of the fall, before which the body surely rests
 _REST_FRACTION = 0.01  # of the first impact speed, below which the body is at rest
@@ -247,7 +248,8 @@ def _followed(time: Floats, values: Floats, sigma: float, hum: Hum | None) -> _M
     # +1 when upwards is positive: contact forces are far larger than gravity, and push up
     acceleration, u = evaluate(fit, time, 2)
     excess = np.sign(acceleration) * np.maximum(np.abs(acceleration) - SURE * u, 0.0)
-    direction = 1 if float(np.sum(excess**3)) >= 0.0 else -1
+    # the ends of a spline bend by themselves where a record breaks off in a contact
+    direction = 1 if float(np.sum(excess[_ENDS:-_ENDS] ** 3)) >= 0.0 else -1
     speed, u_speed = evaluate(fit, time, 1)
     level, u_level = evaluate(fit, time, 0)
     share = (u_level / fit.sigma) ** 2

@@ -185,6 +185,32 @@ def test_records_without_a_bounce_are_refused(displacement_of, shape, message):
 
 
 @pytest.mark.filterwarnings(STILL_MOVING)
+@pytest.mark.parametrize("left", range(9, 13))
+def test_a_record_cut_in_its_second_contact_falls_as_before(displacement_of, left):
+    # A spline bends by itself where a record ends; that was stronger than both contacts.
+    rng, step = np.random.default_rng(1), 5e-5
+    fall, rebound, contact = rng.uniform(1e-3, 4e-3), rng.uniform(0.5, 0.9), rng.uniform(3e-4, 8e-4)
+    time = np.arange(0, 0.4, step)
+    speed, begin = np.sqrt(2 * 9.81 * fall), 0.02
+    touch, touches = begin + speed / 9.81, []
+    height = np.where(time < begin, fall, fall - 0.5 * 9.81 * (time - begin) ** 2)
+    for _ in range(4):
+        touches.append(touch)
+        inside = (time >= touch) & (time < touch + contact)
+        pulse = CubicHermiteSpline([touch, touch + contact], [0, 0], [-speed, rebound * speed])
+        height[inside] = pulse(time[inside])
+        speed *= rebound
+        flown = time - touch - contact
+        height[flown >= 0] = (speed * flown - 0.5 * 9.81 * flown**2)[flown >= 0]
+        touch += contact + 2 * speed / 9.81
+    height += rng.normal(0, 1e-6, time.size)
+    end = int(np.searchsorted(time, touches[1])) + left
+    found = bounces(displacement_of(time[:end], height[:end]))
+    assert found.sizes["impact"] == 1
+    assert float(found.restitution[0]) == pytest.approx(rebound, abs=4 * float(found.u_restitution[0]))
+
+
+@pytest.mark.filterwarnings(STILL_MOVING)
 @pytest.mark.parametrize("name", ["acrylic", "ptfe"])
 def test_polymers_are_known_twice_as_well(displacement_of, name):
     # Truth from the package's own simulator, whose contact law these tests do not otherwise use.
