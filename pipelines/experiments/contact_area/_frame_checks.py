@@ -10,7 +10,7 @@ from labpipe.judging import Check, not_made, stated
 from labpipe.report import quantity
 from pipelines.experiments.contact_area.measured import READ
 from pipelines.experiments.contact_area.settings import ContactArea
-from pipelines.experiments.shared.film_frames import sound_frames
+from pipelines.experiments.shared.film_frames import no_copies, sound_frames
 from pipelines.experiments.shared.frame_order import in_order
 
 _NAMED = 5  # frames that a sentence names
@@ -94,21 +94,14 @@ def _blanked(radius: xr.Dataset, settings: ContactArea) -> Check:
 
 
 def _copies(radius: xr.Dataset, settings: ContactArea) -> Check:
-    """Look for frames that are measured alike to the last digit: noise forbids it."""
-    name, law = "frames differ", "noise makes no two frames alike"
+    """Look for frames that are measured alike to the last digit."""
     read = np.isin(radius["method"].values, READ)
     # at rest a frame like the one before is not read again
     same = read[1:] & read[:-1]
     for column in ("radius", "centre_x", "centre_y"):
         if column in radius:
             same &= np.diff(radius[column].values) == 0.0
-    at = np.flatnonzero(same)
-    if at.size:
-        first = int(radius["frame"].values[at[0] + 1])
-        frames = "frame equals" if at.size == 1 else "frames equal"
-        text = f"{settings.film}: {at.size} {frames} the one before, the first is frame {first}"
-        return stated(name, law, text, "doubtful", cause=f"frame {first} is a repeated frame", file=settings.film)
-    return stated(name, law, f"{settings.film}: no frame equals the one before", None, file=settings.film)
+    return no_copies(settings.film, radius["frame"].values, same)
 
 
 def _in_order(radius: xr.Dataset, settings: ContactArea) -> Check:

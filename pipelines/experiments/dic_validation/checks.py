@@ -21,7 +21,7 @@ from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.fall_checks import Fall
-from pipelines.experiments.shared.film_frames import explained, sound_frames, whole_film
+from pipelines.experiments.shared.film_frames import explained, no_copies, sound_frames, whole_film
 from pipelines.experiments.shared.film_light import exposed, lit, no_mosaic
 from pipelines.experiments.shared.film_stated import is_rate_used, stated_twice
 from pipelines.experiments.shared.frame_order import in_order
@@ -200,17 +200,10 @@ def _moves(bounces: xr.Dataset | None, begin: Floats, end: Floats) -> bool:
 
 def _copies(track: xr.Dataset, settings: DicValidation) -> Check:
     """Look for frames in which the holder is where it was, and alike, as nearly as is solved for."""
-    name, law = "frames differ", "noise makes no two frames alike"
-    of_body = track.isel(point=0)
+    of_body, frame = track.isel(point=0), track["frame"].values
     limits = (("dx", _SOLVED), ("dy", _SOLVED), ("zncc", _ALIKE))
     alike = np.all([np.abs(np.diff(of_body[of].values)) <= limit for of, limit in limits], axis=0)
-    same = np.flatnonzero(alike & (np.diff(track["frame"].values) == 1))
-    if same.size:
-        at = int(track["frame"].values[same[0] + 1])
-        frames = "frame equals" if same.size == 1 else "frames equal"
-        text = f"{settings.film}: {same.size} {frames} the one before, the first is frame {at}"
-        return stated(name, law, text, "doubtful", cause=f"frame {at} is a repeated frame", file=settings.film)
-    return stated(name, law, f"{settings.film}: no frame equals the one before", None, file=settings.film)
+    return no_copies(settings.film, frame, alike & (np.diff(frame) == 1))
 
 
 def _jump(time: Floats, y: Floats, least: float) -> tuple[int, float] | None:

@@ -223,3 +223,15 @@ def enlarged(image: NDArray[np.uint8], factor: int) -> NDArray[Any]:
     """Return a BGR copy, ``factor`` times as large, to draw on."""
     colour = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_GRAY2BGR)
     return cv2.resize(colour, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST)
+
+
+def no_copies(film: str, frame: NDArray[np.int64], alike: NDArray[np.bool_]) -> Check:
+    """Judge frames by whether each (frame - 1,) is measured as the one before: noise forbids it."""
+    name, law = "frames differ", "noise makes no two frames alike"
+    at = np.flatnonzero(alike)
+    if not at.size:
+        return stated(name, law, f"{film}: no frame equals the one before", None, file=film)
+    first = int(frame[at[0] + 1])
+    frames = "frame equals" if at.size == 1 else "frames equal"
+    text = f"{film}: {at.size} {frames} the one before, the first is frame {first}"
+    return stated(name, law, text, "doubtful", cause=f"frame {first} is a repeated frame", file=film)
