@@ -1,12 +1,13 @@
 """What tracking is told, and what it has found so far in one frame."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats, Integers
-from labpipe.imaging.dic._subset_solver import CHANGES, Solution
+from labpipe.imaging.dic._reference import Status
+from labpipe.imaging.dic._subset_solver import Solution, empty_solution, put
 
 
 @dataclass(frozen=True)
@@ -34,74 +35,36 @@ class Work:
 
 
 @dataclass(frozen=True)
-class FrameResult:
-    """Answers for the usable points of one frame, as in ``Solution``, and their status."""
+class Attempt(Solution):
+    """Best answers so far for one frame: which of them are trusted, and which left the frame or were outvoted."""
 
-    motion: Floats
-    gain: Floats
-    residual: Floats
-    zncc: Floats
-    iterations: Integers
-    status: NDArray[np.int8]
-    model: Integers
-    change: Floats
-
-
-@dataclass
-class Attempt:
-    """Best answers so far for one frame."""
-
-    motion: Floats
-    zncc: Floats
-    gain: Floats
-    residual: Floats
-    iterations: Integers
-    code: Integers
     trusted: Flags
-    model: Integers
-    needed: Integers
-    change: Floats
-    reached: Flags = field(init=False)
-    outvoted: Flags = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.reached = np.zeros(len(self.zncc), bool)
-        self.outvoted = np.zeros(len(self.zncc), bool)
+    reached: Flags
+    outvoted: Flags
 
     @classmethod
     def nothing(cls, expected: Floats) -> "Attempt":
         """Return answers that hold nothing but where the points were expected."""
-        count = len(expected)
-        zncc, gain, residual = np.full((3, count), np.nan)
-        nowhere = np.full(count, -1)
-        none = np.zeros((3, count), np.int64)
-        no, unchanged = np.zeros(count, bool), np.zeros((count, CHANGES))
-        return cls(expected.copy(), zncc, gain, residual, none[0], nowhere, no, none[1], none[2], unchanged)
+        attempt = cls.of(empty_solution(len(expected)))
+        attempt.motion[:] = expected
+        attempt.code[:] = -1
+        return attempt
 
     @classmethod
     def of(cls, found: Solution) -> "Attempt":
         """Return the answers of all points, none of them trusted yet."""
         return cls(
-            found.motion,
-            found.zncc.copy(),
-            found.gain.copy(),
-            found.residual.copy(),
-            found.iterations,
-            found.code,
-            np.zeros(len(found.code), bool),
-            found.model,
-            found.needed,
-            found.change,
+            **vars(found), **{name: np.zeros(len(found.code), bool) for name in ("trusted", "reached", "outvoted")}
         )
+
+    @property
+    def status(self) -> NDArray[np.int8]:
+        """:class:`.Status` of every point."""
+        status = np.where(self.trusted, Status.OK, Status.LOST).astype(np.int8)
+        status[~self.trusted & self.reached] = Status.OUTSIDE
+        status[~self.trusted & self.outvoted] = Status.OUTVOTED
+        return status
 
     def take(self, chosen: Integers, found: Solution, better: Flags) -> None:
         """Replace the answers of chosen points where the new ones are better."""
-        where = chosen[better]
-        self.motion[where] = found.motion[better]
-        self.zncc[where] = found.zncc[better]
-        self.gain[where] = found.gain[better]
-        self.residual[where] = found.residual[better]
-        self.code[where] = found.code[better]
-        self.model[where] = found.model[better]
-        self.needed[where] = found.needed[better]
-        self.change[where] = found.change[better]
+        put(self, chosen[better], found, better)

@@ -7,10 +7,9 @@ matches in the whole frame.
 import numpy as np
 
 from labpipe.arrays import Flags, Floats, Integers
-from labpipe.imaging.dic._attempt import Attempt, FrameResult
+from labpipe.imaging.dic._attempt import Attempt
 from labpipe.imaging.dic._film_window import Loaded
 from labpipe.imaging.dic._places import nearest
-from labpipe.imaging.dic._reference import Status
 from labpipe.imaging.dic._seeding import Pyramid, find_subset, fit_motion, make_pyramid, shift_of
 from labpipe.imaging.dic._subset_solver import LEFT_WINDOW
 from labpipe.imaging.dic._tracker import NEIGHBOURS, Tracker
@@ -34,26 +33,14 @@ _PATIENCE, _SELDOM = 64, 8
 _ROUNDS = 16
 
 
-def follow(tracker: Tracker, index: int, loaded: Loaded) -> FrameResult:
+def follow(tracker: Tracker, index: int, loaded: Loaded) -> Attempt:
     """Find all points in one frame, those that prediction did not lead to as well."""
     expected = tracker.predict(index)
     attempt = tracker.first_attempt(loaded, expected)
     if not attempt.trusted.all() or tracker.contradicted(attempt).any():
         Recovery(tracker, index, loaded, attempt, expected).run()
     tracker.remember(index, attempt)
-    status = np.where(attempt.trusted, Status.OK, Status.LOST).astype(np.int8)
-    status[~attempt.trusted & attempt.reached] = Status.OUTSIDE
-    status[~attempt.trusted & attempt.outvoted] = Status.OUTVOTED
-    return FrameResult(
-        attempt.motion,
-        attempt.gain,
-        attempt.residual,
-        attempt.zncc,
-        attempt.iterations,
-        status,
-        attempt.model,
-        attempt.change,
-    )
+    return attempt
 
 
 class Recovery:
@@ -86,15 +73,15 @@ class Recovery:
         # A changed correlation without a jump (light, focus) needs no confirmation.
         moved = np.hypot(*(attempt.motion - self._expected)[:, [0, 3]].T)
         calm = self._tracker.accepts(attempt.code, attempt.zncc) & (moved <= self._tracker.surprise)
-        attempt.trusted |= calm & self._tracker.is_tracked
+        attempt.trusted[calm & self._tracker.is_tracked] = True
         self._veto()
 
     def _veto(self) -> None:
         """Distrust what the neighbours still contradict, the worst of them first."""
         attempt, tracker = self._attempt, self._tracker
         while (wrong := tracker.contradicted(attempt)).any():
-            attempt.outvoted |= wrong
-            attempt.trusted &= ~wrong
+            attempt.outvoted[wrong] = True
+            attempt.trusted[wrong] = False
 
     def _trust_agreement(self) -> None:
         """Trust surprised points that all tell of the same rigid motion."""
@@ -207,7 +194,7 @@ class Recovery:
             if tracker.has_double(int(n)):
                 continue
             seed = find_subset(tracker.reference.pyramid, pyramid, centre, int(subsets.half[n]))
-            tracker.work.reseeds += 1
+            tracker.solver.work.reseeds += 1
             if seed is not None:
                 result[int(n)] = seed.motion
         return result
@@ -222,11 +209,11 @@ class Recovery:
     def _try(self, chosen: Integers, start: Floats) -> bool:
         """Solve from proposed motions; trust those that stay near. True when any did."""
         tracker, attempt = self._tracker, self._attempt
-        found = tracker.solve(self._loaded, chosen, start)
+        found = tracker.solver.solve(self._loaded, chosen, start)
         beyond = (found.code == LEFT_WINDOW) & (found.iterations == 0)
         if beyond.any() and self._pyramid is None and self._has_frame_around(chosen, start):
             self._whole_frame()
-            found = tracker.solve(self._loaded, chosen, start)
+            found = tracker.solver.solve(self._loaded, chosen, start)
         attempt.iterations[chosen] += found.iterations
         attempt.reached[chosen] = (found.code == LEFT_WINDOW) & (self._loaded.box == tracker.film.whole)
         if self._loaded.box != tracker.film.whole:

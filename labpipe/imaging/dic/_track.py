@@ -179,9 +179,9 @@ def track(
         "frames_total": len(film),
         "pixels_read": window.pixels_read + stuck.frames_read * film.shape[1] * film.shape[2],
         "pixels_total": int(np.prod(film.shape)),
-        "subsets_solved": tracker.work.subsets_solved,
-        "iterations": tracker.work.iterations,
-        "reseeds": tracker.work.reseeds,
+        "subsets_solved": tracker.solver.work.subsets_solved,
+        "iterations": tracker.solver.work.iterations,
+        "reseeds": tracker.solver.work.reseeds,
     }
     is_static = indices < static_frames
     found = displacements(table, reference, is_static)
@@ -213,7 +213,7 @@ def _follow(
             start = None
         if loaded.coefficients is None:
             continue
-        tracker.is_static = index < static_frames
+        tracker.solver.is_static = index < static_frames
         found = follow(tracker, index, loaded)
         table.motion[row] = found.motion
         table.gain[row] = found.gain
@@ -222,7 +222,7 @@ def _follow(
         table.iterations[row] = found.iterations
         table.model[row] = found.model
         table.change[row] = found.change
-        table.growth[row] = tracker.growth
+        table.growth[row] = tracker.solver.growth
         table.status[row] = found.status
     return table
 

@@ -1,0 +1,240 @@
+"""What the subsets of a frame are solved with: the pattern of its blur, and the model that each point needs."""
+
+import numpy as np
+
+from labpipe.arrays import Flags, Floats, Floats32, Integers
+from labpipe.imaging.dic._attempt import Attempt, Options, Work
+from labpipe.imaging.dic._film_window import Loaded
+from labpipe.imaging.dic._motion_uncertainty import one_way
+from labpipe.imaging.dic._pattern import NO_GROWTH, Growth, Pattern, grown, more_blur
+from labpipe.imaging.dic._reference import Reference
+from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, LIGHT
+from labpipe.imaging.dic._subset_solver import SOLVED, Solution, empty_solution, put, solve
+
+#: Points that are tested in a frame for what they need beside the motion: at least so many, and
+#: each once in so many frames; and the share of them above which it is no chance.
+_TESTED, _TURNS, _CHANCE = 8, 8, 0.1
+#: Share of the points whose light or blur has changed from which that of all has.
+_COMMON = 0.5
+#: Rounds in which what a point needs is added to its model, and share of a residual that may be noise alone
+#: which is left at most where that was light or blur.
+_ROUNDS, _EXPLAINED = 3, 0.7
+#: Patterns that are tried in a frame, and the most misfit of a better one over that of the first, whose columns
+#: may have hidden half of the noise.
+_MATCHES, _NO_WORSE = 6, 2.0
+#: Misfit over that of the frame before from which the pattern of that frame may be a wrong one.
+_FAR_WORSE = 2.0
+#: Residual of noise alone over the least that a point has shown, at most.
+_LEAST = 1.3
+#: How much of the change of blur that the first order tells is taken for it, of softer and of sharper frames:
+#: these it tells by up to three times, and those that are blurred too much look as if noise had made them soft.
+_STRIDES = (1.0, 0.35)
+
+
+class FrameSolver:
+    """Solves subsets of a frame, and remembers what they needed in the frame before.
+
+    Parameters
+    ----------
+    reference : Reference
+        What to look for.
+    options : Options
+        Settings.
+    """
+
+    def __init__(self, reference: Reference, options: Options) -> None:
+        count = len(reference.subsets)
+        self.reference = reference
+        self._options = options
+        self._model = np.zeros(count, np.int64)
+        self._adapt = options.adapt[reference.usable]
+        self._most_misfit = reference.noise.most_misfit(reference.subsets)
+        self._stride = int(np.clip(count // _TESTED, 1, _TURNS))
+        self._turn = 0
+        self._pattern = reference.pattern
+        self._strides = list(_STRIDES)
+        self._misfit = np.inf
+        #: Least residual of each point so far, as noise of its pixels: what is more is no noise alone.
+        self._least = np.full(count, np.inf)
+        self._softened: tuple[Loaded, Pattern, Floats32] | None = None
+        self._is_edge = one_way(reference.subsets)
+        #: Whether the frame at hand is one of those averaged into the reference.
+        self.is_static = False
+        self.work = Work()
+
+    def solve(self, loaded: Loaded, chosen: Integers, start: Floats) -> Solution:
+        """Solve subsets with the model that each needed last, again where it needs another one.
+
+        What a point needed in the frame before is tried at once, so that a lasting change is not
+        found out in every frame. The others are tested for what they need in turn, and all of
+        them when the test of some shows that it concerns more than chance.
+        """
+        models = self._model[chosen]
+        self._turn += 1
+        is_tested = (models > 0) | ((chosen + self._turn) % self._stride == 0)
+        if is_tested.sum() < _TESTED:
+            is_tested[:] = True
+        is_tested &= self._adapt[chosen] > 0
+        found = self._solve(loaded, chosen, start, models, is_tested)
+        # The mean of the static frames shares their noise, which would be taken for a change of blur.
+        adapt = self._adapt[chosen] & (~BLUR if self.is_static else ~0)
+        # Where there is hardly a pattern, the columns of light and blur would take noise for a change.
+        is_plain = found.residual < self._most_misfit[chosen]
+        is_lacking = (found.needed & ~models & adapt) > 0
+        is_common = is_lacking.sum() > _COMMON * is_tested.sum()
+        is_common |= (is_lacking & (is_plain | ((found.needed & AFFINE) > 0))).sum() > _CHANCE * is_tested.sum()
+        if is_common and not is_tested.all():
+            others = np.flatnonzero(~is_tested & (found.code == SOLVED) & (self._adapt[chosen] > 0))
+            retried = self._solve_tested(loaded, chosen[others], found.motion[others], models[others])
+            found.iterations[others] += retried.iterations
+            put(found, others, retried, slice(None))
+        # Light, focus and exposure change in the whole frame: then it is no noise, of which they explain little.
+        common = 0
+        if len(chosen) >= _TESTED:
+            common = sum(group for group in (LIGHT, BLUR) if ((found.needed & group) > 0).mean() > _COMMON)
+        adapt = np.where(is_plain, adapt, adapt & (AFFINE | np.where(self._is_edge[chosen], 0, common)))
+        most = np.where(is_plain, np.inf, _EXPLAINED * found.residual)
+        self._add(loaded, chosen, found, found.needed & ~models & adapt, most, adapt)
+        # Noise hides a change of blur in some of the points only, or in most.
+        few = _CHANCE if self.growth == NO_GROWTH else _COMMON
+        hidden = BLUR if len(chosen) >= _TESTED and ((found.needed & BLUR) > 0).mean() > few else 0
+        self._add(loaded, chosen, found, hidden & ~found.model & adapt, most, adapt)
+        self._without_spare(loaded, chosen, found, found.model & ~models & ~found.needed & ~hidden)
+        return found
+
+    def _add(
+        self, loaded: Loaded, chosen: Integers, found: Solution, lacking: Integers, most: Floats, adapt: Integers
+    ) -> None:
+        """Add what points lack to their models while they lack something; ``most`` is the largest residual."""
+        for _ in range(_ROUNDS):
+            if not lacking.any():
+                break
+            again = np.flatnonzero(lacking)
+            # A stretch looks like a change of light and blur as well.
+            added = np.where(lacking[again] & AFFINE, AFFINE, lacking[again])
+            better = self._solve_tested(loaded, chosen[again], found.motion[again], found.model[again] | added)
+            is_solved = (better.code == SOLVED) & (better.zncc >= found.zncc[again])
+            is_solved &= (better.residual < most[again]) | (added == AFFINE)
+            found.iterations[again] += better.iterations
+            put(found, again[is_solved], better, is_solved)
+            lacking = found.needed & ~found.model & adapt
+            lacking[again[~is_solved]] = 0
+
+    def _without_spare(self, loaded: Loaded, chosen: Integers, found: Solution, spare: Integers) -> None:
+        """Solve again without what was taken for needed while something like it was not solved for."""
+        again = np.flatnonzero((spare > 0) & (found.model != spare) & (found.code == SOLVED))
+        if len(again):
+            models = found.model[again] & ~spare[again]
+            better = self._solve_tested(loaded, chosen[again], found.motion[again], models)
+            is_solved = (better.code == SOLVED) & (better.needed & spare[again] == 0)
+            found.iterations[again] += better.iterations
+            put(found, again[is_solved], better, is_solved)
+
+    def _solve_tested(self, loaded: Loaded, chosen: Integers, start: Floats, models: Integers) -> Solution:
+        return self._solve(loaded, chosen, start, models, np.ones(len(chosen), bool))
+
+    def _solve(self, loaded: Loaded, chosen: Integers, start: Floats, models: Integers, is_tested: Flags) -> Solution:
+        """Solve subsets with given models and count the work."""
+        coefficients = self._coefficients(loaded)
+        most = self._least[chosen] * (_LEAST / self._pattern.shown.colour)
+        result = empty_solution(len(chosen))
+        for model in np.unique(models):
+            part = np.flatnonzero(models == model)
+            found = solve(
+                self._pattern.subsets,
+                coefficients,
+                self._options.order,
+                chosen[part],
+                start[part],
+                origin=(loaded.box[0], loaded.box[2]),
+                window=loaded.window,
+                model=int(model),
+                is_tested=is_tested[part],
+                noise=self._pattern.shown,
+                most=most[part],
+                tolerance=self._options.tolerance,
+                max_iterations=self._options.max_iterations,
+            )
+            if len(part) == len(chosen):
+                result = found
+                break
+            put(result, part, found, slice(None))
+            result.iterations[part] = found.iterations
+        self.work.subsets_solved += len(chosen)
+        self.work.iterations += int(result.iterations.sum())
+        return result
+
+    def _coefficients(self, loaded: Loaded) -> Floats32:
+        """Spline coefficients of a frame, blurred where it is sharper than the reference."""
+        assert loaded.coefficients is not None  # noqa: S101 - frames with NaN are skipped before
+        if self._pattern.kernel is None:
+            return loaded.coefficients
+        if self._softened is None or self._softened[0] is not loaded or self._softened[1] is not self._pattern:
+            self._softened = loaded, self._pattern, self._pattern.blurred(loaded.coefficients)
+        return self._softened[2]
+
+    @property
+    def growth(self) -> Growth:
+        """Growth of the blur of the frame at hand, see :class:`.Pattern`."""
+        return self._pattern.growth
+
+    def solve_all(self, loaded: Loaded, chosen: Integers, start: Floats) -> Solution:
+        """Solve all tracked points, again with other patterns where their blur asks for it.
+
+        Of the patterns, that one is kept which leaves the least change of blur.
+        """
+        found = self.solve(loaded, chosen, start)
+        more = more_blur(found)
+        if self.growth != NO_GROWTH and not more.any() and _misfit(found, self._pattern) > _FAR_WORSE * self._misfit:
+            # A pattern that is far too soft takes what is sharper for its noise.
+            self._pattern = self.reference.pattern
+            found = self.solve(loaded, chosen, start)
+            more = more_blur(found)
+        if self.growth == NO_GROWTH and not more.any():
+            return found
+        best, pattern, least = found, self._pattern, np.linalg.norm(more)
+        first = pattern
+        side, most = int(more[0] < 0.0), _NO_WORSE * _misfit(found, pattern)
+        for _ in range(_MATCHES):
+            growth = grown(self.growth, self._strides[side] * more)
+            if growth == self.growth:
+                break
+            self._pattern = self.reference.patterns.of(growth)
+            self._model[chosen] |= BLUR  # which tells what is left in all directions
+            found = self.solve(loaded, chosen, np.where((best.code == SOLVED)[:, None], best.motion, start))
+            found.iterations[:] += best.iterations
+            left = more_blur(found)
+            if np.linalg.norm(left) < least and _misfit(found, self._pattern) < most:
+                best, pattern, least = found, self._pattern, np.linalg.norm(left)
+            # by how much the step was too long or too short, as that of a secant
+            change = float(np.clip(1.0 - left @ more / (more @ more), 0.5, 3.0)) if left.any() else 1.0
+            self._strides[side] = min(self._strides[side] / change, 2.0 * _STRIDES[side])
+            more = left
+        best.iterations[:], self._pattern = found.iterations, pattern
+        if pattern is not first:
+            self._model[chosen] &= ~BLUR
+            found = self.solve(loaded, chosen, np.where((best.code == SOLVED)[:, None], best.motion, start))
+            found.iterations[:] += best.iterations
+            best = found
+        self._misfit = _misfit(best, pattern)
+        return best
+
+    def remember(self, attempt: Attempt) -> None:
+        """Keep what the trusted points of a frame needed, and what they showed of their noise."""
+        needed = attempt.needed & attempt.model
+        self._model = np.where(attempt.trusted, needed, self._model)
+        if not self.is_static:
+            shown = _shown(attempt.residual, attempt.gain, self._pattern)
+            self._least = np.where(attempt.trusted, np.fmin(self._least, shown), self._least)
+
+
+def _shown(residual: Floats, gain: Floats, pattern: Pattern) -> Floats:
+    """Residual (point,) [grey²] of the subsets as noise of their pixels, summed over them."""
+    return np.asarray(residual * (pattern.shown.colour / np.square(gain)))
+
+
+def _misfit(found: Solution, pattern: Pattern) -> float:
+    """Median of that over the points; infinite without an answer."""
+    is_solved = found.code == SOLVED
+    shown = _shown(found.residual[is_solved], found.gain[is_solved], pattern)
+    return float(np.median(shown)) if len(shown) else np.inf
