@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats, Integers
 from labpipe.imaging.dic._reference import Status
+from labpipe.imaging.dic._standing import Standing
+from labpipe.imaging.dic._subset_kernel import HIDDEN
 from labpipe.imaging.dic._subset_solver import Solution, empty_solution, put
 
 
@@ -15,7 +17,7 @@ class Options:
     """Settings of the solver, see :func:`labpipe.imaging.track`.
 
     ``adapt`` holds for every point, usable or not, the sum of what may be solved for where it is
-    needed, see :meth:`.Subsets.model`.
+    needed, see :meth:`.Subsets.model`; ``standing`` is what hides subsets in part.
     """
 
     order: int
@@ -23,6 +25,7 @@ class Options:
     max_iterations: int
     min_zncc: float
     adapt: Integers
+    standing: Standing | None = None
 
 
 @dataclass
@@ -61,6 +64,7 @@ class Attempt(Solution):
     def status(self) -> NDArray[np.int8]:
         """:class:`.Status` of every point."""
         status = np.where(self.trusted, Status.OK, Status.LOST).astype(np.int8)
+        status[~self.trusted & (self.code == HIDDEN)] = Status.COVERED
         status[~self.trusted & self.reached] = Status.OUTSIDE
         status[~self.trusted & self.outvoted] = Status.OUTVOTED
         return status

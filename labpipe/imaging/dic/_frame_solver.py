@@ -1,15 +1,19 @@
 """What the subsets of a frame are solved with: the pattern of its blur, and the model that each point needs."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from labpipe.arrays import Flags, Floats, Floats32, Integers
 from labpipe.imaging.dic._attempt import Attempt, Options, Work
 from labpipe.imaging.dic._film_window import Loaded
+from labpipe.imaging.dic._inputs import LEAST_SUBSET
 from labpipe.imaging.dic._motion_uncertainty import one_way
 from labpipe.imaging.dic._pattern import NO_GROWTH, Growth, Pattern, grown, more_blur
 from labpipe.imaging.dic._reference import Reference
-from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, LIGHT
+from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, HIDDEN, LIGHT
 from labpipe.imaging.dic._subset_solver import SOLVED, Solution, empty_solution, put, solve
+from labpipe.imaging.dic._subsets import Subsets
 
 #: Points that are tested in a frame for what they need beside the motion: at least so many, and
 #: each once in so many frames; and the share of them above which it is no chance.
@@ -19,6 +23,8 @@ _COMMON = 0.5
 #: Rounds in which what a point needs is added to its model, and share of a residual that may be noise alone
 #: which is left at most where that was light or blur.
 _ROUNDS, _EXPLAINED = 3, 0.7
+#: Distance (px) from its start from which a subset sees another part of what stands before it.
+_ELSEWHERE = 0.75
 #: Patterns that are tried in a frame, and the most misfit of a better one over that of the first, whose columns
 #: may have hidden half of the noise.
 _MATCHES, _NO_WORSE = 6, 2.0
@@ -29,6 +35,8 @@ _LEAST = 1.3
 #: How much of the change of blur that the first order tells is taken for it, of softer and of sharper frames:
 #: these it tells by up to three times, and those that are blurred too much look as if noise had made them soft.
 _STRIDES = (1.0, 0.35)
+#: Solves subsets, numbers of them, from motions; the last are their places among all that are asked for.
+Solved = Callable[[Subsets, Integers, Floats, Integers], Solution]
 
 
 class FrameSolver:
@@ -51,6 +59,9 @@ class FrameSolver:
         self._most_misfit = reference.noise.most_misfit(reference.subsets)
         self._stride = int(np.clip(count // _TESTED, 1, _TURNS))
         self._turn = 0
+        self._standing = options.standing
+        #: Pixels that count of points of the frame at hand before which something was found to stand.
+        self.found: dict[int, Flags] = {}
         self._pattern = reference.pattern
         self._strides = list(_STRIDES)
         self._misfit = np.inf
@@ -140,21 +151,31 @@ class FrameSolver:
         result = empty_solution(len(chosen))
         for model in np.unique(models):
             part = np.flatnonzero(models == model)
-            found = solve(
-                self._pattern.subsets,
-                coefficients,
-                self._options.order,
-                chosen[part],
-                start[part],
-                origin=(loaded.box[0], loaded.box[2]),
-                window=loaded.window,
-                model=int(model),
-                is_tested=is_tested[part],
-                noise=self._pattern.shown,
-                most=most[part],
-                tolerance=self._options.tolerance,
-                max_iterations=self._options.max_iterations,
-            )
+
+            def solved(
+                subsets: Subsets, which: Integers, begin: Floats, own: Integers, model: int = int(model)
+            ) -> Solution:
+                """Solve subsets from motions; ``own`` are their places among all."""
+                return solve(
+                    subsets,
+                    coefficients,
+                    self._options.order,
+                    which,
+                    begin,
+                    origin=(loaded.box[0], loaded.box[2]),
+                    window=loaded.window,
+                    model=model,
+                    is_tested=is_tested[own],
+                    noise=self._pattern.shown,
+                    most=most[own],
+                    tolerance=self._options.tolerance,
+                    max_iterations=self._options.max_iterations,
+                )
+
+            if self.sees_all:
+                found = solved(self._pattern.subsets, chosen[part], start[part], part)
+            else:
+                found = self._solve_seen(chosen, start, part, solved)
             if len(part) == len(chosen):
                 result = found
                 break
@@ -163,6 +184,60 @@ class FrameSolver:
         self.work.subsets_solved += len(chosen)
         self.work.iterations += int(result.iterations.sum())
         return result
+
+    def _solve_seen(self, chosen: Integers, start: Floats, part: Integers, solved: Solved) -> Solution:
+        """Solve a part of the chosen points with what is seen of them where they are found.
+
+        That follows from where they start, and again from where they were found when that is elsewhere.
+        """
+        result, begin, waiting = empty_solution(len(part)), start[part], np.arange(len(part))
+        for _ in range(_ROUNDS):
+            points, own = chosen[part[waiting]], part[waiting]
+            seen = self.seen(points, begin[waiting])
+            found = empty_solution(len(waiting))
+            whole, some = (np.flatnonzero([(left is None) == is_whole for left in seen]) for is_whole in (True, False))
+            parts = [(whole, solved(self._pattern.subsets, points[whole], begin[waiting[whole]], own[whole]))]
+            if len(some):
+                cut = self._pattern.cut(points[some], [left for left in seen if left is not None])
+                partly = solved(cut, np.arange(len(some)), begin[waiting[some]], own[some])
+                partly.code[cut.level[:, 2] < LEAST_SUBSET**2] = HIDDEN
+                parts.append((some, partly))
+            for where, answers in parts:
+                put(found, where, answers, slice(None))
+                found.iterations[where] = answers.iterations
+            put(result, waiting, found, slice(None))
+            result.iterations[waiting] += found.iterations
+            apart = np.hypot(*(found.motion - begin[waiting])[:, [0, 3]].T)
+            begin[waiting] = found.motion
+            waiting = waiting[(apart > _ELSEWHERE) & (found.code == SOLVED) & (self.touched(points, found.motion))]
+            if not len(waiting):
+                break
+        return result
+
+    def seen(self, chosen: Integers, motion: Floats) -> list[Flags | None]:
+        """Pixels of chosen points on which the specimen is seen where they have moved; None where all are."""
+        result: list[Flags | None] = [None] * len(chosen)
+        layout = self.reference.subsets.layout
+        for k in np.flatnonzero(self.touched(chosen, motion)).tolist():
+            x, y, half = layout[chosen[k], :3].tolist()
+            left = self.found.get(int(chosen[k]), np.ones((2 * half + 1, 2 * half + 1), bool))
+            if self._standing is not None:
+                left = left & self._standing.left(x, y, half, motion[k])
+            result[k] = None if left.all() else left
+        return result
+
+    @property
+    def sees_all(self) -> bool:
+        """Whether nothing is known to stand before the specimen in the frame at hand."""
+        return self._standing is None and not self.found
+
+    def touched(self, chosen: Integers, motion: Floats) -> Flags:
+        """Which of chosen points something may hide in part where they have moved."""
+        found = np.isin(chosen, list(self.found))
+        if self._standing is not None:
+            x, y, half = self.reference.subsets.layout[chosen, :3].T
+            found |= self._standing.touches(x, y, half, motion)
+        return found
 
     def _coefficients(self, loaded: Loaded) -> Floats32:
         """Spline coefficients of a frame, blurred where it is sharper than the reference."""

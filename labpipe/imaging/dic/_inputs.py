@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from labpipe.arrays import Floats, Floats32
+from labpipe.arrays import Flags, Floats, Floats32
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource
 
@@ -83,16 +83,22 @@ def check_seeds(seeds: ArrayLike | None, count: int) -> Floats | None:
     return start
 
 
-def mask_of(
-    regions: Sequence[ArrayLike] | None, covers: Sequence[ArrayLike] | None, shape: tuple[int, int, int], blur: float
-) -> Floats32 | None:
-    """Image (row, column) of what counts, 1 or 0, or None when nothing is masked.
+def masks_of(
+    regions: Sequence[ArrayLike] | None,
+    covers: Sequence[ArrayLike] | None,
+    obstructions: Sequence[ArrayLike] | None,
+    shape: tuple[int, int, int],
+    blur: float,
+) -> tuple[Floats32 | None, Flags | None]:
+    """Image (row, column) of what counts in the reference, 1 or 0, and of what is hidden in every frame.
+
+    Each is None when there is nothing of it.
 
     Its border is drawn in by what blur and interpolation reach: they mix what lies on both sides.
 
     Parameters
     ----------
-    regions, covers : list of arrays (corner, 2) [px]
+    regions, covers, obstructions : list of arrays (corner, 2) [px]
         See :func:`labpipe.imaging.track`.
     shape : (frame, row, column)
         Of the film.
@@ -105,8 +111,8 @@ def mask_of(
         No polygon of ``regions``, one of less than three corners, that crosses itself, or that no pixel
         lies in.
     """
-    if regions is None and not covers:
-        return None
+    if regions is None and not covers and not obstructions:
+        return None, None
     import cv2
 
     size = shape[1:]
@@ -117,9 +123,14 @@ def mask_of(
             raise InputError(message)
         inside = _filled(regions, size, "regions")
     inside[_filled(covers or (), size, "covers") > 0] = 0
+    seen = 1 - _filled(obstructions or (), size, "obstructions")
     width = 2 * math.ceil(_BORDER + blur) + 1
-    # the frame itself has no border of the mask
-    return np.asarray(cv2.erode(inside, np.ones((width, width)), borderType=cv2.BORDER_REPLICATE), np.float32)
+
+    def drawn_in(image: NDArray[np.uint8]) -> NDArray[np.generic]:
+        # the frame itself has no border of the mask
+        return cv2.erode(image, np.ones((width, width)), borderType=cv2.BORDER_REPLICATE)
+
+    return np.asarray(drawn_in(inside & seen), np.float32), drawn_in(seen) == 0 if obstructions else None
 
 
 def _filled(polygons: Sequence[ArrayLike], size: tuple[int, int], name: str) -> NDArray[np.uint8]:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from labpipe.arrays import Flags, Floats, Integers
 from labpipe.imaging.dic._places import nearest
 from labpipe.imaging.dic._reference import Reference
-from labpipe.imaging.dic._subset_cutting import STRAINS, Subsets
 from labpipe.imaging.dic._subset_kernel import AFFINE, MOTIONS
+from labpipe.imaging.dic._subsets import STRAINS, Subsets
 
 #: Points that tell the strain about one of them, itself included: at most, and at least.
 _AROUND, _LEAST_AROUND = 16, 6

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats
 from labpipe.imaging.dic._spline import noise_gain
-from labpipe.imaging.dic._subset_cutting import Subsets, invert_within, solved_columns
 from labpipe.imaging.dic._subset_kernel import MOTIONS
 from labpipe.imaging.dic._subset_solver import NoiseShown
+from labpipe.imaging.dic._subsets import Subsets, invert_within, solved_columns
 
 #: Places per axis at which a subset's sub-pixel positions are sampled.
 _PLACES = np.linspace(-1.0, 1.0, 5)

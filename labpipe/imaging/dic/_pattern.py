@@ -8,8 +8,8 @@ adds the mean along a path.
 
 import math
 from collections import OrderedDict
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,9 +19,10 @@ from labpipe.arrays import Flags, Floats, Floats32, Integers
 from labpipe.imaging.dic._film_window import smooth
 from labpipe.imaging.dic._motion_uncertainty import COARSE, NoiseModel, make_noise_model
 from labpipe.imaging.dic._spline import LANES, PADDING, node_gradients, prefilter
-from labpipe.imaging.dic._subset_cutting import Images, Subsets, cut_subsets, motion_matrices
+from labpipe.imaging.dic._subset_cutting import cut_subsets, motion_matrices
 from labpipe.imaging.dic._subset_kernel import BLUR
 from labpipe.imaging.dic._subset_solver import SOLVED, NoiseShown, Solution
+from labpipe.imaging.dic._subsets import Images, Subsets
 
 #: Weights of the three bends, in steps of :data:`STEP`, by which the blur of frames differs.
 Growth = tuple[int, int, int]
@@ -72,6 +73,7 @@ class Pattern:
     growth: Growth = NO_GROWTH
     kernel: Floats | None = None
     _bent: list[tuple[Floats32, Floats32]] = field(default_factory=list, repr=False)
+    _coarse: list[Floats32] = field(default_factory=list, repr=False)
 
     def blurred(self, coefficients: Floats32) -> Floats32:
         """Coefficients of a frame, blurred where the frame is sharper than the reference."""
@@ -85,6 +87,19 @@ class Pattern:
         after = PADDING + 1, PADDING + LANES
         padded = cv2.copyMakeBorder(found, PADDING, after[0], PADDING, after[1], cv2.BORDER_REFLECT_101)
         return np.asarray(padded, np.float32)
+
+    def cut(self, chosen: Integers, counts: Sequence[Flags]) -> Subsets:
+        """Cut chosen subsets anew, of which some pixels do not count in a frame, see :func:`.cut_subsets`."""
+        own = self.subsets.layout[chosen]
+        return cut_subsets(self.images, own[:, :2], own[:, 2], self.subsets.is_rigid[chosen], counts=counts)
+
+    def noise_in(self, cut: Subsets, chosen: Integers, counts: Sequence[Flags]) -> NoiseModel:
+        """Tell how noise is passed on in subsets of :meth:`cut`."""
+        if not self._coarse:
+            self._coarse.extend(smooth(image, COARSE) for image in (self.images.slope_x, self.images.slope_y))
+            self._coarse.append(smooth(self.images.grey, COARSE))
+        coarse = motion_matrices(self._coarse[0], self._coarse[1], self._coarse[2], cut, self.images.inside, counts)
+        return replace(self.noise, smoothing=self.noise.smoothing[chosen], coarse=coarse, _directions={})
 
     def softened(self, chosen: Integers, weights: Floats) -> tuple[Floats, Floats]:
         """Slopes and noise of frames whose blur has grown beyond that of the pattern, over those of the pattern.

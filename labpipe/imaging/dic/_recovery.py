@@ -11,7 +11,7 @@ from labpipe.imaging.dic._attempt import Attempt
 from labpipe.imaging.dic._film_window import Loaded
 from labpipe.imaging.dic._places import nearest
 from labpipe.imaging.dic._seeding import Pyramid, find_subset, fit_motion, make_pyramid, shift_of
-from labpipe.imaging.dic._subset_solver import LEFT_WINDOW
+from labpipe.imaging.dic._subset_kernel import HIDDEN, LEFT_WINDOW
 from labpipe.imaging.dic._tracker import NEIGHBOURS, Tracker
 
 #: Distance from a neighbour's or a template's proposal (px) within which it is confirmed.
@@ -161,6 +161,7 @@ class Recovery:
         """Match templates for some untrusted points; True when one was found."""
         attempt, tracker = self._attempt, self._tracker
         waiting = np.flatnonzero(~attempt.trusted & ~attempt.reached & ~self._tried & ~tracker.is_one_way)
+        waiting = waiting[attempt.code[waiting] != HIDDEN]
         misses = tracker.misses[waiting]
         waiting = waiting[(misses < _PATIENCE) | (misses % _SELDOM == 0)]
         if not len(waiting):

@@ -17,7 +17,7 @@ from labpipe.imaging.dic._motion_uncertainty import NoiseModel
 from labpipe.imaging.dic._pattern import NO_GROWTH, Growth, Pattern, Patterns, make_pattern, sums_over
 from labpipe.imaging.dic._periodic import find_repeats
 from labpipe.imaging.dic._seeding import Pyramid, make_pyramid
-from labpipe.imaging.dic._subset_cutting import Images, Subsets
+from labpipe.imaging.dic._subsets import Images, Subsets
 
 #: Share of pixels at black or white from which a subset counts as saturated.
 _SATURATED_SHARE = 0.5

@@ -2,14 +2,13 @@
 
 import json
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.arrays import Flags, Floats, Integers
+from labpipe.arrays import Flags, Floats
 from labpipe.imaging.dic._agreement import disagreement
 from labpipe.imaging.dic._misfit import is_beyond_texture, misfit_factor
 from labpipe.imaging.dic._missed_strain import missed_shift
@@ -21,11 +20,11 @@ from labpipe.imaging.dic._motion_uncertainty import (
     one_way,
     strongest_slopes,
 )
-from labpipe.imaging.dic._pattern import STEP, Growth
+from labpipe.imaging.dic._pattern import STEP
 from labpipe.imaging.dic._reference import Reference, Status
 from labpipe.imaging.dic._seeding import shift_of
 from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, LIGHT
-from labpipe.imaging.dic._subset_solver import CHANGES
+from labpipe.imaging.dic._table import Table, alike, as_seen, hidden_share
 from labpipe.imaging.dic._undersampling import look_beside, undersampled
 from labpipe.variables import described, variable
 
@@ -40,26 +39,6 @@ _STATIC_RANGE = 0.3
 _NOISE_OF_FILM = 0.9
 #: Share of its frames in which a point shows its own noise.
 _BETTER = 0.1
-#: Results whose uncertainty is computed at once; bounds the work arrays to some 50 MB.
-_BLOCK = 50_000
-
-
-@dataclass(frozen=True)
-class Table:
-    """What the tracker found over (frame, usable point); motions over (frame, point, 6).
-
-    ``growth`` (frame, 3) is that of the pattern that a frame was matched with, see :class:`.Pattern`.
-    """
-
-    motion: Floats
-    gain: Floats
-    residual: Floats
-    zncc: Floats
-    iterations: NDArray[np.int32]
-    status: NDArray[np.int8]
-    model: NDArray[np.int8]
-    change: Floats
-    growth: Integers
 
 
 @dataclass(frozen=True)
@@ -76,29 +55,14 @@ class Displacements:
     status: NDArray[np.int8]
     model: NDArray[np.int8]
     change: Floats
+    hidden: Floats
 
     def refuse(self, frames: NDArray[np.bool_], why: Status) -> None:
         """Take back what was found in frames (frame,)."""
         was_found = frames[:, None] & (self.status == Status.OK)
         self.status[was_found] = why
-        for values in (self.value, self.deviation, self.covariance, self.change):
+        for values in (self.value, self.deviation, self.covariance, self.change, self.hidden):
             values[was_found] = np.nan
-
-
-def empty_table(frames: int, points: int) -> Table:
-    """Return a table in which every frame counts as damaged until it is filled in."""
-    shape = (frames, points)
-    return Table(
-        np.full((*shape, 6), np.nan),
-        np.full(shape, np.nan),
-        np.full(shape, np.nan),
-        np.full(shape, np.nan),
-        np.zeros(shape, np.int32),
-        np.full(shape, Status.FRAME_DAMAGED, np.int8),
-        np.zeros(shape, np.int8),
-        np.full((*shape, CHANGES), np.nan),
-        np.zeros((frames, 3), np.int64),
-    )
 
 
 def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool_]) -> Displacements:
@@ -119,24 +83,22 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     value = np.full((*shape, 3), np.nan)
     deviation = np.full((*shape, 3), np.nan)
     covariance, texture, strongest, noise, most_noise = np.full((5, *shape), np.nan)
-    for growth, model, row, column in _alike(table):
+    for growth, model, row, column, left in alike(table, reference.subsets.half):
         pattern = reference.patterns.of(growth)
         motion = table.motion[row, column]
         value[row, column, :2] = shift_of(motion, reference.offset[column])
         value[row, column, 2] = np.arctan2(motion[:, 4] - motion[:, 2], 2.0 + motion[:, 1] + motion[:, 5])
         sides = np.stack([np.hypot(1.0 + motion[:, 1], motion[:, 4]), np.hypot(1.0 + motion[:, 5], motion[:, 2])], 1)
         stretch[row, column] = np.where(reference.subsets.rigid_in(model)[column, None], 0.0, sides - 1.0)
-        left, kept = pattern.softened(column, table.change[row, column, 2:])
+        slopes_left, kept = pattern.softened(column, table.change[row, column, 2:])
         found = motion_variance(
-            pattern.noise,
-            pattern.subsets,
-            column,
+            *as_seen(pattern, column, left),
             motion,
             table.gain[row, column],
             table.residual[row, column],
             is_static[row],
             model,
-            left,
+            slopes_left,
             kept,
         )
         deviation[row, column] = np.sqrt(found.motion)
@@ -151,13 +113,7 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     seen = noise[~is_static][np.isfinite(noise[~is_static])]
     if len(seen):
         status[(status == Status.OK) & (most_noise < _NOISE_OF_FILM * np.quantile(seen, 0.25))] = Status.TEXTURELESS
-    weak = (strongest > ONE_WAY * texture) | one_way(reference.subsets)
-    weak &= (status == Status.OK) & ~is_static[:, None]
-    for n in np.flatnonzero(weak.any(axis=0)).tolist():
-        k = int(np.argmax(weak[:, n]))
-        weakest = float(_weakest(deviation[k, n], covariance[k, n]))
-        beyond = _is_edge(reference, n, weakest, noise[:, n], texture[:, n], strongest[:, n], is_static)
-        status[weak[:, n] & beyond, n] = Status.TEXTURELESS
+    _refuse_edges(reference, status, deviation, covariance, noise, (texture, strongest), is_static)
     misfit = misfit_factor(noise, is_static, reference.subsets.level[:, 2], reference.subsets.level[:, 0])
     deviation *= misfit[..., None]
     covariance *= misfit**2
@@ -186,10 +142,31 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     blur[..., 2:] += STEP * table.growth[:, None]
     models = table.model | np.where(table.growth.any(axis=1, keepdims=True), BLUR, 0).astype(np.int8)
     change = np.where(is_bad[..., None], np.nan, np.concatenate([blur, stretch], axis=2))
+    shares = np.where(is_bad, np.nan, hidden_share(table, reference.subsets.half))
     contrast = 1.0 / np.where(table.gain == 0.0, np.nan, table.gain)
     return Displacements(
-        value, deviation, covariance, texture, table.zncc, contrast, table.iterations, status, models, change
+        value, deviation, covariance, texture, table.zncc, contrast, table.iterations, status, models, change, shares
     )
+
+
+def _refuse_edges(
+    reference: Reference,
+    status: NDArray[np.int8],
+    deviation: Floats,
+    covariance: Floats,
+    noise: Floats,
+    slopes: tuple[Floats, Floats],
+    is_static: Flags,
+) -> None:
+    """Refuse subsets that show an edge, or lines, and hardly a texture along them, of least and largest slopes."""
+    texture, strongest = slopes
+    weak = (strongest > ONE_WAY * texture) | one_way(reference.subsets)
+    weak &= (status == Status.OK) & ~is_static[:, None]
+    for n in np.flatnonzero(weak.any(axis=0)).tolist():
+        k = int(np.argmax(weak[:, n]))
+        weakest = float(_weakest(deviation[k, n], covariance[k, n]))
+        beyond = _is_edge(reference, n, weakest, noise[:, n], texture[:, n], strongest[:, n], is_static)
+        status[weak[:, n] & beyond, n] = Status.TEXTURELESS
 
 
 def _is_edge(
@@ -236,18 +213,6 @@ def _refuse_vague(status: NDArray[np.int8], deviation: Floats, why: Status) -> N
     """Refuse displacements that are so uncertain that they may be any."""
     is_vague = np.hypot(deviation[..., 0], deviation[..., 1]) > MOST_UNCERTAIN
     status[(status == Status.OK) & is_vague] = why
-
-
-def _alike(table: Table) -> Iterator[tuple[Growth, int, Integers, Integers]]:
-    """Frames and points of the results that were solved with the same pattern and model, a block at a time."""
-    patterns, which = np.unique(table.growth, axis=0, return_inverse=True)
-    for k, (mean, apart, mixed) in enumerate(patterns.tolist()):
-        found = (table.status == Status.OK) & (which.reshape(-1, 1) == k)
-        for model in np.unique(table.model[found]):
-            rows, columns = np.nonzero(found & (table.model == model))
-            for first in range(0, len(rows), _BLOCK):
-                block = slice(first, first + _BLOCK)
-                yield (mean, apart, mixed), int(model), rows[block], columns[block]
 
 
 def _warn_of_motion(static: Floats, status: NDArray[np.int8]) -> None:
@@ -328,6 +293,7 @@ def make_dataset(
         "zncc": (spread(found.zncc, np.nan), "zero-normalised cross-correlation"),
         "contrast": (spread(found.contrast, np.nan), "contrast of the pattern over that of the reference"),
         "iterations": (spread(found.iterations, 0), "evaluations of the subset"),
+        "hidden": (spread(found.hidden, np.nan), "share of the subset that something before the specimen hid"),
         "valid": (status == Status.OK, "whether there is a displacement"),
         "status": (status, "status of the displacement"),
     }

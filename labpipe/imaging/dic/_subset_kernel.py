@@ -9,8 +9,8 @@ from labpipe.arrays import Floats, Floats32, Integers
 from labpipe.compilation import compiled, part
 from labpipe.imaging.dic._subset_sums import sum_subset
 
-#: Result codes of the solver.
-SOLVED, LEFT_WINDOW, NOT_CONVERGED, NO_TEXTURE = 0, 1, 2, 3
+#: Result codes of the solver; the last is given to subsets of which too little is seen to be solved.
+SOLVED, LEFT_WINDOW, NOT_CONVERGED, NO_TEXTURE, HIDDEN = 0, 1, 2, 3, 4
 #: What may be solved for beyond the motion that a subset is allowed: light that slopes across it,
 #: a change of blur, and stretch of a subset that may be rigid or affine.
 LIGHT, BLUR, AFFINE = 1, 2, 4

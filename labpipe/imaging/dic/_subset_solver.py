@@ -16,8 +16,8 @@ import numpy as np
 
 from labpipe.arrays import Flags, Floats, Floats32, Integers
 from labpipe.imaging.dic._spline import LANES, PADDING
-from labpipe.imaging.dic._subset_cutting import Subsets
 from labpipe.imaging.dic._subset_kernel import LEFT_WINDOW, NO_TEXTURE, NOT_CONVERGED, SOLVED, solve_subsets
+from labpipe.imaging.dic._subsets import Subsets
 
 __all__ = ["LEFT_WINDOW", "NOT_CONVERGED", "NO_TEXTURE", "SOLVED", "NoiseShown", "Solution", "solve"]
 

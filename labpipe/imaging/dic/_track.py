@@ -11,14 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from labpipe.arrays import Floats
 from labpipe.frames import FrameSource, as_frames
-from labpipe.imaging.dic._inputs import check_points, check_seeds, check_settings, mask_of, selected_frames
+from labpipe.imaging.dic._inputs import check_points, check_seeds, check_settings, masks_of, selected_frames
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from labpipe.imaging.dic._film_window import FilmWindow, Loaded
     from labpipe.imaging.dic._reference import Reference
-    from labpipe.imaging.dic._results import Table
+    from labpipe.imaging.dic._table import Table
     from labpipe.imaging.dic._tracker import Tracker
 
 Shape = Literal["auto", "rigid", "affine"]
@@ -48,6 +48,7 @@ def track(
     adapt: bool = True,
     regions: Sequence[ArrayLike] | None = None,
     covers: Sequence[ArrayLike] | None = None,
+    obstructions: Sequence[ArrayLike] | None = None,
 ) -> xr.Dataset:
     """Follow points through a film by digital image correlation.
 
@@ -92,7 +93,11 @@ def track(
         it. A subset partly outside uses what is left of it. What lies within the reach of blur and
         interpolation of their border, 3 px, does not count. Polygons move with the subsets.
     covers : list of arrays (corner, 2) [px], optional
-        Polygons in the first frame within which no pixel counts: a screw, a rim, a reflection.
+        Polygons in the first frame within which no pixel counts: a screw, a rim. They move with the
+        subsets.
+    obstructions : list of arrays (corner, 2) [px], optional
+        Polygons that stand still in the picture, around what hides the specimen behind it: a rod, a
+        needle, a scale bar. Whatever of a subset is behind them in a frame does not count in it.
 
     Returns
     -------
@@ -111,6 +116,7 @@ def track(
         ``zncc`` : zero-normalised cross-correlation [1]; ``contrast`` of the pattern over that of
         the reference [1];
         ``iterations`` : evaluations of the subset;
+        ``hidden`` : share of the subset that something which stands before the specimen hid [1];
         ``valid``, ``status`` : whether there is a value, and if not why (``flag_meanings``).
         Values that are not valid are NaN. Coordinates ``frame`` (index in the film), ``time``
         (s), ``x``, ``y``, ``subset``. The attribute ``work`` counts what was done, ``note`` says what
@@ -155,7 +161,8 @@ def track(
     from labpipe.imaging.dic._interlaced import refuse_rows
     from labpipe.imaging.dic._reference import make_reference
     from labpipe.imaging.dic._results import displacements, make_dataset
-    from labpipe.imaging.dic._subset_cutting import adaptable
+    from labpipe.imaging.dic._standing import Standing
+    from labpipe.imaging.dic._subsets import adaptable
     from labpipe.imaging.dic._tracker import Tracker
     from labpipe.imaging.films import without_stuck_pixels
 
@@ -165,9 +172,10 @@ def track(
     wanted = selected_frames(select, len(film))
     indices = np.union1d(np.arange(static_frames), wanted)
     film, stuck = without_stuck_pixels(film, np.isin(np.arange(len(film)), indices))
-    inside = mask_of(regions, covers, film.shape, blur)
+    inside, hidden = masks_of(regions, covers, obstructions, film.shape, blur)
     reference = make_reference(film, places, half, shapes != "affine", order, static_frames, blur, inside)
-    options = Options(order, tolerance, max_iterations, min_zncc, adaptable(shapes, adapt))
+    standing = None if hidden is None else Standing(hidden)
+    options = Options(order, tolerance, max_iterations, min_zncc, adaptable(shapes, adapt), standing)
     window = FilmWindow(film, order, blur)
     window.frames_read = static_frames
     window.pixels_read = static_frames * film.shape[1] * film.shape[2]
@@ -200,7 +208,8 @@ def _follow(
 ) -> Table:
     """Go through the frames once; the next is read and filtered while this one is solved."""
     from labpipe.imaging.dic._recovery import follow
-    from labpipe.imaging.dic._results import empty_table
+    from labpipe.imaging.dic._standing import packed
+    from labpipe.imaging.dic._table import empty_table
 
     table = empty_table(len(indices), len(reference.usable))
     if not len(reference.usable):
@@ -224,6 +233,7 @@ def _follow(
         table.change[row] = found.change
         table.growth[row] = tracker.solver.growth
         table.status[row] = found.status
+        table.left.update({(row, n): packed(left) for n, left in tracker.left(found).items()})
     return table
 
 

@@ -147,6 +147,14 @@ class Tracker:
         """Trusted points whose neighbours agree on another place."""
         return np.asarray(contradicted(self.places, self.neighbours, attempt.motion, attempt.trusted))
 
+    def left(self, attempt: Attempt) -> dict[int, Flags]:
+        """Pixels that counted of trusted points of a frame of which something was hidden."""
+        if self.solver.sees_all:
+            return {}
+        chosen = np.flatnonzero(attempt.trusted)
+        seen = self.solver.seen(chosen, attempt.motion[chosen])
+        return {n: left for n, left in zip(chosen.tolist(), seen, strict=True) if left is not None}
+
     def accepts(self, code: Integers, zncc: Floats) -> Flags:
         """Whether points converged with enough correlation."""
         return (code == SOLVED) & (zncc >= self._min_zncc)

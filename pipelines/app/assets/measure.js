@@ -7,9 +7,10 @@ const TOOLS = {
   line: "Line of subsets: drag, or set both ends",
   body: "Rigid subset: drag from its centre to its border, or set both",
   region: "Region that counts, of the contact or the holder: drag from corner to corner, or set both",
-  cover: "Mask, within which nothing counts: drag from corner to corner, or set both",
+  cover: "Mask that moves with the holder, within which nothing counts: drag from corner to corner, or set both",
+  obstruction: "Obstruction, which stands still before the holder: drag from corner to corner, or set both",
 };
-const MASKS = { region: "regions", cover: "covers" };
+const MASKS = { region: "regions", cover: "covers", obstruction: "obstructions" };
 
 function drawMeasure() {
   const part = by("measure");
@@ -203,7 +204,7 @@ async function measured() {
   by("measure-result").textContent = {
     line: `line from (${round(x1)}, ${round(y1)}) to (${round(x2)}, ${round(y2)})`,
     body: `square of ${width} px around (${round(x1)}, ${round(y1)})`,
-  }[tool] || `${tool === "cover" ? "mask" : "region"} from (${left}, ${top}) to (${right}, ${bottom})`;
+  }[tool] || `${tool === "cover" ? "mask" : tool} from (${left}, ${top}) to (${right}, ${bottom})`;
   use.replaceChildren(make("label", {}, "Experiment ", experiment), button("Use for the experiment", () => {
     const one = setup.data.experiments.find((each) => each.name === experiment.value);
     if (!one) throw new Error("No experiment of the session takes this from a film.");

@@ -136,8 +136,7 @@ def _found(track: xr.Dataset, settings: DicValidation) -> Check:
 
 def _of_masks(check: Check, settings: DicValidation) -> Check:
     """Name the masks as the cause of what is said of them, and as one of a holder that is not found."""
-    tracking = settings.tracking
-    drawn = [name for name in ("regions", "covers") if getattr(tracking, name)]
+    drawn = list(settings.tracking.masks)
     told = [name for name in drawn if name in check.message]
     if told:
         cause = "the polygon is not drawn in px of the first image, x to the right and y down, or around something else"

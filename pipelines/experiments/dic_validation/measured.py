@@ -43,9 +43,10 @@ def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
     points, subsets = _points(source, chosen)
     static = chosen.static_frames or _static_frames(source, points[0], subsets[0])
     options: dict[str, Any] = {"subset": subsets, "order": chosen.order, "static_frames": static}
-    options |= {"regions": chosen.regions, "covers": chosen.covers}
-    if chosen.regions or chosen.covers:
-        _refuse_covered(imaging.track(source, points[:1], select=[0], **{**options, "subset": subsets[:1]}))
+    options |= chosen.masks
+    if chosen.masks:
+        body = imaging.track(source, points[:1], select=[0], **{**options, "subset": subsets[:1]})
+        _refuse_covered(body, chosen)
     if full:
         found = imaging.track(source, points, **options)
         return _with_bytes(found, source, {})
@@ -54,13 +55,14 @@ def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
     return _with_bytes(found, source, coarse)
 
 
-def _refuse_covered(body: xr.Dataset) -> None:
+def _refuse_covered(body: xr.Dataset, chosen: Tracking) -> None:
     """Raise when the masks leave nothing of the large subset: no frame would tell its motion."""
     names = str(body["status"].attrs["flag_meanings"]).split()
     if names[int(body["status"][0, 0])] == "covered":
         at, width = f"[{float(body['x'][0]):g}, {float(body['y'][0]):g}]", int(body["subset"][0])
+        names_of_masks = " and ".join(f"tracking.{name}" for name in chosen.masks)
         message = (
-            f"tracking.regions and tracking.covers leave too few pixels of the square of {width} px about {at}, "
+            f"{names_of_masks} leave too few pixels of the square of {width} px about {at}, "
             "which tells the motion: draw them in px of the first image, or give another tracking.body"
         )
         raise InputError(message)

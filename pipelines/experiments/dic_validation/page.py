@@ -37,7 +37,7 @@ from pipelines.experiments.shared.film_frames import enlarged, png
 _VIEWS = 3  # impacts that get a button
 _BEFORE, _AFTER = 1e-3, 4e-3  # s around a touch that show one impact
 _SMALLEST_PICTURE = 480  # px; smaller frames are enlarged by a whole factor
-_REGION, _COVER = (80, 200, 80), (80, 80, 230)  # BGR: green, red
+_REGION, _COVER, _OBSTRUCTION = (80, 200, 80), (80, 80, 230), (230, 80, 200)  # BGR: green, red, violet
 _HATCH = 9  # px from line to line
 _BODY, _POINT = (80, 200, 255), (255, 200, 60)  # BGR: orange square, blue points
 _GROUP = "film"  # charts and frames over the film's time
@@ -147,7 +147,11 @@ def _told_masks(tracking: Tracking) -> str:
         drawn.append("Green: what counts. ")
     if tracking.covers:
         drawn.append("Red, hatched: what is covered and does not count. ")
-    return "".join(drawn) + ("They move with the large subset. " if drawn else "")
+    if drawn:
+        drawn.append("They move with the large subset. ")
+    if tracking.obstructions:
+        drawn.append("Violet, hatched the other way: what stands still before the holder and does not count. ")
+    return "".join(drawn)
 
 
 def _picture(key: xr.Dataset, start: float | None, tracking: Tracking) -> Picture:
@@ -175,7 +179,9 @@ def _picture(key: xr.Dataset, start: float | None, tracking: Tracking) -> Pictur
 
 
 def _draw_masks(canvas: NDArray[np.uint8], key: xr.Dataset, tracking: Tracking, scale: float, half: float) -> None:
-    """Draw the polygons of the masks, moved and turned as the large subset is."""
+    """Draw the polygons of the masks, those that move with the large subset moved and turned as it is."""
+    for polygon in tracking.obstructions or ():
+        _draw_polygon(canvas, np.array(polygon) * scale + half, _OBSTRUCTION, np.subtract)
     body = key.isel(point=0)
     start, now = (np.array([float(body[f"{name}_x"]), float(body[f"{name}_y"])]) for name in ("start", "point"))
     if not np.isfinite(now).all():
@@ -184,11 +190,19 @@ def _draw_masks(canvas: NDArray[np.uint8], key: xr.Dataset, tracking: Tracking, 
     turn = np.array([[cosine, -sine], [sine, cosine]])
     for polygons, colour in ((tracking.regions, _REGION), (tracking.covers, _COVER)):
         for polygon in polygons or ():
-            corners = np.rint((now + (np.array(polygon) - start) @ turn.T) * scale + half).astype(np.int32)
-            cv2.polylines(canvas, [corners], True, colour, 2, cv2.LINE_AA)
-            if colour == _COVER:  # hatched, to be told from the others without colour
-                inside = cv2.fillPoly(np.zeros(canvas.shape[:2], np.uint8), [corners], 1) > 0
-                canvas[inside & (np.add.outer(*map(np.arange, canvas.shape[:2])) % _HATCH < 2)] = colour
+            corners = (now + (np.array(polygon) - start) @ turn.T) * scale + half
+            _draw_polygon(canvas, corners, colour, np.add if colour == _COVER else None)
+
+
+def _draw_polygon(
+    canvas: NDArray[np.uint8], corners: NDArray[np.float64], colour: tuple[int, int, int], slope: np.ufunc | None
+) -> None:
+    """Draw a polygon, hatched along columns plus or minus rows to be told from the others without colour."""
+    outline = np.rint(corners).astype(np.int32)
+    cv2.polylines(canvas, [outline], True, colour, 2, cv2.LINE_AA)
+    if slope is not None:
+        inside = cv2.fillPoly(np.zeros(canvas.shape[:2], np.uint8), [outline], 1) > 0
+        canvas[inside & (slope.outer(*map(np.arange, canvas.shape[:2])) % _HATCH < 2)] = colour
 
 
 def _calibration(motion: xr.Dataset, settings: DicValidation) -> Section:
@@ -339,12 +353,23 @@ def _also_solved(body: xr.Dataset) -> str:
     return f"{', '.join(parts)} of {len(found)} frames" if parts else "nothing"
 
 
+def _hidden(body: xr.Dataset) -> list[tuple[str, str, str]]:
+    """Row of what of the large subset was hidden by what stands before it; none where nothing was."""
+    share = body["hidden"].values
+    if not (share > 0.0).any():
+        return []
+    most, frames = 100.0 * float(np.nanmax(share)), int((share > 0.0).sum())
+    told = f"at most {most:.0f} % of it, in {frames} of {len(share)} frames"
+    return [("hidden of it", told, "left out there; the uncertainty grows accordingly")]
+
+
 def _tracking(track: xr.Dataset, motion: xr.Dataset | None) -> Section:
     frames = track["frame"].values
     body = track.isel(point=0)
     size = track["subset"].values[0]
     rows = [
         ("subset on the holder", f"{size} px", "two shifts and a rotation"),
+        *_hidden(body),
         ("solved for beside them", _also_solved(body), "where the residual shows it"),
         ("standard uncertainty of a displacement (noise)", quantity(float(np.nanmedian(body["u_dy"])), "px"), "median"),
         ("correlation", f"{float(np.nanmin(body['zncc'])):.4f}", "smallest over all frames"),

@@ -24,8 +24,9 @@ class Tracking(Table, frozen=True, kw_only=True):
     ``body`` is the centre of one large square on the holder, ``body_subset`` its width: it gives
     the motion. ``line`` are the ends of a line of ``points`` small subsets, as in the thesis.
     ``regions`` are polygons within which pixels count (the holder without what is around it),
-    ``covers`` polygons within which none does (a screw, a rim); a square partly outside uses what
-    is left of it, and the polygons move with the holder. ``static_frames`` are those before the
+    ``covers`` polygons within which none does (a screw, a rim); both move with the holder.
+    ``obstructions`` are polygons that stand still in the picture, around what hides the holder (a rod,
+    a scale bar). A square partly outside uses what is left of it. ``static_frames`` are those before the
     release; by default they are found. ``order`` 5 is the accurate interpolation, 3 the fast one.
     """
 
@@ -38,6 +39,13 @@ class Tracking(Table, frozen=True, kw_only=True):
     order: Literal[5, 3] = 5
     regions: Polygons | None = None
     covers: Polygons | None = None
+    obstructions: Polygons | None = None
+
+    @property
+    def masks(self) -> dict[str, Polygons]:
+        """The polygons that are stated, by name."""
+        stated = {"regions": self.regions, "covers": self.covers, "obstructions": self.obstructions}
+        return {name: polygons for name, polygons in stated.items() if polygons}
 
 
 class DicValidation(Table, frozen=True, kw_only=True):

@@ -9,9 +9,9 @@ from scipy.ndimage import map_coordinates, spline_filter
 
 from labpipe.arrays import Floats, Integers
 from labpipe.imaging.dic._spline import NODE_SLOPES, NODE_WEIGHTS
-from labpipe.imaging.dic._subset_cutting import _RIGID_FROM_AFFINE
 from labpipe.imaging.dic._subset_kernel import compose_with_inverse
 from labpipe.imaging.dic._subset_solver import DEFAULT_ITERATIONS
+from labpipe.imaging.dic._subsets import _RIGID_FROM_AFFINE
 from labpipe.imaging.fringes._interference import SAMPLES_PER_PIXEL, Optics, radial_table
 from labpipe.imaging.fringes._ring_parameters import HARMONICS, LIGHT, Parameter
 from labpipe.imaging.fringes._ring_pixels import Ring

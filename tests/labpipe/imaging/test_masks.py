@@ -108,7 +108,7 @@ def test_polygons_that_cannot_be_meant_are_refused(mask: dict[str, list], messag
         track(np.zeros((2, 60, 60), np.uint8), [(30, 30)], **mask)
 
 
-@pytest.mark.parametrize("name", ["regions", "covers"])
+@pytest.mark.parametrize("name", ["regions", "covers", "obstructions"])
 def test_a_polygon_that_crosses_itself_is_refused_with_the_sides_that_do(name: str) -> None:
     film = np.zeros((2, ROWS, COLUMNS), np.uint8)
     bow = [(20, 2), (100, 86), (100, 2), (20, 86)]

@@ -61,6 +61,54 @@ def test_a_subset_behind_an_obstacle_is_uncertain(kind: str, views: tuple[View, 
         assert np.sqrt(np.mean(u[1:, free] ** 2) / np.mean(there[1:, free] ** 2)) == pytest.approx(1.0, abs=0.4)
 
 
+def rod(angle: float, width: float, tone: float, grain: Floats) -> tuple[Floats, Floats, Floats]:
+    """Share of a rod through the middle in the light, its grey levels, and the polygon around it."""
+    y, x = np.mgrid[:SIZE, :SIZE].astype(float)
+    normal, middle = np.array([np.cos(angle), np.sin(angle)]), np.full(2, SIZE / 2)
+    across = np.abs((x - middle[0]) * normal[0] + (y - middle[1]) * normal[1])
+    along, aside = SIZE * np.array([-normal[1], normal[0]]), (0.5 * width + 1.0) * normal
+    ends = [middle + a * along + b * aside for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+    return 1.0 / (1.0 + np.exp(3.0 * (across - 0.5 * width))), tone + grain, np.array(ends)
+
+
+RODS = [(4.0, 20.0, 0.0, 1.0), (12.0, 235.0, 0.0, 1.0), (12.0, 110.0, 0.8, 1.0), (7.0, 230.0, 0.0, 0.4)]
+
+
+@pytest.mark.parametrize("views", [FALL, DRIFT], ids=["fall", "drift"])
+@pytest.mark.parametrize(("width", "tone", "texture", "opaque"), by_day(RODS, 2))
+def test_a_stated_obstruction_is_left_out_where_it_stands(
+    width: float, tone: float, texture: float, opaque: float, views: tuple[View, ...]
+) -> None:
+    pattern, grain = (film_scenes.random_field(SIZE, feature, 40 + k) for k, feature in enumerate((1.9, 1.5)))
+    share, before, polygon = rod(0.4 + width / 10.0, width, tone, texture * grain)
+    share = opaque * share
+    film = digitised([(1.0 - share) * from_spectrum(pattern, view) + share * before for view in views], 2.0, 41)
+    points = grid((SIZE, SIZE), 34, 11)
+    found = track(film, points, SUBSET, obstructions=[polygon])
+    truth = np.stack([view.displacement(points, SIZE) for view in views])
+    error = (np.stack([found.dx, found.dy], axis=-1) - truth)[1:]
+    u = np.stack([found.u_dx, found.u_dy], axis=-1)[1:]
+    is_part = found.hidden.values[1:] > 0.0
+    assert found.valid.values[1:][is_part].mean() > 0.98
+    assert np.hypot(*(error[is_part] / u[is_part]).T).max() < 5.5
+    # some forty points, which share the noise of the reference over all frames: they tell it to a tenth
+    assert np.sqrt(np.mean(u[is_part] ** 2) / np.mean(error[is_part] ** 2)) == pytest.approx(1.0, abs=0.25)
+
+
+def test_a_subset_that_moves_wholly_behind_an_obstruction_is_found_again_beyond_it() -> None:
+    pattern = film_scenes.random_field(SIZE, 1.9, 44)
+    share, before, polygon = rod(0.0, 60.0, 20.0, np.zeros((SIZE, SIZE)))
+    views = [View((8.0 * k, 0.3 * k)) for k in range(18)]
+    film = digitised([(1.0 - share) * from_spectrum(pattern, view) + share * before for view in views], 2.0, 45)
+    points = [(62.0, y) for y in (60.0, 90.0, 120.0, 150.0, 180.0)]
+    found = track(film, points, 21, obstructions=[polygon])
+    names = np.array(str(found.status.attrs["flag_meanings"]).split())[found.status.values]
+    assert not found.valid.values[7].any()
+    assert "covered" in names
+    assert found.valid.values[[0, 1, 2, 16, 17]].all()
+    assert np.abs(found.dx.values[-1] - 136.0).max() < 0.05
+
+
 def test_brighter_places_are_noisier_without_a_misfit() -> None:
     rng = np.random.default_rng(1)
     grey, pixels = rng.uniform(20.0, 220.0, 60), np.full(60, 961.0)

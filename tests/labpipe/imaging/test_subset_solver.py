@@ -6,9 +6,10 @@ from scipy.interpolate import BSpline
 
 from labpipe.imaging.dic._row_sampling import _sample_cubic, _sample_quintic
 from labpipe.imaging.dic._spline import node_gradients, prefilter
-from labpipe.imaging.dic._subset_cutting import Images, Subsets, cut_subsets
+from labpipe.imaging.dic._subset_cutting import cut_subsets
 from labpipe.imaging.dic._subset_kernel import _gauss_newton_step
 from labpipe.imaging.dic._subset_solver import LEFT_WINDOW, NO_TEXTURE, NOT_CONVERGED, SOLVED, Solution, solve
+from labpipe.imaging.dic._subsets import Images, Subsets
 from tests.labpipe.imaging.oracles import solve_oracle
 from tests.labpipe.imaging.speckle import Motion, grid, make_speckle, render
 

@@ -223,6 +223,7 @@ def test_two_clicks_and_a_drag_make_a_scale_and_a_subset(
         "line": ((100, 80), (400, 80)),
         "region": ((420, 40), (80, 260)),
         "cover": ((200, 100), (240, 130)),
+        "obstruction": ((300, 20), (310, 200)),
     }
     for tool, (start, stop) in drags.items():
         window.run("show('measure')")
@@ -247,6 +248,7 @@ def test_two_clicks_and_a_drag_make_a_scale_and_a_subset(
     assert np.allclose(tracking["line"], drags["line"], atol=1.5)
     assert np.allclose(tracking["regions"], [[(80, 40), (420, 40), (420, 260), (80, 260)]], atol=1.5)
     assert np.allclose(tracking["covers"], [[(200, 100), (240, 100), (240, 130), (200, 130)]], atol=1.5)
+    assert np.allclose(tracking["obstructions"], [[(300, 20), (310, 20), (310, 200), (300, 200)]], atol=1.5)
     after = iter((filmed / "session.toml").read_text("utf-8").splitlines())
     assert all(line in after for line in before)  # remarks and order are kept
     quiet(window, page)

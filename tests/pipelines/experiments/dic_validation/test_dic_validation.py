@@ -115,6 +115,19 @@ def test_masks_are_followed_and_drawn(session: Path, tmp_path: Path) -> None:
     assert "what is covered" not in (session / "labpipe/reports/film.html").read_text("utf-8")
 
 
+def test_what_stands_before_the_holder_is_left_out_and_drawn(session: Path, tmp_path: Path) -> None:
+    folder = masked(session, tmp_path, "obstructions = [[[18, -5], [22, -5], [22, 80], [18, 80]]]")
+    outcome = process(folder, only=["film"], jobs=0)
+    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
+    found = result(folder, "film", "track").isel(point=0)
+    expected = np.array(truth(session)["dy"])[found["frame"].values]
+    assert np.abs(found["dy"].values - expected).max() < 0.04
+    page = (folder / "labpipe/reports/film.html").read_text("utf-8")
+    assert "Violet, hatched the other way: what stands still before the holder and does not count." in page
+    assert "hidden of it" in page
+    assert "hidden of it" not in (session / "labpipe/reports/film.html").read_text("utf-8")
+
+
 def test_masks_that_leave_nothing_of_the_holder_are_refused(session: Path, tmp_path: Path) -> None:
     folder = masked(session, tmp_path, "covers = [[[0, 0], [47, 0], [47, 71], [0, 71]]]")
     outcome = process(folder, ["track"], ["film"], jobs=0)

@@ -1,0 +1,64 @@
+"""What stands still in the picture and hides part of the subsets that move behind it."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.arrays import Flags, Floats, Integers
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Pixels of the picture on which the specimen is not seen, in any frame.
+
+    Attributes
+    ----------
+    hidden : bool array (row, column)
+        Where that is.
+    """
+
+    hidden: Flags
+    _table: Integers = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        table = np.zeros((self.hidden.shape[0] + 1, self.hidden.shape[1] + 1), np.int64)
+        table[1:, 1:] = self.hidden.cumsum(axis=0).cumsum(axis=1)
+        object.__setattr__(self, "_table", table)
+
+    def touches(self, x: Integers, y: Integers, half: Integers, motion: Floats) -> Flags:
+        """Tell which subsets (point,) of given centres may hold something hidden once they have moved."""
+        reach = half[:, None] * (1.0 + np.abs(motion[:, [1, 4]]) + np.abs(motion[:, [2, 5]])) + 1.0
+        centre = np.stack([x, y], axis=1) + motion[:, [0, 3]]
+        most = np.array(self.hidden.shape[::-1])
+        low = np.clip(np.nan_to_num(np.floor(centre - reach)), 0, most).astype(np.int64)
+        high = np.clip(np.nan_to_num(np.ceil(centre + reach)) + 1, 0, most).astype(np.int64)
+        (left, top), (right, bottom) = low.T, high.T
+        count = self._table[bottom, right] - self._table[top, right]
+        return np.asarray(count - self._table[bottom, left] + self._table[top, left] > 0)
+
+    def left(self, x: int, y: int, half: int, motion: Floats) -> Flags:
+        """Pixels (row, column) of a subset on which the specimen is seen once they have moved."""
+        column, row = moved_pixels(x, y, half, motion)
+        column, row = np.rint(column).astype(np.int64), np.rint(row).astype(np.int64)
+        rows, columns = self.hidden.shape
+        is_inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+        return np.asarray(~(is_inside & self.hidden[row.clip(0, rows - 1), column.clip(0, columns - 1)]))
+
+
+def moved_pixels(x: int, y: int, half: int, motion: Floats) -> tuple[Floats, Floats]:
+    """Columns and rows (row, column) in the picture to which the pixels of a subset move."""
+    i, j = np.mgrid[-half : half + 1, -half : half + 1].astype(float)
+    u, u_x, u_y, v, v_x, v_y = motion
+    return x + j + u + u_x * j + u_y * i, y + i + v + v_x * j + v_y * i
+
+
+def packed(left: Flags) -> NDArray[np.uint8]:
+    """Pixels of a subset that count, one bit each."""
+    return np.packbits(left)
+
+
+def unpacked(bits: NDArray[np.uint8], half: int) -> Flags:
+    """Reverse :func:`packed`."""
+    width = 2 * half + 1
+    return np.unpackbits(bits, count=width * width).reshape(width, width).astype(bool)
