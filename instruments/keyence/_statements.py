@@ -5,17 +5,14 @@ Nothing is guessed: what neither of them says is asked for, and a contradiction 
 
 import re
 from collections.abc import Iterable, Sequence
-from datetime import datetime
 from pathlib import Path
 
+from instruments._clock import moment
 from instruments.keyence._columns import even_interval, seconds
 from instruments.keyence._header import Header, KeyenceProfile, is_length_or_volts
 from labpipe.errors import InputError, SourceError
 from labpipe.text import shorten
 from labpipe.units import quantity, unit
-
-_DATES = ("%Y/%m/%d", "%Y-%m-%d", "%d.%m.%Y")
-_CLOCKS = ("", " %H:%M:%S", " %H:%M:%S.%f", "T%H:%M:%S", "T%H:%M:%S.%f", " %H:%M")
 
 
 def stated_units(path: Path, header: Header, given: Iterable[str] | None) -> tuple[str, ...]:
@@ -187,10 +184,6 @@ def stated_start(header: Header) -> str:
     date = " ".join(header.entries.get("date", (0, (), ""))[1]).strip()
     clock = " ".join(header.entries.get("clock", (0, (), ""))[1]).strip()
     for text in (f"{date} {clock}".strip(), date):
-        for day in _DATES:
-            for time in _CLOCKS:
-                try:
-                    return datetime.strptime(text, day + time).isoformat()
-                except ValueError:
-                    continue
+        if found := moment(text):
+            return found.isoformat()
     return ""

@@ -5,13 +5,13 @@ import math
 import re
 import warnings
 from collections.abc import Mapping, Sequence
-from datetime import datetime
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from instruments._clock import moment
 from instruments.mach1._blocks import DECLARED, Block, Column, Parameter
 from labpipe.errors import InputError
 from labpipe.numbers import is_number, shorten
@@ -21,7 +21,6 @@ DEVICE = "Biomomentum Mach-1"
 
 MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
 _DATE = re.compile(r"(?:[A-Za-z]{3}, )?([A-Za-z]{3}) ([0-9]{1,2}), ([0-9]{4})")
-_CLOCK = re.compile(r"([0-9]{1,2}):([0-9]{2}):([0-9]{2})(?:\.([0-9]{1,6}))?")
 
 #: Compression times this sign is the force of the file, by the type of load cell.
 COMPRESSION_SIGN = {"Multiple-axis": -1, "Single-axis": 1}
@@ -157,16 +156,12 @@ def _compression_sign(block: Block) -> int:
 def start_of(block: Block) -> str:
     """Return the ISO start of a block, or "" when the header's date is not in the known form."""
     info = dict(block.info)
-    date, clock = _DATE.fullmatch(info.get("Date", "")), _CLOCK.fullmatch(info.get("Time", ""))
-    if date is None or clock is None or date[1].title() not in MONTHS:
-        return ""
-    microseconds = int((clock[4] or "0").ljust(6, "0"))
-    month = MONTHS.index(date[1].title()) + 1
-    try:
-        start = datetime(int(date[3]), month, int(date[2]), int(clock[1]), int(clock[2]), int(clock[3]), microseconds)
-    except ValueError:
-        return ""
-    return start.isoformat(timespec="milliseconds")
+    date, clock = info.get("Date", ""), info.get("Time", "")
+    named = _DATE.fullmatch(date)
+    if named and named[1].title() in MONTHS:
+        date = f"{named[3]}-{MONTHS.index(named[1].title()) + 1:02d}-{int(named[2]):02d}"
+    start = moment(f"{date} {clock}") if clock else None
+    return "" if start is None else start.isoformat(timespec="milliseconds")
 
 
 def _file_attributes(blocks: Sequence[Block], decimal: str) -> dict[str, Any]:

@@ -144,6 +144,16 @@ def test_start_is_iso_and_per_block_past_midnight(tmp_path):
     assert readings.attrs["start"] == "2023-07-19T23:59:59.900"
 
 
+@pytest.mark.parametrize("date", ["2023-07-19", "2023/07/19", "19.07.2023"])
+def test_start_is_read_from_other_forms_of_a_date(tmp_path, date):
+    read_blocks(tmp_path, relaxation())
+    path = tmp_path / "made.txt"
+    text = path.read_text("utf-8")
+    path.write_text(text.replace("Wed, Jul 19, 2023", date), "utf-8", newline="")
+    assert "Wed, Jul 19" in text
+    assert mach1.read(path).attrs["start"] == "2023-07-19T23:59:59.900"
+
+
 def test_json_of_blocks_says_everything(tmp_path):
     block = json.loads(read_blocks(tmp_path, sinusoid()).attrs["blocks"])[0]
     assert block["filter"] == {"order": 3, "cutoff": 20.0}

@@ -374,6 +374,7 @@ WAVE_ROWS = (
 
 _RELAX = "<Stress Relaxation>"
 HOLD_ROWS = (
+    Mistake("tips of 6 cm", setting("6 ± 0.006 mm", "6 ± 0.006 cm"), "doubtful", ("length of a tip",), TOML, "depth"),
     Mistake("table struck in a hold", rows(_struck(600), HOLD, 1), "note", ("struck the table",), HOLD),
     Mistake(
         "test stopped before its last hold was over",

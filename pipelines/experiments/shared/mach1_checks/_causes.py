@@ -111,7 +111,7 @@ def causes(
                 f"the {what} is probably {quantity(value / k, unit)}, not {quantity(value, unit)} "
                 f"({setting} in session.toml)"
             ),
-            (10.0, 0.1) if setting == "punch.tips" else (1e3, 1e-3, 100.0, 10.0, 0.1),
+            (*(10.0,) * (punch.tips % 10 == 0), 0.1) if setting == "punch.tips" else (1e3, 1e-3, 100.0, 10.0, 0.1),
             only_usual=True,
             setting=setting,
         )

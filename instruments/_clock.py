@@ -1,0 +1,17 @@
+"""Dates and times of day as instruments write them."""
+
+from datetime import datetime
+
+_DATES = ("%Y/%m/%d", "%Y-%m-%d", "%d.%m.%Y")
+_CLOCKS = ("", " %H:%M:%S", " %H:%M:%S.%f", "T%H:%M:%S", "T%H:%M:%S.%f", " %H:%M")
+
+
+def moment(text: str) -> datetime | None:
+    """Return the moment of a date, with or without a time of day; None in a form that is not known or ambiguous."""
+    for day in _DATES:
+        for time in _CLOCKS:
+            try:
+                return datetime.strptime(text, day + time)
+            except ValueError:
+                continue
+    return None
