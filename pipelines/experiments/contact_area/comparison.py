@@ -13,6 +13,7 @@ from labpipe.arrays import Floats
 from labpipe.judging import Agreement, along_curve
 from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
+from pipelines.experiments.contact_area._form import Form
 from pipelines.experiments.contact_area._peaks import BESIDE, STILL, WINDOW, peak_of
 from pipelines.experiments.contact_area._scale import fringe_scale
 from pipelines.experiments.contact_area.settings import ContactArea
@@ -55,10 +56,12 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
         inside = (np.abs(since) < WINDOW) & np.isfinite(a) & seen
         inside &= time >= float(impacts["first_seen"][i])
         inside &= time <= float(impacts["last_seen"][i])
-        shift = _time_shift(since[inside] + peak, a[inside], model)
+        form, moments = Form.of(model, i), since[inside] + peak
+        shift = _time_shift(moments, a[inside], form)
         shifts.append(shift)
-        sizes.append(_size(since[inside] + peak, a[inside], random[inside], shared[inside], model))
-        theirs = np.interp(since[inside] + peak + shift[0], model["time"], model["contact_radius"])
+        sizes.append(_size(moments, a[inside], random[inside], shared[inside], form))
+        moments = moments + shift[0]
+        theirs = form(moments)
         for key, values in (
             ("number", np.full(inside.sum(), i + 1.0)),
             ("since", since[inside]),
@@ -68,8 +71,7 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
         ):
             points[key].append(values)
         relative = float(model["u_peak_contact_radius"][i] / model["peak_contact_radius"][i])
-        moments = since[inside] + peak + shift[0]
-        agreed.append(_along(moments, a[inside] - theirs, random[inside], shared[inside], model, relative))
+        agreed.append(_along(moments, a[inside] - theirs, random[inside], shared[inside], form, relative))
         largest = max(float(np.max(theirs)), 1e-12)
         errors.append(float(np.sqrt(np.mean((a[inside] - theirs) ** 2))) / largest)
     joined = {k: np.concatenate(v) if v else np.empty(0) for k, v in points.items()}
@@ -115,22 +117,18 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
     )
 
 
-def _along(
-    time: Floats, left: Floats, random: Floats, shared: Floats, model: xr.Dataset, relative: float
-) -> Agreement | None:
+def _along(time: Floats, left: Floats, random: Floats, shared: Floats, form: Form, relative: float) -> Agreement | None:
     """Lay the frames of a contact against the model, each with its own noise.
 
     They share the scale, the moment of the largest radius, which lies between frames, and what the inputs of the
     model do to its size (`relative`). What makes a contact smaller by E^-0.2 makes it shorter by E^-0.4.
     """
-    theirs, when = model["contact_radius"].values, model["time"].values
-    form = np.interp(time, when, theirs)
-    rate = np.interp(time, when, np.gradient(theirs, when))
     if time.size < _FEWEST:
         return None
+    rate = form.rate(time)
     step = float(np.median(np.diff(time)))
     longer = -2.0 * relative * rate * (time - float(np.mean(time)))
-    return along_curve(left, random, [shared, relative * form, longer, step * rate])
+    return along_curve(left, random, [shared, relative * form(time), longer, step * rate])
 
 
 def _pixel(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> dict[str, Any]:
@@ -151,7 +149,7 @@ def _pixel(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> di
     }
 
 
-def _time_shift(time: Floats, radius: Floats, model: xr.Dataset) -> tuple[float, float]:
+def _time_shift(time: Floats, radius: Floats, form: Form) -> tuple[float, float]:
     """Time added to the model's clock with which it comes nearest to the film, and its uncertainty.
 
     0, with an uncertainty of NaN, where there are too few frames, or where the best lies beyond what
@@ -160,21 +158,18 @@ def _time_shift(time: Floats, radius: Floats, model: xr.Dataset) -> tuple[float,
     if len(time) < _FEWEST:
         return 0.0, np.nan
     most = _MOST_SHIFT * float(np.median(np.diff(time)))
-    theirs, when = model["contact_radius"].values, model["time"].values
 
     def left(shift: float) -> float:
-        return float(((radius - np.interp(time + shift, when, theirs)) ** 2).sum())
+        return float(((radius - form(time + shift)) ** 2).sum())
 
-    shift = float(minimize_scalar(left, bounds=(-most, most), method="bounded", options={"xatol": 1e-3 * most}).x)
-    if abs(shift) > 0.95 * most or left(shift) >= left(0.0):
+    shift = float(minimize_scalar(left, bounds=(-most, most), method="bounded", options={"xatol": 1e-4 * most}).x)
+    if abs(shift) > 0.95 * most or left(shift) > 1.01 * left(0.0):
         return 0.0, np.nan
-    slope = np.gradient(theirs, when)
-    rate = np.interp(time + shift, when, slope)
     scatter = np.sqrt(left(shift) / (len(time) - 1))
-    return shift, float(scatter / np.sqrt(max((rate**2).sum(), 1e-300)))
+    return shift, float(scatter / np.sqrt(max((form.rate(time + shift) ** 2).sum(), 1e-300)))
 
 
-def _size(time: Floats, radius: Floats, random: Floats, shared: Floats, model: xr.Dataset) -> tuple[float, float]:
+def _size(time: Floats, radius: Floats, random: Floats, shared: Floats, form: Form) -> tuple[float, float]:
     """Return how many times as large a contact is in the film as in the model, and its uncertainty.
 
     All frames of the contact tell it, in the model's form, together with its shift in time and how much
@@ -184,15 +179,13 @@ def _size(time: Floats, radius: Floats, random: Floats, shared: Floats, model: x
     """
     if len(time) < _FEWEST:
         return np.nan, np.nan
-    theirs, when = model["contact_radius"].values, model["time"].values
-    slope = np.gradient(theirs, when)
     since = time - float(np.mean(time))
     size, shift, longer = 1.0, 0.0, 0.0
     for _ in range(_SIZE_STEPS):
         at = time + shift - longer * since
-        form, rate = np.interp(at, when, theirs), size * np.interp(at, when, slope)
-        rows = np.column_stack([form, rate, -rate * since]) / random[:, None]
-        rest = (radius - size * form) / random
+        theirs, rate = form(at), size * form.rate(at)
+        rows = np.column_stack([theirs, rate, -rate * since]) / random[:, None]
+        rest = (radius - size * theirs) / random
         normal = np.linalg.pinv(rows.T @ rows, hermitian=True)
         size, shift, longer = np.array([size, shift, longer]) + normal @ rows.T @ rest
     if abs(shift) > _MOST_SHIFT * float(np.median(np.diff(time))) or abs(longer) > _MOST_LONGER:

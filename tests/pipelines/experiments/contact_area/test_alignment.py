@@ -49,6 +49,7 @@ def compared(offset: float, count: int = 10, factor: float = 1.0) -> xr.Dataset:
         {
             "contact_radius": ("time", shape(when - 1e-3)),
             "impact_time": ("impact", [0.5e-3]),
+            "lift_off_time": ("impact", [1.5e-3]),
             "peak_contact_radius": ("impact", [800 * UM]),
             "u_peak_contact_radius": ("impact", [1 * UM]),
             "adhesion_shift": ("impact", [0.7 * UM]),

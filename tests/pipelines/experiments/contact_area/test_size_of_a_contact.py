@@ -4,11 +4,19 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from pipelines.experiments.contact_area._form import Form
 from pipelines.experiments.contact_area.comparison import _size
 
 _TIME = np.arange(0.0, 4e-3, 2e-5)
-_FORM = 7.5e-4 * np.sqrt(np.clip(np.sin(np.pi * (_TIME - 1e-3) / 1.3e-3), 0.0, None) * (_TIME < 2.3e-3))
-MODEL = xr.Dataset({"contact_radius": ("time", _FORM)}, coords={"time": _TIME})
+
+
+def _shape(time: np.ndarray) -> np.ndarray:
+    return 7.5e-4 * np.sqrt(np.clip(np.sin(np.pi * (time - 1e-3) / 1.3e-3), 0.0, None) * (time < 2.3e-3))
+
+
+_FORM = _shape(_TIME)
+_ENDS = {"impact_time": ("impact", [1e-3]), "lift_off_time": ("impact", [2.3e-3])}
+MODEL = Form.of(xr.Dataset({"contact_radius": ("time", _FORM), **_ENDS}, coords={"time": _TIME}), 0)
 
 
 def film(size: float, seed: int, frames: int = 5, longer: float = 0.0) -> tuple[np.ndarray, ...]:
@@ -16,7 +24,7 @@ def film(size: float, seed: int, frames: int = 5, longer: float = 0.0) -> tuple[
     at = 1.23e-3 + 2e-4 * np.arange(frames)
     u = np.full(frames, 1e-6)
     of_model = 1.65e-3 + (at + 3e-5 - 1.65e-3) / (1.0 + longer)
-    radius = size * np.interp(of_model, _TIME, _FORM) + 1e-6 * np.random.default_rng(seed).standard_normal(frames)
+    radius = size * _shape(of_model) + 1e-6 * np.random.default_rng(seed).standard_normal(frames)
     return at, radius, u, 2e-3 * radius
 
 
@@ -40,3 +48,14 @@ def test_frames_of_another_form_are_less_certain_and_few_tell_nothing() -> None:
     assert _size(at, bent, u, shared, MODEL)[1] > 5e-3
     assert np.isnan(_size(at[:4], radius[:4], u[:4], shared[:4], MODEL)).all()
     assert _size(at, radius, u, shared, MODEL)[0] == pytest.approx(1.0, abs=5e-3)
+
+
+def test_a_model_is_followed_between_its_times_up_to_touch_and_lift_off() -> None:
+    """Straight lines between radii 20 µs apart would lie below the model by 20 µm beside a touch."""
+    at = np.linspace(1e-3, 2.3e-3, 1311)
+    assert np.abs(MODEL(at) - _shape(at)).max() < 0.2e-6
+    assert np.abs(np.interp(at, _TIME, _FORM) - _shape(at)).max() > 10e-6
+    assert not MODEL(np.array([0.999e-3, 2.301e-3])).any()
+    inner = at[20:-20]
+    slope = (_shape(inner + 1e-8) - _shape(inner - 1e-8)) / 2e-8
+    np.testing.assert_allclose(MODEL.rate(inner), slope, rtol=1e-3, atol=1e-3)
