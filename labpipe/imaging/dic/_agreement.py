@@ -25,6 +25,9 @@ _LEAST_SHARE = 0.2
 _MANY, _WIDER, _MEDIAN = 20, 1.5, 1.386
 #: Error of the weights' own sums, below which the points around tell the surface at the middle.
 _TOLD = 1e-4
+#: Standard deviations within which trusted displacements around a doubtful one confirm it, and theirs (px) about
+#: the surface through them beyond which they tell nothing.
+_CONFIRMS, _TELLS = 3.0, 0.15
 #: Results whose surroundings are looked at once; bounds the work arrays to some 20 MB.
 _BLOCK = 5_000
 
@@ -72,6 +75,45 @@ def disagreement(places: Floats, widths: Integers, value: Floats, deviation: Flo
     stands_out = np.hypot(x, y) > _STANDS_OUT * _scatter(surroundings, shown, found, rows, points)
     part[rows, points] += np.stack([x * x, y * y, x * y], axis=1) * stands_out[:, None]
     more[:, used] = part
+    return more
+
+
+def unconfirmed(
+    places: Floats, widths: Integers, value: Floats, deviation: Floats, is_trusted: Flags, is_doubtful: Flags
+) -> Floats:
+    """Variance (frame, point, 3) [px²] along x and y, and covariance, of displacements that others must confirm.
+
+    A doubtful displacement that lies where the trusted ones around it tell is as uncertain as they are about that,
+    and by what it lies away from there; one that does not, or of which they tell nothing, without limit.
+
+    Parameters
+    ----------
+    places, widths, value, deviation
+        As for :func:`disagreement`.
+    is_trusted, is_doubtful : bool arrays (frame, point)
+        Displacements that count, and those that are asked about.
+    """
+    more = np.zeros((*is_doubtful.shape, 3))
+    rows, points = np.nonzero(is_doubtful)
+    if not len(rows):
+        return more
+    more[rows, points] = np.inf, np.inf, 0.0
+    around = _look_around(places, widths)
+    for first in range(0, len(rows), _BLOCK):
+        row, point = rows[first : first + _BLOCK], points[first : first + _BLOCK]
+        near = row[:, None], around.near[point]
+        counts = around.within[point] & is_trusted[near]
+        weight, _ = _surface(around.away[point], counts)
+        told = np.where(counts[..., None], value[near][..., :2], 0.0)
+        spread = np.where(counts[..., None], deviation[near][..., :2] ** 2, 0.0)
+        apart = value[row, point, :2] - (weight[..., None] * told).sum(axis=1)
+        scatter = _scatter(around, np.where(is_trusted[..., None], value[..., :2], 0.0), is_trusted, row, point)
+        variance = (weight[..., None] ** 2 * spread).sum(axis=1) + scatter[:, None] ** 2
+        square = (apart**2 / (variance + deviation[row, point, :2] ** 2)).sum(axis=1)
+        agrees = weight.any(axis=1) & (square < _CONFIRMS**2) & (variance.max(axis=1) < _TELLS**2)
+        x, y = apart.T
+        added = np.stack([x * x + variance[:, 0], y * y + variance[:, 1], x * y], axis=1)
+        more[row[agrees], point[agrees]] = added[agrees]
     return more
 
 

@@ -3,7 +3,8 @@
 import numpy as np
 
 from labpipe.arrays import Flags, Floats
-from labpipe.imaging.dic._motion_uncertainty import EDGE, ONE_WAY
+from labpipe.imaging.dic._motion_uncertainty import EDGE, ONE_WAY, least_told, one_way
+from labpipe.imaging.dic._reference import Reference
 
 #: Shift (px) along the weakest direction that a misfit may hide at most, in patterns beyond
 #: :data:`.ONE_WAY` and beyond :data:`.EDGE`, and how many standard deviations of the residual of noise it is beyond it.
@@ -44,6 +45,44 @@ def is_beyond_texture(
     excess = (noise - own) * pixels - _SIGNIFICANT * np.sqrt((2.0 + spread) * pixels) * own
     hidden = np.where(strongest > EDGE * texture, _HIDDEN_BY_EDGE, _HIDDEN)
     return np.asarray((strongest > ONE_WAY * texture) & (excess > hidden**2 * texture))
+
+
+def misfits_of_edges(
+    reference: Reference,
+    found: Flags,
+    deviation: Floats,
+    covariance: Floats,
+    texture: Floats,
+    strongest: Floats,
+    noise: Floats,
+    is_static: Flags,
+) -> Flags:
+    """Tell which results (frame, point) on edges misfit as a wrong place along them would, or tell hardly one.
+
+    Parameters
+    ----------
+    reference : Reference
+    found : bool array (frame, usable point)
+        Results that are asked about.
+    deviation, covariance : arrays (frame, usable point, ...) [px], [px²]
+        Of the motions by noise.
+    texture, strongest, noise : arrays (frame, usable point)
+        As in :class:`.Variances`.
+    is_static : bool array (frame,)
+    """
+    weak = found & ((strongest > ONE_WAY * texture) | one_way(reference.subsets))
+    is_doubtful = np.zeros(found.shape, bool)
+    for n in np.flatnonzero(weak.any(axis=0)).tolist():
+        k = int(np.argmax(weak[:, n]))
+        weakest = float(least_told(deviation[k, n], covariance[k, n]))
+        own, spread = reference.own_noise(n, noise[is_static, n], weakest)
+        pixels = float(reference.subsets.level[n, 2])
+        beyond = is_beyond_texture(noise[:, n], own, spread, texture[:, n], strongest[:, n], pixels)
+        # of an edge, more than half of what resists along it is the reference's own noise
+        by_noise = own * reference.noise.slope / reference.noise.static_frames
+        beyond |= (texture[:, n] < pixels * by_noise) & (strongest[:, n] > EDGE * texture[:, n])
+        is_doubtful[:, n] = weak[:, n] & beyond
+    return is_doubtful
 
 
 def misfit_factor(noise: Floats, is_static: Flags, pixels: Floats, grey: Floats) -> Floats:

@@ -309,6 +309,11 @@ def motion_variance(
     return Variances(values, both, weakest, strongest, is_told, pixel_noise, most_noise)
 
 
+def least_told(deviation: Floats, covariance: Floats) -> Floats:
+    """Direction (rad, from x towards y) in which motions are told least."""
+    return np.asarray(0.5 * np.arctan2(2.0 * covariance, deviation[..., 0] ** 2 - deviation[..., 1] ** 2))
+
+
 def one_way(subsets: Subsets) -> Flags:
     """Tell which subsets (point,) hold hardly more than an edge or a grating."""
     strongest = strongest_slopes(subsets)

@@ -141,6 +141,11 @@ class Reference:
         seen = float(np.nanmedian(change)) if np.isfinite(change).any() else 0.0
         return max((seen / _MEDIAN_OF_CHANGES) ** 2, self.rounding), _SPREAD_OF_CHANGES
 
+    def weakest_slopes(self, point: int) -> float:
+        """Direction (rad, from x towards y) in which the slopes around a usable point are least."""
+        slopes = self.subsets.normal[point]
+        return 0.5 * (math.atan2(2.0 * slopes[0, 3], slopes[0, 0] - slopes[3, 3]) + math.pi)
+
     def sums(self, image: NDArray[Any]) -> NDArray[np.float64]:
         """Sum an image (row, column) over what counts of every subset, (usable,)."""
         return sums_over(image if self.images.inside is None else image * self.images.inside, self.subsets)

@@ -9,23 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats
-from labpipe.imaging.dic._agreement import disagreement
-from labpipe.imaging.dic._misfit import is_beyond_texture, misfit_factor
+from labpipe.imaging.dic._agreement import disagreement, unconfirmed
+from labpipe.imaging.dic._edge_profile import misled
+from labpipe.imaging.dic._misfit import misfit_factor, misfits_of_edges
 from labpipe.imaging.dic._missed_strain import missed_shift
-from labpipe.imaging.dic._motion_uncertainty import (
-    EDGE,
-    MOST_UNCERTAIN,
-    ONE_WAY,
-    motion_variance,
-    one_way,
-    strongest_slopes,
-)
+from labpipe.imaging.dic._motion_uncertainty import MOST_UNCERTAIN, least_told, motion_variance, strongest_slopes
 from labpipe.imaging.dic._pattern import STEP
 from labpipe.imaging.dic._reference import Reference, Status
 from labpipe.imaging.dic._seeding import shift_of
 from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, LIGHT
 from labpipe.imaging.dic._table import Table, alike, as_seen, hidden_share
-from labpipe.imaging.dic._undersampling import look_beside, undersampled
+from labpipe.imaging.dic._undersampling import undersampled
 from labpipe.variables import described, variable
 
 if TYPE_CHECKING:
@@ -37,8 +31,6 @@ if TYPE_CHECKING:
 _STATIC_RANGE = 0.3
 #: Noise of a film over the lower quartile of what its points show: they scatter about as much.
 _NOISE_OF_FILM = 0.9
-#: Share of its frames in which a point shows its own noise.
-_BETTER = 0.1
 
 
 @dataclass(frozen=True)
@@ -113,21 +105,20 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     seen = noise[~is_static][np.isfinite(noise[~is_static])]
     if len(seen):
         status[(status == Status.OK) & (most_noise < _NOISE_OF_FILM * np.quantile(seen, 0.25))] = Status.TEXTURELESS
-    _refuse_edges(reference, status, deviation, covariance, noise, (texture, strongest), is_static)
+    is_found = (status == Status.OK) & ~is_static[:, None]
+    is_doubtful = misfits_of_edges(reference, is_found, deviation, covariance, texture, strongest, noise, is_static)
     misfit = misfit_factor(noise, is_static, reference.subsets.level[:, 2], reference.subsets.level[:, 0])
     deviation *= misfit[..., None]
     covariance *= misfit**2
-    is_found = (status == Status.OK) & ~is_static[:, None]
-    shift, shared = undersampled(reference, is_found, texture, noise, is_static)
+    bound, shared = undersampled(reference, is_found, texture, noise, is_static)
+    shift, is_along_edges = misled(reference, is_found, bound, texture, noise, is_static)
+    is_doubtful |= is_along_edges
     _widen(deviation, covariance, shift)
     _add(deviation, covariance, shared)
-    missed = missed_shift(reference, value, deviation, table.model, is_found)
+    missed = missed_shift(reference, value, deviation, table.model, is_found & ~is_doubtful)
     _add(deviation, covariance, np.concatenate([missed**2, missed.prod(axis=2, keepdims=True)], axis=2))
     _refuse_vague(status, deviation, Status.TEXTURELESS)
-    is_found = (status == Status.OK) & ~is_static[:, None]
-    places = np.stack([reference.subsets.x, reference.subsets.y], axis=1) + reference.offset
-    _add(deviation, covariance, disagreement(places, 2 * reference.subsets.half + 1, value, deviation, is_found))
-    _refuse_vague(status, deviation, Status.OUTVOTED)
+    _ask_around(reference, status, value, deviation, covariance, is_doubtful, is_static)
     _warn_of_motion(value[is_static], status[is_static])
     is_origin = is_static[:, None] & (status == Status.OK)
     seen = is_origin.sum(axis=0)
@@ -149,55 +140,30 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     )
 
 
-def _refuse_edges(
+def _ask_around(
     reference: Reference,
     status: NDArray[np.int8],
+    value: Floats,
     deviation: Floats,
     covariance: Floats,
-    noise: Floats,
-    slopes: tuple[Floats, Floats],
+    is_doubtful: Flags,
     is_static: Flags,
 ) -> None:
-    """Refuse subsets that show an edge, or lines, and hardly a texture along them, of least and largest slopes."""
-    texture, strongest = slopes
-    weak = (strongest > ONE_WAY * texture) | one_way(reference.subsets)
-    weak &= (status == Status.OK) & ~is_static[:, None]
-    for n in np.flatnonzero(weak.any(axis=0)).tolist():
-        k = int(np.argmax(weak[:, n]))
-        weakest = float(_weakest(deviation[k, n], covariance[k, n]))
-        beyond = _is_edge(reference, n, weakest, noise[:, n], texture[:, n], strongest[:, n], is_static)
-        status[weak[:, n] & beyond, n] = Status.TEXTURELESS
-
-
-def _is_edge(
-    reference: Reference,
-    point: int,
-    weakest: float,
-    noise: Floats,
-    texture: Floats,
-    strongest: Floats,
-    is_static: Flags,
-) -> Flags:
-    """Frames in which a usable point shows an edge, or lines, and hardly a texture along them."""
-    own, spread = reference.own_noise(point, noise[is_static], weakest)
-    pixels = float(reference.subsets.level[point, 2])
-    beyond = is_beyond_texture(noise, own, spread, texture, strongest, pixels)
-    # of an edge, more than half of what resists along it is the reference's own noise
-    by_noise = own * reference.noise.slope / reference.noise.static_frames
-    beyond |= (texture < pixels * by_noise) & (strongest > EDGE * texture)
-    moved = noise[~is_static & np.isfinite(noise)]
-    least = float(np.quantile(moved, _BETTER)) if len(moved) else own
-    return beyond | look_beside(reference, point, least)[1]
-
-
-def _weakest(deviation: Floats, covariance: Floats) -> Floats:
-    """Direction (rad, from x towards y) in which motions are told least."""
-    return np.asarray(0.5 * np.arctan2(2.0 * covariance, deviation[..., 0] ** 2 - deviation[..., 1] ** 2))
+    """Widen, or refuse, what the points around contradict, and what is doubtful and they do not confirm."""
+    subsets = reference.subsets
+    places = np.stack([subsets.x, subsets.y], axis=1) + reference.offset
+    motions = places, 2 * subsets.half + 1, value, deviation
+    is_found = (status == Status.OK) & ~is_static[:, None]
+    _add(deviation, covariance, disagreement(*motions, is_found & ~is_doubtful))
+    _refuse_vague(status, deviation, Status.OUTVOTED)
+    is_trusted = is_found & (status == Status.OK) & ~is_doubtful
+    _add(deviation, covariance, unconfirmed(*motions, is_trusted, is_found & is_doubtful))
+    _refuse_vague(status, deviation, Status.TEXTURELESS)
 
 
 def _widen(deviation: Floats, covariance: Floats, shift: Floats) -> None:
     """Add a standard uncertainty along the direction in which a motion is told least."""
-    weakest = _weakest(deviation, covariance)
+    weakest = least_told(deviation, covariance)
     cosine, sine = shift * np.cos(weakest), shift * np.sin(weakest)
     deviation[..., 0], deviation[..., 1] = np.hypot(deviation[..., 0], cosine), np.hypot(deviation[..., 1], sine)
     covariance += cosine * sine

@@ -18,9 +18,6 @@ from labpipe.imaging.dic._reference import Reference, near_half
 #: the share of those at frequencies near half a wave per px: factor, power, and largest share. They are the most
 #: of edges and lines of any angle, seen by points, by pixels, and by lenses that blur by 0.3 to 0.8 px.
 _FOLDED, _FOLDED_POWER, _MOST_SHARP = 25.0, 2.5, 0.13
-#: Shift (px) to which they mislead where they are little of the texture, and the share of it from which nothing
-#: else is told: of results with more, half were off by 0.2 px or more, some by tens.
-_MISLEADS, _ALL_FOLDED = 0.16, 0.35
 #: Ratios of the slopes in both directions from which a pattern begins to count as edges of one direction, and
 #: from which it is; also of edges seen by points, and the shares from which they begin to be that, and are.
 _SIDED, _SIDED_OF_POINTS, _POINTS = (8.0, 11.0), (4.0, 6.0), (0.1, 0.13)
@@ -49,30 +46,19 @@ _HIDES, _MEAN_SIZE = 1.5, 0.8
 #: Motion (px) that edges seen by points along the columns or rows may hide, all at once: what lies between two
 #: pixels, of a block of whole pixels, no one can tell.
 _UNSEEN = 0.13
-#: Slope along an edge over that across it below which it is but one of its steps, and mean square of slopes beyond
-#: it, over that of noise, of edges with nothing else.
-_TURNED, _HARDLY_NOISE = 0.3, 2.0
-#: The same of edges on which nearly all of the texture lies, though hardly aslant (squared slopes along them over
-#: those across): of 314 wrong results on edges blurred after sampling these two and the one before tell 262, and of
-#: 3,510 right ones on photographs 102. More where less than half of a subset are edges.
-_NEARLY_ALL, _HARDLY_ASLANT, _OFTEN_NOISE, _MANY_TIMES_NOISE = 0.9, 0.03, 5.0, 20.0
-#: Slope over the steepest of a subset from which it belongs to an edge, how far that reaches (px), and share of the
-#: subset beside edges that tells how much of its texture is there.
-_STEEP, _EDGE_REACH, _LEAST_BESIDE = 0.3, 3, 0.1
 #: Slope of an edge against the columns or rows below which all its pixels are seen at one phase.
 _ALIGNED = 0.06
 #: The same below which few of them are seen at different phases.
 _NEARLY = 0.3
-#: Shift (px) below which it is not looked whether edges sharper than the pixels mislead.
-_NOTABLE = 1e-4
+#: Share of the texture below which it is not looked how far edges sharper than the pixels may be it.
+_NOTABLE = 1e-3
 
 
-def misled(sharpness: Floats, texture: Floats, across: Floats, on_edges: float = 1.0) -> Floats:
-    """Shift [px] along the weakest direction to which the moiré of edges sharper than the pixels misleads.
+def folded_share(sharpness: Floats, texture: Floats, across: Floats) -> Floats:
+    """Largest share (0 to 1) of the texture along the weakest direction that edges sharper than the pixels make.
 
     Folded waves of an edge make steps along it, a texture that stays with the pixels while the edge
-    moves on, and leaves no misfit where there is nothing else along it. It misleads by its share of the
-    texture, and without limit where it may be a third of it.
+    moves on, and leaves no misfit where there is nothing else along it.
 
     Parameters
     ----------
@@ -82,65 +68,13 @@ def misled(sharpness: Floats, texture: Floats, across: Floats, on_edges: float =
         As in :class:`.Variances`: where a stretch or a turn would explain it, it tells no shift.
     across : array [grey²/px²]
         See :func:`.strongest_slopes`.
-    on_edges : float
-        Share of the texture that lies on edges, see :func:`look_beside`.
     """
     sided = across / np.maximum(texture, 1e-30)
     share = np.maximum(sharpness / np.maximum(across, 1e-30), 0.0)
     by_points = _seen_by_points(share)
     first, last = (a + by_points * (b - a) for a, b in zip(_SIDED, _SIDED_OF_POINTS, strict=True))
     is_edge = np.clip((sided - first) / (last - first), 0.0, 1.0)
-    folded = is_edge * _FOLDED * np.minimum(share, _MOST_SHARP) ** _FOLDED_POWER * sided
-    folded = np.minimum(folded, on_edges)
-    left = 1.0 - folded / _ALL_FOLDED
-    return np.where(left > 0.0, _MISLEADS * folded / np.where(left > 0.0, left, 1.0), np.inf)
-
-
-def look_beside(reference: Reference, point: int, noise: float) -> tuple[float, bool]:
-    """Share (0 to 1) of the texture along the weakest direction that lies on edges, and whether there is nothing else.
-
-    An edge that was blurred after it was sampled has steps, which stay with the pixels while it moves on, and no
-    waves near half a wave per px are left to tell. But they turn its slopes by little, and lie on it alone. What
-    lies beside edges, as dense as there everywhere, is not on them.
-
-    Parameters
-    ----------
-    reference : Reference
-    point : int
-        Usable point.
-    noise : float [grey²]
-        Variance of a pixel of one frame.
-    """
-    import cv2
-
-    weakest = _weakest_slopes(reference, point)
-    x, y, half = reference.subsets.layout[point, :3]
-    cut = np.s_[y - half : y + half + 1, x - half : x + half + 1]
-    images = reference.images
-    slope_x, slope_y = images.slope_x[cut].astype(float), images.slope_y[cut].astype(float)
-    counts = np.ones(slope_x.shape, bool) if images.inside is None else images.inside[cut] > 0.0
-    along = slope_x * math.cos(weakest) + slope_y * math.sin(weakest)
-    size = np.where(counts, np.hypot(slope_x, slope_y), 0.0)
-    is_steep = size >= _STEEP * size.max()
-    is_beside = (cv2.dilate(is_steep.astype(np.uint8), np.ones(2 * [2 * _EDGE_REACH + 1], np.uint8)) == 0) & counts
-    free = float(is_beside.sum()) / max(float(counts.sum()), 1.0)
-    by_noise = noise * reference.noise.slope / reference.noise.static_frames
-    on_edges = 1.0
-    if free >= _LEAST_BESIDE:
-        beside, total = (float((along[where] ** 2).mean()) - by_noise for where in (is_beside, counts))
-        on_edges = float(np.clip(1.0 - beside / max(total, 1e-30), 0.0, 1.0))
-    is_turned = (along**2 >= _TURNED**2 * (size**2 - along**2)) & counts
-    turned = float((along[is_turned] ** 2).sum()) / max(by_noise * float(is_turned.sum()), 1e-30)
-    is_aslant = (along[is_steep] ** 2).sum() > _HARDLY_ASLANT / (1.0 + _HARDLY_ASLANT) * (size[is_steep] ** 2).sum()
-    is_alone = on_edges > _NEARLY_ALL and not is_aslant
-    most = (_MANY_TIMES_NOISE if free > 0.5 else _OFTEN_NOISE) if is_alone else _HARDLY_NOISE
-    return on_edges, turned < most
-
-
-def _weakest_slopes(reference: Reference, point: int) -> float:
-    """Direction (rad, from x towards y) in which the slopes of the reference are least."""
-    slopes = reference.subsets.normal[point]
-    return 0.5 * (math.atan2(2.0 * slopes[0, 3], slopes[0, 0] - slopes[3, 3]) + math.pi)
+    return np.asarray(np.minimum(is_edge * _FOLDED * np.minimum(share, _MOST_SHARP) ** _FOLDED_POWER * sided, 1.0))
 
 
 def _seen_by_points(share: Floats) -> Floats:
@@ -151,7 +85,7 @@ def _seen_by_points(share: Floats) -> Floats:
 def undersampled(
     reference: Reference, found: Flags, texture: Floats, noise: Floats, is_static: Flags
 ) -> tuple[Floats, Floats]:
-    """Uncertainty from edges sharper than the pixels.
+    """How far edges sharper than the pixels may be what tells a motion, and how uncertain interpolation makes it.
 
     Parameters
     ----------
@@ -164,8 +98,8 @@ def undersampled(
 
     Returns
     -------
-    shift : array (frame, usable point) [px]
-        See :func:`misled`.
+    bound : array (frame, usable point)
+        See :func:`folded_share`.
     covariance : array (frame, usable point, 3) [px²]
         Variances along x and along y, and the covariance, from errors of interpolation.
 
@@ -179,10 +113,10 @@ def undersampled(
     sharper, of_sharper_noise = near_half(reference, 8)
     finest = reference.sums(sharper)
     across = strongest_slopes(reference.subsets)
-    shift, covariance = np.zeros(found.shape), np.zeros((*found.shape, 3))
+    bound, covariance = np.zeros(found.shape), np.zeros((*found.shape, 3))
     least = np.where(found, texture, np.inf).min(axis=0, initial=np.inf)
     total = reference.sums(sharp)
-    is_sharp = (misled(total, least, across) > _NOTABLE) | (
+    is_sharp = (folded_share(total, least, across) > _NOTABLE) | (
         (total > _SHARP_SHARE * across) & (finest > _RATIO[0] * total)
     )
     is_asked = np.isfinite(least)
@@ -193,9 +127,10 @@ def undersampled(
     for n in [*np.flatnonzero(is_sharp & is_asked).tolist(), *sample.tolist(), *rest.tolist()]:
         if len(rest) and n == rest[0] and not misfits:
             break  # fine speckle that a lens shows
-        own, _ = reference.own_noise(n, noise[is_static, n], _weakest_slopes(reference, n))
+        own, _ = reference.own_noise(n, noise[is_static, n], reference.weakest_slopes(n))
         if reference.noise.static_frames > 1 and not noise[is_static, n].any():
             own = min(own, reference.rounding)  # frames that are equal to the last bit
+        shown = own
         rows = found[:, n]
         pixels = float(reference.subsets.level[n, 2])
         # what one image shows of noise may be its pattern, what the residual of a frame shows a misfit
@@ -204,21 +139,23 @@ def undersampled(
         if least_seen < _HARDLY * reference.rounding:
             own = 0.0
         less = total[n] - of_noise * own * pixels
-        shift[rows, n] = misled(less, texture[rows, n], across[n])
-        if not np.isfinite(shift[rows, n]).all():
-            shift[rows, n] = misled(less, texture[rows, n], across[n], look_beside(reference, n, least_seen)[0])
+        bound[rows, n] = folded_share(less, texture[rows, n], across[n])
         ratio = (finest[n] - of_sharper_noise * own * pixels) / max(less, 1e-30)
         weight = float(np.clip((ratio - _RATIO[0]) / (_RATIO[1] - _RATIO[0]), 0.0, 1.0))
         beyond = np.maximum(noise[rows, n] - own * (1.0 + _BY_CHANCE * math.sqrt(2.0 / pixels)), 0.0) * pixels
         misfits |= bool(np.median(beyond) > _MISFITS * own * pixels)
         seen = _SHARED * np.minimum(beyond / max(less, 1e-30), 1.0) * (less > _NOTABLE_SHARE * across[n])
         by_points = weight * float(_seen_by_points(less / across[n]))
-        amplitude = weight * _BETWEEN_POINTS**by_points + (1.0 - weight) * seen
+        # what interpolation misses is in the residual, beyond a noise that shows none of it
+        least_own = shown if reference.noise.static_frames > 1 else reference.rounding
+        most = noise[rows, n] - least_own * (1.0 - _BY_CHANCE * math.sqrt(2.0 / pixels))
+        most = _SHARED * np.maximum(most, 0.0) * pixels / max(less, 1e-30)
+        amplitude = weight * np.minimum(_BETWEEN_POINTS**by_points, most) + (1.0 - weight) * seen
         if amplitude.any():
             spread, aligned = _interpolated(reference, n, sharp, of_noise * own)
             covariance[rows, n] = amplitude[:, None] * spread
             covariance[rows, n, :2] += by_points * (_UNSEEN * aligned) ** 2
-    return shift, covariance
+    return bound, covariance
 
 
 def _interpolated(

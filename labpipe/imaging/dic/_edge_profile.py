@@ -1,0 +1,241 @@
+"""How much of what tells a motion along the edges of a subset is no more than the steps that pixels make of them.
+
+However pixels and lenses show a straight or evenly bent edge, a line, or a grating, and whatever blurs it after it
+was sampled, each pixel depends on its distance across the edge alone. A profile over that distance, finer than the
+pixels, takes all the steps along them with it, and leaves what is texture.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from labpipe.arrays import Flags, Floats
+from labpipe.imaging.dic._motion_uncertainty import strongest_slopes
+from labpipe.imaging.dic._reference import Reference
+
+#: Weights of the slope at a pixel, and how many pixels they reach beyond the subset.
+_SLOPE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0
+_BORDER = 3
+#: Distance (px) between the knots of the profile: so many pixels lie between two of them, and it is no finer.
+_PIXELS_OF_KNOT, _FINEST = 4.8, 0.06
+#: The same in the first rounds, which look for the direction; rounds; and the most that one changes (px at the
+#: border of the subset) how the edge is turned, bent, and bent the other way.
+_COARSE, _ROUNDS, _MOST_CHANGE = (1.0, 0.7, 0.5), 7, np.array([0.15, 0.3, 0.6])
+#: Weight of its second differences where no pixels tell it, and sum of squared weights from which they do.
+_SMOOTH, _TELLS = 1e-3, 0.02
+#: Error of the distance, in distances of knots, of a profile that has steps itself: blur after sampling leaves them.
+_MISPLACED = 0.08
+#: Share of the texture that edges may be, and ratio of the squared slopes across and along, from which it is looked
+#: whether they are.
+_MAY_BE, _SIDED = 0.1, 10.0
+#: The same from which a motion is doubtful if edges seem to be more than a share of what resists it, or what they are
+#: not is less clear than that; and share and clarity below them.
+_MAY_BE_ALL, _ONE_WAY, _ARE, _CLEAR = 0.35, 20.0, 0.4, 4.0
+_ARE_MOST, _HARDLY_CLEAR = 0.7, 2.0
+#: Shift (px) to which edges mislead that are all of the texture.
+_MISLEADS = 0.16
+#: Share of the frames that show a point's own noise.
+_BETTER = 0.1
+#: Relative variance of the sum of squared slopes of noise, times the pixels.
+_SPREAD = 4.0
+
+
+@dataclass(frozen=True)
+class Along:
+    """What resists the motion that a subset tells least.
+
+    Attributes
+    ----------
+    folded : float [1]
+        Share of it that steps of edges may be, 0 to 1.
+    clarity : float [1]
+        What is none of them, in standard deviations of what noise makes of nothing.
+    """
+
+    folded: float
+    clarity: float
+
+
+def misled(
+    reference: Reference, found: Flags, bound: Floats, texture: Floats, noise: Floats, is_static: Flags
+) -> tuple[Floats, Flags]:
+    """Shift [px] to which steps of edges mislead, and where they may be all that tells one, (frame, usable point).
+
+    A texture that stays with the pixels while the edge moves on misleads by its share of what resists.
+
+    Parameters
+    ----------
+    reference : Reference
+    found : bool array (frame, usable point)
+        Results that are asked about.
+    bound : array (frame, usable point)
+        See :func:`.folded_share`.
+    texture, noise : arrays (frame, usable point)
+        As in :class:`.Variances`.
+    is_static : bool array (frame,)
+    """
+    shift, is_doubtful = _MISLEADS * bound, np.zeros(found.shape, bool)
+    sided = strongest_slopes(reference.subsets) / np.maximum(texture, 1e-30)
+    is_asked = found & ((bound > _MAY_BE) | (sided > _SIDED))
+    may_be_all = (bound > _MAY_BE_ALL) | (sided > _ONE_WAY)
+    for n in np.flatnonzero(is_asked.any(axis=0)).tolist():
+        rows = found[:, n]
+        own = float(np.quantile(noise[rows, n], _BETTER))
+        static = noise[is_static, n]
+        static = static[np.isfinite(static) & (static > 0.0)]
+        if len(static):
+            own = min(own, float(static.mean()))
+        along = along_edges(reference, n, max(own, reference.rounding))
+        shift[rows, n] = _MISLEADS * np.minimum(bound[rows, n], along.folded)
+        if along.folded > _ARE_MOST or along.clarity < _HARDLY_CLEAR:
+            is_doubtful[:, n] = is_asked[:, n]
+        elif along.folded > _ARE or along.clarity < _CLEAR:
+            is_doubtful[:, n] = is_asked[:, n] & may_be_all[:, n]
+    return shift, is_doubtful
+
+
+def along_edges(reference: Reference, point: int, noise: float) -> Along:
+    """Tell how much of what resists the least resisted motion steps of edges may be.
+
+    Parameters
+    ----------
+    reference : Reference
+    point : int
+        Usable point.
+    noise : float [grey²]
+        Variance of a pixel of one frame.
+
+    Notes
+    -----
+    The profile is a cubic spline by least squares over the distance from a curve of third order, which is
+    found with it. The motion is that which the subset resists least, turned and stretched as it may be; what the
+    profile and what the rest resist of it are counted apart. Of ``n`` pixels and ``k`` knots, the profile
+    takes ``k/n`` of everything that is none of its own, noise and texture alike.
+    """
+    across = reference.weakest_slopes(point) + 0.5 * math.pi
+    x, y, half = reference.subsets.layout[point, :3].tolist()
+    reach = half + _BORDER
+    rows, columns = (
+        np.clip(np.arange(c - reach, c + reach + 1), 0, n - 1)
+        for c, n in zip((y, x), reference.mean.shape, strict=True)
+    )
+    image, inside = reference.mean[np.ix_(rows, columns)], reference.images.inside
+    down, right = np.mgrid[-reach : reach + 1, -reach : reach + 1].astype(float)
+    counts = np.maximum(np.abs(down), np.abs(right)) <= half
+    if inside is not None:
+        is_seen = inside[np.ix_(rows, columns)] > 0.0
+        counts &= is_seen
+    profile, steep, freedom = _profile(image, counts, right, down, half, across)
+    if inside is not None:
+        image = np.where(is_seen, image, profile)
+    rest = image - profile
+    rest = np.sign(rest) * np.maximum(np.abs(rest) - steep, 0.0)
+    places = right[counts] / half, down[counts] / half
+    is_rigid = bool(reference.subsets.rigid_in(0)[point])
+    whole, own = (_motions(picture, counts, places, is_rigid) for picture in (image, rest))
+    weights = _least_resisted(whole)
+    texture, both = own @ weights, whole @ weights
+    share = min(freedom / len(texture), 0.9)
+    left = float(texture @ texture) / (1.0 - share)
+    by_noise = noise / reference.noise.static_frames * float((_SLOPE**2).sum()) * _squares(weights, places, is_rigid)
+    steps = max(float(((both - texture) ** 2).sum()) - share * left, 0.0)
+    beyond = left - by_noise
+    return Along(
+        steps / max(steps + max(beyond, 0.0), 1e-30), beyond / max(by_noise * math.sqrt(_SPREAD / len(texture)), 1e-30)
+    )
+
+
+def _profile(
+    image: Floats, counts: Flags, right: Floats, down: Floats, half: int, across: float
+) -> tuple[Floats, Floats, float]:
+    """Image (row, column) of the profile alone, what a misplaced one misses, and its degrees of freedom."""
+    cosine, sine = math.cos(across), math.sin(across)
+    along = (down * cosine - right * sine) / half
+    straight = right * cosine + down * sine
+    curve = half * np.stack([along, along**2 / 2.0, along**3 / 6.0], axis=-1)
+    grey, own, bent = image[counts], straight[counts], curve[counts]
+    finest = max(_PIXELS_OF_KNOT / (2 * half + 1), _FINEST)
+    change = np.zeros(3)
+    best = math.inf
+    for k in range(_ROUNDS):
+        apart = _COARSE[k] if k < len(_COARSE) and _COARSE[k] > finest else finest
+        distance = own + bent @ change
+        first = float(distance.min()) - 1e-3
+        knot, weight, slope = _cubic(distance, first, apart)
+        heights, told = _smooth_heights(knot, weight, grey)
+        missed = grey - _of_profile(heights, knot, weight)
+        squares = float(missed @ missed)
+        if k >= len(_COARSE) and squares < best:
+            best, kept = squares, (change, first, heights, told)
+        columns = _of_profile(heights, knot, slope)[:, None] * bent
+        normal = columns.T @ columns
+        normal += (1e-6 * np.trace(normal) + 1e-30) * np.eye(3)
+        change = change + np.clip(np.linalg.solve(normal, columns.T @ missed), -_MOST_CHANGE, _MOST_CHANGE)
+    change, first, heights, told = kept
+    last = first + (len(heights) - 3) * finest - 1e-6
+    knot, weight, slope = _cubic(np.clip(straight + curve @ change, first, last), first, finest)
+    steep = _MISPLACED * finest * np.abs(_of_profile(heights, knot, slope))
+    return _of_profile(heights, knot, weight), steep, float((told > _TELLS).sum())
+
+
+def _cubic(distance: Floats, first: float, apart: float) -> tuple[np.ndarray, Floats, Floats]:
+    """First of the four knots that count at each distance, their weights (4, ...), and those in its slope."""
+    knot = np.floor((distance - first) / apart).astype(int)
+    t = (distance - first) / apart - knot
+    s = 1.0 - t
+    weight = np.stack([s**3, 3.0 * t**3 - 6.0 * t**2 + 4.0, 3.0 * s**3 - 6.0 * s**2 + 4.0, t**3]) / 6.0
+    slope = np.stack([-(s**2), 3.0 * t**2 - 4.0 * t, 4.0 * s - 3.0 * s**2, t**2]) / (2.0 * apart)
+    return knot, weight, slope
+
+
+def _of_profile(heights: Floats, knot: np.ndarray, weight: Floats) -> Floats:
+    return np.asarray(sum(weight[a] * heights[knot + a] for a in range(4)))
+
+
+def _smooth_heights(knot: np.ndarray, weight: Floats, grey: Floats) -> tuple[Floats, Floats]:
+    """Heights of the knots by least squares, and the sum of squared weights that tells each."""
+    from scipy.linalg import solveh_banded
+
+    count = int(knot.max()) + 4
+    banded, moments = np.zeros((4, count)), np.zeros(count)
+    for a in range(4):
+        moments += np.bincount(knot + a, weight[a] * grey, count)
+        for b in range(a, 4):
+            banded[3 - b + a] += np.bincount(knot + b, weight[a] * weight[b], count)
+    told = banded[3].copy()
+    second = np.array([1.0, -2.0, 1.0])
+    for a in range(3):
+        for b in range(a, 3):
+            banded[3 - b + a, b : count - 2 + b] += _SMOOTH * second[a] * second[b]
+    banded[3] += 1e-9
+    return np.asarray(solveh_banded(banded, moments)), told
+
+
+def _motions(image: Floats, counts: Flags, places: tuple[Floats, Floats], is_rigid: bool) -> Floats:
+    """Columns (pixel, motion) of the shifts along x and y and of the turn, or of what else an affine motion does."""
+    from scipy.ndimage import correlate1d
+
+    slope_x, slope_y = (correlate1d(image, _SLOPE, axis=axis, mode="nearest")[counts] for axis in (1, 0))
+    x, y = places
+    if is_rigid:
+        return np.stack([slope_x, slope_y, slope_y * x - slope_x * y], axis=1)
+    return np.stack([slope_x, slope_y, *(s * p for s in (slope_x, slope_y) for p in (x, y))], axis=1)
+
+
+def _least_resisted(columns: Floats) -> Floats:
+    """Weights of the motions whose shift is 1 px in the direction in which a subset resists it least."""
+    normal = columns.T @ columns
+    inverse = np.linalg.pinv(normal + (1e-9 * np.trace(normal) + 1e-30) * np.eye(len(normal)), hermitian=True)
+    size, direction = np.linalg.eigh(inverse[:2, :2])
+    return np.asarray(inverse[:, :2] @ direction[:, 1] / size[1])
+
+
+def _squares(weights: Floats, places: tuple[Floats, Floats], is_rigid: bool) -> float:
+    """Sum of the squares of the displacements [px²] of these motions."""
+    x, y = places
+    if is_rigid:
+        moved = weights[0] - weights[2] * y, weights[1] + weights[2] * x
+    else:
+        moved = weights[0] + weights[2] * x + weights[3] * y, weights[1] + weights[4] * x + weights[5] * y
+    return float((moved[0] ** 2 + moved[1] ** 2).sum())
