@@ -18,15 +18,15 @@ FAST = {"reassoc", "contract", "nsz", "arcp"}
 PLAIN, RICH, UNEVEN = 0, 1, 2
 
 # Lines of the work array of a row: geometry, light, and the table at every pixel.
-_DX, _U, _V, _R, _ACROSS, _CURVE, _LIGHT, _TERM, _CORE = 0, 1, 2, 3, 4, 5, 6, 7, 8
-_BY_R, _BY_RADIUS, _BY_PHASE, _BY_SMEAR, _RESIDUAL, _COLUMN = 9, 10, 11, 12, 13, 14
+DX, _U, _V, R, _ACROSS, _CURVE, _LIGHT, _TERM, _CORE = 0, 1, 2, 3, 4, 5, 6, 7, 8
+_BY_R, _BY_RADIUS, _BY_PHASE, _BY_SMEAR, RESIDUAL, _COLUMN = 9, 10, 11, 12, 13, 14
 _SEEN = 15
-_LINES = 16
-_USUAL, _PARAMETERS = 13, 26
+LINES = 16
+USUAL, PARAMETERS = 13, 26
 
 
 @part(fastmath=FAST)
-def _find_pixels(
+def find_pixels(
     line: Floats32,
     first_column: int,
     dy: float,
@@ -59,11 +59,11 @@ def _find_pixels(
         v = dy * (1.0 - stretch) + dx * shear
         r = math.sqrt(u * u + v * v)
         if r >= inner and r <= outer and line[column] < ceiling:
-            work[_DX, count] = dx
+            work[DX, count] = dx
             work[_U, count] = u
             work[_V, count] = v
-            work[_R, count] = r
-            work[_RESIDUAL, count] = line[column]
+            work[R, count] = r
+            work[RESIDUAL, count] = line[column]
             work[_COLUMN, count] = column
             count += 1
         column += 1
@@ -76,7 +76,7 @@ def _evaluate_unevenly(
 ) -> None:
     """Model and residual in light that is uneven, from the table at the pixels."""
     for i in range(count):
-        x = (work[_DX, i] + offset) / origin[2]
+        x = (work[DX, i] + offset) / origin[2]
         curve = (x * x + down * down - origin[3]) * origin[4]
         power = parameters[5] * x + parameters[6] * down + parameters[7] * curve
         power += parameters[17] * (x * x - down * down) + parameters[18] * x * down
@@ -90,11 +90,11 @@ def _evaluate_unevenly(
         work[_ACROSS, i], work[_CURVE, i] = x, curve
         work[_LIGHT, i] = math.exp(power)
         work[_CORE, i] = parameters[3] + parameters[4] * work[_TERM, i]
-        work[_RESIDUAL, i] -= work[_LIGHT, i] * work[_CORE, i]
+        work[RESIDUAL, i] -= work[_LIGHT, i] * work[_CORE, i]
 
 
 @part(fastmath=FAST)
-def _evaluate(
+def evaluate(
     count: int,
     offset: float,
     down: float,
@@ -108,7 +108,7 @@ def _evaluate(
     """Model and residual of the listed pixels; the table is interpolated linearly."""
     last = table.shape[1] - 2
     for i in range(count):
-        at = (work[_R, i] - table_start) * SAMPLES_PER_PIXEL
+        at = (work[R, i] - table_start) * SAMPLES_PER_PIXEL
         cell = min(max(int(at), 0), last)
         t = at - cell
         work[_TERM, i] = table[0, cell] + t * (table[0, cell + 1] - table[0, cell])
@@ -122,7 +122,7 @@ def _evaluate(
         _evaluate_unevenly(count, offset, down, parameters, origin, work)
         return
     for i in range(count):
-        x = (work[_DX, i] + offset) / origin[2]
+        x = (work[DX, i] + offset) / origin[2]
         curve = (x * x + down * down - origin[3]) * origin[4]
         light = 1.0 + parameters[5] * x + parameters[6] * down + parameters[7] * curve
         core = parameters[3] + parameters[4] * work[_TERM, i]
@@ -130,16 +130,16 @@ def _evaluate(
         work[_CURVE, i] = curve
         work[_LIGHT, i] = light
         work[_CORE, i] = core
-        work[_RESIDUAL, i] -= light * core
+        work[RESIDUAL, i] -= light * core
 
 
 @compiled(nogil=True, fastmath=FAST)
-def _differentiate(count: int, dy: float, down: float, parameters: Floats, work: Floats, slopes: Floats) -> None:
+def differentiate(count: int, dy: float, down: float, parameters: Floats, work: Floats, slopes: Floats) -> None:
     """Differentiate the model by every parameter at the listed pixels."""
     radius, modulation = parameters[0], parameters[4]
     stretch, shear = parameters[9], parameters[10]
     for i in range(count):
-        dx, u, v, r = work[_DX, i], work[_U, i], work[_V, i], work[_R, i]
+        dx, u, v, r = work[DX, i], work[_U, i], work[_V, i], work[R, i]
         light, core = work[_LIGHT, i], work[_CORE, i]
         bright = modulation * light
         steep = bright * work[_BY_R, i] / max(r, 1e-9)
@@ -160,7 +160,7 @@ def _differentiate(count: int, dy: float, down: float, parameters: Floats, work:
 
 
 @part(fastmath=FAST)
-def _differentiate_rich(
+def differentiate_rich(
     count: int,
     down: float,
     parameters: Floats,
@@ -173,7 +173,7 @@ def _differentiate_rich(
     """Differentiate by blur and harmonics, and by what makes light uneven, which is an exponential then."""
     last = table.shape[1] - 2
     for i in range(count):
-        at = (work[_R, i] - table_start) * SAMPLES_PER_PIXEL
+        at = (work[R, i] - table_start) * SAMPLES_PER_PIXEL
         cell = min(max(int(at), 0), last)
         t = at - cell
         bright = parameters[4] * work[_LIGHT, i] * work[_SEEN, i]
@@ -258,12 +258,12 @@ def _add_differences(
     here[:] = np.nan
     for i in range(count):
         column = int(work[_COLUMN, i])
-        dx, residual = work[_DX, i], work[_RESIDUAL, i]
+        dx, residual = work[DX, i], work[RESIDUAL, i]
         here[column] = residual
         difference = math.nan
         if abs(dy) > 2.0 * abs(dx):
             if i > 0 and work[_COLUMN, i - 1] == column - 1:
-                difference = residual - work[_RESIDUAL, i - 1]
+                difference = residual - work[RESIDUAL, i - 1]
         else:
             if abs(dx) <= 2.0 * abs(dy):
                 column += stride if dx * dy > 0.0 else -stride
@@ -303,18 +303,18 @@ def accumulate(
     size = len(active)
     normal, weighted = np.zeros((size, size)), np.zeros((size, size))
     right, totals = np.zeros(size), np.zeros(4)
-    work, slopes = np.empty((_LINES, columns)), np.empty((_PARAMETERS if kind else _USUAL, columns))
+    work, slopes = np.empty((LINES, columns)), np.empty((PARAMETERS if kind else USUAL, columns))
     above, here = np.full(columns, np.nan), np.full(columns, np.nan)
     for row in range(0, rows, stride):
         dy = row + first_row - parameters[2]
         down = (row + first_row - origin[1]) / origin[2]
-        count = _find_pixels(image[row], first_column, dy, inner, outer, parameters, ceiling, work)
+        count = find_pixels(image[row], first_column, dy, inner, outer, parameters, ceiling, work)
         offset = parameters[1] - origin[0]
-        _evaluate(count, offset, down, parameters, origin, table, table_start, work, kind)
-        _differentiate(count, dy, down, parameters, work, slopes)
+        evaluate(count, offset, down, parameters, origin, table, table_start, work, kind)
+        differentiate(count, dy, down, parameters, work, slopes)
         if kind:
-            _differentiate_rich(count, down, parameters, table, table_start, work, slopes, kind)
-        residual = work[_RESIDUAL]
+            differentiate_rich(count, down, parameters, table, table_start, work, slopes, kind)
+        residual = work[RESIDUAL]
         _add(count, active, residual, slopes, normal, right, weighted, is_last)
         for i in range(count):
             totals[0] += residual[i] * residual[i]
@@ -326,61 +326,3 @@ def accumulate(
             normal[q, p] = normal[p, q]
             weighted[q, p] = weighted[p, q]
     return normal, right, weighted, totals
-
-
-@compiled(nogil=True)
-def accumulate_cells(
-    image: Floats32,
-    first_row: int,
-    first_column: int,
-    stride: int,
-    inner: float,
-    outer: float,
-    parameters: Floats,
-    origin: Floats,
-    table: Floats,
-    table_start: float,
-    active: Integers,
-    ceiling: float,
-    kind: int,
-    bins: int,
-    sectors: int,
-    limits: Floats,
-) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-    """Sum residuals over cells of the ring, and their products with the slopes over its parts.
-
-    Returns sums and numbers of pixels (bin, sector), products with the slopes (sector, active), and,
-    between the distances ``limits``, normal matrices (part, active, active) and products (part, active).
-    """
-    rows, columns = image.shape
-    size = len(active)
-    sums, counts = np.zeros((bins, sectors)), np.zeros((bins, sectors))
-    scores = np.zeros((sectors, size))
-    parts = max(len(limits) - 1, 0)
-    normals, pulls = np.zeros((parts, size, size)), np.zeros((parts, size))
-    work, slopes = np.empty((_LINES, columns)), np.empty((_PARAMETERS if kind else _USUAL, columns))
-    for row in range(0, rows, stride):
-        dy = row + first_row - parameters[2]
-        down = (row + first_row - origin[1]) / origin[2]
-        count = _find_pixels(image[row], first_column, dy, inner, outer, parameters, ceiling, work)
-        offset = parameters[1] - origin[0]
-        _evaluate(count, offset, down, parameters, origin, table, table_start, work, kind)
-        _differentiate(count, dy, down, parameters, work, slopes)
-        if kind:
-            _differentiate_rich(count, down, parameters, table, table_start, work, slopes, kind)
-        for i in range(count):
-            turn = math.atan2(dy, work[_DX, i]) / (2.0 * math.pi) + 0.5
-            sector = min(int(turn * sectors), sectors - 1)
-            place = min(int((work[_R, i] - inner) / (outer - inner) * bins), bins - 1)
-            sums[place, sector] += work[_RESIDUAL, i]
-            counts[place, sector] += 1.0
-            for p in range(size):
-                scores[sector, p] += slopes[active[p], i] * work[_RESIDUAL, i]
-            part = np.searchsorted(limits, work[_R, i], side="right") - 1
-            if 0 <= part < parts:
-                for p in range(size):
-                    slope = slopes[active[p], i]
-                    pulls[part, p] += slope * work[_RESIDUAL, i]
-                    for q in range(size):
-                        normals[part, p, q] += slope * slopes[active[q], i]
-    return sums, counts, scores, normals, pulls

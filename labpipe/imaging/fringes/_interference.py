@@ -24,8 +24,9 @@ _BLUR_REACH = 3.5
 _LEAST_INSIDE = 8.0
 #: Gauss–Legendre nodes of the exposure average: at least, at most, and per fringe passed.
 _LEAST_NODES, _MOST_NODES, _NODES_PER_FRINGE = 4, 24, 5
-#: Halvings that locate a gap to 1e-12 of the bracket.
-_HALVINGS = 40
+#: Halvings that locate a slope of the phase to 1e-12 of the bracket; steps that locate a gap at most, to
+#: this share of it.
+_HALVINGS, _STEPS, _SAME_GAP = 40, 40, 1e-12
 
 
 @dataclass(frozen=True)
@@ -189,20 +190,18 @@ def distance_at_phase(phase_change: float, contact_radius: float, optics: Optics
 
     2π is one fringe: half a wavelength of gap.
     """
-    wanted = phase_change / optics.phase_scale
-    low = contact_radius
-    # The gap is never below that of the sphere less its approach a²/R.
-    high = math.sqrt(2.0 * wanted + 2.0 * contact_radius**2) + contact_radius + 1.0
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if _gap(middle, contact_radius) < wanted else (low, middle)
-    return 0.5 * (low + high)
-
-
-def _gap(r: float, a: float) -> float:
-    """:func:`scaled_gap` of one distance beyond the contact, without the cost of an array."""
-    root = math.sqrt(max(r * r - a * a, 0.0))
-    return (a * root - (2.0 * a * a - r * r) * math.atan2(root, a)) / math.pi
+    a, wanted = contact_radius, phase_change / optics.phase_scale
+    # The gap is never below that of the sphere less its approach a²/R, and convex: Newton's steps from
+    # there lead inwards without passing it.
+    r = math.sqrt(2.0 * wanted + 2.0 * a**2)
+    for _ in range(_STEPS):
+        root = math.sqrt(max(r * r - a * a, 0.0))
+        angle = math.atan2(root, a)
+        beyond = (a * root - (2.0 * a * a - r * r) * angle) / math.pi - wanted
+        if beyond <= _SAME_GAP * wanted:
+            break
+        r -= beyond * math.pi / (2.0 * (a * root / r + r * angle))
+    return r
 
 
 def outer_distance(contact_radius: float, optics: Optics, fringes: float, least_spacing: float) -> float:

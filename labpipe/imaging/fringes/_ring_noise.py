@@ -43,23 +43,23 @@ def slow_power(sums: Floats, counts: Floats) -> float | None:
     seen_by_all = counts >= _LEAST_PIXELS
     numbers = seen_by_all.sum(axis=1)
     is_whole = numbers == counts.shape[1]
-    waves = np.zeros(sums.shape)
-    waves[is_whole] = np.asarray(dct(sums[is_whole] / counts[is_whole], norm="ortho", axis=1)) ** 2
-    for place in np.flatnonzero(numbers >= _LEAST_SECTORS).tolist():
-        seen, count, number = seen_by_all[place], counts[place], int(numbers[place])
-        wave = waves[place]
-        if not is_whole[place]:
-            # Sectors in their order from the end of the widest gap on.
-            order = np.roll(np.arange(len(seen)), -_after_gap(seen))
-            order = order[seen[order]]
-            wave = np.asarray(dct(sums[place, order] / count[order], norm="ortho")) ** 2
-        slow = max(1, round(_SLOW * number / len(seen)))
-        level = float(wave[slow : slow + _NEXT].mean())
-        weight = float(count.sum())
-        total += weight
-        power += weight * (float(wave[:slow].sum()) - slow * level) / number
+    waves = np.asarray(dct(sums[is_whole] / counts[is_whole], norm="ortho", axis=1)) ** 2
+    parts = [(waves, counts[is_whole].sum(axis=1))] if is_whole.any() else []
+    for place in np.flatnonzero((numbers >= _LEAST_SECTORS) & ~is_whole).tolist():
+        seen, count = seen_by_all[place], counts[place]
+        # Sectors in their order from the end of the widest gap on.
+        order = np.roll(np.arange(len(seen)), -_after_gap(seen))
+        order = order[seen[order]]
+        wave = np.asarray(dct(sums[place, order] / count[order], norm="ortho")) ** 2
+        parts.append((wave[None], count.sum()[None]))
+    for wave, weight in parts:
+        number = wave.shape[1]
+        slow = max(1, round(_SLOW * number / sums.shape[1]))
+        level = wave[:, slow : slow + _NEXT].mean(axis=1)
+        total += float(weight.sum())
+        power += float((weight * (wave[:, :slow].sum(axis=1) - slow * level)).sum()) / number
         # Each power of a harmonic scatters by √2 of its mean.
-        variance += (weight * level / number) ** 2 * 2.0 * slow * (1.0 + slow / _NEXT)
+        variance += float(((weight * level / number) ** 2).sum()) * 2.0 * slow * (1.0 + slow / _NEXT)
     if total < 0.5 * counts.sum() or total == 0.0:
         return None
     return power / total if power > _SIGNIFICANT * math.sqrt(variance) else 0.0

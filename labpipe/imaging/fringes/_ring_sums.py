@@ -116,7 +116,7 @@ class Cells:
 
 def ring_cells(ring: Ring, parameters: Floats, free: Integers, optics: Optics, limits: Floats = _NO_LIMITS) -> Cells:
     """Sum residuals over the cells of a ring, and what parts between limits of distance say, by compiled loops."""
-    from labpipe.imaging.fringes._fit_kernel import accumulate_cells
+    from labpipe.imaging.fringes._cell_kernel import accumulate_cells
 
     table, kind = tabulate(ring, parameters, free, optics)
     bins = max(4, min(MOST_BINS, int(ring.outer - ring.inner)))
