@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.imaging.fringes._attempts import Attempts
 from labpipe.imaging.fringes._harmonics import find_blur_before_camera, find_coating, find_harmonics, settle_harmonics
 from labpipe.imaging.fringes._lens_blur import BLUR_ROUNDS, LEAST_BLUR, find_blur, least_blur, next_gain, settle_blur
 from labpipe.imaging.fringes._ring_fit import RingFit
@@ -20,12 +21,12 @@ from labpipe.imaging.fringes._trials import (
     FACTOR,
     HINT,
     MOST_FRAMES,
+    PROMISE,
     SIGNIFICANT,
     VARIANCES,
     Attempt,
     Calibration,
     Trial,
-    fit_frames,
     is_promising,
 )
 from labpipe.imaging.fringes._view import View
@@ -35,10 +36,16 @@ from labpipe.imaging.fringes._worn_flat import find_flat, weigh_flat
 _MOST_SCALE = 0.7
 #: Relative change of the blur at which it is settled with all else free.
 _SETTLED_BLUR = 0.003
-#: Share of the squared misfit below which nothing else is looked for beside what leaves no more.
-_ALL_BUT = 0.02
-#: Explanations that cost most, and the share of the squared misfit below which a simpler one is taken before.
-_COSTLY, _MOSTLY = 2, 0.1
+#: Share of the squared misfit below which nothing else is looked for beside what leaves no more, whatever that is
+#: and where it may be there by chance.
+_ALL_BUT, _MOSTLY = 0.02, 0.1
+#: Explanations that cost most: a simpler one that leaves less than that by chance is taken before.
+_COSTLY = 2
+#: Place of the explanation that is no function of the distance: none of the others is tried where all such
+#: functions together would not explain enough.
+_UNEVEN = 1
+#: Share that they explain from which no ellipse is tried.
+_ROUND = 0.75
 #: Things that are found one after the other at most.
 _ROUNDS = 4
 
@@ -80,27 +87,7 @@ def calibrate(
     chosen = _choose(fits)
     if not chosen:
         return Calibration()
-    images = [frame_of(index) for index in chosen]
-    starts = [fits[index] for index in chosen]
-
-    made: dict[tuple[object, ...], Trial | None] = {}
-
-    def attempt(
-        extra: Sequence[Parameter], known: Calibration, count: int = MOST_FRAMES, pixels: int | None = None
-    ) -> Trial | None:
-        seen = known.applied(view)
-        if pixels is not None:
-            seen = replace(seen, settings=replace(seen.settings, max_pixels=pixels, tells_memory=False))
-        key = (tuple(extra), seen, count)
-        if key not in made:
-            made[key] = fit_frames(images[:count], starts[:count], seen, tuple(extra))
-        return made[key]
-
-    def begin_from(trial: Trial, known: Calibration) -> None:
-        starts[:] = trial.fits
-        made.clear()
-        made[tuple(plain_axes), known.applied(view), MOST_FRAMES] = trial
-
+    attempt = Attempts([frame_of(index) for index in chosen], [fits[index] for index in chosen], view)
     plain_axes = AXES if shape == "ellipse" else ()
     result = Calibration(frames=chosen, colour=view.optics.colour)
     best = attempt(plain_axes, result)
@@ -122,7 +109,8 @@ def calibrate(
         for trial, found in _candidates(attempt, plain_axes, result, best, view, vain, log_stated):
             # What differs from frame to frame fits better than what holds for all: compare the latter.
             better.append((attempt(plain_axes, found) or trial, found))
-            if better[-1][0].excess < _ALL_BUT * best.excess:
+            share = better[-1][0].excess / max(best.excess, 1e-300)
+            if share < _ALL_BUT or (share < _MOSTLY and better[-1][0].is_all_noise):
                 break
         if not better:
             break
@@ -132,15 +120,15 @@ def calibrate(
             # The scale would be bent to make up for a phase that is not what it is said to be.
             return replace(result, doubted_phase=view.optics.phase + found.phase_shift)
         result, best = found, trial
-        begin_from(best, result)
+        attempt.begin_from(best, plain_axes, result)
     settled, result = settle_blur(attempt, plain_axes, result, best)
     if settled is not best:
         best = settled
-        begin_from(best, result)
+        attempt.begin_from(best, plain_axes, result)
     settled, result = weigh_flat(attempt, plain_axes, result, best, log_stated)
     if settled is not best:
         best = settled
-        begin_from(best, result)
+        attempt.begin_from(best, plain_axes, result)
     result = _refine(attempt, plain_axes, settle_harmonics(attempt, plain_axes, result), view)
     # What a film shows beyond the third harmonic looks like a small phase where no lens has blurred it.
     is_cut = any(result.harmonics) and (result.by_camera or not result.blur)
@@ -164,7 +152,7 @@ def _with_hidden_phase(attempt: Attempt, axes: Sequence[Parameter], known: Calib
 
 
 def _candidates(
-    attempt: Attempt,
+    attempt: Attempts,
     axes: Sequence[Parameter],
     known: Calibration,
     best: Trial,
@@ -177,6 +165,7 @@ def _candidates(
     What explained nothing before is tried again when most of the misfit that it was ``vain`` at is gone,
     and the last, which cost most, when nothing simpler explains most of it.
     """
+    is_round = not best.is_doubtful or attempt.round_share(best, known) > 1.0 - PROMISE
     makers: tuple[Callable[[], tuple[Trial, Calibration] | None], ...] = (
         lambda: find_blur(attempt, axes, known, best),
         lambda: _find_uneven_light(attempt, axes, known, best),
@@ -191,7 +180,7 @@ def _candidates(
     )
     least = best.excess
     for place, make in enumerate(makers):
-        is_vain = FACTOR * best.excess > vain.get(place, math.inf)
+        is_vain = FACTOR * best.excess > vain.get(place, math.inf) or (place != _UNEVEN and not is_round)
         if is_vain or (place >= len(makers) - _COSTLY and least < _MOSTLY * best.excess):
             continue
         found = make()
@@ -202,12 +191,15 @@ def _candidates(
             vain[place] = best.excess
 
 
-def _find_ellipse(attempt: Attempt, known: Calibration, best: Trial) -> tuple[Trial, Calibration]:
+def _find_ellipse(attempt: Attempts, known: Calibration, best: Trial) -> tuple[Trial, Calibration]:
     """Ellipse that explains the frames much better than circles, its area being right or not.
 
     A view that is oblique, or scaled along one axis, changes the area that a contact of known fringes
-    covers: then neither ellipse nor scale explains anything without the other.
+    covers: then neither ellipse nor scale explains anything without the other. Where nearly all that is left is
+    the same all around the rings, no ellipse explains much of it.
     """
+    if best.is_doubtful and attempt.round_share(best, known) > _ROUND:
+        return best, known
     for extra in (AXES, (*AXES, Parameter.SCALE)):
         is_likely = best.may_gain(extra) and is_promising(attempt, ((), known), (extra, known), best, may_hide=False)
         oblique = attempt(extra, known) if is_likely else None

@@ -15,7 +15,7 @@ from labpipe.imaging.fringes._looks import Looks
 from labpipe.imaging.fringes._optics_search import OtherOptics
 from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import HARMONICS, Parameter
-from labpipe.imaging.fringes._search import Vain, search_contact
+from labpipe.imaging.fringes._search import NO_WORSE, Vain, fit_like, search_contact
 from labpipe.imaging.fringes._view import View
 
 #: Jump of the radius (px) up to which a fit is started from the frame before.
@@ -110,6 +110,9 @@ def _next_fit(looks: Looks, view: View, last: RingFit | None, before: RingFit | 
     centre = (float(last.parameters[Parameter.X]), float(last.parameters[Parameter.Y]))
     # What served the last contact serves this film: what it cannot fit is something else.
     extra = tuple(p for p in last.free if p not in view.settings.free)
+    fit = fit_like(looks, view, last) if extra else None
+    if fit is not None:
+        return fit
     view = replace(view, alternatives=(extra,) if extra else ())
     return search_contact(looks, view, centre, vain)
 
@@ -121,7 +124,7 @@ def _warm_fit(frame: NDArray[np.generic], view: View, last: RingFit) -> RingFit 
     if fit is None or not fit.is_converged:
         return None
     jump = abs(float(fit.parameters[Parameter.RADIUS] - last.parameters[Parameter.RADIUS]))
-    is_like = jump < _SMALL_JUMP and fit.misfit <= max(GOOD_MISFIT, 1.2 * last.misfit)
+    is_like = jump < _SMALL_JUMP and fit.misfit <= max(GOOD_MISFIT, NO_WORSE * last.misfit)
     return fit if is_like and is_contact(frame, view, fit) else None
 
 

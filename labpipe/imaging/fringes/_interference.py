@@ -23,7 +23,7 @@ _BLUR_REACH = 3.5
 #: Least width (px) of the part of a ring inside the contact.
 _LEAST_INSIDE = 8.0
 #: Gauss–Legendre nodes of the exposure average: at least, at most, and per fringe passed.
-_LEAST_NODES, _MOST_NODES, _NODES_PER_FRINGE = 4, 24, 5
+_LEAST_NODES, _MOST_NODES, _NODES_PER_FRINGE = 2, 24, 5
 #: Halvings that locate a slope of the phase to 1e-12 of the bracket; steps that locate a gap at most, to
 #: this share of it.
 _HALVINGS, _STEPS, _SAME_GAP = 40, 40, 1e-12

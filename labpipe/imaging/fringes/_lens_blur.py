@@ -9,7 +9,7 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._ring_fit import RingFit
-from labpipe.imaging.fringes._ring_parameters import Parameter
+from labpipe.imaging.fringes._ring_parameters import EVEN, Parameter
 from labpipe.imaging.fringes._trials import (
     FEW_FRAMES,
     FEW_PIXELS,
@@ -22,8 +22,8 @@ from labpipe.imaging.fringes._trials import (
 )
 
 #: Rounds in which the blur is found, its least (px), the relative change of its square at which they
-#: end, the step by which its effect is told, and the square of an even motion over its variance.
-BLUR_ROUNDS, LEAST_BLUR, _SAME_BLUR, _BLUR_STEP, _EVEN = 5, 0.2, 0.02, 0.1, 12.0
+#: end, and the step by which its effect is told.
+BLUR_ROUNDS, LEAST_BLUR, _SAME_BLUR, _BLUR_STEP = 5, 0.2, 0.02, 0.1
 #: Steps of the search for a blur over what a motion in its stead shows; logarithm of the odds against an
 #: equal motion in each further frame.
 _GAINS, _EQUAL_MOTION = (0.3, 2.0), math.log(10.0)
@@ -34,6 +34,10 @@ LEAST_SHAPED = 0.7
 #: Shares of a disc in the shape of the blur that are tried beside none, and between which the likeliest is sought.
 _NEAR_BELL, _BETWEEN, _DISC, _LEAST_SHAPES = 0.35, 0.7, 1.0, 3
 _SHAPES, _SHAPE_ROUNDS, _SAME_SHAPE = np.linspace(0.0, 1.0, 101), 3, 0.03
+#: Share of the uncertainty of a shape within which the likeliest one need not be fitted.
+_NEAR_ENOUGH = 0.3
+#: What a shape leaves over what the best one does from which its size is not sought.
+_FAR_WORSE = 1.2
 
 
 def find_blur(
@@ -94,7 +98,7 @@ def _shift_by_uneven_light(fit: RingFit, blur: float) -> float:
 def _seen_blurs(trial: Trial, blur: float) -> list[tuple[float, float]]:
     """Variance (px²) of lens and motion together in every frame with its uncertainty, least first."""
     return sorted(
-        (blur**2 + float(fit.parameters[Parameter.SMEAR]) / _EVEN, fit.deviation(Parameter.SMEAR) / _EVEN)
+        (blur**2 + float(fit.parameters[Parameter.SMEAR]) / EVEN, fit.deviation(Parameter.SMEAR) / EVEN)
         for fit in trial.fits
     )
 
@@ -130,11 +134,7 @@ def _blur_of_lens(attempt: Attempt, axes: Sequence[Parameter], known: Calibratio
     start = few(axes, known)
     rough = [] if start is None else _likely_shapes(few, axes, known, start)
     sized = (_size_of_blur(attempt, axes, known, lens.trial, lens.disc, lens.blur, is_near=True) for lens in rough)
-    lens = _settled_shape(attempt, axes, known, [lens for lens in sized if lens is not None])
-    if lens is None:
-        return None
-    final = _size_of_blur(attempt, axes, known, lens.trial, lens.disc, lens.blur, is_near=True)
-    return None if final is None else replace(final, by_shape=lens.by_shape)
+    return _settled_shape(attempt, axes, known, [lens for lens in sized if lens is not None])
 
 
 def _likely_shapes(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial) -> list[_Lens]:
@@ -161,19 +161,22 @@ def _settled_shape(attempt: Attempt, axes: Sequence[Parameter], known: Calibrati
         return min(tried, key=lambda lens: lens.trial.left, default=None)
     for _ in range(_SHAPE_ROUNDS):
         near = sorted(tried, key=lambda lens: lens.trial.left)[:_LEAST_SHAPES]
-        flat = np.array([lens.disc**2 for lens in near])
         # How likely each shape is: what the frames leave goes with the square of what is wrong in the
         # fourth moment, to which the disc adds by the square of its share.
-        left = np.polynomial.Polynomial.fit(flat, [lens.trial.left for lens in near], 2)(_SHAPES**2)
+        beyond = np.array([lens.trial.left for lens in tried]) - near[0].trial.left
+        flat = np.array([lens.disc**2 for lens in tried])
+        left = np.polynomial.Polynomial.fit(flat, beyond, 2, w=1.0 / (1.0 + beyond))(_SHAPES**2)
         weights = np.exp(0.5 * (left.min() - left))
         disc = float(np.average(_SHAPES, weights=weights))
-        if min(abs(disc - lens.disc) for lens in near) < _SAME_SHAPE:
+        spread = math.sqrt(float(np.average((_SHAPES - disc) ** 2, weights=weights)))
+        if min(abs(disc - lens.disc) for lens in near) < max(_SAME_SHAPE, _NEAR_ENOUGH * spread):
             break
-        found = _size_of_blur(attempt, axes, known, near[0].trial, disc, near[0].blur)
+        most = _FAR_WORSE * near[0].trial.left
+        found = _size_of_blur(attempt, axes, known, near[0].trial, disc, near[0].blur, most=most)
         if found is None:
             break
         tried.append(found)
-    deviation = math.sqrt(float(np.average((_SHAPES - disc) ** 2, weights=weights)) + _SAME_SHAPE**2 / 3.0)
+    deviation = math.sqrt(spread**2 + _SAME_SHAPE**2 / 3.0)
     slope = (near[1].trial.changes(near[0].trial)) / (near[1].disc - near[0].disc)
     return replace(near[0], by_shape=slope * deviation)
 
@@ -197,10 +200,12 @@ def _size_of_blur(
     blur: float = 0.0,
     *,
     is_near: bool = False,
+    most: float = math.inf,
 ) -> _Lens | None:
     """Find the blur of a lens, of one shape, as that of the frame of least blur.
 
-    The blur to begin with ``is_near`` where it was found for that shape.
+    The blur to begin with ``is_near`` where it was found for that shape. What leaves more than ``most`` is
+    pursued no further.
     """
     square, u_square, gain = blur**2, 0.0, 1.0
     for done in range(BLUR_ROUNDS):
@@ -214,6 +219,8 @@ def _size_of_blur(
         if found is None:
             return None
         trial = found
+        if trial.left > most:
+            break
         if abs(step) < _SAME_BLUR * square:
             if done or is_near:
                 break

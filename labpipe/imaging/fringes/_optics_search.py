@@ -41,6 +41,8 @@ _SCALE_SHARE = 0.5
 #: Pixels of a trial, and fringes of the two fits of one.
 _PIXELS, _NEAR, _FAR = 12_000, 1.5, 3.0
 _ITERATIONS = 20
+#: Misfit of the first fringes from which a start is none: right ones left 0.1 at most.
+_UNEXPLAINED = 0.3
 #: Frames that are searched in a film, and below which one that is explained is enough.
 _MOST_TRIED, _FEW_TRIED = 6, 3
 #: Differences of phase (rad) and logarithm of the scale below which two frames agree.
@@ -282,10 +284,15 @@ def _fit_guess(
     fit: RingFit | None = None
     for fringes, free in trials:
         settings = FitSettings(
-            fringes, view.settings.least_spacing, free, max_pixels=_PIXELS, max_iterations=_ITERATIONS
+            fringes,
+            view.settings.least_spacing,
+            free,
+            max_pixels=_PIXELS,
+            max_iterations=_ITERATIONS,
+            tells_memory=fringes == _FAR,
         )
         fit = fit_contact(frame, start, seen.optics, settings, view.levels)
-        if fit is None:
+        if fit is None or fit.misfit > _UNEXPLAINED:
             return None
         start = fit.parameters
     if fit is None or fit.misfit > GOOD_MISFIT:

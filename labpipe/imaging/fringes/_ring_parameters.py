@@ -47,6 +47,8 @@ class Parameter(IntEnum):
     VISIBILITY_BOWL = 25
 
 
+#: Square of an even motion over its variance: what a lens blurs looks like a motion, and the reverse.
+EVEN = 12.0
 #: Length of the vector of parameters.
 PARAMETERS = len(Parameter)
 #: What is fitted in every frame.

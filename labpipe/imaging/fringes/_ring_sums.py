@@ -21,6 +21,8 @@ from labpipe.imaging.fringes._ring_pixels import Ring
 #: Travel (px) below which the effect of the smear is taken as proportional to its square, so that
 #: noise may also make it negative.
 _LEAST_TRAVEL = 0.3
+#: Pixels of a cell in the mean, at least.
+_PIXELS_PER_CELL = 8
 _NO_LIMITS = np.empty(0)
 
 
@@ -119,7 +121,8 @@ def ring_cells(ring: Ring, parameters: Floats, free: Integers, optics: Optics, l
     from labpipe.imaging.fringes._cell_kernel import accumulate_cells
 
     table, kind = tabulate(ring, parameters, free, optics)
-    bins = max(4, min(MOST_BINS, int(ring.outer - ring.inner)))
+    pixels = math.pi * (ring.outer**2 - ring.inner**2) / ring.stride
+    bins = max(4, min(MOST_BINS, int(ring.outer - ring.inner), int(pixels / (SECTORS * _PIXELS_PER_CELL))))
     model = parameters, ring.origin, table.values, table.start, free, ring.ceiling, kind
     return Cells(*accumulate_cells(*ring.region, *model, bins, SECTORS, limits))
 

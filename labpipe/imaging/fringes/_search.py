@@ -1,13 +1,14 @@
 """Find the contact in one frame, or decide that there is none."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.imaging.fringes._acceptance import SMALL_CONTACT, is_clear, is_contact
+from labpipe.imaging.fringes._acceptance import GOOD_MISFIT, SMALL_CONTACT, is_clear, is_contact
+from labpipe.imaging.fringes._edge import corrected_radius
 from labpipe.imaging.fringes._looks import Looks
 from labpipe.imaging.fringes._radial_scan import (
     Match,
@@ -20,9 +21,12 @@ from labpipe.imaging.fringes._radial_scan import (
     template_of,
 )
 from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
-from labpipe.imaging.fringes._trial_fits import fit_edge, fit_from, otherwise, start_of
+from labpipe.imaging.fringes._ring_parameters import EVEN, Parameter
+from labpipe.imaging.fringes._trial_fits import fit_edge, fit_from, fit_some, otherwise, start_of
 from labpipe.imaging.fringes._view import View
 
+#: What a fit leaves over what the last one did up to which it shows the same contact.
+NO_WORSE = 1.2
 #: Share of the profile's variance that fringes must explain before a frame is fitted.
 _LEAST_SCORE = 0.5
 #: Circles looked at in one frame, and how many of them are fitted, the likeliest first.
@@ -177,10 +181,40 @@ def fit_at(frame: NDArray[np.generic], view: View, x: float, y: float) -> RingFi
     return None
 
 
-def _whole_fit(frame: NDArray[np.generic], view: View, found: RingFit | None) -> RingFit | None:
-    """Fit all pixels from a fit of some of them, if it proves to be a contact."""
+def fit_like(looks: Looks, view: View, last: RingFit) -> RingFit | None:
+    """Fit the contact where the last one was, with what was free there and as it came out; of whatever radius.
+
+    A blur and a travel are hardly told from each other by some of the pixels: the blur stands for both there.
+    """
+    start, free = last.parameters.copy(), last.free
+    if Parameter.BLUR in free:
+        free = tuple(p for p in free if p is not Parameter.SMEAR)
+        start[Parameter.BLUR] = max(start[Parameter.BLUR] + start[Parameter.SMEAR] / EVEN, 0.0)
+        start[Parameter.SMEAR] = 0.0
+    for radius in _radii_about(looks, view, float(start[Parameter.X]), float(start[Parameter.Y])):
+        start[Parameter.RADIUS] = max(radius, 1.0)
+        found = fit_some(looks.frame, view, start, free)
+        if found is not None and found.misfit <= max(GOOD_MISFIT, NO_WORSE * last.misfit):
+            return _whole_fit(looks.frame, view, found, last.free)
+    return None
+
+
+def _radii_about(looks: Looks, view: View, x: float, y: float) -> Iterator[float]:
+    """Radii (px) that a contact about a point may have: by its rings, and by the edge of the likeliest spot."""
+    for match, *_ in look_at(looks.frame, view, x, y):
+        yield match.radius
+    for spot in looks.spots[:1]:
+        edge = looks.edge(spot, view.black)
+        if edge is not None:
+            yield float(corrected_radius(edge, view.optics)[0])
+
+
+def _whole_fit(
+    frame: NDArray[np.generic], view: View, found: RingFit | None, free: tuple[Parameter, ...] | None = None
+) -> RingFit | None:
+    """Fit all pixels from a fit of some of them, if it proves to be a contact; ``free`` as there if not given."""
     if found is None or not is_contact(frame, view, found):
         return None
-    settings = replace(view.settings, free=found.free)
+    settings = replace(view.settings, free=free or found.free)
     final = fit_contact(frame, found.parameters, view.optics, settings, view.levels)
     return final if final is not None and is_clear(view, final) else None

@@ -65,6 +65,13 @@ def fit_edge(frame: NDArray[np.generic], view: View, edge: Edge) -> RingFit | No
     return final if final is not None and final.misfit <= GOOD_MISFIT and is_contact(frame, view, final) else None
 
 
+def fit_some(frame: NDArray[np.generic], view: View, start: Floats, free: tuple[Parameter, ...]) -> RingFit | None:
+    """Fit some of the pixels with these parameters; None when too few of them lie in the frame."""
+    quick = replace(view.settings, free=free, max_pixels=_QUICK_PIXELS, max_iterations=_QUICK_ITERATIONS)
+    found = fit_contact(frame, start, view.optics, quick, view.levels)
+    return None if found is None or found.pixels < LEAST_PIXELS else found
+
+
 def fit_from(frame: NDArray[np.generic], view: View, start: Floats) -> RingFit | None:
     """Fit part of the pixels in two steps, from the first fringe outwards.
 

@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
-from labpipe.imaging.fringes._ring_parameters import ASSUMED, AXES, HARMONICS, LIGHT, Parameter
+from labpipe.imaging.fringes._ring_fit import RingFit
+from labpipe.imaging.fringes._ring_parameters import HARMONICS, LIGHT, Parameter
 from labpipe.imaging.fringes._view import View
 
 #: Variances in all from which something is hinted at.
@@ -25,9 +24,12 @@ VARIANCES = 30.0
 _BY_MEMORY = 20.0
 #: ... and differs from its assumed value by this many standard uncertainties.
 SIGNIFICANT = 5.0
+#: What is left beyond noise, in variances over the root of the number of pixels, that may be there by chance: the
+#: ratio of both squares scatters by about 2.
+_CHANCE = 4.0
 #: Frames and pixels of a first look, the share of the squared misfit that it must leave less than, and
 #: the share of the gain wanted that it must promise, or whole frames are not tried.
-FEW_FRAMES, FEW_PIXELS, _PROMISE, _HALF = 4, 12_000, 0.8, 0.5
+FEW_FRAMES, FEW_PIXELS, PROMISE, _HALF = 4, 12_000, 0.8, 0.5
 
 
 @dataclass(frozen=True)
@@ -144,6 +146,12 @@ class Trial:
         return any(fit.worst_deviation > 0.0 for fit in self.fits)
 
     @property
+    def is_all_noise(self) -> bool:
+        """Whether no more is left in all frames than noise leaves by chance."""
+        beyond = sum((fit.residual**2 / max(fit.noise, 1e-6) ** 2 - 1.0) * fit.pixels for fit in self.fits)
+        return beyond < _CHANCE * math.sqrt(self.pixels)
+
+    @property
     def excess(self) -> float:
         """Mean squared misfit."""
         return float(np.mean([fit.misfit**2 for fit in self.fits]))
@@ -206,11 +214,12 @@ class Trial:
         """Tell whether the misfit is much lower, and not by chance.
 
         Noise with a memory hides how much of the residual is misfit: there the sum of squares must
-        fall by far more than such noise makes it fall.
+        fall by far more than such noise makes it fall, and what misfit is seen beside it must fall as well.
         """
         gain, needed = self.gain_over(other), VARIANCES * len(self.fits)
         is_hidden = any(fit.slow is not None for fit in (*self.fits, *other.fits))
-        is_much = self.excess * FACTOR < other.excess or (is_hidden and gain > _BY_MEMORY * needed)
+        is_beyond_memory = is_hidden and gain > _BY_MEMORY * needed and self.excess <= PROMISE * other.excess
+        is_much = self.excess * FACTOR < other.excess or is_beyond_memory
         return gain > needed and is_much
 
 
@@ -241,32 +250,8 @@ def is_promising(
         return True
     gain = other.gain_over(one) * best.pixels / max(other.pixels, 1)
     is_hidden = may_hide and any(fit.slow is not None for fit in best.fits)
-    is_less = is_hidden or other.excess < _PROMISE * one.excess
+    is_less = is_hidden or other.excess < PROMISE * one.excess
     return is_less and gain > _HALF * VARIANCES * len(best.fits)
-
-
-def fit_frames(
-    images: Sequence[NDArray[np.generic]], starts: Sequence[RingFit], view: View, extra: tuple[Parameter, ...]
-) -> Trial | None:
-    """Fit all frames with further parameters free; None when one of them fails."""
-    free = tuple(dict.fromkeys(view.settings.free + extra))
-    settings = replace(view.settings, free=free, asks=(*ASSUMED, *AXES))
-    fits = []
-    for image, start in zip(images, starts, strict=True):
-        parameters = start.parameters.copy()
-        if Parameter.STRETCH not in extra:
-            parameters[[Parameter.STRETCH, Parameter.SHEAR]] = view.ellipse
-        parameters[Parameter.PHASE] = view.optics.phase
-        parameters[Parameter.SCALE] = 0.0
-        parameters[Parameter.BLUR] = 0.0
-        for place, harmonic in zip(HARMONICS, view.harmonics, strict=True):
-            if place not in extra:
-                parameters[place] = harmonic
-        fit = fit_contact(image, parameters, view.optics, settings, view.levels)
-        if fit is None:
-            return None
-        fits.append(fit)
-    return Trial(tuple(fits))
 
 
 def doubt(gain: float) -> float:

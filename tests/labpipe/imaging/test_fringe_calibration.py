@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from labpipe.imaging.fringes import _calibration
+from labpipe.imaging.fringes._attempts import Attempts
 from labpipe.imaging.fringes._calibration import calibrate
 from labpipe.imaging.fringes._harmonics import find_harmonics
 from labpipe.imaging.fringes._interference import Optics
@@ -91,24 +92,33 @@ def test_what_explained_nothing_is_tried_again_when_most_of_the_misfit_is_gone(m
     for name in (*names, "find_coating", "_find_optics", "find_flat"):
         monkeypatch.setattr(_calibration, name, lambda *_, name=name: asked.append(name))
     vain: dict[int, float] = {}
+    attempt = SimpleNamespace(round_share=lambda *_: 0.9)
     for misfit, count in ((3.0, 9), (2.5, 0), (2.0, 9)):
         asked.clear()
-        assert not [*_calibration._candidates(None, (), Calibration(), trial(misfit), None, vain, 0.0)]  # type: ignore
+        assert not [*_calibration._candidates(attempt, (), Calibration(), trial(misfit), None, vain, 0.0)]  # type: ignore
         assert len(asked) == count
+    attempt = SimpleNamespace(round_share=lambda *_: 0.1)  # what is left is no function of the distance
+    asked.clear()
+    assert not [*_calibration._candidates(attempt, (), Calibration(), trial(3.0), None, {}, 0.0)]  # type: ignore
+    assert asked == ["_find_uneven_light"]
 
 
-@pytest.mark.parametrize(("misfit", "is_oblique"), [(1.0, True), (2.95, False), (4.0, False)])
-def test_an_oblique_view_is_believed_only_if_it_explains_much_more(
-    monkeypatch: pytest.MonkeyPatch, misfit: float, is_oblique: bool
+@pytest.mark.parametrize(
+    ("misfit", "round_share", "is_oblique"),
+    [(1.0, 0.1, True), (2.95, 0.1, False), (4.0, 0.1, False), (1.0, 0.9, False)],
+)
+def test_an_oblique_view_is_believed_only_if_it_explains_much_more_and_rings_are_not_round(
+    monkeypatch: pytest.MonkeyPatch, misfit: float, round_share: float, is_oblique: bool
 ) -> None:
-    def fitted(images: object, starts: object, view: object, extra: tuple) -> Trial | None:
+    def fitted(attempts: object, view: object, extra: tuple, count: int) -> Trial | None:
         if Parameter.STRETCH in extra:
             made = trial(misfit)
             made.fits[0].parameters[Parameter.STRETCH] = 0.05
             return made
         return trial(3.0) if extra == () else None
 
-    monkeypatch.setattr(_calibration, "fit_frames", fitted)
+    monkeypatch.setattr(Attempts, "_fit", fitted)
+    monkeypatch.setattr(Attempts, "round_share", lambda *_: round_share)
     monkeypatch.setattr(_calibration, "_candidates", lambda *_: ())
     monkeypatch.setattr(Calibration, "applied", lambda self, view: view)
     fits = {i: SimpleNamespace(parameters=np.full(len(Parameter), 50.0 + i)) for i in range(8)}

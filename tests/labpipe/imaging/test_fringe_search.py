@@ -1,0 +1,96 @@
+"""What it costs to find out why a film's fringes are not those of a plain contact, and what tells it."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from labpipe.arrays import Floats
+from labpipe.imaging import contact_radius
+from labpipe.imaging.fringes import _attempts, _ring_fit
+from labpipe.imaging.fringes._fingerprint import round_share
+from labpipe.imaging.fringes._ring_sums import Sums
+from tests.by_day import by_day
+from tests.labpipe.imaging.contact_optics import Microscope, bell, comet, oval
+from tests.labpipe.imaging.contact_scenes import gap_of_jkr
+from tests.labpipe.imaging.fringe_film import Scene
+
+UM = 1e-6
+SPHERE, LIGHT = 9.525e-3, 633e-9
+PLAIN = Microscope(Scene(rows=260, columns=280))
+CENTRE = (141.2, 128.3)
+RADII = [152 * UM, 171 * UM, 180 * UM, 186 * UM]
+
+#: A microscope, and how many times the pixels of a plain film may be evaluated in one of four frames.
+CASES = {
+    "coma": (replace(PLAIN, lens=comet), 4.2),
+    "astigmatism": (replace(PLAIN, lens=oval(2.0, 0.8, 0.3)), 6.5),
+    "blur": (replace(PLAIN, lens=oval(2.5, 2.5, 0.0)), 4.5),
+    "strong blur": (replace(PLAIN, lens=oval(5.0, 5.0, 0.0)), 6.0),
+    "many beams": (replace(PLAIN, faces=(0.5, 0.5, 0.0)), 5.5),
+    "ghost": (replace(PLAIN, ghosts=((0.08, 9.0, 17.0),)), 6.5),
+    "light of a bell": (replace(PLAIN, beam=bell(0.6, 0.3, -0.2)), 2.5),
+}
+
+
+def hertz(r: Floats, a: float) -> Floats:
+    return gap_of_jkr(r, a, SPHERE, 5e9, 0.0)
+
+
+def measure(microscope: Microscope, seed: int = 4) -> Floats:
+    """Errors of the radii in standard uncertainties."""
+    film = microscope.film(hertz, RADII, CENTRE, seed)
+    found = contact_radius(film, microscope.scene.pixel_size, SPHERE, LIGHT)
+    assert (found.method == 1).all()
+    return np.asarray((found.radius - RADII) / np.hypot(found.u_radius, found.radius_systematic))
+
+
+@pytest.fixture
+def evaluated(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Pixels of every evaluation of a ring."""
+    sums, made = _ring_fit.ring_sums, list[int]()
+
+    def counted(*arguments: object) -> Sums:
+        found = sums(*arguments)  # type: ignore[arg-type]
+        made.append(found.pixels)
+        return found
+
+    monkeypatch.setattr(_ring_fit, "ring_sums", counted)
+    return made
+
+
+@pytest.mark.parametrize("name", by_day(sorted(CASES), 3))
+def test_what_is_not_plain_costs_a_few_times_a_plain_film(evaluated: list[int], name: str) -> None:
+    """Pixels that are evaluated; each bound is a third above what was measured; coma took 9 times as many."""
+    microscope, most = CASES[name]
+    measure(PLAIN)
+    plain = sum(evaluated)
+    evaluated.clear()
+    assert np.abs(measure(microscope)).max() < 3.0
+    assert sum(evaluated) < most * plain, sum(evaluated) / plain
+
+
+@pytest.mark.parametrize(
+    ("name", "is_round"),
+    by_day([("blur", True), ("many beams", True), ("coma", False), ("astigmatism", False), ("ghost", False)], 3),
+)
+def test_what_is_left_goes_evenly_around_the_rings_or_not(
+    monkeypatch: pytest.MonkeyPatch, name: str, is_round: bool
+) -> None:
+    shares: list[float] = []
+
+    def told(*arguments: object) -> float:
+        shares.append(round_share(*arguments))  # type: ignore[arg-type]
+        return shares[-1]
+
+    monkeypatch.setattr(_attempts, "round_share", told)
+    measure(CASES[name][0])
+    assert (shares[0] > 0.8) if is_round else (shares[0] < 0.3), shares
+
+
+def test_a_film_in_which_no_error_of_the_model_is_seen_asks_for_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Callable[..., object]] = []
+    monkeypatch.setattr(_attempts, "round_share", asked.append)
+    assert np.abs(measure(PLAIN)).max() < 3.0
+    assert asked == []
