@@ -20,6 +20,7 @@ in units of chi square."""
 _SLACK = 0.02
 """How far from such a factor, relative, a fitted one may lie: other inputs may be off too."""
 _GROUPED = 1e4  # from which the digits of a number are grouped
+_RIGHT = 2.0  # standard uncertainties by which a check is off that is right
 _EXPLAINED = 0.1
 """Part of chi square that a cause may leave and still be told as the cause."""
 
@@ -120,7 +121,9 @@ def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanati
         left = sum(((r - d * place) / u) ** 2 for d, r, u in widened)
         names = tuple(name for name, _, _ in rows if cause.effects.get(name))
         score = left - (_USUAL if is_usual else 0.0)
-        if left <= _EXPLAINED * before:
+        # a check that it does not move, and that is right, speaks neither for it nor against it
+        against = sum(z**2 for d, z in ((d, (r - d * place) / u) for d, r, u in widened) if d or abs(z) > _RIGHT)
+        if against <= _EXPLAINED * before:
             found.append((score, Explanation(cause, exp(place), left, before, names)))
     return tuple(e for _, e in sorted(found, key=lambda pair: pair[0]))
 

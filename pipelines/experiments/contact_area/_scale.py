@@ -6,8 +6,14 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-_FRINGE_FIT, _OPEN_GAP = 1, 5  # methods of labpipe.imaging.contact_radius: a gap that is Hertz's, and one that is wider
+from labpipe.arrays import Floats
+
+_FRINGE_FIT, _EDGE, _OPEN_GAP = 1, 2, 5
+"""Methods of labpipe.imaging.contact_radius: a gap that is Hertz's, the edge of the spot, and a gap that is wider."""
 _OPENED = 0.02  # relative, by which a gap that is fitted as wider may change the scale of its fringes
+_EVEN, _ENOUGH = 3.0, 5
+"""Standard deviations of the factor of such gaps, over at least so many frames, by which it may at most: what is
+worn or blurred alters small contacts otherwise than large ones, a wrong length all of them alike."""
 _FORM = 0.7
 """A whole sphere enlarges the scale of the first three fringes by this times (a/R)² against the
 paraboloid that is fitted, both by the method of dimensionality reduction: 0.75 to 0.70 for a/R of 0.045
@@ -45,14 +51,21 @@ def fringe_scale(
         return None
     own, u, time = (radius[name].values for name in ("own_scale", "u_own_scale", "time"))
     is_first = (time >= float(impacts["first_seen"][0])) & (time <= float(impacts["last_seen"][0]))
+    is_growing = is_first & (time <= float(impacts["peak_time"][0]))
     known, method = is_first & np.isfinite(own) & np.isfinite(u), radius["method"].values
     told = np.flatnonzero(known & (method == _FRINGE_FIT))
     is_open = open_too and not told.size
     told = np.flatnonzero(known & (method == _OPEN_GAP)) if is_open else told
-    if not told.size:
-        return None
+    if told.size <= np.count_nonzero(is_first & (method == _EDGE)):
+        return None  # nor where most frames show none: the others may be wrong as well
     form = _FORM * float(np.mean(radius["radius"].values[told]) / sphere_radius) ** 2
     ratio = float(radius.attrs["phase_scale_ratio"]) * float(np.mean(own[told])) / (1.0 + 0.5 * form)
     scatter = float(np.std(own[told])) / sqrt(max(told.size - 1, 1))
     random = max(float(np.sqrt(np.sum(u[told] ** 2))) / told.size, scatter)
-    return FringeScale(ratio, ratio * hypot(random, form / sqrt(12.0), _LIGHT, is_open * _OPENED), int(told.size))
+    opened = _opened(radius["gap_factor"].values[is_growing & (method == _OPEN_GAP)]) if is_open else 0.0
+    return FringeScale(ratio, ratio * hypot(random, form / sqrt(12.0), _LIGHT, opened), int(told.size))
+
+
+def _opened(factor: Floats) -> float:
+    """Return the relative uncertainty of the scale by gaps of so many times Hertz's in one growing contact."""
+    return _OPENED if factor.size < _ENOUGH else min(_OPENED, _EVEN * float(np.std(factor)))

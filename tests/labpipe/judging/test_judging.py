@@ -250,3 +250,13 @@ def test_the_cause_of_the_worst_finding_comes_first() -> None:
 def test_a_factor_beyond_any_unit_is_none() -> None:
     """Rows that hardly know an input ask for an absurd factor of it, whose number nobody could hold."""
     assert best_factor([3.0, 3.0], [1.0, 1.0], [1e-4, 1e-4], np.diag([1e-12, 1e-12])) is None
+
+
+@pytest.mark.parametrize(("beside", "named"), [(1.3, True), (3.0, False)])
+def test_a_usual_factor_is_named_beside_a_right_check_that_scatters(beside, named):
+    wavelength = Cause({"fringes": 1.0}, lambda k: "wavelength", usual=(663 / 632.8,))
+    checks = [
+        compared("fringes", "", "", 1.042, 0.006, 1.0, 0.0),
+        compared("duration", "", "", 1.0 + 0.1 * beside, 0.1, 1.0, 0.0),
+    ]
+    assert [e.sentence for e in explain(checks, [wavelength])] == ["wavelength"] * named

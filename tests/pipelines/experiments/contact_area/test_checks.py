@@ -146,6 +146,24 @@ def test_a_contact_that_recedes_tells_no_other_scale(film):
     assert finding(judged(film)[0], "one scale of the fringes").level == "impossible"
 
 
+@pytest.mark.parametrize(("spread", "level"), [(2e-3, "doubtful"), (0.03, None)])
+def test_gaps_wider_by_one_factor_while_a_contact_grows_tell_a_wrong_length(film, spread, level):
+    seen = film["method"].values == 1
+    film["method"].values[seen] = 5
+    film["own_scale"].values[seen] = 1.0477
+    film["gap_factor"] = 1.0477 + spread * np.sin(film["frame"])
+    checks = judged(film, wavelength=Quantity(663e-9, 0.0, "m"))[0].findings
+    told = [(f.level, "probably 633 nm, not 663 nm" in f.cause) for f in checks if f.check == "spacing of the fringes"]
+    assert told == ([] if level is None else [(level, True)])
+
+
+def test_few_fringes_beside_edges_tell_no_wavelength(film):
+    seen = np.flatnonzero(film["method"].values == 1)
+    film["method"].values[seen[2:]] = 2
+    film["own_scale"].values[seen[:2]] = 1.048
+    assert not [f for f in judged(film)[0].findings if f.check == "spacing of the fringes"]
+
+
 def test_fringes_that_contradict_the_ruler_say_what_each_would_have_to_be(film):
     film.attrs["phase_scale_ratio"] = 1.0201
     told = finding(judged(film)[0], "spacing of the fringes")
