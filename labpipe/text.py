@@ -165,6 +165,9 @@ def survey(
             failures.append(f"{encoding} ({error})")
             continue
         return TextFile(path, encoding, size, n_lines, is_ended)
+    if marked and marked.startswith("utf-16") and size % 2:
+        message = "ends within a character of UTF-16: the file was cut off"
+        raise SourceError(path, message, hint="Copy it from the instrument again.")
     raise SourceError(
         path,
         f"no codec decodes the file; tried {'; '.join(failures)}",

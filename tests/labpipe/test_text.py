@@ -248,3 +248,9 @@ def test_a_number_reads_the_same_with_dot_comma_or_thousands(value, decimals):
 def test_shorten_escapes_control_characters():
     assert text.shorten("\x1b[31mred\n") == repr("\x1b[31mred\n")
     assert len(text.shorten("x" * 10_000)) < 70
+
+
+def test_a_file_that_ends_within_a_character_was_cut_off(tmp_path):
+    path = _file(tmp_path, "time,value\n1,2\n".encode("utf-16")[:-1])
+    with pytest.raises(SourceError, match="ends within a character of UTF-16: the file was cut off"):
+        text.survey(path)

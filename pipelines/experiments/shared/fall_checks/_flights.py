@@ -6,7 +6,7 @@ from math import hypot, isfinite, nan, sqrt
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import Check, Level, compared, not_made, stated
+from labpipe.judging import Check, Level, compared, in_words, not_made, stated
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from pipelines.experiments.shared.fall_checks._fall import Fall, shown
@@ -30,7 +30,7 @@ def acceleration(fall: Fall, gravity: Quantity) -> Check:
     seen, own = fall.value("fall_acceleration")
     u = hypot(own, abs(seen) * hypot(fall.relative, 2 * CLOCK))
     ratio = seen / gravity.value
-    times = f", {ratio:.2f} times" if abs(ratio - 1) > 0.05 else " where"
+    times = f", {in_words(ratio)} times" if abs(ratio - 1) > 0.05 else " where"
     message = (
         f"{fall.name}: g comes out as {shown(seen, u, 'm/s2')}{times} {gravity.value:.4g} m/s²"
         f"{'' if abs(ratio - 1) > 0.05 else ' is expected'}"

@@ -72,7 +72,8 @@ def failed_steps(context: Context, causes: Mapping[str, str]) -> list[Check]:
     for failure in context.failures:
         if failure.is_consequence or failure.stage in found:
             continue
-        where = f"{failure.recording}: " if failure.recording else ""
+        names_it = not failure.recording or failure.text.startswith(failure.recording)
+        where = "" if names_it else f"{failure.recording}: "
         if failure.is_of_run:
             found[failure.stage] = unfinished(
                 f"step {failure.stage}",
