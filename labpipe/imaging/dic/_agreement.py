@@ -5,6 +5,7 @@ and a misfit that pixels share in a way that its residual does not tell, such as
 before it was blurred. Neither is told by the subset alone.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,16 +14,18 @@ from labpipe.arrays import Flags, Floats, Integers
 from labpipe.imaging.dic._places import nearest
 
 #: Points around one of them that are asked: at most, and at least for a plane and for a curved surface through
-#: their displacements; and their farthest distance in widths of the subset.
-_AROUND, _PLANE, _CURVED, _REACH = 20, 6, 12, 1.5
+#: their displacements; and their farthest distance in widths of the subset, and where there are no more than tell
+#: a curved surface.
+_AROUND, _PLANE, _CURVED, _REACH, _REACH_OF_FEW = 20, 6, 12, 1.5, 2.0
 #: Standard deviations of the difference from which it is none by chance, and how far it must stand out from the
 #: scatter of those around about that surface: beside the border of two bodies that is large.
 _BY_CHANCE, _STANDS_OUT = 4.0, 3.0
 #: Share of the variances of independent displacements that a difference of overlapping subsets has at least.
 _LEAST_SHARE = 0.2
 #: Points of a frame from which their scatter is judged, its multiple of what the uncertainties say from which they
-#: are widened, and the median of the square of two deviations of variance 1.
-_MANY, _WIDER, _MEDIAN = 20, 1.5, 1.386
+#: are widened, how much more of it is chance times the root of the points, and the median of the square of two
+#: deviations of variance 1.
+_MANY, _WIDER, _FEW_SCATTER, _MEDIAN = 20, 1.2, 1.5, 1.386
 #: Error of the weights' own sums, below which the points around tell the surface at the middle.
 _TOLD = 1e-4
 #: Standard deviations within which trusted displacements around a doubtful one confirm it, and theirs (px) about
@@ -67,9 +70,11 @@ def disagreement(places: Floats, widths: Integers, value: Floats, deviation: Flo
     curved = judged & (surroundings.within.sum(axis=1) >= _CURVED)
     for k in np.flatnonzero(curved.sum(axis=1) >= _MANY).tolist():
         scatter = float(np.median(square[k, curved[k]])) / _MEDIAN
-        if scatter > _WIDER**2:
+        if scatter > (_WIDER + _FEW_SCATTER / math.sqrt(curved[k].sum())) ** 2:
             scale[k] = scatter
-            part[k, :, :2] = (scatter - 1.0) * variance[k]
+            # where uncertainties are wrong as a whole, no point is better known than most
+            usual = np.maximum(variance[k], np.median(variance[k, curved[k]], axis=0))
+            part[k, :, :2] = np.maximum(scatter * usual - variance[k], 0.0)
     rows, points = np.nonzero(judged & (square > _BY_CHANCE**2 * scale[:, None]))
     x, y = apart[rows, points].T
     stands_out = np.hypot(x, y) > _STANDS_OUT * _scatter(surroundings, shown, found, rows, points)
@@ -129,7 +134,9 @@ class _Surroundings:
 def _look_around(places: Floats, widths: Integers) -> _Surroundings:
     near = nearest(places, places, min(_AROUND + 1, len(places)))
     away = (places[near] - places[:, None]) / widths[:, None, None]
-    within = (near != np.arange(len(places))[:, None]) & (np.hypot(away[..., 0], away[..., 1]) < _REACH)
+    far = np.hypot(away[..., 0], away[..., 1])
+    few = np.arange(near.shape[1]) <= _CURVED  # the first is the point itself
+    within = (near != np.arange(len(places))[:, None]) & ((far < _REACH) | (few & (far < _REACH_OF_FEW)))
     return _Surroundings(near, away, within)
 
 
