@@ -28,6 +28,8 @@ _LEAST_SHARE = 0.2
 _MANY, _WIDER, _FEW_SCATTER, _MEDIAN = 20, 1.2, 1.5, 1.386
 #: Error of the weights' own sums, below which the points around tell the surface at the middle.
 _TOLD = 1e-4
+#: Points around a doubtful one among which trusted ones are sought: at most, and in widths of the subset.
+_SOUGHT, _SOUGHT_WITHIN = 60, 3.0
 #: Standard deviations within which trusted displacements around a doubtful one confirm it, and theirs (px) about
 #: the surface through them beyond which they tell nothing.
 _CONFIRMS, _TELLS = 3.0, 0.15
@@ -103,16 +105,17 @@ def unconfirmed(
     if not len(rows):
         return more
     more[rows, points] = np.inf, np.inf, 0.0
-    around = _look_around(places, widths)
+    around = _look_around(places, widths, _SOUGHT, _SOUGHT_WITHIN)
     for first in range(0, len(rows), _BLOCK):
         row, point = rows[first : first + _BLOCK], points[first : first + _BLOCK]
         near = row[:, None], around.near[point]
         counts = around.within[point] & is_trusted[near]
+        counts &= counts.cumsum(axis=1) < _CURVED  # a plane: a curved surface tells little beside those that tell it
         weight, _ = _surface(around.away[point], counts)
         told = np.where(counts[..., None], value[near][..., :2], 0.0)
         spread = np.where(counts[..., None], deviation[near][..., :2] ** 2, 0.0)
         apart = value[row, point, :2] - (weight[..., None] * told).sum(axis=1)
-        scatter = _scatter(around, np.where(is_trusted[..., None], value[..., :2], 0.0), is_trusted, row, point)
+        scatter = _about_plane(around.away[point], counts, told)
         variance = (weight[..., None] ** 2 * spread).sum(axis=1) + scatter[:, None] ** 2
         square = (apart**2 / (variance + deviation[row, point, :2] ** 2)).sum(axis=1)
         agrees = weight.any(axis=1) & (square < _CONFIRMS**2) & (variance.max(axis=1) < _TELLS**2)
@@ -131,12 +134,12 @@ class _Surroundings:
     within: Flags
 
 
-def _look_around(places: Floats, widths: Integers) -> _Surroundings:
-    near = nearest(places, places, min(_AROUND + 1, len(places)))
+def _look_around(places: Floats, widths: Integers, most: int = _AROUND, reach: float = _REACH) -> _Surroundings:
+    near = nearest(places, places, min(most + 1, len(places)))
     away = (places[near] - places[:, None]) / widths[:, None, None]
     far = np.hypot(away[..., 0], away[..., 1])
     few = np.arange(near.shape[1]) <= _CURVED  # the first is the point itself
-    within = (near != np.arange(len(places))[:, None]) & ((far < _REACH) | (few & (far < _REACH_OF_FEW)))
+    within = (near != np.arange(len(places))[:, None]) & ((far < reach) | (few & (far < _REACH_OF_FEW)))
     return _Surroundings(near, away, within)
 
 
@@ -217,10 +220,13 @@ def _scatter(around: _Surroundings, shown: Floats, found: Flags, rows: Integers,
         row, point = rows[first : first + _BLOCK], points[first : first + _BLOCK]
         near = row[:, None], around.near[point]
         counts = around.within[point] & found[near]
-        columns = _columns(around.away[point], 3)
-        moved = shown[near] * counts[..., None]
-        plane = np.linalg.solve(_normal(columns, counts), np.swapaxes(columns, 1, 2) @ moved)
-        left = (moved - columns @ plane) * counts[..., None]
-        spare = np.maximum(counts.sum(axis=1) - 3.0, 1.0)
-        result[first : first + _BLOCK] = np.sqrt(np.square(left).sum(axis=(1, 2)) / spare)
+        result[first : first + _BLOCK] = _about_plane(around.away[point], counts, shown[near] * counts[..., None])
     return result
+
+
+def _about_plane(away: Floats, counts: Flags, moved: Floats) -> Floats:
+    """Root mean square (row,) [px] of displacements (row, near, 2) about a plane through those that count."""
+    columns = _columns(away, 3)
+    plane = np.linalg.solve(_normal(columns, counts), np.swapaxes(columns, 1, 2) @ moved)
+    left = (moved - columns @ plane) * counts[..., None]
+    return np.asarray(np.sqrt(np.square(left).sum(axis=(1, 2)) / np.maximum(counts.sum(axis=1) - 3.0, 1.0)))

@@ -16,6 +16,9 @@ _BETTER, _BRIGHTER, _HIT = 0.1, 1.5, 2.0
 _BELOW_MEAN = 1.28
 #: Standard deviations, and share of the noise, by which a misfit exceeds noise at least.
 _BY_CHANCE, _LEAST_EXCESS = 4.0, 0.12
+#: Variance of a pixel over that of rounding below which a film has no noise, and texture over what white rounding makes
+#: of it below which it may be contours.
+_NOISELESS, _CONTOURS = 0.8, 3.0
 #: Points that a line needs, its rounds, and the weight of those below it.
 _LEAST_POINTS, _ROUNDS, _BELOW = 8, 12, 4.0
 #: Width over which pixels share a misfit, as a share of that of the subset.
@@ -59,6 +62,8 @@ def misfits_of_edges(
 ) -> Flags:
     """Tell which results (frame, point) on edges misfit as a wrong place along them would, or tell hardly one.
 
+    Without noise, whole grey levels draw contours on what hardly varies, which move otherwise than it.
+
     Parameters
     ----------
     reference : Reference
@@ -82,7 +87,8 @@ def misfits_of_edges(
         by_noise = own * reference.noise.slope / reference.noise.static_frames
         beyond |= (texture[:, n] < pixels * by_noise) & (strongest[:, n] > EDGE * texture[:, n])
         is_doubtful[:, n] = weak[:, n] & beyond
-    return is_doubtful
+    contours = _CONTOURS * reference.rounding * reference.noise.slope * reference.subsets.level[:, 2]
+    return is_doubtful | (found & (noise < _NOISELESS * reference.rounding) & (texture < contours))
 
 
 def misfit_factor(noise: Floats, is_static: Flags, pixels: Floats, grey: Floats) -> Floats:
