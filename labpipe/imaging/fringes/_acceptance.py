@@ -46,6 +46,12 @@ _MOST_UNCERTAINTY = 0.1
 LEAST_PIXELS = 200
 
 
+def visibility_of(fit: RingFit, view: View) -> float:
+    """Return the visibility of the fringes of a fit."""
+    light = float(fit.parameters[Parameter.GAIN]) - view.black
+    return abs(float(fit.parameters[Parameter.MODULATION])) / light
+
+
 def is_clear(view: View, found: RingFit) -> bool:
     """Tell whether a fit shows rings beyond doubt, around a circle that can be a contact."""
     radius = float(found.parameters[Parameter.RADIUS])

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.frames import FrameSource
+from labpipe.imaging.fringes._acceptance import visibility_of
 from labpipe.imaging.fringes._adhesive_edge import USUAL_WORK, adhesive_edge, edge_of_spot, edge_shift
 from labpipe.imaging.fringes._arguments import FilmOptions
 from labpipe.imaging.fringes._blank_frames import LEAST_SPOT, FilmResult
@@ -162,8 +163,7 @@ def _put_fit(values: dict[str, Floats], index: int, fit: RingFit, result: FilmRe
     values["misfit"][index] = fit.misfit
     values["residual_ratio"][index] = fit.residual / max(fit.noise, 1e-12)
     values["gap_factor"][index] = math.exp(float(p[Parameter.SCALE]))
-    light = float(p[Parameter.GAIN]) - result.view.black
-    values["visibility"][index] = abs(float(p[Parameter.MODULATION])) / light
+    values["visibility"][index] = visibility_of(fit, result.view)
 
 
 def _by_motion(fit: RingFit, result: FilmResult) -> float:

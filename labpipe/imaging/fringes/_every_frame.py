@@ -11,7 +11,7 @@ from labpipe.imaging.films import FilmReader, Place, frames_in_windows, plan_rea
 from labpipe.imaging.fringes._arguments import FilmOptions, exposure_times
 from labpipe.imaging.fringes._blank_frames import FilmResult, choose_edges, find_filled, look_without_fringes
 from labpipe.imaging.fringes._calibration import calibrate
-from labpipe.imaging.fringes._frame_by_frame import follow, is_doubted, refit
+from labpipe.imaging.fringes._frame_by_frame import follow, is_doubted, leave_faint, refit
 from labpipe.imaging.fringes._interference import Optics, make_optics
 from labpipe.imaging.fringes._looks import Looks
 from labpipe.imaging.fringes._misfit import weigh_misfits
@@ -66,6 +66,7 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
     result.has_fringes = options.wavelength is not None and view.templates is not None
     if result.has_fringes:
         read = _follow_film(reader, result, options, wanted)
+        leave_faint(reader, result)
         fit_blurred_frames(reader, result, film.time, exposure_times(film, options), read)
         fit_open_gaps(reader, result, film.time, read)
         weigh_misfits(reader, result)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Flags
 from labpipe.imaging.films import FilmReader
-from labpipe.imaging.fringes._acceptance import GOOD_MISFIT, is_contact
+from labpipe.imaging.fringes._acceptance import GOOD_MISFIT, SMALL_CONTACT, is_contact, visibility_of
 from labpipe.imaging.fringes._blank_frames import FilmResult, look_without_fringes
 from labpipe.imaging.fringes._interference import Optics
 from labpipe.imaging.fringes._looks import Looks
@@ -22,6 +22,10 @@ from labpipe.imaging.fringes._view import View
 _SMALL_JUMP = 2.0
 #: The optics as they are stated are doubted when of so many first contacts of a film so many are not explained.
 _DOUBTS, _DOUBTED = 3, 2
+
+#: Share of the usual visibility of the fringes below which those of a small contact are none, and the fewest frames
+#: that tell what is usual.
+_FAINT, _SEVERAL = 0.3, 5
 
 
 def is_doubted(result: FilmResult, fits: dict[int, RingFit], stated: Optics) -> bool:
@@ -97,6 +101,19 @@ def follow(
             result.blanks.pop(index, None)
             fits[index] = fit
     return fits
+
+
+def leave_faint(reader: FilmReader, result: FilmResult) -> None:
+    """Take for a sphere close by what was fitted as a small contact with far fainter fringes than all others.
+
+    Light and surfaces are those of the film: fringes of a contact are as dark in all its frames.
+    """
+    shown = {index: visibility_of(fit, result.view) for index, fit in result.fits.items()}
+    usual = float(np.median(list(shown.values()))) if len(shown) >= _SEVERAL else 0.0
+    for index in [index for index, visibility in shown.items() if visibility < _FAINT * usual]:
+        if result.fits[index].parameters[Parameter.RADIUS] < SMALL_CONTACT * result.view.newton_spot:
+            del result.fits[index]
+            result.blanks[index] = look_without_fringes(Looks(reader.whole(index)), result.view)
 
 
 def _next_fit(looks: Looks, view: View, last: RingFit | None, before: RingFit | None, vain: Vain) -> RingFit | None:
