@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
-    from labpipe.judging._agreement import LIKELY, Agreement, agreement, model_verdict
+    from labpipe.judging._agreement import DIFFERS, LIKELY, Agreement, agreement, model_verdict
     from labpipe.judging._causes import Cause, Explanation, explain, in_words, too_large
     from labpipe.judging._checks import (
         DOUBTFUL,
@@ -41,6 +41,7 @@ else:
     __getattr__ = lazily(__name__)
 
 __all__ = [
+    "DIFFERS",
     "DOUBTFUL",
     "FLAGS",
     "IMPOSSIBLE",

@@ -22,7 +22,7 @@ ModelVerdict = Literal["agrees", "differs", "undecided", "none"]
 
 _SINGULAR = 1e-9
 """Part of the largest variance (of correlations) below which a direction carries no information."""
-LIKELY, _DIFFERS = 0.05, 0.001
+LIKELY, DIFFERS = 0.05, 0.001
 """Probability above which differences are ordinary, and below which a model differs, by all or by one of them."""
 
 
@@ -123,6 +123,6 @@ def model_verdict(found: Agreement | None, could_notice: bool) -> ModelVerdict:
         return "none"
     # one row among many is the largest by chance (Bonferroni); many that agree shall not hide it
     alone = float(special.erfc(found.largest / sqrt(2.0))) * found.degrees_of_freedom
-    if min(found.p, alone) < _DIFFERS:
+    if min(found.p, alone) < DIFFERS:
         return "differs"
     return "agrees" if found.p > LIKELY and could_notice else "undecided"

@@ -194,7 +194,7 @@ def _repeats(settings: BallDrop, bounces: Sequence[xr.Dataset | None], repeats: 
     )
     text = "Times of each recording by its own clock. Outliers are flagged, never removed."
     if len(found) < len(bounces):
-        text += f" {len(bounces) - len(found)} recording(s) gave no bounces: see the errors."
+        text += f" {pages.counted(len(bounces) - len(found), 'recording')} gave no bounces: see the errors."
     return Section("Repeats", (listed(columns, text),))
 
 

@@ -7,7 +7,7 @@ from math import floor, log10
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import LIKELY, Judgement, in_words
+from labpipe.judging import DIFFERS, LIKELY, Judgement, in_words
 from labpipe.report import (
     Block,
     Column,
@@ -46,6 +46,7 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
     """
     judged = believed(result)
     made, found = judged.n_made, judged.findings
+    rows = tuple(rows)
     known = [r for r in rows if r.deviation is not None and r.measured is not None]
     # A film is laid against the laser, no model.
     by = "model" if not known or any(r.against == "model" for r in known) else known[0].against
@@ -53,8 +54,11 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
         cause = f" {capitalised(likeliest)}." if (likeliest := _likeliest(judged)) else ""
         word = capitalised(judged.believable)
         level = "error" if judged.believable == "impossible" else "warning"
-        beside = _BESIDE[str(result.attrs["model"])].format(by)
-        return level, f"{word}: {found[0].message}.{cause} {beside} {_counted(judged)}."
+        model = str(result.attrs["model"])
+        # numbers that a scale does not alter may agree beside a curve that it does
+        model = "differs" if model == "agrees" and any(_is_far(r) for r in rows) else model
+        seen = found[0].message.rstrip(".")
+        return level, f"{word}: {seen}.{cause} {_BESIDE[model].format(by)} {_counted(judged)}."
     checks = _counted(judged) if made else "no check could be made"
     stopped = next((c for c in judged.checks if c.level is not None and not c.is_made), None)
     if stopped is not None:
@@ -81,6 +85,11 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
         shown = "" if suspected(result) else shown  # what it is held against tells nothing
         return "info", f"{believable}; {undecided}; {checks}.{shown} {capitalised(_undecided(result))}."
     return "ok" if made else "info", f"{believable}: {checks}. There is no model to compare with."
+
+
+def _is_far(row: Row) -> bool:
+    """Tell whether a row differs beyond chance."""
+    return row.p is not None and row.p < DIFFERS
 
 
 def _likeliest(judged: Judgement) -> str:

@@ -182,3 +182,13 @@ def test_each_experiment_that_a_kind_takes_results_from_is_part_of_its_judgement
     }
     judged = next(stage for stage in KINDS[name].stages if stage.name == JUDGEMENT)
     assert {f"{field}/{JUDGEMENT}" for fields in taken.values() for field in fields} <= set(judged.inputs)
+
+
+@pytest.mark.parametrize(("p", "said"), [(0.4, "agrees all the same"), (1e-9, "differs, which may follow from it")])
+def test_beside_an_impossible_record_a_curve_that_differs_is_no_agreement(p: float, said: str) -> None:
+    scale = stated("scale", "lengths are those of the laser", "lengths come out too large.", "impossible")
+    curve = row("displacement", "m", 100, difference=1e-4, nrmse=0.1, p_of_curve=p)
+    rows = [*_rows(temperature=0.2), curve]
+    told = sentence(judgement(Scene([scale], rows=_rows(temperature=0.2), inputs=INPUTS)), rows)[1]
+    assert said in told
+    assert "too large. " in told
