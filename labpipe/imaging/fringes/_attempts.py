@@ -62,6 +62,11 @@ class Attempts:
         self._made.clear()
         self._made[tuple(extra), seen, MOST_FRAMES] = trial
 
+    def keep(self, places: Sequence[int], trial: Trial, extra: Sequence[Parameter], known: Calibration) -> None:
+        """Go on with some of the frames alone, from a trial of these."""
+        self._images = [self._images[place] for place in places]
+        self.begin_from(trial, extra, known)
+
     def round_share(self, trial: Trial, known: Calibration) -> float:
         """Return the share of the squared errors of the model that functions of the distance would explain."""
         if self._told is None or self._told[0] is not trial:

@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 from labpipe.imaging.fringes._attempts import Attempts
 from labpipe.imaging.fringes._harmonics import find_blur_before_camera, find_coating, find_harmonics, settle_harmonics
 from labpipe.imaging.fringes._lens_blur import BLUR_ROUNDS, LEAST_BLUR, find_blur, least_blur, next_gain, settle_blur
+from labpipe.imaging.fringes._open_gap import explained_by_gap
 from labpipe.imaging.fringes._ring_fit import RingFit
 from labpipe.imaging.fringes._ring_parameters import AXES, BEAMS, Parameter
 from labpipe.imaging.fringes._second_colour import find_second_colour, settle_colour
 from labpipe.imaging.fringes._trials import (
     FACTOR,
+    FEW_PIXELS,
     HINT,
     MOST_FRAMES,
     PROMISE,
@@ -46,6 +48,10 @@ _COSTLY = 2
 _UNEVEN = 1
 #: Share that they explain from which no ellipse is tried.
 _ROUND = 0.75
+#: Share of a frame's squared misfit that a scale of its own must explain before frames are looked for whose gap
+#: opens less than in the others; logarithm of the scale by which it does, at least and over the median difference;
+#: share of the frames that do, at most.
+_BY_GAP, _OPENED, _APART, _FEW_OPENED = 0.3, 0.03, 8.0, 0.34
 #: Things that are found one after the other at most.
 _ROUNDS = 4
 
@@ -93,6 +99,7 @@ def calibrate(
     best = attempt(plain_axes, result)
     if best is None:
         return Calibration(colour=view.optics.colour)
+    best, result = _without_opened(attempt, plain_axes, result, best)
     if shape == "auto":
         best, result = _find_ellipse(attempt, result, best)
     if rough:
@@ -135,6 +142,29 @@ def calibrate(
     if not is_phase_free or result.phase_shift != 0.0 or is_cut:
         return result
     return _with_hidden_phase(attempt, plain_axes, result, view)
+
+
+def _without_opened(
+    attempt: Attempts, axes: Sequence[Parameter], known: Calibration, best: Trial
+) -> tuple[Trial, Calibration]:
+    """Leave out the few frames in which the gap opens less than in all others: the contact recedes from a dent.
+
+    They would hide that R, the wavelength or the ruler is wrong, which is the same in all frames.
+    """
+    if not best.is_doubtful or all(explained_by_gap(fit) < _BY_GAP for fit in best.fits):
+        return best, known
+    trial = attempt((*axes, Parameter.SCALE), known, pixels=FEW_PIXELS)
+    if trial is None:
+        return best, known
+    scales = np.array([float(fit.parameters[Parameter.SCALE]) for fit in trial.fits])
+    below = np.median(scales) - scales
+    is_opened = below > max(_OPENED, _APART * float(np.median(np.abs(below))))
+    if not 0 < is_opened.sum() <= _FEW_OPENED * len(scales):
+        return best, known
+    kept = np.flatnonzero(~is_opened).tolist()
+    known, best = replace(known, frames=tuple(known.frames[k] for k in kept)), Trial(tuple(best.fits[k] for k in kept))
+    attempt.keep(kept, best, axes, known)
+    return best, known
 
 
 def _with_hidden_phase(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, view: View) -> Calibration:

@@ -343,6 +343,17 @@ def _colour_told(options: FilmOptions, result: FilmResult) -> str:
     return f"{colour}, {100 * share:.0f} % of the fringes, was allowed for"
 
 
+def _fits_told(result: FilmResult) -> str:
+    """Tell in how many frames fringes were fitted where some of those looked at show no contact."""
+    if not result.fits:
+        return "no fringes fitted"
+    blank = len(result.blanks.keys() - result.fits.keys() - result.edges.keys() - result.filled)
+    if not blank:
+        return "fringes fitted"
+    others = "1 other shows" if blank == 1 else f"{blank} others show"
+    return f"fringes fitted in {len(result.fits)} of the frames looked at; {others} no contact"
+
+
 def _frames_by_edge(result: FilmResult) -> str:
     """Name the frames that fell back to the edge, with their verb."""
     frames = sorted(result.edges)
@@ -368,14 +379,13 @@ def _attributes(options: FilmOptions, result: FilmResult, uncertainties: dict[st
     phase = result.view.optics.phase
     if sign and float(np.median(sign)) < 0.0:
         phase -= math.pi
-    note = "fringes fitted"
+    note = _fits_told(result)
     if options.wavelength is None:
         note = "wavelength not given: edge of the spot only, for a nominal wavelength"
     elif not result.has_fringes:
         note = "fringes not resolved: edge of the spot only"
     elif result.edges:
-        start = "fringes fitted" if result.fits else "no fringes fitted"
-        note = f"{start}; {_frames_by_edge(result)} measured by the edge of the spot"
+        note += f"; {_frames_by_edge(result)} measured by the edge of the spot"
     view = result.view
     least = (view.least_radius if result.has_fringes else LEAST_SPOT * view.newton_spot) * options.pixel_size
     if not (result.fits or result.edges or result.filled):

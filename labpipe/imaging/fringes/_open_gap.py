@@ -48,10 +48,10 @@ def has_free_gap(fit: RingFit) -> bool:
 def is_doubtful(fit: RingFit) -> bool:
     """Tell whether the gap in a frame seems not to be Hertz's, beyond chance, and another factor would help."""
     is_worse = fit.misfit > DOUBTFUL_MISFIT and fit.worst_deviation > 0.0
-    return (is_worse and _explained_by_gap(fit) > _HINT) or has_free_gap(fit)
+    return (is_worse and explained_by_gap(fit) > _HINT) or has_free_gap(fit)
 
 
-def _explained_by_gap(fit: RingFit) -> float:
+def explained_by_gap(fit: RingFit) -> float:
     """Return the share of the squared misfit that a factor of the gap would explain, to first order."""
     beyond = (fit.residual**2 - fit.noise**2) * fit.pixels
     return fit.expected_gain((Parameter.SCALE,)) * fit.noise**2 / max(beyond, 1e-12)

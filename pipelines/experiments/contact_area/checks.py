@@ -144,8 +144,9 @@ def _fringes(radius: xr.Dataset, impacts: xr.Dataset | None, settings: ContactAr
     scale = 2 * float(radius.attrs["u_systematic_relative"])
     u = hypot(scale, light.u / light.value, body.u / body.value)
     message = (
-        f"{settings.film}: R times wavelength is {in_words(1 / found.ratio, 4)} times what is stated, by the fringes, "
-        f"or else a pixel {in_words(sqrt(found.ratio), 4)} times as long"
+        f"{settings.film}: R times wavelength is {in_words(1 / found.ratio, 4)} times what is stated, by the fringes "
+        f"(in this light a sphere of {in_words(1e3 * body.value / found.ratio, 4)} mm in radius, stated are "
+        f"{in_words(1e3 * body.value, 4)} mm), or else a pixel {in_words(sqrt(found.ratio), 4)} times as long"
     )
     return compared(FRINGE, law, message, found.ratio, found.u, 1.0, u, file=settings.film)
 

@@ -41,6 +41,7 @@ def trial(misfit: float, count: int = 4, smear: float = 0.0) -> Trial:
         doubts={},
         parameters=parameters,
         deviation=lambda _: 1.0,
+        expected_gain=lambda _: 0.0,
     )
     return Trial((fit,) * count)  # type: ignore[arg-type]
 

@@ -94,3 +94,23 @@ def test_a_film_in_which_no_error_of_the_model_is_seen_asks_for_none(monkeypatch
     monkeypatch.setattr(_attempts, "round_share", asked.append)
     assert np.abs(measure(PLAIN)).max() < 3.0
     assert asked == []
+
+
+@pytest.mark.parametrize("wrong", [1.05, 0.95])
+def test_one_contact_that_recedes_does_not_hide_a_wrong_sphere(wrong: float) -> None:
+    """Its gap opens 13 % less than Hertz's; with it the scales of all frames scattered so that none was believed."""
+    radii = [140 * UM, 155 * UM, 166 * UM, 175 * UM, 181 * UM, 184 * UM, 179 * UM]
+    factors = iter([1.0] * 6 + [0.87])
+    film = PLAIN.film(lambda r, a: next(factors) * hertz(r, a), radii, CENTRE, 6)
+    with pytest.warns(UserWarning, match="check sphere_radius, wavelength and pixel_size"):
+        found = contact_radius(film, PLAIN.scene.pixel_size, wrong * SPHERE, LIGHT)
+    assert found.attrs["phase_scale_ratio"] == pytest.approx(wrong, rel=3e-3)
+    assert found.method.values.tolist() == [1] * 6 + [5]
+    assert np.abs(found.radius.values - radii).max() < 0.1 * UM
+
+
+def test_the_note_counts_the_frames_without_a_contact() -> None:
+    film = PLAIN.film(hertz, RADII[:2], CENTRE, 5)
+    apart = PLAIN.film(lambda r, a: r**2 / (2.0 * SPHERE) + 0.3 * UM, [1.0 * UM] * 2, CENTRE, 6)
+    found = contact_radius(np.concatenate([film, apart]), PLAIN.scene.pixel_size, SPHERE, LIGHT)
+    assert found.attrs["note"] == "fringes fitted in 2 of the frames looked at; 2 others show no contact"

@@ -167,10 +167,16 @@ def test_few_fringes_beside_edges_tell_no_wavelength(film):
 def test_fringes_that_contradict_the_ruler_say_what_each_would_have_to_be(film):
     film.attrs["phase_scale_ratio"] = 1.0201
     told = finding(judged(film)[0], "spacing of the fringes")
-    said = re.search(r"R times wavelength is ([\d.]+) times .* or else a pixel ([\d.]+) times as long", told.message)
+    said = re.search(
+        r"R times wavelength is ([\d.]+) times .* a sphere of ([\d.]+) mm in radius, stated are ([\d.]+) mm.* "
+        r"or else a pixel ([\d.]+) times as long",
+        told.message,
+    )
     assert said is not None
-    assert float(said[2]) == pytest.approx(float(said[1]) ** -0.5, abs=1e-3)
-    assert float(said[2]) == pytest.approx(1.01, abs=1.5e-3)
+    ratio, asked, stated, pixel = map(float, said.groups())
+    assert asked / stated == pytest.approx(ratio, abs=1e-3)
+    assert pixel == pytest.approx(ratio**-0.5, abs=1e-3)
+    assert pixel == pytest.approx(1.01, abs=1.5e-3)
 
 
 def test_fringes_darker_than_dark_are_impossible(film):
