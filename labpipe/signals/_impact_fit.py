@@ -38,7 +38,6 @@ NAMES = ("level", "speed", "pulse", "lean", "flatness", "skewness", "crest", "on
 
 _EXPONENT = 1.5
 _N_CHEBYSHEV = 5
-_SHAPES_OF_A_PULSE = _N_CHEBYSHEV + 1  # and that of its onset
 _ONSET = 1.0  # exponent
 _NODES = 4001  # linear interpolation between them is good to 1e-8 of the pulse
 _STRIDE = 10  # of these nodes, by which the path in contact is followed

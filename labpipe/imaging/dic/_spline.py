@@ -242,23 +242,3 @@ def noise_gain(order: int, fraction: NDArray[np.float64], blur: float = 0.0) -> 
     nodes = np.arange(HORIZON, 5 * HORIZON)[:, None] + np.asarray(fraction)[None, :]
     values = map_coordinates(coefficients, nodes.reshape(1, -1), order=order, prefilter=False, mode="mirror")
     return np.asarray((values.reshape(nodes.shape) ** 2).sum(axis=0))
-
-
-def slope_noise_gain(order: int, blur: float = 0.0) -> float:
-    """Variance of the spline's slope at a pixel for white noise of variance 1.
-
-    Parameters
-    ----------
-    order : 3 or 5
-        Spline order.
-    blur : float [px]
-        Gaussian blur before interpolation.
-
-    Returns
-    -------
-    float [1/px²]
-        Without blur 1.4 (cubic) or 1.9 (quintic): noise looks like texture to a gradient, and
-        this is how much.
-    """
-    slope = np.convolve(_impulse_response(order, blur), NODE_SLOPES[order])
-    return float((slope**2).sum() * noise_gain(order, np.zeros(1), blur)[0])

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import map_coordinates
 
 from labpipe.errors import InputError
-from labpipe.imaging.dic._spline import LANES, PADDING, node_gradients, noise_gain, prefilter, slope_noise_gain
+from labpipe.imaging.dic._spline import LANES, PADDING, node_gradients, noise_gain, prefilter
 from tests.labpipe.imaging.oracles import prefilter_oracle
 
 
@@ -67,18 +67,6 @@ def test_noise_gain_is_the_variance_of_interpolated_noise(order: int, blur: floa
         values = map_coordinates(coefficients, [y + fraction_y, x + fraction_x], order=order, prefilter=False)
         gain = noise_gain(order, np.array([fraction_x, fraction_y]), blur)
         assert values.var() == pytest.approx(gain[0] * gain[1], rel=0.02)
-
-
-@pytest.mark.parametrize("order", [3, 5])
-@pytest.mark.parametrize("blur", [0.0, 0.7])
-def test_slope_noise_gain_is_the_variance_of_slopes_of_noise(order: int, blur: float) -> None:
-    from labpipe.imaging.dic._film_window import smooth
-
-    noise = np.random.default_rng(4).normal(0, 1, (500, 500))
-    gradient_x, gradient_y = node_gradients(prefilter(smooth(noise, blur), order), order)
-    expected = slope_noise_gain(order, blur)
-    assert gradient_x.var() == pytest.approx(expected, rel=0.03)
-    assert gradient_y.var() == pytest.approx(expected, rel=0.03)
 
 
 def test_other_orders_and_tiny_images_are_refused() -> None:
