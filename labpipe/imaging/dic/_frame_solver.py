@@ -60,7 +60,7 @@ class FrameSolver:
         self._stride = int(np.clip(count // _TESTED, 1, _TURNS))
         self._turn = 0
         self._standing = options.standing
-        #: Pixels that count of points of the frame at hand before which something was found to stand.
+        #: Pixels that count of points that are tried without the others.
         self.found: dict[int, Flags] = {}
         self._pattern = reference.pattern
         self._strides = list(_STRIDES)
@@ -146,7 +146,7 @@ class FrameSolver:
 
     def _solve(self, loaded: Loaded, chosen: Integers, start: Floats, models: Integers, is_tested: Flags) -> Solution:
         """Solve subsets with given models and count the work."""
-        coefficients = self._coefficients(loaded)
+        coefficients = self.coefficients(loaded)
         most = self._least[chosen] * (_LEAST / self._pattern.shown.colour)
         result = empty_solution(len(chosen))
         for model in np.unique(models):
@@ -191,7 +191,7 @@ class FrameSolver:
         That follows from where they start, and again from where they were found when that is elsewhere.
         """
         result, begin, waiting = empty_solution(len(part)), start[part], np.arange(len(part))
-        for _ in range(_ROUNDS):
+        for _ in range(2):
             points, own = chosen[part[waiting]], part[waiting]
             seen = self.seen(points, begin[waiting])
             found = empty_solution(len(waiting))
@@ -239,7 +239,7 @@ class FrameSolver:
             found |= self._standing.touches(x, y, half, motion)
         return found
 
-    def _coefficients(self, loaded: Loaded) -> Floats32:
+    def coefficients(self, loaded: Loaded) -> Floats32:
         """Spline coefficients of a frame, blurred where it is sharper than the reference."""
         assert loaded.coefficients is not None  # noqa: S101 - frames with NaN are skipped before
         if self._pattern.kernel is None:
@@ -247,6 +247,11 @@ class FrameSolver:
         if self._softened is None or self._softened[0] is not loaded or self._softened[1] is not self._pattern:
             self._softened = loaded, self._pattern, self._pattern.blurred(loaded.coefficients)
         return self._softened[2]
+
+    @property
+    def pattern(self) -> Pattern:
+        """What the frame at hand is matched with."""
+        return self._pattern
 
     @property
     def growth(self) -> Growth:

@@ -124,13 +124,18 @@ def masks_of(
         inside = _filled(regions, size, "regions")
     inside[_filled(covers or (), size, "covers") > 0] = 0
     seen = 1 - _filled(obstructions or (), size, "obstructions")
-    width = 2 * math.ceil(_BORDER + blur) + 1
+    width = 2 * reach_of(blur) + 1
 
     def drawn_in(image: NDArray[np.uint8]) -> NDArray[np.generic]:
         # the frame itself has no border of the mask
         return cv2.erode(image, np.ones((width, width)), borderType=cv2.BORDER_REPLICATE)
 
     return np.asarray(drawn_in(inside & seen), np.float32), drawn_in(seen) == 0 if obstructions else None
+
+
+def reach_of(blur: float) -> int:
+    """Pixels across the border of a mask that blur (px) and interpolation mix."""
+    return math.ceil(_BORDER + blur)
 
 
 def _filled(polygons: Sequence[ArrayLike], size: tuple[int, int], name: str) -> NDArray[np.uint8]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from labpipe.arrays import Flags, Floats, Integers
 from labpipe.imaging.dic._attempt import Attempt
+from labpipe.imaging.dic._before import look_before
 from labpipe.imaging.dic._film_window import Loaded
 from labpipe.imaging.dic._places import nearest
 from labpipe.imaging.dic._seeding import Pyramid, find_subset, fit_motion, make_pyramid, shift_of
@@ -39,6 +40,7 @@ def follow(tracker: Tracker, index: int, loaded: Loaded) -> Attempt:
     attempt = tracker.first_attempt(loaded, expected)
     if not attempt.trusted.all() or tracker.contradicted(attempt).any():
         Recovery(tracker, index, loaded, attempt, expected).run()
+    look_before(tracker, loaded, attempt)
     tracker.remember(index, attempt)
     return attempt
 

@@ -2,10 +2,14 @@
 
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats, Integers
+
+#: Frames in which a pixel must have stood still, and pixels of a part that is believed.
+_FEWEST_VOTES, _LEAST_PART = 2, 8
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,39 @@ class Standing:
         rows, columns = self.hidden.shape
         is_inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
         return np.asarray(~(is_inside & self.hidden[row.clip(0, rows - 1), column.clip(0, columns - 1)]))
+
+
+@dataclass(frozen=True)
+class Votes:
+    """In how many frames pixels (row, column) of the picture stood still before the specimen, or showed it."""
+
+    stands: Integers
+    moves: Integers
+
+    @property
+    def any(self) -> bool:
+        """Whether something stood anywhere."""
+        return bool(self.stands.any())
+
+    def hidden(self, reach: int) -> Flags:
+        """Pixels of the picture before which something stands, and those within its reach (px)."""
+        found = ((self.stands >= _FEWEST_VOTES) & (self.stands > 2 * self.moves)).astype(np.uint8)
+        _, parts, of_parts, _ = cv2.connectedComponentsWithStats(found, connectivity=8)
+        found &= of_parts[parts, cv2.CC_STAT_AREA] >= _LEAST_PART
+        width = 2 * reach + 1
+        return np.asarray(cv2.dilate(found, np.ones((width, width))) > 0)
+
+
+def told_of(hidden: Flags | None, stated: Flags | None) -> str:
+    """Say where something stands before the specimen though nobody stated it."""
+    assert hidden is not None  # noqa: S101 - it was found
+    found = hidden if stated is None else hidden & ~stated
+    rows, columns = np.flatnonzero(found.any(axis=1)), np.flatnonzero(found.any(axis=0))
+    return (
+        f"something stands still before the specimen, within x {columns[0]} to {columns[-1]} px and y {rows[0]} to "
+        f"{rows[-1]} px, on {100.0 * found.mean():.1f} % of the picture, and is left out, better so when "
+        "obstructions state where it is"
+    )
 
 
 def moved_pixels(x: int, y: int, half: int, motion: Floats) -> tuple[Floats, Floats]:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from labpipe.arrays import Floats
 from labpipe.frames import FrameSource, as_frames
-from labpipe.imaging.dic._inputs import check_points, check_seeds, check_settings, masks_of, selected_frames
+from labpipe.imaging.dic._inputs import check_points, check_seeds, check_settings, masks_of, reach_of, selected_frames
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -29,6 +29,10 @@ DEFAULT_MIN_ZNCC = 0.6
 DEFAULT_TOLERANCE = 5e-5
 DEFAULT_BLUR = 0.5
 DEFAULT_ITERATIONS = 30
+#: Times that a film is gone through at most, because something was found to stand before the specimen.
+_PASSES = 3
+#: Growth of what is known to stand before the specimen that is worth another time.
+_WORTH = 0.2
 
 
 def track(
@@ -120,7 +124,8 @@ def track(
         ``valid``, ``status`` : whether there is a value, and if not why (``flag_meanings``).
         Values that are not valid are NaN. Coordinates ``frame`` (index in the film), ``time``
         (s), ``x``, ``y``, ``subset``. The attribute ``work`` counts what was done, ``note`` says what
-        was found of the camera: stuck pixels, which are interpolated, and rows of two instants.
+        was found of the camera: stuck pixels, which are interpolated, rows of two instants, and something that stands
+        still before the specimen though no obstruction says so, which is left out.
 
     Raises
     ------
@@ -161,7 +166,7 @@ def track(
     from labpipe.imaging.dic._interlaced import refuse_rows
     from labpipe.imaging.dic._reference import make_reference
     from labpipe.imaging.dic._results import displacements, make_dataset
-    from labpipe.imaging.dic._standing import Standing
+    from labpipe.imaging.dic._standing import Standing, told_of
     from labpipe.imaging.dic._subsets import adaptable
     from labpipe.imaging.dic._tracker import Tracker
     from labpipe.imaging.films import without_stuck_pixels
@@ -173,27 +178,40 @@ def track(
     indices = np.union1d(np.arange(static_frames), wanted)
     film, stuck = without_stuck_pixels(film, np.isin(np.arange(len(film)), indices))
     inside, hidden = masks_of(regions, covers, obstructions, film.shape, blur)
-    reference = make_reference(film, places, half, shapes != "affine", order, static_frames, blur, inside)
-    standing = None if hidden is None else Standing(hidden)
-    options = Options(order, tolerance, max_iterations, min_zncc, adaptable(shapes, adapt), standing)
     window = FilmWindow(film, order, blur)
-    window.frames_read = static_frames
-    window.pixels_read = static_frames * film.shape[1] * film.shape[2]
     start = check_seeds(seeds, len(places))
-    tracker = Tracker(reference, window, options)
-    table = _follow(film, window, tracker, reference, indices, static_frames, start)
+    done, stated = [], hidden
+    while True:
+        reference = make_reference(film, places, half, shapes != "affine", order, static_frames, blur, inside)
+        standing = None if hidden is None else Standing(hidden)
+        options = Options(order, tolerance, max_iterations, min_zncc, adaptable(shapes, adapt), standing)
+        window.frames_read += static_frames
+        window.pixels_read += static_frames * film.shape[1] * film.shape[2]
+        tracker = Tracker(reference, window, options)
+        table = _follow(film, window, tracker, reference, indices, static_frames, start)
+        done.append(tracker.solver.work)
+        # what was found to stand before the specimen is left out from the first frame on
+        more = tracker.votes.hidden(reach_of(blur))
+        more &= True if hidden is None else ~hidden
+        known = 0 if hidden is None else int(hidden.sum())
+        if len(done) == _PASSES or not more.any() or more.sum() < _WORTH * known:
+            break
+        hidden = more if hidden is None else hidden | more
+        inside = np.asarray(~more if inside is None else inside * ~more, np.float32)
     work = {
         "frames_read": window.frames_read + stuck.frames_read,
         "frames_total": len(film),
         "pixels_read": window.pixels_read + stuck.frames_read * film.shape[1] * film.shape[2],
         "pixels_total": int(np.prod(film.shape)),
-        "subsets_solved": tracker.solver.work.subsets_solved,
-        "iterations": tracker.solver.work.iterations,
-        "reseeds": tracker.solver.work.reseeds,
+        "subsets_solved": sum(work.subsets_solved for work in done),
+        "iterations": sum(work.iterations for work in done),
+        "reseeds": sum(work.reseeds for work in done),
     }
     is_static = indices < static_frames
     found = displacements(table, reference, is_static)
-    note = "; ".join(filter(None, (stuck.note, refuse_rows(found, window.rows, indices, is_static))))
+    stands = [] if stated is hidden else [told_of(hidden, stated)]
+    rows = refuse_rows(found, window.rows, indices, is_static)
+    note = "; ".join(filter(None, (stuck.note, rows, *stands)))
     return make_dataset(film.time, places, half, indices, wanted, found, reference, work, note)
 
 

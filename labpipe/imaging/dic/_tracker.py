@@ -16,6 +16,7 @@ from labpipe.imaging.dic._motion_uncertainty import one_way
 from labpipe.imaging.dic._places import nearest, spread_pieces
 from labpipe.imaging.dic._reference import Reference
 from labpipe.imaging.dic._seeding import has_double
+from labpipe.imaging.dic._standing import Votes
 from labpipe.imaging.dic._subset_solver import SOLVED
 
 #: Distance from the prediction (px) up to which a converged point needs no confirmation:
@@ -23,6 +24,8 @@ from labpipe.imaging.dic._subset_solver import SOLVED
 SURPRISE = 1.5
 #: The same in periods of a pattern that repeats itself: farther, it may be another period.
 _PERIODS = 0.125
+#: Standard deviations of the mean square of a residual of noise by which it may exceed the lower quartile of all.
+_BY_CHANCE = 5.5
 #: Neighbours that are asked whether a point is right.
 NEIGHBOURS = 6
 #: Drop of the correlation relative to the last frame that calls for a check.
@@ -65,6 +68,12 @@ class Tracker:
         self.surprise = np.minimum(SURPRISE, _PERIODS * reference.period)
         self.is_tracked = np.ones(count, bool)
         self.misses = np.zeros(count, np.int64)
+        #: Where something stood still in the picture.
+        self.votes = Votes(*np.zeros((2, *reference.mean.shape), np.int32))
+        #: Misfit of each point, over that of most, at which nothing was found that stands before it.
+        self.cleared = np.zeros(count)
+        #: Misfit over that of most from which it is no chance.
+        self.by_chance = 1.0 + _BY_CHANCE * np.sqrt(2.0 / reference.subsets.level[:, 2])
         self._predictions: dict[int, Floats] = {}
         self._doubles: dict[int, bool] = {}
 

@@ -111,3 +111,16 @@ def sideways(track: xr.Dataset, settings: DicValidation) -> Check:
     text = f"{settings.film}: the holder's image swings aside by ± {amplitude:.2g} px at {f:.3g} Hz"
     cause = f"the camera, its mirror or the holder vibrates at {f:.3g} Hz: along the fall it may move the image as much"
     return stated(name, law, text, "note", cause=cause, file=settings.film)
+
+
+def seen_whole(track: xr.Dataset, settings: DicValidation) -> Check:
+    """Look for what stands still before the holder though no obstruction is stated."""
+    name, law = "view of the holder", "nothing stands still before a holder that moves but what is stated"
+    told = [part for part in str(track.attrs.get("note", "")).split("; ") if part.startswith("something stands still")]
+    if not told:
+        return stated(name, law, f"{settings.film}: nothing else was found before the holder", None, file=settings.film)
+    cause = (
+        "a rod, a scale bar or a line burned into the images, or dust on a window: draw tracking.obstructions around it"
+    )
+    text = f"{settings.film}: {told[0]}"
+    return stated(name, law, text, "note", cause=cause, file=settings.film, setting="tracking.obstructions")

@@ -15,7 +15,14 @@ from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from labpipe.workflow.fields import REFERENCE
-from pipelines.experiments.dic_validation._view_checks import direction, one_scale, sideways, still_before, tilt
+from pipelines.experiments.dic_validation._view_checks import (
+    direction,
+    one_scale,
+    seen_whole,
+    sideways,
+    still_before,
+    tilt,
+)
 from pipelines.experiments.dic_validation.comparison import rows
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
@@ -86,6 +93,7 @@ def judgement(
         along = track["dy"].isel(point=0).values
         checks += [found, _copies(track, settings), in_order(settings.film, track["frame"].values, along)]
         checks += [sound_frames(_is_sound(track), whole, settings.film), sideways(track, settings)]
+        checks.append(seen_whole(track, settings))
         checks += [_lit(track, settings), exposed(track, settings.film), no_mosaic(track, settings.film)]
     if motion is not None:
         steady = _steady(track, motion, settings)

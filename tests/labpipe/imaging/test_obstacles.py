@@ -95,6 +95,37 @@ def test_a_stated_obstruction_is_left_out_where_it_stands(
     assert np.sqrt(np.mean(u[is_part] ** 2) / np.mean(error[is_part] ** 2)) == pytest.approx(1.0, abs=0.25)
 
 
+@pytest.mark.parametrize("views", [FALL, DRIFT], ids=["fall", "drift"])
+@pytest.mark.parametrize(("width", "tone", "texture", "opaque"), by_day(RODS, 1))
+def test_what_nobody_stated_is_found_and_left_out(
+    width: float, tone: float, texture: float, opaque: float, views: tuple[View, ...]
+) -> None:
+    pattern, grain = (film_scenes.random_field(SIZE, feature, 50 + k) for k, feature in enumerate((1.9, 1.5)))
+    share, before, _ = rod(1.1 + width / 10.0, width, tone, texture * grain)
+    share = opaque * share
+    film = digitised([(1.0 - share) * from_spectrum(pattern, view) + share * before for view in views], 2.0, 51)
+    points = grid((SIZE, SIZE), 34, 11)
+    found = track(film, points, SUBSET)
+    truth = np.stack([view.displacement(points, SIZE) for view in views])
+    error = np.hypot(found.dx - truth[..., 0], found.dy - truth[..., 1]).values[1:]
+    u, is_valid = np.hypot(found.u_dx, found.u_dy).values[1:], found.valid.values[1:]
+    assert (error[is_valid] < 5.0 * u[is_valid]).all()
+    assert is_valid.mean() > 0.9
+    if opaque == 1.0:
+        assert "something stands still before the specimen" in found.attrs["note"]
+        is_part = is_valid & (found.hidden.values[1:] > 0.0)
+        assert is_part.mean() > 0.05
+        assert np.sqrt(np.mean(u[is_part] ** 2) / np.mean(error[is_part] ** 2)) == pytest.approx(1.0, abs=0.3)
+
+
+def test_nothing_is_hidden_where_nothing_stands_before_the_specimen() -> None:
+    pattern = film_scenes.random_field(SIZE, 1.9, 60)
+    film = digitised([from_spectrum(pattern, view) for view in FALL], 2.0, 61)
+    found = track(film, grid((SIZE, SIZE), 34, 11), SUBSET)
+    assert not found.hidden.values.any()
+    assert found.attrs["note"] == ""
+
+
 def test_a_subset_that_moves_wholly_behind_an_obstruction_is_found_again_beyond_it() -> None:
     pattern = film_scenes.random_field(SIZE, 1.9, 44)
     share, before, polygon = rod(0.0, 60.0, 20.0, np.zeros((SIZE, SIZE)))

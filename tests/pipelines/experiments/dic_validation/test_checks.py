@@ -176,6 +176,16 @@ def test_a_holder_that_is_seldom_found_is_doubtful(motion, laser):
     assert (told.level, told.setting) == ("doubtful", "tracking.body")
 
 
+def test_what_stands_before_the_holder_is_noted_with_the_remedy(motion, laser):
+    track = tracked()
+    assert not checks.seen_whole(track, SETTINGS).level
+    track.attrs["note"] = "2 stuck pixels; something stands still before the specimen, within x 3 to 9 px"
+    found = checks.seen_whole(track, SETTINGS)
+    assert found.level == "note"
+    assert "within x 3 to 9 px" in found.message
+    assert found.setting == "tracking.obstructions"
+
+
 def test_a_camera_that_is_knocked_is_doubtful(motion, laser):
     motion["displacement"][320:] += 4e-4
     told = finding(judged(motion, laser)[0], "level between frames")
