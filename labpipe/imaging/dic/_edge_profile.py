@@ -33,9 +33,9 @@ _MAY_BE, _SIDED = 0.1, 10.0
 #: not is less clear than that; and share and clarity below them.
 _MAY_BE_ALL, _ONE_WAY, _ARE, _CLEAR = 0.35, 20.0, 0.4, 4.0
 _ARE_MOST, _HARDLY_CLEAR = 0.7, 2.0
-#: Ratio of squared slopes from which the lower share counts, and what clarity is at least, over that ratio: the steeper
-#: an edge, the more a profile misses of it.
-_STEEP, _ARE_OF_STEEP, _CLEARER = 100.0, 0.2, 0.05
+#: Ratio of squared slopes from which the lower share counts, and that of results that misfit by a multiple of noise;
+#: and what clarity is at least, over that ratio: the steeper an edge, the more a profile misses of it.
+_STEEP, _LESS_STEEP, _MISFITS, _ARE_OF_STEEP, _CLEARER = 100.0, 50.0, 4.0, 0.2, 0.05
 #: Shift (px) to which edges mislead that are all of the texture.
 _MISLEADS = 0.16
 #: Share of the frames that show a point's own noise.
@@ -89,12 +89,14 @@ def misled(
         static = static[np.isfinite(static) & (static > 0.0)]
         if len(static):
             own = min(own, float(static.mean()))
-        along = along_edges(reference, n, max(own, reference.rounding))
+        own = max(own, reference.rounding)
+        along = along_edges(reference, n, own)
         shift[rows, n] = _MISLEADS * np.minimum(bound[rows, n], along.folded)
         if along.folded > _ARE_MOST or along.clarity < _HARDLY_CLEAR:
             is_doubtful[:, n] = is_asked[:, n]
             continue
-        is_folded = along.folded > np.where(sided[:, n] > _STEEP, _ARE_OF_STEEP, _ARE)
+        steep = np.where(noise[:, n] > _MISFITS * own, _LESS_STEEP, _STEEP)
+        is_folded = along.folded > np.where(sided[:, n] > steep, _ARE_OF_STEEP, _ARE)
         is_unclear = along.clarity < np.maximum(_CLEAR, _CLEARER * sided[:, n])
         is_doubtful[:, n] = is_asked[:, n] & may_be_all[:, n] & (is_folded | is_unclear)
     return shift, is_doubtful

@@ -391,14 +391,18 @@ def overlapping_snippets(size: int, fine: int, seed: int) -> np.ndarray:
     """
     random = np.random.default_rng(seed)
     y, x = np.mgrid[: fine * size, : fine * size] / fine
-    grey = np.full(x.shape, 127.0)
+
+    def paper(tone: float) -> np.ndarray:
+        fibre = gaussian_filter(random.standard_normal(x.shape), fine, mode="wrap")
+        return tone + 3.0 * fibre / fibre.std()
+
+    grey = paper(127.0)
     for _ in range(60):
         a, b, turn = *random.uniform(0.0, size, 2), random.uniform(0.0, np.pi)
         across = (x - a) * np.cos(turn) + (y - b) * np.sin(turn)
         along = (y - b) * np.cos(turn) - (x - a) * np.sin(turn)
         is_covered = (np.abs(across) < random.uniform(8.0, 20.0)) & (np.abs(along) < random.uniform(15.0, 60.0))
-        fibre = gaussian_filter(random.standard_normal(x.shape), fine, mode="wrap")
-        grey[is_covered] = (random.uniform(50.0, 205.0) + 3.0 * fibre / fibre.std())[is_covered]
+        grey[is_covered] = paper(random.uniform(50.0, 205.0))[is_covered]
     return grey
 
 
@@ -409,21 +413,44 @@ def photographed(scene: np.ndarray, fine: int, moved: tuple[int, int], size: int
     return cut.reshape(size, fine, size, fine).mean(axis=(1, 3))
 
 
-@pytest.mark.parametrize("seed", by_day(range(8), 2))
-def test_points_of_photographs_with_sharp_edges_are_kept(seed: int) -> None:
-    """What a subset has along an edge is no step of its pixels where a profile across it leaves it: 60 % were lost."""
-    fine, noise = 4, 1.0
+def follow_snippets(seed: int, subset: int, noise: float, static_frames: int, moves: list) -> tuple[int, int, int]:
+    """Points told to 0.03 px, those of them that are kept, and results wrong; of a scene of 4 by 4 places a pixel."""
+    fine = 4
     scene = overlapping_snippets(SIZE + 24, fine, seed)
-    moves = ((0, 0), (0, 0), (1, -2), (2, -4), (3, -6), (-13, 9))
+    moves = [(0, 0)] * static_frames + moves
     frames = [photographed(scene, fine, moved, SIZE) for moved in moves]
     points = grid((SIZE, SIZE), 26, 9)
-    found = track(digitised(frames, noise, seed), points, 21, static_frames=2)
-    told = cramer_rao_bound(frames[0], points, 21, "rigid", noise).max(axis=1) < 0.03
-    assert told.sum() > 50
-    kept = found.valid.values[2:][:, told].mean()
-    views = tuple(View((a / fine, b / fine)) for a, b in moves)
-    assert kept > 0.9
-    assert wrong(found, views) == 0
+    found = track(digitised(frames, noise, seed), points, subset, static_frames=static_frames)
+    told = cramer_rao_bound(frames[0], points, subset, "rigid", noise).max(axis=1) < 0.03
+    kept = found.valid.values[static_frames:][:, told]
+    return kept.size, int(kept.sum()), wrong(found, tuple(View((a / fine, b / fine)) for a, b in moves))
+
+
+@pytest.mark.parametrize("seed", by_day(range(8), 2))
+def test_points_of_photographs_with_sharp_edges_are_kept(seed: int) -> None:
+    """What a subset has along an edge is no step of its pixels where a profile across it leaves it: 20 % were lost."""
+    asked, kept, false = follow_snippets(seed, 21, 1.0, 2, [(1, -2), (2, -4), (3, -6), (-13, 9)])
+    assert asked > 400
+    assert kept > 0.93 * asked
+    assert false == 0
+
+
+@pytest.mark.nightly
+def test_of_photographs_with_sharp_edges_few_points_are_lost_and_none_is_wrong() -> None:
+    total = np.zeros(3, int)
+    for seed in range(100, 140):
+        random = np.random.default_rng(seed)
+        moves = [tuple(random.integers(-24, 25, 2).tolist()) for _ in range(4)]
+        width, noise, static_frames = (
+            random.choice([15, 21, 31]),
+            random.choice([0.5, 1.0, 2.0]),
+            random.choice([1, 2, 3]),
+        )
+        total += follow_snippets(seed, int(width), float(noise), int(static_frames), moves)
+    asked, kept, false = total
+    assert asked > 15_000
+    assert kept > 0.97 * asked
+    assert false == 0
 
 
 def test_alike_holes_that_jump_are_not_found_one_period_off() -> None:
