@@ -86,6 +86,8 @@ def look_before(tracker: Tracker, loaded: Loaded, attempt: Attempt) -> None:
     suspects = np.flatnonzero(misfits & attempt.trusted)
     if not len(suspects) and not tracker.votes.any:
         return
+    if float(np.hypot(*attempt.motion[attempt.trusted][:, [0, 3]].T).max()) < _MOVED:
+        return
     looking = _Looking(tracker, loaded, attempt, usual)
     clean = suspects[~looking.find(suspects)]
     tracker.cleared[clean] = np.maximum(tracker.cleared[clean], shown[clean] / usual)
@@ -115,7 +117,7 @@ class _Looking:
                 if (other.fits & ~look.fits).mean() > _SHARE:
                     look, start[k] = other, around[k]
             is_hidden[k] = self._stands_before(n, start[k], look)
-            if not is_hidden[k] and look.fits.mean() > _MOST_TRIED and not look.fits.all():
+            if not is_hidden[k] and look.fits.mean() > _MOST_TRIED and (~look.fits).sum() >= _FEWEST:
                 left[k] = _without(~look.fits)
         self._find_without(suspects, start, left, is_hidden)
         return is_hidden
@@ -151,6 +153,8 @@ class _Looking:
     def vote(self, clean: Integers) -> None:
         """Count where something stood in the picture, and where points that do not misfit show the specimen."""
         votes = self._tracker.votes
+        if not (votes.any or self._stands.any()):
+            return
         np.add(votes.stands, self._stands, out=votes.stands)
         touched = clean[self._touches(clean)]
         for n in touched[np.unique(np.linspace(0, len(touched) - 1, _ASKED).astype(int))] if len(touched) else ():
