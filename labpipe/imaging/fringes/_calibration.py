@@ -32,7 +32,7 @@ from labpipe.imaging.fringes._trials import (
     is_promising,
 )
 from labpipe.imaging.fringes._view import View
-from labpipe.imaging.fringes._worn_flat import find_flat, weigh_flat
+from labpipe.imaging.fringes._worn_flat import find_flat, find_small_flat, weigh_flat
 
 #: Greatest logarithm of the phase scale that is believed: a factor of two.
 _MOST_SCALE = 0.7
@@ -52,8 +52,10 @@ _ROUND = 0.75
 #: opens less than in the others; logarithm of the scale by which it does, at least and over the median difference;
 #: share of the frames that do, at most.
 _BY_GAP, _OPENED, _APART, _FEW_OPENED = 0.3, 0.03, 8.0, 0.34
-#: Things that are found one after the other at most.
-_ROUNDS = 4
+#: Variances from which a phase is hinted at, beyond two for each frame, where pixels scatter alone.
+_WEAK_HINT = 10.0
+#: Things that are found one after the other at most, and from how many on they are found again together.
+_ROUNDS, _TOGETHER = 4, 2
 
 
 def calibrate(
@@ -133,6 +135,7 @@ def calibrate(
         best = settled
         attempt.begin_from(best, plain_axes, result)
     settled, result = weigh_flat(attempt, plain_axes, result, best, log_stated)
+    settled, result = find_small_flat(attempt, plain_axes, result, settled)
     if settled is not best:
         best = settled
         attempt.begin_from(best, plain_axes, result)
@@ -162,23 +165,32 @@ def _without_opened(
     if not 0 < is_opened.sum() <= _FEW_OPENED * len(scales):
         return best, known
     kept = np.flatnonzero(~is_opened).tolist()
-    known, best = replace(known, frames=tuple(known.frames[k] for k in kept)), Trial(tuple(best.fits[k] for k in kept))
+    known = replace(known, frames=tuple(known.frames[k] for k in kept))
+    best = Trial(tuple(best.fits[k] for k in kept), tuple(best.noise[k] for k in kept))
     attempt.keep(kept, best, axes, known)
     return best, known
 
 
 def _with_hidden_phase(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, view: View) -> Calibration:
-    """Count what a phase that the film hints at, but not beyond doubt, would make of the radius."""
+    """Count what a phase that the frames hint at, but not beyond doubt or not the same one, would make of the radius.
+
+    What is no phase, as a small flat seen out of focus, hints at one as well, and moves the radius as much.
+    """
     best = attempt(tuple(axes), known)  # with all that is known by now, or its gain would be the phase's
-    if best is None or not best.may_gain((Parameter.PHASE,)):
+    least = HINT if best is None or not best.is_quiet else _WEAK_HINT + 2.0 * len(best.fits)
+    if best is None or not best.may_gain((Parameter.PHASE,), least):
         return known
     trial = attempt((*axes, Parameter.PHASE), known)
-    if trial is None or trial.gain_over(best) < HINT:
+    if trial is None or trial.gain_over(best) < least:
         return known
+    changes = trial.changes(best)
+    if best.is_quiet:
+        own = np.array([fit.deviation(Parameter.RADIUS) for fit in trial.fits])
+        return known.with_shared(trial, np.sqrt(np.maximum(changes**2 - own**2, 0.0)))
     phase, deviation = trial.mean(Parameter.PHASE)
     if abs(phase - view.optics.phase) <= SIGNIFICANT * deviation:
         return known
-    return known.with_shared(trial, float(np.median(trial.changes(best))))
+    return known.with_shared(trial, float(np.median(changes)))
 
 
 def _candidates(
@@ -261,6 +273,16 @@ def _with_rough(trial: Trial, known: Calibration, rough: Sequence[Parameter], vi
     return known
 
 
+def _with_beside(trial: Trial, known: Calibration, beside: Sequence[Parameter], view: View) -> Calibration:
+    """Take phase, harmonics and ellipse from a trial that left them free."""
+    known = _with_rough(trial, known, [p for p in beside if p is Parameter.PHASE], view)
+    if Parameter.SECOND in beside:
+        known = replace(known, harmonics=trial.harmonics)
+    if Parameter.STRETCH in beside:
+        known = replace(known, ellipse=(trial.mean(Parameter.STRETCH)[0], trial.mean(Parameter.SHEAR)[0]))
+    return known
+
+
 def _find_uneven_light(
     attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial
 ) -> tuple[Trial, Calibration] | None:
@@ -278,8 +300,8 @@ def _find_uneven_light(
     return (trial, uneven) if is_better else None
 
 
-def _refine(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, view: View) -> Calibration:
-    """Find again, with the blur, what was found while motion stood in for it."""
+def _found(known: Calibration) -> list[tuple[Parameter, ...]]:
+    """Return what was found, by groups of parameters."""
     groups = (
         ((Parameter.PHASE,), known.phase_shift != 0.0),
         ((Parameter.SCALE,), known.log_scale != 0.0),
@@ -287,22 +309,26 @@ def _refine(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, vie
         ((Parameter.TURNED,), known.harmonics[1] != 0.0),
         (AXES, known.ellipse != (0.0, 0.0)),
     )
-    free = [parameter for group, is_found in groups if is_found for parameter in group]
-    if not known.blur or not free:
+    return [group for group, is_found in groups if is_found]
+
+
+def _refine(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, view: View) -> Calibration:
+    """Find again together, and with the blur, what was found one after the other while another stood in for it."""
+    found = _found(known)
+    free = [parameter for group in found for parameter in group]
+    if len(found) + bool(known.blur) < _TOGETHER:
         return known
     before, gain = 0.0, 1.0
     for _ in range(BLUR_ROUNDS):
         trial = attempt((*axes, *free), known)
         if trial is None:
             return known
-        known = _with_rough(trial, known, [p for p in free if p is Parameter.PHASE], view)
+        known = _with_beside(trial, known, free, view)
         if Parameter.SCALE in free:
             change, u = trial.mean(Parameter.SCALE)
             known = replace(known, log_scale=known.log_scale + change, u_log_scale=u)
-        if Parameter.SECOND in free:
-            known = replace(known, harmonics=trial.harmonics)
-        if Parameter.STRETCH in free:
-            known = replace(known, ellipse=(trial.mean(Parameter.STRETCH)[0], trial.mean(Parameter.SHEAR)[0]))
+        if not known.blur:
+            break
         square = known.blur**2
         beyond = least_blur(trial, known.blur)[0] - square
         # What else is found with it bends what the frames show: a step may overshoot.
@@ -319,23 +345,28 @@ def _refine(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, vie
 def _find_optics(
     attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, parameter: Parameter, view: View
 ) -> tuple[Trial, Calibration] | None:
-    """Phase or scale that the film shows, when it explains the frames much better."""
-    free = (*axes, parameter)
+    """Phase or scale that the film shows, when it explains the frames much better.
+
+    What was found while it was wrong is found again with it.
+    """
+    beside = tuple(p for group in _found(known) for p in group)
+    free = tuple(dict.fromkeys((*axes, parameter, *beside)))
     if not (best.may_gain((parameter,)) and is_promising(attempt, (axes, known), (free, known), best)):
         return None
     trial = attempt(free, known)
     if trial is None or not trial.is_better_than(best):
         return None
     value, deviation = trial.mean(parameter)
+    found = _with_beside(trial, known, beside, view)
     if parameter is Parameter.PHASE:
         shift = value - view.optics.phase
         if abs(shift - known.phase_shift) <= SIGNIFICANT * deviation:
             return None
-        return trial, replace(known, phase_shift=shift, u_phase_shift=deviation)
+        return trial, replace(found, phase_shift=shift, u_phase_shift=deviation)
     scale = known.log_scale + value
     if abs(value) <= SIGNIFICANT * deviation or abs(scale) > _MOST_SCALE:
         return None
-    return trial, replace(known, log_scale=scale, u_log_scale=deviation)
+    return trial, replace(found, log_scale=scale, u_log_scale=deviation)
 
 
 def _choose(fits: dict[int, RingFit]) -> tuple[int, ...]:

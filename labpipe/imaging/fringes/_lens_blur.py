@@ -54,14 +54,32 @@ def find_blur(
     square = least_blur(best, 0.0)[0]
     if square <= LEAST_BLUR**2:
         return None
-    blurred = [replace(known, blur=math.sqrt(square), disc=disc) for disc in (0.0, _DISC)]
-    if not any(is_promising(attempt, (axes, known), ((*axes, *beside), seen), best) for seen in blurred):
+    beside = (*axes, *beside)
+    blurred = (replace(known, blur=math.sqrt(square), disc=disc) for disc in (0.0, _DISC))
+    if not any(_promises(attempt, (axes, known), (beside, seen), best) for seen in blurred):
         return None
-    axes = (*axes, *beside)
+    axes = beside
     lens = _blur_of_lens(attempt, axes, known, best)
     if lens is None or not lens.trial.is_better_than(best):
         return None
     return lens.trial, lens.known(attempt, axes, known)
+
+
+def _promises(
+    attempt: Attempt,
+    before: tuple[Sequence[Parameter], Calibration],
+    after: tuple[Sequence[Parameter], Calibration],
+    best: Trial,
+) -> bool:
+    """Tell whether a blur may explain the frames much better, as large as a motion in its stead or as it then shows."""
+    if is_promising(attempt, before, after, best):
+        return True
+    axes, seen = after
+    trial = attempt(axes, seen, FEW_FRAMES, FEW_PIXELS)
+    square = 0.0 if trial is None else least_blur(trial, seen.blur)[0]
+    if square <= LEAST_BLUR**2:
+        return False
+    return is_promising(attempt, before, (axes, replace(seen, blur=math.sqrt(square))), best)
 
 
 @dataclass(frozen=True)

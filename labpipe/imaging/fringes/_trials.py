@@ -27,6 +27,8 @@ SIGNIFICANT = 5.0
 #: What is left beyond noise, in variances over the root of the number of pixels, that may be there by chance: the
 #: ratio of both squares scatters by about 2.
 _CHANCE = 4.0
+#: What is left beyond differences of neighbours, in amplitudes, below which noise with a memory plays no part.
+_QUIET = 0.01
 #: Frames and pixels of a first look, the share of the squared misfit that it must leave less than, and
 #: the share of the gain wanted that it must promise, or whole frames are not tried.
 FEW_FRAMES, FEW_PIXELS, PROMISE, _HALF = 4, 12_000, 0.8, 0.5
@@ -121,19 +123,24 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Trial:
-    """Fits of the same frames with one set of free parameters."""
+    """Fits of the same frames with one set of free parameters, and the noise (grey levels) in which they are weighed.
+
+    That is one for all trials that are compared: what a fit leaves is noise to it as well.
+    """
 
     fits: tuple[RingFit, ...]
+    noise: tuple[float, ...]
 
     @property
     def left(self) -> float:
-        """Sum of squares, in variances of a pixel by the noise of the first frame of all trials."""
+        """Sum of squares, in variances of a pixel."""
         return float(self.left_of_each.sum())
 
     @property
     def left_of_each(self) -> Floats:
         """The same of every frame."""
-        return np.array([fit.residual**2 * fit.pixels / max(fit.between, 1e-6) ** 2 for fit in self.fits])
+        pairs = zip(self.fits, self.noise, strict=True)
+        return np.array([fit.residual**2 * fit.pixels / max(noise, 1e-6) ** 2 for fit, noise in pairs])
 
     @property
     def pixels(self) -> int:
@@ -165,6 +172,11 @@ class Trial:
         beyond = [max(fit.residual**2 - fit.between**2, 0.0) for fit in self.fits]
         amplitudes = [max(abs(float(fit.parameters[Parameter.MODULATION])), 1e-12) for fit in self.fits]
         return float(np.mean(np.array(beyond) / np.array(amplitudes) ** 2))
+
+    @property
+    def is_quiet(self) -> bool:
+        """Whether noise with a memory plays no part: it hints at anything in single frames."""
+        return self.rough_excess < _QUIET**2
 
     def mean(self, parameter: Parameter) -> tuple[float, float]:
         """Weighted mean over the frames, and its uncertainty from their scatter and from errors of the model."""
@@ -206,9 +218,9 @@ class Trial:
             for a, b in zip(other.fits, self.fits, strict=True)
         )
 
-    def may_gain(self, parameters: tuple[Parameter, ...]) -> bool:
+    def may_gain(self, parameters: tuple[Parameter, ...], least: float = HINT) -> bool:
         """Tell whether it is worth while to fit more: errors of the model are seen, or such a fit hints at."""
-        return self.is_doubtful or sum(fit.expected_gain(parameters) for fit in self.fits) > HINT
+        return self.is_doubtful or sum(fit.expected_gain(parameters) for fit in self.fits) > least
 
     def is_better_than(self, other: "Trial") -> bool:
         """Tell whether the misfit is much lower, and not by chance.

@@ -21,7 +21,7 @@ from labpipe.imaging.fringes._worn_flat import find_flat
 
 def test_the_excess_is_the_mean_square_of_the_misfits() -> None:
     fits = tuple(SimpleNamespace(misfit=misfit) for misfit in (1.0, 3.0))
-    assert Trial(fits).excess == 5.0  # type: ignore[arg-type]
+    assert Trial(fits, (1.0, 1.0)).excess == 5.0  # type: ignore[arg-type]
 
 
 def trial(misfit: float, count: int = 4, smear: float = 0.0) -> Trial:
@@ -37,13 +37,14 @@ def trial(misfit: float, count: int = 4, smear: float = 0.0) -> Trial:
         curvature=1000.0,
         slow=None,
         worst_deviation=1.0,
+        expected_gain=lambda _: 0.0,
         has_negative_light=False,
         doubts={},
         parameters=parameters,
         deviation=lambda _: 1.0,
         expected_gain=lambda _: 0.0,
     )
-    return Trial((fit,) * count)  # type: ignore[arg-type]
+    return Trial((fit,) * count, (1.0,) * count)  # type: ignore[arg-type]
 
 
 def test_the_blur_of_the_frame_that_moves_least_is_that_of_the_lens() -> None:
