@@ -246,6 +246,10 @@ def _disturbances(scene: Scene, frames: int) -> Suite:
         "blur of 5 px": replace(scene, blur=5.0),
         "gamma of 0.7": replace(scene, gamma=0.7),
         "ellipse, blur, speckle, light together": all_at_once,
+        "ellipse, blur, sloping light": replace(scene, stretch=0.04, blur=2.0, slope=0.4),
+        "ellipse, gamma, dark corners": replace(scene, stretch=0.02, gamma=0.8, vignette=0.4),
+        "ellipse, phase of 2.2 rad": replace(scene, stretch=0.02, phase=2.2),
+        "ellipse, coatings that absorb": replace(scene, stretch=0.02, beams=0.3, delay=0.5),
     }
     rows: list[Point] = []
     plain = 0.0  # of the first row, the ideal one

@@ -10,7 +10,7 @@ from labpipe.arrays import Floats
 from labpipe.imaging.fringes._interference import SAMPLES_PER_PIXEL, radial_table, ring_limits
 from labpipe.imaging.fringes._radial_scan import Window, edge_width, is_edge, is_sphere, radial_profile
 from labpipe.imaging.fringes._ring_fit import RingFit
-from labpipe.imaging.fringes._ring_parameters import Parameter
+from labpipe.imaging.fringes._ring_parameters import HARMONICS, Parameter
 from labpipe.imaging.fringes._view import View
 
 #: Residual beyond the noise, as a share of the modulation, from which a fit is not believed:
@@ -26,8 +26,6 @@ _MOST_TRAVEL = 1.5
 _LONG_TRAVEL = 0.5
 #: Blur, in widths of the first bright ring, from which the same holds.
 _STRONG_BLUR = 0.25
-#: Widths of the first bright ring by which an axis differs from a circle that its profile tells of.
-_ROUND = 0.25
 #: A plain edge is believed against a fit when it leaves less than this multiple of the squares that
 #: the fit leaves.
 _FRINGES_SURE = 2.0
@@ -77,10 +75,7 @@ def is_contact(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
     if travel > _MOST_TRAVEL * radius:
         return False
     edge = edge_width(radius, view.optics)
-    oblique = math.hypot(float(found.parameters[Parameter.STRETCH]), float(found.parameters[Parameter.SHEAR]))
-    # The mean around the centre of an ellipse is softer than its rings; but a shadow is no ellipse.
-    is_ellipse = oblique * radius > _ROUND * edge and found.misfit < 0.5 * GOOD_MISFIT
-    may_be_edge = (has_long_travel(view, found) or _blur_of(view, found) > _STRONG_BLUR * edge) and not is_ellipse
+    may_be_edge = has_long_travel(view, found) or _blur_of(view, found) > _STRONG_BLUR * edge
     is_small = radius < SMALL_CONTACT * view.newton_spot
     if not may_be_edge and not is_small:
         return True
@@ -89,8 +84,8 @@ def is_contact(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
         return not may_be_edge
     if may_be_edge and is_edge(window, term, _FRINGES_SURE):
         return False
-    seen = replace(view.optics, blur=_blur_of(view, found))
-    return not (is_small and is_sphere(window, term, distance, seen))
+    seen, has_harmonics = replace(view.optics, blur=_blur_of(view, found)), any(_harmonics_of(found))
+    return not (is_small and is_sphere(window, term, distance, seen, has_harmonics=has_harmonics))
 
 
 def has_long_travel(view: View, found: RingFit) -> bool:
@@ -104,6 +99,12 @@ def _blur_of(view: View, found: RingFit) -> float:
     return math.sqrt(max(view.optics.blur**2 + float(found.parameters[Parameter.BLUR]), 0.0))
 
 
+def _harmonics_of(found: RingFit) -> tuple[float, float, float]:
+    """Return the harmonics of a fit."""
+    second, turned, third = (float(found.parameters[p]) for p in HARMONICS)
+    return second, turned, third
+
+
 def _profile_of(frame: NDArray[np.generic], view: View, found: RingFit) -> tuple[Window, Floats, Floats]:
     """Profile about the centre of a fit, the term that was fitted, and its distances."""
     x, y, radius = (float(found.parameters[p]) for p in (Parameter.X, Parameter.Y, Parameter.RADIUS))
@@ -114,8 +115,9 @@ def _profile_of(frame: NDArray[np.generic], view: View, found: RingFit) -> tuple
     inner, outer = ring_limits(radius, view.optics, settings.fringes, settings.least_spacing)
     width = min(1.0, (outer - inner) / _LEAST_RINGS)
     first, last = math.ceil(inner / width), math.floor(outer / width)
-    profile, counts = radial_profile(frame, x, y, width, last)
-    table = radial_table(inner, outer, radius, travel, optics)
+    stretch, shear = (float(found.parameters[p]) for p in (Parameter.STRETCH, Parameter.SHEAR))
+    profile, counts = radial_profile(frame, x, y, width, last, (stretch, shear))
+    table = radial_table(inner, outer, radius, travel, optics, _harmonics_of(found))
     distance = (np.arange(last - first, dtype=np.float64) + first + 0.5) * width
     index = (distance - table.start) * SAMPLES_PER_PIXEL
     term = np.interp(index, np.arange(table.values.shape[1]), table.values[0])

@@ -99,7 +99,7 @@ class Attempts:
                 return None
             fits.append(fit_ring(ring, _parameters(*start, view, extra), view.optics, settings))
         last[: len(fits)] = [(fit, view.optics.blur) for fit in fits]
-        return Trial(tuple(fits))
+        return Trial(tuple(fits), tuple(fit.between for fit, _ in self._first[:count]))
 
 
 def _parameters(start: RingFit, blur: float, view: View, extra: tuple[Parameter, ...]) -> Floats:

@@ -14,6 +14,7 @@ from labpipe.imaging.fringes._radial_scan import edge_width
 from labpipe.imaging.fringes._ring_fit import RingFit
 from labpipe.imaging.fringes._ring_parameters import Parameter
 from labpipe.imaging.fringes._spots import Spot, reduce_frame
+from labpipe.imaging.fringes._touch import told_radius
 from labpipe.imaging.fringes._trials import Calibration
 from labpipe.imaging.fringes._view import View
 
@@ -41,10 +42,13 @@ class Blank:
         Round spots in it.
     level : float or None [grey levels]
         Its brightness when it is even.
+    by_sphere : float or None [1]
+        Share of the squares that a sphere leaves which touches or hovers, where that is what it shows.
     """
 
     edges: tuple[Edge, ...] = ()
     level: float | None = None
+    by_sphere: float | None = None
 
 
 @dataclass
@@ -106,6 +110,15 @@ class FilmResult:
     lost_rows: dict[int, int] = field(default_factory=dict)
     scales: dict[int, tuple[float, float]] = field(default_factory=dict)
 
+    @property
+    def least_radius(self) -> float:
+        """Radius (px) below which a contact is not told from a touch, in the light and noise of this film."""
+        if not self.has_fringes:
+            return LEAST_SPOT * self.view.newton_spot
+        shares = [blank.by_sphere for blank in self.blanks.values() if blank.by_sphere is not None]
+        told = told_radius(float(np.median(shares))) if shares else 0.0
+        return max(self.view.least_radius, told * self.view.newton_spot)
+
     def leave_out(self, frames: Iterable[int]) -> None:
         """Count frames as damaged, whatever was found in them."""
         for index in frames:
@@ -126,8 +139,9 @@ def look_without_fringes(looks: Looks, view: View) -> Blank:
     """
     if not looks.have_structure:
         return Blank(level=float(np.median(reduce_frame(looks.frame)[0])))
-    if looks.show_only_sphere(view.optics):
-        return Blank()
+    by_sphere = looks.left_by_sphere(view.optics)
+    if by_sphere is not None:
+        return Blank(by_sphere=by_sphere)
     return Blank(_edges_of(looks.spots, looks, view) or _edges_of(looks.centres, looks, view))
 
 

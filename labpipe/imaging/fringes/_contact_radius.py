@@ -114,9 +114,9 @@ def contact_radius(
         when it does not end at rest in contact [m].
         Attributes: ``phase`` (used) and ``u_phase`` (rad), ``phase_scale_ratio`` (found / given
         of 1/(λ R)), ``flat_radius`` (of a flat worn into the sphere, 0 for none) [m], ``blur``
-        (of the lens) [px], ``least_radius`` (below it a contact is not told from a touch, and counts
-        as none) [m], ``harmonics`` (ratio of each to the one before, its imaginary part, and a third beside),
-        ``wavelength_used``, ``note``, ``work`` (counts).
+        (of the lens) [px], ``least_radius`` (below it a contact is not told from a touch in the light
+        and noise of the film, and counts as none) [m], ``harmonics`` (ratio of each to the one before, its
+        imaginary part, and a third beside), ``wavelength_used``, ``note``, ``work`` (counts).
 
     Raises
     ------

@@ -13,7 +13,7 @@ from labpipe.frames import FrameSource
 from labpipe.imaging.fringes._acceptance import visibility_of
 from labpipe.imaging.fringes._adhesive_edge import USUAL_WORK, adhesive_edge, edge_of_spot, edge_shift
 from labpipe.imaging.fringes._arguments import FilmOptions
-from labpipe.imaging.fringes._blank_frames import LEAST_SPOT, FilmResult
+from labpipe.imaging.fringes._blank_frames import FilmResult
 from labpipe.imaging.fringes._edge import corrected_radius
 from labpipe.imaging.fringes._every_frame import NOMINAL_WAVELENGTH
 from labpipe.imaging.fringes._open_gap import has_free_gap
@@ -386,8 +386,7 @@ def _attributes(options: FilmOptions, result: FilmResult, uncertainties: dict[st
         note = "fringes not resolved: edge of the spot only"
     elif result.edges:
         note += f"; {_frames_by_edge(result)} measured by the edge of the spot"
-    view = result.view
-    least = (view.least_radius if result.has_fringes else LEAST_SPOT * view.newton_spot) * options.pixel_size
+    least = result.least_radius * options.pixel_size
     if not (result.fits or result.edges or result.filled):
         note = f"no contact found; one of less than {1e6 * least:.2g} µm in radius is not told from a touch"
     rows = _rows_told(result), _lost_told(result)

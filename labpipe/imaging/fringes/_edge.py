@@ -36,6 +36,9 @@ _REACH, _MOST_REACH, _MOST_PIXELS = 0.15, 40.0, 40_000
 _CUT, _LEAST_LINE = 0.5, 0.75
 #: Greatest uncertainty of the radius as a share of it.
 _MOST_UNCERTAINTY = 0.1
+#: An ellipse is told when its axes differ from the circle by so many standard deviations, and by so much (px);
+#: condition of the equations from which an arc tells none.
+_CLEAR_AXES, _LEAST_AXES, _MOST_CONDITION = 6.0, 0.3, 300.0
 #: Rounds of centring.
 _ROUNDS = 2
 
@@ -59,6 +62,8 @@ class Edge:
         Width over which the light rises from a quarter to three quarters.
     inside, outside : float [grey levels]
         Brightness of the spot, and of the first ring around it.
+    oblique : (float, float)
+        Stretch and shear that make a circle of it, where it is an ellipse beyond doubt; else zero.
     """
 
     x: float
@@ -70,6 +75,7 @@ class Edge:
     softness: float
     inside: float
     outside: float
+    oblique: tuple[float, float] = (0.0, 0.0)
 
 
 def find_edge(frame: NDArray[np.generic], x: float, y: float, radius: float, black: float = 0.0) -> Edge | None:
@@ -133,7 +139,26 @@ def _edge_about(frame: NDArray[np.generic], x: float, y: float, radius: float, b
     leverage = _leverage(points, new_x, new_y)
     if scatter * leverage > _MOST_UNCERTAINTY * new_radius:
         return None
-    return Edge(new_x, new_y, new_radius, scatter, len(points), leverage, softness, inside, outside)
+    oblique = _oblique(points, new_x, new_y, new_radius)
+    return Edge(new_x, new_y, new_radius, scatter, len(points), leverage, softness, inside, outside, oblique)
+
+
+def _oblique(points: Floats, x: float, y: float, radius: float) -> tuple[float, float]:
+    """Stretch and shear of an ellipse through points near a circle; zero unless they are told from chance."""
+    across, down = (points - (x, y)).T
+    angle = np.arctan2(down, across)
+    waves = [np.ones(len(points)), *(wave(n * angle) for n in (1, 2) for wave in (np.cos, np.sin))]
+    columns, away = np.stack(waves, axis=1), np.hypot(across, down)
+    normal = columns.T @ columns
+    if np.linalg.cond(normal) > _MOST_CONDITION:
+        return 0.0, 0.0  # an arc shows no axes
+    found = np.linalg.solve(normal, columns.T @ away)
+    left = away - columns @ found
+    variance = float(left @ left) / max(len(points) - len(found), 1)
+    deviation = math.sqrt(variance * float(np.linalg.inv(normal)[3:, 3:].trace()))
+    if math.hypot(*found[3:]) < max(_CLEAR_AXES * deviation, _LEAST_AXES):
+        return 0.0, 0.0
+    return -float(found[3]) / radius, -float(found[4]) / radius
 
 
 def _leverage(points: Floats, x: float, y: float) -> float:

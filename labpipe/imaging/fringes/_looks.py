@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from labpipe.imaging.fringes._centre_votes import find_centres
 from labpipe.imaging.fringes._edge import Edge, find_edge
 from labpipe.imaging.fringes._interference import Optics
-from labpipe.imaging.fringes._radial_scan import is_only_sphere
 from labpipe.imaging.fringes._spots import Spot, find_spots, reduce_frame
+from labpipe.imaging.fringes._touch import left_by_only_sphere
 
 #: Spots about which the rings of a sphere are looked for.
 _MOST_SPOTS = 4
@@ -28,7 +28,7 @@ class Looks:
 
     frame: NDArray[np.generic]
     _edges: dict[tuple[Spot, float], Edge | None] = field(default_factory=dict)
-    _spheres: dict[Optics, bool] = field(default_factory=dict)
+    _spheres: dict[Optics, float | None] = field(default_factory=dict)
 
     @cached_property
     def have_structure(self) -> bool:
@@ -51,12 +51,17 @@ class Looks:
             self._edges[spot, black] = find_edge(self.frame, spot.x, spot.y, spot.radius, black)
         return self._edges[spot, black]
 
-    def show_only_sphere(self, optics: Optics) -> bool:
-        """Tell whether the rings are those of a sphere that touches or hovers, so that there is no contact."""
+    def left_by_sphere(self, optics: Optics) -> float | None:
+        """Share of the squares that a sphere leaves which touches or hovers; None where the rings are not its."""
         if optics not in self._spheres:
             spots = self.spots[:_MOST_SPOTS]
-            self._spheres[optics] = any(is_only_sphere(self.frame, spot.x, spot.y, optics) for spot in spots)
+            shares = (left_by_only_sphere(self.frame, spot.x, spot.y, optics) for spot in spots)
+            self._spheres[optics] = next((share for share in shares if share is not None), None)
         return self._spheres[optics]
+
+    def show_only_sphere(self, optics: Optics) -> bool:
+        """Tell whether the rings are those of a sphere that touches or hovers, so that there is no contact."""
+        return self.left_by_sphere(optics) is not None
 
 
 def has_structure(frame: NDArray[np.generic]) -> bool:

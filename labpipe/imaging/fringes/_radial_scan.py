@@ -29,9 +29,6 @@ _TRAVELS = (0.0, 1.5, 4.0)
 _LEAST_SEEN = 0.75
 #: The contact of the other brightness is a match too from this share of the better score.
 _NEARLY = 0.8
-#: A sphere is told from its rings down to this spacing (px), so many at most and so many at least, with one of
-#: these blurs (px), when it leaves less than this share of the squares.
-_COARSE_SPACING, _MANY_RINGS, _FEW_RINGS, _BLURS, _SPHERE_LEAVES = 6.0, 8.0, 2.0, (0.0, 1.5, 3.0, 6.0), 0.01
 #: Variance below which a window counts as even.
 _TINY = 1e-6
 
@@ -151,7 +148,9 @@ def make_templates(shape: tuple[int, int], optics: Optics, fringes: float, least
     return Templates(width, int((first + length).max()), radii, first, length, travels, values)
 
 
-def radial_profile(frame: NDArray[np.generic], x: float, y: float, width: float, bins: int) -> tuple[Floats, Floats]:
+def radial_profile(
+    frame: NDArray[np.generic], x: float, y: float, width: float, bins: int, oblique: tuple[float, float] = (0.0, 0.0)
+) -> tuple[Floats, Floats]:
     """Mean grey level and number of pixels in rings around a point.
 
     Parameters
@@ -164,12 +163,14 @@ def radial_profile(frame: NDArray[np.generic], x: float, y: float, width: float,
         Width of a ring.
     bins : int
         Number of rings.
+    oblique : (float, float), optional
+        Stretch and shear that make circles of the rings, where they are ellipses.
     """
     from labpipe.imaging.fringes._table_kernel import radial_sums
 
     step = max(1, math.floor(math.sqrt(frame.size / _PROFILE_PIXELS)))
     rows = np.ascontiguousarray(frame[::step], np.float32)
-    sums, counts = radial_sums(rows, x, y, float(step), width, bins)
+    sums, counts = radial_sums(rows, x, y, float(step), width, bins, *oblique)
     return sums / np.maximum(counts, 1.0), counts
 
 
@@ -265,9 +266,9 @@ class Window:
         norm = np.maximum((columns**2).sum(axis=1), _TINY)
         return self.squares - (columns @ self._grey) ** 2 / norm
 
-    def left_by_both(self, one: Floats, other: Floats) -> float:
-        """Sum of squares that two terms (ring,) leave together."""
-        columns = self._off(np.stack([one, other])[:, : len(self._root)] * self._root)
+    def left_by_all(self, terms: Floats) -> float:
+        """Sum of squares that several terms (term, ring) leave together."""
+        columns = self._off(terms[:, : len(self._root)] * self._root)
         base, _ = np.linalg.qr(columns.T)
         return self.squares - float(((self._grey @ base) ** 2).sum())
 
@@ -291,7 +292,9 @@ def is_edge(window: Window, term: Floats, factor: float) -> bool:
     return bool(window.left_by(edges).min() < factor * window.left_by(term)[0])
 
 
-def is_sphere(window: Window, term: Floats, distance: Floats, optics: Optics, factor: float = 2.0) -> bool:
+def is_sphere(
+    window: Window, term: Floats, distance: Floats, optics: Optics, factor: float = 2.0, *, has_harmonics: bool = False
+) -> bool:
     """Tell whether a sphere that touches or hovers explains a profile nearly as well as a contact.
 
     Parameters
@@ -306,32 +309,20 @@ def is_sphere(window: Window, term: Floats, distance: Floats, optics: Optics, fa
         The interference.
     factor : float, optional
         Multiple of the squares left by the contact that the sphere may leave.
+    has_harmonics : bool, optional
+        Whether the contact's term holds harmonics, so that the sphere may have one as well.
     """
-    return _left_by_sphere(window, distance, optics, optics.blur) < factor * float(window.left_by(term)[0])
+    left = left_by_sphere(window, distance, optics, optics.blur, has_harmonics=has_harmonics)
+    return left < factor * float(window.left_by(term)[0])
 
 
-def _left_by_sphere(window: Window, distance: Floats, optics: Optics, blur: float) -> float:
-    """Sum of squares that a sphere at any distance leaves, seen with a blur (px)."""
-    # A Gaussian blur of a phase that is square in the distance, in closed form.
-    softened = 1.0 / (1.0 - 1j * optics.phase_scale * blur**2)
-    wave = softened * np.exp(0.5j * optics.phase_scale * (distance**2 + 1.0 / 6.0) * softened)
-    return window.left_by_both(wave.real, wave.imag)
-
-
-def is_only_sphere(frame: NDArray[np.generic], x: float, y: float, optics: Optics) -> bool:
-    """Tell whether all rings around a point are those of a sphere that touches or hovers.
-
-    From the centre outwards such a sphere left 0.2 % of the squares at most, whatever its distance, out of
-    focus and beside dust; around contacts larger than three quarters of a Newton spot it leaves 3 % or more.
-    """
-    slope = optics.phase_scale
-    reach = min(2.0 * math.pi / (_COARSE_SPACING * slope), math.sqrt(4.0 * math.pi * _MANY_RINGS / slope))
-    profile, counts = radial_profile(frame, x, y, 1.0, math.ceil(reach))
-    is_seen = counts > 0.0
-    seen = len(counts) if is_seen.all() else int(is_seen.argmin())
-    if 0.5 * slope * seen**2 < 2.0 * math.pi * _FEW_RINGS:
-        return False
-    window = Window(profile, counts, 0, seen)
-    distance = np.arange(seen, dtype=np.float64) + 0.5
-    left = min(_left_by_sphere(window, distance, optics, blur) for blur in (optics.blur, *_BLURS))
-    return left < _SPHERE_LEAVES * window.squares
+def left_by_sphere(
+    window: Window, distance: Floats, optics: Optics, blur: float, *, has_harmonics: bool = False
+) -> float:
+    """Sum of squares that a sphere at any distance leaves, seen with a blur (px), and with a harmonic or without."""
+    waves = []
+    for slope in optics.phase_scale * np.arange(1.0, 2.0 + has_harmonics):
+        # A Gaussian blur of a phase that is square in the distance, in closed form.
+        softened = 1.0 / (1.0 - 1j * slope * blur**2)
+        waves.append(softened * np.exp(0.5j * slope * (distance**2 + 1.0 / 6.0) * softened))
+    return window.left_by_all(np.concatenate([np.real(waves), np.imag(waves)]))

@@ -15,13 +15,13 @@ from labpipe.imaging.fringes._radial_scan import (
     Window,
     best_matches,
     is_edge,
-    is_only_sphere,
     is_sphere,
     radial_profile,
     template_of,
 )
 from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import EVEN, Parameter
+from labpipe.imaging.fringes._touch import left_by_only_sphere
 from labpipe.imaging.fringes._trial_fits import fit_edge, fit_from, fit_some, otherwise, start_of
 from labpipe.imaging.fringes._view import View
 
@@ -92,7 +92,7 @@ def search_contact(
     if not looks.have_structure:
         return None
     frame = looks.frame
-    is_sphere_there = centre is not None and is_only_sphere(frame, *centre, view.optics)
+    is_sphere_there = centre is not None and left_by_only_sphere(frame, *centre, view.optics) is not None
     if centre is not None and not is_sphere_there:
         found = fit_at(frame, view, *centre)
         if found is not None:

@@ -155,14 +155,16 @@ def fill_table(
 
 
 @compiled(nogil=True, fastmath=FAST)
-def radial_sums(image: Floats32, x: float, y: float, row_step: float, width: float, bins: int) -> tuple[Floats, Floats]:
-    """Sum grey levels and count pixels in rings of equal width around a point.
+def radial_sums(
+    image: Floats32, x: float, y: float, row_step: float, width: float, bins: int, stretch: float, shear: float
+) -> tuple[Floats, Floats]:
+    """Sum grey levels and count pixels in rings of equal width around a point, circles or ellipses.
 
     The rows of the image stand ``row_step`` pixels apart.
     """
     sums, counts = np.zeros(bins), np.zeros(bins)
     rows, columns = image.shape
-    reach = bins * width
+    reach = bins * width * (1.0 + abs(stretch) + abs(shear))
     for row in range(rows):
         dy = row * row_step - y
         half = reach * reach - dy * dy
@@ -171,7 +173,8 @@ def radial_sums(image: Floats32, x: float, y: float, row_step: float, width: flo
         half = math.sqrt(half)
         for column in range(max(0, math.ceil(x - half)), min(columns, math.floor(x + half) + 1)):
             dx = column - x
-            place = int(math.sqrt(dx * dx + dy * dy) / width)
+            u, v = dx * (1.0 + stretch) + dy * shear, dy * (1.0 - stretch) + dx * shear
+            place = int(math.sqrt(u * u + v * v) / width)
             if place < bins:
                 sums[place] += image[row, column]
                 counts[place] += 1.0

@@ -16,7 +16,7 @@ from labpipe.imaging.fringes._acceptance import GOOD_MISFIT, LEAST_PIXELS, has_l
 from labpipe.imaging.fringes._edge import Edge, corrected_radius
 from labpipe.imaging.fringes._radial_scan import Match
 from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
-from labpipe.imaging.fringes._ring_parameters import HARMONICS, LIGHT, PARAMETERS, Parameter
+from labpipe.imaging.fringes._ring_parameters import AXES, COATING, HARMONICS, LIGHT, PARAMETERS, Parameter
 from labpipe.imaging.fringes._view import View
 
 #: Pixels and evaluations of the fits that find out what a frame shows.
@@ -24,6 +24,10 @@ _QUICK_PIXELS, _QUICK_ITERATIONS = 12_000, 12
 #: Misfit of a fit from which its start is nonsense, and of the first fringe from which another
 #: explanation does not explain it either: right ones left 0.6 and 0.1 at most.
 _NONSENSE, _UNEXPLAINED = 1.0, 0.3
+#: Misfit from which no other explanation is tried beside the ones before.
+_SURE_MISFIT = 0.02
+#: What changes how the light goes across the rings, wherever along them.
+_ACROSS = {Parameter.BLUR, Parameter.SCALE, *COATING}
 #: Square of the blur (px²) from which it is sought, and the share of the misfit of a long travel in
 #: the exposure that a blur must stay below to be the better reason for soft fringes.
 _FIRST_BLUR, _BLUR_BEFORE_TRAVEL = 2.0, 0.5
@@ -51,13 +55,18 @@ def start_at_edge(edge: Edge, view: View) -> Floats:
     start[Parameter.GAIN] = 0.5 * (edge.inside + edge.outside)
     start[Parameter.MODULATION] = 0.5 * sign * (edge.inside - edge.outside)
     start[Parameter.PHASE] = view.optics.phase
-    start[[Parameter.STRETCH, Parameter.SHEAR]] = view.ellipse
+    start[list(AXES)] = edge.oblique if any(edge.oblique) else view.ellipse
     start[list(HARMONICS)] = view.harmonics
     return start
 
 
 def fit_edge(frame: NDArray[np.generic], view: View, edge: Edge) -> RingFit | None:
-    """Fit the fringes beside the edge of a spot; None when they do not explain it well."""
+    """Fit the fringes beside the edge of a spot; None when they do not explain it well.
+
+    Where it is an ellipse, and may be one, its axes are free whatever else is tried.
+    """
+    if any(edge.oblique) and AXES in view.alternatives:
+        view = replace(view, settings=replace(view.settings, free=tuple(dict.fromkeys((*view.settings.free, *AXES)))))
     found = fit_from(frame, view, start_at_edge(edge, view))
     if found is None or found.misfit > GOOD_MISFIT:
         return None
@@ -89,7 +98,7 @@ def fit_from(frame: NDArray[np.generic], view: View, start: Floats) -> RingFit |
 
 def otherwise(frame: NDArray[np.generic], view: View, start: Floats, found: RingFit) -> RingFit:
     """Fit with the alternatives what the usual fit does not explain; the usual fit where none does better."""
-    alternatives, least = view.alternatives, min(GOOD_MISFIT, found.misfit)
+    alternatives, least = view.alternatives, found.misfit
     quick = replace(view.settings, max_pixels=_QUICK_PIXELS, max_iterations=_QUICK_ITERATIONS)
     if found.has_negative_light and LIGHT in alternatives:
         free = (*view.settings.free, *LIGHT)
@@ -103,20 +112,50 @@ def otherwise(frame: NDArray[np.generic], view: View, start: Floats, found: Ring
         least = _BLUR_BEFORE_TRAVEL * found.misfit
     elif found.misfit > _NONSENSE:
         return found
-    near = replace(quick, fringes=1.0, tells_memory=False)
     # Perhaps the view is oblique or out of focus, R or the wavelength is not what it is said to
-    # be, or there are many beams.
+    # be, or there are many beams; where none of these explains it alone, perhaps two of them together do. But two
+    # that change how light goes across the rings would explain any rings.
+    best = _best_of(frame, view, (start, view.settings.free), alternatives, found, least)
+    if best is found or best.misfit < GOOD_MISFIT:
+        return best
+    if _ACROSS & set(best.free):
+        alternatives = tuple(extra for extra in alternatives if not _ACROSS & set(extra))
+    return _best_of(frame, view, (best.parameters, best.free), alternatives, best, _SURE_MISFIT)
+
+
+def _best_of(
+    frame: NDArray[np.generic],
+    view: View,
+    base: tuple[Floats, tuple[Parameter, ...]],
+    alternatives: tuple[tuple[Parameter, ...], ...],
+    best: RingFit,
+    least: float,
+) -> RingFit:
+    """Fit with each alternative beside what is free, and keep what leaves least, and less than ``least``."""
+    start, usual = base
     for extra in alternatives:
-        free = (*view.settings.free, *extra)
-        other = start.copy()
-        other[Parameter.SMEAR] = 0.0
-        other[Parameter.BLUR] = _FIRST_BLUR if Parameter.BLUR in extra else 0.0
-        # A blur and a travel are hardly told from each other by the first fringe alone.
-        started = tuple(p for p in free if p != Parameter.SMEAR) if Parameter.BLUR in extra else free
-        first = fit_contact(frame, other, view.optics, replace(near, free=started), view.levels)
-        if first is None or first.misfit > _UNEXPLAINED:
+        if set(extra) <= set(usual):
             continue
-        trial = fit_contact(frame, first.parameters, view.optics, replace(quick, free=free), view.levels)
-        if trial is not None and trial.misfit < least:
-            return trial
-    return found
+        trial = _trial(frame, view, start, (*usual, *extra))
+        if trial is not None and trial.misfit < min(least, best.misfit):
+            best = trial
+            if best.misfit < _SURE_MISFIT:
+                break
+    return best
+
+
+def _trial(frame: NDArray[np.generic], view: View, start: Floats, free: tuple[Parameter, ...]) -> RingFit | None:
+    """Fit some pixels with these parameters free, from the first fringe outwards; None where it is not explained."""
+    free = tuple(dict.fromkeys(free))
+    quick = replace(view.settings, max_pixels=_QUICK_PIXELS, max_iterations=_QUICK_ITERATIONS, free=free)
+    other = start.copy()
+    # A blur and a travel are hardly told from each other by the first fringe alone.
+    is_blurred = Parameter.BLUR in free
+    other[Parameter.SMEAR] = 0.0
+    other[Parameter.BLUR] = (other[Parameter.BLUR] or _FIRST_BLUR) if is_blurred else 0.0
+    started = tuple(p for p in free if p != Parameter.SMEAR) if is_blurred else free
+    near = replace(quick, fringes=1.0, tells_memory=False, free=started)
+    first = fit_contact(frame, other, view.optics, near, view.levels)
+    if first is None or first.misfit > _UNEXPLAINED:
+        return None
+    return fit_contact(frame, first.parameters, view.optics, quick, view.levels)

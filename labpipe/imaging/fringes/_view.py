@@ -10,7 +10,7 @@ from labpipe.imaging.fringes._ring_parameters import Parameter
 
 #: A contact is at least this share of a Newton spot; smaller ones are not distinguished from
 #: touching.
-_LEAST_RADIUS = 0.8
+_LEAST_RADIUS = 0.52
 
 
 @dataclass(frozen=True)

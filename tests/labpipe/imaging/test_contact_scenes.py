@@ -70,8 +70,8 @@ def test_wrong_wavelength_is_found_and_said(true: float, stated: float) -> None:
 
 
 def test_contacts_that_are_too_small_are_none_and_this_is_said() -> None:
-    """Beside a touch they differ by less than half a fringe at the centre."""
-    radii = [share * math.sqrt(SPHERE * LIGHT / 4.0) for share in (0.2, 0.5, 0.9, 1.2)]
+    """Beside a touch they differ in 0.2 % of the squares of light and less."""
+    radii = [share * math.sqrt(SPHERE * LIGHT / 4.0) for share in (0.2, 0.4, 0.6, 0.9)]
     found, said = measure(film_of(PLAIN, hertz, radii, CENTRE))
     least = found.attrs["least_radius"]
     assert radii[1] < least < radii[2]
@@ -80,6 +80,39 @@ def test_contacts_that_are_too_small_are_none_and_this_is_said() -> None:
     none, _ = measure(film_of(PLAIN, hertz, radii[:2], CENTRE))
     assert none.attrs["note"].startswith(f"no contact found; one of less than {least / UM:.2g} µm in radius")
     assert said == []
+
+
+SPOT = math.sqrt(SPHERE * LIGHT / 4.0)
+LIGHTS = {
+    "plain": PLAIN,
+    "noise": replace(PLAIN, optics=OPTICS.change(noise=25.0)),
+    "uneven": replace(PLAIN, gradient=0.7, optics=OPTICS.change(vignette=0.4)),
+    "gamma": replace(PLAIN, optics=OPTICS.change(gamma=1.5)),
+    "many beams": replace(PLAIN, reflectivity=0.3),
+    "speckle": replace(PLAIN, speckle=0.12),
+    "blur": replace(PLAIN, optics=OPTICS.change(blur=1.5)),
+    "ellipse": replace(PLAIN, ellipse=0.03),
+}
+
+
+def hertz_or_hover(r: Floats, a: float) -> Floats:
+    """Gap of a contact of radius a, or of a sphere that hovers -a above."""
+    return hertz(r, a) if a > 0.0 else r**2 / (2.0 * SPHERE) - a
+
+
+@pytest.mark.parametrize("light", by_day(sorted(LIGHTS), 2))
+def test_contacts_below_a_newton_spot_are_told_from_a_sphere_that_touches_or_hovers(light: str) -> None:
+    """As small as the light and noise of the film let them be told, and that is what it says."""
+    hovers = [-gap for gap in (0.0, 0.021e-6, 0.08e-6, 0.16e-6, 0.3e-6, 0.9e-6)]
+    contacts = [share * SPOT for share in (0.6, 0.66, 0.72, 0.8, 0.95)]
+    found, _ = measure(film_of(LIGHTS[light], hertz_or_hover, [*hovers, *contacts], CENTRE, seed=len(light)))
+    least = found.attrs["least_radius"]
+    assert 0.5 * SPOT < least < 0.75 * SPOT
+    assert not found.in_contact.values[: len(hovers)].any()
+    told = np.array(contacts) > least
+    assert found.in_contact.values[len(hovers) :][told].all()
+    seen = found.isel(frame=found.in_contact.values)
+    check(seen, np.array([*hovers, *contacts])[found.in_contact.values].tolist(), 0.3 * UM)
 
 
 @pytest.mark.parametrize(("second", "share"), by_day([(532e-9, 0.3), (450e-9, 0.25), (590e-9, 0.3)], 1))
@@ -412,6 +445,42 @@ def test_an_oblique_view_by_a_camera_that_is_not_linear() -> None:
     radii = [171.8 * UM, 190.6 * UM]
     found, _ = measure(film_of(replace(PLAIN, ellipse=0.03, optics=OPTICS.change(gamma=1.5)), hertz, radii, CENTRE))
     check(found, radii, 0.02 * UM)
+
+
+WIDE = OPTICS.change(rows=480, columns=560)
+TOGETHER = {
+    "ellipse out of focus in sloping light": Disturbed(OPTICS.change(blur=2.0), ellipse=0.04, gradient=0.7),
+    "ellipse by a camera that is not linear, in dark corners": Disturbed(
+        OPTICS.change(gamma=0.8, vignette=0.5), ellipse=0.02
+    ),
+    "ellipse of another phase": Disturbed(OPTICS.change(phase=2.2), ellipse=0.02),
+    "ellipse of many beams": Disturbed(OPTICS, ellipse=0.03, reflectivity=0.25),
+    "large ellipse out of focus in sloping light": Disturbed(WIDE.change(blur=2.0), ellipse=0.04, gradient=0.7),
+    "large ellipse of many beams": Disturbed(WIDE, ellipse=0.03, reflectivity=0.25),
+    "large ellipse of another phase": Disturbed(WIDE.change(phase=2.2), ellipse=0.02),
+}
+
+
+@pytest.mark.parametrize("count", [1, 3])
+@pytest.mark.parametrize("case", by_day(sorted(TOGETHER), 3))
+def test_an_ellipse_with_another_fault_is_measured_by_its_fringes(case: str, count: int) -> None:
+    """The mean around the centre of an ellipse shows no rings: an edge was found, a coating, or nothing."""
+    scene = TOGETHER[case]
+    radii, centre = RADII[:count], CENTRE
+    if scene.optics.rows == WIDE.rows:
+        radii, centre = [radius + 240 * UM for radius in radii], (287.3, 234.6)
+    found, said = measure(film_of(scene, hertz, radii, centre, seed=count))
+    check(found, radii, 0.04 * UM)
+    assert said == []
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_an_ellipse_beside_a_coating_that_absorbs(count: int) -> None:
+    """Phase, harmonics and scale were found one after the other, each while the others were wrong."""
+    scene = bench.Scene(rows=300, columns=360, radius=200 * UM, centre=CENTRE, beams=0.3, delay=0.5, stretch=0.02)
+    found, said = measure(bench.make_film(scene, count, count))
+    check(found, [scene.radius * math.sqrt(1.0 + scene.stretch)] * count, 0.06 * UM)
+    assert ["fringes are wider than R, wavelength and pixel" in text for text in said] == [True]
 
 
 @pytest.mark.parametrize("radius", by_day([180.0, 215.0], 1))
