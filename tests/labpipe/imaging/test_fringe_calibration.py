@@ -42,7 +42,6 @@ def trial(misfit: float, count: int = 4, smear: float = 0.0) -> Trial:
         doubts={},
         parameters=parameters,
         deviation=lambda _: 1.0,
-        expected_gain=lambda _: 0.0,
     )
     return Trial((fit,) * count, (1.0,) * count)  # type: ignore[arg-type]
 
