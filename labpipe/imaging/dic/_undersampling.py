@@ -43,9 +43,9 @@ _SHARED, _BY_CHANCE = 6.0, 3.0
 _BETTER, _HARDLY = 0.1, 0.8
 #: Noise that hides such an error, in its own variances, and the mean size of noise over its deviation.
 _HIDES, _MEAN_SIZE = 1.5, 0.8
-#: Motion (px) that edges seen by points along the columns or rows may hide, all at once: what lies between two
-#: pixels, of a block of whole pixels, no one can tell.
-_UNSEEN = 0.13
+#: Standard uncertainty (px) of a motion that edges seen by points along the columns or rows may hide, all at once:
+#: what lies between two pixels, of a block of whole pixels, no one can tell. Half a px is hidden at most.
+_UNSEEN = 0.16
 #: Slope of an edge against the columns or rows below which all its pixels are seen at one phase.
 _ALIGNED = 0.06
 #: The same below which few of them are seen at different phases.
