@@ -36,6 +36,8 @@ _FRINGES, _RINGS = 3.0, 48
 _SMALLEST, _LARGEST, _RADII = 0.5, 1.15, 60
 #: Share of a profile's variance that must be explained, places looked at, and starts fitted.
 _LEAST_SCORE, _PLACES, _STARTS = 0.6, 3, 3
+#: Share of the rings that must be seen.
+_LEAST_SEEN = 0.75
 #: A scale other than the stated one must leave less than this share of what that leaves.
 _SCALE_SHARE = 0.5
 #: Pixels of a trial, and fringes of the two fits of one.
@@ -214,11 +216,7 @@ def _guesses(frame: NDArray[np.generic], view: View, x: float, y: float, size: f
     optics = view.optics
     reach = distance_at_phase(2.0 * math.pi * _FRINGES, _LARGEST * size, optics) + 2.0
     profile, counts = radial_profile(frame, x, y, 1.0, math.ceil(reach) + 1)
-    found: list[_Guess] = []
-    for radius in np.linspace(_SMALLEST, _LARGEST, _RADII) * size:
-        guess = _best_scale(profile, counts, float(radius), view)
-        if guess is not None and guess.score >= _LEAST_SCORE:
-            found.append(guess)
+    found = _best_scales(profile, counts, np.linspace(_SMALLEST, _LARGEST, _RADII) * size, view)
     found.sort(key=lambda guess: -guess.score)
     chosen: list[_Guess] = []
     for guess in found:
@@ -227,41 +225,45 @@ def _guesses(frame: NDArray[np.generic], view: View, x: float, y: float, size: f
     yield from chosen[:_STARTS]
 
 
-def _best_scale(profile: Floats, counts: Floats, radius: float, view: View) -> _Guess | None:
-    """Scale and phase that explain most of the rings around one radius."""
+def _best_scales(profile: Floats, counts: Floats, radii: Floats, view: View) -> list[_Guess]:
+    """Scale and phase that explain most of the rings around each of some radii, where they explain enough."""
     optics = view.optics
-    outer = distance_at_phase(2.0 * math.pi * _FRINGES, radius, optics)
-    inner = max(radius - (outer - radius), 0.0)
-    place = np.linspace(inner, outer, _RINGS)
-    ring = np.minimum(place.astype(np.int64), len(profile) - 1)
-    weight = np.sqrt(counts[ring])
-    if (weight > 0.0).sum() < 0.75 * _RINGS:
-        return None
+    outer = np.array([distance_at_phase(2.0 * math.pi * _FRINGES, radius, optics) for radius in radii.tolist()])
+    places = np.linspace(np.maximum(2.0 * radii - outer, 0.0), outer, _RINGS, axis=1)
+    rings = np.minimum(places.astype(np.int64), len(profile) - 1)
+    is_seen = (counts[rings] > 0.0).sum(axis=1) >= _LEAST_SEEN * _RINGS
+    if not is_seen.any():
+        return []
+    radii, places, rings = radii[is_seen], places[is_seen], rings[is_seen]
+    weight = np.sqrt(counts[rings])
     # The middle of a ring of whole pixels lies half a pixel outside its first distance.
-    gap = optics.phase_scale * scaled_gap(ring + 0.5, radius)
-    argument = gap * np.exp(_LOG_SCALES)[:, None]
-    base, _ = np.linalg.qr(np.stack([weight, weight * place], axis=1))
-    grey = profile[ring] * weight
-    left = grey - base @ (base.T @ grey)
-    terms = np.stack([np.cos(argument), np.sin(argument)], axis=1) * weight
-    terms -= terms @ base @ base.T
-    normal = terms @ terms.transpose(0, 2, 1) + 1e-9 * np.eye(2) * _RINGS
-    right = terms @ left
-    amplitude = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
-    total = float(left @ left)
-    if total <= 0.0:
-        return None
-    score = (amplitude * right).sum(axis=1) / total
+    gap = optics.phase_scale * scaled_gap(rings + 0.5, radii[:, None])
+    argument = gap[:, None] * np.exp(_LOG_SCALES)[:, None]
+    base, _ = np.linalg.qr(np.stack([weight, weight * places], axis=2))
+    grey = (profile[rings] * weight)[:, :, None]
+    left = grey - base @ (base.transpose(0, 2, 1) @ grey)
+    waves = np.stack([np.cos(argument), np.sin(argument)], axis=2)
+    terms = (waves * weight[:, None, None]).reshape(len(radii), -1, _RINGS)
+    terms -= terms @ base @ base.transpose(0, 2, 1)
+    right = (terms @ left).reshape(*argument.shape[:2], 2)
+    terms = terms.reshape(*argument.shape[:2], 2, _RINGS)
+    normal = terms @ terms.transpose(0, 1, 3, 2) + 1e-9 * np.eye(2) * _RINGS
+    amplitude = np.linalg.solve(normal, right[..., None])[..., 0]
+    total = (left**2).sum(axis=(1, 2))
+    score = (amplitude * right).sum(axis=2) / np.maximum(total, 1e-300)[:, None]
     stated = len(_LOG_SCALES) // 2
-    best = int(score.argmax())
-    if 1.0 - score[best] > _SCALE_SHARE * (1.0 - score[stated]):
-        best = stated
-    cosine, sine = amplitude[best]
-    modulation = math.hypot(cosine, sine)
-    phase = math.atan2(-sine, cosine)
-    model = cosine * np.cos(argument[best]) + sine * np.sin(argument[best])
-    gain = float(np.average(profile[ring] - model, weights=weight**2))
-    return _Guess(float(score[best]), radius, float(_LOG_SCALES[best]), phase, gain, modulation)
+    best = score.argmax(axis=1)
+    each = np.arange(len(radii))
+    best = np.where(1.0 - score[each, best] > _SCALE_SHARE * (1.0 - score[:, stated]), stated, best)
+    found: list[_Guess] = []
+    for k in np.flatnonzero((total > 0.0) & (score[each, best] >= _LEAST_SCORE)).tolist():
+        at = int(best[k])
+        cosine, sine = amplitude[k, at].tolist()
+        model = amplitude[k, at] @ waves[k, at]
+        gain = float(np.average(profile[rings[k]] - model, weights=weight[k] ** 2))
+        phase, modulation = math.atan2(-sine, cosine), math.hypot(cosine, sine)
+        found.append(_Guess(float(score[k, at]), float(radii[k]), float(_LOG_SCALES[at]), phase, gain, modulation))
+    return found
 
 
 def _fit_guess(

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from scipy.fft import dct
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats, Integers
 
 #: Sectors of a ring, and most bins across it.
 SECTORS, MOST_BINS = 48, 64
@@ -40,18 +40,14 @@ def slow_power(sums: Floats, counts: Floats) -> float | None:
         0 when it is there by chance; None when too little of the ring is seen to tell.
     """
     total = power = variance = 0.0
-    seen_by_all = counts >= _LEAST_PIXELS
-    numbers = seen_by_all.sum(axis=1)
-    is_whole = numbers == counts.shape[1]
-    waves = np.asarray(dct(sums[is_whole] / counts[is_whole], norm="ortho", axis=1)) ** 2
-    parts = [(waves, counts[is_whole].sum(axis=1))] if is_whole.any() else []
-    for place in np.flatnonzero((numbers >= _LEAST_SECTORS) & ~is_whole).tolist():
-        seen, count = seen_by_all[place], counts[place]
-        # Sectors in their order from the end of the widest gap on.
-        order = np.roll(np.arange(len(seen)), -_after_gap(seen))
-        order = order[seen[order]]
-        wave = np.asarray(dct(sums[place, order] / count[order], norm="ortho")) ** 2
-        parts.append((wave[None], count.sum()[None]))
+    is_seen = counts >= _LEAST_PIXELS
+    numbers = is_seen.sum(axis=1)
+    parts: list[tuple[Floats, Floats]] = []
+    for number in np.unique(numbers[numbers >= _LEAST_SECTORS]).tolist():
+        rows = np.flatnonzero(numbers == number)
+        order = _from_gap(is_seen[rows])[:, :number]
+        mean = sums[rows[:, None], order] / counts[rows[:, None], order]
+        parts.append((np.asarray(dct(mean, norm="ortho", axis=1)) ** 2, counts[rows].sum(axis=1)))
     for wave, weight in parts:
         number = wave.shape[1]
         slow = max(1, round(_SLOW * number / sums.shape[1]))
@@ -65,11 +61,17 @@ def slow_power(sums: Floats, counts: Floats) -> float | None:
     return power / total if power > _SIGNIFICANT * math.sqrt(variance) else 0.0
 
 
-def _after_gap(seen: "np.ndarray[tuple[int], np.dtype[np.bool_]]") -> int:
-    """First sector after the longest run of sectors that are not seen."""
-    places = np.flatnonzero(seen)
-    gaps = np.diff(np.append(places, places[0] + len(seen)))
-    return int(places[(int(gaps.argmax()) + 1) % len(places)])
+def _from_gap(is_seen: Flags) -> Integers:
+    """Sectors of each bin in their order from the end of its widest gap on, those that are not seen last."""
+    size = is_seen.shape[1]
+    places = np.arange(size)
+    # the last sector that is seen before each, twice around
+    last = np.maximum.accumulate(np.where(np.hstack([is_seen, is_seen]), np.arange(2 * size), -1), axis=1)
+    before = last[:, size - 1 : -1]
+    # of equal gaps the one across the first sector comes last
+    gaps = np.where(is_seen, np.maximum(2 * (size - 1 + places - before) - (before < size), 0), 0)
+    start = gaps.argmax(axis=1)[:, None]
+    return np.argsort(np.where(is_seen, (places - start) % size, size), axis=1, kind="stable")
 
 
 def clustered(scores: Floats, inverse: Floats) -> Floats:
