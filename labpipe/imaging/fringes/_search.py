@@ -1,14 +1,15 @@
 """Find the contact in one frame, or decide that there is none."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from itertools import chain, islice
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._acceptance import GOOD_MISFIT, SMALL_CONTACT, is_clear, is_contact
-from labpipe.imaging.fringes._edge import corrected_radius
+from labpipe.imaging.fringes._edge import Edge, corrected_radius
 from labpipe.imaging.fringes._looks import Looks
 from labpipe.imaging.fringes._radial_scan import (
     Match,
@@ -20,7 +21,7 @@ from labpipe.imaging.fringes._radial_scan import (
     template_of,
 )
 from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
-from labpipe.imaging.fringes._ring_parameters import EVEN, Parameter
+from labpipe.imaging.fringes._ring_parameters import AXES, EVEN, Parameter
 from labpipe.imaging.fringes._touch import left_by_only_sphere
 from labpipe.imaging.fringes._trial_fits import fit_edge, fit_from, fit_some, otherwise, start_of
 from labpipe.imaging.fringes._view import View
@@ -40,6 +41,8 @@ _EDGE_SURE = 0.4
 #: A sphere is believed at once when it leaves less than this share of the squares that the nearest
 #: template leaves: that is up to half a pixel off.
 _SPHERE_SURE = 0.65
+#: Stretch and shear of the rings from which no circles explain them: a third of a radian at the fifth fringe.
+_CLEAR_AXES = 0.005
 
 
 class Vain:
@@ -109,25 +112,41 @@ def search_contact(
         found = _whole_fit(frame, plain, usual[-1])
         if found is not None:
             return found
+    vain = Vain() if vain is None else vain
+    edges = (edge for edge in (looks.edge(spot, view.black) for spot in spots) if edge is not None)
+    first = list(islice(edges, 1))
+    found = None
+    if first and any(first[0].oblique) and AXES in view.alternatives:
+        found, first = _fit_at_edges(frame, view, first, vain), []
+        # Where the edge and all fringes show an ellipse, circles of other optics explain nothing.
+        if found is not None and np.hypot(*found.parameters[list(AXES)]) > _CLEAR_AXES:
+            return found
     if is_otherwise():
         return None
+    found = found or _fit_at_edges(frame, view, chain(first, edges), vain)
     tried = list(zip(sights[:_MOST_FITS], usual, strict=True))
-    return _search_with_alternatives(looks, view, tried, Vain() if vain is None else vain)
+    return found or _search_with_alternatives(looks, view, tried, vain)
 
 
-def _search_with_alternatives(
-    looks: Looks, view: View, tried: list[tuple[tuple[Match, float, float], RingFit | None]], vain: Vain
-) -> RingFit | None:
-    """Fit what the usual fit has not explained with whatever else may be free."""
-    frame = looks.frame
-    # Uneven light, blur and an oblique view lead the comparison astray more than they do an edge.
-    edges = (looks.edge(spot, view.black) for spot in looks.spots[:_MOST_SPOTS])
-    for edge in (edge for edge in edges if edge is not None):
+def _fit_at_edges(frame: NDArray[np.generic], view: View, edges: Iterable[Edge], vain: Vain) -> RingFit | None:
+    """Fit beside edges what the usual fit has not explained, with whatever else may be free.
+
+    Uneven light, blur and an oblique view lead the comparison astray more than they do an edge.
+    """
+    for edge in edges:
         circle = edge.x, edge.y, edge.half_radius
         found = fit_edge(frame, vain.view_of(view, *circle), edge)
         if found is not None:
             return found
         vain.add(*circle)
+    return None
+
+
+def _search_with_alternatives(
+    looks: Looks, view: View, tried: list[tuple[tuple[Match, float, float], RingFit | None]], vain: Vain
+) -> RingFit | None:
+    """Fit what the usual fit and the edges have not explained with whatever else may be free."""
+    frame = looks.frame
     for (match, x, y), first in tried:
         circle = x, y, match.radius
         if first is not None:

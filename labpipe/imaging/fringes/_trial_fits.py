@@ -133,9 +133,9 @@ def _best_of(
 ) -> RingFit:
     """Fit with each alternative beside what is free, and keep what leaves least, and less than ``least``."""
     start, usual = base
-    for extra in alternatives:
-        if set(extra) <= set(usual):
-            continue
+    # Those that differ by what is free already are one.
+    ways = {frozenset((*usual, *extra)): extra for extra in reversed(alternatives) if not set(extra) <= set(usual)}
+    for extra in reversed(ways.values()):
         trial = _trial(frame, view, start, (*usual, *extra))
         if trial is not None and trial.misfit < min(least, best.misfit):
             best = trial

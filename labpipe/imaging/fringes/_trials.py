@@ -222,6 +222,18 @@ class Trial:
         """Tell whether it is worth while to fit more: errors of the model are seen, or such a fit hints at."""
         return self.is_doubtful or sum(fit.expected_gain(parameters) for fit in self.fits) > least
 
+    @property
+    def least_gain(self) -> float:
+        """Variances by which the squares fall at least from here to what :meth:`is_better_than` this.
+
+        Much of the misfit is then explained, which the squares hold, or some of it and far more than such noise.
+        """
+        least = VARIANCES * len(self.fits)
+        squares = [(fit.slow or 0.0) ** 2 * fit.pixels / max(fit.noise, 1e-6) ** 2 for fit in self.fits]
+        beyond_memory = max(_BY_MEMORY * least, (1.0 - PROMISE) * sum(squares))
+        much = (1.0 - 1.0 / FACTOR) * sum(squares)
+        return max(least, min(much, beyond_memory) if much else beyond_memory)
+
     def is_better_than(self, other: "Trial") -> bool:
         """Tell whether the misfit is much lower, and not by chance.
 
@@ -255,15 +267,24 @@ def is_promising(
     """Tell by some pixels of a few frames whether another explanation may be much better than the best one.
 
     What it leaves there costs a sixth of what whole frames do, and most explanations are wrong. Noise with a
-    memory ``may_hide`` how much of the misfit is explained.
+    memory ``may_hide`` how much of the misfit is explained; the squares must fall as far as it would make them.
     """
     one, other = (attempt(*way, FEW_FRAMES, FEW_PIXELS) for way in (before, after))
     if one is None or other is None:
         return True
-    gain = other.gain_over(one) * best.pixels / max(other.pixels, 1)
-    is_hidden = may_hide and any(fit.slow is not None for fit in best.fits)
-    is_less = is_hidden or other.excess < PROMISE * one.excess
-    return is_less and gain > _HALF * VARIANCES * len(best.fits)
+    share = best.pixels / max(other.pixels, 1)
+    if may_hide and any(fit.slow is not None for fit in best.fits):
+        return share * _gain_in_noise(one, other, best) > _HALF * best.least_gain
+    gain = other.gain_over(one) * share
+    return other.excess < PROMISE * one.excess and gain > _HALF * VARIANCES * len(best.fits)
+
+
+def _gain_in_noise(one: Trial, other: Trial, best: Trial) -> float:
+    """Drop of the sum of squares from one trial to another, in the noise that the best one tells, or less."""
+    trios = zip(one.fits, other.fits, best.fits, strict=False)
+    return sum(
+        (a.residual**2 - b.residual**2) * b.pixels / max(min(b.residual, c.noise), 1e-6) ** 2 for a, b, c in trios
+    )
 
 
 def doubt(gain: float) -> float:

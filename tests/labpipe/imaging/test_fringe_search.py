@@ -2,18 +2,21 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from labpipe.arrays import Floats
 from labpipe.imaging import contact_radius
-from labpipe.imaging.fringes import _attempts, _ring_fit
+from labpipe.imaging.fringes import _attempts, _optics_search, _ring_fit, _trial_fits
 from labpipe.imaging.fringes._fingerprint import round_share
+from labpipe.imaging.fringes._ring_noise import _from_gap, slow_power
+from labpipe.imaging.fringes._ring_parameters import AXES, BEAMS, USUAL, Parameter
 from labpipe.imaging.fringes._ring_sums import Sums
 from tests.by_day import by_day
 from tests.labpipe.imaging.contact_optics import Microscope, bell, comet, oval
-from tests.labpipe.imaging.contact_scenes import gap_of_jkr
+from tests.labpipe.imaging.contact_scenes import Disturbed, film_of, gap_of_jkr
 from tests.labpipe.imaging.fringe_film import Scene
 
 UM = 1e-6
@@ -33,17 +36,20 @@ CASES = {
     "light of a bell": (replace(PLAIN, beam=bell(0.6, 0.3, -0.2)), 2.5),
 }
 
+#: The same of a single frame of a ghost beside a blur; it took 21 times as many, and takes 15.
+MOST_BESIDE_GHOST = 17.0
+
 
 def hertz(r: Floats, a: float) -> Floats:
     return gap_of_jkr(r, a, SPHERE, 5e9, 0.0)
 
 
-def measure(microscope: Microscope, seed: int = 4) -> Floats:
+def measure(microscope: Microscope, seed: int = 4, radii: list[float] = RADII) -> Floats:
     """Errors of the radii in standard uncertainties."""
-    film = microscope.film(hertz, RADII, CENTRE, seed)
+    film = microscope.film(hertz, radii, CENTRE, seed)
     found = contact_radius(film, microscope.scene.pixel_size, SPHERE, LIGHT)
     assert (found.method == 1).all()
-    return np.asarray((found.radius - RADII) / np.hypot(found.u_radius, found.radius_systematic))
+    return np.asarray((found.radius - radii) / np.hypot(found.u_radius, found.radius_systematic))
 
 
 @pytest.fixture
@@ -87,6 +93,57 @@ def test_what_is_left_goes_evenly_around_the_rings_or_not(
     monkeypatch.setattr(_attempts, "round_share", told)
     measure(CASES[name][0])
     assert (shares[0] > 0.8) if is_round else (shares[0] < 0.3), shares
+
+
+@pytest.mark.parametrize("phase", [np.pi, 2.2])
+def test_an_ellipse_is_not_compared_with_circles_of_other_optics(monkeypatch: pytest.MonkeyPatch, phase: float) -> None:
+    """Its edge shows it; a third of the time of a single frame went into circles of every phase and scale."""
+    asked: list[object] = []
+    monkeypatch.setattr(_optics_search, "find_optics", lambda *arguments, **_: asked.append(arguments))
+    scene = Disturbed(PLAIN.scene.change(phase=phase), ellipse=0.04)
+    film = film_of(scene, hertz, RADII[-1:], CENTRE, seed=3)
+    found = contact_radius(film, PLAIN.scene.pixel_size, SPHERE, LIGHT)
+    assert (found.method == 1).all()
+    assert abs(found.radius.item() - RADII[-1]) < 3.0 * np.hypot(found.u_radius, found.radius_systematic).item()
+    assert asked == []
+
+
+def test_explanations_that_differ_by_what_is_free_already_are_tried_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside free axes another scale is the same with axes as without."""
+    tried: list[frozenset[Parameter]] = []
+    monkeypatch.setattr(_trial_fits, "_trial", lambda *arguments: tried.append(frozenset(arguments[3])))
+    ways = (AXES, (*AXES, Parameter.SCALE), (Parameter.SCALE,), BEAMS, (*AXES, *BEAMS))
+    base, worst = (np.zeros(1), (*USUAL, *AXES)), Mock(misfit=0.5)
+    assert _trial_fits._best_of(np.zeros((2, 2)), Mock(), base, ways, worst, 0.5) is worst
+    assert tried == [frozenset((*USUAL, *AXES, *extra)) for extra in ((Parameter.SCALE,), BEAMS)]
+
+
+def test_what_noise_with_a_memory_hides_is_fitted_where_the_squares_promise_it(evaluated: list[int]) -> None:
+    """A ghost beside a blur: whatever lowered the squares by half of what pixels' noise asks for was fitted in vain."""
+    ghost = replace(PLAIN, ghosts=((0.1, 7.0, -15.0),), lens=oval(1.2, 1.2, 0.0))
+    counts = []
+    for microscope in (PLAIN, ghost):
+        evaluated.clear()
+        assert np.abs(measure(microscope, radii=RADII[-1:])).max() < 3.0
+        counts.append(sum(evaluated))
+    assert counts[1] < MOST_BESIDE_GHOST * counts[0], counts[1] / counts[0]
+
+
+def test_rings_of_which_a_part_is_not_seen_tell_noise_from_errors_all_at_once() -> None:
+    """As whole ones do, their sectors in their order from the end of the widest gap on."""
+    sectors = np.arange(48)
+    counts = np.full((9, 48), 8.0)
+    counts[3:6, 40:] = counts[6:8, 44:] = counts[6:8, :7] = counts[8, 20:24] = 0.0
+    noise = np.random.default_rng(2).standard_normal((9, 48)) * np.sqrt(8.0)
+    slow = counts * 3.0 * np.cos(2.0 * np.pi * sectors / 48 + 0.3)
+    is_seen = counts > 0.0
+    assert slow_power(noise * is_seen, counts) == 0.0
+    assert slow_power(noise * is_seen + slow, counts) == pytest.approx(np.mean((slow / 8.0)[is_seen] ** 2), rel=0.05)
+    order = _from_gap(is_seen)
+    assert order[0].tolist() == sectors.tolist()
+    assert order[3, :40].tolist() == sectors[:40].tolist()
+    assert order[6, :37].tolist() == sectors[7:44].tolist()
+    assert order[8, :44].tolist() == [*range(24, 48), *range(20)]
 
 
 def test_a_film_in_which_no_error_of_the_model_is_seen_asks_for_none(monkeypatch: pytest.MonkeyPatch) -> None:
