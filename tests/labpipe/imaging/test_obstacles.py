@@ -9,7 +9,7 @@ from labpipe.arrays import Floats
 from labpipe.imaging import track
 from labpipe.imaging.dic._misfit import misfit_factor
 from pipelines.bench import film_scenes
-from pipelines.bench.film_scenes import View, digitised, from_spectrum
+from pipelines.bench.film_scenes import Film, View, digitised, from_spectrum
 from tests.by_day import by_day
 from tests.labpipe.imaging.speckle import grid
 
@@ -61,14 +61,19 @@ def test_a_subset_behind_an_obstacle_is_uncertain(kind: str, views: tuple[View, 
         assert np.sqrt(np.mean(u[1:, free] ** 2) / np.mean(there[1:, free] ** 2)) == pytest.approx(1.0, abs=0.4)
 
 
-def rod(angle: float, width: float, tone: float, grain: Floats) -> tuple[Floats, Floats, Floats]:
-    """Share of a rod through the middle in the light, its grey levels, and the polygon around it."""
+def behind_a_rod(
+    angle: float, width: float, tone: float, texture: float, opaque: float, views: tuple[View, ...], seed: int
+) -> tuple[Film, Floats]:
+    """Film of a random field behind a rod through the middle, and the polygon around the rod."""
+    pattern, grain = (film_scenes.random_field(SIZE, feature, seed + k) for k, feature in enumerate((1.9, 1.5)))
     y, x = np.mgrid[:SIZE, :SIZE].astype(float)
     normal, middle = np.array([np.cos(angle), np.sin(angle)]), np.full(2, SIZE / 2)
     across = np.abs((x - middle[0]) * normal[0] + (y - middle[1]) * normal[1])
     along, aside = SIZE * np.array([-normal[1], normal[0]]), (0.5 * width + 1.0) * normal
     ends = [middle + a * along + b * aside for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
-    return 1.0 / (1.0 + np.exp(3.0 * (across - 0.5 * width))), tone + grain, np.array(ends)
+    share, rod = opaque / (1.0 + np.exp(3.0 * (across - 0.5 * width))), tone + texture * grain
+    frames = [(1.0 - share) * from_spectrum(pattern, view) + share * rod for view in views]
+    return digitised(frames, 2.0, seed + 1), np.array(ends)
 
 
 RODS = [(4.0, 20.0, 0.0, 1.0), (12.0, 235.0, 0.0, 1.0), (12.0, 110.0, 0.8, 1.0), (7.0, 230.0, 0.0, 0.4)]
@@ -79,10 +84,7 @@ RODS = [(4.0, 20.0, 0.0, 1.0), (12.0, 235.0, 0.0, 1.0), (12.0, 110.0, 0.8, 1.0),
 def test_a_stated_obstruction_is_left_out_where_it_stands(
     width: float, tone: float, texture: float, opaque: float, views: tuple[View, ...]
 ) -> None:
-    pattern, grain = (film_scenes.random_field(SIZE, feature, 40 + k) for k, feature in enumerate((1.9, 1.5)))
-    share, before, polygon = rod(0.4 + width / 10.0, width, tone, texture * grain)
-    share = opaque * share
-    film = digitised([(1.0 - share) * from_spectrum(pattern, view) + share * before for view in views], 2.0, 41)
+    film, polygon = behind_a_rod(0.4 + width / 10.0, width, tone, texture, opaque, views, 40)
     points = grid((SIZE, SIZE), 34, 11)
     found = track(film, points, SUBSET, obstructions=[polygon])
     truth = np.stack([view.displacement(points, SIZE) for view in views])
@@ -100,10 +102,7 @@ def test_a_stated_obstruction_is_left_out_where_it_stands(
 def test_what_nobody_stated_is_found_and_left_out(
     width: float, tone: float, texture: float, opaque: float, views: tuple[View, ...]
 ) -> None:
-    pattern, grain = (film_scenes.random_field(SIZE, feature, 50 + k) for k, feature in enumerate((1.9, 1.5)))
-    share, before, _ = rod(1.1 + width / 10.0, width, tone, texture * grain)
-    share = opaque * share
-    film = digitised([(1.0 - share) * from_spectrum(pattern, view) + share * before for view in views], 2.0, 51)
+    film, _ = behind_a_rod(1.1 + width / 10.0, width, tone, texture, opaque, views, 50)
     points = grid((SIZE, SIZE), 34, 11)
     found = track(film, points, SUBSET)
     truth = np.stack([view.displacement(points, SIZE) for view in views])
@@ -127,10 +126,7 @@ def test_nothing_is_hidden_where_nothing_stands_before_the_specimen() -> None:
 
 
 def test_a_subset_that_moves_wholly_behind_an_obstruction_is_found_again_beyond_it() -> None:
-    pattern = film_scenes.random_field(SIZE, 1.9, 44)
-    share, before, polygon = rod(0.0, 60.0, 20.0, np.zeros((SIZE, SIZE)))
-    views = [View((8.0 * k, 0.3 * k)) for k in range(18)]
-    film = digitised([(1.0 - share) * from_spectrum(pattern, view) + share * before for view in views], 2.0, 45)
+    film, polygon = behind_a_rod(0.0, 60.0, 20.0, 0.0, 1.0, tuple(View((8.0 * k, 0.3 * k)) for k in range(18)), 44)
     points = [(62.0, y) for y in (60.0, 90.0, 120.0, 150.0, 180.0)]
     found = track(film, points, 21, obstructions=[polygon])
     names = np.array(str(found.status.attrs["flag_meanings"]).split())[found.status.values]
