@@ -50,12 +50,15 @@ def find_coating(
     if not is_promising(attempt, (axes, known), (coated, known), best):
         return None
     trial = attempt(coated, known)
-    simpler = (best, attempt((*axes, *BEAMS), known), attempt((*axes, Parameter.PHASE), known))
-    if trial is None or not all(other is None or trial.is_better_than(other) for other in simpler):
+    if trial is None or not trial.is_better_than(best):
         return None
     turned, deviation = trial.mean(Parameter.TURNED)
     if abs(turned) <= SIGNIFICANT * deviation:
         return None
+    for free in (BEAMS, (Parameter.PHASE,)):
+        simpler = attempt((*axes, *free), known)
+        if simpler is not None and not trial.is_better_than(simpler):
+            return None
     phase, deviation = trial.mean(Parameter.PHASE)
     shift = phase - view.optics.phase
     return trial, replace(known, harmonics=trial.harmonics, phase_shift=shift, u_phase_shift=deviation)
