@@ -7,9 +7,10 @@ import numpy as np
 from labpipe.arrays import Flags, Floats, Floats32, Integers
 from labpipe.imaging.dic._attempt import Attempt, Options, Work
 from labpipe.imaging.dic._film_window import Loaded
+from labpipe.imaging.dic._growth import NO_GROWTH, Growth, grown
 from labpipe.imaging.dic._inputs import LEAST_SUBSET
 from labpipe.imaging.dic._motion_uncertainty import one_way
-from labpipe.imaging.dic._pattern import NO_GROWTH, Growth, Pattern, grown, more_blur
+from labpipe.imaging.dic._pattern import Pattern, more_blur
 from labpipe.imaging.dic._reference import Reference
 from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, HIDDEN, LIGHT
 from labpipe.imaging.dic._subset_solver import SOLVED, Solution, empty_solution, put, solve
@@ -35,6 +36,8 @@ _LEAST = 1.3
 #: How much of the change of blur that the first order tells is taken for it, of softer and of sharper frames:
 #: these it tells by up to three times, and those that are blurred too much look as if noise had made them soft.
 _STRIDES = (1.0, 0.35)
+#: Points that tell the blur of a frame.
+_TELLING = 24
 #: Solves subsets, numbers of them, from motions; the last are their places among all that are asked for.
 Solved = Callable[[Subsets, Integers, Floats, Integers], Solution]
 
@@ -107,8 +110,7 @@ class FrameSolver:
         most = np.where(is_plain, np.inf, _EXPLAINED * found.residual)
         self._add(loaded, chosen, found, found.needed & ~models & adapt, most, adapt)
         # Noise hides a change of blur in some of the points only, or in most.
-        few = _CHANCE if self.growth == NO_GROWTH else _COMMON
-        hidden = BLUR if len(chosen) >= _TESTED and ((found.needed & BLUR) > 0).mean() > few else 0
+        hidden = BLUR if len(chosen) >= _TESTED and ((found.needed & BLUR) > 0).mean() > self._few else 0
         self._add(loaded, chosen, found, hidden & ~found.model & adapt, most, adapt)
         self._without_spare(loaded, chosen, found, found.model & ~models & ~found.needed & ~hidden)
         return found
@@ -249,6 +251,11 @@ class FrameSolver:
         return self._softened[2]
 
     @property
+    def _few(self) -> float:
+        """Share of the points that need a change of blur from which it is no chance, and all do."""
+        return _CHANCE if self.growth == NO_GROWTH else _COMMON
+
+    @property
     def pattern(self) -> Pattern:
         """What the frame at hand is matched with."""
         return self._pattern
@@ -259,30 +266,51 @@ class FrameSolver:
         return self._pattern.growth
 
     def solve_all(self, loaded: Loaded, chosen: Integers, start: Floats) -> Solution:
-        """Solve all tracked points, again with other patterns where their blur asks for it.
-
-        Of the patterns, that one is kept which leaves the least change of blur.
-        """
+        """Solve all tracked points, with the pattern of the frame's blur, which some of them tell."""
+        telling = self._adapt[chosen] & (0 if self.is_static else BLUR) > 0
+        models = self._model[chosen]
+        if not telling.any() or (self.growth == NO_GROWTH and not (models & BLUR).any()):
+            found = self.solve(loaded, chosen, start)
+            if not telling.any() or not more_blur(found).any():
+                return found
+            spent, models = found.iterations, found.model
+            start = np.where((found.code == SOLVED)[:, None], found.motion, start)
+        else:
+            spent = np.zeros(len(chosen), np.int64)
+        places = np.flatnonzero(telling)
+        some = places[:: max(len(places) // _TELLING, 1)]
+        answers, needs_it = self._match(loaded, chosen[some], start[some], models[some] | BLUR)
+        is_solved = answers.code == SOLVED
+        start = start.copy()
+        start[some[is_solved]] = answers.motion[is_solved]
+        spent[some] += answers.iterations
+        self._model[chosen] = np.where(telling & needs_it, self._model[chosen] | BLUR, self._model[chosen] & ~BLUR)
         found = self.solve(loaded, chosen, start)
+        found.iterations[:] += spent
+        self._misfit = _misfit(found, self._pattern)
+        return found
+
+    def _match(self, loaded: Loaded, chosen: Integers, start: Floats, models: Integers) -> tuple[Solution, bool]:
+        """Find the pattern that leaves the least change of blur, and whether it must be solved for still."""
+        found = self._solve_tested(loaded, chosen, start, models)
         more = more_blur(found)
         if self.growth != NO_GROWTH and not more.any() and _misfit(found, self._pattern) > _FAR_WORSE * self._misfit:
             # A pattern that is far too soft takes what is sharper for its noise.
             self._pattern = self.reference.pattern
-            found = self.solve(loaded, chosen, start)
+            found = self._solve_tested(loaded, chosen, start, models)
             more = more_blur(found)
-        if self.growth == NO_GROWTH and not more.any():
-            return found
         best, pattern, least = found, self._pattern, np.linalg.norm(more)
-        first = pattern
-        side, most = int(more[0] < 0.0), _NO_WORSE * _misfit(found, pattern)
+        side, most = int(more[0] < 0.0), _NO_WORSE * _misfit(found, self._pattern)
         for _ in range(_MATCHES):
             growth = grown(self.growth, self._strides[side] * more)
-            if growth == self.growth:
+            if growth == self.growth or not more.any():
                 break
             self._pattern = self.reference.patterns.of(growth)
-            self._model[chosen] |= BLUR  # which tells what is left in all directions
-            found = self.solve(loaded, chosen, np.where((best.code == SOLVED)[:, None], best.motion, start))
-            found.iterations[:] += best.iterations
+            spent = found.iterations
+            found = self._solve_tested(
+                loaded, chosen, np.where((best.code == SOLVED)[:, None], best.motion, start), models
+            )
+            found.iterations[:] += spent
             left = more_blur(found)
             if np.linalg.norm(left) < least and _misfit(found, self._pattern) < most:
                 best, pattern, least = found, self._pattern, np.linalg.norm(left)
@@ -291,13 +319,7 @@ class FrameSolver:
             self._strides[side] = min(self._strides[side] / change, 2.0 * _STRIDES[side])
             more = left
         best.iterations[:], self._pattern = found.iterations, pattern
-        if pattern is not first:
-            self._model[chosen] &= ~BLUR
-            found = self.solve(loaded, chosen, np.where((best.code == SOLVED)[:, None], best.motion, start))
-            found.iterations[:] += best.iterations
-            best = found
-        self._misfit = _misfit(best, pattern)
-        return best
+        return best, bool(((best.needed & BLUR) > 0).mean() > self._few)
 
     def remember(self, attempt: Attempt) -> None:
         """Keep what the trusted points of a frame needed, and what they showed of their noise."""

@@ -162,17 +162,9 @@ class Variances:
 
 
 def make_noise_model(
-    order: int,
-    blur: float,
-    static_frames: int,
-    smoothing: Floats,
-    coarse: Floats,
-    frame: Floats,
-    reference: Floats,
-    along: float,
-    squares: Floats,
+    order: int, blur: float, static_frames: int, frame: Floats, reference: Floats, along: float, squares: Floats
 ) -> NoiseModel:
-    """Tabulate the noise model.
+    """Tabulate the noise model, but for what depends on the subsets.
 
     Parameters
     ----------
@@ -182,10 +174,6 @@ def make_noise_model(
         Gaussian blur before interpolation.
     static_frames : int
         Frames averaged into the reference.
-    smoothing : array (point, 2)
-        See :class:`NoiseModel`.
-    coarse : array (point, 6, 6)
-        See :class:`NoiseModel`.
     frame : array (3,) [1, px², px²]
         Variance left at a pixel of the frame, and how much variance its blur has beyond ``blur`` along x and along y.
     reference : array (3,) [1, 1/px², 1/px²]
@@ -197,7 +185,8 @@ def make_noise_model(
     gain = np.stack([noise_gain(order, fraction, math.sqrt(blur**2 + more)) for more in frame[1:]])
     gain *= math.sqrt(frame[0] / gain[:, 0].prod())
     own, slope, coarse_slope = reference.tolist()
-    return NoiseModel(fraction, gain, own, slope, coarse_slope, static_frames, smoothing, coarse, (along, squares))
+    none = np.zeros((0, 2)), np.zeros((0, MOTIONS, MOTIONS))
+    return NoiseModel(fraction, gain, own, slope, coarse_slope, static_frames, *none, (along, squares))
 
 
 def _directions(subsets: Subsets, coarse: Floats, model: int) -> Directions:

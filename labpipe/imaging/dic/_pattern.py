@@ -10,6 +10,7 @@ import math
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats, Floats32, Integers
 from labpipe.imaging.dic._film_window import smooth
+from labpipe.imaging.dic._growth import NO_GROWTH, Growth, kernels
 from labpipe.imaging.dic._motion_uncertainty import COARSE, NoiseModel, make_noise_model
 from labpipe.imaging.dic._spline import LANES, PADDING, node_gradients, prefilter
 from labpipe.imaging.dic._subset_cutting import cut_subsets, motion_matrices
@@ -24,19 +26,12 @@ from labpipe.imaging.dic._subset_kernel import BLUR
 from labpipe.imaging.dic._subset_solver import SOLVED, NoiseShown, Solution
 from labpipe.imaging.dic._subsets import Images, Subsets
 
-#: Weights of the three bends, in steps of :data:`STEP`, by which the blur of frames differs.
-Growth = tuple[int, int, int]
-NO_GROWTH: Growth = (0, 0, 0)
-#: Step (px²) of these weights; by less the columns tell it.
-STEP = 0.02
-#: Difference of the variances (px²) of two directions below which there is but one blur, and largest weight (px²).
-_ALIKE, _MOST_GROWTH = 0.06, 8.0
 #: Share of the points that must show a change of blur before all are matched with another pattern.
 _COMMON = 0.5
+#: Share of the points that may show one by chance.
+_CHANCE = 0.1
 #: Patterns kept: that of a focus which swings to and fro, or of a shutter that is open in every other frame.
-_KEPT = 12
-#: Half width (px) of the kernels, beyond the standard deviations of the blur.
-_REACH, _DEVIATIONS = 6, 5.0
+_KEPT = 18
 #: Blur (px) of the image whose bend tells a change of the blur, and where its kernel is cut off.
 _SOFT, _BEND_REACH = 0.8, 4
 #: Share of the slopes that a growing blur leaves at least: beyond, the first order does not hold.
@@ -53,8 +48,10 @@ class Pattern:
         The reference, as soft as the frames where they are softer.
     subsets : Subsets
         Cut out of it.
-    noise : NoiseModel
-        For the uncertainties.
+    table : NoiseModel
+        How noise of one pixel is passed on, not yet of which subsets.
+    smooth_noise : callable
+        Tells ``smoothing`` and ``coarse`` of :class:`.NoiseModel`; solving does without.
     shown : NoiseShown
         For the solver.
     order : 3 or 5
@@ -67,13 +64,19 @@ class Pattern:
 
     images: Images
     subsets: Subsets
-    noise: NoiseModel
+    table: NoiseModel
+    smooth_noise: Callable[[], tuple[Floats, Floats]]
     shown: NoiseShown
     order: int
     growth: Growth = NO_GROWTH
     kernel: Floats | None = None
-    _bent: list[tuple[Floats32, Floats32]] = field(default_factory=list, repr=False)
     _coarse: list[Floats32] = field(default_factory=list, repr=False)
+
+    @cached_property
+    def noise(self) -> NoiseModel:
+        """How noise is passed on, for the uncertainties."""
+        smoothing, coarse = self.smooth_noise()
+        return replace(self.table, smoothing=smoothing, coarse=coarse)
 
     def blurred(self, coefficients: Floats32) -> Floats32:
         """Coefficients of a frame, blurred where the frame is sharper than the reference."""
@@ -87,6 +90,18 @@ class Pattern:
         after = PADDING + 1, PADDING + LANES
         padded = cv2.copyMakeBorder(found, PADDING, after[0], PADDING, after[1], cv2.BORDER_REFLECT_101)
         return np.asarray(padded, np.float32)
+
+    @cached_property
+    def _shares(self) -> Floats:
+        """Slopes of the bends (point, 2, 3) [1/px²] along x and along y, as far as they are those of the reference."""
+        inside = np.float32(1.0) if self.images.inside is None else self.images.inside
+        own = self.images.slope_x * inside, self.images.slope_y * inside
+        shares = np.empty((len(self.subsets), 2, 3))
+        squares = [sums_over(slope * slope, self.subsets) for slope in own]
+        for bend, image in enumerate(self.images.bend):
+            for axis, slope in enumerate(node_gradients(prefilter(image, self.order), self.order)):
+                shares[:, axis, bend] = sums_over(own[axis] * slope, self.subsets) / squares[axis]
+        return shares
 
     def cut(self, chosen: Integers, counts: Sequence[Flags]) -> Subsets:
         """Cut chosen subsets anew, of which some pixels do not count in a frame, see :func:`.cut_subsets`."""
@@ -125,17 +140,10 @@ class Pattern:
         left, kept = np.ones((len(chosen), 2)), np.ones(len(chosen))
         if not weights.any():
             return left, kept
-        inside = np.float32(1.0) if self.images.inside is None else self.images.inside
-        own = (self.images.slope_x * inside, self.images.slope_y * inside)
-        if not self._bent:
-            self._bent.extend(node_gradients(prefilter(image, self.order), self.order) for image in self.images.bend)
         common = self.subsets.moments[:, 1, -3:] / np.maximum(self.subsets.level[:, 1:2], 1e-30)
         level = 1.0 - (common[chosen] * weights).sum(axis=1)
-        for axis in range(2):
-            square = sums_over(own[axis] * own[axis], self.subsets)
-            shares = [sums_over(own[axis] * slopes[axis], self.subsets) / square for slopes in self._bent]
-            left[:, axis] = level + (np.stack(shares, axis=1)[chosen] * weights).sum(axis=1)
-        along, squares = self.noise.bends
+        left = level[:, None] + np.einsum("nab,nb->na", self._shares[chosen], weights)
+        along, squares = self.table.bends
         kept = level**2 + 2.0 * level * weights[:, 0] * along + (weights**2 * squares).sum(axis=1)
         return np.maximum(left, _LEAST_LEFT), np.maximum(kept, 0.0)
 
@@ -168,21 +176,9 @@ def more_blur(found: Solution) -> Floats:
     """Tell the weights of the bends (3,) [px²] that most of the points show; 0 where most show no change of blur."""
     is_solved = found.code == SOLVED
     tell = is_solved & ((found.model & BLUR) > 0)
-    if not tell.any() or tell.sum() < _COMMON * is_solved.sum():
+    if tell.sum() < _COMMON * is_solved.sum() or ((found.needed[tell] & BLUR) > 0).sum() <= _CHANCE * tell.sum():
         return np.zeros(3)
     return np.asarray(np.median(found.change[tell, 2:], axis=0))
-
-
-def grown(growth: Growth, more: Floats) -> Growth:
-    """Tell the growth of the blur after that of a pattern has grown by weights of the bends (3,) [px²]."""
-    weights = np.array(growth) * STEP + more
-    weights[0] = np.clip(weights[0], -_MOST_GROWTH, _MOST_GROWTH)
-    if 2.0 * math.hypot(2.0 * weights[1], weights[2]) < _ALIKE:
-        weights[1:] = 0.0
-    steps = np.rint(weights / STEP).astype(int)
-    if np.abs(steps - np.array(growth)).max() <= 1:
-        return growth
-    return int(steps[0]), int(steps[1]), int(steps[2])
 
 
 def make_pattern(
@@ -222,7 +218,7 @@ def make_pattern(
     growth : (int, int, int)
         See :class:`Pattern`.
     """
-    softer, sharper = _kernels(growth)
+    softer, sharper = kernels(growth)
     grey = _convolved(grey, softer)
     slopes = node_gradients(prefilter(grey, order), order)
     images = Images(grey, *slopes, _bends(grey), inside)
@@ -238,12 +234,14 @@ def make_pattern(
         both = normal[:, 0, 0] + normal[:, 3, 3]
         return np.asarray((twice[:, 0, 0] + twice[:, 3, 3]) / np.where(both > 0.0, both, 1.0))
 
-    of_frame = resisted(sharper)
-    smoothing = np.stack([of_frame, of_frame if growth == NO_GROWTH else resisted(softer)], axis=1)
-    blurred = smooth(slopes[0], COARSE), smooth(slopes[1], COARSE)
-    coarse = motion_matrices(*blurred, smooth(grey, COARSE), subsets, inside)
-    noise = make_noise_model(order, blur, static_frames, smoothing, coarse, *_noise_of(order, blur, softer, sharper))
-    return Pattern(images, subsets, noise, noise.shown(rounding), order, growth, sharper)
+    def smooth_noise() -> tuple[Floats, Floats]:
+        of_frame = resisted(sharper)
+        smoothing = np.stack([of_frame, of_frame if growth == NO_GROWTH else resisted(softer)], axis=1)
+        blurred = smooth(slopes[0], COARSE), smooth(slopes[1], COARSE)
+        return smoothing, motion_matrices(*blurred, smooth(grey, COARSE), subsets, inside)
+
+    table = make_noise_model(order, blur, static_frames, *_noise_of(order, blur, growth))
+    return Pattern(images, subsets, table, smooth_noise, table.shown(rounding), order, growth, sharper)
 
 
 def sums_over(values: NDArray[Any], subsets: Subsets) -> Floats:
@@ -255,32 +253,6 @@ def sums_over(values: NDArray[Any], subsets: Subsets) -> Floats:
     count = table[high_y, high_x] - table[low_y, high_x]
     count += table[low_y, low_x] - table[high_y, low_x]
     return np.asarray(count)
-
-
-def _kernels(growth: Growth) -> tuple[Floats | None, Floats | None]:
-    """Kernels that make the reference, and the frames, as soft as the other; None where nothing is to be done."""
-    if growth == NO_GROWTH:
-        return None, None
-    mean, apart, mixed = (step * STEP for step in growth)
-    tensor = 2.0 * np.array([[mean + apart, 0.5 * mixed], [0.5 * mixed, mean - apart]])
-    values, vectors = np.linalg.eigh(tensor)
-    return _kernel(np.maximum(values, 0.0), vectors), _kernel(np.maximum(-values, 0.0), vectors)
-
-
-def _kernel(variances: Floats, directions: Floats) -> Floats | None:
-    """Kernel (row, column) of a Gaussian of the lesser variance (px²), and a path along the other direction."""
-    low, high = float(variances.min()), float(variances.max())
-    if high <= 0.0:
-        return None
-    path = math.sqrt(12.0 * (high - low)) * directions[:, int(variances.argmax())]
-    reach = _REACH + math.ceil(_DEVIATIONS * math.sqrt(high))
-    frequency = 2.0 * np.pi * np.fft.fftfreq(4 * reach)
-    x, y = frequency[None, :], frequency[:, None]
-    transfer = np.exp(-0.5 * low * (x**2 + y**2)) * np.sinc((x * path[0] + y * path[1]) / (2.0 * np.pi))
-    whole = np.fft.fftshift(np.fft.ifft2(transfer).real)
-    middle = 2 * reach
-    kernel = whole[middle - reach : middle + reach + 1, middle - reach : middle + reach + 1]
-    return np.asarray(kernel / kernel.sum())
 
 
 def _convolved(image: Floats32, kernel: Floats | None) -> Floats32:
@@ -322,9 +294,8 @@ def _bends(grey: Floats32) -> Floats32:
     return np.stack([xx + yy, xx - yy, xy])
 
 
-def _noise_of(
-    order: int, blur: float, softer: Floats | None, sharper: Floats | None
-) -> tuple[Floats, Floats, float, Floats]:
+@lru_cache(maxsize=64)
+def _noise_of(order: int, blur: float, growth: Growth) -> tuple[Floats, Floats, float, Floats]:
     """Tell what blur makes of white noise of variance 1 in one image.
 
     Returns
@@ -338,6 +309,7 @@ def _noise_of(
         Mean products of a pixel of the reference and the sum of its bends, and of each bend and itself, over
         the variance of the pixel.
     """
+    softer, sharper = kernels(growth)
     reach = math.ceil(4.0 * math.hypot(blur, COARSE)) + _BEND_REACH + 4 * PADDING
     reach += max(0 if kernel is None else len(kernel) // 2 for kernel in (softer, sharper))
     impulse = np.zeros((2 * reach + 1, 2 * reach + 1))

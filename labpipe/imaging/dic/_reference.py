@@ -12,9 +12,10 @@ from labpipe.arrays import Floats32
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource
 from labpipe.imaging.dic._film_window import smooth
+from labpipe.imaging.dic._growth import NO_GROWTH, Growth
 from labpipe.imaging.dic._inputs import LEAST_SUBSET
 from labpipe.imaging.dic._motion_uncertainty import NoiseModel
-from labpipe.imaging.dic._pattern import NO_GROWTH, Growth, Pattern, Patterns, make_pattern, sums_over
+from labpipe.imaging.dic._pattern import Pattern, Patterns, make_pattern, sums_over
 from labpipe.imaging.dic._periodic import find_repeats
 from labpipe.imaging.dic._seeding import Pyramid, make_pyramid
 from labpipe.imaging.dic._subsets import Images, Subsets

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from labpipe.arrays import Flags, Floats
 from labpipe.imaging.dic._agreement import disagreement, unconfirmed
 from labpipe.imaging.dic._edge_profile import misled
+from labpipe.imaging.dic._growth import STEP
 from labpipe.imaging.dic._misfit import misfit_factor, misfits_of_edges
 from labpipe.imaging.dic._missed_strain import missed_shift
 from labpipe.imaging.dic._motion_uncertainty import MOST_UNCERTAIN, least_told, motion_variance, strongest_slopes
-from labpipe.imaging.dic._pattern import STEP
 from labpipe.imaging.dic._reference import Reference, Status
 from labpipe.imaging.dic._seeding import shift_of
 from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, LIGHT

@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats, Integers
+from labpipe.imaging.dic._growth import Growth
 from labpipe.imaging.dic._motion_uncertainty import NoiseModel
-from labpipe.imaging.dic._pattern import Growth, Pattern
+from labpipe.imaging.dic._pattern import Pattern
 from labpipe.imaging.dic._reference import Status
 from labpipe.imaging.dic._standing import unpacked
 from labpipe.imaging.dic._subset_solver import CHANGES

@@ -4,18 +4,8 @@ import numpy as np
 import pytest
 
 from labpipe.imaging.dic._film_window import smooth
-from labpipe.imaging.dic._pattern import (
-    NO_GROWTH,
-    STEP,
-    Growth,
-    Pattern,
-    Patterns,
-    _convolved,
-    _kernels,
-    grown,
-    make_pattern,
-    more_blur,
-)
+from labpipe.imaging.dic._growth import NO_GROWTH, STEP, Growth, grown, kernels
+from labpipe.imaging.dic._pattern import Pattern, Patterns, _convolved, make_pattern, more_blur
 from labpipe.imaging.dic._spline import PADDING, node_gradients, prefilter
 from labpipe.imaging.dic._subset_kernel import BLUR, LIGHT
 from labpipe.imaging.dic._subset_solver import SOLVED, Solution, empty_solution
@@ -92,7 +82,7 @@ def test_noise_blurred_as_the_other_image_moves_a_subset_by_what_the_model_says(
     moved: dict[str, list[list[float]]] = {"frame": [], "reference": []}
     for _ in range(300):
         noise = smooth(rng.standard_normal((SIZE, SIZE)), BLUR_OF_ALL)
-        for name, image in (("frame", noise), ("reference", _convolved(noise, _kernels(growth)[0]))):
+        for name, image in (("frame", noise), ("reference", _convolved(noise, kernels(growth)[0]))):
             moved[name].append([(s[cut] * image[cut]).sum() / (s[cut] ** 2).sum() for s in slope])
     plain = np.array([1.0 / (s[cut] ** 2).sum() for s in slope])
     for k, name in enumerate(("frame", "reference")):
@@ -104,7 +94,7 @@ def told(*growths: float, model: int = BLUR) -> Solution:
     """Answers of points that show growing blur."""
     found = empty_solution(len(growths))
     found.code[:] = SOLVED
-    found.model[:] = model
+    found.model[:] = found.needed[:] = model
     found.change[:, 2] = growths
     return found
 
@@ -117,12 +107,34 @@ def test_the_blur_of_a_frame_is_what_most_of_its_points_tell() -> None:
     assert not more_blur(one_of_three).any()
 
 
-def test_growth_is_counted_in_steps_and_by_less_than_two_it_is_none() -> None:
+def test_a_change_that_no_point_needs_is_none() -> None:
+    by_chance = told(0.5, 0.6, 0.7)
+    by_chance.needed[:] = 0
+    assert not more_blur(by_chance).any()
+
+
+def test_frames_of_like_blur_share_a_pattern_and_what_is_left_is_small() -> None:
+    dice = np.random.default_rng(6)
     assert grown(NO_GROWTH, np.array([STEP, 0.0, 0.0])) == NO_GROWTH
-    assert grown((20, 0, 0), np.array([0.1, 0.0, 0.0])) == (20 + round(0.1 / STEP), 0, 0)
-    assert grown(NO_GROWTH, np.array([0.5, 0.01, 0.02])) == steps(0.5, 0.0, 0.0)  # one blur in all directions
-    assert grown(NO_GROWTH, np.array([0.5, 0.3, 0.2])) == steps(0.5, 0.3, 0.2)
+    assert grown(NO_GROWTH, np.array([0.5, 0.01, 0.02]))[1:] == (0, 0)  # one blur in all directions
     assert grown(NO_GROWTH, np.array([1e6, 0.0, 0.0]))[0] < 1000
+    by_focus, by_path = set(), set()
+    for weight, turn in dice.uniform((0.0, 0.0), (1.3, 2.0 * np.pi), (400, 2)):
+        # paths have one direction only, of which the difference is as large as the mean
+        path = weight * np.array([1.0, np.cos(turn), 2.0 * np.sin(turn)])
+        for change, found in ((np.array([weight, 0.0, 0.0]), by_focus), (path, by_path)):
+            growth = grown(NO_GROWTH, change)
+            found.add(growth)
+            left = change - np.array(growth) * STEP
+            assert np.hypot(left[1], 0.5 * left[2]) < 0.06 + 0.2 * weight
+            assert abs(left[0]) < 0.06 + 0.14 * weight
+            assert kernels(growth)[1] is None  # frames that are softer everywhere are left as they are
+            if weight > 0.1:  # below, whole steps are as large as the grid
+                assert grown(growth, left) == growth
+    assert len(by_focus) <= 16
+    assert len(by_path) < 280  # of 400
+    sharper = [grown(NO_GROWTH, np.array([-weight, 0.0, 0.0]))[0] * STEP + weight for weight in np.linspace(0, 1.3, 40)]
+    assert np.abs(sharper).max() < 0.07
 
 
 def test_patterns_are_made_once_and_few_are_kept() -> None:
@@ -139,6 +151,6 @@ def test_patterns_are_made_once_and_few_are_kept() -> None:
     assert made == [(20, 0, 0)]
     for k in range(30):
         patterns.of((k, 0, 0))
-    assert len(patterns._kept) < 16
+    assert len(patterns._kept) < 22
     assert patterns.of(NO_GROWTH).growth == NO_GROWTH
     assert made.count(NO_GROWTH) == 1

@@ -1,0 +1,70 @@
+"""By how much the blur of frames differs from that of the reference, and the kernels that make them alike."""
+
+import math
+
+import numpy as np
+
+from labpipe.arrays import Floats
+
+#: Weights of the three bends, in steps of :data:`STEP`, by which the blur of frames differs.
+Growth = tuple[int, int, int]
+NO_GROWTH: Growth = (0, 0, 0)
+#: Step (px²) of these weights; by less the columns tell it.
+STEP = 0.02
+#: Weights of the patterns that are made: up to the first (px²) they are apart by it times the second, beyond
+#: by themselves times the second, which is less of sharper frames, since the first order tells them worse.
+#: Directions (rad, twice those of a path) are apart by the third; and the largest.
+_FINE, _SPACING, _TURN, _MOST_GROWTH = 0.3, (0.15, 0.08), math.pi / 12.0, 8.0
+#: Growth of the variance in one direction, over that in the other, which rounding to whole steps makes.
+_ROUNDING = 0.15
+#: Half width (px) of the kernels, beyond the standard deviations of the blur.
+_REACH, _DEVIATIONS = 6, 5.0
+
+
+def grown(growth: Growth, more: Floats) -> Growth:
+    """Tell the growth of the blur after that of a pattern has grown by weights of the bends (3,) [px²].
+
+    That is one of a grid, so that frames of like blur share a pattern; the columns tell what is left.
+    """
+    mean, apart, mixed = np.array(growth) * STEP + more
+    spacing = _SPACING[int(mean < 0.0)]
+    length, side = math.hypot(apart, 0.5 * mixed), math.copysign(1.0, mean)
+    alike = _on_grid(float(np.clip(mean, -_MOST_GROWTH, _MOST_GROWTH)) - side * length, spacing)
+    length = _on_grid(min(length, _MOST_GROWTH), spacing)
+    turn = round(math.atan2(0.5 * mixed, apart) / _TURN) * _TURN
+    weights = alike + side * length, length * math.cos(turn), 2.0 * length * math.sin(turn)
+    first, second, third = (round(weight / STEP) for weight in weights)
+    return first, second, third
+
+
+def _on_grid(weight: float, spacing: float) -> float:
+    """Nearest weight of those that patterns have; the softer a pattern is, the less it matters."""
+    return _FINE * math.sinh(spacing * round(math.asinh(weight / _FINE) / spacing))
+
+
+def kernels(growth: Growth) -> tuple[Floats | None, Floats | None]:
+    """Kernels that make the reference, and the frames, as soft as the other; None where nothing is to be done."""
+    if growth == NO_GROWTH:
+        return None, None
+    mean, apart, mixed = (step * STEP for step in growth)
+    tensor = 2.0 * np.array([[mean + apart, 0.5 * mixed], [0.5 * mixed, mean - apart]])
+    values, vectors = np.linalg.eigh(tensor)
+    # one direction as little softer as whole steps cannot tell it, where the other is much sharper
+    values[values * values.sum() < 0.0] *= np.abs(values).min() > _ROUNDING * np.abs(values).max()
+    return _kernel(np.maximum(values, 0.0), vectors), _kernel(np.maximum(-values, 0.0), vectors)
+
+
+def _kernel(variances: Floats, directions: Floats) -> Floats | None:
+    """Kernel (row, column) of a Gaussian of the lesser variance (px²), and a path along the other direction."""
+    low, high = float(variances.min()), float(variances.max())
+    if high <= 0.0:
+        return None
+    path = math.sqrt(12.0 * (high - low)) * directions[:, int(variances.argmax())]
+    reach = _REACH + math.ceil(_DEVIATIONS * math.sqrt(high))
+    frequency = 2.0 * np.pi * np.fft.fftfreq(4 * reach)
+    x, y = frequency[None, :], frequency[:, None]
+    transfer = np.exp(-0.5 * low * (x**2 + y**2)) * np.sinc((x * path[0] + y * path[1]) / (2.0 * np.pi))
+    whole = np.fft.fftshift(np.fft.ifft2(transfer).real)
+    middle = 2 * reach
+    kernel = whole[middle - reach : middle + reach + 1, middle - reach : middle + reach + 1]
+    return np.asarray(kernel / kernel.sum())
