@@ -153,6 +153,14 @@ def test_a_film_in_which_no_error_of_the_model_is_seen_asks_for_none(monkeypatch
     assert asked == []
 
 
+def test_small_contacts_show_together_a_blur_that_none_shows_alone() -> None:
+    """Nothing larger stands beside them: what all show was left out, with errors of 4 to 5 standard uncertainties."""
+    blurred = replace(PLAIN, lens=oval(1.0, 1.0, 0.0))
+    errors = np.array([measure(blurred, seed, [40 * UM, 42 * UM, 44 * UM]) for seed in (1, 2, 3)])
+    assert np.sqrt(np.mean(errors**2)) < 2.0, errors
+    assert np.abs(errors).max() < 3.5, errors
+
+
 @pytest.mark.parametrize("wrong", [1.05, 0.95])
 def test_one_contact_that_recedes_does_not_hide_a_wrong_sphere(wrong: float) -> None:
     """Its gap opens 13 % less than Hertz's; with it the scales of all frames scattered so that none was believed."""
