@@ -94,13 +94,15 @@ def test_the_uncertainty_of_a_photograph_that_comes_into_focus_counts_what_its_b
     pattern = film_scenes.photograph(256)
     points = grid((256, 256), 24, 17)
     views = [View(defocus=1.2), *(View(shift, defocus=0.6) for shift in SHIFTS)]
-    found = track(digitised([from_spectrum(pattern, view) for view in views], NOISE, 3), points, 31).isel(
-        frame=np.s_[1:]
-    )
     truth = np.stack([view.displacement(points, 256) for view in views[1:]])
-    ratio = (np.stack([found.dx, found.dy], axis=-1) - truth) / np.stack([found.u_dx, found.u_dy], axis=-1)
-    ratio = ratio[found.valid.values]
-    assert len(ratio) > 0.9 * found.valid.size
+    frames = [from_spectrum(pattern, view) for view in views]
+    ratios_of = []
+    for seed in (3, 4, 5):  # edges share the noise of the reference: one film tells it to a tenth
+        found = track(digitised(frames, NOISE, seed), points, 31).isel(frame=np.s_[1:])
+        error = np.stack([found.dx, found.dy], axis=-1) - truth
+        ratios_of.append((error / np.stack([found.u_dx, found.u_dy], axis=-1))[found.valid.values])
+    ratio = np.concatenate(ratios_of)
+    assert len(ratio) > 0.9 * 3 * truth[..., 0].size
     assert 0.85 < np.sqrt((ratio**2).mean()) < 1.15
     assert (np.abs(ratio) > 5.0).sum() == 0
 
