@@ -293,6 +293,9 @@ class FrameSolver:
     def _match(self, loaded: Loaded, chosen: Integers, start: Floats, models: Integers) -> tuple[Solution, bool]:
         """Find the pattern that leaves the least change of blur, and whether it must be solved for still."""
         found = self._solve_tested(loaded, chosen, start, models)
+        if ((found.code == SOLVED) & (found.zncc >= self._options.min_zncc)).mean() < _COMMON:
+            # After a jump most are in a wrong place, and what they show there is no blur.
+            return found, bool((self._model[chosen] & BLUR).any())
         more = more_blur(found)
         if self.growth != NO_GROWTH and not more.any() and _misfit(found, self._pattern) > _FAR_WORSE * self._misfit:
             # A pattern that is far too soft takes what is sharper for its noise.
