@@ -7,20 +7,18 @@ import numpy as np
 from labpipe.arrays import Flags, Floats, Floats32, Integers
 from labpipe.imaging.dic._attempt import Attempt, Options, Work
 from labpipe.imaging.dic._film_window import Loaded
-from labpipe.imaging.dic._growth import NO_GROWTH, Growth, grown
+from labpipe.imaging.dic._growth import CHANCE, COMMON, NO_GROWTH, Growth, grown, more_blur
 from labpipe.imaging.dic._inputs import LEAST_SUBSET
 from labpipe.imaging.dic._motion_uncertainty import one_way
-from labpipe.imaging.dic._pattern import Pattern, more_blur
+from labpipe.imaging.dic._pattern import Pattern
 from labpipe.imaging.dic._reference import Reference
 from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, HIDDEN, LIGHT
 from labpipe.imaging.dic._subset_solver import SOLVED, Solution, empty_solution, put, solve
 from labpipe.imaging.dic._subsets import Subsets
 
 #: Points that are tested in a frame for what they need beside the motion: at least so many, and
-#: each once in so many frames; and the share of them above which it is no chance.
-_TESTED, _TURNS, _CHANCE = 8, 8, 0.1
-#: Share of the points whose light or blur has changed from which that of all has.
-_COMMON = 0.5
+#: each once in so many frames.
+_TESTED, _TURNS = 8, 8
 #: Rounds in which what a point needs is added to its model, and share of a residual that may be noise alone
 #: which is left at most where that was light or blur.
 _ROUNDS, _EXPLAINED = 3, 0.7
@@ -95,8 +93,8 @@ class FrameSolver:
         # Where there is hardly a pattern, the columns of light and blur would take noise for a change.
         is_plain = found.residual < self._most_misfit[chosen]
         is_lacking = (found.needed & ~models & adapt) > 0
-        is_common = is_lacking.sum() > _COMMON * is_tested.sum()
-        is_common |= (is_lacking & (is_plain | ((found.needed & AFFINE) > 0))).sum() > _CHANCE * is_tested.sum()
+        is_common = is_lacking.sum() > COMMON * is_tested.sum()
+        is_common |= (is_lacking & (is_plain | ((found.needed & AFFINE) > 0))).sum() > CHANCE * is_tested.sum()
         if is_common and not is_tested.all():
             others = np.flatnonzero(~is_tested & (found.code == SOLVED) & (self._adapt[chosen] > 0))
             retried = self._solve_tested(loaded, chosen[others], found.motion[others], models[others])
@@ -105,7 +103,7 @@ class FrameSolver:
         # Light, focus and exposure change in the whole frame: then it is no noise, of which they explain little.
         common = 0
         if len(chosen) >= _TESTED:
-            common = sum(group for group in (LIGHT, BLUR) if ((found.needed & group) > 0).mean() > _COMMON)
+            common = sum(group for group in (LIGHT, BLUR) if ((found.needed & group) > 0).mean() > COMMON)
         adapt = np.where(is_plain, adapt, adapt & (AFFINE | np.where(self._is_edge[chosen], 0, common)))
         most = np.where(is_plain, np.inf, _EXPLAINED * found.residual)
         self._add(loaded, chosen, found, found.needed & ~models & adapt, most, adapt)
@@ -253,7 +251,7 @@ class FrameSolver:
     @property
     def _few(self) -> float:
         """Share of the points that need a change of blur from which it is no chance, and all do."""
-        return _CHANCE if self.growth == NO_GROWTH else _COMMON
+        return CHANCE if self.growth == NO_GROWTH else COMMON
 
     @property
     def pattern(self) -> Pattern:
@@ -293,7 +291,7 @@ class FrameSolver:
     def _match(self, loaded: Loaded, chosen: Integers, start: Floats, models: Integers) -> tuple[Solution, bool]:
         """Find the pattern that leaves the least change of blur, and whether it must be solved for still."""
         found = self._solve_tested(loaded, chosen, start, models)
-        if ((found.code == SOLVED) & (found.zncc >= self._options.min_zncc)).mean() < _COMMON:
+        if ((found.code == SOLVED) & (found.zncc >= self._options.min_zncc)).mean() < COMMON:
             # After a jump most are in a wrong place, and what they show there is no blur.
             return found, bool((self._model[chosen] & BLUR).any())
         more = more_blur(found)

@@ -5,7 +5,11 @@ import math
 import numpy as np
 
 from labpipe.arrays import Floats
+from labpipe.imaging.dic._subset_kernel import BLUR
+from labpipe.imaging.dic._subset_solver import SOLVED, Solution
 
+#: Share of the points whose light or blur has changed from which that of all has, and above which it is no chance.
+COMMON, CHANCE = 0.5, 0.1
 #: Weights of the three bends, in steps of :data:`STEP`, by which the blur of frames differs.
 Growth = tuple[int, int, int]
 NO_GROWTH: Growth = (0, 0, 0)
@@ -19,6 +23,15 @@ _FINE, _SPACING, _TURN, _MOST_GROWTH = 0.3, (0.15, 0.08), math.pi / 12.0, 8.0
 _ROUNDING = 0.15
 #: Half width (px) of the kernels, beyond the standard deviations of the blur.
 _REACH, _DEVIATIONS = 6, 5.0
+
+
+def more_blur(found: Solution) -> Floats:
+    """Tell the weights of the bends (3,) [px²] that most of the points show; 0 where most show no change of blur."""
+    is_solved = found.code == SOLVED
+    tell = is_solved & ((found.model & BLUR) > 0)
+    if tell.sum() < COMMON * is_solved.sum() or ((found.needed[tell] & BLUR) > 0).sum() <= CHANCE * tell.sum():
+        return np.zeros(3)
+    return np.asarray(np.median(found.change[tell, 2:], axis=0))
 
 
 def grown(growth: Growth, more: Floats) -> Growth:

@@ -22,14 +22,9 @@ from labpipe.imaging.dic._growth import NO_GROWTH, Growth, kernels
 from labpipe.imaging.dic._motion_uncertainty import COARSE, NoiseModel, make_noise_model
 from labpipe.imaging.dic._spline import LANES, PADDING, node_gradients, prefilter
 from labpipe.imaging.dic._subset_cutting import cut_subsets, motion_matrices
-from labpipe.imaging.dic._subset_kernel import BLUR
-from labpipe.imaging.dic._subset_solver import SOLVED, NoiseShown, Solution
+from labpipe.imaging.dic._subset_solver import NoiseShown
 from labpipe.imaging.dic._subsets import Images, Subsets
 
-#: Share of the points that must show a change of blur before all are matched with another pattern.
-_COMMON = 0.5
-#: Share of the points that may show one by chance.
-_CHANCE = 0.1
 #: Patterns kept: that of a focus which swings to and fro, or of a shutter that is open in every other frame.
 _KEPT = 18
 #: Blur (px) of the image whose bend tells a change of the blur, and where its kernel is cut off.
@@ -170,15 +165,6 @@ class Patterns:
                 del self._kept[others[0]]
         self._kept.move_to_end(growth)
         return self._kept[growth]
-
-
-def more_blur(found: Solution) -> Floats:
-    """Tell the weights of the bends (3,) [px²] that most of the points show; 0 where most show no change of blur."""
-    is_solved = found.code == SOLVED
-    tell = is_solved & ((found.model & BLUR) > 0)
-    if tell.sum() < _COMMON * is_solved.sum() or ((found.needed[tell] & BLUR) > 0).sum() <= _CHANCE * tell.sum():
-        return np.zeros(3)
-    return np.asarray(np.median(found.change[tell, 2:], axis=0))
 
 
 def make_pattern(

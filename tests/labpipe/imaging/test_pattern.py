@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from labpipe.imaging.dic._film_window import smooth
-from labpipe.imaging.dic._growth import NO_GROWTH, STEP, Growth, grown, kernels
-from labpipe.imaging.dic._pattern import Pattern, Patterns, _convolved, make_pattern, more_blur
+from labpipe.imaging.dic._growth import NO_GROWTH, STEP, Growth, grown, kernels, more_blur
+from labpipe.imaging.dic._pattern import Pattern, Patterns, _convolved, make_pattern
 from labpipe.imaging.dic._spline import PADDING, node_gradients, prefilter
 from labpipe.imaging.dic._subset_kernel import BLUR, LIGHT
 from labpipe.imaging.dic._subset_solver import SOLVED, Solution, empty_solution
