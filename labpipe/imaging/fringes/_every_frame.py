@@ -80,7 +80,7 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
     choose_edges(result)
     leave_out_rows(reader, result)
     find_filled(result)
-    result.scales = scales_of_contacts(reader, result)
+    result.scales = scales_of_contacts(reader, result, view)
     result.work = reader.work() | {
         "fits": len(result.fits),
         "evaluations": sum(fit.evaluations for fit in result.fits.values()),

@@ -7,11 +7,10 @@ import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
+from pipelines.experiments.contact_area.measured import EDGE, FRINGE_FIT, OPEN_GAP
 
-_FRINGE_FIT, _EDGE, _OPEN_GAP = 1, 2, 5
-"""Methods of labpipe.imaging.contact_radius: a gap that is Hertz's, the edge of the spot, and a gap that is wider."""
 _OPENED = 0.02  # relative, by which a gap that is fitted as wider may change the scale of its fringes
-_EVEN, _ENOUGH = 3.0, 5
+_EVEN, _ENOUGH = 2.0, 4
 """Standard deviations of the factor of such gaps, over at least so many frames, by which it may at most: what is
 worn or blurred alters small contacts otherwise than large ones, a wrong length all of them alike."""
 _FORM = 0.7
@@ -53,16 +52,19 @@ def fringe_scale(
     is_first = (time >= float(impacts["first_seen"][0])) & (time <= float(impacts["last_seen"][0]))
     is_growing = is_first & (time <= float(impacts["peak_time"][0]))
     known, method = is_first & np.isfinite(own) & np.isfinite(u), radius["method"].values
-    told = np.flatnonzero(known & (method == _FRINGE_FIT))
+    # beside an edge the scale was searched for, and told where frames agree
+    by_search = known & (method == EDGE)
+    told = np.flatnonzero(known & (method == FRINGE_FIT) | by_search)
     is_open = open_too and not told.size
-    told = np.flatnonzero(known & (method == _OPEN_GAP)) if is_open else told
-    if told.size <= np.count_nonzero(is_first & (method == _EDGE)):
+    told = np.flatnonzero(known & (method == OPEN_GAP)) if is_open else told
+    edges = np.count_nonzero(is_first & (method == EDGE))
+    if not told.size or (edges >= np.count_nonzero(is_first & (method != EDGE)) and not by_search.any()):
         return None  # nor where most frames show none: the others may be wrong as well
     form = _FORM * float(np.mean(radius["radius"].values[told]) / sphere_radius) ** 2
     ratio = float(radius.attrs["phase_scale_ratio"]) * float(np.mean(own[told])) / (1.0 + 0.5 * form)
     scatter = float(np.std(own[told])) / sqrt(max(told.size - 1, 1))
     random = max(float(np.sqrt(np.sum(u[told] ** 2))) / told.size, scatter)
-    opened = _opened(radius["gap_factor"].values[is_growing & (method == _OPEN_GAP)]) if is_open else 0.0
+    opened = _opened(radius["gap_factor"].values[is_growing & (method == OPEN_GAP)]) if is_open else 0.0
     return FringeScale(ratio, ratio * hypot(random, form / sqrt(12.0), _LIGHT, opened), int(told.size))
 
 

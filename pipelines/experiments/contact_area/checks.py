@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from math import cos, hypot, isfinite, log, nan, sqrt
+from math import hypot, isfinite, log, sqrt
 
 import numpy as np
 import xarray as xr
@@ -13,9 +13,10 @@ from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.contact_area._flight_checks import flights_alike
 from pipelines.experiments.contact_area._frame_checks import contacts_whole, frame_checks, summits_seen
+from pipelines.experiments.contact_area._image_checks import image_checks
 from pipelines.experiments.contact_area._scale import fringe_scale
 from pipelines.experiments.contact_area.comparison import FRAMES, PLATE, SCALE, WAVELENGTH, plate_mass, rows
-from pipelines.experiments.contact_area.measured import brightness
+from pipelines.experiments.contact_area.measured import brightness, edges_only
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.film_frames import explained, whole_film
@@ -30,25 +31,16 @@ _LARGEST = 0.5
 _LIKE_MODEL = (1.6, 0.1)
 """Factor by which a contact radius may miss the model (a ~ E^-0.2: ten times in the modulus), and
 the relative uncertainty of that."""
-_FRINGES = 3e-3
-"""Relative uncertainty of the scale of fringes found in a film."""
 _LOSSES = 0.03
 """Relative difference of two following restitutions, of speed and of the ringing plate."""
 _LOSSES_KNOWN = 1.03, 0.012
 """Where a model shows how restitution changes with speed: factor by which the first flight may miss what follows, and
 its relative uncertainty, of a plate that swings and of another grade."""
 _WAVELENGTHS = (405e-9, 450e-9, 488e-9, 520e-9, 532e-9, 546.1e-9, 589.3e-9, 632.8e-9, 650e-9, 660e-9)
+_ASLANT, _MOST_ASLANT = ", or the camera looks aslant at the disc", 0.94
+"""What shortens lengths as well, and the factor of a camera at 20°."""
 _ALWAYS = 0.98  # of all frames in contact: no flight is seen
-_FEWEST = 8  # frames whose centres make a place
-_STEADY, _CONTRADICTS = 1.0, 10.0  # px and standard uncertainties by which a contact does not jump
-_PLAY, _WANDERS = 25e-6, 4.0
-"""Play (m) of a guide, by which contacts stand apart, and multiple of it beyond which the camera moved."""
-_RECOVERS = 0.03
-"""Relative change of the gap's scale that a body may show which recovers from its dents."""
-_RECEDES = 0.02  # of the radius in the frame before, by which a contact is smaller that recedes
-_LIKE_LARGEST = 0.5  # of the largest radius, from which contacts are compared
 _ZIGZAG = 0.03  # of the largest radius, by which a contact does not shrink before it grows on
-_FRINGE_FIT, _EDGE, _OPEN_GAP = 1, 2, 5  # methods of labpipe.imaging.contact_radius
 _FAILED = {
     "radius": "the calibration record is of another view or day, or the film is not what the session says",
     "impacts": "the film shows no contact: it is of another view or drop, or its scale or wavelength is wrong",
@@ -83,9 +75,7 @@ def judgement(
             _visible(radius, settings),
             _method(radius, settings),
             _flies(radius, settings),
-            _stays(radius, settings),
-            _one_scale(radius, settings),
-            _positive(radius, settings),
+            *image_checks(radius, settings),
             lit(settings.film, brightness(radius), radius["in_contact"].values.astype(bool), radius["time"].values),
             exposed(radius, settings.film),
             no_mosaic(radius, settings.film),
@@ -170,12 +160,6 @@ def _visible(radius: xr.Dataset, settings: ContactArea) -> Check:
     return replace(found, cause=cause)
 
 
-def edges_only(radius: xr.Dataset) -> tuple[int, int]:
-    """Return the frames that were measured by the edge of the spot, and by fringes."""
-    method = radius["method"].values
-    return int(np.sum(method == _EDGE)), int(np.sum((method == _FRINGE_FIT) | (method == _OPEN_GAP)))
-
-
 def _method(radius: xr.Dataset, settings: ContactArea) -> Check:
     name, law = "fringes are resolved", "monochromatic light gives fringes beside a contact"
     edges, fringes = edges_only(radius)
@@ -258,87 +242,6 @@ def _ends(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> Che
     text = f"{settings.film}: the film ends {quantity(lasts, 's')} after the first contact began, still in contact"
     cause = "the film was stopped or cut too soon: its largest contact may not be the impact's"
     return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
-
-
-def _stays(radius: xr.Dataset, settings: ContactArea) -> Check:
-    """Look for contacts that jump in the image, or stand at several places."""
-    name, law = "place of the contacts", "a contact sticks, and a guided sphere meets the plate at one place"
-    known = np.isin(radius["method"].values, (_FRINGE_FIT, _EDGE, _OPEN_GAP)) & np.isfinite(radius["radius"].values)
-    at = np.flatnonzero(known)
-    if at.size < _FEWEST or "centre_x" not in radius:
-        return not_made(name, law, "contacts in eight frames, and their centres")
-    x, y, u_x, u_y = (radius[c].values[at] for c in ("centre_x", "centre_y", "u_centre_x", "u_centre_y"))
-    time, frame = radius["time"].values[at], radius["frame"].values[at]
-    # what moves the radius of a poor fit moves its centre as well
-    own = np.sqrt(u_x**2 + u_y**2 + (radius["u_radius"].values[at] / float(radius["pixel_size"])) ** 2)
-    step, u = np.hypot(np.diff(x), np.diff(y)), np.hypot(own[1:], own[:-1])
-    is_one = (np.diff(at) == 1) & (np.diff(time) < 1.5 * float(np.median(np.diff(time))))
-    jumps = is_one & (step > _CONTRADICTS * u) & (step > _STEADY) & np.isfinite(u)
-    cause = "the bench, the camera or the plate was knocked or moved"
-    if jumps.any():
-        # where it shakes, every step is one
-        k = int(np.argmax(np.where(jumps, step, 0.0)))
-        times = f", and {jumps.sum() - 1} times more" if jumps.sum() > 1 else ""
-        text = f"{settings.film}: the contact jumps by {step[k]:.3g} px to frame {frame[k + 1]}{times}"
-        return stated(name, law, text, "doubtful", cause=f"{cause} at that frame, or it shakes", file=settings.film)
-    runs = [run for run in np.split(np.arange(at.size), np.flatnonzero(~is_one) + 1) if run.size > 2]
-    places = np.array([[np.median(x[run]), np.median(y[run])] for run in runs]).reshape(-1, 2)
-    apart = np.hypot(*np.diff(places, axis=0).T) if len(runs) > 1 else np.zeros(1)
-    k = int(np.argmax(apart))
-    far = float(apart[k])
-    text = f"{settings.film}: the contacts stand within {far:.3g} px of each other"
-    play = _PLAY / float(radius["pixel_size"])
-    if far <= play:
-        return stated(name, law, text, None, file=settings.film)
-    text = f"{settings.film}: the contact from frame {frame[runs[k + 1][0]]} on stands {far:.3g} px from the last"
-    cause += " in the flight before, the sphere's guide has play, or two films were joined"
-    return stated(name, law, text, "doubtful" if far > _WANDERS * play else "note", cause=cause, file=settings.film)
-
-
-def _one_scale(radius: xr.Dataset, settings: ContactArea) -> Check:
-    """Hold the scale of the fringes in each contact against that in the others."""
-    name, law = "one scale of the fringes", "lens and light stay: the fringes of all contacts have one scale"
-    if "own_scale" not in radius:
-        return not_made(name, law, "fringes in two contacts")
-    told = np.isfinite(radius["own_scale"].values) & np.isfinite(radius["u_own_scale"].values)
-    # at rest a small contact creeps on in the dent of larger ones, and its gap is not Hertz's
-    size = np.nan_to_num(radius["radius"].values)
-    # beside a contact that recedes the surface still recovers
-    seen = np.flatnonzero(size > 0.0)
-    grows = np.ones(size.size, bool)
-    grows[seen[1:]] = size[seen[1:]] > (1.0 - _RECEDES) * size[seen[:-1]]
-    at = np.flatnonzero(told & grows & (size > _LIKE_LARGEST * size.max(initial=0.0)))
-    if at.size < 2:
-        return not_made(name, law, "fringes in two contacts")
-    scale, u, frame = (radius[n].values[at] for n in ("own_scale", "u_own_scale", "frame"))
-    low, high = int(np.argmin(scale)), int(np.argmax(scale))
-    first, second = sorted((low, high), key=lambda k: frame[k])
-    ratio = float(scale[second] / scale[first])
-    message = (
-        f"{settings.film}: lengths in frame {frame[second]} are {1 / sqrt(ratio):.4g} times as many px as in frame "
-        f"{frame[first]}, by the fringes"
-    )
-    both = hypot(float(u[second] / scale[second]), float(u[first] / scale[first]))
-    found = compared(
-        name, law, message, ratio, ratio * hypot(both, _FRINGES), 1.0, _FRINGES, allowance=_RECOVERS, file=settings.film
-    )
-    cause = (
-        "zoom, focus or distance of the lens changed within the film, something came into the view, or two films were "
-        "joined"
-    )
-    return replace(found, cause=cause if found.level else "", log_ratio=nan, u_log_ratio=nan)
-
-
-def _positive(radius: xr.Dataset, settings: ContactArea) -> Check:
-    """Look for contacts that are brighter than the gap around them."""
-    name, law = "dark contacts", "both sides of a gap reflect with opposite signs: where it closes is dark"
-    phase = float(radius.attrs.get("phase", np.nan))
-    if settings.wavelength is None or not isfinite(phase) or not edges_only(radius)[1]:
-        return not_made(name, law, "a wavelength, and fringes that the film resolves")
-    if cos(phase) < 0.0:
-        return stated(name, law, f"{settings.film}: contacts are dark", None, file=settings.film)
-    cause = "the images are negative (inverted grey levels), or plate or sphere is coated or wet; radii do not suffer"
-    return stated(name, law, f"{settings.film}: contacts are bright", "note", cause=cause, file=settings.film)
 
 
 def _flight(impacts: xr.Dataset, model: xr.Dataset | None, settings: ContactArea) -> Check:
@@ -430,7 +333,7 @@ def _causes(radius: xr.Dataset | None, settings: ContactArea) -> Iterator[Cause]
         {FRINGE: -2.0, RADIUS: 1.0},
         lambda k: (
             f"lengths come out {too_large(k)}: the scale in {settings.camera} is wrong"
-            + (", of another view" if abs(log(k)) > log(3.0) else "")
+            + (", of another view" if abs(log(k)) > log(3.0) else _ASLANT if _MOST_ASLANT < k < 1.0 else "")
         ),
         SLIPS["length"] + SLIPS["gain"] + SLIPS["view"],
         file=settings.camera,

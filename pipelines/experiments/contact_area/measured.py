@@ -17,15 +17,18 @@ from calibration import camera as camera_scale
 from labpipe import imaging
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
+from labpipe.uncertainty import Source, budget_rows
 from labpipe.variables import variable, with_u
+from pipelines.experiments.contact_area._axes import u_of_view, with_uneven_scale
 from pipelines.experiments.contact_area._peaks import STILL, peak_of
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.film_frames import about_contacts, blanked, key_frames, open_film, recorded_on
 from pipelines.experiments.shared.film_light import DARK, LIGHT, light_of
 from pipelines.experiments.shared.film_stated import said_by_file
 
-READ = (1, 2, 5)
-"""Methods of :func:`labpipe.imaging.contact_radius` that read the frame itself: fringes, edge, open gap."""
+FRINGE_FIT, EDGE, OPEN_GAP = READ = (1, 2, 5)
+"""Methods of :func:`labpipe.imaging.contact_radius` that read the frame itself: by fringes, by the edge of the spot,
+by fringes of a gap that is wider than Hertz's."""
 _LEAST_REGION = 32  # px: below it no contact with a ring would fit
 _IMPACTS = 3  # the thesis analyses the first three
 _GAP = 4.0  # usual intervals between two frames that end a contact even when both see one
@@ -65,10 +68,15 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
     found["centre_y"].values += rows.start
     found["pixel_size"] = variable((), size.value, "m/px", "length of one pixel")
     found["u_pixel_size"] = variable((), size.u, "m/px", "standard uncertainty: length of one pixel")
+    budget, u_view = checked.pop("budget"), u_of_view(found)
+    if u_view:
+        found = with_uneven_scale(found, u_view)
+        of_record = [Source(*(row[key] for key in Source._fields)) for row in budget]
+        budget = budget_rows([*of_record, Source("oblique view", 0.0, u_view, "1", size.value, "systematic")])
     return found.assign_attrs(
-        scale_budget=json.dumps(checked.pop("budget")),
+        scale_budget=json.dumps(budget),
         calibration=json.dumps(checked, ensure_ascii=False),
-        u_systematic_relative=size.u / size.value,
+        u_systematic_relative=math.hypot(size.u / size.value, u_view) if u_view else size.u / size.value,
         blanked=json.dumps(blanked(seen, read)),
         light=light_of(seen, about_contacts(read)),
         said_by_file=said_by_file(source),
@@ -128,6 +136,12 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
         )
     table |= _at_rest(time, a, u, runs, relative)
     return xr.Dataset(table, coords={"impact": np.arange(1, len(brief) + 1)})
+
+
+def edges_only(radius: xr.Dataset) -> tuple[int, int]:
+    """Return the frames that were measured by the edge of the spot, and by fringes."""
+    method = radius["method"].values
+    return int(np.sum(method == EDGE)), int(np.sum((method == FRINGE_FIT) | (method == OPEN_GAP)))
 
 
 def brightness(radius: xr.Dataset) -> dict[int, float]:

@@ -31,8 +31,8 @@ from labpipe.report import (
 from labpipe.uncertainty import Source, budget_rows
 from labpipe.workflow.context import Context
 from pipelines.experiments.contact_area.budget import quantities
-from pipelines.experiments.contact_area.checks import edges_only
 from pipelines.experiments.contact_area.comparison import rows as compared_rows
+from pipelines.experiments.contact_area.measured import edges_only
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import budget_blocks, pages
 from pipelines.experiments.shared.film_frames import enlarged, png

@@ -75,3 +75,15 @@ def test_the_largest_frame_of_each_contact_tells_the_scale_by_itself(zoom: float
     u = float(np.hypot(found.u_own_scale[8], found.u_own_scale[1]))
     assert u < 5e-3
     assert ratio == pytest.approx(zoom**-2, abs=4.0 * u)
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_half_the_radius_of_the_sphere_is_told_where_only_edges_or_single_fringes_are_measured() -> None:
+    """Rings in a strip, as wide as the pixels resolve, are then looked for between rings twice as fine."""
+    scene = Scene(rows=64, columns=640, pixel_size=4.34e-6, noise=3.0, blur=0.5)
+    film = fringe_film(scene, [660e-6, 760e-6, 790e-6], [(320.3, 30.1)] * 3, 5)
+    found = contact_radius(film, 4.34e-6, 0.5 * 9.525e-3, 633e-9)
+    told = np.isfinite(found.own_scale.values)
+    assert told.sum() >= 2
+    scale = float(found.attrs["phase_scale_ratio"]) * found.own_scale.values[told]
+    np.testing.assert_allclose(scale, 0.5, rtol=0.02)

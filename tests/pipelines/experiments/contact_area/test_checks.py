@@ -13,6 +13,7 @@ from labpipe import contact, materials
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context, Failed
 from pipelines.experiments.contact_area import checks
+from pipelines.experiments.contact_area._axes import u_of_view, with_uneven_scale
 from pipelines.experiments.contact_area.comparison import comparison
 from pipelines.experiments.contact_area.measured import impacts
 from pipelines.experiments.contact_area.model import model
@@ -134,6 +135,23 @@ def test_frames_of_an_impact_that_show_no_contact_are_named(film):
     told = finding(found, "contacts without gaps")
     assert (found.believable, told.level) == ("doubtful", "doubtful")
     assert f"frame {top + 1} within an impact shows no contact" in told.message
+
+
+@pytest.mark.parametrize(("tilt", "level"), [(0.0, None), (2.0, None), (6.0, "note"), (10.0, "doubtful")])
+def test_rings_that_a_camera_sees_aslant_are_told_and_make_the_radius_uncertain(film, tilt, level):
+    """The longer axis is that of the contact: between it and equal area lies what the uncertainty allows for."""
+    ratio = np.cos(np.deg2rad(tilt))
+    radius = film["radius"]
+    axes = {"semi_axis_major": radius / np.sqrt(ratio), "semi_axis_minor": radius * np.sqrt(ratio)}
+    film = film.assign(axes | {"axis_angle": radius * 0.0, "u_pixel_size": 2.2e-3 * film["pixel_size"]})
+    told = [f for f in judged(film)[0].findings if f.check == "shape of the rings"]
+    assert [f.level for f in told] == ([] if level is None else [level])
+    assert all(f"{tilt:g}° to the axis" in f.message and "aslant" in f.cause for f in told)
+    assert u_of_view(film) == pytest.approx((1.0 - np.sqrt(ratio)) / np.sqrt(3.0))
+    parts = xr.zeros_like(film["radius_systematic"]).expand_dims(source=["pixel_size"], axis=1)
+    wide = with_uneven_scale(film.assign(systematic_part=parts), 0.01)
+    np.testing.assert_allclose(wide["systematic_part"].sel(source="pixel_size"), 0.01 * radius)
+    np.testing.assert_allclose(wide["radius_systematic"], np.hypot(film["radius_systematic"], 0.01 * radius))
 
 
 def test_a_contact_that_recedes_tells_no_other_scale(film):

@@ -1,0 +1,136 @@
+"""Whether the images of a contact are of one view: its place, the shape and scale of its rings, dark or bright."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from math import acos, cos, degrees, hypot, isfinite, nan, sqrt
+
+import numpy as np
+import xarray as xr
+
+from labpipe.judging import Check, Level, compared, not_made, stated
+from pipelines.experiments.contact_area._axes import axes_ratio
+from pipelines.experiments.contact_area.measured import READ, edges_only
+from pipelines.experiments.contact_area.settings import ContactArea
+
+_FRINGES = 3e-3
+"""Relative uncertainty of the scale of fringes found in a film."""
+_FEWEST = 8  # frames whose centres make a place
+_STEADY, _CONTRADICTS = 1.0, 10.0  # px and standard uncertainties by which a contact does not jump
+_PLAY, _WANDERS = 25e-6, 4.0
+"""Play (m) of a guide, by which contacts stand apart, and multiple of it beyond which the camera moved."""
+_RECOVERS = 0.03
+"""Relative change of the gap's scale that a body may show which recovers from its dents."""
+_RECEDES = 0.02  # of the radius in the frame before, by which a contact is smaller that recedes
+_LIKE_LARGEST = 0.5  # of the largest radius, from which contacts are compared
+_MATTERS, _DECIDES = 0.5, 2.0
+"""Of the uncertainty of the scale, by which unequal axes may change a radius untold, and from which on they are most of
+what is not known of it."""
+
+
+def image_checks(radius: xr.Dataset, settings: ContactArea) -> Iterator[Check]:
+    """Look for contacts that move in the image, for rings of several scales or no circles, and for bright contacts."""
+    yield from (check(radius, settings) for check in (_stays, _round, _one_scale, _positive))
+
+
+def _round(radius: xr.Dataset, settings: ContactArea) -> Check:
+    """Look for rings that are ellipses, as a camera sees them that looks aslant."""
+    name, law = "shape of the rings", "the contact of a sphere is round, and a camera that looks straight sees it round"
+    found = axes_ratio(radius)
+    if found is None:
+        return not_made(name, law, "fringes that the film resolves")
+    ratio, angle = found
+    if ratio == 1.0:
+        return stated(name, law, f"{settings.film}: the rings are circles", None, file=settings.film)
+    half = 1.0 - sqrt(ratio)
+    own = float(radius["u_pixel_size"] / radius["pixel_size"])
+    level: Level | None = "doubtful" if half > _DECIDES * own else "note" if half > _MATTERS * own else None
+    text = (
+        f"{settings.film}: the rings are {100 * (1 - ratio):.2g} % narrower one way than across, and widest at "
+        f"{degrees(angle):.0f}° to the rows, as seen at {degrees(acos(ratio)):.2g}° to the axis; radii are those of "
+        f"equal area, of the longer axis they are {100 * (1 / sqrt(ratio) - 1):.2g} % larger"
+    )
+    cause = "the camera looks aslant at the disc, or its pixels are not square: measure the scale both ways" * bool(
+        level
+    )
+    return stated(name, law, text, level, cause=cause, file=settings.film, setting="camera")
+
+
+def _stays(radius: xr.Dataset, settings: ContactArea) -> Check:
+    """Look for contacts that jump in the image, or stand at several places."""
+    name, law = "place of the contacts", "a contact sticks, and a guided sphere meets the plate at one place"
+    known = np.isin(radius["method"].values, READ) & np.isfinite(radius["radius"].values)
+    at = np.flatnonzero(known)
+    if at.size < _FEWEST or "centre_x" not in radius:
+        return not_made(name, law, "contacts in eight frames, and their centres")
+    x, y, u_x, u_y = (radius[c].values[at] for c in ("centre_x", "centre_y", "u_centre_x", "u_centre_y"))
+    time, frame = radius["time"].values[at], radius["frame"].values[at]
+    # what moves the radius of a poor fit moves its centre as well
+    own = np.sqrt(u_x**2 + u_y**2 + (radius["u_radius"].values[at] / float(radius["pixel_size"])) ** 2)
+    step, u = np.hypot(np.diff(x), np.diff(y)), np.hypot(own[1:], own[:-1])
+    is_one = (np.diff(at) == 1) & (np.diff(time) < 1.5 * float(np.median(np.diff(time))))
+    jumps = is_one & (step > _CONTRADICTS * u) & (step > _STEADY) & np.isfinite(u)
+    cause = "the bench, the camera or the plate was knocked or moved"
+    if jumps.any():
+        # where it shakes, every step is one
+        k = int(np.argmax(np.where(jumps, step, 0.0)))
+        times = f", and {jumps.sum() - 1} times more" if jumps.sum() > 1 else ""
+        text = f"{settings.film}: the contact jumps by {step[k]:.3g} px to frame {frame[k + 1]}{times}"
+        return stated(name, law, text, "doubtful", cause=f"{cause} at that frame, or it shakes", file=settings.film)
+    runs = [run for run in np.split(np.arange(at.size), np.flatnonzero(~is_one) + 1) if run.size > 2]
+    places = np.array([[np.median(x[run]), np.median(y[run])] for run in runs]).reshape(-1, 2)
+    apart = np.hypot(*np.diff(places, axis=0).T) if len(runs) > 1 else np.zeros(1)
+    k = int(np.argmax(apart))
+    far = float(apart[k])
+    text = f"{settings.film}: the contacts stand within {far:.3g} px of each other"
+    play = _PLAY / float(radius["pixel_size"])
+    if far <= play:
+        return stated(name, law, text, None, file=settings.film)
+    text = f"{settings.film}: the contact from frame {frame[runs[k + 1][0]]} on stands {far:.3g} px from the last"
+    cause += " in the flight before, the sphere's guide has play, or two films were joined"
+    return stated(name, law, text, "doubtful" if far > _WANDERS * play else "note", cause=cause, file=settings.film)
+
+
+def _one_scale(radius: xr.Dataset, settings: ContactArea) -> Check:
+    """Hold the scale of the fringes in each contact against that in the others."""
+    name, law = "one scale of the fringes", "lens and light stay: the fringes of all contacts have one scale"
+    if "own_scale" not in radius:
+        return not_made(name, law, "fringes in two contacts")
+    told = np.isfinite(radius["own_scale"].values) & np.isfinite(radius["u_own_scale"].values)
+    # at rest a small contact creeps on in the dent of larger ones, and its gap is not Hertz's
+    size = np.nan_to_num(radius["radius"].values)
+    # beside a contact that recedes the surface still recovers
+    seen = np.flatnonzero(size > 0.0)
+    grows = np.ones(size.size, bool)
+    grows[seen[1:]] = size[seen[1:]] > (1.0 - _RECEDES) * size[seen[:-1]]
+    at = np.flatnonzero(told & grows & (size > _LIKE_LARGEST * size.max(initial=0.0)))
+    if at.size < 2:
+        return not_made(name, law, "fringes in two contacts")
+    scale, u, frame = (radius[n].values[at] for n in ("own_scale", "u_own_scale", "frame"))
+    low, high = int(np.argmin(scale)), int(np.argmax(scale))
+    first, second = sorted((low, high), key=lambda k: frame[k])
+    ratio = float(scale[second] / scale[first])
+    message = (
+        f"{settings.film}: lengths in frame {frame[second]} are {1 / sqrt(ratio):.4g} times as many px as in frame "
+        f"{frame[first]}, by the fringes"
+    )
+    both = hypot(float(u[second] / scale[second]), float(u[first] / scale[first]))
+    found = compared(
+        name, law, message, ratio, ratio * hypot(both, _FRINGES), 1.0, _FRINGES, allowance=_RECOVERS, file=settings.film
+    )
+    cause = (
+        "zoom, focus or distance of the lens changed within the film, something came into the view, or two films were "
+        "joined"
+    )
+    return replace(found, cause=cause if found.level else "", log_ratio=nan, u_log_ratio=nan)
+
+
+def _positive(radius: xr.Dataset, settings: ContactArea) -> Check:
+    """Look for contacts that are brighter than the gap around them."""
+    name, law = "dark contacts", "both sides of a gap reflect with opposite signs: where it closes is dark"
+    phase = float(radius.attrs.get("phase", np.nan))
+    if settings.wavelength is None or not isfinite(phase) or not edges_only(radius)[1]:
+        return not_made(name, law, "a wavelength, and fringes that the film resolves")
+    if cos(phase) < 0.0:
+        return stated(name, law, f"{settings.film}: contacts are dark", None, file=settings.film)
+    cause = "the images are negative (inverted grey levels), or plate or sphere is coated or wet; radii do not suffer"
+    return stated(name, law, f"{settings.film}: contacts are bright", "note", cause=cause, file=settings.film)
