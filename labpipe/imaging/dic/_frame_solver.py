@@ -56,7 +56,8 @@ class FrameSolver:
         self.reference = reference
         self._options = options
         self._model = np.zeros(count, np.int64)
-        self._adapt = options.adapt[reference.usable]
+        # noise that is blurred enough is like any other
+        self._adapt = options.adapt[reference.usable] & np.where(reference.is_faint, AFFINE, ~0)
         self._most_misfit = reference.noise.most_misfit(reference.subsets)
         self._stride = int(np.clip(count // _TESTED, 1, _TURNS))
         self._turn = 0

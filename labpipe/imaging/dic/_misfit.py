@@ -16,9 +16,9 @@ _BETTER, _BRIGHTER, _HIT = 0.1, 1.5, 2.0
 _BELOW_MEAN = 1.28
 #: Standard deviations, and share of the noise, by which a misfit exceeds noise at least.
 _BY_CHANCE, _LEAST_EXCESS = 4.0, 0.12
-#: Variance of a pixel over that of rounding below which a film has no noise, and texture over what white rounding makes
-#: of it below which it may be contours.
-_NOISELESS, _CONTOURS = 0.8, 3.0
+#: Variance of a pixel over that of rounding below which a film has no noise, and what whole levels hide of a motion
+#: there: a share of the one that would change a pixel by rounding, beyond so many px.
+_NOISELESS, _HIDDEN_SHARE, _HARDLY = 0.9, 0.25, 0.1
 #: Points that a line needs, its rounds, and the weight of those below it.
 _LEAST_POINTS, _ROUNDS, _BELOW = 8, 12, 4.0
 #: Width over which pixels share a misfit, as a share of that of the subset.
@@ -62,8 +62,6 @@ def misfits_of_edges(
 ) -> Flags:
     """Tell which results (frame, point) on edges misfit as a wrong place along them would, or tell hardly one.
 
-    Without noise, whole grey levels draw contours on what hardly varies, which move otherwise than it.
-
     Parameters
     ----------
     reference : Reference
@@ -87,8 +85,26 @@ def misfits_of_edges(
         by_noise = own * reference.noise.slope / reference.noise.static_frames
         beyond |= (texture[:, n] < pixels * by_noise) & (strongest[:, n] > EDGE * texture[:, n])
         is_doubtful[:, n] = weak[:, n] & beyond
-    contours = _CONTOURS * reference.rounding * reference.noise.slope * reference.subsets.level[:, 2]
-    return is_doubtful | (found & (noise < _NOISELESS * reference.rounding) & (texture < contours))
+    return is_doubtful
+
+
+def hidden_by_levels(reference: Reference, noise: Floats) -> Floats:
+    """Variance (frame, point, 3) [px²] along x and y, and covariance, of a motion that whole grey levels hide.
+
+    Without noise, a pixel follows the motion of what hardly varies only when that changes it by half a level.
+
+    Parameters
+    ----------
+    reference : Reference
+    noise : array (frame, usable point) [grey²]
+        As in :class:`.Variances`.
+    """
+    subsets = reference.subsets
+    inverse = subsets.inverse[:, [0, 3, 0], [0, 3, 3]] * (reference.rounding * subsets.level[:, 2])[:, None]
+    motion = np.sqrt(np.maximum(inverse[:, 0] + inverse[:, 1], 1e-30))
+    share = _HIDDEN_SHARE * np.maximum(1.0 - _HARDLY / motion, 0.0)
+    is_hidden = np.clip(1.0 - noise / (_NOISELESS * max(reference.rounding, 1e-30)), 0.0, 1.0)
+    return np.asarray(np.nan_to_num(is_hidden)[..., None] * (share**2)[:, None] * inverse)
 
 
 def misfit_factor(noise: Floats, is_static: Flags, pixels: Floats, grey: Floats) -> Floats:

@@ -28,8 +28,10 @@ _LINES, _GRID = 15, 5
 #: Share of the squared slopes in folded waves from which a pattern is sharper than the pixels: they
 #: would move the answer by two thousandths of a pixel.
 _FOLDED = 1e-3
-#: Multiple of the squared amplitude of noise that a folded wave must exceed to count.
-_ABOVE_NOISE = 8.0
+#: Multiple of the mean squared amplitude around it, which other texture has, that a folded wave must exceed to count,
+#: and places around it, in steps of the spectrum.
+_ABOVE_OTHERS = 8.0
+_AROUND = np.array([(x, y) for x in (-4, -2, 0, 2, 4) for y in (-4, -2, 0, 2, 4) if max(abs(x), abs(y)) > _LOBE])
 
 
 @dataclass(frozen=True)
@@ -124,7 +126,8 @@ def _judge(area: Floats, window: Floats) -> tuple[float, bool]:
     # several may be folded to one place
     places = np.unique(np.rint(folded[(apart > _LOBE).all(axis=1)] * size), axis=0) / size
     square = spectrum.amplitude(places) ** 2
-    square[square < _ABOVE_NOISE * spectrum.floor] = 0.0
+    others = spectrum.amplitude((places[:, None] + _AROUND / size).reshape(-1, 2)) ** 2
+    square[square < _ABOVE_OTHERS * others.reshape(-1, len(_AROUND)).mean(axis=1)] = 0.0
     energy = float(((places**2).sum(axis=1) * square).sum())
     held = float(((waves**2).sum(axis=1) * spectrum.amplitude(waves) ** 2).sum())
     return period, energy > 2.0 * _FOLDED * held
@@ -140,8 +143,6 @@ class _Spectrum:
         padded = _PADDED * len(area)
         self._power = np.abs(np.fft.rfft2(area, (padded, padded))) ** 2
         self._frequency = np.fft.fftfreq(padded), np.fft.rfftfreq(padded)
-        #: Mean square of the amplitude where there is no wave.
-        self.floor = float(np.median(self._power)) / np.log(2.0) * (2.0 / self._weight) ** 2
 
     def amplitude(self, frequency: Floats) -> Floats:
         """Amplitude of waves (wave, 2) [1/px], columns first, or of one."""

@@ -38,7 +38,7 @@ def follow(tracker: Tracker, index: int, loaded: Loaded) -> Attempt:
     """Find all points in one frame, those that prediction did not lead to as well."""
     expected = tracker.predict(index)
     attempt = tracker.first_attempt(loaded, expected)
-    if not attempt.trusted.all() or tracker.contradicted(attempt).any():
+    if (~attempt.trusted & ~tracker.reference.is_faint).any() or tracker.contradicted(attempt).any():
         Recovery(tracker, index, loaded, attempt, expected).run()
     look_before(tracker, loaded, attempt)
     tracker.remember(index, attempt)
@@ -60,13 +60,13 @@ class Recovery:
     def run(self) -> None:
         """Go from the cheap to the dear: agreement, neighbours, template matches."""
         attempt = self._attempt
-        tracked = self._tracker.is_tracked
+        tracked = self._tracker.is_tracked & ~self._tracker.reference.is_faint
         if attempt.trusted.sum() < _CHANCE * tracked.sum() and tracked.sum() >= _MANY:
             attempt.trusted[:] = False
         self._trust_agreement()
         self._propagate()
         for _ in range(2):
-            if attempt.trusted.all() or not self._seed():
+            if not self._tracker.missing(attempt).any() or not self._seed():
                 break
             self._propagate()
         self._outvote()
@@ -103,7 +103,7 @@ class Recovery:
         gradient[[0, 3]] = centre
         expected = shift_of(np.broadcast_to(gradient, own.shape), tracker.places[solved] - middle)
         agree = np.hypot(*(expected - own[:, [0, 3]]).T) < _MUTUAL
-        if agree.sum() >= max(_MUTUAL_COUNT, 0.6 * (~attempt.trusted).sum()):
+        if agree.sum() >= max(_MUTUAL_COUNT, 0.6 * (~attempt.trusted & ~tracker.reference.is_faint).sum()):
             attempt.trusted[solved[agree]] = True
 
     def _distrust_strays(self) -> None:
@@ -135,7 +135,7 @@ class Recovery:
         attempt, tracker = self._attempt, self._tracker
         rank = 0
         for _ in range(_ROUNDS):
-            waiting = np.flatnonzero(~attempt.trusted)
+            waiting = np.flatnonzero(tracker.missing(attempt))
             trusted = np.flatnonzero(attempt.trusted)
             if not len(waiting) or rank >= min(len(trusted), NEIGHBOURS):
                 return
@@ -222,9 +222,9 @@ class Recovery:
         if self._loaded.box != tracker.film.whole:
             attempt.reached[chosen] = ~self._is_in_frame(chosen, start)
         near = np.hypot(*(found.motion - start)[:, [0, 3]].T) <= _CONFIRMED
-        good = tracker.accepts(found.code, found.zncc) & near
+        good = tracker.accepts(found.code, found.zncc, chosen) & near
         # What converged before keeps its place only when it fits the image clearly better.
-        held = tracker.accepts(attempt.code[chosen], attempt.zncc[chosen])
+        held = tracker.accepts(attempt.code[chosen], attempt.zncc[chosen], chosen)
         good &= ~held | (found.zncc > attempt.zncc[chosen] - 0.02)
         attempt.take(chosen, found, good)
         attempt.trusted[chosen[good]] = True

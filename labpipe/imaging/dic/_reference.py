@@ -23,7 +23,7 @@ from labpipe.imaging.dic._subsets import Images, Subsets
 #: Share of pixels at black or white from which a subset counts as saturated.
 _SATURATED_SHARE = 0.5
 #: A weak pattern (standard deviation below this share of the grey range) that does not resemble
-#: itself one pixel further is noise, not texture.
+#: itself one pixel further may be noise.
 _WEAK_CONTRAST = 0.03
 _NOISE_LIKENESS = 0.2
 #: Best standard deviation of the motion (px) that rounding to whole levels must allow.
@@ -77,6 +77,8 @@ class Reference:
         Mean of the static frames, not blurred.
     period : array (usable,) [px]
         Shortest displacement in which the pattern matches itself; infinite where it does not.
+    is_faint : bool array (usable,)
+        What may be noise alone, which only frames tell that show it again.
     rounding : float [grey²]
         Variance of a pixel from rounding.
     """
@@ -89,6 +91,7 @@ class Reference:
     pyramid: Pyramid
     mean: NDArray[np.float64]
     period: NDArray[np.float64]
+    is_faint: NDArray[np.bool_]
     rounding: float
 
     @property
@@ -284,6 +287,7 @@ def make_reference(
     found[subsets.level[:, 2] < LEAST_SUBSET**2] = Status.COVERED
     status[usable] = found
     period = repeats.period[found == Status.OK]
+    is_faint = _may_be_noise(counted, subsets, frames.levels if is_integer else None)[found == Status.OK]
     if found.any():
         usable = usable[found == Status.OK]
         pattern = cut(usable)
@@ -296,6 +300,7 @@ def make_reference(
         make_pyramid(grey if inside is None else _filled_up(grey, inside)),
         mean,
         period,
+        is_faint,
         rounding,
     )
 
@@ -315,12 +320,6 @@ def _reference_status(
     floor = _ROUNDING if levels else 0.0
     is_blind = (variance <= 0.0) | (floor * np.sqrt(variance) > _WORST_RESOLUTION)
     status[is_blind] = Status.TEXTURELESS
-    span = levels[1] - levels[0] if levels else float(np.ptp(mean))
-    contrast = np.sqrt(subsets.level[:, 1] / np.maximum(subsets.level[:, 2], 1.0))
-    for n in np.flatnonzero(contrast < _WEAK_CONTRAST * span):
-        x, y, half = subsets.layout[n, :3]
-        if _is_noise(mean[y - half : y + half + 1, x - half : x + half + 1]):
-            status[n] = Status.TEXTURELESS
     if levels is not None:
         for clipped in (mean >= levels[1] - 0.5, mean <= levels[0] + 0.5):
             if clipped.any():
@@ -333,12 +332,15 @@ def _share(flags: NDArray[np.bool_], subsets: Subsets) -> NDArray[np.float64]:
     return np.asarray(sums_over(flags, subsets) / np.maximum(subsets.level[:, 2], 1.0))
 
 
-def _is_noise(area: NDArray[np.float64]) -> bool:
-    """Whether a subset is flat or without likeness between neighbouring pixels."""
-    deviation = area - area.mean()
-    variance = float((deviation**2).mean())
-    if variance == 0.0:
-        return True
-    along_x = (deviation[:, 1:] * deviation[:, :-1]).mean() / variance
-    along_y = (deviation[1:] * deviation[:-1]).mean() / variance
-    return bool(max(along_x, along_y) < _NOISE_LIKENESS)
+def _may_be_noise(mean: NDArray[np.float64], subsets: Subsets, levels: tuple[float, float] | None) -> NDArray[np.bool_]:
+    """Tell subsets of a weak pattern without likeness between neighbouring pixels."""
+    span = levels[1] - levels[0] if levels else float(np.ptp(mean))
+    contrast = np.sqrt(subsets.level[:, 1] / np.maximum(subsets.level[:, 2], 1.0))
+    result = contrast < _WEAK_CONTRAST * span
+    for n in np.flatnonzero(result):
+        x, y, half = subsets.layout[n, :3]
+        area = mean[y - half : y + half + 1, x - half : x + half + 1]
+        change = area - area.mean()
+        along = max(float((change[:, 1:] * change[:, :-1]).mean()), float((change[1:] * change[:-1]).mean()))
+        result[n] = along < _NOISE_LIKENESS * float((change**2).mean())
+    return result

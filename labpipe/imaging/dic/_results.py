@@ -12,7 +12,7 @@ from labpipe.arrays import Flags, Floats
 from labpipe.imaging.dic._agreement import disagreement, unconfirmed
 from labpipe.imaging.dic._edge_profile import misled
 from labpipe.imaging.dic._growth import STEP
-from labpipe.imaging.dic._misfit import misfit_factor, misfits_of_edges
+from labpipe.imaging.dic._misfit import hidden_by_levels, misfit_factor, misfits_of_edges
 from labpipe.imaging.dic._missed_strain import missed_shift
 from labpipe.imaging.dic._motion_uncertainty import MOST_UNCERTAIN, least_told, motion_variance, strongest_slopes
 from labpipe.imaging.dic._reference import Reference, Status
@@ -106,6 +106,8 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     if len(seen):
         status[(status == Status.OK) & (most_noise < _NOISE_OF_FILM * np.quantile(seen, 0.25))] = Status.TEXTURELESS
     is_found = (status == Status.OK) & ~is_static[:, None]
+    is_noise = np.isin(status, (Status.OK, Status.LOST)) & (reference.is_faint & ~is_found.any(axis=0))
+    status[is_noise] = Status.TEXTURELESS
     is_doubtful = misfits_of_edges(reference, is_found, deviation, covariance, texture, strongest, noise, is_static)
     misfit = misfit_factor(noise, is_static, reference.subsets.level[:, 2], reference.subsets.level[:, 0])
     deviation *= misfit[..., None]
@@ -114,7 +116,7 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     shift, is_along_edges = misled(reference, is_found, bound, texture, noise, is_static)
     is_doubtful |= is_along_edges
     _widen(deviation, covariance, shift)
-    _add(deviation, covariance, shared)
+    _add(deviation, covariance, shared + hidden_by_levels(reference, noise) * is_found[..., None])
     missed = missed_shift(reference, value, deviation, table.model, is_found & ~is_doubtful)
     _add(deviation, covariance, np.concatenate([missed**2, missed.prod(axis=2, keepdims=True)], axis=2))
     _refuse_vague(status, deviation, Status.TEXTURELESS)

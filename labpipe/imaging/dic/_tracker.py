@@ -30,6 +30,8 @@ _BY_CHANCE = 5.5
 NEIGHBOURS = 6
 #: Drop of the correlation relative to the last frame that calls for a check.
 _DROP = 0.85
+#: Correlation that is no chance even of what may be noise, frames after which it is looked for only every so often.
+_NO_CHANCE, _GIVEN_UP, _SELDOM = 0.75, 2, 8
 
 
 class Tracker:
@@ -49,10 +51,12 @@ class Tracker:
         count = len(reference.subsets)
         self.reference = reference
         self.film = film
-        self._min_zncc = options.min_zncc
+        self._min_zncc = np.where(reference.is_faint, max(options.min_zncc, _NO_CHANCE), options.min_zncc)
         self.solver = FrameSolver(reference, options)
         self.places = np.stack([reference.subsets.x, reference.subsets.y], axis=1).astype(float)
-        own_first = nearest(self.places, self.places, min(NEIGHBOURS + 1, count))
+        asked = np.flatnonzero(~reference.is_faint)
+        asked = asked if len(asked) > NEIGHBOURS else np.arange(count)
+        own_first = asked[nearest(self.places, self.places[asked], min(NEIGHBOURS + 1, count))]
         self.neighbours = np.ascontiguousarray(own_first[:, 1:])  # compiled for one layout
         self._half = np.ascontiguousarray(reference.subsets.half)
         self._motion = np.zeros((count, 6))
@@ -61,9 +65,9 @@ class Tracker:
         self._seen = np.full(count, -1, np.int64)
         self._zncc = np.ones(count)
         self._piece_of, self._pieces = spread_pieces(self.places, self._half)
-        #: Edges, gratings and grids: they match in so many places that nothing but their neighbours
-        #: finds them again.
-        self.is_one_way = one_way(reference.subsets) | np.isfinite(reference.period)
+        #: Edges, gratings, grids, and what may be noise: they match in so many places that nothing but their
+        #: neighbours finds them again.
+        self.is_one_way = one_way(reference.subsets) | np.isfinite(reference.period) | reference.is_faint
         #: Distance (px) from its prediction up to which each converged point needs no confirmation.
         self.surprise = np.minimum(SURPRISE, _PERIODS * reference.period)
         self.is_tracked = np.ones(count, bool)
@@ -164,9 +168,14 @@ class Tracker:
         seen = self.solver.seen(chosen, attempt.motion[chosen])
         return {n: left for n, left in zip(chosen.tolist(), seen, strict=True) if left is not None}
 
-    def accepts(self, code: Integers, zncc: Floats) -> Flags:
+    def accepts(self, code: Integers, zncc: Floats, chosen: Integers | slice = slice(None)) -> Flags:
         """Whether points converged with enough correlation."""
-        return (code == SOLVED) & (zncc >= self._min_zncc)
+        return (code == SOLVED) & (zncc >= self._min_zncc[chosen])
+
+    def missing(self, attempt: Attempt) -> Flags:
+        """Points that are not trusted and looked for, as noise that was not seen again is not."""
+        is_sought = ~self.reference.is_faint | (self.misses < _GIVEN_UP) | (self.misses % _SELDOM == 0)
+        return ~attempt.trusted & is_sought
 
     def remember(self, index: int, attempt: Attempt) -> None:
         """Update the state with the trusted points of a frame."""

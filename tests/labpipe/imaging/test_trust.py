@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, shift
 from scipy.special import ndtr
 
 from labpipe.imaging import track
@@ -344,6 +344,36 @@ def test_thick_joints_that_jump_are_not_found_where_most_points_are_not() -> Non
         found = track(digitised(frames, 2.0, seed), grid((SIZE, SIZE), 26, 12), 45, static_frames=2)
         wrong_far += int((found.valid & (error(found, views, SIZE) > 5.0)).sum())
     assert wrong_far == 0
+
+
+def test_a_faint_texture_as_fine_as_noise_is_told_from_noise_by_the_frames_that_show_it_again() -> None:
+    """White texture of 3 grey levels beside none; it was refused as noise, like the background of stars."""
+    white = 3.0 * np.random.default_rng(3).standard_normal((SIZE, SIZE))
+    views = (View(), *(View((0.31 * k, -0.17 * k)) for k in range(1, 5)))
+    frames = [from_spectrum(white, view) for view in views]
+    for frame in frames:
+        frame[:, : SIZE // 2] = frame.mean()
+    points = grid((SIZE, SIZE), 20, 12)
+    has_texture, has_none = points[:, 0] > SIZE / 2 + 10, points[:, 0] < SIZE / 2 - 10
+    for noise, share in ((0.5, 0.98), (1.0, 0.8)):
+        found = track(digitised(frames, noise, 4), points, 15)
+        assert found.valid.values[1:, has_texture].mean() > share
+        assert wrong(found, views) == 0
+        names = str(found.status.attrs["flag_meanings"]).split()
+        assert {names[code] for code in found.status.values[:, has_none].ravel()} == {"textureless"}
+
+
+@pytest.mark.parametrize("contrast", [0.8, 1.7, 3.4])
+def test_whole_grey_levels_without_noise_hide_a_small_motion(contrast: float) -> None:
+    """A picture of whole levels, moved by 0.05 to 0.2 px and rounded, is the same: all results were wrong by 5 u."""
+    views = (View(), *(View((0.03 * k, -0.04 * k)) for k in range(1, 5)))
+    for seed in (1, 2):
+        pattern = from_formula(film_scenes.perlin(6.0, seed, octaves=1), SIZE, View())
+        whole = np.rint(pattern * (contrast / pattern.std()))
+        moved = [np.rint(shift(whole, view.shift[::-1], order=3, mode="mirror")) for view in views]
+        found = track((127 + np.stack(moved)).astype(np.uint8), grid((SIZE, SIZE), 26, 12), 31)
+        assert found.valid[1:].mean() > 0.95
+        assert wrong(found, views) == 0
 
 
 def sampled_first(formula: Formula, view: View, lens: float) -> np.ndarray:
