@@ -24,6 +24,7 @@ _RGB, _PALETTE = 2, 3  # interpretations of a TIFF's samples
 _TIFF_SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 16: 8, 13: 4}
 _WIDTH, _LENGTH, _BITS, _PHOTOMETRIC, _OFFSETS, _SAMPLES, _COUNTS = (256, 257, 258, 262, 273, 277, 279)
 _TILE_OFFSETS, _TILE_COUNTS = 324, 325
+_ORIENTATION = 274
 _LARGE_HEAD = 16  # bytes before the first directory of a TIFF of large numbers
 _COMPRESSION, _PLAIN = 259, 1
 _COMPRESSIONS = {1, 5, 7, 8, 32773, 32946}  # none, LZW, JPEG, deflate of two numbers, PackBits
@@ -237,6 +238,7 @@ class _Tiff:
     def page(self, at: int) -> bytes:
         """Return a page as a TIFF of its own: a large one, whose numbers reach everywhere."""
         fields = self._fields(at)
+        fields.pop(_ORIENTATION, None)  # as the sensor has it, however the camera was held
         starts, tail = {}, bytearray()
         begin = _LARGE_HEAD + 8 + 20 * len(fields) + 8
         for of, sizes in ((_OFFSETS, _COUNTS), (_TILE_OFFSETS, _TILE_COUNTS)):

@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 import instruments
 from labpipe.errors import InputError, SourceError
@@ -422,3 +423,18 @@ def test_numbers_that_go_up_by_more_than_one_are_told(tmp_path: Path) -> None:
     with pytest.warns(UserWarning, match="go up by 10, so its times do by 10 / frame rate"):
         film = instruments.read(tmp_path / "f", fps=1000.0)
     np.testing.assert_allclose(film.time, [0, 1e-2, 2e-2])
+
+
+@pytest.mark.parametrize("kind", ["png", "tif"])
+@pytest.mark.parametrize("first", [0, 3])
+def test_images_stand_as_the_sensor_has_them_however_the_camera_was_held(tmp_path: Path, kind: str, first: int) -> None:
+    """A note of the camera's orientation would turn a whole film, or the images after a moment."""
+    levels = (np.arange(40 * 60) % 251).astype(np.uint8).reshape(40, 60)
+    for k in range(5):
+        note = Image.Exif()
+        note[274] = 6 if k >= first else 1
+        with_note = {"exif": note} if kind == "png" else {"tiffinfo": {274: note[274]}}
+        Image.fromarray(levels + np.uint8(k)).save(tmp_path / f"frame_{k}.{kind}", **with_note)
+    film = instruments.read(tmp_path, fps=1000.0)
+    assert film.shape == (5, 40, 60)
+    assert all(np.array_equal(film[k], levels + np.uint8(k)) for k in range(5))

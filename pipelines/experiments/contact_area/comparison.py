@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from scipy.optimize import minimize_scalar
 
 from labpipe.arrays import Floats
 from labpipe.judging import Agreement, along_curve
@@ -32,7 +31,7 @@ PLATE = f"{OF_PLATE}mass"
 _MOST_SHIFT = 2.0
 """Frame intervals by which the model may be shifted against the largest radius: it lies between frames."""
 _MOST_LONGER = 0.3  # by which a contact may last longer than in the model and still have its form
-_SIZE_STEPS = 8  # of Gauss and Newton, from the model's own size
+_SIZE_STEPS = 8  # of Gauss and Newton, from the model's own size and time
 _FEWEST = 5  # frames of a contact from which its shift in time can be told from its size
 
 
@@ -57,7 +56,8 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
         inside &= time >= float(impacts["first_seen"][i])
         inside &= time <= float(impacts["last_seen"][i])
         form, moments = Form.of(model, i), since[inside] + peak
-        shift = _time_shift(moments, a[inside], form)
+        relative = float(model["u_peak_contact_radius"][i] / model["peak_contact_radius"][i])
+        shift = _time_shift(moments, a[inside], shared[inside], form, relative)
         shifts.append(shift)
         sizes.append(_size(moments, a[inside], random[inside], shared[inside], form))
         moments = moments + shift[0]
@@ -70,7 +70,6 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
             ("model", theirs),
         ):
             points[key].append(values)
-        relative = float(model["u_peak_contact_radius"][i] / model["peak_contact_radius"][i])
         agreed.append(_along(moments, a[inside] - theirs, random[inside], shared[inside], form, relative))
         largest = max(float(np.max(theirs)), 1e-12)
         errors.append(float(np.sqrt(np.mean((a[inside] - theirs) ** 2))) / largest)
@@ -125,10 +124,14 @@ def _along(time: Floats, left: Floats, random: Floats, shared: Floats, form: For
     """
     if time.size < _FEWEST:
         return None
-    rate = form.rate(time)
     step = float(np.median(np.diff(time)))
-    longer = -2.0 * relative * rate * (time - float(np.mean(time)))
-    return along_curve(left, random, [shared, relative * form(time), longer, step * rate])
+    return along_curve(left, random, [*_alike(time, shared, form, relative), step * form.rate(time)])
+
+
+def _alike(time: Floats, shared: Floats, form: Form, relative: float) -> tuple[Floats, ...]:
+    """Return what all radii (m) of a contact have in common: scale, size of the model, and how long it lasts."""
+    longer = -2.0 * relative * form.rate(time) * (time - float(np.mean(time)))
+    return shared, relative * form(time), longer
 
 
 def _pixel(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> dict[str, Any]:
@@ -149,24 +152,29 @@ def _pixel(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> di
     }
 
 
-def _time_shift(time: Floats, radius: Floats, form: Form) -> tuple[float, float]:
+def _time_shift(time: Floats, radius: Floats, shared: Floats, form: Form, relative: float) -> tuple[float, float]:
     """Time added to the model's clock with which it comes nearest to the film, and its uncertainty.
 
-    0, with an uncertainty of NaN, where there are too few frames, or where the best lies beyond what
-    the alignment at the largest radius can miss.
+    By the square of the radius, which begins and ends evenly; the radius itself begins as a root, and a frame
+    just after the touch would decide. A model that lasts too long shifts it as well. 0, with an uncertainty of
+    NaN, where there are too few frames, or where the best lies beyond what the alignment at the largest radius
+    can miss.
     """
     if len(time) < _FEWEST:
         return 0.0, np.nan
-    most = _MOST_SHIFT * float(np.median(np.diff(time)))
-
-    def left(shift: float) -> float:
-        return float(((radius - form(time + shift)) ** 2).sum())
-
-    shift = float(minimize_scalar(left, bounds=(-most, most), method="bounded", options={"xatol": 1e-4 * most}).x)
-    if abs(shift) > 0.95 * most or left(shift) > 1.01 * left(0.0):
+    shift = 0.0
+    for _ in range(_SIZE_STEPS):
+        at = time + shift
+        theirs = form(at)
+        slope = 2.0 * theirs * form.rate(at)
+        rest, weight = radius**2 - theirs**2, max(float(slope @ slope), 1e-300)
+        shift += float(slope @ rest) / weight
+    is_better = rest @ rest <= ((radius**2 - form(time) ** 2) ** 2).sum()
+    if not abs(shift) < 0.95 * _MOST_SHIFT * float(np.median(np.diff(time))) or not is_better:
         return 0.0, np.nan
-    scatter = np.sqrt(left(shift) / (len(time) - 1))
-    return shift, float(scatter / np.sqrt(max((form.rate(time + shift) ** 2).sum(), 1e-300)))
+    scatter = np.sqrt(rest @ rest / (len(time) - 1) / weight)
+    moved = (slope @ (2.0 * theirs * each) / weight for each in _alike(at, shared, form, relative))
+    return shift, float(np.hypot(scatter, np.sqrt(sum(each**2 for each in moved))))
 
 
 def _size(time: Floats, radius: Floats, random: Floats, shared: Floats, form: Form) -> tuple[float, float]:

@@ -5,7 +5,8 @@ import pytest
 import xarray as xr
 
 from labpipe.units import Quantity
-from pipelines.experiments.contact_area.comparison import comparison
+from pipelines.experiments.contact_area._form import Form
+from pipelines.experiments.contact_area.comparison import _time_shift, comparison
 from pipelines.experiments.contact_area.page import _alignment
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.settings import Sphere
@@ -23,6 +24,22 @@ _SETTINGS = ContactArea(
 def shape(t: np.ndarray) -> np.ndarray:
     """A contact of 1 ms about t = 0, steep at its ends as the one of an impact."""
     return 800 * UM * np.sqrt(np.clip(np.cos(np.pi * t / 1e-3), 0.0, None))
+
+
+def _model() -> xr.Dataset:
+    when = np.arange(0.0, 3e-3, 2e-6)
+    return xr.Dataset(
+        {
+            "contact_radius": ("time", shape(when - 1e-3)),
+            "impact_time": ("impact", [0.5e-3]),
+            "lift_off_time": ("impact", [1.5e-3]),
+            "peak_contact_radius": ("impact", [800 * UM]),
+            "u_peak_contact_radius": ("impact", [1 * UM]),
+            "adhesion_shift": ("impact", [0.7 * UM]),
+            "u_adhesion_shift": ("impact", [0.4 * UM]),
+        },
+        coords={"time": when, "impact": [1]},
+    )
 
 
 def compared(offset: float, count: int = 10, factor: float = 1.0) -> xr.Dataset:
@@ -44,20 +61,7 @@ def compared(offset: float, count: int = 10, factor: float = 1.0) -> xr.Dataset:
         },
         coords={"impact": [1]},
     )
-    when = np.arange(0.0, 3e-3, 2e-6)
-    model = xr.Dataset(
-        {
-            "contact_radius": ("time", shape(when - 1e-3)),
-            "impact_time": ("impact", [0.5e-3]),
-            "lift_off_time": ("impact", [1.5e-3]),
-            "peak_contact_radius": ("impact", [800 * UM]),
-            "u_peak_contact_radius": ("impact", [1 * UM]),
-            "adhesion_shift": ("impact", [0.7 * UM]),
-            "u_adhesion_shift": ("impact", [0.4 * UM]),
-        },
-        coords={"time": when, "impact": [1]},
-    )
-    return comparison(film, found, model, settings=_SETTINGS)
+    return comparison(film, found, _model(), settings=_SETTINGS)
 
 
 @pytest.mark.parametrize("offset", [-12 * US, 5 * US, 30 * US])
@@ -66,6 +70,22 @@ def test_a_wrong_time_of_the_peak_is_made_up_for(offset: float) -> None:
     assert float(made["time_shift"][0]) == pytest.approx(offset, abs=0.5 * US)
     assert float(np.abs(made["film"] - made["model"]).max()) < 0.5 * UM
     assert f"to {'earlier' if offset > 0 else 'later'} times" in _alignment(made, 0)
+
+
+@pytest.mark.parametrize("first", [0.3 * US, 3 * US, 60 * US])
+def test_the_shift_of_a_model_of_another_duration_stays_within_its_uncertainty(first: float) -> None:
+    """Another modulus makes a contact smaller by E^-0.2 and shorter by E^-0.4, and frames see more of one end."""
+    errors, known = [], []
+    for factor in (0.996, 0.998, 1.002, 1.004):
+        size, lasts = factor, 1e-3 * factor**2
+        time = np.arange(10) * 95e-6 + first
+        time = time[time < lasts - first] - 0.5 * lasts
+        film = size * 800 * UM * np.sqrt(np.cos(np.pi * time / lasts))
+        shift, u = _time_shift(time + 1e-3, film, np.zeros_like(film), Form.of(_model(), 0), 3e-3)
+        errors.append(shift)
+        known.append(u)
+    assert np.sqrt(np.mean(np.square(errors))) < 1.2 * np.sqrt(np.mean(np.square(known)))
+    assert max(known) < 2 * US
 
 
 def test_a_difference_in_size_stays() -> None:
