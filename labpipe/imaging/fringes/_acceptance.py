@@ -75,7 +75,7 @@ def is_contact(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
     if travel > _MOST_TRAVEL * radius:
         return False
     edge = edge_width(radius, view.optics)
-    may_be_edge = has_long_travel(view, found) or _blur_of(view, found) > _STRONG_BLUR * edge
+    may_be_edge = _has_long_travel(view, found) or _blur_of(view, found) > _STRONG_BLUR * edge
     is_small = radius < SMALL_CONTACT * view.newton_spot
     if not may_be_edge and not is_small:
         return True
@@ -88,7 +88,7 @@ def is_contact(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
     return not (is_small and is_sphere(window, term, distance, seen, has_harmonics=has_harmonics))
 
 
-def has_long_travel(view: View, found: RingFit) -> bool:
+def _has_long_travel(view: View, found: RingFit) -> bool:
     """Tell whether the radius moves so far in the exposure that fringes look like a soft edge."""
     travel = math.sqrt(max(float(found.parameters[Parameter.SMEAR]), 0.0))
     return travel > _LONG_TRAVEL * edge_width(float(found.parameters[Parameter.RADIUS]), view.optics)

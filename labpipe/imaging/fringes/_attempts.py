@@ -17,7 +17,7 @@ from labpipe.imaging.fringes._view import View
 #: Residual of the last fit of a frame over that of the first from which it is no start for the next.
 _NO_WORSE = 1.02
 #: Evaluations of a fit: what explains the frames settled within 5.
-_ITERATIONS = 12
+_ITERATIONS = 8
 #: Blur that is allowed for at the border over the first one that is larger than was allowed for.
 _WIDER = 1.3
 

@@ -18,7 +18,7 @@ from labpipe.imaging.fringes._misfit import weigh_misfits
 from labpipe.imaging.fringes._neighbours import fit_blurred_frames, fit_open_gaps
 from labpipe.imaging.fringes._optics_search import OtherOptics, rebase
 from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit
-from labpipe.imaging.fringes._ring_parameters import BEAMS, COATING, LIGHT, USUAL, Parameter
+from labpipe.imaging.fringes._ring_parameters import AXES, BEAMS, COATING, LIGHT, USUAL, Parameter
 from labpipe.imaging.fringes._rows_of_contacts import leave_out_rows
 from labpipe.imaging.fringes._scale_of_contacts import scales_of_contacts
 from labpipe.imaging.fringes._search import search_contact
@@ -96,11 +96,10 @@ def _make_view(reader: FilmReader, options: FilmOptions, wanted: Flags) -> View:
     optics = make_optics(options.pixel_size, options.sphere_radius, wavelength, phase)
     free: tuple[Parameter, ...] = USUAL
     if options.shape == "ellipse":
-        free = (*USUAL, Parameter.STRETCH, Parameter.SHEAR)
-    axes = (Parameter.STRETCH, Parameter.SHEAR)
-    oblique = (axes, (*axes, Parameter.SCALE)) if _shape(film, options) == "auto" else ()
+        free = (*USUAL, *AXES)
+    is_oblique = _shape(film, options) == "auto"
+    oblique, both = ((AXES,), ((*AXES, *BEAMS),)) if is_oblique else ((), ())
     turned = (COATING,) if options.phase is None else ()
-    both = ((*axes, *BEAMS),) if oblique else ()
     alternatives = ((Parameter.BLUR,), *oblique, (Parameter.SCALE,), BEAMS, LIGHT, (*LIGHT, *BEAMS), *turned, *both)
     settings = FitSettings(options.fringes, _LEAST_SPACING, free)
     black, white = film.levels

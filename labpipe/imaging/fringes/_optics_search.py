@@ -101,15 +101,20 @@ class OtherOptics:
         fit = self._fit_of(looks, index)
         if fit is None:
             return False
-        agreeing = any(_is_like(fit, other) for other in self._found)
+        agreeing = any(_is_like(fit.parameters, other.parameters) for other in self._found)
         self._found.append(fit)
         return agreeing and self._take(fit)
 
     def explains(self, looks: Looks, index: int) -> bool:
-        """Tell whether other optics leave so little of a frame that nothing else need be tried before them."""
+        """Tell whether other optics leave so little of a frame that nothing else need be tried before them.
+
+        Optics that are hardly other than the stated ones stand in for something else, as a blur.
+        """
         is_over = self._is_done or len(self._tried) >= _MOST_TRIED
         fit = None if is_over else self._fit_of(looks, index)
-        return fit is not None and fit.misfit < _SURE_MISFIT
+        stated = np.zeros(PARAMETERS)
+        stated[Parameter.PHASE] = self._result.view.optics.phase
+        return fit is not None and fit.misfit < _SURE_MISFIT and not _is_like(fit.parameters, stated)
 
     def passed(self, fits: dict[int, RingFit]) -> list[int]:
         """Frames that other optics explained, but that were not measured with them."""
@@ -154,16 +159,16 @@ class OtherOptics:
         return True
 
 
-def _is_like(one: RingFit, other: RingFit) -> bool:
-    """Tell whether two fits agree in phase and scale."""
-    turn = abs(float(one.parameters[Parameter.PHASE] - other.parameters[Parameter.PHASE])) % (2.0 * math.pi)
-    scale = abs(float(one.parameters[Parameter.SCALE] - other.parameters[Parameter.SCALE]))
+def _is_like(one: Floats, other: Floats) -> bool:
+    """Tell whether the parameters of two fits agree in phase and scale."""
+    turn = abs(float(one[Parameter.PHASE] - other[Parameter.PHASE])) % (2.0 * math.pi)
+    scale = abs(float(one[Parameter.SCALE] - other[Parameter.SCALE]))
     return min(turn, 2.0 * math.pi - turn) < _SAME_PHASE and scale < _SAME_SCALE
 
 
 def _is_same_light(one: tuple[RingFit, tuple[float, float]], other: tuple[RingFit, tuple[float, float]]) -> bool:
     """Tell whether two fits agree in phase, scale and the second colour."""
-    return abs(one[1][0] - other[1][0]) < _SAME_RATIO and _is_like(one[0], other[0])
+    return abs(one[1][0] - other[1][0]) < _SAME_RATIO and _is_like(one[0].parameters, other[0].parameters)
 
 
 def rebase(result: FilmResult, fits: dict[int, RingFit]) -> None:

@@ -23,7 +23,7 @@ from labpipe.imaging.fringes._radial_scan import (
 from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import AXES, EVEN, Parameter
 from labpipe.imaging.fringes._touch import left_by_only_sphere
-from labpipe.imaging.fringes._trial_fits import fit_edge, fit_from, fit_some, otherwise, start_of
+from labpipe.imaging.fringes._trial_fits import fit_edge, fit_from, fit_some, start_of
 from labpipe.imaging.fringes._view import View
 
 #: What a fit leaves over what the last one did up to which it shows the same contact.
@@ -31,7 +31,7 @@ NO_WORSE = 1.2
 #: Share of the profile's variance that fringes must explain before a frame is fitted.
 _LEAST_SCORE = 0.5
 #: Circles looked at in one frame, and how many of them are fitted, the likeliest first.
-_MOST_SPOTS, _MOST_FITS = 4, 3
+_MOST_SPOTS, _MOST_FITS, _MOST_CENTRES = 4, 3, 1
 #: Distance (px) below which a circle is taken for one that nothing explained before, and in how many
 #: frames nothing did.
 _SAME_CIRCLE, _TWICE = 1.5, 2
@@ -106,10 +106,8 @@ def search_contact(
     sights = [sight for spot in spots for sight in look_at(frame, view, spot.x, spot.y)]
     sights.sort(key=lambda sight: -sight[0].score)
     plain = replace(view, alternatives=())
-    usual = []
     for match, x, y in sights[:_MOST_FITS]:
-        usual.append(fit_from(frame, plain, start_of(match, view, x, y)))
-        found = _whole_fit(frame, plain, usual[-1])
+        found = _whole_fit(frame, plain, fit_from(frame, plain, start_of(match, view, x, y)))
         if found is not None:
             return found
     vain = Vain() if vain is None else vain
@@ -124,8 +122,11 @@ def search_contact(
     if is_otherwise():
         return None
     found = found or _fit_at_edges(frame, view, chain(first, edges), vain)
-    tried = list(zip(sights[:_MOST_FITS], usual, strict=True))
-    return found or _search_with_alternatives(looks, view, tried, vain)
+    if found is not None:
+        return found
+    # Perhaps there is a spot that no threshold separates from uneven light.
+    at_centres = (fit_at(frame, view, spot.x, spot.y) for spot in looks.centres[:_MOST_CENTRES])
+    return next((fit for fit in at_centres if fit is not None), None)
 
 
 def _fit_at_edges(frame: NDArray[np.generic], view: View, edges: Iterable[Edge], vain: Vain) -> RingFit | None:
@@ -136,30 +137,6 @@ def _fit_at_edges(frame: NDArray[np.generic], view: View, edges: Iterable[Edge],
     for edge in edges:
         circle = edge.x, edge.y, edge.half_radius
         found = fit_edge(frame, vain.view_of(view, *circle), edge)
-        if found is not None:
-            return found
-        vain.add(*circle)
-    return None
-
-
-def _search_with_alternatives(
-    looks: Looks, view: View, tried: list[tuple[tuple[Match, float, float], RingFit | None]], vain: Vain
-) -> RingFit | None:
-    """Fit what the usual fit and the edges have not explained with whatever else may be free."""
-    frame = looks.frame
-    for (match, x, y), first in tried:
-        circle = x, y, match.radius
-        if first is not None:
-            start = start_of(match, view, x, y)
-            other = otherwise(frame, vain.view_of(view, *circle), start, first)
-            found = None if other is first else _whole_fit(frame, view, other)
-            if found is not None:
-                return found
-            vain.add(*circle)
-    # Perhaps there is a spot that no threshold separates from uneven light.
-    for spot in looks.centres:
-        circle = spot.x, spot.y, 0.0
-        found = fit_at(frame, vain.view_of(view, *circle), spot.x, spot.y)
         if found is not None:
             return found
         vain.add(*circle)

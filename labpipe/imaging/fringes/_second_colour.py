@@ -12,6 +12,7 @@ from scipy.optimize import minimize
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._acceptance import GOOD_MISFIT, is_contact
 from labpipe.imaging.fringes._edge import Edge, find_edge
+from labpipe.imaging.fringes._fingerprint import round_share
 from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import AXES, Parameter
 from labpipe.imaging.fringes._spots import find_spots
@@ -30,6 +31,9 @@ _NOTABLE, _MOST_LEFT = 2e-5, 2e-4
 _STEPS, _WIDE = (0.004, 0.01), (0.1, 0.1)
 #: Spots of a frame and evaluations of a fit there, and what two colours must leave of the squares that one does.
 _SPOTS, _ITERATIONS, _MUCH_LESS = 3, 15, 0.7
+#: Misfit of one colour from which two explain nothing either: 0.16 and less where there were two. Share of it that
+#: goes evenly around the rings from which they may: 0.6 and more there, 0.4 and less where something hides a contact.
+_UNEXPLAINED, _ROUND = 0.3, 0.5
 #: Shares that are possible: the first colour is the one that is stated.
 _LEAST_SHARE, _MOST_SHARE = 0.01, 0.6
 
@@ -107,8 +111,12 @@ def find_colours(
         edge = find_edge(frame, spot.x, spot.y, spot.radius, view.black)
         if edge is None:
             continue
+        one = fit(edge, (1.0, 0.0))
+        # What a second colour changes, it changes all along the rings.
+        if one is None or one.misfit > _UNEXPLAINED or round_share([frame], [one], view) < _ROUND:
+            continue
         start = min(_RATIOS, key=lambda ratio: left(edge, (ratio, _SHARE)))
-        if left(edge, (start, _SHARE)) > _MUCH_LESS * left(edge, (1.0, 0.0)):
+        if left(edge, (start, _SHARE)) > _MUCH_LESS * one.residual**2:
             continue
         corners = [(start, _SHARE), (start + 0.03, _SHARE), (start, _SHARE + 0.1)]
         options = {"initial_simplex": corners, "maxfev": _MOST_EVALUATIONS, "xatol": 2e-3, "fatol": 0.0}

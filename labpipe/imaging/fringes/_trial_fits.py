@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.imaging.fringes._acceptance import GOOD_MISFIT, LEAST_PIXELS, has_long_travel, is_contact
+from labpipe.imaging.fringes._acceptance import GOOD_MISFIT, LEAST_PIXELS, is_contact
 from labpipe.imaging.fringes._edge import Edge, corrected_radius
 from labpipe.imaging.fringes._radial_scan import Match
 from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
-from labpipe.imaging.fringes._ring_parameters import AXES, COATING, HARMONICS, LIGHT, PARAMETERS, Parameter
+from labpipe.imaging.fringes._ring_parameters import AXES, HARMONICS, LIGHT, PARAMETERS, Parameter
 from labpipe.imaging.fringes._view import View
 
 #: Pixels and evaluations of the fits that find out what a frame shows.
@@ -26,11 +26,8 @@ _QUICK_PIXELS, _QUICK_ITERATIONS = 12_000, 12
 _NONSENSE, _UNEXPLAINED = 1.0, 0.3
 #: Misfit from which no other explanation is tried beside the ones before.
 _SURE_MISFIT = 0.02
-#: What changes how the light goes across the rings, wherever along them.
-_ACROSS = {Parameter.BLUR, Parameter.SCALE, *COATING}
-#: Square of the blur (px²) from which it is sought, and the share of the misfit of a long travel in
-#: the exposure that a blur must stay below to be the better reason for soft fringes.
-_FIRST_BLUR, _BLUR_BEFORE_TRAVEL = 2.0, 0.5
+#: Square of the blur (px²) from which it is sought.
+_FIRST_BLUR = 2.0
 
 
 def start_of(match: Match, view: View, x: float, y: float) -> Floats:
@@ -93,51 +90,25 @@ def fit_from(frame: NDArray[np.generic], view: View, start: Floats) -> RingFit |
     if first is None or first.pixels < LEAST_PIXELS:
         return None
     found = fit_contact(frame, first.parameters, view.optics, quick, view.levels)
-    return None if found is None else otherwise(frame, view, start, found)
+    return None if found is None else _otherwise(frame, view, start, found)
 
 
-def otherwise(frame: NDArray[np.generic], view: View, start: Floats, found: RingFit) -> RingFit:
+def _otherwise(frame: NDArray[np.generic], view: View, start: Floats, found: RingFit) -> RingFit:
     """Fit with the alternatives what the usual fit does not explain; the usual fit where none does better."""
-    alternatives, least = view.alternatives, found.misfit
-    quick = replace(view.settings, max_pixels=_QUICK_PIXELS, max_iterations=_QUICK_ITERATIONS)
-    if found.has_negative_light and LIGHT in alternatives:
-        free = (*view.settings.free, *LIGHT)
-        trial = fit_contact(frame, found.parameters, view.optics, replace(quick, free=free), view.levels)
+    best, usual = found, view.settings.free
+    if found.has_negative_light and LIGHT in view.alternatives:
+        quick = replace(view.settings, max_pixels=_QUICK_PIXELS, max_iterations=_QUICK_ITERATIONS)
+        trial = fit_contact(frame, found.parameters, view.optics, replace(quick, free=(*usual, *LIGHT)), view.levels)
         if trial is not None and trial.misfit < GOOD_MISFIT:
             return trial
-    if found.misfit < GOOD_MISFIT:
-        if not has_long_travel(view, found):
-            return found
-        alternatives = tuple(extra for extra in alternatives if Parameter.BLUR in extra)
-        least = _BLUR_BEFORE_TRAVEL * found.misfit
-    elif found.misfit > _NONSENSE:
+    if not GOOD_MISFIT <= found.misfit <= _NONSENSE:
         return found
     # Perhaps the view is oblique or out of focus, R or the wavelength is not what it is said to
-    # be, or there are many beams; where none of these explains it alone, perhaps two of them together do. But two
-    # that change how light goes across the rings would explain any rings.
-    best = _best_of(frame, view, (start, view.settings.free), alternatives, found, least)
-    if best is found or best.misfit < GOOD_MISFIT:
-        return best
-    if _ACROSS & set(best.free):
-        alternatives = tuple(extra for extra in alternatives if not _ACROSS & set(extra))
-    return _best_of(frame, view, (best.parameters, best.free), alternatives, best, _SURE_MISFIT)
-
-
-def _best_of(
-    frame: NDArray[np.generic],
-    view: View,
-    base: tuple[Floats, tuple[Parameter, ...]],
-    alternatives: tuple[tuple[Parameter, ...], ...],
-    best: RingFit,
-    least: float,
-) -> RingFit:
-    """Fit with each alternative beside what is free, and keep what leaves least, and less than ``least``."""
-    start, usual = base
-    # Those that differ by what is free already are one.
-    ways = {frozenset((*usual, *extra)): extra for extra in reversed(alternatives) if not set(extra) <= set(usual)}
+    # be, or there are many beams. Those that differ by what is free already are one.
+    ways = {frozenset((*usual, *extra)): extra for extra in reversed(view.alternatives) if not set(extra) <= set(usual)}
     for extra in reversed(ways.values()):
         trial = _trial(frame, view, start, (*usual, *extra))
-        if trial is not None and trial.misfit < min(least, best.misfit):
+        if trial is not None and trial.misfit < best.misfit:
             best = trial
             if best.misfit < _SURE_MISFIT:
                 break

@@ -113,8 +113,9 @@ def test_explanations_that_differ_by_what_is_free_already_are_tried_once(monkeyp
     tried: list[frozenset[Parameter]] = []
     monkeypatch.setattr(_trial_fits, "_trial", lambda *arguments: tried.append(frozenset(arguments[3])))
     ways = (AXES, (*AXES, Parameter.SCALE), (Parameter.SCALE,), BEAMS, (*AXES, *BEAMS))
-    base, worst = (np.zeros(1), (*USUAL, *AXES)), Mock(misfit=0.5)
-    assert _trial_fits._best_of(np.zeros((2, 2)), Mock(), base, ways, worst, 0.5) is worst
+    view = Mock(alternatives=ways, settings=Mock(free=(*USUAL, *AXES)))
+    usual = Mock(misfit=0.5, has_negative_light=False)
+    assert _trial_fits._otherwise(np.zeros((2, 2)), view, np.zeros(1), usual) is usual
     assert tried == [frozenset((*USUAL, *AXES, *extra)) for extra in ((Parameter.SCALE,), BEAMS)]
 
 
