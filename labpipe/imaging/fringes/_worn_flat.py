@@ -77,9 +77,9 @@ def weigh_flat(
     if known.flat or not (known.log_scale > log_stated or is_turned):
         return best, known
     few = attempt(axes, known, _FLAT_FRAMES, _FLAT_PIXELS)
-    stated = replace(known, log_scale=log_stated, u_log_scale=0.0)
+    stated = replace(known, log_scale=log_stated)
     if is_turned:
-        stated = replace(stated, phase_shift=0.0, u_phase_shift=0.0)
+        stated = replace(stated, phase_shift=0.0)
     near = None if few is None else _best_flat(attempt, axes, stated, best, (few.left + HINT) / few.pixels)
     found = None if near is None else _settled_flat(attempt, axes, stated, *near)
     if found is None:
