@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import j1
 
 from labpipe.arrays import Floats
 
@@ -35,7 +36,9 @@ class View:
     scale, angle : float [1], [rad]
         About the middle of the image; for formulas only.
     defocus : float [px]
-        Standard deviation of a Gaussian blur; for spectra only, as the next.
+        Standard deviation of a Gaussian blur; for spectra only, as the next two.
+    disc : float [px]
+        Radius of a disc, as a lens out of focus makes it.
     smear : (float, float) [px]
         Path during the exposure.
     light : (float, float, float)
@@ -46,6 +49,7 @@ class View:
     scale: float = 1.0
     angle: float = 0.0
     defocus: float = 0.0
+    disc: float = 0.0
     smear: tuple[float, float] = (0.0, 0.0)
     light: tuple[float, float, float] = (1.0, 0.0, 0.0)
 
@@ -64,7 +68,10 @@ def from_spectrum(pattern: Floats, view: View) -> Floats:
     frequency_x = 2.0 * np.pi * np.fft.rfftfreq(pattern.shape[1])[None, :]
     along = frequency_x * view.shift[0] + frequency_y * view.shift[1]
     factor = np.exp(-1j * along - 0.5 * view.defocus**2 * (frequency_x**2 + frequency_y**2))
-    factor *= np.sinc((frequency_x * view.smear[0] + frequency_y * view.smear[1]) / (2.0 * np.pi))
+    radius = np.maximum(view.disc * np.hypot(frequency_x, frequency_y), 1e-9)
+    factor *= (
+        2.0 * j1(radius) / radius * np.sinc((frequency_x * view.smear[0] + frequency_y * view.smear[1]) / (2.0 * np.pi))
+    )
     return _lit(np.fft.irfft2(np.fft.rfft2(pattern) * factor, pattern.shape), view)
 
 

@@ -6,8 +6,9 @@ import numpy as np
 
 from labpipe.arrays import Flags, Floats, Floats32, Integers
 from labpipe.imaging.dic._attempt import Attempt, Options, Work
+from labpipe.imaging.dic._blur_match import BlurMatcher, misfit
 from labpipe.imaging.dic._film_window import Loaded
-from labpipe.imaging.dic._growth import CHANCE, COMMON, NO_GROWTH, Growth, grown, more_blur
+from labpipe.imaging.dic._growth import CHANCE, COMMON, NO_GROWTH, Growth, more_blur
 from labpipe.imaging.dic._inputs import LEAST_SUBSET
 from labpipe.imaging.dic._motion_uncertainty import one_way
 from labpipe.imaging.dic._pattern import Pattern
@@ -24,16 +25,8 @@ _TESTED, _TURNS = 8, 8
 _ROUNDS, _EXPLAINED = 3, 0.7
 #: Distance (px) from its start from which a subset sees another part of what stands before it.
 _ELSEWHERE = 0.75
-#: Patterns that are tried in a frame, and the most misfit of a better one over that of the first, whose columns
-#: may have hidden half of the noise.
-_MATCHES, _NO_WORSE = 6, 2.0
-#: Misfit over that of the frame before from which the pattern of that frame may be a wrong one.
-_FAR_WORSE = 2.0
 #: Residual of noise alone over the least that a point has shown, at most.
 _LEAST = 1.3
-#: How much of the change of blur that the first order tells is taken for it, of softer and of sharper frames:
-#: these it tells by up to three times, and those that are blurred too much look as if noise had made them soft.
-_STRIDES = (1.0, 0.35)
 #: Points that tell the blur of a frame.
 _TELLING = 24
 #: Solves subsets, numbers of them, from motions; the last are their places among all that are asked for.
@@ -65,8 +58,7 @@ class FrameSolver:
         #: Pixels that count of points that are tried without the others.
         self.found: dict[int, Flags] = {}
         self._pattern = reference.pattern
-        self._strides = list(_STRIDES)
-        self._misfit = np.inf
+        self._matcher = BlurMatcher(reference.patterns)
         #: Least residual of each point so far, as noise of its pixels: what is more is no noise alone.
         self._least = np.full(count, np.inf)
         self._softened: tuple[Loaded, Pattern, Floats32] | None = None
@@ -78,7 +70,7 @@ class FrameSolver:
     def solve(self, loaded: Loaded, chosen: Integers, start: Floats) -> Solution:
         """Solve subsets with the model that each needed last, again where it needs another one.
 
-        What a point needed in the frame before is tried at once, so that a lasting change is not
+        What a point needed in the frame before is tried at once, so that a spent change is not
         found out in every frame. The others are tested for what they need in turn, and all of
         them when the test of some shows that it concerns more than chance.
         """
@@ -286,42 +278,23 @@ class FrameSolver:
         self._model[chosen] = np.where(telling & needs_it, self._model[chosen] | BLUR, self._model[chosen] & ~BLUR)
         found = self.solve(loaded, chosen, start)
         found.iterations[:] += spent
-        self._misfit = _misfit(found, self._pattern)
+        self._matcher.misfit = misfit(found, chosen, self._pattern)
         return found
 
     def _match(self, loaded: Loaded, chosen: Integers, start: Floats, models: Integers) -> tuple[Solution, bool]:
         """Find the pattern that leaves the least change of blur, and whether it must be solved for still."""
-        found = self._solve_tested(loaded, chosen, start, models)
+
+        def solved(pattern: Pattern, begin: Floats) -> Solution:
+            self._pattern = pattern
+            return self._solve_tested(loaded, chosen, begin, models)
+
+        found = solved(self._pattern, start)
         if ((found.code == SOLVED) & (found.zncc >= self._options.min_zncc)).mean() < COMMON:
             # After a jump most are in a wrong place, and what they show there is no blur.
             return found, bool((self._model[chosen] & BLUR).any())
-        more = more_blur(found)
-        if self.growth != NO_GROWTH and not more.any() and _misfit(found, self._pattern) > _FAR_WORSE * self._misfit:
-            # A pattern that is far too soft takes what is sharper for its noise.
-            self._pattern = self.reference.pattern
-            found = self._solve_tested(loaded, chosen, start, models)
-            more = more_blur(found)
-        best, pattern, least = found, self._pattern, np.linalg.norm(more)
-        side, most = int(more[0] < 0.0), _NO_WORSE * _misfit(found, self._pattern)
-        for _ in range(_MATCHES):
-            growth = grown(self.growth, self._strides[side] * more)
-            if growth == self.growth or not more.any():
-                break
-            self._pattern = self.reference.patterns.of(growth)
-            spent = found.iterations
-            found = self._solve_tested(
-                loaded, chosen, np.where((best.code == SOLVED)[:, None], best.motion, start), models
-            )
-            found.iterations[:] += spent
-            left = more_blur(found)
-            if np.linalg.norm(left) < least and _misfit(found, self._pattern) < most:
-                best, pattern, least = found, self._pattern, np.linalg.norm(left)
-            # by how much the step was too long or too short, as that of a secant
-            change = float(np.clip(1.0 - left @ more / (more @ more), 0.5, 3.0)) if left.any() else 1.0
-            self._strides[side] = min(self._strides[side] / change, 2.0 * _STRIDES[side])
-            more = left
-        best.iterations[:], self._pattern = found.iterations, pattern
-        return best, bool(((best.needed & BLUR) > 0).mean() > self._few)
+        match = self._matcher.match(found, self._pattern, chosen, start, solved)
+        self._pattern = match.pattern
+        return match.found, bool(((match.found.needed & BLUR) > 0).mean() > self._few)
 
     def remember(self, attempt: Attempt) -> None:
         """Keep what the trusted points of a frame needed, and what they showed of their noise."""
@@ -335,10 +308,3 @@ class FrameSolver:
 def _shown(residual: Floats, gain: Floats, pattern: Pattern) -> Floats:
     """Residual (point,) [grey²] of the subsets as noise of their pixels, summed over them."""
     return np.asarray(residual * (pattern.shown.colour / np.square(gain)))
-
-
-def _misfit(found: Solution, pattern: Pattern) -> float:
-    """Median of that over the points; infinite without an answer."""
-    is_solved = found.code == SOLVED
-    shown = _shown(found.residual[is_solved], found.gain[is_solved], pattern)
-    return float(np.median(shown)) if len(shown) else np.inf

@@ -132,15 +132,24 @@ class Pattern:
         -----
         What the bends have in common with the grey levels themselves is part of the gain.
         """
-        left, kept = np.ones((len(chosen), 2)), np.ones(len(chosen))
         if not weights.any():
-            return left, kept
+            return np.ones((len(chosen), 2)), np.ones(len(chosen))
+        level, kept = self._kept(chosen, weights)
+        left = level[:, None] + np.einsum("nab,nb->na", self._shares[chosen], weights)
+        return np.maximum(left, _LEAST_LEFT), kept
+
+    def _kept(self, chosen: Integers, weights: Floats) -> tuple[Floats, Floats]:
+        """Contrast (result,) that a growth of the blur leaves, and ``kept`` of :meth:`softened`."""
         common = self.subsets.moments[:, 1, -3:] / np.maximum(self.subsets.level[:, 1:2], 1e-30)
         level = 1.0 - (common[chosen] * weights).sum(axis=1)
-        left = level[:, None] + np.einsum("nab,nb->na", self._shares[chosen], weights)
         along, squares = self.table.bends
         kept = level**2 + 2.0 * level * weights[:, 0] * along + (weights**2 * squares).sum(axis=1)
-        return np.maximum(left, _LEAST_LEFT), np.maximum(kept, 0.0)
+        return level, np.maximum(kept, 0.0)
+
+    def seen(self, chosen: Integers, gain: Floats, weights: Floats) -> Floats:
+        """Variance (result,) of a pixel of the residual over that of a pixel, at gains and weights of the bends."""
+        own = self.table.own / self.table.static_frames
+        return np.asarray(gain**2 * self.table.gain.mean(axis=1).prod() + own * self._kept(chosen, weights)[1])
 
 
 @dataclass

@@ -132,7 +132,7 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     for values in (value, deviation, covariance):
         values[is_bad] = np.nan
     blur = table.change.copy()
-    blur[..., 2:] += STEP * table.growth[:, None]
+    blur[..., 2:] += STEP * table.growth[:, None, :3]
     models = table.model | np.where(table.growth.any(axis=1, keepdims=True), BLUR, 0).astype(np.int8)
     change = np.where(is_bad[..., None], np.nan, np.concatenate([blur, stretch], axis=2))
     shares = np.where(is_bad, np.nan, hidden_share(table, reference.subsets.half))

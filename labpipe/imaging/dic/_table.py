@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats, Integers
-from labpipe.imaging.dic._growth import Growth
+from labpipe.imaging.dic._growth import NO_GROWTH, Growth
 from labpipe.imaging.dic._motion_uncertainty import NoiseModel
 from labpipe.imaging.dic._pattern import Pattern
 from labpipe.imaging.dic._reference import Status
@@ -25,7 +25,7 @@ _BLOCK_HIDDEN = 200
 class Table:
     """What the tracker found over (frame, usable point); motions over (frame, point, 6).
 
-    ``growth`` (frame, 3) is that of the pattern that a frame was matched with, see :class:`.Pattern`. ``left``
+    ``growth`` (frame, 4) is that of the pattern that a frame was matched with, see :class:`.Pattern`. ``left``
     holds the pixels that counted of results of which something was hidden, see :func:`.packed`.
     """
 
@@ -53,7 +53,7 @@ def empty_table(frames: int, points: int) -> Table:
         np.full(shape, Status.FRAME_DAMAGED, np.int8),
         np.zeros(shape, np.int8),
         np.full((*shape, CHANGES), np.nan),
-        np.zeros((frames, 3), np.int64),
+        np.zeros((frames, len(NO_GROWTH)), np.int64),
     )
 
 
@@ -66,7 +66,7 @@ def alike(table: Table, half: Integers) -> Iterator[tuple[Growth, int, Integers,
     if table.left:
         hidden[tuple(np.array(list(table.left)).T)] = True
     patterns, which = np.unique(table.growth, axis=0, return_inverse=True)
-    for k, (mean, apart, mixed) in enumerate(patterns.tolist()):
+    for k, growth in enumerate(map(tuple, patterns.tolist())):
         found = (table.status == Status.OK) & (which.reshape(-1, 1) == k)
         for model in np.unique(table.model[found]):
             chosen = found & (table.model == model)
@@ -78,7 +78,7 @@ def alike(table: Table, half: Integers) -> Iterator[tuple[Growth, int, Integers,
                     if most == _BLOCK_HIDDEN:
                         places = zip(row.tolist(), column.tolist(), strict=True)
                         left = [unpacked(table.left[r, c], int(half[c])) for r, c in places]
-                    yield (mean, apart, mixed), int(model), row, column, left
+                    yield growth, int(model), row, column, left
 
 
 def as_seen(pattern: Pattern, column: Integers, left: list[Flags]) -> tuple[NoiseModel, Subsets, Integers]:

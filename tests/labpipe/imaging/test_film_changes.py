@@ -144,6 +144,19 @@ def test_hard_edges_that_change_focus_are_matched(name: str, sigma: tuple[float,
     assert inside > 0.92
 
 
+@pytest.mark.parametrize(("first", "later"), [(0.0, 2.5), (2.5, 0.0), (0.0, 3.5), (1.5, 3.0)])
+def test_a_lens_out_of_focus_makes_discs(first: float, later: float) -> None:
+    """Taken for Gaussians, they made u of specks up to twice too large, and errors by discs of 3.5 px by half."""
+    pattern = 45.0 * np.tanh(film_scenes.random_field(SIZE, 2.2, 47) / 15.0)
+    before, after = (View(defocus=0.6, disc=radius) for radius in (first, later))
+    draw = partial(from_spectrum, pattern)
+    error, z, inside = ratios(draw, before, after)
+    softest = max(ratios(draw, view, view)[0] for view in (before, after))
+    assert error < 1.05 * softest
+    assert 0.9 < z < 1.1
+    assert inside > 0.92
+
+
 def test_a_lasting_change_of_focus_is_matched_once() -> None:
     pattern = 0.7 * film_scenes.random_field(SIZE, 1.9, 41)
     views = [View(defocus=0.6), *(View((0.2 * k, 0.1 * k), defocus=1.2) for k in range(1, 9))]

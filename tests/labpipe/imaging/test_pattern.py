@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from labpipe.imaging.dic._film_window import smooth
-from labpipe.imaging.dic._growth import NO_GROWTH, STEP, Growth, grown, kernels, more_blur
+from labpipe.imaging.dic._growth import NO_GROWTH, STEP, Growth, grown, kernels, more_blur, others_like
 from labpipe.imaging.dic._pattern import Pattern, Patterns, _convolved, make_pattern
 from labpipe.imaging.dic._spline import PADDING, node_gradients, prefilter
 from labpipe.imaging.dic._subset_kernel import BLUR, LIGHT
@@ -13,6 +13,7 @@ from pipelines.bench.film_scenes import View, from_spectrum, random_field
 
 SIZE, BLUR_OF_ALL = 128, 0.5
 NEAR, FAR, SMEARED = View(defocus=0.6), View(defocus=1.2), View(defocus=0.6, smear=(3.0, 2.0))
+DISC = View(defocus=0.6, disc=2.5)
 INNER = np.s_[24:-24, 24:-24]
 #: Weights of the bends: half the growth of the variance along both axes, their difference, and the mixed one.
 DEFOCUS = 0.5 * (1.2**2 - 0.6**2)
@@ -21,7 +22,7 @@ SMEAR = ((9.0 + 4.0) / 48.0, (9.0 - 4.0) / 48.0, 6.0 / 12.0)
 
 def steps(*weights: float) -> Growth:
     first, second, third = (round(weight / STEP) for weight in weights)
-    return first, second, third
+    return first, second, third, 0
 
 
 def pattern_of(image: np.ndarray, growth: Growth = NO_GROWTH, static_frames: int = 1) -> Pattern:
@@ -40,7 +41,9 @@ def sampled(coefficients: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("view", "growth"), [(FAR, steps(DEFOCUS, 0.0, 0.0)), (SMEARED, steps(*SMEAR))], ids=["focus", "smear"]
+    ("view", "growth"),
+    [(FAR, steps(DEFOCUS, 0.0, 0.0)), (SMEARED, steps(*SMEAR)), (DISC, (*steps(2.5**2 / 8.0, 0.0, 0.0)[:3], 1))],
+    ids=["focus", "smear", "disc"],
 )
 def test_the_sharper_of_frame_and_reference_is_made_as_soft_as_the_other(view: View, growth: Growth) -> None:
     field = random_field(SIZE, 1.4, 5)
@@ -49,12 +52,15 @@ def test_the_sharper_of_frame_and_reference_is_made_as_soft_as_the_other(view: V
     softened = pattern_of(sharp, growth)
     assert np.abs(softened.images.grey - smooth(soft, BLUR_OF_ALL))[INNER].max() < 0.03 * change
     assert softened.kernel is None
-    less = pattern_of(soft, (-growth[0], -growth[1], -growth[2]))
+    less = pattern_of(soft, (-growth[0], -growth[1], -growth[2], growth[3]))
     frame = sampled(less.blurred(prefilter(smooth(sharp, BLUR_OF_ALL), 5)))
     assert np.abs(frame - less.images.grey)[INNER].max() < 0.03 * change
 
 
-@pytest.mark.parametrize("growth", [NO_GROWTH, (27, 0, 0), (-27, 0, 0), (13, 5, 25), (-13, 5, -25)])
+@pytest.mark.parametrize(
+    "growth",
+    [NO_GROWTH, (27, 0, 0, 0), (-27, 0, 0, 0), (13, 5, 25, 0), (-13, 5, -25, 0), (60, 0, 0, 1), (-40, 0, 0, 2)],
+)
 def test_noise_of_frame_and_reference_is_followed_through_their_blur(growth: Growth) -> None:
     rng = np.random.default_rng(8)
     made = [rng.standard_normal((SIZE, SIZE)) for _ in range(24)]
@@ -73,7 +79,7 @@ def test_noise_of_frame_and_reference_is_followed_through_their_blur(growth: Gro
 
 def test_noise_blurred_as_the_other_image_moves_a_subset_by_what_the_model_says() -> None:
     """Slopes times blurred noise, over the squares of the slopes: the first step of a shift."""
-    field, growth = from_spectrum(random_field(SIZE, 1.8, 3), NEAR), (27, 0, 0)
+    field, growth = from_spectrum(random_field(SIZE, 1.8, 3), NEAR), (27, 0, 0, 0)
     pattern = pattern_of(field, growth)
     rng = np.random.default_rng(2)
     x, y, half = pattern.subsets.layout[1, :3]
@@ -116,7 +122,7 @@ def test_a_change_that_no_point_needs_is_none() -> None:
 def test_frames_of_like_blur_share_a_pattern_and_what_is_left_is_small() -> None:
     dice = np.random.default_rng(6)
     assert grown(NO_GROWTH, np.array([STEP, 0.0, 0.0])) == NO_GROWTH
-    assert grown(NO_GROWTH, np.array([0.5, 0.01, 0.02]))[1:] == (0, 0)  # one blur in all directions
+    assert grown(NO_GROWTH, np.array([0.5, 0.01, 0.02]))[1:] == (0, 0, 0)  # one blur in all directions
     assert grown(NO_GROWTH, np.array([1e6, 0.0, 0.0]))[0] < 1000
     by_focus, by_path = set(), set()
     for weight, turn in dice.uniform((0.0, 0.0), (1.3, 2.0 * np.pi), (400, 2)):
@@ -125,7 +131,7 @@ def test_frames_of_like_blur_share_a_pattern_and_what_is_left_is_small() -> None
         for change, found in ((np.array([weight, 0.0, 0.0]), by_focus), (path, by_path)):
             growth = grown(NO_GROWTH, change)
             found.add(growth)
-            left = change - np.array(growth) * STEP
+            left = change - np.array(growth[:3]) * STEP
             assert np.hypot(left[1], 0.5 * left[2]) < 0.06 + 0.2 * weight
             assert abs(left[0]) < 0.06 + 0.14 * weight
             assert kernels(growth)[1] is None  # frames that are softer everywhere are left as they are
@@ -146,11 +152,22 @@ def test_patterns_are_made_once_and_few_are_kept() -> None:
         return pattern_of(field, growth)
 
     patterns = Patterns(make)
-    first = patterns.of((20, 0, 0))
-    assert patterns.of((20, 0, 0)) is first
-    assert made == [(20, 0, 0)]
+    first = patterns.of((20, 0, 0, 0))
+    assert patterns.of((20, 0, 0, 0)) is first
+    assert made == [(20, 0, 0, 0)]
     for k in range(30):
-        patterns.of((k, 0, 0))
+        patterns.of((k, 0, 0, 0))
     assert len(patterns._kept) < 22
     assert patterns.of(NO_GROWTH).growth == NO_GROWTH
     assert made.count(NO_GROWTH) == 1
+
+
+def test_a_blur_is_compared_with_others_once_it_is_twice_as_wide_as_those_that_were() -> None:
+    known = np.zeros(2)
+    assert others_like((5, 0, 0, 0), known) == []
+    assert others_like((25, 0, 0, 0), known) == [[(25, 0, 0, 1)], [(25, 0, 0, 2)]]
+    assert others_like((25, 0, 0, 0), np.array([0.6, 0.6])) == []
+    wide = others_like((100, 0, 0, 1), known)
+    assert [len(same) for same in wide] == [3, 2, 3]  # of its own shape only smaller ones
+    path = others_like((50, 50, 0, 0), known)  # has one direction, and no shape
+    assert path == [[(38, 38, 0, 0), (28, 28, 0, 0)]]
