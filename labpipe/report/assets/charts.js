@@ -97,7 +97,8 @@
     return ticks.map((value) => {
       const size = Math.floor(Math.log10(value) + 1e-9), digit = Math.round(value / 10 ** size);
       const every = Math.max(decades > 9 ? 2 : 1, Math.ceil(decades / most));
-      const named = decades < 1 ? [1, 2, 3, 5, 7].includes(digit) : decades < 2 ? [1, 2, 5].includes(digit) : digit === 1 && size % every === 0;
+      const few = decades < 1 ? [1, 2, 3, 5, 7] : [1, 2, 5];
+      const named = decades < 0.5 || (decades < 2 ? few.includes(digit) : digit === 1 && size % every === 0);
       return named ? powerText(value) : "";
     });
   };

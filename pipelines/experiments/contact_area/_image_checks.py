@@ -45,13 +45,12 @@ def _round(radius: xr.Dataset, settings: ContactArea) -> Check:
     own = float(radius["u_pixel_size"] / radius["pixel_size"])
     level: Level | None = "doubtful" if half > _DECIDES * own else "note" if half > _MATTERS * own else None
     text = (
-        f"{settings.film}: the rings are {100 * (1 - ratio):.2g} % narrower one way than across, and widest at "
-        f"{degrees(angle):.0f}° to the rows, as seen at {degrees(acos(ratio)):.2g}° to the axis; radii are those of "
-        f"equal area, of the longer axis they are {100 * (1 / sqrt(ratio) - 1):.2g} % larger"
+        f"{settings.film}: the rings are ellipses, {100 * (1 - ratio):.2g} % narrower than long (the longer axis at "
+        f"{degrees(angle):.0f}° to the rows), as circles look at {degrees(acos(ratio)):.2g}° from straight; radii are "
+        f"those of equal area, {100 * half:.2g} % below the longer half axis"
     )
-    cause = "the camera looks aslant at the disc, or its pixels are not square: measure the scale both ways" * bool(
-        level
-    )
+    cause = "the camera looks aslant at the disc, or its pixels are not square: measure the scale both ways"
+    cause = cause if level else ""
     return stated(name, law, text, level, cause=cause, file=settings.film, setting="camera")
 
 

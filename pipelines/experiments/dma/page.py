@@ -187,7 +187,7 @@ def _isotherms(
     style: Literal["line", "points"] = "line",
 ) -> list[Series]:
     """Return one curve per temperature, coldest first, sorted along x, on a scale of colours."""
-    series = []
+    series: list[Series] = []
     temperature = table["temperature"].values
     for i in np.argsort(temperature, kind="stable"):
         x = table["frequency"].values if x_name is None else table[x_name].values[i]
@@ -198,6 +198,8 @@ def _isotherms(
             span = float(np.ptp(temperature))
             level = (float(temperature[i]) - float(temperature.min())) / span if span else 0.5
             title = f"{temperature[i]:.0f} °C".replace("-", "\N{MINUS SIGN}")
+            again = sum(one.name.split(",")[0] == title for one in series)
+            title += f", sweep {again + 1}" if again else ""
             series.append(Series(title, x[good], y[good], style=style, level=level))
     return series
 

@@ -146,7 +146,7 @@ def test_rings_that_a_camera_sees_aslant_are_told_and_make_the_radius_uncertain(
     film = film.assign(axes | {"axis_angle": radius * 0.0, "u_pixel_size": 2.2e-3 * film["pixel_size"]})
     told = [f for f in judged(film)[0].findings if f.check == "shape of the rings"]
     assert [f.level for f in told] == ([] if level is None else [level])
-    assert all(f"{tilt:g}° to the axis" in f.message and "aslant" in f.cause for f in told)
+    assert all(f"at {tilt:g}° from straight" in f.message and "aslant" in f.cause for f in told)
     assert u_of_view(film) == pytest.approx((1.0 - np.sqrt(ratio)) / np.sqrt(3.0))
     parts = xr.zeros_like(film["radius_systematic"]).expand_dims(source=["pixel_size"], axis=1)
     wide = with_uneven_scale(film.assign(systematic_part=parts), 0.01)
