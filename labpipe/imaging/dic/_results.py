@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 #: Range of the displacement over the static frames (px), median of the points, from which they
 #: are not static.
 _STATIC_RANGE = 0.3
+#: Largest standard uncertainty (px) of a displacement that is given: errors of interpolation lead to no other top
+#: of the correlation, as noise does beyond :data:`.MOST_UNCERTAIN`.
+_MOST_VAGUE = 0.8
 #: Noise of a film over the lower quartile of what its points show: they scatter about as much.
 _NOISE_OF_FILM = 0.9
 
@@ -156,9 +159,10 @@ def _ask_around(
     places = np.stack([subsets.x, subsets.y], axis=1) + reference.offset
     motions = places, 2 * subsets.half + 1, value, deviation
     is_found = (status == Status.OK) & ~is_static[:, None]
-    _add(deviation, covariance, disagreement(*motions, is_found & ~is_doubtful))
+    is_clear = is_found & ~is_doubtful & (np.hypot(deviation[..., 0], deviation[..., 1]) < MOST_UNCERTAIN)
+    _add(deviation, covariance, disagreement(*motions, is_clear))
     _refuse_vague(status, deviation, Status.OUTVOTED)
-    is_trusted = is_found & (status == Status.OK) & ~is_doubtful
+    is_trusted = is_clear & (status == Status.OK)
     _add(deviation, covariance, unconfirmed(*motions, is_trusted, is_found & is_doubtful))
     _refuse_vague(status, deviation, Status.TEXTURELESS)
 
@@ -179,7 +183,7 @@ def _add(deviation: Floats, covariance: Floats, more: Floats) -> None:
 
 def _refuse_vague(status: NDArray[np.int8], deviation: Floats, why: Status) -> None:
     """Refuse displacements that are so uncertain that they may be any."""
-    is_vague = np.hypot(deviation[..., 0], deviation[..., 1]) > MOST_UNCERTAIN
+    is_vague = np.hypot(deviation[..., 0], deviation[..., 1]) > _MOST_VAGUE
     status[(status == Status.OK) & is_vague] = why
 
 
