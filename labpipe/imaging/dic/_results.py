@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats
-from labpipe.imaging.dic._agreement import disagreement, unconfirmed
+from labpipe.imaging.dic._agreement import disagreement, lonely, unconfirmed
 from labpipe.imaging.dic._edge_profile import misled
 from labpipe.imaging.dic._growth import STEP
 from labpipe.imaging.dic._misfit import hidden_by_levels, misfit_factor, misfits_of_edges
@@ -159,6 +159,7 @@ def _ask_around(
     places = np.stack([subsets.x, subsets.y], axis=1) + reference.offset
     motions = places, 2 * subsets.half + 1, value, deviation
     is_found = (status == Status.OK) & ~is_static[:, None]
+    is_doubtful = is_doubtful | lonely(*motions[:2], is_found & ~is_doubtful, is_found & is_doubtful)
     is_clear = is_found & ~is_doubtful & (np.hypot(deviation[..., 0], deviation[..., 1]) < MOST_UNCERTAIN)
     _add(deviation, covariance, disagreement(*motions, is_clear))
     _refuse_vague(status, deviation, Status.OUTVOTED)

@@ -152,22 +152,19 @@ def undersampled(
         most = _SHARED * np.maximum(most, 0.0) * pixels / max(less, 1e-30)
         amplitude = weight * np.minimum(_BETWEEN_POINTS**by_points, most) + (1.0 - weight) * seen
         if amplitude.any():
-            spread, aligned = _interpolated(reference, n, sharp, of_noise * own)
-            covariance[rows, n] = amplitude[:, None] * spread
-            covariance[rows, n, :2] += by_points * (_UNSEEN * aligned) ** 2
+            spread, unseen = _interpolated(reference, n, sharp, of_noise * own)
+            covariance[rows, n] = amplitude[:, None] * spread + by_points * unseen
     return bound, covariance
 
 
-def _interpolated(
-    reference: Reference, point: int, sharp: NDArray[np.float64], noise: float
-) -> tuple[Floats, NDArray[np.float64]]:
+def _interpolated(reference: Reference, point: int, sharp: NDArray[np.float64], noise: float) -> tuple[Floats, Floats]:
     """Covariance (xx, yy, xy) [px²] of a motion from errors of interpolation; ``noise`` is that of ``sharp``.
 
-    Also the shares (x, y) of the squared slopes of edges that run with the rows or columns.
+    Also that of what edges seen by points hide which run with the rows, the columns, or the diagonals.
 
     Such errors are as large as what there is near half a wave per px, and lie where the slopes are: each
     moves the answer by its share of the slope, ``A⁻¹ (Σ g gᵀ e²) A⁻¹``. Along an edge that runs with the
-    columns or rows all pixels are seen at one phase, and make one error.
+    columns, the rows or the diagonals all pixels are seen at one phase, and make one error.
     """
     x, y, half = reference.subsets.layout[point, :3]
     cut = np.s_[y - half : y + half + 1, x - half : x + half + 1]
@@ -180,18 +177,24 @@ def _interpolated(
     weighed = np.array([float((a * b * error).sum()) for a, b in pairs])
     beyond = 1.0 - _HIDES * noise * (own[0] + own[1]) / max(weighed[0] + weighed[1], 1e-30)
     if beyond <= 0.0:
-        return np.zeros(3), np.zeros(2)
+        return np.zeros(3), np.zeros(3)
     normal = reference.subsets.normal[point][np.ix_([0, 3], [0, 3])]
     inverse = np.linalg.pinv(normal)
     spread = inverse @ np.array([[weighed[0], weighed[2]], [weighed[2], weighed[1]]]) @ inverse
     result = beyond * np.array([spread[0, 0], spread[1, 1], spread[0, 1]])
-    shares = np.zeros(2)
+    unseen = np.zeros(3)
     size = np.maximum(np.sqrt(error) - _MEAN_SIZE * math.sqrt(noise), 0.0)
-    for k, (along, other) in enumerate(((slope_x, slope_y), (slope_y, slope_x))):
-        is_aligned = np.abs(other) <= _ALIGNED * np.abs(along)
-        lines = (np.abs(along) * size * is_aligned).sum(axis=k)
-        shares[k] = float((along**2 * (np.abs(other) <= _NEARLY * np.abs(along))).sum()) / max(
-            float((along**2).sum()), 1e-30
-        )
-        result[k] += _ALIKE * float((lines**2).sum()) / max(float(normal[k, k]), 1e-30) ** 2
-    return result, shares
+    row, column = np.indices(size.shape)
+    for x, y in ((1, 0), (0, 1), (1, 1), (1, -1)):
+        apart = 1.0 / math.hypot(x, y)  # of the lines of pixels
+        along, other = apart * (x * slope_x + y * slope_y), apart * (y * slope_x - x * slope_y)
+        lines = x * column + y * row
+        shown = np.abs(along) * size * (np.abs(other) <= _ALIGNED * np.abs(along))
+        squares = float((np.bincount((lines - lines.min()).ravel(), shown.ravel()) ** 2).sum())
+        is_nearly = np.abs(other) <= _NEARLY * np.abs(along)
+        share = float((along**2 * is_nearly).sum()) / max(float((along**2).sum()), 1e-30)
+        resists = apart**2 * (x * x * normal[0, 0] + y * y * normal[1, 1] + 2 * x * y * normal[0, 1])
+        direction = apart**2 * np.array([x * x, y * y, x * y])
+        result += _ALIKE * squares / max(float(resists), 1e-30) ** 2 * direction
+        unseen += (_UNSEEN * apart * share) ** 2 * direction
+    return result, unseen
