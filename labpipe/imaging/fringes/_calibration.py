@@ -33,7 +33,7 @@ from labpipe.imaging.fringes._trials import (
     is_promising,
 )
 from labpipe.imaging.fringes._view import View
-from labpipe.imaging.fringes._worn_flat import find_flat, find_small_flat, weigh_flat
+from labpipe.imaging.fringes._worn_flat import find_flat, weigh_flat
 
 #: Greatest logarithm of the phase scale that is believed: a factor of two.
 _MOST_SCALE = 0.7
@@ -55,6 +55,8 @@ _ROUND = 0.75
 _BY_GAP, _OPENED, _APART, _FEW_OPENED = 0.3, 0.03, 8.0, 0.34
 #: Variances from which a phase is hinted at, beyond two for each frame, where pixels scatter alone.
 _WEAK_HINT = 10.0
+#: Variances by which one phase and scale for all frames would lower the squares from which more is asked of them.
+_HINTED = 12.0
 #: Things that are found one after the other at most, and from how many on they are found again together.
 _ROUNDS, _TOGETHER = 4, 2
 
@@ -136,14 +138,10 @@ def calibrate(
     if settled is not best:
         best = settled
         attempt.begin_from(best, plain_axes, result)
-    settled, result = weigh_flat(attempt, plain_axes, result, best, log_stated)
-    settled, result = find_small_flat(attempt, plain_axes, result, settled)
-    if settled is not best:
-        best = settled
-        attempt.begin_from(best, plain_axes, result)
+    best, result = weigh_flat(attempt, plain_axes, result, best, log_stated)
     result = settle_harmonics(attempt, plain_axes, result)
     best = attempt(plain_axes, result) or best
-    if result.is_usual and not best.may_gain(ASSUMED):
+    if result.is_usual and not best.is_doubtful and best.shared_gain(ASSUMED) < _HINTED:
         return result
     stated = Calibration(phase_shift=phase_stated, log_scale=log_stated)
     return settle_together(attempt, plain_axes, result, best, stated, is_phase_free=is_phase_free)

@@ -27,6 +27,8 @@ _LEAST_TRAVEL = 0.3
 #: Pixels of a cell in the mean, at least.
 _PIXELS_PER_CELL = 8
 _NO_LIMITS = np.empty(0)
+#: Step of the square of a flat, as a share of that of the contact, by which its effect is told.
+FLAT_STEP = 0.002
 #: Variance of wavenumbers below which its effect is taken as proportional to it: that of a band 2 % wide.
 LEAST_BAND = 2e-4
 
@@ -62,17 +64,24 @@ def tabulate(ring: Ring, parameters: Floats, free: Integers, optics: Optics) -> 
     harmonics = tuple(float(parameters[p]) for p in HARMONICS)
     before = (0.0, 0.0, 0.0) if optics.by_camera else harmonics
 
-    def of_scale(scale: float) -> Floats:
-        return fill_table(distance, radius, travel, nodes, weights, scale, phase, kernel, *before, is_rich, optics.flat)
+    def of_scale(scale: float, flat: float = optics.flat) -> Floats:
+        return fill_table(distance, radius, travel, nodes, weights, scale, phase, kernel, *before, is_rich, flat)
 
     spread = optics.spread + float(parameters[Parameter.SPREAD])
     values = _of_colours(of_scale, (1.0 + 0.5 * spread) * phase_scale, optics)
+    plain = values[0].copy()
     if spread or Parameter.SPREAD in free:
         of_both = partial(_of_colours, of_scale, optics=optics)
         values = _of_band(of_both, phase_scale, values, optics.spread, spread)
         # a band even in wavelengths has a mean wavenumber that is larger by its variance: half of that is taken
         at = start + np.arange(values.shape[1]) / SAMPLES_PER_PIXEL
         values[-1] += 0.25 * (at * values[1] + radius * values[2])
+    if Parameter.FLAT in free:
+        step = FLAT_STEP * radius**2
+        worn = partial(of_scale, flat=math.sqrt(optics.flat**2 + step))
+        change = _of_colours(worn, (1.0 + 0.5 * spread) * phase_scale, optics)[0] - plain
+        by_spread = values[9:] if len(values) > 9 else np.zeros((1, values.shape[1]))
+        values = np.vstack([values[:9], by_spread, change / step])
     if is_rich:
         values[0] += min(optics.blur**2 + float(parameters[Parameter.BLUR]), 0.0) * values[5]
     table = by_smear(RadialTable(start, values), parameters)

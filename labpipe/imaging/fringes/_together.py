@@ -17,12 +17,14 @@ from labpipe.imaging.fringes._ring_parameters import ASSUMED, AXES, BEAMS, HARMO
 from labpipe.imaging.fringes._trials import FACTOR, FEW_FRAMES, FEW_PIXELS, HINT, Attempt, Calibration, Trial
 
 #: How far each may be from what was stated: a standard uncertainty that keeps what frames do not tell.
-_PRIOR, _ANY = {Parameter.SCALE: 0.1, Parameter.SPREAD: 1e-3}, 1.0
+_PRIOR, _ANY = {Parameter.SCALE: 0.1, Parameter.SPREAD: 1e-3, Parameter.FLAT: 1e4, Parameter.BLUR: 10.0}, 1.0
 #: Standard uncertainties from what was stated up to which it is given up.
 _SURE = 4.0
 #: What is left beyond differences of neighbours, in amplitudes, from which noise with a memory tells less of the
 #: light than the scatter along the rings says, and misfit from which errors of the model stand in for the light.
 _ROUGH, _NOTABLE = 0.03, 0.01
+#: Flat that is sought from, and the largest one that hides, as shares of the smallest contact.
+_FIRST_FLAT, _MOST_FLAT = 0.3, 0.6
 #: Travel in the exposure (px) from which it hides all else.
 _FAR = 3.5
 #: Gain of a step (variances), and relative change of the blur, at which all is settled.
@@ -63,6 +65,7 @@ def _value(known: Calibration, parameter: Parameter) -> float:
         Parameter.SCALE: known.log_scale,
         Parameter.SPREAD: known.spread,
         Parameter.BLUR: known.blur**2,
+        Parameter.FLAT: known.flat**2,
     }
     return shared[parameter]
 
@@ -76,6 +79,7 @@ def _with_values(known: Calibration, values: dict[Parameter, float]) -> Calibrat
     return replace(
         known,
         blur=math.sqrt(max(square, 0.0)),
+        flat=math.sqrt(max(values.get(Parameter.FLAT, known.flat**2), 0.0)),
         phase_shift=phase,
         log_scale=scale,
         spread=max(spread, 0.0),
@@ -92,17 +96,21 @@ def _tell(
     if trial is None:
         return None
     bend, slope = np.zeros((len(asked), len(asked))), np.zeros(len(asked))
+    # what a fit tells of the scale goes with a flat that it scales as well
+    turned = np.eye(len(asked))
+    if Parameter.FLAT in asked and Parameter.SCALE in asked:
+        turned[asked.index(Parameter.SCALE), asked.index(Parameter.FLAT)] = known.flat**2
     for fit in trial.fits:
         # neighbouring pixels that share their noise tell less
         memory = fit.deviation(Parameter.RADIUS) / max(fit.residual * fit.leverage, 1e-12)
         weight = 1.0 / (max(fit.residual, 1e-6) * max(memory, 1.0)) ** 2
-        bend += weight * fit.bend
-        slope += weight * fit.slope
+        bend += weight * turned @ fit.bend @ turned.T
+        slope += weight * turned @ fit.slope
     prior = np.array([_PRIOR.get(p, _ANY) for p in asked]) ** -2.0
     slope -= prior * [_value(known, p) - _value(stated, p) for p in asked]
     covariance: Floats = np.asarray(np.linalg.inv(bend + np.diag(prior)), np.float64)
     step: Floats = covariance @ slope
-    shifts = np.array([[fit.sensitivity[p] for p in asked] for fit in trial.fits])
+    shifts = np.array([[fit.sensitivity[p] for p in asked] for fit in trial.fits]) @ turned.T
     return _Told(trial, asked, step, covariance, float(step @ slope), shifts)
 
 
@@ -128,7 +136,12 @@ def _settled(
             break
         steps = zip(told.asked, told.step.tolist(), strict=True)
         known = replace(known, blur=blur)
-        known = _with_values(known, {p: _value(known, p) + step for p, step in steps})
+        values = {p: _value(known, p) + step for p, step in steps}
+        if Parameter.FLAT in values:
+            smallest = min(float(fit.parameters[Parameter.RADIUS]) for fit in told.trial.fits)
+            most = max(known.flat, _MOST_FLAT * smallest)
+            values[Parameter.FLAT] = min(values[Parameter.FLAT], most**2)
+        known = _with_values(known, values)
     return told, known
 
 
@@ -158,12 +171,15 @@ def settle_together(
     is_phase_free : bool
         Whether the phase may be changed.
     """
-    found = [p for p in WAVES if _value(known, p) != _value(stated, p)]
+    found = [p for p in (*WAVES, Parameter.FLAT) if _value(known, p) != _value(stated, p)]
     beside = AXES if any(known.ellipse) else ()
     if any(known.harmonics):
         beside += (*BEAMS, *((Parameter.TURNED,) if known.harmonics[1] else ()))
     hidden = _hidden(attempt, axes, known, best, stated, (*found, *beside), is_phase_free=is_phase_free)
     light, seen = [*found, *hidden], known
+    if Parameter.FLAT in hidden:
+        # one that is small beside the contact hardly shows how it should change
+        seen = replace(seen, flat=_FIRST_FLAT * min(float(fit.parameters[Parameter.RADIUS]) for fit in best.fits))
     while light or beside:
         told, seen = _settled(attempt, axes, seen, (*light, *beside), stated)
         if told is None:
@@ -173,6 +189,8 @@ def settle_together(
         u = {p: math.hypot(beyond[p] * told.deviation(p), doubts[p]) for p in light}
         sure = {p: abs(_value(seen, p) - _value(stated, p)) / u[p] for p in light}
         if not hidden or not light or min(sure.values()) > _SURE:
+            if told.trial.gain_over(best) < -HINT * _memory(best):
+                return known
             every = (*dict.fromkeys((*found, *hidden)), *beside)
             rest = _tell(attempt, axes, seen, every, stated) if len(every) > len(told.asked) else None
             is_hinted = rest is not None and rest.gain > HINT * _memory(best)
@@ -204,7 +222,11 @@ def _hidden(
     is_cut = any(known.harmonics) and (known.by_camera or not known.blur)
     may_be = [p for p in WAVES if (is_phase_free and not is_cut) or p is not Parameter.PHASE]
     if best.is_quiet:
-        may_be += [*(() if any(known.harmonics) else BEAMS), *(() if known.blur else (Parameter.BLUR,))]
+        may_be += [
+            *(() if Parameter.SCALE in found else (Parameter.FLAT,)),
+            *(() if any(known.harmonics) else BEAMS),
+            *(() if known.blur else (Parameter.BLUR,)),
+        ]
     hidden = [p for p in may_be if p not in found]
     if not hidden or _moves_far(best, known):
         return []
@@ -233,6 +255,7 @@ def _doubts(
     attempt: Attempt, free: Sequence[Parameter], known: Calibration, told: _Told, light: Sequence[Parameter]
 ) -> dict[Parameter, float]:
     """Return what errors of the model make of what frames tell of their light."""
+    free = [p for p in free if p is not Parameter.FLAT]
     trial = attempt(free, known) if told.trial.is_doubtful and light else None
     if trial is None:
         return dict.fromkeys(light, 0.0)

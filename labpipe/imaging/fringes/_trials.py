@@ -27,6 +27,9 @@ SIGNIFICANT = 5.0
 #: What is left beyond noise, in variances over the root of the number of pixels, that may be there by chance: the
 #: ratio of both squares scatters by about 2.
 _CHANCE = 4.0
+#: Ratio of the largest radius to the smallest from which both tell how an uncertainty goes with it, and the
+#: greatest power of the radius that is believed.
+_APART, _MOST_POWER = 1.05, 8.0
 #: What is left beyond differences of neighbours, in amplitudes, below which noise with a memory plays no part.
 _QUIET = 0.01
 #: Frames and pixels of a first look, the share of the squared misfit that it must leave less than, and
@@ -102,8 +105,17 @@ class Calibration:
         return replace(self, radii=tuple(radii[order].tolist()), u_shared=tuple(total[order].tolist()))
 
     def shared(self, radius: float) -> float:
-        """Return the standard uncertainty (px) that blur, harmonics and flat give to a radius (px)."""
-        return float(np.interp(radius, self.radii, self.u_shared)) if self.radii else 0.0
+        """Return the standard uncertainty (px) that blur, harmonics and flat give to a radius (px).
+
+        Smaller contacts than those that were used tell less, by the power of the radius that these show.
+        """
+        if not self.radii:
+            return 0.0
+        u, first, last = float(np.interp(radius, self.radii, self.u_shared)), self.radii[0], self.radii[-1]
+        if radius >= first or last < _APART * first or not 0.0 < self.u_shared[-1] < self.u_shared[0]:
+            return u
+        power = math.log(self.u_shared[0] / self.u_shared[-1]) / math.log(last / first)
+        return u * (first / max(radius, 1.0)) ** min(power, _MOST_POWER)
 
     def deviation_of(self, fit: RingFit) -> float:
         """Return the standard uncertainty (px) that all that was found of the optics gives to the radius of a fit."""
@@ -233,6 +245,16 @@ class Trial:
     def may_gain(self, parameters: tuple[Parameter, ...], least: float = HINT) -> bool:
         """Tell whether it is worth while to fit more: errors of the model are seen, or such a fit hints at."""
         return self.is_doubtful or sum(fit.expected_gain(parameters) for fit in self.fits) > least
+
+    def shared_gain(self, parameters: tuple[Parameter, ...]) -> float:
+        """Return by how many variances the squares would fall, to first order, with these alike in all frames."""
+        bend, slope = np.zeros((len(parameters), len(parameters))), np.zeros(len(parameters))
+        for fit in self.fits:
+            rows = [fit.asked.index(p) for p in parameters]
+            weight = max(fit.residual, 1e-6) ** -2.0
+            bend += weight * fit.bend[np.ix_(rows, rows)]
+            slope += weight * fit.slope[rows]
+        return float(slope @ np.linalg.lstsq(bend, slope)[0])
 
     @property
     def least_gain(self) -> float:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from labpipe.imaging.fringes._ring_parameters import ASSUMED, Parameter
+from labpipe.imaging.fringes._ring_parameters import Parameter
 from labpipe.imaging.fringes._trials import HINT, Attempt, Calibration, Trial, doubt
 
 #: Flats that are tried as shares of the smallest contact, until one leaves so much more than
@@ -33,36 +33,18 @@ def _disagreement(smaller: Trial, middle: Trial, larger: Trial, unit: float) -> 
 def find_flat(
     attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial
 ) -> tuple[Trial, Calibration] | None:
-    """Flat that leaves least in all frames, when it explains them better than a whole sphere."""
+    """Flat that leaves least in all frames, when it explains them better than a whole sphere and than another scale."""
     if known.flat or not best.is_doubtful:
         return None
-    found = _found_flat(attempt, axes, known, best, 0.0)
-    return found if found is not None and found[0].is_better_than(best) else None
-
-
-def find_small_flat(
-    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial
-) -> tuple[Trial, Calibration]:
-    """Flat that hides below what is seen of errors of the model, as phase and scale feel it, with all else known."""
-    if known.flat or best.is_doubtful or not (best.is_quiet and best.may_gain(ASSUMED)):
-        return best, known
-    found = _found_flat(attempt, axes, known, best, HINT)
-    # what is no flat is felt beside one as well
-    return (best, known) if found is None or found[0].may_gain(ASSUMED) else found
-
-
-def _found_flat(
-    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, beyond: float
-) -> tuple[Trial, Calibration] | None:
-    """Best flat, where it explains the frames by more than another scale does, ``beyond`` so many variances."""
     found = _best_flat(attempt, axes, known, best, math.inf)
     if found is None or found[1].gain_over(best) < _FLAT_VARIANCES:
         return None
     # a wrong wavelength or ruler is commoner than wear, and moves rings nearly alike
     scaled = attempt((*axes, Parameter.SCALE), known)
-    if scaled is not None and scaled.gain_over(best) + beyond >= found[1].gain_over(best):
+    if scaled is not None and scaled.gain_over(best) >= found[1].gain_over(best):
         return None
-    return _settled_flat(attempt, axes, known, *found)
+    settled = _settled_flat(attempt, axes, known, *found)
+    return settled if settled is not None and settled[0].is_better_than(best) else None
 
 
 def weigh_flat(
