@@ -223,7 +223,7 @@ def _hidden(
     may_be = [p for p in WAVES if (is_phase_free and not is_cut) or p is not Parameter.PHASE]
     if best.is_quiet:
         may_be += [
-            *(() if Parameter.SCALE in found else (Parameter.FLAT,)),
+            *(() if set(ASSUMED) & set(found) else (Parameter.FLAT,)),
             *(() if any(known.harmonics) else BEAMS),
             *(() if known.blur else (Parameter.BLUR,)),
         ]
