@@ -11,7 +11,7 @@ from labpipe.imaging.dic._film_window import Loaded
 from labpipe.imaging.dic._growth import CHANCE, COMMON, NO_GROWTH, Growth, more_blur
 from labpipe.imaging.dic._inputs import LEAST_SUBSET
 from labpipe.imaging.dic._motion_uncertainty import one_way
-from labpipe.imaging.dic._pattern import Pattern
+from labpipe.imaging.dic._pattern import Pattern, quickly_changing
 from labpipe.imaging.dic._reference import Reference
 from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, HIDDEN, LIGHT
 from labpipe.imaging.dic._subset_solver import SOLVED, Solution, empty_solution, put, solve
@@ -27,6 +27,8 @@ _ROUNDS, _EXPLAINED = 3, 0.7
 _ELSEWHERE = 0.75
 #: Residual of noise alone over the least that a point has shown, at most.
 _LEAST = 1.3
+#: Variance of noise over what of it changes from pixel to pixel, at most: noise with a memory does less so.
+_MEMORY = 4.0
 #: Points that tell the blur of a frame.
 _TELLING = 24
 #: Solves subsets, numbers of them, from motions; the last are their places among all that are asked for.
@@ -60,7 +62,9 @@ class FrameSolver:
         self._pattern = reference.pattern
         self._matcher = BlurMatcher(reference.patterns)
         #: Least residual of each point so far, as noise of its pixels: what is more is no noise alone.
-        self._least = np.full(count, np.inf)
+        self._least = (
+            _MEMORY * (1.0 + reference.noise.static_frames) * quickly_changing(reference.mean, reference.subsets)
+        )
         self._softened: tuple[Loaded, Pattern, Floats32] | None = None
         self._is_edge = one_way(reference.subsets)
         #: Whether the frame at hand is one of those averaged into the reference.

@@ -23,12 +23,10 @@ class Standing:
     """
 
     hidden: Flags
-    _table: Integers = field(init=False, repr=False)
+    _table: NDArray[np.int32] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        table = np.zeros((self.hidden.shape[0] + 1, self.hidden.shape[1] + 1), np.int64)
-        table[1:, 1:] = self.hidden.cumsum(axis=0).cumsum(axis=1)
-        object.__setattr__(self, "_table", table)
+        object.__setattr__(self, "_table", cv2.integral(self.hidden.astype(np.uint8)))
 
     def touches(self, x: Integers, y: Integers, half: Integers, motion: Floats) -> Flags:
         """Tell which subsets (point,) of given centres may hold something hidden once they have moved."""

@@ -288,3 +288,12 @@ def test_the_change_itself_is_told() -> None:
     assert float(found.blur_growth[1].mean()) == pytest.approx(0.49, rel=0.06)
     assert float(found.light_slope_x[2].mean()) == pytest.approx(0.002, rel=0.05)
     assert float(found.light_slope_y[2].mean()) == pytest.approx(-0.001, rel=0.05)
+
+
+@pytest.mark.parametrize("after", [View(defocus=2.5), View(defocus=0.6, smear=(6.5, 4.6))], ids=["focus", "smear"])
+def test_what_a_wide_blur_leaves_is_not_taken_for_noise(after: View) -> None:
+    """In the first frames nothing bounded it: noise of the reference, which the frame lacks, also looks like a blur."""
+    draw = partial(from_spectrum, 0.8 * film_scenes.random_field(SIZE, 2.4, 61))
+    error, z, _ = ratios(draw, View(defocus=0.6), after)
+    assert error < 1.05 * ratios(draw, after, after)[0]
+    assert 0.85 < z < 1.15
