@@ -27,6 +27,8 @@ _ROUGH, _NOTABLE = 0.03, 0.01
 _FIRST_FLAT, _MOST_FLAT = 0.3, 0.6
 #: Travel in the exposure (px) from which it hides all else.
 _FAR = 3.5
+#: Share of the change of the radius that stays uncertain where a single frame tells of what hid in it.
+_ALONE = 0.5
 #: Gain of a step (variances), and relative change of the blur, at which all is settled.
 _SMALL_GAIN, _SETTLED_BLUR = 0.3, 0.003
 
@@ -118,11 +120,15 @@ def _settled(
     attempt: Attempt, axes: Sequence[Parameter], known: Calibration, asked: tuple[Parameter, ...], stated: Calibration
 ) -> tuple[_Told | None, Calibration]:
     """Step to what explains the frames best, and to the blur that they show then."""
-    told, before, gain = None, 0.0, 1.0
+    before, gain = 0.0, 1.0
+    told: _Told | None = None
+    nearest: tuple[_Told, Calibration] | None = None
     for _ in range(BLUR_ROUNDS):
         told = _tell(attempt, axes, known, asked, stated)
         if told is None:
-            break
+            return None, known
+        if nearest is None or told.trial.gain_over(nearest[0].trial) > 0.0:
+            nearest = told, known
         blur = known.blur
         if blur and Parameter.BLUR not in asked:
             # What else is found with it bends what the frames show: a step may overshoot.
@@ -142,6 +148,8 @@ def _settled(
             most = max(known.flat, _MOST_FLAT * smallest)
             values[Parameter.FLAT] = min(values[Parameter.FLAT], most**2)
         known = _with_values(known, values)
+    if told and nearest and told.trial.gain_over(nearest[0].trial) < -HINT * _memory(nearest[0].trial):
+        return nearest  # later steps went astray
     return told, known
 
 
@@ -177,30 +185,54 @@ def settle_together(
         beside += (*BEAMS, *((Parameter.TURNED,) if known.harmonics[1] else ()))
     hidden = _hidden(attempt, axes, known, best, stated, (*found, *beside), is_phase_free=is_phase_free)
     light, seen = [*found, *hidden], known
+    if not hidden and known.blur and best.is_quiet and Parameter.SPREAD not in found:
+        known = seen = _with_band_behind_blur(attempt, axes, known, stated)
     if Parameter.FLAT in hidden:
         # one that is small beside the contact hardly shows how it should change
         seen = replace(seen, flat=_FIRST_FLAT * min(float(fit.parameters[Parameter.RADIUS]) for fit in best.fits))
-    while light or beside:
+    if not light and not beside:
+        return seen
+    is_last = not hidden
+    while True:
         told, seen = _settled(attempt, axes, seen, (*light, *beside), stated)
         if told is None:
-            break
+            return seen
         doubts = _doubts(attempt, (*axes, *light, *beside), seen, told, light)
         beyond = {p: 1.0 if p in found else math.sqrt(_memory(best)) for p in light}
         u = {p: math.hypot(beyond[p] * told.deviation(p), doubts[p]) for p in light}
         sure = {p: abs(_value(seen, p) - _value(stated, p)) / u[p] for p in light}
-        if not hidden or not light or min(sure.values()) > _SURE:
-            if told.trial.gain_over(best) < -HINT * _memory(best):
+        if is_last or not light or min(sure.values()) > _SURE:
+            kept, gain = set(hidden) & set(light), told.trial.gain_over(best) / (HINT * _memory(best))
+            if kept and (gain < 0.0 or told.gain > _SURE):
+                # steps went astray or lead nowhere, or the blur stands in for it
+                is_last, light, seen = True, list(found), known
+                continue
+            if gain < -1.0:
                 return known
             every = (*dict.fromkeys((*found, *hidden)), *beside)
             rest = _tell(attempt, axes, seen, every, stated) if len(every) > len(told.asked) else None
             is_hinted = rest is not None and rest.gain > HINT * _memory(best)
+            if len(best.fits) == 1 and kept:
+                # no other frame says whether what hid there is what was found
+                seen = seen.with_shared(told.trial, _ALONE * told.trial.changes(best))
             return _with_uncertainty(told, seen, doubts, rest if is_hinted else None)
         # what tells least is given up, and the others are found without it
         least = min(light, key=lambda p: sure[p])
         gone = [p for p in light if p is least or (least is Parameter.SECOND and p is Parameter.THIRD)]
         light = [p for p in light if p not in gone]
         seen = _with_values(seen, {p: _value(stated, p) for p in gone})
-    return seen
+
+
+def _with_band_behind_blur(
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, stated: Calibration
+) -> Calibration:
+    """Count what a band of colours that a blur may hide makes of the scale: its mean wavenumber is not known then."""
+    told = _tell(attempt, axes, known, (Parameter.SPREAD, Parameter.BLUR), stated)
+    if told is None:
+        return known
+    spread = math.hypot(max(float(told.step[0]), 0.0), told.deviation(Parameter.SPREAD))
+    phase, both, scale = known.covariance
+    return replace(known, covariance=(phase, both, scale + spread**2))
 
 
 def _hidden(
