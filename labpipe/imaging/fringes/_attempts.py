@@ -16,8 +16,6 @@ from labpipe.imaging.fringes._view import View
 
 #: Residual of the last fit of a frame over that of the first from which it is no start for the next.
 _NO_WORSE = 1.02
-#: What is asked for beside what is fitted.
-_ASKS = (*ASSUMED, *AXES)
 #: Evaluations of a fit: what explains the frames settled within 5.
 _ITERATIONS = 8
 #: Blur that is allowed for at the border over the first one that is larger than was allowed for.
@@ -47,18 +45,13 @@ class Attempts:
         self._told: tuple[Trial, float] | None = None
 
     def __call__(
-        self,
-        extra: Sequence[Parameter],
-        known: Calibration,
-        count: int = MOST_FRAMES,
-        pixels: int | None = None,
-        asks: tuple[Parameter, ...] = _ASKS,
+        self, extra: Sequence[Parameter], known: Calibration, count: int = MOST_FRAMES, pixels: int | None = None
     ) -> Trial | None:
         """Return the fits, or None when one of them fails; what was asked before is not fitted again."""
         seen = self._seen(known, pixels)
-        key = tuple(extra), seen, count, asks
+        key = tuple(extra), seen, count
         if key not in self._made:
-            self._made[key] = self._fit(seen, tuple(extra), count, asks)
+            self._made[key] = self._fit(seen, tuple(extra), count)
         return self._made[key]
 
     def begin_from(self, trial: Trial, extra: Sequence[Parameter], known: Calibration) -> None:
@@ -67,7 +60,7 @@ class Attempts:
         self._first = [(fit, seen.optics.blur) for fit in trial.fits]
         self._last.clear()
         self._made.clear()
-        self._made[tuple(extra), seen, MOST_FRAMES, _ASKS] = trial
+        self._made[tuple(extra), seen, MOST_FRAMES] = trial
 
     def keep(self, places: Sequence[int], trial: Trial, extra: Sequence[Parameter], known: Calibration) -> None:
         """Go on with some of the frames alone, from a trial of these."""
@@ -87,10 +80,10 @@ class Attempts:
             return seen
         return replace(seen, settings=replace(seen.settings, max_pixels=pixels, tells_memory=False))
 
-    def _fit(self, view: View, extra: tuple[Parameter, ...], count: int, asks: tuple[Parameter, ...]) -> Trial | None:
+    def _fit(self, view: View, extra: tuple[Parameter, ...], count: int) -> Trial | None:
         """Fit frames with further parameters free."""
         free = tuple(dict.fromkeys(view.settings.free + extra))
-        settings = replace(view.settings, free=free, asks=asks, max_iterations=_ITERATIONS)
+        settings = replace(view.settings, free=free, asks=(*ASSUMED, *AXES), max_iterations=_ITERATIONS)
         last = self._last.setdefault(free, [])
         # All that is tried is compared on the same pixels: what a blur leaves out at the border is left out of all.
         if view.optics.blur > max(self._widest, LEAST_SHAPED):
@@ -118,7 +111,7 @@ def _parameters(start: RingFit, blur: float, view: View, extra: tuple[Parameter,
     if Parameter.STRETCH not in extra:
         parameters[[Parameter.STRETCH, Parameter.SHEAR]] = view.ellipse
     parameters[Parameter.PHASE] = view.optics.phase
-    parameters[[Parameter.SCALE, Parameter.SPREAD]] = 0.0
+    parameters[Parameter.SCALE] = 0.0
     if Parameter.SMEAR in view.settings.free:
         beyond = blur**2 + float(parameters[Parameter.BLUR]) - view.optics.blur**2
         parameters[Parameter.SMEAR] = max(float(parameters[Parameter.SMEAR]) + EVEN * beyond, 0.0)

@@ -13,18 +13,16 @@ from numpy.typing import NDArray
 
 from labpipe.imaging.fringes._attempts import Attempts
 from labpipe.imaging.fringes._harmonics import find_blur_before_camera, find_coating, find_harmonics, settle_harmonics
-from labpipe.imaging.fringes._lens_blur import find_blur, settle_blur
+from labpipe.imaging.fringes._lens_blur import BLUR_ROUNDS, LEAST_BLUR, find_blur, least_blur, next_gain, settle_blur
 from labpipe.imaging.fringes._open_gap import explained_by_gap
 from labpipe.imaging.fringes._ring_fit import RingFit
-from labpipe.imaging.fringes._ring_parameters import ASSUMED, AXES, BEAMS, Parameter
+from labpipe.imaging.fringes._ring_parameters import AXES, BEAMS, Parameter
 from labpipe.imaging.fringes._second_colour import find_second_colour, settle_colour
-from labpipe.imaging.fringes._together import settle_together
 from labpipe.imaging.fringes._trials import (
-    BY_MEMORY,
     FACTOR,
     FEW_PIXELS,
+    HINT,
     MOST_FRAMES,
-    PROMISE,
     SIGNIFICANT,
     VARIANCES,
     Attempt,
@@ -33,7 +31,7 @@ from labpipe.imaging.fringes._trials import (
     is_promising,
 )
 from labpipe.imaging.fringes._view import View
-from labpipe.imaging.fringes._worn_flat import find_flat, weigh_flat
+from labpipe.imaging.fringes._worn_flat import find_flat, find_small_flat, weigh_flat
 
 #: Greatest logarithm of the phase scale that is believed: a factor of two.
 _MOST_SCALE = 0.7
@@ -55,8 +53,6 @@ _ROUND = 0.75
 _BY_GAP, _OPENED, _APART, _FEW_OPENED = 0.3, 0.03, 8.0, 0.34
 #: Variances from which a phase is hinted at, beyond two for each frame, where pixels scatter alone.
 _WEAK_HINT = 10.0
-#: Variances by which one phase and scale for all frames would lower the squares from which more is asked of them.
-_HINTED = 12.0
 #: Things that are found one after the other at most, and from how many on they are found again together.
 _ROUNDS, _TOGETHER = 4, 2
 
@@ -69,7 +65,6 @@ def calibrate(
     is_phase_free: bool,
     shape: str,
     rough: Sequence[Parameter] = (),
-    phase_stated: float = 0.0,
     log_stated: float = 0.0,
 ) -> Calibration:
     """Find phase, scale and ellipticity of a film.
@@ -88,8 +83,8 @@ def calibrate(
         Whether circles may be ellipses: if the film says so, no, or yes in every frame.
     rough : sequence of Parameter
         Which of phase and scale the view has from single frames, so that they are found anew.
-    phase_stated, log_stated : float
-        Phase and logarithm of the phase scale as they are stated, relative to those of the view.
+    log_stated : float
+        Logarithm of the phase scale as it is stated, relative to that of the view.
 
     Returns
     -------
@@ -111,7 +106,7 @@ def calibrate(
     if rough:
         trial = attempt((*plain_axes, *rough), result)
         if trial is not None:
-            result = _with(trial, result, rough, view)
+            result = _with_rough(trial, result, rough, view)
             best = attempt(plain_axes, result) or best
     if result.colour[1]:
         best, result = settle_colour(attempt, plain_axes, result) or (best, result)
@@ -138,13 +133,17 @@ def calibrate(
     if settled is not best:
         best = settled
         attempt.begin_from(best, plain_axes, result)
-    best, result = weigh_flat(attempt, plain_axes, result, best, log_stated)
-    result = settle_harmonics(attempt, plain_axes, result)
-    best = attempt(plain_axes, result) or best
-    if result.is_usual and not best.is_doubtful and best.shared_gain(ASSUMED) < _HINTED:
+    settled, result = weigh_flat(attempt, plain_axes, result, best, log_stated)
+    settled, result = find_small_flat(attempt, plain_axes, result, settled)
+    if settled is not best:
+        best = settled
+        attempt.begin_from(best, plain_axes, result)
+    result = _refine(attempt, plain_axes, settle_harmonics(attempt, plain_axes, result), view)
+    # What a film shows beyond the third harmonic looks like a small phase where no lens has blurred it.
+    is_cut = any(result.harmonics) and (result.by_camera or not result.blur)
+    if not is_phase_free or result.phase_shift != 0.0 or is_cut:
         return result
-    stated = Calibration(phase_shift=phase_stated, log_scale=log_stated)
-    return settle_together(attempt, plain_axes, result, best, stated, is_phase_free=is_phase_free)
+    return _with_hidden_phase(attempt, plain_axes, result, view)
 
 
 def _without_opened(
@@ -171,6 +170,28 @@ def _without_opened(
     return best, known
 
 
+def _with_hidden_phase(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, view: View) -> Calibration:
+    """Count what a phase that the frames hint at, but not beyond doubt or not the same one, would make of the radius.
+
+    What is no phase, as a small flat seen out of focus, hints at one as well, and moves the radius as much.
+    """
+    best = attempt(tuple(axes), known)  # with all that is known by now, or its gain would be the phase's
+    least = HINT if best is None or not best.is_quiet else _WEAK_HINT + 2.0 * len(best.fits)
+    if best is None or not best.may_gain((Parameter.PHASE,), least):
+        return known
+    trial = attempt((*axes, Parameter.PHASE), known)
+    if trial is None or trial.gain_over(best) < least:
+        return known
+    changes = trial.changes(best)
+    if best.is_quiet:
+        own = np.array([fit.deviation(Parameter.RADIUS) for fit in trial.fits])
+        return known.with_shared(trial, np.sqrt(np.maximum(changes**2 - own**2, 0.0)))
+    phase, deviation = trial.mean(Parameter.PHASE)
+    if abs(phase - view.optics.phase) <= SIGNIFICANT * deviation:
+        return known
+    return known.with_shared(trial, float(np.median(changes)))
+
+
 def _candidates(
     attempt: Attempts,
     axes: Sequence[Parameter],
@@ -194,7 +215,6 @@ def _candidates(
         lambda: find_coating(attempt, axes, known, best, view),
         lambda: _find_optics(attempt, axes, known, best, Parameter.PHASE, view),
         lambda: _find_optics(attempt, axes, known, best, Parameter.SCALE, view),
-        lambda: None if known.spread else _find_optics(attempt, axes, known, best, Parameter.SPREAD, view),
         lambda: find_flat(attempt, axes, known, best),
         lambda: find_flat(attempt, axes, replace(known, log_scale=log_stated), best) if log_stated else None,
         lambda: find_blur_before_camera(attempt, axes, known, best),
@@ -227,9 +247,7 @@ def _find_ellipse(attempt: Attempts, known: Calibration, best: Trial) -> tuple[T
         oblique = attempt(extra, known) if is_likely else None
         if oblique is None or oblique.gain_over(best) <= VARIANCES * len(best.fits):
             continue
-        # dust and the like leave as much with any ellipse
-        is_beyond = oblique.gain_over(best) > BY_MEMORY * VARIANCES * len(best.fits)
-        if oblique.rough_excess * (1.0 / PROMISE if is_beyond else FACTOR) >= best.rough_excess:
+        if oblique.rough_excess * FACTOR >= best.rough_excess:
             continue
         (stretch, u_stretch), (shear, u_shear) = (oblique.mean(axis) for axis in AXES)
         if max(abs(stretch) / u_stretch, abs(shear) / u_shear) <= SIGNIFICANT:
@@ -239,22 +257,28 @@ def _find_ellipse(attempt: Attempts, known: Calibration, best: Trial) -> tuple[T
             scale, u = oblique.mean(Parameter.SCALE)
             if abs(scale) <= SIGNIFICANT * u or abs(scale) > _MOST_SCALE:
                 continue
-            found = replace(found, log_scale=scale)
+            found = replace(found, log_scale=scale, u_log_scale=u)
         return attempt((), found) or oblique, found
     return best, known
 
 
-def _with(trial: Trial, known: Calibration, free: Sequence[Parameter], view: View) -> Calibration:
-    """Take what was left free in a trial from it."""
-    if Parameter.PHASE in free:
-        known = replace(known, phase_shift=trial.mean(Parameter.PHASE)[0] - view.optics.phase)
-    if Parameter.SCALE in free:
-        known = replace(known, log_scale=known.log_scale + trial.mean(Parameter.SCALE)[0])
-    if Parameter.SPREAD in free:
-        known = replace(known, spread=max(known.spread + trial.mean(Parameter.SPREAD)[0], 0.0))
-    if Parameter.SECOND in free:
+def _with_rough(trial: Trial, known: Calibration, rough: Sequence[Parameter], view: View) -> Calibration:
+    """Take phase and scale from a trial that left them free."""
+    if Parameter.PHASE in rough:
+        phase, u = trial.mean(Parameter.PHASE)
+        known = replace(known, phase_shift=phase - view.optics.phase, u_phase_shift=u)
+    if Parameter.SCALE in rough:
+        scale, u = trial.mean(Parameter.SCALE)
+        known = replace(known, log_scale=scale, u_log_scale=u)
+    return known
+
+
+def _with_beside(trial: Trial, known: Calibration, beside: Sequence[Parameter], view: View) -> Calibration:
+    """Take phase, harmonics and ellipse from a trial that left them free."""
+    known = _with_rough(trial, known, [p for p in beside if p is Parameter.PHASE], view)
+    if Parameter.SECOND in beside:
         known = replace(known, harmonics=trial.harmonics)
-    if Parameter.STRETCH in free:
+    if Parameter.STRETCH in beside:
         known = replace(known, ellipse=(trial.mean(Parameter.STRETCH)[0], trial.mean(Parameter.SHEAR)[0]))
     return known
 
@@ -283,16 +307,45 @@ def _found(known: Calibration) -> list[tuple[Parameter, ...]]:
         ((Parameter.SCALE,), known.log_scale != 0.0),
         (BEAMS, any(known.harmonics)),
         ((Parameter.TURNED,), known.harmonics[1] != 0.0),
-        ((Parameter.SPREAD,), known.spread != 0.0),
         (AXES, known.ellipse != (0.0, 0.0)),
     )
     return [group for group, is_found in groups if is_found]
 
 
+def _refine(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, view: View) -> Calibration:
+    """Find again together, and with the blur, what was found one after the other while another stood in for it."""
+    found = _found(known)
+    free = [parameter for group in found for parameter in group]
+    if len(found) + bool(known.blur) < _TOGETHER:
+        return known
+    before, gain = 0.0, 1.0
+    for _ in range(BLUR_ROUNDS):
+        trial = attempt((*axes, *free), known)
+        if trial is None:
+            return known
+        known = _with_beside(trial, known, free, view)
+        if Parameter.SCALE in free:
+            change, u = trial.mean(Parameter.SCALE)
+            known = replace(known, log_scale=known.log_scale + change, u_log_scale=u)
+        if not known.blur:
+            break
+        square = known.blur**2
+        beyond = least_blur(trial, known.blur)[0] - square
+        # What else is found with it bends what the frames show: a step may overshoot.
+        gain = next_gain(gain, before, beyond)
+        before = gain * beyond
+        square = max(square + before, LEAST_BLUR**2)
+        is_settled = abs(math.sqrt(square) - known.blur) < _SETTLED_BLUR * known.blur
+        known = replace(known, blur=math.sqrt(square))
+        if is_settled:
+            break
+    return known
+
+
 def _find_optics(
     attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, parameter: Parameter, view: View
 ) -> tuple[Trial, Calibration] | None:
-    """Phase, scale or spread of colours that the film shows, when it explains the frames much better.
+    """Phase or scale that the film shows, when it explains the frames much better.
 
     What was found while it was wrong is found again with it.
     """
@@ -304,12 +357,16 @@ def _find_optics(
     if trial is None or not trial.is_better_than(best):
         return None
     value, deviation = trial.mean(parameter)
-    found = _with(trial, known, (parameter, *beside), view)
+    found = _with_beside(trial, known, beside, view)
     if parameter is Parameter.PHASE:
-        value = found.phase_shift - known.phase_shift
-    if abs(value) <= SIGNIFICANT * deviation or abs(found.log_scale) > _MOST_SCALE:
+        shift = value - view.optics.phase
+        if abs(shift - known.phase_shift) <= SIGNIFICANT * deviation:
+            return None
+        return trial, replace(found, phase_shift=shift, u_phase_shift=deviation)
+    scale = known.log_scale + value
+    if abs(value) <= SIGNIFICANT * deviation or abs(scale) > _MOST_SCALE:
         return None
-    return None if parameter is Parameter.SPREAD and value < 0.0 else (trial, found)
+    return trial, replace(found, log_scale=scale, u_log_scale=deviation)
 
 
 def _choose(fits: dict[int, RingFit]) -> tuple[int, ...]:

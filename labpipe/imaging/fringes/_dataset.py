@@ -216,10 +216,10 @@ def _systematic(fit: RingFit, result: FilmResult, options: FilmOptions, uncertai
     return np.abs(
         [
             by_scale * uncertainties["sphere_radius"] / options.sphere_radius,
-            by_scale * relative_wavelength,
+            by_scale * math.hypot(relative_wavelength, result.calibration.u_log_scale),
             (radius - 2.0 * by_scale) * relative,
-            by_phase * uncertainties["phase"],
-            result.calibration.deviation_of(fit) * pixel,
+            by_phase * math.hypot(uncertainties["phase"], result.calibration.u_phase_shift),
+            result.calibration.shared(float(fit.parameters[Parameter.RADIUS])) * pixel,
             0.0,
         ]
     )
@@ -392,7 +392,7 @@ def _attributes(options: FilmOptions, result: FilmResult, uncertainties: dict[st
     rows = _rows_told(result), _lost_told(result)
     return {
         "phase": phase if result.has_fringes else math.nan,
-        "u_phase": math.sqrt(result.calibration.covariance[0]),
+        "u_phase": result.calibration.u_phase_shift,
         "phase_scale_ratio": math.exp(result.log_scale),
         "flat_radius": result.calibration.flat * options.pixel_size,
         "blur": result.calibration.blur,

@@ -169,7 +169,6 @@ def _calibrate(
         is_phase_free=options.phase is None,
         shape=_shape(reader.film, options),
         rough=rough,
-        phase_stated=stated.phase - optics.phase,
         log_stated=math.log(stated.phase_scale / optics.phase_scale),
     )
     if result.calibration.is_usual and optics == stated:

@@ -59,8 +59,9 @@ def find_coating(
         simpler = attempt((*axes, *free), known)
         if simpler is not None and not trial.is_better_than(simpler):
             return None
-    shift = trial.mean(Parameter.PHASE)[0] - view.optics.phase
-    return trial, replace(known, harmonics=trial.harmonics, phase_shift=shift)
+    phase, deviation = trial.mean(Parameter.PHASE)
+    shift = phase - view.optics.phase
+    return trial, replace(known, harmonics=trial.harmonics, phase_shift=shift, u_phase_shift=deviation)
 
 
 def find_blur_before_camera(

@@ -51,8 +51,6 @@ class Optics:
         many beams before it.
     colour : (float, float)
         Wavenumber of a second colour over that of the first, and its share of the fringes.
-    spread : float
-        Variance of the wavenumbers in the light, relative to the square of their mean.
     """
 
     phase_scale: float
@@ -62,7 +60,6 @@ class Optics:
     disc: float = 0.0
     by_camera: bool = False
     colour: tuple[float, float] = (1.0, 0.0)
-    spread: float = 0.0
 
 
 def make_optics(pixel_size: float, sphere_radius: float, wavelength: float, phase: float = math.pi) -> Optics:
@@ -268,10 +265,10 @@ class RadialTable:
     ----------
     start : float [px]
         Distance of the first sample; the following are 1 / :data:`SAMPLES_PER_PIXEL` apart.
-    values : array (5 to 10, sample)
+    values : array (5 or 9, sample)
         The term (cosine), its derivatives by distance, contact radius and phase, and by the
         travel of the contact radius during the exposure; rich tables also those by the square of
-        the blur and by the harmonics, and the last where light has a band of colours by the spread of these.
+        the blur and by the harmonics.
     """
 
     start: float

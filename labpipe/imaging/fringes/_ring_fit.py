@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._interference import Optics, part_limits, ring_limits
 from labpipe.imaging.fringes._ring_noise import clustered, slow_power, unsteadiness
-from labpipe.imaging.fringes._ring_parameters import ASSUMED, LIGHT, USUAL, WAVES, Parameter
+from labpipe.imaging.fringes._ring_parameters import ASSUMED, LIGHT, USUAL, Parameter
 from labpipe.imaging.fringes._ring_pixels import Ring, cut_ring
 from labpipe.imaging.fringes._ring_sums import Cells, Sums, ring_cells, ring_sums
 from labpipe.uncertainty import excess_uncertainty
@@ -85,7 +85,7 @@ class RingFit:
     covariance : array (free, free)
         From the residuals, pixel by pixel, so that it holds for any noise without memory.
     sensitivity : dict
-        Change of the radius (px) per change of what was asked for; 0 for :data:`ASSUMED` that were fitted.
+        Change of the radius (px) per change of each of :data:`ASSUMED` that was not fitted.
     residual, noise : float [grey levels]
         Root mean square residual, and the noise seen between neighbours along the rings.
     pixels : int
@@ -112,7 +112,7 @@ class RingFit:
     spread : float [px]
         What is known from elsewhere about errors of the model, as a standard uncertainty.
     doubts : dict
-        What errors of the model make of phase, scale and spread where these were fitted, from parts of the ring.
+        What errors of the model make of phase and scale where these were fitted, from parts of the ring.
     asked : tuple of Parameter
         What was not fitted but asked for.
     slope, bend : arrays (asked,), (asked, asked)
@@ -137,13 +137,13 @@ class RingFit:
     spread: float = 0.0
     doubts: dict[Parameter, float] = field(default_factory=dict)
     asked: tuple[Parameter, ...] = ()
-    slope: Floats = field(default_factory=lambda: np.empty(0))
-    bend: Floats = field(default_factory=lambda: np.empty((0, 0)))
+    slope: Floats | None = None
+    bend: Floats | None = None
 
     def expected_gain(self, parameters: tuple[Parameter, ...]) -> float:
         """Return by how many variances the squares would fall, to first order, with these fitted as well."""
         rows = [self.asked.index(p) for p in parameters if p in self.asked]
-        if not rows:
+        if self.slope is None or self.bend is None or not rows:
             return 0.0
         slope = self.slope[rows]
         step = np.linalg.lstsq(self.bend[np.ix_(rows, rows)], slope)[0]
@@ -257,8 +257,8 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
 
 
 def _with_doubts(fit: RingFit, ring: Ring, optics: Optics) -> RingFit:
-    """Tell what errors of the model make of phase, scale and spread: they are held for all frames."""
-    told = [p for p in WAVES if p in fit.free]
+    """Tell what errors of the model make of phase and scale: both are held for all frames."""
+    told = [p for p in ASSUMED if p in fit.free]
     if fit.worst_deviation == 0.0 or not told:
         return fit
     cells = cells_of_parts(fit, ring, optics)

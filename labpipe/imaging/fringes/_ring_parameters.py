@@ -12,9 +12,7 @@ class Parameter(IntEnum):
     scale. BLUR is the square of the blur (px²) beyond that of the optics. SECOND and TURNED are the
     real and the imaginary part of the ratio q of one harmonic to the one before, as of many beams:
     the real part of z/(1 - qz), z = exp iφ, stands for the cosine. THIRD is a third harmonic beside
-    those (a camera that is not linear). SPREAD is the variance of the wavenumbers in the light, relative to the
-    square of their mean, beyond that of the optics: a band of colours, or a cone of directions. FLAT is the square
-    of the radius of a flat (px²) beyond that of the optics, of which only the derivative is told.
+    those (a camera that is not linear).
 
     With any of LIGHT_, which are the higher powers of x and y, x² - y², xy, x³, x²y, xy², y³, and
     VISIBILITY_, the light is (GAIN + MODULATION · cos · (1 + VISIBILITY_X x + ...)) exp(SLOPE_X x + ...):
@@ -38,17 +36,15 @@ class Parameter(IntEnum):
     SECOND = 14
     TURNED = 15
     THIRD = 16
-    SPREAD = 17
-    FLAT = 18
-    LIGHT_XX = 19
-    LIGHT_XY = 20
-    LIGHT_X3 = 21
-    LIGHT_X2Y = 22
-    LIGHT_XY2 = 23
-    LIGHT_Y3 = 24
-    VISIBILITY_X = 25
-    VISIBILITY_Y = 26
-    VISIBILITY_BOWL = 27
+    LIGHT_XX = 17
+    LIGHT_XY = 18
+    LIGHT_X3 = 19
+    LIGHT_X2Y = 20
+    LIGHT_XY2 = 21
+    LIGHT_Y3 = 22
+    VISIBILITY_X = 23
+    VISIBILITY_Y = 24
+    VISIBILITY_BOWL = 25
 
 
 #: Square of an even motion over its variance: what a lens blurs looks like a motion, and the reverse.
@@ -77,5 +73,3 @@ COATING = (Parameter.PHASE, *HARMONICS)
 LIGHT = tuple(p for p in Parameter if p >= Parameter.LIGHT_XX)
 #: What is taken for granted in a frame; the fit tells how the radius depends on it.
 ASSUMED = (Parameter.PHASE, Parameter.SCALE)
-#: The same with what else the light's waves are alike in all frames.
-WAVES = (*ASSUMED, Parameter.SPREAD)

@@ -1,15 +1,12 @@
 """Sums over the pixels of a ring: normal equations, residuals, differences of neighbours."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from labpipe.arrays import Floats, Integers
 from labpipe.imaging.fringes._interference import (
-    SAMPLES_PER_PIXEL,
     Optics,
     RadialTable,
     exposure_nodes,
@@ -27,10 +24,6 @@ _LEAST_TRAVEL = 0.3
 #: Pixels of a cell in the mean, at least.
 _PIXELS_PER_CELL = 8
 _NO_LIMITS = np.empty(0)
-#: Step of the square of a flat, as a share of that of the contact, by which its effect is told.
-FLAT_STEP = 0.002
-#: Variance of wavenumbers below which its effect is taken as proportional to it: that of a band 2 % wide.
-LEAST_BAND = 2e-4
 
 
 @dataclass(frozen=True)
@@ -63,25 +56,12 @@ def tabulate(ring: Ring, parameters: Floats, free: Integers, optics: Optics) -> 
     phase_scale = optics.phase_scale * math.exp(parameters[Parameter.SCALE]) / shrinkage(parameters)
     harmonics = tuple(float(parameters[p]) for p in HARMONICS)
     before = (0.0, 0.0, 0.0) if optics.by_camera else harmonics
-
-    def of_scale(scale: float, flat: float = optics.flat) -> Floats:
-        return fill_table(distance, radius, travel, nodes, weights, scale, phase, kernel, *before, is_rich, flat)
-
-    spread = optics.spread + float(parameters[Parameter.SPREAD])
-    values = _of_colours(of_scale, (1.0 + 0.5 * spread) * phase_scale, optics)
-    plain = values[0].copy()
-    if spread or Parameter.SPREAD in free:
-        of_both = partial(_of_colours, of_scale, optics=optics)
-        values = _of_band(of_both, phase_scale, values, optics.spread, spread)
-        # a band even in wavelengths has a mean wavenumber that is larger by its variance: half of that is taken
-        at = start + np.arange(values.shape[1]) / SAMPLES_PER_PIXEL
-        values[-1] += 0.25 * (at * values[1] + radius * values[2])
-    if Parameter.FLAT in free:
-        step = FLAT_STEP * radius**2
-        worn = partial(of_scale, flat=math.sqrt(optics.flat**2 + step))
-        change = _of_colours(worn, (1.0 + 0.5 * spread) * phase_scale, optics)[0] - plain
-        by_spread = values[9:] if len(values) > 9 else np.zeros((1, values.shape[1]))
-        values = np.vstack([values[:9], by_spread, change / step])
+    flat, (ratio, share) = optics.flat, optics.colour
+    values = fill_table(distance, radius, travel, nodes, weights, phase_scale, phase, kernel, *before, is_rich, flat)
+    if share:
+        scale = ratio * phase_scale
+        other = fill_table(distance, radius, travel, nodes, weights, scale, phase, kernel, *before, is_rich, flat)
+        values += share * (other - values)
     if is_rich:
         values[0] += min(optics.blur**2 + float(parameters[Parameter.BLUR]), 0.0) * values[5]
     table = by_smear(RadialTable(start, values), parameters)
@@ -90,32 +70,12 @@ def tabulate(ring: Ring, parameters: Floats, free: Integers, optics: Optics) -> 
     return table, kind
 
 
-def _of_colours(of_scale: Callable[[float], Floats], phase_scale: float, optics: Optics) -> Floats:
-    """Table in the light of one colour, or of two."""
-    values, (ratio, share) = of_scale(phase_scale), optics.colour
-    return values + share * (of_scale(ratio * phase_scale) - values) if share else values
-
-
-def _of_band(
-    of_scale: Callable[[float], Floats], phase_scale: float, middle: Floats, near: float, spread: float
-) -> Floats:
-    """Table in light whose wavenumbers have a variance, and its derivative by that in a line more.
-
-    Three wavenumbers stand for all, as far apart as Gauss and Hermite lay them for a variance that is ``near``.
-    """
-    apart, mean = math.sqrt(3.0 * max(near, LEAST_BAND)), (1.0 + 0.5 * spread) * phase_scale
-    sides = 0.5 * (of_scale((1.0 - apart) * mean) + of_scale((1.0 + apart) * mean)) - middle
-    return np.vstack([middle + spread / apart**2 * sides, sides[:1] / apart**2])
-
-
 def _distort(values: Floats, second: float, third: float) -> None:
     """Add the harmonics that a camera makes of light that is blurred by then."""
     light = values[0].copy()
     values[6], values[8] = 2.0 * light**2 - 1.0, (4.0 * light**2 - 3.0) * light
     values[0] += second * values[6] + third * values[8]
-    steep = 1.0 + 4.0 * second * light + third * (12.0 * light**2 - 3.0)
-    values[1:6] *= steep
-    values[9:] *= steep
+    values[1:6] *= 1.0 + 4.0 * second * light + third * (12.0 * light**2 - 3.0)
 
 
 def shrinkage(parameters: Floats) -> float:

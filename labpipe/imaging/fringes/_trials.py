@@ -9,7 +9,7 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._ring_fit import RingFit
-from labpipe.imaging.fringes._ring_parameters import ASSUMED, HARMONICS, LIGHT, Parameter
+from labpipe.imaging.fringes._ring_parameters import HARMONICS, LIGHT, Parameter
 from labpipe.imaging.fringes._view import View
 
 #: Variances in all from which something is hinted at.
@@ -21,15 +21,12 @@ FACTOR = 2.0
 #: ... the sum of squares by this many variances per frame, ...
 VARIANCES = 30.0
 #: ... this many times as many where noise has a memory ...
-BY_MEMORY = 20.0
+_BY_MEMORY = 20.0
 #: ... and differs from its assumed value by this many standard uncertainties.
 SIGNIFICANT = 5.0
 #: What is left beyond noise, in variances over the root of the number of pixels, that may be there by chance: the
 #: ratio of both squares scatters by about 2.
 _CHANCE = 4.0
-#: Ratio of the largest radius to the smallest from which both tell how an uncertainty goes with it, and the
-#: greatest power of the radius that is believed.
-_APART, _MOST_POWER = 1.05, 8.0
 #: What is left beyond differences of neighbours, in amplitudes, below which noise with a memory plays no part.
 _QUIET = 0.01
 #: Frames and pixels of a first look, the share of the squared misfit that it must leave less than, and
@@ -43,12 +40,10 @@ class Calibration:
 
     Attributes
     ----------
-    phase_shift : float [rad]
+    phase_shift, u_phase_shift : float [rad]
         Phase in the contact relative to the assumed one.
-    log_scale : float [1]
+    log_scale, u_log_scale : float [1]
         Logarithm of the phase scale relative to the assumed one.
-    covariance : (float, float, float)
-        Variance of the phase, covariance of both, and variance of the scale.
     ellipse : (float, float)
         Stretch and shear of circles.
     blur, disc : float [px], [1]
@@ -59,8 +54,6 @@ class Calibration:
         Whether they arise behind the lens that blurs.
     colour : (float, float)
         Wavenumber of a second colour over that of the first, and its share of the fringes.
-    spread : float
-        Variance of the wavenumbers in the light, relative to the square of their mean.
     flat : float [px]
         Radius of a flat worn into the sphere.
     has_uneven_light : bool
@@ -74,15 +67,15 @@ class Calibration:
     """
 
     phase_shift: float = 0.0
+    u_phase_shift: float = 0.0
     log_scale: float = 0.0
-    covariance: tuple[float, ...] = (0.0, 0.0, 0.0)
+    u_log_scale: float = 0.0
     ellipse: tuple[float, float] = (0.0, 0.0)
     blur: float = 0.0
     disc: float = 0.0
     harmonics: tuple[float, float, float] = (0.0, 0.0, 0.0)
     by_camera: bool = False
     colour: tuple[float, float] = (1.0, 0.0)
-    spread: float = 0.0
     flat: float = 0.0
     has_uneven_light: bool = False
     radii: tuple[float, ...] = ()
@@ -93,7 +86,7 @@ class Calibration:
     @property
     def is_usual(self) -> bool:
         """Whether all is as it was assumed."""
-        is_plain = not any((*self.ellipse, *self.harmonics, self.colour[1], self.spread, self.has_uneven_light))
+        is_plain = not any((*self.ellipse, *self.harmonics, self.colour[1], self.has_uneven_light))
         return is_plain and (self.phase_shift, self.log_scale, self.blur, self.flat) == (0.0, 0.0, 0.0, 0.0)
 
     def with_shared(self, trial: "Trial", shifts: Floats | float) -> "Calibration":
@@ -105,24 +98,8 @@ class Calibration:
         return replace(self, radii=tuple(radii[order].tolist()), u_shared=tuple(total[order].tolist()))
 
     def shared(self, radius: float) -> float:
-        """Return the standard uncertainty (px) that blur, harmonics and flat give to a radius (px).
-
-        Smaller contacts than those that were used tell less, by the power of the radius that these show.
-        """
-        if not self.radii:
-            return 0.0
-        u, first, last = float(np.interp(radius, self.radii, self.u_shared)), self.radii[0], self.radii[-1]
-        if radius >= first or last < _APART * first or not 0.0 < self.u_shared[-1] < self.u_shared[0]:
-            return u
-        power = math.log(self.u_shared[0] / self.u_shared[-1]) / math.log(last / first)
-        return u * (first / max(radius, 1.0)) ** min(power, _MOST_POWER)
-
-    def deviation_of(self, fit: RingFit) -> float:
-        """Return the standard uncertainty (px) that all that was found of the optics gives to the radius of a fit."""
-        by_phase, by_scale = (fit.sensitivity[p] for p in ASSUMED)
-        phase, both, scale = self.covariance
-        by_light = by_phase**2 * phase + 2.0 * by_phase * by_scale * both + by_scale**2 * scale
-        return math.hypot(math.sqrt(max(by_light, 0.0)), self.shared(float(fit.parameters[Parameter.RADIUS])))
+        """Return the standard uncertainty (px) that blur, harmonics and flat give to a radius (px)."""
+        return float(np.interp(radius, self.radii, self.u_shared)) if self.radii else 0.0
 
     def applied(self, view: View) -> View:
         """Return the view with what was found."""
@@ -134,7 +111,6 @@ class Calibration:
             disc=self.disc,
             by_camera=self.by_camera,
             colour=self.colour,
-            spread=self.spread,
             flat=self.flat,
         )
         settings = view.settings
@@ -246,16 +222,6 @@ class Trial:
         """Tell whether it is worth while to fit more: errors of the model are seen, or such a fit hints at."""
         return self.is_doubtful or sum(fit.expected_gain(parameters) for fit in self.fits) > least
 
-    def shared_gain(self, parameters: tuple[Parameter, ...]) -> float:
-        """Return by how many variances the squares would fall, to first order, with these alike in all frames."""
-        bend, slope = np.zeros((len(parameters), len(parameters))), np.zeros(len(parameters))
-        for fit in self.fits:
-            rows = [fit.asked.index(p) for p in parameters]
-            weight = max(fit.residual, 1e-6) ** -2.0
-            bend += weight * fit.bend[np.ix_(rows, rows)]
-            slope += weight * fit.slope[rows]
-        return float(slope @ np.linalg.lstsq(bend, slope)[0])
-
     @property
     def least_gain(self) -> float:
         """Variances by which the squares fall at least from here to what :meth:`is_better_than` this.
@@ -264,7 +230,7 @@ class Trial:
         """
         least = VARIANCES * len(self.fits)
         squares = [(fit.slow or 0.0) ** 2 * fit.pixels / max(fit.noise, 1e-6) ** 2 for fit in self.fits]
-        beyond_memory = max(BY_MEMORY * least, (1.0 - PROMISE) * sum(squares))
+        beyond_memory = max(_BY_MEMORY * least, (1.0 - PROMISE) * sum(squares))
         much = (1.0 - 1.0 / FACTOR) * sum(squares)
         return max(least, min(much, beyond_memory) if much else beyond_memory)
 
@@ -276,7 +242,7 @@ class Trial:
         """
         gain, needed = self.gain_over(other), VARIANCES * len(self.fits)
         is_hidden = any(fit.slow is not None for fit in (*self.fits, *other.fits))
-        is_beyond_memory = is_hidden and gain > BY_MEMORY * needed and self.excess <= PROMISE * other.excess
+        is_beyond_memory = is_hidden and gain > _BY_MEMORY * needed and self.excess <= PROMISE * other.excess
         is_much = self.excess * FACTOR < other.excess or is_beyond_memory
         return gain > needed and is_much
 
@@ -285,12 +251,7 @@ class Attempt(Protocol):
     """Fits the chosen frames with further parameters free, some things being known."""
 
     def __call__(
-        self,
-        extra: Sequence[Parameter],
-        known: Calibration,
-        count: int = ...,
-        pixels: int | None = ...,
-        asks: tuple[Parameter, ...] = ...,
+        self, extra: Sequence[Parameter], known: Calibration, count: int = ..., pixels: int = ...
     ) -> Trial | None:
         """Return the fits, or None when one of them fails."""
 

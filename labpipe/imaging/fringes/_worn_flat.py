@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from labpipe.imaging.fringes._ring_parameters import Parameter
+from labpipe.imaging.fringes._ring_parameters import ASSUMED, Parameter
 from labpipe.imaging.fringes._trials import HINT, Attempt, Calibration, Trial, doubt
 
 #: Flats that are tried as shares of the smallest contact, until one leaves so much more than
@@ -33,18 +33,36 @@ def _disagreement(smaller: Trial, middle: Trial, larger: Trial, unit: float) -> 
 def find_flat(
     attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial
 ) -> tuple[Trial, Calibration] | None:
-    """Flat that leaves least in all frames, when it explains them better than a whole sphere and than another scale."""
+    """Flat that leaves least in all frames, when it explains them better than a whole sphere."""
     if known.flat or not best.is_doubtful:
         return None
+    found = _found_flat(attempt, axes, known, best, 0.0)
+    return found if found is not None and found[0].is_better_than(best) else None
+
+
+def find_small_flat(
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial
+) -> tuple[Trial, Calibration]:
+    """Flat that hides below what is seen of errors of the model, as phase and scale feel it, with all else known."""
+    if known.flat or best.is_doubtful or not (best.is_quiet and best.may_gain(ASSUMED)):
+        return best, known
+    found = _found_flat(attempt, axes, known, best, HINT)
+    # what is no flat is felt beside one as well
+    return (best, known) if found is None or found[0].may_gain(ASSUMED) else found
+
+
+def _found_flat(
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, beyond: float
+) -> tuple[Trial, Calibration] | None:
+    """Best flat, where it explains the frames by more than another scale does, ``beyond`` so many variances."""
     found = _best_flat(attempt, axes, known, best, math.inf)
     if found is None or found[1].gain_over(best) < _FLAT_VARIANCES:
         return None
     # a wrong wavelength or ruler is commoner than wear, and moves rings nearly alike
     scaled = attempt((*axes, Parameter.SCALE), known)
-    if scaled is not None and scaled.gain_over(best) >= found[1].gain_over(best):
+    if scaled is not None and scaled.gain_over(best) + beyond >= found[1].gain_over(best):
         return None
-    settled = _settled_flat(attempt, axes, known, *found)
-    return settled if settled is not None and settled[0].is_better_than(best) else None
+    return _settled_flat(attempt, axes, known, *found)
 
 
 def weigh_flat(
@@ -59,9 +77,9 @@ def weigh_flat(
     if known.flat or not (known.log_scale > log_stated or is_turned):
         return best, known
     few = attempt(axes, known, _FLAT_FRAMES, _FLAT_PIXELS)
-    stated = replace(known, log_scale=log_stated)
+    stated = replace(known, log_scale=log_stated, u_log_scale=0.0)
     if is_turned:
-        stated = replace(stated, phase_shift=0.0)
+        stated = replace(stated, phase_shift=0.0, u_phase_shift=0.0)
     near = None if few is None else _best_flat(attempt, axes, stated, best, (few.left + HINT) / few.pixels)
     found = None if near is None else _settled_flat(attempt, axes, stated, *near)
     if found is None:

@@ -12,10 +12,10 @@ from labpipe.imaging.dic._spline import NODE_SLOPES, NODE_WEIGHTS
 from labpipe.imaging.dic._subset_kernel import compose_with_inverse
 from labpipe.imaging.dic._subset_solver import DEFAULT_ITERATIONS
 from labpipe.imaging.dic._subsets import _RIGID_FROM_AFFINE
-from labpipe.imaging.fringes._interference import SAMPLES_PER_PIXEL, Optics, RadialTable, radial_table, table_distances
+from labpipe.imaging.fringes._interference import SAMPLES_PER_PIXEL, Optics, radial_table
 from labpipe.imaging.fringes._ring_parameters import HARMONICS, LIGHT, Parameter
 from labpipe.imaging.fringes._ring_pixels import Ring
-from labpipe.imaging.fringes._ring_sums import FLAT_STEP, LEAST_BAND, Sums, by_smear, shrinkage, table_travel
+from labpipe.imaging.fringes._ring_sums import Sums, by_smear, shrinkage, table_travel
 
 
 def prefilter_oracle(image: NDArray[np.generic], order: int) -> NDArray[np.float64]:
@@ -160,22 +160,9 @@ def plain_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics, i
         blur=math.sqrt(max(optics.blur**2 + more_blur, 0.0)),
     )
     second, turned, third = (float(parameters[p]) for p in HARMONICS)
-    spread = float(parameters[Parameter.SPREAD])
-
-    def in_band(wavenumber: float, flat: float = optics.flat) -> Floats:
-        seen = replace(phased, phase_scale=wavenumber * (1.0 + 0.5 * spread) * phased.phase_scale, flat=flat)
-        travel = table_travel(parameters)
-        return radial_table(ring.inner, ring.outer, float(radius), travel, seen, (second, turned, third)).values
-
-    middle, variance = in_band(1.0), 3.0 * LEAST_BAND
-    sides = 0.5 * (in_band(1.0 - math.sqrt(variance)) + in_band(1.0 + math.sqrt(variance))) - middle
-    start = table_distances(ring.inner, ring.outer, phased.blur, 0)[0]
-    mixed = middle + spread / variance * sides
-    at = start + np.arange(mixed.shape[1]) / SAMPLES_PER_PIXEL
-    by_spread = sides[0] / variance + 0.25 * (at * mixed[1] + radius * mixed[2])
-    step = FLAT_STEP * radius**2
-    by_flat = (in_band(1.0, math.sqrt(optics.flat**2 + step))[0] - middle[0]) / step
-    table = RadialTable(start, np.vstack([mixed, by_spread, by_flat]))
+    table = radial_table(
+        ring.inner, ring.outer, float(radius), table_travel(parameters), phased, (second, turned, third)
+    )
     table.values[0] += min(optics.blur**2 + more_blur, 0.0) * table.values[5]
     table = by_smear(table, parameters)
     places = table.start + np.arange(table.values.shape[1]) / SAMPLES_PER_PIXEL

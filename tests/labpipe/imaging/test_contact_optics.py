@@ -1,6 +1,5 @@
 """Light and lenses that no simple model describes: errors within u, and u near the scatter."""
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,8 +17,6 @@ UM = 1e-6
 SPHERE = 9.525e-3
 RADII = [190 * UM, 214 * UM, 229 * UM]
 PLAIN = Microscope()
-#: A band 20 nm wide at half its height.
-BAND = tuple((633e-9 + 8.5e-9 * step / 4.0, math.exp(-0.5 * (step / 4.0) ** 2) / 10.0) for step in range(-12, 13))
 BRIGHT = Scene(rows=300, columns=360, mean=165.0)
 
 
@@ -45,11 +42,6 @@ CASES = {
     "coatings that absorb little": Case(replace(PLAIN, faces=(0.45, 0.3, -0.3)), 0.02),
     "many beams, blurred": Case(replace(PLAIN, faces=(0.55, 0.55, 0.0), lens=oval(1.2, 1.2, 0.0)), 0.02),
     "wide cone of light": Case(replace(PLAIN, cone=0.45), 0.2),
-    "cone of light, bell-shaped beam, out of focus": Case(
-        replace(PLAIN, cone=0.3, beam=bell(1.2, 0.2, -0.1), lens=oval(0.8, 0.8, 0.0)), 0.04
-    ),
-    "light-emitting diode": Case(replace(PLAIN, colours=BAND), 0.02),
-    "light-emitting diode, out of focus": Case(replace(PLAIN, colours=BAND, lens=oval(1.0, 1.0, 0.0)), 0.02),
     "two colours of a colour camera": Case(replace(PLAIN, colours=((633e-9, 0.85), (532e-9, 0.15))), 0.01),
     "bell-shaped beam": Case(replace(PLAIN, beam=bell(0.6, 0.3, -0.2)), 0.03),
     "bell-shaped beam aside": Case(replace(PLAIN, beam=bell(0.5, 0.6, -0.5)), 0.06),

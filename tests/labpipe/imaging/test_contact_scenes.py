@@ -338,19 +338,6 @@ def test_a_worn_flat_is_told_and_no_other_is_seen() -> None:
     assert said == []
 
 
-@pytest.mark.filterwarnings("ignore:the gap around")
-def test_a_small_flat_out_of_focus_is_told_in_a_film_of_many_radii() -> None:
-    """Phase and scale felt it, and the smallest contacts were 0.2 µm off at six standard uncertainties."""
-    scene = replace(PLAIN, optics=OPTICS.change(blur=1.0))
-    radii = [float(v) * UM for v in np.linspace(122.0, 196.0, 9)]
-    film = film_of(scene, lambda r, a: gap_of_worn_flat(r, a, SPHERE, 60 * UM), radii, (181.3, 148.2))
-    found, _ = measure(film)
-    assert found.attrs["flat_radius"] == pytest.approx(60 * UM, rel=0.05)
-    u = np.hypot(found.u_radius, found.radius_systematic)
-    assert (np.abs(found.radius - radii) < 3.0 * u).all()
-    assert u.max() < 0.08 * UM
-
-
 @pytest.mark.parametrize(("modulus", "work"), [(5e9, 2e-3), (5e9, 20e-3), (3e9, 50e-3), (1e9, 50e-3)])
 def test_edge_of_an_adhesive_contact_follows_from_its_fringes(modulus: float, work: float) -> None:
     """Images of exact JKR contacts: the fringes are those of a smaller Hertz contact."""
