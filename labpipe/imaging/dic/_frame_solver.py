@@ -74,7 +74,7 @@ class FrameSolver:
     def solve(self, loaded: Loaded, chosen: Integers, start: Floats) -> Solution:
         """Solve subsets with the model that each needed last, again where it needs another one.
 
-        What a point needed in the frame before is tried at once, so that a spent change is not
+        What a point needed in the frame before is tried at once, so that a lasting change is not
         found out in every frame. The others are tested for what they need in turn, and all of
         them when the test of some shows that it concerns more than chance.
         """

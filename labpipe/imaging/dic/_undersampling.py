@@ -185,16 +185,16 @@ def _interpolated(reference: Reference, point: int, sharp: NDArray[np.float64], 
     unseen = np.zeros(3)
     size = np.maximum(np.sqrt(error) - _MEAN_SIZE * math.sqrt(noise), 0.0)
     row, column = np.indices(size.shape)
-    for x, y in ((1, 0), (0, 1), (1, 1), (1, -1)):
-        apart = 1.0 / math.hypot(x, y)  # of the lines of pixels
-        along, other = apart * (x * slope_x + y * slope_y), apart * (y * slope_x - x * slope_y)
-        lines = x * column + y * row
+    for right, down in ((1, 0), (0, 1), (1, 1), (1, -1)):
+        apart = 1.0 / math.hypot(right, down)  # of the lines of pixels
+        along, other = apart * (right * slope_x + down * slope_y), apart * (down * slope_x - right * slope_y)
+        lines = right * column + down * row
         shown = np.abs(along) * size * (np.abs(other) <= _ALIGNED * np.abs(along))
         squares = float((np.bincount((lines - lines.min()).ravel(), shown.ravel()) ** 2).sum())
         is_nearly = np.abs(other) <= _NEARLY * np.abs(along)
         share = float((along**2 * is_nearly).sum()) / max(float((along**2).sum()), 1e-30)
-        resists = apart**2 * (x * x * normal[0, 0] + y * y * normal[1, 1] + 2 * x * y * normal[0, 1])
-        direction = apart**2 * np.array([x * x, y * y, x * y])
+        direction = apart**2 * np.array([right * right, down * down, right * down])
+        resists = direction @ (normal[0, 0], normal[1, 1], 2.0 * normal[0, 1])
         result += _ALIKE * squares / max(float(resists), 1e-30) ** 2 * direction
         unseen += (_UNSEEN * apart * share) ** 2 * direction
     return result, unseen

@@ -76,7 +76,7 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
     return found.assign_attrs(
         scale_budget=json.dumps(budget),
         calibration=json.dumps(checked, ensure_ascii=False),
-        u_systematic_relative=math.hypot(size.u / size.value, u_view) if u_view else size.u / size.value,
+        u_systematic_relative=math.hypot(size.u / size.value, u_view),
         blanked=json.dumps(blanked(seen, read)),
         light=light_of(seen, about_contacts(read)),
         said_by_file=said_by_file(source),

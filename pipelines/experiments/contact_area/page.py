@@ -32,7 +32,7 @@ from labpipe.uncertainty import Source, budget_rows
 from labpipe.workflow.context import Context
 from pipelines.experiments.contact_area.budget import quantities
 from pipelines.experiments.contact_area.comparison import rows as compared_rows
-from pipelines.experiments.contact_area.measured import edges_only
+from pipelines.experiments.contact_area.measured import OPEN_GAP, edges_only
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import budget_blocks, pages
 from pipelines.experiments.shared.film_frames import enlarged, png
@@ -292,7 +292,7 @@ def _over_time(
 
 def _gap_factor(radius: xr.Dataset, impacts: xr.Dataset | None) -> list[Block]:
     """Say where the gap beside the contact was not Hertz's, and how much it differed."""
-    is_open = radius["method"].values == 5
+    is_open = radius["method"].values == OPEN_GAP
     if not is_open.any():
         return []
     is_fresh = np.zeros(is_open.size, bool)
