@@ -54,10 +54,9 @@ def apply(readings: Any, record: Record | str | os.PathLike[str], **options: Any
     if not isinstance(record, Record):
         record = load_record(record)
     if record.kind not in APPLY:
-        message = (
+        raise CalibrationError(
             f'record "{record.id}" is of the kind "{record.kind}", which is not applied to '
             f"readings; these are: {', '.join(APPLY)}"
         )
-        raise CalibrationError(message)
     module, function = APPLY[record.kind].split(":")
     return getattr(importlib.import_module(module), function)(readings, record, **options)

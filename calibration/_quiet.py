@@ -77,8 +77,7 @@ def from_start(
     # Samples that a moving average ties together count as one.
     block, first = _BLOCK * correlated, _FIRST * correlated
     if values.size < first:
-        message = f"found {values.size} valid samples, a zero needs {first} or a given value"
-        raise CalibrationError(message)
+        raise CalibrationError(f"found {values.size} valid samples, a zero needs {first} or a given value")
     n = 0 if _begins_in_motion(values[::correlated], resolution) else _still(values, block, resolution)
     swing = _swing(time, values, resolution)
     if swing is not None and (longer := _still(values - swing, block, resolution)) > _LONGER * n:
@@ -89,11 +88,10 @@ def from_start(
         quiet = _describe(time[:first], values[:first], resolution, correlated)
         return quiet._replace(u_level=max(quiet.u_level, wanders / np.sqrt(12)))
     if n == 0:
-        message = (
+        raise CalibrationError(
             "the record begins in motion, so its beginning is no zero; give the zero, or a quiet "
             "window as zero=(from, to) in s"
         )
-        raise CalibrationError(message)
     noise = max(estimate_noise(values[:n]).sigma, resolution / 2) if n > first else np.inf
     found = hum_at_rest(time[:n], values[:n], noise) if np.isfinite(noise) else None
     if found is None:
@@ -130,11 +128,10 @@ def in_window(
     """
     inside = (time >= window[0]) & (time <= window[1]) & np.isfinite(values)
     if inside.sum() < 2:
-        message = (
+        raise CalibrationError(
             f"the window from {window[0]} to {window[1]} s holds {int(inside.sum())} valid "
             f"samples; the record goes from {time[0]:.6g} to {time[-1]:.6g} s"
         )
-        raise CalibrationError(message)
     return _describe(time[inside], values[inside], resolution, correlated)
 
 

@@ -65,8 +65,7 @@ def filter_delay(averaging: int, cycle: float) -> float:
     0.0001
     """
     if averaging < 1 or not 0.0 < cycle < math.inf:
-        message = f"expected averaging >= 1 and cycle > 0, found {averaging} and {cycle}"
-        raise InputError(message)
+        raise InputError(f"expected averaging >= 1 and cycle > 0, found {averaging} and {cycle}")
     return (averaging - 1) / 2 * cycle
 
 
@@ -88,8 +87,7 @@ def time_base(attrs: Mapping[str, Any], deviation: Quantity | None = None, avera
         The readings do not say their sampling interval.
     """
     if "sampling_interval" not in attrs:
-        message = "the readings do not say their sampling_interval"
-        raise InputError(message)
+        raise InputError("the readings do not say their sampling_interval")
     known = deviation or Quantity(0.0, UNCHECKED_CLOCK, "1")
     stretch = 1.0 + known.value
     interval = float(attrs["sampling_interval"]) * stretch

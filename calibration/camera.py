@@ -85,8 +85,7 @@ def image_scale(
     film = {"start": recorded}
     checked = require(record, "camera", film, measured=measured, view=view, ignore_validity=ignore_validity)
     if not isinstance(record, CameraRecord):
-        message = f'record "{record.id}" holds no values of a camera'
-        raise CalibrationError(message)
+        raise CalibrationError(f'record "{record.id}" holds no values of a camera')
     size, sources = _size(record.values)
     total = combined_uncertainty(sources)
     checked |= {
@@ -105,8 +104,7 @@ def _size(values: CameraValues) -> tuple[Quantity, list[Source]]:
     else:
         length, pixels = values.reference_length, values.pixel_length
         if length is None or pixels is None:
-            message = "a camera record holds a scale, or a length with its pixels"
-            raise CalibrationError(message)
+            raise CalibrationError("a camera record holds a scale, or a length with its pixels")
         size = pixel_size(length, pixels)
         sources += [
             Source.of("reference length", length, 1 / pixels.value),
@@ -150,8 +148,7 @@ def motion(
     """
     for name in ("dx", "dy", "u_dx", "u_dy"):
         if name not in track:
-            message = f'the track has no "{name}"; expected the result of labpipe.imaging.track'
-            raise InputError(message)
+            raise InputError(f'the track has no "{name}"; expected the result of labpipe.imaging.track')
     day = str(track.attrs.get("recorded", ""))
     size, checked = image_scale(record, view, measured=measured, recorded=day, ignore_validity=ignore_validity)
     result = track.drop_vars(["dx", "dy", "u_dx", "u_dy"])

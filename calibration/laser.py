@@ -95,8 +95,7 @@ def displacement(
     >>> moved = displacement(readings, load_record("laser.toml"))  # doctest: +SKIP
     """
     if direction not in (1, -1):
-        message = f"direction must be 1 or -1, found {direction}"
-        raise InputError(message)
+        raise InputError(f"direction must be 1 or -1, found {direction}")
     checked = require(record, "laser", readings.attrs, measured=measured, ignore_validity=ignore_validity)
     values = _values(record)
     raw, stated_step, gain = _raw(readings, output, values)
@@ -137,8 +136,7 @@ def displacement(
 
 def _values(record: Record) -> LaserValues:
     if not isinstance(record, LaserRecord):
-        message = f'record "{record.id}" holds no values of a laser'
-        raise CalibrationError(message)
+        raise CalibrationError(f'record "{record.id}" holds no values of a laser')
     return record.values
 
 
@@ -146,8 +144,7 @@ def _raw(readings: xr.Dataset, output: str, values: LaserValues) -> tuple[NDArra
     """Return the readings, the step of their display, and the gain to a length."""
     if output not in readings:
         outputs = ", ".join(name for name in map(str, readings) if name.startswith("out"))
-        message = f'the readings have no output "{output}"; they have {outputs}'
-        raise InputError(message)
+        raise InputError(f'the readings have no output "{output}"; they have {outputs}')
     variable = readings[output]
     unit_text = variable.attrs.get("units")
     step = variable.attrs.get("resolution")
@@ -157,10 +154,8 @@ def _raw(readings: xr.Dataset, output: str, values: LaserValues) -> tuple[NDArra
     if unit_text == "V" and values.volt_scale is not None:
         return raw, step, _product(values.scale, values.volt_scale)
     if unit_text == "V":
-        message = f'{output} is in volts; the record needs volt_scale = "0.5 ± 0.0005 mm/V"'
-        raise CalibrationError(message)
-    message = f"{output} is in {unit_text}; a displacement needs m or V"
-    raise CalibrationError(message)
+        raise CalibrationError(f'{output} is in volts; the record needs volt_scale = "0.5 ± 0.0005 mm/V"')
+    raise CalibrationError(f"{output} is in {unit_text}; a displacement needs m or V")
 
 
 def _product(a: Quantity, b: Quantity) -> Quantity:
@@ -303,16 +298,14 @@ def inclination_from_drop(travel: Quantity, height: Quantity) -> Quantity:
     (12.0, 0.09)
     """
     if travel.si != "m" or height.si != "m" or travel.value <= 0 or height.value <= 0:
-        message = f"expected two positive lengths, found {travel} and {height}"
-        raise InputError(message)
+        raise InputError(f"expected two positive lengths, found {travel} and {height}")
     cosine = travel.value / height.value
     u_cosine = math.hypot(travel.u / height.value, cosine * height.u / height.value)
     if cosine > 1.0 + _TOLERANCE * u_cosine:
-        message = (
+        raise CalibrationError(
             f"the travel {travel.value:.6g} m is longer than the height {height.value:.6g} m, by "
             f"more than {_TOLERANCE:g} standard uncertainties; check height, gain and contact"
         )
-        raise CalibrationError(message)
     angle = math.acos(min(cosine, 1.0))
     flat = math.sqrt(2.0 * u_cosine)
     u_angle = min(u_cosine / math.sin(angle), flat) if angle > 0 else flat

@@ -76,8 +76,7 @@ def force(
     """
     name = f"force_{axis}"
     if name not in readings:
-        message = f'the readings have no "{name}"'
-        raise InputError(message)
+        raise InputError(f'the readings have no "{name}"')
     sign = _sign(readings, compression_sign)
     checked: dict[str, Any] | str = "no record: the factor of the instrument, uncertainty unknown"
     values: LoadCellValues | None = None
@@ -132,23 +131,20 @@ def _over(dimension: str, values: NDArray[Any], units: str, long_name: str) -> t
 
 def _values(record: Record) -> LoadCellValues:
     if not isinstance(record, LoadCellRecord):
-        message = f'record "{record.id}" holds no values of a load cell'
-        raise CalibrationError(message)
+        raise CalibrationError(f'record "{record.id}" holds no values of a load cell')
     return record.values
 
 
 def _sign(readings: xr.Dataset, given: int | None) -> int:
     """Return the sign of compression, from the file or from the caller."""
     if given is not None and given not in (1, -1):
-        message = f"compression_sign must be 1 or -1, found {given}"
-        raise InputError(message)
+        raise InputError(f"compression_sign must be 1 or -1, found {given}")
     stated = int(readings.attrs.get("compression_sign", 0))
     if given is None and stated == 0:
-        message = (
+        raise CalibrationError(
             "the file does not state whether compression is positive (single-axis cell) or "
             "negative (six-axis cell); give compression_sign=1 or compression_sign=-1"
         )
-        raise CalibrationError(message)
     return stated if given is None else given
 
 
@@ -181,8 +177,7 @@ def _tare(
         return _quiet.in_window(time[first], used[first], zero, resolution=step)
     if isinstance(zero, str):
         if zero != "start":
-            message = f'zero must be "start", a window, a force or None, found "{zero}"'
-            raise InputError(message)
+            raise InputError(f'zero must be "start", a window, a force or None, found "{zero}"')
         return _quiet.from_start(time[first], used[first], resolution=step)
     return _quiet.given(used, float(zero), 0.0, resolution=step)
 
@@ -276,8 +271,7 @@ def filter_lag(
     (15.9, 11.5)
     """
     if frequency <= 0 or order < 1 or cutoff <= 0:
-        message = f"expected positive numbers, found {frequency} Hz, order {order}, {cutoff} Hz"
-        raise InputError(message)
+        raise InputError(f"expected positive numbers, found {frequency} Hz, order {order}, {cutoff} Hz")
     responses = [_response(poles, frequency / cutoff) for poles in _poles(order)]
     gains = [gain for gain, _ in responses]
     phases = [phase for _, phase in responses]

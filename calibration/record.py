@@ -84,8 +84,7 @@ class LaserValues(Table, frozen=True):
     def __post_init__(self) -> None:
         """Refuse an inclination without uncertainty: it would look exact in every budget."""
         if self.inclination.u == 0:
-            message = 'inclination has no uncertainty; write it as "12.00 ± 0.05 deg"'
-            raise ValueError(message)
+            raise ValueError('inclination has no uncertainty; write it as "12.00 ± 0.05 deg"')
 
 
 class LoadCellValues(Table, frozen=True):
@@ -111,8 +110,7 @@ class LoadCellValues(Table, frozen=True):
     def __post_init__(self) -> None:
         """Refuse a scale without uncertainty."""
         if self.scale.u == 0:
-            message = 'scale has no uncertainty; write it as "1.000 ± 0.002"'
-            raise ValueError(message)
+            raise ValueError('scale has no uncertainty; write it as "1.000 ± 0.002"')
 
 
 class CameraValues(Table, frozen=True):
@@ -146,12 +144,10 @@ class CameraValues(Table, frozen=True):
         has_pair = self.reference_length is not None and self.pixel_length is not None
         has_half = (self.reference_length is None) != (self.pixel_length is None)
         if has_half or has_pair == (self.scale is not None):
-            message = "give either reference_length and pixel_length, or scale"
-            raise ValueError(message)
+            raise ValueError("give either reference_length and pixel_length, or scale")
         stated = self.pixel_length if has_pair else self.scale
         if stated is not None and stated.u == 0:
-            message = 'the scale has no uncertainty; write it as "386 ± 1.5 px" (or "um/px")'
-            raise ValueError(message)
+            raise ValueError('the scale has no uncertainty; write it as "386 ± 1.5 px" (or "um/px")')
 
 
 class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -190,8 +186,7 @@ class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     def __post_init__(self) -> None:
         """Refuse a period that ends before it begins."""
         if self.valid_until < self.valid_from:
-            message = f"valid_until ({self.valid_until}) is before valid_from ({self.valid_from})"
-            raise ValueError(message)
+            raise ValueError(f"valid_until ({self.valid_until}) is before valid_from ({self.valid_from})")
 
 
 class LaserRecord(Record, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -299,11 +294,10 @@ def require(
         Wrong kind, other sensor, other view, not valid on that day, or the day is not known.
     """
     if record.kind != kind:
-        message = (
+        raise CalibrationError(
             f'record "{record.id}" calibrates a {record.kind.replace("_", " ")}, expected a record '
             f"of a {kind.replace('_', ' ')}; name that file instead"
         )
-        raise CalibrationError(message)
     if view is not None and record.view != view:
         message = (
             f'record "{record.id}" belongs to '
@@ -363,12 +357,11 @@ def _check_validity(
     if day is None:
         if ignore_validity:
             return "ignored: the day of the measurement is not known"
-        message = (
+        raise CalibrationError(
             f'record "{record.id}": the readings hold no date, so the validity of the record '
             'cannot be checked; state the day of the measurement: measured="2024-05-14" in Python, '
             "measured_on = 2024-05-14 in session.toml for the kinds that take it"
         )
-        raise CalibrationError(message)
     if record.valid_from <= day <= record.valid_until:
         return f"valid on {day}"
     if not isinstance(measured, date) and not _CLOCKS_SET <= day <= date.today():
@@ -376,12 +369,11 @@ def _check_validity(
     if ignore_validity:
         return f"ignored: measured on {day}, outside the period of the record"
     word = "expired" if day > record.valid_until else "was not yet valid"
-    message = (
+    raise CalibrationError(
         f'record "{record.id}" is valid from {record.valid_from} until {record.valid_until}; it '
         f"{word} on {day}, the day of the measurement; take the record of that time, calibrate "
         "again, or, if it is known to hold on that day too, widen the days in the record"
     )
-    raise CalibrationError(message)
 
 
 def _recorded_day(attrs: Mapping[str, Any]) -> str:
@@ -400,5 +392,4 @@ def _day(text: str | date) -> date | None:
     try:
         return datetime.fromisoformat(text).date()
     except ValueError:
-        message = f'the day of the measurement must read like "2024-05-14", found "{text}"'
-        raise CalibrationError(message) from None
+        raise CalibrationError(f'the day of the measurement must read like "2024-05-14", found "{text}"') from None

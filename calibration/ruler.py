@@ -70,8 +70,7 @@ def graduations(image: NDArray[np.generic], *, axis: str = "x", dark: bool = Tru
     """
     grey = np.asarray(image, float)
     if grey.ndim != 2:
-        message = f"expected one image (row, column), found {grey.ndim} dimensions"
-        raise InputError(message)
+        raise InputError(f"expected one image (row, column), found {grey.ndim} dimensions")
     grey = grey if axis == "x" else grey.T
     grey = -grey if dark else grey
     centres = _lines(grey.mean(axis=0))
@@ -99,20 +98,18 @@ def _lines(profile: Floats) -> Floats:
     strongest = float(np.percentile(flat, 99.5))
     peaks, _ = signal.find_peaks(flat, height=max(0.4 * strongest, _CLEAR * noise), distance=4)
     if len(peaks) < _FEWEST_LINES:
-        message = (
+        raise InputError(
             f"graduations that stand out: {len(peaks)}; at least {_FEWEST_LINES} are needed. Cut "
             "the image to the ruler, check the axis, or measure by hand"
         )
-        raise InputError(message)
     spacing = np.diff(peaks)
     typical = np.median(spacing)
     multiple = spacing / typical
     if np.any(np.abs(multiple - np.rint(multiple)) > 0.25):
-        message = (
+        raise InputError(
             f"the lines are not equally spaced ({spacing.min()} to {spacing.max()} px); cut the "
             "image to graduations of one kind"
         )
-        raise InputError(message)
     return _near(profile, peaks.astype(float), typical / 2)
 
 

@@ -100,8 +100,7 @@ def by_name(name: str) -> Instrument:
     for each in known():
         if each.name == name:
             return each
-    message = f'no instrument "{name}"; known are {", ".join(each.name for each in known())}'
-    raise UsageError(message)
+    raise UsageError(f'no instrument "{name}"; known are {", ".join(each.name for each in known())}')
 
 
 def identify(path: str | os.PathLike[str]) -> str:
@@ -285,8 +284,7 @@ def read_table(path: str | os.PathLike[str], content: Content, usual: str, **opt
     given: Any = {key: value for key, value in options.items() if value is not None}
     table = read(path, instrument=name, **given)
     if not isinstance(table, xr.Dataset):
-        message = f"{path}: expected a table of readings, found a film"
-        raise InputError(message)
+        raise InputError(f"{path}: expected a table of readings, found a film")
     return table
 
 

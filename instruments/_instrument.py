@@ -111,8 +111,7 @@ class Instrument:
     def _require_option(self, name: str) -> None:
         known = self.option_names()
         if name not in known:
-            message = f'{self.name} has no option "{name}"; it has {", ".join(known) or "none"}'
-            raise UsageError(message)
+            raise UsageError(f'{self.name} has no option "{name}"; it has {", ".join(known) or "none"}')
 
     def option_names(self) -> tuple[str, ...]:
         """Return the names of the options, in the order in which they are declared."""
@@ -127,8 +126,7 @@ class Instrument:
             The instrument's files are only read.
         """
         if not self.writer:
-            message = f"files of {self.name} are read, never written"
-            raise UsageError(message)
+            raise UsageError(f"files of {self.name} are read, never written")
         _loaded(self.writer)(path, *what)
 
 

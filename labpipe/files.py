@@ -102,8 +102,7 @@ def write_chunks(path: str | os.PathLike[str], size: int, chunks: Iterable[bytes
 
     def verify(part: Path) -> None:
         if digest(part) != total.hexdigest():
-            message = f"{path}: what was written cannot be read back; the disk is failing or full"
-            raise StorageError(message)
+            raise StorageError(f"{path}: what was written cannot be read back; the disk is failing or full")
 
     _replace(Path(path), size, fill, verify)
 
@@ -318,8 +317,7 @@ def require_space(path: str | os.PathLike[str], needed: int) -> None:
     """
     free = free_bytes(path)
     if free < needed:
-        message = f"{path}: about {needed} bytes are needed and {free} are free; make room there"
-        raise StorageError(message)
+        raise StorageError(f"{path}: about {needed} bytes are needed and {free} are free; make room there")
 
 
 def _replace(path: Path, needed: int, fill: Callable[[Path], None], verify: Callable[[Path], None]) -> None:

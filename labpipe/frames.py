@@ -101,8 +101,7 @@ class ArrayFrames(ShownFrames):
         levels: tuple[float, float] | None = None,
     ) -> None:
         if images.ndim != 3:
-            message = f"images must be (frame, row, column), found {images.ndim} dimensions"
-            raise InputError(message)
+            raise InputError(f"images must be (frame, row, column), found {images.ndim} dimensions")
         self._images = images
         count = images.shape[0]
         self._time = np.arange(count, dtype=float) if time is None else np.asarray(time, float)

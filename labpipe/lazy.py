@@ -29,8 +29,7 @@ def lazily(package: str, above: Sequence[str] = ()) -> Callable[[str], Any]:
         if not homes:
             homes.update(_for_the_checker(package))
         if name not in homes:
-            message = f"module {package!r} has no attribute {name!r}"
-            raise AttributeError(message)
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
         module, inner = homes[name]
         if module.partition(".")[0] in unchecked:  # once, not each time that a name is used
             if (clash := foreign_package(above)) is not None:

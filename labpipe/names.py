@@ -45,8 +45,7 @@ def safe_join(root: str | os.PathLike[str], name: str) -> Path:
     problem = name_problem(name) or _link_problem(joined, base)
     if problem is not None:
         shown = printable(name if len(name) <= _LONGEST_NAME else name[:60] + "…")
-        message = f'"{shown}" is not a path inside the session folder: {problem}'
-        raise InputError(message)
+        raise InputError(f'"{shown}" is not a path inside the session folder: {problem}')
     return joined.resolve()
 
 

@@ -34,8 +34,7 @@ def prepare(dataset: xr.Dataset) -> xr.Dataset:
     variables = {}
     for name, variable in clean.variables.items():
         if not isinstance(name, str):
-            message = f"the name of a variable must be text, found {name!r}"
-            raise InputError(message)
+            raise InputError(f"the name of a variable must be text, found {name!r}")
         variables[name] = xr.Variable(variable.dims, _storable(name, variable.values), _attributes(variable.attrs))
     coordinates = {name: variables.pop(str(name)) for name in clean.coords}
     return xr.Dataset(variables, coordinates, _attributes(clean.attrs))
@@ -46,18 +45,15 @@ def _storable(name: str, values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     if kind in "OUT":
         flat = values.ravel().tolist()
         if not all(isinstance(item, str) for item in flat):
-            message = f'variable "{name}" holds Python objects; store numbers or text'
-            raise InputError(message)
+            raise InputError(f'variable "{name}" holds Python objects; store numbers or text')
         return np.array([_text(item) for item in flat], dtype=str).reshape(values.shape)
     if kind == "c":
-        message = f'variable "{name}" is complex; store its real and its imaginary part'
-        raise InputError(message)
+        raise InputError(f'variable "{name}" is complex; store its real and its imaginary part')
     if kind not in "fiub" or values.dtype.itemsize > 8 or values.dtype == np.float16:
-        message = (
+        raise InputError(
             f'variable "{name}" is of type {values.dtype}; store float32, float64, '
             "integers, booleans or text (times as numbers in s)"
         )
-        raise InputError(message)
     return values.astype(values.dtype.newbyteorder("="), copy=False)
 
 
@@ -79,8 +75,7 @@ def _attribute(name: str, value: Any) -> Any:
     try:
         return json.dumps(value, ensure_ascii=False, sort_keys=True)
     except (TypeError, ValueError):
-        message = f'attribute "{name}" holds {type(value).__name__}, which cannot be stored'
-        raise InputError(message) from None
+        raise InputError(f'attribute "{name}" holds {type(value).__name__}, which cannot be stored') from None
 
 
 def _is_numbers(values: list[Any] | tuple[Any, ...]) -> bool:
@@ -168,8 +163,7 @@ def _check_trailer(path: Path) -> bool:
         found = stream.read()
     # A mark at another place than its own means that bytes were cut off or added behind it.
     if _MARK in found and found[-_TRAILER:] != _MARK + _digest_before(path, end):
-        message = f"{path}: damaged: its contents do not match its digest; delete it and run again"
-        raise StoreError(message)
+        raise StoreError(f"{path}: damaged: its contents do not match its digest; delete it and run again")
     return _MARK in found
 
 
@@ -178,11 +172,9 @@ def verify(path: Path, prepared: xr.Dataset) -> None:
     try:
         found = value_digest(read(path))
     except StoreError as error:
-        message = f"what was written cannot be read back: {error}"
-        raise RuntimeError(message) from error
+        raise RuntimeError(f"what was written cannot be read back: {error}") from error
     if found != value_digest(prepared):
-        message = "the Dataset holds something that netCDF does not store unchanged"
-        raise InputError(message)
+        raise InputError("the Dataset holds something that netCDF does not store unchanged")
 
 
 def read(path: Path) -> xr.Dataset:
@@ -203,8 +195,7 @@ def read(path: Path) -> xr.Dataset:
         raise
     except Exception as error:
         # The libraries answer damage with OSError, RuntimeError, KeyError, ValueError and others.
-        message = f"{path}: damaged: {error}; delete it and run again"
-        raise StoreError(message) from error
+        raise StoreError(f"{path}: damaged: {error}; delete it and run again") from error
 
 
 def _as_written(handle: netCDF4.Dataset) -> xr.Dataset:
@@ -246,7 +237,6 @@ def _check_sizes(path: Path, handle: netCDF4.Dataset) -> None:
         is_compressed |= any(bool(filters.get(f)) for f in ("zlib", "zstd", "bzip2", "szip"))
     allowed = actual * (_LARGEST_RATIO if is_compressed else 1) + _SLACK
     if declared > allowed:
-        message = (
+        raise StoreError(
             f"{path}: damaged: it declares {declared} bytes of data but is {actual} bytes long; delete it and run again"
         )
-        raise StoreError(message)

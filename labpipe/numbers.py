@@ -100,20 +100,18 @@ def _evidence(cell: str) -> tuple[Separators, ...] | None:
 def _weigh(proved: set[Separators], ambiguous: str | None) -> Separators:
     decimals = {each.decimal for each in proved}
     if len(decimals) > 1:
-        message = (
+        raise InputError(
             "both the dot and the comma are used as decimal sign; "
             'say which one is meant with decimal="." or decimal=","'
         )
-        raise InputError(message)
     if proved:
         thousands = max(each.thousands for each in proved)
         return Separators(decimals.pop(), thousands)
     if ambiguous is not None and "," in ambiguous:
-        message = (
+        raise InputError(
             f'"{ambiguous}" may hold a decimal comma or a thousands comma, and nothing else in '
             'the file decides it; say which with decimal="." or decimal=","'
         )
-        raise InputError(message)
     return Separators(".", "")
 
 

@@ -57,6 +57,5 @@ def check(dataset: "xr.Dataset", schema: Schema) -> "xr.Dataset":
         if name.startswith("u_") and name[2:] not in dataset.variables:
             problems.append(f'"{name}" stands without "{name[2:]}"')
     if problems:
-        message = f"{schema.name}: " + "; ".join(problems)
-        raise InputError(message)
+        raise InputError(f"{schema.name}: " + "; ".join(problems))
     return dataset

@@ -129,8 +129,7 @@ def unit(text: str) -> Unit:
         return Unit(*_TABLE[name])
     except KeyError:
         known = ", ".join(sorted(_TABLE))
-        message = f'unknown unit "{text}"; known units: {known}'
-        raise InputError(message) from None
+        raise InputError(f'unknown unit "{text}"; known units: {known}') from None
 
 
 def spellings(si: str) -> tuple[str, ...]:
@@ -183,21 +182,18 @@ def quantity(text: str) -> Quantity:
     """
     match = _QUANTITY.match(text)
     if match is None:
-        message = f'expected a number with a unit such as "1.5 mm" or "12.0 ± 0.2 deg", found "{text}"'
-        raise InputError(message)
+        raise InputError(f'expected a number with a unit such as "1.5 mm" or "12.0 ± 0.2 deg", found "{text}"')
     numbers = [match["value"], match["u"] or "0"]
     has_two_meanings = all("," not in number or _THOUSANDS.fullmatch(number) for number in numbers)
     if has_two_meanings and any("," in number for number in numbers):
         first = next(number for number in numbers if "," in number)
-        message = (
+        raise InputError(
             f'the comma of "{text}" may stand before decimals or group thousands; '
             f"write {first.replace(',', '.')} or {first.replace(',', '')}"
         )
-        raise InputError(message)
     factor, si = unit(match["unit"] or "1")
     if match["first"] and unit(match["first"]) != (factor, si):
-        message = f'"{text}" has two units; write both numbers in one'
-        raise InputError(message)
+        raise InputError(f'"{text}" has two units; write both numbers in one')
     value, u = (float(number.replace(",", ".")) for number in numbers)
     return Quantity(value * factor, u * factor, si)
 
@@ -232,18 +228,15 @@ def si(given: Measure, unit_of: str, name: str) -> float:
         try:
             return float(given)
         except (TypeError, ValueError):
-            message = f"{name}: expected {_example(unit_of)}; found {type(given).__name__}"
-            raise InputError(message) from None
+            raise InputError(f"{name}: expected {_example(unit_of)}; found {type(given).__name__}") from None
     try:
         value, _, found = quantity(given) if isinstance(given, str) else given
     except InputError as error:
-        message = f"{name}: {error}"
-        raise InputError(message) from None
+        raise InputError(f"{name}: {error}") from None
     if found not in unit_of.split(" or "):
         text = f'"{given}"' if isinstance(given, str) else f"{value:g} {found}"
         is_in = "has no unit" if found == "1" else f"is in {found}"
-        message = f"{name}: {text} {is_in}; expected {_example(unit_of)}"
-        raise InputError(message)
+        raise InputError(f"{name}: {text} {is_in}; expected {_example(unit_of)}")
     return value
 
 

@@ -76,11 +76,10 @@ def _put(variables: dict[str, Any], column: Column, start: int, total: int) -> N
     array, attrs = variables[column.name][1], variables[column.name][2]
     is_text = isinstance(column.values, list)
     if (array.dtype == object) != is_text or (not is_text and attrs["units"] != column.si):
-        message = (
+        raise InputError(
             f'the column "{column.header}" is in "{column.unit or "text"}" here and in '
             f'"{attrs["units"]}" in another table; rename one of them'
         )
-        raise InputError(message)
     array[start : start + len(column.values)] = column.values
 
 
@@ -191,15 +190,13 @@ def intervals_of(dataset: xr.Dataset) -> list[Interval]:
         stated = json.loads(dataset.attrs["tests"])
         stops = np.cumsum([entry["rows"] for entry in stated])
         if not len(stops) or int(stops[-1]) != dataset.sizes["sample"]:
-            message = "the attribute tests does not fit the samples"
-            raise InputError(message)
+            raise InputError("the attribute tests does not fit the samples")
         return [
             _interval(dataset.isel(sample=slice(int(stop) - entry["rows"], int(stop))), entry)
             for entry, stop in zip(stated, stops, strict=True)
         ]
     except KeyError as error:
-        message = f"not a Dataset of this reader: {error} is missing"
-        raise InputError(message) from None
+        raise InputError(f"not a Dataset of this reader: {error} is missing") from None
 
 
 def _interval(part: xr.Dataset, entry: dict[str, Any]) -> Interval:

@@ -76,8 +76,7 @@ def read(
     >>> readings.storage_modulus.where(readings.interval == 2)  # doctest: +SKIP
     """
     if decimal not in (None, ".", ","):
-        message = f'decimal must be "." or ",", found "{decimal}"'
-        raise InputError(message)
+        raise InputError(f'decimal must be "." or ",", found "{decimal}"')
     path = Path(path)
     head = _head(path)
     if head.startswith(b"PK"):

@@ -53,8 +53,7 @@ def delimiter_of(source: TextFile) -> str:
     if any("\t" in line for line in head):
         return "\t"
     text = f"no line such as 'Interval and data points: 1 11' in the first {_LOOKED_AT} lines"
-    hint = "Is this an Anton Paar export? If so, export it again as CSV."
-    raise SourceError(source.path, text, line=1, hint=hint)
+    raise SourceError(source.path, text, line=1, hint="Is this an Anton Paar export? If so, export it again as CSV.")
 
 
 def text_rows(source: TextFile, delimiter: str) -> Iterator[Row]:

@@ -211,8 +211,7 @@ def _unit(raw: RawInterval, plan: _Plan, path: Path) -> tuple[float, str]:
         if known is None:
             return 1.0, plan.unit.strip("[] ")  # an unknown quantity keeps its own unit
         text = f"found the unit {shorten(plan.unit)} of {plan.header}, expected one of {' or '.join(known)}"
-        hint = "Correct the row of units, or export again."
-        raise SourceError(path, text, line=raw.line + 1, hint=hint) from None
+        raise SourceError(path, text, line=raw.line + 1, hint="Correct the row of units, or export again.") from None
     is_kelvin = found.si == "K" and known is not None and "degC" in known
     if known is not None and found.si not in known and not is_kelvin:
         text = f'{plan.header} is in "{plan.unit}", expected a unit of {" or ".join(known)}'

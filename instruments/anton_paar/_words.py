@@ -207,6 +207,5 @@ def unit_of(text: str) -> Unit:
         name = name.replace(_LOST, "·")
     found = unit(name)
     if not name:
-        message = f'unknown unit "{text}"'
-        raise InputError(message)
+        raise InputError(f'unknown unit "{text}"')
     return found

@@ -64,11 +64,9 @@ def encode(
         The delimiter is the decimal sign, the language is unknown, or a text holds the delimiter.
     """
     if delimiter == decimal:
-        message = f'"{delimiter}" cannot be both delimiter and decimal sign'
-        raise InputError(message)
+        raise InputError(f'"{delimiter}" cannot be both delimiter and decimal sign')
     if language not in LANGUAGES:
-        message = f'language "{language}" is unknown; expected one of {", ".join(LANGUAGES)}'
-        raise InputError(message)
+        raise InputError(f'language "{language}" is unknown; expected one of {", ".join(LANGUAGES)}')
     style = _Style(delimiter, decimal, language, digits)
     labels = LANGUAGES[language]
     lines = [_joined([labels[0], str(dataset.attrs.get("project", ""))], style), ""]
@@ -89,8 +87,7 @@ def _joined(cells: Sequence[str], style: _Style) -> str:
 
 def _quoted(cell: str, style: _Style) -> str:
     if "\n" in cell or "\r" in cell or (style.delimiter == "\t" and "\t" in cell):
-        message = f"a cell of an export holds no line end and no TAB: {cell!r}"
-        raise InputError(message)
+        raise InputError(f"a cell of an export holds no line end and no TAB: {cell!r}")
     needs = style.delimiter != "\t" and (style.delimiter in cell or '"' in cell)
     return '"' + cell.replace('"', '""') + '"' if needs else cell
 

@@ -55,11 +55,9 @@ def read(path: str | os.PathLike[str], *, fps: float | None = None, exposure: fl
     """
     path = Path(path)
     if fps is None:
-        message = f"{path}: no frame rate. {_NEEDS_RATE}"
-        raise InputError(message)
+        raise InputError(f"{path}: no frame rate. {_NEEDS_RATE}")
     if not (np.isfinite(fps) and fps > 0):
-        message = f"{path}: the frame rate must be positive, found {fps}"
-        raise InputError(message)
+        raise InputError(f"{path}: the frame rate must be positive, found {fps}")
     pictures, numbers = _opened(path, fps)
     film = ExportedFrames(pictures, numbers / fps, exposure)
     first = next((i for i in range(len(film)) if not pictures.fault(i)), None)
@@ -110,8 +108,7 @@ class ExportedFrames(ShownFrames):
         self._rows = range(pictures.size[0]) if rows is None else rows
         self._columns = range(pictures.size[1]) if columns is None else columns
         if not self._rows or not self._columns or self._rows.step != 1 or self._columns.step != 1:
-            message = f"the region of interest {self._rows}, {self._columns} is no rectangle of the image"
-            raise InputError(message)
+            raise InputError(f"the region of interest {self._rows}, {self._columns} is no rectangle of the image")
 
     @property
     def time(self) -> NDArray[np.float64]:
@@ -145,8 +142,7 @@ class ExportedFrames(ShownFrames):
     def __getitem__(self, index: int) -> NDArray[np.integer[Any]]:
         """Decode one frame; those of a video fastest in order."""
         if not -len(self) <= index < len(self):
-            message = f"frame {index} of {len(self)}"
-            raise IndexError(message)
+            raise IndexError(f"frame {index} of {len(self)}")
         image = self._pictures.whole(index % len(self))
         return image[self._rows.start : self._rows.stop, self._columns.start : self._columns.stop]
 

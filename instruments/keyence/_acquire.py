@@ -48,8 +48,7 @@ def parse_trigger(text: str, before: float = 0.0) -> Trigger:
     """
     match = _TRIGGER.fullmatch(text)
     if match is None:
-        message = f'a trigger reads "out1 < -1.5 mm", found "{text}"'
-        raise InputError(message)
+        raise InputError(f'a trigger reads "out1 < -1.5 mm", found "{text}"')
     return Trigger(int(match[1]), quantity(match[3]).value, match[2] == ">", before)
 
 
@@ -101,8 +100,7 @@ def record(
     partial = journals.path_of(target)
     _refuse_existing(target, partial)
     if trigger is not None and trigger.output not in setup.outputs:
-        message = f"the trigger looks at out{trigger.output}, which is not recorded"
-        raise InputError(message)
+        raise InputError(f"the trigger looks at out{trigger.output}, which is not recorded")
     recorder = Recorder(setup, connect, patience)
     try:
         with files.journal(partial) as append:
@@ -122,14 +120,12 @@ def record(
 
 def _refuse_existing(target: Path, partial: Path) -> None:
     if target.exists():
-        message = f"{target} exists already; raw files are never replaced, take another name"
-        raise UsageError(message)
+        raise UsageError(f"{target} exists already; raw files are never replaced, take another name")
     if partial.exists():
-        message = (
+        raise UsageError(
             f"{partial} holds an unfinished recording, of a run that was killed or still goes on; "
             f"finish it with `labpipe acquire recover {partial}`, or take another name"
         )
-        raise UsageError(message)
 
 
 def _saver(
@@ -172,16 +168,13 @@ def recover(path: str | Path) -> Acquired:
     """
     partial = Path(path)
     if partial.suffix != journals.SUFFIX or not partial.is_file():
-        message = f'{partial}: expected an unfinished recording, a file "NAME{journals.SUFFIX}"'
-        raise UsageError(message)
+        raise UsageError(f'{partial}: expected an unfinished recording, a file "NAME{journals.SUFFIX}"')
     with files.lock(partial, wait=False) as is_ours:
         if not is_ours:
-            message = f"{partial} is still being recorded; end that with Ctrl-C, it keeps what came"
-            raise UsageError(message)
+            raise UsageError(f"{partial} is still being recorded; end that with Ctrl-C, it keeps what came")
         found = journals.read(partial)
         if found is None:
-            message = f"{partial} holds no reading: it was killed before one was kept; delete it"
-            raise UsageError(message)
+            raise UsageError(f"{partial} holds no reading: it was killed before one was kept; delete it")
         head = found.head
         recorder = Recorder(head.setup, _nobody, started=head.started, tally=found.tally)
         recorder.replay(found.samples, head.duration, head.trigger)
@@ -191,21 +184,18 @@ def recover(path: str | Path) -> Acquired:
 
 
 def _nobody() -> Connection:
-    message = "a recording that is recovered has no connection"
-    raise InputError(message)
+    raise InputError("a recording that is recovered has no connection")
 
 
 def _write(target: Path, setup: Setup, recorder: Recorder, *, may_exist: bool = False) -> Acquired:
     if recorder.started is None or not recorder.kept:
-        message = "nothing was recorded: no reading came before the end"
-        raise InputError(message)
+        raise InputError("nothing was recorded: no reading came before the end")
     first = recorder.kept[0].slot
     start = recorder.started + timedelta(seconds=first * setup.interval)
     dataset = recording(setup, recorder.kept, start)
     data = encode(dataset)
     if may_exist and target.exists() and target.read_bytes() != data:
-        message = f"{target} exists and holds something else; move it away, then try again"
-        raise UsageError(message)
+        raise UsageError(f"{target} exists and holds something else; move it away, then try again")
     files.write_bytes(target, data)
     summary = {
         "readings": len(recorder.kept),
@@ -232,5 +222,4 @@ def check_units(units: tuple[str, ...]) -> None:
     """
     for text in units:
         if unit(text).si != "m":
-            message = f'the unit of a display is a length such as mm or um, found "{text}"'
-            raise InputError(message)
+            raise InputError(f'the unit of a display is a length such as mm or um, found "{text}"')

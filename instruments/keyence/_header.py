@@ -208,8 +208,7 @@ def _find_start(path: Path, lines: Sequence[str], profile: KeyenceProfile) -> tu
         if is_reading(line.strip().strip('"'), profile.markers):
             return delimiters[-1], index
     text = f"found no row of readings in the first {len(lines)} lines"
-    hint = "Expected rows of numbers or markers such as +FFFFFFF below the header."
-    raise SourceError(path, text, line=1, hint=hint)
+    raise SourceError(path, text, line=1, hint="Expected rows of numbers or markers such as +FFFFFFF below the header.")
 
 
 def _is_row(cells: Sequence[str], markers: tuple[Marker, ...]) -> bool:

@@ -130,8 +130,7 @@ _HINT = "The file is damaged here; delete the line to recover the others."
 
 def _check_order(path: Path, number: int, before: int, slot: int) -> None:
     if not before < slot <= before + _LONGEST_GAP:
-        message = f"slot {slot} cannot follow slot {before}"
-        raise SourceError(path, message, line=number, hint=_HINT)
+        raise SourceError(path, f"slot {slot} cannot follow slot {before}", line=number, hint=_HINT)
 
 
 def _sample(path: Path, number: int, row: bytes, n_outputs: int) -> Sample:

@@ -81,13 +81,11 @@ class Connection:
         self, protocol: str, host: str, port: int, outputs: Sequence[int] = (1,), timeout: float = 1.0
     ) -> None:
         if protocol not in _READ:
-            message = f'unknown protocol "{protocol}"; expected one of {", ".join(_READ)}'
-            raise InputError(message)
+            raise InputError(f'unknown protocol "{protocol}"; expected one of {", ".join(_READ)}')
         most = _LK_VALUES.size // 4 if protocol == LK_G5000 else 16
         wrong = [n for n in outputs if not 1 <= n <= most]
         if wrong or not outputs or len(set(outputs)) != len(outputs):
-            message = f"outputs are different numbers from 1 to {most}, found {list(outputs)}"
-            raise InputError(message)
+            raise InputError(f"outputs are different numbers from 1 to {most}, found {list(outputs)}")
         self.address = f"{host}:{port}"
         self._outputs = tuple(outputs)
         self._ask = _READ[protocol]
@@ -118,11 +116,9 @@ class Connection:
         try:
             return self._ask(self, self._outputs)
         except TimeoutError:
-            message = f"no complete answer within {self._timeout:g} s"
-            raise SourceError(self.address, message) from None
+            raise SourceError(self.address, f"no complete answer within {self._timeout:g} s") from None
         except OSError as error:
-            message = f"the connection broke: {error.strerror or error}"
-            raise SourceError(self.address, message) from None
+            raise SourceError(self.address, f"the connection broke: {error.strerror or error}") from None
 
     def close(self) -> None:
         """End the connection."""
@@ -165,8 +161,7 @@ class Connection:
             self._socket.settimeout(self._left())
             piece = self._socket.recv(4096)
             if not piece:
-                message = f"the controller closed the connection after {len(data)} bytes"
-                raise ProtocolError(self.address, message)
+                raise ProtocolError(self.address, f"the controller closed the connection after {len(data)} bytes")
             data += piece
         return data
 
@@ -175,8 +170,7 @@ def _ask_lk(connection: Connection, outputs: tuple[int, ...]) -> Reading:
     connection.send(_LK_REQUEST)
     reply = connection.receive(lambda data: len(data) >= _LK_REPLY, _LK_REPLY)
     if len(reply) != _LK_REPLY:
-        message = f"found an answer of {len(reply)} bytes, expected {_LK_REPLY}"
-        raise ProtocolError(connection.address, message)
+        raise ProtocolError(connection.address, f"found an answer of {len(reply)} bytes, expected {_LK_REPLY}")
     every = _LK_VALUES.unpack_from(reply, _LK_OFFSET)
     # What stands before the values is not documented, so an answer is told by them: outputs that
     # are not used are invalid, the others fit their display.
@@ -208,8 +202,7 @@ def _ask_en1(connection: Connection, outputs: tuple[int, ...]) -> Reading:
         )
     if name != b"M0" or not cells or not all(_EN1_VALUE.fullmatch(cell) for cell in cells):
         found = line[:60].decode("ascii", "replace")
-        message = f'found the answer "{found}", expected for example "M0,+000012345"'
-        raise ProtocolError(connection.address, message)
+        raise ProtocolError(connection.address, f'found the answer "{found}", expected for example "M0,+000012345"')
     if max(outputs) > len(cells):
         message = f"found readings of {len(cells)} amplifiers, asked for number {max(outputs)}"
         raise ProtocolError(connection.address, message)

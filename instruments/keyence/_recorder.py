@@ -127,18 +127,15 @@ class Setup:
     def __post_init__(self) -> None:
         """Refuse counts that do not fit together, and an interval that cannot be kept."""
         if not len(self.outputs) == len(self.decimals) == len(self.units):
-            message = (
+            raise InputError(
                 f"{len(self.outputs)} outputs need as many decimals and units, found "
                 f"{len(self.decimals)} and {len(self.units)}"
             )
-            raise InputError(message)
         if not 1e-4 <= self.interval <= 3600:
-            message = f"the interval must be from 0.1 ms to 1 h, found {self.interval:g} s"
-            raise InputError(message)
+            raise InputError(f"the interval must be from 0.1 ms to 1 h, found {self.interval:g} s")
         wrong = [d for d in self.decimals if not 0 <= d <= _CELL_DIGITS]
         if wrong:
-            message = f"decimals must be from 0 to {_CELL_DIGITS}, found {wrong[0]}"
-            raise InputError(message)
+            raise InputError(f"decimals must be from 0 to {_CELL_DIGITS}, found {wrong[0]}")
 
     def value(self, place: int, count: int) -> float:
         """Return a count of one output in SI."""
@@ -352,8 +349,7 @@ def recording(setup: Setup, samples: Sequence[Sample], start: datetime) -> xr.Da
         There is no reading.
     """
     if not samples:
-        message = "nothing was recorded: no reading came before the end"
-        raise InputError(message)
+        raise InputError("nothing was recorded: no reading came before the end")
     first = samples[0].slot
     count = samples[-1].slot - first + 1
     slots = np.array([s.slot - first for s in samples])

@@ -36,8 +36,7 @@ def stated_units(path: Path, header: Header, given: Iterable[str] | None) -> tup
         )
     if len(units) != len(header.outputs):
         text = f"found {len(units)} units for {len(header.outputs)} outputs"
-        hint = 'Give one for every output, in order: units=["mm", "um"].'
-        raise SourceError(path, text, line=line, hint=hint)
+        raise SourceError(path, text, line=line, hint='Give one for every output, in order: units=["mm", "um"].')
     for text in units:
         if not is_length_or_volts(text):
             message = f"found the unit {shorten(text)}, expected a length, volts or a derivative"
@@ -68,8 +67,7 @@ def stated_cycle(path: Path, header: Header, given: str | float | None) -> float
     """
     asked = None if given is None else _time(str(given) if isinstance(given, str) else f"{given} s")
     if given is not None and asked is None:
-        message = f'cycle must be a time such as "50 us", found "{given}"'
-        raise InputError(message)
+        raise InputError(f'cycle must be a time such as "50 us", found "{given}"')
     if "cycle" not in header.entries:
         if asked is None:
             raise SourceError(path, "the file does not say its sampling cycle", hint='Give it: cycle="50 us".')

@@ -133,15 +133,12 @@ def read(
 def _merge(profile: KeyenceProfile, **options: Any) -> KeyenceProfile:
     given = {name: value for name, value in options.items() if value is not None}
     if given.get("decimal", ".") not in (".", ","):
-        message = f'decimal must be "." or ",", found "{given["decimal"]}"'
-        raise InputError(message)
+        raise InputError(f'decimal must be "." or ",", found "{given["decimal"]}"')
     if len(given.get("delimiter", ",")) != 1:
-        message = f'delimiter must be one character, found "{given["delimiter"]}"'
-        raise InputError(message)
+        raise InputError(f'delimiter must be one character, found "{given["delimiter"]}"')
     factor = given.get("storage_factor", 1)
     if not isinstance(factor, int) or factor < 1:
-        message = f"storage_factor must be a whole number from 1, found {factor!r}"
-        raise InputError(message)
+        raise InputError(f"storage_factor must be a whole number from 1, found {factor!r}")
     return replace(profile, **given)
 
 

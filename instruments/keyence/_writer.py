@@ -143,8 +143,7 @@ def encode(dataset: xr.Dataset, *, encoding: str = "utf-8-sig", delimiter: str =
         delimiter is the decimal sign.
     """
     if delimiter == decimal:
-        message = f'"{delimiter}" cannot be both delimiter and decimal sign'
-        raise InputError(message)
+        raise InputError(f'"{delimiter}" cannot be both delimiter and decimal sign')
     outputs = sorted(int(str(name)[3:]) for name in dataset.data_vars if _is_output(str(name)))
     units = [_original_unit(dataset, output) for output in outputs]
     columns = [_written(dataset, output, name) for output, name in zip(outputs, units, strict=True)]
@@ -164,11 +163,10 @@ def _original_unit(dataset: xr.Dataset, output: int) -> str:
     attrs = dataset[f"out{output}"].attrs
     if "original_unit" not in attrs:
         # Arithmetic drops attributes in older xarray and keeps them in newer: never guess a unit.
-        message = (
+        raise InputError(
             f"out{output} has no attribute original_unit, so its readings cannot be written; "
             f'state it: dataset["out{output}"].attrs["original_unit"] = "mm"'
         )
-        raise InputError(message)
     return str(attrs["original_unit"])
 
 
@@ -202,10 +200,9 @@ def _written(dataset: xr.Dataset, output: int, original_unit: str) -> list[str]:
         cells[index] = _TOKENS[Status(states[index])]
     too_long = next((cell for cell in cells if len(cell) > _WIDTH), None)
     if too_long is not None or "+0000nan" in cells:
-        message = (
+        raise InputError(
             f"OUT{output}: {too_long or 'NaN with the state VALID'} does not fit the {_WIDTH} characters of a reading"
         )
-        raise InputError(message)
     return cells
 
 

@@ -42,8 +42,7 @@ def assemble(blocks: Sequence[Block], decimal: str = ".") -> xr.Dataset:
         There are none, or one quantity has units of two kinds.
     """
     if not blocks:
-        message = "a Mach-1 file has at least one block, found none"
-        raise InputError(message)
+        raise InputError("a Mach-1 file has at least one block, found none")
     counts = [len(block.values) for block in blocks]
     starts = np.concatenate([[0], np.cumsum(counts)])
     total = int(starts[-1])
@@ -53,8 +52,7 @@ def assemble(blocks: Sequence[Block], decimal: str = ".") -> xr.Dataset:
             name = variable_name(column.quantity)
             values, known = columns.setdefault(name, (np.full(total, np.nan), column))
             if known.unit.si != column.unit.si:
-                message = f'"{column.header}" is in {column.unit.si}, before in {known.unit.si}'
-                raise InputError(message)
+                raise InputError(f'"{column.header}" is in {column.unit.si}, before in {known.unit.si}')
             values[first : first + len(block.values)] = block.values[:, index] * column.unit.factor
     time, _ = columns.pop("time", (np.empty(0), None))
     dataset = xr.Dataset(

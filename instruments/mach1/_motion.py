@@ -79,8 +79,7 @@ def read(
     'N'
     """
     if decimal not in (None, ".", ","):
-        message = f'decimal must be "." or ",", found "{decimal}"'
-        raise InputError(message)
+        raise InputError(f'decimal must be "." or ",", found "{decimal}"')
     source = survey(path, declared=("latin-1",), limits=limits or Limits())
     decimal = decimal or _decimal_of(source.lines())
     blocks = parse(source, Options(decimal, allow_incomplete, allow_gaps))

@@ -88,14 +88,12 @@ class CineFrames(ShownFrames):
         self._rows = range(header.height)[rows]
         self._columns = range(header.width)[columns]
         if self._rows.step != 1 or self._columns.step != 1:
-            message = "a region of interest is a contiguous rectangle; found a step other than 1"
-            raise InputError(message)
+            raise InputError("a region of interest is a contiguous rectangle; found a step other than 1")
         if not self._rows or not self._columns:
-            message = (
+            raise InputError(
                 f"the region of interest {rows}, {columns} holds no pixel of the "
                 f"{header.height} rows × {header.width} columns"
             )
-            raise InputError(message)
 
     @property
     def header(self) -> Header:
@@ -184,8 +182,7 @@ class CineFrames(ShownFrames):
             The file does not hold this frame completely.
         """
         if not -len(self) <= index < len(self):
-            message = f"frame {index} of {len(self)}"
-            raise IndexError(message)
+            raise IndexError(f"frame {index} of {len(self)}")
         index = int(index) % len(self)
         fault = self._fault(index)
         if fault is not None:

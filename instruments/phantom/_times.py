@@ -131,11 +131,10 @@ def time_axis(header: Header) -> TimeAxis:
 def _from_frame_rate(header: Header, number: NDArray[np.int64]) -> TimeAxis:
     interval = _stated_interval(header)
     if interval is None:
-        message = (
+        raise InputError(
             f"no frame has a time: there are no usable time stamps, and the frame rate is "
             f"{header.setup.frame_rate} with a decimation of {header.setup.decimation}"
         )
-        raise InputError(message)
     flag = np.full(header.count, TimeFlag.NO_STAMPS, dtype=np.int64)
     time = np.asarray(number * interval, np.float64)
     return TimeAxis(time, flag, np.zeros(header.count, np.int64), interval)

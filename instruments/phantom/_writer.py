@@ -77,15 +77,13 @@ def write(
     packing = _packing(recording)
     group = {"10-packed": 4, "12-packed": 2}.get(packing, 1)
     if count < 1 or len(time) != count or width % group:
-        message = (
+        raise InputError(
             f"{count} frames of {height} × {width} px with {len(time)} times cannot be stored as "
             f"{packing}: at least one frame, one time each, and a width that is a multiple of "
             f"{group}"
         )
-        raise InputError(message)
     if not 0 < recording.exposure < 1:
-        message = f"an exposure of {recording.exposure} s: the format holds more than 0, below 1 s"
-        raise InputError(message)
+        raise InputError(f"an exposure of {recording.exposure} s: the format holds more than 0, below 1 s")
     image_bytes = row_bytes(packing, width) * height
     head = _head(shape, np.asarray(time, float), recording, packing, image_bytes)
     size = len(head) + count * (image_bytes + 8)
@@ -94,11 +92,10 @@ def write(
 
 def _packing(recording: Recording) -> Packing:
     if recording.bits not in _LEVELS or (recording.packed and recording.bits not in {10, 12}):
-        message = (
+        raise InputError(
             f"{recording.bits} bits{' packed' if recording.packed else ''} is no format of these "
             "cameras; known are 8, 10, 12, 14, 16, and 10 or 12 packed"
         )
-        raise InputError(message)
     if recording.packed:
         return "10-packed" if recording.bits == 10 else "12-packed"
     return "8" if recording.bits == 8 else "16"
@@ -111,13 +108,11 @@ def _chunks(
     written = 0
     for image in images:
         if image.shape != shape[1:]:
-            message = f"image {written} has shape {image.shape}, expected {shape[1:]}"
-            raise InputError(message)
+            raise InputError(f"image {written} has shape {image.shape}, expected {shape[1:]}")
         yield struct.pack("<II", 8, image_bytes) + _encode(image, packing)
         written += 1
     if written != shape[0]:
-        message = f"{written} images were given, {shape[0]} were announced"
-        raise InputError(message)
+        raise InputError(f"{written} images were given, {shape[0]} were announced")
 
 
 def _encode(image: NDArray[np.integer], packing: Packing) -> bytes:

@@ -89,8 +89,7 @@ def read(
     >>> sweeps = read("sweeps.csv")  # doctest: +SKIP
     """
     if decimal not in (None, ".", ","):
-        message = f'decimal must be "." or ",", found "{decimal}"'
-        raise InputError(message)
+        raise InputError(f'decimal must be "." or ",", found "{decimal}"')
     path = Path(path)
     named = None if columns is None else _named(columns)
     found = _in_sheets(path, named) if _is_workbook(path) else _in_text(path, encoding, allow_incomplete, named)
@@ -172,11 +171,10 @@ def _named(columns: str) -> list[Heading]:
     """Read the columns that a user names."""
     found = [_words.parsed(text) for text in columns.split(";" if ";" in columns else ",")]
     if not _words.is_table({heading.name for heading in found if heading.is_known}):
-        message = (
+        raise InputError(
             f'columns="{columns}" names {_spoken(found)}; expected frequency and two of storage modulus, loss modulus, '
             "tan δ and so on, for example \"f (Hz), E' (MPa), E'' (MPa), T (degC)\""
         )
-        raise InputError(message)
     return found
 
 
@@ -197,8 +195,7 @@ def _check_last_row(path: Path, line: int, block: Block) -> None:
         return
     if len(block.rows[-1][1]) < max(map(len, (cells for _, cells in block.rows))):
         text = "the last line has no line end and fewer cells than the others; it is cut"
-        hint = "Complete the line, or drop it with allow_incomplete=True."
-        raise SourceError(path, text, line=line, hint=hint)
+        raise SourceError(path, text, line=line, hint="Complete the line, or drop it with allow_incomplete=True.")
     warnings.warn(
         f"{path}:{line}: the last line has no line end; it is kept, as no cell is missing, "
         "but if the file was cut, its last number is wrong",
@@ -266,8 +263,7 @@ def _complete(path: Path, tables: Sequence[Table]) -> list[Table]:
         if vague is not None and "modulus" in tables[0].missing:
             said = f"{shorten(vague.text)} may be the storage modulus or the complex one; the file does not say which"
             remedy = "Say it by naming the columns in order, with E' or |E*| in its place"
-        hint = f'{remedy}: columns="{example(block)}".'
-        raise SourceError(_place(path, block), said, line=block.line, hint=hint)
+        raise SourceError(_place(path, block), said, line=block.line, hint=f'{remedy}: columns="{example(block)}".')
     for table in tables:
         if table.missing:
             title = f' "{table.block.title}"' if table.block.title else ""

@@ -302,8 +302,7 @@ class DropModel:
         """Return what was observed of the impacts, from touch, duration and radius (column, impact)."""
         touch, lasted, radii = columns[:, np.isfinite(columns[0])]
         if not touch.size:
-            message = "the sphere does not bounce: there is nothing to predict"
-            raise InputError(message)
+            raise InputError("the sphere does not bounce: there is nothing to predict")
         return np.concatenate(
             [
                 touch[np.minimum(self.touches, touch.size - 1)] - touch[0],
@@ -396,8 +395,7 @@ def drop_evidence(name: str, seen: Bounces, model: DropModel) -> Evidence:
         if at.size
     ]
     if not groups:
-        message = f"{name}: no bounce with a known uncertainty was observed"
-        raise InputError(message)
+        raise InputError(f"{name}: no bounce with a known uncertainty was observed")
     expected = _expected_duration(seen.duration[lasted], model)
     fall = sqrt(2.0 * model.height / model.gravity)
     last = float(seen.touch[times].max()) if times.size else fall * max(int(radii.max()), 1)

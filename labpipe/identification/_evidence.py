@@ -51,11 +51,10 @@ class Group:
         shapes = {self.values.shape, self.u.shape, self.axis.shape}
         good = np.isfinite(self.values) & np.isfinite(self.u) & (self.u > 0.0)
         if len(shapes) > 1 or self.values.ndim != 1 or not self.values.size or not good.all():
-            message = (
+            raise InputError(
                 f"{self.name}: expected as many finite values as positive uncertainties and "
                 f"places, found {int(good.sum())} good ones of {self.values.size}"
             )
-            raise InputError(message)
 
 
 class Model(Protocol):
@@ -216,11 +215,10 @@ class LinearModel:
         """
         del material
         if self.basis.shape[1] != rho.size + 1:
-            message = (
+            raise InputError(
                 f"a basis of {self.basis.shape[1] - 1} relaxation times does not fit {rho.size} "
                 f"of the material; rebuild the evidence"
             )
-            raise InputError(message)
         return np.asarray(self._factor(given)[:, None] * self._basis(given))
 
     def refined(self, material: Prony, given: Given) -> Floats | None:

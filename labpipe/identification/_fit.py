@@ -120,8 +120,7 @@ def fit(
         No start can be simulated.
     """
     if not problem.evidence:
-        message = "there are no observations: identification needs at least one experiment"
-        raise InputError(message)
+        raise InputError("there are no observations: identification needs at least one experiment")
     # Precise readings make a narrow, curved valley; widened ones lead near its lowest place.
     loose = {(e.name, g.name): Misfit(_LOOSE) for e in problem.evidence for g in e.groups}
     objective = Objective(problem, problem.no_corrections(), loose)
@@ -395,11 +394,10 @@ def _starts(objective: Objective) -> list[Floats]:
     ]
     tried.sort(key=lambda pair: pair[0])
     if tried[0][0] >= 0.5 * _FAR**2:
-        message = (
+        raise LabpipeError(
             "no material between 0.1 MPa and 100 GPa can be simulated with these experiments; "
             "check mass, radius, heights and depths"
         )
-        raise LabpipeError(message)
     kept: list[Floats] = []
     for _, xi in tried:
         if all(np.linalg.norm(xi - other) > _APART for other in kept):

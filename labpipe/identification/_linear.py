@@ -48,8 +48,7 @@ def lee_radok_basis(time: Floats, area: Floats, rho: Floats, nu: float) -> Float
     """
     step, growth = np.diff(time), np.diff(area)
     if np.any(step < 0.0) or np.any(growth < 0.0):
-        message = "time or contact decrease: Lee and Radok's integral needs a growing contact"
-        raise InputError(message)
+        raise InputError("time or contact decrease: Lee and Radok's integral needs a growing contact")
     x = step[:, None] / rho
     decay = np.exp(-x)
     share = np.where(x > 0.0, -np.expm1(-x) / np.where(x > 0.0, x, 1.0), 1.0)

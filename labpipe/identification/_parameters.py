@@ -53,11 +53,10 @@ class Parameter:
 
     def __post_init__(self) -> None:
         if not (isfinite(self.mean) and isfinite(self.sd) and self.sd > 0.0):
-            message = (
+            raise InputError(
                 f"{self.name}: a prior of {self.mean} with standard deviation {self.sd} is none; "
                 "expected finite numbers and a positive deviation"
             )
-            raise InputError(message)
 
     def value(self, xi: float) -> float:
         """Return the value at a standard coordinate, in ``unit``."""
@@ -79,6 +78,5 @@ class Parameter:
         if not self.is_log:
             return (value - self.mean) / self.sd
         if not value > 0.0:
-            message = f"{self.name} = {value} {self.unit}: expected a positive value"
-            raise InputError(message)
+            raise InputError(f"{self.name} = {value} {self.unit}: expected a positive value")
         return (log(value) - self.mean) / self.sd

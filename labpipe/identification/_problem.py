@@ -62,12 +62,10 @@ class Problem:
         names = [p.name for p in self.parameters]
         twice = sorted({n for n in names if names.count(n) > 1})
         if twice:
-            message = f"the unknowns {', '.join(twice)} are given twice"
-            raise InputError(message)
+            raise InputError(f"the unknowns {', '.join(twice)} are given twice")
         needed = {n for e in self.evidence for n in e.model.unknowns}
         if missing := sorted(needed - set(names)):
-            message = f"no prior is given for: {', '.join(missing)}"
-            raise InputError(message)
+            raise InputError(f"no prior is given for: {', '.join(missing)}")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -115,8 +115,7 @@ def sample(known: Posterior, draws: int = _DRAWS) -> Sample:
     made = [_answer(surrogate, base, found.xi, rng.standard_normal(found.xi.size)) for _ in range(draws)]
     kept = [one for one in made if one is not None]
     if not kept:
-        message = "every draw of the posterior failed; use --sampler laplace"
-        raise LabpipeError(message)
+        raise LabpipeError("every draw of the posterior failed; use --sampler laplace")
     logarithms = np.array([weight for _, weight in kept])
     weights = np.exp(logarithms - logarithms.max())
     return Sample(np.array([xi for xi, _ in kept]), weights / weights.sum(), draws - len(kept))

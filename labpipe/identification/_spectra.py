@@ -126,8 +126,7 @@ def relaxation_times(shortest: float, longest: float, horizon: float = HORIZON, 
         The times are not positive or not in order.
     """
     if not 0.0 < shortest <= longest < np.inf:
-        message = f"data from {shortest} s to {longest} s: expected 0 < shortest <= longest"
-        raise InputError(message)
+        raise InputError(f"data from {shortest} s to {longest} s: expected 0 < shortest <= longest")
     low, high = log10(shortest / _MARGIN), log10(longest * _MARGIN)
     fine = low + np.arange(ceil((high - low) * per_decade) + 1) / per_decade
     last = max(log10(horizon), fine[-1])
@@ -162,8 +161,7 @@ class SmoothSpectrum:
 
     def __post_init__(self) -> None:
         if self.rho.size < 2 or not np.all(np.diff(self.rho) > 0.0) or not self.rho[0] > 0.0:
-            message = "a spectrum needs at least two relaxation times, positive and ascending"
-            raise InputError(message)
+            raise InputError("a spectrum needs at least two relaxation times, positive and ascending")
 
     @cached_property
     def _widths(self) -> Floats:

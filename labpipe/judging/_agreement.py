@@ -99,11 +99,9 @@ def agreement(differences: ArrayLike, covariance: ArrayLike, slack: ArrayLike | 
     C = np.atleast_2d(np.asarray(covariance, float))
     variances = np.diagonal(C)
     if C.shape != (len(d), len(d)) or not np.isfinite(C).all() or not np.isfinite(d).all():
-        message = f"{len(d)} differences want a finite covariance of that size, found {C.shape}"
-        raise InputError(message)
+        raise InputError(f"{len(d)} differences want a finite covariance of that size, found {C.shape}")
     if not (variances > 0.0).all():
-        message = "a difference without uncertainty cannot be judged; state the uncertainty"
-        raise InputError(message)
+        raise InputError("a difference without uncertainty cannot be judged; state the uncertainty")
     root, count = directions(C, slack)
     chi2 = float(np.sum((root @ d) ** 2))
     return Agreement(chi2, count, float(special.chdtrc(count, chi2)), float(np.abs(d / np.sqrt(variances)).max()))

@@ -57,8 +57,7 @@ def along_curve(difference: ArrayLike, own: ArrayLike, effects: ArrayLike) -> Ag
     d, u = np.asarray(difference, float), np.asarray(own, float)
     shared = np.asarray(effects, float).reshape(-1, d.size)
     if u.shape != d.shape:
-        message = f"{d.size} stretches of a curve want as many uncertainties, found {u.size}"
-        raise InputError(message)
+        raise InputError(f"{d.size} stretches of a curve want as many uncertainties, found {u.size}")
     known = np.isfinite(d) & np.isfinite(u) & np.isfinite(shared).all(axis=0)
     known &= (u > 0.0) | (shared != 0.0).any(axis=0)
     if not known.any():

@@ -65,15 +65,12 @@ class Kraus:
     def __post_init__(self) -> None:
         for name in ("critical_strain", "exponent", "storage_floor"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
-                message = f"{name} is {getattr(self, name)}, expected a positive number"
-                raise InputError(message)
+                raise InputError(f"{name} is {getattr(self, name)}, expected a positive number")
         for name in ("loss_peak", "loss_floor"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
-                message = f"{name} is {getattr(self, name)}, expected a number from 0 up"
-                raise InputError(message)
+                raise InputError(f"{name} is {getattr(self, name)}, expected a number from 0 up")
         if self.storage_floor > 1.0:
-            message = f"storage_floor is {self.storage_floor}; a Payne effect softens: at most 1"
-            raise InputError(message)
+            raise InputError(f"storage_floor is {self.storage_floor}; a Payne effect softens: at most 1")
 
     def whole_links(self, strain: ArrayLike) -> Floats:
         """Share 1/(1 + x²) of the links that are whole at amplitudes of shear strain (n,)."""
@@ -97,6 +94,5 @@ class Kraus:
     def _ratio(self, strain: ArrayLike) -> Floats:
         amplitude = np.asarray(strain, dtype=float)
         if not np.all((amplitude >= 0.0) & np.isfinite(amplitude)):
-            message = f"strain amplitude is {amplitude}, expected finite numbers from 0 up"
-            raise InputError(message)
+            raise InputError(f"strain amplitude is {amplitude}, expected finite numbers from 0 up")
         return np.asarray((amplitude / self.critical_strain) ** self.exponent)

@@ -38,8 +38,7 @@ def isofrictional_temperature(temperature: float, molar_mass: float, fox_flory: 
     22.07
     """
     if not (molar_mass > 0 and np.isfinite(fox_flory) and fox_flory >= 0):
-        message = f"molar mass {molar_mass} kg/mol, K = {fox_flory} K kg/mol: expected positive numbers"
-        raise InputError(message)
+        raise InputError(f"molar mass {molar_mass} kg/mol, K = {fox_flory} K kg/mol: expected positive numbers")
     return temperature - fox_flory / molar_mass
 
 
@@ -74,7 +73,6 @@ def wlf_of_melt(
     """
     pole = isofrictional_temperature(-B2, molar_mass, fox_flory)
     if T_ref <= pole:
-        message = f"T_ref = {T_ref:g} °C lies at or below the pole of the law, {pole:.4g} °C"
-        raise InputError(message)
+        raise InputError(f"T_ref = {T_ref:g} °C lies at or below the pole of the law, {pole:.4g} °C")
     C2 = T_ref - pole
     return wlf(B1 / C2, C2, T_ref)

@@ -115,8 +115,7 @@ def respond(
         message = "the solid has a dashpot in parallel: its stress follows the rate of strain; give a solid without one"
         raise InputError(message)
     if heat_capacity is not None and not (np.isfinite(heat_capacity) and heat_capacity > 0):
-        message = f"heat_capacity = {heat_capacity} J/(m3 K): expected a positive number"
-        raise InputError(message)
+        raise InputError(f"heat_capacity = {heat_capacity} J/(m3 K): expected a positive number")
     expanded = _expanded(t, temperature, expansion)
     held = strains - expanded
     inner = np.zeros(solid.rho.size)
@@ -178,11 +177,10 @@ def entropy_inequality(
     [1002.0]
     """
     if not (np.isfinite([conductivity, temperature]).all() and conductivity > 0 and temperature > 0):
-        message = (
+        raise InputError(
             f"conductivity = {conductivity} W/(m K), temperature = {temperature} K: expected positive numbers; "
             "heat that flows to the hotter side breaks (1.17)"
         )
-        raise InputError(message)
     gradient = np.asarray(temperature_gradient, dtype=float)
     return np.asarray(np.asarray(dissipation_rate, dtype=float) + conductivity * gradient**2 / temperature)
 
@@ -193,11 +191,9 @@ def _expanded(t: Floats, temperature: ArrayLike | None, expansion: float) -> Flo
         return np.zeros(t.size)
     warm = np.asarray(temperature, dtype=float)
     if warm.shape != t.shape or not np.isfinite(warm).all():
-        message = f"temperature has shape {warm.shape}: expected a finite number for each of {t.size} times"
-        raise InputError(message)
+        raise InputError(f"temperature has shape {warm.shape}: expected a finite number for each of {t.size} times")
     if not (np.isfinite(expansion) and expansion != 0.0):
-        message = f"expansion = {expansion} 1/K: a history of temperature needs the solid's thermal expansion"
-        raise InputError(message)
+        raise InputError(f"expansion = {expansion} 1/K: a history of temperature needs the solid's thermal expansion")
     return np.asarray(expansion * warm)
 
 
@@ -218,16 +214,13 @@ def _mean_stress(solid: Prony, held: Floats, springs: Floats, lengths: Floats) -
 def _checked(time: ArrayLike, strain: ArrayLike) -> tuple[Floats, Floats]:
     t, strains = np.asarray(time, dtype=float), np.asarray(strain, dtype=float)
     if t.ndim != 1 or t.shape != strains.shape or not t.size:
-        message = f"time has shape {t.shape} and strain {strains.shape}: expected two lists of equal length"
-        raise InputError(message)
+        raise InputError(f"time has shape {t.shape} and strain {strains.shape}: expected two lists of equal length")
     if not (np.isfinite(t).all() and np.isfinite(strains).all()):
-        message = "time and strain must be finite numbers"
-        raise InputError(message)
+        raise InputError("time and strain must be finite numbers")
     falling = np.flatnonzero(np.diff(t) < 0)
     if falling.size:
         n = int(falling[0])
-        message = f"time[{n + 1}] = {t[n + 1]} s comes before time[{n}] = {t[n]} s; sort the history"
-        raise InputError(message)
+        raise InputError(f"time[{n + 1}] = {t[n + 1]} s comes before time[{n}] = {t[n]} s; sort the history")
     return t, strains
 
 
@@ -285,11 +278,9 @@ def inequalities(E_relaxed: float, E: Sequence[float] | Floats, rho: Sequence[fl
     """
     weight, times = np.asarray(E, dtype=float), np.asarray(rho, dtype=float)
     if weight.ndim != 1 or weight.shape != times.shape:
-        message = f"E has shape {weight.shape} and rho {times.shape}: expected two lists of equal length"
-        raise InputError(message)
+        raise InputError(f"E has shape {weight.shape} and rho {times.shape}: expected two lists of equal length")
     if not (np.isfinite(E_relaxed) and np.isfinite(weight).all() and np.isfinite(times).all() and np.all(times > 0)):
-        message = "the modulus and weights must be finite, and every time positive and finite"
-        raise InputError(message)
+        raise InputError("the modulus and weights must be finite, and every time positive and finite")
     each, which = np.unique(times, return_inverse=True)  # elements of one time are one element
     of_elements = np.append(each, np.inf), np.append(np.bincount(which, weight, each.size), E_relaxed)
     low, high = (float(times.min()), float(times.max())) if times.size else (1.0, 1.0)

@@ -86,15 +86,13 @@ class ShiftLaw:
         """
         degrees = np.asarray(temperature, float)
         if np.any(degrees <= -ZERO_CELSIUS):
-            message = f"{degrees.min()} °C lies below absolute zero"
-            raise InputError(message)
+            raise InputError(f"{degrees.min()} °C lies below absolute zero")
         value = law_values(self.name, self.parameters, degrees, self.T_ref)
         if value is None:
-            message = (
+            raise InputError(
                 f"the {self.name} law about {self.T_ref:g} °C has no value at "
                 f"{degrees} °C: its pole lies at {self.T_ref - self.C2:.1f} °C"
             )
-            raise InputError(message)
         return value
 
     def u_log10_aT(self, temperature: ArrayLike) -> Floats:
@@ -213,11 +211,10 @@ def shift_at(law: ShiftLaw, temperature: Floats, log10_aT: Floats, where: float)
     """
     known = np.isfinite(log10_aT)
     if where != law.T_ref and np.unique(temperature[known]).size < 2:
-        message = (
+        raise InputError(
             f"one isotherm cannot be shifted to {where:g} °C; take the material at "
             f"{law.T_ref:g} °C, where it was measured, or measure more temperatures"
         )
-        raise InputError(message)
     deviation = log10_aT[known] - law.log10_aT(temperature[known])
     # The law and the shifts are both zero at the reference, wherever it lies.
     at, first = np.unique(np.append(law.T_ref, temperature[known]), return_index=True)

@@ -77,8 +77,7 @@ class KeyValues:
         """Refuse rows that are not three texts."""
         wrong = [row for row in self.rows if len(row) != 3]
         if wrong:
-            message = f"KeyValues: a row is (name, value, unit or remark), found {wrong[0]!r}"
-            raise InputError(message)
+            raise InputError(f"KeyValues: a row is (name, value, unit or remark), found {wrong[0]!r}")
 
 
 @dataclass(frozen=True)
@@ -102,8 +101,7 @@ class Notice:
     def __post_init__(self) -> None:
         """Refuse an unknown level."""
         if self.level not in get_args(Level):
-            message = f'unknown level "{self.level}"; expected one of {", ".join(get_args(Level))}'
-            raise InputError(message)
+            raise InputError(f'unknown level "{self.level}"; expected one of {", ".join(get_args(Level))}')
 
 
 @dataclass(frozen=True)
@@ -184,11 +182,10 @@ class Gallery:
     def __post_init__(self) -> None:
         """Refuse an empty gallery and a start outside it."""
         if not 0 <= self.start < len(self.frames):
-            message = (
+            raise InputError(
                 f'gallery "{self.title}": start frame {self.start} of {len(self.frames)} frames; '
                 "expected at least one frame and a start among them"
             )
-            raise InputError(message)
 
 
 @dataclass(frozen=True)
@@ -239,8 +236,7 @@ class Deviations:
         """Refuse what has no place on the scale."""
         for name, points in self.rows:
             if not all(math.isfinite(value) for value, _ in points):
-                message = f'deviations "{self.title}": "{name}" has one that is no number; leave it out'
-                raise InputError(message)
+                raise InputError(f'deviations "{self.title}": "{name}" has one that is no number; leave it out')
 
 
 Block: TypeAlias = (

@@ -63,8 +63,7 @@ class Series:
     def __post_init__(self) -> None:
         """Turn the inputs into arrays of float and refuse what cannot be drawn."""
         if self.level is not None and not 0.0 <= self.level <= 1.0:
-            message = f'"{self.name}": level {self.level} lies outside 0 to 1'
-            raise InputError(message)
+            raise InputError(f'"{self.name}": level {self.level} lies outside 0 to 1')
         _check_choice(self.name, "style", self.style, get_args(Style))
         _check_role(self.name, self.role)
         x, y = _coordinates(self.name, self.x), _heights(self.name, "y", self.y)
@@ -154,18 +153,16 @@ class LineChart:
 
         for series in self.series:
             if np.any(np.diff(np.asarray(series.x)) < 0):
-                message = (
+                raise InputError(
                     f'chart "{self.title}": x of "{series.name}" descends; a LineChart needs '
                     "ascending x. Sort it, or use ScatterChart for loops"
                 )
-                raise InputError(message)
         for name, start, stop in self.views:
             if not start < stop:
-                message = (
+                raise InputError(
                     f'chart "{self.title}": the view "{name}" runs from {start} to {stop}; '
                     "expected two finite ends in ascending order"
                 )
-                raise InputError(message)
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,8 +201,7 @@ class ScatterChart:
         for series in self.series:
             if isinstance(series, Band) or series.on_hover:
                 what = "a band" if isinstance(series, Band) else "a curve on hover"
-                message = f'chart "{self.title}": {what} needs a LineChart, found "{series.name}"'
-                raise InputError(message)
+                raise InputError(f'chart "{self.title}": {what} needs a LineChart, found "{series.name}"')
 
 
 def _check_chart(chart: LineChart | ScatterChart) -> None:
@@ -213,20 +209,17 @@ def _check_chart(chart: LineChart | ScatterChart) -> None:
         _check_choice(chart.title, f"{axis} scale", scale, get_args(Scale))
     steady = [s for s in chart.series if isinstance(s, Band) or not s.on_hover]
     if not any(len(series.x) for series in steady):  # type: ignore[arg-type]
-        message = (
+        raise InputError(
             f'chart "{chart.title}" has nothing to draw: {len(chart.series)} series, all empty; '
             "leave the chart out or say in a Notice why there are no data"
         )
-        raise InputError(message)
     if not chart.height_px > 0:
-        message = f'chart "{chart.title}": height_px must be positive, found {chart.height_px}'
-        raise InputError(message)
+        raise InputError(f'chart "{chart.title}": height_px must be positive, found {chart.height_px}')
 
 
 def _check_choice(owner: str, what: str, found: str, choices: Sequence[str]) -> None:
     if found not in choices:
-        message = f'"{owner}": unknown {what} "{found}"; expected one of {", ".join(choices)}'
-        raise InputError(message)
+        raise InputError(f'"{owner}": unknown {what} "{found}"; expected one of {", ".join(choices)}')
 
 
 def _check_role(owner: str, role: str | None) -> None:
@@ -239,8 +232,7 @@ def _array(owner: str, field: str, values: "ArrayLike") -> "Floats":
 
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1:
-        message = f'series "{owner}": {field} has {array.ndim} dimensions; expected one'
-        raise InputError(message)
+        raise InputError(f'series "{owner}": {field} has {array.ndim} dimensions; expected one')
     return array
 
 
@@ -250,11 +242,10 @@ def _coordinates(owner: str, values: "ArrayLike") -> "Floats":
     array = _array(owner, "x", values)
     if not np.isfinite(array).all():
         count = int(np.count_nonzero(~np.isfinite(array)))
-        message = (
+        raise InputError(
             f'series "{owner}": {count} of {array.size} x values are NaN or infinite; drop those '
             "points, or set y to NaN for a gap"
         )
-        raise InputError(message)
     return array
 
 
@@ -264,13 +255,11 @@ def _heights(owner: str, field: str, values: "ArrayLike") -> "Floats":
     array = _array(owner, field, values)
     if np.isinf(array).any():
         count = int(np.count_nonzero(np.isinf(array)))
-        message = f'series "{owner}": {count} of {array.size} {field} values are infinite; use NaN for a gap'
-        raise InputError(message)
+        raise InputError(f'series "{owner}": {count} of {array.size} {field} values are infinite; use NaN for a gap')
     return array
 
 
 def _check_lengths(owner: str, arrays: "dict[str, Floats]") -> None:
     if len({array.size for array in arrays.values()}) > 1:
         found = ", ".join(f"{field} {array.size}" for field, array in arrays.items())
-        message = f'series "{owner}": arrays of different lengths ({found}); expected equal ones'
-        raise InputError(message)
+        raise InputError(f'series "{owner}": arrays of different lengths ({found}); expected equal ones')

@@ -192,8 +192,7 @@ def _block(block: Any, charts: Iterator[_ChartPart]) -> "Markup":
         return _markup("details", summary=block.summary, blocks=inner, text=block.text, is_open=block.is_open)
     describe = _DESCRIPTIONS.get(type(block))
     if describe is None:
-        message = f"a section holds blocks of the report kit, found {type(block).__name__}"
-        raise InputError(message)
+        raise InputError(f"a section holds blocks of the report kit, found {type(block).__name__}")
     macro, values = describe(block)
     return _markup(macro, **values)
 

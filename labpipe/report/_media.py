@@ -38,5 +38,4 @@ def mime_type(data: bytes) -> str:
             return name
     if _SVG_HEAD.match(data[:4096]):
         return "image/svg+xml"
-    message = f"a picture must be a PNG, JPEG or SVG file, found {len(data)} bytes that start with {data[:8]!r}"
-    raise InputError(message)
+    raise InputError(f"a picture must be a PNG, JPEG or SVG file, found {len(data)} bytes that start with {data[:8]!r}")

@@ -128,8 +128,7 @@ def looks(roles: Sequence[str | None]) -> tuple[LineLook, ...]:
     found = []
     for role in roles:
         if role is not None and role not in _BY_ROLE:
-            message = f'unknown role "{role}"; known roles: {", ".join(ROLES)}, or None'
-            raise InputError(message)
+            raise InputError(f'unknown role "{role}"; known roles: {", ".join(ROLES)}, or None')
         count = seen.get(role, 0)
         seen[role] = count + 1
         found.append(_look(role, count, several=list(roles).count(role) > 1))
@@ -255,8 +254,7 @@ def line_arguments(role: Role | None = None, *, style: str = "line", count: int 
     'none'
     """
     if role is not None and role not in _BY_ROLE:
-        message = f'unknown role "{role}"; known roles: {", ".join(ROLES)}, or None'
-        raise InputError(message)
+        raise InputError(f'unknown role "{role}"; known roles: {", ".join(ROLES)}, or None')
     look = _look(role, count, several=count > 0)
     arguments: dict[str, Any] = {
         "color": look.light,
@@ -297,8 +295,7 @@ def figure_bytes(figure: "Figure", file_format: str, dpi: float | None = None) -
         The format is none of the three.
     """
     if file_format not in _METADATA:
-        message = f'unknown figure format "{file_format}"; expected one of {", ".join(_METADATA)}'
-        raise InputError(message)
+        raise InputError(f'unknown figure format "{file_format}"; expected one of {", ".join(_METADATA)}')
     from matplotlib import rc_context
     from matplotlib.backend_bases import get_registered_canvas_class
     from matplotlib.layout_engine import PlaceHolderLayoutEngine

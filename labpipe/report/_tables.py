@@ -188,8 +188,7 @@ def plus_minus(value: float, u: float) -> str:
     '(3.200 ± 0.044) × 10⁻⁷'
     """
     if u < 0:
-        message = f"a standard uncertainty cannot be negative, found {u}; pass its magnitude"
-        raise InputError(message)
+        raise InputError(f"a standard uncertainty cannot be negative, found {u}; pass its magnitude")
     if not (math.isfinite(value) and math.isfinite(u)):
         return f"{number(value)} ± {_not_finite(u)}" if math.isfinite(value) else _not_finite(value)
     if u == 0:
@@ -283,18 +282,16 @@ class Table:
         """Refuse rows and references that do not fit the columns."""
         for index, row in enumerate(self.rows):
             if len(row) != len(self.columns):
-                message = (
+                raise InputError(
                     f'table "{self.caption}": row {index} has {len(row)} cells, expected '
                     f"{len(self.columns)} (one for each column)"
                 )
-                raise InputError(message)
         for column in self.columns:
             if column.u is not None and not 0 <= column.u < len(self.columns):
-                message = (
+                raise InputError(
                     f'table "{self.caption}": column "{column.title}" takes its uncertainty from '
                     f"column {column.u}; expected 0 to {len(self.columns) - 1}"
                 )
-                raise InputError(message)
 
 
 @dataclass(frozen=True)

@@ -59,8 +59,7 @@ def timed_from_event(record: xr.DataArray, event: float) -> xr.DataArray:
         The event is not finite.
     """
     if not np.isfinite(event):
-        message = f"cannot align at {event}: the event was not found in this record"
-        raise InputError(message)
+        raise InputError(f"cannot align at {event}: the event was not found in this record")
     shifted = record.assign_coords(time=record["time"] - event)
     shifted["time"].attrs = described("s", "time from the event")
     return shifted
@@ -137,11 +136,9 @@ def lag(first: xr.DataArray, second: xr.DataArray, largest: float | None = None)
     inside = (t1 + start >= t2[0] + interval) & (t1 + start <= t2[-1] - interval)
     t, y = t1[inside], y1[inside]
     if len(t) < _FEWEST:
-        message = f"the records overlap in {len(t)} readings only; at least {_FEWEST} are needed"
-        raise InputError(message)
+        raise InputError(f"the records overlap in {len(t)} readings only; at least {_FEWEST} are needed")
     if is_constant(y):
-        message = "a record is constant where the two overlap, so it determines no lag"
-        raise InputError(message)
+        raise InputError("a record is constant where the two overlap, so it determines no lag")
     shift = start
     for _ in range(_STEPS):
         moved, rate = spline(t + shift), evaluate(smoothed, t + shift, 1)[0]
@@ -169,11 +166,9 @@ def _readings(record: xr.DataArray) -> tuple[Floats, Floats]:
     finite = np.isfinite(y)
     t, y = t[finite], y[finite]
     if len(t) < _FEWEST:
-        message = f"a lag needs {_FEWEST} readings; found {len(t)}"
-        raise InputError(message)
+        raise InputError(f"a lag needs {_FEWEST} readings; found {len(t)}")
     if is_constant(y):
-        message = "a record is constant, so it determines no lag"
-        raise InputError(message)
+        raise InputError("a record is constant, so it determines no lag")
     return t, y
 
 
@@ -197,7 +192,6 @@ def _coarse(t1: Floats, y1: Floats, t2: Floats, y2: Floats, largest: float | Non
     if largest is not None:
         allowed = (overlap >= _FEWEST) & (np.abs(shifts) <= largest + 0.5 * interval)
     if not allowed.any():
-        message = "the records do not overlap within the largest lag"
-        raise InputError(message)
+        raise InputError("the records do not overlap within the largest lag")
     score = np.where(allowed, np.abs(product) / np.sqrt(np.maximum(power, 1e-12)), -np.inf)
     return float(shifts[int(np.argmax(score))])

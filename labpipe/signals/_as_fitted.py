@@ -80,8 +80,7 @@ def as_fitted(
     True
     """
     if not noise > 0.0:
-        message = f"noise = {noise} m: expected the positive standard deviation of the record's noise"
-        raise InputError(message)
+        raise InputError(f"noise = {noise} m: expected the positive standard deviation of the record's noise")
     time, height = displacement["time"].values, displacement.values
     found = np.full((count, len(TOGETHER)), np.nan)
     beneath = None if floor is None else Beneath(floor)

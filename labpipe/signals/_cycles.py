@@ -77,15 +77,13 @@ def active_window(
     """
     t, x = np.asarray(time, float), np.asarray(position, float)
     if t.ndim != 1 or t.shape != x.shape:
-        message = f"time and position must be one-dimensional and alike: {t.shape} and {x.shape}"
-        raise InputError(message)
+        raise InputError(f"time and position must be one-dimensional and alike: {t.shape} and {x.shape}")
     t = checked_times(t)
     refuse_infinite(x, "position")
     finite = np.isfinite(x)
     t, x = t[finite], x[finite]
     if len(x) < 16 or is_constant(x):
-        message = f"no motion in {len(x)} readings"
-        raise InputError(message)
+        raise InputError(f"no motion in {len(x)} readings")
     extent = float(np.ptp(x))
     start, before = _edge(t, x, extent)
     end, after = _edge(-t[::-1], x[::-1], extent)
@@ -96,10 +94,9 @@ def active_window(
     period = 1.0 / fit.frequency
     n_cycles = int((end - start) / period + 0.5) - 2 * skip_cycles
     if n_cycles < 1:
-        message = (
+        raise InputError(
             f"{(end - start) / period:.2f} cycles of motion leave none after {skip_cycles} are left out at either end"
         )
-        raise InputError(message)
     first = start + skip_cycles * period
     last = min(first + n_cycles * period, float(t[moving][-1]))
     return Window(start, end, before, after, fit.frequency, first, last)
@@ -169,8 +166,7 @@ def hysteresis_loops(
     """
     t, x, load = (np.asarray(a, float) for a in (time, position, force))
     if not (t.shape == x.shape == load.shape and t.size):
-        message = f"time, position and force must be alike: {t.shape}, {x.shape} and {load.shape}"
-        raise InputError(message)
+        raise InputError(f"time, position and force must be alike: {t.shape}, {x.shape} and {load.shape}")
     t = checked_times(t)
     refuse_infinite(x, "position")
     refuse_infinite(load, "force")
@@ -184,14 +180,12 @@ def hysteresis_loops(
         count -= 1
     interval = float(np.median(np.diff(t))) if len(t) > 1 else np.inf
     if count < 1 or interval * frequency > 1.0 / 8.0:
-        message = (
+        raise InputError(
             f"loops need a whole cycle of eight readings; found {(stop - begin) * frequency:.3g} "
             f"cycles of {1.0 / (interval * frequency):.3g} readings"
         )
-        raise InputError(message)
     if not (np.isfinite(x).all() and np.isfinite(load).all()):
-        message = "position or force has unread samples inside the cycles; choose start and end"
-        raise InputError(message)
+        raise InputError("position or force has unread samples inside the cycles; choose start and end")
     path = CubicSpline(t, np.column_stack([x, load]))
     phase = np.arange(_POINTS_PER_CYCLE) / _POINTS_PER_CYCLE
     rows = [_one_loop(path, begin + k / frequency, 1.0 / frequency, phase) for k in range(count)]

@@ -126,8 +126,7 @@ def velocity(
         breaks = np.sort(edges[np.isfinite(edges)]) if breaks is None else breaks
     noise = None if noise is None else si(noise, "m", "noise")
     if noise is not None and not (np.isfinite(noise) and noise >= 0.0):
-        message = f"noise must be a standard deviation in m, >= 0; found {noise}"
-        raise InputError(message)
+        raise InputError(f"noise must be a standard deviation in m, >= 0; found {noise}")
     is_read = np.isfinite(values)
     t, y = time[is_read], values[is_read]
     known = estimate_noise(y - y[0], t)
@@ -155,43 +154,37 @@ def velocity(
         attributes = _attributes(known, [half_rate / max(span, 2)] * 2, 0, {"samples": len(t)})
         attributes["window"] = span
     else:
-        message = f'method must be "spline", "thesis" or "difference"; found "{method}"'
-        raise InputError(message)
+        raise InputError(f'method must be "spline", "thesis" or "difference"; found "{method}"')
     return _labelled(record, is_read, v, u, {"method": used, **attributes})
 
 
 def checked_record(displacement: xr.DataArray) -> tuple[Floats, Floats]:
     """Time and values of a displacement record as float64 copies, or say what is wrong with it."""
     if displacement.dims != ("time",) or "time" not in displacement.coords:
-        message = (
+        raise InputError(
             f"displacement must have the one dimension time with its coordinate; found dimensions {displacement.dims}"
         )
-        raise InputError(message)
     unit = displacement.attrs.get("units", "m")
     if unit != "m":
-        message = f'displacement must be in "m"; found "{unit}": convert it first'
-        raise InputError(message)
+        raise InputError(f'displacement must be in "m"; found "{unit}": convert it first')
     time = checked_times(displacement["time"].values)
     values = np.array(displacement.values, dtype=float)
     refuse_infinite(values, "displacement")
     if np.isfinite(values).sum() < 2:
-        message = f"a velocity needs two readings; found {int(np.isfinite(values).sum())}"
-        raise InputError(message)
+        raise InputError(f"a velocity needs two readings; found {int(np.isfinite(values).sum())}")
     return time, values
 
 
 def _odd(window: int, n: int) -> int:
     if not 1 <= window <= n:
-        message = f"window must be from 1 to the {n} readings; found {window}"
-        raise InputError(message)
+        raise InputError(f"window must be from 1 to the {n} readings; found {window}")
     return window - 1 + window % 2
 
 
 def _times(times: ArrayLike | None, name: str) -> list[float]:
     found = np.asarray([] if times is None else times, float).ravel()
     if not np.isfinite(found).all():
-        message = f"{name} must be finite times in s; found {found[~np.isfinite(found)][0]}"
-        raise InputError(message)
+        raise InputError(f"{name} must be finite times in s; found {found[~np.isfinite(found)][0]}")
     return [float(time) for time in found]
 
 

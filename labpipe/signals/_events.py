@@ -164,19 +164,16 @@ def bounces(
     Thesis section 3.3 (phases of figure 3.13).
     """
     if contact not in PRIORS:
-        message = f'contact must be one of {", ".join(PRIORS)}; found "{contact}"'
-        raise InputError(message)
+        raise InputError(f'contact must be one of {", ".join(PRIORS)}; found "{contact}"')
     record = displacement["displacement"] if isinstance(displacement, xr.Dataset) else displacement
     time, values = checked_record(record)
     is_read = np.isfinite(values)
     time, values = time[is_read], values[is_read]
     if len(time) < 4 * FEWEST_IN_FLIGHT:
-        message = f"a drop needs at least {4 * FEWEST_IN_FLIGHT} readings; found {len(time)}"
-        raise InputError(message)
+        raise InputError(f"a drop needs at least {4 * FEWEST_IN_FLIGHT} readings; found {len(time)}")
     sigma = noise if noise is not None else estimate_noise(values - values[0], time).sigma
     if is_constant(values) or not (np.isfinite(sigma) and sigma > 0.0):
-        message = "the displacement does not change: no drop in this record"
-        raise InputError(message)
+        raise InputError("the displacement does not change: no drop in this record")
     keep = ~is_spike(time, values, sigma)
     time, values = time[keep], values[keep]
     known = Hum.of_text(displacement.attrs.get("hum")) if isinstance(displacement, xr.Dataset) else None
@@ -193,11 +190,10 @@ def bounces(
     height = direction * values
     fall, u_fall = common_fall(time, height, sigma, turns, gravity, colour)
     if turns[0].jump < _IMPULSIVE * fall * turns[0].duration:
-        message = (
+        raise InputError(
             f"no bounce found: the strongest reversal changes the speed by {turns[0].jump:.3g} "
             f"m/s in {turns[0].duration:.3g} s, no more than {_IMPULSIVE:.0f} times the fall does"
         )
-        raise InputError(message)
     prior = PRIORS[contact]
     impacts, last_touch = _fitted(time, height, (sigma, colour), turns, (fall, u_fall), prior, floor)
     for number, impact in enumerate(impacts, 1):
@@ -209,8 +205,7 @@ def bounces(
             )
             warnings.warn(text, UserWarning, stacklevel=2)
     if not impacts:
-        message = "no bounce found: no impact between two flights of constant acceleration"
-        raise InputError(message)
+        raise InputError("no bounce found: no impact between two flights of constant acceleration")
     found = _per_impact(impacts, direction)
     found |= _release(time, height, (sigma, colour), turns[0], impacts[0], (fall, u_fall), direction)
     found |= _rest(time, values, motion.speed, motion.u_speed, impacts[0], last_touch)
@@ -303,8 +298,7 @@ def phases(events: xr.Dataset, time: xr.DataArray) -> xr.DataArray:
         A time is not a number.
     """
     if np.isnan(np.asarray(time.values, float)).any():
-        message = "a time is NaN; leave it out"
-        raise InputError(message)
+        raise InputError("a time is NaN; leave it out")
     edges = np.array(
         [float(events[name]) for name in ("release_time", "first_contact_time", "settling_time", "rest_time")]
     )
@@ -342,8 +336,7 @@ def _fitted(
         if window.stop - window.start < _LEAST_READINGS:
             if impacts:
                 return impacts, turn.touch
-            message = f"no bounce found: hardly any reading lies about the contact at {turn.touch:.4g} s"
-            raise InputError(message)
+            raise InputError(f"no bounce found: hardly any reading lies about the contact at {turn.touch:.4g} s")
         impacts.append(fit_impact(time[window], height[window], sigma, guess, *gravity, prior, colour, beneath))
         beneath = impacts[-1].beneath
     return impacts, float(impacts[-1].value[0]) if impacts else np.nan
@@ -439,11 +432,10 @@ def _release(
         # The last row is the common fall, not a reading.
         covariance = sigma**2 * coloured_covariance(design, inverse, t, colour, sigma)
     except np.linalg.LinAlgError as error:
-        message = (
+        raise InputError(
             f"{len(t)} readings of the fall before the first touch at {impact.value[0]:.6g} s do "
             f"not determine when it began"
-        )
-        raise InputError(message) from error
+        ) from error
     begin = speed / fall_rate
     by_arc = np.array([0.0, 1.0 / fall_rate, -speed / fall_rate**2])
     drop = level + 0.5 * speed**2 / fall_rate

@@ -62,18 +62,15 @@ def first_touch(position: ArrayLike, force: ArrayLike) -> FirstTouch:
     """
     z, f = np.asarray(position, float), np.asarray(force, float)
     if z.ndim != 1 or z.shape != f.shape:
-        message = f"position and force must be one-dimensional and alike: {z.shape} and {f.shape}"
-        raise InputError(message)
+        raise InputError(f"position and force must be one-dimensional and alike: {z.shape} and {f.shape}")
     refuse_infinite(z, "position")
     refuse_infinite(f, "force")
     finite = np.isfinite(z) & np.isfinite(f)
     z, f = z[finite], f[finite]
     if z.size < 2 * _FEWEST:
-        message = f"an approach needs at least {2 * _FEWEST} readings, found {z.size}"
-        raise InputError(message)
+        raise InputError(f"an approach needs at least {2 * _FEWEST} readings, found {z.size}")
     if is_constant(z):
-        message = "the position does not change: no approach"
-        raise InputError(message)
+        raise InputError("the position does not change: no approach")
     # Second differences: a force that rises evenly, by any step a reading, has none.
     noise = float(1.4826 * np.median(np.abs(np.diff(f, 2))) / np.sqrt(6))
     start, end = float(np.median(f[:_FEWEST])), float(f[-3:].mean())

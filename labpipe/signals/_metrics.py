@@ -45,22 +45,19 @@ def nrmse(measured: ArrayLike, model: ArrayLike) -> float:
     a, b = _pairs(measured, model)
     extent = float(np.ptp(b))
     if is_constant(b):
-        message = "the model does not vary, so an error relative to its range is undefined"
-        raise InputError(message)
+        raise InputError("the model does not vary, so an error relative to its range is undefined")
     return round(float(np.sqrt(np.mean((a - b) ** 2)) / extent), 15)
 
 
 def _pairs(measured: ArrayLike, model: ArrayLike) -> tuple[Floats, Floats]:
     a, b = np.asarray(measured, float), np.asarray(model, float)
     if a.shape != b.shape:
-        message = f"the two curves differ in shape: {a.shape} and {b.shape}"
-        raise InputError(message)
+        raise InputError(f"the two curves differ in shape: {a.shape} and {b.shape}")
     refuse_infinite(a, "the first curve")
     refuse_infinite(b, "the second curve")
     finite = np.isfinite(a) & np.isfinite(b)
     if np.count_nonzero(finite) < 2:
-        message = "at least two finite pairs are needed to compare two curves"
-        raise InputError(message)
+        raise InputError("at least two finite pairs are needed to compare two curves")
     return a[finite], b[finite]
 
 
@@ -86,11 +83,9 @@ def compare(measured: xr.DataArray, model: xr.DataArray) -> xr.Dataset:
     """
     units = measured.attrs.get("units", "1")
     if model.attrs.get("units", units) != units:
-        message = f'the measurement is in "{units}", the model in "{model.attrs["units"]}"'
-        raise InputError(message)
+        raise InputError(f'the measurement is in "{units}", the model in "{model.attrs["units"]}"')
     if not np.array_equal(measured["time"], model["time"]):
-        message = "the two curves are given at different times; interpolate one of them first"
-        raise InputError(message)
+        raise InputError("the two curves are given at different times; interpolate one of them first")
     refuse_infinite(np.asarray(measured["time"], float), "time")
     a, b = _pairs(measured.values, model.values)
     difference = a - b
@@ -163,8 +158,7 @@ def agreement(first: ArrayLike, second: ArrayLike, n_effective: float | None = N
     """
     a, b = _pairs(first, second)
     if a.size < 3:
-        message = f"limits of agreement need at least three pairs, found {a.size}"
-        raise InputError(message)
+        raise InputError(f"limits of agreement need at least three pairs, found {a.size}")
     d = a - b
     n = independent_count(d) if n_effective is None else float(n_effective)
     sd = float(d.std(ddof=1))
@@ -190,8 +184,7 @@ def independent_count(values: ArrayLike) -> float:
     """
     x = np.asarray(values, float)
     if not np.isfinite(x).all():
-        message = "independent samples are counted among finite values; leave out the others"
-        raise InputError(message)
+        raise InputError("independent samples are counted among finite values; leave out the others")
     x = x - x.mean()
     power = float(x @ x)
     if x.size < 4 or power == 0:

@@ -145,16 +145,14 @@ def fit_sinusoid(
     nyquist = 0.5 / float(np.median(np.diff(t)))
     guess = strongest_line(s, y) if frequency_guess is None else float(frequency_guess)
     if not 0.0 < guess < nyquist or guess * span < 1.0 - 1e-9:
-        message = (
+        raise InputError(
             f"a sinusoid of {guess:.6g} Hz cannot be fitted to {span:.6g} s at "
             f"{2 * nyquist:.6g} readings per s: at least one cycle and two readings per cycle"
         )
-        raise InputError(message)
     n_waves = max(min(harmonics, int(0.98 * nyquist / guess)), 1)
     n_parameters = trend_order + 2 + 2 * n_waves
     if len(t) < _FEWEST_PER_PARAMETER * n_parameters:
-        message = f"{len(t)} readings cannot determine {n_parameters} parameters of a sinusoid"
-        raise InputError(message)
+        raise InputError(f"{len(t)} readings cannot determine {n_parameters} parameters of a sinusoid")
 
     def misfit(frequency: float) -> float:
         return float(np.sum(_linear(s, y, frequency, n_waves, trend_order)[1] ** 2))
@@ -212,8 +210,7 @@ def common_fit(
     """
     t, x, load = (np.asarray(a, float) for a in (time, position, force))
     if not t.shape == x.shape == load.shape:
-        message = f"time, position and force differ in shape: {t.shape}, {x.shape}, {load.shape}"
-        raise InputError(message)
+        raise InputError(f"time, position and force differ in shape: {t.shape}, {x.shape}, {load.shape}")
     refuse_infinite(x, "position")
     refuse_infinite(load, "force")
     both = np.isfinite(x) & np.isfinite(load)
@@ -251,18 +248,15 @@ def readings_of(time: ArrayLike, signal: ArrayLike) -> tuple[Floats, Floats]:
     """
     t, y = np.array(time, float), np.array(signal, float)
     if t.ndim != 1 or t.shape != y.shape:
-        message = f"time and signal must be one-dimensional and alike: {t.shape} and {y.shape}"
-        raise InputError(message)
+        raise InputError(f"time and signal must be one-dimensional and alike: {t.shape} and {y.shape}")
     checked_times(t)
     refuse_infinite(y, "the signal")
     finite = np.isfinite(y)
     t, y = t[finite], y[finite]
     if len(t) < 6:
-        message = f"an oscillation needs 6 readings; found {len(t)}"
-        raise InputError(message)
+        raise InputError(f"an oscillation needs 6 readings; found {len(t)}")
     if is_constant(y):
-        message = "the signal does not vary: no oscillation in it"
-        raise InputError(message)
+        raise InputError("the signal does not vary: no oscillation in it")
     return t, y
 
 

@@ -34,23 +34,18 @@ def checked_times(time: ArrayLike, what: str = "time") -> Floats:
     """
     t = np.array(time, float)
     if t.ndim != 1:
-        message = f"{what} must be one-dimensional; found the shape {t.shape}"
-        raise InputError(message)
+        raise InputError(f"{what} must be one-dimensional; found the shape {t.shape}")
     if t.size and not np.isfinite(t[0]):
-        message = f"{what} must be finite; sample 0 is at {t[0]} s"
-        raise InputError(message)
+        raise InputError(f"{what} must be finite; sample 0 is at {t[0]} s")
     # An infinite time may well follow a finite one, and nothing but infinity follows it.
     wrong = np.flatnonzero(~(np.isfinite(t[1:]) & (t[1:] > t[:-1])))
     if wrong.size:
         i = int(wrong[0])
-        message = f"{what} must increase; sample {i + 1} is at {t[i + 1]} s after {t[i]} s"
-        raise InputError(message)
+        raise InputError(f"{what} must increase; sample {i + 1} is at {t[i + 1]} s after {t[i]} s")
     if t.size and not (t[0] > -LARGEST and t[-1] < LARGEST):
-        message = f"{what} must be in s; found {t[0]:.3g} to {t[-1]:.3g} s"
-        raise InputError(message)
+        raise InputError(f"{what} must be in s; found {t[0]:.3g} to {t[-1]:.3g} s")
     if t.size > 1 and not float(np.min(np.diff(t))) > LEAST:
-        message = f"{what} must be in s; found readings {np.min(np.diff(t)):.3g} s apart"
-        raise InputError(message)
+        raise InputError(f"{what} must be in s; found readings {np.min(np.diff(t)):.3g} s apart")
     return t
 
 
@@ -67,8 +62,7 @@ def refuse_infinite(values: Floats, what: str) -> None:
     wrong = np.flatnonzero(np.abs(values) > LARGEST)
     if wrong.size:
         i = int(wrong[0])
-        message = f"{what} must be finite or NaN; sample {i} is {values.ravel()[i]}"
-        raise InputError(message)
+        raise InputError(f"{what} must be finite or NaN; sample {i} is {values.ravel()[i]}")
 
 
 def is_constant(values: Floats) -> bool:
@@ -85,8 +79,7 @@ def refuse_endless(span: float, interval: float) -> None:
         More than twenty million samples.
     """
     if not span <= _MOST_SAMPLES * interval:
-        message = (
+        raise InputError(
             f"{span:.3g} s at the finest interval of {interval:.3g} s are more than "
             f"{_MOST_SAMPLES} samples; give all records their times in s"
         )
-        raise InputError(message)

@@ -48,21 +48,17 @@ def combine_repeats(records: Sequence[xr.DataArray], starts: ArrayLike) -> xr.Da
     """
     starts = np.asarray(starts, float)
     if len(records) == 0 or len(records) != starts.size:
-        message = f"{len(records)} records with {starts.size} starts cannot be combined"
-        raise InputError(message)
+        raise InputError(f"{len(records)} records with {starts.size} starts cannot be combined")
     name, units = records[0].name, records[0].attrs.get("units")
     if any(r.name != name or r.attrs.get("units") != units for r in records):
-        message = "repeats must hold one quantity in one unit; names or units differ"
-        raise InputError(message)
+        raise InputError("repeats must hold one quantity in one unit; names or units differ")
     if not np.all(np.isfinite(starts)):
-        message = "a repeat has no start to be aligned at"
-        raise InputError(message)
+        raise InputError("a repeat has no start to be aligned at")
     for k, record in enumerate(records):
         checked_times(record["time"].values, f"time of repeat {k + 1}")
         refuse_infinite(np.asarray(record.values, float), f"repeat {k + 1}")
         if record.size < 2:
-            message = f"a repeat needs two readings; repeat {k + 1} has {record.size}"
-            raise InputError(message)
+            raise InputError(f"a repeat needs two readings; repeat {k + 1} has {record.size}")
     time = _common_time(records, starts)
     values = np.array(
         [_interpolated(time, r["time"].values - s, r.values) for r, s in zip(records, starts, strict=True)]

@@ -97,35 +97,30 @@ def ringing(
     (5.0, 0.02)
     """
     if direction not in (-1, 1):
-        message = f"direction must be 1 or -1, found {direction}"
-        raise InputError(message)
+        raise InputError(f"direction must be 1 or -1, found {direction}")
     if not 0.0 < longest_impact < shortest_pause:
-        message = (
+        raise InputError(
             f"the longest impact ({longest_impact:g} s) must be positive and end before the "
             f"shortest "
             f"pause ({shortest_pause:g} s)"
         )
-        raise InputError(message)
     t, y = readings_of(time, signal)
     if len(t) < 8 * _ONSET_READINGS:
-        message = f"a ringing needs {8 * _ONSET_READINGS} readings; found {len(t)}"
-        raise InputError(message)
+        raise InputError(f"a ringing needs {8 * _ONSET_READINGS} readings; found {len(t)}")
     quiet = y[: max(int(_QUIET * len(y)), 4 * _ONSET_READINGS)]
     white, spread = difference_sigma(quiet), float(np.std(quiet))
     least = white if noise is None else max(white, noise)
     if not (np.isfinite(least) and least > LEAST):
-        message = (
+        raise InputError(
             "neighbouring readings of the beginning do not differ (constant, or displayed too "
             "coarsely): the noise must be given"
         )
-        raise InputError(message)
     if spread > _WANDERING * least:
-        message = (
+        raise InputError(
             f"the record begins in motion: its first {t[len(quiet) - 1] - t[0]:.3g} s spread by "
             f"{spread:.2g} m with a noise of {least:.2g} m; it must begin at rest, before the "
             f"impact"
         )
-        raise InputError(message)
     sigma = noise if noise is not None else max(white, spread)
     y = y - float(np.mean(quiet))
     onset = _onset(t, y, sigma)
@@ -136,11 +131,10 @@ def ringing(
     blow = _blow_time(free, float(t[onset]), longest_impact, direction)
     stated = _with_choice(t, y, stretch, free.frequency, blow)
     if stated.amplitude < _LARGE * sigma:
-        message = (
+        raise InputError(
             f"the ringing ({stated.amplitude:.2g} m) is not larger than the noise ({sigma:.2g} m): "
             "it cannot be evaluated; drop from higher, or bring the sensor nearer"
         )
-        raise InputError(message)
     return Ringing(
         onset_time=float(t[onset]),
         blow_time=blow,
@@ -180,11 +174,10 @@ def _onset(t: Floats, y: Floats, sigma: float) -> int:
     has_moved = np.abs(means) > _ONSET * sigma / np.sqrt(_ONSET_READINGS)
     found = np.flatnonzero(has_moved[:-1] & has_moved[1:])
     if not len(found):
-        message = (
+        raise InputError(
             f"nothing moves in this record of {t[-1] - t[0]:.3g} s: no reading leaves the rest "
             f"position by more than the noise of {sigma:.2g} m"
         )
-        raise InputError(message)
     return int(found[0]) * _ONSET_READINGS
 
 
@@ -192,26 +185,23 @@ def _seed(t: Floats, y: Floats, onset: int, longest_impact: float, shortest_paus
     """Stretch that is certainly free: after the longest impact, before the shortest pause."""
     low, high = np.searchsorted(t, t[onset] + np.array([longest_impact, shortest_pause]))
     if high >= len(t):
-        message = (
+        raise InputError(
             f"the record ends {t[-1] - t[onset]:.3g} s after the impact; it must last for the "
             f"shortest pause, {shortest_pause:.3g} s"
         )
-        raise InputError(message)
     if high - low < _ONSET_READINGS:
-        message = (
+        raise InputError(
             f"{high - low} readings lie between the longest impact and the shortest pause after "
             f"{t[onset]:.6g} s; at least {_ONSET_READINGS} are needed"
         )
-        raise InputError(message)
     s = t[low:high] - t[low]
     frequency = strongest_line(s, y[low:high], taper=False)
     if frequency * s[-1] < _SEED_CYCLES:
-        message = (
+        raise InputError(
             f"between the longest impact and the shortest pause lie {frequency * s[-1]:.2g} cycles "
             f"of {frequency:.4g} Hz; at least {_SEED_CYCLES} are needed: lengthen shortest_pause "
             "if the bounces allow it"
         )
-        raise InputError(message)
     return int(low), int(high)
 
 

@@ -194,8 +194,7 @@ def _penalised(x: Floats, z: Floats, knots: Floats) -> tuple[Intervals, Floats, 
     coefficients, inverse = np.empty_like(right), np.empty(band)
     n_solves = penalised(normal, right, intervals, _UPDATE, space, coefficients, inverse)
     if not n_solves:
-        message = "the penalised spline's matrix is not positive definite"
-        raise np.linalg.LinAlgError(message)
+        raise np.linalg.LinAlgError("the penalised spline's matrix is not positive definite")
     return intervals, coefficients[:count], inverse[:count], n_solves
 
 

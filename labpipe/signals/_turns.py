@@ -122,15 +122,13 @@ def common_fall(
 ) -> tuple[float, float]:
     """Acceleration of the free fall, common to the longest flights."""
     if not turns:
-        message = "no bounce found: the displacement never turns from down to up"
-        raise InputError(message)
+        raise InputError("no bounce found: the displacement never turns from down to up")
     stretches = [first_fall(time, turns[0]), *flights_after(time, turns)]
     found = [curvature(time[stretch], height[stretch], sigma, colour) for stretch in stretches]
     values = np.array([value for value, u in found if np.isfinite(u) and 0.0 < 3.0 * u < value])
     spread = np.array([u for value, u in found if np.isfinite(u) and 0.0 < 3.0 * u < value])
     if len(values) == 0:
-        message = "no bounce found: no stretch of constant downward acceleration around one"
-        raise InputError(message)
+        raise InputError("no bounce found: no stretch of constant downward acceleration around one")
     if gravity is not None:
         return gravity, 1e-6 * gravity
     # Vibration in contact looks like short flights with less acceleration: the longest decide.

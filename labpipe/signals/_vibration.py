@@ -87,11 +87,10 @@ def damped_oscillation(
     # A vibration that dies out early is all at the beginning, where a taper would hide it.
     guess = strongest_line(s, y, taper=False) if frequency_guess is None else float(frequency_guess)
     if guess * span < _FEWEST_CYCLES or len(t) < _FEWEST_READINGS:
-        message = (
+        raise InputError(
             f"a vibration of {guess:.6g} Hz needs {_FEWEST_CYCLES} cycles and {_FEWEST_READINGS} "
             f"readings; found {guess * span:.3g} cycles in {len(t)} readings"
         )
-        raise InputError(message)
 
     def columns(frequency: float, rate: float) -> Floats:
         angle, decay = 2 * np.pi * frequency * s, np.exp(-rate * s)

@@ -104,8 +104,7 @@ def linear_budget(model: Model, inputs: Mapping[str, Input]) -> Budget:
 
     def slope(name: str, given: Input) -> float:
         if given.u < 0.0:
-            message = f"{name}: a standard uncertainty cannot be negative, found {given.u}"
-            raise InputError(message)
+            raise InputError(f"{name}: a standard uncertainty cannot be negative, found {given.u}")
         if given.u == 0.0:
             return 0.0
         ends = (model(**best | {name: given.value + way * given.u}) for way in (1.0, -1.0))

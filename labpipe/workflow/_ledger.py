@@ -48,16 +48,14 @@ def counts(work: Any) -> dict[str, float | int]:
         found = json.loads(work) if isinstance(work, str) else dict(work or {})
         plain = {str(name): _number(value) for name, value in found.items()}
     except (ValueError, TypeError, AttributeError):
-        message = f'the attribute "work" must hold counts such as {{"frames_read": 10}}: {work!r}'
-        raise InputError(message) from None
+        raise InputError(f'the attribute "work" must hold counts such as {{"frames_read": 10}}: {work!r}') from None
     return {name: value for name, value in plain.items() if name != _CLOCK}
 
 
 def _number(value: Any) -> float | int:
     """Return a count as a plain number; numpy's integers become Python's."""
     if isinstance(value, bool | str) or not math.isfinite(value):
-        message = "not a finite number"
-        raise ValueError(message)
+        raise ValueError("not a finite number")
     return int(value) if float(value).is_integer() else float(value)
 
 

@@ -122,11 +122,10 @@ def work(job: Job, *, tell: Callable[[Any], None]) -> list[Outcome]:
         The session is not there, on a machine that does not share its folder.
     """
     if not job.session.root.is_dir():
-        message = (
+        raise InputError(
             f"{platform.node()} sees no folder {job.session.root}; "
             "a session must lie under the same path on every machine"
         )
-        raise InputError(message)
     outcomes: list[Outcome] = []
 
     def emit(name: str, value: Any) -> None:
@@ -400,8 +399,7 @@ class _Run:
         import xarray as xr
 
         if not isinstance(result, xr.Dataset):
-            message = f"must return a Dataset, returned {type(result).__name__}"
-            raise StageError(*task.id[:2], message)
+            raise StageError(*task.id[:2], f"must return a Dataset, returned {type(result).__name__}")
         schema = self.job.schemas.get(task.stage.schema or "", Schema(task.stage.name))
         work = _ledger.counts(result.attrs.get("work"))
         about = provenance.of_task(self.job.program, self.plan.tasks, self.plan.keys, task.id)
@@ -413,8 +411,7 @@ class _Run:
 
     def _text(self, task: Task, result: Any) -> str:
         if not isinstance(result, str):
-            message = f"must return the text of a page, returned {type(result).__name__}"
-            raise StageError(*task.id[:2], message)
+            raise StageError(*task.id[:2], f"must return the text of a page, returned {type(result).__name__}")
         return result
 
     def _publish(self, task: Task, page: str) -> None:
@@ -480,8 +477,7 @@ def _import(task: Task) -> Callable[..., Any]:
     try:
         function: Callable[..., Any] = getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError, SyntaxError) as error:
-        message = f"{task.stage.function} cannot be imported: {error}"
-        raise StageError(*task.id[:2], message) from error
+        raise StageError(*task.id[:2], f"{task.stage.function} cannot be imported: {error}") from error
     return function
 
 

@@ -231,8 +231,7 @@ class Code:
         for path, stamp in self._files(modules).items():
             is_known = max(stamp.modified, stamp.changed) < _BORN or _awaited.get(path) == stamp
             if not is_known or Stamp.of(Path(path).stat()) != stamp:
-                message = f"{path} was changed while this program ran; start it again"
-                raise InstallationError(message)
+                raise InstallationError(f"{path} was changed while this program ran; start it again")
 
     def _files(self, modules: Iterable[str]) -> dict[str, Stamp]:
         """Files of modules."""

@@ -120,8 +120,7 @@ def ordered(stages: Sequence[Stage], settings: type[msgspec.Struct] | None = Non
         return tuple(by_name[name] for name in order)
     except graphlib.CycleError as error:
         circle = " -> ".join(error.args[1])
-        message = f"the stages wait for each other in a circle: {circle}; remove one input"
-        raise InputError(message) from None
+        raise InputError(f"the stages wait for each other in a circle: {circle}; remove one input") from None
 
 
 def before(stage: Stage) -> list[str]:

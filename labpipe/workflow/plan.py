@@ -186,16 +186,14 @@ def wanted_tasks(
         if name in session.waiting:
             message = f'"{name}" waits for these lines of its settings:\n  ' + "\n  ".join(session.waiting[name])
             raise UsageError(message)
-        message = f'there is no experiment "{name}"{suggest(name, session.experiments)}'
-        raise UsageError(message)
+        raise UsageError(f'there is no experiment "{name}"{suggest(name, session.experiments)}')
     chosen = frozenset(name for name in tasks if name.experiment in experiments)
     if targets is None:
         return chosen
     names = {n.stage for n in tasks} | {f"{n.experiment}/{n.stage}" for n in tasks}
     asked = _names(targets)
     for name in sorted(asked - names):
-        message = f'there is no stage "{name}"{suggest(name, names)}'
-        raise UsageError(message)
+        raise UsageError(f'there is no stage "{name}"{suggest(name, names)}')
     return frozenset(n for n in chosen if {n.stage, f"{n.experiment}/{n.stage}"} & asked)
 
 

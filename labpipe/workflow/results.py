@@ -28,8 +28,7 @@ def read(store: Store, key: str, task: TaskId) -> "xr.Dataset":
     """
     found = store.read(key)
     if isinstance(found, str):
-        message = f"{task} is a page; open it in a browser"
-        raise InputError(message)
+        raise InputError(f"{task} is a page; open it in a browser")
     return found
 
 
@@ -86,8 +85,7 @@ class Results:
         row = next(row for row in self.plan.rows if row.task == task)
         key = self.plan.keys[task].value
         if row.state not in READY or key is None:
-            message = f"{task} has no up-to-date result ({row.reason}); run labpipe process first"
-            raise InputError(message)
+            raise InputError(f"{task} has no up-to-date result ({row.reason}); run labpipe process first")
         return read(Store(self.plan.session.folder), key, task)
 
     def values(self, arguments: Sequence[Argument]) -> list[Any]:

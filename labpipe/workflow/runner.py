@@ -107,8 +107,7 @@ class RunResult:
         for outcome in self.outcomes:
             if outcome.task == wanted and outcome.key is not None:
                 return read(Store(self.session.folder), outcome.key, wanted)
-        message = f"{wanted} gave no result in this run"
-        raise InputError(message)
+        raise InputError(f"{wanted} gave no result in this run")
 
     @property
     def summary(self) -> str:

@@ -146,8 +146,7 @@ def load(
     source = Path(path)
     source = source / FILE_NAME if source.is_dir() else source
     if not source.is_file():
-        hint = f"make one with: labpipe init {source.parent}"
-        raise SourceError(source, "there is no such file", hint=hint)
+        raise SourceError(source, "there is no such file", hint=f"make one with: labpipe init {source.parent}")
     document = parse(source, text)
     _check_version(document)
     root = source.parent.resolve()

@@ -137,8 +137,7 @@ class Store:
         if record is None:
             if is_there:
                 self.quarantine(key)
-            message = f"there is no whole result {key[:12]} in {self.root}; run again to make it"
-            raise StoreError(message)
+            raise StoreError(f"there is no whole result {key[:12]} in {self.root}; run again to make it")
         path = self.path(record)
         try:
             if files.digest(path) == record.digest:
@@ -148,11 +147,10 @@ class Store:
         except (SourceError, StoreError):
             pass  # missing, or damaged in a way that the digest was forged for: the same answer
         self.quarantine(key)
-        message = (
+        raise StoreError(
             f"the stored result {key[:12]} was damaged and has been moved to "
             f"{self.root / 'quarantine'}; run again to make it again"
         )
-        raise StoreError(message)
 
     def amended(self) -> dict[str, dict[str, Any]]:
         """Return by experiment what was added to its page, with the page's key and its digest since."""

@@ -95,8 +95,7 @@ def spell_out(session: Session, stages: Stages) -> dict[TaskId, Task]:
     plans = {}
     for experiment in session.experiments.values():
         if experiment.kind not in stages:
-            message = f'no stages are known for the kind "{experiment.kind}"'
-            raise InputError(message)
+            raise InputError(f'no stages are known for the kind "{experiment.kind}"')
         if experiment.kind not in plans:
             plans[experiment.kind] = graph.ordered(stages[experiment.kind], type(experiment.settings))
     tasks: dict[TaskId, Task] = {}

@@ -56,8 +56,7 @@ class Settling:
     def __post_init__(self) -> None:
         """Refuse to call a file complete without having looked."""
         if self.looks < 1:
-            message = f"a file needs at least 1 look to be at rest, found looks={self.looks}"
-            raise InputError(message)
+            raise InputError(f"a file needs at least 1 look to be at rest, found looks={self.looks}")
 
     def look(self, path: Path) -> None:
         """Note the state of a file; called once per look."""

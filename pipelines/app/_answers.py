@@ -102,12 +102,10 @@ class Answers:
     def path(self, name: object) -> Path:
         """Return where a file of the folder is, and refuse what is not inside it or not there."""
         if not isinstance(name, str):
-            message = "expected the name of a file"
-            raise InputError(message)
+            raise InputError("expected the name of a file")
         path = safe_join(self.folder, name)
         if not path.exists():
-            message = f'there is no file "{name}"'
-            raise InputError(message)
+            raise InputError(f'there is no file "{name}"')
         return path
 
     def _picture(self, request: Request) -> Response:
@@ -124,8 +122,7 @@ class Answers:
             index = int(asked.get("index", 0))
             (x1, y1), (x2, y2) = first, second
         except (KeyError, TypeError, ValueError):
-            message = "expected two points of x and y"
-            raise InputError(message) from None
+            raise InputError("expected two points of x and y") from None
         grey = measuring.picture(self.path(asked.get("name")), index).grey
         found = measuring.length(grey, (x1, y1), (x2, y2))
         return {"points": found.points, "text": measuring.rounded(found.value, found.u), "found": found.found}
@@ -133,8 +130,7 @@ class Answers:
     def _report(self, request: Request) -> Response:
         path = self.path(f"labpipe/{request.path_params['name']}")
         if path.suffix != ".html" or not path.is_file() or not path.is_relative_to(self.folder / "labpipe"):
-            message = "only reports are shown here"
-            raise InputError(message)
+            raise InputError("only reports are shown here")
         return FileResponse(path, media_type="text/html")
 
     # --- the session ---
@@ -176,10 +172,9 @@ class Answers:
     def _changed(self, asked: Told) -> tuple[dict[str, str], dict[str, str]]:
         texts = setup.read(self.folder)
         if asked.get("base") != setup.digest(texts):
-            message = (
+            raise InputError(
                 "the files were changed elsewhere meanwhile; the set-up is read again, your last changes are not in it"
             )
-            raise InputError(message)
         return texts, setup.changed(texts, asked.get("edits"))
 
     def outlook(self) -> Told:
@@ -194,8 +189,7 @@ class Answers:
         elif action in ("process", "watch"):
             self.runs.start(action)
         else:
-            message = f"expected process, watch or stop, found {action!r}"
-            raise InputError(message)
+            raise InputError(f"expected process, watch or stop, found {action!r}")
         return self.runs.state()
 
 

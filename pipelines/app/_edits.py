@@ -68,8 +68,7 @@ def set_values(text: str, changes: Sequence[tuple[Place, Any]]) -> str:
                 node[place[-1]] = _listed(value) if isinstance(value, list) else value
         changed = tomlkit.dumps(document)
     except (tomlkit.exceptions.TOMLKitError, KeyError, IndexError, TypeError, AttributeError) as error:
-        message = f"{_shown(place)} cannot be changed here ({error}); change session.toml by hand"
-        raise InputError(message) from None
+        raise InputError(f"{_shown(place)} cannot be changed here ({error}); change session.toml by hand") from None
     return _as_meant(changed, meant, place)
 
 
@@ -78,8 +77,7 @@ def rename(text: str, name: str, to: str, kinds: Mapping[str, type[msgspec.Struc
     tree = _tree(text)
     _require(tree, name)
     if to in tree[EXPERIMENTS] or not to.strip():
-        message = f'there is an experiment "{to}" already' if to.strip() else "a name is needed"
-        raise InputError(message)
+        raise InputError(f'there is an experiment "{to}" already' if to.strip() else "a name is needed")
     blocks = [
         (path, _renamed(block, path, to) if path[:2] == (EXPERIMENTS, name) else block) for path, block in _blocks(text)
     ]
@@ -98,8 +96,7 @@ def remove(text: str, name: str) -> str:
     _require(tree, name)
     del tree[EXPERIMENTS][name]
     if not tree[EXPERIMENTS]:
-        message = "a session needs an experiment; this is the last one"
-        raise InputError(message)
+        raise InputError("a session needs an experiment; this is the last one")
     kept = "".join(block for path, block in _blocks(text) if path[:2] != (EXPERIMENTS, name))
     return _as_meant(kept, tree, (EXPERIMENTS, name))
 
@@ -109,14 +106,12 @@ def duplicate(text: str, name: str, to: str) -> str:
     tree = _tree(text)
     _require(tree, name)
     if to in tree[EXPERIMENTS] or not to.strip():
-        message = f'there is an experiment "{to}" already' if to.strip() else "a name is needed"
-        raise InputError(message)
+        raise InputError(f'there is an experiment "{to}" already' if to.strip() else "a name is needed")
     tree[EXPERIMENTS][to] = copy.deepcopy(tree[EXPERIMENTS][name])
     blocks = _blocks(text)
     own = [number for number, (path, _) in enumerate(blocks) if path[:2] == (EXPERIMENTS, name)]
     if not own:
-        message = f"{EXPERIMENTS}.{name} has no header of its own; change session.toml by hand"
-        raise InputError(message)
+        raise InputError(f"{EXPERIMENTS}.{name} has no header of its own; change session.toml by hand")
     before = "".join(block for _, block in blocks[: own[-1] + 1])
     again = "".join(_renamed(blocks[i][1], blocks[i][0], to) for i in own)
     after = "".join(block for _, block in blocks[own[-1] + 1 :])
@@ -133,8 +128,7 @@ def separate(text: str, name: str, to: str, key: str, names: Sequence[str]) -> s
     chosen = [file for file in here if file in names] if isinstance(here, list) else []
     rest = [file for file in here if file not in names] if isinstance(here, list) else []
     if not chosen or not rest:
-        message = "choose some of the recordings, and not all of them"
-        raise InputError(message)
+        raise InputError("choose some of the recordings, and not all of them")
     changed = duplicate(text, name, to)
     return set_value(set_value(changed, (EXPERIMENTS, name, key), rest), (EXPERIMENTS, to, key), chosen)
 
@@ -146,8 +140,7 @@ def join(text: str, name: str, other: str, key: str) -> str:
     _require(tree, other)
     first, second = tree[EXPERIMENTS][name], tree[EXPERIMENTS][other]
     if name == other or first.get("kind") != second.get("kind"):
-        message = f'"{name}" and "{other}" are not of one kind'
-        raise InputError(message)
+        raise InputError(f'"{name}" and "{other}" are not of one kind')
     files = [*first.get(key, []), *(f for f in second.get(key, []) if f not in first.get(key, []))]
     return remove(set_value(text, (EXPERIMENTS, name, key), files), other)
 
@@ -158,8 +151,7 @@ def add(text: str, name: str, key: str, names: Sequence[str]) -> str:
     _require(tree, name)
     here = tree[EXPERIMENTS][name].get(key)
     if not isinstance(here, list):
-        message = f"{name}: {key} is no list of recordings"
-        raise InputError(message)
+        raise InputError(f"{name}: {key} is no list of recordings")
     return set_value(text, (EXPERIMENTS, name, key), [*here, *(file for file in names if file not in here)])
 
 
@@ -240,8 +232,7 @@ def _tree(text: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text.replace("\r\n", "\n"))
     except (ValueError, RecursionError) as error:
-        message = f"the file is not TOML ({error}); correct it by hand first"
-        raise InputError(message) from None
+        raise InputError(f"the file is not TOML ({error}); correct it by hand first") from None
 
 
 def _set(tree: Any, place: Place, value: Any) -> None:
@@ -250,11 +241,9 @@ def _set(tree: Any, place: Place, value: Any) -> None:
         try:
             node = node.setdefault(key, {}) if isinstance(key, str) else node[key]
         except (AttributeError, IndexError, TypeError):
-            message = f"{_shown(place)}: there is no such table"
-            raise InputError(message) from None
+            raise InputError(f"{_shown(place)}: there is no such table") from None
     if not isinstance(node, dict):
-        message = f"{_shown(place)}: there is no such table"
-        raise InputError(message)
+        raise InputError(f"{_shown(place)}: there is no such table")
     if value is None:
         node.pop(place[-1], None)
     else:
@@ -281,8 +270,7 @@ def _listed(names: Sequence[Any]) -> Any:
 def _require(tree: Mapping[str, Any], name: str) -> None:
     tables = tree.get(EXPERIMENTS)
     if not isinstance(tables, dict) or not isinstance(tables.get(name), dict):
-        message = f'there is no experiment "{name}"'
-        raise InputError(message)
+        raise InputError(f'there is no experiment "{name}"')
 
 
 def _blocks(text: str) -> list[tuple[tuple[str, ...], str]]:

@@ -65,11 +65,9 @@ def picture(path: Path, index: int = 0) -> Picture:
         warnings.simplefilter("ignore")  # told where the film is inspected or processed
         film: Any = instruments.read(path)
     if not hasattr(film, "levels"):
-        message = f"{path.name} holds readings, no pictures"
-        raise InputError(message)
+        raise InputError(f"{path.name} holds readings, no pictures")
     if not 0 <= index < len(film) or not film.valid[index]:
-        message = f"{path.name} has no frame {index} that can be read"
-        raise InputError(message)
+        raise InputError(f"{path.name} has no frame {index} that can be read")
     black, white = film.levels
     grey = (np.asarray(film[index], dtype=np.float64) - black) * (255.0 / max(white - black, 1e-9))
     return Picture(grey, len(film))
@@ -119,8 +117,7 @@ def length(grey: NDArray[np.float64], first: tuple[float, float], second: tuple[
     start, stop = np.asarray(first, float), np.asarray(second, float)
     distance = float(np.hypot(*(stop - start)))
     if not distance >= _SHORTEST:
-        message = f"the two places are {distance:.0f} px apart; choose them at least {_SHORTEST} px apart"
-        raise InputError(message)
+        raise InputError(f"the two places are {distance:.0f} px apart; choose them at least {_SHORTEST} px apart")
     along = (stop - start) / distance
     ends = [_refined(grey, place, along) for place in (start, stop)]
     places = [place + end.shift * along for place, end in zip((start, stop), ends, strict=True)]
@@ -145,8 +142,7 @@ def _refined(grey: NDArray[np.float64], place: NDArray[np.float64], along: NDArr
     at = place + x[None, :, None] * along + rows[:, None, None] * across
     inside = (at >= 0) & (at <= np.array(grey.shape[::-1]) - 1.0)
     if not inside.all():
-        message = f"({place[0]:.0f}, {place[1]:.0f}) is too near to the border of the picture"
-        raise InputError(message)
+        raise InputError(f"({place[0]:.0f}, {place[1]:.0f}) is too near to the border of the picture")
     profiles = _interpolated(grey, at)
     start = _coarse(x, profiles.mean(axis=0))
     fits = {kind: _fitted(x, profiles.mean(axis=0), kind, start[kind]) for kind in start}
@@ -156,8 +152,7 @@ def _refined(grey: NDArray[np.float64], place: NDArray[np.float64], along: NDArr
     reach = 3.0 * abs(model[2]) + 2.0
     kept = np.array([abs(m[1] - model[1]) < reach and np.sign(m[0]) == np.sign(model[0]) for m, _, _, _ in each])
     if signal < _LEAST_SIGNAL * noise or kept.sum() < _LEAST_ROWS or abs(model[1]) > _REACH - 1:
-        message = f"nothing is found at ({place[0]:.0f}, {place[1]:.0f}): click on an edge or a graduation"
-        raise InputError(message)
+        raise InputError(f"nothing is found at ({place[0]:.0f}, {place[1]:.0f}): click on an edge or a graduation")
     shifts = np.array([m[1] for m, _, _, _ in each])[kept]
     slope, middle = np.polyfit(rows[kept], shifts, 1)
     rest = shifts - (slope * rows[kept] + middle)

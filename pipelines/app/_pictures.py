@@ -49,8 +49,7 @@ class Pictures:
 
 def _picture(path: Path, size: int) -> bytes:
     if size > _LARGEST and path.suffix.lower() not in _FILMS:
-        message = f"{path.name} is too large for a small picture"
-        raise InputError(message)
+        raise InputError(f"{path.name} is too large for a small picture")
     if path.suffix.lower() in PHOTOGRAPHS:
         image = photograph(path)
         image.thumbnail((_WIDTH, _WIDTH))
@@ -81,11 +80,9 @@ def photograph(path: Path) -> "Image.Image":
         try:
             with Image.open(path) as image:
                 if image.width * image.height > _MOST_PIXELS:
-                    message = f"{path.name} has {image.width} × {image.height} px, too many for a picture"
-                    raise InputError(message)
+                    raise InputError(f"{path.name} has {image.width} × {image.height} px, too many for a picture")
                 return ImageOps.exif_transpose(image).convert("L" if image.mode in ("1", "L", "I;16", "I") else "RGB")
         except LabpipeError:
             raise
         except Exception as error:  # whatever a hostile file makes the decoder raise
-            message = f"{path.name} cannot be read as a picture: {error}"
-            raise InputError(message) from None
+            raise InputError(f"{path.name} cannot be read as a picture: {error}") from None

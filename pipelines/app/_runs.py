@@ -47,8 +47,7 @@ class Runs:
         """
         with self._lock:
             if self._is_running():
-                message = "a run is going on; stop it first"
-                raise UsageError(message)
+                raise UsageError("a run is going on; stop it first")
             self._mode, self._events, self._errors = mode, [], ""
             self._number += 1
             self._child = subprocess.Popen(

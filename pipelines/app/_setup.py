@@ -41,8 +41,7 @@ def read(folder: Path) -> dict[str, str]:
     """
     path = safe_join(folder, FILE_NAME)
     if not path.is_file():
-        message = "there is no session.toml yet; propose a session from the files first"
-        raise InputError(message)
+        raise InputError("there is no session.toml yet; propose a session from the files first")
     texts = {FILE_NAME: _text(path)}
     for each in files.files_below(folder):
         name = each.relative_to(folder).as_posix()
@@ -83,8 +82,7 @@ def changed(texts: Mapping[str, str], asked: Any) -> dict[str, str]:
     """
     new = dict(texts)
     if not isinstance(asked, list):
-        message = "expected a list of changes"
-        raise InputError(message)
+        raise InputError("expected a list of changes")
     try:
         for file, edits_of in itertools.groupby(asked, key=_file_set):
             if file is None:
@@ -93,8 +91,7 @@ def changed(texts: Mapping[str, str], asked: Any) -> dict[str, str]:
             else:
                 _set(new, file, list(edits_of))
     except (KeyError, TypeError, AttributeError):
-        message = f"a change that is not understood: {asked!r}"[:300]
-        raise InputError(message) from None
+        raise InputError(f"a change that is not understood: {asked!r}"[:300]) from None
     return new
 
 
@@ -105,14 +102,12 @@ def _file_set(edit: Any) -> str | None:
 
 def _set(texts: dict[str, str], name: str, edits_of: list[Any]) -> None:
     if name not in texts:
-        message = f'"{name}" is not part of the set-up'
-        raise InputError(message)
+        raise InputError(f'"{name}" is not part of the set-up')
     changes = []
     for edit in edits_of:
         place, typed = tuple(edit["place"]), str(edit["text"]).strip()
         if len(typed) > _LONGEST or not typed.isprintable():
-            message = f"{place[-1]}: a value is one line of at most {_LONGEST} characters"
-            raise InputError(message)
+            raise InputError(f"{place[-1]}: a value is one line of at most {_LONGEST} characters")
         kind, required = _type_at(texts[name], name, place)
         value = _as_value(kind, typed, _at(texts[name], place)) if typed else gap_for(kind) if required else None
         changes.append((place, value))
@@ -171,8 +166,7 @@ def _type_at(text: str, name: str, place: edits.Place) -> tuple[Any, bool]:
     for at, of, _ in () if kind is None else edits.values(kind, node, prefix):
         if at == place:
             return of, _is_required(kind, place[len(prefix) :])
-    message = f"{'.'.join(map(str, place))}: there is no such setting"
-    raise InputError(message)
+    raise InputError(f"{'.'.join(map(str, place))}: there is no such setting")
 
 
 def _is_required(kind: Any, path: edits.Place) -> bool:

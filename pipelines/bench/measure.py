@@ -66,11 +66,9 @@ class Point:
 
     def __post_init__(self) -> None:
         if self.seconds < 0 or math.isinf(self.seconds):
-            message = f"{self.setting}: a run time of {self.seconds} s is none; NaN means not timed"
-            raise InputError(message)
+            raise InputError(f"{self.setting}: a run time of {self.seconds} s is none; NaN means not timed")
         if self.error < 0 or math.isinf(self.error):
-            message = f"{self.setting}: an error of {self.error} is none; give its size, or NaN"
-            raise InputError(message)
+            raise InputError(f"{self.setting}: an error of {self.error} is none; give its size, or NaN")
 
 
 @dataclass(frozen=True, slots=True)

@@ -83,8 +83,7 @@ def _process(folder: Path, *, jobs: int) -> float:
     outcome = verbs.process(folder, jobs=jobs)
     if outcome.exit_code:
         failed = outcome.failures[0]
-        message = f"{failed.experiment}: {failed.stage}: {failed.message}"
-        raise RuntimeError(message)
+        raise RuntimeError(f"{failed.experiment}: {failed.stage}: {failed.message}")
     return sum(step.processor_seconds for step in outcome.outcomes)
 
 

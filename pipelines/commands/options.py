@@ -88,8 +88,7 @@ def _reading(source: Path, instrument: str | None, given: dict[str, Any], others
     for text in others:
         name, sign, value = text.partition("=")
         if not sign:
-            message = f'--option reads NAME=VALUE, found "{text}"'
-            raise UsageError(message)
+            raise UsageError(f'--option reads NAME=VALUE, found "{text}"')
         given[name] = found.option(name, value)
     return given | {"instrument": found.name}
 

@@ -107,8 +107,7 @@ def adhesion_rows(found: "xr.Dataset", solid: "Prony", work: float) -> dict[str,
     from labpipe.errors import InputError
 
     if not found.sizes["impact"]:
-        message = "the drop has no completed impact to compare adhesion with"
-        raise InputError(message)
+        raise InputError("the drop has no completed impact to compare adhesion with")
     impacts = (found[n].values for n in ("impact_speed", "contact_duration", "peak_force"))
     seen = [
         adhesion_in_impact(solid, float(found["sphere_radius"]), float(found["mass"]), speed, duration, force, work)

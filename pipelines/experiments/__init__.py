@@ -59,5 +59,4 @@ def __getattr__(name: str) -> Any:
         return globals()[name]
     if name in __all__:
         return getattr(importlib.import_module("pipelines.experiments._kind"), name)
-    message = f"module {__name__!r} has no attribute {name!r}"
-    raise AttributeError(message)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -134,8 +134,7 @@ def _first(inputs: Inputs) -> tuple[str, str, float]:
 
     pairs = _pairs(inputs)
     if not pairs:
-        message = "no film under the disc and no laser recordings of acrylic share a drop height"
-        raise InputError(message)
+        raise InputError("no film under the disc and no laser recordings of acrylic share a drop height")
     return pairs[0]
 
 
@@ -379,8 +378,7 @@ def _temperatures(inputs: Inputs) -> list[tuple[str, str]]:
     if not cold:
         from labpipe.errors import InputError
 
-        message = f"no film at room temperature shares the drop height of {warm}"
-        raise InputError(message)
+        raise InputError(f"no film at room temperature shares the drop height of {warm}")
     return [(cold[0], "room"), (warm, f"{temperature_of(films[warm]):g} °C")]
 
 

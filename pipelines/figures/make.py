@@ -128,8 +128,7 @@ def chosen(names: Iterable[str]) -> tuple[Figure, ...]:
         if key not in known:
             near = get_close_matches(key, known, n=1, cutoff=0.4)
             hint = f' Did you mean "{known[near[0]].id}"?' if near else ""
-            message = f'there is no figure "{name}".{hint} See `labpipe figures --list`.'
-            raise UsageError(message)
+            raise UsageError(f'there is no figure "{name}".{hint} See `labpipe figures --list`.')
         found.append(known[key])
     return tuple(found) or FIGURES
 

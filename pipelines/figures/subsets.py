@@ -24,8 +24,7 @@ def _film(inputs: Inputs) -> str:
             return name
     from labpipe.errors import InputError
 
-    message = "no film of the session tracks a line of subsets; give it tracking.line"
-    raise InputError(message)
+    raise InputError("no film of the session tracks a line of subsets; give it tracking.line")
 
 
 def _reference(place: Any, keys: Any, track: Any, *, squares: bool) -> None:

@@ -64,8 +64,7 @@ def build(site: Path, sessions: Iterable[Path] = (), *, keep: bool = False) -> P
     try:
         from sphinx.application import Sphinx
     except ImportError as error:
-        message = "the guide is built by Sphinx; install it with: pip install 'labpipe[guide]'"
-        raise UsageError(message) from error
+        raise UsageError("the guide is built by Sphinx; install it with: pip install 'labpipe[guide]'") from error
     with tempfile.TemporaryDirectory(prefix="labpipe-guide-") as folder:
         source = Path(folder) / "source"
         shutil.copytree(GUIDES, source, ignore=shutil.ignore_patterns("*.ipynb"))
@@ -83,8 +82,7 @@ def build(site: Path, sessions: Iterable[Path] = (), *, keep: bool = False) -> P
         app.build()
         said = warnings.getvalue().strip()
         if said or app.statuscode:
-            message = f"Sphinx warns:\n{said}"
-            raise InputError(message)
+            raise InputError(f"Sphinx warns:\n{said}")
         _alone(site)
         if keep:
             _keep(source)
@@ -113,8 +111,7 @@ def _alone(site: Path) -> None:
     """Refuse a site that would load something from another host."""
     found = [f"{path.relative_to(site)}: {address}" for path in sorted(site.rglob("*")) for address in loaded(path)]
     if found:
-        message = "the site would load from another host:\n" + "\n".join(found)
-        raise InputError(message)
+        raise InputError("the site would load from another host:\n" + "\n".join(found))
 
 
 def _within(text: str, source: Path) -> str:

@@ -158,8 +158,7 @@ def identify_materials(
             tell(f"material {number} of {len(groups)}, {material}, from {names}")
             found.append(_identified(results, material, group, wish, own, tell))
     if not found:
-        message = "no experiment can identify a material: " + "; ".join(remarks)
-        raise InputError(message)
+        raise InputError("no experiment can identify a material: " + "; ".join(remarks))
     return found
 
 
@@ -180,8 +179,7 @@ def _gather(results: Results, group: _Group, impacts: int) -> list[str]:
 def _evidence(experiment: Experiment) -> Derived:
     derived = KINDS[experiment.kind].evidence
     if derived is None:
-        message = f"{experiment.name} cannot identify a material"
-        raise UsageError(message)
+        raise UsageError(f"{experiment.name} cannot identify a material")
     return derived
 
 
@@ -189,15 +187,12 @@ def _chosen(session: Session, wanted: Sequence[str]) -> list[str]:
     telling = [kind.name for kind in KINDS.values() if kind.evidence is not None]
     able = [n for n, e in session.experiments.items() if e.kind in telling]
     if unknown := [n for n in wanted if n not in session.experiments]:
-        message = f"there is no experiment {', '.join(unknown)}; known are {', '.join(able)}"
-        raise UsageError(message)
+        raise UsageError(f"there is no experiment {', '.join(unknown)}; known are {', '.join(able)}")
     if unable := [n for n in wanted if n not in able]:
         kinds = ", ".join(telling)
-        message = f"{', '.join(unable)} cannot identify a material; the kinds that can are {kinds}"
-        raise UsageError(message)
+        raise UsageError(f"{', '.join(unable)} cannot identify a material; the kinds that can are {kinds}")
     if not able:
-        message = f"the session holds no experiment of the kinds {', '.join(telling)}"
-        raise UsageError(message)
+        raise UsageError(f"the session holds no experiment of the kinds {', '.join(telling)}")
     return [n for n in able if not wanted or n in wanted]
 
 

@@ -49,8 +49,7 @@ def known_before(experiment: Experiment) -> Derived:
     """
     derived = KINDS[experiment.kind].prior
     if derived is None:
-        message = f"{experiment.name} cannot be a prior"
-        raise UsageError(message)
+        raise UsageError(f"{experiment.name} cannot be a prior")
     return derived
 
 
@@ -71,8 +70,7 @@ def prior_of(session: Session, wanted: str, experiments: list[Experiment]) -> Ex
         return session.experiments[wanted]
     if wanted not in kinds:
         known = ", ".join(able) or "none"
-        message = f'there is no rheometer experiment "{wanted}"; known are: {known}'
-        raise UsageError(message)
+        raise UsageError(f'there is no rheometer experiment "{wanted}"; known are: {known}')
     able = [n for n in able if session.experiments[n].kind == wanted]
     choices = [choice(e) for e in experiments]
     named = {c.material_from.removeprefix(REFERENCE) for c in choices if c.material_from}
@@ -80,8 +78,7 @@ def prior_of(session: Session, wanted: str, experiments: list[Experiment]) -> Ex
     for possible in (sorted(named), able, alike):
         if len(possible) == 1:
             return session.experiments[possible[0]]
-    message = (
+    raise UsageError(
         f"{experiments[0].name}: which rheometer experiment is the prior? Give --prior NAME; "
         f"there are: {', '.join(able) or 'none'}"
     )
-    raise UsageError(message)

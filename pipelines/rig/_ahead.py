@@ -52,8 +52,7 @@ def record_elsewhere(folder: Path) -> None:
     try:
         elsewhere(_call(f"{_RECORDING}:write_sample", "demo", folder))
     except Died as death:
-        message = f"the demonstration was not recorded: {death}; remove {folder} and try again"
-        raise InputError(message) from None
+        raise InputError(f"the demonstration was not recorded: {death}; remove {folder} and try again") from None
 
 
 def _call(function: str, *arguments: object) -> Call:

@@ -59,8 +59,7 @@ def write_calibration_images(folder: Path, seed: int = 71) -> list[str]:
     for name, image in images.items():
         is_done, data = cv2.imencode(".png", image)
         if not is_done:
-            message = f"{name} cannot be encoded as PNG"
-            raise RuntimeError(message)
+            raise RuntimeError(f"{name} cannot be encoded as PNG")
         names.append(f"calibration/{name}.png")
         files.write_bytes(folder / names[-1], data.tobytes())
     truth = {

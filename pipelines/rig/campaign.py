@@ -167,8 +167,7 @@ def write_campaign(folder: Path, start: datetime, extent: Extent = THESIS, *, wo
     found: dict[int, str] = {}
     for number, section in side_by_side(choose(workers), f"{__name__}:written", tasks):
         if isinstance(section, Died):
-            message = f"recording {', '.join(parts[number].names)}: {section}; too little memory?"
-            raise LabpipeError(message)
+            raise LabpipeError(f"recording {', '.join(parts[number].names)}: {section}; too little memory?")
         found[number] = section
     sections = [found[number] for number in tasks]
     if extent is not SMALL:

@@ -80,8 +80,7 @@ def write_under_film(path: Path, body: Body, camera: UnderCamera, time: Floats, 
     held = int(np.count_nonzero(moments < 0))
     motion = fall(body, float(moments[-1]) + 1e-4, moments[held:])
     if motion.springs is None:
-        message = "the reference handed out no springs"
-        raise RuntimeError(message)
+        raise RuntimeError("the reference handed out no springs")
     states = _with_hold(motion.springs, held, body.height)
     shape = (len(time), camera.rows, camera.columns)
     rate = round(1 / float(np.min(np.diff(time))))

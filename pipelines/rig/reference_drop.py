@@ -276,8 +276,7 @@ def reference_drop(
         A quantity that must be positive is not.
     """
     if min(solid.unrelaxed, radius, mass, height, duration) <= 0:
-        message = "modulus, radius, mass, height and duration must be positive"
-        raise InputError(message)
+        raise InputError("modulus, radius, mass, height and duration must be positive")
     floor = Floor() if floor is None else floor
     gap_of_impact, gap_at_rest = _deepest(solid, radius, mass, height, duration)
     width = float(np.sqrt(radius * max(gap_of_impact, gap_at_rest))) / SPRINGS
@@ -344,8 +343,7 @@ def reference_drop(
         record = record[:n]
         edge = float(record[:, 3].max())
         if edge >= gap[u.size - 1]:
-            message = "the contact grew beyond the springs"
-            raise RuntimeError(message)
+            raise RuntimeError("the contact grew beyond the springs")
         # Under a moving floor the touch is foretold a few steps early; without force it is none.
         if is_touch := bool(np.any(record[:, 2] > 0.0)):
             touch.append(now)
@@ -419,8 +417,7 @@ def _handed_out(asked: Floats, shots: list[tuple[Floats, float, float]], positio
     if not len(asked):
         return None
     if len(shots) != len(asked):
-        message = f"{len(asked)} states were requested, {len(shots)} lie in the simulated time"
-        raise InputError(message)
+        raise InputError(f"{len(asked)} states were requested, {len(shots)} lie in the simulated time")
     u, approach, edge = (np.array(part) for part in zip(*shots, strict=True))
     half = 0.5 * float(position[1] - position[0])
     return Springs(asked, position, u, approach, edge, half)

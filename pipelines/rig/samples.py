@@ -73,11 +73,9 @@ def write_sample(name: str, folder: Path, *, full_size: bool = False) -> list[st
     """
     if name not in SAMPLES:
         known = ", ".join(SAMPLES)
-        message = f'there is no sample "{name}"; known are {known}'
-        raise UsageError(message)
+        raise UsageError(f'there is no sample "{name}"; known are {known}')
     if folder.exists() and any(folder.iterdir()):
-        message = f"{folder} is not empty; name a new folder"
-        raise UsageError(message)
+        raise UsageError(f"{folder} is not empty; name a new folder")
     return SAMPLES[name].write(folder, full_size)
 
 

@@ -146,8 +146,7 @@ def catalogue(
     given = [folders] if isinstance(folders, str | Path) else folders
     roots = [Path(folder).resolve() for folder in given]
     if not roots:
-        message = "no folder to search; give at least one"
-        raise InputError(message)
+        raise InputError("no folder to search; give at least one")
     path = Path(database).resolve() if database is not None else roots[0] / FILE
     with closing((_opened(path) if path.exists() else None) or _empty()) as connection:
         with connection:
@@ -188,8 +187,7 @@ def query(
     import pandas as pd
 
     if table not in TABLES:
-        message = f'unknown table "{table}"; expected one of {", ".join(TABLES)}'
-        raise UsageError(message)
+        raise UsageError(f'unknown table "{table}"; expected one of {", ".join(TABLES)}')
     connection = _opened(Path(database))
     if connection is None:
         raise SourceError(
@@ -202,8 +200,7 @@ def query(
         known = [column[0] for column in empty.description]
         for name in columns:
             if name not in known:
-                message = f'no column "{name}"{suggest(name, known)}; there are {", ".join(known)}'
-                raise UsageError(message)
+                raise UsageError(f'no column "{name}"{suggest(name, known)}; there are {", ".join(known)}')
         selected = ", ".join(f'"{name}"' for name in columns) or "*"
         order = '"session", "experiment"' if "experiment" in known else "1"
         condition = f"WHERE ({where})" if where.strip() else ""
@@ -213,8 +210,7 @@ def query(
         try:
             rows = connection.execute(statement).fetchall()
         except (sqlite3.Error, sqlite3.Warning) as error:
-            message = f"--where {where!r}: {error}; the columns are {', '.join(known)}"
-            raise UsageError(message) from error
+            raise UsageError(f"--where {where!r}: {error}; the columns are {', '.join(known)}") from error
     frame = pd.DataFrame(rows, columns=list(columns) or known)
     frame.attrs["units"] = {name: units[name] for name in frame.columns if units.get(name)}
     return frame

@@ -43,11 +43,9 @@ def write_sheet(source: Path, target: Path, options: dict[str, Any] | None = Non
         The target is no .png, or is the source.
     """
     if target.suffix.lower() != ".png":
-        message = f"{target}: the picture is written as .png; name it so"
-        raise UsageError(message)
+        raise UsageError(f"{target}: the picture is written as .png; name it so")
     if target.resolve() == source.resolve():
-        message = f"{target} is the file itself, which is never written; name another picture"
-        raise UsageError(message)
+        raise UsageError(f"{target} is the file itself, which is never written; name another picture")
     found = instruments.read(source, **options or {})
     files.write_bytes(target, _curves(found) if isinstance(found, xr.Dataset) else _frames(found))
 
@@ -58,8 +56,7 @@ def _frames(film: "FrameSource") -> bytes:
 
     sound = np.flatnonzero(film.valid)
     if not sound.size:
-        message = "no frame of the film can be decoded"
-        raise InputError(message)
+        raise InputError("no frame of the film can be decoded")
     _, rows, columns = film.shape
     below = strip(film)
     high, low = _ACROSS * min(rows / columns, 1.0), _ACROSS * below.shape[0] / below.shape[1]
@@ -122,8 +119,7 @@ def _curves(dataset: xr.Dataset) -> bytes:
         if v.shape == (longest,) and v.dtype.kind == "f" and np.isfinite(v.values).any()
     ][:_COLUMNS]
     if not names:
-        message = "the file holds no column of numbers to draw"
-        raise InputError(message)
+        raise InputError("the file holds no column of numbers to draw")
     figure = Figure(figsize=(7.0, 1.5 * len(names) + 0.4), layout="constrained")
     for place, name in enumerate(names):
         axes = figure.add_subplot(len(names), 1, place + 1)

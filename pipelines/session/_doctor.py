@@ -198,8 +198,7 @@ def doctor(folder: str | Path | None = None) -> Health:
     """
     place = Path(folder if folder is not None else ".")
     if not place.is_dir():
-        message = f"{place} is no folder; name one that exists"
-        raise InputError(message)
+        raise InputError(f"{place} is no folder; name one that exists")
     versions = _versions()
     mistakes, damaged, is_sound = _session_problems(place)
     with warnings.catch_warnings():

@@ -73,8 +73,7 @@ def examine(folder: str | Path, wanted: str | None = None) -> list[Examined]:
     chosen = [e for n, e in session.experiments.items() if e.kind in budgets and wanted in (None, n, e.kind)]
     if not chosen:
         kinds = ", ".join(budgets)
-        message = f'nothing to examine for "{wanted or "this session"}"; kinds with budgets: {kinds}'
-        raise UsageError(message)
+        raise UsageError(f'nothing to examine for "{wanted or "this session"}"; kinds with budgets: {kinds}')
     results = processed_for(folder, [(e, budgets[e.kind]) for e in chosen])
     return [examined(e.name, quantity) for e in chosen for quantity in derive(results, e, budgets[e.kind])]
 

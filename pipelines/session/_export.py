@@ -59,8 +59,7 @@ class Target:
     def __post_init__(self) -> None:
         """Refuse a format that nobody writes."""
         if self.format not in FORMATS:
-            message = f'unknown format "{self.format}"; expected one of {", ".join(FORMATS)}'
-            raise UsageError(message)
+            raise UsageError(f'unknown format "{self.format}"; expected one of {", ".join(FORMATS)}')
 
     def write(self, name: str, dataset: xr.Dataset, remarks: dict[str, str]) -> list[Path]:
         """Write one Dataset under a name; return the files.
@@ -100,8 +99,7 @@ class Target:
         """
         path = self.folder / name
         if path.exists() and not self.may_replace:
-            message = f"{path} exists already; use --force to replace it, or another --out"
-            raise UsageError(message)
+            raise UsageError(f"{path} exists already; use --force to replace it, or another --out")
         return path
 
 
@@ -134,11 +132,10 @@ def export_results(results: Results, stages: Iterable[str], experiments: Iterabl
     left_out = tuple(f"{row.task}: {row.reason}" for row in rows if row.state not in READY)
     ready = [row for row in rows if row.state in READY]
     if not ready:
-        message = (
+        raise InputError(
             f"{plan.session.root}: none of {len(rows)} wanted results is there and up to date; "
             f"run: labpipe process {plan.session.root}"
         )
-        raise InputError(message)
     paths: list[Path] = []
     verdicts = told_verdicts(results.folder)
     for row in ready:
@@ -199,8 +196,7 @@ def export_table(results: Results, experiments: Iterable[str], target: Target) -
     session = results.plan.session
     found = summary.lines(results, experiments)
     if not found:
-        message = f"{session.root}: no quantity is there and up to date; run: labpipe process {session.root}"
-        raise InputError(message)
+        raise InputError(f"{session.root}: no quantity is there and up to date; run: labpipe process {session.root}")
     named = {line.row.experiment for line in found}
     wanted = set(experiments) or set(session.experiments)
     left_out = [f"{name}: no quantity is up to date" for name in session.experiments if name in wanted - named]
@@ -373,8 +369,7 @@ def export(
             raise UsageError(message)
         return export_file(place, Target(Path(out or "."), format, replace), options)
     if reading:
-        message = "options of a raw file (cycle, units) do not go with a session folder"
-        raise UsageError(message)
+        raise UsageError("options of a raw file (cycle, units) do not go with a session folder")
     session = reopen_session(place)
     ours = session.folder / FOLDER
     target = Target(Path(out) if out else ours, format, replace or out is None)
@@ -382,8 +377,7 @@ def export(
     made = make_plan(session, STAGES, names or None, experiments or None, keep=None)
     if format in TABLES:
         if names:
-            message = f"{format} is one table of all steps; leave out --stage, or take csv, nc, mat or json"
-            raise UsageError(message)
+            raise UsageError(f"{format} is one table of all steps; leave out --stage, or take csv, nc, mat or json")
         return export_table(Results(made), experiments, target)
     if format in CODES and not names:
         written, warned = export_materials(Results(made), experiments, target, bulk)
@@ -391,8 +385,7 @@ def export(
             warnings.warn(text, stacklevel=2)
         if format != "json" and not written.paths:
             reasons = "; ".join(written.left_out) or "no experiment makes one, as a master curve does"
-            message = f"{place}: there is no material to write: {reasons}"
-            raise InputError(message)
+            raise InputError(f"{place}: there is no material to write: {reasons}")
         if format != "json":
             return written
         done = export_results(Results(made), names, experiments, target)

@@ -98,8 +98,7 @@ def checked(gap: Gap, answer: str) -> str:
     """
     answer = answer.strip()
     if '"' in answer or "\\" in answer or not answer.isprintable():
-        message = f"found {answer!r}; write it without quotes and backslashes"
-        raise InputError(message)
+        raise InputError(f"found {answer!r}; write it without quotes and backslashes")
     if gap.may_be_left_out and answer.lower() == NONE:
         return NONE
     if gap.key in _DAYS:
@@ -108,8 +107,7 @@ def checked(gap: Gap, answer: str) -> str:
         if gap.key == key:
             if (known := answer.lower()) in allowed or (known := material_word(answer, is_whole=True) or "") in allowed:
                 return known
-            message = f'expected one of {", ".join(allowed)}; found "{answer}"'
-            raise InputError(message)
+            raise InputError(f'expected one of {", ".join(allowed)}; found "{answer}"')
     return _with_unit(gap, answer) if gap.unit or gap.key == "nu" else answer
 
 
@@ -124,8 +122,7 @@ def _day(answer: str) -> str:
     try:
         return date.fromisoformat(answer).isoformat()
     except ValueError:
-        message = f'expected a day such as 2024-05-14, found "{answer}"'
-        raise InputError(message) from None
+        raise InputError(f'expected a day such as 2024-05-14, found "{answer}"') from None
 
 
 def in_unit(answer: str, unit: str) -> str:
@@ -146,11 +143,9 @@ def _with_unit(gap: Gap, answer: str) -> str:
     try:
         found = quantity(text)
     except InputError as error:
-        message = f"{expected}: {error}"
-        raise InputError(message) from None
+        raise InputError(f"{expected}: {error}") from None
     if found.si != unit(wanted).si:
-        message = f'{expected}, found "{text}", which is in {found.si}'
-        raise InputError(message)
+        raise InputError(f'{expected}, found "{text}", which is in {found.si}')
     return text
 
 

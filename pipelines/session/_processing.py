@@ -197,8 +197,7 @@ def processed_for(folder: str | Path, wanted: Iterable[tuple[Experiment, Derived
     targets = [target for experiment, derived in wanted for target in needed(session, experiment, derived)]
     run = process(folder, targets, {target.split("/")[0] for target in targets}, jobs=jobs, keep=None)
     for outcome in run.failures:
-        message = f"{outcome.task}: {outcome.message}"
-        raise InputError(message)
+        raise InputError(f"{outcome.task}: {outcome.message}")
     return opened(folder)
 
 

@@ -97,8 +97,7 @@ def init(
     folder = Path(folder)
     path = folder / FILE_NAME
     if path.exists() and not replace:
-        message = f"{path} exists already; edit it, or use --force to replace it"
-        raise UsageError(message)
+        raise UsageError(f"{path} exists already; edit it, or use --force to replace it")
     if kinds := list(template):
         return _from_template(path, kinds, ask)
     found = recognise(folder)

@@ -30,8 +30,7 @@ def template(kinds: Iterable[str]) -> tuple[list[str], list[str]]:
     sections, names = [], []
     for name in dict.fromkeys(kinds):
         if name not in KINDS:
-            message = f'there is no kind of experiment "{name}"{suggest(name, KINDS)}'
-            raise UsageError(message)
+            raise UsageError(f'there is no kind of experiment "{name}"{suggest(name, KINDS)}')
         names.append(name)
         lines = [f"[experiments.{name}]", f'kind = "{name}"  # {KINDS[name].summary}']
         sections.append("\n".join([*lines, *_fields(KINDS[name].settings, f"experiments.{name}")]))

@@ -61,17 +61,14 @@ def beside(folder: str | Path, first: str, second: str) -> Path:
     session = results.plan.session
     for name in (first, second):
         if name not in session.experiments:
-            message = f'there is no experiment "{name}" that is complete'
-            raise UsageError(message)
+            raise UsageError(f'there is no experiment "{name}" that is complete')
     if first == second:
-        message = f'name two experiments; "{first}" was named twice'
-        raise UsageError(message)
+        raise UsageError(f'name two experiments; "{first}" was named twice')
     verdicts = stored_verdicts(results)
     rows = {name: _rows(results, name) for name in (first, second)}
     for name, own in rows.items():
         if own is None and name not in verdicts:
-            message = f"{name} has no results that are up to date; run: labpipe process {folder} --only {name}"
-            raise InputError(message)
+            raise InputError(f"{name} has no results that are up to date; run: labpipe process {folder} --only {name}")
     own, others = rows[first] or (), rows[second] or ()
     said, *difference = _difference(own, others, first, second)
     found = Comparison((*own, *others), {}, {}, session.folder / PAGE)

@@ -103,23 +103,19 @@ def axis(simulator: str, name: str, text: str) -> Axis:
     if len(parts) == 1 or not parameter.unit:
         values = [_value(simulator, name, part.strip()) for part in text.split(",")]
         if any(isinstance(v, Quantity) and v.u > 0.0 for v in values):
-            message = f"{name}: a swept value has no uncertainty; set it fixed, with draws"
-            raise UsageError(message)
+            raise UsageError(f"{name}: a swept value has no uncertainty; set it fixed, with draws")
         return Axis(name, tuple(v.value if isinstance(v, Quantity) else v for v in values))
     is_log = parts[3:] == ["log"]
     if len(parts) not in (3, 4) or not (is_log or len(parts) == 3) or not parts[2].isdigit():
-        message = (
+        raise UsageError(
             f'{name}: cannot understand "{text}"; expected values separated by commas, or '
             '"first : last : number", with ": log" for equal ratios'
         )
-        raise UsageError(message)
     first, last = (_value(simulator, name, part) for part in parts[:2])
     if not (isinstance(first, Quantity) and isinstance(last, Quantity) and int(parts[2]) >= 2):
-        message = f"{name}: a range needs two numbers and at least two points"
-        raise UsageError(message)
+        raise UsageError(f"{name}: a range needs two numbers and at least two points")
     if is_log and min(first.value, last.value) <= 0.0:
-        message = f"{name}: equal ratios need positive ends"
-        raise UsageError(message)
+        raise UsageError(f"{name}: equal ratios need positive ends")
     spaced = (np.geomspace if is_log else np.linspace)(first.value, last.value, int(parts[2]))
     # Twelve digits: 0.004 and not 0.0040000000000000001 of one machine and ..2 of another.
     return Axis(name, tuple(float(f"{v:.12g}") for v in spaced))
@@ -159,8 +155,7 @@ def design(
     for name in [*names, *given]:
         _parameter(simulator, name)
         if [*names, *given].count(name) > 1:
-            message = f"{name} is given twice"
-            raise UsageError(message)
+            raise UsageError(f"{name} is given twice")
     values: dict[str, Value] = {}
     spread: dict[str, Quantity] = {}
     for name, parameter in known.items():
@@ -180,8 +175,7 @@ def design(
         raise UsageError(message)
     made = Design(simulator, tuple(axes), values, _draw(spread, draws, seed))
     if made.count > MOST_POINTS:
-        message = f"{made.count} points; at most {MOST_POINTS} in one sweep"
-        raise UsageError(message)
+        raise UsageError(f"{made.count} points; at most {MOST_POINTS} in one sweep")
     return made
 
 
@@ -193,16 +187,14 @@ def _draw(spread: Mapping[str, Quantity], draws: int, seed: int) -> dict[str, tu
 def _simulator(name: str) -> Simulator:
     if name not in SIMULATORS:
         known = ", ".join(SIMULATORS)
-        message = f'no simulator "{name}"{suggest(name, SIMULATORS)}; there are {known}'
-        raise UsageError(message)
+        raise UsageError(f'no simulator "{name}"{suggest(name, SIMULATORS)}; there are {known}')
     return SIMULATORS[name]
 
 
 def _parameter(simulator: str, name: str) -> Parameter:
     known = _simulator(simulator).parameters
     if name not in known:
-        message = f'no parameter "{name}"{suggest(name, known)}; there are {", ".join(known)}'
-        raise UsageError(message)
+        raise UsageError(f'no parameter "{name}"{suggest(name, known)}; there are {", ".join(known)}')
     return known[name]
 
 
@@ -213,10 +205,8 @@ def _value(simulator: str, name: str, given: str | float) -> Quantity | str:
     try:
         found = quantity(given) if isinstance(given, str) else Quantity(float(given), 0.0, unit)
     except InputError as error:
-        message = f"{name}: {error}"
-        raise UsageError(message) from error
+        raise UsageError(f"{name}: {error}") from error
     if found.si != unit:
         is_in = "has no unit" if found.si == "1" else f"is in {found.si}"
-        message = f'{name}: "{given}" {is_in}; expected {unit}'
-        raise UsageError(message)
+        raise UsageError(f'{name}: "{given}" {is_in}; expected {unit}')
     return found

@@ -110,8 +110,7 @@ def run_design(
     """
     path = Path(out)
     if path.suffix != ".nc":
-        message = f"{path}: the result of a sweep is a netCDF file; give a name that ends in .nc"
-        raise UsageError(message)
+        raise UsageError(f"{path}: the result of a sweep is a netCDF file; give a name that ends in .nc")
     parts = path.with_name(f"{path.stem}.parts")
     blocks, results = _Blocks.of(plan), _Results(plan)
     for key in blocks:
@@ -216,8 +215,7 @@ class _Results:
         for start in blocks.places[key]:
             stop = min(start + blocks.size, self.plan.count)
             if self.is_known[start:stop].any() or len(outcomes) != stop - start:
-                message = f"points {start} to {stop}: {len(outcomes)} results, or a second time"
-                raise LabpipeError(message)
+                raise LabpipeError(f"points {start} to {stop}: {len(outcomes)} results, or a second time")
             self.is_known[start:stop] = True
             for point, outcome in enumerate(outcomes, start):
                 if isinstance(outcome, str):
@@ -235,8 +233,7 @@ class _Results:
             A point is missing: a defect of the program.
         """
         if not self.is_known.all():
-            message = f"{self.plan.count - self.n_known} points of the sweep have no outcome"
-            raise LabpipeError(message)
+            raise LabpipeError(f"{self.plan.count - self.n_known} points of the sweep have no outcome")
         return _dataset(self.plan, self.values, self.problems)
 
 

@@ -59,8 +59,7 @@ def _first_impacts(points: Sequence[Mapping[str, Value]], rtol: float) -> list[O
     for point, happened in zip(points, made["impacts"].values.tolist(), strict=True):
         if not happened:
             after = numbers(point)["after_touch"]
-            message = f"the sphere has not left within {after:g} s after its fall; raise after_touch"
-            raise ValueError(message)
+            raise ValueError(f"the sphere has not left within {after:g} s after its fall; raise after_touch")
     names = ("restitution", "peak_force", "peak_contact_radius", "contact_duration")
     columns = {name: made[name].values[:, 0].tolist() for name in names}
     columns["solver_steps"] = made["solver_steps"].values.astype(float).tolist()

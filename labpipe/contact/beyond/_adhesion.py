@@ -126,8 +126,7 @@ def jkr_at_force(force: ArrayLike, radius: float, reduced_modulus: float, work: 
     scale = 3.0 * np.pi * work * radius
     least = -0.5 * scale
     if not np.all(load >= least * (1.0 + 1e-12)):
-        message = f"force is {load} N; the contact holds {-least:.4g} N and no more"
-        raise InputError(message)
+        raise InputError(f"force is {load} N; the contact holds {-least:.4g} N and no more")
     root = np.sqrt(np.maximum(2.0 * scale * load + scale**2, 0.0))
     a = np.cbrt(0.75 * radius / reduced_modulus * (load + scale + root))
     return jkr(a, radius, reduced_modulus, work)._replace(force=load)
@@ -210,8 +209,7 @@ def maugis(
     a = _checked(contact_radius, radius, reduced_modulus, work)
     rate = maugis_parameter(radius, reduced_modulus, work, stress)
     if not np.all(a > 0.0):
-        message = f"contact_radius is {a} m; Maugis's theory needs more than 0"
-        raise InputError(message)
+        raise InputError(f"contact_radius is {a} m; Maugis's theory needs more than 0")
     stiffness = 4.0 * reduced_modulus / 3.0
     width = (np.pi * work * radius**2 / stiffness) ** (1.0 / 3.0)
     A = a / width
@@ -246,8 +244,7 @@ def pull_off(
     if theory in ("jkr", "dmt") or work == 0.0:
         return float(scale * (1.5 if theory == "jkr" else 2.0))
     if theory != "maugis":
-        message = f'theory "{theory}" is unknown; use "jkr", "dmt" or "maugis"'
-        raise InputError(message)
+        raise InputError(f'theory "{theory}" is unknown; use "jkr", "dmt" or "maugis"')
     rate = maugis_parameter(radius, reduced_modulus, work, cohesive_stress(work) if stress is None else stress)
 
     def force(log_radius: float) -> float:
@@ -308,16 +305,13 @@ def _checked(contact_radius: ArrayLike, radius: float, modulus: float, work: flo
     _positive("radius", radius, "m")
     _positive("reduced_modulus", modulus, "Pa")
     if not (np.isfinite(work) and work >= 0.0):
-        message = f"work is {work} J/m2, expected a number from 0 up"
-        raise InputError(message)
+        raise InputError(f"work is {work} J/m2, expected a number from 0 up")
     a = np.asarray(contact_radius, dtype=float)
     if not np.all((a >= 0.0) & np.isfinite(a)):
-        message = f"contact_radius is {a} m, expected numbers from 0 up"
-        raise InputError(message)
+        raise InputError(f"contact_radius is {a} m, expected numbers from 0 up")
     return a
 
 
 def _positive(name: str, value: float, unit: str) -> None:
     if not (np.isfinite(value) and value > 0.0):
-        message = f"{name} is {value} {unit}, expected a positive number"
-        raise InputError(message)
+        raise InputError(f"{name} is {value} {unit}, expected a positive number")

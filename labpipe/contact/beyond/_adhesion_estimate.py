@@ -99,8 +99,7 @@ def adhesion_in_impact(
     given = {"mass": mass, "speed": speed, "contact_duration": contact_duration, "peak_force": peak_force}
     for name, value in given.items():
         if not (np.isfinite(value) and value > 0.0):
-            message = f"{name} is {value}, expected a positive number"
-            raise InputError(message)
+            raise InputError(f"{name} is {value}, expected a positive number")
     modulus = abs(complex(material.complex_modulus(np.pi / contact_duration, "contact")))
     relaxed = material.E_relaxed if not material.is_liquid else modulus / material.factor("contact")
     enhanced = work * material.E_unrelaxed / relaxed

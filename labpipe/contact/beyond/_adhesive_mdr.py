@@ -65,8 +65,7 @@ def slope_of(shape: str, size: float) -> Slope:
         "flat": np.zeros_like,
     }
     if shape not in slopes:
-        message = f'shape "{shape}" is unknown; use one of {", ".join(slopes)}'
-        raise InputError(message)
+        raise InputError(f'shape "{shape}" is unknown; use one of {", ".join(slopes)}')
     return slopes[shape]
 
 
@@ -111,11 +110,9 @@ def adhesive_indentation(
     radii = np.atleast_1d(np.asarray(contact_radius, dtype=float))
     for name, value in (("reduced_modulus", reduced_modulus), ("stress", stress or 1.0)):
         if not (np.isfinite(value) and value > 0.0):
-            message = f"{name} is {value} Pa, expected a positive number"
-            raise InputError(message)
+            raise InputError(f"{name} is {value} Pa, expected a positive number")
     if not (np.all(radii > 0.0) and np.all(np.isfinite(radii)) and work >= 0.0):
-        message = f"contact radii {radii} m and work {work} J/m2; expected positive, and from 0 up"
-        raise InputError(message)
+        raise InputError(f"contact radii {radii} m and work {work} J/m2; expected positive, and from 0 up")
     rows = [_state(slope, float(a), reduced_modulus, work, stress) for a in radii]
     force, indentation, reach = np.array(rows).T
     return AdhesiveContact(radii, force, indentation, reach)
@@ -170,9 +167,8 @@ def _cohesive_radius(slope: Slope, a: float, edge: float, modulus: float, work: 
 
     low, high = np.log(1e-12), np.log(_WIDEST)
     if not excess(low) < 0.0 < excess(high):
-        message = (
+        raise InputError(
             f"the cohesive zone around a contact of {a:g} m has no end within {_WIDEST:g} of its "
             "radius; the profile ends before that, or the stress is too small"
         )
-        raise InputError(message)
     return float(a * (1.0 + np.exp(brentq(excess, low, high, xtol=1e-14))))

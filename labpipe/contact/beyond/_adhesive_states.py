@@ -66,14 +66,11 @@ def adhesive_states(
     """
     for name, value in (("work", work), ("load", load), ("size", size)):
         if not (np.isfinite(value) and value > 0.0):
-            message = f"{name} is {value}, expected a positive number"
-            raise InputError(message)
+            raise InputError(f"{name} is {value}, expected a positive number")
     if material.is_liquid or shape == "flat":
-        message = "slow loading needs a solid (E_relaxed above 0) and a profile that is not flat"
-        raise InputError(message)
+        raise InputError("slow loading needs a solid (E_relaxed above 0) and a profile that is not flat")
     if theory not in ("jkr", "maugis"):
-        message = f'theory "{theory}" is unknown; use "jkr" or "maugis"'
-        raise InputError(message)
+        raise InputError(f'theory "{theory}" is unknown; use "jkr" or "maugis"')
     modulus = material.factor("contact") * material.E_relaxed
     slope = slope_of(shape, size)
     stress = None if theory == "jkr" else cohesive_stress(work, equilibrium_distance)
@@ -86,8 +83,7 @@ def adhesive_states(
     narrow = (load / modulus) ** 0.5 * 1e-6
     wide = _WIDEST_OF_SPHERE * size if shape != "cone" else 1e3 * (load / (size * modulus)) ** 0.5
     if not excess(np.log(wide)) > 0.0:
-        message = f"under {load:g} N the contact would be wider than {wide:.3g} m; reduce the load"
-        raise InputError(message)
+        raise InputError(f"under {load:g} N the contact would be wider than {wide:.3g} m; reduce the load")
     largest = float(np.exp(brentq(excess, np.log(narrow), np.log(wide), xtol=1e-12)))
     radii = np.geomspace(_SMALLEST * largest, largest, states)
     found = adhesive_indentation(slope, radii, modulus, work, stress)

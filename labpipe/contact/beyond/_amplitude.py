@@ -72,8 +72,7 @@ def amplitude_sweep(
     """
     swing = np.atleast_1d(np.asarray(amplitude, dtype=float))
     if not np.all((swing > 0.0) & np.isfinite(swing)):
-        message = f"amplitude is {swing} m, expected positive numbers"
-        raise InputError(message)
+        raise InputError(f"amplitude is {swing} m, expected positive numbers")
     state = equilibrium(material, tip_radius, period, mean_indentation)
     # 2 ln(1/s) = −ln(s²): mean pressure κα/(2a) of a stiffness κ = πE*/(2 ln(1/s)).
     strain = 0.5 * np.pi / -np.log(state.square) * swing / state.half_width

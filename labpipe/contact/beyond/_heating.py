@@ -61,8 +61,7 @@ def flash_temperature(flux: ArrayLike, radius: ArrayLike, time: ArrayLike, therm
     """
     q, a, t = (np.asarray(v, dtype=float) for v in (flux, radius, time))
     if not (np.all(q >= 0.0) and np.all(a > 0.0) and np.all(t > 0.0)):
-        message = "flux must be 0 or more, radius and time positive"
-        raise InputError(message)
+        raise InputError("flux must be 0 or more, radius and time positive")
     length = 2.0 * np.sqrt(thermal.diffusivity * t)
     x = a / length
     # 1/√π − ierfc(x), without cancellation for small x.
@@ -154,8 +153,7 @@ def self_heating(drop: xr.Dataset, material: Material, thermal: Thermal, tempera
     ('negligible', 0.6)
     """
     if "dissipated_energy" not in drop or not drop.sizes["impact"]:
-        message = "self-heating needs a drop with at least one completed impact and its ledger"
-        raise InputError(message)
+        raise InputError("self-heating needs a drop with at least one completed impact and its ledger")
     radius = drop["peak_contact_radius"].values
     contact = drop["contact_duration"].values
     # From touch to next touch: what the dent still holds at lift-off becomes heat in flight.

@@ -42,21 +42,16 @@ def checked(setting: Setting) -> Setting:
         ("height", setting.height, "0 or positive"),
     ):
         if not (isfinite(value) and (value > 0.0 or (value == 0.0 and low != "positive"))):
-            message = f"{name} is {value}, expected a finite number, {low}"
-            raise InputError(message)
+            raise InputError(f"{name} is {value}, expected a finite number, {low}")
     if setting.solver not in get_args(Solver):
-        message = f'solver is "{setting.solver}", expected one of {", ".join(get_args(Solver))}'
-        raise InputError(message)
+        raise InputError(f'solver is "{setting.solver}", expected one of {", ".join(get_args(Solver))}')
     if setting.profile not in get_args(Profile):
-        message = f'profile is "{setting.profile}", expected one of {", ".join(get_args(Profile))}'
-        raise InputError(message)
+        raise InputError(f'profile is "{setting.profile}", expected one of {", ".join(get_args(Profile))}')
     low_rtol, high_rtol = _RTOL_RANGE
     if not low_rtol <= setting.rtol <= high_rtol:
-        message = f"rtol is {setting.rtol}, expected {low_rtol} to {high_rtol}"
-        raise InputError(message)
+        raise InputError(f"rtol is {setting.rtol}, expected {low_rtol} to {high_rtol}")
     if setting.plate is not None and setting.solver == "thesis":
-        message = "the thesis's scheme has a rigid substrate; drop the plate or use another solver"
-        raise InputError(message)
+        raise InputError("the thesis's scheme has a rigid substrate; drop the plate or use another solver")
     return setting
 
 
@@ -65,6 +60,5 @@ def checked_times(name: str, times: ArrayLike, duration: float) -> Floats:
     wanted = np.atleast_1d(np.asarray(times, dtype=float))
     is_inside = np.all((wanted >= 0.0) & (wanted <= duration))
     if wanted.ndim != 1 or not wanted.size or not is_inside or np.any(np.diff(wanted) <= 0.0):
-        message = f"{name} must increase strictly and lie within 0 and {duration} s"
-        raise InputError(message)
+        raise InputError(f"{name} must increase strictly and lie within 0 and {duration} s")
     return wanted

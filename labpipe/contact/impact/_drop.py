@@ -170,8 +170,7 @@ def drop(
     observe = None if progress is None else _Throttle(progress, setting)
     if solver == "thesis":
         if looks is not None:
-            message = 'the thesis\'s scheme draws no maps; use solver "rings" or "mdr"'
-            raise InputError(message)
+            raise InputError('the thesis\'s scheme draws no maps; use solver "rings" or "mdr"')
         thesis = drop_thesis(
             creep,
             radius,

@@ -196,6 +196,5 @@ def time_to_touch(
     u, w, _ = state or PlateState()
     time = time_of_flight(Fall(1.0, gravity, 1.0, False, *modal(plate), 0.0, 0.0, 0.0), velocity, dent, rate, u, w)
     if time < 0.0:
-        message = "the sphere does not come back to the plate"
-        raise LabpipeError(message)
+        raise LabpipeError("the sphere does not come back to the plate")
     return float(time)

@@ -118,8 +118,7 @@ def line_springs(
         Shape of the gap.
     """
     if profile not in ("parabola", "sphere"):
-        message = f'profile is "{profile}", expected "parabola" or "sphere"'
-        raise InputError(message)
+        raise InputError(f'profile is "{profile}", expected "parabola" or "sphere"')
     count = int(np.ceil(np.arcsinh(reach / core) * per_radius)) + 2
     position = core * np.sinh(np.arange(count) / per_radius)
     if profile == "sphere":

@@ -80,8 +80,7 @@ def impacts(
     from labpipe.contact.impact._trains import COLUMNS, follow
 
     if most < 1:
-        message = f"most is {most} impacts, expected at least 1"
-        raise InputError(message)
+        raise InputError(f"most is {most} impacts, expected at least 1")
     given = {
         "material": material,
         "radius": radius,
@@ -116,8 +115,7 @@ def _cases(given: Mapping[str, Any], profile: Profile, rtol: float) -> list[_Cas
     lengths = {name: count for name, values in given.items() if (count := _count(values)) is not None}
     if len(set(lengths.values())) > 1:
         told = ", ".join(f"{name} has {n}" for name, n in lengths.items())
-        message = f"what is given drop by drop must have an entry for each: {told}"
-        raise InputError(message)
+        raise InputError(f"what is given drop by drop must have an entry for each: {told}")
     count = next(iter(lengths.values()), 1)
     columns = [values if name in lengths else [values] * count for name, values in given.items()]
     units = (("radius", "m"), ("mass", "kg"), ("height", "m"), ("duration", "s"), ("gravity", "m/s2"))

@@ -56,8 +56,7 @@ class Plate:
     def __post_init__(self) -> None:
         for name, value in (("mass", self.mass), ("frequency", self.frequency)):
             if not (isfinite(value) and value > 0.0):
-                message = f"the plate's {name} is {value}, expected a finite positive number"
-                raise InputError(message)
+                raise InputError(f"the plate's {name} is {value}, expected a finite positive number")
         if not 0.0 <= self.damping_ratio < 1.0:
             message = f"the plate's damping ratio is {self.damping_ratio}, expected 0 to below 1: a plate that rings"
             raise InputError(message)

@@ -204,11 +204,10 @@ def ring_springs(radius_of_sphere: float, reach: float, width: float, profile: P
     if profile == "sphere":
         count = min(count, int(radius_of_sphere / width))
     if not 2 < count <= _MOST_RINGS:
-        message = (
+        raise InputError(
             f"rings of {width:.3g} m on a contact of {reach:.3g} m: {count} rings, expected 3 to "
             f"{_MOST_RINGS}; choose another ring width"
         )
-        raise InputError(message)
     middle = np.linspace(0.5, count - 0.5, count) * width
     gap = surface_gap(middle, radius_of_sphere, profile)
     lower, upper = factors(count)

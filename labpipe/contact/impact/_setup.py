@@ -154,8 +154,7 @@ def springs_for(setting: Setting, creep: Creep, expected: Scales, effort: Effort
         finer = min(finer, _MOST_RINGS_PER_RADIUS / _RINGS_PER_RADIUS)
         width = expected.radius / (_RINGS_PER_RADIUS * finer) if ring_width is None else ring_width
         if not (isfinite(width) and width > 0.0):
-            message = f"ring_width is {width} m, expected a positive number"
-            raise InputError(message)
+            raise InputError(f"ring_width is {width} m, expected a positive number")
         return ring_springs(setting.radius, reach, width, setting.profile)
     core = _CORE * min(expected.rest_radius, expected.radius)
     per_radius = _SPRINGS_PER_RADIUS * finer

@@ -52,12 +52,11 @@ def _stepper(
     setting: Setting, creep: Creep, expected: Scales, effort: Effort, observe: Callable[[float], None] | None
 ) -> Stepper:
     if expected.radius > setting.radius:
-        message = (
+        raise InputError(
             f"the contact would be about {expected.radius:.3g} m in radius, wider than the sphere "
             f"({setting.radius:.3g} m): small-strain contact does not hold; use a stiffer "
             "material, a smaller mass or a lower drop"
         )
-        raise InputError(message)
     return Stepper(
         creep_law=creep,
         springs=springs_for(setting, creep, expected, effort),
@@ -113,12 +112,11 @@ def _refuse_endless(setting: Setting, creep: Creep, expected: Scales, effort: Ef
     cycle = expected.duration + 2.0 * setting.speed / setting.gravity
     needed = steps_per_contact(effort.rtol) * setting.duration / cycle
     if not is_damped and needed > effort.max_steps:
-        message = (
+        raise InputError(
             f"an elastic sphere never stops: {setting.duration:.4g} s would take about "
             f"{needed:.2g} steps, more than max_steps = {effort.max_steps}; shorten the duration, "
             "raise max_steps, or give the material a loss"
         )
-        raise InputError(message)
 
 
 def simulate(

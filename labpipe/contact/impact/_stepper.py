@@ -325,32 +325,29 @@ class Stepper:
         counts = self.counts
         most_updates = _UPDATES_PER_STEP * self.max_steps
         if counts.solver_steps > self.max_steps or counts.spring_updates > most_updates:
-            message = (
+            raise InputError(
                 f"{counts.solver_steps} steps of {self.springs.position.size} springs reached only "
                 f"{self.now.time:.6g} s: the material damps too little for so long a duration, or "
                 "hardly has an instantaneous compliance; shorten the duration, raise max_steps or "
                 "rtol"
             )
-            raise InputError(message)
         if self.observe is not None:
             self.observe(self.now.time)
 
     def refuse_wide(self, radius: float) -> None:
         """Refuse a contact radius [m] that the sphere does not have."""
         if radius > self.largest_radius:
-            message = (
+            raise InputError(
                 f"at {self.now.time:.6g} s the contact would be {radius:.4g} m in radius, more "
                 f"than {self.largest_radius:.4g} m: beyond this the sphere is no half-space; use a "
                 "stiffer material, a smaller mass or a lower drop"
             )
-            raise InputError(message)
 
     def _refuse_a_ring(self) -> None:
-        message = (
+        raise AnnularContactError(
             f"at {self.now.time:.6g} s the surface would touch in a ring around the axis, which "
             "the springs of this solver cannot follow; use a smaller rtol"
         )
-        raise AnnularContactError(message)
 
     # -- the block of springs in use -------------------------------------------------------------
 

@@ -104,12 +104,11 @@ def drop_thesis(
     """
     steps, count = ceil(duration / time_step), ceil(reach / ring_width) + 1
     if not (count > 2 and 0.5 * steps**2 * count < _MOST_PRODUCTS):
-        message = (
+        raise InputError(
             f"{steps} steps with {count} rings: the full history would take "
             f"{0.5 * steps**2 * count:.1e} products, expected fewer than {_MOST_PRODUCTS:.0e} and "
             "3 or more rings; choose a longer time step or another ring width"
         )
-        raise InputError(message)
     middle = np.linspace(0.5, count - 0.5, count) * ring_width
     rings = _Rings(
         influence(count) * ring_width,
@@ -139,8 +138,7 @@ def drop_thesis(
         surface = past[0] + creep_at_lag[0] * float(rings.matrix[0] @ pressure)
         reduced_gap[n] = surface + rings.gap[0] - position[n]
         if pressure[-1] > 0.0:
-            message = f"the contact outgrew the rings ({reach:.4g} m); give more reach"
-            raise LabpipeError(message)
+            raise LabpipeError(f"the contact outgrew the rings ({reach:.4g} m); give more reach")
         if observe is not None:
             observe(float(time[n]))
     products = steps * (steps + 1) // 2 * count
@@ -162,5 +160,4 @@ def _active_set(matrix: Floats, compliance: float, overlap: Floats, active: NDAr
         if np.array_equal(wanted, active):
             return pressure, solves
         active = wanted
-    message = "the active set did not settle; choose another ring width or time step"
-    raise LabpipeError(message)
+    raise LabpipeError("the active set did not settle; choose another ring width or time step")

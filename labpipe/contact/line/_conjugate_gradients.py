@@ -148,8 +148,7 @@ class GeneralContact:
                 return answer._replace(force=force)
             # The force is convex in the displacement, so Newton's steps come from above.
             displacement = max(displacement + step, low + 0.1 * (displacement - low))
-        message = f"no displacement was found that carries {force} N/m per tip; {self.limit}"
-        raise InputError(message)
+        raise InputError(f"no displacement was found that carries {force} N/m per tip; {self.limit}")
 
     def _press_open(self, history: Floats, compliance: float, displacement: float, low: float) -> tuple[Answer, float]:
         """Solve at a displacement, or at one nearer to first touch if that closes the period."""
@@ -235,11 +234,10 @@ class GeneralContact:
                 wrong = np.zeros_like(wrong)
                 wrong[last] = True
             contact ^= wrong
-        message = (
+        raise InputError(
             f"the contact problem was not solved in {_MAX_ITERATIONS} iterations and "
             f"{_MAX_PIVOTS} pivots; use a smoother profile or other elements"
         )
-        raise InputError(message)
 
     def _dense(self, contact: NDArray[np.bool_], approach: Floats) -> Floats:
         """Pressure (element,) on a given contact by a dense solve."""

@@ -175,8 +175,7 @@ def indent_load(
     negative = np.flatnonzero(values < 0.0)
     if negative.size:
         n = negative[0]
-        message = f"load[{n}] is {values[n]} N; a contact without adhesion cannot pull"
-        raise InputError(message)
+        raise InputError(f"load[{n}] is {values[n]} N; a contact without adhesion cannot pull")
     return simulate(
         _request(material, tip_radius, period, depth, profile, thickness, elements),
         times,

@@ -120,17 +120,13 @@ def line_kernel(period: float, elements: int, thickness: float = np.inf, nu: flo
     'rigid base (absolute)'
     """
     if not (np.isfinite(period) and period > 0.0):
-        message = f"the period is {period} m, expected a positive length"
-        raise InputError(message)
+        raise InputError(f"the period is {period} m, expected a positive length")
     if elements != int(elements) or elements < _MIN_ELEMENTS or elements % 2:
-        message = f"{elements} elements per period, expected an even number from {_MIN_ELEMENTS} up"
-        raise InputError(message)
+        raise InputError(f"{elements} elements per period, expected an even number from {_MIN_ELEMENTS} up")
     if not thickness > 0.0:
-        message = f"the layer is {thickness} m thick, expected a positive length or infinity"
-        raise InputError(message)
+        raise InputError(f"the layer is {thickness} m thick, expected a positive length or infinity")
     if not 0.0 <= nu <= 0.5:
-        message = f"Poisson's ratio is {nu}, expected 0 to 0.5"
-        raise InputError(message)
+        raise InputError(f"Poisson's ratio is {nu}, expected 0 to 0.5")
     influence = _half_plane(period, elements)
     mean = 0.0
     if np.isfinite(thickness):
@@ -200,11 +196,10 @@ def _layer_excess(period: float, elements: int, thickness: float, nu: float) -> 
     q0 = 2.0 * np.pi / period
     n_modes = int(np.ceil(_DEEP / (q0 * thickness))) + 1
     if n_modes > _MAX_MODES:
-        message = (
+        raise InputError(
             f"a layer of {thickness:.3g} m under a period of {period:.3g} m needs {n_modes} wave "
             f"numbers, at most {_MAX_MODES} are summed; give a thicker layer or a shorter period"
         )
-        raise InputError(message)
     k = np.arange(1, n_modes + 1, dtype=float)
     q = k * q0
     strip = 2.0 * np.sin(0.5 * q * period / elements) / q

@@ -36,8 +36,7 @@ def tip_height(profile: str, x: Floats, tip_radius: float, period: float) -> Flo
     array([0.     , 0.00025])
     """
     if not (np.isfinite(tip_radius) and tip_radius > 0.0):
-        message = f"the tip radius is {tip_radius} m, expected a positive length"
-        raise InputError(message)
+        raise InputError(f"the tip radius is {tip_radius} m, expected a positive length")
     if profile == "parabola":
         return np.asarray(x**2 / (2.0 * tip_radius))
     if profile == "cosine":
@@ -47,8 +46,7 @@ def tip_height(profile: str, x: Floats, tip_radius: float, period: float) -> Flo
         inside = np.abs(x) < tip_radius
         root = np.sqrt(np.where(inside, tip_radius**2 - x**2, 0.0))
         return np.where(inside, x**2 / (tip_radius + root), np.inf)
-    message = f'profile "{profile}" is unknown; use one of {", ".join(PROFILES)}, or an array'
-    raise InputError(message)
+    raise InputError(f'profile "{profile}" is unknown; use one of {", ".join(PROFILES)}, or an array')
 
 
 def strip_heights(profile: str, tip_radius: float, period: float, elements: int) -> Floats:
@@ -78,15 +76,13 @@ def sampled_heights(profile: ArrayLike) -> Floats:
     """
     heights = np.asarray(profile, dtype=float)
     if heights.ndim != 1:
-        message = f"a profile is one row of heights over a period, found the shape {heights.shape}"
-        raise InputError(message)
+        raise InputError(f"a profile is one row of heights over a period, found the shape {heights.shape}")
     bad = np.flatnonzero(np.isnan(heights) | (heights == -np.inf))
     if bad.size:
         message = f"profile[{bad[0]}] is {heights[bad[0]]}; heights are metres, infinite where there is no indenter"
         raise InputError(message)
     if not np.any(np.isfinite(heights)):
-        message = "every height of the profile is infinite: there is no indenter"
-        raise InputError(message)
+        raise InputError("every height of the profile is infinite: there is no indenter")
     return heights
 
 

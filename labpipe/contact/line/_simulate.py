@@ -108,8 +108,7 @@ def simulate(
                 where = time[run.march.samples_done]
             reason = f"the contact stops being one growing and shrinking strip at {where:g} s"
             if solver == "springs":
-                message = f'{reason}; use solver="auto" or "general"'
-                raise InputError(message)
+                raise InputError(f'{reason}; use solver="auto" or "general"')
         contact = GeneralContact(geometry.kernel, geometry.heights, geometry.limit, has_end=not geometry.is_smooth)
         run = _Run("general", March(contact, *settings), lambda load: load, contact)
         rows = _record(run, geometry.kernel, time, values, outputs, progress)
@@ -154,26 +153,21 @@ def _require_known(
     request: Request, rtol: float | None, outputs: Sequence[Output], solver: Solver, n_times: int
 ) -> None:
     if not (np.isfinite(request.depth) and request.depth > 0.0):
-        message = f"the depth (contact length) is {request.depth} m, expected a positive length"
-        raise InputError(message)
+        raise InputError(f"the depth (contact length) is {request.depth} m, expected a positive length")
     if rtol is not None and not 1e-8 <= rtol <= 0.1:
-        message = f"rtol is {rtol}, expected 1e-8 to 0.1, or None for one step per sample"
-        raise InputError(message)
+        raise InputError(f"rtol is {rtol}, expected 1e-8 to 0.1, or None for one step per sample")
     if solver not in _SOLVERS:
-        message = f'solver "{solver}" is unknown; use one of {", ".join(_SOLVERS)}'
-        raise InputError(message)
+        raise InputError(f'solver "{solver}" is unknown; use one of {", ".join(_SOLVERS)}')
     unknown = [name for name in outputs if name not in _OUTPUTS]
     if unknown:
-        message = f'output "{unknown[0]}" is unknown; use any of {", ".join(_OUTPUTS)}'
-        raise InputError(message)
+        raise InputError(f'output "{unknown[0]}" is unknown; use any of {", ".join(_OUTPUTS)}')
     n_maps = sum(name in outputs for name in ("pressure", "surface"))
     n_bytes = n_maps * n_times * (request.elements or DEFAULT_ELEMENTS) * 8
     if n_bytes > _MAX_MAP_BYTES:
-        message = (
+        raise InputError(
             f"the maps of {n_times} samples would take {n_bytes / 2**30:.1f} GiB; request them "
             f"for a part of the history or with fewer elements"
         )
-        raise InputError(message)
 
 
 def _geometry(request: Request, displacement: Floats | None) -> _Geometry:
@@ -181,17 +175,15 @@ def _geometry(request: Request, displacement: Floats | None) -> _Geometry:
     sampled = None if named else sampled_heights(request.profile)
     elements = request.elements or (DEFAULT_ELEMENTS if sampled is None else sampled.size)
     if sampled is not None and sampled.size != elements:
-        message = f"the profile has {sampled.size} heights but elements is {elements}"
-        raise InputError(message)
+        raise InputError(f"the profile has {sampled.size} heights but elements is {elements}")
     nu = request.material.nu
     kernel = line_kernel(request.period, elements, request.thickness, nu)
     if displacement is not None and displacement.max() >= request.thickness:
         n = int(np.argmax(displacement))
-        message = (
+        raise InputError(
             f"displacement[{n}] is {displacement[n]:.4g} m, more than the layer's thickness of "
             f"{request.thickness:.4g} m"
         )
-        raise InputError(message)
     if isinstance(request.profile, str):
         heights = strip_heights(request.profile, request.tip_radius, request.period, elements)
     else:
@@ -219,8 +211,7 @@ def _require_below_full_contact(heights: Floats, displacement: Floats, limit: st
     beyond = np.flatnonzero(displacement >= heights.mean())
     if beyond.size:
         n = beyond[0]
-        message = f"displacement[{n}] is {displacement[n]:.4g} m: {limit}"
-        raise InputError(message)
+        raise InputError(f"displacement[{n}] is {displacement[n]:.4g} m: {limit}")
 
 
 def _why_general(geometry: _Geometry) -> str:
@@ -279,11 +270,10 @@ def _row(run: _Run, kernel: LineKernel, state: State, names: Iterable[str]) -> d
 def _not_negative(pressure: Floats) -> Floats:
     """Remove rounding below zero; anything larger is a defect and is said so."""
     if pressure.min() < -_PRESSURE_ROUNDING * float(pressure.max()):
-        message = (
+        raise InputError(
             f"a negative pressure of {pressure.min():.3g} Pa was found against a largest of "
             f'{pressure.max():.3g} Pa; use solver="general"'
         )
-        raise InputError(message)
     return np.maximum(pressure, 0.0)
 
 

@@ -100,11 +100,10 @@ def _factor(kernel: LineKernel, profile: Floats, *, is_smooth: bool, limit: str)
     try:
         factor = cholesky(matrix.T, lower=True, overwrite_a=True, check_finite=False)  # as LAPACK stores it
     except LinAlgError:
-        message = (
+        raise InputError(
             "the influence matrix is not positive definite in double precision: the layer is too "
             "thin (or too nearly incompressible) for this period; give a thicker layer"
-        )
-        raise InputError(message) from None
+        ) from None
     both = np.stack([counts, counts * profile], axis=1)
     solved: Floats = solve_triangular(factor, both, lower=True, check_finite=False)
     scale, reduced = solved.T

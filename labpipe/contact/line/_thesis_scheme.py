@@ -73,8 +73,7 @@ def indent_thesis_scheme(
     times, values = checked_history(time, displacement, "displacement")
     step = _uniform_step(times)
     if times.size * elements * 8 > _MAX_HISTORY_BYTES:
-        message = f"the history of {times.size} steps would take more than 1 GiB"
-        raise InputError(message)
+        raise InputError(f"the history of {times.size} steps would take more than 1 GiB")
     kernel = line_kernel(period, elements, thickness, material.nu)
     x = kernel.spacing * np.arange(-(elements // 2), elements - elements // 2, dtype=float)
     height = tip_height(profile, x, tip_radius, period)
@@ -110,8 +109,7 @@ def _uniform_step(time: Floats) -> float:
     steps = np.diff(time)
     step = float(steps.mean())
     if not np.all(np.abs(steps - step) <= _UNIFORM * step) or step <= 0.0:
-        message = "the thesis's scheme needs uniform time steps; resample the history"
-        raise InputError(message)
+        raise InputError("the thesis's scheme needs uniform time steps; resample the history")
     return step
 
 
@@ -133,5 +131,4 @@ def _active_set(
         if not np.any(pulls) and not np.any(penetrates):
             return pressure, count + 1
         contact = (contact & ~pulls) | penetrates
-    message = f"the active set did not settle in {_MAX_ITERATIONS} iterations"
-    raise InputError(message)
+    raise InputError(f"the active set did not settle in {_MAX_ITERATIONS} iterations")

@@ -84,11 +84,9 @@ def equilibrium(
     (12.4, 0.418)
     """
     if not (np.isfinite(mean_indentation) and mean_indentation > 0.0):
-        message = f"the mean indentation is {mean_indentation} m, expected a positive length"
-        raise InputError(message)
+        raise InputError(f"the mean indentation is {mean_indentation} m, expected a positive length")
     if material.is_liquid:
-        message = "the material flows (E_relaxed is 0): it has no equilibrium contact"
-        raise InputError(message)
+        raise InputError("the material flows (E_relaxed is 0): it has no equilibrium contact")
     modulus = material.factor("contact") * material.E_relaxed
     state = from_displacement(mean_indentation, tip_radius, period, modulus, "cosine")
     half_width = float(state.half_width)
@@ -170,8 +168,7 @@ def dissipated_work(
     """
     alpha = np.asarray(amplitude, dtype=float)
     if not np.all(alpha >= 0.0):
-        message = f"amplitudes are numbers from 0 m up, found {alpha}"
-        raise InputError(message)
+        raise InputError(f"amplitudes are numbers from 0 m up, found {alpha}")
     stiffness = dynamic_stiffness(material, frequency, mean_indentation, tip_radius, period, depth)
     work = np.pi * stiffness.imag * alpha**2
     if beyond == "nan":
@@ -220,8 +217,7 @@ def dissipated_power(
         raise InputError(message)
     interval = np.diff(t)
     if not (np.isfinite(t).all() and np.isfinite(x).all() and float(interval.min()) > 0.0):
-        message = "times must rise, and times and displacements be finite numbers"
-        raise InputError(message)
+        raise InputError("times must rise, and times and displacements be finite numbers")
     if float(np.ptp(interval)) > _UNEVEN * float(interval.mean()):
         message = f"the samples are uneven ({interval.min():.4g} to {interval.max():.4g} s apart); interpolate them"
         raise InputError(message)

@@ -94,8 +94,7 @@ def from_half_width(
     _require_known(profile)
     a = np.asarray(half_width, dtype=float)
     if not np.all((a >= 0.0) & (a < 0.5 * period)):
-        message = f"half widths of a periodic contact lie from 0 to below half a period, found {a}"
-        raise InputError(message)
+        raise InputError(f"half widths of a periodic contact lie from 0 to below half a period, found {a}")
     angle = np.pi * a / period
     s2 = np.sin(angle) ** 2
     if profile == "cosine":
@@ -134,11 +133,10 @@ def from_displacement(
     approach = np.asarray(displacement, dtype=float)
     full = full_contact(tip_radius, period, profile)
     if not np.all(approach < full):
-        message = (
+        raise InputError(
             f"an approach of {approach.max() * 1e6:.4g} µm closes the period: a half-plane takes less than "
             f"{full * 1e6:.4g} µm"
         )
-        raise InputError(message)
 
     def excess(a: Floats) -> Floats:
         return from_half_width(a, tip_radius, period, 1.0, profile).displacement - approach
@@ -183,8 +181,7 @@ def full_contact(tip_radius: float, period: float, profile: Profile = "parabola"
 
 def _require_known(profile: str) -> None:
     if profile not in ("cosine", "parabola"):
-        message = f'no closed form for the profile "{profile}"; use "parabola" or "cosine"'
-        raise InputError(message)
+        raise InputError(f'no closed form for the profile "{profile}"; use "parabola" or "cosine"')
 
 
 def _dilogarithm_rest(z: Floats) -> Floats:

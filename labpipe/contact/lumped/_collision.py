@@ -131,8 +131,7 @@ def collision(
     law = _law(radius, youngs_modulus, nu, damping, yield_depth, unloading_multiplier, as_printed)
     _require_positive(mass=mass, height=height, duration=duration, gravity=gravity)
     if not _FINEST <= rtol <= _COARSEST:
-        message = f"rtol is {rtol}, expected {_FINEST:g} to {_COARSEST:g}"
-        raise InputError(message)
+        raise InputError(f"rtol is {rtol}, expected {_FINEST:g} to {_COARSEST:g}")
     motion = Motion(law, mass, gravity, rtol)
     phases, bounces = motion.run(height, duration, impacts)
     instants = _instants(phases) if time is None else _checked_times(time, duration)
@@ -173,17 +172,13 @@ def _law(
 ) -> CollisionLaw:
     _require_positive(radius=radius, youngs_modulus=youngs_modulus)
     if not -1.0 < nu <= 0.5:
-        message = f"Poisson's ratio is {nu}, expected above -1 and at most 0.5"
-        raise InputError(message)
+        raise InputError(f"Poisson's ratio is {nu}, expected above -1 and at most 0.5")
     if not (np.isfinite(damping) and damping >= 0.0):
-        message = f"damping is {damping} N s/m^1.5, expected a number from 0 up"
-        raise InputError(message)
+        raise InputError(f"damping is {damping} N s/m^1.5, expected a number from 0 up")
     if not yield_depth > 0.0:
-        message = f"yield_depth is {yield_depth} m, expected a positive length or infinity"
-        raise InputError(message)
+        raise InputError(f"yield_depth is {yield_depth} m, expected a positive length or infinity")
     if not (np.isfinite(unloading_multiplier) and unloading_multiplier >= 1.0):
-        message = f"unloading_multiplier is {unloading_multiplier}, expected a number from 1 up"
-        raise InputError(message)
+        raise InputError(f"unloading_multiplier is {unloading_multiplier}, expected a number from 1 up")
     stiffness = contact_stiffness(radius, youngs_modulus, nu, as_printed=as_printed)
     return CollisionLaw(stiffness, damping, yield_depth, unloading_multiplier, as_printed)
 
@@ -195,11 +190,9 @@ def _instants(phases: list[Phase]) -> Floats:
 def _checked_times(time: ArrayLike, duration: float) -> Floats:
     times = np.asarray(time, dtype=float)
     if times.ndim != 1 or times.size == 0 or not np.all(np.diff(times) > 0.0):
-        message = f"output times must be one rising row, found the shape {times.shape}"
-        raise InputError(message)
+        raise InputError(f"output times must be one rising row, found the shape {times.shape}")
     if not (times[0] >= 0.0 and times[-1] <= duration):
-        message = f"output times must lie from 0 to the duration of {duration} s"
-        raise InputError(message)
+        raise InputError(f"output times must lie from 0 to the duration of {duration} s")
     return times
 
 
@@ -254,5 +247,4 @@ def _dataset(phases: list[Phase], bounces: list[Bounce], time: Floats, evaluatio
 def _require_positive(**values: float) -> None:
     for name, value in values.items():
         if not (np.isfinite(value) and value > 0.0):
-            message = f"{name} is {value}, expected a positive number"
-            raise InputError(message)
+            raise InputError(f"{name} is {value}, expected a positive number")

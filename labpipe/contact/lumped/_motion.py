@@ -237,16 +237,14 @@ class Motion:
             dense_output=True,
         )
         if not solution.success:
-            message = f"the motion could not be integrated at {now:.6g} s: {solution.message}"
-            raise InputError(message)
+            raise InputError(f"the motion could not be integrated at {now:.6g} s: {solution.message}")
         self.evaluations += int(solution.nfev)
         if self.evaluations > _MAX_EVALUATIONS:
-            message = (
+            raise InputError(
                 f"the motion took {self.evaluations} evaluations of the force up to "
                 f"{now:.6g} s of {end:.6g} s; give a shorter duration, a higher drop or "
                 "more damping"
             )
-            raise InputError(message)
         dense = solution.sol
 
         def motion(t: Floats) -> tuple[Floats, Floats, Floats]:

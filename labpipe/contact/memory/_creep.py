@@ -103,11 +103,10 @@ class Creep:
         nu = float(material.nu)
         modulus = float(material.E_unrelaxed)
         if not (np.isfinite(modulus) and modulus > 0.0):
-            message = (
+            raise InputError(
                 f"the instantaneous modulus is {modulus} Pa, expected a finite positive number: "
                 "contact needs a material with an instantaneous compliance"
             )
-            raise InputError(message)
         return cls.from_terms(1.0 / modulus, C, tau, nu, float(material.fluidity))
 
     @classmethod
@@ -122,22 +121,19 @@ class Creep:
             As :meth:`of`.
         """
         if not -1.0 < nu <= 0.5:
-            message = f"Poisson's ratio is {nu}, expected above -1 and at most 0.5"
-            raise InputError(message)
+            raise InputError(f"Poisson's ratio is {nu}, expected above -1 and at most 0.5")
         C = np.atleast_1d(np.asarray(C, dtype=float)).ravel()
         tau = np.atleast_1d(np.asarray(tau, dtype=float)).ravel()
         if C.size != tau.size:
-            message = f"{C.size} compliances but {tau.size} retardation times"
-            raise InputError(message)
+            raise InputError(f"{C.size} compliances but {tau.size} retardation times")
         is_finite = np.all(np.isfinite([instantaneous, fluidity, *C, *tau]))
         is_admissible = instantaneous > 0.0 and fluidity >= 0.0 and np.all(C >= 0.0)
         if not (is_finite and is_admissible and np.all(tau > 0.0)):
-            message = (
+            raise InputError(
                 "creep terms must be finite, with compliances at least 0 and times above 0; "
                 f"found J(0) = {instantaneous}, C = {C.tolist()}, tau = {tau.tolist()}, "
                 f"fluidity = {fluidity}"
             )
-            raise InputError(message)
         factor = 1.0 - nu**2
         used = C > 0.0
         return cls(instantaneous * factor, C[used] * factor, tau[used], fluidity * factor)
@@ -215,8 +211,7 @@ def step_weights(creep: Creep, dt: float, *, hold: bool = False, jump: float = 0
     (3.0, 1.0)
     """
     if not dt >= 0.0:
-        message = f"a step of {dt} s; the time of a history must not run backwards or be NaN"
-        raise InputError(message)
+        raise InputError(f"a step of {dt} s; the time of a history must not run backwards or be NaN")
     x = dt / creep.tau
     loss = -np.expm1(-x)
     share = late_share(x, loss)

@@ -23,26 +23,22 @@ def checked_history(time: ArrayLike, value: ArrayLike, name: str) -> tuple[Float
     """
     times, values = np.asarray(time, dtype=float), np.asarray(value, dtype=float)
     if times.ndim != 1 or times.shape != values.shape or times.size == 0:
-        message = (
+        raise InputError(
             f"time has the shape {times.shape} and {name} {values.shape}; expected two rows of the "
             "same length with at least one sample"
         )
-        raise InputError(message)
     bad = np.flatnonzero(~np.isfinite(times))
     if bad.size:
-        message = f"time[{bad[0]}] is {times[bad[0]]}; every sample needs a finite time"
-        raise InputError(message)
+        raise InputError(f"time[{bad[0]}] is {times[bad[0]]}; every sample needs a finite time")
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
         n = bad[0]
-        message = f"{name}[{n}] is {values[n]} (at {times[n]:g} s); fill or cut the gap before simulating"
-        raise InputError(message)
+        raise InputError(f"{name}[{n}] is {values[n]} (at {times[n]:g} s); fill or cut the gap before simulating")
     back = np.flatnonzero(np.diff(times) < 0.0)
     if back.size:
         n = back[0] + 1
-        message = (
+        raise InputError(
             f"time runs backwards at sample {n}: {times[n]:g} s after {times[n - 1]:g} s; "
             "sort the history (two samples at one time are a jump)"
         )
-        raise InputError(message)
     return times, values

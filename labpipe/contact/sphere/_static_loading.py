@@ -98,8 +98,7 @@ def load_sphere(
     negative = np.flatnonzero(loads < 0.0)
     if negative.size:
         n = negative[0]
-        message = f"load[{n}] is {loads[n]} N; a contact without adhesion cannot pull"
-        raise InputError(message)
+        raise InputError(f"load[{n}] is {loads[n]} N; a contact without adhesion cannot pull")
     creep = Creep.of(material)
     softest = float(creep.compliance(float(times[-1] - times[0])))
     largest = max(float(loads.max()), np.finfo(float).tiny)
@@ -159,20 +158,17 @@ def sphere_gap(position: Floats, radius: float) -> Floats:
 
 def _bed(radius: float, reach: float, springs: int, profile: Profile) -> SpringBed:
     if springs < 10:
-        message = f"{springs} springs cannot resolve a contact; give at least 10"
-        raise InputError(message)
+        raise InputError(f"{springs} springs cannot resolve a contact; give at least 10")
     if str(profile) not in ("parabola", "sphere"):
-        message = f'profile "{profile}" is unknown; use "parabola" or "sphere"'
-        raise InputError(message)
+        raise InputError(f'profile "{profile}" is unknown; use "parabola" or "sphere"')
     if profile == "parabola":
         return sphere_bed(radius, _SPARE_REACH * reach, springs)
     spare = _SPARE_REACH * reach * (1.0 + 2.0 / springs)
     if spare >= radius:
-        message = (
+        raise InputError(
             f"the contact would be as wide as the sphere ({reach:.4g} m against a radius of "
             f"{radius:.4g} m); reduce the load or the approach"
         )
-        raise InputError(message)
     return sphere_bed(radius, _SPARE_REACH * reach, springs, gap=lambda x: sphere_gap(x, radius))
 
 
@@ -181,12 +177,11 @@ def _run(bed: SpringBed, creep: Creep, time: Floats, value: Floats, control: Con
     try:
         answers = [state.answer for state in march.run(time, value)]
     except NotNestedError:
-        message = (
+        raise InputError(
             f"at {time[march.samples_done]:g} s the surface would touch the sphere in a ring around "
             "the axis, which independent springs cannot follow; give a smaller rtol, more samples, or "
             "a material with more of an instantaneous compliance"
-        )
-        raise InputError(message) from None
+        ) from None
     columns = {
         "approach": ("m", "Approach of the sphere", [a.displacement for a in answers]),
         "force": ("N", "Normal force", [a.force for a in answers]),

@@ -137,8 +137,7 @@ def impact(speed: ArrayLike, radius: float, mass: float, reduced_modulus: float)
     """
     v = _not_negative("speed", speed, "m/s")
     if np.any(v == 0.0):
-        message = "the impact speed is 0; a sphere put down gently does not bounce"
-        raise InputError(message)
+        raise InputError("the impact speed is 0; a sphere put down gently does not bounce")
     _require_positive(radius=radius, mass=mass, reduced_modulus=reduced_modulus)
     depth = (15.0 * mass * v**2 / (16.0 * reduced_modulus * np.sqrt(radius))) ** 0.4
     state = static_approach(depth, radius, reduced_modulus)
@@ -194,13 +193,11 @@ def _state(contact_radius: Floats, radius: float, force: Floats) -> SphereContac
 def _not_negative(name: str, values: ArrayLike, unit: str) -> Floats:
     array = np.asarray(values, dtype=float)
     if not np.all(array >= 0.0):
-        message = f"{name} is {array} {unit}, expected numbers from 0 up"
-        raise InputError(message)
+        raise InputError(f"{name} is {array} {unit}, expected numbers from 0 up")
     return array
 
 
 def _require_positive(**values: float) -> None:
     for name, value in values.items():
         if not (np.isfinite(value) and value > 0.0):
-            message = f"{name} is {value}, expected a positive number"
-            raise InputError(message)
+            raise InputError(f"{name} is {value}, expected a positive number")

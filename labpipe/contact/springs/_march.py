@@ -206,11 +206,10 @@ class March:
             if is_last:
                 return state, step
             elapsed += dt
-        message = (
+        raise InputError(
             f"the step control took more than {_MAX_STEPS_PER_INTERVAL} steps between two samples "
             f"{length} s apart; give a larger rtol or more samples"
         )
-        raise InputError(message)
 
     def _pair(self, state: State, dt: float, middle_value: float, end_value: float) -> tuple[Answer, Answer, float]:
         """Solve one step whole and in two halves; return the middle, the end and the error.

@@ -182,13 +182,11 @@ def _bulk(material: Prony, bulk: Bulk | None) -> Bulk:
     if bulk is None:
         return "incompressible" if material.nu == 0.5 else "relaxing"
     if bulk not in BULKS:
-        message = f'bulk = "{bulk}" is unknown; expected one of {", ".join(BULKS)}'
-        raise InputError(message)
+        raise InputError(f'bulk = "{bulk}" is unknown; expected one of {", ".join(BULKS)}')
     if material.nu == 0.5 and bulk != "incompressible":
-        message = (
+        raise InputError(
             f'bulk = "{bulk}": at nu = 0.5 the bulk modulus is infinite; give nu below 0.5 or bulk = "incompressible"'
         )
-        raise InputError(message)
     return bulk
 
 

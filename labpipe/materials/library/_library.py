@@ -126,14 +126,12 @@ def solid(material: Solid, temperature: Measure | None = None) -> Prony:
             return material.prony
         return material.at(si(temperature, "degC", "temperature"))
     if not hasattr(material, "creep_terms"):
-        message = (
+        raise InputError(
             f"material: expected a name ({', '.join(NAMES)}), a .toml file, or a Prony series; "
             f"found {type(material).__name__}"
         )
-        raise InputError(message)
     if temperature is not None:
-        message = "a Prony series knows no law of temperature; shift it (.shifted(a_T)), or give a name"
-        raise InputError(message)
+        raise InputError("a Prony series knows no law of temperature; shift it (.shifted(a_T)), or give a name")
     return material
 
 
@@ -179,8 +177,7 @@ def load_file(path: str | Path, temperature: float | None = None) -> Prony:
 def describe(name: str) -> Material:
     """Return a material of the library with the origin of its numbers."""
     if name not in NAMES:
-        message = f'there is no material "{name}" in the library; known are {", ".join(NAMES)}'
-        raise InputError(message)
+        raise InputError(f'there is no material "{name}" in the library; known are {", ".join(NAMES)}')
     with resources.as_file(resources.files("labpipe.materials") / "library" / f"{name}.toml") as p:
         return read_material(p)
 

@@ -36,8 +36,7 @@ class Thermal:
         for name in ("density", "heat_capacity", "conductivity"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0.0):
-                message = f"{name} is {value}, expected a positive number"
-                raise InputError(message)
+                raise InputError(f"{name} is {value}, expected a positive number")
 
     @property
     def diffusivity(self) -> float:
@@ -69,10 +68,9 @@ def thermal(name: str) -> Thermal:
     0.11
     """
     if name not in _KNOWN:
-        message = (
+        raise InputError(
             f'no thermal properties of "{name}" are known, only of {", ".join(_KNOWN)}; give its '
             "density, heat capacity and conductivity"
         )
-        raise InputError(message)
     density = next(e.value for e in describe(name).entries if e.name == "density")
     return Thermal(density, *_KNOWN[name], source=_HANDBOOK, status="estimate")

@@ -31,8 +31,7 @@ def frozen(values: Floats) -> Floats:
 def not_negative(name: str, value: float, units: str) -> None:
     """Refuse a negative or non-finite number."""
     if not (np.isfinite(value) and value >= 0):
-        message = f"{name} = {value} {units}: expected a finite number, not negative"
-        raise InputError(message)
+        raise InputError(f"{name} = {value} {units}: expected a finite number, not negative")
 
 
 def checked_terms(
@@ -41,24 +40,21 @@ def checked_terms(
     """Return merged ascending terms, or say which term is not admissible."""
     weights, times = np.asarray(weight, dtype=float), np.asarray(time, dtype=float)
     if weights.ndim != 1 or weights.shape != times.shape:
-        message = (
+        raise InputError(
             f"{weight_name} has shape {weights.shape} and {time_name} {times.shape}: "
             "expected two lists of equal length, one weight and one time per term"
         )
-        raise InputError(message)
     bad_weight = ~(np.isfinite(weights) & (weights >= 0))
     if bad_weight.any():
         k = int(np.argmax(bad_weight))
-        message = (
+        raise InputError(
             f"{weight_name}[{k}] = {weights[k]}: with a negative weight the material would "
             f"return more work than was put in (not admissible); fit the terms with weights ≥ 0"
         )
-        raise InputError(message)
     bad_time = ~(np.isfinite(times) & (times > 0))
     if bad_time.any():
         k = int(np.argmax(bad_time))
-        message = f"{time_name}[{k}] = {times[k]} s: expected a positive, finite time"
-        raise InputError(message)
+        raise InputError(f"{time_name}[{k}] = {times[k]} s: expected a positive, finite time")
     floor = _NEGLIGIBLE * (constant + float(np.sum(weights)))
     return merged(np.where(weights > floor, weights, 0.0), times)
 
@@ -70,11 +66,10 @@ def instantaneous_compliance(E_relaxed: float, C: Floats) -> float:
     if abs(remainder) * E_relaxed <= _ROUNDING:
         return 0.0
     if remainder < 0:
-        message = (
+        raise InputError(
             f"ΣC = {float(np.sum(C)):.6g} 1/Pa exceeds 1/E_relaxed = {1 / E_relaxed:.6g} 1/Pa: "
             "the instantaneous compliance would be negative (not admissible)"
         )
-        raise InputError(message)
     return remainder
 
 
@@ -82,8 +77,7 @@ def times(t: ArrayLike) -> Floats:
     """Return times as an array, refusing negative ones."""
     time = np.asarray(t, dtype=float)
     if (time < 0).any():
-        message = f"t = {time.min()} s: the response is defined for t ≥ 0"
-        raise InputError(message)
+        raise InputError(f"t = {time.min()} s: the response is defined for t ≥ 0")
     return time
 
 
@@ -91,6 +85,5 @@ def frequencies(omega: ArrayLike) -> Floats:
     """Return angular frequencies as an array, refusing negative ones."""
     frequency = np.asarray(omega, dtype=float)
     if (frequency < 0).any():
-        message = f"omega = {frequency.min()} rad/s: expected angular frequencies ≥ 0"
-        raise InputError(message)
+        raise InputError(f"omega = {frequency.min()} rad/s: expected angular frequencies ≥ 0")
     return frequency

@@ -66,11 +66,10 @@ def standard_linear_solid(E_relaxed: float, E_unrelaxed: float, relaxation_time:
     """
     _positive("E_relaxed", E_relaxed)
     if not E_unrelaxed > E_relaxed:
-        message = (
+        raise InputError(
             f"E_unrelaxed = {E_unrelaxed} Pa is not above E_relaxed = {E_relaxed} Pa: a material "
             "relaxes from the larger modulus to the smaller one"
         )
-        raise InputError(message)
     return Prony(E_relaxed, [E_unrelaxed - E_relaxed], [relaxation_time], nu)
 
 
@@ -96,5 +95,4 @@ def kelvin_voigt(modulus: float, viscosity: float, nu: float = 0.5) -> Prony:
 
 def _positive(name: str, value: float) -> None:
     if not (np.isfinite(value) and value > 0):
-        message = f"{name} = {value}: expected a positive, finite number"
-        raise InputError(message)
+        raise InputError(f"{name} = {value}: expected a positive, finite number")

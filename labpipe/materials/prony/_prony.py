@@ -103,11 +103,9 @@ class Prony:
         not_negative("viscosity", viscosity, "Pa s")
         weight, time = checked_terms("E", "rho", E, rho, E_relaxed)
         if not -1.0 < nu <= 0.5:
-            message = f"nu = {nu}: Poisson's ratio of an isotropic solid lies in (−1, 0.5]"
-            raise InputError(message)
+            raise InputError(f"nu = {nu}: Poisson's ratio of an isotropic solid lies in (−1, 0.5]")
         if E_relaxed == 0 and weight.size == 0:
-            message = "E_relaxed = 0 and no terms: the material has no stiffness; give a modulus"
-            raise InputError(message)
+            raise InputError("E_relaxed = 0 and no terms: the material has no stiffness; give a modulus")
         for name, value in (
             ("E_relaxed", float(E_relaxed)),
             ("E", frozen(weight)),
@@ -145,8 +143,7 @@ class Prony:
         (4000000000.0, array([0.0005]))
         """
         if not (np.isfinite(E_relaxed) and E_relaxed > 0):
-            message = f"E_relaxed = {E_relaxed} Pa: creep terms need a positive long-time modulus"
-            raise InputError(message)
+            raise InputError(f"E_relaxed = {E_relaxed} Pa: creep terms need a positive long-time modulus")
         weight, time = checked_terms("C", "tau", C, tau, 1.0 / E_relaxed)
         unrelaxed = instantaneous_compliance(float(E_relaxed), weight)
         creep = Retardation(unrelaxed, frozen(weight), frozen(time))
@@ -200,8 +197,7 @@ class Prony:
         """Return what the tensile modulus is multiplied by: shear 1/2(1+ν), contact 1/(1−ν²)."""
         factors = {"tension": 1.0, "shear": 0.5 / (1.0 + self.nu), "contact": 1.0 / (1.0 - self.nu**2)}
         if mode not in factors:
-            message = f'mode "{mode}" is unknown; use one of {", ".join(factors)}'
-            raise InputError(message)
+            raise InputError(f'mode "{mode}" is unknown; use one of {", ".join(factors)}')
         return factors[mode]
 
     def relaxation(self, t: ArrayLike, mode: Mode = "tension") -> Floats:
@@ -273,8 +269,7 @@ class Prony:
         3.15). The second is used everywhere here.
         """
         if not (np.isfinite(a_T) and a_T > 0):
-            message = f"a_T = {a_T}: a shift factor is positive and finite"
-            raise InputError(message)
+            raise InputError(f"a_T = {a_T}: a shift factor is positive and finite")
         creep = self._given_creep
         if creep is not None:
             creep = Retardation(creep.unrelaxed, creep.weight, frozen(creep.time * a_T), creep.fluidity / a_T)
@@ -284,8 +279,7 @@ class Prony:
     def scaled(self, factor: float) -> Prony:
         """Return the material with every modulus multiplied by ``factor`` > 0."""
         if not (np.isfinite(factor) and factor > 0):
-            message = f"factor = {factor}: a modulus can be scaled by a positive number only"
-            raise InputError(message)
+            raise InputError(f"factor = {factor}: a modulus can be scaled by a positive number only")
         creep = self._given_creep
         if creep is not None:
             creep = Retardation(

@@ -188,16 +188,14 @@ def _fit(
 def _checked(frequency: ArrayLike, storage: ArrayLike, loss: ArrayLike) -> tuple[Floats, Floats, Floats]:
     arrays = [np.asarray(a, dtype=float) for a in (frequency, storage, loss)]
     if any(a.ndim != 1 or a.shape != arrays[0].shape for a in arrays):
-        message = (
+        raise InputError(
             f"frequency, storage and loss have shapes {[a.shape for a in arrays]}; expected three lists of one length"
         )
-        raise InputError(message)
     for name, values in zip(("frequency", "storage", "loss"), arrays, strict=True):
         bad = ~(np.isfinite(values) & (values > 0))
         if bad.any() or values.size == 0:
             found = values[bad][0] if bad.any() else "nothing"
-            message = f"{name}: found {found}, expected positive, finite values"
-            raise InputError(message)
+            raise InputError(f"{name}: found {found}, expected positive, finite values")
     order = np.argsort(arrays[0], kind="stable")
     return arrays[0][order], arrays[1][order], arrays[2][order]
 

@@ -47,11 +47,10 @@ def fewest_terms(material: Prony, lowest: float, highest: float, tolerance: floa
     (True, True)
     """
     if not (0 < lowest < highest < np.inf and tolerance > 0):
-        message = (
+        raise InputError(
             f"window {lowest:g} to {highest:g} Hz, tolerance {tolerance:g}: expected a positive "
             "window, lowest first, and a positive tolerance"
         )
-        raise InputError(message)
     count = max(int(np.log10(highest / lowest) * _POINTS_PER_DECADE), 2)
     omega = 2.0 * np.pi * np.geomspace(lowest, highest, count)
     exact = material.complex_modulus(omega)

@@ -109,11 +109,10 @@ def _checked(time: ArrayLike, values: ArrayLike, name: str) -> tuple[Floats, Flo
     good = np.isfinite(t) & np.isfinite(y) & (t > 0)
     t, y = t[good], y[good]
     if t.size < _LEAST or np.ptp(np.log10(t)) < 2 * _WITHIN:
-        message = (
+        raise InputError(
             f"found {t.size} readings after the step"
             f"{f', from {t.min():.3g} to {t.max():.3g} s' if t.size else ''}; a spectrum needs {_LEAST} over a decade"
         )
-        raise InputError(message)
     if (y <= 0).any():
         message = f"the {name} is zero or negative at {int((y <= 0).sum())} of {y.size} times; expected positive values"
         raise InputError(message)

@@ -204,22 +204,19 @@ def _check_options(law: str | None, vertical: str, delay: object, levels: object
         ("levels", levels, (True, False, "auto")),
     ):
         if value not in allowed:
-            message = f"{name} = {value!r} is unknown; expected one of {', '.join(map(repr, allowed))}"
-            raise InputError(message)
+            raise InputError(f"{name} = {value!r} is unknown; expected one of {', '.join(map(repr, allowed))}")
     if noise_ratio is not None and not (np.isfinite(noise_ratio) and noise_ratio > 0):
-        message = f"noise_ratio = {noise_ratio}: expected a positive number (loss over storage)"
-        raise InputError(message)
+        raise InputError(f"noise_ratio = {noise_ratio}: expected a positive number (loss over storage)")
 
 
 def _given_shifts(shifts: ArrayLike, sweeps: xr.Dataset, data: SweepData) -> Floats:
     values = np.asarray(shifts, dtype=float)
     count = sweeps.sizes["temperature"]
     if values.shape != (count,) or not np.isfinite(values[data.kept]).all():
-        message = (
+        raise InputError(
             f"shifts has shape {values.shape}; expected one finite log10 a_T for each of the "
             f"{count} temperatures, in their order"
         )
-        raise InputError(message)
     return values[data.kept]
 
 
@@ -233,18 +230,15 @@ def _reference(temperature: Floats, T_ref: float | None) -> int:
 def _check_reference(temperature: Floats, T_ref: float, horizontal: Horizontal) -> None:
     low, high = float(temperature.min()), float(temperature.max())
     if not np.isfinite(T_ref):
-        message = f"T_ref = {T_ref}: expected a temperature in °C"
-        raise InputError(message)
+        raise InputError(f"T_ref = {T_ref}: expected a temperature in °C")
     if temperature.size == 1 and abs(T_ref - low) > _SAME_TEMPERATURE:
-        message = (
+        raise InputError(
             f"one temperature ({low:g} °C) cannot be shifted to T_ref = {T_ref:g} °C; set "
             f"T_ref={low:g} or measure more temperatures"
         )
-        raise InputError(message)
     inside = low - _SAME_TEMPERATURE <= T_ref <= high + _SAME_TEMPERATURE
     if not inside and horizontal in ("free", "fixed"):
-        message = (
+        raise InputError(
             f"T_ref = {T_ref:g} °C lies outside the measured {low:g} to {high:g} °C; free shifts "
             'cannot reach it: choose T_ref inside, or law="wlf"'
         )
-        raise InputError(message)

@@ -192,8 +192,7 @@ class MasterCurve(ShownAsTable):
         known = next((c for c, suffix in CODES.items() if target.suffix.lower() == suffix), None)
         chosen = code or known
         if chosen not in CODES:
-            message = f'code "{chosen or target.suffix}" is unknown; expected one of {", ".join(CODES)}'
-            raise InputError(message)
+            raise InputError(f'code "{chosen or target.suffix}" is unknown; expected one of {", ".join(CODES)}')
         window = self.curve["reduced_frequency"].values
         deck = make_deck(
             self.prony,

@@ -201,8 +201,7 @@ class OuterModel:
         head = self._horizontal_from(shifts)
         started = self.state(np.concatenate([head, vertical, tail]))
         if started is None:
-            message = "the first estimate of a shift law lies outside its domain"
-            raise ValueError(message)
+            raise ValueError("the first estimate of a shift law lies outside its domain")
         return started
 
     def state(self, parameters: Floats) -> State | None:

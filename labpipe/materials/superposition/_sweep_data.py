@@ -90,12 +90,11 @@ def read_sweeps(sweeps: xr.Dataset, is_robust: bool = True) -> SweepData:
     _refuse_impossible(storage, loss, temperature, frequency)
     lost = present & ~(loss > 0)
     if lost.sum() > _MAX_SHARE_OF_LOST_POINTS * present.sum():
-        message = (
+        raise InputError(
             f"loss modulus zero or negative at {lost.sum()} of {present.sum()} points, "
             f"{_where(lost, temperature, frequency)}; expected positive values: check the sign "
             "convention of the phase, or treat the material as elastic"
         )
-        raise InputError(message)
     if lost.any():
         where = _where(lost, temperature, frequency)
         notes.append(
@@ -103,8 +102,7 @@ def read_sweeps(sweeps: xr.Dataset, is_robust: bool = True) -> SweepData:
         )
     present &= ~lost
     if present.sum() < _LEAST_POINTS:
-        message = f"only {present.sum()} points with both moduli; a spectrum needs {_LEAST_POINTS} at least"
-        raise InputError(message)
+        raise InputError(f"only {present.sum()} points with both moduli; a spectrum needs {_LEAST_POINTS} at least")
     if is_robust:
         notes += _leave_out_outlying(present, storage, loss, temperature, frequency)
     kept = np.flatnonzero(present.any(axis=1))
@@ -161,49 +159,42 @@ def _arrays(sweeps: xr.Dataset) -> tuple[Floats, Floats, Floats, Floats]:
     """Return moduli as (temperature, frequency) arrays with both coordinates, units checked."""
     missing = [name for name in _UNITS if name not in sweeps.variables]
     if missing:
-        message = (
+        raise InputError(
             f"sweeps lack {', '.join(missing)}; expected variables storage and loss (Pa) over the "
             "coordinates temperature (°C) and frequency (Hz)"
         )
-        raise InputError(message)
     for name, unit in _UNITS.items():
         found = sweeps[name].attrs.get("units", unit)
         if found != unit:
-            message = f'"{name}" is in "{found}", expected "{unit}"; convert it first'
-            raise InputError(message)
+            raise InputError(f'"{name}" is in "{found}", expected "{unit}"; convert it first')
     for name in ("storage", "loss"):
         if set(sweeps[name].dims) != {"temperature", "frequency"}:
-            message = f'"{name}" has dimensions {tuple(sweeps[name].dims)}, expected (temperature, frequency)'
-            raise InputError(message)
+            raise InputError(f'"{name}" has dimensions {tuple(sweeps[name].dims)}, expected (temperature, frequency)')
     order = ("temperature", "frequency")
     storage, loss = (np.asarray(sweeps[name].transpose(*order).values, dtype=float) for name in ("storage", "loss"))
     temperature, frequency = (np.asarray(sweeps[name].values, dtype=float) for name in order)
     if not (np.isfinite(temperature) & (temperature > -ZERO_CELSIUS)).all():
-        message = f"temperature {temperature} °C: expected finite values above {-ZERO_CELSIUS} °C"
-        raise InputError(message)
+        raise InputError(f"temperature {temperature} °C: expected finite values above {-ZERO_CELSIUS} °C")
     if not (np.isfinite(frequency) & (frequency > 0)).all():
-        message = f"frequency {frequency} Hz: expected positive, finite values"
-        raise InputError(message)
+        raise InputError(f"frequency {frequency} Hz: expected positive, finite values")
     return storage, loss, temperature, frequency
 
 
 def _refuse_impossible(storage: Floats, loss: Floats, temperature: Floats, frequency: Floats) -> None:
     bad = np.isinf(storage) | (storage <= 0)
     if bad.any():
-        message = (
+        raise InputError(
             f"storage modulus zero, negative or infinite at {bad.sum()} points, "
             f"{_where(bad, temperature, frequency)}; expected positive values: mark failed "
             "readings as NaN"
         )
-        raise InputError(message)
     for name, values in (("storage", storage), ("loss", loss)):
         far = (np.abs(values) > _MOST) | ((values != 0) & (np.abs(values) < 1.0 / _MOST))
         if far.any():
-            message = (
+            raise InputError(
                 f"{name} modulus of {values[far][0]:.3g} Pa, {_where(far, temperature, frequency)}; no "
                 "material has it: check the unit of its column, or mark failed readings as NaN"
             )
-            raise InputError(message)
 
 
 def _where(mask: NDArray[np.bool_], temperature: Floats, frequency: Floats) -> str:

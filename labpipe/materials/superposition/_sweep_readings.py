@@ -84,21 +84,18 @@ def gather_sweeps(
         A column is missing, or there is no sweep.
     """
     if mode not in ("tension", "bending", "shear", "torsion"):
-        message = f'mode "{mode}" is unknown; expected tension, bending, shear or torsion'
-        raise InputError(message)
+        raise InputError(f'mode "{mode}" is unknown; expected tension, bending, shear or torsion')
     if not 0.0 <= nu <= 0.5:
-        message = f"nu = {nu}: expected Poisson's ratio of a solid, from 0 to 0.5"
-        raise InputError(message)
+        raise InputError(f"nu = {nu}: expected Poisson's ratio of a solid, from 0 to 0.5")
     parts = [datasets] if isinstance(datasets, xr.Dataset) else list(datasets)
     for part in parts:
         _check_columns(part)
     runs = [r for part in parts for r in isothermal_runs(part, tolerance, fewest)]
     if not runs:
-        message = (
+        raise InputError(
             f"found no isothermal frequency sweep of {fewest} frequencies within ±{tolerance:g} K; "
             "this experiment needs frequency sweeps at several temperatures"
         )
-        raise InputError(message)
     runs.sort(key=lambda r: float(r.values("temperature").mean()))
     trusted = [_trusted(run, skip_first) for run in runs]
     return _tabulated(runs, trusted, modulus_factor(mode, nu), mode, nu)
@@ -111,8 +108,7 @@ def _check_columns(dataset: xr.Dataset) -> None:
         remedy = "export the table again with frequency, temperature, storage and loss modulus"
         if missing == ["temperature"]:
             remedy = 'state it in session.toml, temperature = "25 degC", or assign it to the readings in Python'
-        message = f"{dataset.attrs.get('source', 'the export')} has no column for: {names}; {remedy}"
-        raise InputError(message)
+        raise InputError(f"{dataset.attrs.get('source', 'the export')} has no column for: {names}; {remedy}")
 
 
 def _tables(dataset: xr.Dataset) -> list[NDArray[np.intp]]:

@@ -42,13 +42,11 @@ class Dask:
         try:
             distributed: Any = importlib.import_module("distributed")
         except ImportError as error:
-            message = "--cluster needs Dask: pip install 'labpipe[cluster]'"
-            raise UsageError(message) from error
+            raise UsageError("--cluster needs Dask: pip install 'labpipe[cluster]'") from error
         try:
             client = distributed.Client(self.address, timeout="10s", set_as_default=False)
         except (OSError, ValueError) as error:
-            message = f"no Dask scheduler answers at {self.address} ({error})"
-            raise UsageError(message) from error
+            raise UsageError(f"no Dask scheduler answers at {self.address} ({error})") from error
         with client:
             yield _Crew(client)
 
@@ -104,8 +102,7 @@ def _answer(future: Any) -> Any:
     from distributed.scheduler import KilledWorker
 
     if future.status not in ("finished", "error"):
-        message = "the Dask scheduler no longer answers; run again to go on"
-        raise LabpipeError(message)
+        raise LabpipeError("the Dask scheduler no longer answers; run again to go on")
     error = future.exception()
     if isinstance(error, KilledWorker):
         return Died("its workers died one after the other; was the memory full?")
@@ -128,11 +125,10 @@ def _compute(call: Call, program: Mapping[str, Any], topic: str, name: str) -> A
 
     worker = get_worker()
     if (own := provenance.program()) != program:
-        message = (
+        raise UsageError(
             f"the worker {worker.address} has another installation ({_differences(own, program)}); "
             "install the same versions everywhere"
         )
-        raise UsageError(message)
     with _ONE_AT_A_TIME:
         return call.run(lambda value: worker.log_event(topic, [name, value]))
 

@@ -62,8 +62,7 @@ class Processes:
     def __post_init__(self) -> None:
         """Refuse a number that is none."""
         if self.workers < 0:
-            message = f"jobs must be at least 0, found {self.workers}"
-            raise InputError(message)
+            raise InputError(f"jobs must be at least 0, found {self.workers}")
 
     @contextlib.contextmanager
     def crew(self) -> Iterator[Crew]:

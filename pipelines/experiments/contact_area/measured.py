@@ -92,11 +92,10 @@ def _region(shape: tuple[int, ...], settings: ContactArea) -> tuple[slice, slice
     for low, high, size in ((*sorted((y1, y2)), shape[0]), (*sorted((x1, x2)), shape[1])):
         found.append(slice(min(math.floor(low), size), min(math.ceil(high) + 1, size)))
     if min(part.stop - part.start for part in found) < _LEAST_REGION:
-        message = (
+        raise InputError(
             f"region: the part from ({x1:g}, {y1:g}) to ({x2:g}, {y2:g}) of a film of {shape[1]} x {shape[0]} px is "
             f"less than {_LEAST_REGION} px wide or high; draw it around the contact with its rings"
         )
-        raise InputError(message)
     return found[0], found[1]
 
 
@@ -110,11 +109,10 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     unknown[[i for i, b in brightness(radius).items() if b < DARK]] = True
     runs = _contacts(time, seen, unknown & ~seen)
     if not any(np.isfinite(a[run]).any() for run in runs):
-        message = (
+        raise InputError(
             f"no contact was found in the film (one of less than {1e6 * radius.attrs['least_radius']:.2g} µm in radius "
             "is not told from a touch); check the view under the disc, its scale and the wavelength"
         )
-        raise InputError(message)
     brief = _brief_contacts(time, a, runs)[:_IMPACTS]
     peaks = [peak_of(time[run], a[run], u[run]) for run in brief]
     shared = radius["radius_systematic"].values / a

@@ -61,11 +61,10 @@ def _refuse_covered(body: xr.Dataset, chosen: Tracking) -> None:
     if names[int(body["status"][0, 0])] == "covered":
         at, width = f"[{float(body['x'][0]):g}, {float(body['y'][0]):g}]", int(body["subset"][0])
         names_of_masks = " and ".join(f"tracking.{name}" for name in chosen.masks)
-        message = (
+        raise InputError(
             f"{names_of_masks} leave too few pixels of the square of {width} px about {at}, "
             "which tells the motion: draw them in px of the first image, or give another tracking.body"
         )
-        raise InputError(message)
 
 
 def _points(source: FrameSource, chosen: Tracking) -> tuple[list[tuple[float, float]], list[int]]:
@@ -150,11 +149,10 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
     body = moved.isel(point=0)
     share = float(body["valid"].mean())
     if share < 0.5:
-        message = (
+        raise InputError(
             f"the holder was found in {100 * share:.0f} % of the frames only; give tracking.body a place "
             "on the speckled holder that stays in the image while it falls"
         )
-        raise InputError(message)
     found = viewing_angle.seen(body, settings.camera_distance)
     along, noise = viewing_angle.along(body, found)
     result = xr.Dataset(coords={"time": variable("time", track["time"].values, "s", "time in the film")})

@@ -36,11 +36,10 @@ def readings(path: Path, *, settings: Dma) -> xr.Dataset:
     if stated is None:
         return with_responses(found)
     if "temperature" in found:
-        message = (
+        raise InputError(
             f"{path.name} has a column of temperature, and the session states {stated:g} °C for it; "
             "delete one of them (temperature or temperatures in session.toml)"
         )
-        raise InputError(message)
     constant = np.full(found.sizes["sample"], stated)
     return with_responses(
         found.assign(temperature=variable("sample", constant, "degC", "temperature, as the session states it"))

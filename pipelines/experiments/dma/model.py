@@ -50,8 +50,7 @@ def _reference(settings: Dma) -> float | None:
     if settings.melt is None:
         return None if settings.T_ref is None else settings.T_ref.value
     if settings.T_ref is None:
-        message = "melt corrects T_ref for the molar mass; give T_ref, that of long chains"
-        raise InputError(message)
+        raise InputError("melt corrects T_ref for the molar mass; give T_ref, that of long chains")
     melt = settings.melt
     return materials.isofrictional_temperature(settings.T_ref.value, melt.molar_mass, melt.fox_flory)
 

@@ -74,8 +74,7 @@ def _sinusoids(loads: xr.Dataset) -> list[int]:
     found = [i for i, f in enumerate(loads["function"].values) if str(f) == _SINUSOID]
     if not found:
         functions = ", ".join(sorted({str(f) for f in loads["function"].values}))
-        message = f"the file holds no Sinusoid block; its blocks are: {functions}"
-        raise InputError(message)
+        raise InputError(f"the file holds no Sinusoid block; its blocks are: {functions}")
     return found
 
 
@@ -95,11 +94,10 @@ def counted(time: Floats, position: Floats, declared: float, skip: int) -> tuple
     cycles = round((window.end - window.start) / period)
     last = cycles - 1
     if last - skip < _FEWEST_CYCLES:
-        message = (
+        raise InputError(
             f"{cycles} cycles ran, of which the first {skip} are the transient and the last is "
             f"cut: fewer than {_FEWEST_CYCLES} are left; lower cycles.skip"
         )
-        raise InputError(message)
     begin = window.start + skip * period
     return begin, window.start + last * period, window.frequency, cycles
 

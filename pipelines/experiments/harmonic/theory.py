@@ -41,11 +41,10 @@ def theory(
     frequency, amplitude = oscillations["frequency"].values, oscillations["amplitude"].values
     mean = oscillations["mean_position"].values - touch
     if mean.min() <= 0:
-        message = (
+        raise InputError(
             f"the mean of an oscillation lies {-mean.min() * 1e6:.3g} µm above first touch; the "
             "position of first touch cannot be right"
         )
-        raise InputError(message)
     step = max(u_touch, _LEAST_SHIFT)
 
     def at(indentation: Floats) -> tuple[Floats, Floats]:

@@ -265,8 +265,7 @@ def _dropped(
 ) -> xr.Dataset:
     """Simulate one drop of the sphere up to the last of the times (time,) [s]."""
     if settings.sphere is None:
-        message = "the experiment names no sphere; the momentum of an impact needs mass and radius"
-        raise InputError(message)
+        raise InputError("the experiment names no sphere; the momentum of an impact needs mass and radius")
     return contact.drop(
         solid,
         settings.sphere.radius.value,
@@ -299,11 +298,10 @@ def model(
     """
     mass = float(plate["mass"])
     if not np.isfinite(mass) or settings.sphere is None:
-        message = (
+        raise InputError(
             "no modal mass is known for the simulation; name the sphere, with radius and mass, and "
             "a DMA experiment (material_from) or a material of the library"
         )
-        raise InputError(message)
     found = contact.Plate(mass, float(plate["frequency"]), float(plate["damping_ratio"]))
     time = np.arange(-_BEFORE, _AFTER, _STEP)
     best, u = np.full((2, table.sizes["series"], time.size + 2), np.nan)

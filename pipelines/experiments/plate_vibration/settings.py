@@ -75,5 +75,4 @@ class PlateVibration(Table, frozen=True, kw_only=True):
         names = [name for drops in self.drops for name in drops.laser]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            message = f"listed in more than one of the drops: {', '.join(twice)}; remove one"
-            raise ValueError(message)
+            raise ValueError(f"listed in more than one of the drops: {', '.join(twice)}; remove one")

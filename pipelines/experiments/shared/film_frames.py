@@ -43,15 +43,13 @@ def open_film(path: Path, frame_rate: Quantity | None = None) -> FrameSource:
         options["fps"] = None if frame_rate is None else frame_rate.value
     found = instruments.read(path, **options)
     if isinstance(found, xr.Dataset):
-        message = f"{path}: expected a film, found a table of readings"
-        raise InputError(message)
+        raise InputError(f"{path}: expected a film, found a table of readings")
     if _is_exchanged(found):
         _, rows, columns = found.shape
-        message = (
+        raise InputError(
             f"{path}: rows of its images fit together when they are {rows} px long, not {columns} px as its header "
             f"says: {_EXCHANGED}"
         )
-        raise InputError(message)
     return found
 
 
@@ -173,8 +171,7 @@ def key_frames(film: FrameSource, chosen: Sequence[int]) -> xr.Dataset:
     """
     sound = [i for i in chosen if film.valid[i]]
     if not sound:
-        message = "all frames selected for display are damaged in the film"
-        raise InputError(message)
+        raise InputError("all frames selected for display are damaged in the film")
     low, high = film.levels
     _, rows, columns = film.shape
     factor = max(1.0, columns / _WIDEST)
@@ -214,8 +211,7 @@ def png(image: NDArray[np.uint8]) -> bytes:
     """Encode a grey or colour (BGR) image."""
     is_done, data = cv2.imencode(".png", image)
     if not is_done:
-        message = f"an image of shape {image.shape} cannot be written as PNG"
-        raise InputError(message)
+        raise InputError(f"an image of shape {image.shape} cannot be written as PNG")
     return data.tobytes()
 
 

@@ -169,11 +169,10 @@ def _sections(declared: dict[str, float], kind: str, rate: float) -> Floats:
     """Return the load cell's filter (section, 6) at a rate [Hz]."""
     order, cutoff = int(declared["order"]), declared["cutoff"]
     if cutoff >= 0.5 * rate:
-        message = (
+        raise InputError(
             f"readings every {_FILTER_FINENESS / rate:.3g} s cannot have passed the load cell's low-pass of {cutoff:g} "
             "Hz as the header declares it; the column of the time, or the cutoff in the header, is wrong"
         )
-        raise InputError(message)
     if kind == "bessel":
         return np.asarray(bessel(order, cutoff, fs=rate, output="sos", norm="mag"))
     return np.asarray(butter(order, cutoff, fs=rate, output="sos"))
@@ -184,8 +183,7 @@ def clock(loads: xr.Dataset) -> Floats:
     starts = []
     for block in blocks(loads):
         if not block.get("start"):
-            message = "a block without a start time cannot be placed in the history of the test"
-            raise InputError(message)
+            raise InputError("a block without a start time cannot be placed in the history of the test")
         starts.append(datetime.fromisoformat(block["start"]))
     since = np.array([(s - starts[0]).total_seconds() for s in starts])
     absolute: Floats = loads["time"].values + since[loads["block"].values.astype(int)]
@@ -204,11 +202,10 @@ def contact_position(loads: xr.Dataset, given: Quantity | None) -> tuple[Quantit
         return given, "given in session.toml"
     functions = [str(f) for f in loads["function"].values]
     if _APPROACH not in functions:
-        message = (
+        raise InputError(
             "the file holds no Find Contact block, so the position of first touch is not known; "
             'give it in session.toml: contact = "12.345 ± 0.001 mm"'
         )
-        raise InputError(message)
     part = loads.isel(sample=rows(loads, functions.index(_APPROACH)))
     found = _touch(part, declared_filter(loads))
     return found, "fitted to the force of the Find Contact block, with the cell's filter"

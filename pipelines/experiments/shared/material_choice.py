@@ -55,8 +55,7 @@ def resolve(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None
     if file is not None:
         return materials.load_file(file, temperature=temperature)
     if choice.material is None:
-        message = "no material is named"
-        raise InputError(message)
+        raise InputError("no material is named")
     return materials.load(choice.material, temperature=temperature)
 
 

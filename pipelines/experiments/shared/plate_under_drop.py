@@ -83,9 +83,8 @@ def modal_mass(found: xr.Dataset) -> Quantity:
     """
     mass = float(found["mass"])
     if not np.isfinite(mass):
-        message = (
+        raise InputError(
             "the plate vibration found no modal mass; name its sphere (radius and mass) and drops of a "
             "material of a DMA experiment or of the library, or give plate = {mass, frequency, damping_ratio} here"
         )
-        raise InputError(message)
     return Quantity(mass, float(found["u_mass"]), "kg")

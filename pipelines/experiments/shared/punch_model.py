@@ -211,8 +211,7 @@ def simulated(
     """
     time = mach1_readings.clock(loads)
     if np.any(np.diff(time) < 0):
-        message = "the blocks of the file overlap in time; their start times cannot be right"
-        raise InputError(message)
+        raise InputError("the blocks of the file overlap in time; their start times cannot be right")
     depth = loads["position_z"].values - touch.value
     kept = mach1_readings.history(time, depth)
 

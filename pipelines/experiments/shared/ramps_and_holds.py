@@ -62,8 +62,7 @@ def find(loads: xr.Dataset) -> list[Hold]:
     functions = [str(f) for f in loads["function"].values]
     if RELAXATION not in functions:
         known = ", ".join(sorted(set(functions)))
-        message = f"the file holds no {RELAXATION} block; its blocks are: {known}"
-        raise InputError(message)
+        raise InputError(f"the file holds no {RELAXATION} block; its blocks are: {known}")
     found = []
     for block in (i for i, function in enumerate(functions) if function == RELAXATION):
         rows = mach1_readings.rows(loads, block)
@@ -82,27 +81,23 @@ def _hold(loads: xr.Dataset, block: int, rows: slice, previous: float | None) ->
     time = loads["time"].values[rows]
     position = loads["position_z"].values[rows]
     if not (np.isfinite(position).all() and np.isfinite(loads["force"].values[rows]).all()):
-        message = f"block {block + 1}: a reading of position or force is missing during the test"
-        raise InputError(message)
+        raise InputError(f"block {block + 1}: a reading of position or force is missing during the test")
     held = float(np.median(position[position.size // 2 :]))
     start = float(position[0]) if previous is None else previous
     travel = held - start
     if abs(travel) < _LEAST_TRAVEL:
-        message = (
+        raise InputError(
             f"block {block + 1}: the stage moves by {travel * 1e6:.3g} µm only, so there is no "
             "ramp; a relaxation test has one"
         )
-        raise InputError(message)
     near = max(_ARRIVED * abs(travel), 2 * _STEP)
     moving = np.abs(position - start) > near
     arrived = np.abs(position - held) <= near
     if not arrived.any() or time.size - int(np.argmax(arrived)) < _FEWEST:
-        message = f"block {block + 1}: the stage is not held after its ramp"
-        raise InputError(message)
+        raise InputError(f"block {block + 1}: the stage is not held after its ramp")
     first, end = max(int(np.argmax(moving)) - 1, 0), int(np.argmax(arrived))
     if np.mean(arrived[end:]) < _HELD:
-        message = f"block {block + 1}: the stage moves on after its ramp; a relaxation test holds it"
-        raise InputError(message)
+        raise InputError(f"block {block + 1}: the stage moves on after its ramp; a relaxation test holds it")
     share = (position - start) / travel
     middle = (share > 0.1) & (share < 0.9) & (np.arange(time.size) <= end)
     speed = (
@@ -301,8 +296,7 @@ def measured(loads: xr.Dataset, touch: Quantity | None, longest: float) -> xr.Da
 def _row(loads: xr.Dataset, hold: Hold, touch: Quantity | None, longest: float) -> dict[str, float]:
     time, force = loads["time"].values[hold.rows], loads["force"].values[hold.rows]
     if np.ptp(force) == 0.0:
-        message = f"block {hold.block + 1}: the force is the same in all readings; the load cell did not record"
-        raise InputError(message)
+        raise InputError(f"block {hold.block + 1}: the force is the same in all readings; the load cell did not record")
     top = int(np.argmax(force))
     level = plateau(loads, hold, longest)
     rest = unfinished(loads, hold, level)

@@ -42,11 +42,10 @@ class MaterialChoice(Table, frozen=True, kw_only=True):
         """Refuse no source and more than one."""
         given = [s for s in (self.material, self.material_file, self.material_from) if s]
         if len(given) != 1:
-            message = (
+            raise ValueError(
                 "give exactly one of material (a name of the library), material_file "
                 f"and material_from (a DMA experiment); found {len(given)}"
             )
-            raise ValueError(message)
 
     @property
     def source(self) -> str:
@@ -99,8 +98,7 @@ class Plate(Table, frozen=True, kw_only=True):
 def refuse_two_plates(plate: Plate | None, plate_from: str | None) -> None:
     """Refuse a plate that is given and taken from a plate vibration at once."""
     if plate is not None and plate_from is not None:
-        message = "give plate or plate_from (a plate vibration of this session), not both"
-        raise ValueError(message)
+        raise ValueError("give plate or plate_from (a plate vibration of this session), not both")
 
 
 class DropModel(Table, frozen=True, kw_only=True):

@@ -122,12 +122,11 @@ def _starts(time: Floats, moved: Floats, noise: float, settings: StaticLoading) 
                 if load.time is not None
                 else "in the record"
             )
-            message = (
+            raise InputError(
                 f"no step of the displacement was found {where} for the load "
                 f"{load.mass.value:g} kg; check times and number of the loads, and the sensor's "
                 "direction"
             )
-            raise InputError(message)
         at = _sharpened(moved, int(place[best]))
         # the load came between two readings
         starts.append(0.5 * float(time[at - 1] + time[at]))

@@ -42,11 +42,10 @@ def displacement(readings: xr.Dataset, record: Path, *, settings: StaticLoading)
     )
     short = moved["time"].values[-1] < settings.steps.window.value
     if int(moved["valid"].sum()) < 2 * SIDE * len(settings.loads) or short:
-        message = (
+        raise InputError(
             f"the record holds {int(moved['valid'].sum())} valid readings over "
             f"{float(moved['time'][-1]):.4g} s, too few for {len(settings.loads)} loads"
         )
-        raise InputError(message)
     return moved
 
 
@@ -135,11 +134,10 @@ def windows(
     first = (time > start) & (time <= start + chosen.window.value)
     last = (time < end - spacing) & (time >= end - spacing - chosen.window.value)
     if not first.any() or not last.any() or np.any(first & last):
-        message = (
+        raise InputError(
             f"the load from {begin:.0f} to {end:.0f} s is too short for two windows of "
             f"{chosen.window.value:g} s after {chosen.settle.value:g} s; lower steps.window"
         )
-        raise InputError(message)
     return first, last
 
 

@@ -75,12 +75,10 @@ class StaticLoading(Table, frozen=True, kw_only=True):
         """Refuse loads that fall, and times that run backwards."""
         masses = [load.mass.value for load in self.loads]
         if any(b <= a for a, b in pairwise(masses)):
-            message = (
+            raise ValueError(
                 "loads: every mass is all that rests on the disc, so each must exceed the one "
                 f"before; found {', '.join(f'{m:g} kg' for m in masses)}"
             )
-            raise ValueError(message)
         times = [load.time.value for load in self.loads if load.time is not None]
         if any(b <= a for a, b in pairwise(times)):
-            message = f"loads: times must grow from load to load; found {', '.join(f'{t:g} s' for t in times)}"
-            raise ValueError(message)
+            raise ValueError(f"loads: times must grow from load to load; found {', '.join(f'{t:g} s' for t in times)}")
