@@ -5,7 +5,6 @@ and a misfit that pixels share in a way that its residual does not tell, such as
 before it was blurred. Neither is told by the subset alone.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,13 +71,14 @@ def disagreement(places: Floats, widths: Integers, value: Floats, deviation: Flo
     scale, part = np.ones(len(square)), np.zeros((*found.shape, 3))
     # A plane leaves what is bent, which is no scatter.
     curved = judged & (surroundings.within.sum(axis=1) >= _CURVED)
-    for k in np.flatnonzero(curved.sum(axis=1) >= _MANY).tolist():
-        scatter = float(np.median(square[k, curved[k]])) / _MEDIAN
-        if scatter > (_WIDER + _FEW_SCATTER / math.sqrt(curved[k].sum())) ** 2:
-            scale[k] = scatter
-            # where uncertainties are wrong as a whole, no point is better known than most
-            usual = np.maximum(variance[k], np.median(variance[k, curved[k]], axis=0))
-            part[k, :, :2] = np.maximum(scatter * usual - variance[k], 0.0)
+    number = curved.sum(axis=1)
+    scatter = _medians(square, curved) / _MEDIAN
+    is_wider = (number >= _MANY) & (scatter > (_WIDER + _FEW_SCATTER / np.sqrt(np.maximum(number, 1))) ** 2)
+    for k in np.flatnonzero(is_wider).tolist():
+        scale[k] = scatter[k]
+        # where uncertainties are wrong as a whole, no point is better known than most
+        usual = np.maximum(variance[k], np.median(variance[k, curved[k]], axis=0))
+        part[k, :, :2] = np.maximum(scatter[k] * usual - variance[k], 0.0)
     rows, points = np.nonzero(judged & (square > _BY_CHANCE**2 * scale[:, None]))
     x, y = apart[rows, points].T
     stands_out = np.hypot(x, y) > _STANDS_OUT * _scatter(surroundings, shown, found, rows, points)
@@ -201,7 +201,8 @@ def _surface(away: Floats, counts: Flags) -> tuple[Floats, Floats]:
     overlap = np.ones((len(away), *2 * all_weights.shape[1:]))
     for axis in range(2):
         along = all_places[..., axis]
-        overlap *= np.maximum(1.0 - np.abs(along[:, :, None] - along[:, None]), 0.0)
+        apart = along[:, :, None] - along[:, None]
+        overlap *= np.maximum(np.subtract(1.0, np.abs(apart, out=apart), out=apart), 0.0, out=apart)
     left = ((overlap @ all_weights[..., None])[..., 0] * all_weights).sum(axis=1)
     return weights, np.maximum(left / np.square(all_weights).sum(axis=1), _LEAST_SHARE)
 
@@ -234,6 +235,13 @@ def _differences(around: _Surroundings, shown: Floats, variance: Floats, found: 
             total[row, point] = np.where(weight.any(axis=1), left, np.nan)[:, None] * spread
         total[~found] = np.nan
     return apart, np.asarray((apart**2 / np.maximum(total, 1e-30)).sum(axis=-1))
+
+
+def _medians(values: Floats, counts: Flags) -> Floats:
+    """Medians (row,) of those values of each row that count; infinite where none does."""
+    ordered = np.sort(np.where(counts, values, np.inf), axis=1)
+    rows, number = np.arange(len(values)), counts.sum(axis=1)
+    return np.asarray(0.5 * (ordered[rows, np.maximum(number - 1, 0) // 2] + ordered[rows, number // 2]))
 
 
 def _scatter(around: _Surroundings, shown: Floats, found: Flags, rows: Integers, points: Integers) -> Floats:

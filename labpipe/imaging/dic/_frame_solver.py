@@ -85,6 +85,8 @@ class FrameSolver:
             is_tested[:] = True
         is_tested &= self._adapt[chosen] > 0
         found = self._solve(loaded, chosen, start, models, is_tested)
+        if not (found.needed.any() or models.any()):
+            return found
         # The mean of the static frames shares their noise, which would be taken for a change of blur.
         adapt = self._adapt[chosen] & (~BLUR if self.is_static else ~0)
         # Where there is hardly a pattern, the columns of light and blur would take noise for a change.

@@ -78,9 +78,9 @@ def _steps(value: Floats) -> Floats:
     """Motion (frame, 2) in px from frame to frame, median of the points; NaN where none was found."""
     mean_step = 0.5 * (value[2:, :, :2] - value[:-2, :, :2])
     step = np.concatenate([value[1:2, :, :2] - value[:1, :, :2], mean_step, value[-1:, :, :2] - value[-2:-1, :, :2]])
+    step = step[: len(value)]
     found = np.full((len(value), 2), np.nan)
-    for k, one in enumerate(step[: len(value)]):
-        has = np.isfinite(one[:, 0])
-        if has.any():
-            found[k] = np.median(one[has], axis=0)
+    ordered, number = np.sort(step, axis=1), np.isfinite(step[..., 0]).sum(axis=1)  # NaN last
+    rows = np.arange(len(step))
+    found[: len(step)] = 0.5 * (ordered[rows, np.maximum(number - 1, 0) // 2] + ordered[rows, number // 2])
     return found

@@ -163,14 +163,18 @@ def contradicted(places: Floats, neighbours: Integers, motion: Floats, is_truste
         if not is_trusted[n]:
             continue
         votes = 0
+        farthest_x = farthest_y = 0.0
         for k in range(count):
             m = neighbours[n, k]
             if is_trusted[m]:
                 j, i = places[n, 0] - places[m, 0], places[n, 1] - places[m, 1]
                 x[votes] = motion[m, 0] + motion[m, 1] * j + motion[m, 2] * i
                 y[votes] = motion[m, 3] + motion[m, 4] * j + motion[m, 5] * i
+                farthest_x = max(farthest_x, abs(x[votes] - motion[n, 0]))
+                farthest_y = max(farthest_y, abs(y[votes] - motion[n, 3]))
                 votes += 1
-        if votes < FEWEST:
+        # the median lies no farther than the farthest of them
+        if votes < FEWEST or math.hypot(farthest_x, farthest_y) <= APART:
             continue
         u, v = _median(x, votes, order), _median(y, votes, order)
         for k in range(votes):

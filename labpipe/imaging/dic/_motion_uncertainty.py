@@ -322,9 +322,14 @@ def _largest(xx: Floats, yy: Floats, xy: Floats) -> Floats:
 
 def _interpolation_gain(model: NoiseModel, half: Floats, motion: Floats) -> Floats:
     """Mean over each subset of the variance left after interpolation along both axes."""
-    j = half[:, None, None] * _PLACES[None, None, :]
-    i = half[:, None, None] * _PLACES[None, :, None]
-    u, u_x, u_y, v, v_x, v_y = (motion[:, k, None, None] for k in range(6))
-    along_x = np.interp((u + u_x * j + u_y * i) % 1.0, model.fraction, model.gain[0])
-    along_y = np.interp((v + v_x * j + v_y * i) % 1.0, model.fraction, model.gain[1])
-    return np.asarray((along_x * along_y).mean(axis=(1, 2)))
+    right, down = (places.ravel()[:, None] for places in np.meshgrid(_PLACES, _PLACES))
+    left = np.ones((1, len(half)))
+    for axis, gain in zip((0, 3), model.gain, strict=True):
+        shift, by_x, by_y = motion[:, axis : axis + 3].T
+        place = shift + (by_x * half) * right + (by_y * half) * down
+        place -= np.floor(place)
+        place *= len(gain) - 1  # of fractions that are evenly spaced
+        node = place.astype(np.intp)
+        place -= node
+        left = left * (gain.take(node) + np.diff(gain, append=gain[-1]).take(node) * place)
+    return np.asarray(left.mean(axis=0))

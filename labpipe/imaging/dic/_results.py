@@ -178,8 +178,9 @@ def _widen(deviation: Floats, covariance: Floats, shift: Floats) -> None:
 
 def _add(deviation: Floats, covariance: Floats, more: Floats) -> None:
     """Add variances along x and along y and a covariance (last axis) to those of the motions."""
-    deviation[..., :2] = np.hypot(deviation[..., :2], np.sqrt(more[..., :2]))
-    covariance += more[..., 2]
+    if more.any():
+        deviation[..., :2] = np.hypot(deviation[..., :2], np.sqrt(more[..., :2]))
+        covariance += more[..., 2]
 
 
 def _refuse_vague(status: NDArray[np.int8], deviation: Floats, why: Status) -> None:

@@ -15,8 +15,8 @@ from labpipe.imaging.dic._standing import unpacked
 from labpipe.imaging.dic._subset_solver import CHANGES
 from labpipe.imaging.dic._subsets import Subsets
 
-#: Results whose uncertainty is computed at once; bounds the work arrays to some 50 MB.
-_BLOCK = 50_000
+#: Results whose uncertainty is computed at once: few enough that their work arrays stay in the processor's cache.
+_BLOCK = 2_000
 #: The same of results of which something was hidden, whose subsets are cut anew.
 _BLOCK_HIDDEN = 200
 

@@ -217,25 +217,25 @@ def read_rows(sums: list[Floats], *, is_first_still: bool, steps: Floats | None 
         Motion from frame to frame; NaN where it is not known.
     """
     combed, (apart, order) = np.zeros(len(sums), bool), np.zeros((2, len(sums)))
-    repeated, distances = [], []
+    frame = np.repeat(np.arange(len(sums)), [len(one) for one in sums])
+    pieces = np.concatenate(sums)
+    every = _see(pieces, None if steps is None else steps[frame])
+    seen = [every.of(frame == k) for k in range(len(sums))]
+    distances = [one.distance for one in seen]
     is_sharp = False
-    for k, one in enumerate(sums):
+    if is_first_still:
+        is_sharp = bool(_see(sums[0], None).is_shifted.any()) and not _are_enough(seen[0].has_teeth)
+    for k, one in enumerate(seen):
         step = None if steps is None else steps[k]
-        seen = _see(one, step)
-        distances.append(seen.distance)
-        if k == 0 and is_first_still:
-            is_sharp = bool(_see(one, None).is_shifted.any()) and not _are_enough(seen.has_teeth)
-        shows = seen.has_teeth if is_sharp else seen.has_teeth | seen.shifted_alike(step)
+        shows = one.has_teeth if is_sharp else one.has_teeth | one.shifted_alike(step)
         if _are_enough(shows):
-            combed[k], apart[k] = True, float(np.median(np.hypot(*seen.distance[shows].T)))
-        elif not is_sharp and any(_differ_from_zero(values) for values in seen.along):
-            combed[k], apart[k] = True, float(np.hypot(*np.median(seen.distance, axis=0)))
-        if combed[k] and step is not None and not _are_enough(seen.has_teeth):
-            order[k] = np.sign(np.median(seen.along))
-        ratio = _parity(one)
-        if ratio is not None:
-            repeated.append(ratio)
-    is_repeated = len(repeated) > 0 and bool(np.mean(repeated) > 1.0 - _SHARE)
+            combed[k], apart[k] = True, float(np.median(np.hypot(*one.distance[shows].T)))
+        elif not is_sharp and any(_differ_from_zero(values) for values in one.along):
+            combed[k], apart[k] = True, float(np.hypot(*np.median(one.distance, axis=0)))
+        if combed[k] and step is not None and not _are_enough(one.has_teeth):
+            order[k] = np.sign(np.median(one.along))
+    tells, repeats = _repeat(pieces, frame, len(sums))
+    is_repeated = bool(tells.any()) and bool(repeats[tells].mean() > 1.0 - _SHARE)
     still = np.median(distances[0], axis=0) if is_first_still and len(distances[0]) else np.zeros(2)
     return RowsSeen(combed, apart, is_repeated, distances, is_sharp, still, order)
 
@@ -249,9 +249,14 @@ class _FieldsSeen:
     is_shifted: Flags
     has_teeth: Flags
 
+    def of(self, chosen: Flags) -> "_FieldsSeen":
+        """Return the same of some pieces."""
+        along = [values[chosen] for values in self.along]
+        return _FieldsSeen(self.distance[chosen], along, self.is_shifted[chosen], self.has_teeth[chosen])
+
     def shifted_alike(self, step: Floats | None) -> Flags:
         """Which pieces are shifted; along a known motion (2,) only where it is a share of it in the middle of all."""
-        if step is None or not len(self.is_shifted):
+        if step is None or not self.is_shifted.any():
             return self.is_shifted
         middle = float(np.median(self.along[0]))
         is_share = _SHARES[0] * np.hypot(*step) < abs(middle) < _SHARES[1] * np.hypot(*step)
@@ -259,7 +264,7 @@ class _FieldsSeen:
 
 
 def _see(sums: Floats, step: Floats | None) -> _FieldsSeen:
-    """See how the fields of a frame are apart in its pieces, by a share of a step (2,) where that is given."""
+    """See how the fields are apart in pieces, by a share of their steps (piece, 2) where these are given."""
     xx, xy, yy, xr, yr = sums[:, :5].T
     ridge = _RIDGE * (xx + yy) + 1e-9
     xx, yy = xx + ridge, yy + ridge
@@ -268,8 +273,8 @@ def _see(sums: Floats, step: Floats | None) -> _FieldsSeen:
     distance = np.stack([dx, dy], axis=1)
     explained, along, is_apart = dx * xr + dy * yr, [dx, dy], np.hypot(dx, dy) > _LEAST_APART
     if step is not None:
-        length = float(np.hypot(*step))
-        x, y = step / length if length > _CREEPING else (np.nan, np.nan)
+        length = np.hypot(*step.T)
+        x, y = (step / np.where(length > _CREEPING, length, np.nan)[:, None]).T
         shown = (x * xr + y * yr) / (x * x * xx + 2.0 * x * y * xy + y * y * yy)
         explained, along = (x * xr + y * yr) * shown, [shown]
         size = np.abs(shown)
@@ -290,8 +295,8 @@ def _differ_from_zero(values: Floats, significant: float = _SIGNIFICANT, shared:
     """Tell whether distances of pieces (px) have a common part beyond their scatter and a shared error."""
     if len(values) < _TOGETHER:
         return False
-    error = math.hypot(_error_of_median(values), shared)
-    return abs(float(np.median(values))) > max(_LEAST_TOGETHER, significant * error)
+    middle = abs(float(np.median(values)))
+    return middle > _LEAST_TOGETHER and middle > significant * math.hypot(_error_of_median(values), shared)
 
 
 def _error_of_median(values: Floats) -> float:
@@ -299,25 +304,31 @@ def _error_of_median(values: Floats) -> float:
     return _ERROR_OF_MEDIAN * float(np.median(np.abs(values - np.median(values)))) / math.sqrt(len(values))
 
 
-def _parity(sums: Floats) -> bool | None:
-    """Whether rows of one parity repeat the others, or are their means; None where nothing shows.
+def _repeat(sums: Floats, frame: NDArray[np.int64], count: int) -> tuple[Flags, Flags]:
+    """Which frames show how rows differ, and in which rows of one parity repeat the others, or are their means.
 
     Many rows must show it: edges along the rows lie between some two of them. Where columns repeat as well
     the image was magnified, or shows blocks, and its rows are right.
     """
     pixels = 0.5 * float((PIECE - 2) ** 2)
     bend, step, beside = (sums[:, k : k + 2] / pixels + _ROUNDING for k in (5, 7, 10))
-    told = []
+    tells, repeats = np.zeros((2, count), bool)
     for pair, squares, least in ((step, sums[:, 14:16], _REPEATED), (bend, sums[:, 12:14], _MEAN_OF_OTHERS)):
         loud = pair.max(axis=1) - _ROUNDING
         shown = (step.max(axis=1) > _LEAST_SHOWN) & ((loud * pixels) ** 2 > _ROWS * squares.max(axis=1))
-        if shown.any():
-            told.append(
-                abs(_middle_ratio(pair[shown])) > least
-                and abs(_middle_ratio(beside[shown])) < _REPEATED
-                and math.log(beside.min() / np.median(pair[shown].min(axis=1))) > _BELOW_COLUMNS
+        beyond = shown & (np.abs(np.log(pair[:, 0] / pair[:, 1])) > least)
+        number, of_them = (np.bincount(frame[chosen], minlength=count) for chosen in (shown, beyond))
+        tells |= number > 0
+        # a median lies beyond where half of the pieces do
+        for k in np.flatnonzero((2 * of_them >= number) & (number > 0)).tolist():
+            own = shown & (frame == k)
+            quiet = beside[frame == k].min() / np.median(pair[own].min(axis=1))
+            repeats[k] |= (
+                abs(_middle_ratio(pair[own])) > least
+                and abs(_middle_ratio(beside[own])) < _REPEATED
+                and math.log(quiet) > _BELOW_COLUMNS
             )
-    return any(told) if told else None
+    return tells, repeats
 
 
 def _middle_ratio(pair: Floats) -> float:
