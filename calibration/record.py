@@ -34,8 +34,8 @@ import msgspec
 from labpipe.errors import CalibrationError, ConfigError
 from labpipe.units import Quantity
 from labpipe.workflow import config
-from labpipe.workflow.config import Angle, Dimension, Dimensionless, Force, Length, Range, Time
 from labpipe.workflow.document import parse
+from labpipe.workflow.fields import POSITIVE, Angle, Dimension, Dimensionless, Force, Length, Range, Scale, Time
 
 VERSION = 1
 
@@ -78,7 +78,7 @@ class LaserValues(Table, frozen=True):
     scale: Annotated[Dimensionless, _GAINS] = _UNITY
     linearity: Length | None = None
     volt_scale: VoltScale | None = None
-    measuring_range: Annotated[Length, config.POSITIVE] | None = None
+    measuring_range: Annotated[Length, POSITIVE] | None = None
     time_base: Dimensionless | None = None
 
     def __post_init__(self) -> None:
@@ -104,7 +104,7 @@ class LoadCellValues(Table, frozen=True):
 
     scale: Annotated[Dimensionless, _GAINS]
     linearity: Force | None = None
-    capacity: Annotated[Force, config.POSITIVE] | None = None
+    capacity: Annotated[Force, POSITIVE] | None = None
     filter_delay: Time | None = None
 
     def __post_init__(self) -> None:
@@ -133,9 +133,9 @@ class CameraValues(Table, frozen=True):
         and measurement.
     """
 
-    reference_length: Annotated[Length, config.POSITIVE] | None = None
-    pixel_length: Annotated[PixelLength, config.POSITIVE] | None = None
-    scale: Annotated[config.Scale, config.POSITIVE] | None = None
+    reference_length: Annotated[Length, POSITIVE] | None = None
+    pixel_length: Annotated[PixelLength, POSITIVE] | None = None
+    scale: Annotated[Scale, POSITIVE] | None = None
     tilt: Angle | None = None
     out_of_plane: Dimensionless | None = None
 

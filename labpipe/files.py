@@ -23,32 +23,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labpipe.errors import SourceError, StorageError
-from labpipe.names import safe_join
 
 if TYPE_CHECKING:
     import xarray as xr
-
-__all__ = [
-    "PART_SUFFIX",
-    "append_line",
-    "canonical",
-    "digest",
-    "discard",
-    "files_below",
-    "folder_digest",
-    "free_bytes",
-    "journal",
-    "lock",
-    "read_dataset",
-    "require_space",
-    "safe_join",
-    "seal",
-    "unseal",
-    "write_bytes",
-    "write_chunks",
-    "write_dataset",
-    "write_text",
-]
 
 PART_SUFFIX = ".part"
 """Ending of a file that is still being written; such a file is never read."""

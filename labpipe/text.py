@@ -20,28 +20,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from labpipe.errors import SourceError
-from labpipe.numbers import DOT, Separators, is_number, plain_number, separators, shorten
+from labpipe.numbers import DOT, Separators, is_number, plain_number, shorten
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-
-__all__ = [
-    "DOT",
-    "Limits",
-    "Separators",
-    "TextFile",
-    "check_width",
-    "is_number",
-    "not_a_number",
-    "parse_row",
-    "parse_rows",
-    "plain_number",
-    "separators",
-    "shorten",
-    "survey",
-    "unmarked_codec",
-]
 
 _PIECE = 1 << 20  # bytes decoded at a time: large enough for speed, small against any memory
 

@@ -11,7 +11,8 @@ from typing import Any
 
 from instruments.anton_paar._table import Cell, Row
 from labpipe.errors import SourceError
-from labpipe.text import TextFile, shorten
+from labpipe.numbers import shorten
+from labpipe.text import TextFile
 
 _LOOKED_AT = 200  # lines in which the delimiter must show
 _MOST_UNPACKED = 256 << 20  # bytes of a workbook; the largest known export has 0.2 MB

@@ -22,8 +22,7 @@ from pathlib import Path
 
 from instruments.anton_paar import _words as words
 from labpipe.errors import SourceError
-from labpipe.numbers import listed
-from labpipe.text import shorten
+from labpipe.numbers import listed, shorten
 
 Cell = str | float | None
 

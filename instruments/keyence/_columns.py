@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.errors import InputError, SourceError
-from labpipe.text import check_width, shorten
+from labpipe.numbers import shorten
+from labpipe.text import check_width
 from labpipe.units import unit
 
 _TIME = re.compile(

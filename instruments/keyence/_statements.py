@@ -11,7 +11,7 @@ from instruments._clock import moment
 from instruments.keyence._columns import even_interval, seconds
 from instruments.keyence._header import Header, KeyenceProfile, is_length_or_volts
 from labpipe.errors import InputError, SourceError
-from labpipe.text import shorten
+from labpipe.numbers import shorten
 from labpipe.units import quantity, unit
 
 

@@ -44,7 +44,8 @@ from instruments.keyence._statements import (
 )
 from instruments.keyence._writer import DEVICE, output_variables
 from labpipe.errors import InputError, SourceError
-from labpipe.text import Limits, TextFile, shorten, survey
+from labpipe.numbers import shorten
+from labpipe.text import Limits, TextFile, survey
 from labpipe.units import Quantity, unit
 from labpipe.variables import variable
 

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from labpipe.errors import SourceError
-from labpipe.text import TextFile, shorten
+from labpipe.numbers import shorten
+from labpipe.text import TextFile
 
 END_DATA = "<END DATA>"
 _TAG = re.compile(r"<([^<>\t]+)>\s*")

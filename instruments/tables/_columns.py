@@ -20,7 +20,7 @@ from instruments.tables._layout import Block
 from instruments.tables._words import Heading
 from labpipe.arrays import Floats
 from labpipe.errors import SourceError
-from labpipe.text import shorten
+from labpipe.numbers import shorten
 
 Pair = tuple[Heading, Floats]
 

@@ -37,7 +37,8 @@ from instruments.tables._layout import Block
 from instruments.tables._values import Table
 from instruments.tables._words import Heading
 from labpipe.errors import InputError, SourceError
-from labpipe.text import Limits, Separators, TextFile, separators, shorten, survey
+from labpipe.numbers import Separators, separators, shorten
+from labpipe.text import Limits, TextFile, survey
 
 DEVICE = "plain table of a dynamic mechanical analysis"
 

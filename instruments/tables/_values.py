@@ -29,8 +29,8 @@ from instruments.tables._layout import Block, is_of_parameters
 from instruments.tables._words import Heading
 from labpipe.arrays import Floats
 from labpipe.errors import InputError, SourceError
-from labpipe.numbers import listed
-from labpipe.text import Separators, not_a_number, plain_number, shorten
+from labpipe.numbers import Separators, listed, plain_number, shorten
+from labpipe.text import not_a_number
 from labpipe.units import ZERO_CELSIUS
 
 _NO_READING = 9.9e37  # by which instruments of the SCPI standard say that there is none, or that it overflowed

@@ -25,37 +25,18 @@ from typing import Any, Literal, TypeVar, Union
 import msgspec
 
 from labpipe.errors import InputError
-from labpipe.files import files_below, safe_join
+from labpipe.files import files_below
+from labpipe.names import safe_join
 from labpipe.units import Quantity, quantity
 from labpipe.workflow import _toml_lines
 from labpipe.workflow.document import LARGEST_FILE, Document, parse
 from labpipe.workflow.fields import (
     GAP,
-    NOT_NEGATIVE,
-    POSITIVE,
     REFERENCE,
-    Acceleration,
-    Adhesion,
-    Angle,
-    Area,
-    Density,
     Dimension,
-    Dimensionless,
-    ExperimentName,
-    File,
     FileMark,
-    Force,
-    Frequency,
-    Length,
-    Mass,
-    Pressure,
     Range,
     ReferenceMark,
-    Scale,
-    Speed,
-    Stiffness,
-    Temperature,
-    Time,
     describe,
     describe_dimension,
     fields_of,
@@ -66,35 +47,6 @@ from labpipe.workflow.fields import (
     split,
     suggest,
 )
-
-__all__ = [
-    "NOT_NEGATIVE",
-    "POSITIVE",
-    "Acceleration",
-    "Adhesion",
-    "Angle",
-    "Area",
-    "Checker",
-    "Density",
-    "Dimension",
-    "Dimensionless",
-    "ExperimentName",
-    "File",
-    "FileMark",
-    "Force",
-    "Frequency",
-    "Length",
-    "Mass",
-    "Pressure",
-    "Range",
-    "Scale",
-    "Speed",
-    "Stiffness",
-    "Temperature",
-    "Time",
-    "read",
-    "show",
-]
 
 S = TypeVar("S", bound=msgspec.Struct)
 

@@ -13,7 +13,8 @@ from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Route
 
 from labpipe.errors import InputError, LabpipeError
-from labpipe.files import files_below, safe_join
+from labpipe.files import files_below
+from labpipe.names import safe_join
 from labpipe.workflow.session import FILE_NAME
 from pipelines.app import _measuring as measuring
 from pipelines.app import _setup as setup

@@ -10,7 +10,7 @@ from labpipe import contact, materials
 from labpipe.report import line_arguments
 from labpipe.units import Quantity
 from pipelines.figures.chapter3 import HEIGHTS, MASS, SPHERE_RADIUS
-from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, panels, spelled
+from pipelines.figures.drawing import Drawing, legend_above, letter, panels, spelled
 from pipelines.rig.calibration_images import ruler_image
 
 _PLATE = contact.Plate(mass=20.0, frequency=180.0, damping_ratio=0.03)
@@ -47,14 +47,12 @@ def glass_transition() -> Drawing:
             _molecules(place, pitch)
             letter(place, name, word)
     return Drawing(
-        Caption(
-            "(a) Specific volume over temperature with the change of slope at the glass "
-            "transition, the glassy line extrapolated, and the free volume; (b), (c) dense and "
-            "loose packing below and above it.",
-            computed="two straight lines joined smoothly, slopes 0.06 and 0.16, illustrative.",
-            difference="the printed figure is a sketch without numbers.",
-        ),
+        "(a) Specific volume over temperature with the change of slope at the glass "
+        "transition, the glassy line extrapolated, and the free volume; (b), (c) dense and "
+        "loose packing below and above it.",
         figure,
+        computed="two straight lines joined smoothly, slopes 0.06 and 0.16, illustrative.",
+        difference="the printed figure is a sketch without numbers.",
     )
 
 
@@ -99,20 +97,17 @@ def plate_vibration() -> Drawing:
         legend_above(figure, axes[0, 0])
     peaks = "; ".join(f"{spelled(n)} {', '.join(f'{p:.1f}' for p in v)}" for n, v in largest.items())
     return Drawing(
-        Caption(
-            "Displacement of the plate after the first contact of nylon, acrylic, PEEK and PTFE "
-            "spheres from four heights.",
-            computed=(
-                f"drop simulation with a plate of {_PLATE.mass:g} kg, {_PLATE.frequency:g} Hz and "
-                f"damping ratio {_PLATE.damping_ratio:g}, illustrative values. Largest "
-                f"displacement in µm from 1.5, 5, 7, 10 mm: {peaks}."
-            ),
-            difference=(
-                "the thesis prints neither frequency, damping nor amplitudes; as it says, the "
-                "frequency is the plate's own and the amplitude grows with the height."
-            ),
-        ),
+        "Displacement of the plate after the first contact of nylon, acrylic, PEEK and PTFE spheres from four heights.",
         figure,
+        computed=(
+            f"drop simulation with a plate of {_PLATE.mass:g} kg, {_PLATE.frequency:g} Hz and "
+            f"damping ratio {_PLATE.damping_ratio:g}, illustrative values. Largest "
+            f"displacement in µm from 1.5, 5, 7, 10 mm: {peaks}."
+        ),
+        difference=(
+            "the thesis prints neither frequency, damping nor amplitudes; as it says, the "
+            "frequency is the plate's own and the amplitude grows with the height."
+        ),
     )
 
 
@@ -140,19 +135,17 @@ def ruler_on_disc() -> Drawing:
         axes.grid(visible=False)
         axes.set(xlabel="column (px)", ylabel="row (px)")
     return Drawing(
-        Caption(
-            "Ruler with ten graduations per millimetre under the camera below the disc, and the "
-            "distance of 1 mm found in the image.",
-            synthetic="the image: 461 px per mm, tilted by 12 mrad, blurred, with noise.",
-            computed=(
-                f"pitch by the centroids of {found.lines.size} lines: {found.pitch.value:.4f} px "
-                f"per 0.1 mm, so {size.value * 1e6:.4f} µm/px; the lines alone leave "
-                f"{1e6 * size.u / size.value:.0f} parts in a million, the ruler itself more."
-            ),
-            difference=(
-                "printed 461 px by hand, 2.17 µm/px, 0.2 % for one px: with all lines the "
-                "reading no longer limits the scale."
-            ),
-        ),
+        "Ruler with ten graduations per millimetre under the camera below the disc, and the "
+        "distance of 1 mm found in the image.",
         figure,
+        synthetic="the image: 461 px per mm, tilted by 12 mrad, blurred, with noise.",
+        computed=(
+            f"pitch by the centroids of {found.lines.size} lines: {found.pitch.value:.4f} px "
+            f"per 0.1 mm, so {size.value * 1e6:.4f} µm/px; the lines alone leave "
+            f"{1e6 * size.u / size.value:.0f} parts in a million, the ruler itself more."
+        ),
+        difference=(
+            "printed 461 px by hand, 2.17 µm/px, 0.2 % for one px: with all lines the "
+            "reading no longer limits the scale."
+        ),
     )

@@ -14,7 +14,7 @@ from labpipe.report import Role, line_arguments
 from labpipe.signals import nrmse
 from labpipe.units import Quantity
 from pipelines.figures.chapter3 import GRAVITY, HEIGHTS, MASS, SPHERE_RADIUS
-from pipelines.figures.drawing import Caption, Drawing, beyond, legend_above, letter, panels
+from pipelines.figures.drawing import Drawing, beyond, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs
 
 _YIELD_DEPTH = 2.0e-5
@@ -100,23 +100,21 @@ def collision_model(inputs: Inputs | None) -> Drawing:
     if inputs is not None and missing:
         lacking = beyond("four heights", f"{len(HEIGHTS) - len(missing)}", "the samples core and thesis do")
     return Drawing(
-        Caption(
-            "Displacement of an acrylic sphere after drops from four heights, and the first impact magnified (below).",
-            computed=(
-                "appendix A's model with E = 3.2 GPa, nu = 0.35, 505 g. As printed: the stiffness of two identical "
-                "spheres, the mean of the stated damping range (13 700 to 16 800 N s/m^1.5), yield at 20 µm, "
-                "unloading multiplier 1. The other: the stiffness of a sphere on a rigid flat, twice as much, "
-                f"{said or 'the same damping, no yield'}. {'; '.join(notes)}."
-            ),
-            difference=(
-                "the text gives ranges of damping and unloading multiplier, not the values per "
-                f"height, so the printed curves cannot be repeated exactly{_of_fit(len(laws))}. The 'yield "
-                "stress of 2.0e-5 m' is a depth; taken as the update rule says, every overlap beyond 20 µm "
-                "stays, and the sphere hardly bounces: the printed agreement requires a larger one." + lacking
-            ),
-            **(inputs.data_note(laser) if inputs is not None and measured else {}),
-        ),
+        "Displacement of an acrylic sphere after drops from four heights, and the first impact magnified (below).",
         figure,
+        computed=(
+            "appendix A's model with E = 3.2 GPa, nu = 0.35, 505 g. As printed: the stiffness of two identical "
+            "spheres, the mean of the stated damping range (13 700 to 16 800 N s/m^1.5), yield at 20 µm, "
+            "unloading multiplier 1. The other: the stiffness of a sphere on a rigid flat, twice as much, "
+            f"{said or 'the same damping, no yield'}. {'; '.join(notes)}."
+        ),
+        difference=(
+            "the text gives ranges of damping and unloading multiplier, not the values per "
+            f"height, so the printed curves cannot be repeated exactly{_of_fit(len(laws))}. The 'yield "
+            "stress of 2.0e-5 m' is a depth; taken as the update rule says, every overlap beyond 20 µm "
+            "stays, and the sphere hardly bounces: the printed agreement requires a larger one." + lacking
+        ),
+        **(inputs.data_note(laser) if inputs is not None and measured else {}),
     )
 
 
@@ -252,17 +250,15 @@ def camera_table() -> Drawing:
         for view, length, pixels, size, low, high in rows
     ]
     return Drawing(
-        Caption(
-            "Pixel size of both cameras from a known length and its distance in the image.",
-            measured="lengths and distances as the thesis prints them.",
-            computed="pixel sizes by eq. (D.1) and the share of 1 to 2 px (front) and 1 px (disc).",
-            difference=(
-                f"front {rows[0][3] * 1e6:.2f} µm/px, {rows[0][4]:.2f} to {rows[0][5]:.2f} % "
-                "(printed 77.7 and 0.3 to 0.5); disc "
-                f"{rows[1][3] * 1e6:.3f} µm/px, {rows[1][4]:.2f} % (printed 2.17 and 0.2). "
-                f"The two differ by a factor {rows[0][3] / rows[1][3]:.1f}, not by about two "
-                "orders of magnitude."
-            ),
+        "Pixel size of both cameras from a known length and its distance in the image.",
+        measured="lengths and distances as the thesis prints them.",
+        computed="pixel sizes by eq. (D.1) and the share of 1 to 2 px (front) and 1 px (disc).",
+        difference=(
+            f"front {rows[0][3] * 1e6:.2f} µm/px, {rows[0][4]:.2f} to {rows[0][5]:.2f} % "
+            "(printed 77.7 and 0.3 to 0.5); disc "
+            f"{rows[1][3] * 1e6:.3f} µm/px, {rows[1][4]:.2f} % (printed 2.17 and 0.2). "
+            f"The two differ by a factor {rows[0][3] / rows[1][3]:.1f}, not by about two "
+            "orders of magnitude."
         ),
         table="\n".join(lines) + "\n",
     )

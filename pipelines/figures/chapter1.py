@@ -10,7 +10,7 @@ import numpy as np
 
 from labpipe.materials import Prony
 from labpipe.report import line_arguments
-from pipelines.figures.drawing import Caption, Drawing, decades, legend_above, letter, panels
+from pipelines.figures.drawing import Drawing, decades, legend_above, letter, panels
 
 _ZENER = Prony(1.0, [9.0], [1.0], nu=0.5)
 """Standard linear solid, E_unrelaxed/E_relaxed = 10: the contrast of figures 1.2 and 1.9."""
@@ -45,21 +45,19 @@ def harmonic_loading() -> Drawing:
             axes[row, 0].set_ylabel(label)
         legend_above(figure, axes[0, 0])
     return Drawing(
-        Caption(
-            "Strain and stress over two cycles (top) and stress over strain (bottom), each over "
-            "its amplitude: (a) elastic, (b) viscoelastic, (c) viscous. The loop's area is the "
-            "work dissipated in a cycle, pi sin(delta) in these units: 0, "
-            f"{np.pi * np.sin(lag):.3f} and {np.pi:.3f}.",
-            computed=(
-                f"(b) is a standard linear solid, E_unrelaxed/E_relaxed = 4, at the frequency of "
-                f"its largest loss factor 3/4, so delta = {np.degrees(lag):.2f} degrees."
-            ),
-            difference=(
-                "the text writes sigma = sigma_A sin(omega t - delta); with the strain "
-                "eps_A sin(omega t) that would give energy. Stress leads: + delta, as in (1.15)."
-            ),
-        ),
+        "Strain and stress over two cycles (top) and stress over strain (bottom), each over "
+        "its amplitude: (a) elastic, (b) viscoelastic, (c) viscous. The loop's area is the "
+        "work dissipated in a cycle, pi sin(delta) in these units: 0, "
+        f"{np.pi * np.sin(lag):.3f} and {np.pi:.3f}.",
         figure,
+        computed=(
+            f"(b) is a standard linear solid, E_unrelaxed/E_relaxed = 4, at the frequency of "
+            f"its largest loss factor 3/4, so delta = {np.degrees(lag):.2f} degrees."
+        ),
+        difference=(
+            "the text writes sigma = sigma_A sin(omega t - delta); with the strain "
+            "eps_A sin(omega t) that would give energy. Stress leads: + delta, as in (1.15)."
+        ),
     )
 
 
@@ -77,16 +75,14 @@ def one_relaxation_time() -> Drawing:
         axes.set_ylim(0.0, 1.05)
         legend_above(figure, axes)
     return Drawing(
-        Caption(
-            "Complex modulus of a solid with one relaxation time tau, over its instantaneous "
-            "modulus; E_unrelaxed/E_relaxed = 10.",
-            computed=(
-                "eq. (1.42) with one term. The loss modulus peaks at omega tau = 1, at "
-                f"{modulus.imag.max():.4f} (closed form 0.45)."
-            ),
-            difference="none; the printed figure is qualitative and says omega tau = 1 too.",
-        ),
+        "Complex modulus of a solid with one relaxation time tau, over its instantaneous "
+        "modulus; E_unrelaxed/E_relaxed = 10.",
         figure,
+        computed=(
+            "eq. (1.42) with one term. The loss modulus peaks at omega tau = 1, at "
+            f"{modulus.imag.max():.4f} (closed form 0.45)."
+        ),
+        difference="none; the printed figure is qualitative and says omega tau = 1 too.",
     )
 
 
@@ -133,19 +129,17 @@ def relaxation_processes() -> Drawing:
             axes.text(place, 2.2e1, word, ha="center", fontsize=7)
         legend_above(figure, [axes, other])
     return Drawing(
-        Caption(
-            "Storage modulus and loss factor of an uncrosslinked amorphous polymer over "
-            "frequency; the alpha process is the glass transition, beta and gamma are local. The "
-            "dotted lines mark the three peaks of the loss factor.",
-            computed=(
-                "generalised Maxwell model (1.42) without equilibrium modulus: processes that are "
-                "normal in log10 of time, centred at 1, 1e-5 and 10^-8.5 times the alpha time with "
-                "2.2, 0.5 and 0.3 GPa, and a flow process of 1 MPa at 1e6. The values are "
-                "illustrative; they are no material of the thesis."
-            ),
-            difference="the printed figure is a sketch without numbers.",
-        ),
+        "Storage modulus and loss factor of an uncrosslinked amorphous polymer over "
+        "frequency; the alpha process is the glass transition, beta and gamma are local. The "
+        "dotted lines mark the three peaks of the loss factor.",
         figure,
+        computed=(
+            "generalised Maxwell model (1.42) without equilibrium modulus: processes that are "
+            "normal in log10 of time, centred at 1, 1e-5 and 10^-8.5 times the alpha time with "
+            "2.2, 0.5 and 0.3 GPa, and a flow process of 1 MPa at 1e6. The values are "
+            "illustrative; they are no material of the thesis."
+        ),
+        difference="the printed figure is a sketch without numbers.",
     )
 
 
@@ -185,17 +179,15 @@ def polymer_classes() -> Drawing:
             place.set_ylabel("storage modulus $G'$ (Pa)")
         legend_above(figure, [axes[0, 0], others[0]])
     return Drawing(
-        Caption(
-            "Storage modulus and loss factor of four classes of polymers over frequency: (a) "
-            "amorphous and (b) semi-crystalline thermoplastics flow in the end, (c) elastomers "
-            "and (d) thermosets keep an equilibrium modulus; the thermoset's transition is weak.",
-            computed=(
-                "generalised Maxwell models (1.42) with one or two processes that are normal in "
-                "log10 of time; the values are illustrative and no material of the thesis."
-            ),
-            difference="the printed figure is a sketch without numbers.",
-        ),
+        "Storage modulus and loss factor of four classes of polymers over frequency: (a) "
+        "amorphous and (b) semi-crystalline thermoplastics flow in the end, (c) elastomers "
+        "and (d) thermosets keep an equilibrium modulus; the thermoset's transition is weak.",
         figure,
+        computed=(
+            "generalised Maxwell models (1.42) with one or two processes that are normal in "
+            "log10 of time; the values are illustrative and no material of the thesis."
+        ),
+        difference="the printed figure is a sketch without numbers.",
     )
 
 
@@ -225,16 +217,14 @@ def maxwell() -> Drawing:
     """Figure 1.7: relaxation, creep and complex modulus of a Maxwell element."""
     figure, modulus = _three_panels(Prony(0.0, [1.0], [1.0], nu=0.5), 5.0, 1.0)
     return Drawing(
-        Caption(
-            "Maxwell element with stiffness E and relaxation time tau = mu/E: (a) relaxation "
-            "modulus, (b) creep compliance, (c) complex modulus; E_inf = E.",
-            computed=(
-                "eqs. (1.33), (1.34), (1.36) as the special case of one term without equilibrium "
-                f"modulus; the loss modulus peaks at {modulus.imag.max():.4f} E (closed form 0.5)."
-            ),
-            difference="both moduli on one axis; printed, the loss modulus has its own on the right.",
-        ),
+        "Maxwell element with stiffness E and relaxation time tau = mu/E: (a) relaxation "
+        "modulus, (b) creep compliance, (c) complex modulus; E_inf = E.",
         figure,
+        computed=(
+            "eqs. (1.33), (1.34), (1.36) as the special case of one term without equilibrium "
+            f"modulus; the loss modulus peaks at {modulus.imag.max():.4f} E (closed form 0.5)."
+        ),
+        difference="both moduli on one axis; printed, the loss modulus has its own on the right.",
     )
 
 
@@ -243,14 +233,12 @@ def standard_linear_solid() -> Drawing:
     figure, _ = _three_panels(_ZENER, 25.0, _ZENER.E_unrelaxed)
     _, tau = _ZENER.creep_terms()
     return Drawing(
-        Caption(
-            "Standard linear solid with E_inf/E_0 = beta = 10: (a) relaxation modulus, (b) creep "
-            "compliance, (c) complex modulus.",
-            computed=(
-                "eqs. (1.37), (1.40), (1.42); creep comes from the exact interconversion, whose "
-                f"retardation time is {tau[0]:.6f} tau (beta tau = 10 tau by (1.40))."
-            ),
-            difference="both moduli on one axis; printed, the loss modulus has its own on the right.",
-        ),
+        "Standard linear solid with E_inf/E_0 = beta = 10: (a) relaxation modulus, (b) creep "
+        "compliance, (c) complex modulus.",
         figure,
+        computed=(
+            "eqs. (1.37), (1.40), (1.42); creep comes from the exact interconversion, whose "
+            f"retardation time is {tau[0]:.6f} tau (beta tau = 10 tau by (1.40))."
+        ),
+        difference="both moduli on one axis; printed, the loss modulus has its own on the right.",
     )

@@ -13,7 +13,7 @@ from labpipe.arrays import Floats
 from labpipe.contact.line import dissipation
 from labpipe.materials import Prony
 from labpipe.report import line_arguments
-from pipelines.figures.drawing import Caption, Drawing, decades, letter, panels
+from pipelines.figures.drawing import Drawing, decades, letter, panels
 
 TIP_RADIUS, PERIOD, TIP_DEPTH, TIPS = 2e-3, 8e-3, 6e-3, 3
 DEPTH = TIPS * TIP_DEPTH
@@ -101,29 +101,27 @@ def dissipation_map() -> Drawing:
             place.set_xlabel("frequency $\\tilde f = f\\tau_0$ (1)")
     ratio = found / analytic
     return Drawing(
-        Caption(
-            "(a) Dimensionless work dissipated per cycle, eq. (2.31), over frequency and "
-            "amplitude at mean indentation 0.05 R; white: the indenter leaves the surface. (b) "
-            "The same at amplitude 0.005 R; dashed: beyond the front, where (2.31) extrapolates. "
-            f"R = 2 mm, period 8 mm, depth 18 mm, tau_0 = {CHARACTERISTIC_TIME:.3g} s; work over "
-            "E_relaxed times period times R times depth.",
-            computed=(
-                "map and line from eqs. (2.31) and (2.34); dots from the boundary-element "
-                "simulator (600 s of rest, then two cycles), in (a) the amplitude at which its "
-                "least force falls to zero, in (b) the work of the second cycle. The material is "
-                "the library's nbr, tuned on the thesis's plateaus alone; its one "
-                "term per decade shows as a ripple."
-            ),
-            difference=(
-                f"the simulated front lies at {ratio.min():.2f} to {ratio.max():.2f} times (2.34), "
-                "which keeps the contact width while the real one shrinks. The text after (2.34) "
-                "has the trend reversed: the critical amplitude falls as the frequency rises "
-                "(from near Delta_0 to Delta_0/beta, as the text itself says further on). "
-                "Levels differ from the printed map as far as the true DMA spectrum differs from "
-                "the library's."
-            ),
-        ),
+        "(a) Dimensionless work dissipated per cycle, eq. (2.31), over frequency and "
+        "amplitude at mean indentation 0.05 R; white: the indenter leaves the surface. (b) "
+        "The same at amplitude 0.005 R; dashed: beyond the front, where (2.31) extrapolates. "
+        f"R = 2 mm, period 8 mm, depth 18 mm, tau_0 = {CHARACTERISTIC_TIME:.3g} s; work over "
+        "E_relaxed times period times R times depth.",
         figure,
+        computed=(
+            "map and line from eqs. (2.31) and (2.34); dots from the boundary-element "
+            "simulator (600 s of rest, then two cycles), in (a) the amplitude at which its "
+            "least force falls to zero, in (b) the work of the second cycle. The material is "
+            "the library's nbr, tuned on the thesis's plateaus alone; its one "
+            "term per decade shows as a ripple."
+        ),
+        difference=(
+            f"the simulated front lies at {ratio.min():.2f} to {ratio.max():.2f} times (2.34), "
+            "which keeps the contact width while the real one shrinks. The text after (2.34) "
+            "has the trend reversed: the critical amplitude falls as the frequency rises "
+            "(from near Delta_0 to Delta_0/beta, as the text itself says further on). "
+            "Levels differ from the printed map as far as the true DMA spectrum differs from "
+            "the library's."
+        ),
     )
 
 
@@ -180,25 +178,23 @@ def tapping_cycle() -> Drawing:
         figure.legend(handles, words, loc="outside upper center", ncols=3)
     force, width = last["force"].values, last["contact_half_width"].values
     return Drawing(
-        Caption(
-            "Contact pressure and height of surface and indenter, upwards positive and from the "
-            "mean surface, at eight moments of the third cycle; mean indentation 0.25 R, "
-            "amplitude 0.15 R, 2 Hz.",
-            computed=(
-                "boundary-element simulation of a periodic row of circular tips on the library's "
-                "nbr, 512 strips per period, after a ramp of 1 mm/s and 600 s of rest. The force "
-                f"runs from {force.min():.2f} to {force.max():.1f} N, the contact half-width from "
-                f"{width.min() * 1e3:.3f} to {width.max() * 1e3:.3f} mm, so the indenter "
-                + ("leaves the surface. " if width.min() <= 0 else "just keeps contact. ")
-                + "The kinks of (b) to (d) sit at the edge of the contact that has relaxed."
-            ),
-            difference=(
-                "the printed caption gives the frequency as 'alpha = 3.12e-10'; that is f tau_0, "
-                "2 Hz. Whether the tip leaves the surface depends on the true DMA spectrum; with "
-                "the library's nbr the figure's amplitude lies at the edge of it."
-            ),
-        ),
+        "Contact pressure and height of surface and indenter, upwards positive and from the "
+        "mean surface, at eight moments of the third cycle; mean indentation 0.25 R, "
+        "amplitude 0.15 R, 2 Hz.",
         figure,
+        computed=(
+            "boundary-element simulation of a periodic row of circular tips on the library's "
+            "nbr, 512 strips per period, after a ramp of 1 mm/s and 600 s of rest. The force "
+            f"runs from {force.min():.2f} to {force.max():.1f} N, the contact half-width from "
+            f"{width.min() * 1e3:.3f} to {width.max() * 1e3:.3f} mm, so the indenter "
+            + ("leaves the surface. " if width.min() <= 0 else "just keeps contact. ")
+            + "The kinks of (b) to (d) sit at the edge of the contact that has relaxed."
+        ),
+        difference=(
+            "the printed caption gives the frequency as 'alpha = 3.12e-10'; that is f tau_0, "
+            "2 Hz. Whether the tip leaves the surface depends on the true DMA spectrum; with "
+            "the library's nbr the figure's amplitude lies at the edge of it."
+        ),
     )
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from labpipe import signals
 from labpipe.arrays import Floats
 from labpipe.report import line_arguments
-from pipelines.figures.drawing import Caption, Drawing, beyond, legend_above, letter, panels
+from pipelines.figures.drawing import Drawing, beyond, legend_above, letter, panels
 from pipelines.figures.films import around_peak
 from pipelines.figures.inputs import Inputs, is_heated, temperature_of
 
@@ -103,24 +103,22 @@ def phases(inputs: Inputs) -> Drawing:
     u_rest = float(impacts["u_static_radius"]) * 1e6
     bounced = f"bouncing until {edges[1]:.0f} ms"
     return Drawing(
-        Caption(
-            f"Displacement and contact radius of an acrylic sphere dropped from {height * 1e3:g} "
-            "mm, over time from first contact; shaded: the phases, found in the laser's record. "
-            "I, II, III: the impacts that are analysed.",
-            computed=(
-                f"phases: {bounced} (the last touch after which no flight is resolved), vibration "
-                f"until {_vibrating(edges[2], is_at_rest=is_at_rest)}. Band: Hertz radius under the "
-                f"weight, with the creep from an impact's duration to the film's end, {hertz[0]:.0f} to "
-                f"{hertz[1]:.0f} µm; the film at rest shows {rest:.1f} ± {u_rest:.1f} µm."
-            ),
-            difference="the thesis prints neither the times of the phases nor the radii."
-            + beyond("the laser's record until rest", f"{recorded:.0f} ms of it") * (not is_at_rest),
-            **inputs.data_note(
-                f"the laser recordings {drop} and the film {film}. A film of reduced size is "
-                "dense around the first three impacts and at rest only."
-            ),
-        ),
+        f"Displacement and contact radius of an acrylic sphere dropped from {height * 1e3:g} "
+        "mm, over time from first contact; shaded: the phases, found in the laser's record. "
+        "I, II, III: the impacts that are analysed.",
         figure,
+        computed=(
+            f"phases: {bounced} (the last touch after which no flight is resolved), vibration "
+            f"until {_vibrating(edges[2], is_at_rest=is_at_rest)}. Band: Hertz radius under the "
+            f"weight, with the creep from an impact's duration to the film's end, {hertz[0]:.0f} to "
+            f"{hertz[1]:.0f} µm; the film at rest shows {rest:.1f} ± {u_rest:.1f} µm."
+        ),
+        difference="the thesis prints neither the times of the phases nor the radii."
+        + beyond("the laser's record until rest", f"{recorded:.0f} ms of it") * (not is_at_rest),
+        **inputs.data_note(
+            f"the laser recordings {drop} and the film {film}. A film of reduced size is "
+            "dense around the first three impacts and at rest only."
+        ),
     )
 
 
@@ -159,17 +157,15 @@ def four_heights(inputs: Inputs) -> Drawing:
             unused.set_visible(False)
         legend_above(figure, [axes.flat[0], other])
     return Drawing(
-        Caption(
-            "Displacement by laser and contact radius by film of an acrylic sphere, over time from first contact.",
-            computed="each film is aligned with the laser's record at first contact only.",
-            difference="the thesis prints no numbers here."
-            + beyond("four heights", f"{len(pairs)}") * (len(pairs) < _MOST_HEIGHTS),
-            **inputs.data_note(
-                "mean of the laser recordings and the radius fitted to the interference fringes; "
-                "between the bursts around the impacts a film of reduced size has few frames."
-            ),
-        ),
+        "Displacement by laser and contact radius by film of an acrylic sphere, over time from first contact.",
         figure,
+        computed="each film is aligned with the laser's record at first contact only.",
+        difference="the thesis prints no numbers here."
+        + beyond("four heights", f"{len(pairs)}") * (len(pairs) < _MOST_HEIGHTS),
+        **inputs.data_note(
+            "mean of the laser recordings and the radius fitted to the interference fringes; "
+            "between the bursts around the impacts a film of reduced size has few frames."
+        ),
     )
 
 
@@ -201,21 +197,19 @@ def spots(inputs: Inputs) -> Drawing:
         axes[-1, 0].set_xlabel("x (µm)")
         legend_above(figure, axes[0, 0])
     return Drawing(
-        Caption(
-            "The contact of an acrylic sphere through the disc at the largest radius of the first "
-            "impacts and at rest, from "
-            f"{inputs.experiments[name].height.value * 1e3:g} mm; t_c is the time since first contact.",
-            computed=(
-                "orange: contact circle of the simulated drop, centred on the fit; light blue, "
-                f"dashed: circle fitted to the fringes. {'; '.join(notes)}."
-            ),
-            difference=(
-                "the printed caption gives 2.17 mm per pixel; 2.17 µm is meant. The radii are not printed."
-                + _whole_frames(share)
-            ),
-            **inputs.data_note(f"frames of the film {name}, {size:.3f} µm per pixel."),
-        ),
+        "The contact of an acrylic sphere through the disc at the largest radius of the first "
+        "impacts and at rest, from "
+        f"{inputs.experiments[name].height.value * 1e3:g} mm; t_c is the time since first contact.",
         figure,
+        computed=(
+            "orange: contact circle of the simulated drop, centred on the fit; light blue, "
+            f"dashed: circle fitted to the fringes. {'; '.join(notes)}."
+        ),
+        difference=(
+            "the printed caption gives 2.17 mm per pixel; 2.17 µm is meant. The radii are not printed."
+            + _whole_frames(share)
+        ),
+        **inputs.data_note(f"frames of the film {name}, {size:.3f} µm per pixel."),
     )
 
 
@@ -298,26 +292,24 @@ def heated(inputs: Inputs) -> Drawing:
         axes[0, _IMPACTS].set_ylabel("radius (µm)")
         legend_above(figure, axes[0, 0])
     return Drawing(
-        Caption(
-            "Contact radius of an acrylic sphere at room temperature and heated, dropped from "
-            f"{inputs.experiments[pair[0][0]].height.value * 1e3:g} mm: (a) to (c) the first three "
-            "impacts, over a common time: from the touch of each impact, with t_p = 0 where the contact at room "
-            "temperature is largest; (d) at rest (bars: 95 %; dashes and boxes: the "
-            "simulation at the end of the film, 95 %). Below: the frame nearest to the largest radius and one at rest, "
-            "with the circle fitted to the fringes.",
-            computed=(
-                "simulated drops; the heated one with the material shifted by its law. A film is laid on the "
-                "simulation of its own impact in time. " + _warming(inputs, pair) + " " + _later(inputs, pair)
-            ),
-            difference=(
-                "the thesis prints no radii; it says that the heated contact is larger in every "
-                f"impact and at rest, and forms earlier. Here {_where_larger(inputs, pair)}: what is softer also "
-                "bounces lower, and falls slower onto the next impact. A softer contact takes longer to its largest "
-                "radius; what comes earlier is the next impact." + _whole_frames(share)
-            ),
-            **inputs.data_note(f"the films {pair[0][0]} and {pair[1][0]}."),
-        ),
+        "Contact radius of an acrylic sphere at room temperature and heated, dropped from "
+        f"{inputs.experiments[pair[0][0]].height.value * 1e3:g} mm: (a) to (c) the first three "
+        "impacts, over a common time: from the touch of each impact, with t_p = 0 where the contact at room "
+        "temperature is largest; (d) at rest (bars: 95 %; dashes and boxes: the "
+        "simulation at the end of the film, 95 %). Below: the frame nearest to the largest radius and one at rest, "
+        "with the circle fitted to the fringes.",
         figure,
+        computed=(
+            "simulated drops; the heated one with the material shifted by its law. A film is laid on the "
+            "simulation of its own impact in time. " + _warming(inputs, pair) + " " + _later(inputs, pair)
+        ),
+        difference=(
+            "the thesis prints no radii; it says that the heated contact is larger in every "
+            f"impact and at rest, and forms earlier. Here {_where_larger(inputs, pair)}: what is softer also "
+            "bounces lower, and falls slower onto the next impact. A softer contact takes longer to its largest "
+            "radius; what comes earlier is the next impact." + _whole_frames(share)
+        ),
+        **inputs.data_note(f"the films {pair[0][0]} and {pair[1][0]}."),
     )
 
 

@@ -22,26 +22,31 @@ DOUBLE_COLUMN_LINE = 100
 
 
 @dataclass(frozen=True, slots=True)
-class Caption:
-    """What a reader must know about a figure.
+class Drawing:
+    """A drawn figure, or a table as text, with what a reader must know about it.
 
     Attributes
     ----------
     shows : str
         What is drawn.
+    figure : Figure or None
     measured, synthetic, computed : str
         Which curves come from where; empty is "nothing".
     difference : str
         Ours against what the thesis prints of this figure.
+    table : str
+        Instead of a figure.
     """
 
     shows: str
+    figure: Figure | None = None
     measured: str = ""
     synthetic: str = ""
     computed: str = ""
     difference: str = ""
+    table: str = ""
 
-    def text(self, figure_id: str, title: str) -> str:
+    def caption(self, figure_id: str, title: str) -> str:
         """Return the caption file's content."""
         from textwrap import fill
 
@@ -54,15 +59,6 @@ class Caption:
         paragraphs = [f"{figure_id}  {title}", self.shows]
         paragraphs += [f"{name}: {text or 'nothing.'}" for name, text in rows]
         return "\n\n".join(fill(p, DOUBLE_COLUMN_LINE) for p in paragraphs) + "\n"
-
-
-@dataclass(frozen=True, slots=True)
-class Drawing:
-    """A drawn figure, or a table as text, with its caption."""
-
-    caption: Caption
-    figure: Figure | None = None
-    table: str = ""
 
 
 @contextmanager

@@ -7,7 +7,7 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.report import kept_samples, line_arguments
-from pipelines.figures.drawing import Caption, Drawing, beyond, legend_above, letter, panels
+from pipelines.figures.drawing import Drawing, beyond, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs
 
 _COVERAGE = 2.0
@@ -65,23 +65,21 @@ def heights(inputs: Inputs, sphere: str) -> Drawing:
         legend_above(figure, axes[0, 0])
     number = int(results["repeats"].sizes["repeat"])
     return Drawing(
-        Caption(
-            f"Displacement of {sphere} sphere after drops from {len(chosen)} "
-            f"{'heights' if len(chosen) > 1 else 'height'}, from {_BEFORE:g} ms before first contact to "
-            f"{_ends(inputs, chosen)} "
-            "(left); green: the penetration, magnified in all impacts (middle) and in the first (right).",
-            computed=(
-                "lines: drop simulation with the material that the session names. Agreement with "
-                f"the mean of the repeats: {'; '.join(notes)}."
-            ),
-            difference="the printed figures give no number for the agreement." + _larger_sample(len(chosen), number),
-            **inputs.data_note(
-                f"bands: {number} laser recordings per height, their mean plus and minus two "
-                f"standard deviations over the repeats ({'; '.join(_widths(inputs, chosen))}; the left "
-                "panels hold them within the line's width until the bounces run apart)."
-            ),
-        ),
+        f"Displacement of {sphere} sphere after drops from {len(chosen)} "
+        f"{'heights' if len(chosen) > 1 else 'height'}, from {_BEFORE:g} ms before first contact to "
+        f"{_ends(inputs, chosen)} "
+        "(left); green: the penetration, magnified in all impacts (middle) and in the first (right).",
         figure,
+        computed=(
+            "lines: drop simulation with the material that the session names. Agreement with "
+            f"the mean of the repeats: {'; '.join(notes)}."
+        ),
+        difference="the printed figures give no number for the agreement." + _larger_sample(len(chosen), number),
+        **inputs.data_note(
+            f"bands: {number} laser recordings per height, their mean plus and minus two "
+            f"standard deviations over the repeats ({'; '.join(_widths(inputs, chosen))}; the left "
+            "panels hold them within the line's width until the bounces run apart)."
+        ),
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.report import line_arguments
-from pipelines.figures.drawing import Caption, Drawing, beyond, legend_above, letter, panels
+from pipelines.figures.drawing import Drawing, beyond, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs, referred
 
 _IMPACTS = 3
@@ -45,28 +45,26 @@ def laser_and_film(inputs: Inputs) -> Drawing:
             place.set(xlabel="recording time $t$ (ms)", xlim=(t.min(), t.max()))
         legend_above(figure, first)
     return Drawing(
-        Caption(
-            "(a) Displacement of the holder by digital image correlation of a film and by laser, over the "
-            "recording time of the film, on which the laser's record is laid at first contact (dotted); "
-            "(b) velocity by a smoothing spline.",
-            computed=(
-                f"film minus laser: mean {float(made['bias']) * 1e6:+.1f} ± "
-                f"{float(made['u_bias']) * 1e6:.1f} µm, 95 % limits of agreement "
-                f"{float(made['limit_low']) * 1e6:+.1f} to {float(made['limit_high']) * 1e6:+.1f} "
-                f"µm; lag {float(made['lag']) * 1e6:+.0f} µs; nRMSE "
-                f"{100 * float(made['nrmse']):.2f} %."
-            ),
-            difference=(
-                "the thesis gives no number for the agreement. First contact is printed as about 0.04 s for "
-                f"7 mm (37.8 ms of free fall); here it comes at {touch * 1e3:.2f} ms of a recording that begins "
-                f"before the release, from {drops.height.value * 1e3:g} mm. The text counts displacement from the "
-                "release, -7 mm at first contact; here it is 0 there."
-                + beyond("the motion until rest", f"{t.max():.0f} ms of film")
-                * (float(t.max()) < _TO_REST)
-            ),
-            **inputs.data_note(f"the film {name} and the laser recordings {drop}."),
-        ),
+        "(a) Displacement of the holder by digital image correlation of a film and by laser, over the "
+        "recording time of the film, on which the laser's record is laid at first contact (dotted); "
+        "(b) velocity by a smoothing spline.",
         figure,
+        computed=(
+            f"film minus laser: mean {float(made['bias']) * 1e6:+.1f} ± "
+            f"{float(made['u_bias']) * 1e6:.1f} µm, 95 % limits of agreement "
+            f"{float(made['limit_low']) * 1e6:+.1f} to {float(made['limit_high']) * 1e6:+.1f} "
+            f"µm; lag {float(made['lag']) * 1e6:+.0f} µs; nRMSE "
+            f"{100 * float(made['nrmse']):.2f} %."
+        ),
+        difference=(
+            "the thesis gives no number for the agreement. First contact is printed as about 0.04 s for "
+            f"7 mm (37.8 ms of free fall); here it comes at {touch * 1e3:.2f} ms of a recording that begins "
+            f"before the release, from {drops.height.value * 1e3:g} mm. The text counts displacement from the "
+            "release, -7 mm at first contact; here it is 0 there."
+            + beyond("the motion until rest", f"{t.max():.0f} ms of film")
+            * (float(t.max()) < _TO_REST)
+        ),
+        **inputs.data_note(f"the film {name} and the laser recordings {drop}."),
     )
 
 
@@ -96,14 +94,12 @@ def contact_radius(inputs: Inputs) -> Drawing:
             place.set_ylabel("contact radius (µm)")
         legend_above(figure, axes[0, 0])
     return Drawing(
-        Caption(
-            "Contact radius of the first impacts (I, II, III) at each drop height, t_p = 0 at the largest radius.",
-            computed=f"simulated drops; largest radius, film minus model: {'; '.join(notes)}.",
-            difference="the thesis gives no number for the agreement."
-            + beyond("four heights", f"{len(chosen)}") * (len(chosen) < _MOST_HEIGHTS),
-            **inputs.data_note("contact radius from the interference fringes of films."),
-        ),
+        "Contact radius of the first impacts (I, II, III) at each drop height, t_p = 0 at the largest radius.",
         figure,
+        computed=f"simulated drops; largest radius, film minus model: {'; '.join(notes)}.",
+        difference="the thesis gives no number for the agreement."
+        + beyond("four heights", f"{len(chosen)}") * (len(chosen) < _MOST_HEIGHTS),
+        **inputs.data_note("contact radius from the interference fringes of films."),
     )
 
 

@@ -358,5 +358,5 @@ def _write(shelf: Shelf, figure: Figure, drawing: "Drawing") -> dict[str, str]:
         paths.append(shelf.folder / f"{figure.id}.csv")
         files.write_text(paths[-1], drawing.table)
     paths.append(shelf.folder / f"{figure.id}.txt")
-    files.write_text(paths[-1], drawing.caption.text(figure.id, figure.title))
+    files.write_text(paths[-1], drawing.caption(figure.id, figure.title))
     return {path.name: files.digest(path) for path in paths}

@@ -13,7 +13,7 @@ from labpipe.materials import Prony
 from labpipe.report import line_arguments
 from pipelines.experiments.shared import mach1_readings
 from pipelines.figures.chapter2 import CHARACTERISTIC_TIME
-from pipelines.figures.drawing import Caption, Drawing, beyond, legend_above, letter, panels
+from pipelines.figures.drawing import Drawing, beyond, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs
 
 _SHOWN_CYCLES = 3
@@ -61,20 +61,17 @@ def loops(inputs: Inputs) -> Drawing:
         legend_above(figure, below)
     error = parts["comparison"]["nrmse"].values
     return Drawing(
-        Caption(
-            f"(a) Indentation (above) and dimensionless force over time at {frequency:.2g} Hz, the "
-            "transient cycles left out. (b) Mean loop of force over indentation at each "
-            f"frequency, f tau_0, recorded (lines) and simulated (points). {drawn}",
-            computed=(
-                "simulation with the recorded displacement as input; in (a) the load cell's filter is "
-                f"applied to its force. nRMSE {100 * np.nanmin(error):.2f} to "
-                f"{100 * np.nanmax(error):.2f} % over {error.size} frequencies."
-            ),
-            difference="f tau_0 = 0.78e-10 is 0.5 Hz; no number is printed for the agreement."
-            + _frequencies(error.size),
-            **inputs.data_note("force and displacement of the Mach-1 tester, force tared."),
-        ),
+        f"(a) Indentation (above) and dimensionless force over time at {frequency:.2g} Hz, the "
+        "transient cycles left out. (b) Mean loop of force over indentation at each "
+        f"frequency, f tau_0, recorded (lines) and simulated (points). {drawn}",
         figure,
+        computed=(
+            "simulation with the recorded displacement as input; in (a) the load cell's filter is "
+            f"applied to its force. nRMSE {100 * np.nanmin(error):.2f} to "
+            f"{100 * np.nanmax(error):.2f} % over {error.size} frequencies."
+        ),
+        difference="f tau_0 = 0.78e-10 is 0.5 Hz; no number is printed for the agreement." + _frequencies(error.size),
+        **inputs.data_note("force and displacement of the Mach-1 tester, force tared."),
     )
 
 
@@ -259,22 +256,20 @@ def dissipated_work(inputs: Inputs) -> Drawing:
     at = contact.dissipated_work(solid, frequency, table["amplitude"].values, abs(mean), radius, period, depth)
     theory_gap = at / table["work_per_cycle"].values - 1
     return Drawing(
-        Caption(
-            "Work dissipated in a cycle over frequency, with two standard uncertainties; "
-            "dimensionless as eq. (2.40) per depth.",
-            computed=(
-                "simulation with the recorded displacement (points) and, between the frequencies, with a sine "
-                "after a hold of 600 s; eq. (2.31) with the fitted "
-                f"amplitudes at mean indentation {abs(mean) * 1e6:.1f} µm. Simulated over "
-                f"{inputs.origin}: {100 * gap.min():+.1f} to {100 * gap.max():+.1f} %; eq. (2.31) "
-                f"over {inputs.origin}: {100 * theory_gap.min():+.1f} to "
-                f"{100 * theory_gap.max():+.1f} %."
-            ),
-            difference=(
-                "the printed legend says the simulation is 'based on Eq. 2.31'; it is not, the two are independent."
-                + _frequencies(frequency.size)
-            ),
-            **inputs.data_note(f"work of the mean loops at {frequency.size} frequencies."),
-        ),
+        "Work dissipated in a cycle over frequency, with two standard uncertainties; "
+        "dimensionless as eq. (2.40) per depth.",
         figure,
+        computed=(
+            "simulation with the recorded displacement (points) and, between the frequencies, with a sine "
+            "after a hold of 600 s; eq. (2.31) with the fitted "
+            f"amplitudes at mean indentation {abs(mean) * 1e6:.1f} µm. Simulated over "
+            f"{inputs.origin}: {100 * gap.min():+.1f} to {100 * gap.max():+.1f} %; eq. (2.31) "
+            f"over {inputs.origin}: {100 * theory_gap.min():+.1f} to "
+            f"{100 * theory_gap.max():+.1f} %."
+        ),
+        difference=(
+            "the printed legend says the simulation is 'based on Eq. 2.31'; it is not, the two are independent."
+            + _frequencies(frequency.size)
+        ),
+        **inputs.data_note(f"work of the mean loops at {frequency.size} frequencies."),
     )

@@ -13,7 +13,7 @@ from labpipe.contact.sphere import hertz
 from labpipe.report import line_arguments
 from pipelines.figures.chapter2 import DEPTH, PERIOD, TIP_RADIUS
 from pipelines.figures.chapter3 import GRAVITY, SPHERE_RADIUS
-from pipelines.figures.drawing import Caption, Drawing, beyond, legend_above, letter, panels
+from pipelines.figures.drawing import Drawing, beyond, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs
 
 _PRINTED = ((0.1e-3, 23.1, 12.2), (0.2e-3, 44.7, 31.0), (0.3e-3, 80.6, 55.5))
@@ -72,14 +72,12 @@ def _recorded_relaxation(inputs: Inputs) -> Drawing:
         axes[0, 0].set_ylabel("force (N)")
         legend_above(figure, [axes[0, 0], others[0]])
     return Drawing(
-        Caption(
-            "Force while the punch is pressed in at 1 mm/s and held, at three depths; right axis: "
-            "indentation from the recorded position.",
-            computed=("boundary-element simulation with the measured displacement, after the load cell's filter."),
-            difference=f"{'; '.join(notes)}.{_held(float(since[inside][-1]))}",
-            **inputs.data_note(f"the Mach-1 recordings of {name}, thinned to equal steps of log time."),
-        ),
+        "Force while the punch is pressed in at 1 mm/s and held, at three depths; right axis: "
+        "indentation from the recorded position.",
         figure,
+        computed=("boundary-element simulation with the measured displacement, after the load cell's filter."),
+        difference=f"{'; '.join(notes)}.{_held(float(since[inside][-1]))}",
+        **inputs.data_note(f"the Mach-1 recordings of {name}, thinned to equal steps of log time."),
     )
 
 
@@ -128,19 +126,17 @@ def _computed_relaxation() -> Drawing:
         axes[0, 0].set_ylabel("force (N)")
         legend_above(figure, [axes[0, 0], others[0]])
     return Drawing(
-        Caption(
-            "Force while the punch is pressed in at 1 mm/s and held for 600 s, at three depths; "
-            "right axis: imposed indentation. Points: the peak and the plateau that the thesis "
-            "prints.",
-            measured="the six printed forces.",
-            computed=(
-                "boundary-element simulation, circular tips, the library's nbr; it was tuned on "
-                "these plateaus and peak ratios, so this is a check of the geometry, not of the "
-                "material."
-            ),
-            difference="; ".join(notes) + ".",
-        ),
+        "Force while the punch is pressed in at 1 mm/s and held for 600 s, at three depths; "
+        "right axis: imposed indentation. Points: the peak and the plateau that the thesis "
+        "prints.",
         figure,
+        measured="the six printed forces.",
+        computed=(
+            "boundary-element simulation, circular tips, the library's nbr; it was tuned on "
+            "these plateaus and peak ratios, so this is a check of the geometry, not of the "
+            "material."
+        ),
+        difference="; ".join(notes) + ".",
     )
 
 
@@ -221,26 +217,24 @@ def _recorded_loading(inputs: Inputs) -> Drawing:
         )
     ]
     return Drawing(
-        Caption(
-            "(a) Contact radius of a PTFE sphere on a rigid flat while masses are added (vertical lines), from the "
-            f"approach by a = sqrt(R delta): readings, their moving mean over {_SMOOTHED} readings within a load, and "
-            "the mean of every load (horizontal); (b) Hertz contact circles to scale; (c) creep under the last load, "
-            "the simulation until 10^4 s.",
-            computed=(
-                f"quasi-static viscoelastic contact, and Hertz with the {model.attrs['reference']}. Radius at "
-                f"the end of each load: {'; '.join(found)}. nRMSE of the model "
-                f"{100 * float(made['nrmse_contact_radius_model']):.2f} %, of Hertz "
-                f"{100 * float(made['nrmse_contact_radius_hertz']):.2f} %. Means over the loads: "
-                f"{', '.join(f'{m:.1f}' for m in means)} µm. Between 10 s and 10^4 s under the last load the "
-                f"simulated radius grows from {grown[0]:.1f} to {grown[1]:.1f} µm, towards Hertz's {radii[-1]:.1f} µm."
-            ),
-            difference=(
-                "the thesis prints the loads and times, not the radii. The first load is held 3 "
-                "min by section 3.1 and 2.55 min by 3.3.4 (as minutes and seconds, 2 min 55 s)."
-            ),
-            **inputs.data_note(f"the laser's approach of {name}, a reading every few seconds."),
-        ),
+        "(a) Contact radius of a PTFE sphere on a rigid flat while masses are added (vertical lines), from the "
+        f"approach by a = sqrt(R delta): readings, their moving mean over {_SMOOTHED} readings within a load, and "
+        "the mean of every load (horizontal); (b) Hertz contact circles to scale; (c) creep under the last load, "
+        "the simulation until 10^4 s.",
         figure,
+        computed=(
+            f"quasi-static viscoelastic contact, and Hertz with the {model.attrs['reference']}. Radius at "
+            f"the end of each load: {'; '.join(found)}. nRMSE of the model "
+            f"{100 * float(made['nrmse_contact_radius_model']):.2f} %, of Hertz "
+            f"{100 * float(made['nrmse_contact_radius_hertz']):.2f} %. Means over the loads: "
+            f"{', '.join(f'{m:.1f}' for m in means)} µm. Between 10 s and 10^4 s under the last load the "
+            f"simulated radius grows from {grown[0]:.1f} to {grown[1]:.1f} µm, towards Hertz's {radii[-1]:.1f} µm."
+        ),
+        difference=(
+            "the thesis prints the loads and times, not the radii. The first load is held 3 "
+            "min by section 3.1 and 2.55 min by 3.3.4 (as minutes and seconds, 2 min 55 s)."
+        ),
+        **inputs.data_note(f"the laser's approach of {name}, a reading every few seconds."),
     )
 
 
@@ -302,20 +296,18 @@ def _computed_loading() -> Drawing:
         legend_above(figure, axes)
     steps = [f"{m:g} kg: {1e6 * h:.0f} and {1e6 * o:.0f} µm" for m, h, o in zip(_LOADS, radii, ours, strict=True)]
     return Drawing(
-        Caption(
-            "(a) Contact radius of a PTFE sphere, R = 9.525 mm, on a rigid flat while masses are "
-            "added at 2.55, 18.20, 33.10 and 47.55 min; (b) Hertz contact circles to scale.",
-            computed=(
-                "quasi-static viscoelastic contact with the library's ptfe, and Hertz with its "
-                f"relaxed modulus {solid.E_relaxed / 1e6:.0f} MPa; radius by Hertz and at the end "
-                f"of each step: {'; '.join(steps)}."
-            ),
-            difference=(
-                "the thesis prints the loads and times, not the radii. The first load is held 3 "
-                "min by section 3.1 and 2.55 min by 3.3.4 (as minutes and seconds, 2 min 55 s)."
-            ),
-        ),
+        "(a) Contact radius of a PTFE sphere, R = 9.525 mm, on a rigid flat while masses are "
+        "added at 2.55, 18.20, 33.10 and 47.55 min; (b) Hertz contact circles to scale.",
         figure,
+        computed=(
+            "quasi-static viscoelastic contact with the library's ptfe, and Hertz with its "
+            f"relaxed modulus {solid.E_relaxed / 1e6:.0f} MPa; radius by Hertz and at the end "
+            f"of each step: {'; '.join(steps)}."
+        ),
+        difference=(
+            "the thesis prints the loads and times, not the radii. The first load is held 3 "
+            "min by section 3.1 and 2.55 min by 3.3.4 (as minutes and seconds, 2 min 55 s)."
+        ),
     )
 
 

@@ -3,9 +3,10 @@
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from labpipe.report import line_arguments
-from pipelines.figures.drawing import Caption, Drawing, panels
+from pipelines.figures.drawing import Drawing, panels
 
 _LINE: dict[str, Any] = {"color": "black", "linewidth": 1.1, "linestyle": "-"}
 
@@ -52,7 +53,7 @@ def maxwell_element() -> Drawing:
     with panels(aspect=0.26) as (figure, grid):
         _branch(grid[0, 0], 0.0, "")
         _frame(grid[0, 0], [0.0])
-    return Drawing(_words("Maxwell element: spring E and dashpot mu in series, tau = mu/E."), figure)
+    return _drawn("Maxwell element: spring E and dashpot mu in series, tau = mu/E.", figure)
 
 
 def standard_linear_solid() -> Drawing:
@@ -62,7 +63,7 @@ def standard_linear_solid() -> Drawing:
         _equilibrium(axes, 1.1)
         _branch(axes, 0.0, "_1")
         _frame(axes, [0.0, 1.1])
-    return Drawing(_words("Standard linear solid: spring E_0 in parallel with a Maxwell element E_1, mu_1."), figure)
+    return _drawn("Standard linear solid: spring E_0 in parallel with a Maxwell element E_1, mu_1.", figure)
 
 
 def generalised_maxwell() -> Drawing:
@@ -74,10 +75,8 @@ def generalised_maxwell() -> Drawing:
             _branch(axes, y, suffix)
         axes.text(2.0, 1.2, "$\\vdots$", ha="center", va="center", fontsize=12)
         _frame(axes, [0.0, 4.4])
-    return Drawing(
-        _words(
-            "Generalised Maxwell (Wiechert) model: spring E_0 and n Maxwell elements side by side, tau_j = mu_j/E_j."
-        ),
+    return _drawn(
+        "Generalised Maxwell (Wiechert) model: spring E_0 and n Maxwell elements side by side, tau_j = mu_j/E_j.",
         figure,
     )
 
@@ -89,10 +88,9 @@ def _equilibrium(axes: Any, y: float) -> None:
     axes.plot([3.0, 4.0], [y, y], **_LINE)
 
 
-def _words(shows: str) -> Caption:
-    return Caption(
-        shows, computed="a drawing; nothing is computed.", difference="none; the symbols are those of the text."
-    )
+def _drawn(shows: str, figure: Figure) -> Drawing:
+    words = {"computed": "a drawing; nothing is computed.", "difference": "none; the symbols are those of the text."}
+    return Drawing(shows, figure, **words)
 
 
 def ringing_plate() -> Drawing:
@@ -111,11 +109,9 @@ def ringing_plate() -> Drawing:
         handles, labels = axes.get_legend_handles_labels()
         axes.legend(handles[:2], labels[:2], loc="upper right")
     return Drawing(
-        Caption(
-            "Motion of a plate after an impact over its first amplitude, qualitatively: a decaying oscillation about "
-            "its position at rest, with its envelope.",
-            computed="a damped oscillator with a damping ratio of 0.05, an illustrative value.",
-            difference="the printed figure is a sketch without numbers.",
-        ),
+        "Motion of a plate after an impact over its first amplitude, qualitatively: a decaying oscillation about "
+        "its position at rest, with its envelope.",
         figure,
+        computed="a damped oscillator with a damping ratio of 0.05, an illustrative value.",
+        difference="the printed figure is a sketch without numbers.",
     )

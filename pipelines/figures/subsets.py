@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from matplotlib import colormaps
 
-from pipelines.figures.drawing import Caption, Drawing, letter, panels
+from pipelines.figures.drawing import Drawing, letter, panels
 from pipelines.figures.inputs import Inputs
 
 _PRINTED_TIMES = (0.0, 0.074, 0.085, 0.106, 0.126, 0.138, 0.149, 0.155, 0.161, 0.300)
@@ -93,19 +93,15 @@ def falling_line(inputs: Inputs) -> Drawing:
         letter(place, "b")
     turned = float(np.nanmax(np.abs(motion["rotation"].values))) * 1e3
     return Drawing(
-        Caption(
-            "(a) Reference frame of the holder of a PTFE sphere with the line of subsets that are "
-            f"followed; (b) the line at chosen times, {told}.",
-            computed=(
-                f"image correlation; {size * 1e3:.2f} µm per pixel. The holder turns by at most {turned:.2f} mrad."
-            ),
-            difference=(
-                "the printed line 'progressively deforms upon impact'; the holder is far too "
-                "stiff for that at these scales: the line moves as a rigid body."
-            ),
-            **inputs.data_note(f"the film {name}, {len(time)} frames were tracked."),
-        ),
+        "(a) Reference frame of the holder of a PTFE sphere with the line of subsets that are "
+        f"followed; (b) the line at chosen times, {told}.",
         figure,
+        computed=(f"image correlation; {size * 1e3:.2f} µm per pixel. The holder turns by at most {turned:.2f} mrad."),
+        difference=(
+            "the printed line 'progressively deforms upon impact'; the holder is far too "
+            "stiff for that at these scales: the line moves as a rigid body."
+        ),
+        **inputs.data_note(f"the film {name}, {len(time)} frames were tracked."),
     )
 
 
@@ -117,12 +113,10 @@ def reference_frame(inputs: Inputs) -> Drawing:
         _reference(axes[0, 0], keys, track, squares=True)
     small, body = int(track["subset"].values[-1]), int(track["subset"].values[0])
     return Drawing(
-        Caption(
-            "Reference frame with the line (blue), its subsets (yellow) and the large subset by "
-            "which the body's motion is measured (orange).",
-            computed=(f"{track.sizes['point'] - 1} subsets of {small} px on the line; one of {body} px on the body."),
-            difference="the thesis prints neither the number nor the size of its subsets here.",
-            **inputs.data_note(f"the first frame of the film {name}."),
-        ),
+        "Reference frame with the line (blue), its subsets (yellow) and the large subset by "
+        "which the body's motion is measured (orange).",
         figure,
+        computed=(f"{track.sizes['point'] - 1} subsets of {small} px on the line; one of {body} px on the body."),
+        difference="the thesis prints neither the number nor the size of its subsets here.",
+        **inputs.data_note(f"the first frame of the film {name}."),
     )

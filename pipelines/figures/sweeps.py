@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.report import line_arguments
-from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, panels
+from pipelines.figures.drawing import Drawing, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs
 
 _COVERAGE = 2.0
@@ -77,22 +77,20 @@ def master_curve(inputs: Inputs, printed_T_ref: float, note: str = "", *, with_s
         "printed curves are of other specimens, so levels cannot be compared"
     )
     return Drawing(
-        Caption(
-            f"(a) Storage and loss modulus{'' if with_spectrum else ' (right axis)'} in "
-            f"{'shear' if is_shear else 'tension'}, shifted to the reference temperature "
-            f"{reference:g} degC, with the fitted generalised Maxwell model; (b) horizontal shift "
-            "factors with two standard uncertainties, dotted: the reference temperature"
-            + ("; (c) creep compliances over retardation times." if with_spectrum else "."),
-            computed=(
-                "shifts and spectrum from one joint fit to both moduli; residuals "
-                f"{residual[0]:.2f} % (storage) and {residual[1]:.2f} % (loss) rms over "
-                f"{made.sizes['temperature']} isotherms; Kramers-Kronig: {verdict}. Band: two "
-                "standard uncertainties."
-            ),
-            difference=difference + (f"; {note}." if note else "."),
-            **inputs.data_note(f"isothermal frequency sweeps of {name}."),
-        ),
+        f"(a) Storage and loss modulus{'' if with_spectrum else ' (right axis)'} in "
+        f"{'shear' if is_shear else 'tension'}, shifted to the reference temperature "
+        f"{reference:g} degC, with the fitted generalised Maxwell model; (b) horizontal shift "
+        "factors with two standard uncertainties, dotted: the reference temperature"
+        + ("; (c) creep compliances over retardation times." if with_spectrum else "."),
         figure,
+        computed=(
+            "shifts and spectrum from one joint fit to both moduli; residuals "
+            f"{residual[0]:.2f} % (storage) and {residual[1]:.2f} % (loss) rms over "
+            f"{made.sizes['temperature']} isotherms; Kramers-Kronig: {verdict}. Band: two "
+            "standard uncertainties."
+        ),
+        difference=difference + (f"; {note}." if note else "."),
+        **inputs.data_note(f"isothermal frequency sweeps of {name}."),
     )
 
 

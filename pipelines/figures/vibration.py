@@ -6,7 +6,7 @@ import numpy as np
 
 from labpipe.report import line_arguments, value_with_uncertainty
 from pipelines.figures import apparatus
-from pipelines.figures.drawing import Caption, Drawing, beyond, legend_above, letter, panels, spelled
+from pipelines.figures.drawing import Drawing, beyond, legend_above, letter, panels, spelled
 from pipelines.figures.inputs import Inputs
 
 _MOST_HEIGHTS = 4
@@ -43,25 +43,23 @@ def plate_vibration(inputs: Inputs | None) -> Drawing:
     worst = 100 * float(made["nrmse"].max())
     chance = float(table["probability_natural_frequency"])
     return Drawing(
-        Caption(
-            "Displacement of the plate beside the disc after the first contact of spheres of "
-            f"{', '.join(map(spelled, kinds))}, mean of the repeats; bars before the blow: amplitudes at impact, in "
-            "this order.",
-            computed=(
-                f"free vibration between the first two contacts: natural frequency "
-                f"{_shown(plate, 'frequency', 'Hz')}, damping ratio "
-                f"{_shown(plate, 'damping_ratio', '1')}, modal mass {_shown(plate, 'mass', 'kg')}; "
-                f"amplitudes at impact in µm: {_amplitudes(table, kinds)}. Measured minus "
-                f"simulated drop on that plate: nRMSE at most {worst:.1f} %."
-            ),
-            difference=(
-                f"the thesis prints no numbers; it says that the frequency is the same for all "
-                f"materials and heights (here: probability {chance:.2f} of so large a difference "
-                "by chance) and that the amplitude grows with the height." + _fewer(len(heights), len(kinds))
-            ),
-            **inputs.data_note(f"{int(table['n'].sum())} recordings of the laser on the plate ({name})."),
-        ),
+        "Displacement of the plate beside the disc after the first contact of spheres of "
+        f"{', '.join(map(spelled, kinds))}, mean of the repeats; bars before the blow: amplitudes at impact, in "
+        "this order.",
         figure,
+        computed=(
+            f"free vibration between the first two contacts: natural frequency "
+            f"{_shown(plate, 'frequency', 'Hz')}, damping ratio "
+            f"{_shown(plate, 'damping_ratio', '1')}, modal mass {_shown(plate, 'mass', 'kg')}; "
+            f"amplitudes at impact in µm: {_amplitudes(table, kinds)}. Measured minus "
+            f"simulated drop on that plate: nRMSE at most {worst:.1f} %."
+        ),
+        difference=(
+            f"the thesis prints no numbers; it says that the frequency is the same for all "
+            f"materials and heights (here: probability {chance:.2f} of so large a difference "
+            "by chance) and that the amplitude grows with the height." + _fewer(len(heights), len(kinds))
+        ),
+        **inputs.data_note(f"{int(table['n'].sum())} recordings of the laser on the plate ({name})."),
     )
 
 

@@ -11,8 +11,7 @@ from typing import Any
 
 import instruments
 from labpipe.errors import InputError
-from labpipe.files import safe_join
-from labpipe.names import printable
+from labpipe.names import printable, safe_join
 from labpipe.workflow.session import FILE_NAME
 from pipelines.session._proposal import PICTURE, copied_from, recognise, wholes, why_unknown
 

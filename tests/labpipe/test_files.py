@@ -21,6 +21,7 @@ from hypothesis import strategies as st
 
 from labpipe import files
 from labpipe.errors import InputError, SourceError, StorageError, StoreError
+from labpipe.names import safe_join
 from labpipe.stamps import HashIndex
 from tests.by_day import by_day
 
@@ -353,7 +354,7 @@ REFUSED = {
 @pytest.mark.parametrize(("name", "why"), REFUSED.items(), ids=[ascii(k)[:20] for k in REFUSED])
 def test_a_name_that_could_leave_or_mislead_is_refused(tmp_path: Path, name: str, why: str) -> None:
     with pytest.raises(InputError, match=why) as caught:
-        files.safe_join(tmp_path, name)
+        safe_join(tmp_path, name)
     assert all(c.isprintable() for c in str(caught.value))
 
 
@@ -382,7 +383,7 @@ def test_a_name_that_could_leave_or_mislead_is_refused(tmp_path: Path, name: str
     ],
 )
 def test_an_ordinary_name_is_joined(tmp_path: Path, name: str) -> None:
-    joined = files.safe_join(tmp_path, name)
+    joined = safe_join(tmp_path, name)
     assert joined == (tmp_path / name).resolve()
     assert joined.is_relative_to(tmp_path.resolve())
 
@@ -397,16 +398,16 @@ def test_links_may_lead_inside_but_not_out_nor_in_circles(tmp_path: Path) -> Non
     (root / "folder").symlink_to(tmp_path)
     (root / "loop").symlink_to(root / "loop")
     (root / "gone").symlink_to(root / "nothing")
-    assert files.safe_join(root, "inside").read_text() == "a"
+    assert safe_join(root, "inside").read_text() == "a"
     for name in ("outside", "folder/secret", "loop", "loop/x", "gone"):
         with pytest.raises(InputError, match="symbolic link"):
-            files.safe_join(root, name)
+            safe_join(root, name)
 
 
 def test_a_root_that_is_itself_a_link_is_a_root(tmp_path: Path) -> None:
     (tmp_path / "real").mkdir()
     (tmp_path / "link").symlink_to(tmp_path / "real")
-    assert files.safe_join(tmp_path / "link", "a") == (tmp_path / "real" / "a").resolve()
+    assert safe_join(tmp_path / "link", "a") == (tmp_path / "real" / "a").resolve()
 
 
 NAMES = st.text(max_size=30) | st.from_regex(r"[./\\a~: ]{1,12}", fullmatch=True)
@@ -414,7 +415,7 @@ NAMES = st.text(max_size=30) | st.from_regex(r"[./\\a~: ]{1,12}", fullmatch=True
 
 def check_inside(root: Path, name: str) -> None:
     try:
-        joined = files.safe_join(root, name)
+        joined = safe_join(root, name)
     except InputError:
         return
     assert joined.is_relative_to(root.resolve())

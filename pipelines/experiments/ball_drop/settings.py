@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from labpipe.workflow.config import POSITIVE, ExperimentName, File, Length, Time
+from labpipe.workflow.fields import POSITIVE, ExperimentName, File, Length, Time
 from pipelines.experiments.shared.settings import DropModel, Keyence, Plate, Sensor, Sphere, Table, refuse_two_plates
 
 

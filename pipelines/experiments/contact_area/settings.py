@@ -3,7 +3,7 @@
 from datetime import date
 from typing import Annotated, Literal
 
-from labpipe.workflow.config import POSITIVE, Adhesion, ExperimentName, File, Frequency, Length, Range, Time
+from labpipe.workflow.fields import POSITIVE, Adhesion, ExperimentName, File, Frequency, Length, Range, Time
 from pipelines.experiments.shared.settings import DropModel, Plate, Sphere, Table, refuse_two_plates
 
 Pixel = Annotated[float, Range(at_least=0, at_most=1e5)]

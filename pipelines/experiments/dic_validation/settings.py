@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from labpipe.workflow.config import POSITIVE, ExperimentName, File, Frequency, Length, Range
+from labpipe.workflow.fields import POSITIVE, ExperimentName, File, Frequency, Length, Range
 from pipelines.experiments.shared.settings import Table
 
 Pixel = Annotated[float, Range(at_least=-1e5, at_most=1e5)]

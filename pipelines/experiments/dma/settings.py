@@ -5,7 +5,7 @@ from typing import Annotated, Literal, get_args
 import msgspec
 
 from labpipe.units import Quantity
-from labpipe.workflow.config import POSITIVE, Dimensionless, File, Range, Temperature
+from labpipe.workflow.fields import POSITIVE, Dimensionless, File, Range, Temperature
 from pipelines.experiments.shared.settings import Table
 
 Mode = Literal["tension", "bending", "shear", "torsion"]

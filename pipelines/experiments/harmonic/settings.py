@@ -3,7 +3,7 @@
 from typing import Annotated, Literal
 
 from labpipe.units import Quantity
-from labpipe.workflow.config import POSITIVE, File, Length, Range, Time
+from labpipe.workflow.fields import POSITIVE, File, Length, Range, Time
 from pipelines.experiments.shared.punch_settings import IndentationModel, LoadCell, Punch, Substrate
 from pipelines.experiments.shared.settings import Table
 

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from labpipe.units import Quantity
-from labpipe.workflow.config import POSITIVE, ExperimentName, File, Length, Mass, Temperature, Time
+from labpipe.workflow.fields import POSITIVE, ExperimentName, File, Length, Mass, Temperature, Time
 from pipelines.experiments.shared.settings import DropModel, Keyence, MaterialChoice, Sensor, Table
 
 

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from labpipe.workflow.config import POSITIVE, File, Length, Range
+from labpipe.workflow.fields import POSITIVE, File, Length, Range
 from pipelines.experiments.shared.settings import MaterialChoice, Table
 
 

@@ -5,8 +5,9 @@ from typing import Annotated, Literal
 import msgspec
 
 from labpipe.units import Quantity
-from labpipe.workflow.config import (
+from labpipe.workflow.fields import (
     POSITIVE,
+    REFERENCE,
     Acceleration,
     Dimensionless,
     ExperimentName,
@@ -18,7 +19,6 @@ from labpipe.workflow.config import (
     Temperature,
     Time,
 )
-from labpipe.workflow.fields import REFERENCE
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

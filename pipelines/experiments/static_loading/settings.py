@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from labpipe.units import Quantity
-from labpipe.workflow.config import NOT_NEGATIVE, POSITIVE, Acceleration, File, Length, Mass, Range, Time
+from labpipe.workflow.fields import NOT_NEGATIVE, POSITIVE, Acceleration, File, Length, Mass, Range, Time
 from pipelines.experiments.shared.settings import Keyence, MaterialChoice, Sensor, Table
 
 

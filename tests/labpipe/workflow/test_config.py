@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from labpipe.errors import ConfigError, InputError, SourceError
 from labpipe.units import Quantity, quantity
-from labpipe.workflow import config
-from labpipe.workflow.config import POSITIVE, Angle, Dimensionless, File, Length, Range, Time, show
+from labpipe.workflow import config, fields
+from labpipe.workflow.fields import POSITIVE, Angle, Dimensionless, File, Length, Range, Time, show
 
 
 class Inner(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -36,7 +36,7 @@ class Everything(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     pair: tuple[Length, Length] | None = None
     table: dict[str, Length] = {}
     day: datetime.date | None = None
-    other: config.ExperimentName | None = None
+    other: fields.ExperimentName | None = None
 
 
 def read(folder: Path, text: str) -> Everything:

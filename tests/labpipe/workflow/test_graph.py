@@ -6,7 +6,7 @@ import toy_laboratory as toy
 
 from labpipe.errors import InputError
 from labpipe.workflow._keys import _parameters
-from labpipe.workflow.config import File
+from labpipe.workflow.fields import File
 from labpipe.workflow.graph import Stage, ordered
 from labpipe.workflow.tasks import field_value
 

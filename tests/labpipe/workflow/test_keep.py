@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from labpipe.workflow._log import LOG, last_seconds
-from labpipe.workflow.config import File
+from labpipe.workflow.fields import File
 from labpipe.workflow.graph import Stage
 from labpipe.workflow.plan import Plan, make_plan, plan
 from labpipe.workflow.results import open_result

@@ -9,7 +9,7 @@ import pytest
 import toy_laboratory as toy
 
 from labpipe.errors import ConfigError, InputError, UsageError
-from labpipe.workflow.config import ExperimentName
+from labpipe.workflow.fields import ExperimentName
 from labpipe.workflow.graph import Stage
 from labpipe.workflow.plan import Plan, plan
 from labpipe.workflow.runner import RunResult, run

@@ -13,7 +13,7 @@ import msgspec
 
 from labpipe.errors import InputError
 from labpipe.schema import Schema, Variable
-from labpipe.workflow.config import POSITIVE, ExperimentName, File, Length
+from labpipe.workflow.fields import POSITIVE, ExperimentName, File, Length
 from labpipe.workflow.graph import Stage
 from labpipe.workflow.session import Session, load
 

@@ -141,7 +141,7 @@ RESTS = {"film": 210e-6, "warm": 218e-6}
 def caption(drawing: Drawing) -> str:
     assert drawing.figure is not None
     drawing.figure.draw_without_rendering()
-    return " ".join(drawing.caption.text("", "").split())
+    return " ".join(drawing.caption("", "").split())
 
 
 def test_phases_are_those_of_the_laser_s_record_counted_from_first_contact() -> None:

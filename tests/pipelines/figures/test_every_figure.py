@@ -40,7 +40,7 @@ def test_it_is_drawn_with_all_that_a_caption_says(shelf: make.Shelf, figure: Fig
     assert state.state == make.READY
     assert bool(state.experiments) == bool(figure.needs)
     drawing = make.draw(shelf, figure, state.experiments)
-    text = drawing.caption.text(figure.id, figure.title)
+    text = drawing.caption(figure.id, figure.title)
     assert "nan" not in text.split()
     assert "None" not in text
     if drawing.figure is None:

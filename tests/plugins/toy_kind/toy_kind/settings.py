@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from labpipe.units import Quantity
-from labpipe.workflow.config import POSITIVE, Acceleration, File, Length
+from labpipe.workflow.fields import POSITIVE, Acceleration, File, Length
 from pipelines.experiments.shared.settings import Table
 
 
