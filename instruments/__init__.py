@@ -144,10 +144,10 @@ def _identify(path: Path) -> Instrument:
     tried = ", ".join(each.name for each in known())
     hint = workbook_hint(head) or 'If you know what wrote it, say so: instrument="keyence" (or another of these).'
     if path.is_dir():
-        hint = folder_hint(path)
-    elif not head:
+        raise SourceError(path, "the folder holds no film that can be read", hint=folder_hint(path))
+    if not head:
         raise SourceError(path, "the file is empty", hint="Copy it from the instrument again.")
-    elif path.suffix.lower() in _STILLS:
+    if path.suffix.lower() in _STILLS:
         hint = "One image is no film: name the folder of its images, or the camera's own file."
     elif path.suffix.lower() in _RAW:
         hint = f"{RAW_FRAMES} Phantom's .cine and TIFF are read with their pixels packed or not."

@@ -4,15 +4,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
 from instruments._instrument import Instrument
-from instruments.images._names import LOSSY, has_images
+from instruments.images._names import LOSSY, has_frames, has_images
 from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
-    from instruments.images._stack import ExportedFrames, read
+    from instruments.images._stack import NEEDS_RATE, ExportedFrames, read
 else:
     __getattr__ = lazily(__name__)
 
-__all__ = ["INSTRUMENT", "RAW_FRAMES", "ExportedFrames", "Options", "folder_hint", "read"]
+__all__ = ["INSTRUMENT", "NEEDS_RATE", "RAW_FRAMES", "ExportedFrames", "Options", "folder_hint", "read"]
 
 RAW_FRAMES = "Raw frames name neither their size nor their bits: have the camera's program export them as TIFF."
 
@@ -25,9 +25,9 @@ class Options(TypedDict, total=False):
 
 
 def _sniff(head: bytes, path: Path) -> bool:
-    """Tell a folder of images, a TIFF, or a video."""
+    """Tell a folder of frames, a TIFF, or a video."""
     if path.is_dir():
-        return has_images(path)
+        return has_frames(path)
     is_tiff = head[:4] in {b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"}
     is_avi = head[:4] == b"RIFF" and head[8:12] == b"AVI "
     return is_tiff or is_avi or head[4:8] == b"ftyp" or head[:4] == b"\x1aE\xdf\xa3"
@@ -35,11 +35,16 @@ def _sniff(head: bytes, path: Path) -> bool:
 
 def folder_hint(folder: Path) -> str:
     """Say what to do with a folder that holds no film."""
-    inside = next((p for p in sorted(folder.iterdir()) if p.is_dir() and has_images(p)), None)
+    if has_images(folder):
+        return "The names of its images hold no number, so their order is not known: name them frame_0001.png, …"
+    inside = next((p for p in sorted(folder.iterdir()) if p.is_dir() and has_frames(p)), None)
     if inside is not None:
         return f"Its images lie one folder deeper: name {folder.name}/{inside.name}."
     if has_images(folder, LOSSY):
-        return "It holds JPEG images, which have lost the detail that is measured: export the film as PNG or TIFF."
+        return (
+            "It holds JPEG images, whose compression smooths away the detail that is measured, by an amount that "
+            "nothing tells: have the camera's program export the film as PNG or TIFF, or give the camera's own file."
+        )
     return f"A folder is read when it holds the PNG, TIFF or BMP images of a film. {RAW_FRAMES}"
 
 

@@ -16,3 +16,8 @@ def images_in(folder: Path, suffixes: tuple[str, ...] = SUFFIXES) -> Iterator[Pa
 def has_images(folder: Path, suffixes: tuple[str, ...] = SUFFIXES) -> bool:
     """Tell whether there is one, without going through the others."""
     return next(images_in(folder, suffixes), None) is not None
+
+
+def has_frames(folder: Path) -> bool:
+    """Tell whether there is an image with a number in its name, as the frames of a film have, and pictures need not."""
+    return any(any(map(str.isdigit, image.stem)) for image in images_in(folder))

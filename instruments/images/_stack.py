@@ -22,7 +22,7 @@ from instruments.images._video import Video
 from labpipe.errors import InputError
 from labpipe.frames import ShownFrames
 
-_NEEDS_RATE = "Images hold no time: give the camera's frame rate, fps=10000 (in session.toml: frame_rate)."
+NEEDS_RATE = "Images hold no time: give the camera's frame rate, fps=10000 (in session.toml: frame_rate)."
 
 
 def read(path: str | os.PathLike[str], *, fps: float | None = None, exposure: float | None = None) -> "ExportedFrames":
@@ -55,7 +55,7 @@ def read(path: str | os.PathLike[str], *, fps: float | None = None, exposure: fl
     """
     path = Path(path)
     if fps is None:
-        raise InputError(f"{path}: no frame rate. {_NEEDS_RATE}")
+        raise InputError(f"{path}: no frame rate. {NEEDS_RATE}")
     if not (np.isfinite(fps) and fps > 0):
         raise InputError(f"{path}: the frame rate must be positive, found {fps}")
     pictures, numbers = _opened(path, fps)

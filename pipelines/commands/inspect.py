@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from pipelines.commands.options import echo, echo_json, json_option, reading_options
+from pipelines.commands.options import as_typed, echo, echo_json, json_option, reading_options
 
 
 @click.command()
@@ -37,4 +37,4 @@ def inspect(source: Path, reading: dict[str, Any], out: Path | None, as_json: bo
         echo_json(found)
         return
     for line in found.lines():
-        echo(line)
+        echo(as_typed(line) if line.startswith("problem: ") else line)

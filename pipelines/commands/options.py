@@ -68,12 +68,12 @@ def reading_options(function: F) -> F:
             kwargs["reading"] = _reading(kwargs["source"], instrument, given, others)
             return function(*args, **kwargs)
         except SourceError as error:
-            hint = None if error.hint is None else _as_typed(error.hint)
+            hint = None if error.hint is None else as_typed(error.hint)
             raise SourceError(
                 error.path, error.message, line=error.line, column=error.column, offset=error.offset, hint=hint
             ) from None
         except InputError as error:
-            raise InputError(_as_typed(str(error))) from None
+            raise InputError(as_typed(str(error))) from None
 
     return reading  # type: ignore[return-value]  # click fills in the options
 
@@ -97,7 +97,7 @@ _PYTHON = re.compile(r'\b([a-z][a-z_]*)=(\[[^\]]*\]|"[^"]*"|True|[0-9.]*[0-9])')
 _APART = {"instrument": "--instrument", "cycle": "--cycle", "storage_factor": "--storage-factor"}
 
 
-def _as_typed(hint: str) -> str:
+def as_typed(hint: str) -> str:
     """Turn options as they are written in Python into those of the command line."""
 
     def typed(match: re.Match[str]) -> str:

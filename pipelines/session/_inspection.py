@@ -187,6 +187,7 @@ def _instrument(file: Path, options: dict[str, Any]) -> dict[str, Any]:
     import xarray as xr
 
     import instruments
+    from instruments import images
 
     try:
         name = options.get("instrument") or instruments.identify(file)
@@ -194,12 +195,16 @@ def _instrument(file: Path, options: dict[str, Any]) -> dict[str, Any]:
         if file.is_dir() and (found := _folder(file)):
             return found
         raise _with_a_look(file, error) from None
+    untimed = name == "image_stack" and not options.get("fps")
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        source = instruments.read(file, **options | {"instrument": name})
+        source = instruments.read(file, **options | {"instrument": name} | ({"fps": 1.0} if untimed else {}))
         is_table = isinstance(source, xr.Dataset)
         found = table(source) if isinstance(source, xr.Dataset) else film(source)
     said = [str(w.message) for w in caught]
+    if untimed:  # what does not depend on it is told all the same
+        found = {what: value for what, value in found.items() if what not in ("interval", "rate", "time")}
+        said.insert(0, f"no frame rate. {images.NEEDS_RATE}")
     problems = list(dict.fromkeys([*said, *found.pop("problems")]))
     return {"reader": name, "kind": "table" if is_table else "film", **found, "problems": problems}
 
@@ -356,7 +361,8 @@ def film(frames: FrameSource) -> dict[str, Any]:
 
     count, rows, columns = frames.shape
     time, valid = frames.time, frames.valid
-    problems = list(getattr(getattr(frames, "time_axis", None), "warnings", ()))
+    axis = getattr(frames, "time_axis", None)
+    problems = list(getattr(axis, "warnings", ()))
     if not valid.all():
         problems.append(f"{int((~valid).sum())} of {count} frames are damaged")
     steps = np.diff(time) if count > 1 else np.array([np.nan])
@@ -369,7 +375,7 @@ def film(frames: FrameSource) -> dict[str, Any]:
         "image": f"{columns} × {rows} px",
         "interval": f"{interval:.6g} s",
         "rate": f"{1.0 / interval:.6g} Hz",
-        "time": f"{time[0]:.6g} … {time[-1]:.6g} s from the trigger",
+        "time": f"{time[0]:.6g} … {time[-1]:.6g} s from the {'trigger' if axis is not None else 'first image'}",
         "exposure": "unknown" if exposure is None else f"{np.nanmedian(exposure):.3g} s",
         "levels": f"{frames.levels[0]:g} black, {frames.levels[1]:g} white",
         "problems": problems,

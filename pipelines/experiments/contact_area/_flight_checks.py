@@ -1,5 +1,7 @@
 """Whether the flights of a film last as long as the contacts after them say."""
 
+from math import sqrt
+
 import numpy as np
 import xarray as xr
 
@@ -11,6 +13,37 @@ _POWER = 2.5  # of the largest radius, with which the speed of an impact goes (H
 _ROUGH = 0.02  # relative, by which a plate that swings changes a flight
 _LIKE_MODEL = 1.1  # of what weight and relaxation add to that law: the model may be of another material
 _SHORTEST = 0.25  # of the longest flight: the swing of a plate is a large part of what ends a shorter one
+_MISSED = 1.6  # times as long as its contacts say: one bounce left out makes a flight 1 + 1/e times as long, 2 and more
+
+
+def none_missed(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> Check:
+    """Look for an impact that lies between two others and that no frame shows.
+
+    All that follow would be held against the wrong ones of the model. The fall from the stated height takes the
+    place of the flight before the first impact, so that two impacts are enough.
+    """
+    name = "impacts in turn"
+    law = "a flight lasts 2 v/g, and the largest radius of the contact after it goes with v^(2/5)"
+    time, a = impacts["peak_time"].values, impacts["peak_radius"].values
+    if time.size < 2 or not np.all(np.isfinite(a)):
+        return not_made(name, law, "two impacts")
+    fall = 2 * sqrt(2 * settings.height.value / settings.model.gravity.value)
+    lasts = np.diff(time)
+    longer = lasts / fall * (a[0] / a[1:]) ** _POWER
+    worst = int(np.argmax(longer))
+    text = (
+        f"{settings.film}: {quantity(float(lasts[worst]), 's')} between impacts {worst + 1} and {worst + 2}, "
+        f"{longer[worst]:.2g} times what the radii of the two and the stated height say"
+    )
+    if longer[worst] < _MISSED:
+        return stated(name, law, text, None, file=settings.film)
+    begin, end = (int(np.argmin(np.abs(radius["time"].values - time[k]))) for k in (worst, worst + 1))
+    frames = radius["frame"].values
+    cause = (
+        f"an impact between frames {frames[begin]} and {frames[end]} was not recorded, so that those after it are held "
+        "against the wrong ones of the model; or the stated height is far too small"
+    )
+    return stated(name, law, text, "doubtful", cause=cause, file=settings.film, setting="film")
 
 
 def flights_alike(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset | None, settings: ContactArea) -> Check:

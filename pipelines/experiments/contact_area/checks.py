@@ -11,7 +11,7 @@ from labpipe.judging import SLIPS, Cause, Check, Level, bounded, compared, in_wo
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
-from pipelines.experiments.contact_area._flight_checks import flights_alike
+from pipelines.experiments.contact_area._flight_checks import flights_alike, none_missed
 from pipelines.experiments.contact_area._frame_checks import contacts_whole, frame_checks, summits_seen
 from pipelines.experiments.contact_area._image_checks import image_checks
 from pipelines.experiments.contact_area._scale import fringe_scale
@@ -87,7 +87,8 @@ def judgement(
         if radius is not None:
             checks += [_steady(radius, impacts, settings), _ends(radius, impacts, settings)]
             checks += [contacts_whole(radius, impacts, settings)]
-            checks += [summits_seen(radius, impacts, settings), flights_alike(radius, impacts, model, settings)]
+            checks += [summits_seen(radius, impacts, settings), none_missed(radius, impacts, settings)]
+            checks.append(flights_alike(radius, impacts, model, settings))
     compared_rows = []
     if comparison is not None and impacts is not None and model is not None:
         compared_rows = list(rows(comparison, impacts, model, settings=settings))

@@ -88,6 +88,8 @@ def judgement(
     if track is not None:
         checks += stated_twice(track, settings.film, settings.frame_rate)
         found = _of_masks(_found(track, settings), settings)
+        if whole.level and found.level:  # frames that the file lacks show no holder
+            found = replace(found, cause=whole.cause, setting="")
         # of a holder that is not found, what the images show is the better cause
         checks = [replace(c, cause=found.cause) if c.name == "step motion" and found.level else c for c in checks]
         along = track["dy"].isel(point=0).values

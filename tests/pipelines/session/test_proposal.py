@@ -172,6 +172,15 @@ def test_copies_are_named_and_the_recordings_keep_their_names(pile: Path) -> Non
     assert "photos/a.jpg and 1 more beside it: a picture" in pictures
 
 
+def test_pictures_beside_records_are_no_film(pile: Path) -> None:
+    (pile / "camera").mkdir()
+    (pile / "camera/ruler.png").write_bytes(b"\x89PNG\r\n\x1a\n a picture")
+    (pile / "camera/notes.txt").write_text("mounted on Monday\n")
+    unused = init(pile).unused
+    assert any(line.startswith("camera/ruler.png: a picture") for line in unused)
+    assert any(line.startswith("camera/notes.txt") for line in unused)
+
+
 def test_of_equal_files_the_one_that_lies_among_its_repeats_counts(pile: Path) -> None:
     (pile / "A").mkdir()
     shutil.copy(pile / "acrylic 7mm rep1.csv", pile / "A/z.csv")

@@ -16,6 +16,17 @@ from labpipe.workflow.context import Context
 _LARGE, _VAGUE = 0.2, 0.05
 """Of a stated value, beyond which its uncertainty is doubtful, and beyond which it hides a slip of typing."""
 _NO_SUCH_MATERIAL = "there is no material"  # begins the message of the library
+_OWN_CAUSES = (
+    (_NO_SUCH_MATERIAL, "the name of the material is misspelt", "sphere.material"),
+    ("the readings hold no date", "the file does not know its day, and measured_on is not stated", "measured_on"),
+    ("no instrument recognises", "the file is not what the session says, or of a format that is not read", ""),
+    (
+        "no film that can be read",
+        "the folder is not that of the film, or its images are of a format that is not read",
+        "",
+    ),
+)
+"""Words of a message that tells its cause by itself, that cause, and the setting that mends it."""
 
 _ONE_DAY = timedelta(days=1)
 """By which days may differ that are the same: clocks of cameras count in UTC."""
@@ -83,15 +94,16 @@ def failed_steps(context: Context, causes: Mapping[str, str]) -> list[Check]:
                 "report it if it happens again",
             )
             continue
-        is_name = _NO_SUCH_MATERIAL in failure.text
+        own = next((told for words, *told in _OWN_CAUSES if words in failure.text), None)
+        cause, setting = own or (causes.get(failure.stage, ""), "")
         found[failure.stage] = stated(
             f"step {failure.stage}",
             "what an experiment records must be in the record",
             f"{where}{failure.text}",
             "impossible",
-            cause="the name of the material is misspelt" if is_name else causes.get(failure.stage, ""),
+            cause=cause,
             file=failure.recording or "",
-            setting="sphere.material" if is_name else "",
+            setting=setting,
         )
     return list(found.values())
 

@@ -220,6 +220,16 @@ def test_a_film_of_another_height_is_named(film):
     assert (told.setting, "1.5" in told.cause) == ("height", True)
 
 
+def test_an_impact_that_no_frame_shows_is_named_by_the_flight_across_it(film):
+    tops = impacts(film, settings=SETTINGS)["peak_time"].values
+    found, _ = judged(film.isel(frame=np.abs(film["time"].values - tops[1]) > 2e-3))
+    missed = finding(found, "impacts in turn")
+    assert missed.level == found.believable == "doubtful"
+    assert f"between frames {round(1e4 * tops[0])} and {round(1e4 * tops[2])} was not recorded" in missed.cause
+    whole, _ = judged(film)
+    assert not any(f.check == "impacts in turn" and f.level for f in whole.findings)
+
+
 def test_exchanged_frames_are_found_by_their_times_and_by_the_growth(film):
     time = film["time"].values.copy()
     time[[180, 181]] = time[[181, 180]]
