@@ -19,6 +19,7 @@ from tests.mistakes.rows import Mistake
 
 START = datetime(2024, 5, 14, 9, 30)
 RECORD, TOML = "calibration/load_cell.toml", "session.toml"
+_FACTOR = "Load Cell Calibration Factor:\t"
 WAVES, HOLD, DEEPER = "mach1/nbr.txt", "mach1/nbr_100um.txt", "mach1/nbr_200um.txt"
 
 
@@ -54,6 +55,18 @@ def _replaced(old: str, new: str, name: str, after: str = "") -> Edit:
 
 def _all(old: str, new: str, name: str) -> Edit:
     return rewritten(lambda text: text.replace(old, new), name)
+
+
+def _factor_twice(factor: str) -> Edit:
+    """Return what has a factor in the headers of the tests and, once more, in the record of the cell."""
+    edits = [_all(f"{_FACTOR}1.000000", f"{_FACTOR}{factor}00", name) for name in (HOLD, DEEPER)]
+    edits.append(setting("1.0000 ± 0.0010", f"{factor} ± 0.0010", RECORD))
+
+    def change(folder: Path) -> None:
+        for edit in edits:
+            edit(folder)
+
+    return change
 
 
 def _cell(row: str, column: int, value: str) -> str:
@@ -486,6 +499,30 @@ HOLD_ROWS = (
         "doubtful",
         ("tester's clock",),
         HOLD,
+    ),
+    Mistake(
+        "cell calibrated again in a test",
+        _replaced(f"{_FACTOR}1.000000", f"{_FACTOR}1.030000", HOLD, "<END DATA>"),
+        "doubtful",
+        ("1.03 times in block", "in the middle of a test"),
+        HOLD,
+        f"{_FACTOR}1.03",
+    ),
+    Mistake(
+        "cell calibrated with ten times the mass",
+        _all(f"{_FACTOR}1.000000", f"{_FACTOR}10.00000", HOLD),
+        "doubtful",
+        ("10 times what the cell showed", "another mass"),
+        HOLD,
+        f"{_FACTOR}10",
+    ),
+    Mistake(
+        "record repeats the tester's factor",
+        _factor_twice("1.0042"),
+        "doubtful",
+        ("applied it already",),
+        RECORD,
+        "scale",
     ),
     Mistake("force frozen in a hold", rows(_frozen(700), DEEPER), "doubtful", ("froze", "530 readings"), DEEPER),
     Mistake(

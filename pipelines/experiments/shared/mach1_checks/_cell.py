@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import isfinite, log
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -15,7 +16,7 @@ from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.judgements import day_known
 from pipelines.experiments.shared.mach1_checks._motion import direction_of_motion
 from pipelines.experiments.shared.mach1_checks._parts import OSCILLATION, Part, line_of, response_of
-from pipelines.experiments.shared.mach1_checks._titles import CALIBRATED, CAPACITY, CELL, DELAY, SCALE, SIGN
+from pipelines.experiments.shared.mach1_checks._titles import CALIBRATED, CAPACITY, CELL, DELAY, FACTOR, SCALE, SIGN
 from pipelines.experiments.shared.punch_settings import LoadCell
 from pipelines.experiments.shared.ramps_and_holds import RELAXATION
 
@@ -26,6 +27,8 @@ _EXPLAINED = 0.2  # share of a force that its motion must explain, if the cell l
 _SOONER, _LATER = 0.25, 0.6
 """Of the delay that order and cutoff of a Butterworth say, by which another filter may have less or more: three equal
 poles have 0.76 times as much, Bessel's 0.88, Chebyshev's more."""
+_FACTOR = "Load Cell Calibration Factor"  # in the header of a block
+_PLAIN, _SAME = 1e-4, 0.02  # from 1, and of that distance, within which a factor tells nothing, and is another's
 _OWN_FACTOR, _WRONG_FACTOR = 1.25, 3.0  # of true over displayed force: worth a doubt, and wrong
 
 
@@ -153,10 +156,53 @@ def date_of_cell(name: str, blocks: Sequence[Part]) -> Check:
     return stated(CALIBRATED, law, text, level, cause=cause, file=name, line=line)
 
 
+def factor_of_cell(name: str, blocks: Sequence[Part]) -> Check:
+    """Look at the factor that the tester multiplied its readings by: about 1, and one for a test."""
+    law = "a tester multiplies what its cell shows by one factor of about 1"
+    told = [(part, _factor(part.header)) for part in blocks]
+    known = [(part, factor) for part, factor in told if factor is not None]
+    if not known:
+        return not_made(FACTOR, law, "the factor in the header")
+    (part, first), (other, last) = known[0], max(known, key=lambda one: abs(one[1] - known[0][1]))
+    text = f"{name}: forces are {first:.7g} times what the cell showed, by the header"
+    if last != first:
+        text += f", and {last:.7g} times in block {other.number + 1}"
+        cause = "the cell was calibrated again in the middle of a test, or a header was edited"
+        line = line_of(other, _FACTOR)
+        return stated(FACTOR, law, text, "doubtful", cause=cause, file=name, line=line)
+    is_near = first > 0 and abs(log(first)) < log(_OWN_FACTOR)
+    cause = "" if is_near else "the tester was calibrated with another mass than it was told, or was told another cell"
+    line = line_of(part, _FACTOR)
+    return stated(FACTOR, law, text, None if is_near else "doubtful", cause=cause, file=name, line=line)
+
+
+def _factor(header: dict[str, Any]) -> float | None:
+    """Return the factor that a header says the tester applied; None where it says none."""
+    try:
+        factor = float(str((header.get("load_cell") or {}).get("calibration_factor")).replace(",", "."))
+    except ValueError:
+        return None
+    return factor if isfinite(factor) else None
+
+
+def _applied_once(loads: xr.Dataset, gain: float, record: str) -> Check:
+    """Look for a record that repeats the factor of the tester, or takes it back."""
+    name, law = "factor of the record", "forces are corrected once: a record is of what the tester shows"
+    applied = _factor(json.loads(loads.attrs["blocks"])[0])
+    if applied is None or abs(applied - 1.0) < _PLAIN:
+        return not_made(name, law, "a factor of the tester that is not 1")
+    text = (
+        f"{record}: true force is {gain:.7g} times the displayed one, which is {applied:.7g} times what the cell showed"
+    )
+    twice = abs(gain - applied) < _SAME * abs(applied - 1.0)
+    cause = f"{record} repeats the factor of the tester, which has applied it already" if twice else ""
+    return stated(name, law, text, "doubtful" if twice else None, cause=cause, file=record, setting="values.scale")
+
+
 def of_cell(load_cell: LoadCell, loads: xr.Dataset) -> list[Check]:
     """Check the record of the load cell: its scale, and the delay of its filter."""
     law = "a tester shows forces, so that the record corrects them by little"
-    gain, u = float(loads["gain"]), float(np.nan_to_num(float(loads["u_gain"])))
+    gain = float(loads["gain"])
     record = load_cell.record or ""
     found = [day_known(loads, record)]
     if not record:
@@ -170,7 +216,7 @@ def of_cell(load_cell: LoadCell, loads: xr.Dataset) -> list[Check]:
         text = f"{record}: true force is {gain:.4g} times the displayed one"
         cause = f"the scale of the load cell in {record} is wrong: about 1 is expected, not {gain:.4g}" if level else ""
         found.append(stated(SCALE, law, text, level, cause=cause, file=record, setting="values.scale"))
-        del u
+        found.append(_applied_once(loads, gain, record))
     law = "order and cutoff of a low-pass say its delay"
     declared = mach1_readings.declared_filter(loads)
     measured = json.loads(loads.attrs.get("filter_delay", "null"))

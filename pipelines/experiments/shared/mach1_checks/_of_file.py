@@ -13,6 +13,7 @@ from pipelines.experiments.shared import mach1_traces
 from pipelines.experiments.shared.mach1_checks._cell import (
     capacity_of_cell,
     date_of_cell,
+    factor_of_cell,
     response_of_cell,
     saturation,
     sign_of_stiffness,
@@ -79,6 +80,7 @@ def of_file(name: str, readings: xr.Dataset) -> list[Check]:
         saturation(name, blocks),
         capacity_of_cell(name, blocks),
         date_of_cell(name, blocks),
+        factor_of_cell(name, blocks),
         axes_of_commands(name, blocks),
         resolution_of_position(name, blocks),
         *mach1_traces.checks_of([trace(name, part, after) for part, after in zip_longest(blocks, blocks[1:])]),
