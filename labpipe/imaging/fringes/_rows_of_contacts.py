@@ -37,6 +37,8 @@ def leave_out_rows(reader: FilmReader, result: FilmResult) -> None:
     """
     change = _changes(result)
     tried = sorted(change, key=lambda index: -change[index])[:_MOST_FRAMES]
+    if not tried:
+        return
     told = _told(reader, result, tried)
     if told.is_repeated:
         result.repeats_rows = True
