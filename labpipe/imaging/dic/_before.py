@@ -17,7 +17,7 @@ from labpipe.imaging.dic._places import nearest
 from labpipe.imaging.dic._seeding import shift_of
 from labpipe.imaging.dic._spline import PADDING
 from labpipe.imaging.dic._standing import Standing, moved_pixels
-from labpipe.imaging.dic._subset_kernel import SOLVED
+from labpipe.imaging.dic._subset_kernel import LIGHT, SOLVED
 from labpipe.imaging.dic._tracker import Tracker
 
 #: Mean square of a residual over that at which a point was found to hide nothing, from which it is looked at again.
@@ -189,44 +189,71 @@ class _Looking:
         grey = map_coordinates(self._coefficients, [row - top, column - left], order=order, prefilter=False)
         cut = np.s_[y - half : y + half + 1, x - half : x + half + 1]
         own = self._grey[cut]
-        gain, level = _fitted(grey, own, self._usual)
-        moved = _together(gain * grey + level - own)
+        light = _fitted(grey, own, self._usual)
+        if self._attempt.model[point] & LIGHT:
+            light = _sloping(light, grey, own, column - x, row - y, self._usual)
+        moved = _together(_lit(light, grey, column - x, row - y) - own)
         rows, columns = self._grey.shape
         i, j = np.mgrid[y - half : y + half + 1, x - half : x + half + 1]
         there = np.rint(row).astype(int).clip(0, rows - 1), np.rint(column).astype(int).clip(0, columns - 1)
         fits = moved <= _MISFIT * self._usual
-        at_first, now = (self._at_rest(at, gain, level) for at in ((i, j), there))
+        at_first, now = (self._at_rest(at, light, x, y) for at in ((i, j), there))
         images = self._tracker.solver.pattern.images
         slopes = _together(np.hypot(images.slope_x[cut], images.slope_y[cut]))
         is_beyond = ~fits & (moved > _STEPS**2 * slopes)
         first, second = (is_beyond & (rest < _STILL * moved) for rest in (at_first, now))
         return _Look(fits, first, second, fits & (_STILL * now > np.maximum(moved, self._usual)), there)
 
-    def _at_rest(self, places: tuple[Integers, Integers], gain: float, level: float) -> Floats:
-        """Mean square (row, column) of what has changed in the frame at places of the picture."""
+    def _at_rest(self, places: tuple[Integers, Integers], light: Floats, x: int, y: int) -> Floats:
+        """Mean square (row, column) of what has changed in the frame at places of the picture, lit as about (x, y)."""
         if self._nodes is None:
             self._nodes = _at_nodes(self._coefficients, self._tracker.solver.pattern.order)
         left, top = self._loaded.box[0] - PADDING, self._loaded.box[2] - PADDING
         inner = self._nodes[
             (places[0] - top).clip(0, len(self._nodes) - 1), (places[1] - left).clip(0, self._nodes.shape[1] - 1)
         ]
-        return _together(gain * inner + level - self._grey[places])
+        return _together(_lit(light, inner, places[1] - x, places[0] - y) - self._grey[places])
 
 
-def _fitted(grey: Floats | Floats32, own: Floats32, usual: float) -> tuple[float, float]:
-    """Gain and offset that lead from the frame to most of the reference."""
+def _fitted(grey: Floats | Floats32, own: Floats32, usual: float) -> Floats:
+    """Light that leads from the frame to most of the reference, see :func:`_lit`, alike across the subset."""
     x, y = grey.ravel(), own.ravel()
     gain, level = 1.0, float(np.median(y - x))
     for _ in range(4):
-        off = np.abs(gain * x + level - y)
-        near = off <= max(2.5 * float(np.median(off)), 2.0 * usual**0.5)
+        near = _near(gain * x + level - y, usual)
         a, b = x[near], y[near]
         spread = float(((a - a.mean()) ** 2).sum())
         if spread <= 0.0:
             break
         gain = float(np.clip(((a - a.mean()) * (b - b.mean())).sum() / spread, 0.3, 3.0))
         level = float(b.mean() - gain * a.mean())
-    return gain, level
+    return np.array([gain, 0.0, 0.0, level, 0.0, 0.0])
+
+
+def _sloping(
+    light: Floats, grey: Floats | Floats32, own: Floats32, right: Floats, down: Floats, usual: float
+) -> Floats:
+    """Let light slope across the subset as well."""
+    one = np.ones_like(right)
+    columns = np.stack([part * of for of in (grey, one) for part in (one, right, down)], axis=-1).reshape(-1, 6)
+    wanted = own.ravel()
+    for _ in range(4):
+        near = _near(columns @ light - wanted, usual)
+        used = columns[near]
+        light = np.asarray(np.linalg.lstsq(used.T @ used, used.T @ wanted[near])[0], float)
+    return light
+
+
+def _near(left: Floats | Floats32, usual: float) -> Flags:
+    """Most of the pixels: those that the light leads to."""
+    off = np.abs(left)
+    return np.asarray(off <= max(2.5 * float(np.median(off)), 2.0 * usual**0.5))
+
+
+def _lit(light: Floats, grey: Floats | Floats32, right: Floats | Integers, down: Floats | Integers) -> Floats:
+    """Grey levels in the light (6,): a gain and its slopes to the right and down [1/px], a level and its slopes."""
+    gain, level = (part[0] + part[1] * right + part[2] * down for part in (light[:3], light[3:]))
+    return np.asarray(gain * grey + level)
 
 
 def _together(difference: Floats) -> Floats:

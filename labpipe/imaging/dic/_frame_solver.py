@@ -304,6 +304,7 @@ class FrameSolver:
 
     def remember(self, attempt: Attempt) -> None:
         """Keep what the trusted points of a frame needed, and what they showed of their noise."""
+        self.reference.patterns.used.add(self.growth)
         needed = attempt.needed & attempt.model
         self._model = np.where(attempt.trusted, needed, self._model)
         if not self.is_static:

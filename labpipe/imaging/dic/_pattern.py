@@ -160,9 +160,12 @@ class Patterns:
     ----------
     make : callable
         Makes the pattern of a growth.
+    used : set of growths
+        Those of frames, which the uncertainties need again; the others were tried only.
     """
 
     make: Callable[[Growth], Pattern]
+    used: set[Growth] = field(default_factory=set)
     _kept: OrderedDict[Growth, Pattern] = field(default_factory=OrderedDict)
 
     def of(self, growth: Growth) -> Pattern:
@@ -171,7 +174,7 @@ class Patterns:
             self._kept[growth] = self.make(growth)
             others = [key for key in self._kept if key not in (NO_GROWTH, growth)]
             if len(others) >= _KEPT:
-                del self._kept[others[0]]
+                del self._kept[next((key for key in others if key not in self.used), others[0])]
         self._kept.move_to_end(growth)
         return self._kept[growth]
 

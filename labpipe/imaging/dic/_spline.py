@@ -7,6 +7,7 @@ costs 0.0045 px of bias in image correlation. Importing this module imports numb
 
 import math
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -194,17 +195,12 @@ def node_gradients(coefficients: Floats32, order: int) -> tuple[Floats32, Floats
     reach = len(NODE_WEIGHTS[order]) // 2
     area = coefficients[PADDING - reach : PADDING + rows + reach, PADDING - reach : PADDING + columns + reach]
 
-    def weigh(values: Floats32, weights: tuple[float, ...], axis: int) -> Floats32:
-        count = values.shape[axis] - 2 * reach
-        total = np.zeros((), np.float32)
-        for k, weight in enumerate(weights):
-            if weight:
-                total = total + np.float32(weight) * values.take(range(k, k + count), axis)
-        return np.asarray(total, np.float32)
+    def weigh(along: tuple[float, ...], down: tuple[float, ...]) -> Floats32:
+        found = cv2.sepFilter2D(area, cv2.CV_32F, np.array(along), np.array(down))
+        return np.ascontiguousarray(found[reach:-reach, reach:-reach])
 
-    smooth_y = weigh(area, NODE_WEIGHTS[order], 0)
-    smooth_x = weigh(area, NODE_WEIGHTS[order], 1)
-    return weigh(smooth_y, NODE_SLOPES[order], 1), weigh(smooth_x, NODE_SLOPES[order], 0)
+    smooth, slope = NODE_WEIGHTS[order], NODE_SLOPES[order]
+    return weigh(slope, smooth), weigh(smooth, slope)
 
 
 def _impulse_response(order: int, blur: float) -> NDArray[np.float64]:

@@ -12,6 +12,9 @@ from labpipe.imaging.dic._spline import LANES
 from labpipe.imaging.dic._subset_kernel import COLUMNS, MOTIONS
 from labpipe.imaging.dic._subsets import Images, Subsets
 
+#: Which of the columns of a row that are multiplied each column is; some times the place of the row.
+_APART = np.array([0, 1, 2, 3, 2, 4, 5, 4, 6, 0, 7, 1, 8, 9, 10])
+
 
 def cut_subsets(
     images: Images,
@@ -55,7 +58,7 @@ def cut_subsets(
     columns = COLUMNS + 2 if with_all else MOTIONS + 2
     gram = np.zeros((count, columns, columns))
     scratch = np.zeros((COLUMNS + 2, int(pitch.max(initial=LANES))), np.float32)
-    stack = np.stack([images.grey, images.slope_x, images.slope_y, *images.bend])
+    stack = np.stack([images.grey, images.slope_x, images.slope_y, *(images.bend if with_all else ())])
     nowhere = np.zeros((0, 0), np.float32)
     for n, own in enumerate(counts or ()):
         packed[6, start[n] : start[n + 1]].reshape(len(own), -1)[:, : len(own)] = own
@@ -84,13 +87,14 @@ def _cut(
 ) -> None:
     """Pack the subsets; products of their columns row by row, so that the inner loops are vectors.
 
-    The columns are 1, f, and those of the kernel, see ``COLUMNS``.
+    The columns are 1, f, and those of the kernel, see ``COLUMNS``; what is a column times the place of the row
+    has its sums.
     """
     for n in range(len(layout)):
         x, y, h, place, pitch, _ = layout[n]
         width = 2 * h + 1
         for i in range(width):
-            for k in range(6):
+            for k in range(len(stack)):
                 source = stack[k, y - h + i, x - h : x + h + 1]
                 target = packed[k, place + i * pitch : place + i * pitch + width]
                 for c in range(np.uint64(width)):
@@ -111,6 +115,62 @@ def _multiply(layout: Integers, packed: Floats32, level: Floats, gram: Floats, s
     """Take the mean off a subset, cover what its weights cover, and multiply its columns."""
     _, _, h, place, pitch, _ = layout
     width = 2 * h + 1
+    total, number = _weigh(layout, packed)
+    level[0] = total / max(number, 1.0)
+    level[2] = number
+    layout[5] = np.int64(number < width * width - 0.5)
+    mean = np.float32(level[0])
+    centre = np.float32(h)
+    lanes = np.uint64(pitch)
+    planes, apart = (6, 11) if len(gram) > MOTIONS + 2 else (3, 6)
+    products, factor = np.zeros((apart, apart)), np.ones(COLUMNS + 2)
+    for i in range(width):
+        first = place + i * pitch
+        for k in range(planes):
+            part, weight = packed[k, first : first + pitch], packed[6, first : first + pitch]
+            less = mean if k == 0 else np.float32(0)
+            for c in range(lanes):
+                part[c] = (part[c] - less) * weight[c]
+        grey, weight = packed[0, first : first + pitch], packed[6, first : first + pitch]
+        slope_x, slope_y = packed[1, first : first + pitch], packed[2, first : first + pitch]
+        for c in range(lanes):
+            j = np.float32(np.int32(c)) - centre
+            f, w, gx, gy = grey[c], weight[c], slope_x[c], slope_y[c]
+            scratch[0, c] = w
+            scratch[1, c] = f
+            scratch[2, c] = gx
+            scratch[3, c] = gx * j
+            scratch[4, c] = gy
+            scratch[5, c] = gy * j
+            scratch[6, c] = w * j
+            scratch[7, c] = f * j
+        for k in range(3, planes):
+            bend, target = packed[k, first : first + pitch], scratch[5 + k]
+            for c in range(lanes):
+                target[c] = bend[c]
+        for a in range(apart):
+            one = scratch[a]
+            for b in range(a + 1):
+                other = scratch[b]
+                product = np.float32(0)
+                for c in range(lanes):
+                    product += one[c] * other[c]
+                products[a, b] = products[b, a] = product
+        for a in (4, 7, 9, 11):
+            factor[a] = float(i - h)
+        for a in range(len(gram)):
+            for b in range(a + 1):
+                gram[a, b] += products[_APART[a], _APART[b]] * factor[a] * factor[b]
+    for a in range(len(gram)):
+        for b in range(a):
+            gram[b, a] = gram[a, b]
+
+
+@part(fastmath=FAST)
+def _weigh(layout: Integers, packed: Floats32) -> tuple[float, float]:
+    """Sum the grey levels that count of a subset, and how many count."""
+    _, _, h, place, pitch, _ = layout
+    width = 2 * h + 1
     total, number = 0.0, 0.0
     for i in range(width):
         first = place + i * pitch
@@ -121,55 +181,7 @@ def _multiply(layout: Integers, packed: Floats32, level: Floats, gram: Floats, s
             many += weight[c]
         total += float(row)
         number += float(many)
-    level[0] = total / max(number, 1.0)
-    level[2] = number
-    layout[5] = np.int64(number < width * width - 0.5)
-    mean = np.float32(level[0])
-    centre = np.float32(h)
-    lanes = np.uint64(pitch)
-    for i in range(width):
-        first = place + i * pitch
-        for k in range(6):
-            part, weight = packed[k, first : first + pitch], packed[6, first : first + pitch]
-            less = mean if k == 0 else np.float32(0)
-            for c in range(lanes):
-                part[c] = (part[c] - less) * weight[c]
-        down = np.float32(i) - centre
-        grey, weight = packed[0, first : first + pitch], packed[6, first : first + pitch]
-        slope_x, slope_y = packed[1, first : first + pitch], packed[2, first : first + pitch]
-        for c in range(lanes):
-            j = np.float32(np.int32(c)) - centre
-            f, w, gx, gy = grey[c], weight[c], slope_x[c], slope_y[c]
-            scratch[0, c] = w
-            scratch[1, c] = f
-            scratch[2, c] = gx
-            scratch[3, c] = gx * j
-            scratch[4, c] = gx * down
-            scratch[5, c] = gy
-            scratch[6, c] = gy * j
-            scratch[7, c] = gy * down
-        for c in range(lanes if len(gram) > MOTIONS + 2 else np.uint64(0)):
-            j = np.float32(np.int32(c)) - centre
-            f, w = grey[c], weight[c]
-            scratch[8, c] = w * j
-            scratch[9, c] = w * down
-            scratch[10, c] = f * j
-            scratch[11, c] = f * down
-        for k in range(3):
-            bend, target = packed[3 + k, first : first + pitch], scratch[12 + k]
-            for c in range(lanes):
-                target[c] = bend[c]
-        for a in range(len(gram)):
-            one = scratch[a]
-            for b in range(a + 1):
-                other = scratch[b]
-                product = np.float32(0)
-                for c in range(lanes):
-                    product += one[c] * other[c]
-                gram[a, b] += product
-    for a in range(len(gram)):
-        for b in range(a):
-            gram[b, a] = gram[a, b]
+    return total, number
 
 
 def motion_matrices(

@@ -125,6 +125,16 @@ def test_nothing_is_hidden_where_nothing_stands_before_the_specimen() -> None:
     assert found.attrs["note"] == ""
 
 
+@pytest.mark.parametrize("defocus", [0.6, 1.1])
+def test_light_that_slopes_across_a_subset_hides_nothing(defocus: float) -> None:
+    pattern = film_scenes.random_field(SIZE, 3.0, 62)
+    views = [View((0.5 * k, -0.3 * k), light=(0.9, 0.0016, -0.0012), defocus=defocus) for k in range(1, 6)]
+    film = digitised([from_spectrum(pattern, view) for view in (View(defocus=0.6), *views)], 1.0, 63)
+    found = track(film, grid((SIZE, SIZE), 34, 11), SUBSET)
+    assert found.attrs["note"] == ""
+    assert found.valid.values.all()
+
+
 def test_a_subset_that_moves_wholly_behind_an_obstruction_is_found_again_beyond_it() -> None:
     film, polygon = behind_a_rod(0.0, 60.0, 20.0, 0.0, 1.0, tuple(View((8.0 * k, 0.3 * k)) for k in range(18)), 44)
     points = [(62.0, y) for y in (60.0, 90.0, 120.0, 150.0, 180.0)]
