@@ -64,7 +64,7 @@ def _key(results: Results, name: str) -> str | None:
 
 def _amended(page: str, one: Verdict) -> str:
     from labpipe.report import Notice, amended
-    from pipelines.experiments.shared.judgements import VERDICT, capitalised
+    from pipelines.experiments.shared.judgements import VERDICT, capitalised, with_minus
     from pipelines.session._verdict_notices import LEVELS, as_sentence
 
     if not one.of_session:
@@ -75,5 +75,7 @@ def _amended(page: str, one: Verdict) -> str:
         where = ":".join(str(part) for part in (found.file, found.line) if part)
         place = f" ({where})" if where else ""
         cause = f" {as_sentence(found.cause)}" if found.cause else ""
-        notices.append(Notice(level, f"{capitalised(found.level)}: {found.message.rstrip('.')}{place}.{cause}"))
+        text = f"{found.message.rstrip('.')}{place}.{cause}"  # a notice that is one is called so
+        told = text if found.level == "note" else f"{capitalised(found.level)}: {text}"
+        notices.append(Notice(level, with_minus(told)))
     return amended(page, VERDICT, notices, aside=_BY_ITSELF if one.is_by_session else "")

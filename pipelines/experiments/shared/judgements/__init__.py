@@ -15,7 +15,7 @@ from pipelines.experiments.shared.judgements._usual_checks import (
     times_over,
     uncertainties_stated,
 )
-from pipelines.experiments.shared.judgements._words import capitalised, chance, probability
+from pipelines.experiments.shared.judgements._words import capitalised, chance, probability, with_minus
 
 __all__ = [
     "VERDICT",
@@ -37,4 +37,5 @@ __all__ = [
     "times_over",
     "uncertainties_stated",
     "verdict_blocks",
+    "with_minus",
 ]

@@ -22,7 +22,7 @@ from labpipe.report import (
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.judgements._judgement import MATTERS
 from pipelines.experiments.shared.judgements._stored import believed, suspected
-from pipelines.experiments.shared.judgements._words import TIED, capitalised, chance, of_error
+from pipelines.experiments.shared.judgements._words import TIED, capitalised, chance, of_error, with_minus
 
 VERDICT = "verdict"
 """Anchor of the sentence on a page that tells its verdict."""
@@ -141,7 +141,7 @@ def verdict_blocks(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> tuple
         return ()
     judged = believed(result)
     level, text = sentence(result, rows)
-    blocks: list[Block] = [Notice(level, text, VERDICT)]  # type: ignore[arg-type]
+    blocks: list[Block] = [Notice(level, with_minus(text), VERDICT)]  # type: ignore[arg-type]
     if len(judged.findings) > 1:
         blocks.append(Details(f"All {len(judged.findings)} findings", blocks=(_found(judged),)))
     elif judged.findings and judged.findings[0].level == "note":  # the sentence tells no note
@@ -154,7 +154,7 @@ def verdict_blocks(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> tuple
 
 
 def _found(judged: Judgement) -> Table:
-    rows = [(f.level, f.check, f.message, f.cause) for f in judged.findings]
+    rows = [(f.level, f.check, with_minus(f.message), with_minus(f.cause)) for f in judged.findings]
     return Table(tuple(Column(name) for name in ("level", "check", "what was seen", "probable cause")), rows)
 
 
@@ -203,7 +203,8 @@ def _checked(judged: Judgement) -> Table:
     rows = []
     for check in judged.checks:
         answer = check.level or ("passed" if check.is_made else "not made")
-        margin = f"{check.margin:+.1f} u" if np.isfinite(check.margin) else ""
-        rows.append((check.name, answer, margin, check.message or f"needs {check.needs}", check.law))
+        margin = f"{check.margin:+z.1f} u" if np.isfinite(check.margin) else ""
+        seen = check.message or f"needs {check.needs}"
+        rows.append((check.name, answer, with_minus(margin), with_minus(seen), check.law))
     columns = ("check", "answer", "margin", "what was seen", "law")
     return Table(tuple(Column(name) for name in columns), rows)

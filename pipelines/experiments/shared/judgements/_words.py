@@ -1,6 +1,9 @@
 """How a verdict spells numbers, chances and the beginnings of sentences."""
 
+import re
+
 TIED = "\N{NO-BREAK SPACE}"  # a number stays with its unit
+_NEGATIVE = re.compile(r"(?:(?<=^)|(?<=[ (\N{NO-BREAK SPACE}]))-(?=\d+(?:\.\d+)?(?:[ ,;:)\N{NO-BREAK SPACE}]|$))")
 _LEAST_P = 1e-4  # smaller probabilities say no more
 
 
@@ -30,6 +33,17 @@ def capitalised(text: str) -> str:
     """
     first = text.partition(" ")[0].rstrip(".,:;")
     return text if any(c in first for c in "/._") else text[:1].upper() + text[1:]
+
+
+def with_minus(text: str) -> str:
+    """Write the signs of negative numbers as minus signs; hyphens within words, files and quotes stay.
+
+    Examples
+    --------
+    >>> with_minus('from -40.0 to -0.5 °C in drop-1.csv, 2024-05-14, where "-3" stands')
+    'from −40.0 to −0.5 °C in drop-1.csv, 2024-05-14, where "-3" stands'
+    """
+    return _NEGATIVE.sub("\N{MINUS SIGN}", text)
 
 
 def of_error(unit: str) -> str:
