@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.imaging.fringes._interference import SAMPLES_PER_PIXEL, radial_table, ring_limits
-from labpipe.imaging.fringes._radial_scan import Window, edge_width, is_edge, is_sphere, radial_profile
+from labpipe.imaging.fringes._interference import SAMPLES_PER_PIXEL, radial_table, ring_limits, scaled_gap
+from labpipe.imaging.fringes._radial_scan import Window, edge_width, faded, is_edge, left_by_sphere, radial_profile
 from labpipe.imaging.fringes._ring_fit import RingFit
 from labpipe.imaging.fringes._ring_parameters import HARMONICS, Parameter
 from labpipe.imaging.fringes._view import View
@@ -36,6 +36,11 @@ _LEAST_VISIBILITY, _LEAST_SIGNIFICANCE = 0.1, 10.0
 _MOST_VISIBILITY = 1.5
 #: Contacts smaller than this many Newton spots are compared with a sphere that does not press.
 SMALL_CONTACT = 4.0
+#: Multiple of the squares that a contact leaves which a sphere must leave, and light that loses contrast outwards in
+#: which both are seen: twice the share by which the phase of a cone's rays falls behind in the mean, and the relative
+#: standard deviation of the wavenumbers.
+_CONTACT_SURE = 2.0
+_SPREADS = ((0.0, 0.0), (0.03, 0.0), (0.045, 0.0), (0.03, 0.025))
 #: Least number of rings in which a fit is compared with edges and spheres.
 _LEAST_RINGS = 24
 #: Greatest uncertainty of a radius as a share of it.
@@ -79,13 +84,24 @@ def is_contact(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
     is_small = radius < SMALL_CONTACT * view.newton_spot
     if not may_be_edge and not is_small:
         return True
-    window, term, distance = _profile_of(frame, view, found)
+    window, terms, distance = _profile_of(frame, view, found)
     if not window.is_seen:
         return not may_be_edge
-    if may_be_edge and is_edge(window, term, _FRINGES_SURE):
+    if may_be_edge and is_edge(window, terms[0], _FRINGES_SURE):
         return False
-    seen, has_harmonics = replace(view.optics, blur=_blur_of(view, found)), any(_harmonics_of(found))
-    return not (is_small and is_sphere(window, term, distance, seen, has_harmonics=has_harmonics))
+    return not (is_small and _is_sphere(window, terms, distance, view, found))
+
+
+def _is_sphere(window: Window, terms: Floats, distance: Floats, view: View, found: RingFit) -> bool:
+    """Tell whether a sphere explains a profile nearly as well as a contact, either in light that fades outwards."""
+    blur, has_harmonics = _blur_of(view, found), any(_harmonics_of(found))
+    phase = view.optics.phase_scale * scaled_gap(distance, float(found.parameters[Parameter.RADIUS]), view.optics.flat)
+    spheres, contacts = [], []
+    for spread in _SPREADS:
+        spheres.append(left_by_sphere(window, distance, view.optics, blur, spread, has_harmonics=has_harmonics))
+        lagging = terms[0] - 0.5 * spread[0] * phase * terms[3]
+        contacts.append(window.left_by_all(faded(phase, spread) * np.stack([lagging, terms[2]])))
+    return min(spheres) < _CONTACT_SURE * min(contacts)
 
 
 def _has_long_travel(view: View, found: RingFit) -> bool:
@@ -106,7 +122,7 @@ def _harmonics_of(found: RingFit) -> tuple[float, float, float]:
 
 
 def _profile_of(frame: NDArray[np.generic], view: View, found: RingFit) -> tuple[Window, Floats, Floats]:
-    """Profile about the centre of a fit, the term that was fitted, and its distances."""
+    """Profile about the centre of a fit, the term that was fitted with its derivatives, and the distances."""
     x, y, radius = (float(found.parameters[p]) for p in (Parameter.X, Parameter.Y, Parameter.RADIUS))
     travel = math.sqrt(max(float(found.parameters[Parameter.SMEAR]), 0.0))
     settings = view.settings
@@ -120,5 +136,5 @@ def _profile_of(frame: NDArray[np.generic], view: View, found: RingFit) -> tuple
     table = radial_table(inner, outer, radius, travel, optics, _harmonics_of(found))
     distance = (np.arange(last - first, dtype=np.float64) + first + 0.5) * width
     index = (distance - table.start) * SAMPLES_PER_PIXEL
-    term = np.interp(index, np.arange(table.values.shape[1]), table.values[0])
-    return Window(profile, counts, first, last - first), term, distance
+    terms = np.stack([np.interp(index, np.arange(table.values.shape[1]), line) for line in table.values[:4]])
+    return Window(profile, counts, first, last - first), terms, distance

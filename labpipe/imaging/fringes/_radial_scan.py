@@ -292,9 +292,7 @@ def is_edge(window: Window, term: Floats, factor: float) -> bool:
     return bool(window.left_by(edges).min() < factor * window.left_by(term)[0])
 
 
-def is_sphere(
-    window: Window, term: Floats, distance: Floats, optics: Optics, factor: float = 2.0, *, has_harmonics: bool = False
-) -> bool:
+def is_sphere(window: Window, term: Floats, distance: Floats, optics: Optics, factor: float) -> bool:
     """Tell whether a sphere that touches or hovers explains a profile nearly as well as a contact.
 
     Parameters
@@ -307,22 +305,38 @@ def is_sphere(
         Distances of the rings from the centre.
     optics : Optics
         The interference.
-    factor : float, optional
+    factor : float
         Multiple of the squares left by the contact that the sphere may leave.
-    has_harmonics : bool, optional
-        Whether the contact's term holds harmonics, so that the sphere may have one as well.
     """
-    left = left_by_sphere(window, distance, optics, optics.blur, has_harmonics=has_harmonics)
-    return left < factor * float(window.left_by(term)[0])
+    return left_by_sphere(window, distance, optics, optics.blur) < factor * float(window.left_by(term)[0])
+
+
+def faded(phase: Floats, spread: tuple[float, float]) -> Floats:
+    """Visibility at a phase of the gap, of rays of a cone that lag by up to a share of it and of a band of colours.
+
+    ``spread`` is that share and the relative standard deviation of the wavenumbers.
+    """
+    cone, band = spread
+    return np.sinc(0.5 * cone * phase / math.pi) * np.exp(-0.5 * (band * phase) ** 2)
 
 
 def left_by_sphere(
-    window: Window, distance: Floats, optics: Optics, blur: float, *, has_harmonics: bool = False
+    window: Window,
+    distance: Floats,
+    optics: Optics,
+    blur: float,
+    spread: tuple[float, float] = (0.0, 0.0),
+    *,
+    has_harmonics: bool = False,
 ) -> float:
-    """Sum of squares that a sphere at any distance leaves, seen with a blur (px), and with a harmonic or without."""
+    """Sum of squares that a sphere at any distance leaves, seen with a blur (px), and with a harmonic or without.
+
+    ``spread`` is that of :func:`faded`.
+    """
+    visibility = faded(0.5 * optics.phase_scale * distance**2, spread)
     waves = []
-    for slope in optics.phase_scale * np.arange(1.0, 2.0 + has_harmonics):
+    for slope in optics.phase_scale * (1.0 - 0.5 * spread[0]) * np.arange(1.0, 2.0 + has_harmonics):
         # A Gaussian blur of a phase that is square in the distance, in closed form.
         softened = 1.0 / (1.0 - 1j * slope * blur**2)
-        waves.append(softened * np.exp(0.5j * slope * (distance**2 + 1.0 / 6.0) * softened))
+        waves.append(visibility * softened * np.exp(0.5j * slope * (distance**2 + 1.0 / 6.0) * softened))
     return window.left_by_all(np.concatenate([np.real(waves), np.imag(waves)]))

@@ -111,6 +111,27 @@ def test_uncertainty_is_near_the_scatter(name: str) -> None:
     assert scatter / 3.0 < u < case.wide * scatter
 
 
+BELL = np.exp(-0.5 * np.linspace(-2.5, 2.5, 9) ** 2)
+DIODE = tuple(zip((633e-9 + 8.5e-9 * np.linspace(-2.5, 2.5, 9)).tolist(), (BELL / BELL.sum()).tolist(), strict=True))
+
+
+@pytest.mark.filterwarnings("ignore:the fringes are")
+@pytest.mark.parametrize(("cone", "colours", "hover"), by_day([(0.3, (), 0.435), (0.25, DIODE, 0.121)], 1))
+def test_a_sphere_whose_rings_fade_outwards_is_no_contact(
+    cone: float, colours: tuple[tuple[float, float], ...], hover: float
+) -> None:
+    """Rings of even contrast explained these by contacts of 0.67 and 0.58 Newton spots; a true one of 0.75 is told."""
+    small = 0.75 * float(np.sqrt(SPHERE * PLAIN.scene.wavelength / 4.0))
+
+    def gap(r: Floats, a: float) -> Floats:
+        return hertz(r, a) if a > 0.0 else r**2 / (2.0 * SPHERE) - a
+
+    microscope = replace(PLAIN, cone=cone, colours=colours)
+    film = microscope.film(gap, [*(np.array([-0.008, -0.004, 0.0]) - hover) * UM, small], (184.2, 147.3), 5)
+    found = [contact_radius(frame[None], PLAIN.scene.pixel_size, SPHERE, PLAIN.scene.wavelength) for frame in film]
+    assert [bool(one.in_contact[0]) for one in found] == [False, False, False, True]
+
+
 def test_harmonics_of_many_beams_are_their_reflectivity() -> None:
     """All harmonics follow from one number, the product of the amplitudes that the faces reflect."""
     found, _, _ = measure(CASES["faces that reflect 0.4"], RADII, 5)
