@@ -146,7 +146,7 @@ class Checker:
         if isinstance(bare, type) and issubclass(bare, msgspec.Struct):
             return self.structure(bare, value, place, partial)
         if typing.get_origin(bare) in (list, tuple, dict):
-            return self._long_enough(marks, self._collection(bare, value, place, partial), place)
+            return self._long_enough(marks, self._collection(kind, bare, value, place, partial), place)
         return self._in_range(marks, self._plain(kind, bare, value, place), place)
 
     def _union(self, kind: Any, value: Any, place: _toml_lines.Path, partial: bool) -> Any:
@@ -163,19 +163,23 @@ class Checker:
         self.report(place, f"expected {expected}, found {found(value)}")
         return _BAD
 
-    def _collection(self, kind: Any, value: Any, place: _toml_lines.Path, partial: bool) -> Any:
-        arguments = typing.get_args(kind)
-        if typing.get_origin(kind) is dict:
+    def _collection(self, kind: Any, bare: Any, value: Any, place: _toml_lines.Path, partial: bool) -> Any:
+        arguments = typing.get_args(bare)
+        if typing.get_origin(bare) is dict:
             if not isinstance(value, dict):
                 self.report(place, f"expected a table, found {found(value)}")
                 return _BAD
             pairs = {k: self.value(arguments[1], v, (*place, k), partial) for k, v in value.items()}
             return _BAD if any(v is _BAD for v in pairs.values()) else pairs
+        is_nested = typing.get_origin(split(arguments[0])[0]) in (list, tuple)
         if not isinstance(value, list):
-            example = f"; write [{found(value)}]" if isinstance(value, str) else ""
+            example = f"; write [{found(value)}]" if isinstance(value, str) and not is_nested else ""
             self.report(place, f"expected {describe(kind)}, found {found(value)}{example}")
             return _BAD
-        is_fixed = typing.get_origin(kind) is tuple and arguments[-1] is not Ellipsis
+        if is_nested and value and not any(isinstance(item, list) for item in value):
+            self.report(place, f"expected {describe(kind)}, found {str(value)[:60]}: brackets are missing")
+            return _BAD
+        is_fixed = typing.get_origin(bare) is tuple and arguments[-1] is not Ellipsis
         if is_fixed and len(value) != len(arguments):
             self.report(place, f"expected {len(arguments)} items, found {len(value)}")
             return _BAD
@@ -185,7 +189,7 @@ class Checker:
             self._refuse_repeated(value, place)
         if any(item is _BAD for item in items):
             return _BAD
-        return tuple(items) if typing.get_origin(kind) is tuple else items
+        return tuple(items) if typing.get_origin(bare) is tuple else items
 
     def _long_enough(self, marks: tuple[Any, ...], value: Any, place: _toml_lines.Path) -> Any:
         bounds = mark(marks, msgspec.Meta)

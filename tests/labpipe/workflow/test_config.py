@@ -34,6 +34,7 @@ class Everything(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     switch: bool = False
     files: list[File] = []
     pair: tuple[Length, Length] | None = None
+    corners: Annotated[list[tuple[int, int]], msgspec.Meta(description="places, [[x, y], [x, y]]")] | None = None
     table: dict[str, Length] = {}
     day: datetime.date | None = None
     other: fields.ExperimentName | None = None
@@ -94,6 +95,8 @@ WRONG = {
     "direction = 2": "expected one of 1, -1, found 2",
     'switch = "yes"': 'expected true or false, found "yes"',
     "switch = 1": "expected true or false, found 1",
+    "corners = [1, 2]": "expected places, [[x, y], [x, y]], found [1, 2]: brackets are missing",
+    "corners = 'a'": 'expected places, [[x, y], [x, y]], found "a"',
     "files = 'a.csv'": 'expected a list of items, each the name of a file, found "a.csv"',
     "files = ['data.csw']": 'no file "data.csw" .*did you mean "data.csv"',
     "files = ['../x']": r'contains "\.\."',
