@@ -231,10 +231,9 @@ class FilterLag(NamedTuple):
 
 
 _NOTE = (
-    "causal Butterworth assumed; the header declares order and cutoff but not the type. The "
-    "uncertainty spans Bessel and equal real poles of the same cutoff. Were the software to "
-    "compensate the delay, there would be none: calibrate with an elastic reference before "
-    "quoting a loss angle"
+    "causal Butterworth assumed; the header declares order and cutoff but not the type. The uncertainty spans Bessel "
+    "and equal real poles of the same cutoff. Were the software to compensate the delay, there would be none: "
+    "calibrate with an elastic reference before quoting a loss angle"
 )
 
 

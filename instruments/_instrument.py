@@ -141,8 +141,7 @@ _WORDS: dict[Any, str] = {bool: "true or false", int: "a whole number", float: "
 
 def _loaded(target: str) -> Callable[..., Any]:
     module, name = target.split(":")
-    function: Callable[..., Any] = getattr(importlib.import_module(module), name)
-    return function
+    return getattr(importlib.import_module(module), name)
 
 
 def text_of(head: bytes) -> str:

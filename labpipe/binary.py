@@ -75,8 +75,7 @@ class Window:
             Name of the field, for the message when it lies outside the file.
         """
         (value,) = struct.unpack("<" + layout, self.take(offset, struct.calcsize(layout), what))
-        number: int | float = value
-        return number
+        return value
 
     def integer(self, layout: str, offset: int, what: str) -> int:
         """Read one little-endian integer; see :meth:`field`."""

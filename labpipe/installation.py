@@ -16,9 +16,8 @@ def foreign_package(names: Iterable[str]) -> str | None:
         spec = importlib.util.find_spec(name)
         if spec is None or spec.origin is None:
             return (
-                f"the module `{name}` of labpipe is missing or has lost its files: removing "
-                "another distribution with a package of the same name takes them away; install "
-                "labpipe again, in a separate environment"
+                f"the module `{name}` of labpipe is missing or has lost its files: removing another distribution with "
+                "a package of the same name takes them away; install labpipe again, in a separate environment"
             )
         get_source = getattr(spec.loader, "get_source", lambda _: "")
         if _MARK not in (get_source(name) or ""):

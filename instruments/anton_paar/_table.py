@@ -284,9 +284,8 @@ class _Reader:
         place = f"{found.sheet + ', ' if found.sheet else ''}line {found.line}"
         if found.declared is not None and found.declared != len(found.rows):
             self.export.notes.append(
-                f"{place}: interval {found.number} of {shorten(found.test)} declares "
-                f"{found.declared} points and holds {len(found.rows)}: the test was stopped, or "
-                "the file is cut"
+                f"{place}: interval {found.number} of {shorten(found.test)} declares {found.declared} points and holds "
+                f"{len(found.rows)}: the test was stopped, or the file is cut"
             )
         self._judge_short(found)
         self.export.intervals.append(found)

@@ -102,5 +102,4 @@ def companded_from_linear() -> NDArray[np.uint16]:
     above = np.clip(np.searchsorted(table, np.arange(4096)), 1, 1023)
     levels = np.arange(4096)
     nearer_below = levels - table[above - 1] <= table[above] - levels
-    nearest: NDArray[np.uint16] = np.where(nearer_below, above - 1, above).astype(np.uint16)
-    return nearest
+    return np.where(nearer_below, above - 1, above).astype(np.uint16)

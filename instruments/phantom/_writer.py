@@ -78,9 +78,8 @@ def write(
     group = {"10-packed": 4, "12-packed": 2}.get(packing, 1)
     if count < 1 or len(time) != count or width % group:
         raise InputError(
-            f"{count} frames of {height} × {width} px with {len(time)} times cannot be stored as "
-            f"{packing}: at least one frame, one time each, and a width that is a multiple of "
-            f"{group}"
+            f"{count} frames of {height} × {width} px with {len(time)} times cannot be stored as {packing}: at least "
+            f"one frame, one time each, and a width that is a multiple of {group}"
         )
     if not 0 < recording.exposure < 1:
         raise InputError(f"an exposure of {recording.exposure} s: the format holds more than 0, below 1 s")

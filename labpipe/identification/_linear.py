@@ -168,7 +168,6 @@ def modulus_evidence(
     rho: Floats,
     *,
     factors: tuple[str, ...] = (),
-    is_prior: bool = True,
 ) -> Evidence:
     """Take moduli in tension, of a rheometer, as evidence known beforehand.
 
@@ -184,14 +183,12 @@ def modulus_evidence(
         Of the spectrum.
     factors : tuple of str
         Unknowns that multiply every modulus, such as the specimen's dimensions.
-    is_prior : bool
-        Whether it shows as prior.
     """
     omega = 2.0 * np.pi * frequency
     basis = np.vstack(modulus_basis(omega, rho))
     model = LinearModel(basis, _window(omega), {}, {f: np.ones(len(basis)) for f in factors})
     groups = _storage_and_loss("modulus", "Pa", frequency, storage, loss)
-    return Evidence(name, groups, model, is_prior)
+    return Evidence(name, groups, model, is_prior=True)
 
 
 def _storage_and_loss(

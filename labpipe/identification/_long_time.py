@@ -30,6 +30,9 @@ PLATEAU = 0.05
 """Share of the modulus that may still relax within thirty years, falling as at the end of the record:
 more would make the number rest on the extrapolation."""
 
+_LEVEL = 0.95
+"""Of the interval."""
+
 _KNOWN = log(2.0)
 """Half the width of the logarithm's interval within which the modulus at the end is known at all."""
 
@@ -66,21 +69,10 @@ class LongTimeModulus:
     verdict: Verdict
 
 
-def long_time_modulus(known: Posterior, level: float = 0.95) -> LongTimeModulus:
-    """Tell what is known of the long-time modulus.
-
-    Parameters
-    ----------
-    known : Posterior
-    level : float
-        Of the interval.
-
-    Returns
-    -------
-    LongTimeModulus
-    """
+def long_time_modulus(known: Posterior) -> LongTimeModulus:
+    """Tell what is known of the long-time modulus, with an interval of 95 %."""
     end = max(each.model.window[1] for each in known.fit.problem.evidence)
-    reach = float(ndtri(0.5 + 0.5 * level))
+    reach = float(ndtri(0.5 + 0.5 * _LEVEL))
     (modulus, u), (fall, u_fall) = _at_the_end(known, end)
     high, taken = modulus * exp(reach * u), fall * exp(reach * u_fall) / modulus
     fell, most = fall / (modulus + fall), taken / (1.0 + taken)

@@ -137,9 +137,8 @@ def velocity(
     used: str = method
     if method == "spline" and len(t) < _FEWEST_FOR_SPLINE:
         text = (
-            f"velocity: {len(t)} readings are too few for a spline (at least "
-            f"{_FEWEST_FOR_SPLINE}); central differences are used and, unless the noise is "
-            f"given, the uncertainty is unknown"
+            f"velocity: {len(t)} readings are too few for a spline (at least {_FEWEST_FOR_SPLINE}); central "
+            "differences are used and, unless the noise is given, the uncertainty is unknown"
         )
         warnings.warn(text, UserWarning, stacklevel=2)
         used = "difference"
@@ -237,10 +236,9 @@ def _warn_of_fast_motion(residual: Floats, extent: float, known: Noise) -> None:
     # Of n / 2 bins of white noise the five around the highest hold some 2 log(n) / n of the power.
     if line > _LINE_SHARE * float(np.sum(power)):
         text = (
-            f"velocity: {100 * line / float(np.sum(power)):.0f} % of the estimated noise power "
-            f"is at one frequency, {peak / len(residual):.3f} of the sampling rate: motion too "
-            f"fast for "
-            "this sampling is missing from the velocity and its uncertainty"
+            f"velocity: {100 * line / float(np.sum(power)):.0f} % of the estimated noise power is at one frequency, "
+            f"{peak / len(residual):.3f} of the sampling rate: motion too fast for this sampling is missing from the "
+            "velocity and its uncertainty"
         )
         warnings.warn(text, UserWarning, stacklevel=4)
 

@@ -199,9 +199,8 @@ def bounces(
     for number, impact in enumerate(impacts, 1):
         if impact.unread is not None:
             text = (
-                f"impact {number}: no valid readings from {impact.unread[0]:.6g} to "
-                f"{impact.unread[1]:.6g} s, during the contact; its times, speeds and "
-                "restitution are uncertain by that gap"
+                f"impact {number}: no valid readings from {impact.unread[0]:.6g} to {impact.unread[1]:.6g} s, during "
+                "the contact; its times, speeds and restitution are uncertain by that gap"
             )
             warnings.warn(text, UserWarning, stacklevel=2)
     if not impacts:

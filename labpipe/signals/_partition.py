@@ -59,8 +59,7 @@ def graded(lengths: Floats, slope: float = 0.5) -> Floats:
     centre = (np.arange(len(lengths)) + 0.5) * LEAF
     rising = np.minimum.accumulate(lengths - slope * centre) + slope * centre
     falling = np.minimum.accumulate((lengths + slope * centre)[::-1])[::-1] - slope * centre
-    result: Floats = np.minimum(rising, falling)
-    return result
+    return np.minimum(rising, falling)
 
 
 def _factors(position: Floats, values: Floats) -> list[Floats]:

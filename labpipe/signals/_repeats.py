@@ -116,5 +116,4 @@ def _outliers(values: Floats) -> NDArray[np.bool_]:
     scale = 1.4826 * np.median(np.abs(distance - centre))
     # identical repeats have no scatter to be compared with
     floor = 1e-12 * max(float(np.ptp(shared)), np.finfo(float).tiny)
-    flagged: NDArray[np.bool_] = distance > centre + _OUTLYING * max(scale, 0.1 * centre, floor)
-    return flagged
+    return distance > centre + _OUTLYING * max(scale, 0.1 * centre, floor)

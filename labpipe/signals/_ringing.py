@@ -100,9 +100,8 @@ def ringing(
         raise InputError(f"direction must be 1 or -1, found {direction}")
     if not 0.0 < longest_impact < shortest_pause:
         raise InputError(
-            f"the longest impact ({longest_impact:g} s) must be positive and end before the "
-            f"shortest "
-            f"pause ({shortest_pause:g} s)"
+            f"the longest impact ({longest_impact:g} s) must be positive and end before the shortest pause "
+            f"({shortest_pause:g} s)"
         )
     t, y = readings_of(time, signal)
     if len(t) < 8 * _ONSET_READINGS:
@@ -117,9 +116,8 @@ def ringing(
         )
     if spread > _WANDERING * least:
         raise InputError(
-            f"the record begins in motion: its first {t[len(quiet) - 1] - t[0]:.3g} s spread by "
-            f"{spread:.2g} m with a noise of {least:.2g} m; it must begin at rest, before the "
-            f"impact"
+            f"the record begins in motion: its first {t[len(quiet) - 1] - t[0]:.3g} s spread by {spread:.2g} m with a "
+            f"noise of {least:.2g} m; it must begin at rest, before the impact"
         )
     sigma = noise if noise is not None else max(white, spread)
     y = y - float(np.mean(quiet))
@@ -198,9 +196,8 @@ def _seed(t: Floats, y: Floats, onset: int, longest_impact: float, shortest_paus
     frequency = strongest_line(s, y[low:high], taper=False)
     if frequency * s[-1] < _SEED_CYCLES:
         raise InputError(
-            f"between the longest impact and the shortest pause lie {frequency * s[-1]:.2g} cycles "
-            f"of {frequency:.4g} Hz; at least {_SEED_CYCLES} are needed: lengthen shortest_pause "
-            "if the bounces allow it"
+            f"between the longest impact and the shortest pause lie {frequency * s[-1]:.2g} cycles of {frequency:.4g} "
+            f"Hz; at least {_SEED_CYCLES} are needed: lengthen shortest_pause if the bounces allow it"
         )
     return int(low), int(high)
 

@@ -141,17 +141,14 @@ def propagated_variance(slopes: "Floats", covariance: "Covariance") -> "Floats":
     >>> float(propagated_variance(np.array([1.0, -1.0]), np.array([[5.0, 4.0], [4.0, 5.0]])))
     2.0
     """
-    found: Floats = ((slopes @ covariance) * slopes).sum(axis=-1).clip(min=0.0)
-    return found
+    return ((slopes @ covariance) * slopes).sum(axis=-1).clip(min=0.0)
 
 
 def propagated_u(slopes: "Floats", covariance: "Covariance") -> "Floats":
     """Return the standard uncertainties (...) of results; see :func:`propagated_variance`."""
-    found: Floats = propagated_variance(slopes, covariance) ** 0.5
-    return found
+    return propagated_variance(slopes, covariance) ** 0.5
 
 
 def propagated_covariance(slopes: "Floats", covariance: "Covariance") -> "Floats":
     """Return the covariance (n, n) of results from their derivatives (n, p) and that of inputs."""
-    found: Floats = slopes @ covariance @ slopes.T
-    return found
+    return slopes @ covariance @ slopes.T

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from math import sqrt
-from typing import NamedTuple, TypedDict
+from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -113,17 +113,8 @@ def scatter_beyond(scatter: ArrayLike, stated: ArrayLike, n: ArrayLike) -> Float
 def budget_rows(sources: Sequence[Source]) -> list[Row]:
     """Make the rows of a budget, largest first, with the share of each in the variance."""
     total = combined_uncertainty(sources) ** 2
-    rows: list[Row] = [
-        {
-            "source": each.source,
-            "value": each.value,
-            "u": each.u,
-            "unit": each.unit,
-            "sensitivity": each.sensitivity,
-            "kind": each.kind,
-            "contribution": each.contribution,
-            "share": each.contribution**2 / total if total else 0.0,
-        }
+    rows: list[Any] = [
+        each._asdict() | {"contribution": each.contribution, "share": each.contribution**2 / total if total else 0.0}
         for each in sources
     ]
     return sorted(rows, key=lambda row: -row["contribution"])

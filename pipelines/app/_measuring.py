@@ -61,8 +61,7 @@ def picture(path: Path, index: int = 0) -> Picture:
         return Picture(np.asarray(photograph(path).convert("L"), dtype=np.float64), 1)
     import instruments
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # told where the film is inspected or processed
+    with warnings.catch_warnings(action="ignore"):  # told where the film is inspected or processed
         film: Any = instruments.read(path)
     if not hasattr(film, "levels"):
         raise InputError(f"{path.name} holds readings, no pictures")

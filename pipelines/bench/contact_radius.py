@@ -143,8 +143,7 @@ def _fitted(film: Film, scene: Scene, **options: object) -> Floats:
 
 def _measured(film: Film, scene: Scene, **options: object) -> Floats:
     """Radius and standard uncertainty (2, frame) in m."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # disturbed films are measured on purpose
+    with warnings.catch_warnings(action="ignore", category=UserWarning):  # disturbed films are measured on purpose
         found = contact_radius(
             film,
             scene.pixel,

@@ -120,9 +120,8 @@ def run(quick: bool) -> Suite:
         "RMS error over the stated uncertainty",
         points,
         notes=(
-            "bound: that of van Trees for the most probable structure of the spectrum, at its most "
-            "probable point; the stated uncertainty includes that of the structure; "
-            "coverage of 95 % intervals",
+            "bound: that of van Trees for the most probable structure of the spectrum, at its most probable point; the "
+            "stated uncertainty includes that of the structure; coverage of 95 % intervals",
             f"holds of {_HOLD:g} s of rubbers; {_BOUNCES + 1} touches of glassy spheres, "
             f"{_HEIGHT * 1e3:g} mm" + (" (left out of the quick run)" if quick else ""),
         ),

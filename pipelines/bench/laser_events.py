@@ -85,9 +85,8 @@ def _contenders(made: Sequence[Record]) -> dict[str, tuple[str, Callable[[], obj
 
 
 def _bounces(made: Record, **options: Any) -> Events:
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(action="ignore", category=UserWarning):
         # a short record ends before rest, on purpose
-        warnings.simplefilter("ignore", UserWarning)
         found = signals.bounces(made.displacement, **options)
     return Events(found["touch_time"].values, found["restitution"].values)
 

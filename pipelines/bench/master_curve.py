@@ -211,8 +211,7 @@ def _ours(made: Measured, options: dict[str, Any]) -> Callable[[], object]:
 
 
 def _result(made: Measured, options: dict[str, Any]) -> MasterCurve:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
+    with warnings.catch_warnings(action="ignore", category=UserWarning):
         return master_curve(made.sweeps, T_ref=made.reference, **options)
 
 

@@ -5,6 +5,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import msgspec
+import numpy as np
+
 from labpipe.report import Block, Column, Document, KeyValues, Notice, Paragraph, Picture, Section, Table, number
 from pipelines.bench.measure import Point, Suite
 from pipelines.bench.parts import PARTS, PartFailure, PartResult
@@ -13,18 +16,16 @@ from pipelines.bench.ratios import table as table_of_ratios
 
 JSON_NAME, PAGE_NAME = "bench.json", "bench.html"
 _HOW = (
-    "Every diagram shows error against run time of one part of labpipe, on data whose truth is "
-    "known. Filled marker: the default setting. Numbers beside the markers are those "
-    "of the table below. Dashed lines are theoretical limits. The methods of one diagram ran "
-    "alternately in one process; times are medians of the processor time of warm runs (of the clock, for "
-    "whole sessions), the first run is the cold one. "
-    "On a busy machine only ratios are meaningful."
+    "Every diagram shows error against run time of one part of labpipe, on data whose truth is known. Filled marker: "
+    "the default setting. Numbers beside the markers are those of the table below. Dashed lines are theoretical "
+    "limits. The methods of one diagram ran alternately in one process; times are medians of the processor time of "
+    "warm runs (of the clock, for whole sessions), the first run is the cold one. On a busy machine only ratios are "
+    "meaningful."
 )
 _EQUAL = (
-    "At equal error: the most accurate setting of every other method against our fastest setting "
-    "that is at least as accurate (else the default). Above 1 ours is more accurate, or faster. "
-    "Lowest and highest are of alternating runs on the same data; where they lie further than "
-    f"{100 * LARGEST_SPREAD:g} % to either side, no ratio is given."
+    "At equal error: the most accurate setting of every other method against our fastest setting that is at least as "
+    "accurate (else the default). Above 1 ours is more accurate, or faster. Lowest and highest are of alternating runs "
+    f"on the same data; where they lie further than {100 * LARGEST_SPREAD:g} % to either side, no ratio is given."
 )
 _BINARY = 1024.0
 
@@ -43,49 +44,14 @@ def as_document(
     machine : mapping
         See :func:`pipelines.bench.machine.facts`.
     """
-    return {
-        "machine": dict(machine),
-        "parts": [
-            {
-                "name": r.name,
-                "seconds": r.seconds,
-                "processor_seconds": _plain(r.processor_seconds),
-                "suites": [_suite(s) for s in r.suites],
-            }
-            for r in results
-        ],
-        "failures": [{"name": f.name, "message": f.message} for f in failures],
-    }
+    found = {"machine": machine, "parts": results, "failures": failures}
+    document: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(found, enc_hook=np.generic.item))
+    return document
 
 
 def as_json(document: Mapping[str, Any]) -> str:
     """Return the document as JSON text."""
     return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _suite(suite: Suite) -> dict[str, Any]:
-    return {
-        "name": suite.name,
-        "title": suite.title,
-        "error_label": suite.error_label,
-        "time_label": suite.time_label,
-        "points": [_point(p) for p in suite.points],
-        "bounds": [{"label": b.label, "error": _plain(b.error), "seconds": _plain(b.seconds)} for b in suite.bounds],
-        "notes": list(suite.notes),
-    }
-
-
-def _point(point: Point) -> dict[str, Any]:
-    return {
-        "setting": point.setting,
-        "group": point.group,
-        "is_default": point.is_default,
-        "error": _plain(point.error),
-        "seconds": _plain(point.seconds),
-        "cold_seconds": _plain(point.cold_seconds),
-        "peak_bytes": _plain(point.peak_bytes),
-        "extra": {name: _plain(value) for name, value in point.extra.items()},
-    }
 
 
 def _plain(value: Any) -> Any:

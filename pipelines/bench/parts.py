@@ -69,8 +69,7 @@ def chosen(names: Sequence[str]) -> tuple[str, ...]:
 
 def load(name: str) -> Run:
     """Import a part and return its ``run``."""
-    run: Run = importlib.import_module(f"pipelines.bench.{PARTS[name][0]}").run
-    return run
+    return importlib.import_module(f"pipelines.bench.{PARTS[name][0]}").run
 
 
 def measure(name: str, quick: bool) -> PartResult:

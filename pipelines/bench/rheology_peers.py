@@ -100,8 +100,7 @@ def _frame(made: Measured) -> Any:
             values = (float(sweeps[name][k, i]) * 1e-6 for name in ("storage", "loss"))
             rows.append((frequency, *values, temperature, round(temperature), k))
     frame = pd.DataFrame(rows, columns=["f_set", "E_stor", "E_loss", "T", "T_round", "Set"])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         for name, value in (("modul", "E"), ("domain", "freq")):
             object.__setattr__(frame, name, value)
     return frame
@@ -109,8 +108,7 @@ def _frame(made: Measured) -> Any:
 
 def _pyvisco_shifts(made: Measured) -> Floats:
     master = importlib.import_module("pyvisco.master")
-    with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"), contextlib.redirect_stdout(io.StringIO()):
         table, _ = master.get_aT(_frame(made), round(made.reference))
     return np.asarray(table["log_aT"], dtype=float)
 
@@ -121,8 +119,7 @@ def _pyvisco_series(made: Measured) -> Floats:
     prony = importlib.import_module("pyvisco.prony")
     frame = _frame(made)
     temperature = made.sweeps["temperature"].values
-    with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"), contextlib.redirect_stdout(io.StringIO()):
         table = pd.DataFrame({"T": np.round(temperature), "log_aT": made.log10_aT})
         curve = master.smooth(master.get_curve(frame, table, round(made.reference)), 1)
         found = prony.fit_freq(prony.discretize(curve), curve, opt=True)
@@ -142,8 +139,7 @@ def _gaussian_processes(made: Measured) -> Floats:
     transforms = importlib.import_module("mastercurves.transforms")
     sweeps = made.sweeps
     count = sweeps.sizes["temperature"]
-    with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"), contextlib.redirect_stdout(io.StringIO()):
         curve = package.MasterCurve(fixed_noise=0.02)
         curve.add_data(
             [np.log(sweeps["frequency"].values)] * count,

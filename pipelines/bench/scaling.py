@@ -43,11 +43,10 @@ def run(quick: bool) -> list[Suite]:
         "exponent of the run time",
         [point for _, point in found],
         notes=[
-            "The exponent is the slope of the logarithm of the run time from the second smallest "
-            f"to the largest size; up to {_ALLOWED:g} counts as linear (n log n). All sizes run in "
-            "turn, round by round; the exponent is the median of the rounds, and counts as more "
-            "than linear only if it is so in every round. The run time is that of the largest "
-            "size. All are processor times, which a busy machine lengthens less than wall time, "
+            "The exponent is the slope of the logarithm of the run time from the second smallest to the largest size; "
+            f"up to {_ALLOWED:g} counts as linear (n log n). All sizes run in turn, round by round; the exponent is "
+            "the median of the rounds, and counts as more than linear only if it is so in every round. The run time is "
+            "that of the largest size. All are processor times, which a busy machine lengthens less than wall time, "
             "but for short calls still by half."
         ],
         has_diagram=False,
@@ -179,9 +178,8 @@ def _events(samples: int) -> Callable[[], object]:
     def call() -> object:
         import warnings
 
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(action="ignore", category=UserWarning):
             # short records end before rest, on purpose
-            warnings.simplefilter("ignore", UserWarning)
             return signals.bounces(whole)
 
     return call

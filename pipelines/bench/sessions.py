@@ -57,9 +57,8 @@ def run(quick: bool) -> Suite:
         "RMS error of restitution over its uncertainty (1)",
         points,
         notes=[
-            f"Two experiments side by side took {two.seconds:.0f} s, one after the other "
-            f"{one.seconds:.0f} s: {one.seconds / two.seconds:.2f} times faster, on "
-            f"{processors()} processors. The steps themselves took "
+            f"Two experiments side by side took {two.seconds:.0f} s, one after the other {one.seconds:.0f} s: "
+            f"{one.seconds / two.seconds:.2f} times faster, on {processors()} processors. The steps themselves took "
             f"{two.extra[_PROCESSOR]:.0f} s and {one.extra[_PROCESSOR]:.0f} s of processor time.",
             "Each way of computing a whole session ran once, so a busy machine affects it. The "
             "part skipping measures each shortcut that --full switches off.",

@@ -245,5 +245,4 @@ def reported(function: str, inputs: tuple[str, ...]) -> Stage:
 def function(text: str) -> Callable[..., Any]:
     """Import what ``"module:function"`` names."""
     module, _, name = text.partition(":")
-    found: Callable[..., Any] = getattr(importlib.import_module(module), name)
-    return found
+    return getattr(importlib.import_module(module), name)

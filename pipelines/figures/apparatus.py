@@ -47,9 +47,8 @@ def glass_transition() -> Drawing:
             _molecules(place, pitch)
             letter(place, name, word)
     return Drawing(
-        "(a) Specific volume over temperature with the change of slope at the glass "
-        "transition, the glassy line extrapolated, and the free volume; (b), (c) dense and "
-        "loose packing below and above it.",
+        "(a) Specific volume over temperature with the change of slope at the glass transition, the glassy line "
+        "extrapolated, and the free volume; (b), (c) dense and loose packing below and above it.",
         figure,
         computed="two straight lines joined smoothly, slopes 0.06 and 0.16, illustrative.",
         difference="the printed figure is a sketch without numbers.",
@@ -100,9 +99,8 @@ def plate_vibration() -> Drawing:
         "Displacement of the plate after the first contact of nylon, acrylic, PEEK and PTFE spheres from four heights.",
         figure,
         computed=(
-            f"drop simulation with a plate of {_PLATE.mass:g} kg, {_PLATE.frequency:g} Hz and "
-            f"damping ratio {_PLATE.damping_ratio:g}, illustrative values. Largest "
-            f"displacement in µm from 1.5, 5, 7, 10 mm: {peaks}."
+            f"drop simulation with a plate of {_PLATE.mass:g} kg, {_PLATE.frequency:g} Hz and damping ratio "
+            f"{_PLATE.damping_ratio:g}, illustrative values. Largest displacement in µm from 1.5, 5, 7, 10 mm: {peaks}."
         ),
         difference=(
             "the thesis prints neither frequency, damping nor amplitudes; as it says, the "

@@ -254,11 +254,9 @@ def camera_table() -> Drawing:
         measured="lengths and distances as the thesis prints them.",
         computed="pixel sizes by eq. (D.1) and the share of 1 to 2 px (front) and 1 px (disc).",
         difference=(
-            f"front {rows[0][3] * 1e6:.2f} µm/px, {rows[0][4]:.2f} to {rows[0][5]:.2f} % "
-            "(printed 77.7 and 0.3 to 0.5); disc "
-            f"{rows[1][3] * 1e6:.3f} µm/px, {rows[1][4]:.2f} % (printed 2.17 and 0.2). "
-            f"The two differ by a factor {rows[0][3] / rows[1][3]:.1f}, not by about two "
-            "orders of magnitude."
+            f"front {rows[0][3] * 1e6:.2f} µm/px, {rows[0][4]:.2f} to {rows[0][5]:.2f} % (printed 77.7 and 0.3 to "
+            f"0.5); disc {rows[1][3] * 1e6:.3f} µm/px, {rows[1][4]:.2f} % (printed 2.17 and 0.2). The two differ by a "
+            f"factor {rows[0][3] / rows[1][3]:.1f}, not by about two orders of magnitude."
         ),
         table="\n".join(lines) + "\n",
     )

@@ -45,10 +45,9 @@ def harmonic_loading() -> Drawing:
             axes[row, 0].set_ylabel(label)
         legend_above(figure, axes[0, 0])
     return Drawing(
-        "Strain and stress over two cycles (top) and stress over strain (bottom), each over "
-        "its amplitude: (a) elastic, (b) viscoelastic, (c) viscous. The loop's area is the "
-        "work dissipated in a cycle, pi sin(delta) in these units: 0, "
-        f"{np.pi * np.sin(lag):.3f} and {np.pi:.3f}.",
+        "Strain and stress over two cycles (top) and stress over strain (bottom), each over its amplitude: (a) "
+        "elastic, (b) viscoelastic, (c) viscous. The loop's area is the work dissipated in a cycle, pi sin(delta) in "
+        f"these units: 0, {np.pi * np.sin(lag):.3f} and {np.pi:.3f}.",
         figure,
         computed=(
             f"(b) is a standard linear solid, E_unrelaxed/E_relaxed = 4, at the frequency of "
@@ -129,15 +128,13 @@ def relaxation_processes() -> Drawing:
             axes.text(place, 2.2e1, word, ha="center", fontsize=7)
         legend_above(figure, [axes, other])
     return Drawing(
-        "Storage modulus and loss factor of an uncrosslinked amorphous polymer over "
-        "frequency; the alpha process is the glass transition, beta and gamma are local. The "
-        "dotted lines mark the three peaks of the loss factor.",
+        "Storage modulus and loss factor of an uncrosslinked amorphous polymer over frequency; the alpha process is "
+        "the glass transition, beta and gamma are local. The dotted lines mark the three peaks of the loss factor.",
         figure,
         computed=(
-            "generalised Maxwell model (1.42) without equilibrium modulus: processes that are "
-            "normal in log10 of time, centred at 1, 1e-5 and 10^-8.5 times the alpha time with "
-            "2.2, 0.5 and 0.3 GPa, and a flow process of 1 MPa at 1e6. The values are "
-            "illustrative; they are no material of the thesis."
+            "generalised Maxwell model (1.42) without equilibrium modulus: processes that are normal in log10 of time, "
+            "centred at 1, 1e-5 and 10^-8.5 times the alpha time with 2.2, 0.5 and 0.3 GPa, and a flow process of 1 "
+            "MPa at 1e6. The values are illustrative; they are no material of the thesis."
         ),
         difference="the printed figure is a sketch without numbers.",
     )

@@ -101,26 +101,22 @@ def dissipation_map() -> Drawing:
             place.set_xlabel("frequency $\\tilde f = f\\tau_0$ (1)")
     ratio = found / analytic
     return Drawing(
-        "(a) Dimensionless work dissipated per cycle, eq. (2.31), over frequency and "
-        "amplitude at mean indentation 0.05 R; white: the indenter leaves the surface. (b) "
-        "The same at amplitude 0.005 R; dashed: beyond the front, where (2.31) extrapolates. "
-        f"R = 2 mm, period 8 mm, depth 18 mm, tau_0 = {CHARACTERISTIC_TIME:.3g} s; work over "
-        "E_relaxed times period times R times depth.",
+        "(a) Dimensionless work dissipated per cycle, eq. (2.31), over frequency and amplitude at mean indentation "
+        "0.05 R; white: the indenter leaves the surface. (b) The same at amplitude 0.005 R; dashed: beyond the front, "
+        f"where (2.31) extrapolates. R = 2 mm, period 8 mm, depth 18 mm, tau_0 = {CHARACTERISTIC_TIME:.3g} s; work "
+        "over E_relaxed times period times R times depth.",
         figure,
         computed=(
-            "map and line from eqs. (2.31) and (2.34); dots from the boundary-element "
-            "simulator (600 s of rest, then two cycles), in (a) the amplitude at which its "
-            "least force falls to zero, in (b) the work of the second cycle. The material is "
-            "the library's nbr, tuned on the thesis's plateaus alone; its one "
-            "term per decade shows as a ripple."
+            "map and line from eqs. (2.31) and (2.34); dots from the boundary-element simulator (600 s of rest, then "
+            "two cycles), in (a) the amplitude at which its least force falls to zero, in (b) the work of the second "
+            "cycle. The material is the library's nbr, tuned on the thesis's plateaus alone; its one term per decade "
+            "shows as a ripple."
         ),
         difference=(
-            f"the simulated front lies at {ratio.min():.2f} to {ratio.max():.2f} times (2.34), "
-            "which keeps the contact width while the real one shrinks. The text after (2.34) "
-            "has the trend reversed: the critical amplitude falls as the frequency rises "
-            "(from near Delta_0 to Delta_0/beta, as the text itself says further on). "
-            "Levels differ from the printed map as far as the true DMA spectrum differs from "
-            "the library's."
+            f"the simulated front lies at {ratio.min():.2f} to {ratio.max():.2f} times (2.34), which keeps the contact "
+            "width while the real one shrinks. The text after (2.34) has the trend reversed: the critical amplitude "
+            "falls as the frequency rises (from near Delta_0 to Delta_0/beta, as the text itself says further on). "
+            "Levels differ from the printed map as far as the true DMA spectrum differs from the library's."
         ),
     )
 
@@ -178,9 +174,8 @@ def tapping_cycle() -> Drawing:
         figure.legend(handles, words, loc="outside upper center", ncols=3)
     force, width = last["force"].values, last["contact_half_width"].values
     return Drawing(
-        "Contact pressure and height of surface and indenter, upwards positive and from the "
-        "mean surface, at eight moments of the third cycle; mean indentation 0.25 R, "
-        "amplitude 0.15 R, 2 Hz.",
+        "Contact pressure and height of surface and indenter, upwards positive and from the mean surface, at eight "
+        "moments of the third cycle; mean indentation 0.25 R, amplitude 0.15 R, 2 Hz.",
         figure,
         computed=(
             "boundary-element simulation of a periodic row of circular tips on the library's "

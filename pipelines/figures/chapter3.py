@@ -47,25 +47,22 @@ def reduced_gap() -> Drawing:
     dents = (made["reduced_gap"] + made["approach"]).values
     left = np.interp(made["lift_off_time"].values[0] + _AFTER_LIFT_OFF, made["time"].values, dents)
     return Drawing(
-        "(a) Reduced gap at the centre and contact radius of an acrylic sphere dropped from "
-        "1.5 mm, to rest; I, II, III are the impacts that are analysed, each shown over t_p = 0 at its "
-        "largest contact radius (below right). (b) The quantities: drop height h_0, centre O, "
-        "contact radius a.",
+        "(a) Reduced gap at the centre and contact radius of an acrylic sphere dropped from 1.5 mm, to rest; I, II, "
+        "III are the impacts that are analysed, each shown over t_p = 0 at its largest contact radius (below right). "
+        "(b) The quantities: drop height h_0, centre O, contact radius a.",
         figure,
         computed=(
-            "drop simulation with the library's acrylic, R = 9.525 mm, 505 g. g_r = z_O - R + w with "
-            "the displacement w of the surface at the centre: 0 as long as sphere and disc touch there, "
-            f"in flight with the dent that is left ({left * 1e6:.1f} µm 0.1 ms after the first "
-            f"lift-off). {made.sizes['impact']} bounces; the last touch comes at "
-            f"{(float(made['final_contact_time']) - first) * 1e3:.0f} ms, and nothing swings after "
+            "drop simulation with the library's acrylic, R = 9.525 mm, 505 g. g_r = z_O - R + w with the displacement "
+            "w of the surface at the centre: 0 as long as sphere and disc touch there, in flight with the dent that is "
+            f"left ({left * 1e6:.1f} µm 0.1 ms after the first lift-off). {made.sizes['impact']} bounces; the last "
+            f"touch comes at {(float(made['final_contact_time']) - first) * 1e3:.0f} ms, and nothing swings after "
             f"{(float(made['rest_time']) - first) * 1e3:.0f} ms. Contact radius at the end "
-            f"{float(made['contact_radius'][-1]) * 1e6:.1f} µm; dotted: Hertz radius under the weight with "
-            f"E = 3.2 GPa, nu = 0.35: {rest * 1e6:.1f} µm."
+            f"{float(made['contact_radius'][-1]) * 1e6:.1f} µm; dotted: Hertz radius under the weight with E = 3.2 "
+            f"GPa, nu = 0.35: {rest * 1e6:.1f} µm."
         ),
         difference=(
-            "the printed figure is a sketch without numbers. The text has g_r negative in contact, "
-            "by the approach; with the printed g_r = z_O - R + w it cannot be, as w makes up for it. "
-            "The approach is drawn beside it."
+            "the printed figure is a sketch without numbers. The text has g_r negative in contact, by the approach; "
+            "with the printed g_r = z_O - R + w it cannot be, as w makes up for it. The approach is drawn beside it."
         ),
     )
 

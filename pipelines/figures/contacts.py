@@ -103,9 +103,8 @@ def phases(inputs: Inputs) -> Drawing:
     u_rest = float(impacts["u_static_radius"]) * 1e6
     bounced = f"bouncing until {edges[1]:.0f} ms"
     return Drawing(
-        f"Displacement and contact radius of an acrylic sphere dropped from {height * 1e3:g} "
-        "mm, over time from first contact; shaded: the phases, found in the laser's record. "
-        "I, II, III: the impacts that are analysed.",
+        f"Displacement and contact radius of an acrylic sphere dropped from {height * 1e3:g} mm, over time from first "
+        "contact; shaded: the phases, found in the laser's record. I, II, III: the impacts that are analysed.",
         figure,
         computed=(
             f"phases: {bounced} (the last touch after which no flight is resolved), vibration "
@@ -197,9 +196,8 @@ def spots(inputs: Inputs) -> Drawing:
         axes[-1, 0].set_xlabel("x (µm)")
         legend_above(figure, axes[0, 0])
     return Drawing(
-        "The contact of an acrylic sphere through the disc at the largest radius of the first "
-        "impacts and at rest, from "
-        f"{inputs.experiments[name].height.value * 1e3:g} mm; t_c is the time since first contact.",
+        "The contact of an acrylic sphere through the disc at the largest radius of the first impacts and at rest, "
+        f"from {inputs.experiments[name].height.value * 1e3:g} mm; t_c is the time since first contact.",
         figure,
         computed=(
             "orange: contact circle of the simulated drop, centred on the fit; light blue, "
@@ -293,11 +291,10 @@ def heated(inputs: Inputs) -> Drawing:
         legend_above(figure, axes[0, 0])
     return Drawing(
         "Contact radius of an acrylic sphere at room temperature and heated, dropped from "
-        f"{inputs.experiments[pair[0][0]].height.value * 1e3:g} mm: (a) to (c) the first three "
-        "impacts, over a common time: from the touch of each impact, with t_p = 0 where the contact at room "
-        "temperature is largest; (d) at rest (bars: 95 %; dashes and boxes: the "
-        "simulation at the end of the film, 95 %). Below: the frame nearest to the largest radius and one at rest, "
-        "with the circle fitted to the fringes.",
+        f"{inputs.experiments[pair[0][0]].height.value * 1e3:g} mm: (a) to (c) the first three impacts, over a common "
+        "time: from the touch of each impact, with t_p = 0 where the contact at room temperature is largest; (d) at "
+        "rest (bars: 95 %; dashes and boxes: the simulation at the end of the film, 95 %). Below: the frame nearest to "
+        "the largest radius and one at rest, with the circle fitted to the fringes.",
         figure,
         computed=(
             "simulated drops; the heated one with the material shifted by its law. A film is laid on the "

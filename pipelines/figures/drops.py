@@ -65,10 +65,9 @@ def heights(inputs: Inputs, sphere: str) -> Drawing:
         legend_above(figure, axes[0, 0])
     number = int(results["repeats"].sizes["repeat"])
     return Drawing(
-        f"Displacement of {sphere} sphere after drops from {len(chosen)} "
-        f"{'heights' if len(chosen) > 1 else 'height'}, from {_BEFORE:g} ms before first contact to "
-        f"{_ends(inputs, chosen)} "
-        "(left); green: the penetration, magnified in all impacts (middle) and in the first (right).",
+        f"Displacement of {sphere} sphere after drops from {len(chosen)} {'heights' if len(chosen) > 1 else 'height'}, "
+        f"from {_BEFORE:g} ms before first contact to {_ends(inputs, chosen)} (left); green: the penetration, "
+        "magnified in all impacts (middle) and in the first (right).",
         figure,
         computed=(
             "lines: drop simulation with the material that the session names. Agreement with "

@@ -50,11 +50,9 @@ def laser_and_film(inputs: Inputs) -> Drawing:
         "(b) velocity by a smoothing spline.",
         figure,
         computed=(
-            f"film minus laser: mean {float(made['bias']) * 1e6:+.1f} ± "
-            f"{float(made['u_bias']) * 1e6:.1f} µm, 95 % limits of agreement "
-            f"{float(made['limit_low']) * 1e6:+.1f} to {float(made['limit_high']) * 1e6:+.1f} "
-            f"µm; lag {float(made['lag']) * 1e6:+.0f} µs; nRMSE "
-            f"{100 * float(made['nrmse']):.2f} %."
+            f"film minus laser: mean {float(made['bias']) * 1e6:+.1f} ± {float(made['u_bias']) * 1e6:.1f} µm, 95 % "
+            f"limits of agreement {float(made['limit_low']) * 1e6:+.1f} to {float(made['limit_high']) * 1e6:+.1f} µm; "
+            f"lag {float(made['lag']) * 1e6:+.0f} µs; nRMSE {100 * float(made['nrmse']):.2f} %."
         ),
         difference=(
             "the thesis gives no number for the agreement. First contact is printed as about 0.04 s for "

@@ -260,12 +260,10 @@ def dissipated_work(inputs: Inputs) -> Drawing:
         "dimensionless as eq. (2.40) per depth.",
         figure,
         computed=(
-            "simulation with the recorded displacement (points) and, between the frequencies, with a sine "
-            "after a hold of 600 s; eq. (2.31) with the fitted "
-            f"amplitudes at mean indentation {abs(mean) * 1e6:.1f} µm. Simulated over "
-            f"{inputs.origin}: {100 * gap.min():+.1f} to {100 * gap.max():+.1f} %; eq. (2.31) "
-            f"over {inputs.origin}: {100 * theory_gap.min():+.1f} to "
-            f"{100 * theory_gap.max():+.1f} %."
+            "simulation with the recorded displacement (points) and, between the frequencies, with a sine after a hold "
+            f"of 600 s; eq. (2.31) with the fitted amplitudes at mean indentation {abs(mean) * 1e6:.1f} µm. Simulated "
+            f"over {inputs.origin}: {100 * gap.min():+.1f} to {100 * gap.max():+.1f} %; eq. (2.31) over "
+            f"{inputs.origin}: {100 * theory_gap.min():+.1f} to {100 * theory_gap.max():+.1f} %."
         ),
         difference=(
             "the printed legend says the simulation is 'based on Eq. 2.31'; it is not, the two are independent."

@@ -63,11 +63,10 @@ def _recorded_relaxation(inputs: Inputs) -> Drawing:
             by_radius = "" if punch is None else f", $\\Delta/R$ = {depth / punch.radius.value:.3g}"
             letter(place, letter_, f"$\\Delta$ = {depth * 1e3:.3g} mm{by_radius}")
             notes.append(
-                f"{depth * 1e3:.2g} mm: peak {clean:.2f} ± {u_clean:.2f} N before the filter and {peak:.2f} N "
-                f"behind it, plateau {plateau:.2f} ± "
-                f"{float(at['u_plateau_force']):.2f} N (model "
-                f"{float(made['plateau_force_model'][0]):.2f} N), nRMSE "
-                f"{100 * float(made['nrmse_all'][0]):.2f} %{_printed(depth)}"
+                f"{depth * 1e3:.2g} mm: peak {clean:.2f} ± {u_clean:.2f} N before the filter and {peak:.2f} N behind "
+                f"it, plateau {plateau:.2f} ± {float(at['u_plateau_force']):.2f} N (model "
+                f"{float(made['plateau_force_model'][0]):.2f} N), nRMSE {100 * float(made['nrmse_all'][0]):.2f} "
+                f"%{_printed(depth)}"
             )
         axes[0, 0].set_ylabel("force (N)")
         legend_above(figure, [axes[0, 0], others[0]])
@@ -126,15 +125,13 @@ def _computed_relaxation() -> Drawing:
         axes[0, 0].set_ylabel("force (N)")
         legend_above(figure, [axes[0, 0], others[0]])
     return Drawing(
-        "Force while the punch is pressed in at 1 mm/s and held for 600 s, at three depths; "
-        "right axis: imposed indentation. Points: the peak and the plateau that the thesis "
-        "prints.",
+        "Force while the punch is pressed in at 1 mm/s and held for 600 s, at three depths; right axis: imposed "
+        "indentation. Points: the peak and the plateau that the thesis prints.",
         figure,
         measured="the six printed forces.",
         computed=(
-            "boundary-element simulation, circular tips, the library's nbr; it was tuned on "
-            "these plateaus and peak ratios, so this is a check of the geometry, not of the "
-            "material."
+            "boundary-element simulation, circular tips, the library's nbr; it was tuned on these plateaus and peak "
+            "ratios, so this is a check of the geometry, not of the material."
         ),
         difference="; ".join(notes) + ".",
     )
@@ -223,12 +220,11 @@ def _recorded_loading(inputs: Inputs) -> Drawing:
         "the simulation until 10^4 s.",
         figure,
         computed=(
-            f"quasi-static viscoelastic contact, and Hertz with the {model.attrs['reference']}. Radius at "
-            f"the end of each load: {'; '.join(found)}. nRMSE of the model "
-            f"{100 * float(made['nrmse_contact_radius_model']):.2f} %, of Hertz "
-            f"{100 * float(made['nrmse_contact_radius_hertz']):.2f} %. Means over the loads: "
-            f"{', '.join(f'{m:.1f}' for m in means)} µm. Between 10 s and 10^4 s under the last load the "
-            f"simulated radius grows from {grown[0]:.1f} to {grown[1]:.1f} µm, towards Hertz's {radii[-1]:.1f} µm."
+            f"quasi-static viscoelastic contact, and Hertz with the {model.attrs['reference']}. Radius at the end of "
+            f"each load: {'; '.join(found)}. nRMSE of the model {100 * float(made['nrmse_contact_radius_model']):.2f} "
+            f"%, of Hertz {100 * float(made['nrmse_contact_radius_hertz']):.2f} %. Means over the loads: "
+            f"{', '.join(f'{m:.1f}' for m in means)} µm. Between 10 s and 10^4 s under the last load the simulated "
+            f"radius grows from {grown[0]:.1f} to {grown[1]:.1f} µm, towards Hertz's {radii[-1]:.1f} µm."
         ),
         difference=(
             "the thesis prints the loads and times, not the radii. The first load is held 3 "
@@ -300,9 +296,8 @@ def _computed_loading() -> Drawing:
         "added at 2.55, 18.20, 33.10 and 47.55 min; (b) Hertz contact circles to scale.",
         figure,
         computed=(
-            "quasi-static viscoelastic contact with the library's ptfe, and Hertz with its "
-            f"relaxed modulus {solid.E_relaxed / 1e6:.0f} MPa; radius by Hertz and at the end "
-            f"of each step: {'; '.join(steps)}."
+            "quasi-static viscoelastic contact with the library's ptfe, and Hertz with its relaxed modulus "
+            f"{solid.E_relaxed / 1e6:.0f} MPa; radius by Hertz and at the end of each step: {'; '.join(steps)}."
         ),
         difference=(
             "the thesis prints the loads and times, not the radii. The first load is held 3 "

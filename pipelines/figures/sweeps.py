@@ -84,10 +84,9 @@ def master_curve(inputs: Inputs, printed_T_ref: float, note: str = "", *, with_s
         + ("; (c) creep compliances over retardation times." if with_spectrum else "."),
         figure,
         computed=(
-            "shifts and spectrum from one joint fit to both moduli; residuals "
-            f"{residual[0]:.2f} % (storage) and {residual[1]:.2f} % (loss) rms over "
-            f"{made.sizes['temperature']} isotherms; Kramers-Kronig: {verdict}. Band: two "
-            "standard uncertainties."
+            f"shifts and spectrum from one joint fit to both moduli; residuals {residual[0]:.2f} % (storage) and "
+            f"{residual[1]:.2f} % (loss) rms over {made.sizes['temperature']} isotherms; Kramers-Kronig: {verdict}. "
+            "Band: two standard uncertainties."
         ),
         difference=difference + (f"; {note}." if note else "."),
         **inputs.data_note(f"isothermal frequency sweeps of {name}."),

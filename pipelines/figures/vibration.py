@@ -48,11 +48,10 @@ def plate_vibration(inputs: Inputs | None) -> Drawing:
         "this order.",
         figure,
         computed=(
-            f"free vibration between the first two contacts: natural frequency "
-            f"{_shown(plate, 'frequency', 'Hz')}, damping ratio "
-            f"{_shown(plate, 'damping_ratio', '1')}, modal mass {_shown(plate, 'mass', 'kg')}; "
-            f"amplitudes at impact in µm: {_amplitudes(table, kinds)}. Measured minus "
-            f"simulated drop on that plate: nRMSE at most {worst:.1f} %."
+            f"free vibration between the first two contacts: natural frequency {_shown(plate, 'frequency', 'Hz')}, "
+            f"damping ratio {_shown(plate, 'damping_ratio', '1')}, modal mass {_shown(plate, 'mass', 'kg')}; "
+            f"amplitudes at impact in µm: {_amplitudes(table, kinds)}. Measured minus simulated drop on that plate: "
+            f"nRMSE at most {worst:.1f} %."
         ),
         difference=(
             f"the thesis prints no numbers; it says that the frequency is the same for all "

@@ -40,5 +40,4 @@ def record_drop(
     time = np.arange(round(duration / sensor.cycle), dtype=np.float64) * sensor.cycle
     along = trajectory.at(np.asarray(time - release)) * np.cos(sensor.inclination) + sensor.zero
     noisy = along + generator.normal(0.0, sensor.noise, time.size)
-    rounded: Floats = np.round(noisy / sensor.step) * sensor.step
-    return rounded
+    return np.round(noisy / sensor.step) * sensor.step

@@ -32,8 +32,7 @@ def missing_part(experiment: Experiment, path: Path) -> str | None:
         The file.
     """
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # shown when the file is processed
+        with warnings.catch_warnings(action="ignore"):  # shown when the file is processed
             return _missing_part(experiment, path)
     except LabpipeError as error:
         return str(error)

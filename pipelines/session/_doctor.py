@@ -201,8 +201,7 @@ def doctor(folder: str | Path | None = None) -> Health:
         raise InputError(f"{place} is no folder; name one that exists")
     versions = _versions()
     mistakes, damaged, is_sound = _session_problems(place)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", PluginWarning)  # they are listed here
+    with warnings.catch_warnings(action="ignore", category=PluginWarning):  # they are listed here
         plugins = _plugins()
     return Health(
         versions, tuple(plugins), shutil.disk_usage(place).free,

@@ -38,9 +38,8 @@ _REASONS = 5  # what is wrong with more experiments stands in their rows
 _LEAST_STRETCH = 2  # points; fewer show no course
 _SORT = "Select a heading to sort. "
 _ERROR = (
-    "The error is the root mean square of measurement minus model (or "
-    "film minus laser) over the range of the model (or of the laser), for the worst repeat, impact or "
-    "frequency."
+    "The error is the root mean square of measurement minus model (or film minus laser) over the range of the model "
+    "(or of the laser), for the worst repeat, impact or frequency."
 )
 _COMPARISON = "comparison"
 """The stage whose result holds the error of a kind."""

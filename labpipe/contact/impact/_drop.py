@@ -219,9 +219,8 @@ def refined(
     if error <= ENERGY_LIMIT * setting.rtol:
         return run, error
     message = (
-        f"the numerical energy error is {error:.1e} of the drop's energy, more than expected for "
-        f"rtol = {setting.rtol:.0e}; restitution and forces are uncertain by about as much. "
-        "A smaller rtol reduces it"
+        f"the numerical energy error is {error:.1e} of the drop's energy, more than expected for rtol = "
+        f"{setting.rtol:.0e}; restitution and forces are uncertain by about as much. A smaller rtol reduces it"
     )
     warnings.warn(message, UserWarning, stacklevel=3)
     return run, error

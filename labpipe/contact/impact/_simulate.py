@@ -113,9 +113,8 @@ def _refuse_endless(setting: Setting, creep: Creep, expected: Scales, effort: Ef
     needed = steps_per_contact(effort.rtol) * setting.duration / cycle
     if not is_damped and needed > effort.max_steps:
         raise InputError(
-            f"an elastic sphere never stops: {setting.duration:.4g} s would take about "
-            f"{needed:.2g} steps, more than max_steps = {effort.max_steps}; shorten the duration, "
-            "raise max_steps, or give the material a loss"
+            f"an elastic sphere never stops: {setting.duration:.4g} s would take about {needed:.2g} steps, more than "
+            f"max_steps = {effort.max_steps}; shorten the duration, raise max_steps, or give the material a loss"
         )
 
 

@@ -326,10 +326,9 @@ class Stepper:
         most_updates = _UPDATES_PER_STEP * self.max_steps
         if counts.solver_steps > self.max_steps or counts.spring_updates > most_updates:
             raise InputError(
-                f"{counts.solver_steps} steps of {self.springs.position.size} springs reached only "
-                f"{self.now.time:.6g} s: the material damps too little for so long a duration, or "
-                "hardly has an instantaneous compliance; shorten the duration, raise max_steps or "
-                "rtol"
+                f"{counts.solver_steps} steps of {self.springs.position.size} springs reached only {self.now.time:.6g} "
+                "s: the material damps too little for so long a duration, or hardly has an instantaneous compliance; "
+                "shorten the duration, raise max_steps or rtol"
             )
         if self.observe is not None:
             self.observe(self.now.time)

@@ -16,8 +16,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from labpipe.contact.line._simulate import DEFAULT_RTOL, Output, Request, Solver, simulate
-from labpipe.contact.memory import checked_history
-from labpipe.errors import InputError
+from labpipe.contact.memory import checked_history, checked_load
 from labpipe.materials import Solid, solid
 from labpipe.units import Measure, si
 
@@ -113,16 +112,8 @@ def indent(
     12.4
     """
     times, values = checked_history(time, displacement, "displacement")
-    return simulate(
-        _request(material, tip_radius, period, depth, profile, thickness, elements),
-        times,
-        values,
-        "displacement",
-        rtol,
-        outputs,
-        solver,
-        progress,
-    )
+    request = _request(material, tip_radius, period, depth, profile, thickness, elements)
+    return simulate(request, times, values, "displacement", rtol, outputs, solver, progress)
 
 
 def indent_load(
@@ -171,21 +162,9 @@ def indent_load(
     >>> round(float(result.displacement[0]) * 1e3, 3)
     0.1
     """
-    times, values = checked_history(time, load, "load")
-    negative = np.flatnonzero(values < 0.0)
-    if negative.size:
-        n = negative[0]
-        raise InputError(f"load[{n}] is {values[n]} N; a contact without adhesion cannot pull")
-    return simulate(
-        _request(material, tip_radius, period, depth, profile, thickness, elements),
-        times,
-        values,
-        "force",
-        rtol,
-        outputs,
-        solver,
-        progress,
-    )
+    times, values = checked_load(time, load)
+    request = _request(material, tip_radius, period, depth, profile, thickness, elements)
+    return simulate(request, times, values, "force", rtol, outputs, solver, progress)
 
 
 def _request(
@@ -198,12 +177,6 @@ def _request(
     elements: int | None,
 ) -> Request:
     """Bring what was given to SI."""
-    return Request(
-        solid(material),
-        si(tip_radius, "m", "tip_radius"),
-        si(period, "m", "period"),
-        si(depth, "m", "depth"),
-        profile,
-        si(thickness, "m", "thickness"),
-        elements,
-    )
+    lengths = {"tip_radius": tip_radius, "period": period, "depth": depth, "thickness": thickness}
+    in_si = {name: si(value, "m", name) for name, value in lengths.items()}
+    return Request(solid(material), profile=profile, elements=elements, **in_si)

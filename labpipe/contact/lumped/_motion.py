@@ -241,9 +241,8 @@ class Motion:
         self.evaluations += int(solution.nfev)
         if self.evaluations > _MAX_EVALUATIONS:
             raise InputError(
-                f"the motion took {self.evaluations} evaluations of the force up to "
-                f"{now:.6g} s of {end:.6g} s; give a shorter duration, a higher drop or "
-                "more damping"
+                f"the motion took {self.evaluations} evaluations of the force up to {now:.6g} s of {end:.6g} s; give a "
+                "shorter duration, a higher drop or more damping"
             )
         dense = solution.sol
 

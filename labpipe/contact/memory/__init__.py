@@ -11,7 +11,7 @@ from labpipe.contact.memory._creep import (
     late_share,
     step_weights,
 )
-from labpipe.contact.memory._histories import checked_history
+from labpipe.contact.memory._histories import checked_history, checked_load
 
 __all__ = [
     "Condensed",
@@ -20,6 +20,7 @@ __all__ = [
     "StepWeights",
     "advance",
     "checked_history",
+    "checked_load",
     "condense",
     "history",
     "late_share",

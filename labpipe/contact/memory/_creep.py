@@ -130,9 +130,8 @@ class Creep:
         is_admissible = instantaneous > 0.0 and fluidity >= 0.0 and np.all(C >= 0.0)
         if not (is_finite and is_admissible and np.all(tau > 0.0)):
             raise InputError(
-                "creep terms must be finite, with compliances at least 0 and times above 0; "
-                f"found J(0) = {instantaneous}, C = {C.tolist()}, tau = {tau.tolist()}, "
-                f"fluidity = {fluidity}"
+                "creep terms must be finite, with compliances at least 0 and times above 0; found J(0) = "
+                f"{instantaneous}, C = {C.tolist()}, tau = {tau.tolist()}, fluidity = {fluidity}"
             )
         factor = 1.0 - nu**2
         used = C > 0.0
@@ -182,7 +181,7 @@ class StepWeights:
     old_total: float
 
 
-def step_weights(creep: Creep, dt: float, *, hold: bool = False, jump: float = 0.0) -> StepWeights:
+def step_weights(creep: Creep, dt: float, *, hold: bool = False) -> StepWeights:
     """Weights of one step.
 
     Parameters
@@ -195,9 +194,6 @@ def step_weights(creep: Creep, dt: float, *, hold: bool = False, jump: float = 0
         False: the load is linear inside the step. True: it jumps to its new value at the start of
         the step and stays; use it for the first few steps after a jump of the displacement, where
         a linear load would overshoot.
-    jump : float
-        Share of the load's change that happens at the start of the step, the rest being linear; it
-        damps the ringing of a linear load. 0 is of second order, 1 is the same as ``hold``.
 
     Raises
     ------
@@ -219,8 +215,8 @@ def step_weights(creep: Creep, dt: float, *, hold: bool = False, jump: float = 0
     if creep.fluidity > 0.0:
         half = 0.5 * creep.fluidity * dt
         new, old = np.append(new, half), np.append(old, half)
-    early = 1.0 if hold else jump
-    new, old = new + early * old, (1.0 - early) * old
+    if hold:
+        new, old = new + old, 0.0 * old
     compliance = creep.instantaneous + float(new.sum())
     return StepWeights(float(dt), np.exp(-dt * creep.rate), old, new, compliance, float(old.sum()))
 

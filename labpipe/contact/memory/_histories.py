@@ -42,3 +42,13 @@ def checked_history(time: ArrayLike, value: ArrayLike, name: str) -> tuple[Float
             "sort the history (two samples at one time are a jump)"
         )
     return times, values
+
+
+def checked_load(time: ArrayLike, load: ArrayLike) -> tuple[Floats, Floats]:
+    """Return a history of load as :func:`checked_history` does; no load may be negative [N]."""
+    times, loads = checked_history(time, load, "load")
+    negative = np.flatnonzero(loads < 0.0)
+    if negative.size:
+        n = negative[0]
+        raise InputError(f"load[{n}] is {loads[n]} N; a contact without adhesion cannot pull")
+    return times, loads

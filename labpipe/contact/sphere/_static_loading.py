@@ -15,7 +15,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from labpipe.arrays import Floats
-from labpipe.contact.memory import Creep, checked_history
+from labpipe.contact.memory import Creep, checked_history, checked_load
 from labpipe.contact.sphere.hertz import static_approach, static_load
 from labpipe.contact.springs import Control, March, NotNestedError, SpringBed, sphere_bed
 from labpipe.errors import InputError
@@ -94,17 +94,12 @@ def load_sphere(
     array([4.116, 6.534])
     """
     material, radius = solid(material), si(radius, "m", "radius")
-    times, loads = checked_history(time, load, "load")
-    negative = np.flatnonzero(loads < 0.0)
-    if negative.size:
-        n = negative[0]
-        raise InputError(f"load[{n}] is {loads[n]} N; a contact without adhesion cannot pull")
+    times, loads = checked_load(time, load)
     creep = Creep.of(material)
     softest = float(creep.compliance(float(times[-1] - times[0])))
     largest = max(float(loads.max()), np.finfo(float).tiny)
     reach = float(static_load(largest, radius, 1.0 / softest).contact_radius)
-    bed = _bed(radius, reach, springs, profile)
-    return _run(bed, creep, times, loads, "force", rtol)
+    return _run(_bed(radius, reach, springs, profile), creep, times, loads, "force", rtol)
 
 
 def press_sphere(

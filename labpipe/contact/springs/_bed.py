@@ -214,13 +214,7 @@ class SpringBed:
         return displacement
 
 
-def sphere_bed(
-    radius: float,
-    reach: float,
-    springs: int,
-    gap: Callable[[Floats], Floats] | None = None,
-    limit: str = "the contact reaches the end of the springs; give a larger reach",
-) -> SpringBed:
+def sphere_bed(radius: float, reach: float, springs: int, gap: Callable[[Floats], Floats] | None = None) -> SpringBed:
     """Springs of a sphere on a half-space by the method of dimensionality reduction, for E* = 1.
 
     Parameters
@@ -233,8 +227,6 @@ def sphere_bed(
         Number of springs within the reach.
     gap : callable, optional
         Approach [m] of an elastic contact of radius b [m]; the default is b²/R (parabola).
-    limit : str
-        Message when the contact outgrows the reach.
 
     References
     ----------
@@ -255,4 +247,5 @@ def sphere_bed(
     stiffness = np.full(position.size, 2.0 * spacing)
     stiffness[0] = spacing
     gaps = position**2 / radius if gap is None else gap(position)
+    limit = "the contact reaches the end of the springs; give a larger reach"
     return SpringBed(gaps, stiffness, position, True, 1, limit)

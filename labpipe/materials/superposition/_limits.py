@@ -72,7 +72,6 @@ def _identifiability(overlap: xr.Dataset) -> list[str]:
         for a, b, u in zip(loose["colder"], loose["warmer"], loose["u_step"], strict=True)
     )
     return [
-        f"the data barely determine the step of log10 a_T between {pairs}; there the shifts rely "
-        f"on the expected continuation. Smaller temperature steps, a wider frequency range or a "
-        "shift law would help"
+        f"the data barely determine the step of log10 a_T between {pairs}; there the shifts rely on the expected "
+        "continuation. Smaller temperature steps, a wider frequency range or a shift law would help"
     ]

@@ -184,9 +184,8 @@ def _refuse_impossible(storage: Floats, loss: Floats, temperature: Floats, frequ
     bad = np.isinf(storage) | (storage <= 0)
     if bad.any():
         raise InputError(
-            f"storage modulus zero, negative or infinite at {bad.sum()} points, "
-            f"{_where(bad, temperature, frequency)}; expected positive values: mark failed "
-            "readings as NaN"
+            f"storage modulus zero, negative or infinite at {bad.sum()} points, {_where(bad, temperature, frequency)}; "
+            "expected positive values: mark failed readings as NaN"
         )
     for name, values in (("storage", storage), ("loss", loss)):
         far = (np.abs(values) > _MOST) | ((values != 0) & (np.abs(values) < 1.0 / _MOST))
@@ -225,9 +224,8 @@ def _falling(points: Points, temperature: Floats) -> list[str]:
         fall, spread = _largest_fall(y, scatter)
         if fall > max(_FALL_SCATTERS * spread, _LEAST_FALL):
             notes.append(
-                f"storage modulus falls with frequency by {100 * (1 - np.exp(-fall)):.1f} % at "
-                f"{T:g} °C; no linear viscoelastic material does that (resonance, slip, or a "
-                f"sample that was still changing)"
+                f"storage modulus falls with frequency by {100 * (1 - np.exp(-fall)):.1f} % at {T:g} °C; no linear "
+                "viscoelastic material does that (resonance, slip, or a sample that was still changing)"
             )
     return notes
 

@@ -72,9 +72,8 @@ def _two_processes(found: Superposition) -> Iterator[tuple[Level, str]]:
     worst = int(np.argmax(change))
     yield (
         "fail" if change[worst] > _SAME_SHIFT else "doubtful",
-        "two processes that shift apart, the second by "
-        f"{found.rival.share:.2f} decades for each decade of the first, describe the sweeps better than one master "
-        f"curve; their shifts differ by up to {change[worst]:.2f} decades "
+        f"two processes that shift apart, the second by {found.rival.share:.2f} decades for each decade of the first, "
+        f"describe the sweeps better than one master curve; their shifts differ by up to {change[worst]:.2f} decades "
         f"(at {float(found.model.temperature[worst]):.0f} °C), which is part of the uncertainties",
     )
 

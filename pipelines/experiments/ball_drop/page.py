@@ -28,10 +28,9 @@ from pipelines.experiments.shared import budget_blocks, pages
 from pipelines.experiments.shared.comparison_rows import IMPACTS
 
 _RIGID_FLOOR = (
-    "The model assumes a rigid floor. A real floor takes up energy: a floor of mass M lowers the "
-    "restitution of a mass m by up to about 2 m/M (0.0005 for half a kilogram on 1.5 t), which "
-    "the uncertainty above does not include. Give the floor as plate (mass, frequency, "
-    "damping_ratio), or name an experiment that measured it as plate_from."
+    "The model assumes a rigid floor. A real floor takes up energy: a floor of mass M lowers the restitution of a mass "
+    "m by up to about 2 m/M (0.0005 for half a kilogram on 1.5 t), which the uncertainty above does not include. Give "
+    "the floor as plate (mass, frequency, damping_ratio), or name an experiment that measured it as plate_from."
 )
 
 
@@ -219,9 +218,8 @@ def _phases(settings: BallDrop, bounces: Sequence[xr.Dataset | None]) -> Section
         Listed("remark", ["" if np.isfinite(end) else "still moving when the recording ends" for end in rest]),
     )
     text = (
-        "Bouncing: from first contact to the last resolved flight. Vibration: until the speed "
-        "stays below a hundredth of that of the first impact. Static: from then on. Times are "
-        "counted from first contact."
+        "Bouncing: from first contact to the last resolved flight. Vibration: until the speed stays below a hundredth "
+        "of that of the first impact. Static: from then on. Times are counted from first contact."
     )
     return Section("Phases", (listed(columns, text),))
 
@@ -236,9 +234,8 @@ def _model(model: xr.Dataset) -> Section:
     plate = json.loads(model.attrs["plate"])
     floor = "a rigid flat" if plate is None else "a vibrating plate"
     text = (
-        f"A viscoelastic sphere on {floor} by the method of dimensionality reduction: "
-        "independent springs with exact exponential memory, adaptive time steps, one step per "
-        "flight."
+        f"A viscoelastic sphere on {floor} by the method of dimensionality reduction: independent springs with exact "
+        "exponential memory, adaptive time steps, one step per flight."
     )
     blocks: list[Block] = [Paragraph(text), KeyValues(rows)]
     if plate is None:
@@ -263,9 +260,8 @@ def _methods(
 ) -> str:
     sphere = settings.sphere
     text = (
-        f"A sphere of radius {pages.stated(sphere.radius)} with a total moving mass of "
-        f"{pages.stated(sphere.mass)} was dropped {_times(len(settings.laser))} from "
-        f"{pages.stated(settings.height)}. "
+        f"A sphere of radius {pages.stated(sphere.radius)} with a total moving mass of {pages.stated(sphere.mass)} was "
+        f"dropped {_times(len(settings.laser))} from {pages.stated(settings.height)}. "
     )
     if displacement:
         angle = displacement[0]
@@ -287,9 +283,8 @@ def _methods(
         )
     if comparison is not None:
         text += (
-            "The normalised root-mean-square error between the mean displacement and the model, "
-            "relative to the range of the model, was "
-            f"{float(comparison['nrmse']) * 100:.2f} %. "
+            "The normalised root-mean-square error between the mean displacement and the model, relative to the range "
+            f"of the model, was {float(comparison['nrmse']) * 100:.2f} %. "
         )
     first = pages.told(repeats, "restitution", 0)
     text += f"The coefficient of restitution of the first impact was {first} (standard uncertainty)."

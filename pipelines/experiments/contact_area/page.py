@@ -301,11 +301,10 @@ def _gap_factor(radius: xr.Dataset, impacts: xr.Dataset | None) -> list[Block]:
         is_fresh = is_open & (time >= float(impacts["first_seen"][0])) & (time < float(impacts["peak_time"][0]))
     factor = radius["gap_factor"].values[is_open]
     text = (
-        f"In {pages.counted(int(is_open.sum()), 'frame')} the gap around the contact was "
-        f"{factor.min():.2f} to {factor.max():.2f} times the Hertzian one: the surface of a "
-        "viscoelastic body still recovers while the contact recedes, and when it touches again "
-        "early. There the factor was fitted as well; the error bars of these frames include the "
-        "uncertainty of the gap's shape."
+        f"In {pages.counted(int(is_open.sum()), 'frame')} the gap around the contact was {factor.min():.2f} to "
+        f"{factor.max():.2f} times the Hertzian one: the surface of a viscoelastic body still recovers while the "
+        "contact recedes, and when it touches again early. There the factor was fitted as well; the error bars of "
+        "these frames include the uncertainty of the gap's shape."
     )
     if not is_fresh.sum() > 1:
         return [Notice("info", text)]

@@ -386,17 +386,15 @@ def _tracking(track: xr.Dataset, motion: xr.Dataset | None) -> Section:
 def _methods(settings: DicValidation, track: xr.Dataset, comparison: xr.Dataset | None) -> str:
     size = int(track["subset"][0])
     text = (
-        "The holder's motion was measured by digital image correlation (zero-normalised sum of "
-        f"squared differences, inverse-compositional Gauss–Newton, one rigid subset of {size} px, "
-        f"B-spline interpolation of order {settings.tracking.order}) and scaled with the "
-        f"calibration of the view “{settings.view}”. "
+        "The holder's motion was measured by digital image correlation (zero-normalised sum of squared differences, "
+        f"inverse-compositional Gauss–Newton, one rigid subset of {size} px, B-spline interpolation of order "
+        f"{settings.tracking.order}) and scaled with the calibration of the view “{settings.view}”. "
     )
     if comparison is None or "nrmse" not in comparison:
         return text
     return text + (
-        "It was aligned with the mean of the laser's "
-        "repeats at first contact. The normalised root-mean-square difference was "
-        f"{float(comparison['nrmse']) * 100:.2f} %, the bias {pages.told(comparison, 'bias')}, the "
-        f"95 % limits of agreement {pages.told(comparison, 'limit_low')} and "
-        f"{pages.told(comparison, 'limit_high')} (Bland and Altman)."
+        "It was aligned with the mean of the laser's repeats at first contact. The normalised root-mean-square "
+        f"difference was {float(comparison['nrmse']) * 100:.2f} %, the bias {pages.told(comparison, 'bias')}, the 95 % "
+        f"limits of agreement {pages.told(comparison, 'limit_low')} and {pages.told(comparison, 'limit_high')} (Bland "
+        "and Altman)."
     )

@@ -45,9 +45,8 @@ def reasons(found: xr.Dataset, curve: xr.Dataset) -> list[str]:
     name = found.attrs["published_source"] or found.attrs["published_file"]
     T_ref = float(curve["T_ref"])
     texts = [
-        f"The shifts of {name} differ from the fitted ones by "
-        f"{float(np.sqrt(np.mean(difference[good] ** 2))):.2f} decades (rms), at most by "
-        f"{abs(difference[worst]):.1f} at {_celsius(T[worst])}.",
+        f"The shifts of {name} differ from the fitted ones by {float(np.sqrt(np.mean(difference[good] ** 2))):.2f} "
+        f"decades (rms), at most by {abs(difference[worst]):.1f} at {_celsius(T[worst])}.",
         _reference(found, T_ref),
         _where(found),
         _vertical(found, curve),
@@ -93,9 +92,8 @@ def _where(found: xr.Dataset) -> str:
             for a, b, s, v, p, e in _largest(found, firm, change)
         )
         parts.append(
-            f"Well determined steps that differ by more than {_DIFFERENT:g} standard "
-            f"uncertainties: "
-            f"{int(firm.sum())}, the largest: {listed}."
+            f"Well determined steps that differ by more than {_DIFFERENT:g} standard uncertainties: {int(firm.sum())}, "
+            f"the largest: {listed}."
         )
     else:
         parts.append("No well determined step differs significantly.")
@@ -120,14 +118,13 @@ def _vertical(found: xr.Dataset, curve: xr.Dataset) -> str:
     fitted = float(found["step_fitted"].sum())
     published, alone = float(found["step_published"].sum()), float(found["step_storage"].sum())
     return (
-        f"Vertical factors: the fit allows them (b_T with the levels of the sweeps from "
-        f"{np.nanmin(factor):.3f} to {np.nanmax(factor):.3f}); a purely horizontal table shifts "
-        f"curves along the frequency axis instead. This matters most in the glassy range, where "
-        f"the storage modulus is flat: between {_celsius(float(found['step_colder'][most]))} and "
-        f"{_celsius(float(found['step_warmer'][most]))} the factors are equivalent to "
-        f"{abs(worth[most]):.1f} decades by the slope of E′. Over all temperatures the fit spans "
-        f"{fitted:.1f} decades, the published table {published:.1f}; continuing E′ alone without "
-        f"vertical factors would span {alone:.1f}."
+        f"Vertical factors: the fit allows them (b_T with the levels of the sweeps from {np.nanmin(factor):.3f} to "
+        f"{np.nanmax(factor):.3f}); a purely horizontal table shifts curves along the frequency axis instead. This "
+        "matters most in the glassy range, where the storage modulus is flat: between "
+        f"{_celsius(float(found['step_colder'][most]))} and {_celsius(float(found['step_warmer'][most]))} the factors "
+        f"are equivalent to {abs(worth[most]):.1f} decades by the slope of E′. Over all temperatures the fit spans "
+        f"{fitted:.1f} decades, the published table {published:.1f}; continuing E′ alone without vertical factors "
+        f"would span {alone:.1f}."
     )
 
 
@@ -151,9 +148,8 @@ def _imposed(found: xr.Dataset, curve: xr.Dataset) -> str:
     )
     if any("superposition does not hold" in note for note in json.loads(curve.attrs["notes"])):
         text += (
-            " Superposition itself does not hold to the scatter of the sweeps, so no table of "
-            "shifts fits both moduli; the stated uncertainties include how far ours depend on "
-            "weights and laws."
+            " Superposition itself does not hold to the scatter of the sweeps, so no table of shifts fits both moduli; "
+            "the stated uncertainties include how far ours depend on weights and laws."
         )
     return text
 

@@ -411,10 +411,9 @@ def _terms(curve: xr.Dataset, name: str, settings: Dma) -> Section:
     few = deck.tension
     text = (
         f"E(t) = E_relaxed + Σ E_i exp(−t/ρ_i) at {deck.T_ref:.4g} °C, in tension; other experiments of this session "
-        "use the full series. "
-        f"`labpipe export SESSION --experiment {name} --format abaqus` (or ansys, comsol, lsdyna, json; --bulk says "
-        f"what the bulk modulus does) writes {few.E.size} terms, within "
-        f"{deck.error * 100:.2g} % of the worse modulus inside the window (rms)."
+        f"use the full series. `labpipe export SESSION --experiment {name} --format abaqus` (or ansys, comsol, lsdyna, "
+        f"json; --bulk says what the bulk modulus does) writes {few.E.size} terms, within {deck.error * 100:.2g} % of "
+        "the worse modulus inside the window (rms)."
     )
     relaxed = f"All terms; E_relaxed = {_modulus(float(curve['E_relaxed']))}."
     caption = f"{relaxed} Terms outside the covered window are extrapolation."
@@ -454,19 +453,17 @@ def _methods(settings: Dma, curve: xr.Dataset) -> str:
         else f"the shifts followed the {asked.upper() if asked == 'wlf' else 'Arrhenius'} law"
     )
     text = (
-        f"Storage and loss modulus were measured in {settings.mode} at "
-        f"{pages.counted(T.size, 'temperature')} from "
+        f"Storage and loss modulus were measured in {settings.mode} at {pages.counted(T.size, 'temperature')} from "
         f"{_celsius(T)}. "
     )
     if settings.mode in ("shear", "torsion"):
         text += f"Tension moduli follow from E = 2 (1 + ν) G with ν = {settings.nu.value:g}. "
     text += (
-        "The isotherms were joined by time–temperature superposition in one fit of all horizontal "
-        "shifts and one non-negative relaxation spectrum to both moduli (variable projection, "
-        f"regularisation by generalised cross-validation); {shifts}. "
-        f"The reference temperature is {float(curve['T_ref']):.4g} °C; vertical law: "
-        f"{_vertical(curve)}. {_shift_section.law_row(law)[1]}. "
-        f"The fit left {rms(curve['storage_residual'].values) * 100:.2f} % (E′) and "
-        f"{rms(curve['loss_residual'].values) * 100:.2f} % (E″) rms."
+        "The isotherms were joined by time–temperature superposition in one fit of all horizontal shifts and one "
+        "non-negative relaxation spectrum to both moduli (variable projection, regularisation by generalised "
+        f"cross-validation); {shifts}. The reference temperature is {float(curve['T_ref']):.4g} °C; vertical law: "
+        f"{_vertical(curve)}. {_shift_section.law_row(law)[1]}. The fit left "
+        f"{rms(curve['storage_residual'].values) * 100:.2f} % (E′) and {rms(curve['loss_residual'].values) * 100:.2f} "
+        "% (E″) rms."
     )
     return text

@@ -60,8 +60,7 @@ def compared(sweeps: xr.Dataset, master_curve: xr.Dataset, shifts: Path | None, 
 def _imposed(sweeps: xr.Dataset, published: Floats, curve: xr.Dataset, settings: Dma) -> xr.Dataset:
     """Fit spectrum, vertical law, levels and delay as they were chosen, with published shifts."""
     noise = settings.fit.noise_ratio
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # they were said of the fit itself
+    with warnings.catch_warnings(action="ignore", category=UserWarning):  # they were said of the fit itself
         made = materials.master_curve(
             sweeps,
             float(curve["T_ref"]),
@@ -106,8 +105,7 @@ def _over_steps(sweeps: xr.Dataset, curve: xr.Dataset, published: Floats, known:
     T = curve["temperature"].values[known]
     order = np.argsort(T, kind="stable")
     at = np.flatnonzero(known)[order]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
+    with warnings.catch_warnings(action="ignore", category=UserWarning):
         data = read_sweeps(sweeps)
     alone = overlapped_shifts(data.points, data.temperature, np.zeros(data.points.count))
     covariance = curve["covariance"].values[np.ix_(at, at)]

@@ -314,18 +314,15 @@ def _model(settings: Harmonic, model: xr.Dataset) -> Section:
 def _methods(settings: Harmonic, oscillations: xr.Dataset, comparison: xr.Dataset | None) -> str:
     frequency = oscillations["frequency"].values
     text = (
-        f"Harmonic indentation was evaluated at "
-        f"{pages.counted(frequency.size, 'frequency', 'frequencies')}, "
-        f"{pages.spanned(frequency, '.3g')} Hz. Frequency, amplitude and phase were "
-        f"fitted to the recorded position; of each block the first {pages.counted(settings.cycles.skip, 'cycle')} "
-        f"and the last one were left out. "
+        f"Harmonic indentation was evaluated at {pages.counted(frequency.size, 'frequency', 'frequencies')}, "
+        f"{pages.spanned(frequency, '.3g')} Hz. Frequency, amplitude and phase were fitted to the recorded position; "
+        f"of each block the first {pages.counted(settings.cycles.skip, 'cycle')} and the last one were left out. "
     )
     if oscillations.attrs["is_filter_corrected"]:
         text += "The delay of the load cell's low-pass filter was removed (causal Butterworth). "
     text += (
-        "Storage and loss stiffness are the in-phase and quadrature parts of force over "
-        "displacement; the dissipated work per cycle is π times the loss stiffness times the "
-        "squared amplitude. "
+        "Storage and loss stiffness are the in-phase and quadrature parts of force over displacement; the dissipated "
+        "work per cycle is π times the loss stiffness times the squared amplitude. "
     )
     if comparison is not None and _is_there(comparison):
         errors = comparison["nrmse"].values * 100

@@ -175,8 +175,7 @@ def _motion(settings: PlateVibration, comparison: xr.Dataset) -> Section:
         charts.append(LineChart(*labels, tuple(curves), group="plate", views=first, height_px=260))
     text = (
         "The charts show the mean of the repeats and the simulated drop on the fitted plate, the first of them under "
-        "the verdict. Times are counted from "
-        "the instantaneous impulse that would start the same vibration."
+        "the verdict. Times are counted from the instantaneous impulse that would start the same vibration."
     )
     return Section("Motion", (Paragraph(text), *charts))
 
@@ -275,12 +274,10 @@ def _methods(settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | No
     frequency = pages.told(table, "plate_natural_frequency")
     damping = pages.told(table, "plate_damping_ratio")
     text = (
-        f"The laser was directed at the plate beside the disc while spheres ({', '.join(kinds)}) "
-        f"were dropped in {pages.counted(int(table['n'].sum()), 'recording')}. The free "
-        f"vibration between the first and the second contact was fitted by one damped "
-        f"oscillation, over the interval in which the fit predicts the next readings. The "
-        f"natural frequency was {frequency}, the damping ratio {damping} "
-        "(standard uncertainties). "
+        f"The laser was directed at the plate beside the disc while spheres ({', '.join(kinds)}) were dropped in "
+        f"{pages.counted(int(table['n'].sum()), 'recording')}. The free vibration between the first and the second "
+        "contact was fitted by one damped oscillation, over the interval in which the fit predicts the next readings. "
+        f"The natural frequency was {frequency}, the damping ratio {damping} (standard uncertainties). "
     )
     if plate is not None and np.isfinite(float(plate["mass"])):
         mass = pages.told(plate, "mass")

@@ -351,8 +351,7 @@ def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset
     if "nrmse_all" in tests:
         error = tests["nrmse_all"].values * 100
         text += (
-            "The force was simulated by periodic boundary elements with the measured displacement; "
-            "the normalised root-mean-square error over a test was "
-            f"{pages.spanned(error, '.2f')} %."
+            "The force was simulated by periodic boundary elements with the measured displacement; the normalised "
+            f"root-mean-square error over a test was {pages.spanned(error, '.2f')} %."
         )
     return text

@@ -100,11 +100,9 @@ def blocks(
         for low, high in ((budget.value - half, budget.value + half), (drawn.low, drawn.high))
     ]
     text = (
-        f"{value_with_uncertainty(budget.value, budget.u, unit)}; expanded uncertainty "
-        f"{half_width(budget, unit)} with k = {coverage_factor(budget):.3g} "
-        f"({_number(budget.degrees_of_freedom)} degrees of freedom), 95 %. "
-        f"Linear: {ends[0]}; Monte Carlo: {ends[1]}: they {compared(budget, drawn)}"
-        f"{_reason(budget, drawn)}."
+        f"{value_with_uncertainty(budget.value, budget.u, unit)}; expanded uncertainty {half_width(budget, unit)} with "
+        f"k = {coverage_factor(budget):.3g} ({_number(budget.degrees_of_freedom)} degrees of freedom), 95 %. Linear: "
+        f"{ends[0]}; Monte Carlo: {ends[1]}: they {compared(budget, drawn)}{_reason(budget, drawn)}."
     )
     rows = [row for row in budget.rows if row["u"] > 0.0]
     freedom = {n: _number(g.degrees_of_freedom) for n, g in found.inputs.items()}

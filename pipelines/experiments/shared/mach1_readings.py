@@ -161,8 +161,7 @@ def filtered(
     rate = _FILTER_FINENESS / interval
     sections = _sections(declared, kind, rate)
     passed, _ = sosfilt(sections, force_between, zi=sosfilt_zi(sections) * force_between[0])
-    result: Floats = passed[::_FILTER_FINENESS]
-    return result
+    return passed[::_FILTER_FINENESS]
 
 
 def _sections(declared: dict[str, float], kind: str, rate: float) -> Floats:
@@ -186,8 +185,7 @@ def clock(loads: xr.Dataset) -> Floats:
             raise InputError("a block without a start time cannot be placed in the history of the test")
         starts.append(datetime.fromisoformat(block["start"]))
     since = np.array([(s - starts[0]).total_seconds() for s in starts])
-    absolute: Floats = loads["time"].values + since[loads["block"].values.astype(int)]
-    return absolute
+    return loads["time"].values + since[loads["block"].values.astype(int)]
 
 
 def contact_position(loads: xr.Dataset, given: Quantity | None) -> tuple[Quantity, str]:

@@ -325,8 +325,7 @@ def _moved(traces: list[Trace]) -> Check:
     before, after, by = max(known, key=lambda pair: abs(pair[2]))
     text = (
         f"{after.file}, block {after.number + 1}: the position begins {quantity(by, 'm')} from where the block before "
-        f"ended, and the force at {quantity(float(after.force[0]), 'N')} after "
-        f"{quantity(float(before.force[-1]), 'N')}"
+        f"ended, and the force at {quantity(float(after.force[0]), 'N')} after {quantity(float(before.force[-1]), 'N')}"
     )
     is_far = abs(by) > travel
     cause = f"the position was zeroed between the two blocks, or the stage was homed (line {after.first})"

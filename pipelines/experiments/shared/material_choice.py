@@ -168,9 +168,8 @@ def fitted_at(fitted: xr.Dataset, temperature: float | None) -> Prony:
     measured = fitted["temperature"].values
     if not measured.min() <= temperature <= measured.max():
         warnings.warn(
-            f"{temperature:g} °C lies outside the isotherms of the DMA experiment "
-            f"({measured.min():g} to {measured.max():g} °C); its {json.loads(fitted.attrs['law'])['name']} law "
-            "is extrapolated",
+            f"{temperature:g} °C lies outside the isotherms of the DMA experiment ({measured.min():g} to "
+            f"{measured.max():g} °C); its {json.loads(fitted.attrs['law'])['name']} law is extrapolated",
             UserWarning,
             stacklevel=3,
         )

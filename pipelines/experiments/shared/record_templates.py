@@ -155,8 +155,7 @@ def _about(folder: Path, names: list[str]) -> tuple[str, list[date]]:
     models, days = [], []
     for name in names:
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
+            with warnings.catch_warnings(action="ignore"):
                 found = instruments.read(folder / name)
         except LabpipeError:
             continue  # `plan` and `process` say what is wrong with it

@@ -123,9 +123,8 @@ def _starts(time: Floats, moved: Floats, noise: float, settings: StaticLoading) 
                 else "in the record"
             )
             raise InputError(
-                f"no step of the displacement was found {where} for the load "
-                f"{load.mass.value:g} kg; check times and number of the loads, and the sensor's "
-                "direction"
+                f"no step of the displacement was found {where} for the load {load.mass.value:g} kg; check times and "
+                "number of the loads, and the sensor's direction"
             )
         at = _sharpened(moved, int(place[best]))
         # the load came between two readings
@@ -290,10 +289,9 @@ def _first_touch(displacement: xr.Dataset, noise: float, table: xr.Dataset, sett
         scatter = _scatter(misfit, weights, rows.size)
     if scatter > _MISFIT * noise:
         warnings.warn(
-            f"the record differs from the best creep fit for these loads by {scatter * 1e6:.2g} "
-            f"µm, "
-            f"{scatter / noise:.1f} times its noise: a load, a time or the zero is wrong, or "
-            f"something other than the contact moved",
+            f"the record differs from the best creep fit for these loads by {scatter * 1e6:.2g} µm, "
+            f"{scatter / noise:.1f} times its noise: a load, a time or the zero is wrong, or something other than the "
+            "contact moved",
             stacklevel=2,
         )
     lag = np.geomspace(settings.steps.settle.value + 1.0, float(time[-1] - time[0]), _ELAPSED)

@@ -229,8 +229,7 @@ def _methods(settings: StaticLoading, steps: xr.Dataset, approach: xr.Dataset, c
         error = float(comparison["nrmse_contact_radius_model"]) * 100
         elastic = float(comparison["nrmse_contact_radius_hertz"]) * 100
         text += (
-            "The normalised root-mean-square error of the contact radius was "
-            f"{error:.2f} % against a viscoelastic simulation and {elastic:.2f} % against Hertz "
-            f"with the {comparison.attrs['reference']}."
+            f"The normalised root-mean-square error of the contact radius was {error:.2f} % against a viscoelastic "
+            f"simulation and {elastic:.2f} % against Hertz with the {comparison.attrs['reference']}."
         )
     return text
