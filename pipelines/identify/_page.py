@@ -21,6 +21,7 @@ from labpipe.report import (
     Notice,
     Paragraph,
     Picture,
+    Role,
     Section,
     Series,
     Table,
@@ -29,7 +30,7 @@ from labpipe.report import (
 from labpipe.uncertainty import propagated_u
 from labpipe.workflow.session import Session
 from pipelines.experiments.shared.material_evidence import CONTACT_MODULUS
-from pipelines.experiments.shared.pages import SYNTHETIC, synthetic_notice
+from pipelines.experiments.shared.pages import SYNTHETIC, log_log, synthetic_notice
 from pipelines.identify._corner import best_frequency, corner, main_quantities
 from pipelines.identify._identify import Identified
 from pipelines.identify._result import UNCHANGED, dataset, verdicts
@@ -254,25 +255,16 @@ def _curves(found: Identified) -> tuple[Block, ...]:
             before = moduli(found.prior, frequency)
             values = before.storage if name == "storage" else before.loss_factor
             series.append(Series("rheometer alone", frequency, values / unit, role="reference"))
-        charts.append(
-            LineChart(
-                title, "frequency / Hz", label, series, group="frequency", x_scale="log", y_scale="log", vlines=marks
-            )
-        )
+        charts.append(log_log(title, "frequency / Hz", label, series, group="frequency", vlines=marks))
+    times: tuple[tuple[str, str, Role], ...] = (("u", "after", "model"), ("prior", "before", "reference"))
     spreads = [
-        Series(
-            f"{name}, {'after' if prefix == 'u' else 'before'}",
-            frequency,
-            made[f"{prefix}_ln_{key}"].values,
-            role="model" if prefix == "u" else "reference",
-        )
+        Series(f"{name}, {when}", frequency, made[f"{prefix}_ln_{key}"].values, role=role)
         for key, name in (("storage", "storage modulus"), ("loss_factor", "loss factor"))
-        for prefix in ("u", "prior")
+        for prefix, when, role in times
     ]
     text = "Outside the two marks there are no data: curves and bands follow from what is assumed of polymers."
     title, x, y = "Prior against posterior", "frequency / Hz", "standard deviation of the logarithm"
-    chart = LineChart(title, x, y, spreads, group="frequency", x_scale="log", y_scale="log", vlines=marks)
-    return Paragraph(text), *charts, chart
+    return Paragraph(text), *charts, log_log(title, x, y, spreads, group="frequency", vlines=marks)
 
 
 def _fits(found: Identified) -> tuple[Block, ...]:
@@ -295,7 +287,7 @@ def _fit_charts(shown: Prediction) -> tuple[Block, ...]:
         return ()
     order = np.argsort(group.axis, kind="stable")
     axis = group.axis[order]
-    scale = "log" if axis[0] > 0 and axis[-1] / axis[0] > 100 else "linear"
+    scale: Literal["linear", "log"] = "log" if axis[0] > 0 and axis[-1] / axis[0] > 100 else "linear"
     values, u = group.values[order], group.u[order]
     predicted, wide = shown.predicted[order], _REACH * shown.u_predicted[order]
     label = f"{group.axis_name} / {group.axis_units}" if group.axis_units != "1" else "impact"
@@ -310,11 +302,11 @@ def _fit_charts(shown: Prediction) -> tuple[Block, ...]:
             Series("observed", axis, values, "points", "measured", u),
         ),
         group=title,
-        x_scale="log" if scale == "log" else "linear",
+        x_scale=scale,
     )
     left = (Series("residual", axis, shown.residual[order], "points", "residual"),)
     labels = (f"{title}, residuals", label, "observed − predicted, in deviations")
-    rest = LineChart(*labels, left, group=title, x_scale="log" if scale == "log" else "linear", height_px=180)
+    rest = LineChart(*labels, left, group=title, x_scale=scale, height_px=180)
     return fit, rest
 
 
@@ -366,7 +358,7 @@ def _spectrum(found: Identified) -> Block:
     weight = np.exp(spectrum.log_terms(xi)[1:]) / np.gradient(np.log10(spectrum.rho)) / 1e6
     wide = np.exp(np.minimum(_REACH * u, np.log(1e3)))
     low, high = (0.5 / np.pi / f for f in reversed(informative_range(known)))
-    return LineChart(
+    return log_log(
         "Relaxation spectrum",
         "relaxation time / s",
         "modulus per decade / MPa",
@@ -374,8 +366,6 @@ def _spectrum(found: Identified) -> Block:
             Band("95 % of the posterior", spectrum.rho, weight / wide, weight * wide),
             Series("most probable", spectrum.rho, weight, role="model"),
         ),
-        x_scale="log",
-        y_scale="log",
         vlines=(("data begin", low), ("data end", high)),
     )
 
@@ -386,34 +376,16 @@ def _draws(found: Identified) -> tuple[Block, ...]:
         return ()
     drawn, shown = found.drawn, main_quantities(found)
     kind: Literal["ok", "warning"] = "ok" if drawn.is_reliable else "warning"
-    mean, spread = drawn.mean_and_sd(shown.drawn(found))
+    numbers = (shown.centre, np.sqrt(np.diag(shown.covariance)), *drawn.mean_and_sd(shown.drawn(found)))
     rows = [
         (name.replace("\n", " "), centre, u, m, s, (m - centre) / u, s / u)
-        for name, centre, u, m, s in zip(
-            shown.names,
-            shown.centre.tolist(),
-            np.sqrt(np.diag(shown.covariance)).tolist(),
-            mean.tolist(),
-            spread.tolist(),
-            strict=True,
-        )
+        for name, centre, u, m, s in zip(shown.names, *(column.tolist() for column in numbers), strict=True)
     ]
-    table = Table(
-        (
-            Column("quantity"),
-            Column("normal: value", digits=4),
-            Column("u", digits=2),
-            Column("draws: mean", digits=4),
-            Column("u", digits=2),
-            Column("shift over u", digits=2),
-            Column("ratio of u", digits=3),
-        ),
-        rows,
-        caption="Where the ratio is far from one, do not use the normal approximation but the "
-        "quantiles of the draws in the netCDF file.",
-        sortable=False,
-    )
-    return Notice(kind, drawn.statement), table
+    heads = (("normal: value", 4), ("u", 2), ("draws: mean", 4), ("u", 2), ("shift over u", 2), ("ratio of u", 3))
+    columns = (Column("quantity"), *(Column(title, digits=digits) for title, digits in heads))
+    caption = "Where the ratio is far from one, do not use the normal approximation but the "
+    caption += "quantiles of the draws in the netCDF file."
+    return Notice(kind, drawn.statement), Table(columns, rows, caption=caption, sortable=False)
 
 
 def _contraction(found: Identified) -> tuple[Block, ...]:

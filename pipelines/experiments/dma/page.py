@@ -219,15 +219,7 @@ def _sweeps(settings: Dma, readings: list[xr.Dataset] | None, sweeps: xr.Dataset
             text += f" That factor is uncertain by {relative:.2g} %, equally for all moduli."
         blocks.append(Paragraph(text))
     charts = [
-        LineChart(
-            title,
-            "frequency / Hz",
-            f"{title.lower()} / MPa",
-            _isotherms(sweeps, name),
-            x_scale="log",
-            y_scale="log",
-            group="sweeps",
-        )
+        pages.log_log(title, "frequency / Hz", f"{title.lower()} / MPa", _isotherms(sweeps, name), group="sweeps")
         for name, title in (("storage", "Storage modulus"), ("loss", "Loss modulus"))
     ]
     blocks.append(Details("Moduli in tension over frequency, as measured", charts))
@@ -245,23 +237,14 @@ def _master(curve: xr.Dataset) -> Section:
     for name, title in (("storage", "Storage modulus"), ("loss", "Loss modulus")):
         y, u = curve[f"master_{name}"].values * _MPA, curve[f"u_master_{name}"].values * _MPA
         low = np.maximum(y - _COVERAGE * u, y * 1e-3)  # a logarithmic axis shows no zero
-        blocks.append(
-            LineChart(
-                f"{title}, master curve",
-                label,
-                f"{title.lower()} / MPa",
-                [
-                    *_isotherms(curve, f"{name}_reduced", "point_reduced_frequency", style="points"),
-                    Series("spectrum", x, y, role="model"),
-                    Band("95 %", x, low, y + _COVERAGE * u, role="model"),
-                ],
-                x_scale="log",
-                y_scale="log",
-                group="master",
-                height_px=300,
-                caption=_BAND if name == "storage" else "",
-            )
-        )
+        curves: list[Series | Band] = [
+            *_isotherms(curve, f"{name}_reduced", "point_reduced_frequency", style="points"),
+            Series("spectrum", x, y, role="model"),
+            Band("95 %", x, low, y + _COVERAGE * u, role="model"),
+        ]
+        labels = (f"{title}, master curve", label, f"{title.lower()} / MPa")
+        caption = _BAND if name == "storage" else ""
+        blocks.append(pages.log_log(*labels, curves, group="master", height_px=300, caption=caption))
     drawn = [Series("spectrum", x, curve["master_loss_factor"].values, role="model")]
     factor = LineChart("Loss factor, master curve", label, "tan δ", drawn, x_scale="log", group="master", height_px=220)
     blocks.append(Details("Loss factor", (factor,)))
@@ -275,23 +258,14 @@ def _spectrum(curve: xr.Dataset) -> list[Block]:
     if outside.any():
         series.append(Series("extrapolated", rho[outside], E[outside], style="points", role="reference"))
     title, x, y = "Relaxation spectrum", "relaxation time ρ / s", "E_i / MPa"
-    relaxation = LineChart(title, x, y, series, x_scale="log", y_scale="log", group="spectrum")
-    blocks: list[Block] = [relaxation]
+    blocks: list[Block] = [pages.log_log(title, x, y, series, group="spectrum")]
     if "tau" in curve and curve.sizes.get("creep_term", 0):
         tau, C = curve["tau"].values, curve["C"].values * 1e6
         order = np.argsort(tau)
-        blocks.append(
-            LineChart(
-                "Creep spectrum",
-                "retardation time τ / s",
-                "C_k / (1/MPa)",
-                [Series("C_k", tau[order], C[order], style="points", role="measured")],
-                x_scale="log",
-                y_scale="log",
-                group="spectrum",
-                caption="J(t) = 1/E_relaxed − Σ C_k exp(−t/τ_k), from the relaxation series by exact interconversion.",
-            )
-        )
+        title, x, y = "Creep spectrum", "retardation time τ / s", "C_k / (1/MPa)"
+        series = [Series("C_k", tau[order], C[order], style="points", role="measured")]
+        caption = "J(t) = 1/E_relaxed − Σ C_k exp(−t/τ_k), from the relaxation series by exact interconversion."
+        blocks.append(pages.log_log(title, x, y, series, group="spectrum", caption=caption))
     return blocks
 
 
@@ -314,17 +288,15 @@ def _kramers_kronig(curve: xr.Dataset) -> Details:
         return Series(title, x, curve[name].values * _MPA, role=role, style=style)
 
     label = f"frequency at {float(curve['T_ref']):.4g} °C / Hz"
-    storage = LineChart(
+    storage = pages.log_log(
         "Storage modulus predicted from the loss",
         label,
         "storage modulus / MPa",
         [line("kk_storage", "measured", "measured", "points"), line("kk_storage_from_loss", "from E″", "model")],
-        x_scale="log",
-        y_scale="log",
         group="kk",
         height_px=240,
     )
-    loss = LineChart(
+    loss = pages.log_log(
         "Loss modulus predicted from the storage",
         label,
         "loss modulus / MPa",
@@ -333,8 +305,6 @@ def _kramers_kronig(curve: xr.Dataset) -> Details:
             line("kk_loss_from_storage", "from E′", "model"),
             line("kk_loss_from_slope", "slope rule (π/2) dE′/d ln ω", "reference"),
         ],
-        x_scale="log",
-        y_scale="log",
         group="kk",
         height_px=300,
         caption="The slope rule is for orientation only: on noisy data it errs by tens of "

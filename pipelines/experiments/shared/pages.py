@@ -6,6 +6,7 @@ What is special to a kind of experiment stands in its own page module.
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,6 +40,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 SYNTHETIC = "synthetic data"
+
+log_log = partial(LineChart, x_scale="log", y_scale="log")
+"""A chart of two logarithmic axes, as moduli are drawn."""
+
 SESSION_PAGE = "../index.html"
 """From a report to the page of the whole session."""
 
