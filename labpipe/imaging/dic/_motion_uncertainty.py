@@ -146,7 +146,7 @@ class Variances:
     strongest : array (result,) [grey²/px²]
         Largest eigenvalue of the same matrix.
     is_told : bool array (result,)
-        Whether the texture exceeds noise in every direction.
+        Whether noise leaves the motion certain enough in every direction.
     noise, most_noise : arrays (result,) [grey²]
         Variance of a pixel as the residual shows it, and the largest for which the texture exceeds
         noise.
@@ -222,7 +222,7 @@ def motion_variance(
     left: Floats | None = None,
     kept: Floats | None = None,
 ) -> Variances:
-    """Variance of the motions and whether the subsets have texture beyond noise.
+    """Variance of the motions, and whether noise leaves them certain enough.
 
     Parameters
     ----------
@@ -280,7 +280,6 @@ def motion_variance(
     texture = np.maximum(1.0 - noise_share, seen_by.coarse[chosen] - coarse_share)
     texture = np.maximum(texture, _LEAST_LEFT)
     most_noise = model.most_noise(subsets, solved)[chosen]
-    is_told = pixel_noise < most_noise
     of_frame, of_reference = model.smoothing[chosen].T
     reference_noise = (of_reference * shared * left.prod(axis=1))[:, None] * texture
     along = pixel_noise[:, None] * np.maximum((of_frame * square)[:, None] + reference_noise, 0.0) / texture**2
@@ -290,7 +289,7 @@ def motion_variance(
     # A frame that is softer than the reference resists an error less.
     found /= np.column_stack([left, left.mean(axis=1)]) ** 2
     both = np.asarray((root[:, 0] * root[:, 3] * along).sum(axis=1)) / left.prod(axis=1)
-    is_told &= _largest(found[:, 0], found[:, 1], both) < MOST_UNCERTAIN**2
+    is_told = _largest(found[:, 0], found[:, 1], both) < MOST_UNCERTAIN**2
     resisted = [(root[:, a] * root[:, b] / texture).sum(axis=1) for a, b in ((0, 0), (3, 3), (0, 3))]
     largest = _largest(*resisted)
     weakest, strongest = (1.0 / np.maximum(value, 1e-30) for value in (largest, resisted[0] + resisted[1] - largest))

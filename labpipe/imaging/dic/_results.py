@@ -103,11 +103,7 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
         texture[row, column], strongest[row, column] = found.texture * share[column], found.strongest * share[column]
         status[row, column] = np.where(found.is_told, Status.OK, Status.TEXTURELESS)
         noise[row, column], most_noise[row, column] = found.noise, found.most_noise
-    # The columns of light and blur can take noise for a change where there is hardly a pattern:
-    # what the film's noise would hide is not told either.
-    seen = noise[~is_static][np.isfinite(noise[~is_static])]
-    if len(seen):
-        status[(status == Status.OK) & (most_noise < _NOISE_OF_FILM * np.quantile(seen, 0.25))] = Status.TEXTURELESS
+    status[(status == Status.OK) & _may_be_noise(reference, noise, most_noise, is_static)] = Status.TEXTURELESS
     is_found = (status == Status.OK) & ~is_static[:, None]
     is_noise = np.isin(status, (Status.OK, Status.LOST)) & (reference.is_faint & ~is_found.any(axis=0))
     status[is_noise] = Status.TEXTURELESS
@@ -143,6 +139,22 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     return Displacements(
         value, deviation, covariance, texture, table.zncc, contrast, table.iterations, status, models, change, shares
     )
+
+
+def _may_be_noise(reference: Reference, noise: Floats, most_noise: Floats, is_static: Flags) -> Flags:
+    """Tell results (frame, point) whose texture noise may be: that of their residual, or of the film.
+
+    The columns of light and blur can take noise for a change where there is hardly a pattern, so that what the
+    film's noise would hide is not told either. What a point itself shows to be its noise tells a misfit from it.
+    """
+    moved = noise[~is_static]
+    moved = moved[np.isfinite(moved)]
+    of_film = _NOISE_OF_FILM * np.quantile(moved, 0.25) if len(moved) else 0.0
+    result = np.asarray(most_noise < np.fmax(of_film, noise))
+    for n in np.flatnonzero(result.any(axis=0)).tolist():
+        own, _ = reference.own_noise(n, noise[is_static, n], reference.weakest_slopes(n))
+        result[:, n] &= most_noise[:, n] < own
+    return result
 
 
 def _ask_around(
