@@ -22,9 +22,9 @@ _BY_CHANCE, _STANDS_OUT = 4.0, 3.0
 #: Share of the variances of independent displacements that a difference of overlapping subsets has at least.
 _LEAST_SHARE = 0.2
 #: Points of a frame from which their scatter is judged, its multiple of what the uncertainties say from which they
-#: are widened, how much more of it is chance times the root of the points, and the median of the square of two
-#: deviations of variance 1.
-_MANY, _WIDER, _FEW_SCATTER, _MEDIAN = 20, 1.2, 1.5, 1.386
+#: are widened, how much more of it is chance times the root of the points, the lower quartile of the sum of the
+#: squares of two deviations of variance 1, and the root of such a sum from which it is no scatter.
+_MANY, _WIDER, _FEW_SCATTER, _QUARTILE, _NONE_FROM = 20, 1.2, 1.5, 0.575, 10.0
 #: Error of the weights' own sums, below which the points around tell the surface at the middle.
 _TOLD = 1e-4
 #: Points around a doubtful one among which trusted ones are sought: at most, and in widths of the subset.
@@ -71,8 +71,7 @@ def disagreement(places: Floats, widths: Integers, value: Floats, deviation: Flo
     scale, part = np.ones(len(square)), np.zeros((*found.shape, 3))
     # A plane leaves what is bent, which is no scatter.
     curved = judged & (surroundings.within.sum(axis=1) >= _CURVED)
-    number = curved.sum(axis=1)
-    scatter = _medians(square, curved) / _MEDIAN
+    number, scatter = _scatter_of_frames(square, curved)
     is_wider = (number >= _MANY) & (scatter > (_WIDER + _FEW_SCATTER / np.sqrt(np.maximum(number, 1))) ** 2)
     for k in np.flatnonzero(is_wider).tolist():
         scale[k] = scatter[k]
@@ -237,11 +236,17 @@ def _differences(around: _Surroundings, shown: Floats, variance: Floats, found: 
     return apart, np.asarray((apart**2 / np.maximum(total, 1e-30)).sum(axis=-1))
 
 
-def _medians(values: Floats, counts: Flags) -> Floats:
-    """Medians (row,) of those values of each row that count; infinite where none does."""
-    ordered = np.sort(np.where(counts, values, np.inf), axis=1)
-    rows, number = np.arange(len(values)), counts.sum(axis=1)
-    return np.asarray(0.5 * (ordered[rows, np.maximum(number - 1, 0) // 2] + ordered[rows, number // 2]))
+def _scatter_of_frames(square: Floats, counts: Flags) -> tuple[Integers, Floats]:
+    """Squares of those (frame, point) that count which are no border of bodies: their number and their mean (frame,).
+
+    Most surfaces may cross the border of two bodies, and there are errors that few have.
+    """
+    ordered = np.sort(np.where(counts, square, np.inf), axis=1)
+    quartile = ordered[np.arange(len(square)), counts.sum(axis=1) // 4]
+    most = np.minimum(_BY_CHANCE**2 / _QUARTILE * quartile, _NONE_FROM**2)
+    counts = counts & (square < most[:, None])
+    number = counts.sum(axis=1)
+    return number, 0.5 * np.where(counts, square, 0.0).sum(axis=1) / np.maximum(number, 1)
 
 
 def _scatter(around: _Surroundings, shown: Floats, found: Flags, rows: Integers, points: Integers) -> Floats:

@@ -582,6 +582,49 @@ def test_the_border_of_two_bodies_is_no_disagreement() -> None:
     assert float(np.quantile(found.u_dx, 0.9)) < 0.03
 
 
+def test_the_border_of_two_bodies_that_most_surfaces_cross_widens_none_beside_it() -> None:
+    """A disc within a field of overlapping subsets: what its border leaves made all uncertain by 0.8 px."""
+    places = grid((160, 160), 26, 12).astype(float)
+    from_border = np.hypot(*(places - 80.0).T) - 36.0
+    value = np.where(from_border[:, None] < 0.0, (5.0, 1.0), (0.0, 0.0))
+    value = value + np.random.default_rng(2).normal(0.0, 0.01, (3, *value.shape))
+    missing = disagreement(
+        places, np.full(len(places), 31), value, np.full(value.shape, 0.01), np.ones((3, len(places)), bool)
+    )
+    assert missing[:, np.abs(from_border) > 15.5].max() < 0.05**2
+
+
+def moved_by_waves(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Shift (dx, dy) in px of a periodic image by least squares of its waves, with neither subsets nor splines."""
+    y, x = (2.0 * np.pi * np.fft.fftfreq(n) for n in before.shape)
+    found = np.zeros(2)
+    for _ in range(5):
+        waves = np.fft.fft2(before) * np.exp(-1j * np.add.outer(found[1] * y, found[0] * x))
+        slopes = [np.fft.ifft2(-1j * k * waves).real.ravel() for k in (x[None, :], y[:, None])]
+        apart = (after - np.fft.ifft2(waves).real).ravel()
+        found += np.linalg.lstsq(np.stack(slopes, axis=1), apart, rcond=None)[0]
+    return found
+
+
+@pytest.mark.parametrize(("kernel", "least"), [("linear", 0.015), ("cubic", 0.01)])
+def test_what_a_kernel_moves_otherwise_than_asked_is_found_as_the_film_has_it(kernel: str, least: float) -> None:
+    """Images warped by OpenCV lie 0.01 to 0.06 px from where they were asked to."""
+    t = 0.25
+    weights = {"linear": {0: 0.75, 1: 0.25}, "cubic": {}}[kernel]
+    for k in (-1, 0, 1, 2) if kernel == "cubic" else ():
+        far = abs(t - k)
+        near = 1.25 * far**3 - 2.25 * far**2 + 1.0
+        weights[k] = near if far < 1.0 else -0.75 * (far**3 - 5.0 * far**2 + 8.0 * far - 4.0)
+    still = from_spectrum(film_scenes.random_field(SIZE, 1.2, 4), View())
+    moved = sum(weight * np.roll(still, k, axis=1) for k, weight in weights.items())
+    shown = moved_by_waves(still, moved)
+    assert abs(shown[0] - t) > least
+    found = track(digitised([still, still, moved], 0.5, 3), grid((SIZE, SIZE), 26, 12), 31, static_frames=2)
+    apart = np.hypot(found.dx[2] - shown[0], found.dy[2] - shown[1])
+    assert found.valid[2].all()
+    assert float((apart / np.hypot(found.u_dx[2], found.u_dy[2])).max()) < 5.0
+
+
 def test_points_along_a_line_tell_nothing_of_one_beside_it() -> None:
     """A large subset above the line of small ones, as a holder is followed: all move alike, by far."""
     places = np.array([(60.0, 45.0), *((30.0 + 60.0 * k / 7.0, 60.0) for k in range(8))])
