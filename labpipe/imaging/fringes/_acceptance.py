@@ -79,8 +79,7 @@ def is_contact(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
     travel = math.sqrt(max(float(found.parameters[Parameter.SMEAR]), 0.0))
     if travel > _MOST_TRAVEL * radius:
         return False
-    edge = edge_width(radius, view.optics)
-    may_be_edge = _has_long_travel(view, found) or _blur_of(view, found) > _STRONG_BLUR * edge
+    may_be_edge = _may_be_edge(view, found)
     is_small = radius < SMALL_CONTACT * view.newton_spot
     if not may_be_edge and not is_small:
         return True
@@ -104,10 +103,17 @@ def _is_sphere(window: Window, terms: Floats, distance: Floats, view: View, foun
     return min(spheres) < _CONTACT_SURE * min(contacts)
 
 
-def _has_long_travel(view: View, found: RingFit) -> bool:
-    """Tell whether the radius moves so far in the exposure that fringes look like a soft edge."""
+def shows_edge(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
+    """Tell whether a plain edge explains what is around a fit as well."""
+    window, term, _ = _profile_of(frame, view, found)
+    return _may_be_edge(view, found) and is_edge(window, term, _FRINGES_SURE)
+
+
+def _may_be_edge(view: View, found: RingFit) -> bool:
+    """Tell whether a motion of the radius, or a blur, is so wide that fringes look like a soft edge."""
     travel = math.sqrt(max(float(found.parameters[Parameter.SMEAR]), 0.0))
-    return travel > _LONG_TRAVEL * edge_width(float(found.parameters[Parameter.RADIUS]), view.optics)
+    edge = edge_width(float(found.parameters[Parameter.RADIUS]), view.optics)
+    return travel > _LONG_TRAVEL * edge or _blur_of(view, found) > _STRONG_BLUR * edge
 
 
 def _blur_of(view: View, found: RingFit) -> float:

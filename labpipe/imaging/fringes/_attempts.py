@@ -54,6 +54,10 @@ class Attempts:
             self._made[key] = self._fit(seen, tuple(extra), count)
         return self._made[key]
 
+    def made(self, extra: Sequence[Parameter], known: Calibration) -> Trial | None:
+        """Return the fits of all frames and pixels where they were asked for."""
+        return self._made.get((tuple(extra), self._seen(known, None), MOST_FRAMES))
+
     def begin_from(self, trial: Trial, extra: Sequence[Parameter], known: Calibration) -> None:
         """Start all that follows from a trial, and forget what was tried before."""
         seen = self._seen(known, None)
@@ -77,13 +81,13 @@ class Attempts:
     def _seen(self, known: Calibration, pixels: int | None) -> View:
         seen = known.applied(self._view)
         if pixels is None:
-            return seen
-        return replace(seen, settings=replace(seen.settings, max_pixels=pixels, tells_memory=False))
+            return replace(seen, settings=replace(seen.settings, asks=(*ASSUMED, *AXES)))
+        return replace(seen, settings=replace(seen.settings, max_pixels=pixels, tells_memory=False, asks=()))
 
     def _fit(self, view: View, extra: tuple[Parameter, ...], count: int) -> Trial | None:
         """Fit frames with further parameters free."""
         free = tuple(dict.fromkeys(view.settings.free + extra))
-        settings = replace(view.settings, free=free, asks=(*ASSUMED, *AXES), max_iterations=_ITERATIONS)
+        settings = replace(view.settings, free=free, max_iterations=_ITERATIONS)
         last = self._last.setdefault(free, [])
         # All that is tried is compared on the same pixels: what a blur leaves out at the border is left out of all.
         if view.optics.blur > max(self._widest, LEAST_SHAPED):

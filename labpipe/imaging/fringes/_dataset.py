@@ -283,7 +283,13 @@ def _warn(options: FilmOptions, result: FilmResult) -> None:
     elif result.edges:
         texts.append(
             f"{_frames_by_edge(result)} measured by the edge of the spot, to a few micrometres: no fringes "
-            "of a contact explain them; check wavelength, sphere_radius, phase and the focus"
+            "of a contact explain them; check wavelength, sphere_radius, pixel_size, phase, focus and what hides rings"
+        )
+    unexplained = _unexplained_told(result)
+    if unexplained:
+        texts.append(
+            f"{unexplained}: check wavelength, sphere_radius, pixel_size and phase, the focus, and how far "
+            "contacts move in an exposure"
         )
     scale = math.expm1(result.log_scale)
     if abs(scale) > _NOTABLE_SCALE:
@@ -354,6 +360,15 @@ def _fits_told(result: FilmResult) -> str:
     return f"fringes fitted in {len(result.fits)} of the frames looked at; {others} no contact"
 
 
+def _unexplained_told(result: FilmResult) -> str:
+    """Tell of spots that may be contacts in a film in which none is; empty where there are none."""
+    if result.fits or result.edges or result.filled:
+        return ""
+    count = sum(bool(blank.edges) for blank in result.blanks.values())
+    frames = f"{count} frame{'' if count == 1 else 's'}"
+    return f"spots in {frames} have neither the fringes nor the sharp edge of a contact" if count else ""
+
+
 def _frames_by_edge(result: FilmResult) -> str:
     """Name the frames that fell back to the edge, with their verb."""
     frames = sorted(result.edges)
@@ -389,7 +404,7 @@ def _attributes(options: FilmOptions, result: FilmResult, uncertainties: dict[st
     least = result.least_radius * options.pixel_size
     if not (result.fits or result.edges or result.filled):
         note = f"no contact found; one of less than {1e6 * least:.2g} µm in radius is not told from a touch"
-    rows = _rows_told(result), _lost_told(result)
+    rows = _unexplained_told(result), _rows_told(result), _lost_told(result)
     return {
         "phase": phase if result.has_fringes else math.nan,
         "u_phase": result.calibration.u_phase_shift,

@@ -201,16 +201,9 @@ def differentiate_rich(
 
 @part(fastmath=FAST)
 def _add(
-    count: int,
-    active: Integers,
-    residual: Floats,
-    slopes: Floats,
-    normal: Floats,
-    right: Floats,
-    weighted: Floats,
-    is_last: bool,
+    count: int, active: Integers, residual: Floats, slopes: Floats, normal: Floats, right: Floats, weighted: Floats
 ) -> None:
-    """Add a row to the normal equations, and to the matrix weighted by squared residuals."""
+    """Add a row to the normal equations, and to the matrix weighted by squared residuals, of the first parameters."""
     for p in range(len(active)):
         one = slopes[active[p]]
         total = 0.0
@@ -236,7 +229,7 @@ def _add(
                 total += one[i] * other[i]
             normal[p, q] += total
             q += 1
-        if is_last:
+        if p < len(weighted):
             for q in range(p + 1):
                 other = slopes[active[q]]
                 total = 0.0
@@ -290,18 +283,18 @@ def accumulate(
     table_start: float,
     active: Integers,
     ceiling: float,
-    is_last: bool,
+    told: int,
     kind: int,
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Sum the normal equations over the pixels between two distances.
 
-    Returns the normal matrix, its right side, the matrix weighted by squared residuals (when
-    ``is_last``), and (sum of squares, pixels, sum of squared differences of neighbouring
-    residuals along the rings, their number).
+    Returns the normal matrix, its right side, the matrix weighted by squared residuals (of the
+    first parameters, as many as are ``told``), and (sum of squares, pixels, and, where any are, sum of
+    squared differences of neighbouring residuals along the rings, their number).
     """
     rows, columns = image.shape
     size = len(active)
-    normal, weighted = np.zeros((size, size)), np.zeros((size, size))
+    normal, weighted = np.zeros((size, size)), np.zeros((told, told))
     right, totals = np.zeros(size), np.zeros(4)
     work, slopes = np.empty((LINES, columns)), np.empty((PARAMETERS if kind else USUAL, columns))
     above, here = np.full(columns, np.nan), np.full(columns, np.nan)
@@ -315,14 +308,15 @@ def accumulate(
         if kind:
             differentiate_rich(count, down, parameters, table, table_start, work, slopes, kind)
         residual = work[RESIDUAL]
-        _add(count, active, residual, slopes, normal, right, weighted, is_last)
+        _add(count, active, residual, slopes, normal, right, weighted)
         for i in range(count):
             totals[0] += residual[i] * residual[i]
         totals[1] += count
-        if is_last:
+        if told:
             _add_differences(count, dy, stride, work, above, here, totals)
     for p in range(size):
         for q in range(p):
             normal[q, p] = normal[p, q]
-            weighted[q, p] = weighted[p, q]
+            if p < told:
+                weighted[q, p] = weighted[p, q]
     return normal, right, weighted, totals

@@ -9,7 +9,7 @@ is fitted with phase and scale free, and believed when it leaves little and is a
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import chain, islice
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +17,13 @@ from numpy.typing import NDArray
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._acceptance import GOOD_MISFIT, is_contact
 from labpipe.imaging.fringes._blank_frames import FilmResult
-from labpipe.imaging.fringes._centre_votes import find_centres
 from labpipe.imaging.fringes._interference import distance_at_phase, scaled_gap
 from labpipe.imaging.fringes._looks import Looks
 from labpipe.imaging.fringes._radial_scan import radial_profile
 from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import PARAMETERS, Parameter
 from labpipe.imaging.fringes._second_colour import find_colours
-from labpipe.imaging.fringes._spots import find_spots
+from labpipe.imaging.fringes._spots import Spot
 from labpipe.imaging.fringes._view import View
 
 #: Logarithms of the factor of the phase scale that are tried: 1/2 to 2 in steps that keep three
@@ -42,7 +41,8 @@ _LEAST_SEEN = 0.75
 _SCALE_SHARE = 0.5
 #: Pixels of a trial, and fringes of the two fits of one.
 _PIXELS, _NEAR, _FAR = 12_000, 1.5, 3.0
-_ITERATIONS = 20
+#: Evaluations of one of them: where other optics explained a frame they settled sooner.
+_ITERATIONS = 8
 #: Misfit of the first fringes from which a start is none: right ones left 0.1 at most.
 _UNEXPLAINED = 0.3
 #: Frames that are searched in a film, and below which one that is explained is enough.
@@ -86,7 +86,7 @@ class OtherOptics:
     def __init__(self, result: FilmResult, *, is_phase_free: bool) -> None:
         self._result = result
         self._is_phase_free = is_phase_free
-        self._tried: dict[int, NDArray[np.generic]] = {}
+        self._tried: dict[int, Looks] = {}
         self._fits: dict[int, RingFit | None] = {}
         self._found: list[RingFit] = []
         self._is_done = False
@@ -97,7 +97,7 @@ class OtherOptics:
             return False
         if not looks.have_structure or looks.show_only_sphere(self._result.view.optics):
             return False
-        self._tried[index] = looks.frame
+        self._tried[index] = looks
         fit = self._fit_of(looks, index)
         if fit is None:
             return False
@@ -123,7 +123,7 @@ class OtherOptics:
     def _fit_of(self, looks: Looks, index: int) -> RingFit | None:
         """Fit of a frame with other optics, made once."""
         if index not in self._fits:
-            self._fits[index] = find_optics(looks.frame, self._result.view, is_phase_free=self._is_phase_free)
+            self._fits[index] = find_optics(looks, self._result.view, is_phase_free=self._is_phase_free)
         return self._fits[index]
 
     def takes_single(self) -> bool:
@@ -133,8 +133,8 @@ class OtherOptics:
 
     def _takes_colours(self, is_one_enough: bool) -> bool:
         view, found = self._result.view, list[tuple[RingFit, tuple[float, float]]]()
-        for frame in self._tried.values():
-            both = find_colours(frame, view, is_phase_free=self._is_phase_free)
+        for looks in self._tried.values():
+            both = find_colours(looks, view, is_phase_free=self._is_phase_free)
             if both is None:
                 continue
             found.append(both)
@@ -190,13 +190,13 @@ def rebase(result: FilmResult, fits: dict[int, RingFit]) -> None:
         fits[index] = replace(fit, parameters=parameters)
 
 
-def find_optics(frame: NDArray[np.generic], view: View, *, is_phase_free: bool) -> RingFit | None:
+def find_optics(looks: Looks, view: View, *, is_phase_free: bool) -> RingFit | None:
     """Fit the contact of a frame with phase and scale of its fringes unknown.
 
     Parameters
     ----------
-    frame : array (row, column)
-        Grey levels.
+    looks : Looks
+        The frame.
     view : View
         Optics as stated.
     is_phase_free : bool
@@ -207,13 +207,18 @@ def find_optics(frame: NDArray[np.generic], view: View, *, is_phase_free: bool) 
     RingFit or None
         With phase and scale among its parameters; None when no fringes explain the frame.
     """
-    spots = chain(find_spots(frame), find_centres(frame))
-    for spot in islice(spots, _PLACES):
-        for guess in _guesses(frame, view, spot.x, spot.y, spot.radius):
-            found = _fit_guess(frame, view, guess, (spot.x, spot.y), is_phase_free=is_phase_free)
+    for spot in islice(_places(looks), _PLACES):
+        for guess in _guesses(looks.frame, view, spot.x, spot.y, spot.radius):
+            found = _fit_guess(looks.frame, view, guess, (spot.x, spot.y), is_phase_free=is_phase_free)
             if found is not None:
                 return found
     return None
+
+
+def _places(looks: Looks) -> Iterator[Spot]:
+    """Yield circles about which there may be rings; centres of rings are looked for last."""
+    yield from looks.spots
+    yield from looks.centres
 
 
 def _guesses(frame: NDArray[np.generic], view: View, x: float, y: float, size: float) -> Iterator[_Guess]:

@@ -211,11 +211,11 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
     moves = np.isin(free, (Parameter.RADIUS, Parameter.X, Parameter.Y))
     best = start.astype(float).copy()
     damping, evaluations, is_settled, is_small = _DAMPING, 1, False, False
-    sums = ring_sums(ring, best, free, optics, False)
+    sums = ring_sums(ring, best, free, optics)
     if not _is_finite(sums):
         # A field of light told by fewer pixels can run out of all numbers beyond them.
         best[[Parameter.SLOPE_X, Parameter.SLOPE_Y, Parameter.BOWL, *LIGHT]] = 0.0
-        sums = ring_sums(ring, best, free, optics, False)
+        sums = ring_sums(ring, best, free, optics)
     while evaluations < settings.max_iterations and damping < _MOST_DAMPING:
         if sums.pixels <= len(free):
             break
@@ -231,7 +231,7 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
         is_small = damping < _BAD_DAMPING and (
             gain < _SMALL_GAIN * sums.squares or np.abs(step[moves]).max() < settings.tolerance
         )
-        tried = ring_sums(ring, trial, reported if is_small else free, optics, is_small)
+        tried = ring_sums(ring, trial, reported if is_small else free, optics, len(free) if is_small else 0)
         evaluations += 1
         if not _is_finite(tried):
             is_small, damping = False, max(damping * _MORE, _BAD_DAMPING)
@@ -249,7 +249,7 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
             is_settled = True
             break
     if not is_small:
-        sums = ring_sums(ring, best, reported, optics, True)
+        sums = ring_sums(ring, best, reported, optics, len(free))
         evaluations += 1
     curvature = 0.5 * (ring.outer**2 - ring.inner**2)
     found = _result(best, sums, settings.free, asked, is_settled, evaluations, curvature)
@@ -342,7 +342,7 @@ def _result(
     scale = np.sqrt(np.maximum(np.diag(sums.normal)[:count], 1e-300))
     outer = np.outer(scale, scale)
     inverse = np.linalg.pinv(sums.normal[:count, :count] / outer) / outer
-    covariance = inverse @ sums.weighted[:count, :count] @ inverse
+    covariance = inverse @ sums.weighted @ inverse
     changes = inverse @ sums.normal[:count, count:]
     place = free.index(Parameter.RADIUS) if Parameter.RADIUS in free else None
     sensitivity = dict.fromkeys(ASSUMED, 0.0)

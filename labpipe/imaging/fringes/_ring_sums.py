@@ -127,13 +127,13 @@ def ring_cells(ring: Ring, parameters: Floats, free: Integers, optics: Optics, l
     return Cells(*accumulate_cells(*ring.region, *model, bins, SECTORS, limits))
 
 
-def ring_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics, is_last: bool) -> Sums:
-    """Sum over the ring, by compiled loops."""
+def ring_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics, told: int = 0) -> Sums:
+    """Sum over the ring, by compiled loops; covariance and noise of the first parameters where some are ``told``."""
     from labpipe.imaging.fringes._fit_kernel import accumulate
 
     table, kind = tabulate(ring, parameters, free, optics)
     normal, right, weighted, totals = accumulate(
-        *ring.region, parameters, ring.origin, table.values, table.start, free, ring.ceiling, is_last, kind
+        *ring.region, parameters, ring.origin, table.values, table.start, free, ring.ceiling, told, kind
     )
     squares, pixels, differences, pairs = totals
     return Sums(normal, right, weighted, squares, int(pixels), differences, int(pairs))

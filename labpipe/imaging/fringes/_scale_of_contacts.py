@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from labpipe.arrays import Floats
 from labpipe.imaging.films import FilmReader
 from labpipe.imaging.fringes._blank_frames import FilmResult
+from labpipe.imaging.fringes._looks import Looks
 from labpipe.imaging.fringes._open_gap import has_free_gap
 from labpipe.imaging.fringes._optics_search import find_optics
 from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
@@ -83,10 +84,15 @@ def scales_of_contacts(reader: FilmReader, result: FilmResult, stated: View) -> 
 
 def _searched(reader: FilmReader, frames: list[int], stated: View, known: float) -> dict[int, tuple[float, float]]:
     """Search frames for the scale of their fringes over that which is `known`; what two or more of them agree on."""
-    found = {i: find_optics(reader.whole(i), stated, is_phase_free=True) for i in frames}
-    fits = {i: fit for i, fit in found.items() if fit is not None}
+    fits: dict[int, RingFit] = {}
+    for place, i in enumerate(frames):
+        if len(fits) + len(frames) - place < _AGREE:
+            return {}
+        fit = find_optics(Looks(reader.whole(i)), stated, is_phase_free=True)
+        if fit is not None:
+            fits[i] = fit
     scales = {i: float(fit.parameters[Parameter.SCALE]) - known for i, fit in fits.items()}
-    if len(fits) < _AGREE or np.ptp(list(scales.values())) > _SAME:
+    if not fits or np.ptp(list(scales.values())) > _SAME:
         return {}
     return {i: (scales[i], fit.deviation(Parameter.SCALE)) for i, fit in fits.items()}
 

@@ -6,16 +6,15 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from labpipe.arrays import Floats
-from labpipe.imaging.fringes._acceptance import GOOD_MISFIT, is_contact
-from labpipe.imaging.fringes._edge import Edge, find_edge
+from labpipe.imaging.fringes._acceptance import GOOD_MISFIT, is_contact, shows_edge
+from labpipe.imaging.fringes._edge import Edge
 from labpipe.imaging.fringes._fingerprint import round_share
+from labpipe.imaging.fringes._looks import Looks
 from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import AXES, Parameter
-from labpipe.imaging.fringes._spots import find_spots
 from labpipe.imaging.fringes._trial_fits import start_at_edge
 from labpipe.imaging.fringes._trials import VARIANCES, Attempt, Calibration, Trial, is_promising
 from labpipe.imaging.fringes._view import View
@@ -27,6 +26,8 @@ _FRAMES, _PIXELS, _MOST_EVALUATIONS = 3, 8_000, 40
 #: Mean squared misfit from which it is looked for, and which it may leave: light of low coherence is like
 #: one colour beside another, but left five times as much as two real ones with much else wrong.
 _NOTABLE, _MOST_LEFT = 2e-5, 2e-4
+#: Times as much as it may leave, from which some pixels tell that it does not explain the frames.
+_BY_CHANCE = 2.0
 #: Steps of ratio and share by which what is left tells their uncertainty, and the most that is believed.
 _STEPS, _WIDE = (0.004, 0.01), (0.1, 0.1)
 #: Spots of a frame and evaluations of a fit there, and what two colours must leave of the squares that one does.
@@ -61,7 +62,11 @@ def find_second_colour(
     corners = [(start, _SHARE), (start + 0.03, _SHARE), (start, _SHARE + 0.1)]
     options = {"initial_simplex": corners, "maxfev": _MOST_EVALUATIONS, "xatol": 2e-3, "fatol": 5.0}
     ratio, share = minimize(left, corners[0], method="Nelder-Mead", options=options).x
-    settled = settle_colour(attempt, axes, replace(known, colour=(float(ratio), float(share))))
+    found = replace(known, colour=(float(ratio), float(share)))
+    few = attempt(axes, found, _FRAMES, _PIXELS)
+    if few is None or few.excess > _BY_CHANCE * _MOST_LEFT:
+        return None
+    settled = settle_colour(attempt, axes, found)
     if settled is None or settled[0].excess > _MOST_LEFT or not settled[0].is_better_than(best):
         return None
     return settled
@@ -73,15 +78,13 @@ def settle_colour(attempt: Attempt, axes: Sequence[Parameter], known: Calibratio
     return None if settled is None else _settled(attempt, axes, known, np.array(settled[1].colour))
 
 
-def find_colours(
-    frame: NDArray[np.generic], view: View, *, is_phase_free: bool
-) -> tuple[RingFit, tuple[float, float]] | None:
+def find_colours(looks: Looks, view: View, *, is_phase_free: bool) -> tuple[RingFit, tuple[float, float]] | None:
     """Fit the contact of a frame whose light is of two colours, so far apart that one explains nothing.
 
     Parameters
     ----------
-    frame : array (row, column)
-        Grey levels.
+    looks : Looks
+        The frame.
     view : View
         Optics as stated.
     is_phase_free : bool
@@ -92,6 +95,7 @@ def find_colours(
     (RingFit, colour) or None
         None when two colours explain the frame hardly better than one, or not well.
     """
+    frame = looks.frame
     free = (*view.settings.free, *AXES, *((Parameter.PHASE,) if is_phase_free else ()))
     settings = replace(view.settings, free=tuple(dict.fromkeys(free)), max_pixels=_PIXELS, max_iterations=_ITERATIONS)
 
@@ -107,13 +111,15 @@ def find_colours(
         made = fit(edge, colour)
         return math.inf if made is None else made.residual**2
 
-    for spot in find_spots(frame)[:_SPOTS]:
-        edge = find_edge(frame, spot.x, spot.y, spot.radius, view.black)
+    for spot in looks.spots[:_SPOTS]:
+        edge = looks.edge(spot, view.black)
         if edge is None:
             continue
         one = fit(edge, (1.0, 0.0))
-        # What a second colour changes, it changes all along the rings.
-        if one is None or one.misfit > _UNEXPLAINED or round_share([frame], [one], view) < _ROUND:
+        # What a second colour changes, it changes all along the rings; beside a plain edge there are none.
+        if one is None or one.misfit > _UNEXPLAINED or shows_edge(frame, view, one):
+            continue
+        if round_share([frame], [one], view) < _ROUND:
             continue
         start = min(_RATIOS, key=lambda ratio: left(edge, (ratio, _SHARE)))
         if left(edge, (start, _SHARE)) > _MUCH_LESS * one.residual**2:

@@ -15,7 +15,7 @@ from labpipe.arrays import Floats
 from labpipe.imaging.fringes._acceptance import GOOD_MISFIT, LEAST_PIXELS, is_contact
 from labpipe.imaging.fringes._edge import Edge, corrected_radius
 from labpipe.imaging.fringes._radial_scan import Match
-from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
+from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import AXES, HARMONICS, LIGHT, PARAMETERS, Parameter
 from labpipe.imaging.fringes._view import View
 
@@ -57,6 +57,11 @@ def start_at_edge(edge: Edge, view: View) -> Floats:
     return start
 
 
+def _quick(view: View) -> FitSettings:
+    """How some pixels are fitted to find out what a frame shows."""
+    return replace(view.settings, max_pixels=_QUICK_PIXELS, max_iterations=_QUICK_ITERATIONS, asks=())
+
+
 def fit_edge(frame: NDArray[np.generic], view: View, edge: Edge) -> RingFit | None:
     """Fit the fringes beside the edge of a spot; None when they do not explain it well.
 
@@ -73,7 +78,7 @@ def fit_edge(frame: NDArray[np.generic], view: View, edge: Edge) -> RingFit | No
 
 def fit_some(frame: NDArray[np.generic], view: View, start: Floats, free: tuple[Parameter, ...]) -> RingFit | None:
     """Fit some of the pixels with these parameters; None when too few of them lie in the frame."""
-    quick = replace(view.settings, free=free, max_pixels=_QUICK_PIXELS, max_iterations=_QUICK_ITERATIONS)
+    quick = replace(_quick(view), free=free)
     found = fit_contact(frame, start, view.optics, quick, view.levels)
     return None if found is None or found.pixels < LEAST_PIXELS else found
 
@@ -83,7 +88,7 @@ def fit_from(frame: NDArray[np.generic], view: View, start: Floats) -> RingFit |
 
     The first fringe needs less of a start than the finer ones farther out.
     """
-    quick = replace(view.settings, max_pixels=_QUICK_PIXELS, max_iterations=_QUICK_ITERATIONS)
+    quick = _quick(view)
     # only where it ends counts of the first step
     near = replace(quick, fringes=1.0, tells_memory=False)
     first = fit_contact(frame, start, view.optics, near, view.levels)
@@ -97,8 +102,8 @@ def _otherwise(frame: NDArray[np.generic], view: View, start: Floats, found: Rin
     """Fit with the alternatives what the usual fit does not explain; the usual fit where none does better."""
     best, usual = found, view.settings.free
     if found.has_negative_light and LIGHT in view.alternatives:
-        quick = replace(view.settings, max_pixels=_QUICK_PIXELS, max_iterations=_QUICK_ITERATIONS)
-        trial = fit_contact(frame, found.parameters, view.optics, replace(quick, free=(*usual, *LIGHT)), view.levels)
+        light = replace(_quick(view), free=(*usual, *LIGHT))
+        trial = fit_contact(frame, found.parameters, view.optics, light, view.levels)
         if trial is not None and trial.misfit < GOOD_MISFIT:
             return trial
     if not GOOD_MISFIT <= found.misfit <= _NONSENSE:
@@ -118,7 +123,7 @@ def _otherwise(frame: NDArray[np.generic], view: View, start: Floats, found: Rin
 def _trial(frame: NDArray[np.generic], view: View, start: Floats, free: tuple[Parameter, ...]) -> RingFit | None:
     """Fit some pixels with these parameters free, from the first fringe outwards; None where it is not explained."""
     free = tuple(dict.fromkeys(free))
-    quick = replace(view.settings, max_pixels=_QUICK_PIXELS, max_iterations=_QUICK_ITERATIONS, free=free)
+    quick = replace(_quick(view), free=free)
     other = start.copy()
     # A blur and a travel are hardly told from each other by the first fringe alone.
     is_blurred = Parameter.BLUR in free

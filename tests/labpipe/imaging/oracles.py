@@ -142,7 +142,7 @@ def plain_lines(
     return votes.reshape(rows, columns)
 
 
-def plain_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics, is_last: bool) -> Sums:
+def plain_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics, told: int = 0) -> Sums:
     """Sum over the ring by array operations: the twin of :func:`ring_sums`."""
     radius, x_centre, y_centre, gain, modulation, slope_x, slope_y, bowl = parameters[:8]
     stretch, shear, _, scale, more_blur = parameters[Parameter.STRETCH : Parameter.SECOND]
@@ -204,7 +204,7 @@ def plain_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics, i
     )[free]
     residual = grey[used] - light * core
     differences, pairs = 0.0, 0
-    if is_last:
+    if told:
         whole = np.full(r.shape, np.nan)
         whole[used] = residual
         wide = x + ring.first_column - x_centre
@@ -214,7 +214,7 @@ def plain_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics, i
     return Sums(
         slopes @ slopes.T,
         slopes @ residual,
-        (slopes * residual**2) @ slopes.T,
+        (slopes[:told] * residual**2) @ slopes[:told].T,
         float((residual**2).sum()),
         int(used.sum()),
         differences,

@@ -423,6 +423,23 @@ def test_a_sphere_that_hovers_out_of_focus_is_no_contact(blur: float) -> None:
     check(found.isel(frame=slice(2, None)), radii[2:], 0.2 * UM)
 
 
+@pytest.mark.parametrize(("blur", "pixel", "is_told"), [(15.0, 1.0, True), (0.0, 5.0, True), (0.0, 1.0, False)])
+def test_a_spot_that_nothing_explains_is_said_where_no_contact_is_found(
+    blur: float, pixel: float, is_told: bool
+) -> None:
+    """Far out of focus, or with a pixel that is not that of the film; a sphere that hovers is no such spot."""
+    gap = hertz if is_told else hertz_or_hover
+    radii = [160.0 * UM, 200.0 * UM] if is_told else [-0.3 * UM, -0.6 * UM]
+    film = film_of(replace(PLAIN, optics=OPTICS.change(blur=blur)), gap, radii, CENTRE)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        found = contact_radius(film, pixel * OPTICS.pixel_size, SPHERE, LIGHT)
+    assert not found.in_contact.values.any()
+    told = "spots in 2 frames have neither the fringes nor the sharp edge of a contact"
+    assert (told in found.attrs["note"]) is is_told
+    assert [str(warning.message).startswith(told) for warning in caught] == [True] * is_told
+
+
 def test_a_contact_darker_than_the_black_level_is_measured_by_its_rings() -> None:
     """With clipped pixels in the fit u was 0.11 µm, and a frame took 30 times as long."""
     film = film_of(PLAIN, hertz, RADII, CENTRE, seed=3).astype(int) - 45

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 from unittest.mock import Mock
 
 import numpy as np
@@ -9,13 +10,21 @@ import pytest
 
 from labpipe.arrays import Floats
 from labpipe.imaging import contact_radius
-from labpipe.imaging.fringes import _attempts, _optics_search, _ring_fit, _second_colour, _trial_fits
+from labpipe.imaging.fringes import (
+    _attempts,
+    _optics_search,
+    _ring_fit,
+    _scale_of_contacts,
+    _second_colour,
+    _trial_fits,
+)
 from labpipe.imaging.fringes._fingerprint import round_share
 from labpipe.imaging.fringes._interference import make_optics
 from labpipe.imaging.fringes._ring_fit import FitSettings
 from labpipe.imaging.fringes._ring_noise import _from_gap, slow_power
 from labpipe.imaging.fringes._ring_parameters import AXES, BEAMS, PARAMETERS, USUAL, Parameter
 from labpipe.imaging.fringes._ring_sums import Sums
+from labpipe.imaging.fringes._trials import Calibration
 from labpipe.imaging.fringes._view import View
 from tests.by_day import by_day
 from tests.labpipe.imaging.contact_optics import Microscope, bell, comet, oval
@@ -135,21 +144,70 @@ def test_optics_hardly_other_than_the_stated_ones_stand_for_nothing_else(
     assert _optics_search.OtherOptics(result, is_phase_free=True).explains(Mock(), 0) is is_other
 
 
-@pytest.mark.parametrize(("misfit", "share"), [(0.1, 0.3), (0.4, 0.9)])
+@pytest.mark.parametrize(("misfit", "share", "is_edge"), [(0.1, 0.3, False), (0.4, 0.9, False), (0.1, 0.9, True)])
 def test_two_colours_are_sought_only_where_one_nearly_explains_what_goes_around_the_rings(
-    monkeypatch: pytest.MonkeyPatch, misfit: float, share: float
+    monkeypatch: pytest.MonkeyPatch, misfit: float, share: float, is_edge: bool
 ) -> None:
-    """Of a contact that something hides, twelve colours at every spot took half the time of the frame."""
+    """Of a contact that something hides, or without rings, twelve colours at every spot took half the time."""
     fits: list[object] = []
     one = Mock(misfit=misfit, residual=1.0)
-    monkeypatch.setattr(_second_colour, "find_spots", lambda _: [Mock(), Mock()])
-    monkeypatch.setattr(_second_colour, "find_edge", lambda *_: Mock())
+    looks = Mock(spots=[Mock(), Mock()])
+    monkeypatch.setattr(_second_colour, "shows_edge", lambda *_: is_edge)
     monkeypatch.setattr(_second_colour, "start_at_edge", lambda *_: np.zeros(PARAMETERS))
     monkeypatch.setattr(_second_colour, "fit_contact", lambda *_: fits.append(one) or one)
     monkeypatch.setattr(_second_colour, "round_share", lambda *_: share)
     view = View(make_optics(2e-6, SPHERE, LIGHT), FitSettings(), (9, 9), 0.0, 255.0)
-    assert _second_colour.find_colours(np.zeros((9, 9)), view, is_phase_free=False) is None
+    assert _second_colour.find_colours(looks, view, is_phase_free=False) is None
     assert len(fits) == 2
+
+
+@pytest.mark.parametrize(("excess", "is_settled"), [(1e-4, True), (1e-3, False)])
+def test_a_second_colour_that_leaves_much_of_some_pixels_is_not_sought_in_all(
+    monkeypatch: pytest.MonkeyPatch, excess: float, is_settled: bool
+) -> None:
+    """Light of low coherence looks like one; fourteen fits of all pixels of each frame only said that it is none."""
+    known, best = Calibration(), Mock(excess=1e-2, is_doubtful=True)
+    settled = Mock(return_value=None)
+    monkeypatch.setattr(_second_colour, "settle_colour", settled)
+    monkeypatch.setattr(_second_colour, "is_promising", lambda *_: True)
+
+    def attempt(_: object, seen: Calibration, *some: int) -> Mock:
+        assert len(some) == 2  # frames and pixels
+        ratio, share = seen.colour
+        return Mock(excess=excess, left=1e4 * (1.0 + (ratio - 1.1) ** 2 + (share - 0.25) ** 2 + (not share)))
+
+    assert _second_colour.find_second_colour(attempt, (), known, best) is None
+    assert settled.called is is_settled
+
+
+def test_frames_are_searched_for_a_scale_only_while_two_can_agree(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A single one never told it, and took two fifths of the time of a disc without rings."""
+    asked: list[object] = []
+    monkeypatch.setattr(_scale_of_contacts, "find_optics", lambda looks, *_, **__: asked.append(looks.frame))
+    reader = Mock(whole=lambda index: index)
+    for frames, most in (([7], 0), ([7, 8], 1), ([7, 8, 9], 2)):
+        asked.clear()
+        assert _scale_of_contacts._searched(reader, frames, Mock(), 0.0) == {}
+        assert asked == frames[:most]
+
+
+def test_some_of_the_pixels_are_asked_for_what_they_leave_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The last sums of a fit hold covariances of what is fitted, and slopes by what is asked for: the costliest."""
+    told: list[tuple[int, int]] = []
+    sums = _ring_fit.ring_sums
+
+    def counted(*arguments: Any) -> Sums:
+        found = sums(*arguments)
+        if len(arguments) > 4 and arguments[4]:
+            told.append((found.pixels, len(arguments[2]) - len(found.weighted)))
+        return found
+
+    monkeypatch.setattr(_ring_fit, "ring_sums", counted)
+    measure(CASES["blur"][0])
+    few = {beside for pixels, beside in told if pixels < 14_000}
+    whole = {beside for pixels, beside in told if pixels > 20_000}
+    assert few == {0}
+    assert max(whole) > 0
 
 
 def test_what_noise_with_a_memory_hides_is_fitted_where_the_squares_promise_it(evaluated: list[int]) -> None:

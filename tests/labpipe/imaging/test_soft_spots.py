@@ -18,7 +18,9 @@ def test_a_soft_disc_without_fringes_is_no_contact(softness: float) -> None:
     grey = 120.0 + 70.0 * np.tanh((np.hypot(x - 208.0, y - 161.0) - 110.0) / softness)
     noise = 5.0 * np.random.default_rng(1).standard_normal((2, 320, 420))
     film = np.clip(np.rint(grey + noise), 0.0, 255.0).astype(np.uint8)
-    assert not contact_radius(film, SCENE.pixel, SCENE.sphere, SCENE.wavelength).in_contact.any()
+    with pytest.warns(UserWarning, match="spots in 2 frames have neither the fringes nor the sharp edge"):
+        found = contact_radius(film, SCENE.pixel, SCENE.sphere, SCENE.wavelength)
+    assert not found.in_contact.any()
 
 
 @pytest.mark.parametrize("blur", by_day([8.0, 4.0], 1))
