@@ -105,8 +105,10 @@ def _is_sphere(window: Window, terms: Floats, distance: Floats, view: View, foun
 
 def shows_edge(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
     """Tell whether a plain edge explains what is around a fit as well."""
-    window, term, _ = _profile_of(frame, view, found)
-    return _may_be_edge(view, found) and is_edge(window, term, _FRINGES_SURE)
+    if not _may_be_edge(view, found):
+        return False
+    window, terms, _ = _profile_of(frame, view, found)
+    return window.is_seen and is_edge(window, terms[0], _FRINGES_SURE)
 
 
 def _may_be_edge(view: View, found: RingFit) -> bool:

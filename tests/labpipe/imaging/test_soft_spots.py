@@ -23,6 +23,16 @@ def test_a_soft_disc_without_fringes_is_no_contact(softness: float) -> None:
     assert not found.in_contact.any()
 
 
+def test_a_single_frame_of_an_edge_without_fringes_is_measured_by_it() -> None:
+    y, x = np.mgrid[:320, :420]
+    grey = 100.0 + 40.0 * np.tanh(0.5 * (np.hypot(x - 208.0, y - 161.0) - 110.0))
+    noise = 5.0 * np.random.default_rng(1).standard_normal((1, 320, 420))
+    film = np.clip(np.rint(grey + noise), 0.0, 255.0).astype(np.uint8)
+    with pytest.warns(UserWarning, match="measured by the edge of the spot"):
+        found = contact_radius(film, SCENE.pixel, SCENE.sphere, SCENE.wavelength)
+    assert found.method.item() == 2
+
+
 @pytest.mark.parametrize("blur", by_day([8.0, 4.0], 1))
 def test_a_contact_out_of_focus_is_measured_all_the_same(blur: float) -> None:
     found = contact_radius(make_film(replace(SCENE, blur=blur), 2, 1), SCENE.pixel, SCENE.sphere, SCENE.wavelength)
