@@ -27,14 +27,15 @@ _TOGETHER, _MISFIT = 3, 4.0
 #: Mean square at rest over that where the subset has moved to below which pixels stand still.
 _STILL = 0.4
 #: Displacement (px) of what is there beyond which pixels misfit: edges sharper than the pixels keep to them, and
-#: their steps stand still while they move along themselves.
-_STEPS = 1.0
+#: their steps stand still while they move along themselves. And where no pattern is as sharp and the motion is slow.
+_STEPS = 1.0, 0.3
 #: Pixels that stand still, and share of those that only the neighbours' motion explains, from which it is no chance.
 _FEWEST, _SHARE = 12, 0.06
 #: Reach (px) of a misfit beyond the pixels that show it.
 _BORDER = 3
-#: Motion (px) from which what stands still is told from edges sharper than the pixels, which keep to them.
-_MOVED = 1.2
+#: Motion (px) from which what stands still is told from edges sharper than the pixels, which keep to them, and
+#: from which it is told where there are none.
+_MOVED = 1.2, 0.4
 #: Share of a subset that must fit to be tried without the rest, and changes of the motion (px) without that rest
 #: from which it is looked at again, and from which it has gone astray.
 _MOST_TRIED, _UNMOVED, _ASTRAY = 0.5, 0.02, 1.0
@@ -77,7 +78,10 @@ def look_before(tracker: Tracker, loaded: Loaded, attempt: Attempt) -> None:
     """
     if tracker.solver.is_static or loaded.coefficients is None:
         return
-    shown = attempt.residual / tracker.reference.subsets.level[:, 2]
+    # noise of the frame counts as it does in grey levels of the reference
+    own = 1.0 / tracker.reference.noise.static_frames
+    amplified = (np.square(attempt.gain) + own) / (1.0 + own)
+    shown = attempt.residual / (tracker.reference.subsets.level[:, 2] * amplified)
     every = shown[attempt.trusted]
     if not len(every):
         return
@@ -86,9 +90,11 @@ def look_before(tracker: Tracker, loaded: Loaded, attempt: Attempt) -> None:
     suspects = np.flatnonzero(misfits & attempt.trusted)
     if not len(suspects) and not tracker.votes.any:
         return
-    if float(np.hypot(*attempt.motion[attempt.trusted][:, [0, 3]].T).max()) < _MOVED:
+    farthest = float(np.hypot(*attempt.motion[attempt.trusted][:, [0, 3]].T).max())
+    is_slow = farthest < _MOVED[0]
+    if is_slow and (farthest < _MOVED[1] or not tracker.is_smooth):
         return
-    looking = _Looking(tracker, loaded, attempt, usual)
+    looking = _Looking(tracker, loaded, attempt, usual * amplified, is_slow)
     clean = suspects[~looking.find(suspects)]
     tracker.cleared[clean] = np.maximum(tracker.cleared[clean], shown[clean] / usual)
     looking.vote(np.flatnonzero(~misfits & attempt.trusted))
@@ -97,7 +103,8 @@ def look_before(tracker: Tracker, loaded: Loaded, attempt: Attempt) -> None:
 class _Looking:
     """Looks at the subsets of one frame that misfit."""
 
-    def __init__(self, tracker: Tracker, loaded: Loaded, attempt: Attempt, usual: float) -> None:
+    def __init__(self, tracker: Tracker, loaded: Loaded, attempt: Attempt, usual: Floats, is_slow: bool) -> None:
+        self._least_moved, self._steps = _MOVED[is_slow], _STEPS[is_slow]
         self._tracker, self._loaded, self._attempt, self._usual = tracker, loaded, attempt, usual
         self._coefficients = tracker.solver.coefficients(loaded)
         self._grey = tracker.solver.pattern.images.grey
@@ -143,7 +150,7 @@ class _Looking:
 
     def _stands_before(self, point: int, motion: Floats, look: _Look) -> bool:
         """Whether something stands before a point, which is then noted."""
-        if look.stands.sum() < _FEWEST or np.hypot(motion[0], motion[3]) < _MOVED:
+        if look.stands.sum() < _FEWEST or np.hypot(motion[0], motion[3]) < self._least_moved:
             return False
         x, y, half = self._tracker.reference.subsets.layout[point, :3].tolist()
         self._stands[y - half : y + half + 1, x - half : x + half + 1] |= look.at_first
@@ -188,21 +195,21 @@ class _Looking:
         order = self._tracker.solver.pattern.order
         grey = map_coordinates(self._coefficients, [row - top, column - left], order=order, prefilter=False)
         cut = np.s_[y - half : y + half + 1, x - half : x + half + 1]
-        own = self._grey[cut]
-        light = _fitted(grey, own, self._usual)
+        own, usual = self._grey[cut], float(self._usual[point])
+        light = _fitted(grey, own, usual)
         if self._attempt.model[point] & LIGHT:
-            light = _sloping(light, grey, own, column - x, row - y, self._usual)
+            light = _sloping(light, grey, own, column - x, row - y, usual)
         moved = _together(_lit(light, grey, column - x, row - y) - own)
         rows, columns = self._grey.shape
         i, j = np.mgrid[y - half : y + half + 1, x - half : x + half + 1]
         there = np.rint(row).astype(int).clip(0, rows - 1), np.rint(column).astype(int).clip(0, columns - 1)
-        fits = moved <= _MISFIT * self._usual
+        fits = moved <= _MISFIT * usual
         at_first, now = (self._at_rest(at, light, x, y) for at in ((i, j), there))
         images = self._tracker.solver.pattern.images
         slopes = _together(np.hypot(images.slope_x[cut], images.slope_y[cut]))
-        is_beyond = ~fits & (moved > _STEPS**2 * slopes)
+        is_beyond = ~fits & (moved > self._steps**2 * slopes)
         first, second = (is_beyond & (rest < _STILL * moved) for rest in (at_first, now))
-        return _Look(fits, first, second, fits & (_STILL * now > np.maximum(moved, self._usual)), there)
+        return _Look(fits, first, second, fits & (_STILL * now > np.maximum(moved, usual)), there)
 
     def _at_rest(self, places: tuple[Integers, Integers], light: Floats, x: int, y: int) -> Floats:
         """Mean square (row, column) of what has changed in the frame at places of the picture, lit as about (x, y)."""

@@ -117,6 +117,22 @@ def test_what_nobody_stated_is_found_and_left_out(
         assert np.sqrt(np.mean(u[is_part] ** 2) / np.mean(error[is_part] ** 2)) == pytest.approx(1.0, abs=0.3)
 
 
+def test_what_stands_before_a_slow_specimen_is_found() -> None:
+    views = tuple(View((0.13 * k, -0.08 * k)) for k in range(7))  # 0.9 px
+    film, _ = behind_a_rod(0.7, 12.0, 235.0, 0.0, 1.0, views, 70)
+    points = grid((SIZE, SIZE), 34, 11)
+    found = track(film, points, SUBSET)
+    truth = np.stack([view.displacement(points, SIZE) for view in views])
+    error = np.hypot(found.dx - truth[..., 0], found.dy - truth[..., 1]).values[1:]
+    # not all of the rod: most of what tells it from the specimen comes with the last frames
+    assert "something stands still before the specimen" in found.attrs["note"]
+    assert (found.hidden.values > 0.0).mean() > 0.02
+    across = np.abs((points - SIZE / 2) @ (np.cos(0.7), np.sin(0.7)))
+    is_free = across > 6.0 + SUBSET  # of a rod of 12 px
+    assert found.valid.values[:, is_free].all()
+    assert (error[:, is_free] < 5.0 * np.hypot(found.u_dx, found.u_dy).values[1:, is_free]).all()
+
+
 def test_nothing_is_hidden_where_nothing_stands_before_the_specimen() -> None:
     pattern = film_scenes.random_field(SIZE, 1.9, 60)
     film = digitised([from_spectrum(pattern, view) for view in FALL], 2.0, 61)
