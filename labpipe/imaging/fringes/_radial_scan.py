@@ -285,11 +285,16 @@ def is_edge(window: Window, term: Floats, factor: float) -> bool:
     factor : float
         Multiple of the squares left by the fringes that the edge may leave.
     """
-    step = np.arange(len(term), dtype=float)
-    softness = 2.0 ** np.arange(-1.0, math.log2(max(len(step), 4)))
+    return left_by_edge(window, len(term)) < factor * float(window.left_by(term)[0])
+
+
+def left_by_edge(window: Window, rings: int) -> float:
+    """Sum of squares that the likeliest plain edge leaves, sharp or soft."""
+    step = np.arange(rings, dtype=float)
+    softness = 2.0 ** np.arange(-1.0, math.log2(max(rings, 4)))
     places = step[2:-2:2]
-    edges = np.tanh((step - places[:, None, None]) / softness[:, None]).reshape(-1, len(step))
-    return bool(window.left_by(edges).min() < factor * window.left_by(term)[0])
+    edges = np.tanh((step - places[:, None, None]) / softness[:, None]).reshape(-1, rings)
+    return float(window.left_by(edges).min())
 
 
 def is_sphere(window: Window, term: Floats, distance: Floats, optics: Optics, factor: float) -> bool:

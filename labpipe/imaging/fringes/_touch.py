@@ -9,11 +9,14 @@ from scipy.ndimage import gaussian_filter1d
 
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._interference import Optics, exposure_nodes
-from labpipe.imaging.fringes._radial_scan import Window, left_by_sphere, radial_profile
+from labpipe.imaging.fringes._radial_scan import Window, left_by_edge, left_by_sphere, radial_profile
 
 #: A sphere is told from its rings down to this spacing (px), so many at most and so many at least, with one of
 #: these blurs (px), when it leaves less than this share of the squares.
 _COARSE_SPACING, _MANY_RINGS, _FEW_RINGS, _BLURS, _SPHERE_LEAVES = 6.0, 8.0, 2.0, (0.0, 1.5, 3.0, 6.0), 0.01
+#: A sphere leaves less than this share of what a plain edge does, 0.05 out of focus: a speck of dust that is blurred
+#: looks like a sphere out of focus whose rings are gone, and left 0.18 and more.
+_RINGS_SHOW = 0.1
 #: Radii of small contacts that are compared with a sphere, in Newton spots, and the multiple of the squares that the
 #: best of them leaves which a sphere must leave to count as a contact.
 _SMALL_RADII, _CONTACT_SURE = np.arange(0.4, 1.05, 0.02), 1.5
@@ -42,7 +45,7 @@ def left_by_only_sphere(frame: NDArray[np.generic], x: float, y: float, optics: 
     distance = np.arange(seen, dtype=np.float64) + 0.5
     blurs = dict.fromkeys((optics.blur, *_BLURS))
     left = min(left_by_sphere(window, distance, optics, blur, has_harmonics=True) for blur in blurs)
-    if left >= _SPHERE_LEAVES * window.squares:
+    if left >= _SPHERE_LEAVES * window.squares or left >= _RINGS_SHOW * left_by_edge(window, seen):
         return None
     likeliest = (terms[window.left_by(terms).argmin()] for terms in _small_contacts(optics, seen))
     contacts = min(window.left_by_all(np.stack([term, 2.0 * term**2 - 1.0])) for term in likeliest)
