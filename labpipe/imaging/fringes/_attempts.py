@@ -54,10 +54,6 @@ class Attempts:
             self._made[key] = self._fit(seen, tuple(extra), count)
         return self._made[key]
 
-    def made(self, extra: Sequence[Parameter], known: Calibration) -> Trial | None:
-        """Return the fits of all frames and pixels where they were asked for."""
-        return self._made.get((tuple(extra), self._seen(known, None), MOST_FRAMES))
-
     def begin_from(self, trial: Trial, extra: Sequence[Parameter], known: Calibration) -> None:
         """Start all that follows from a trial, and forget what was tried before."""
         seen = self._seen(known, None)

@@ -66,7 +66,7 @@ def calibrate(
     shape: str,
     rough: Sequence[Parameter] = (),
     log_stated: float = 0.0,
-) -> tuple[Calibration, dict[int, RingFit]]:
+) -> Calibration:
     """Find phase, scale and ellipticity of a film.
 
     Parameters
@@ -90,38 +90,19 @@ def calibrate(
     -------
     Calibration
         What differs from the assumptions beyond doubt; the assumptions else.
-    dict
-        Fits of its frames with nearly that.
     """
     chosen = _choose(fits)
     if not chosen:
-        return Calibration(), {}
+        return Calibration()
     attempt = Attempts([frame_of(index) for index in chosen], [fits[index] for index in chosen], view)
     plain_axes = AXES if shape == "ellipse" else ()
-    known = Calibration(frames=chosen, colour=view.optics.colour)
-    best = attempt(plain_axes, known)
+    result = Calibration(frames=chosen, colour=view.optics.colour)
+    best = attempt(plain_axes, result)
     if best is None:
-        return replace(known, frames=()), {}
-    best, known = _without_opened(attempt, plain_axes, known, best)
+        return Calibration(colour=view.optics.colour)
+    best, result = _without_opened(attempt, plain_axes, result, best)
     if shape == "auto":
-        best, known = _find_ellipse(attempt, known, best)
-    found = _calibrated(attempt, plain_axes, known, best, view, rough, log_stated, is_phase_free=is_phase_free)
-    trial = attempt.made(plain_axes, found)
-    return found, {} if trial is None else dict(zip(found.frames, trial.fits, strict=True))
-
-
-def _calibrated(
-    attempt: Attempts,
-    plain_axes: Sequence[Parameter],
-    result: Calibration,
-    best: Trial,
-    view: View,
-    rough: Sequence[Parameter],
-    log_stated: float,
-    *,
-    is_phase_free: bool,
-) -> Calibration:
-    """Find what else than an ellipse differs from the assumptions, from the best fits so far."""
+        best, result = _find_ellipse(attempt, result, best)
     if rough:
         trial = attempt((*plain_axes, *rough), result)
         if trial is not None:

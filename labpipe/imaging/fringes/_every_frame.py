@@ -162,7 +162,7 @@ def _calibrate(
         *((Parameter.PHASE,) if optics.phase != stated.phase else ()),
         *((Parameter.SCALE,) if optics.phase_scale != stated.phase_scale else ()),
     )
-    result.calibration, starts = calibrate(
+    result.calibration = calibrate(
         reader.whole,
         fits,
         result.view,
@@ -174,7 +174,7 @@ def _calibrate(
     if result.calibration.is_usual and optics == stated:
         return fits
     before, result.view = result.view, result.calibration.applied(result.view)
-    return refit(reader, result, read, fits, starts, stays_blank=_has_same_rings(before, result.view))
+    return refit(reader, result, read, fits, stays_blank=_has_same_rings(before, result.view))
 
 
 def _has_same_rings(one: View, other: View) -> bool:

@@ -146,13 +146,7 @@ def _warm_fit(frame: NDArray[np.generic], view: View, last: RingFit) -> RingFit 
 
 
 def refit(
-    reader: FilmReader,
-    result: FilmResult,
-    read: Flags,
-    fits: dict[int, RingFit],
-    starts: dict[int, RingFit],
-    *,
-    stays_blank: bool,
+    reader: FilmReader, result: FilmResult, read: Flags, fits: dict[int, RingFit], *, stays_blank: bool
 ) -> dict[int, RingFit]:
     """Fit frames again with the optics calibrated from the film.
 
@@ -166,8 +160,6 @@ def refit(
         Frames to fit.
     fits : dict of RingFit
         Fits before the calibration, by frame.
-    starts : dict of RingFit
-        Fits with nearly what was calibrated, of some of these frames.
     stays_blank : bool
         Whether the frames in which nothing was found before are left out.
 
@@ -189,7 +181,7 @@ def refit(
         looks = Looks(reader.whole(index))
         fit: RingFit | None = None
         if index in fits:
-            start = starts.get(index, fits[index]).parameters.copy()
+            start = fits[index].parameters.copy()
             start[Parameter.PHASE], start[Parameter.SCALE] = view.optics.phase, 0.0
             start[Parameter.BLUR] = 0.0
             start[list(HARMONICS)] = view.harmonics

@@ -125,5 +125,5 @@ def test_an_oblique_view_is_believed_only_if_it_explains_much_more_and_rings_are
     fits = {i: SimpleNamespace(parameters=np.full(len(Parameter), 50.0 + i)) for i in range(8)}
     monkeypatch.setattr(_calibration, "_choose", lambda fits: tuple(fits)[:4])
     view = View(Optics(1.0), FitSettings(), (9, 9), 0.0, 255.0)
-    found, _ = calibrate(lambda i: i, fits, view, is_phase_free=False, shape="auto")  # type: ignore
+    found = calibrate(lambda i: i, fits, view, is_phase_free=False, shape="auto")  # type: ignore
     assert (found.ellipse != (0.0, 0.0)) == is_oblique

@@ -264,7 +264,7 @@ def test_a_missing_reading_is_refused() -> None:
 @pytest.mark.skipif(not SAMPLES.is_dir(), reason="the shared samples are not beside the checkout")
 def test_the_three_ramps_of_a_real_file() -> None:
     chosen = relaxation.Relaxation(kind="relaxation", mach1=["a.txt"])
-    readings = relaxation.readings(SAMPLES / "stress_relaxation_3_ramps.txt", settings=chosen)
+    readings = mach1_readings.readings(SAMPLES / "stress_relaxation_3_ramps.txt")
     with pytest.warns(UserWarning, match="begins in contact"):
         loads = relaxation.loads(readings, None, settings=chosen)
     with pytest.warns(UserWarning, match="no modulus|not relaxed"):
