@@ -126,8 +126,12 @@ def _judge(area: Floats, window: Floats) -> tuple[float, bool]:
     # several may be folded to one place
     places = np.unique(np.rint(folded[(apart > _LOBE).all(axis=1)] * size), axis=0) / size
     square = spectrum.amplitude(places) ** 2
-    others = spectrum.amplitude((places[:, None] + _AROUND / size).reshape(-1, 2)) ** 2
-    square[square < _ABOVE_OTHERS * others.reshape(-1, len(_AROUND)).mean(axis=1)] = 0.0
+    around = places[:, None] + _AROUND / size
+    # other waves of the pattern may lie near, which are no texture
+    counts = np.abs(_wrapped(around[:, :, None] - seen)).max(axis=3).min(axis=2) * size > _LOBE
+    others = spectrum.amplitude(around.reshape(-1, 2)).reshape(counts.shape) ** 2
+    usual = np.where(counts, others, 0.0).sum(axis=1) / np.maximum(counts.sum(axis=1), 1)
+    square[square < _ABOVE_OTHERS * usual] = 0.0
     energy = float(((places**2).sum(axis=1) * square).sum())
     held = float(((waves**2).sum(axis=1) * spectrum.amplitude(waves) ** 2).sum())
     return period, energy > 2.0 * _FOLDED * held

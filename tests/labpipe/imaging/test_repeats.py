@@ -60,6 +60,11 @@ def test_no_wrong_period_and_no_moire_is_followed(kind: str, path: str) -> None:
         assert follow(kind, path, seed)[0] == 0
 
 
+def test_a_grid_whose_folded_waves_lie_side_by_side_is_told() -> None:
+    """Each was taken for the texture around the others, and 243 results followed the moire."""
+    assert follow("crossed", "jump", 5268)[0] == 0
+
+
 @pytest.mark.nightly
 def test_of_100_000_results_on_gratings_and_grids_none_is_wrong_by_5_u() -> None:
     bad, asked, seed = 0, 0, 0
