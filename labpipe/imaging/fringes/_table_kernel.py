@@ -83,45 +83,6 @@ def _term(
     return along + third * three, -steep, square, -twice, three
 
 
-@part(fastmath=FAST)
-def _arcs(side: float, sides: Floats, arcs: Floats) -> None:
-    """Angles whose tangents are other sides over one, none of them negative, to the last digits.
-
-    As S. L. Moshier's Cephes has it; library calls would keep the loop from running on whole vectors.
-    """
-    for i in range(len(arcs)):
-        other = sides[i]
-        x = min(side, other) / max(side, other, 1e-300)
-        is_far = x > 0.66
-        x = (x - 1.0) / (x + 1.0) if is_far else x
-        z = x * x
-        above = (((-0.8750608600031904 * z - 16.157537187333652) * z - 75.00855792314705) * z - 122.88666844901361) * z
-        below = ((((z + 24.858464901423062) * z + 165.02700983169885) * z + 432.88106049129027) * z) + 485.3903996359137
-        arc = x + x * z * (above - 64.85021904942025) / (below * z + 194.5506571482614)
-        arc += 0.25 * math.pi if is_far else 0.0
-        arcs[i] = 0.5 * math.pi - arc if other > side else arc
-
-
-@part(fastmath=FAST)
-def _waves(phases: Floats, cosines: Floats, sines: Floats) -> None:
-    """Cosines and sines, to the last digits up to phases of some hundred; see :func:`_arcs`."""
-    for i in range(len(phases)):
-        quarter = math.floor(phases[i] * (2.0 / math.pi) + 0.5)
-        x = phases[i] - quarter * (0.5 * math.pi)
-        z = x * x
-        sine = ((1.5896230157654656e-10 * z - 2.5050747762857807e-8) * z + 2.7557313621385722e-6) * z
-        sine = ((sine - 1.9841269829589539e-4) * z + 8.333333333322118e-3) * z - 0.16666666666666631
-        sine = x + x * z * sine
-        cosine = ((-1.1358536521387682e-11 * z + 2.087570084197473e-9) * z - 2.755731417929674e-7) * z
-        cosine = ((cosine + 2.4801587288851704e-5) * z - 1.388888888887306e-3) * z + 4.16666666666666e-2
-        cosine = 1.0 - 0.5 * z + z * z * cosine
-        turn = quarter - 4.0 * math.floor(0.25 * quarter)
-        is_odd = turn == 1.0 or turn == 3.0  # noqa: PLR1714
-        along, across = (sine, cosine) if is_odd else (cosine, sine)
-        cosines[i] = -along if turn == 1.0 or turn == 2.0 else along  # noqa: PLR1714
-        sines[i] = -across if turn >= 2.0 else across
-
-
 @compiled(nogil=True, fastmath=FAST)
 def fill_table(
     distance: Floats,
@@ -141,7 +102,7 @@ def fill_table(
     """Compiled twin of the loop in :func:`.radial_table`; rich tables have four lines more."""
     count = len(distance)
     raw = np.zeros((9 if is_rich else 5, count))
-    root, angle, within, argument = np.empty(count), np.empty(count), np.empty(count), np.empty(count)
+    root, angle, within = np.empty(count), np.empty(count), np.empty(count)
     cosine, sine = np.empty(count), np.empty(count)
     for k in range(len(nodes)):
         node, weight = nodes[k], weights[k]
@@ -151,19 +112,20 @@ def fill_table(
         # Inside the contact all of these are zero, and the gap with them.
         for i in range(count):
             root[i] = math.sqrt(max(distance[i] * distance[i] - square, 0.0))
-        _arcs(a, root, angle)
+            angle[i] = math.atan2(root[i], a)
         inner = min(flat, 0.995 * a) ** 2
         side, turn, bend = a, angle, 1.0
         if inner > 0.0:
             side, turn = math.sqrt(square - inner), within
-            _arcs(side, root, turn)
+            for i in range(count):
+                turn[i] = math.atan2(root[i], side)
             # By radius below: -4 a angle; here 2 (2 a² - b²) / s angle.
             bend = (square - 0.5 * inner) / (a * side)
         scale = phase_scale / math.pi
         for i in range(count):
             beyond = (distance[i] * distance[i] - inner) * turn[i] + side * root[i]
-            argument[i] = scale * (beyond - 2.0 * a * side * angle[i]) + phase
-        _waves(argument, cosine, sine)
+            argument = scale * (beyond - 2.0 * a * side * angle[i]) + phase
+            cosine[i], sine[i] = math.cos(argument), math.sin(argument)
         if is_rich:
             for i in range(count):
                 term, steep, by_second, by_turned, by_third = _term(cosine[i], sine[i], second, turned, third)
@@ -181,11 +143,9 @@ def fill_table(
             slope = side * root[i] / max(distance[i], 1e-12) + distance[i] * turn[i]
             raw[1, i] -= 2.0 * weight * scale * slope * sine[i]
         for i in range(count):
-            argument[i] = -bend * scale * angle[i] * sine[i]
-        for i in range(count):
-            raw[2, i] += to_radius * argument[i]
-        for i in range(count):
-            raw[4, i] += to_travel * argument[i]
+            change = -bend * scale * angle[i] * sine[i]
+            raw[2, i] += to_radius * change
+            raw[4, i] += to_travel * change
     return _seen_by_pixels(raw, distance, kernel)
 
 
@@ -231,7 +191,6 @@ def fill_templates(
 ) -> Floats32:
     """Interference term in rings of equal width for many contact radii, one row each."""
     result = np.zeros((len(radii), lengths.max()), np.float32)
-    root, angle, argument, cosine, sine = np.empty((5, samples * lengths.max()))
     for row in range(len(radii)):
         count = samples * lengths[row]
         first = first_bins[row] + 0.5 / samples
@@ -240,12 +199,7 @@ def fill_templates(
             a = math.sqrt(square)
             for j in range(count):
                 r = (first + j / samples) * width
-                root[j] = math.sqrt(max(r * r - square, 0.0))
-            _arcs(a, root[:count], angle[:count])
-            for j in range(count):
-                beyond = a * root[j] - (square - root[j] * root[j]) * angle[j]
-                argument[j] = phase_scale / math.pi * beyond + phase
-            _waves(argument[:count], cosine[:count], sine[:count])
-            for j in range(count):
-                result[row, j // samples] += weights[k] * cosine[j] / samples
+                root = math.sqrt(max(r * r - square, 0.0))
+                beyond = a * root - (square - root * root) * math.atan2(root, a)
+                result[row, j // samples] += weights[k] * math.cos(phase_scale / math.pi * beyond + phase) / samples
     return result
