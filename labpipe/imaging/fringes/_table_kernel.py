@@ -103,7 +103,7 @@ def fill_table(
     count = len(distance)
     raw = np.zeros((9 if is_rich else 5, count))
     root, angle, within = np.empty(count), np.empty(count), np.empty(count)
-    cosine, sine = np.empty(count), np.empty(count)
+    cosine, sine, inside = np.empty(count), np.empty(count), (math.cos(phase), math.sin(phase))
     for k in range(len(nodes)):
         node, weight = nodes[k], weights[k]
         square = max(contact_radius * contact_radius + node * contact_radius * travel, 0.0)
@@ -112,20 +112,22 @@ def fill_table(
         # Inside the contact all of these are zero, and the gap with them.
         for i in range(count):
             root[i] = math.sqrt(max(distance[i] * distance[i] - square, 0.0))
-            angle[i] = math.atan2(root[i], a)
+            angle[i] = math.atan2(root[i], a) if root[i] > 0.0 else 0.0
         inner = min(flat, 0.995 * a) ** 2
         side, turn, bend = a, angle, 1.0
         if inner > 0.0:
             side, turn = math.sqrt(square - inner), within
             for i in range(count):
-                turn[i] = math.atan2(root[i], side)
+                turn[i] = math.atan2(root[i], side) if root[i] > 0.0 else 0.0
             # By radius below: -4 a angle; here 2 (2 a² - b²) / s angle.
             bend = (square - 0.5 * inner) / (a * side)
         scale = phase_scale / math.pi
         for i in range(count):
-            beyond = (distance[i] * distance[i] - inner) * turn[i] + side * root[i]
-            argument = scale * (beyond - 2.0 * a * side * angle[i]) + phase
-            cosine[i], sine[i] = math.cos(argument), math.sin(argument)
+            cosine[i], sine[i] = inside
+            if root[i] > 0.0:
+                beyond = (distance[i] * distance[i] - inner) * turn[i] + side * root[i]
+                argument = scale * (beyond - 2.0 * a * side * angle[i]) + phase
+                cosine[i], sine[i] = math.cos(argument), math.sin(argument)
         if is_rich:
             for i in range(count):
                 term, steep, by_second, by_turned, by_third = _term(cosine[i], sine[i], second, turned, third)
@@ -137,12 +139,9 @@ def fill_table(
         to_travel = -4.0 * a * weight * node * contact_radius / divisor
         for i in range(count):
             raw[0, i] += weight * cosine[i]
-        for i in range(count):
             raw[3, i] -= weight * sine[i]
-        for i in range(count):
             slope = side * root[i] / max(distance[i], 1e-12) + distance[i] * turn[i]
             raw[1, i] -= 2.0 * weight * scale * slope * sine[i]
-        for i in range(count):
             change = -bend * scale * angle[i] * sine[i]
             raw[2, i] += to_radius * change
             raw[4, i] += to_travel * change
@@ -190,7 +189,7 @@ def fill_templates(
     samples: int,
 ) -> Floats32:
     """Interference term in rings of equal width for many contact radii, one row each."""
-    result = np.zeros((len(radii), lengths.max()), np.float32)
+    result, inside = np.zeros((len(radii), lengths.max()), np.float32), math.cos(phase)
     for row in range(len(radii)):
         count = samples * lengths[row]
         first = first_bins[row] + 0.5 / samples
@@ -199,7 +198,10 @@ def fill_templates(
             a = math.sqrt(square)
             for j in range(count):
                 r = (first + j / samples) * width
-                root = math.sqrt(max(r * r - square, 0.0))
-                beyond = a * root - (square - root * root) * math.atan2(root, a)
-                result[row, j // samples] += weights[k] * math.cos(phase_scale / math.pi * beyond + phase) / samples
+                term = inside
+                if r > a:
+                    root = math.sqrt(r * r - square)
+                    beyond = a * root - (square - root * root) * math.atan2(root, a)
+                    term = math.cos(phase_scale / math.pi * beyond + phase)
+                result[row, j // samples] += weights[k] * term / samples
     return result
