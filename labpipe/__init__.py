@@ -21,16 +21,14 @@ import sys
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from labpipe.build import BUILD as BUILD
-from labpipe.build import __version__ as __version__
+from labpipe.build import BUILD as BUILD, __version__ as __version__
 from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
     from instruments import read
     from labpipe.contact import drop, indent
     from labpipe.imaging import contact_radius, track
-    from labpipe.materials import MasterCurve, Prony, master_curve
-    from labpipe.materials import solid as material
+    from labpipe.materials import MasterCurve, Prony, master_curve, solid as material
     from labpipe.signals import velocity
     from pipelines.app import open
     from pipelines.figures import figures

@@ -17,7 +17,7 @@ def lazily(package: str, above: Sequence[str] = ()) -> Callable[[str], Any]:
     ----------
     package : str
         The package's ``__name__``. Its public names are those that it imports under
-        ``if TYPE_CHECKING:``, by whole names of modules.
+        ``if TYPE_CHECKING:``, by whole names of modules; they are its ``__all__`` too.
     above : sequence of str
         Packages of the same distribution that a name may come from: another distribution may have
         replaced them, which is told (InstallationError) before any of them is imported.
@@ -28,6 +28,8 @@ def lazily(package: str, above: Sequence[str] = ()) -> Callable[[str], Any]:
     def load(name: str) -> Any:
         if not homes:
             homes.update(_for_the_checker(package))
+        if name == "__all__":
+            return sorted(homes)
         if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         module, inner = homes[name]

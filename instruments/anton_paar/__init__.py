@@ -10,35 +10,26 @@ from labpipe.lazy import lazily
 from labpipe.text import Limits
 
 if TYPE_CHECKING:
-    from instruments.anton_paar._dataset import CLIPPED, assemble, make_column, make_interval
-    from instruments.anton_paar._export import read
-    from instruments.anton_paar._sources import workbook_rows
-    from instruments.anton_paar._values import Column, Interval
-    from instruments.anton_paar._words import SI_OF, column_name, repaired, slug, unit_of
-    from instruments.anton_paar._writer import LANGUAGES, encode, write
+    from instruments.anton_paar._dataset import (
+        CLIPPED as CLIPPED,
+        assemble as assemble,
+        make_column as make_column,
+        make_interval as make_interval,
+    )
+    from instruments.anton_paar._export import read as read
+    from instruments.anton_paar._sources import workbook_rows as workbook_rows
+    from instruments.anton_paar._values import Column as Column, Interval as Interval
+    from instruments.anton_paar._words import (
+        SI_OF as SI_OF,
+        column_name as column_name,
+        repaired as repaired,
+        slug as slug,
+        unit_of as unit_of,
+    )
+    from instruments.anton_paar._writer import LANGUAGES as LANGUAGES, encode as encode, write as write
 else:
     __getattr__ = lazily(__name__)
 
-__all__ = [
-    "CLIPPED",
-    "INSTRUMENT",
-    "LANGUAGES",
-    "SI_OF",
-    "Column",
-    "Interval",
-    "Options",
-    "assemble",
-    "column_name",
-    "encode",
-    "make_column",
-    "make_interval",
-    "read",
-    "repaired",
-    "slug",
-    "unit_of",
-    "workbook_rows",
-    "write",
-]
 
 _INTERVAL = re.compile(
     r'^"?[^\t;,\n]{4,60}:"?[\t;,]+"?[0-9]{1,9}"?[\t;,]+"?[0-9]{1,9}"?[\t;,]*\r?$'

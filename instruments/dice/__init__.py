@@ -7,11 +7,9 @@ from instruments._instrument import Instrument
 from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
-    from instruments.dice._solutions import read
+    from instruments.dice._solutions import read as read
 else:
     __getattr__ = lazily(__name__)
-
-__all__ = ["INSTRUMENT", "Options", "read"]
 
 
 class Options(TypedDict, total=False):

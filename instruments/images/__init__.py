@@ -8,11 +8,10 @@ from instruments.images._names import LOSSY, has_frames, has_images
 from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
-    from instruments.images._stack import NEEDS_RATE, ExportedFrames, read
+    from instruments.images._stack import NEEDS_RATE as NEEDS_RATE, ExportedFrames as ExportedFrames, read as read
 else:
     __getattr__ = lazily(__name__)
 
-__all__ = ["INSTRUMENT", "NEEDS_RATE", "RAW_FRAMES", "ExportedFrames", "Options", "folder_hint", "read"]
 
 RAW_FRAMES = "Raw frames name neither their size nor their bits: have the camera's program export them as TIFF."
 

@@ -11,38 +11,28 @@ from labpipe.text import Limits
 from labpipe.units import Quantity
 
 if TYPE_CHECKING:
-    from instruments.keyence._acquire import EMULATOR_ONLY, Acquired, check_units, parse_trigger, record, recover
-    from instruments.keyence._header import KeyenceProfile
-    from instruments.keyence._live import DL_EN1, LK_G5000, LK_PORT, Connection
-    from instruments.keyence._markers import Status
-    from instruments.keyence._recorder import Setup, Trigger
-    from instruments.keyence._storage import read
-    from instruments.keyence._writer import encode, make_recording, write
+    from instruments.keyence._acquire import (
+        EMULATOR_ONLY as EMULATOR_ONLY,
+        Acquired as Acquired,
+        check_units as check_units,
+        parse_trigger as parse_trigger,
+        record as record,
+        recover as recover,
+    )
+    from instruments.keyence._header import KeyenceProfile as KeyenceProfile
+    from instruments.keyence._live import (
+        DL_EN1 as DL_EN1,
+        LK_G5000 as LK_G5000,
+        LK_PORT as LK_PORT,
+        Connection as Connection,
+    )
+    from instruments.keyence._markers import Status as Status
+    from instruments.keyence._recorder import Setup as Setup, Trigger as Trigger
+    from instruments.keyence._storage import read as read
+    from instruments.keyence._writer import encode as encode, make_recording as make_recording, write as write
 else:
     __getattr__ = lazily(__name__)
 
-__all__ = [
-    "DL_EN1",
-    "EMULATOR_ONLY",
-    "INSTRUMENT",
-    "LK_G5000",
-    "LK_PORT",
-    "Acquired",
-    "Connection",
-    "KeyenceProfile",
-    "Options",
-    "Setup",
-    "Status",
-    "Trigger",
-    "check_units",
-    "encode",
-    "make_recording",
-    "parse_trigger",
-    "read",
-    "record",
-    "recover",
-    "write",
-]
 
 _WORDS = re.compile(
     r"keyence|\bLK-?[GHNS]|\bCL-?3|\bCL-?[PLHS]\d|\bIL-?\d|\bOUT ?\d|sampling (?:cycle|period)|"

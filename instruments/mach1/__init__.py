@@ -8,25 +8,12 @@ from labpipe.lazy import lazily
 from labpipe.text import Limits
 
 if TYPE_CHECKING:
-    from instruments.mach1._blocks import Block
-    from instruments.mach1._dataset import assemble
-    from instruments.mach1._motion import encode, read, write
-    from instruments.mach1._synthetic import LOAD_CELLS, LoadCell, make_block
+    from instruments.mach1._blocks import Block as Block
+    from instruments.mach1._dataset import assemble as assemble
+    from instruments.mach1._motion import encode as encode, read as read, write as write
+    from instruments.mach1._synthetic import LOAD_CELLS as LOAD_CELLS, LoadCell as LoadCell, make_block as make_block
 else:
     __getattr__ = lazily(__name__)
-
-__all__ = [
-    "INSTRUMENT",
-    "LOAD_CELLS",
-    "Block",
-    "LoadCell",
-    "Options",
-    "assemble",
-    "encode",
-    "make_block",
-    "read",
-    "write",
-]
 
 
 class Options(TypedDict, total=False):

@@ -7,13 +7,11 @@ from instruments._instrument import Instrument
 from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
-    from instruments.phantom._film import CineFrames, read
-    from instruments.phantom._times import TimeFlag
-    from instruments.phantom._writer import Recording, write
+    from instruments.phantom._film import CineFrames as CineFrames, read as read
+    from instruments.phantom._times import TimeFlag as TimeFlag
+    from instruments.phantom._writer import Recording as Recording, write as write
 else:
     __getattr__ = lazily(__name__)
-
-__all__ = ["INSTRUMENT", "CineFrames", "Recording", "TimeFlag", "read", "write"]
 
 
 def _sniff(head: bytes, path: Path) -> bool:

@@ -9,11 +9,10 @@ from labpipe.lazy import lazily
 from labpipe.text import unmarked_codec
 
 if TYPE_CHECKING:
-    from instruments.tables._plain import read
+    from instruments.tables._plain import read as read
 else:
     __getattr__ = lazily(__name__)
 
-__all__ = ["INSTRUMENT", "Options", "holds_rows", "read", "workbook_hint"]
 
 # Codecs of spreadsheets without Unicode, where words are found in none that is more usual.
 CODECS = ("cp932", "gbk", "euc_kr", "cp1251", "cp1250", "cp1254")

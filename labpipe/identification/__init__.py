@@ -6,64 +6,34 @@ unknown. :func:`fit` finds the most probable answer, :func:`posterior` what is k
 whether the data show a plateau.
 """
 
-from labpipe.identification._drops import Bounces, DropModel, drop_evidence
-from labpipe.identification._evidence import Evidence, Group, LinearModel
-from labpipe.identification._fit import Fit, fit
-from labpipe.identification._joined import JoinedModel
-from labpipe.identification._linear import force_evidence, lee_radok_basis, modulus_evidence, stiffness_evidence
-from labpipe.identification._long_time import LongTimeModulus, long_time_modulus
-from labpipe.identification._parameters import Parameter
-from labpipe.identification._posterior import (
-    DETERMINED,
-    Band,
-    Moduli,
-    Posterior,
-    Structure,
-    informative_range,
-    moduli,
-    posterior,
-    predictive_bands,
+from labpipe.identification._drops import Bounces as Bounces, DropModel as DropModel, drop_evidence as drop_evidence
+from labpipe.identification._evidence import Evidence as Evidence, Group as Group, LinearModel as LinearModel
+from labpipe.identification._fit import Fit as Fit, fit as fit
+from labpipe.identification._joined import JoinedModel as JoinedModel
+from labpipe.identification._linear import (
+    force_evidence as force_evidence,
+    lee_radok_basis as lee_radok_basis,
+    modulus_evidence as modulus_evidence,
+    stiffness_evidence as stiffness_evidence,
 )
-from labpipe.identification._problem import Misfit, Problem, split_by_group
-from labpipe.identification._sampling import Sample, sample, sampled_moduli
-from labpipe.identification._spectra import FractionalSpectrum, SmoothSpectrum, relaxation_times
-from labpipe.identification._structure import STRUCTURE_PRIORS, infer
-
-__all__ = [
-    "DETERMINED",
-    "STRUCTURE_PRIORS",
-    "Band",
-    "Bounces",
-    "DropModel",
-    "Evidence",
-    "Fit",
-    "FractionalSpectrum",
-    "Group",
-    "JoinedModel",
-    "LinearModel",
-    "LongTimeModulus",
-    "Misfit",
-    "Moduli",
-    "Parameter",
-    "Posterior",
-    "Problem",
-    "Sample",
-    "SmoothSpectrum",
-    "Structure",
-    "drop_evidence",
-    "fit",
-    "force_evidence",
-    "infer",
-    "informative_range",
-    "lee_radok_basis",
-    "long_time_modulus",
-    "moduli",
-    "modulus_evidence",
-    "posterior",
-    "predictive_bands",
-    "relaxation_times",
-    "sample",
-    "sampled_moduli",
-    "split_by_group",
-    "stiffness_evidence",
-]
+from labpipe.identification._long_time import LongTimeModulus as LongTimeModulus, long_time_modulus as long_time_modulus
+from labpipe.identification._parameters import Parameter as Parameter
+from labpipe.identification._posterior import (
+    DETERMINED as DETERMINED,
+    Band as Band,
+    Moduli as Moduli,
+    Posterior as Posterior,
+    Structure as Structure,
+    informative_range as informative_range,
+    moduli as moduli,
+    posterior as posterior,
+    predictive_bands as predictive_bands,
+)
+from labpipe.identification._problem import Misfit as Misfit, Problem as Problem, split_by_group as split_by_group
+from labpipe.identification._sampling import Sample as Sample, sample as sample, sampled_moduli as sampled_moduli
+from labpipe.identification._spectra import (
+    FractionalSpectrum as FractionalSpectrum,
+    SmoothSpectrum as SmoothSpectrum,
+    relaxation_times as relaxation_times,
+)
+from labpipe.identification._structure import STRUCTURE_PRIORS as STRUCTURE_PRIORS, infer as infer

@@ -18,64 +18,54 @@ from typing import TYPE_CHECKING
 from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
-    from labpipe.judging._agreement import DIFFERS, LIKELY, Agreement, agreement, model_verdict
-    from labpipe.judging._causes import Cause, Explanation, explain, in_words, too_large
-    from labpipe.judging._checks import (
-        DOUBTFUL,
-        FLAGS,
-        IMPOSSIBLE,
-        Check,
-        Finding,
-        Level,
-        bounded,
-        compared,
-        not_made,
-        stated,
-        unfinished,
+    from labpipe.judging._agreement import (
+        DIFFERS as DIFFERS,
+        LIKELY as LIKELY,
+        Agreement as Agreement,
+        agreement as agreement,
+        model_verdict as model_verdict,
     )
-    from labpipe.judging._curves import along_curve, stretch_means, stretches
-    from labpipe.judging._detectability import detectable
-    from labpipe.judging._suspects import SLIPS, Factor, Slip, Suspect, best_factor, slips, suspects
-    from labpipe.judging._verdict import Judgement, Verdict, from_json, judge, to_json
+    from labpipe.judging._causes import (
+        Cause as Cause,
+        Explanation as Explanation,
+        explain as explain,
+        in_words as in_words,
+        too_large as too_large,
+    )
+    from labpipe.judging._checks import (
+        DOUBTFUL as DOUBTFUL,
+        FLAGS as FLAGS,
+        IMPOSSIBLE as IMPOSSIBLE,
+        Check as Check,
+        Finding as Finding,
+        Level as Level,
+        bounded as bounded,
+        compared as compared,
+        not_made as not_made,
+        stated as stated,
+        unfinished as unfinished,
+    )
+    from labpipe.judging._curves import (
+        along_curve as along_curve,
+        stretch_means as stretch_means,
+        stretches as stretches,
+    )
+    from labpipe.judging._detectability import detectable as detectable
+    from labpipe.judging._suspects import (
+        SLIPS as SLIPS,
+        Factor as Factor,
+        Slip as Slip,
+        Suspect as Suspect,
+        best_factor as best_factor,
+        slips as slips,
+        suspects as suspects,
+    )
+    from labpipe.judging._verdict import (
+        Judgement as Judgement,
+        Verdict as Verdict,
+        from_json as from_json,
+        judge as judge,
+        to_json as to_json,
+    )
 else:
     __getattr__ = lazily(__name__)
-
-__all__ = [
-    "DIFFERS",
-    "DOUBTFUL",
-    "FLAGS",
-    "IMPOSSIBLE",
-    "LIKELY",
-    "SLIPS",
-    "Agreement",
-    "Cause",
-    "Check",
-    "Explanation",
-    "Factor",
-    "Finding",
-    "Judgement",
-    "Level",
-    "Slip",
-    "Suspect",
-    "Verdict",
-    "agreement",
-    "along_curve",
-    "best_factor",
-    "bounded",
-    "compared",
-    "detectable",
-    "explain",
-    "from_json",
-    "in_words",
-    "judge",
-    "model_verdict",
-    "not_made",
-    "slips",
-    "stated",
-    "stretch_means",
-    "stretches",
-    "suspects",
-    "to_json",
-    "too_large",
-    "unfinished",
-]

@@ -6,87 +6,55 @@ Numerical libraries are imported only when something is drawn.
 """
 
 from labpipe.report._blocks import (
-    Bars,
-    Block,
-    Details,
-    Deviations,
-    Gallery,
-    KeyValues,
-    Link,
-    Notice,
-    Paragraph,
-    Picture,
-    Section,
+    Bars as Bars,
+    Block as Block,
+    Details as Details,
+    Deviations as Deviations,
+    Gallery as Gallery,
+    KeyValues as KeyValues,
+    Link as Link,
+    Notice as Notice,
+    Paragraph as Paragraph,
+    Picture as Picture,
+    Section as Section,
 )
-from labpipe.report._budget import budget_table, difference_unit, share_bars, shown_source
-from labpipe.report._charts import Band, LineChart, ScatterChart, Series
-from labpipe.report._document import MAX_PAGE_BYTES, SURE, Document, amended
-from labpipe.report._embedded import Report
-from labpipe.report._index import IndexRow, IndexTable
-from labpipe.report._media import Level
-from labpipe.report._style import Role, figure_bytes, figure_style, line_arguments, save_figure
+from labpipe.report._budget import (
+    budget_table as budget_table,
+    difference_unit as difference_unit,
+    share_bars as share_bars,
+    shown_source as shown_source,
+)
+from labpipe.report._charts import Band as Band, LineChart as LineChart, ScatterChart as ScatterChart, Series as Series
+from labpipe.report._document import (
+    MAX_PAGE_BYTES as MAX_PAGE_BYTES,
+    SURE as SURE,
+    Document as Document,
+    amended as amended,
+)
+from labpipe.report._embedded import Report as Report
+from labpipe.report._index import IndexRow as IndexRow, IndexTable as IndexTable
+from labpipe.report._media import Level as Level
+from labpipe.report._style import (
+    Role as Role,
+    figure_bytes as figure_bytes,
+    figure_style as figure_style,
+    line_arguments as line_arguments,
+    save_figure as save_figure,
+)
 from labpipe.report._tables import (
-    Cell,
-    Column,
-    DisplayUnit,
-    Listed,
-    Table,
-    display_unit,
-    listed,
-    number,
-    plus_minus,
-    quantity,
-    value_with_uncertainty,
+    Cell as Cell,
+    Column as Column,
+    DisplayUnit as DisplayUnit,
+    Listed as Listed,
+    Table as Table,
+    display_unit as display_unit,
+    listed as listed,
+    number as number,
+    plus_minus as plus_minus,
+    quantity as quantity,
+    value_with_uncertainty as value_with_uncertainty,
 )
-from labpipe.report._thinning import kept_samples
-
-__all__ = [
-    "MAX_PAGE_BYTES",
-    "SURE",
-    "Band",
-    "Bars",
-    "Block",
-    "Cell",
-    "Column",
-    "Details",
-    "Deviations",
-    "DisplayUnit",
-    "Document",
-    "Gallery",
-    "IndexRow",
-    "IndexTable",
-    "KeyValues",
-    "Level",
-    "LineChart",
-    "Link",
-    "Listed",
-    "Notice",
-    "Paragraph",
-    "Picture",
-    "Report",
-    "Role",
-    "ScatterChart",
-    "Section",
-    "Series",
-    "Table",
-    "amended",
-    "budget_table",
-    "difference_unit",
-    "display_unit",
-    "figure_bytes",
-    "figure_style",
-    "kept_samples",
-    "line_arguments",
-    "listed",
-    "number",
-    "plus_minus",
-    "quantity",
-    "save_figure",
-    "share_bars",
-    "shown_source",
-    "thumbnail",
-    "value_with_uncertainty",
-]
+from labpipe.report._thinning import kept_samples as kept_samples
 
 
 def thumbnail(chart: LineChart | ScatterChart, width_px: int = 240) -> bytes:

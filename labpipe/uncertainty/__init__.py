@@ -13,44 +13,26 @@ scalars behind them. :func:`labpipe.report.budget_table` draws them.
 """
 
 from labpipe.uncertainty._linear import (
-    Budget,
-    Input,
-    Model,
-    linear_budget,
-    propagated_covariance,
-    propagated_u,
-    propagated_variance,
+    Budget as Budget,
+    Input as Input,
+    Model as Model,
+    linear_budget as linear_budget,
+    propagated_covariance as propagated_covariance,
+    propagated_u as propagated_u,
+    propagated_variance as propagated_variance,
 )
-from labpipe.uncertainty._monte_carlo import MonteCarlo, interval_difference, intervals_agree, monte_carlo
-from labpipe.uncertainty._sobol import Indices, inputs_to_halve, sobol
+from labpipe.uncertainty._monte_carlo import (
+    MonteCarlo as MonteCarlo,
+    interval_difference as interval_difference,
+    intervals_agree as intervals_agree,
+    monte_carlo as monte_carlo,
+)
+from labpipe.uncertainty._sobol import Indices as Indices, inputs_to_halve as inputs_to_halve, sobol as sobol
 from labpipe.uncertainty._sources import (
-    Row,
-    Source,
-    budget_rows,
-    combined_uncertainty,
-    excess_uncertainty,
-    scatter_beyond,
+    Row as Row,
+    Source as Source,
+    budget_rows as budget_rows,
+    combined_uncertainty as combined_uncertainty,
+    excess_uncertainty as excess_uncertainty,
+    scatter_beyond as scatter_beyond,
 )
-
-__all__ = [
-    "Budget",
-    "Indices",
-    "Input",
-    "Model",
-    "MonteCarlo",
-    "Row",
-    "Source",
-    "budget_rows",
-    "combined_uncertainty",
-    "excess_uncertainty",
-    "inputs_to_halve",
-    "interval_difference",
-    "intervals_agree",
-    "linear_budget",
-    "monte_carlo",
-    "propagated_covariance",
-    "propagated_u",
-    "propagated_variance",
-    "scatter_beyond",
-    "sobol",
-]

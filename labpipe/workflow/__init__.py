@@ -23,29 +23,13 @@ from typing import TYPE_CHECKING
 from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
-    from labpipe.workflow._log import events
-    from labpipe.workflow.context import Context
-    from labpipe.workflow.graph import Stage
-    from labpipe.workflow.plan import Plan
-    from labpipe.workflow.results import Results, open_result
-    from labpipe.workflow.runner import RunResult, run, run_all
-    from labpipe.workflow.session import Experiment, Session, load
-    from labpipe.workflow.store import Store
+    from labpipe.workflow._log import events as events
+    from labpipe.workflow.context import Context as Context
+    from labpipe.workflow.graph import Stage as Stage
+    from labpipe.workflow.plan import Plan as Plan
+    from labpipe.workflow.results import Results as Results, open_result as open_result
+    from labpipe.workflow.runner import RunResult as RunResult, run as run, run_all as run_all
+    from labpipe.workflow.session import Experiment as Experiment, Session as Session, load as load
+    from labpipe.workflow.store import Store as Store
 else:
     __getattr__ = lazily(__name__)
-
-__all__ = [
-    "Context",
-    "Experiment",
-    "Plan",
-    "Results",
-    "RunResult",
-    "Session",
-    "Stage",
-    "Store",
-    "events",
-    "load",
-    "open_result",
-    "run",
-    "run_all",
-]

@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labpipe.errors import InputError, LabpipeError
-from labpipe.workflow.plan import READY, Plan, Row, wanted_tasks
-from labpipe.workflow.plan import plan as make_plan
+from labpipe.workflow.plan import READY, Plan, Row, plan as make_plan, wanted_tasks
 from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import Argument, Stages, TaskId

@@ -16,8 +16,7 @@ from labpipe.errors import InputError, LabpipeError
 from labpipe.files import files_below
 from labpipe.names import safe_join
 from labpipe.workflow.session import FILE_NAME
-from pipelines.app import _measuring as measuring
-from pipelines.app import _setup as setup
+from pipelines.app import _measuring as measuring, _setup as setup
 from pipelines.app._outlook import outlook
 from pipelines.app._pictures import Pictures
 from pipelines.app._runs import Runs

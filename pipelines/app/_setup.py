@@ -18,8 +18,7 @@ from calibration import KINDS as RECORDS
 from labpipe import files
 from labpipe.errors import ConfigError, InputError, LabpipeError
 from labpipe.names import safe_join
-from labpipe.workflow import config
-from labpipe.workflow import session as sessions
+from labpipe.workflow import config, session as sessions
 from labpipe.workflow.document import dotted, parse
 from labpipe.workflow.fields import GAP, FileMark, ReferenceMark, describe, is_gap, mark, split
 from labpipe.workflow.session import FILE_NAME

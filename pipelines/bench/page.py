@@ -11,8 +11,7 @@ import numpy as np
 from labpipe.report import Block, Column, Document, KeyValues, Notice, Paragraph, Picture, Section, Table, number
 from pipelines.bench.measure import Point, Suite
 from pipelines.bench.parts import PARTS, PartFailure, PartResult
-from pipelines.bench.ratios import LARGEST_SPREAD
-from pipelines.bench.ratios import table as table_of_ratios
+from pipelines.bench.ratios import LARGEST_SPREAD, table as table_of_ratios
 
 JSON_NAME, PAGE_NAME = "bench.json", "bench.html"
 _HOW = (

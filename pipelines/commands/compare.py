@@ -33,8 +33,7 @@ def compare(session: Path, jobs: int, keep: bool, beside: tuple[str, str] | None
     from pipelines.commands.progress import watching
     from pipelines.experiments.shared.judgements import chance
     from pipelines.experiments.shared.pages import counted
-    from pipelines.session import beside as side_by_side
-    from pipelines.session import compare as verb
+    from pipelines.session import beside as side_by_side, compare as verb
 
     if beside:
         page = side_by_side(session, *beside)

@@ -39,8 +39,7 @@ def figures(
         _check(as_json)
         return
     from pipelines.commands.progress import counted
-    from pipelines.figures import figures as verb
-    from pipelines.figures import make
+    from pipelines.figures import figures as verb, make
 
     wanted = make.chosen(ids)
     if listed:

@@ -34,8 +34,7 @@ def open_(folder: Path, port: int, browser: bool, guide: bool, as_json: bool) ->
     """
     import webbrowser
 
-    from pipelines.app import open as verb
-    from pipelines.app import open_guide
+    from pipelines.app import open as verb, open_guide
 
     served = open_guide(port=port) if guide else verb(folder, port=port)
     if as_json:

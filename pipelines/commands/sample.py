@@ -22,8 +22,7 @@ def sample(name: str | None, dest: Path | None, full_size: bool, as_json: bool) 
       labpipe sample core my-session
     """
     from pipelines.commands.progress import waiting
-    from pipelines.rig import SAMPLES
-    from pipelines.rig import sample as verb
+    from pipelines.rig import SAMPLES, sample as verb
 
     if name is None:
         if as_json:

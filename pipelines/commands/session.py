@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from labpipe.errors import LabpipeError, StorageError
-from pipelines.cli import as_document as error_document
-from pipelines.cli import printable, report_error
+from pipelines.cli import as_document as error_document, printable, report_error
 from pipelines.commands.options import (
     cluster_option,
     echo,

@@ -97,8 +97,7 @@ def drop(
       labpipe simulate drop --material ptfe --height "7 mm" --out drop.nc
     """
     from labpipe import contact
-    from pipelines.simulator_inputs import describe, thermal_of
-    from pipelines.simulator_inputs import material as load
+    from pipelines.simulator_inputs import describe, material as load, thermal_of
 
     parts = (plate_mass, plate_frequency, plate_damping)
     if any(p is not None for p in parts) and any(p is None for p in parts):
@@ -160,8 +159,7 @@ def indent(
     import numpy as np
 
     from labpipe import contact
-    from pipelines.simulator_inputs import material as load
-    from pipelines.simulator_inputs import ramp_hold_oscillation
+    from pipelines.simulator_inputs import material as load, ramp_hold_oscillation
 
     _require_positive(mean=mean, frequency=frequency, ramp=ramp)
     time, moved = ramp_hold_oscillation(mean, amplitude, frequency, cycles, hold=hold, ramp=ramp, per_cycle=100)

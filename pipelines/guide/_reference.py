@@ -1,5 +1,6 @@
 """What the code says of itself: settings of session.toml, commands, objects of Python."""
 
+import ast
 import importlib
 import inspect
 import json
@@ -139,7 +140,7 @@ def _package(face: str, known: set[Any]) -> str:
     module = importlib.import_module(face)
     summary = (inspect.getdoc(module) or "").partition("\n\n")[0]
     lines = [face, "=" * len(face), "", f".. currentmodule:: {face}", "", summary, ""]
-    for name in sorted(module.__all__):
+    for name in sorted(_given_away(module)):
         found = getattr(module, name)
         if not callable(found) or found in known:
             continue
@@ -150,3 +151,19 @@ def _package(face: str, known: set[Any]) -> str:
             else [f".. autofunction:: {name}", ""]
         )
     return "\n".join(lines)
+
+
+def _given_away(module: types.ModuleType) -> set[str]:
+    """Return the public names of a face: what it imports as itself, or defines."""
+    found: set[str] = set(vars(module).get("__all__", ()))
+    body = [part for statement in ast.parse(inspect.getsource(module)).body for part in _parts(statement)]
+    for part in body:
+        if isinstance(part, ast.ImportFrom):
+            found |= {alias.name for alias in part.names if alias.asname == alias.name}
+        elif isinstance(part, ast.FunctionDef | ast.ClassDef) and not part.name.startswith("_"):
+            found.add(part.name)
+    return found
+
+
+def _parts(statement: ast.stmt) -> list[ast.stmt]:
+    return statement.body if isinstance(statement, ast.If) else [statement]

@@ -8,8 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.identification import DETERMINED, informative_range, moduli, predictive_bands
-from labpipe.identification import Band as Prediction
+from labpipe.identification import DETERMINED, Band as Prediction, informative_range, moduli, predictive_bands
 from labpipe.report import (
     Band,
     Bars,

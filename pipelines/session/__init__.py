@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
-    from pipelines.session._catalogue import FILE as CATALOGUE
-    from pipelines.session._catalogue import Catalogued, catalogue, query
+    from pipelines.session._catalogue import FILE as CATALOGUE, Catalogued, catalogue, query
     from pipelines.session._compare import compare
     from pipelines.session._comparison import Comparison
     from pipelines.session._contact_sheet import write_sheet

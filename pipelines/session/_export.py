@@ -15,8 +15,7 @@ from labpipe.errors import InputError, SourceError, UsageError
 from labpipe.notebook import Shown, ShownAsTable
 from labpipe.variables import described, variable
 from labpipe.workflow import session as sessions
-from labpipe.workflow.plan import READY
-from labpipe.workflow.plan import plan as make_plan
+from labpipe.workflow.plan import READY, plan as make_plan
 from labpipe.workflow.results import Results
 from pipelines.session._verdicts import Verdict, told_verdicts
 

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Unpack
 
 from labpipe.errors import InputError, LabpipeError
 from labpipe.workflow import session as sessions
-from labpipe.workflow.plan import Plan
-from labpipe.workflow.plan import plan as make_plan
+from labpipe.workflow.plan import Plan, plan as make_plan
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.store import Store

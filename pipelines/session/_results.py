@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labpipe.errors import InputError
-from labpipe.workflow.plan import READY
-from labpipe.workflow.plan import plan as make_plan
+from labpipe.workflow.plan import READY, plan as make_plan
 from labpipe.workflow.results import Results, open_result
 from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.tasks import arguments

@@ -158,11 +158,14 @@ def taken(module: str) -> frozenset[str]:
 
 @cache
 def exported(package: str) -> frozenset[str]:
-    """Names that the face of a package gives away."""
-    for node in ast.parse(modules()[package].read_text(encoding="utf-8")).body:
+    """Names that the face of a package gives away: in ``__all__``, or imported as themselves."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(modules()[package].read_text(encoding="utf-8"))):
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
-            return frozenset(ast.literal_eval(node.value))
-    return frozenset()
+            found |= set(ast.literal_eval(node.value))
+        elif isinstance(node, ast.ImportFrom):
+            found |= {alias.name for alias in node.names if alias.asname == alias.name}
+    return frozenset(found)
 
 
 ROOMS = (*(f"labpipe.{part}" for part in BELOW if part != "workflow"), "instruments")

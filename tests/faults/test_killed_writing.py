@@ -13,8 +13,7 @@ import pytest
 
 import instruments
 from instruments import keyence
-from instruments.keyence import _journal as journals
-from instruments.keyence import record, recover
+from instruments.keyence import _journal as journals, record, recover
 from instruments.keyence._live import Reading
 from instruments.keyence._markers import Status
 from instruments.keyence._recorder import Sample, Setup, Tally

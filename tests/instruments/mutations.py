@@ -3,8 +3,7 @@
 import random
 from collections.abc import Iterable, Iterator, Sequence
 
-from hypothesis import HealthCheck, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, settings, strategies as st
 
 OPERATIONS = ("delete", "insert", "replace", "drop line", "repeat line", "swap lines")
 

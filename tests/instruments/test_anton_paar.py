@@ -6,13 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 import instruments
 from instruments import anton_paar
-from instruments.anton_paar import _words as words
-from instruments.anton_paar import assemble, make_column, make_interval
+from instruments.anton_paar import _words as words, assemble, make_column, make_interval
 from labpipe.errors import SourceError
 
 SAMPLES = Path(__file__).parents[2] / "../shared/samples/rheocompass"

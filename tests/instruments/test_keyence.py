@@ -6,8 +6,7 @@ from datetime import datetime
 import numpy as np
 import pytest
 import xarray as xr
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 import instruments
 from instruments import keyence

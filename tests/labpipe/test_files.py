@@ -16,8 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 from labpipe import files
 from labpipe.errors import InputError, SourceError, StorageError, StoreError

@@ -28,18 +28,14 @@ from labpipe.units import Quantity
 from pipelines.experiments.ball_drop import measured as ball_drop
 from pipelines.experiments.contact_area import measured as contact_area
 from pipelines.experiments.dic_validation import measured as dic_validation
-from pipelines.experiments.dma import measured as dma
-from pipelines.experiments.dma import model as dma_model
+from pipelines.experiments.dma import measured as dma, model as dma_model
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.harmonic import measured as harmonic
-from pipelines.experiments.plate_vibration import measured as plate_vibration
-from pipelines.experiments.plate_vibration import model as plate_vibration_model
-from pipelines.experiments.relaxation import measured as relaxation
-from pipelines.experiments.relaxation import moduli as relaxation_moduli
+from pipelines.experiments.plate_vibration import measured as plate_vibration, model as plate_vibration_model
+from pipelines.experiments.relaxation import measured as relaxation, moduli as relaxation_moduli
 from pipelines.experiments.shared import laser_readings, mach1_readings
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force
-from pipelines.experiments.static_loading import load_steps
-from pipelines.experiments.static_loading import measured as static_loading
+from pipelines.experiments.static_loading import load_steps, measured as static_loading
 from pipelines.process import open_session
 from pipelines.rig.campaign import SMALL
 from pipelines.rig.dma import Protocol, write_dma

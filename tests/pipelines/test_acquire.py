@@ -13,8 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 import instruments
-from instruments.keyence import _journal as journals
-from instruments.keyence import parse_trigger, record, recover
+from instruments.keyence import _journal as journals, parse_trigger, record, recover
 from instruments.keyence._live import Reading
 from instruments.keyence._markers import Status
 from instruments.keyence._recorder import Sample, Setup, Tally

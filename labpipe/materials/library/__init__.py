@@ -1,6 +1,12 @@
 """The material library: five materials, each number with its source."""
 
-from labpipe.materials.library._library import Material, Solid, describe, load, load_file, read_material, solid
-from labpipe.materials.library._thermal import Thermal, thermal
-
-__all__ = ["Material", "Solid", "Thermal", "describe", "load", "load_file", "read_material", "solid", "thermal"]
+from labpipe.materials.library._library import (
+    Material as Material,
+    Solid as Solid,
+    describe as describe,
+    load as load,
+    load_file as load_file,
+    read_material as read_material,
+    solid as solid,
+)
+from labpipe.materials.library._thermal import Thermal as Thermal, thermal as thermal

@@ -1,28 +1,17 @@
 """Time-temperature superposition: shifts of all isotherms and one spectrum, fitted together."""
 
-from labpipe.materials.superposition._first_shifts import overlapped_shifts
-from labpipe.materials.superposition._master_curve import master_curve
-from labpipe.materials.superposition._result import MasterCurve
-from labpipe.materials.superposition._spectrum_modes import UncertainSpectrum, uncertain_spectra
-from labpipe.materials.superposition._sweep_data import read_sweeps
-from labpipe.materials.superposition._sweep_readings import (
-    TableRun,
-    gather_sweeps,
-    isothermal_runs,
-    modulus_factor,
-    trusted_tables,
+from labpipe.materials.superposition._first_shifts import overlapped_shifts as overlapped_shifts
+from labpipe.materials.superposition._master_curve import master_curve as master_curve
+from labpipe.materials.superposition._result import MasterCurve as MasterCurve
+from labpipe.materials.superposition._spectrum_modes import (
+    UncertainSpectrum as UncertainSpectrum,
+    uncertain_spectra as uncertain_spectra,
 )
-
-__all__ = [
-    "MasterCurve",
-    "TableRun",
-    "UncertainSpectrum",
-    "gather_sweeps",
-    "isothermal_runs",
-    "master_curve",
-    "modulus_factor",
-    "overlapped_shifts",
-    "read_sweeps",
-    "trusted_tables",
-    "uncertain_spectra",
-]
+from labpipe.materials.superposition._sweep_data import read_sweeps as read_sweeps
+from labpipe.materials.superposition._sweep_readings import (
+    TableRun as TableRun,
+    gather_sweeps as gather_sweeps,
+    isothermal_runs as isothermal_runs,
+    modulus_factor as modulus_factor,
+    trusted_tables as trusted_tables,
+)

@@ -7,25 +7,22 @@ runs the numerical libraries on one thread, what kills a worker is tried again, 
 crew, by an interrupt too, its local processes have ended.
 """
 
-from labpipe.workflow.engines._calls import Call, Crew, Died, Engine, Serial, side_by_side
-from labpipe.workflow.engines._dask import Dask
-from labpipe.workflow.engines._processes import Processes, alongside, elsewhere, load_ahead, processors
-
-__all__ = [
-    "Call",
-    "Crew",
-    "Dask",
-    "Died",
-    "Engine",
-    "Processes",
-    "Serial",
-    "alongside",
-    "choose",
-    "elsewhere",
-    "load_ahead",
-    "processors",
-    "side_by_side",
-]
+from labpipe.workflow.engines._calls import (
+    Call as Call,
+    Crew as Crew,
+    Died as Died,
+    Engine as Engine,
+    Serial as Serial,
+    side_by_side as side_by_side,
+)
+from labpipe.workflow.engines._dask import Dask as Dask
+from labpipe.workflow.engines._processes import (
+    Processes as Processes,
+    alongside as alongside,
+    elsewhere as elsewhere,
+    load_ahead as load_ahead,
+    processors as processors,
+)
 
 
 def choose(jobs: int, cluster: str | None = None) -> Engine:

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from labpipe.contact.impact._step_table import step_table
 from labpipe.contact.memory._creep import Creep, advance, condense, history, step_weights

@@ -6,8 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 import xarray as xr
-from scipy.ndimage import gaussian_filter
-from scipy.ndimage import shift as shift_of_image
+from scipy.ndimage import gaussian_filter, shift as shift_of_image
 from scipy.spatial import cKDTree
 
 from labpipe.arrays import Floats

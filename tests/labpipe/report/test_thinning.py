@@ -1,8 +1,7 @@
 """Thinning keeps extremes, gaps, and every sample of the named windows."""
 
 import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from labpipe.report._thinning import kept_samples
 

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 import xarray as xr
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from labpipe.errors import InputError
 from labpipe.signals import agreement, compare, independent_count, nrmse

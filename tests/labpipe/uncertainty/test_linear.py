@@ -3,8 +3,7 @@ from math import cos, inf, isnan, nan, sin, sqrt
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from labpipe.errors import InputError
 from labpipe.uncertainty import (

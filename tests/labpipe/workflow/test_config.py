@@ -7,8 +7,7 @@ from typing import Annotated, Literal
 
 import msgspec
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from labpipe.errors import ConfigError, InputError, SourceError
 from labpipe.units import Quantity, quantity

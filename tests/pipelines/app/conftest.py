@@ -13,8 +13,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from pipelines.app import Served
-from pipelines.app import open as serve
+from pipelines.app import Served, open as serve
 
 
 @dataclass

@@ -13,8 +13,7 @@ from labpipe.errors import ConfigError, InputError
 from labpipe.materials import Prony, gather_sweeps
 from labpipe.schema import check
 from labpipe.units import Quantity
-from pipelines.experiments.dma import _glass_transition, _material_files, model
-from pipelines.experiments.dma import measured as dma
+from pipelines.experiments.dma import _glass_transition, _material_files, measured as dma, model
 from pipelines.experiments.dma.settings import Dma, Fit
 from pipelines.experiments.shared.material_choice import resolve
 from pipelines.experiments.shared.settings import MaterialChoice

@@ -10,8 +10,7 @@ import xarray as xr
 from instruments import tables
 from labpipe.errors import SourceError
 from labpipe.units import Quantity
-from pipelines.experiments.dma import _published_section, model, published
-from pipelines.experiments.dma import measured as dma
+from pipelines.experiments.dma import _published_section, measured as dma, model, published
 from pipelines.experiments.dma.settings import Dma, Fit, Published
 from pipelines.session import init
 from tests.labpipe.materials.conftest import Truth, maxwell_sum, wlf_law

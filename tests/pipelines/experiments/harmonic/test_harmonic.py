@@ -14,8 +14,7 @@ import xarray as xr
 from labpipe import contact, files, materials
 from labpipe.materials import Prony
 from labpipe.units import Quantity
-from pipelines.experiments.harmonic import comparison, model, theory
-from pipelines.experiments.harmonic import measured as harmonic
+from pipelines.experiments.harmonic import comparison, measured as harmonic, model, theory
 from pipelines.process import open_session, process, result
 from pipelines.rig.indentation_session import oscillation_section
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic

@@ -18,8 +18,7 @@ from labpipe.errors import ConfigError, InputError
 from labpipe.materials import Prony
 from labpipe.uncertainty import linear_budget
 from labpipe.units import Quantity
-from pipelines.experiments.relaxation import comparison, model
-from pipelines.experiments.relaxation import measured as relaxation
+from pipelines.experiments.relaxation import comparison, measured as relaxation, model
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force
 from pipelines.experiments.shared.punch_settings import IndentationModel, Punch

@@ -18,8 +18,7 @@ from labpipe.errors import ConfigError, InputError
 from labpipe.materials import Prony
 from labpipe.uncertainty import linear_budget
 from labpipe.units import Quantity, quantity
-from pipelines.experiments.static_loading import comparison, load_steps, model
-from pipelines.experiments.static_loading import measured as static_loading
+from pipelines.experiments.static_loading import comparison, load_steps, measured as static_loading, model
 from pipelines.process import open_session, process, result
 from pipelines.rig.session_text import laser_record, session_head
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
