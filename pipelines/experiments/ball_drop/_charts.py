@@ -15,7 +15,7 @@ _LABEL = "time since first contact / ms"
 _SPREAD = "± 2 sd of the repeats"
 
 
-def motion(repeats: xr.Dataset, model: xr.Dataset | None, comparison: xr.Dataset | None) -> Section:
+def motion(repeats: xr.Dataset, model: xr.Dataset | None = None, comparison: xr.Dataset | None = None) -> Section:
     """Draw position, difference, velocity, force and contact radius over one axis of time.
 
     Parameters

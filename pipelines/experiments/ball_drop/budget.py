@@ -19,6 +19,7 @@ from pipelines.experiments.shared.budget_quantity import (
     repeats,
     summed,
 )
+from pipelines.experiments.shared.given import present
 
 _CAMERA = ("pixel size", "there is no camera")
 _LAG = ("filter lag", "the moving average of the sensor delays all readings equally")
@@ -32,22 +33,26 @@ _RATIO = ("inclination, sampling", "common to both speeds, so that the scales of
 
 
 def quantities(
-    bounces: Sequence[xr.Dataset], displacement: Sequence[xr.Dataset], model: xr.Dataset | None, *, settings: BallDrop
+    bounces: Sequence[xr.Dataset | None],
+    displacement: Sequence[xr.Dataset | None],
+    model: xr.Dataset | None = None,
+    *,
+    settings: BallDrop,
 ) -> Iterator[Quantity]:
     """Yield drop height, speed of the first impact, and restitutions of the first ones.
 
     Parameters
     ----------
-    bounces, displacement : sequence of Dataset
+    bounces, displacement : sequence of Dataset or None
         Of the repeats.
     model : Dataset, optional
         Gives the model's first restitution too.
     settings : BallDrop
     """
     del settings
-    made = list(bounces)
-    yield _fall(made, displacement[0])
-    yield _speed(made, displacement[0])
+    made, moved = present(bounces), present(displacement)
+    yield _fall(made, moved[0])
+    yield _speed(made, moved[0])
     for i in range(min(IMPACTS, *(b.sizes["impact"] for b in made))):
         yield from _restitution(made, i)
     if model is not None and model.sizes["impact"] and "budget" in model.attrs:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import repeat
 from math import acos, cos, expm1, inf, pi
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -66,24 +67,12 @@ _FAILED = {
 }
 
 
-def judgement(
-    readings: list[xr.Dataset | None] | None,
-    displacement: list[xr.Dataset | None] | None,
-    bounces: list[xr.Dataset | None] | None,
-    repeats: xr.Dataset | None,
-    model: xr.Dataset | None,
-    comparison: xr.Dataset | None,
-    of_material: xr.Dataset | None = None,
-    of_plate: xr.Dataset | None = None,
-    *,
-    settings: BallDrop,
-    context: Context,
-) -> xr.Dataset:
+def judgement(*results: Any, settings: BallDrop, context: Context) -> xr.Dataset:
     """Judge one ball drop; what gave no result is judged by that."""
-    basis = judgements.Basis.of(
-        settings, {"sphere.material_from": of_material, "plate_from": of_plate}, plate_from=OF_PLATE
-    )
-    model, comparison = basis.sound(model, comparison)
+    steps = ("readings", "displacement", "bounces", "repeats", "model", "comparison")
+    rests_on = ("sphere.material_from", "plate_from")
+    given, basis = judgements.asked(steps, results, settings, context, rests_on=rests_on, plate_from=OF_PLATE)
+    readings, displacement, bounces, repeats, model, _ = map(given.get, steps)
     gravity = settings.model.gravity.value
     traces = [
         trace
@@ -91,13 +80,13 @@ def judgement(
         if read is not None and (trace := Trace.of(name, read, settings.sensor.output)) is not None
     ]
     measured = zip(displacement or repeat(None), bounces or repeat(None), strict=False)
-    results = dict(zip(settings.laser, measured, strict=False))
-    of_traces = [c for trace in traces for c in trace_checks.checks_of(trace, gravity, *results[trace.name])]
+    by_name = dict(zip(settings.laser, measured, strict=False))
+    of_traces = [c for trace in traces for c in trace_checks.checks_of(trace, gravity, *by_name[trace.name])]
     of_traces.append(trace_checks.shared_rows(traces))
     sphere = settings.sphere
-    given = [("height", settings.height), ("sphere.radius", sphere.radius), ("sphere.mass", sphere.mass)]
+    stated = [("height", settings.height), ("sphere.radius", sphere.radius), ("sphere.mass", sphere.mass)]
     checks = [_explained(check, of_traces, settings.calibration) for check in judgements.failed_steps(context, _FAILED)]
-    checks += [*of_traces, *judgements.uncertainties_stated(given), fall_checks.gravity_stated(settings.model.gravity)]
+    checks += [*of_traces, *judgements.uncertainties_stated(stated), fall_checks.gravity_stated(settings.model.gravity)]
     checks.append(fall_checks.body_stated(sphere.radius.value, sphere.mass.value))
     moved = dict(zip(settings.laser, displacement or (), strict=False))
     checks += trace_checks.of_record(moved, settings.calibration)
@@ -109,9 +98,9 @@ def judgement(
     of_records = {fall.name: _of_record(fall, moved, stiffness, settings) for fall, moved in records}
     by_file = {trace.name: trace for trace in traces}
     for swing in (c for c in of_traces if c.name == trace_checks.SWING and c.level and c.file in of_records):
-        added = trace_checks.speed_of_swing(by_file[swing.file], *results[swing.file])
+        added = trace_checks.speed_of_swing(by_file[swing.file], *by_name[swing.file])
         of_records[swing.file] = [
-            _by_swing(check, swing, added, results[swing.file][1]) for check in of_records[swing.file]
+            _by_swing(check, swing, added, by_name[swing.file][1]) for check in of_records[swing.file]
         ]
     for average in (c for c in of_traces if c.name == trace_checks.SMOOTHED and c.level and c.file in of_records):
         of_records[average.file] = [
@@ -120,8 +109,8 @@ def judgement(
         ]
     everything = [check for some in of_records.values() for check in some]
     if causes and (not explain(everything, causes) or _is_of_some(of_records)):
-        by_name = dict(zip(settings.laser, readings or (), strict=False))
-        everything = [c for one in records for c in _alone(of_records[one[0].name], one, by_name, settings)]
+        headed = dict(zip(settings.laser, readings or (), strict=False))
+        everything = [c for one in records for c in _alone(of_records[one[0].name], one, headed, settings)]
     checks += everything
     checks += fall_checks.repeats_alike([fall for fall, _ in records], _REPEATS, _OF_ANOTHER)
     checks.append(fall_checks.levels_alike([fall for fall, _ in records]))
@@ -132,9 +121,7 @@ def judgement(
     ]
     if not records:
         checks.append(not_made("free-fall acceleration", "g", "a record of bounces"))
-    compared = []
-    if repeats is not None and model is not None and comparison is not None:
-        compared = list(rows(comparison, repeats, model, settings=settings))
+    compared = given.each([rows])
     inputs = _inputs(model, repeats)
     in_common = {name: Quantity(0.0, 1.0, "1") for row in compared for name in row.slopes if name not in inputs}
     unstated = _unstated_plate(compared, settings)

@@ -24,8 +24,10 @@ from pipelines.experiments.ball_drop._model_uncertainty import FOLLOWED
 from pipelines.experiments.ball_drop.budget import quantities
 from pipelines.experiments.ball_drop.comparison import rows as compared_rows
 from pipelines.experiments.ball_drop.settings import BallDrop
-from pipelines.experiments.shared import budget_blocks, pages
+from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.comparison_rows import IMPACTS
+from pipelines.experiments.shared.given import present
+from pipelines.experiments.shared.reports import Report, budgets
 
 _RIGID_FLOOR = (
     "The model assumes a rigid floor. A real floor takes up energy: a floor of mass M lowers the restitution of a mass "
@@ -34,55 +36,16 @@ _RIGID_FLOOR = (
 )
 
 
-def page(
-    judgement: xr.Dataset | None,
-    readings: list[xr.Dataset | None] | None,
-    displacement: list[xr.Dataset | None] | None,
-    velocity: list[xr.Dataset | None] | None,
-    bounces: list[xr.Dataset | None] | None,
-    repeats: xr.Dataset | None,
-    model: xr.Dataset | None,
-    comparison: xr.Dataset | None,
-    *,
-    settings: BallDrop,
-    context: Context,
-) -> str:
-    """Write the page; a step that failed leaves its section out and its error in."""
-    del velocity
-    moved = pages.present(displacement)
-    rows = []
-    if repeats is not None and model is not None and comparison is not None:
-        rows = list(compared_rows(comparison, repeats, model, settings=settings))
-    sections = [_summary(settings, repeats, model, comparison, context)]
-    if repeats is not None:
-        sections += [motion(repeats, model, comparison), _bounces(repeats, comparison)]
-    if pages.present(bounces):
-        sections.append(_repeats(settings, bounces or (), repeats))
-        sections.append(_phases(settings, bounces or ()))
-    sections.append(_measured(settings, pages.present(readings), context))
-    if moved:
-        sections.append(_calibration(moved))
-    if model is not None:
-        sections.append(_model(model))
-    if moved and pages.present(bounces):
-        found = quantities(pages.present(bounces), moved, model, settings=settings)
-        sections += budget_blocks.section(context.experiment, found)
-    if repeats is not None:
-        sections.append(pages.methods(_methods(settings, moved, repeats, model, comparison)))
-    subtitle = f"Ball drop from {pages.stated(settings.height)}"
-    return pages.page(context, subtitle, judgement, rows, sections)
-
-
 def _moduli(settings: BallDrop) -> str:
     return "with that of their DMA" if settings.sphere.material_from else "are taken as exact"
 
 
 def _summary(
     settings: BallDrop,
-    repeats: xr.Dataset | None,
-    model: xr.Dataset | None,
-    comparison: xr.Dataset | None,
     context: Context,
+    repeats: xr.Dataset | None = None,
+    model: xr.Dataset | None = None,
+    comparison: xr.Dataset | None = None,
 ) -> Section:
     rows = [("drop height", pages.stated(settings.height), "from session.toml")]
     if repeats is not None and repeats.sizes["impact"]:
@@ -109,7 +72,7 @@ def _summary(
     return Section("Summary", tuple(blocks))
 
 
-def _measured(settings: BallDrop, readings: list[xr.Dataset], context: Context) -> Section:
+def _measured(settings: BallDrop, context: Context, readings: Sequence[xr.Dataset | None] = ()) -> Section:
     rows = [
         ("recordings", str(len(settings.laser)), "repeats of the same drop"),
         ("sphere radius", pages.stated(settings.sphere.radius), ""),
@@ -117,33 +80,31 @@ def _measured(settings: BallDrop, readings: list[xr.Dataset], context: Context) 
         *pages.remarks(context),
     ]
     blocks: list[Block] = []
-    if readings:
-        first = readings[0]
+    if read := present(readings):
+        first = read[0]
         interval = float(first.attrs["sampling_interval"])
         rate = value_with_uncertainty(1 / interval, 0.0, "Hz")
         name, model = (str(first.attrs.get(key, "")) for key in ("instrument", "model"))
         rows[1:1] = [("instrument", name, model), ("sampling", rate, f"{first.sizes['time']} points")]
         if first.attrs.get("layout") == "assumed":
             blocks.append(Notice("info", "The layout of Keyence storage files is assumed, as no such file is public."))
-        blocks += pages.raw_headers(readings)
+        blocks += pages.raw_headers(read)
     return pages.folded("What was measured", "Files and readings", (KeyValues([r for r in rows if r[1]]), *blocks))
 
 
-def _calibration(displacement: list[xr.Dataset]) -> Section:
-    attrs = displacement[0].attrs
+def _calibration(displacement: Sequence[xr.Dataset | None]) -> Section:
+    first = present(displacement)[0]
     caption = "Budget for the largest displacement of the first repeat"
-    blocks = pages.laser_calibration(
-        displacement[0], "for every sample", "from the part at rest before the drop", caption
-    )
-    if "inclination_of_record" in attrs:
-        recorded = json.loads(attrs["inclination_of_record"])
+    blocks = pages.laser_calibration(first, "for every sample", "from the part at rest before the drop", caption)
+    if "inclination_of_record" in first.attrs:
+        recorded = json.loads(first.attrs["inclination_of_record"])
         shown = value_with_uncertainty(recorded["value"], recorded["u"], "rad")
         text = f"The inclination was fitted from the drop height; the record says {shown}."
         blocks.insert(1, Notice("info", text))
     return pages.folded("Calibration and its uncertainty", "Record and what follows from it", blocks)
 
 
-def _bounces(repeats: xr.Dataset, comparison: xr.Dataset | None) -> Section:
+def _bounces(repeats: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
     columns = (
         Listed("impact", repeats["impact"].values.tolist()),
         Listed("repeats", repeats["n_repeats"].values.astype(int).tolist()),
@@ -179,7 +140,7 @@ def _against_model(comparison: xr.Dataset) -> Table:
     return listed(columns, caption)
 
 
-def _repeats(settings: BallDrop, bounces: Sequence[xr.Dataset | None], repeats: xr.Dataset | None) -> Section:
+def _repeats(settings: BallDrop, bounces: Sequence[xr.Dataset | None], repeats: xr.Dataset | None = None) -> Section:
     names, found = _recorded(settings, bounces)
     flags = [False] * len(bounces) if repeats is None else repeats["is_outlier"].values.astype(bool).tolist()
     columns = (
@@ -200,7 +161,7 @@ def _repeats(settings: BallDrop, bounces: Sequence[xr.Dataset | None], repeats: 
 def _recorded(settings: BallDrop, bounces: Sequence[xr.Dataset | None]) -> tuple[Listed, list[xr.Dataset]]:
     """Return the names of the recordings that gave bounces, and those."""
     names = [name for name, each in zip(settings.laser, bounces, strict=True) if each is not None]
-    return Listed("recording", names), pages.present(bounces)
+    return Listed("recording", names), present(bounces)
 
 
 def _phases(settings: BallDrop, bounces: Sequence[xr.Dataset | None]) -> Section:
@@ -253,19 +214,18 @@ def _times(n: int) -> str:
 
 def _methods(
     settings: BallDrop,
-    displacement: list[xr.Dataset],
     repeats: xr.Dataset,
-    model: xr.Dataset | None,
-    comparison: xr.Dataset | None,
-) -> str:
+    displacement: Sequence[xr.Dataset | None] = (),
+    model: xr.Dataset | None = None,
+    comparison: xr.Dataset | None = None,
+) -> Section:
     sphere = settings.sphere
     text = (
         f"A sphere of radius {pages.stated(sphere.radius)} with a total moving mass of {pages.stated(sphere.mass)} was "
         f"dropped {_times(len(settings.laser))} from {pages.stated(settings.height)}. "
     )
-    if displacement:
-        angle = displacement[0]
-        shown = pages.told(angle, "inclination")
+    if moved := present(displacement):
+        shown = pages.told(moved[0], "inclination")
         text += f"The laser readings were divided by the cosine of the sensor's inclination ({shown}). "
     text += (
         "Velocity was obtained by a quintic smoothing spline with the noise level estimated from the record; "
@@ -288,4 +248,12 @@ def _methods(
         )
     first = pages.told(repeats, "restitution", 0)
     text += f"The coefficient of restitution of the first impact was {first} (standard uncertainty)."
-    return text
+    return pages.methods(text)
+
+
+page = Report(
+    lambda settings: f"Ball drop from {pages.stated(settings.height)}",
+    ("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison"),
+    (_summary, motion, _bounces, _repeats, _phases, _measured, _calibration, _model, budgets(quantities), _methods),
+    compared_rows,
+)

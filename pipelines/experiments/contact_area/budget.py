@@ -24,27 +24,27 @@ _UNDER = (
 
 
 def quantities(
-    impacts: xr.Dataset, film: xr.Dataset, model: xr.Dataset | None, *, settings: ContactArea
+    impacts: xr.Dataset, radius: xr.Dataset, model: xr.Dataset | None = None, *, settings: ContactArea
 ) -> Iterator[Quantity]:
     """Yield the largest contact radii of the first impacts; with a model the areas, and its first one.
 
     Fringes show the Hertz-equivalent radius, that of the model; the area is that within the edge.
     """
     del settings
-    size, u_size = float(film["pixel_size"]), float(film["u_pixel_size"])
-    shares = _shared(film)
+    size, u_size = float(radius["pixel_size"]), float(radius["u_pixel_size"])
+    shares = _shared(radius)
     total = float(np.sqrt(sum(share**2 for share in shares.values())))
     # rings in pixels of another size are taken for those of another gap, too
     power = shares["pixel_size"] * size / u_size if u_size > 0.0 else 1.0
     for i in range(min(IMPACTS, impacts.sizes["impact"])):
-        radius, u = float(impacts["peak_radius"][i]), float(impacts["u_peak_radius"][i])
+        largest, u = float(impacts["peak_radius"][i]), float(impacts["u_peak_radius"][i])
         sampling = float(impacts["peak_sampling"][i])
         inputs = {
-            MEASURED: Input(radius / size, 0.0, "px"),
+            MEASURED: Input(largest / size, 0.0, "px"),
             "pixel_size": Input(size, u_size, "m/px"),
-            "noise": Input(0.0, excess_uncertainty(u, total * radius, sampling), "m"),
+            "noise": Input(0.0, excess_uncertainty(u, total * largest, sampling), "m"),
             "sampling": Input(0.0, sampling, "m"),
-        } | {n: Input(0.0, share * radius, "m") for n, share in shares.items() if n not in ("pixel_size", "adhesion")}
+        } | {n: Input(0.0, share * largest, "m") for n, share in shares.items() if n not in ("pixel_size", "adhesion")}
         yield Quantity(
             f"largest contact radius, impact {i + 1}",
             "m",

@@ -48,22 +48,11 @@ _FAILED = {
 RADIUS, FRINGE, FLIGHT, DURATION = "largest radius", "spacing of the fringes", "first flight", "duration of the contact"
 
 
-def judgement(
-    radius: xr.Dataset | None,
-    impacts: xr.Dataset | None,
-    model: xr.Dataset | None,
-    comparison: xr.Dataset | None,
-    of_material: xr.Dataset | None = None,
-    of_plate: xr.Dataset | None = None,
-    *,
-    settings: ContactArea,
-    context: Context,
-) -> xr.Dataset:
+def judgement(*results: xr.Dataset | None, settings: ContactArea, context: Context) -> xr.Dataset:
     """Judge one film; what gave no result is judged by that."""
-    basis = judgements.Basis.of(
-        settings, {"sphere.material_from": of_material, "plate_from": of_plate}, plate_from=OF_PLATE
-    )
-    model, comparison = basis.sound(model, comparison)
+    names, rests_on = ("radius", "impacts", "model", "comparison"), ("sphere.material_from", "plate_from")
+    given, basis = judgements.asked(names, results, settings, context, rests_on=rests_on, plate_from=OF_PLATE)
+    radius, impacts, model = (given.get(name) for name in names[:3])
     whole = whole_film(context, settings.film)
     checks = [explained(check, whole) for check in judgements.failed_steps(context, _FAILED)]
     checks.append(fall_checks.gravity_stated(settings.model.gravity))
@@ -89,14 +78,11 @@ def judgement(
             checks += [contacts_whole(radius, impacts, settings)]
             checks += [summits_seen(radius, impacts, settings), none_missed(radius, impacts, settings)]
             checks.append(flights_alike(radius, impacts, model, settings))
-    compared_rows = []
-    if comparison is not None and impacts is not None and model is not None:
-        compared_rows = list(rows(comparison, impacts, model, settings=settings))
     return judgements.judgement(
         Scene(
             checks,
             list(_causes(radius, settings)),
-            compared_rows,
+            given.each([rows]),
             _inputs(radius, model, settings),
             {FRAMES: Quantity(0.0, 1.0, "1")},
             basis=basis,

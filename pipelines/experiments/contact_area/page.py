@@ -34,8 +34,9 @@ from pipelines.experiments.contact_area.budget import quantities
 from pipelines.experiments.contact_area.comparison import rows as compared_rows
 from pipelines.experiments.contact_area.measured import OPEN_GAP, edges_only
 from pipelines.experiments.contact_area.settings import ContactArea
-from pipelines.experiments.shared import budget_blocks, pages
+from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.film_frames import enlarged, png
+from pipelines.experiments.shared.reports import Report, budgets
 
 _CIRCLE = (60, 120, 255)  # BGR, orange
 _SMALLEST_PICTURE = 480  # px; smaller frames are enlarged by a whole factor
@@ -58,42 +59,9 @@ _GROUP = "film"  # charts and frames over the film's time
 _SUB_PIXEL = 4  # binary digits of the drawn circle's place
 
 
-def page(
-    judgement: xr.Dataset | None,
-    radius: xr.Dataset | None,
-    impacts: xr.Dataset | None,
-    model: xr.Dataset | None,
-    comparison: xr.Dataset | None,
-    keys: xr.Dataset | None,
-    *,
-    settings: ContactArea,
-    context: Context,
-) -> str:
-    """Write the page; a step that failed leaves its section out and its error in."""
-    sections = [_summary(settings, radius, impacts, model, comparison, context)]
-    compared = []
-    if comparison is not None and impacts is not None and model is not None:
-        compared = list(compared_rows(comparison, impacts, model, settings=settings))
-    if keys is not None:
-        sections.append(_key_frames(keys, settings))
-    if radius is not None:
-        sections.append(_over_time(radius, impacts, model, comparison))
-    if impacts is not None:
-        sections.append(_impacts(impacts, comparison))
-    if radius is not None:
-        sections.append(_calibration(radius, impacts))
-    if radius is not None and impacts is not None:
-        found = quantities(impacts, radius, model, settings=settings)
-        sections += budget_blocks.section(context.experiment, found)
-    if radius is not None and impacts is not None:
-        sections.append(pages.methods(_methods(settings, radius, impacts)))
-    subtitle = f"Contact area, drop from {pages.stated(settings.height)}"
-    return pages.page(context, subtitle, judgement, compared, sections, _fallback(radius, settings))
-
-
-def _fallback(radius: xr.Dataset | None, settings: ContactArea) -> tuple[Block, ...]:
+def _fallback(settings: ContactArea, radius: xr.Dataset) -> tuple[Block, ...]:
     """Say when fringes were asked for and edges were measured."""
-    edges, fringes = (0, 0) if radius is None else edges_only(radius)
+    edges, fringes = edges_only(radius)
     if not edges:
         return ()
     if settings.wavelength is None:
@@ -109,7 +77,7 @@ def _fallback(radius: xr.Dataset | None, settings: ContactArea) -> tuple[Block, 
             "is stated, or the lens is out of focus. Check these in session.toml and the camera's record, and "
             "record in focus at a higher magnification."
         )
-    frames = radius["frame"].values[radius["method"].values == 2] if radius is not None else np.empty(0, int)
+    frames = radius["frame"].values[radius["method"].values == 2]
     which = ", ".join(str(int(frame)) for frame in frames[:5]) + (", …" if len(frames) > 5 else "")
     named, were = ("frame", "was") if edges == 1 else ("frames", "were")
     text = (
@@ -121,11 +89,11 @@ def _fallback(radius: xr.Dataset | None, settings: ContactArea) -> tuple[Block, 
 
 def _summary(
     settings: ContactArea,
-    radius: xr.Dataset | None,
-    impacts: xr.Dataset | None,
-    model: xr.Dataset | None,
-    comparison: xr.Dataset | None,
     context: Context,
+    radius: xr.Dataset | None = None,
+    impacts: xr.Dataset | None = None,
+    model: xr.Dataset | None = None,
+    comparison: xr.Dataset | None = None,
 ) -> Section:
     wavelength = "not known" if settings.wavelength is None else pages.stated(settings.wavelength)
     rows = [
@@ -247,7 +215,7 @@ def _shares(one: xr.Dataset, where: str) -> Bars:
     return share_bars(rows, f"Share of the variance, {where}")
 
 
-def _calibration(radius: xr.Dataset, impacts: xr.Dataset | None) -> Section:
+def _calibration(radius: xr.Dataset, impacts: xr.Dataset | None = None) -> Section:
     size = pages.told(radius, "pixel_size")
     blocks: list[Block] = [
         pages.calibration_rows(radius.attrs["calibration"]),
@@ -259,7 +227,10 @@ def _calibration(radius: xr.Dataset, impacts: xr.Dataset | None) -> Section:
 
 
 def _over_time(
-    radius: xr.Dataset, impacts: xr.Dataset | None, model: xr.Dataset | None, comparison: xr.Dataset | None
+    radius: xr.Dataset,
+    impacts: xr.Dataset | None = None,
+    model: xr.Dataset | None = None,
+    comparison: xr.Dataset | None = None,
 ) -> Section:
     time = radius["time"].values * 1e3
     seen = radius["in_contact"].values.astype(bool)
@@ -373,7 +344,7 @@ def _alignment(comparison: xr.Dataset, i: int) -> str:
     )
 
 
-def _impacts(impacts: xr.Dataset, comparison: xr.Dataset | None) -> Section:
+def _impacts(impacts: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
     count = impacts.sizes["impact"]
     columns = [
         Listed("impact", list(range(1, count + 1))),
@@ -393,8 +364,7 @@ def _listed(parts: list[str]) -> str:
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
-def _methods(settings: ContactArea, radius: xr.Dataset, impacts: xr.Dataset) -> str:
-    # what was done in the frames that show a contact, not what was asked for
+def _methods(settings: ContactArea, radius: xr.Dataset, impacts: xr.Dataset) -> Section:
     codes = radius["method"].values[radius["in_contact"].values.astype(bool)]
     fitted, free, edges, between = (int(np.sum(codes == code)) for code in (1, 5, 2, 3))
     parts = []
@@ -422,4 +392,13 @@ def _methods(settings: ContactArea, radius: xr.Dataset, impacts: xr.Dataset) -> 
         text += (
             f"The largest radius of the first impact was {value_with_uncertainty(a, u, 'm')} (standard uncertainty)."
         )
-    return text
+    return pages.methods(text)
+
+
+page = Report(
+    lambda settings: f"Contact area, drop from {pages.stated(settings.height)}",
+    ("radius", "impacts", "model", "comparison", "keys"),
+    (_summary, _key_frames, _over_time, _impacts, _calibration, budgets(quantities), _methods),
+    compared_rows,
+    notices=_fallback,
+)

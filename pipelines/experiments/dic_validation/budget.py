@@ -24,7 +24,9 @@ _AGAINST = (
 )
 
 
-def quantities(motion: xr.Dataset, comparison: xr.Dataset | None, *, settings: DicValidation) -> Iterator[Quantity]:
+def quantities(
+    motion: xr.Dataset, comparison: xr.Dataset | None = None, *, settings: DicValidation
+) -> Iterator[Quantity]:
     """Yield the largest displacement in the film, and film against laser where there was one."""
     del settings
     size = float(motion["pixel_size"])

@@ -67,20 +67,11 @@ G, HEIGHT, SPEED, GAIN = (
 )
 
 
-def judgement(
-    track: xr.Dataset | None,
-    motion: xr.Dataset | None,
-    bounces: xr.Dataset | None,
-    comparison: xr.Dataset | None,
-    laser: xr.Dataset | None,
-    of_laser: xr.Dataset | None = None,
-    *,
-    settings: DicValidation,
-    context: Context,
-) -> xr.Dataset:
+def judgement(*results: xr.Dataset | None, settings: DicValidation, context: Context) -> xr.Dataset:
     """Judge one film; what gave no result is judged by that."""
-    basis = judgements.Basis.of(settings, {"laser_experiment": of_laser})
-    laser, comparison = basis.sound(laser, comparison)
+    steps, rests_on = ("track", "motion", "bounces", "comparison", "laser"), ("laser_experiment",)
+    given, basis = judgements.asked(steps, results, settings, context, rests_on=rests_on, expected=steps[-2:])
+    track, motion, bounces, comparison, laser = map(given.get, steps)
     whole = whole_film(context, settings.film)
     failed = judgements.failed_steps(context, _FAILED)
     checks = [_of_masks(explained(check, whole), settings) for check in failed]

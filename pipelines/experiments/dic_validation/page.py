@@ -31,8 +31,9 @@ from pipelines.experiments.dic_validation import viewing_angle
 from pipelines.experiments.dic_validation.budget import quantities
 from pipelines.experiments.dic_validation.comparison import rows as compared_rows
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
-from pipelines.experiments.shared import budget_blocks, pages
+from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.film_frames import enlarged, png
+from pipelines.experiments.shared.reports import Report, budgets
 
 _VIEWS = 3  # impacts that get a button
 _BEFORE, _AFTER = 1e-3, 4e-3  # s around a touch that show one impact
@@ -45,50 +46,12 @@ _SPREAD = "± 2 sd of the laser's repeats"
 _LABEL = "time since first contact / ms"
 
 
-def page(
-    judgement: xr.Dataset | None,
-    track: xr.Dataset | None,
-    motion: xr.Dataset | None,
-    bounces: xr.Dataset | None,
-    velocity: xr.Dataset | None,
-    keys: xr.Dataset | None,
-    comparison: xr.Dataset | None,
-    laser: xr.Dataset | None,
-    *,
-    settings: DicValidation,
-    context: Context,
-) -> str:
-    """Write the page; a step that failed leaves its section out and its error in."""
-    if comparison is not None and "nrmse" not in comparison:
-        comparison = None
-    sections = [_summary(settings, track, bounces, comparison, context)]
-    rows = [] if comparison is None else list(compared_rows(comparison, settings=settings))
-    if keys is not None:
-        start = None if bounces is None else float(bounces["first_contact_time"])
-        sections.append(_key_frames(keys, settings, start))
-    if motion is not None:
-        seen = None if bounces is None else _motion(motion, bounces, velocity, laser, comparison)
-        sections.append(seen or _unparted(motion))
-    if comparison is not None:
-        sections.append(_agreement(comparison))
-    if track is not None:
-        sections.append(_tracking(track, motion))
-    if motion is not None:
-        sections.append(_calibration(motion, settings))
-    if motion is not None:
-        found = quantities(motion, comparison, settings=settings)
-        sections += budget_blocks.section(context.experiment, found)
-    if track is not None:
-        sections.append(pages.methods(_methods(settings, track, comparison)))
-    return pages.page(context, "Camera against laser", judgement, rows, sections)
-
-
 def _summary(
     settings: DicValidation,
-    track: xr.Dataset | None,
-    bounces: xr.Dataset | None,
-    comparison: xr.Dataset | None,
     context: Context,
+    track: xr.Dataset | None = None,
+    bounces: xr.Dataset | None = None,
+    comparison: xr.Dataset | None = None,
 ) -> Section:
     rows = [("film", settings.film, f'view "{settings.view}"')]
     if track is not None:
@@ -130,7 +93,8 @@ def _summary(
     return Section("Summary", tuple(blocks))
 
 
-def _key_frames(keys: xr.Dataset, settings: DicValidation, start: float | None) -> Section:
+def _key_frames(keys: xr.Dataset, settings: DicValidation, bounces: xr.Dataset | None = None) -> Section:
+    start = None if bounces is None else float(bounces["first_contact_time"])
     pictures = [_picture(keys.isel(key=i), start, settings.tracking) for i in range(keys.sizes["key"])]
     caption = "Orange: the large subset whose motion is the result, with its rotation. "
     caption += "Blue: the line of small subsets. " * (keys.sizes["point"] > 1)
@@ -248,11 +212,13 @@ def camera_angle(motion: xr.Dataset, distance: Quantity | None) -> list[tuple[st
 
 def _motion(
     motion: xr.Dataset,
-    bounces: xr.Dataset,
-    velocity: xr.Dataset | None,
-    laser: xr.Dataset | None,
-    comparison: xr.Dataset | None,
+    bounces: xr.Dataset | None = None,
+    velocity: xr.Dataset | None = None,
+    laser: xr.Dataset | None = None,
+    comparison: xr.Dataset | None = None,
 ) -> Section:
+    if bounces is None:
+        return _unparted(motion)
     start, level = float(bounces["first_contact_time"]), float(bounces["contact_level"])
     time = (motion["time"].values - start) * 1e3
     touches = (bounces["touch_time"].values[:_VIEWS] - start) * 1e3
@@ -363,7 +329,7 @@ def _hidden(body: xr.Dataset) -> list[tuple[str, str, str]]:
     return [("hidden of it", told, "left out there; the uncertainty grows accordingly")]
 
 
-def _tracking(track: xr.Dataset, motion: xr.Dataset | None) -> Section:
+def _tracking(track: xr.Dataset, motion: xr.Dataset | None = None) -> Section:
     frames = track["frame"].values
     body = track.isel(point=0)
     size = track["subset"].values[0]
@@ -383,18 +349,27 @@ def _tracking(track: xr.Dataset, motion: xr.Dataset | None) -> Section:
     return Section("Tracking", (KeyValues(rows), chart))
 
 
-def _methods(settings: DicValidation, track: xr.Dataset, comparison: xr.Dataset | None) -> str:
+def _methods(settings: DicValidation, track: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
     size = int(track["subset"][0])
     text = (
         "The holder's motion was measured by digital image correlation (zero-normalised sum of squared differences, "
         f"inverse-compositional Gauss–Newton, one rigid subset of {size} px, B-spline interpolation of order "
         f"{settings.tracking.order}) and scaled with the calibration of the view “{settings.view}”. "
     )
-    if comparison is None or "nrmse" not in comparison:
-        return text
-    return text + (
-        "It was aligned with the mean of the laser's repeats at first contact. The normalised root-mean-square "
-        f"difference was {float(comparison['nrmse']) * 100:.2f} %, the bias {pages.told(comparison, 'bias')}, the 95 % "
-        f"limits of agreement {pages.told(comparison, 'limit_low')} and {pages.told(comparison, 'limit_high')} (Bland "
-        "and Altman)."
-    )
+    if comparison is not None:
+        text += (
+            "It was aligned with the mean of the laser's repeats at first contact. The normalised root-mean-square "
+            f"difference was {float(comparison['nrmse']) * 100:.2f} %, the bias {pages.told(comparison, 'bias')}, the "
+            f"95 % limits of agreement {pages.told(comparison, 'limit_low')} and {pages.told(comparison, 'limit_high')}"
+            " (Bland and Altman)."
+        )
+    return pages.methods(text)
+
+
+page = Report(
+    "Camera against laser",
+    ("track", "motion", "bounces", "velocity", "keys", "comparison", "laser"),
+    (_summary, _key_frames, _motion, _agreement, _tracking, _calibration, budgets(quantities), _methods),
+    compared_rows,
+    counts={"comparison": lambda comparison: "nrmse" in comparison},
+)

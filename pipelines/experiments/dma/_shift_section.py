@@ -12,22 +12,22 @@ from pipelines.experiments.dma import _published_section
 from pipelines.experiments.shared import pages
 
 
-def shifts(curve: xr.Dataset, published: xr.Dataset | None) -> Section:
-    T, y, u = (curve[n].values for n in ("temperature", "log10_aT", "u_log10_aT"))
+def shifts(master_curve: xr.Dataset, published: xr.Dataset | None = None) -> Section:
+    T, y, u = (master_curve[n].values for n in ("temperature", "log10_aT", "u_log10_aT"))
     order = np.argsort(T)
     fine = np.linspace(T.min(), T.max(), 161)
     series = [Series("fitted", T[order], y[order], style="points", role="measured", u=u[order])]
     if published is not None:
         series.append(_published_section.series(published))
-    laws = json.loads(curve.attrs["laws"])
+    laws = json.loads(master_curve.attrs["laws"])
     roles: tuple[Literal["model", "reference"], ...] = ("model", "reference")
     for (name, law), role in zip(sorted(laws.items(), reverse=True), roles, strict=False):
         title = {"wlf": "WLF", "arrhenius": "Arrhenius"}[name]
         series.append(Series(title, fine, ShiftLaw.of(law).log10_aT(fine), role=role))
     labels, caption = ("temperature / °C", "log₁₀ a_T"), "Bars are standard uncertainties."
     chart = LineChart("Horizontal shift factors", *labels, series, height_px=240, caption=caption)
-    rising = curve.isel(temperature=order)
-    overlaps, steps = zip(*(_neighbour(curve, float(t)) for t in T[order]), strict=True)
+    rising = master_curve.isel(temperature=order)
+    overlaps, steps = zip(*(_neighbour(master_curve, float(t)) for t in T[order]), strict=True)
     table = listed(
         (
             Listed("temperature / °C", T[order].tolist(), digits=3),
@@ -42,10 +42,10 @@ def shifts(curve: xr.Dataset, published: xr.Dataset | None) -> Section:
     )
     titles = {n: "law of WLF" if n == "wlf" else "law of Arrhenius" for n in laws}
     fits = [(titles[n], _law_text(law), _law_quality(law)) for n, law in sorted(laws.items(), reverse=True)]
-    if float(curve["delay"]):
-        fits.append(("delay of the instrument's phase", pages.told(curve, "delay"), "removed"))
+    if float(master_curve["delay"]):
+        fits.append(("delay of the instrument's phase", pages.told(master_curve, "delay"), "removed"))
     folded = Details(f"Laws, and the shift factors of {T.size} temperatures", (KeyValues(fits), table))
-    compared = [] if published is None else _published_section.blocks(published, curve)
+    compared = [] if published is None else _published_section.blocks(published, master_curve)
     return Section("Shift factors", (chart, folded, *compared))
 
 

@@ -34,7 +34,7 @@ _TENSION = ("Poisson's ratio", "the modulus was measured in tension or bending")
 
 
 def quantities(
-    sweeps: xr.Dataset, master: xr.Dataset, transition: xr.Dataset | None, *, settings: Dma
+    sweeps: xr.Dataset, master_curve: xr.Dataset, temperature_sweep: xr.Dataset | None = None, *, settings: Dma
 ) -> Iterator[Quantity]:
     """Yield a shift, the modulus at the slow end and after an infinite time, and the loss peak.
 
@@ -42,11 +42,11 @@ def quantities(
     does at the slow end, would take all of the storage modulus.
     """
     del settings
-    yield _shift(sweeps, master)
-    yield from _moduli(sweeps, master)
-    if transition is None or "T_peak" not in transition:
+    yield _shift(sweeps, master_curve)
+    yield from _moduli(sweeps, master_curve)
+    if temperature_sweep is None or "T_peak" not in temperature_sweep:
         return
-    peak, u_peak = float(transition["T_peak"][0]), float(transition["u_T_peak"][0])
+    peak, u_peak = float(temperature_sweep["T_peak"][0]), float(temperature_sweep["u_T_peak"][0])
     if isfinite(peak) and isfinite(u_peak):
         yield Quantity(
             "temperature of the loss peak",

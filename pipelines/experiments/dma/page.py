@@ -1,6 +1,7 @@
 """The report of a dynamic mechanical analysis."""
 
 import json
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -31,7 +32,8 @@ from pipelines.experiments.dma import _material_files, _shift_section
 from pipelines.experiments.dma.budget import quantities
 from pipelines.experiments.dma.published import rms
 from pipelines.experiments.dma.settings import Dma
-from pipelines.experiments.shared import budget_blocks, pages
+from pipelines.experiments.shared import pages
+from pipelines.experiments.shared.reports import Report, budgets, is_there
 
 _MPA = 1e-6
 _BAND = (
@@ -45,55 +47,29 @@ _CONSISTENT = {"pass": "fulfilled", "warn": "nearly fulfilled", "fail": "violate
 _KIND = {"warn": "warning", "fail": "error"}
 
 
-def page(
-    judgement: xr.Dataset | None,
-    readings: list[xr.Dataset] | None,
-    sweeps: xr.Dataset | None,
-    master_curve: xr.Dataset | None,
-    published: xr.Dataset | None,
-    temperature_sweep: xr.Dataset | None,
-    *,
-    settings: Dma,
+def _summary(
     context: Context,
-) -> str:
-    """Write the page; a step that failed leaves its section out and its error in."""
-    sections = [_summary(sweeps, master_curve, temperature_sweep, context)]
-    if master_curve is not None:
-        compared = None if published is None or "absent" in published.attrs else published
-        sections += [_master(master_curve), _shift_section.shifts(master_curve, compared)]
-    if temperature_sweep is not None and "absent" not in temperature_sweep.attrs:
-        sections.append(_transition(temperature_sweep))
-    if how := (*_fit(master_curve), *_sweeps(settings, readings, sweeps)):
-        sections.append(pages.folded("Readings and fit", "Readings, residuals, each modulus from the other", how))
-    if sweeps is not None and master_curve is not None:
-        found = quantities(sweeps, master_curve, temperature_sweep, settings=settings)
-        sections += budget_blocks.section(context.experiment, found)
-    if master_curve is not None:
-        sections += [
-            _terms(master_curve, context.experiment, settings),
-            pages.methods(_methods(settings, master_curve)),
-        ]
-    return pages.page(context, "Dynamic mechanical analysis", judgement, (), sections)
-
-
-def _summary(sweeps: xr.Dataset | None, curve: xr.Dataset | None, ramp: xr.Dataset | None, context: Context) -> Section:
+    sweeps: xr.Dataset | None = None,
+    master_curve: xr.Dataset | None = None,
+    temperature_sweep: xr.Dataset | None = None,
+) -> Section:
     rows: list[tuple[str, str, str]] = []
     blocks: list[Block] = [*pages.failed_notice(context)]
     if sweeps is not None:
         T = sweeps["temperature"].values
         rows.append(("isothermal sweeps", str(T.size), _celsius(T)))
-    if curve is not None:
-        rows += _curve_rows(curve)
-        verdict = json.loads(curve.attrs["kramers_kronig"])["verdict"]
-        superposition = json.loads(curve.attrs["superposition"])
+    if master_curve is not None:
+        rows += _curve_rows(master_curve)
+        verdict = json.loads(master_curve.attrs["kramers_kronig"])["verdict"]
+        superposition = json.loads(master_curve.attrs["superposition"])
         remark = "see the verdict" if superposition["reasons"] else "one spectrum fits all sweeps"
         rows.append(("superposition", _SUPERPOSITION[superposition["level"]], remark))
         rows.append(("Kramers–Kronig", _CONSISTENT[verdict], "consistency of storage and loss modulus"))
-    rows += _transition_rows(ramp)
+    rows += _transition_rows(temperature_sweep)
     blocks.append(KeyValues(rows))
-    if curve is not None:
+    if master_curve is not None:
         # The first reason stands in the verdict above.
-        notes = [note for note in json.loads(curve.attrs["notes"]) if note not in superposition["reasons"][:1]]
+        notes = [note for note in json.loads(master_curve.attrs["notes"]) if note not in superposition["reasons"][:1]]
         if notes:
             title = f"What limits this curve ({pages.counted(len(notes), 'remark')})"
             blocks.append(Details(title, [Paragraph(_sentence(note)) for note in notes]))
@@ -204,7 +180,7 @@ def _isotherms(
     return series
 
 
-def _sweeps(settings: Dma, readings: list[xr.Dataset] | None, sweeps: xr.Dataset | None) -> list[Block]:
+def _sweeps(settings: Dma, readings: Sequence[xr.Dataset | None], sweeps: xr.Dataset | None) -> list[Block]:
     if sweeps is None:
         return []
     blocks: list[Block] = []
@@ -223,29 +199,29 @@ def _sweeps(settings: Dma, readings: list[xr.Dataset] | None, sweeps: xr.Dataset
         for name, title in (("storage", "Storage modulus"), ("loss", "Loss modulus"))
     ]
     blocks.append(Details("Moduli in tension over frequency, as measured", charts))
-    for reading in readings or ():
+    for reading in readings:
         header = pages.raw_header(reading)
         if header is not None:
             blocks.append(header)
     return blocks
 
 
-def _master(curve: xr.Dataset) -> Section:
-    x = curve["reduced_frequency"].values
-    label = f"frequency at {float(curve['T_ref']):.4g} °C / Hz"
+def _master(master_curve: xr.Dataset) -> Section:
+    x = master_curve["reduced_frequency"].values
+    label = f"frequency at {float(master_curve['T_ref']):.4g} °C / Hz"
     blocks: list[Block] = []
     for name, title in (("storage", "Storage modulus"), ("loss", "Loss modulus")):
-        y, u = curve[f"master_{name}"].values * _MPA, curve[f"u_master_{name}"].values * _MPA
+        y, u = master_curve[f"master_{name}"].values * _MPA, master_curve[f"u_master_{name}"].values * _MPA
         low = np.maximum(y - _COVERAGE * u, y * 1e-3)  # a logarithmic axis shows no zero
         curves: list[Series | Band] = [
-            *_isotherms(curve, f"{name}_reduced", "point_reduced_frequency", style="points"),
+            *_isotherms(master_curve, f"{name}_reduced", "point_reduced_frequency", style="points"),
             Series("spectrum", x, y, role="model"),
             Band("95 %", x, low, y + _COVERAGE * u, role="model"),
         ]
         labels = (f"{title}, master curve", label, f"{title.lower()} / MPa")
         caption = _BAND if name == "storage" else ""
         blocks.append(pages.log_log(*labels, curves, group="master", height_px=300, caption=caption))
-    drawn = [Series("spectrum", x, curve["master_loss_factor"].values, role="model")]
+    drawn = [Series("spectrum", x, master_curve["master_loss_factor"].values, role="model")]
     factor = LineChart("Loss factor, master curve", label, "tan δ", drawn, x_scale="log", group="master", height_px=220)
     blocks.append(Details("Loss factor", (factor,)))
     return Section("Master curve", tuple(blocks))
@@ -267,6 +243,16 @@ def _spectrum(curve: xr.Dataset) -> list[Block]:
         caption = "J(t) = 1/E_relaxed − Σ C_k exp(−t/τ_k), from the relaxation series by exact interconversion."
         blocks.append(pages.log_log(title, x, y, series, group="spectrum", caption=caption))
     return blocks
+
+
+def _readings(
+    settings: Dma,
+    master_curve: xr.Dataset | None = None,
+    readings: Sequence[xr.Dataset | None] = (),
+    sweeps: xr.Dataset | None = None,
+) -> Section | None:
+    how = (*_fit(master_curve), *_sweeps(settings, readings, sweeps))
+    return pages.folded("Readings and fit", "Readings, residuals, each modulus from the other", how) if how else None
 
 
 def _fit(curve: xr.Dataset | None) -> list[Block]:
@@ -344,21 +330,21 @@ def _largest(values: Floats) -> float:
     return float(good.max()) if good.size else float("nan")
 
 
-def _transition(ramp: xr.Dataset) -> Section:
+def _transition(temperature_sweep: xr.Dataset) -> Section:
     moduli, factors = [], []
-    for i in range(ramp.sizes["ramp"]):
-        where = ramp["ramp_of"].values == i
-        T = ramp["temperature"].values[where]
-        name = f"{float(ramp['frequency'][i]):.3g} Hz"
+    for i in range(temperature_sweep.sizes["ramp"]):
+        where = temperature_sweep["ramp_of"].values == i
+        T = temperature_sweep["temperature"].values[where]
+        name = f"{float(temperature_sweep['frequency'][i]):.3g} Hz"
         moduli += [
-            Series(f"E′, {name}", T, ramp["storage"].values[where] * _MPA, role="measured"),
-            Series(f"E″, {name}", T, ramp["loss"].values[where] * _MPA, role="model"),
+            Series(f"E′, {name}", T, temperature_sweep["storage"].values[where] * _MPA, role="measured"),
+            Series(f"E″, {name}", T, temperature_sweep["loss"].values[where] * _MPA, role="model"),
         ]
-        factors.append(Series(f"tan δ, {name}", T, ramp["loss_factor"].values[where], role="measured"))
+        factors.append(Series(f"tan δ, {name}", T, temperature_sweep["loss_factor"].values[where], role="measured"))
     lines = [
-        (title, float(ramp[name][0]))
+        (title, float(temperature_sweep[name][0]))
         for name, title in (("T_peak", "tan δ"), ("T_drop", "fall of E′"))
-        if np.isfinite(float(ramp[name][0]))
+        if np.isfinite(float(temperature_sweep[name][0]))
     ]
     none = "It shows no glass transition: the storage modulus falls too little, or the maxima lie at its ends."
     charts = (
@@ -371,13 +357,14 @@ def _transition(ramp: xr.Dataset) -> Section:
             height_px=220,
         ),
     )  # fmt: skip
-    said = () if _transition_rows(ramp) else (Paragraph(none),)
+    said = () if _transition_rows(temperature_sweep) else (Paragraph(none),)
     return Section("Temperature sweep", (*said, Details("Moduli and loss factor over temperature", charts)))
 
 
-def _terms(curve: xr.Dataset, name: str, settings: Dma) -> Section:
-    outside = curve["extrapolated"].values.astype(bool)
-    deck = _material_files.deck(curve, settings=settings, name=name)
+def _terms(context: Context, master_curve: xr.Dataset, settings: Dma) -> Section:
+    name = context.experiment
+    outside = master_curve["extrapolated"].values.astype(bool)
+    deck = _material_files.deck(master_curve, settings=settings, name=name)
     few = deck.tension
     text = (
         f"E(t) = E_relaxed + Σ E_i exp(−t/ρ_i) at {deck.T_ref:.4g} °C, in tension; other experiments of this session "
@@ -385,19 +372,19 @@ def _terms(curve: xr.Dataset, name: str, settings: Dma) -> Section:
         f"json; --bulk says what the bulk modulus does) writes {few.E.size} terms, within {deck.error * 100:.2g} % of "
         "the worse modulus inside the window (rms)."
     )
-    relaxed = f"All terms; E_relaxed = {_modulus(float(curve['E_relaxed']))}."
+    relaxed = f"All terms; E_relaxed = {_modulus(float(master_curve['E_relaxed']))}."
     caption = f"{relaxed} Terms outside the covered window are extrapolation."
-    full = _term_table(curve["rho"].values, curve["E"].values, outside, caption)
+    full = _term_table(master_curve["rho"].values, master_curve["E"].values, outside, caption)
     caption = f"The reduced series; E_relaxed = {_modulus(few.E_relaxed)}."
     reduced = _term_table(few.rho, few.E, np.zeros(few.E.size, dtype=bool), caption)
     warnings = [Notice("warning", _sentence(warning)) for warning in deck.warnings]
     warned = f" ({pages.counted(len(warnings), 'warning')})" if warnings else ""
     blocks: tuple[Block, ...] = (
-        Details("Relaxation and creep spectrum", _spectrum(curve)),
+        Details("Relaxation and creep spectrum", _spectrum(master_curve)),
         Details(f"For simulation codes, {few.E.size} terms", (*warnings, reduced)),
         Details(f"All {outside.size} terms", (full,)),
         Details("For Abaqus", text=deck_text(deck, "abaqus")),
-        Details("CSV, all terms and the shift factors", text=_material_files.as_csv(curve, few)),
+        Details("CSV, all terms and the shift factors", text=_material_files.as_csv(master_curve, few)),
     )
     return Section("Spectrum and terms", (Paragraph(text), Details(f"Spectrum, terms, files{warned}", blocks)))
 
@@ -413,15 +400,16 @@ def _term_table(rho: Floats, E: Floats, outside: NDArray[np.bool_], caption: str
     return listed(columns, caption)
 
 
-def _methods(settings: Dma, curve: xr.Dataset) -> str:
-    T = curve["temperature"].values
-    law = json.loads(curve.attrs["law"])
+def _methods(settings: Dma, master_curve: xr.Dataset) -> Section:
+    T = master_curve["temperature"].values
+    law = json.loads(master_curve.attrs["law"])
     asked = settings.fit.law
     shifts = (
         "every isotherm had a shift of its own"
         if asked == "free"
         else f"the shifts followed the {asked.upper() if asked == 'wlf' else 'Arrhenius'} law"
     )
+    missed = [rms(master_curve[name].values) for name in ("storage_residual", "loss_residual")]
     text = (
         f"Storage and loss modulus were measured in {settings.mode} at {pages.counted(T.size, 'temperature')} from "
         f"{_celsius(T)}. "
@@ -431,9 +419,16 @@ def _methods(settings: Dma, curve: xr.Dataset) -> str:
     text += (
         "The isotherms were joined by time–temperature superposition in one fit of all horizontal shifts and one "
         "non-negative relaxation spectrum to both moduli (variable projection, regularisation by generalised "
-        f"cross-validation); {shifts}. The reference temperature is {float(curve['T_ref']):.4g} °C; vertical law: "
-        f"{_vertical(curve)}. {_shift_section.law_row(law)[1]}. The fit left "
-        f"{rms(curve['storage_residual'].values) * 100:.2f} % (E′) and {rms(curve['loss_residual'].values) * 100:.2f} "
-        "% (E″) rms."
+        f"cross-validation); {shifts}. The reference temperature is {float(master_curve['T_ref']):.4g} °C; vertical "
+        f"law: {_vertical(master_curve)}. {_shift_section.law_row(law)[1]}. The fit left {missed[0] * 100:.2f} % (E′) "
+        f"and {missed[1] * 100:.2f} % (E″) rms."
     )
-    return text
+    return pages.methods(text)
+
+
+page = Report(
+    "Dynamic mechanical analysis",
+    ("readings", "sweeps", "master_curve", "published", "temperature_sweep"),
+    (_summary, _master, _shift_section.shifts, _transition, _readings, budgets(quantities), _terms, _methods),
+    counts={"published": is_there, "temperature_sweep": is_there},
+)

@@ -22,13 +22,13 @@ _ON_CYCLES = (
 )
 
 
-def quantities(waves: xr.Dataset, loads: xr.Dataset, *, settings: Harmonic) -> Iterator[Quantity]:
+def quantities(oscillations: xr.Dataset, loads: xr.Dataset, *, settings: Harmonic) -> Iterator[Quantity]:
     """Yield storage stiffness and work per cycle at the first frequencies."""
     del settings
-    for i in range(min(TESTS, waves.sizes["oscillation"])):
-        at = waves.isel(oscillation=i)
+    for i in range(min(TESTS, oscillations.sizes["oscillation"])):
+        at = oscillations.isel(oscillation=i)
         where = f"at {float(at['frequency']):.3g} Hz"
-        inputs, scatter = _of_cycle(at, loads, bool(waves.attrs["is_filter_corrected"]))
+        inputs, scatter = _of_cycle(at, loads, bool(oscillations.attrs["is_filter_corrected"]))
         once = (*NOTHING_FALLS, *_ON_CYCLES, ("repeatability", "all cycles are fitted together: included in the noise"))
         yield Quantity(f"storage stiffness {where}", "N/m", _stiffness, inputs, once, "storage stiffness")
         scattered, none = inputs | {"repeatability": scatter}, (*NOTHING_FALLS, *_ON_CYCLES)

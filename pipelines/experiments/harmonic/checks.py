@@ -26,21 +26,11 @@ _FAILED = {
 }
 
 
-def judgement(
-    readings: xr.Dataset | None,
-    loads: xr.Dataset | None,
-    hold: xr.Dataset | None,
-    oscillations: xr.Dataset | None,
-    model: xr.Dataset | None,
-    comparison: xr.Dataset | None,
-    of_material: xr.Dataset | None = None,
-    *,
-    settings: Harmonic,
-    context: Context,
-) -> xr.Dataset:
+def judgement(*results: xr.Dataset | None, settings: Harmonic, context: Context) -> xr.Dataset:
     """Judge one harmonic indentation; what gave no result is judged by that."""
-    basis = judgements.Basis.of(settings, {"substrate.material_from": of_material})
-    model, comparison = basis.sound(model, comparison)
+    steps = ("readings", "loads", "hold", "oscillations", "model", "comparison")
+    given, basis = judgements.asked(steps, results, settings, context, rests_on=("substrate.material_from",))
+    readings, loads, _, oscillations, model, _ = map(given.get, steps)
     name = settings.mach1
     checks: list[Check] = []
     if readings is None:
@@ -56,15 +46,12 @@ def judgement(
     if oscillations is not None:
         checks.append(_phase(name, oscillations, settings))
     if mach1_checks.knows_depth(checks):
-        depth, force, expected = _worked(loads, hold, oscillations, model, comparison)
+        depth, force, expected = given.ask(_worked)
         deepest = depth + (0.0 if oscillations is None else float(oscillations["amplitude"].max()))
         checks += mach1_checks.of_punch(settings.punch, settings.substrate, settings.model, deepest)
         checks += mach1_checks.of_force(name, settings.punch, settings.substrate, depth, force, expected)
     failed = mach1_checks.placed(judgements.failed_steps(context, _FAILED), name, settings.load_cell.record)
     checks = [*mach1_checks.weighed(checks), *failed]
-    compared = []
-    if comparison is not None and oscillations is not None and model is not None:
-        compared = list(rows(comparison, oscillations, model, settings=settings))
     causes = []
     if readings is not None:
         causes = list(mach1_checks.causes(name, readings, settings.punch, settings.load_cell, checks))
@@ -74,7 +61,7 @@ def judgement(
     if loads is not None:
         inputs[DELAY] = mach1_readings.filter_delay(loads)
     shared = {TOUCH: inputs.pop(TOUCH)} if TOUCH in inputs else {}
-    return judgements.judgement(Scene(checks, causes, compared, inputs, shared, basis))
+    return judgements.judgement(Scene(checks, causes, given.each([rows]), inputs, shared, basis))
 
 
 def _phase(name: str, oscillations: xr.Dataset, settings: Harmonic) -> Check:
@@ -86,11 +73,11 @@ def _phase(name: str, oscillations: xr.Dataset, settings: Harmonic) -> Check:
 
 
 def _worked(
-    loads: xr.Dataset | None,
-    hold: xr.Dataset | None,
-    oscillations: xr.Dataset | None,
-    model: xr.Dataset | None,
-    comparison: xr.Dataset | None,
+    loads: xr.Dataset | None = None,
+    hold: xr.Dataset | None = None,
+    oscillations: xr.Dataset | None = None,
+    model: xr.Dataset | None = None,
+    comparison: xr.Dataset | None = None,
 ) -> tuple[float, float, float]:
     """Return depth [m], force [N], and the force of the model where it is known, of one state."""
     if oscillations is not None and loads is not None and bool(loads.attrs["is_tared"]):

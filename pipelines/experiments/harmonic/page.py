@@ -26,58 +26,16 @@ from labpipe.workflow.context import Context
 from pipelines.experiments.harmonic.budget import quantities
 from pipelines.experiments.harmonic.comparison import rows as compared_rows
 from pipelines.experiments.harmonic.settings import Harmonic
-from pipelines.experiments.shared import budget_blocks, mach1_readings, pages, ramps_and_holds
+from pipelines.experiments.shared import mach1_readings, pages, ramps_and_holds
 from pipelines.experiments.shared.judgements import capitalised
 from pipelines.experiments.shared.punch_sections import blocks_table, cell, punch_rows, substrate_name
+from pipelines.experiments.shared.reports import Report, budgets, is_there
 
 _UM = 1e6
 _POINTS_PER_DECADE = 12  # of a hold
 
 
-def page(
-    judgement: xr.Dataset | None,
-    readings: xr.Dataset | None,
-    loads: xr.Dataset | None,
-    hold: xr.Dataset | None,
-    oscillations: xr.Dataset | None,
-    loops: xr.Dataset | None,
-    model: xr.Dataset | None,
-    theory: xr.Dataset | None,
-    comparison: xr.Dataset | None,
-    *,
-    settings: Harmonic,
-    context: Context,
-) -> str:
-    """Write the page; a step that failed leaves its section out and its error in."""
-    compared = []
-    if comparison is not None and oscillations is not None and model is not None:
-        compared = list(compared_rows(comparison, oscillations, model, settings=settings))
-    sections = [_summary(oscillations, comparison, context), _measured(settings, readings, loads, context)]
-    if oscillations is not None:
-        sections += [_frequencies(oscillations, comparison), _stiffness(oscillations, model)]
-    if oscillations is not None and theory is not None and _is_there(model):
-        sections.append(_dissipation(theory, loops))
-    if loads is not None and hold is not None:
-        sections.append(_hold(loads, hold, oscillations))
-    if loads is not None and oscillations is not None:
-        sections.append(_curves(loads, oscillations, comparison))
-    if loops is not None and oscillations is not None:
-        sections.append(_loops(loops, oscillations, loads, comparison))
-    if model is not None and "absent" not in model.attrs:
-        sections.append(_model(settings, model))
-    if loads is not None and oscillations is not None:
-        found = quantities(oscillations, loads, settings=settings)
-        sections += budget_blocks.section(context.experiment, found)
-    if oscillations is not None:
-        sections.append(pages.methods(_methods(settings, oscillations, comparison)))
-    return pages.page(context, "Harmonic indentation", judgement, compared, sections)
-
-
-def _is_there(dataset: xr.Dataset | None) -> bool:
-    return dataset is not None and "absent" not in dataset.attrs
-
-
-def _summary(oscillations: xr.Dataset | None, comparison: xr.Dataset | None, context: Context) -> Section:
+def _summary(context: Context, oscillations: xr.Dataset | None = None, comparison: xr.Dataset | None = None) -> Section:
     rows = []
     if oscillations is not None:
         frequency = oscillations["frequency"].values
@@ -86,7 +44,7 @@ def _summary(oscillations: xr.Dataset | None, comparison: xr.Dataset | None, con
             shown = pages.told(oscillations, "work_per_cycle", at)
             rows.append((f"dissipated work per cycle at {frequency[at]:.4g} Hz", shown, ""))
     blocks: list[Block] = []
-    if comparison is not None and _is_there(comparison):
+    if comparison is not None and is_there(comparison):
         errors = comparison["nrmse"].values * 100
         remark = "root mean square of measured minus model, over the range of the simulated force"
         rows.append(("nRMSE of force", f"{pages.spanned(errors, '.3g')} %", remark))
@@ -96,7 +54,9 @@ def _summary(oscillations: xr.Dataset | None, comparison: xr.Dataset | None, con
     return Section("Summary", (*table, *blocks, *pages.failed_notice(context)))
 
 
-def _measured(settings: Harmonic, readings: xr.Dataset | None, loads: xr.Dataset | None, context: Context) -> Section:
+def _measured(
+    settings: Harmonic, context: Context, readings: xr.Dataset | None = None, loads: xr.Dataset | None = None
+) -> Section:
     rows = [("file", settings.mach1, ""), *punch_rows(settings.punch)]
     blocks: list[Block] = [KeyValues([r for r in (*rows, *pages.remarks(context)) if r[1]])]
     if readings is not None:
@@ -109,7 +69,7 @@ def _measured(settings: Harmonic, readings: xr.Dataset | None, loads: xr.Dataset
     return pages.folded("What was measured, and its calibration", "File, punch and calibration record", blocks)
 
 
-def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None) -> Section:
+def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
     columns = [
         Listed("declared / Hz", oscillations["declared_frequency"].values.tolist()),
         Listed("frequency / Hz", oscillations["frequency"].values.tolist(), digits=5),
@@ -121,7 +81,7 @@ def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None) -> Sec
         pages.column(oscillations, "work_sd", "spread over cycles", digits=2),
         Listed("cycles", oscillations["n_cycles"].values.astype(int).tolist()),
     ]
-    if comparison is not None and _is_there(comparison):
+    if comparison is not None and is_there(comparison):
         columns.append(Listed("nRMSE of force", (comparison["nrmse"].values * 100).tolist(), "%", digits=3))
     caption = (
         "Frequency, amplitude and phase are fitted to the position; the header holds only the commanded values. "
@@ -154,7 +114,7 @@ def _source_of_lag(oscillations: xr.Dataset) -> str:
     return f"by the delay in the load cell's record, {value_with_uncertainty(value, u, 's')}"
 
 
-def _stiffness(oscillations: xr.Dataset, model: xr.Dataset | None) -> Section:
+def _stiffness(oscillations: xr.Dataset, model: xr.Dataset | None = None) -> Section:
     frequency = oscillations["frequency"].values
     order = np.argsort(frequency)
     charts: list[Block] = []
@@ -165,7 +125,7 @@ def _stiffness(oscillations: xr.Dataset, model: xr.Dataset | None) -> Section:
     ):
         y, u = (oscillations[n].values[order] * factor for n in (name, f"u_{name}"))
         series: list[Series | Band] = [Series("measured", frequency[order], y, style="points", role="measured", u=u)]
-        if model is not None and _is_there(model):
+        if model is not None:
             simulated, u = (model[each].values[order] * factor for each in (name, f"u_{name}"))
             series += pages.model_curves(frequency[order], simulated, u)
         caption, label = "Bars are standard uncertainties." if name.startswith("s") else "", f"{title.lower()} / {unit}"
@@ -174,9 +134,10 @@ def _stiffness(oscillations: xr.Dataset, model: xr.Dataset | None) -> Section:
     return Section("Stiffness and work", tuple(charts))
 
 
-def _dissipation(theory: xr.Dataset, loops: xr.Dataset | None) -> Section:
+def _dissipation(model: xr.Dataset, theory: xr.Dataset, loops: xr.Dataset | None = None) -> Section:
     """Show the dimensionless work against eq. (2.31), the tapping front, and contact."""
-    if not _is_there(theory):
+    del model  # without one nothing is said here: the summary says why
+    if not is_there(theory):
         return Section("Dissipation and detachment", (Notice("info", f"{capitalised(theory.attrs['absent'])}."),))
     x = theory["dimensionless_frequency"].values
     order = np.argsort(x)
@@ -220,9 +181,9 @@ def _scale_text(theory: xr.Dataset) -> str:
     return f"(E λ R d = {float(theory['work_scale']):.4g} J)"
 
 
-def _hold(loads: xr.Dataset, hold: xr.Dataset, oscillations: xr.Dataset | None) -> Section:
+def _hold(loads: xr.Dataset, hold: xr.Dataset, oscillations: xr.Dataset | None = None) -> Section:
     """Show the relaxation before the oscillations, and whether it was long enough."""
-    if not _is_there(hold):
+    if not is_there(hold):
         return Section("Relaxation before", (Notice("info", f"{hold.attrs['absent']}."),))
     rows = [
         (text, pages.told(hold, name, -1), note)
@@ -248,7 +209,7 @@ def _hold(loads: xr.Dataset, hold: xr.Dataset, oscillations: xr.Dataset | None) 
     return Section("Relaxation before the oscillations", tuple(blocks))
 
 
-def _curves(loads: xr.Dataset, oscillations: xr.Dataset, comparison: xr.Dataset | None) -> Section:
+def _curves(loads: xr.Dataset, oscillations: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
     charts: list[Block] = []
     for i in range(oscillations.sizes["oscillation"]):
         at = oscillations.isel(oscillation=i)
@@ -258,20 +219,20 @@ def _curves(loads: xr.Dataset, oscillations: xr.Dataset, comparison: xr.Dataset 
         series = [Series("measured", time, measured, role="measured")]
         views = (("evaluated cycles", float(at["begin"]), float(at["end"])),)
         label = f"{float(at['frequency']):.4g} Hz"
-        if comparison is not None and _is_there(comparison):
+        if comparison is not None and is_there(comparison):
             simulated = comparison["simulated_force"].values[where]
             series.append(Series("model", time, simulated, role="model"))
             residual = (Series("measured − model", time, measured - simulated, role="residual"),)
         labels = (f"Force at {label}", "time in the block / s", "force / N")
         charts.append(LineChart(*labels, tuple(series), group=label, views=views, height_px=240))
-        if comparison is not None and _is_there(comparison):
+        if comparison is not None and is_there(comparison):
             labels = (f"Difference at {label}", "time in the block / s", "difference / N")
             charts.append(LineChart(*labels, residual, group=label, views=views, height_px=150))
     return Section("Force over time", tuple(charts))
 
 
 def _loops(
-    loops: xr.Dataset, oscillations: xr.Dataset, loads: xr.Dataset | None, comparison: xr.Dataset | None
+    loops: xr.Dataset, oscillations: xr.Dataset, loads: xr.Dataset | None = None, comparison: xr.Dataset | None = None
 ) -> Section:
     series = []
     for i in range(loops.sizes["oscillation"]):
@@ -279,7 +240,7 @@ def _loops(
         name = f"{float(at['frequency']):.4g} Hz"
         x = (loops["position"][i].values - float(at["mean_position"])) * _UM
         series.append(Series(f"{name}, measured", x, loops["force"][i].values, role="measured"))
-        if comparison is not None and loads is not None and _is_there(comparison):
+        if comparison is not None and loads is not None and is_there(comparison):
             where = mach1_readings.rows(loads, int(at["block"]))
             time = loads["time"].values[where]
             period = 1 / float(at["frequency"])
@@ -311,7 +272,7 @@ def _model(settings: Harmonic, model: xr.Dataset) -> Section:
     return Section("Model", (Paragraph(text), KeyValues([r for r in rows if r[1]])))
 
 
-def _methods(settings: Harmonic, oscillations: xr.Dataset, comparison: xr.Dataset | None) -> str:
+def _methods(settings: Harmonic, oscillations: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
     frequency = oscillations["frequency"].values
     text = (
         f"Harmonic indentation was evaluated at {pages.counted(frequency.size, 'frequency', 'frequencies')}, "
@@ -324,10 +285,31 @@ def _methods(settings: Harmonic, oscillations: xr.Dataset, comparison: xr.Datase
         "Storage and loss stiffness are the in-phase and quadrature parts of force over displacement; the dissipated "
         "work per cycle is π times the loss stiffness times the squared amplitude. "
     )
-    if comparison is not None and _is_there(comparison):
+    if comparison is not None and is_there(comparison):
         errors = comparison["nrmse"].values * 100
         text += (
             "The force was simulated by periodic boundary elements with the measured displacement; "
             f"the normalised root-mean-square error was {pages.spanned(errors, '.2f')} %."
         )
-    return text
+    return pages.methods(text)
+
+
+page = Report(
+    "Harmonic indentation",
+    ("readings", "loads", "hold", "oscillations", "loops", "model", "theory", "comparison"),
+    (
+        _summary,
+        _measured,
+        _frequencies,
+        _stiffness,
+        _dissipation,
+        _hold,
+        _curves,
+        _loops,
+        _model,
+        budgets(quantities),
+        _methods,
+    ),
+    compared_rows,
+    counts={"model": is_there},
+)

@@ -10,6 +10,7 @@ from labpipe.uncertainty import Input, excess_uncertainty
 from pipelines.experiments.plate_vibration.model import of_solids
 from pipelines.experiments.plate_vibration.settings import FallingBody, PlateVibration
 from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, clock
+from pipelines.experiments.shared.given import present
 from pipelines.experiments.shared.material_choice import POISSONS_RATIO, TEMPERATURE
 
 _NO_CAMERA = ("pixel size", "there is no camera")
@@ -32,10 +33,10 @@ _RHEOMETER = "DMA"
 
 
 def quantities(
-    displacement: Sequence[xr.Dataset], table: xr.Dataset, plate: xr.Dataset, *, settings: PlateVibration
+    displacement: Sequence[xr.Dataset | None], table: xr.Dataset, plate: xr.Dataset, *, settings: PlateVibration
 ) -> Iterator[Quantity]:
     """Yield natural frequency, damping ratio and modal mass of the plate."""
-    moved = displacement[0]  # the laser is the same for all drops
+    moved = present(displacement)[0]  # the laser is the same for all drops
     yield _ringing("natural_frequency", "natural frequency", "Hz", moved, table)
     yield _ringing("damping_ratio", "damping ratio", "1", moved, table)
     if settings.sphere is not None and isfinite(float(plate["mass"])):

@@ -11,6 +11,7 @@ from dataclasses import replace
 from functools import partial
 from itertools import pairwise, repeat
 from math import hypot, log, nan, pi, sqrt
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -73,22 +74,11 @@ _FAILED = {
 }
 
 
-def judgement(
-    readings: list[xr.Dataset | None] | None,
-    displacement: list[xr.Dataset | None] | None,
-    ringing: list[xr.Dataset | None] | None,
-    table: xr.Dataset | None,
-    plate: xr.Dataset | None,
-    model: xr.Dataset | None,
-    comparison: xr.Dataset | None,
-    of_materials: list[xr.Dataset | None] | None = None,
-    *,
-    settings: PlateVibration,
-    context: Context,
-) -> xr.Dataset:
+def judgement(*results: Any, settings: PlateVibration, context: Context) -> xr.Dataset:
     """Judge one plate vibration; what gave no result is judged by that."""
-    basis = judgements.Basis.of(settings, {"drops.material_from": of_materials})
-    model, comparison = basis.sound(model, comparison)
+    steps = ("readings", "displacement", "ringing", "table", "plate", "model", "comparison")
+    given, basis = judgements.asked(steps, results, settings, context, rests_on=("drops.material_from",))
+    readings, displacement, ringing, table, plate, model, comparison = map(given.get, steps)
     names = [name for drops in settings.drops for name in drops.laser]
     of_traces = _of_traces(names, readings, displacement, settings)
     checks = [_explained(check, of_traces, settings.calibration) for check in judgements.failed_steps(context, _FAILED)]
@@ -112,15 +102,12 @@ def judgement(
     checks += _blows(comparison, model, settings)
     checks += _momenta(table, plate, settings)
     checks.append(_grows_with_height(table, settings))
-    compared_rows = []
     inputs, shared = {}, {}
     if table is not None:
         own = relative_uncertainty(table, settings)
         shared = {f"{SERIES} {i + 1}": Quantity(1.0, float(u), "1") for i, u in enumerate(own.amplitude)}
         inputs = {height_name(settings, i): drops.height for i, drops in enumerate(settings.drops)}
         inputs |= {} if plate is None else {name: given for name, (given, _) in of_solids(plate).items()}
-    if comparison is not None and table is not None and plate is not None:
-        compared_rows = list(rows(comparison, table, plate, settings=settings))
     # of a body that cannot be, no blow tells which height is wrong
     is_body = not any(c.setting == "sphere.mass" and c.level for c in statements)
     causes = list(_causes(table, plate, settings)) if is_body else []
@@ -129,7 +116,7 @@ def judgement(
         checks = _by_disturbance(checks, [*swings, *free, *alike])
     if not explain(checks, causes):
         checks = [replace(c, cause=_STATED) if c.law == _ONE_MASS and c.level and not c.cause else c for c in checks]
-    return judgements.judgement(Scene(checks, causes, compared_rows, inputs, shared, basis))
+    return judgements.judgement(Scene(checks, causes, given.each([rows]), inputs, shared, basis))
 
 
 def _of_traces(

@@ -26,51 +26,14 @@ from pipelines.experiments.plate_vibration.budget import quantities
 from pipelines.experiments.plate_vibration.comparison import rows as compared_rows
 from pipelines.experiments.plate_vibration.measured import drops_label
 from pipelines.experiments.plate_vibration.settings import PlateVibration
-from pipelines.experiments.shared import budget_blocks, pages
+from pipelines.experiments.shared import pages
+from pipelines.experiments.shared.given import present
+from pipelines.experiments.shared.reports import Report, budgets
 
 _UM = 1e6
 _BESIDE = 0.06  # mm by which the materials are drawn apart, so that their error bars can be told
 _UNLIKELY = 0.01  # probability below which a difference between drops is called real
 _SHOWN = {"natural_frequency": ("natural frequency", "Hz"), "damping_ratio": ("damping ratio", "1")}
-
-
-def page(
-    judgement: xr.Dataset | None,
-    readings: list[xr.Dataset | None] | None,
-    displacement: list[xr.Dataset | None] | None,
-    ringing: list[xr.Dataset | None] | None,
-    table: xr.Dataset | None,
-    plate: xr.Dataset | None,
-    comparison: xr.Dataset | None,
-    *,
-    settings: PlateVibration,
-    context: Context,
-) -> str:
-    """Write the page; a step that failed leaves its section out and its error in."""
-    sections = [
-        _summary(settings, table, plate, comparison, context),
-        _measured(settings, pages.present(readings), context),
-    ]
-    compared = []
-    if comparison is not None and table is not None and plate is not None:
-        compared = list(compared_rows(comparison, table, plate, settings=settings))
-    if moved := pages.present(displacement):
-        sections.append(_calibration(moved[0]))
-    if comparison is not None:
-        sections.append(_motion(settings, comparison))
-    if table is not None:
-        sections.append(_table(settings, table, plate, comparison))
-        # Of a single height the table says all; a chart over the height would be of one place.
-        if len({drops.height.value for drops in settings.drops}) > 1:
-            sections.append(_dependence(settings, table))
-    if pages.present(ringing):
-        sections.append(_recordings(settings, ringing or ()))
-    if moved and table is not None and plate is not None:
-        found = quantities(moved, table, plate, settings=settings)
-        sections += budget_blocks.section(context.experiment, found)
-    if table is not None:
-        sections.append(pages.methods(_methods(settings, table, plate)))
-    return pages.page(context, "Vibration of the plate", judgement, compared, sections)
 
 
 def _of_materials(settings: PlateVibration) -> str:
@@ -84,10 +47,10 @@ def _of_materials(settings: PlateVibration) -> str:
 
 def _summary(
     settings: PlateVibration,
-    table: xr.Dataset | None,
-    plate: xr.Dataset | None,
-    comparison: xr.Dataset | None,
     context: Context,
+    table: xr.Dataset | None = None,
+    plate: xr.Dataset | None = None,
+    comparison: xr.Dataset | None = None,
 ) -> Section:
     rows = []
     blocks: list[Block] = []
@@ -128,7 +91,7 @@ def _verdict(table: xr.Dataset, name: str, title: str) -> Notice:
     return Notice("ok", text)
 
 
-def _measured(settings: PlateVibration, readings: list[xr.Dataset], context: Context) -> Section:
+def _measured(settings: PlateVibration, context: Context, readings: Sequence[xr.Dataset | None] = ()) -> Section:
     count = sum(len(drops.laser) for drops in settings.drops)
     rows = [
         ("recordings", str(count), f"{len(settings.drops)} combinations of material and height"),
@@ -138,8 +101,8 @@ def _measured(settings: PlateVibration, readings: list[xr.Dataset], context: Con
         for title, quantity in (("sphere radius", settings.sphere.radius), ("moving mass", settings.sphere.mass)):
             rows.insert(1, (title, value_with_uncertainty(quantity.value, quantity.u, quantity.si), ""))
     blocks: list[Block] = []
-    if readings:
-        first = readings[0]
+    if read := present(readings):
+        first = read[0]
         interval = float(first.attrs["sampling_interval"])
         rows.insert(1, ("sampling", value_with_uncertainty(1 / interval, 0.0, "Hz"), f"{first.sizes['time']} points"))
         header = pages.raw_header(first)
@@ -147,7 +110,8 @@ def _measured(settings: PlateVibration, readings: list[xr.Dataset], context: Con
     return pages.folded("What was measured", "Files and readings", (KeyValues([r for r in rows if r[1]]), *blocks))
 
 
-def _calibration(first: xr.Dataset) -> Section:
+def _calibration(displacement: Sequence[xr.Dataset | None]) -> Section:
+    first = present(displacement)[0]
     caption = "Budget for the largest displacement of the first recording"
     inside = pages.laser_calibration(first, "in every recording", "from the quiet beginning", caption)
     return pages.folded("Calibration and its uncertainty", "Record and what follows from it", inside)
@@ -188,7 +152,7 @@ def _by_the_dma(material: str, at: xr.Dataset) -> Band:
 
 
 def _table(
-    settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | None, comparison: xr.Dataset | None
+    settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | None = None, comparison: xr.Dataset | None = None
 ) -> Section:
     none: list[Cell] = [None] * len(settings.drops)
     has_mass = plate is not None and "modal_mass" in plate
@@ -209,7 +173,9 @@ def _table(
     return Section("By material and height", (listed(columns, caption),))
 
 
-def _dependence(settings: PlateVibration, table: xr.Dataset) -> Section:
+def _dependence(settings: PlateVibration, table: xr.Dataset) -> Section | None:
+    if len({drops.height.value for drops in settings.drops}) < 2:
+        return None  # of a single height the table says all; a chart over the height would be of one place
     numbers: dict[str, list[int]] = {}
     for i, drops in enumerate(settings.drops):
         numbers.setdefault(drops.material, []).append(i)
@@ -249,7 +215,7 @@ def _dependence(settings: PlateVibration, table: xr.Dataset) -> Section:
 def _recordings(settings: PlateVibration, ringing: Sequence[xr.Dataset | None]) -> Section:
     named = [(name, drops_label(drops)) for drops in settings.drops for name in drops.laser]
     kept = [both for both, each in zip(named, ringing, strict=True) if each is not None]
-    found = pages.present(ringing)
+    found = present(ringing)
     columns = (
         Listed("recording", [name for name, _ in kept]),
         Listed("drop", [label for _, label in kept]),
@@ -269,7 +235,7 @@ def _recordings(settings: PlateVibration, ringing: Sequence[xr.Dataset | None]) 
     return Section("Recordings", (listed(columns, text),))
 
 
-def _methods(settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | None) -> str:
+def _methods(settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | None = None) -> Section:
     kinds = sorted({drops.material for drops in settings.drops})
     frequency = pages.told(table, "plate_natural_frequency")
     damping = pages.told(table, "plate_damping_ratio")
@@ -285,4 +251,12 @@ def _methods(settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | No
             f"The modal mass, {mass}, follows from the amplitudes and the momentum of the "
             "simulated impacts at that frequency."
         )
-    return text
+    return pages.methods(text)
+
+
+page = Report(
+    "Vibration of the plate",
+    ("readings", "displacement", "ringing", "table", "plate", "comparison"),
+    (_summary, _measured, _calibration, _motion, _table, _dependence, _recordings, budgets(quantities), _methods),
+    compared_rows,
+)

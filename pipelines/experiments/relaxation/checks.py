@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from math import exp, hypot, log
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -32,20 +33,12 @@ _FAILED = {
 }
 
 
-def judgement(
-    readings: list[xr.Dataset | None] | None,
-    loads: list[xr.Dataset | None] | None,
-    ramps: list[xr.Dataset | None] | None,
-    comparison: list[xr.Dataset | None] | None,
-    tests: xr.Dataset | None,
-    of_material: xr.Dataset | None = None,
-    *,
-    settings: Relaxation,
-    context: Context,
-) -> xr.Dataset:
+def judgement(*results: Any, settings: Relaxation, context: Context) -> xr.Dataset:
     """Judge all relaxation tests of an experiment; what gave no result is judged by that."""
-    basis = judgements.Basis.of(settings, {"substrate.material_from": of_material})
-    comparison, tests = basis.sound(comparison, tests)
+    steps, computed = ("readings", "loads", "ramps", "comparison", "tests"), ("comparison", "tests")
+    rests_on = ("substrate.material_from",)
+    given, basis = judgements.asked(steps, results, settings, context, rests_on=rests_on, expected=computed)
+    readings, loads, ramps, comparison, tests = map(given.get, steps)
     files = settings.mach1
     checks: list[Check] = []
     relative = 0.0
@@ -70,9 +63,8 @@ def judgement(
         deepest = _deepest(ramps)
         checks += mach1_checks.of_punch(settings.punch, settings.substrate, settings.model, deepest)
     checks += mach1_checks.placed(judgements.failed_steps(context, _FAILED), *files, settings.load_cell.record)
-    compared_rows = [] if tests is None else list(rows(tests, settings=settings))
     inputs = {FORCE_SCALE: Quantity(1.0, relative, "1"), STIFFNESS: Quantity(1.0, 0.0, "1")} | inputs_of(tests)
-    return judgements.judgement(Scene(checks, (), compared_rows, inputs, basis=basis))
+    return judgements.judgement(Scene(checks, (), given.each([rows]), inputs, basis=basis))
 
 
 def _alike(files: Sequence[str], loads: Sequence[xr.Dataset | None]) -> Check:

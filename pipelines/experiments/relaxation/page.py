@@ -25,53 +25,14 @@ from labpipe.workflow.context import Context
 from pipelines.experiments.relaxation.budget import quantities
 from pipelines.experiments.relaxation.comparison import rows as compared_rows
 from pipelines.experiments.relaxation.settings import Relaxation
-from pipelines.experiments.shared import budget_blocks, mach1_readings, pages, ramps_and_holds
+from pipelines.experiments.shared import mach1_readings, pages, ramps_and_holds
 from pipelines.experiments.shared.punch_sections import header_blocks, punch_rows, substrate_name
+from pipelines.experiments.shared.reports import Report, budgets, is_there
 
 _MPA = 1e-6
 _FILTERED = "The load cell's filter was applied to the model too."
 _RAMP_VIEW = 2.0  # s around a ramp that are drawn sample by sample
 _POINTS_PER_DECADE = 12
-
-
-def page(
-    judgement: xr.Dataset | None,
-    readings: list[xr.Dataset] | None,
-    loads: list[xr.Dataset] | None,
-    ramps: list[xr.Dataset] | None,
-    curves: list[xr.Dataset] | None,
-    model: list[xr.Dataset] | None,
-    comparison: list[xr.Dataset] | None,
-    tests: xr.Dataset | None,
-    *,
-    settings: Relaxation,
-    context: Context,
-) -> str:
-    """Write the page; a step that failed leaves its section out and its error in."""
-    loads, ramps, curves = _complete(loads), _complete(ramps), _complete(curves)
-    model, comparison = _complete(model), _complete(comparison)
-    sections = [_summary(tests, comparison, context), _measured(settings, readings, loads, context)]
-    compared = [] if tests is None else list(compared_rows(tests, settings=settings))
-    if tests is not None:
-        sections.append(_tests(tests))
-    if loads is not None and ramps is not None and comparison is not None:
-        sections.append(_ramps(loads, ramps, comparison, tests))
-        sections.append(_holds(loads, comparison, tests))
-    if curves is not None and tests is not None:
-        sections.append(_moduli(curves, model, tests))
-    if model is not None and any("absent" not in each.attrs for each in model):
-        sections.append(_model(settings, model))
-    if loads is not None and ramps is not None and curves is not None:
-        found = quantities(loads, ramps, curves, settings=settings)
-        sections += budget_blocks.section(context.experiment, found)
-    if tests is not None:
-        sections.append(pages.methods(_methods(settings, tests, ramps)))
-    return pages.page(context, "Stress relaxation", judgement, compared, sections)
-
-
-def _complete(results: list[xr.Dataset] | None) -> list[xr.Dataset] | None:
-    """Return the results of all recordings, or None when one of them failed."""
-    return None if results is None or any(r is None for r in results) else results
 
 
 def _names(tests: xr.Dataset) -> list[str]:
@@ -85,7 +46,9 @@ def _label(tests: xr.Dataset, number: int) -> str:
     return _names(tests)[number]
 
 
-def _summary(tests: xr.Dataset | None, comparison: Sequence[xr.Dataset] | None, context: Context) -> Section:
+def _summary(
+    context: Context, tests: xr.Dataset | None = None, comparison: Sequence[xr.Dataset] | None = None
+) -> Section:
     blocks: list[Block] = []
     rows = []
     if tests is not None:
@@ -112,7 +75,10 @@ def _summary(tests: xr.Dataset | None, comparison: Sequence[xr.Dataset] | None, 
 
 
 def _measured(
-    settings: Relaxation, readings: list[xr.Dataset] | None, loads: list[xr.Dataset] | None, context: Context
+    settings: Relaxation,
+    context: Context,
+    readings: list[xr.Dataset] | None = None,
+    loads: list[xr.Dataset] | None = None,
 ) -> Section:
     rows = [("files", ", ".join(settings.mach1), "")]
     rows += punch_rows(settings.punch)
@@ -186,7 +152,10 @@ def _title(tests: xr.Dataset | None, number: int) -> str:
 
 
 def _ramps(
-    loads: Sequence[xr.Dataset], ramps: Sequence[xr.Dataset], comparison: Sequence[xr.Dataset], tests: xr.Dataset | None
+    loads: Sequence[xr.Dataset],
+    ramps: Sequence[xr.Dataset],
+    comparison: Sequence[xr.Dataset],
+    tests: xr.Dataset | None = None,
 ) -> Section:
     charts: list[Block] = []
     touches = [float(r["contact_position"]) for r in ramps for _ in range(r.sizes["ramp"])]
@@ -212,7 +181,7 @@ def _ramps(
     return Section("Ramp and peak", tuple(charts))
 
 
-def _holds(loads: Sequence[xr.Dataset], comparison: Sequence[xr.Dataset], tests: xr.Dataset | None) -> Section:
+def _holds(loads: Sequence[xr.Dataset], comparison: Sequence[xr.Dataset], tests: xr.Dataset | None = None) -> Section:
     curves: list[Series] = []
     gaps: list[Series | Band] = []
     for number, (load, compared, hold) in enumerate(_each(loads, comparison)):
@@ -258,7 +227,7 @@ def _holds(loads: Sequence[xr.Dataset], comparison: Sequence[xr.Dataset], tests:
     return Section("Relaxation", tuple(charts))
 
 
-def _moduli(curves: Sequence[xr.Dataset], models: Sequence[xr.Dataset] | None, tests: xr.Dataset) -> Section:
+def _moduli(curves: Sequence[xr.Dataset], tests: xr.Dataset, model: Sequence[xr.Dataset] | None = None) -> Section:
     absent = next((str(c.attrs["absent"]) for c in curves if "absent" in c.attrs), None)
     if absent is not None:
         return Section("Modulus", (Notice("info", f"{absent}."),))
@@ -277,7 +246,7 @@ def _moduli(curves: Sequence[xr.Dataset], models: Sequence[xr.Dataset] | None, t
             modulus = curve["relaxation_modulus"].values * _MPA
             series.append(Series(_label(tests, number), curve["elapsed"].values, modulus, role="measured"))
         number += curve.sizes["ramp"]
-    there = next((m for m in models or () if "relaxation_modulus" in m), None)
+    there = next((m for m in model or () if "relaxation_modulus" in m), None)
     if series and there is not None:
         series.append(
             Series("of the material", there["elapsed"].values, there["relaxation_modulus"].values * _MPA, role="model")
@@ -311,8 +280,10 @@ def _modulus_table(tests: xr.Dataset) -> Table:
     return listed(columns, caption, sortable=False)
 
 
-def _model(settings: Relaxation, models: Sequence[xr.Dataset]) -> Section:
-    there = next(m for m in models if "absent" not in m.attrs)
+def _model(settings: Relaxation, model: Sequence[xr.Dataset]) -> Section | None:
+    there = next(filter(is_there, model), None)
+    if there is None:
+        return None
     rows = [
         ("material", substrate_name(settings.substrate), ""),
         ("its relaxed reduced modulus", value_with_uncertainty(float(there["reduced_modulus"]), 0.0, "Pa"), ""),
@@ -327,7 +298,7 @@ def _model(settings: Relaxation, models: Sequence[xr.Dataset]) -> Section:
     return Section("Model", (Paragraph(text), KeyValues([r for r in rows if r[1]])))
 
 
-def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset] | None) -> str:
+def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset] | None = None) -> Section:
     depths = tests["depth"].values * 1e3
     speed = float(np.median(tests["speed"])) * 1e3
     hold = float(np.median(tests["duration"]))
@@ -354,4 +325,15 @@ def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset
             "The force was simulated by periodic boundary elements with the measured displacement; the normalised "
             f"root-mean-square error over a test was {pages.spanned(error, '.2f')} %."
         )
-    return text
+    return pages.methods(text)
+
+
+page = Report(
+    "Stress relaxation",
+    ("readings", "loads", "ramps", "curves", "model", "comparison", "tests"),
+    (_summary, _measured, _tests, _ramps, _holds, _moduli, _model, budgets(quantities), _methods),
+    compared_rows,
+    counts=dict.fromkeys(
+        ("loads", "ramps", "curves", "model", "comparison"), lambda each: all(one is not None for one in each)
+    ),
+)

@@ -33,8 +33,6 @@ from labpipe.report import (
 )
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context, Warned
-from pipelines.experiments.shared.comparison_rows import Row
-from pipelines.experiments.shared.judgements import verdict_blocks
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -97,20 +95,6 @@ def spanned(values: "ArrayLike", form: str) -> str:
     """Write the smallest and the largest of some numbers, "0.5 to 2", or the one that they are as written."""
     least, most = (format(float(find(values)), form) for find in (np.min, np.max))
     return least if least == most else f"{least} to {most}"
-
-
-def page(
-    context: Context,
-    subtitle: str,
-    judgement: xr.Dataset | None,
-    compared: Iterable[Row],
-    sections: Sequence[Section],
-    notices: Sequence[Block] = (),
-) -> str:
-    """Write a page whose sections follow the verdict, where there is one; notices come before its sentence."""
-    verdict = verdict_blocks(judgement, compared)
-    first = [Section("Verdict", (*notices, *verdict))] if verdict else []
-    return document(context, subtitle, [*first, *sections]).render()
 
 
 def remarks(context: Context) -> list[tuple[str, str, str]]:
@@ -268,11 +252,6 @@ def raw_header(dataset: xr.Dataset | None) -> Details | None:
     if not header:
         return None
     return Details(f"Raw header of {dataset.attrs.get('source', 'the file')}", text=header)
-
-
-def present(results: Sequence[xr.Dataset | None] | None) -> list[xr.Dataset]:
-    """Return the results of the recordings that gave one; a step that failed left None."""
-    return [result for result in results or () if result is not None]
 
 
 def raw_headers(datasets: Sequence[xr.Dataset]) -> tuple[Details, ...]:

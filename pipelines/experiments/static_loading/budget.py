@@ -26,7 +26,7 @@ def quantities(
     displacement: xr.Dataset,
     steps: xr.Dataset,
     approach: xr.Dataset,
-    model: xr.Dataset | None,
+    model: xr.Dataset | None = None,
     *,
     settings: StaticLoading,
 ) -> Iterator[Quantity]:

@@ -55,26 +55,15 @@ _FAILED = {
 }
 
 
-def judgement(
-    readings: xr.Dataset | None,
-    displacement: xr.Dataset | None,
-    steps: xr.Dataset | None,
-    approach: xr.Dataset | None,
-    model: xr.Dataset | None,
-    comparison: xr.Dataset | None,
-    of_material: xr.Dataset | None = None,
-    *,
-    settings: StaticLoading,
-    context: Context,
-) -> xr.Dataset:
+def judgement(*results: xr.Dataset | None, settings: StaticLoading, context: Context) -> xr.Dataset:
     """Judge one static loading; what gave no result is judged by that."""
-    basis = judgements.Basis.of(settings, {"sphere.material_from": of_material})
-    model, comparison = basis.sound(model, comparison)
+    names = ("readings", "displacement", "steps", "approach", "model", "comparison")
+    given, basis = judgements.asked(names, results, settings, context, rests_on=("sphere.material_from",))
+    readings, displacement, steps, approach, model, comparison = map(given.get, names)
     checks = [_explained(c, readings, displacement, settings) for c in judgements.failed_steps(context, _FAILED)]
     checks += _of_readings(readings, settings)
-    given = [("sphere.radius", settings.sphere.radius)]
-    given += [(f"loads[{i}].mass", load.mass) for i, load in enumerate(settings.loads)]
-    checks += judgements.uncertainties_stated(given)
+    masses = [(f"loads[{i}].mass", load.mass) for i, load in enumerate(settings.loads)]
+    checks += judgements.uncertainties_stated([("sphere.radius", settings.sphere.radius), *masses])
     checks += trace_checks.of_record({settings.laser: displacement}, settings.calibration)
     if displacement is None or steps is None:
         checks.append(not_made("steps of the record", "every load makes a step", "steps that were found"))
@@ -89,12 +78,8 @@ def judgement(
     causes = _causes(settings)
     if not any(MATERIAL in found.checks for found in explain(checks, causes)):
         checks = [_another_material(check) if check.name == MATERIAL else check for check in checks]
-    is_compared = comparison is not None and model is not None
-    compared_rows = list(rows(comparison, model, settings=settings)) if is_compared else []
-    inputs = _inputs(displacement, steps, model, settings)
-    return judgements.judgement(
-        Scene(checks, causes, compared_rows, inputs, basis=basis, measured_by=judgements.measured_by(settings.sphere))
-    )
+    inputs, known_by = _inputs(displacement, steps, model, settings), judgements.measured_by(settings.sphere)
+    return judgements.judgement(Scene(checks, causes, given.each([rows]), inputs, basis=basis, measured_by=known_by))
 
 
 def _inputs(

@@ -8,8 +8,9 @@ import xarray as xr
 
 from labpipe.report import Band, Block, KeyValues, LineChart, Listed, Paragraph, Section, Series, budget_table, listed
 from labpipe.workflow.context import Context
-from pipelines.experiments.shared import budget_blocks, pages
+from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.ramps_and_holds import binned
+from pipelines.experiments.shared.reports import Report, budgets
 from pipelines.experiments.static_loading.budget import quantities
 from pipelines.experiments.static_loading.comparison import rows as compared_rows
 from pipelines.experiments.static_loading.settings import StaticLoading
@@ -19,38 +20,7 @@ _MIN = 1 / 60
 _POINTS_PER_DECADE = 8  # of the creep curves
 
 
-def page(
-    judgement: xr.Dataset | None,
-    readings: xr.Dataset | None,
-    displacement: xr.Dataset | None,
-    steps: xr.Dataset | None,
-    approach: xr.Dataset | None,
-    model: xr.Dataset | None,
-    comparison: xr.Dataset | None,
-    *,
-    settings: StaticLoading,
-    context: Context,
-) -> str:
-    """Write the page; a step that failed leaves its section out and its error in."""
-    sections = [_summary(approach, comparison, context), _measured(settings, readings, displacement, approach, context)]
-    compared = [] if comparison is None or model is None else list(compared_rows(comparison, model, settings=settings))
-    if steps is not None and approach is not None:
-        sections.append(_radii(steps, approach, model, comparison))
-        if model is not None:
-            sections.append(_creep(settings, steps, approach, model))
-        sections.append(_loads(settings, steps, approach, comparison))
-        sections.append(_touch(steps, model))
-    if steps is not None and comparison is not None:
-        sections.append(_residual(steps, model, comparison))
-    if displacement is not None and steps is not None and approach is not None:
-        found = quantities(displacement, steps, approach, model, settings=settings)
-        sections += budget_blocks.section(context.experiment, found)
-    if steps is not None and approach is not None:
-        sections.append(pages.methods(_methods(settings, steps, approach, comparison)))
-    return pages.page(context, "Static loading", judgement, compared, sections)
-
-
-def _summary(approach: xr.Dataset | None, comparison: xr.Dataset | None, context: Context) -> Section:
+def _summary(context: Context, approach: xr.Dataset | None = None, comparison: xr.Dataset | None = None) -> Section:
     rows = []
     if approach is not None:
         radius = approach["level_contact_radius"].values * _UM
@@ -72,10 +42,10 @@ def _summary(approach: xr.Dataset | None, comparison: xr.Dataset | None, context
 
 def _measured(
     settings: StaticLoading,
-    readings: xr.Dataset | None,
-    displacement: xr.Dataset | None,
-    approach: xr.Dataset | None,
     context: Context,
+    readings: xr.Dataset | None = None,
+    displacement: xr.Dataset | None = None,
+    approach: xr.Dataset | None = None,
 ) -> Section:
     ball = settings.sphere
     rows = [("file", settings.laser, ""), ("radius of the sphere", pages.stated(ball.radius), "")]
@@ -91,7 +61,9 @@ def _measured(
     return pages.folded("What was measured, and its calibration", "File, sphere and calibration record", inside)
 
 
-def _radii(steps: xr.Dataset, approach: xr.Dataset, model: xr.Dataset | None, comparison: xr.Dataset | None) -> Section:
+def _radii(
+    steps: xr.Dataset, approach: xr.Dataset, model: xr.Dataset | None = None, comparison: xr.Dataset | None = None
+) -> Section:
     time = approach["time"].values * _MIN
     series: list[Series | Band] = [
         Series("readings", time, approach["contact_radius"].values * _UM, role="repeat"),
@@ -150,7 +122,9 @@ def _creep(settings: StaticLoading, steps: xr.Dataset, approach: xr.Dataset, mod
     return Section("Creep", (chart,))
 
 
-def _loads(settings: StaticLoading, steps: xr.Dataset, approach: xr.Dataset, comparison: xr.Dataset | None) -> Section:
+def _loads(
+    settings: StaticLoading, steps: xr.Dataset, approach: xr.Dataset, comparison: xr.Dataset | None = None
+) -> Section:
     loads = Listed("load / kg", [load.mass.value for load in settings.loads])
     columns = (
         loads,
@@ -180,7 +154,7 @@ def _loads(settings: StaticLoading, steps: xr.Dataset, approach: xr.Dataset, com
     return Section("Loads", tuple(tables))
 
 
-def _touch(steps: xr.Dataset, model: xr.Dataset | None) -> Section:
+def _touch(steps: xr.Dataset, model: xr.Dataset | None = None) -> Section:
     misfit, noise = (f"{float(steps[name]) * _UM:.2f} µm" for name in ("scatter", "noise"))
     rows = [
         ("displacement at first touch", pages.told(steps, "touch"), steps.attrs["touch"]),
@@ -200,7 +174,7 @@ def _touch(steps: xr.Dataset, model: xr.Dataset | None) -> Section:
     return Section("First touch and compliance", (Paragraph(text), KeyValues(rows), chart))
 
 
-def _residual(steps: xr.Dataset, model: xr.Dataset | None, comparison: xr.Dataset) -> Section:
+def _residual(steps: xr.Dataset, comparison: xr.Dataset, model: xr.Dataset | None = None) -> Section:
     time = comparison["time"].values * _MIN
     lines = [(f"load {i + 1}", float(t) * _MIN) for i, t in enumerate(steps["begin"].values)]
     gap = comparison["approach_residual"].values * _UM
@@ -214,7 +188,9 @@ def _residual(steps: xr.Dataset, model: xr.Dataset | None, comparison: xr.Datase
     return Section("Difference", (chart,))
 
 
-def _methods(settings: StaticLoading, steps: xr.Dataset, approach: xr.Dataset, comparison: xr.Dataset | None) -> str:
+def _methods(
+    settings: StaticLoading, steps: xr.Dataset, approach: xr.Dataset, comparison: xr.Dataset | None = None
+) -> Section:
     masses = ", ".join(f"{load.mass.value:g}" for load in settings.loads)
     begins = ", ".join(f"{t * _MIN:.2f}" for t in steps["begin"].values)
     text = (
@@ -232,4 +208,12 @@ def _methods(settings: StaticLoading, steps: xr.Dataset, approach: xr.Dataset, c
             f"The normalised root-mean-square error of the contact radius was {error:.2f} % against a viscoelastic "
             f"simulation and {elastic:.2f} % against Hertz with the {comparison.attrs['reference']}."
         )
-    return text
+    return pages.methods(text)
+
+
+page = Report(
+    "Static loading",
+    ("readings", "displacement", "steps", "approach", "model", "comparison"),
+    (_summary, _measured, _radii, _creep, _loads, _touch, _residual, budgets(quantities), _methods),
+    compared_rows,
+)

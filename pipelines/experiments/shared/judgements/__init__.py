@@ -4,6 +4,7 @@ A kind gathers its checks and causes (``checks.py`` of its room) and hands them 
 of its comparison; here they become the stage ``judgement`` and the first section of its page.
 """
 
+from pipelines.experiments.shared.judgements._asked import asked
 from pipelines.experiments.shared.judgements._judgement import judgement
 from pipelines.experiments.shared.judgements._scene import Basis, Scene, measured_by
 from pipelines.experiments.shared.judgements._sentences import VERDICT, noticed, sentence, verdict_blocks
@@ -21,6 +22,7 @@ __all__ = [
     "VERDICT",
     "Basis",
     "Scene",
+    "asked",
     "believed",
     "capitalised",
     "chance",

@@ -71,10 +71,6 @@ class Basis(NamedTuple):
                 checks[check.name] = check
         return cls(tuple(checks.values()), is_sound, "; ".join(dict.fromkeys(reasons)), tuple(wrong))
 
-    def sound(self, *computed: Any) -> tuple[Any, ...]:
-        """Return what was computed from these experiments, or None for each where it is no expectation."""
-        return computed if self.is_sound else (None,) * len(computed)
-
     def carries(self, row: Row, inputs: Mapping[str, Quantity]) -> bool:
         """Tell whether a row would change visibly if what comes from an impossible experiment were off by its size."""
         theirs = [name for name in inputs if name.startswith(self.wrong)] if self.wrong else []

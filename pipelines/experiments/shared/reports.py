@@ -1,0 +1,71 @@
+"""The page of an experiment: its verdict, and the sections that its kind lists."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import xarray as xr
+
+from labpipe.report import Block, Section
+from labpipe.workflow.context import Context
+from pipelines.experiments.shared import budget_blocks
+from pipelines.experiments.shared.budget_quantity import Quantity
+from pipelines.experiments.shared.comparison_rows import Row
+from pipelines.experiments.shared.given import Given
+from pipelines.experiments.shared.judgements import verdict_blocks
+from pipelines.experiments.shared.pages import document
+
+
+@dataclass(frozen=True)
+class Report:
+    """The page of a kind: called by its stage, it shows what the steps gave.
+
+    Attributes
+    ----------
+    subtitle : str, or callable
+        Takes the settings.
+    inputs : tuple of str
+        Names of what the stage is given, in its order; ``judgement`` comes before them.
+    sections : sequence of callable
+        Each asks by name (:mod:`pipelines.experiments.shared.given`) and returns a section, several, or
+        None; a step that failed leaves its section out and its error in.
+    rows : callable, optional
+        Of the comparison.
+    counts : mapping of str to callable
+        Whether a result of that name is one at all.
+    notices : callable, optional
+        What is said before the sentence of the verdict; it asks by name too.
+    """
+
+    subtitle: str | Callable[[Any], str]
+    inputs: tuple[str, ...]
+    sections: Sequence[Callable[..., Section | Iterable[Section] | None]]
+    rows: Callable[..., Iterable[Row]] | None = None
+    counts: Mapping[str, Callable[[Any], bool]] = field(default_factory=dict)
+    notices: Callable[..., Iterable[Block]] | None = None
+
+    def __call__(self, judgement: xr.Dataset | None, *results: Any, settings: Any, context: Context) -> str:
+        """Write the page."""
+        known = dict(zip(self.inputs, results, strict=True))
+        known |= {n: None for n, counts in self.counts.items() if known[n] is not None and not counts(known[n])}
+        given = Given(**known, settings=settings, context=context)
+        sections = given.each(self.sections)
+        if verdict := verdict_blocks(judgement, given.each([self.rows] if self.rows else [])):
+            before = given.each([self.notices] if self.notices else [])
+            sections.insert(0, Section("Verdict", (*before, *verdict)))
+        subtitle = self.subtitle if isinstance(self.subtitle, str) else self.subtitle(settings)
+        return document(context, subtitle, sections).render()
+
+
+def budgets(quantities: Callable[..., Iterable[Quantity]]) -> Callable[..., Sequence[Section]]:
+    """Return the section of the budgets that a kind has."""
+
+    def section(given: Given, context: Context) -> Sequence[Section]:
+        return budget_blocks.section(context.experiment, given.ask(quantities) or ())
+
+    return section
+
+
+def is_there(result: xr.Dataset) -> bool:
+    """Tell whether a step gave what it is for, or only the reason why it did not."""
+    return "absent" not in result.attrs

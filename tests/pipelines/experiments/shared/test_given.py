@@ -1,0 +1,59 @@
+"""What asks for results by name gets them, and is not called where one lacks that it needs."""
+
+import inspect
+from collections.abc import Iterator
+
+import pytest
+import xarray as xr
+
+from labpipe.workflow.graph import OTHER
+from pipelines.experiments import KINDS, function
+from pipelines.experiments.shared.given import Given, present
+
+DROP = xr.Dataset({"height": 1.0})
+
+
+def test_a_function_gets_what_its_parameters_name() -> None:
+    given = Given(drop=DROP, model=None, settings="as stated")
+    assert given.ask(lambda settings, drop, model=None: (settings, drop, model)) == ("as stated", DROP, None)
+
+
+def test_a_function_is_not_called_without_what_it_needs() -> None:
+    given = Given(drop=DROP, model=None, repeats=[None, None])
+    assert given.ask(lambda model: model) is None
+    assert given.ask(lambda repeats: repeats) is None
+    assert given.ask(lambda unheard_of: unheard_of) is None
+
+
+def test_a_recording_that_gave_nothing_leaves_the_others() -> None:
+    given = Given(repeats=[None, DROP])
+    assert given.ask(present) is None  # it names its parameter otherwise
+    assert given.ask(lambda repeats: len(present(repeats))) == 1
+
+
+def test_answers_of_several_functions_stand_in_one_list() -> None:
+    def several(drop: xr.Dataset) -> Iterator[str]:
+        yield from ("b", "c")
+
+    asked = (lambda drop: 1, several, lambda model: 2, lambda drop: None, lambda given: given.get("model"))
+    assert Given(drop=DROP).each(asked) == [1, "b", "c"]
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_page_names_what_its_stage_is_given(name: str) -> None:
+    stage = next(s for s in KINDS[name].stages if s.output == "page")
+    report = function(stage.function)
+    assert len(stage.inputs) == 1 + len(report.inputs)
+    for given, own in zip(stage.inputs, ("judgement", *report.inputs), strict=True):
+        assert given == own or given.startswith(OTHER)
+    known = {"settings", "context", "given", *report.inputs}
+    for section in (*report.sections, report.rows or (lambda: ()), report.notices or (lambda: ())):
+        assert set(inspect.signature(section).parameters) <= known, section
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_rows_and_budgets_name_the_steps_that_they_are_derived_from(name: str) -> None:
+    kind = KINDS[name]
+    for derived in (kind.rows, kind.budget):
+        assert derived is not None
+        assert (*derived.inputs, "settings") == tuple(inspect.signature(function(derived.function)).parameters)
