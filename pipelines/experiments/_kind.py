@@ -220,26 +220,52 @@ class Kind:
     proposal: Proposal | None = None
 
 
+_ROOMS = "pipelines.experiments."
+
+
+def stage(
+    function: str, inputs: tuple[str, ...], parameters: tuple[str, ...] = (), *, name: str = "", **more: Any
+) -> Stage:
+    """Return a stage of the built-in kinds, called as its function unless it has another name.
+
+    ``function`` is that below ``pipelines.experiments``, such as ``"ball_drop.measured:bounces"``; what else a
+    stage has is given by name.
+    """
+    return Stage(name or function.rpartition(":")[2], f"{_ROOMS}{function}", inputs, parameters, **more)
+
+
+def derived(function: str, *inputs: str) -> Derived:
+    """Return what follows from results by a function that is named as :func:`stage` names it."""
+    return Derived(f"{_ROOMS}{function}", inputs)
+
+
+def proposal(content: str, function: str, records: str = "", **more: Any) -> Proposal:
+    """Return how ``init`` finds experiments among files of one content; functions as :func:`stage` names them."""
+    return Proposal((content,), f"{_ROOMS}{function}", records and f"{_ROOMS}{records}", **more)
+
+
 def judged(
-    function: str,
+    room: str,
     inputs: tuple[str, ...],
     asked: str = "is it believable, does the model agree?",
     *,
     rests_on: tuple[str, ...] = (),
 ) -> Stage:
-    """Return the stage that judges an experiment, as every kind has it.
+    """Return the stage that judges an experiment, as every kind has it in its room.
 
     ``rests_on`` are the settings that name experiments whose results it uses: their judgements
     follow the other inputs.
     """
     inputs += tuple(f"{OTHER}{field}/{JUDGEMENT}" for field in rests_on)
-    return Stage(JUDGEMENT, function, inputs, ("*",), context=True, tolerant=True, summary=asked)
+    return stage(f"{room}.checks:{JUDGEMENT}", inputs, ("*",), context=True, tolerant=True, summary=asked)
 
 
-def reported(function: str, inputs: tuple[str, ...]) -> Stage:
+def reported(room: str, inputs: tuple[str, ...]) -> Stage:
     """Return the stage that writes the page, of the judgement and what else it shows."""
     shown = (JUDGEMENT, *inputs)
-    return Stage("report", function, shown, ("*",), output="page", context=True, summary="write the page")
+    return stage(
+        f"{room}.page:page", shown, ("*",), name="report", output="page", context=True, summary="write the page"
+    )
 
 
 def function(text: str) -> Callable[..., Any]:

@@ -3,8 +3,7 @@
 from functools import partial
 
 from labpipe.schema import Schema, Variable
-from labpipe.workflow.graph import Stage
-from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal, judged, reported
+from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judged, proposal, reported, stage
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.schemas import BOUNCES, DISPLACEMENT, DROP, VELOCITY
 
@@ -18,27 +17,19 @@ _REPEATS = Schema(
     },
 )
 
-_each = partial(Stage, per="recording", over="laser")
+_each = partial(stage, per="recording", over="laser")
 
 _STAGES = (
+    _each("shared.laser_readings:readings", ("file:laser",), ("keyence",), summary="read the laser export"),
     _each(
-        "readings",
-        "pipelines.experiments.shared.laser_readings:readings",
-        ("file:laser",),
-        ("keyence",),
-        summary="read the laser export",
-    ),
-    _each(
-        "displacement",
-        "pipelines.experiments.ball_drop.measured:displacement",
+        "ball_drop.measured:displacement",
         ("readings", "file:calibration"),
         ("sensor", "measured_on", "analysis.inclination_from_height", "analysis.contact", "height"),
         schema="displacement",
         summary="correct the inclination, with uncertainty",
     ),
     _each(
-        "bounces",
-        "pipelines.experiments.ball_drop.measured:bounces",
+        "ball_drop.measured:bounces",
         ("displacement", "other:plate_from/plate"),
         ("analysis.contact", "plate", "sphere.mass"),
         may_lack=("other:plate_from/plate",),
@@ -46,24 +37,21 @@ _STAGES = (
         summary="find release, contacts, bounces and rest",
     ),
     _each(
-        "velocity",
-        "pipelines.experiments.ball_drop.measured:velocity",
+        "ball_drop.measured:velocity",
         ("displacement", "bounces"),
         ("analysis.velocity", "analysis.window"),
         schema="velocity",
         summary="differentiate, without smoothing the impacts",
     ),
-    Stage(
-        "repeats",
-        "pipelines.experiments.ball_drop.measured:repeats",
+    stage(
+        "ball_drop.measured:repeats",
         ("displacement", "velocity", "bounces"),
         (),
         schema="repeats",
         summary="align at first contact: mean, band, outliers",
     ),
-    Stage(
-        "model",
-        "pipelines.experiments.ball_drop.model:model",
+    stage(
+        "ball_drop.model:model",
         ("repeats", "file:sphere.material_file", "other:sphere.material_from/master_curve", "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"),
         schema="drop",
@@ -71,23 +59,19 @@ _STAGES = (
         imports=("labpipe.contact.impact._simulate", "labpipe.compiler"),
         summary="simulate the drop",
     ),
-    Stage(
-        "comparison",
-        "pipelines.experiments.ball_drop.comparison:comparison",
+    stage(
+        "ball_drop.comparison:comparison",
         ("repeats", "model", "other:plate_from/plate"),
         ("analysis.contact", "plate", "sphere.mass", "model"),
         may_lack=("other:plate_from/plate",),
         summary="measurement against model",
     ),
     judged(
-        "pipelines.experiments.ball_drop.checks:judgement",
+        "ball_drop",
         ("readings", "displacement", "bounces", "repeats", "model", "comparison"),
         rests_on=("sphere.material_from", "plate_from"),
     ),
-    reported(
-        "pipelines.experiments.ball_drop.page:page",
-        ("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison"),
-    ),
+    reported("ball_drop", ("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison")),
 )
 
 KIND = Kind(
@@ -99,22 +83,16 @@ KIND = Kind(
     schemas=(BOUNCES, DISPLACEMENT, DROP, VELOCITY, _REPEATS),
     key_numbers=(KeyNumber("first restitution", "1", "repeats", "restitution"),),
     picture=Picture("repeats", "time", "displacement_mean"),
-    rows=Derived("pipelines.experiments.ball_drop.comparison:rows", ("comparison", "repeats", "model")),
-    budget=Derived("pipelines.experiments.ball_drop.budget:quantities", ("bounces", "displacement", "model")),
+    rows=derived("ball_drop.comparison:rows", "comparison", "repeats", "model"),
+    budget=derived("ball_drop.budget:quantities", "bounces", "displacement", "model"),
     body="sphere",
-    evidence=Derived(
-        "pipelines.experiments.ball_drop.evidence:evidence",
-        (
-            "bounces",
-            "repeats",
-            "other:plate_from/plate",
-            "file:sphere.material_file",
-            "other:sphere.material_from/master_curve",
-        ),
+    evidence=derived(
+        "ball_drop.evidence:evidence",
+        "bounces",
+        "repeats",
+        "other:plate_from/plate",
+        "file:sphere.material_file",
+        "other:sphere.material_from/master_curve",
     ),
-    proposal=Proposal(
-        ("displacement",),
-        "pipelines.experiments.ball_drop.proposal:proposed",
-        records="pipelines.experiments.shared.record_templates:laser_records",
-    ),
+    proposal=proposal("displacement", "ball_drop.proposal:proposed", "shared.record_templates:laser_records"),
 )

@@ -1,8 +1,7 @@
 """The kind ``dic_validation``: its settings, stages and results."""
 
 from labpipe.schema import Schema, Variable
-from labpipe.workflow.graph import Stage
-from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal, judged, reported
+from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judged, proposal, reported, stage
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared.schemas import BOUNCES, VELOCITY
 
@@ -17,58 +16,52 @@ _FILM_MOTION = Schema(
 )
 
 _STAGES = (
-    Stage(
-        "track",
-        "pipelines.experiments.dic_validation.measured:track",
+    stage(
+        "dic_validation.measured:track",
         ("file:film",),
         ("tracking", "frame_rate"),
         shortcuts=True,
         imports=("labpipe.imaging.dic._tracker", "labpipe.compiler"),
         summary="track the holder through the film",
     ),
-    Stage(
-        "motion",
-        "pipelines.experiments.dic_validation.measured:motion",
+    stage(
+        "dic_validation.measured:motion",
         ("track", "file:camera"),
         ("view", "measured_on", "camera_distance"),
         schema="film_motion",
         summary="pixels to metres, with uncertainty",
     ),
-    Stage(
-        "bounces",
-        "pipelines.experiments.dic_validation.measured:bounces",
+    stage(
+        "dic_validation.measured:bounces",
         ("motion",),
         schema="bounces",
         summary="find release, contacts, bounces and rest",
     ),
-    Stage(
-        "velocity",
-        "pipelines.experiments.dic_validation.measured:velocity",
+    stage(
+        "dic_validation.measured:velocity",
         ("motion", "bounces"),
         schema="velocity",
         summary="differentiate, without smoothing the impacts",
     ),
-    Stage(
-        "keys",
-        "pipelines.experiments.dic_validation.measured:keys",
+    stage(
+        "dic_validation.measured:keys",
         ("file:film", "track", "bounces"),
         ("frame_rate",),
         summary="select key frames for the page",
     ),
-    Stage(
-        "comparison",
-        "pipelines.experiments.dic_validation.comparison:comparison",
+    stage(
+        "dic_validation.comparison:comparison",
         ("motion", "bounces", "other:laser_experiment/repeats"),
         summary="film against laser",
     ),
     judged(
-        "pipelines.experiments.dic_validation.checks:judgement",
+        "dic_validation",
         ("track", "motion", "bounces", "comparison", "other:laser_experiment/repeats"),
         "is it believable, does the laser agree?",
         rests_on=("laser_experiment",),
     ),
     reported(
-        "pipelines.experiments.dic_validation.page:page",
+        "dic_validation",
         ("track", "motion", "bounces", "velocity", "keys", "comparison", "other:laser_experiment/repeats"),
     ),
 )
@@ -85,11 +78,7 @@ KIND = Kind(
         KeyNumber("film minus laser", "m", "comparison", "bias"),
     ),
     picture=Picture("motion", "time", "displacement"),
-    rows=Derived("pipelines.experiments.dic_validation.comparison:rows", ("comparison",)),
-    budget=Derived("pipelines.experiments.dic_validation.budget:quantities", ("motion", "comparison")),
-    proposal=Proposal(
-        ("film",),
-        "pipelines.experiments.dic_validation.proposal:proposed",
-        records="pipelines.experiments.shared.record_templates:camera_records",
-    ),
+    rows=derived("dic_validation.comparison:rows", "comparison"),
+    budget=derived("dic_validation.budget:quantities", "motion", "comparison"),
+    proposal=proposal("film", "dic_validation.proposal:proposed", "shared.record_templates:camera_records"),
 )

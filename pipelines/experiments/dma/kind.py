@@ -1,8 +1,7 @@
 """The kind ``dma``: its settings, stages and results."""
 
 from labpipe.schema import Schema, Variable
-from labpipe.workflow.graph import Stage
-from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal, judged, reported
+from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judged, proposal, reported, stage
 from pipelines.experiments.dma.settings import MODES, Dma
 
 _SWEEPS = Schema(
@@ -31,53 +30,41 @@ _MASTER_CURVE = Schema(
 )
 
 _STAGES = (
-    Stage(
-        "readings",
-        "pipelines.experiments.dma.measured:readings",
+    stage(
+        "dma.measured:readings",
         ("file:rheometer",),
         ("export",),
         per="recording",
         over="rheometer",
         summary="read the rheometer export",
     ),
-    Stage(
-        "sweeps",
-        "pipelines.experiments.dma.measured:gathered",
+    stage(
+        "dma.measured:gathered",
         ("readings",),
         ("mode", "nu", "scale", "sweeps"),
         schema="sweeps",
+        name="sweeps",
         summary="collect isothermal sweeps, converted to tension",
     ),
-    Stage(
-        "master_curve",
-        "pipelines.experiments.dma.model:master_curve",
+    stage(
+        "dma.model:master_curve",
         ("sweeps", "file:fit.shifts"),
         ("T_ref", "nu", "fit", "melt", "export"),
         schema="master_curve",
         summary="fit all shifts and one spectrum",
     ),
-    Stage(
-        "published",
-        "pipelines.experiments.dma.published:compared",
+    stage(
+        "dma.published:compared",
         ("sweeps", "master_curve", "file:published.shifts"),
         ("nu", "fit", "export", "published"),
+        name="published",
         summary="compare the shifts with a published table",
     ),
-    Stage(
-        "temperature_sweep",
-        "pipelines.experiments.dma.measured:temperature_sweep",
-        ("readings",),
-        ("mode", "nu", "scale"),
-        summary="find the glass transition",
+    stage(
+        "dma.measured:temperature_sweep", ("readings",), ("mode", "nu", "scale"), summary="find the glass transition"
     ),
-    judged(
-        "pipelines.experiments.dma.checks:judgement",
-        ("readings", "sweeps", "master_curve", "published"),
-        "is it believable?",
-    ),
-    reported(
-        "pipelines.experiments.dma.page:page", ("readings", "sweeps", "master_curve", "published", "temperature_sweep")
-    ),
+    judged("dma", ("readings", "sweeps", "master_curve", "published"), "is it believable?"),
+    reported("dma", ("readings", "sweeps", "master_curve", "published", "temperature_sweep")),
 )
 
 KIND = Kind(
@@ -89,9 +76,9 @@ KIND = Kind(
     schemas=(_SWEEPS, _MASTER_CURVE),
     key_numbers=(KeyNumber("relaxed modulus", "Pa", "master_curve", "relaxed_modulus"),),
     picture=Picture("master_curve", "reduced_frequency", "master_storage", "log"),
-    rows=Derived("pipelines.experiments.dma.comparison:rows", ("master_curve",)),
-    budget=Derived("pipelines.experiments.dma.budget:quantities", ("sweeps", "master_curve", "temperature_sweep")),
-    prior=Derived("pipelines.experiments.dma.evidence:prior", ("sweeps", "master_curve")),
-    material=Derived("pipelines.experiments.dma._material_files:deck", ("master_curve",)),
-    proposal=Proposal(("sweep",), "pipelines.experiments.dma.proposal:proposed", answers={"mode": MODES}),
+    rows=derived("dma.comparison:rows", "master_curve"),
+    budget=derived("dma.budget:quantities", "sweeps", "master_curve", "temperature_sweep"),
+    prior=derived("dma.evidence:prior", "sweeps", "master_curve"),
+    material=derived("dma._material_files:deck", "master_curve"),
+    proposal=proposal("sweep", "dma.proposal:proposed", answers={"mode": MODES}),
 )

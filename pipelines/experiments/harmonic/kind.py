@@ -1,8 +1,7 @@
 """The kind ``harmonic``: its settings, stages and results."""
 
 from labpipe.schema import Schema, Variable
-from labpipe.workflow.graph import Stage
-from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal, judged, reported
+from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judged, proposal, reported, stage
 from pipelines.experiments.harmonic.settings import Harmonic
 
 _OSCILLATIONS = Schema(
@@ -16,51 +15,40 @@ _OSCILLATIONS = Schema(
 )
 
 _STAGES = (
-    Stage(
-        "readings",
-        "pipelines.experiments.shared.mach1_readings:readings",
-        ("file:mach1",),
-        summary="read the Mach-1 file",
-    ),
-    Stage(
-        "loads",
-        "pipelines.experiments.harmonic.measured:loads",
+    stage("shared.mach1_readings:readings", ("file:mach1",), summary="read the Mach-1 file"),
+    stage(
+        "harmonic.measured:loads",
         ("readings", "file:load_cell.record"),
         ("load_cell",),
         summary="compression-positive force, tared, with uncertainty",
     ),
-    Stage(
-        "hold",
-        "pipelines.experiments.harmonic.measured:hold",
+    stage(
+        "harmonic.measured:hold",
         ("loads",),
         ("contact", "plateau"),
         summary="peak and plateau of the relaxation before the oscillations",
     ),
-    Stage(
-        "oscillations",
-        "pipelines.experiments.harmonic.measured:oscillations",
+    stage(
+        "harmonic.measured:oscillations",
         ("loads",),
         ("cycles", "load_cell.correct_filter_lag"),
         schema="oscillations",
         summary="fit frequency, amplitude, phase; work and stiffness per cycle",
     ),
-    Stage(
-        "loops",
-        "pipelines.experiments.harmonic.measured:loops",
+    stage(
+        "harmonic.measured:loops",
         ("loads", "oscillations"),
         ("cycles",),
         summary="mean hysteresis loop per frequency; is contact lost?",
     ),
-    Stage(
-        "model",
-        "pipelines.experiments.harmonic.model:model",
+    stage(
+        "harmonic.model:model",
         ("loads", "oscillations", "file:substrate.material_file", "other:substrate.material_from/master_curve"),
         ("punch", "substrate", "contact", "model", "cycles"),
         summary="simulate with the measured displacement",
     ),
-    Stage(
-        "theory",
-        "pipelines.experiments.harmonic.theory:theory",
+    stage(
+        "harmonic.theory:theory",
         (
             "oscillations",
             "loops",
@@ -71,22 +59,15 @@ _STAGES = (
         ("punch", "substrate", "characteristic_time"),
         summary="work by eq. (2.31), tapping front, dimensionless numbers",
     ),
-    Stage(
-        "comparison",
-        "pipelines.experiments.harmonic.comparison:comparison",
-        ("loads", "oscillations", "model"),
-        (),
-        summary="measurement against model",
+    stage(
+        "harmonic.comparison:comparison", ("loads", "oscillations", "model"), (), summary="measurement against model"
     ),
     judged(
-        "pipelines.experiments.harmonic.checks:judgement",
+        "harmonic",
         ("readings", "loads", "hold", "oscillations", "model", "comparison"),
         rests_on=("substrate.material_from",),
     ),
-    reported(
-        "pipelines.experiments.harmonic.page:page",
-        ("readings", "loads", "hold", "oscillations", "loops", "model", "theory", "comparison"),
-    ),
+    reported("harmonic", ("readings", "loads", "hold", "oscillations", "loops", "model", "theory", "comparison")),
 )
 
 KIND = Kind(
@@ -98,12 +79,15 @@ KIND = Kind(
     schemas=(_OSCILLATIONS,),
     key_numbers=(KeyNumber("storage stiffness", "N/m", "oscillations", "storage_stiffness"),),
     picture=Picture("loops", "position", "force"),
-    rows=Derived("pipelines.experiments.harmonic.comparison:rows", ("comparison", "oscillations", "model")),
-    budget=Derived("pipelines.experiments.harmonic.budget:quantities", ("oscillations", "loads")),
+    rows=derived("harmonic.comparison:rows", "comparison", "oscillations", "model"),
+    budget=derived("harmonic.budget:quantities", "oscillations", "loads"),
     body="substrate",
-    evidence=Derived(
-        "pipelines.experiments.harmonic.evidence:evidence",
-        ("loads", "oscillations", "file:substrate.material_file", "other:substrate.material_from/master_curve"),
+    evidence=derived(
+        "harmonic.evidence:evidence",
+        "loads",
+        "oscillations",
+        "file:substrate.material_file",
+        "other:substrate.material_from/master_curve",
     ),
-    proposal=Proposal(("force",), "pipelines.experiments.harmonic.proposal:proposed"),
+    proposal=proposal("force", "harmonic.proposal:proposed"),
 )

@@ -3,8 +3,7 @@
 from functools import partial
 
 from labpipe.schema import Schema, Variable
-from labpipe.workflow.graph import Stage
-from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal, judged, reported
+from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judged, proposal, reported, stage
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared.schemas import DISPLACEMENT
 
@@ -28,71 +27,56 @@ _PLATE = Schema(
     },
 )
 
-_each = partial(Stage, per="recording", over="drops.laser")
+_each = partial(stage, per="recording", over="drops.laser")
 
 _STAGES = (
+    _each("shared.laser_readings:readings", ("file:drops.laser",), ("keyence",), summary="read the laser export"),
     _each(
-        "readings",
-        "pipelines.experiments.shared.laser_readings:readings",
-        ("file:drops.laser",),
-        ("keyence",),
-        summary="read the laser export",
-    ),
-    _each(
-        "displacement",
-        "pipelines.experiments.plate_vibration.measured:displacement",
+        "plate_vibration.measured:displacement",
         ("readings", "file:calibration"),
         ("sensor", "measured_on"),
         schema="displacement",
         summary="correct the inclination, with uncertainty",
     ),
     _each(
-        "ringing",
-        "pipelines.experiments.plate_vibration.measured:ringing",
+        "plate_vibration.measured:ringing",
         ("displacement",),
         ("blow",),
         schema="ringing",
         summary="fit the free vibration after the first impact",
     ),
-    Stage(
-        "table",
-        "pipelines.experiments.plate_vibration.measured:table",
+    stage(
+        "plate_vibration.measured:table",
         ("ringing",),
         ("drops",),
         summary="frequency, damping and amplitude by material and height",
     ),
-    Stage(
-        "plate",
-        "pipelines.experiments.plate_vibration.model:plate",
+    stage(
+        "plate_vibration.model:plate",
         ("table", "other:drops.material_from/master_curve"),
         ("drops", "sphere", "model"),
         schema="plate",
         summary="find the modal mass from amplitude and momentum",
     ),
-    Stage(
-        "model",
-        "pipelines.experiments.plate_vibration.model:model",
+    stage(
+        "plate_vibration.model:model",
         ("table", "plate", "other:drops.material_from/master_curve"),
         ("drops", "sphere", "model"),
         shortcuts=True,
         imports=("labpipe.contact.impact._simulate", "labpipe.compiler"),
         summary="simulate the drops on the plate",
     ),
-    Stage(
-        "comparison",
-        "pipelines.experiments.plate_vibration.comparison:comparison",
+    stage(
+        "plate_vibration.comparison:comparison",
         ("displacement", "ringing", "table", "model"),
         summary="measurement against the fitted plate",
     ),
     judged(
-        "pipelines.experiments.plate_vibration.checks:judgement",
+        "plate_vibration",
         ("readings", "displacement", "ringing", "table", "plate", "model", "comparison"),
         rests_on=("drops.material_from",),
     ),
-    reported(
-        "pipelines.experiments.plate_vibration.page:page",
-        ("readings", "displacement", "ringing", "table", "plate", "comparison"),
-    ),
+    reported("plate_vibration", ("readings", "displacement", "ringing", "table", "plate", "comparison")),
 )
 
 KIND = Kind(
@@ -104,11 +88,7 @@ KIND = Kind(
     schemas=(DISPLACEMENT, _RINGING, _PLATE),
     key_numbers=(KeyNumber("plate frequency", "Hz", "plate", "frequency"),),
     picture=Picture("displacement", "time", "displacement"),
-    rows=Derived("pipelines.experiments.plate_vibration.comparison:rows", ("comparison", "table", "plate")),
-    budget=Derived("pipelines.experiments.plate_vibration.budget:quantities", ("displacement", "table", "plate")),
-    proposal=Proposal(
-        ("displacement",),
-        "pipelines.experiments.plate_vibration.proposal:proposed",
-        records="pipelines.experiments.shared.record_templates:laser_records",
-    ),
+    rows=derived("plate_vibration.comparison:rows", "comparison", "table", "plate"),
+    budget=derived("plate_vibration.budget:quantities", "displacement", "table", "plate"),
+    proposal=proposal("displacement", "plate_vibration.proposal:proposed", "shared.record_templates:laser_records"),
 )

@@ -3,8 +3,7 @@
 from functools import partial
 
 from labpipe.schema import Schema, Variable
-from labpipe.workflow.graph import Stage
-from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal, judged, reported
+from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judged, proposal, reported, stage
 from pipelines.experiments.relaxation.settings import Relaxation
 
 _RAMPS = Schema(
@@ -32,68 +31,50 @@ _RELAXATIONS = Schema(
     },
 )
 
-_each = partial(Stage, per="recording", over="mach1")
+_each = partial(stage, per="recording", over="mach1")
 
 _STAGES = (
+    _each("shared.mach1_readings:readings", ("file:mach1",), summary="read the Mach-1 file"),
     _each(
-        "readings",
-        "pipelines.experiments.shared.mach1_readings:readings",
-        ("file:mach1",),
-        summary="read the Mach-1 file",
-    ),
-    _each(
-        "loads",
-        "pipelines.experiments.relaxation.measured:loads",
+        "relaxation.measured:loads",
         ("readings", "file:load_cell.record"),
         ("load_cell.tare",),
         summary="compression-positive force, tared, with uncertainty",
     ),
     _each(
-        "ramps",
-        "pipelines.experiments.relaxation.measured:ramps",
+        "relaxation.measured:ramps",
         ("loads",),
         ("contact", "hold.plateau"),
         schema="ramps",
         summary="find touch, ramps and holds: peak and plateau",
     ),
     _each(
-        "curves",
-        "pipelines.experiments.relaxation.moduli:curves",
+        "relaxation.moduli:curves",
         ("loads", "ramps", "file:substrate.material_file", "other:substrate.material_from/master_curve"),
         ("punch", "substrate", "model"),
         summary="relaxation curve, and moduli from the force",
     ),
     _each(
-        "model",
-        "pipelines.experiments.relaxation.model:model",
+        "relaxation.model:model",
         ("loads", "ramps", "file:substrate.material_file", "other:substrate.material_from/master_curve"),
         ("punch", "substrate", "model"),
         summary="simulate with the measured displacement",
     ),
     _each(
-        "comparison",
-        "pipelines.experiments.relaxation.comparison:comparison",
+        "relaxation.comparison:comparison",
         ("loads", "ramps", "model"),
         ("hold",),
         summary="measurement against model: ramp, early, late",
     ),
-    Stage(
-        "tests",
-        "pipelines.experiments.relaxation.gathered:tests",
+    stage(
+        "relaxation.gathered:tests",
         ("ramps", "curves", "comparison"),
         ("mach1",),
         schema="relaxations",
         summary="combine the tests, average the modulus",
     ),
-    judged(
-        "pipelines.experiments.relaxation.checks:judgement",
-        ("readings", "loads", "ramps", "comparison", "tests"),
-        rests_on=("substrate.material_from",),
-    ),
-    reported(
-        "pipelines.experiments.relaxation.page:page",
-        ("readings", "loads", "ramps", "curves", "model", "comparison", "tests"),
-    ),
+    judged("relaxation", ("readings", "loads", "ramps", "comparison", "tests"), rests_on=("substrate.material_from",)),
+    reported("relaxation", ("readings", "loads", "ramps", "curves", "model", "comparison", "tests")),
 )
 
 KIND = Kind(
@@ -106,12 +87,16 @@ KIND = Kind(
     key_numbers=(KeyNumber("plateau force", "N", "tests", "plateau_force"),),
     picture=Picture("loads", "time", "force"),
     error="nrmse_all",
-    rows=Derived("pipelines.experiments.relaxation.comparison:rows", ("tests",)),
-    budget=Derived("pipelines.experiments.relaxation.budget:quantities", ("loads", "ramps", "curves")),
+    rows=derived("relaxation.comparison:rows", "tests"),
+    budget=derived("relaxation.budget:quantities", "loads", "ramps", "curves"),
     body="substrate",
-    evidence=Derived(
-        "pipelines.experiments.relaxation.evidence:evidence",
-        ("loads", "ramps", "curves", "file:substrate.material_file", "other:substrate.material_from/master_curve"),
+    evidence=derived(
+        "relaxation.evidence:evidence",
+        "loads",
+        "ramps",
+        "curves",
+        "file:substrate.material_file",
+        "other:substrate.material_from/master_curve",
     ),
-    proposal=Proposal(("force",), "pipelines.experiments.relaxation.proposal:proposed"),
+    proposal=proposal("force", "relaxation.proposal:proposed"),
 )

@@ -1,8 +1,7 @@
 """The kind ``static_loading``: its settings, stages and results."""
 
 from labpipe.schema import Schema, Variable
-from labpipe.workflow.graph import Stage
-from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal, judged, reported
+from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judged, proposal, reported, stage
 from pipelines.experiments.shared.schemas import DISPLACEMENT
 from pipelines.experiments.static_loading.settings import StaticLoading
 
@@ -19,58 +18,44 @@ _STEPS = Schema(
 )
 
 _STAGES = (
-    Stage(
-        "readings",
-        "pipelines.experiments.shared.laser_readings:readings",
-        ("file:laser",),
-        ("keyence",),
-        summary="read the laser export",
-    ),
-    Stage(
-        "displacement",
-        "pipelines.experiments.static_loading.measured:displacement",
+    stage("shared.laser_readings:readings", ("file:laser",), ("keyence",), summary="read the laser export"),
+    stage(
+        "static_loading.measured:displacement",
         ("readings", "file:calibration"),
         ("sensor", "measured_on", "zero", "loads", "steps.window"),
         summary="correct the inclination, with uncertainty",
     ),
-    Stage(
-        "steps",
-        "pipelines.experiments.static_loading.load_steps:steps",
+    stage(
+        "static_loading.load_steps:steps",
         ("displacement",),
         ("loads", "sphere.radius", "zero", "steps", "model.gravity"),
         schema="steps",
         summary="find load times and first touch; creep compliance",
     ),
-    Stage(
-        "approach",
-        "pipelines.experiments.static_loading.measured:approach",
+    stage(
+        "static_loading.measured:approach",
         ("displacement", "steps"),
         ("sphere.radius", "steps"),
         summary="approach, contact radius and creep under each load",
     ),
-    Stage(
-        "model",
-        "pipelines.experiments.static_loading.model:model",
+    stage(
+        "static_loading.model:model",
         ("displacement", "steps", "file:sphere.material_file", "other:sphere.material_from/master_curve"),
         ("sphere", "model"),
         summary="simulate the creeping contact; Hertz's steps",
     ),
-    Stage(
-        "comparison",
-        "pipelines.experiments.static_loading.comparison:comparison",
+    stage(
+        "static_loading.comparison:comparison",
         ("displacement", "approach", "steps", "model"),
         ("loads", "sphere.radius", "zero", "steps"),
         summary="measurement against model and Hertz",
     ),
     judged(
-        "pipelines.experiments.static_loading.checks:judgement",
+        "static_loading",
         ("readings", "displacement", "steps", "approach", "model", "comparison"),
         rests_on=("sphere.material_from",),
     ),
-    reported(
-        "pipelines.experiments.static_loading.page:page",
-        ("readings", "displacement", "steps", "approach", "model", "comparison"),
-    ),
+    reported("static_loading", ("readings", "displacement", "steps", "approach", "model", "comparison")),
 )
 
 KIND = Kind(
@@ -83,14 +68,8 @@ KIND = Kind(
     key_numbers=(KeyNumber("contact radius under the first load", "m", "approach", "level_contact_radius"),),
     picture=Picture("displacement", "time", "displacement"),
     error="nrmse_approach_model",
-    rows=Derived("pipelines.experiments.static_loading.comparison:rows", ("comparison", "model")),
-    budget=Derived(
-        "pipelines.experiments.static_loading.budget:quantities", ("displacement", "steps", "approach", "model")
-    ),
+    rows=derived("static_loading.comparison:rows", "comparison", "model"),
+    budget=derived("static_loading.budget:quantities", "displacement", "steps", "approach", "model"),
     body="sphere",
-    proposal=Proposal(
-        ("displacement",),
-        "pipelines.experiments.static_loading.proposal:proposed",
-        records="pipelines.experiments.shared.record_templates:laser_records",
-    ),
+    proposal=proposal("displacement", "static_loading.proposal:proposed", "shared.record_templates:laser_records"),
 )
