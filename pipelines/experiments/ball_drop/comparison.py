@@ -117,12 +117,9 @@ def rows(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, sett
             "m/s2",
             n,
             slopes={SCALE: float(seen)},
-            measured=seen,
-            u_measured=u,
-            model=gravity.value,
-            u_model=gravity.u,
-            difference=float(seen) - gravity.value,
-            u_difference=np.hypot(u, gravity.u),
+            measured=(seen, u),
+            model=(gravity.value, gravity.u),
+            difference=(float(seen) - gravity.value, np.hypot(u, gravity.u)),
         )
     shown = min(IMPACTS, comparison.sizes["impact"])
     for i in range(shown):
@@ -178,10 +175,7 @@ def _event(
         unit,
         int(repeats["n_repeats"][impact]),
         slopes=slopes,
-        measured=measured,
-        u_measured=u_measured,
-        model=expected,
-        u_model=u_expected,
-        difference=measured - expected,
-        u_difference=np.hypot(u_apart, u_expected),
+        measured=(measured, u_measured),
+        model=(expected, u_expected),
+        difference=(measured - expected, np.hypot(u_apart, u_expected)),
     )

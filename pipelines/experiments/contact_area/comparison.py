@@ -16,7 +16,7 @@ from pipelines.experiments.contact_area._form import Form
 from pipelines.experiments.contact_area._peaks import BESIDE, STILL, WINDOW, peak_of
 from pipelines.experiments.contact_area._scale import fringe_scale
 from pipelines.experiments.contact_area.settings import ContactArea
-from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, curve_table, of_curve, row
+from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, curve_table, of_curve, row, with_its_u
 from pipelines.experiments.shared.material_inputs import material_slopes
 from pipelines.experiments.shared.plate_under_drop import OF_PLATE
 
@@ -248,12 +248,9 @@ def rows(comparison: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, sett
             f"largest radius, impact {i + 1}",
             "m",
             1,
-            measured=comparison["peak_radius_film"][i],
-            u_measured=comparison["u_peak_radius_film"][i],
-            model=comparison["peak_radius_model"][i],
-            u_model=model["u_peak_contact_radius"][i],
-            difference=comparison["peak_radius_difference"][i],
-            u_difference=comparison["u_peak_radius_difference"][i],
+            measured=with_its_u(comparison, "peak_radius_film", i),
+            model=(expected, model["u_peak_contact_radius"][i]),
+            difference=with_its_u(comparison, "peak_radius_difference", i),
             slopes={
                 SCALE: float(comparison["peak_radius_film"][i]),
                 FRAMES: float(comparison["peak_radius_alike"][i]),
@@ -275,12 +272,9 @@ def rows(comparison: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, sett
         "m",
         int(comparison["fringe_frames"]),
         against="the ruler",
-        measured=seen,
-        u_measured=u_seen,
-        model=stated,
-        u_model=u_stated,
-        difference=seen - stated,
-        u_difference=hypot(u_seen, u_stated),
+        measured=(seen, u_seen),
+        model=(stated, u_stated),
+        difference=(seen - stated, hypot(u_seen, u_stated)),
         slopes={
             SCALE: -stated,
             "radius": 0.5 * seen / sphere.radius.value,

@@ -10,7 +10,7 @@ from labpipe import signals
 from labpipe.judging import Agreement, along_curve, stretch_means, stretches
 from labpipe.variables import variable
 from pipelines.experiments.dic_validation.settings import DicValidation
-from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, curve_table, of_curve, row
+from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, curve_table, of_curve, row, with_its_u
 from pipelines.experiments.shared.flights import flights, moved_by_scatter
 
 _LARGEST_LAG = 2e-3  # s that the two records may still be apart after alignment
@@ -113,10 +113,7 @@ def rows(comparison: xr.Dataset, *, settings: DicValidation) -> Iterator[Row]:
             "1",
             1,
             against="laser",
-            measured=comparison["restitution_film"][i],
-            u_measured=comparison["u_restitution_film"][i],
-            model=comparison["restitution_laser"][i],
-            u_model=comparison["u_restitution_laser"][i],
-            difference=comparison["restitution_difference"][i],
-            u_difference=comparison["u_restitution_difference"][i],
+            measured=with_its_u(comparison, "restitution_film", i),
+            model=with_its_u(comparison, "restitution_laser", i),
+            difference=with_its_u(comparison, "restitution_difference", i),
         )

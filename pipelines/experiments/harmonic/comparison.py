@@ -14,7 +14,15 @@ from labpipe.variables import variable
 from pipelines.experiments.harmonic.measured import COLUMNS, evaluated, phases
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
-from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS, Row, curve_table, of_curve, row
+from pipelines.experiments.shared.comparison_rows import (
+    FORCE_SCALE,
+    STIFFNESS,
+    Row,
+    curve_table,
+    of_curve,
+    row,
+    with_its_u,
+)
 from pipelines.experiments.shared.punch_model import inputs_of
 from pipelines.experiments.shared.ramps_and_holds import relative_gain
 
@@ -95,15 +103,8 @@ def rows(comparison: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *,
     late = _by_delay(oscillations) if bool(oscillations.attrs["is_filter_corrected"]) else {}
     for i in range(oscillations.sizes["oscillation"]):
         condition = f"{float(oscillations['frequency'][i]):.3g} Hz"
-        yield row(
-            "force",
-            "N",
-            1,
-            condition=condition,
-            nrmse=comparison["nrmse"][i],
-            difference=comparison["bias"][i],
-            **of_curve(comparison.isel(oscillation=i)),
-        )
+        nrmse, bias, told = comparison["nrmse"][i], comparison["bias"][i], of_curve(comparison.isel(oscillation=i))
+        yield row("force", "N", 1, condition=condition, nrmse=nrmse, difference=bias, **told)
         for title, unit, name in (
             ("storage stiffness", "N/m", "storage_stiffness"),
             ("dissipated work per cycle", "J", "work_per_cycle"),
@@ -116,10 +117,7 @@ def rows(comparison: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *,
                 | {known: -float(slope) for known, slope in zip(inputs, model[f"slope_{name}"].values[i], strict=True)}
                 | ({DELAY: float(late[name][i])} if late else {}),
                 condition=condition,
-                measured=oscillations[name][i],
-                u_measured=oscillations[f"u_{name}"][i],
-                model=model[name][i],
-                u_model=model[f"u_{name}"][i],
-                difference=comparison[f"{name}_difference"][i],
-                u_difference=comparison[f"u_{name}_difference"][i],
+                measured=with_its_u(oscillations, name, i),
+                model=with_its_u(model, name, i),
+                difference=with_its_u(comparison, f"{name}_difference", i),
             )

@@ -12,7 +12,15 @@ from pipelines.experiments.relaxation.model import SLOPES
 from pipelines.experiments.relaxation.moduli import through
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
-from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS, Row, curve_table, of_curve, row
+from pipelines.experiments.shared.comparison_rows import (
+    FORCE_SCALE,
+    STIFFNESS,
+    Row,
+    curve_table,
+    of_curve,
+    row,
+    with_its_u,
+)
 from pipelines.experiments.shared.punch_model import INPUTS, inputs_of
 from pipelines.experiments.shared.ramps_and_holds import Hold, relative_gain
 
@@ -148,10 +156,7 @@ def rows(tests: xr.Dataset, *, settings: Relaxation) -> Iterator[Row]:
             slopes={FORCE_SCALE: float(tests["plateau_force"][i]), STIFFNESS: -float(tests["plateau_force_model"][i])}
             | {name: -float(slope) for name, slope in zip(inputs, tests[SLOPES].values[i], strict=True)},
             condition=condition,
-            measured=tests["plateau_force"][i],
-            u_measured=tests["u_plateau_force"][i],
-            model=tests["plateau_force_model"][i],
-            u_model=tests["u_plateau_force_model"][i],
-            difference=tests["plateau_force_difference"][i],
-            u_difference=tests["u_plateau_force_difference"][i],
+            measured=with_its_u(tests, "plateau_force", i),
+            model=with_its_u(tests, "plateau_force_model", i),
+            difference=with_its_u(tests, "plateau_force_difference", i),
         )

@@ -106,14 +106,25 @@ def row(
 ) -> Row:
     """Return a row without its experiment; values that are not finite become None.
 
+    A value with its standard uncertainty is given as a pair.
+
     Examples
     --------
-    >>> row("restitution", "1", 3, measured=0.8, u_measured=float("nan")).u_measured
+    >>> made = row("restitution", "1", 3, measured=(0.8, 0.1), model=0.7)
+    >>> made.measured, made.u_measured, made.u_model
+    (0.8, 0.1, None)
     """
+    pairs = {name: value for name, value in values.items() if isinstance(value, tuple)}
+    values |= {key: v for name, pair in pairs.items() for key, v in zip((name, f"u_{name}"), pair, strict=True)}
     plain: dict[str, Any] = {name: _plain(value) for name, value in values.items()}
     if plain.get("degrees_of_freedom") is not None:
         plain["degrees_of_freedom"] = told_freedom(plain["degrees_of_freedom"])
     return Row("", "", material, condition, quantity, unit, n, against, slopes=slopes or {}, **plain)
+
+
+def with_its_u(result: xr.Dataset, name: str, i: int) -> tuple[Any, Any]:
+    """Return one of the values of a result, and its standard uncertainty."""
+    return result[name][i], result[f"u_{name}"][i]
 
 
 def told_freedom(value: float) -> float:

@@ -8,7 +8,7 @@ import xarray as xr
 
 from labpipe.judging import Agreement, along_curve, stretch_means, stretches
 from labpipe.variables import from_rows, variable
-from pipelines.experiments.shared.comparison_rows import Row, curve_table, of_curve, row
+from pipelines.experiments.shared.comparison_rows import Row, curve_table, of_curve, row, with_its_u
 from pipelines.experiments.shared.material_inputs import material_slopes
 from pipelines.experiments.static_loading.load_steps import touch_apart, touch_weights
 from pipelines.experiments.static_loading.measured import spans, windows
@@ -166,10 +166,7 @@ def rows(comparison: xr.Dataset, model: xr.Dataset, *, settings: StaticLoading) 
                 LOADS: -value / 3,
             }
             | material_slopes(model, value),
-            measured=level,
-            u_measured=comparison["u_radius_measured"][i],
-            model=value,
-            u_model=comparison["u_radius_model"][i],
-            difference=difference,
-            u_difference=comparison["u_radius_difference"][i],
+            measured=(level, comparison["u_radius_measured"][i]),
+            model=with_its_u(comparison, "radius_model", i),
+            difference=with_its_u(comparison, "radius_difference", i),
         )
