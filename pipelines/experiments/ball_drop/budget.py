@@ -19,7 +19,7 @@ from pipelines.experiments.shared.budget_quantity import (
     repeats,
     summed,
 )
-from pipelines.experiments.shared.given import present
+from pipelines.experiments.shared.pages import present
 
 _CAMERA = ("pixel size", "there is no camera")
 _LAG = ("filter lag", "the moving average of the sensor delays all readings equally")

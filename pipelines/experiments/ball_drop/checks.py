@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import repeat
 from math import acos, cos, expm1, inf, pi
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -22,6 +21,7 @@ from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import fall_checks, judgements, trace_checks
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.fall_checks import Fall, Stiffness
+from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, line_of, times_over
 from pipelines.experiments.shared.plate_under_drop import OF_PLATE
 from pipelines.experiments.shared.trace_checks import Trace
@@ -67,12 +67,13 @@ _FAILED = {
 }
 
 
-def judgement(*results: Any, settings: BallDrop, context: Context) -> xr.Dataset:
+_STEPS = ("readings", "displacement", "bounces", "repeats", "model", "comparison")
+
+
+@judgements.judging(*_STEPS, rests_on=("sphere.material_from", "plate_from"), plate_from=OF_PLATE)
+def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context: Context) -> Scene:
     """Judge one ball drop; what gave no result is judged by that."""
-    steps = ("readings", "displacement", "bounces", "repeats", "model", "comparison")
-    rests_on = ("sphere.material_from", "plate_from")
-    given, basis = judgements.asked(steps, results, settings, context, rests_on=rests_on, plate_from=OF_PLATE)
-    readings, displacement, bounces, repeats, model, _ = map(given.get, steps)
+    readings, displacement, bounces, repeats, model, _ = map(given.get, _STEPS)
     gravity = settings.model.gravity.value
     traces = [
         trace
@@ -125,17 +126,15 @@ def judgement(*results: Any, settings: BallDrop, context: Context) -> xr.Dataset
     inputs = _inputs(model, repeats)
     in_common = {name: Quantity(0.0, 1.0, "1") for row in compared for name in row.slopes if name not in inputs}
     unstated = _unstated_plate(compared, settings)
-    return judgements.judgement(
-        Scene(
-            checks,
-            causes,
-            compared,
-            inputs,
-            in_common,
-            basis,
-            unstated,
-            measured_by=judgements.measured_by(settings.sphere),
-        )
+    return Scene(
+        checks,
+        causes,
+        compared,
+        inputs,
+        in_common,
+        basis,
+        unstated,
+        measured_by=judgements.measured_by(settings.sphere),
     )
 
 

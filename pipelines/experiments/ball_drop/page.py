@@ -26,7 +26,6 @@ from pipelines.experiments.ball_drop.comparison import rows as compared_rows
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.comparison_rows import IMPACTS
-from pipelines.experiments.shared.given import present
 from pipelines.experiments.shared.reports import Report, budgets
 
 _RIGID_FLOOR = (
@@ -80,7 +79,7 @@ def _measured(settings: BallDrop, context: Context, readings: Sequence[xr.Datase
         *pages.remarks(context),
     ]
     blocks: list[Block] = []
-    if read := present(readings):
+    if read := pages.present(readings):
         first = read[0]
         interval = float(first.attrs["sampling_interval"])
         rate = value_with_uncertainty(1 / interval, 0.0, "Hz")
@@ -93,7 +92,7 @@ def _measured(settings: BallDrop, context: Context, readings: Sequence[xr.Datase
 
 
 def _calibration(displacement: Sequence[xr.Dataset | None]) -> Section:
-    first = present(displacement)[0]
+    first = pages.present(displacement)[0]
     caption = "Budget for the largest displacement of the first repeat"
     blocks = pages.laser_calibration(first, "for every sample", "from the part at rest before the drop", caption)
     if "inclination_of_record" in first.attrs:
@@ -161,7 +160,7 @@ def _repeats(settings: BallDrop, bounces: Sequence[xr.Dataset | None], repeats: 
 def _recorded(settings: BallDrop, bounces: Sequence[xr.Dataset | None]) -> tuple[Listed, list[xr.Dataset]]:
     """Return the names of the recordings that gave bounces, and those."""
     names = [name for name, each in zip(settings.laser, bounces, strict=True) if each is not None]
-    return Listed("recording", names), present(bounces)
+    return Listed("recording", names), pages.present(bounces)
 
 
 def _phases(settings: BallDrop, bounces: Sequence[xr.Dataset | None]) -> Section:
@@ -224,7 +223,7 @@ def _methods(
         f"A sphere of radius {pages.stated(sphere.radius)} with a total moving mass of {pages.stated(sphere.mass)} was "
         f"dropped {_times(len(settings.laser))} from {pages.stated(settings.height)}. "
     )
-    if moved := present(displacement):
+    if moved := pages.present(displacement):
         shown = pages.told(moved[0], "inclination")
         text += f"The laser readings were divided by the cosine of the sensor's inclination ({shown}). "
     text += (

@@ -22,6 +22,7 @@ from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.film_frames import explained, whole_film
 from pipelines.experiments.shared.film_light import exposed, lit, no_mosaic
 from pipelines.experiments.shared.film_stated import is_rate_used, stated_twice
+from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, times_over
 from pipelines.experiments.shared.material_inputs import material_inputs
 from pipelines.experiments.shared.plate_under_drop import OF_PLATE
@@ -48,11 +49,12 @@ _FAILED = {
 RADIUS, FRINGE, FLIGHT, DURATION = "largest radius", "spacing of the fringes", "first flight", "duration of the contact"
 
 
-def judgement(*results: xr.Dataset | None, settings: ContactArea, context: Context) -> xr.Dataset:
+@judgements.judging(
+    "radius", "impacts", "model", "comparison", rests_on=("sphere.material_from", "plate_from"), plate_from=OF_PLATE
+)
+def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, context: Context) -> Scene:
     """Judge one film; what gave no result is judged by that."""
-    names, rests_on = ("radius", "impacts", "model", "comparison"), ("sphere.material_from", "plate_from")
-    given, basis = judgements.asked(names, results, settings, context, rests_on=rests_on, plate_from=OF_PLATE)
-    radius, impacts, model = (given.get(name) for name in names[:3])
+    radius, impacts, model = map(given.get, ("radius", "impacts", "model"))
     whole = whole_film(context, settings.film)
     checks = [explained(check, whole) for check in judgements.failed_steps(context, _FAILED)]
     checks.append(fall_checks.gravity_stated(settings.model.gravity))
@@ -78,16 +80,14 @@ def judgement(*results: xr.Dataset | None, settings: ContactArea, context: Conte
             checks += [contacts_whole(radius, impacts, settings)]
             checks += [summits_seen(radius, impacts, settings), none_missed(radius, impacts, settings)]
             checks.append(flights_alike(radius, impacts, model, settings))
-    return judgements.judgement(
-        Scene(
-            checks,
-            list(_causes(radius, settings)),
-            given.each([rows]),
-            _inputs(radius, model, settings),
-            {FRAMES: Quantity(0.0, 1.0, "1")},
-            basis=basis,
-            measured_by=judgements.measured_by(settings.sphere),
-        )
+    return Scene(
+        checks,
+        list(_causes(radius, settings)),
+        given.each([rows]),
+        _inputs(radius, model, settings),
+        {FRAMES: Quantity(0.0, 1.0, "1")},
+        basis=basis,
+        measured_by=judgements.measured_by(settings.sphere),
     )
 
 

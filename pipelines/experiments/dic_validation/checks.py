@@ -32,6 +32,7 @@ from pipelines.experiments.shared.film_frames import explained, no_copies, sound
 from pipelines.experiments.shared.film_light import exposed, lit, no_mosaic
 from pipelines.experiments.shared.film_stated import is_rate_used, stated_twice
 from pipelines.experiments.shared.frame_order import in_order
+from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene
 
 _GRAVITY = Quantity(9.81, 0.0, "m/s2")
@@ -67,11 +68,13 @@ G, HEIGHT, SPEED, GAIN = (
 )
 
 
-def judgement(*results: xr.Dataset | None, settings: DicValidation, context: Context) -> xr.Dataset:
+_STEPS = ("track", "motion", "bounces", "comparison", "laser")
+
+
+@judgements.judging(*_STEPS, rests_on=("laser_experiment",), expected=("comparison", "laser"))
+def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, context: Context) -> Scene:
     """Judge one film; what gave no result is judged by that."""
-    steps, rests_on = ("track", "motion", "bounces", "comparison", "laser"), ("laser_experiment",)
-    given, basis = judgements.asked(steps, results, settings, context, rests_on=rests_on, expected=steps[-2:])
-    track, motion, bounces, comparison, laser = map(given.get, steps)
+    track, motion, bounces, comparison, laser = map(given.get, _STEPS)
     whole = whole_film(context, settings.film)
     failed = judgements.failed_steps(context, _FAILED)
     checks = [_of_masks(explained(check, whole), settings) for check in failed]
@@ -112,9 +115,7 @@ def judgement(*results: xr.Dataset | None, settings: DicValidation, context: Con
         checks.append(_gain(comparison, settings))
         compared_rows = list(rows(comparison, settings=settings))
     another = f"the film may show another drop than {_laser(settings)}: another sphere, height or day"
-    return judgements.judgement(
-        Scene(checks, list(_causes(track, settings)), compared_rows, basis=basis, unstated=another)
-    )
+    return Scene(checks, list(_causes(track, settings)), compared_rows, basis=basis, unstated=another)
 
 
 def _found(track: xr.Dataset, settings: DicValidation) -> Check:

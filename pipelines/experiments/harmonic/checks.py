@@ -12,6 +12,7 @@ from pipelines.experiments.harmonic.comparison import DELAY, rows
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import judgements, mach1_checks, mach1_readings
 from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS
+from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene
 from pipelines.experiments.shared.punch_model import TOUCH, inputs_of
 from pipelines.experiments.shared.ramps_and_holds import relative_gain
@@ -26,11 +27,13 @@ _FAILED = {
 }
 
 
-def judgement(*results: xr.Dataset | None, settings: Harmonic, context: Context) -> xr.Dataset:
+_STEPS = ("readings", "loads", "hold", "oscillations", "model", "comparison")
+
+
+@judgements.judging(*_STEPS, rests_on=("substrate.material_from",))
+def judgement(given: Given, basis: judgements.Basis, settings: Harmonic, context: Context) -> Scene:
     """Judge one harmonic indentation; what gave no result is judged by that."""
-    steps = ("readings", "loads", "hold", "oscillations", "model", "comparison")
-    given, basis = judgements.asked(steps, results, settings, context, rests_on=("substrate.material_from",))
-    readings, loads, _, oscillations, model, _ = map(given.get, steps)
+    readings, loads, _, oscillations, model, _ = map(given.get, _STEPS)
     name = settings.mach1
     checks: list[Check] = []
     if readings is None:
@@ -61,7 +64,7 @@ def judgement(*results: xr.Dataset | None, settings: Harmonic, context: Context)
     if loads is not None:
         inputs[DELAY] = mach1_readings.filter_delay(loads)
     shared = {TOUCH: inputs.pop(TOUCH)} if TOUCH in inputs else {}
-    return judgements.judgement(Scene(checks, causes, given.each([rows]), inputs, shared, basis))
+    return Scene(checks, causes, given.each([rows]), inputs, shared, basis)
 
 
 def _phase(name: str, oscillations: xr.Dataset, settings: Harmonic) -> Check:

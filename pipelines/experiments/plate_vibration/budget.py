@@ -10,8 +10,8 @@ from labpipe.uncertainty import Input, excess_uncertainty
 from pipelines.experiments.plate_vibration.model import of_solids
 from pipelines.experiments.plate_vibration.settings import FallingBody, PlateVibration
 from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, clock
-from pipelines.experiments.shared.given import present
 from pipelines.experiments.shared.material_choice import POISSONS_RATIO, TEMPERATURE
+from pipelines.experiments.shared.pages import present
 
 _NO_CAMERA = ("pixel size", "there is no camera")
 _LAG = ("filter lag", "the moving average of the sensor delays all readings equally")

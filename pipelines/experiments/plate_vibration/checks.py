@@ -11,7 +11,6 @@ from dataclasses import replace
 from functools import partial
 from itertools import pairwise, repeat
 from math import hypot, log, nan, pi, sqrt
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -39,6 +38,7 @@ from pipelines.experiments.plate_vibration.model import of_solids, relative_unce
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared import fall_checks, judgements, trace_checks
 from pipelines.experiments.shared.fall_checks import Fall, shown
+from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, line_of, times_over
 from pipelines.experiments.shared.trace_checks import Trace
 
@@ -74,11 +74,13 @@ _FAILED = {
 }
 
 
-def judgement(*results: Any, settings: PlateVibration, context: Context) -> xr.Dataset:
+_STEPS = ("readings", "displacement", "ringing", "table", "plate", "model", "comparison")
+
+
+@judgements.judging(*_STEPS, rests_on=("drops.material_from",))
+def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, context: Context) -> Scene:
     """Judge one plate vibration; what gave no result is judged by that."""
-    steps = ("readings", "displacement", "ringing", "table", "plate", "model", "comparison")
-    given, basis = judgements.asked(steps, results, settings, context, rests_on=("drops.material_from",))
-    readings, displacement, ringing, table, plate, model, comparison = map(given.get, steps)
+    readings, displacement, ringing, table, plate, model, comparison = map(given.get, _STEPS)
     names = [name for drops in settings.drops for name in drops.laser]
     of_traces = _of_traces(names, readings, displacement, settings)
     checks = [_explained(check, of_traces, settings.calibration) for check in judgements.failed_steps(context, _FAILED)]
@@ -116,7 +118,7 @@ def judgement(*results: Any, settings: PlateVibration, context: Context) -> xr.D
         checks = _by_disturbance(checks, [*swings, *free, *alike])
     if not explain(checks, causes):
         checks = [replace(c, cause=_STATED) if c.law == _ONE_MASS and c.level and not c.cause else c for c in checks]
-    return judgements.judgement(Scene(checks, causes, given.each([rows]), inputs, shared, basis))
+    return Scene(checks, causes, given.each([rows]), inputs, shared, basis)
 
 
 def _of_traces(

@@ -27,7 +27,6 @@ from pipelines.experiments.plate_vibration.comparison import rows as compared_ro
 from pipelines.experiments.plate_vibration.measured import drops_label
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared import pages
-from pipelines.experiments.shared.given import present
 from pipelines.experiments.shared.reports import Report, budgets
 
 _UM = 1e6
@@ -101,7 +100,7 @@ def _measured(settings: PlateVibration, context: Context, readings: Sequence[xr.
         for title, quantity in (("sphere radius", settings.sphere.radius), ("moving mass", settings.sphere.mass)):
             rows.insert(1, (title, value_with_uncertainty(quantity.value, quantity.u, quantity.si), ""))
     blocks: list[Block] = []
-    if read := present(readings):
+    if read := pages.present(readings):
         first = read[0]
         interval = float(first.attrs["sampling_interval"])
         rows.insert(1, ("sampling", value_with_uncertainty(1 / interval, 0.0, "Hz"), f"{first.sizes['time']} points"))
@@ -111,7 +110,7 @@ def _measured(settings: PlateVibration, context: Context, readings: Sequence[xr.
 
 
 def _calibration(displacement: Sequence[xr.Dataset | None]) -> Section:
-    first = present(displacement)[0]
+    first = pages.present(displacement)[0]
     caption = "Budget for the largest displacement of the first recording"
     inside = pages.laser_calibration(first, "in every recording", "from the quiet beginning", caption)
     return pages.folded("Calibration and its uncertainty", "Record and what follows from it", inside)
@@ -215,7 +214,7 @@ def _dependence(settings: PlateVibration, table: xr.Dataset) -> Section | None:
 def _recordings(settings: PlateVibration, ringing: Sequence[xr.Dataset | None]) -> Section:
     named = [(name, drops_label(drops)) for drops in settings.drops for name in drops.laser]
     kept = [both for both, each in zip(named, ringing, strict=True) if each is not None]
-    found = present(ringing)
+    found = pages.present(ringing)
     columns = (
         Listed("recording", [name for name, _ in kept]),
         Listed("drop", [label for _, label in kept]),

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from math import exp, hypot, log
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -15,6 +14,7 @@ from pipelines.experiments.relaxation.comparison import rows
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import judgements, mach1_checks
 from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS
+from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene
 from pipelines.experiments.shared.mach1_checks import RATIO
 from pipelines.experiments.shared.punch_model import inputs_of
@@ -33,12 +33,13 @@ _FAILED = {
 }
 
 
-def judgement(*results: Any, settings: Relaxation, context: Context) -> xr.Dataset:
+_STEPS = ("readings", "loads", "ramps", "comparison", "tests")
+
+
+@judgements.judging(*_STEPS, rests_on=("substrate.material_from",), expected=("comparison", "tests"))
+def judgement(given: Given, basis: judgements.Basis, settings: Relaxation, context: Context) -> Scene:
     """Judge all relaxation tests of an experiment; what gave no result is judged by that."""
-    steps, computed = ("readings", "loads", "ramps", "comparison", "tests"), ("comparison", "tests")
-    rests_on = ("substrate.material_from",)
-    given, basis = judgements.asked(steps, results, settings, context, rests_on=rests_on, expected=computed)
-    readings, loads, ramps, comparison, tests = map(given.get, steps)
+    readings, loads, ramps, comparison, tests = map(given.get, _STEPS)
     files = settings.mach1
     checks: list[Check] = []
     relative = 0.0
@@ -64,7 +65,7 @@ def judgement(*results: Any, settings: Relaxation, context: Context) -> xr.Datas
         checks += mach1_checks.of_punch(settings.punch, settings.substrate, settings.model, deepest)
     checks += mach1_checks.placed(judgements.failed_steps(context, _FAILED), *files, settings.load_cell.record)
     inputs = {FORCE_SCALE: Quantity(1.0, relative, "1"), STIFFNESS: Quantity(1.0, 0.0, "1")} | inputs_of(tests)
-    return judgements.judgement(Scene(checks, (), given.each([rows]), inputs, basis=basis))
+    return Scene(checks, (), given.each([rows]), inputs, basis=basis)
 
 
 def _alike(files: Sequence[str], loads: Sequence[xr.Dataset | None]) -> Check:

@@ -9,8 +9,6 @@ import inspect
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-import xarray as xr
-
 
 class Given:
     """Results of an experiment by the names of its steps; ``given`` is itself the name of all of them.
@@ -44,11 +42,6 @@ class Given:
             elif answer is not None:
                 found.append(answer)
         return found
-
-
-def present(results: Sequence[xr.Dataset | None] | None) -> list[xr.Dataset]:
-    """Return the results of the recordings that gave one; a step that failed left None."""
-    return [result for result in results or () if result is not None]
 
 
 def _is_nothing(found: Any) -> bool:

@@ -254,6 +254,11 @@ def raw_header(dataset: xr.Dataset | None) -> Details | None:
     return Details(f"Raw header of {dataset.attrs.get('source', 'the file')}", text=header)
 
 
+def present(results: Sequence[xr.Dataset | None] | None) -> list[xr.Dataset]:
+    """Return the results of the recordings that gave one; a step that failed left None."""
+    return [result for result in results or () if result is not None]
+
+
 def raw_headers(datasets: Sequence[xr.Dataset]) -> tuple[Details, ...]:
     """Show the headers of several files, folded into one."""
     headers = tuple(h for dataset in datasets if (h := raw_header(dataset)) is not None)

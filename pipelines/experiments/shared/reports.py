@@ -8,6 +8,7 @@ import xarray as xr
 
 from labpipe.report import Block, Section
 from labpipe.workflow.context import Context
+from pipelines.experiments._kind import JUDGEMENT
 from pipelines.experiments.shared import budget_blocks
 from pipelines.experiments.shared.budget_quantity import Quantity
 from pipelines.experiments.shared.comparison_rows import Row
@@ -24,8 +25,8 @@ class Report:
     ----------
     subtitle : str, or callable
         Takes the settings.
-    inputs : tuple of str
-        Names of what the stage is given, in its order; ``judgement`` comes before them.
+    shown : tuple of str
+        Names of what the stage is given, in its order, after the ``judgement``.
     sections : sequence of callable
         Each asks by name (:mod:`pipelines.experiments.shared.given`) and returns a section, several, or
         None; a step that failed leaves its section out and its error in.
@@ -38,15 +39,20 @@ class Report:
     """
 
     subtitle: str | Callable[[Any], str]
-    inputs: tuple[str, ...]
+    shown: tuple[str, ...]
     sections: Sequence[Callable[..., Section | Iterable[Section] | None]]
     rows: Callable[..., Iterable[Row]] | None = None
     counts: Mapping[str, Callable[[Any], bool]] = field(default_factory=dict)
     notices: Callable[..., Iterable[Block]] | None = None
 
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of what the stage is given, in its order."""
+        return (JUDGEMENT, *self.shown)
+
     def __call__(self, judgement: xr.Dataset | None, *results: Any, settings: Any, context: Context) -> str:
         """Write the page."""
-        known = dict(zip(self.inputs, results, strict=True))
+        known = dict(zip(self.shown, results, strict=True))
         known |= {n: None for n, counts in self.counts.items() if known[n] is not None and not counts(known[n])}
         given = Given(**known, settings=settings, context=context)
         sections = given.each(self.sections)

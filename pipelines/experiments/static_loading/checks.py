@@ -27,6 +27,7 @@ from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared import judgements, trace_checks
 from pipelines.experiments.shared.fall_checks import shown
+from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, line_of
 from pipelines.experiments.shared.material_inputs import material_inputs
 from pipelines.experiments.shared.trace_checks import Trace
@@ -55,11 +56,13 @@ _FAILED = {
 }
 
 
-def judgement(*results: xr.Dataset | None, settings: StaticLoading, context: Context) -> xr.Dataset:
+_STEPS = ("readings", "displacement", "steps", "approach", "model", "comparison")
+
+
+@judgements.judging(*_STEPS, rests_on=("sphere.material_from",))
+def judgement(given: Given, basis: judgements.Basis, settings: StaticLoading, context: Context) -> Scene:
     """Judge one static loading; what gave no result is judged by that."""
-    names = ("readings", "displacement", "steps", "approach", "model", "comparison")
-    given, basis = judgements.asked(names, results, settings, context, rests_on=("sphere.material_from",))
-    readings, displacement, steps, approach, model, comparison = map(given.get, names)
+    readings, displacement, steps, approach, model, comparison = map(given.get, _STEPS)
     checks = [_explained(c, readings, displacement, settings) for c in judgements.failed_steps(context, _FAILED)]
     checks += _of_readings(readings, settings)
     masses = [(f"loads[{i}].mass", load.mass) for i, load in enumerate(settings.loads)]
@@ -79,7 +82,7 @@ def judgement(*results: xr.Dataset | None, settings: StaticLoading, context: Con
     if not any(MATERIAL in found.checks for found in explain(checks, causes)):
         checks = [_another_material(check) if check.name == MATERIAL else check for check in checks]
     inputs, known_by = _inputs(displacement, steps, model, settings), judgements.measured_by(settings.sphere)
-    return judgements.judgement(Scene(checks, causes, given.each([rows]), inputs, basis=basis, measured_by=known_by))
+    return Scene(checks, causes, given.each([rows]), inputs, basis=basis, measured_by=known_by)
 
 
 def _inputs(

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from labpipe.report import Section
 from labpipe.units import Quantity
 from pipelines.experiments.ball_drop import page as drop
 from pipelines.experiments.contact_area import page as film
@@ -58,8 +59,7 @@ def test_a_drop_tells_its_velocity_and_simulates_only_what_was_simulated(
     )
     one = {"units": "1"}
     repeats = xr.Dataset({"restitution": ("impact", [0.9], one), "u_restitution": ("impact", [1e-3], one)})
-    text = drop._methods(settings, [], repeats, xr.Dataset() if has_model else None, None)
-    _holds(text, says, hides)
+    _holds(drop._methods(settings, repeats, model=xr.Dataset() if has_model else None), says, hides)
 
 
 @pytest.mark.parametrize(
@@ -89,7 +89,8 @@ def test_a_relaxation_names_its_punch_and_how_touch_was_found(
 def test_a_film_without_a_laser_is_not_compared_with_one() -> None:
     settings: Any = SimpleNamespace(tracking=SimpleNamespace(order=5), view="side")
     track = xr.Dataset({"subset": ("frame", [41])})
-    _holds(camera._methods(settings, track, xr.Dataset()), ("digital image correlation",), ("laser", "Bland"))
+    _holds(camera._methods(settings, track), ("digital image correlation",), ("laser", "Bland"))
+    assert not camera.page.counts["comparison"](xr.Dataset())
 
 
 @pytest.mark.parametrize(
@@ -110,7 +111,7 @@ def test_a_rheometer_tells_what_its_shifts_followed_and_where_tension_comes_from
         attrs={"law": json.dumps(law | {"chi_square": 2.0, "freedom": 2}), "vertical_law": "none"},
     )
     settings: Any = SimpleNamespace(mode=mode, nu=Quantity(0.35, 0.0, "1"), fit=SimpleNamespace(law=asked))
-    text = rheometer._methods(settings, curve)
+    text = rheometer._methods(curve, settings)
     _holds(text, (*says, "at 3 temperatures", "1.00 % (E′) and 2.00 % (E″)"), hides)
 
 
@@ -160,7 +161,10 @@ def test_a_plate_tells_a_mass_only_where_it_has_one(mass: float, says: Any, hide
     _holds(ringing._methods(settings, table, plate), (*says, "spheres (nylon, ptfe)", "in 3 recordings"), hides)
 
 
-def _holds(text: str, says: tuple[str, ...], hides: tuple[str, ...]) -> None:
+def _holds(section: Section, says: tuple[str, ...], hides: tuple[str, ...]) -> None:
+    (folded,) = section.blocks
+    (paragraph,) = folded.blocks
+    text = paragraph.text
     assert [words for words in says if words not in text] == [], text
     assert [words for words in hides if words in text] == [], text
     assert text.strip().endswith(".")

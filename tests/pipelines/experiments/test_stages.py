@@ -5,8 +5,8 @@ import inspect
 
 import pytest
 
-from labpipe.workflow.graph import ordered
-from pipelines.experiments import KINDS
+from labpipe.workflow.graph import OTHER, ordered
+from pipelines.experiments import JUDGEMENT, KINDS
 
 STAGES = [(kind, stage) for kind, entry in KINDS.items() for stage in entry.stages]
 IDS = [f"{kind}/{stage.name}" for kind, stage in STAGES]
@@ -20,9 +20,13 @@ def test_the_stages_of_a_kind_fit_together(kind: str) -> None:
 @pytest.mark.parametrize(("kind", "stage"), STAGES, ids=IDS)
 def test_a_stage_s_function_takes_what_the_graph_hands_it(kind: str, stage: object) -> None:
     module, name = stage.function.split(":")
-    parameters = inspect.signature(getattr(importlib.import_module(module), name)).parameters
-    positional = [p for p in parameters.values() if p.kind is p.POSITIONAL_OR_KEYWORD]
-    assert len(positional) == len(stage.inputs)
+    function = getattr(importlib.import_module(module), name)
+    parameters = inspect.signature(function).parameters
+    names = getattr(function, "inputs", [p.name for p in parameters.values() if p.kind is p.POSITIONAL_OR_KEYWORD])
+    assert len(names) == len(stage.inputs)
+    if hasattr(function, "inputs"):  # it hands them on by these names
+        ends = {given: (given, f"{OTHER}{given}/{JUDGEMENT}", f"{OTHER}laser_experiment/repeats") for given in names}
+        assert all(given in ends[name] for name, given in zip(names, stage.inputs, strict=True))
     assert "settings" in parameters
     assert ("context" in parameters) == stage.context
     assert ("full" in parameters) == stage.shortcuts

@@ -4,8 +4,8 @@ A kind gathers its checks and causes (``checks.py`` of its room) and hands them 
 of its comparison; here they become the stage ``judgement`` and the first section of its page.
 """
 
-from pipelines.experiments.shared.judgements._asked import asked
 from pipelines.experiments.shared.judgements._judgement import judgement
+from pipelines.experiments.shared.judgements._judging import judging
 from pipelines.experiments.shared.judgements._scene import Basis, Scene, measured_by
 from pipelines.experiments.shared.judgements._sentences import VERDICT, noticed, sentence, verdict_blocks
 from pipelines.experiments.shared.judgements._stored import believed, compared, suspected
@@ -22,7 +22,6 @@ __all__ = [
     "VERDICT",
     "Basis",
     "Scene",
-    "asked",
     "believed",
     "capitalised",
     "chance",
@@ -30,6 +29,7 @@ __all__ = [
     "day_known",
     "failed_steps",
     "judgement",
+    "judging",
     "line_of",
     "measured_by",
     "noticed",

@@ -12,7 +12,7 @@ from labpipe.judging import stated
 from labpipe.units import Quantity
 from pipelines.experiments import JUDGEMENT, KINDS
 from pipelines.experiments.shared.comparison_rows import Row, row
-from pipelines.experiments.shared.judgements import Basis, Scene, believed, judgement, noticed, sentence
+from pipelines.experiments.shared.judgements import Basis, Scene, believed, judgement, judging, noticed, sentence
 
 INPUTS = {"height": Quantity(5e-3, 5e-6, "m"), "temperature": Quantity(20.0, 0.5, "degC")}
 SLOPES = ({"height": 30.0}, {"height": 60.0, "temperature": 2e-3}, {"temperature": -4e-3})
@@ -114,10 +114,23 @@ def _dma(level):
 
 def test_what_rests_on_an_impossible_experiment_is_held_against_nothing_and_sends_there() -> None:
     basis = Basis.of(RESTING, {"sphere.material_from": _dma("impossible"), "plate_from": None})
-    assert basis.sound(1, 2) == (None, None)
+    assert not basis.is_sound
     found = judgement(Scene((), basis=basis))
     assert (believed(found).believable, found.attrs["model"]) == ("yes", "undecided")
     assert sentence(found)[1].endswith("It rests on nylon_dma, which is impossible: see there first.")
+
+
+@pytest.mark.parametrize(("word", "expected"), [("impossible", None), ("doubtful", 1)])
+def test_what_was_computed_from_an_impossible_experiment_is_no_expectation(word: str, expected: int | None) -> None:
+    seen = []
+
+    @judging("measured", "model", rests_on=("sphere.material_from",))
+    def judged(given, basis):
+        seen.extend((given.get("measured"), given.get("model"), basis.is_sound))
+        return Scene((), basis=basis)
+
+    judged(2, 1, _dma(word), settings=RESTING, context=None)
+    assert seen == [2, expected, expected is not None]
 
 
 @pytest.mark.parametrize(("temperature", "model"), [(5.0, "differs"), (0.2, "agrees")])
@@ -147,7 +160,7 @@ def test_rows_on_which_an_impossible_plate_has_no_visible_effect_may_agree(
     rows = [replace(row, slopes={**row.slopes, "plate mass": 1.0 / mass**2}) for row in _rows(temperature=temperature)]
     inputs = INPUTS | {"plate mass": Quantity(mass, 0.01 * mass, "kg")}
     basis = Basis.of(RESTING, {"plate_from": _dma("impossible")}, plate_from="plate ")
-    assert basis.sound(1) == (1,)
+    assert basis.is_sound
     assert judgement(Scene((), rows=rows, inputs=inputs, basis=basis)).attrs["model"] == model
     unknown = Scene((), rows=rows, inputs=INPUTS, basis=basis)
     assert judgement(unknown).attrs["model"] == "undecided"

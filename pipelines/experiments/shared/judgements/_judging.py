@@ -1,0 +1,58 @@
+"""The stage of a judgement: it names what it is given, and the experiments on which all rests."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import xarray as xr
+
+from labpipe.workflow.context import Context
+from pipelines.experiments.shared.given import Given
+from pipelines.experiments.shared.judgements._judgement import judgement
+from pipelines.experiments.shared.judgements._scene import Basis, Scene
+
+
+@dataclass(frozen=True)
+class Judging:
+    """The judgement of a kind: called by its stage, it makes one verdict of what the steps gave.
+
+    Attributes
+    ----------
+    scene : callable
+        Asks by name (:mod:`pipelines.experiments.shared.given`), for ``basis`` too.
+    names : tuple of str
+        Of the results that the stage is given, in its order.
+    rests_on : tuple of str
+        Fields that name experiments, as the stage lists them; their judgements follow the results.
+    expected : tuple of str
+        Names of what is no expectation where one of these experiments is impossible.
+    slight : mapping of str to str
+        See :meth:`Basis.of`.
+    """
+
+    scene: Callable[..., Scene]
+    names: tuple[str, ...]
+    rests_on: tuple[str, ...]
+    expected: tuple[str, ...]
+    slight: Mapping[str, str]
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of what the stage is given, in its order; of a judgement, that of the field."""
+        return (*self.names, *self.rests_on)
+
+    def __call__(self, *results: Any, settings: Any, context: Context) -> xr.Dataset:
+        """Judge an experiment."""
+        known = dict(zip(self.inputs, results, strict=False))
+        named = {field: known.pop(field, None) for field in self.rests_on}
+        basis = Basis.of(settings, named, **self.slight)
+        if not basis.is_sound:
+            known |= dict.fromkeys(self.expected)
+        return judgement(Given(**known, settings=settings, context=context, basis=basis).ask(self.scene))
+
+
+def judging(
+    *names: str, rests_on: tuple[str, ...] = (), expected: tuple[str, ...] = ("model", "comparison"), **slight: str
+) -> Callable[[Callable[..., Scene]], Judging]:
+    """Make the stage of a function that returns the scene of an experiment, see :class:`Judging`."""
+    return lambda scene: Judging(scene, names, rests_on, expected, slight)
