@@ -5,8 +5,6 @@ the site, with a tutorial that is run and pictures; it needs the extra ``guide``
 parts).
 """
 
-from pipelines.guide._offline import FIRST, pages
-from pipelines.guide._site import build
-from pipelines.guide._texts import PICTURES
-
-__all__ = ["FIRST", "PICTURES", "build", "pages"]
+from pipelines.guide._offline import FIRST as FIRST, pages as pages
+from pipelines.guide._site import build as build
+from pipelines.guide._texts import PICTURES as PICTURES

@@ -5,10 +5,8 @@ from typing import TYPE_CHECKING
 from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
-    from pipelines.rig._ahead import ahead
-    from pipelines.rig._verbs import demo, record_demo, sample
-    from pipelines.rig.samples import SAMPLES
+    from pipelines.rig._ahead import ahead as ahead
+    from pipelines.rig._verbs import demo as demo, record_demo as record_demo, sample as sample
+    from pipelines.rig.samples import SAMPLES as SAMPLES
 else:
     __getattr__ = lazily(__name__)
-
-__all__ = ["SAMPLES", "ahead", "demo", "record_demo", "sample"]

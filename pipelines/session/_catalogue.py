@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from labpipe.judging import Finding
 
-FILE = "labpipe/catalogue.sqlite"
+CATALOGUE = "labpipe/catalogue.sqlite"
 TABLES = ("experiments", "results", "sessions", "columns")
 
 _APPLICATION = 0x6C706361  # "lpca": tells our databases from others
@@ -147,7 +147,7 @@ def catalogue(
     roots = [Path(folder).resolve() for folder in given]
     if not roots:
         raise InputError("no folder to search; give at least one")
-    path = Path(database).resolve() if database is not None else roots[0] / FILE
+    path = Path(database).resolve() if database is not None else roots[0] / CATALOGUE
     with closing((_opened(path) if path.exists() else None) or _empty()) as connection:
         with connection:
             done = _update(connection, roots, path)
@@ -277,7 +277,7 @@ def _update(connection: sqlite3.Connection, roots: Sequence[Path], path: Path) -
     renewed, unchanged = [], []
     problems: dict[str, str] = {}
     # names start from the folder of the catalogue, or from the one that holds its "labpipe/"
-    base = path.parents[1] if path.parts[-2:] == Path(FILE).parts else path.parent
+    base = path.parents[1] if path.parts[-2:] == Path(CATALOGUE).parts else path.parent
     found = set()
     for folder in _sessions(roots):
         name = _relative(folder, base)

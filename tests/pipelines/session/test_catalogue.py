@@ -11,7 +11,7 @@ from labpipe.errors import SourceError, UsageError
 from pipelines.commands.catalogue import catalogue as command
 from pipelines.process import process, result
 from pipelines.session import catalogue, query
-from pipelines.session._catalogue import FILE
+from pipelines.session._catalogue import CATALOGUE
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def sessions(pristine_session: Path, tmp_path_factory: pytest.TempPathFactory) -
 
 
 def test_experiments_are_listed_with_parameters_and_numbers(sessions: Path) -> None:
-    found = query(sessions / FILE, "kind = 'ball_drop'")
+    found = query(sessions / CATALOGUE, "kind = 'ball_drop'")
     assert list(found["session"]) == ["2026/tuesday", "monday"]
     assert found.attrs["units"]["height"] == "m"
     assert (found["height"] > 0.0).all()
@@ -40,18 +40,18 @@ def test_experiments_are_listed_with_parameters_and_numbers(sessions: Path) -> N
 
 
 def test_a_condition_selects(sessions: Path) -> None:
-    everything = query(sessions / FILE, "kind = 'ball_drop'")
+    everything = query(sessions / CATALOGUE, "kind = 'ball_drop'")
     height, material = float(everything["height"][0]), str(everything["material"][0])
     names = ["session", "height"]
     where = f"material = '{material}' and height > {0.9 * height!r}"
-    assert len(query(sessions / FILE, where, names)) == 2
-    assert len(query(sessions / FILE, f"height > {1.1 * height!r}", names)) == 0
-    assert list(query(sessions / FILE, "", names).columns) == names
+    assert len(query(sessions / CATALOGUE, where, names)) == 2
+    assert len(query(sessions / CATALOGUE, f"height > {1.1 * height!r}", names)) == 0
+    assert list(query(sessions / CATALOGUE, "", names).columns) == names
 
 
 def test_verdicts_and_findings_are_columns(sessions: Path, tmp_path: Path) -> None:
     """Of what is processed; a mistake is found by its verdict, with the line to change."""
-    found = query(sessions / FILE, "kind = 'ball_drop'")
+    found = query(sessions / CATALOGUE, "kind = 'ball_drop'")
     assert found["believable"][1] == "yes"
     assert found["checks"][1] > 40
     assert found["believable"].isna()[0]
@@ -70,7 +70,7 @@ def test_verdicts_and_findings_are_columns(sessions: Path, tmp_path: Path) -> No
 
 def test_short_results_are_rows(sessions: Path) -> None:
     where = "variable = 'restitution' and stage = 'repeats'"
-    found = query(sessions / FILE, where, table="results")
+    found = query(sessions / CATALOGUE, where, table="results")
     expected = result(sessions / "monday", str(found["experiment"][0]), "repeats")
     assert list(found["value"]) == list(expected["restitution"].dropna("impact").values)
     assert list(found["unit"].unique()) == ["1"]
@@ -90,19 +90,19 @@ def test_only_what_changed_is_read_again(sessions: Path, tmp_path: Path) -> None
     second = catalogue([root])
     assert second.renewed == ("monday",)
     assert set(second.removed) == {"2026/tuesday", "broken"}
-    assert set(query(root / FILE)["session"]) == {"monday"}
+    assert set(query(root / CATALOGUE)["session"]) == {"monday"}
 
 
 def test_a_session_that_cannot_be_read_is_named_and_its_rows_kept(sessions: Path, tmp_path: Path) -> None:
     root = tmp_path / "copy"
     shutil.copytree(sessions, root)
-    before = query(root / FILE, "session = 'monday'")
+    before = query(root / CATALOGUE, "session = 'monday'")
     (root / "monday" / "session.toml").write_text("[session\n", "utf-8")
     done = catalogue([root])
     assert set(done.problems) == {"broken", "monday"}
     assert "session.toml:1" in done.problems["monday"]
-    assert query(root / FILE, "session = 'monday'").equals(before)
-    told = query(root / FILE, "problem is not null", table="sessions")
+    assert query(root / CATALOGUE, "session = 'monday'").equals(before)
+    told = query(root / CATALOGUE, "problem is not null", table="sessions")
     assert set(told["session"]) == {"broken", "monday"}
 
 
@@ -110,29 +110,29 @@ def test_a_session_that_cannot_be_read_is_named_and_its_rows_kept(sessions: Path
     "where", ["height >", "no_such_column = 1", "1) ; DROP TABLE experiments; --", "load_extension('x')"]
 )
 def test_a_wrong_condition_is_refused_and_changes_nothing(sessions: Path, where: str) -> None:
-    before = (sessions / FILE).read_bytes()
+    before = (sessions / CATALOGUE).read_bytes()
     with pytest.raises(UsageError, match="the columns are session, experiment, kind"):
-        query(sessions / FILE, where)
-    assert (sessions / FILE).read_bytes() == before
+        query(sessions / CATALOGUE, where)
+    assert (sessions / CATALOGUE).read_bytes() == before
 
 
 def test_a_misspelt_column_gets_a_suggestion(sessions: Path) -> None:
     with pytest.raises(UsageError, match='did you mean "height"'):
-        query(sessions / FILE, columns=["hieght"])
+        query(sessions / CATALOGUE, columns=["hieght"])
 
 
 @pytest.mark.parametrize("content", [b"", b"some notes\n" * 100])
 def test_a_foreign_file_is_left_alone(tmp_path: Path, content: bytes) -> None:
-    (tmp_path / FILE).parent.mkdir()
-    (tmp_path / FILE).write_bytes(content)
+    (tmp_path / CATALOGUE).parent.mkdir()
+    (tmp_path / CATALOGUE).write_bytes(content)
     with pytest.raises(SourceError, match="not a catalogue of labpipe"):
         catalogue([tmp_path])
-    assert (tmp_path / FILE).read_bytes() == content
+    assert (tmp_path / CATALOGUE).read_bytes() == content
 
 
 def test_a_damaged_catalogue_is_made_anew(sessions: Path, tmp_path: Path) -> None:
     path = tmp_path / "all.sqlite"
-    data = bytearray((sessions / FILE).read_bytes())
+    data = bytearray((sessions / CATALOGUE).read_bytes())
     data[4096:] = bytes(len(data) - 4096)
     path.write_bytes(data)
     done = catalogue([sessions], path)

@@ -5,54 +5,38 @@ what the session states, and no bounce is higher than the one before. A factor i
 moves them by different powers, which tells the mistake.
 """
 
-from pipelines.experiments.shared.fall_checks._bounces import apexes, rest_level, restitution, touch_levels
+from pipelines.experiments.shared.fall_checks._bounces import (
+    apexes as apexes,
+    rest_level as rest_level,
+    restitution as restitution,
+    touch_levels as touch_levels,
+)
 from pipelines.experiments.shared.fall_checks._contact import (
-    BY_NAME,
-    MEASURED,
-    Stiffness,
-    body_stated,
-    contact_duration,
-    of_body,
-    strain,
+    BY_NAME as BY_NAME,
+    MEASURED as MEASURED,
+    Stiffness as Stiffness,
+    body_stated as body_stated,
+    contact_duration as contact_duration,
+    of_body as of_body,
+    strain as strain,
 )
-from pipelines.experiments.shared.fall_checks._fall import Fall, gravity_stated, shown
+from pipelines.experiments.shared.fall_checks._fall import (
+    Fall as Fall,
+    gravity_stated as gravity_stated,
+    shown as shown,
+)
 from pipelines.experiments.shared.fall_checks._flights import (
-    SPEED,
-    acceleration,
-    direction,
-    ends_early,
-    flights_alike,
-    height,
-    release,
-    smooth_flights,
-    speed,
+    SPEED as SPEED,
+    acceleration as acceleration,
+    direction as direction,
+    ends_early as ends_early,
+    flights_alike as flights_alike,
+    height as height,
+    release as release,
+    smooth_flights as smooth_flights,
+    speed as speed,
 )
-from pipelines.experiments.shared.fall_checks._repeats import levels_alike, repeats_alike
-
-__all__ = [
-    "BY_NAME",
-    "MEASURED",
-    "SPEED",
-    "Fall",
-    "Stiffness",
-    "acceleration",
-    "apexes",
-    "body_stated",
-    "contact_duration",
-    "direction",
-    "ends_early",
-    "flights_alike",
-    "gravity_stated",
-    "height",
-    "levels_alike",
-    "of_body",
-    "release",
-    "repeats_alike",
-    "rest_level",
-    "restitution",
-    "shown",
-    "smooth_flights",
-    "speed",
-    "strain",
-    "touch_levels",
-]
+from pipelines.experiments.shared.fall_checks._repeats import (
+    levels_alike as levels_alike,
+    repeats_alike as repeats_alike,
+)

@@ -6,31 +6,21 @@ of this one, and the force against the cell's capacity, its sign against the mot
 column moves them by different powers, which tells the mistake.
 """
 
-from pipelines.experiments.shared.mach1_checks._causes import causes
-from pipelines.experiments.shared.mach1_checks._cell import of_cell
-from pipelines.experiments.shared.mach1_checks._contact import of_force, of_punch, touch_stated
-from pipelines.experiments.shared.mach1_checks._files import of_files
-from pipelines.experiments.shared.mach1_checks._of_file import is_swapped, knows_depth, of_file, placed, weighed
-from pipelines.experiments.shared.mach1_checks._parts import hold_parts
-from pipelines.experiments.shared.mach1_checks._response import falls, late, phase
-from pipelines.experiments.shared.mach1_checks._titles import RATIO, SWAPPED
-
-__all__ = [
-    "RATIO",
-    "SWAPPED",
-    "causes",
-    "falls",
-    "hold_parts",
-    "is_swapped",
-    "knows_depth",
-    "late",
-    "of_cell",
-    "of_file",
-    "of_files",
-    "of_force",
-    "of_punch",
-    "phase",
-    "placed",
-    "touch_stated",
-    "weighed",
-]
+from pipelines.experiments.shared.mach1_checks._causes import causes as causes
+from pipelines.experiments.shared.mach1_checks._cell import of_cell as of_cell
+from pipelines.experiments.shared.mach1_checks._contact import (
+    of_force as of_force,
+    of_punch as of_punch,
+    touch_stated as touch_stated,
+)
+from pipelines.experiments.shared.mach1_checks._files import of_files as of_files
+from pipelines.experiments.shared.mach1_checks._of_file import (
+    is_swapped as is_swapped,
+    knows_depth as knows_depth,
+    of_file as of_file,
+    placed as placed,
+    weighed as weighed,
+)
+from pipelines.experiments.shared.mach1_checks._parts import hold_parts as hold_parts
+from pipelines.experiments.shared.mach1_checks._response import falls as falls, late as late, phase as phase
+from pipelines.experiments.shared.mach1_checks._titles import RATIO as RATIO, SWAPPED as SWAPPED

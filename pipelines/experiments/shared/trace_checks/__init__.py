@@ -5,27 +5,19 @@ stand still in mid-flight, and its noise never repeats itself. What breaks that 
 cable or the file, and it is told with its place in time.
 """
 
-from pipelines.experiments.shared.trace_checks._checks import checks_of, speed_of_swing
-from pipelines.experiments.shared.trace_checks._copies import repeated_rows, shared_rows
-from pipelines.experiments.shared.trace_checks._range import OUT_OF_RANGE, held_readings, resolution, unread
-from pipelines.experiments.shared.trace_checks._record import of_record
-from pipelines.experiments.shared.trace_checks._rest import IN_MOTION, SMOOTHED, SWING, swing_at_rest
-from pipelines.experiments.shared.trace_checks._trace import Trace, longest_by_chance
-
-__all__ = [
-    "IN_MOTION",
-    "OUT_OF_RANGE",
-    "SMOOTHED",
-    "SWING",
-    "Trace",
-    "checks_of",
-    "held_readings",
-    "longest_by_chance",
-    "of_record",
-    "repeated_rows",
-    "resolution",
-    "shared_rows",
-    "speed_of_swing",
-    "swing_at_rest",
-    "unread",
-]
+from pipelines.experiments.shared.trace_checks._checks import checks_of as checks_of, speed_of_swing as speed_of_swing
+from pipelines.experiments.shared.trace_checks._copies import repeated_rows as repeated_rows, shared_rows as shared_rows
+from pipelines.experiments.shared.trace_checks._range import (
+    OUT_OF_RANGE as OUT_OF_RANGE,
+    held_readings as held_readings,
+    resolution as resolution,
+    unread as unread,
+)
+from pipelines.experiments.shared.trace_checks._record import of_record as of_record
+from pipelines.experiments.shared.trace_checks._rest import (
+    IN_MOTION as IN_MOTION,
+    SMOOTHED as SMOOTHED,
+    SWING as SWING,
+    swing_at_rest as swing_at_rest,
+)
+from pipelines.experiments.shared.trace_checks._trace import Trace as Trace, longest_by_chance as longest_by_chance
