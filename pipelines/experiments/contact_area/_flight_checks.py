@@ -46,7 +46,9 @@ def none_missed(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) 
     return stated(name, law, text, "doubtful", cause=cause, file=settings.film, setting="film")
 
 
-def flights_alike(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset | None, settings: ContactArea) -> Check:
+def flights_alike(
+    radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, model: xr.Dataset | None = None
+) -> Check:
     """Hold the flights against each other by the radii of the contacts that end them.
 
     A flight lasts 2 v/g, and its speed is that of the impact after it, whose largest radius goes with

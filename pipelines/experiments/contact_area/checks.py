@@ -54,44 +54,37 @@ RADIUS, FRINGE, FLIGHT, DURATION = "largest radius", "spacing of the fringes", "
 )
 def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, context: Context) -> Scene:
     """Judge one film; what gave no result is judged by that."""
-    radius, impacts, model = map(given.get, ("radius", "impacts", "model"))
+    radius, impacts = given.get("radius"), given.get("impacts")
     whole = whole_film(context, settings.film)
     checks = [explained(check, whole) for check in judgements.failed_steps(context, _FAILED)]
     checks.append(fall_checks.gravity_stated(settings.model.gravity))
     checks.append(judgements.day_known(radius, settings.camera, settings.film))
     if radius is not None:
         checks += stated_twice(radius, settings.film, settings.frame_rate, settings.exposure)
+        checks += given.each((_fringes, _visible, _method, _flies, image_checks))
         checks += [
-            _fringes(radius, impacts, settings),
-            _visible(radius, settings),
-            _method(radius, settings),
-            _flies(radius, settings),
-            *image_checks(radius, settings),
             lit(settings.film, brightness(radius), radius["in_contact"].values.astype(bool), radius["time"].values),
             exposed(radius, settings.film),
             no_mosaic(radius, settings.film),
         ]
         checks += frame_checks(radius, whole, settings)
     if impacts is not None and impacts.sizes["impact"]:
-        checks += [_size(impacts, settings), _like_model(impacts, model, settings), _order(impacts, settings)]
-        checks += [_flight(impacts, model, settings), _duration(impacts, model, settings), _rest(impacts, settings)]
-        if radius is not None:
-            checks += [_steady(radius, impacts, settings), _ends(radius, impacts, settings)]
-            checks += [contacts_whole(radius, impacts, settings)]
-            checks += [summits_seen(radius, impacts, settings), none_missed(radius, impacts, settings)]
-            checks.append(flights_alike(radius, impacts, model, settings))
+        checks += given.each((_size, _like_model, _order, _flight, _duration, _rest, _steady, _ends))
+        checks += given.each((contacts_whole, summits_seen, none_missed, flights_alike))
     return Scene(
         checks,
-        list(_causes(radius, settings)),
+        given.each([_causes]),
         given.each([rows]),
-        _inputs(radius, model, settings),
+        given.ask(_inputs),
         {FRAMES: Quantity(0.0, 1.0, "1")},
         basis=basis,
         measured_by=judgements.measured_by(settings.sphere),
     )
 
 
-def _inputs(radius: xr.Dataset | None, model: xr.Dataset | None, settings: ContactArea) -> dict[str, Quantity]:
+def _inputs(
+    settings: ContactArea, radius: xr.Dataset | None = None, model: xr.Dataset | None = None
+) -> dict[str, Quantity]:
     """Return values and uncertainties of what the rows depend on."""
     relative = 0.0 if radius is None else float(radius.attrs["u_systematic_relative"])
     sphere = settings.sphere
@@ -112,7 +105,7 @@ def _inputs(radius: xr.Dataset | None, model: xr.Dataset | None, settings: Conta
     )
 
 
-def _fringes(radius: xr.Dataset, impacts: xr.Dataset | None, settings: ContactArea) -> Check:
+def _fringes(radius: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | None = None) -> Check:
     law = "fringes lie where radius of the sphere, wavelength and scale of the image put them"
     light, body = settings.wavelength, settings.sphere.radius
     found = None if light is None or impacts is None else fringe_scale(radius, impacts, body.value, open_too=True)
@@ -179,7 +172,7 @@ def _like(name: str, law: str, message: str, ratio: float, allowed: float, u: fl
     return replace(found, log_ratio=log(ratio), u_log_ratio=u)
 
 
-def _like_model(impacts: xr.Dataset, model: xr.Dataset | None, settings: ContactArea) -> Check:
+def _like_model(impacts: xr.Dataset, settings: ContactArea, model: xr.Dataset | None = None) -> Check:
     law = "Hertz: a goes with R^0.4 (m h)^0.2 E^-0.2, so that no polymer is far from another"
     if model is None or not model.sizes["impact"]:
         return not_made(RADIUS, law, "a model of the drop")
@@ -231,7 +224,7 @@ def _ends(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> Che
     return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
 
 
-def _flight(impacts: xr.Dataset, model: xr.Dataset | None, settings: ContactArea) -> Check:
+def _flight(impacts: xr.Dataset, settings: ContactArea, model: xr.Dataset | None = None) -> Check:
     """Hold the first flight against the stated height and the restitution by the second flight."""
     law = "a flight lasts 2 e v/g, and the next one e times as long"
     peak = impacts["peak_time"].values
@@ -261,7 +254,7 @@ def _flight(impacts: xr.Dataset, model: xr.Dataset | None, settings: ContactArea
     return replace(found, level=loose.level or "doubtful") if found.level else loose
 
 
-def _duration(impacts: xr.Dataset, model: xr.Dataset | None, settings: ContactArea) -> Check:
+def _duration(impacts: xr.Dataset, settings: ContactArea, model: xr.Dataset | None = None) -> Check:
     law = "Hertz: a contact lasts 2.87 (m²/(R E*² v))^(1/5)"
     if model is None or not model.sizes["impact"]:
         return not_made(DURATION, law, "a model of the drop")
@@ -307,7 +300,7 @@ def _steady(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> C
     return stated(name, law, f"{settings.film}: contacts grow and shrink steadily", None, file=settings.film)
 
 
-def _causes(radius: xr.Dataset | None, settings: ContactArea) -> Iterator[Cause]:
+def _causes(settings: ContactArea, radius: xr.Dataset | None = None) -> Iterator[Cause]:
     light, body = settings.wavelength, settings.sphere.radius
     if light is not None:
         yield Cause(
