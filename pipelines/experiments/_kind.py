@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from labpipe.schema import Schema
-from labpipe.workflow.graph import OTHER, Stage
+from labpipe.workflow.graph import FILE, OTHER, Stage
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -232,6 +232,11 @@ def stage(
     stage has is given by name.
     """
     return Stage(name or function.rpartition(":")[2], f"{_ROOMS}{function}", inputs, parameters, **more)
+
+
+def solid_of(body: str) -> tuple[str, str]:
+    """Return the inputs that tell the solid of a body, the table of the settings that names a material."""
+    return f"{FILE}{body}.material_file", f"{OTHER}{body}.material_from/master_curve"
 
 
 def derived(function: str, *inputs: str) -> Derived:

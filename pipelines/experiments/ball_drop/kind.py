@@ -3,7 +3,7 @@
 from functools import partial
 
 from labpipe.schema import Schema, Variable
-from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judged, proposal, reported, stage
+from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judged, proposal, reported, solid_of, stage
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.schemas import BOUNCES, DISPLACEMENT, DROP, VELOCITY
 
@@ -52,7 +52,7 @@ _STAGES = (
     ),
     stage(
         "ball_drop.model:model",
-        ("repeats", "file:sphere.material_file", "other:sphere.material_from/master_curve", "other:plate_from/plate"),
+        ("repeats", *solid_of("sphere"), "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"),
         schema="drop",
         shortcuts=True,
@@ -87,12 +87,7 @@ KIND = Kind(
     budget=derived("ball_drop.budget:quantities", "bounces", "displacement", "model"),
     body="sphere",
     evidence=derived(
-        "ball_drop.evidence:evidence",
-        "bounces",
-        "repeats",
-        "other:plate_from/plate",
-        "file:sphere.material_file",
-        "other:sphere.material_from/master_curve",
+        "ball_drop.evidence:evidence", "bounces", "repeats", "other:plate_from/plate", *solid_of("sphere")
     ),
     proposal=proposal("displacement", "ball_drop.proposal:proposed", "shared.record_templates:laser_records"),
 )

@@ -1,6 +1,6 @@
 """The kind ``contact_area``: its settings, stages and results."""
 
-from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judged, proposal, reported, stage
+from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judged, proposal, reported, solid_of, stage
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.schemas import DROP
 
@@ -20,13 +20,7 @@ _STAGES = (
     ),
     stage(
         "contact_area.model:model",
-        (
-            "radius",
-            "impacts",
-            "file:sphere.material_file",
-            "other:sphere.material_from/master_curve",
-            "other:plate_from/plate",
-        ),
+        ("radius", "impacts", *solid_of("sphere"), "other:plate_from/plate"),
         ("height", "sphere", "model", "plate", "work_of_adhesion", "wavelength"),
         schema="drop",
         shortcuts=True,
@@ -59,12 +53,7 @@ KIND = Kind(
     budget=derived("contact_area.budget:quantities", "impacts", "radius", "model"),
     body="sphere",
     evidence=derived(
-        "contact_area.evidence:evidence",
-        "radius",
-        "impacts",
-        "other:plate_from/plate",
-        "file:sphere.material_file",
-        "other:sphere.material_from/master_curve",
+        "contact_area.evidence:evidence", "radius", "impacts", "other:plate_from/plate", *solid_of("sphere")
     ),
     proposal=proposal("film", "contact_area.proposal:proposed", "shared.record_templates:camera_records"),
 )

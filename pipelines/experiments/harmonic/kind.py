@@ -1,7 +1,7 @@
 """The kind ``harmonic``: its settings, stages and results."""
 
 from labpipe.schema import Schema, Variable
-from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judged, proposal, reported, stage
+from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judged, proposal, reported, solid_of, stage
 from pipelines.experiments.harmonic.settings import Harmonic
 
 _OSCILLATIONS = Schema(
@@ -43,19 +43,13 @@ _STAGES = (
     ),
     stage(
         "harmonic.model:model",
-        ("loads", "oscillations", "file:substrate.material_file", "other:substrate.material_from/master_curve"),
+        ("loads", "oscillations", *solid_of("substrate")),
         ("punch", "substrate", "contact", "model", "cycles"),
         summary="simulate with the measured displacement",
     ),
     stage(
         "harmonic.theory:theory",
-        (
-            "oscillations",
-            "loops",
-            "model",
-            "file:substrate.material_file",
-            "other:substrate.material_from/master_curve",
-        ),
+        ("oscillations", "loops", "model", *solid_of("substrate")),
         ("punch", "substrate", "characteristic_time"),
         summary="work by eq. (2.31), tapping front, dimensionless numbers",
     ),
@@ -82,12 +76,6 @@ KIND = Kind(
     rows=derived("harmonic.comparison:rows", "comparison", "oscillations", "model"),
     budget=derived("harmonic.budget:quantities", "oscillations", "loads"),
     body="substrate",
-    evidence=derived(
-        "harmonic.evidence:evidence",
-        "loads",
-        "oscillations",
-        "file:substrate.material_file",
-        "other:substrate.material_from/master_curve",
-    ),
+    evidence=derived("harmonic.evidence:evidence", "loads", "oscillations", *solid_of("substrate")),
     proposal=proposal("force", "harmonic.proposal:proposed"),
 )

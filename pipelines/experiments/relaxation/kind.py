@@ -3,7 +3,7 @@
 from functools import partial
 
 from labpipe.schema import Schema, Variable
-from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judged, proposal, reported, stage
+from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judged, proposal, reported, solid_of, stage
 from pipelines.experiments.relaxation.settings import Relaxation
 
 _RAMPS = Schema(
@@ -50,13 +50,13 @@ _STAGES = (
     ),
     _each(
         "relaxation.moduli:curves",
-        ("loads", "ramps", "file:substrate.material_file", "other:substrate.material_from/master_curve"),
+        ("loads", "ramps", *solid_of("substrate")),
         ("punch", "substrate", "model"),
         summary="relaxation curve, and moduli from the force",
     ),
     _each(
         "relaxation.model:model",
-        ("loads", "ramps", "file:substrate.material_file", "other:substrate.material_from/master_curve"),
+        ("loads", "ramps", *solid_of("substrate")),
         ("punch", "substrate", "model"),
         summary="simulate with the measured displacement",
     ),
@@ -90,13 +90,6 @@ KIND = Kind(
     rows=derived("relaxation.comparison:rows", "tests"),
     budget=derived("relaxation.budget:quantities", "loads", "ramps", "curves"),
     body="substrate",
-    evidence=derived(
-        "relaxation.evidence:evidence",
-        "loads",
-        "ramps",
-        "curves",
-        "file:substrate.material_file",
-        "other:substrate.material_from/master_curve",
-    ),
+    evidence=derived("relaxation.evidence:evidence", "loads", "ramps", "curves", *solid_of("substrate")),
     proposal=proposal("force", "relaxation.proposal:proposed"),
 )

@@ -1,7 +1,7 @@
 """The kind ``static_loading``: its settings, stages and results."""
 
 from labpipe.schema import Schema, Variable
-from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judged, proposal, reported, stage
+from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judged, proposal, reported, solid_of, stage
 from pipelines.experiments.shared.schemas import DISPLACEMENT
 from pipelines.experiments.static_loading.settings import StaticLoading
 
@@ -40,7 +40,7 @@ _STAGES = (
     ),
     stage(
         "static_loading.model:model",
-        ("displacement", "steps", "file:sphere.material_file", "other:sphere.material_from/master_curve"),
+        ("displacement", "steps", *solid_of("sphere")),
         ("sphere", "model"),
         summary="simulate the creeping contact; Hertz's steps",
     ),

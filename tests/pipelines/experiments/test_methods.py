@@ -111,7 +111,7 @@ def test_a_rheometer_tells_what_its_shifts_followed_and_where_tension_comes_from
         attrs={"law": json.dumps(law | {"chi_square": 2.0, "freedom": 2}), "vertical_law": "none"},
     )
     settings: Any = SimpleNamespace(mode=mode, nu=Quantity(0.35, 0.0, "1"), fit=SimpleNamespace(law=asked))
-    text = rheometer._methods(curve, settings)
+    text = rheometer._methods(settings, curve)
     _holds(text, (*says, "at 3 temperatures", "1.00 % (E′) and 2.00 % (E″)"), hides)
 
 
