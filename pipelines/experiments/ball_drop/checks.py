@@ -1,7 +1,6 @@
 """Whether a ball drop can be believed: free fall, stated height, order of bounces, repeats."""
 
 import json
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import repeat
@@ -33,7 +32,6 @@ _LIGHTEST_PLATE = 5.0  # times the mass that falls on it: lighter, it would be h
 _LESS, _SHORTENED = 2.0, 0.1
 """Standard uncertainties by which a plate must lower the first restitution to be told where all bounces differ, and the
 part of a contact's duration that it changes at most: t goes with (1 + m/M)^-0.4."""
-_MARKER = re.compile(r"found '(?:-*|\+*|\*+|[+-]?9{4,}[.\d]*|[A-Za-z]+)'")
 _FINE = 2.0  # standard uncertainties within which a record is in order where another is not
 _SMEARED = ("height of the fall", "duration of the first contact", "levels of the touches")
 _BENT_BY_SWINGS = ("durations of the flights", "smoothness of the flights")
@@ -58,9 +56,6 @@ _REPEATS = (
 )
 _FAILED = {
     "model": "a temperature, height or radius of session.toml is outside of what the material is known for",
-    "readings": "the file is not what the session says, or was not copied whole",
-    "displacement": "the calibration record does not belong to this recording: it is expired, of another instrument or "
-    "of a camera, or a value of it is wrong",
     "bounces": "the recording holds no drop that is free: the wrong channel or file, a sensor that shakes, a body that "
     "was released before the trigger, or caught, a recording that ends too soon, or an average or filter of the "
     "controller that smears impacts",
@@ -86,7 +81,8 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
     of_traces.append(trace_checks.shared_rows(traces))
     sphere = settings.sphere
     stated = [("height", settings.height), ("sphere.radius", sphere.radius), ("sphere.mass", sphere.mass)]
-    checks = [_explained(check, of_traces, settings.calibration) for check in judgements.failed_steps(context, _FAILED)]
+    failed = judgements.failed_steps(context, _FAILED)
+    checks = [trace_checks.explained(check, of_traces, settings.calibration) for check in failed]
     checks += [*of_traces, *judgements.uncertainties_stated(stated), fall_checks.gravity_stated(settings.model.gravity)]
     checks.append(fall_checks.body_stated(sphere.radius.value, sphere.mass.value))
     moved = dict(zip(settings.laser, displacement or (), strict=False))
@@ -159,27 +155,6 @@ def _unstated_plate(compared: Sequence[Row], settings: BallDrop) -> str:
         f"the session states no plate under the drop (plate or plate_from): one that swings with about "
         f"{quantity(mass, 'kg', 2)} would take that much of the first bounce"
     )
-
-
-def _explained(failed: Check, of_traces: Sequence[Check], record: str) -> Check:
-    """Give a step that failed its line, and the cause that the readings themselves show."""
-    if not failed.is_made:
-        return failed
-    place = re.search(rf"{re.escape(failed.file)}:(\d+)", failed.message) if failed.file else None
-    if place is not None:
-        failed = replace(failed, line=int(place[1]))
-    of_record = re.search(rf"{re.escape(record.rpartition('/')[2])}:(\d+): values", failed.message)
-    if of_record is not None:
-        return replace(failed, file=record, line=int(of_record[1]))
-    worst = [c for c in of_traces if c.file == failed.file and c.level in ("impossible", "doubtful")]
-    worst.sort(key=lambda check: check.level != "impossible")
-    if worst:
-        return replace(failed, cause=worst[0].cause)
-    if _MARKER.search(failed.message):
-        return replace(failed, cause=trace_checks.OUT_OF_RANGE)
-    if "begins in motion" in failed.message:
-        return replace(failed, cause=trace_checks.IN_MOTION)
-    return failed
 
 
 def _alone(

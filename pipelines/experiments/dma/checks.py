@@ -39,7 +39,6 @@ from pipelines.experiments.shared import judgements
 from pipelines.experiments.shared.judgements import Scene
 
 _FAILED = {
-    "readings": "the file is not what the session says, or was not copied whole",
     "sweeps": "the exports hold no sweeps at several temperatures, or a column has the wrong unit",
     "master_curve": "the exports hold too few readings, or T_ref, their temperatures or their moduli are wrong",
 }

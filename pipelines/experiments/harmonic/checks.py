@@ -18,7 +18,6 @@ from pipelines.experiments.shared.punch_model import TOUCH, inputs_of
 from pipelines.experiments.shared.ramps_and_holds import relative_gain
 
 _FAILED = {
-    "readings": "the file is not what the session says, or was not copied whole",
     "loads": "the file, or the record of its load cell, does not belong to this test",
     "oscillations": "the file does not hold the oscillations that it declares",
     "hold": "the stage was not held, or its column is wrong",

@@ -5,7 +5,6 @@ much momentum came, and the pause until the second blow how long the body flew: 
 material, a mass or a sampling interval that is stated wrongly moves them differently.
 """
 
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -65,12 +64,9 @@ _STATED = (
 )
 _ALIKE = (("amplitude", "amplitude at impact", "m"),)
 _FAILED = {
-    "readings": "the file is not what the session says, or was not copied whole",
-    "displacement": "the calibration record does not belong to this recording: it is expired, of another instrument or "
-    "of a camera, or a value of it is wrong",
     "ringing": "the recording holds no ringing plate: the wrong channel or file, a blow before the recording began, "
     "something else that struck plate or table shortly before or after the body, a recording that ends too soon, or a "
-    "sampling interval that is stated wrongly",
+    "sampling interval that is stated wrongly"
 }
 
 
@@ -83,7 +79,8 @@ def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, c
     readings, displacement, ringing, table, plate, model, comparison = map(given.get, _STEPS)
     names = [name for drops in settings.drops for name in drops.laser]
     of_traces = _of_traces(names, readings, displacement, settings)
-    checks = [_explained(check, of_traces, settings.calibration) for check in judgements.failed_steps(context, _FAILED)]
+    failed = judgements.failed_steps(context, _FAILED)
+    checks = [trace_checks.explained(check, of_traces, settings.calibration) for check in failed]
     statements = list(_statements(settings))
     checks += [*of_traces, *statements, fall_checks.gravity_stated(settings.model.gravity)]
     found = {n: ring for n, ring in zip(names, ringing or (), strict=False) if ring is not None}
@@ -133,23 +130,6 @@ def _of_traces(
     gravity = settings.model.gravity.value
     found = [c for trace in traces for c in trace_checks.checks_of(trace, gravity, moved[trace.name])]
     return [*found, trace_checks.shared_rows(traces)]
-
-
-def _explained(failed: Check, of_traces: Sequence[Check], record: str) -> Check:
-    """Give a step that failed its place, and the cause that the readings themselves show."""
-    if not failed.is_made:
-        return failed
-    of_record = re.search(rf"{re.escape(record.rpartition('/')[2])}:(\d+): values", failed.message)
-    if of_record is not None:
-        return replace(failed, file=record, line=int(of_record[1]))
-    place = re.search(rf"{re.escape(failed.file)}:(\d+)", failed.message) if failed.file else None
-    if place is not None:
-        return replace(failed, line=int(place[1]))
-    if "begins in motion" in failed.message:
-        failed = replace(failed, cause=trace_checks.IN_MOTION)
-    worst = [c for c in of_traces if c.file == failed.file and c.level in ("impossible", "doubtful")]
-    worst.sort(key=lambda check: check.level != "impossible")
-    return replace(failed, cause=worst[0].cause) if worst else failed
 
 
 def _statements(settings: PlateVibration) -> Iterator[Check]:

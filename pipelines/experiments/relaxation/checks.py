@@ -25,7 +25,6 @@ _NON_LINEAR = 0.03  # by which late over early force may differ from depth to de
 _OF_DEPTHS = log(1.5)
 """By which forces over those of the model may differ from depth to depth: layers, rough tips, a touch found late."""
 _FAILED = {
-    "readings": "the file is not what the session says, or was not copied whole",
     "loads": "the file, or the record of its load cell, does not belong to this test",
     "ramps": "the stage was not moved and held, or its column is wrong",
     "curves": "the position of first touch, or the punch in session.toml, is wrong",

@@ -1,6 +1,5 @@
 """Whether a static loading can be believed: steps against loads, creep, sphere, and readings."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -48,9 +47,6 @@ _SAME = 0.1  # by which the times of the loads may scatter about one factor
 _LENGTHS = (1e3, 1e-3, 10.0, 0.1, 25.4, 1 / 25.4)
 """Fewer than other kinds look for: a mass in another unit looks like a length that is 100 times too large."""
 _FAILED = {
-    "readings": "the file is not what the session says, or was not copied whole",
-    "displacement": "the calibration record does not belong to this recording: it is expired, of another instrument or "
-    "of a camera, or a value of it is wrong",
     "steps": "the record does not hold the loads that session.toml states",
     "approach": "the record does not hold the loads that session.toml states",
 }
@@ -104,22 +100,14 @@ def _explained(
     failed: Check, readings: xr.Dataset | None, displacement: xr.Dataset | None, settings: StaticLoading
 ) -> Check:
     """Give a step that failed its place, and the cause that the record itself shows."""
-    if not failed.is_made:
+    failed = trace_checks.placed(failed, settings.calibration, settings.laser)
+    if not failed.is_made or failed.line is not None:
         return failed
-    record = settings.calibration
-    of_record = re.search(rf"{re.escape(record.rpartition('/')[2])}:(\d+): values", failed.message)
-    if of_record is not None:
-        return replace(failed, file=record, line=int(of_record[1]))
-    of_file = re.search(rf"{re.escape(settings.laser)}:(\d+)", failed.message)
-    if of_file is not None:
-        return replace(failed, file=settings.laser, line=int(of_file[1]))
     if failed.name == "step displacement":
         return _too_short(failed, readings, settings) or failed
-    return (
-        failed
-        if failed.name != "step steps" or displacement is None
-        else _of_steps(failed, readings, displacement, settings)
-    )
+    if failed.name == "step steps" and displacement is not None:
+        return _of_steps(failed, readings, displacement, settings)
+    return failed
 
 
 def _of_steps(failed: Check, readings: xr.Dataset | None, displacement: xr.Dataset, settings: StaticLoading) -> Check:

@@ -28,6 +28,13 @@ _OWN_CAUSES = (
 )
 """Words of a message that tells its cause by itself, that cause, and the setting that mends it."""
 
+_USUAL = {
+    "readings": "the file is not what the session says, or was not copied whole",
+    "displacement": "the calibration record does not belong to this recording: it is expired, of another instrument or "
+    "of a camera, or a value of it is wrong",
+}
+"""What most likely is wrong with a record on which a step fails that many kinds have."""
+
 _ONE_DAY = timedelta(days=1)
 """By which days may differ that are the same: clocks of cameras count in UTC."""
 
@@ -77,7 +84,7 @@ def failed_steps(context: Context, causes: Mapping[str, str]) -> list[Check]:
     context : Context
         Of the run.
     causes : mapping of str to str
-        Stage to what most likely is wrong with a record on which it fails.
+        Stage to what most likely is wrong with a record on which it fails, but for reading and calibrating it.
     """
     found: dict[str, Check] = {}
     for failure in context.failures:
@@ -95,7 +102,7 @@ def failed_steps(context: Context, causes: Mapping[str, str]) -> list[Check]:
             )
             continue
         own = next((told for words, *told in _OWN_CAUSES if words in failure.text), None)
-        cause, setting = own or (causes.get(failure.stage, ""), "")
+        cause, setting = own or ((_USUAL | dict(causes)).get(failure.stage, ""), "")
         found[failure.stage] = stated(
             f"step {failure.stage}",
             "what an experiment records must be in the record",

@@ -7,15 +7,14 @@ cable or the file, and it is told with its place in time.
 
 from pipelines.experiments.shared.trace_checks._checks import checks_of as checks_of, speed_of_swing as speed_of_swing
 from pipelines.experiments.shared.trace_checks._copies import repeated_rows as repeated_rows, shared_rows as shared_rows
+from pipelines.experiments.shared.trace_checks._failed import explained as explained, placed as placed
 from pipelines.experiments.shared.trace_checks._range import (
-    OUT_OF_RANGE as OUT_OF_RANGE,
     held_readings as held_readings,
     resolution as resolution,
     unread as unread,
 )
 from pipelines.experiments.shared.trace_checks._record import of_record as of_record
 from pipelines.experiments.shared.trace_checks._rest import (
-    IN_MOTION as IN_MOTION,
     SMOOTHED as SMOOTHED,
     SWING as SWING,
     swing_at_rest as swing_at_rest,
