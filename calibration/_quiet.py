@@ -1,12 +1,15 @@
 """Zero and noise of a sensor, with uncertainties, from the part of a record at rest."""
 
-from typing import NamedTuple
+import math
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.errors import CalibrationError
 from labpipe.signals import MAINS, Hum, estimate_noise, hum_at_rest, quantisation_step
+from labpipe.uncertainty import Source, excess_uncertainty
+from labpipe.units import Quantity
 
 _BLOCK = 16  # independent samples whose median is compared with the beginning
 _FIRST = 2 * _BLOCK  # the least that can be called a window
@@ -47,6 +50,45 @@ class Quiet(NamedTuple):
     stop: float
     n: int
     hum: Hum | None = None
+
+    def sources(self, zero: str, rounding: str, resolution: float, unit: str, factor: float) -> list[Source]:
+        """Return the lines of a budget for one reading: its noise, its rounding, and the level, by their names."""
+        of_step = resolution / math.sqrt(12)
+        noise = excess_uncertainty(self.noise, of_step)
+        return [
+            Source("noise of a sample", 0.0, noise, unit, factor, "random"),
+            Source(rounding, 0.0, of_step, unit, factor, "random"),
+            Source(zero, self.level, self.u_level, unit, factor, "systematic"),
+        ]
+
+
+Zero = Literal["start"] | tuple[float, float] | Quantity | float
+"""What a caller may name as zero: the quiet beginning, a window in s, or a level in the unit of the readings."""
+
+
+def of_zero(
+    time: NDArray[np.float64],
+    values: NDArray[np.float64],
+    zero: Zero,
+    *,
+    resolution: float = 0.0,
+    correlated: int = 1,
+    first: slice = slice(None),
+) -> Quiet:
+    """Find the zero that a caller names; the beginning and windows lie in the ``first`` part of a record.
+
+    Raises
+    ------
+    CalibrationError
+        There is no such window, or the record begins in motion.
+    """
+    if isinstance(zero, Quantity):
+        return given(values, zero.value, zero.u, resolution=resolution)
+    if isinstance(zero, tuple):
+        return in_window(time[first], values[first], zero, resolution=resolution, correlated=correlated)
+    if isinstance(zero, str):
+        return from_start(time[first], values[first], resolution=resolution, correlated=correlated)
+    return given(values, float(zero), 0.0, resolution=resolution)
 
 
 def from_start(
@@ -156,6 +198,12 @@ def resolution_of(values: NDArray[np.float64], stated: float | None) -> float:
     finite = values[np.isfinite(values)]
     found = quantisation_step(finite) if finite.size > 2 else 0.0
     return max(found, stated or 0.0)
+
+
+def largest(values: NDArray[np.float64]) -> float:
+    """Return the value that is furthest from zero; 0 where there is none."""
+    finite = values[np.isfinite(values)]
+    return float(finite[np.argmax(np.abs(finite))]) if finite.size else 0.0
 
 
 def _begins_in_motion(values: NDArray[np.float64], resolution: float) -> bool:

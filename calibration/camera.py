@@ -11,7 +11,7 @@ from typing import Any
 
 import xarray as xr
 
-from calibration.record import CameraRecord, CameraValues, Record, require
+from calibration.record import CameraRecord, CameraValues, Record, of_kind, require
 from labpipe.errors import CalibrationError, InputError
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.units import Quantity
@@ -84,14 +84,13 @@ def image_scale(
     """
     film = {"start": recorded}
     checked = require(record, "camera", film, measured=measured, view=view, ignore_validity=ignore_validity)
-    if not isinstance(record, CameraRecord):
-        raise CalibrationError(f'record "{record.id}" holds no values of a camera')
-    size, sources = _size(record.values)
+    values = of_kind(record, CameraRecord).values
+    size, sources = _size(values)
     total = combined_uncertainty(sources)
     checked |= {
         "view": record.view,
         "budget": budget_rows(sources),
-        "tilt": None if record.values.tilt is None else record.values.tilt.value,
+        "tilt": None if values.tilt is None else values.tilt.value,
     }
     return Quantity(size.value, total, "m/px"), checked
 

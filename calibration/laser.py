@@ -25,11 +25,11 @@ from numpy.typing import NDArray
 
 from calibration import _quiet
 from calibration._time_base import TimeBase, corrected, time_base
-from calibration.record import LaserRecord, LaserValues, Record, require
+from calibration.record import LaserRecord, LaserValues, Record, of_kind, require
 from labpipe.errors import CalibrationError, InputError
-from labpipe.uncertainty import Source, budget_rows, combined_uncertainty, excess_uncertainty
+from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.units import Quantity
-from labpipe.variables import described, variable, with_u
+from labpipe.variables import variable, with_u
 
 __all__ = ["displacement", "inclination_from_drop"]
 
@@ -42,7 +42,7 @@ def displacement(
     record: Record,
     *,
     output: str = "out1",
-    zero: tuple[float, float] | Quantity | float | None = None,
+    zero: _quiet.Zero | None = None,
     direction: int = 1,
     inclination: Quantity | None = None,
     averaging: int | None = None,
@@ -97,7 +97,7 @@ def displacement(
     if direction not in (1, -1):
         raise InputError(f"direction must be 1 or -1, found {direction}")
     checked = require(record, "laser", readings.attrs, measured=measured, ignore_validity=ignore_validity)
-    values = _values(record)
+    values = of_kind(record, LaserRecord).values
     raw, stated_step, gain = _raw(readings, output, values)
     angle = inclination or values.inclination
     base = time_base(readings.attrs, values.time_base, averaging)
@@ -105,39 +105,33 @@ def displacement(
     used = np.where(is_valid, raw, np.nan)
     step = _quiet.resolution_of(used, stated_step)
     time = readings["time"].values
-    at_rest = _zero(time, used, zero, step, base.averaging)
+    at_rest = _quiet.of_zero(time, used, "start" if zero is None else zero, resolution=step, correlated=base.averaging)
     factor = direction * gain.value / math.cos(angle.value)
     moved = factor * (used - at_rest.level - (0.0 if at_rest.hum is None else at_rest.hum.at(time)))
     spread = abs(factor) * at_rest.noise
-    sources = _sources(moved, at_rest, step, angle, gain, values, factor, readings[output])
     unit_of_reading = str(readings[output].attrs["units"])
+    sources = _sources(moved, at_rest, step, angle, gain, values, factor, unit_of_reading)
     # Volts become a length along the line of sight; a length is left as the sensor said it.
     to_length = values.volt_scale.value if unit_of_reading == "V" and values.volt_scale else 1.0
     along = direction * (raw - at_rest.level) * to_length
-    found = _attributes(readings, output, direction, checked, base, at_rest, step, angle, sources)
+    found = _attributes(readings, output, direction, checked, base, at_rest, step, angle, gain, sources)
     delayed = corrected(time, base, float(readings.attrs["sampling_interval"]))
     if at_rest.hum is not None:
         hum = at_rest.hum.scaled(factor)
         found["hum"] = replace(hum, epoch=hum.epoch + float(delayed[0] - time[0])).to_text()
     return xr.Dataset(
         {
-            "displacement": _over_time(moved, "m", "displacement along the motion"),
-            "u_displacement": _over_time(np.where(is_valid, spread, np.nan), "m", "random standard uncertainty"),
-            "displacement_raw": _over_time(along, "m", "displacement along the line of sight"),
-            "valid": _over_time(is_valid, "1", "whether there is a reading"),
-            **_scalar("inclination", angle, "angle of the line of sight to the motion"),
-            **_scalar("gain", gain, "true over displayed, along the line of sight"),
-            **_scalar("zero", Quantity(at_rest.level, at_rest.u_level, unit_of_reading), "reading that is zero"),
+            "displacement": variable("time", moved, "m", "displacement along the motion"),
+            "u_displacement": variable("time", np.where(is_valid, spread, np.nan), "m", "random standard uncertainty"),
+            "displacement_raw": variable("time", along, "m", "displacement along the line of sight"),
+            "valid": variable("time", is_valid, "1", "whether there is a reading"),
+            **with_u("inclination", (), *angle, "angle of the line of sight to the motion"),
+            **with_u("gain", (), *gain, "true over displayed, along the line of sight"),
+            **with_u("zero", (), at_rest.level, at_rest.u_level, unit_of_reading, "reading that is zero"),
         },
         coords={"time": variable("time", delayed, "s", "time from the first point, filter delay removed")},
         attrs=found,
     )
-
-
-def _values(record: Record) -> LaserValues:
-    if not isinstance(record, LaserRecord):
-        raise CalibrationError(f'record "{record.id}" holds no values of a laser')
-    return record.values
 
 
 def _raw(readings: xr.Dataset, output: str, values: LaserValues) -> tuple[NDArray[np.float64], float | None, Quantity]:
@@ -145,10 +139,9 @@ def _raw(readings: xr.Dataset, output: str, values: LaserValues) -> tuple[NDArra
     if output not in readings:
         outputs = ", ".join(name for name in map(str, readings) if name.startswith("out"))
         raise InputError(f'the readings have no output "{output}"; they have {outputs}')
-    variable = readings[output]
-    unit_text = variable.attrs.get("units")
-    step = variable.attrs.get("resolution")
-    raw = np.asarray(variable.values, dtype=float)
+    unit_text = readings[output].attrs.get("units")
+    step = readings[output].attrs.get("resolution")
+    raw = np.asarray(readings[output].values, dtype=float)
     if unit_text == "m":
         return raw, step, values.scale
     if unit_text == "V" and values.volt_scale is not None:
@@ -176,22 +169,6 @@ def _is_valid(
     return is_valid
 
 
-def _zero(
-    time: NDArray[np.float64],
-    used: NDArray[np.float64],
-    zero: tuple[float, float] | Quantity | float | None,
-    step: float,
-    averaging: int,
-) -> _quiet.Quiet:
-    if zero is None:
-        return _quiet.from_start(time, used, resolution=step, correlated=averaging)
-    if isinstance(zero, Quantity):
-        return _quiet.given(used, zero.value, zero.u, resolution=step)
-    if isinstance(zero, tuple):
-        return _quiet.in_window(time, used, zero, resolution=step, correlated=averaging)
-    return _quiet.given(used, float(zero), 0.0, resolution=step)
-
-
 def _sources(
     moved: NDArray[np.float64],
     at_rest: _quiet.Quiet,
@@ -200,18 +177,12 @@ def _sources(
     gain: Quantity,
     values: LaserValues,
     factor: float,
-    variable: xr.DataArray,
+    unit_of_reading: str,
 ) -> list[Source]:
     """List what makes the largest displacement of the record uncertain."""
-    finite = moved[np.isfinite(moved)]
-    largest = float(finite[np.argmax(np.abs(finite))]) if finite.size else 0.0
-    unit_text = str(variable.attrs["units"])
-    rounding = step / math.sqrt(12)
-    noise = excess_uncertainty(at_rest.noise, rounding)
+    largest = _quiet.largest(moved)
     sources = [
-        Source("noise of a sample", 0.0, noise, unit_text, factor, "random"),
-        Source("rounding of the display", 0.0, rounding, unit_text, factor, "random"),
-        Source("zero", at_rest.level, at_rest.u_level, unit_text, factor, "systematic"),
+        *at_rest.sources("zero", "rounding of the display", step, unit_of_reading, factor),
         Source.of("inclination", angle, largest * math.tan(angle.value)),
         Source.of("gain", gain, largest / gain.value),
     ]
@@ -230,13 +201,10 @@ def _attributes(
     at_rest: _quiet.Quiet,
     step: float,
     angle: Quantity,
+    gain: Quantity,
     sources: list[Source],
 ) -> dict[str, Any]:
-    relative = [source for source in sources if source.source in ("inclination", "gain")]
-    by_value = {
-        "inclination": math.tan(angle.value) * angle.u,
-        "gain": next(s.u / s.value for s in relative if s.source == "gain"),
-    }
+    u_inclination = math.tan(angle.value) * angle.u
     kept = ("source", "start", "sampling_interval", "averaging", "header", "layout", "work")
     window = None if at_rest.n == 0 else {"start": at_rest.start, "stop": at_rest.stop}
     return {
@@ -246,21 +214,13 @@ def _attributes(
         "noise": at_rest.noise,
         "resolution": step,
         "zero_window": json.dumps(window),
-        "u_inclination_relative": by_value["inclination"],
-        "u_systematic_relative": math.hypot(*by_value.values()),
+        "u_inclination_relative": u_inclination,
+        "u_systematic_relative": math.hypot(u_inclination, gain.u / gain.value),
         "u_largest": combined_uncertainty(sources),
         "budget": json.dumps(budget_rows(sources)),
         "time_base": json.dumps(base._asdict()),
         "calibration": json.dumps(checked, ensure_ascii=False),
     }
-
-
-def _over_time(values: NDArray[Any], units: str, long_name: str) -> tuple[Any, ...]:
-    return "time", values, described(units, long_name)
-
-
-def _scalar(name: str, quantity: Quantity, long_name: str) -> dict[str, Any]:
-    return with_u(name, (), quantity.value, quantity.u, quantity.si, long_name)
 
 
 def inclination_from_drop(travel: Quantity, height: Quantity) -> Quantity:

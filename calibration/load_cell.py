@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from calibration import _quiet
-from calibration.record import LoadCellRecord, LoadCellValues, Record, require
+from calibration.record import LoadCellRecord, LoadCellValues, Record, of_kind, require
 from labpipe.errors import CalibrationError, InputError
-from labpipe.uncertainty import Source, budget_rows, combined_uncertainty, excess_uncertainty
+from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.units import Quantity
-from labpipe.variables import described, with_u
+from labpipe.variables import variable, with_u
 
 __all__ = ["FilterLag", "declared_filter", "filter_lag", "force"]
 
@@ -35,7 +35,7 @@ def force(
     record: Record | None = None,
     *,
     axis: str = "z",
-    zero: str | tuple[float, float] | Quantity | float | None = None,
+    zero: _quiet.Zero | None = None,
     compression_sign: int | None = None,
     measured: str | date | None = None,
     ignore_validity: bool = False,
@@ -83,7 +83,7 @@ def force(
     if record is not None:
         attrs = readings.attrs | {"sensor": _cell_name(readings.attrs)}
         checked = require(record, "load_cell", attrs, measured=measured, ignore_validity=ignore_validity)
-        values = _values(record)
+        values = of_kind(record, LoadCellRecord).values
     gain = values.scale if values else _UNKNOWN
     raw = np.asarray(readings[name].values, dtype=float)
     is_valid = np.isfinite(raw)
@@ -98,10 +98,10 @@ def force(
     dimension = str(readings[name].dims[0])
     result = xr.Dataset(
         {
-            "force": _over(dimension, pressed, "N", "force, compression positive"),
-            "u_force": _over(dimension, spread, "N", "random standard uncertainty"),
-            "force_raw": _over(dimension, raw, "N", "force as in the file"),
-            "valid": _over(dimension, is_valid, "1", "whether there is a reading"),
+            "force": variable(dimension, pressed, "N", "force, compression positive"),
+            "u_force": variable(dimension, spread, "N", "random standard uncertainty"),
+            "force_raw": variable(dimension, raw, "N", "force as in the file"),
+            "valid": variable(dimension, is_valid, "1", "whether there is a reading"),
         },
         coords=readings[name].coords,
         attrs={
@@ -123,16 +123,6 @@ def force(
 
 
 _KEPT = ("source", "start", "header", "function", "block_number", "work")
-
-
-def _over(dimension: str, values: NDArray[Any], units: str, long_name: str) -> tuple[Any, ...]:
-    return dimension, values, described(units, long_name)
-
-
-def _values(record: Record) -> LoadCellValues:
-    if not isinstance(record, LoadCellRecord):
-        raise CalibrationError(f'record "{record.id}" holds no values of a load cell')
-    return record.values
 
 
 def _sign(readings: xr.Dataset, given: int | None) -> int:
@@ -159,27 +149,14 @@ def _cell_name(attrs: Mapping[str, Any]) -> str:
     return names.pop() if len(names) == 1 else ""
 
 
-def _tare(
-    readings: xr.Dataset,
-    used: NDArray[np.float64],
-    zero: str | tuple[float, float] | Quantity | float | None,
-    step: float,
-) -> _quiet.Quiet:
+def _tare(readings: xr.Dataset, used: NDArray[np.float64], zero: _quiet.Zero | None, step: float) -> _quiet.Quiet:
+    if isinstance(zero, str) and zero != "start":
+        raise InputError(f'zero must be "start", a window, a force or None, found "{zero}"')
     time = readings["time"].values
     first = slice(None)
     if "block" in readings.coords and "sample" in readings.dims and time.size:
         first = slice(0, int(np.sum(readings["block"].values == readings["block"].values[0])))
-    if zero is None:
-        return _quiet.given(used, 0.0, 0.0, resolution=step)
-    if isinstance(zero, Quantity):
-        return _quiet.given(used, zero.value, zero.u, resolution=step)
-    if isinstance(zero, tuple):
-        return _quiet.in_window(time[first], used[first], zero, resolution=step)
-    if isinstance(zero, str):
-        if zero != "start":
-            raise InputError(f'zero must be "start", a window, a force or None, found "{zero}"')
-        return _quiet.from_start(time[first], used[first], resolution=step)
-    return _quiet.given(used, float(zero), 0.0, resolution=step)
+    return _quiet.of_zero(time, used, 0.0 if zero is None else zero, resolution=step, first=first)
 
 
 def _sources(
@@ -190,18 +167,9 @@ def _sources(
     values: LoadCellValues | None,
     sign: int,
 ) -> list[Source]:
-    finite = pressed[np.isfinite(pressed)]
-    largest = float(finite[np.argmax(np.abs(finite))]) if finite.size else 0.0
-    rounding = step / math.sqrt(12)
-    noise = excess_uncertainty(at_rest.noise, rounding)
-    factor = sign * gain.value
-    sources = [
-        Source("noise of a sample", 0.0, noise, "N", factor, "random"),
-        Source("rounding to the cell's step", 0.0, rounding, "N", factor, "random"),
-        Source("tare", at_rest.level, at_rest.u_level, "N", factor, "systematic"),
-    ]
+    sources = at_rest.sources("tare", "rounding to the cell's step", step, "N", sign * gain.value)
     if values:
-        sources.append(Source.of("gain", gain, largest / gain.value))
+        sources.append(Source.of("gain", gain, _quiet.largest(pressed) / gain.value))
     if values and values.linearity:
         sources.append(Source("linearity", 0.0, values.linearity.u, "N", 1.0, "systematic"))
     return sources

@@ -62,7 +62,16 @@ class FrameSource(Protocol):
 
 
 class ShownFrames:
-    """What a film of any kind shows of itself; nothing is decoded for it."""
+    """What a film of any kind shows of itself, for which nothing is decoded; its length, and its frames in order."""
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return cast("FrameSource", self).shape[0]
+
+    def __iter__(self) -> Iterator[NDArray[np.integer]]:
+        """Go through the frames in order."""
+        film = cast("FrameSource", self)
+        return (film[i] for i in range(len(film)))
 
     def __repr__(self) -> str:
         film = cast("FrameSource", self)
@@ -139,17 +148,9 @@ class ArrayFrames(ShownFrames):
         """Black and white level."""
         return self._levels
 
-    def __len__(self) -> int:
-        """Return the number of frames."""
-        return int(self._images.shape[0])
-
     def __getitem__(self, index: int) -> NDArray[np.integer]:
         """Return one frame."""
         return self._images[index]
-
-    def __iter__(self) -> Iterator[NDArray[np.integer]]:
-        """Go through the frames in order."""
-        return (self[i] for i in range(len(self)))
 
     def roi(self, rows: slice, columns: slice) -> "ArrayFrames":
         """Return a view of a rectangle."""

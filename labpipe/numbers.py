@@ -31,6 +31,18 @@ def is_number(cell: str) -> bool:
     return _NUMBER.fullmatch(cell) is not None and abs(float(cell)) != float("inf")
 
 
+def check_decimal(given: str | None) -> None:
+    """Refuse another decimal sign than the dot and the comma.
+
+    Raises
+    ------
+    InputError
+        It is another; None says that the file decides.
+    """
+    if given not in (None, ".", ","):
+        raise InputError(f'decimal must be "." or ",", found "{given}"')
+
+
 _GROUPED = {
     ",": re.compile(r"[+-]?[1-9][0-9]{0,2}(?:,[0-9]{3})+(?:\.[0-9]*)?"),
     ".": re.compile(r"[+-]?[1-9][0-9]{0,2}(?:\.[0-9]{3})+(?:,[0-9]*)?"),

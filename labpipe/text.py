@@ -137,7 +137,7 @@ def survey(
     limits = limits or Limits()
     path = Path(path)
     size = _checked_size(path, limits)
-    head = _first_bytes(path)
+    head = first_bytes(path)
     marked = next((codec for mark, codec in _MARKS if head.startswith(mark)), None) or unmarked_codec(head)
     candidates = (marked,) if marked else ("utf-8", *declared)
     failures = []
@@ -191,10 +191,17 @@ def _checked_size(path: Path, limits: Limits) -> int:
     return status.st_size
 
 
-def _first_bytes(path: Path) -> bytes:
+def first_bytes(path: Path, count: int = _FIRST) -> bytes:
+    """Return the beginning of a file.
+
+    Raises
+    ------
+    SourceError
+        It cannot be opened.
+    """
     try:
         with path.open("rb") as stream:
-            return stream.read(_FIRST)
+            return stream.read(count)
     except OSError as error:
         raise SourceError(path, f"cannot be opened: {error.strerror}") from None
 

@@ -5,6 +5,7 @@ table is refused, never guessed. Temperatures are kept in °C as the field does 
 everything else is a pure factor.
 """
 
+import math
 import re
 from typing import NamedTuple
 
@@ -238,6 +239,19 @@ def si(given: Measure, unit_of: str, name: str) -> float:
         is_in = "has no unit" if found == "1" else f"is in {found}"
         raise InputError(f"{name}: {text} {is_in}; expected {_example(unit_of)}")
     return value
+
+
+def require_positive(unit: str = "", **values: float) -> None:
+    """Refuse arguments that are no positive, finite numbers; ``unit`` is said with them.
+
+    Raises
+    ------
+    InputError
+        Naming the first of them.
+    """
+    for name, value in values.items():
+        if not 0.0 < value < math.inf:
+            raise InputError(f"{name} is {value}{unit and f' {unit}'}, expected a positive number")
 
 
 def _example(unit_of: str) -> str:

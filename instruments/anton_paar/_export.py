@@ -19,7 +19,8 @@ from instruments.anton_paar._table import Export, RawInterval, Row, read_table, 
 from instruments.anton_paar._values import Findings, interpret, signs_of
 from instruments.anton_paar._words import column_name
 from labpipe.errors import InputError, SourceError
-from labpipe.text import Limits, TextFile, survey
+from labpipe.numbers import check_decimal
+from labpipe.text import Limits, TextFile, first_bytes, survey
 
 # Real exports have below 1 MB; the lines are kept while the decimal sign is being decided.
 _LIMITS = Limits(max_bytes=128 << 20)
@@ -75,11 +76,9 @@ def read(
     >>> readings = read("sweep.csv")  # doctest: +SKIP
     >>> readings.storage_modulus.where(readings.interval == 2)  # doctest: +SKIP
     """
-    if decimal not in (None, ".", ","):
-        raise InputError(f'decimal must be "." or ",", found "{decimal}"')
+    check_decimal(decimal)
     path = Path(path)
-    head = _head(path)
-    if head.startswith(b"PK"):
+    if first_bytes(path).startswith(b"PK"):
         export, how = read_table(path, workbook_rows(path)), {"encoding": "xlsx"}
         _warn_of_project(export)
     else:
@@ -90,14 +89,6 @@ def read(
         export, how = read_table(path, rows), {"encoding": source.encoding, "delimiter": sign}
         _check_last(source, export, allow_incomplete)
     return _dataset(path, export, how, decimal)
-
-
-def _head(path: Path) -> bytes:
-    try:
-        with path.open("rb") as stream:
-            return stream.read(4)
-    except OSError as error:
-        raise SourceError(path, f"cannot be opened: {error.strerror}") from None
 
 
 def _warn_of_project(export: Export) -> None:

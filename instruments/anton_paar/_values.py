@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments._moduli import with_moduli
+from instruments._temperatures import celsius
 from instruments.anton_paar import _words as words
 from instruments.anton_paar._table import Cell, RawInterval, text_of
 from labpipe.arrays import Floats
 from labpipe.errors import InputError, SourceError
 from labpipe.numbers import DOT, Separators, plain_number, separators, shorten
 from labpipe.text import not_a_number
-from labpipe.units import ZERO_CELSIUS
 
 #: What stands where there is no reading.
 _ABSENT = ("", "-", "--", "---", "*")
@@ -130,11 +130,9 @@ def interpret(raw: RawInterval, signs: Separators, path: Path, findings: Finding
             continue
         factor, si = _unit(raw, plan, path)
         values = _numbers(raw, plan, signs, path, findings) * factor
-        if si == "K" and plan.name in words.TEMPERATURES:
-            if (values < 0.0).any():
-                said = f'{plan.header} is in "{plan.unit}" and holds {np.nanmin(values):g}, below absolute zero'
-                raise SourceError(path, said, line=raw.line + 1, hint="Correct the row of units, or export again.")
-            values, si = values - ZERO_CELSIUS, "degC"
+        if plan.name in words.TEMPERATURES:
+            values = celsius(values, si, path=path, line=raw.line + 1, header=plan.header, stated=plan.unit)
+            si = "degC"
         name = _by_unit(plan.name, si)
         if name not in ("time", "interval_time"):
             values[~valid] = np.nan

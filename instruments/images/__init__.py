@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
 from instruments._instrument import Instrument
+from instruments.images._headers import is_tiff
 from instruments.images._names import LOSSY, has_frames, has_images
 from labpipe.lazy import lazily
 
@@ -27,9 +28,8 @@ def _sniff(head: bytes, path: Path) -> bool:
     """Tell a folder of frames, a TIFF, or a video."""
     if path.is_dir():
         return has_frames(path)
-    is_tiff = head[:4] in {b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"}
     is_avi = head[:4] == b"RIFF" and head[8:12] == b"AVI "
-    return is_tiff or is_avi or head[4:8] == b"ftyp" or head[:4] == b"\x1aE\xdf\xa3"
+    return is_tiff(head) or is_avi or head[4:8] == b"ftyp" or head[:4] == b"\x1aE\xdf\xa3"
 
 
 def folder_hint(folder: Path) -> str:

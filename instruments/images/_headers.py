@@ -25,6 +25,7 @@ _TIFF_SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 16: 8, 13: 4}
 _WIDTH, _LENGTH, _BITS, _PHOTOMETRIC, _OFFSETS, _SAMPLES, _COUNTS = (256, 257, 258, 262, 273, 277, 279)
 _TILE_OFFSETS, _TILE_COUNTS = 324, 325
 _ORIENTATION = 274
+_MOST_FIELDS = 4096  # of a directory that are looked at
 _LARGE_HEAD = 16  # bytes before the first directory of a TIFF of large numbers
 _COMPRESSION, _PLAIN = 259, 1
 _COMPRESSIONS = {1, 5, 7, 8, 32773, 32946}  # none, LZW, JPEG, deflate of two numbers, PackBits
@@ -183,6 +184,7 @@ class _Tiff:
         self.data: bytes = data  # type: ignore[assignment]  # a mapped file is read as bytes are
         self.order = "<" if self.data[:2] == b"II" else ">"
         self.is_big = self.unpack("H", 2) == 43
+        self.word = "Q" if self.is_big else "I"  # of places and counts
         self.unread = len(self.data)
 
     def spend(self, length: int, at: int) -> None:
@@ -200,8 +202,7 @@ class _Tiff:
         return int(struct.unpack(self.order + layout, self.data[at : at + size])[0])
 
     def pages(self) -> list[ImageHeader]:
-        word, start = ("Q", 8) if self.is_big else ("I", 4)
-        at = self.unpack(word, start)
+        at = self.unpack(self.word, 8 if self.is_big else 4)
         seen: set[int] = set()
         found: list[ImageHeader] = []
         while at:
@@ -223,17 +224,14 @@ class _Tiff:
         return found
 
     def _page(self, at: int) -> tuple[ImageHeader, int]:
-        count = self.unpack("Q" if self.is_big else "H", at)
-        first, size = (at + 8, 20) if self.is_big else (at + 2, 12)
-        self.spend(count * size, at)
+        entries = self._entries(at)
+        self.spend(entries.stop - entries.start, at)
         tags = {}
-        for i in range(min(count, 4096)):
-            entry = first + i * size
+        for entry in entries[:_MOST_FIELDS]:
             tag = self.unpack("H", entry)
             if tag in _WANTED:
                 tags[tag] = self._values(entry)
-        following = self.unpack("Q" if self.is_big else "I", first + count * size)
-        return self._header(tags, at), following
+        return self._header(tags, at), self.unpack(self.word, entries.stop)
 
     def page(self, at: int) -> bytes:
         """Return a page as a TIFF of its own: a large one, whose numbers reach everywhere."""
@@ -264,31 +262,37 @@ class _Tiff:
             tail += b"\0" * (-len(tail) % 8)
         return found
 
-    def _fields(self, at: int) -> dict[int, "_Field"]:
+    def _entries(self, at: int) -> range:
+        """Return where the fields of a directory begin."""
         count = self.unpack("Q" if self.is_big else "H", at)
         first, size = (at + 8, 20) if self.is_big else (at + 2, 12)
-        number = "Q" if self.is_big else "I"
-        entries = range(first, first + size * count, size)
-        return {self.unpack("H", e): _Field(e, self.unpack("H", e + 2), self.unpack(number, e + 4)) for e in entries}
+        return range(first, first + size * count, size)
+
+    def _fields(self, at: int) -> dict[int, "_Field"]:
+        return {self.unpack("H", entry): self._field(entry) for entry in self._entries(at)}
+
+    def _field(self, entry: int) -> "_Field":
+        return _Field(entry, self.unpack("H", entry + 2), self.unpack(self.word, entry + 4))
+
+    def _place(self, entry: int, length: int) -> tuple[int, bool]:
+        """Return where the values of a field lie: in it, or elsewhere, where it points."""
+        room, place = (8, entry + 12) if self.is_big else (4, entry + 8)
+        return (self.unpack(self.word, place), True) if length > room else (place, False)
 
     def _stored(self, field: "_Field") -> bytes:
-        """Return the bytes of a field, which lie in it or where it points."""
+        """Return the bytes of a field."""
         length = field.number * _TIFF_SIZES.get(field.kind, 8)
-        room, place = (8, field.entry + 12) if self.is_big else (4, field.entry + 8)
-        if length > room:
-            place = self.unpack("Q" if self.is_big else "I", place)
+        place, _ = self._place(field.entry, length)
         return self.data[place : place + length]
 
     def _values(self, entry: int) -> list[int]:
-        kind = self.unpack("H", entry + 2)
-        count = self.unpack("Q" if self.is_big else "I", entry + 4)
+        _, kind, count = self._field(entry)
         size = _TIFF_SIZES.get(kind, 0)
         layout = {1: "B", 2: "H", 4: "I", 8: "Q"}.get(size)
         if layout is None or count == 0 or count * size > len(self.data):
             raise SourceError(self.path, f"a TIFF field of type {kind} and {count} values", offset=entry)
-        room, place = (8, entry + 12) if self.is_big else (4, entry + 8)
-        if count * size > room:
-            place = self.unpack("Q" if self.is_big else "I", place)
+        place, is_elsewhere = self._place(entry, count * size)
+        if is_elsewhere:
             self.spend(count * size, entry)
         return [self.unpack(layout, place + i * size) for i in range(count)]
 

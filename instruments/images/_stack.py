@@ -5,7 +5,6 @@ baked in by the exporting program, so intensities are not calibrated.
 """
 
 import os
-from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -123,7 +122,7 @@ class ExportedFrames(ShownFrames):
     @property
     def shape(self) -> tuple[int, int, int]:
         """Number of frames, rows, columns."""
-        return len(self), len(self._rows), len(self._columns)
+        return len(self._time), len(self._rows), len(self._columns)
 
     @cached_property
     def valid(self) -> NDArray[np.bool_]:
@@ -135,20 +134,12 @@ class ExportedFrames(ShownFrames):
         """Black and white level."""
         return self._pictures.levels
 
-    def __len__(self) -> int:
-        """Return the number of frames."""
-        return len(self._time)
-
     def __getitem__(self, index: int) -> NDArray[np.integer[Any]]:
         """Decode one frame; those of a video fastest in order."""
         if not -len(self) <= index < len(self):
             raise IndexError(f"frame {index} of {len(self)}")
         image = self._pictures.whole(index % len(self))
         return image[self._rows.start : self._rows.stop, self._columns.start : self._columns.stop]
-
-    def __iter__(self) -> Iterator[NDArray[np.integer[Any]]]:
-        """Go through the frames in order."""
-        return (self[i] for i in range(len(self)))
 
     def roi(self, rows: slice, columns: slice) -> "ExportedFrames":
         """Return a view of a rectangle; an image is decoded whole all the same."""

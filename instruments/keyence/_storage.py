@@ -44,7 +44,7 @@ from instruments.keyence._statements import (
 )
 from instruments.keyence._writer import DEVICE, output_variables
 from labpipe.errors import InputError, SourceError
-from labpipe.numbers import shorten
+from labpipe.numbers import check_decimal, shorten
 from labpipe.text import Limits, TextFile, survey
 from labpipe.units import Quantity, unit
 from labpipe.variables import variable
@@ -133,8 +133,7 @@ def read(
 
 def _merge(profile: KeyenceProfile, **options: Any) -> KeyenceProfile:
     given = {name: value for name, value in options.items() if value is not None}
-    if given.get("decimal", ".") not in (".", ","):
-        raise InputError(f'decimal must be "." or ",", found "{given["decimal"]}"')
+    check_decimal(given.get("decimal"))
     if len(given.get("delimiter", ",")) != 1:
         raise InputError(f'delimiter must be one character, found "{given["delimiter"]}"')
     factor = given.get("storage_factor", 1)

@@ -26,7 +26,7 @@ from instruments.mach1._blocks import DIVIDER, TITLE, Block, parse
 from instruments.mach1._dataset import assemble, start_of
 from instruments.mach1._lines import END_DATA, Options
 from labpipe import files
-from labpipe.errors import InputError
+from labpipe.numbers import check_decimal
 from labpipe.text import Limits, survey
 
 _CELL, _WITH_COMMA = re.compile(r"-?[0-9]+([.,][0-9]+)?"), re.compile(r"-?[0-9]+,[0-9]{4,}")
@@ -78,8 +78,7 @@ def read(
     >>> readings.force_z.attrs["units"]  # doctest: +SKIP
     'N'
     """
-    if decimal not in (None, ".", ","):
-        raise InputError(f'decimal must be "." or ",", found "{decimal}"')
+    check_decimal(decimal)
     source = survey(path, declared=("latin-1",), limits=limits or Limits())
     decimal = decimal or _decimal_of(source.lines())
     blocks = parse(source, Options(decimal, allow_incomplete, allow_gaps))

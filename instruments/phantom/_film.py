@@ -6,7 +6,6 @@ when it is asked for; rows outside the rectangle are not touched.
 
 import os
 import warnings
-from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -141,8 +140,8 @@ class CineFrames(ShownFrames):
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Number of frames, rows, columns."""
-        return len(self), len(self._rows), len(self._columns)
+        """Number of frames that the file declares, rows, columns."""
+        return self._header.count, len(self._rows), len(self._columns)
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -167,10 +166,6 @@ class CineFrames(ShownFrames):
         sound.setflags(write=False)
         return sound
 
-    def __len__(self) -> int:
-        """Return the number of frames that the file declares."""
-        return self._header.count
-
     def __getitem__(self, index: int) -> NDArray[np.integer[Any]]:
         """Decode one frame, first row on top.
 
@@ -193,10 +188,6 @@ class CineFrames(ShownFrames):
                 hint="Use the frames marked in `.valid`; copy the film again to get the others.",
             )
         return self._decode(self._pixels_at(index))
-
-    def __iter__(self) -> Iterator[NDArray[np.integer[Any]]]:
-        """Go through the frames in order."""
-        return (self[i] for i in range(len(self)))
 
     def roi(self, rows: slice, columns: slice) -> "CineFrames":
         """Return a view of a rectangle of this view; rows outside are not read."""

@@ -37,8 +37,8 @@ from instruments.tables._layout import Block
 from instruments.tables._values import Table
 from instruments.tables._words import Heading
 from labpipe.errors import InputError, SourceError
-from labpipe.numbers import Separators, separators, shorten
-from labpipe.text import Limits, TextFile, survey
+from labpipe.numbers import Separators, check_decimal, separators, shorten
+from labpipe.text import Limits, TextFile, first_bytes, survey
 
 DEVICE = "plain table of a dynamic mechanical analysis"
 
@@ -89,8 +89,7 @@ def read(
     --------
     >>> sweeps = read("sweeps.csv")  # doctest: +SKIP
     """
-    if decimal not in (None, ".", ","):
-        raise InputError(f'decimal must be "." or ",", found "{decimal}"')
+    check_decimal(decimal)
     path = Path(path)
     named = None if columns is None else _named(columns)
     found = _in_sheets(path, named) if _is_workbook(path) else _in_text(path, encoding, allow_incomplete, named)
@@ -137,11 +136,7 @@ def _stated_decimal(lines: Sequence[tuple[int, str]]) -> str | None:
 
 
 def _is_workbook(path: Path) -> bool:
-    try:
-        with path.open("rb") as stream:
-            head = stream.read(HEAD_BYTES)
-    except OSError as error:
-        raise SourceError(path, f"cannot be opened: {error.strerror}") from None
+    head = first_bytes(path, HEAD_BYTES)
     is_one = head.startswith(b"PK\x03\x04") and b"opendocument" not in head
     if not is_one and workbook_hint(head):
         raise SourceError(path, "this is no table of text and no .xlsx", hint=workbook_hint(head))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from instruments import anton_paar
 from instruments._moduli import are_confirmed, missing, with_moduli
 from instruments._symbols import FREQUENCIES
+from instruments._temperatures import celsius
 from instruments.anton_paar import Column
 from instruments.tables import _words
 from instruments.tables._cells import ABSENT, BLANKS, is_numeric, plain
@@ -31,7 +32,6 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError, SourceError
 from labpipe.numbers import Separators, listed, plain_number, shorten
 from labpipe.text import not_a_number
-from labpipe.units import ZERO_CELSIUS
 
 _NO_READING = 9.9e37  # by which instruments of the SCPI standard say that there is none, or that it overflowed
 _ALONE = "Cells hold numbers alone; the units stand in the headings or in a row below them."
@@ -304,10 +304,9 @@ def _column(path: Path, block: Block, heading: Heading, values: Floats) -> Colum
     if name == "frequency" and unit.si == "rad/s":
         factor /= 2.0 * np.pi
     column = column * factor
-    if unit.si == "K" and "degC" in wanted:
-        column, si = column - ZERO_CELSIUS, "degC"
-    if unit.si == "degF":
-        column, si = (column - 32.0) * 5.0 / 9.0, "degC"
+    if "degC" in wanted:
+        line = block.unit_line or block.line
+        column, si = celsius(column, si, path=path, line=line, header=heading.text, stated=stated), "degC"
     return Column(name, heading.text or name, stated, si, column)
 
 

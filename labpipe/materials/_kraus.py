@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
+from labpipe.units import require_positive
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,9 +64,7 @@ class Kraus:
     exponent: float = 0.6
 
     def __post_init__(self) -> None:
-        for name in ("critical_strain", "exponent", "storage_floor"):
-            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
-                raise InputError(f"{name} is {getattr(self, name)}, expected a positive number")
+        require_positive(critical_strain=self.critical_strain, exponent=self.exponent, storage_floor=self.storage_floor)
         for name in ("loss_peak", "loss_floor"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
                 raise InputError(f"{name} is {getattr(self, name)}, expected a number from 0 up")

@@ -122,6 +122,12 @@ def test_a_fault_is_named_with_its_line(tmp_path, text, line, message):
     assert caught.value.line == line
 
 
+@pytest.mark.parametrize(("unit", "coldest"), [("K", "-20.1"), ("C", "-400.5"), ("degF", "-460")])
+def test_a_temperature_below_absolute_zero_has_another_unit(tmp_path, unit, coldest):
+    with pytest.raises(SourceError, match=f'table.csv:2: T is in "{unit}" and holds {coldest}, below absolute zero'):
+        read(tmp_path, SWEEPS.replace("MPa, C", f"MPa, {unit}").replace("20.1", coldest))
+
+
 def test_a_cut_last_line_is_dropped_on_request(tmp_path):
     with pytest.warns(UserWarning, match="dropped"):
         found = read(tmp_path, SWEEPS.rstrip("\n"), allow_incomplete=True)

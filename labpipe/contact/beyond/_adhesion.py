@@ -28,6 +28,7 @@ from scipy.optimize import minimize_scalar
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
+from labpipe.units import require_positive
 
 Theory = Literal["jkr", "dmt", "maugis"]
 
@@ -145,7 +146,7 @@ def tabor(
     40.8
     """
     _checked(0.0, radius, reduced_modulus, work)
-    _positive("equilibrium_distance", equilibrium_distance, "m")
+    require_positive("m", equilibrium_distance=equilibrium_distance)
     reach = (radius * (work / reduced_modulus) ** 2) ** (1.0 / 3.0)
     return float(reach / equilibrium_distance)
 
@@ -159,7 +160,7 @@ def regime(tabor_parameter: float) -> str:
 
 def cohesive_stress(work: float, equilibrium_distance: float = EQUILIBRIUM_DISTANCE) -> float:
     """Dugdale's constant attraction [Pa]: the strongest of a Lennard-Jones force, 1.03 w/z₀."""
-    _positive("equilibrium_distance", equilibrium_distance, "m")
+    require_positive("m", equilibrium_distance=equilibrium_distance)
     return _STRONGEST * work / equilibrium_distance
 
 
@@ -174,8 +175,8 @@ def maugis_parameter(radius: float, reduced_modulus: float, work: float, stress:
         Attraction of the surfaces, see :func:`cohesive_stress`.
     """
     _checked(0.0, radius, reduced_modulus, work)
-    _positive("work", work, "J/m2")
-    _positive("stress", stress, "Pa")
+    require_positive("J/m2", work=work)
+    require_positive("Pa", stress=stress)
     return float(stress * (9.0 * radius / (2.0 * np.pi * work * reduced_modulus**2)) ** (1 / 3))
 
 
@@ -302,16 +303,11 @@ def _maugis_state(A: Floats, rate: float, angle: Floats) -> tuple[Floats, Floats
 
 
 def _checked(contact_radius: ArrayLike, radius: float, modulus: float, work: float) -> Floats:
-    _positive("radius", radius, "m")
-    _positive("reduced_modulus", modulus, "Pa")
+    require_positive("m", radius=radius)
+    require_positive("Pa", reduced_modulus=modulus)
     if not (np.isfinite(work) and work >= 0.0):
         raise InputError(f"work is {work} J/m2, expected a number from 0 up")
     a = np.asarray(contact_radius, dtype=float)
     if not np.all((a >= 0.0) & np.isfinite(a)):
         raise InputError(f"contact_radius is {a} m, expected numbers from 0 up")
     return a
-
-
-def _positive(name: str, value: float, unit: str) -> None:
-    if not (np.isfinite(value) and value > 0.0):
-        raise InputError(f"{name} is {value} {unit}, expected a positive number")

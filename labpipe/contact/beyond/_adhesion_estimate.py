@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from labpipe.contact.beyond._adhesion import EQUILIBRIUM_DISTANCE, cohesive_stress, lost_energy, pull_off, regime, tabor
-from labpipe.errors import InputError
 from labpipe.materials import Prony
+from labpipe.units import require_positive
 
 WORK_OF_ADHESION = 0.05
 """J/m2; of a clean smooth polymer on glass or sapphire, the most to expect. Roughness and dust
@@ -96,10 +96,7 @@ def adhesion_in_impact(
     >>> found.verdict, f"{found.pull_off:.2g}"
     ('negligible', '0.0022')
     """
-    given = {"mass": mass, "speed": speed, "contact_duration": contact_duration, "peak_force": peak_force}
-    for name, value in given.items():
-        if not (np.isfinite(value) and value > 0.0):
-            raise InputError(f"{name} is {value}, expected a positive number")
+    require_positive(mass=mass, speed=speed, contact_duration=contact_duration, peak_force=peak_force)
     modulus = abs(complex(material.complex_modulus(np.pi / contact_duration, "contact")))
     relaxed = material.E_relaxed if not material.is_liquid else modulus / material.factor("contact")
     enhanced = work * material.E_unrelaxed / relaxed

@@ -33,6 +33,7 @@ from scipy.optimize import brentq, minimize_scalar
 from labpipe.arrays import Floats
 from labpipe.contact.beyond._adhesion import AdhesiveContact
 from labpipe.errors import InputError
+from labpipe.units import require_positive
 
 Slope = Callable[[Floats], Floats]
 
@@ -108,9 +109,7 @@ def adhesive_indentation(
     -1.0
     """
     radii = np.atleast_1d(np.asarray(contact_radius, dtype=float))
-    for name, value in (("reduced_modulus", reduced_modulus), ("stress", stress or 1.0)):
-        if not (np.isfinite(value) and value > 0.0):
-            raise InputError(f"{name} is {value} Pa, expected a positive number")
+    require_positive("Pa", reduced_modulus=reduced_modulus, stress=stress or 1.0)
     if not (np.all(radii > 0.0) and np.all(np.isfinite(radii)) and work >= 0.0):
         raise InputError(f"contact radii {radii} m and work {work} J/m2; expected positive, and from 0 up")
     rows = [_state(slope, float(a), reduced_modulus, work, stress) for a in radii]

@@ -8,6 +8,7 @@ from labpipe.contact.beyond._adhesion import EQUILIBRIUM_DISTANCE, cohesive_stre
 from labpipe.contact.beyond._adhesive_mdr import adhesive_indentation, adhesive_pull_off, slope_of
 from labpipe.errors import InputError
 from labpipe.materials import Prony
+from labpipe.units import require_positive
 from labpipe.variables import variable
 
 VALIDITY = "elastic (relaxed modulus), smooth, quasi-static, contact much narrower than the body"
@@ -64,9 +65,7 @@ def adhesive_states(
     >>> round(float(found.pull_off) / (1.5 * np.pi * 0.05 * 0.01), 9)
     1.0
     """
-    for name, value in (("work", work), ("load", load), ("size", size)):
-        if not (np.isfinite(value) and value > 0.0):
-            raise InputError(f"{name} is {value}, expected a positive number")
+    require_positive(work=work, load=load, size=size)
     if material.is_liquid or shape == "flat":
         raise InputError("slow loading needs a solid (E_relaxed above 0) and a profile that is not flat")
     if theory not in ("jkr", "maugis"):

@@ -1,7 +1,7 @@
 """How finely to simulate a drop: its scales, and the springs and steps they ask for."""
 
 from dataclasses import dataclass
-from math import inf, isfinite, pi, sqrt
+from math import inf, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ from labpipe.contact.impact._motion import Springs
 from labpipe.contact.impact._rings import ring_springs
 from labpipe.contact.impact._step_table import MOST_RINGING
 from labpipe.contact.memory import Creep, step_weights
-from labpipe.errors import InputError
+from labpipe.units import require_positive
 
 # Hertz impact: duration = 2.943 approach / speed.
 _HERTZ_DURATION = 2.9432751843
@@ -153,8 +153,7 @@ def springs_for(setting: Setting, creep: Creep, expected: Scales, effort: Effort
         # Rings cannot be made so fine: their number is limited.
         finer = min(finer, _MOST_RINGS_PER_RADIUS / _RINGS_PER_RADIUS)
         width = expected.radius / (_RINGS_PER_RADIUS * finer) if ring_width is None else ring_width
-        if not (isfinite(width) and width > 0.0):
-            raise InputError(f"ring_width is {width} m, expected a positive number")
+        require_positive("m", ring_width=width)
         return ring_springs(setting.radius, reach, width, setting.profile)
     core = _CORE * min(expected.rest_radius, expected.radius)
     per_radius = _SPRINGS_PER_RADIUS * finer

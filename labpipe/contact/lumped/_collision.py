@@ -37,7 +37,7 @@ from numpy.typing import ArrayLike
 from labpipe.arrays import Floats
 from labpipe.contact.lumped._motion import Bounce, CollisionLaw, Motion, Phase, grid
 from labpipe.errors import InputError
-from labpipe.units import Measure, si
+from labpipe.units import Measure, require_positive, si
 from labpipe.variables import described, variable
 
 # Energy gained in an impact by less than this part is rounding.
@@ -129,7 +129,7 @@ def collision(
     yield_depth, gravity = si(yield_depth, "m", "yield_depth"), si(gravity, "m/s2", "gravity")
     youngs_modulus = si(youngs_modulus, "Pa", "youngs_modulus")
     law = _law(radius, youngs_modulus, nu, damping, yield_depth, unloading_multiplier, as_printed)
-    _require_positive(mass=mass, height=height, duration=duration, gravity=gravity)
+    require_positive(mass=mass, height=height, duration=duration, gravity=gravity)
     if not _FINEST <= rtol <= _COARSEST:
         raise InputError(f"rtol is {rtol}, expected {_FINEST:g} to {_COARSEST:g}")
     motion = Motion(law, mass, gravity, rtol)
@@ -170,7 +170,7 @@ def _law(
     unloading_multiplier: float,
     as_printed: bool,
 ) -> CollisionLaw:
-    _require_positive(radius=radius, youngs_modulus=youngs_modulus)
+    require_positive(radius=radius, youngs_modulus=youngs_modulus)
     if not -1.0 < nu <= 0.5:
         raise InputError(f"Poisson's ratio is {nu}, expected above -1 and at most 0.5")
     if not (np.isfinite(damping) and damping >= 0.0):
@@ -242,9 +242,3 @@ def _dataset(phases: list[Phase], bounces: list[Bounce], time: Floats, evaluatio
     }
     work = json.dumps({"evaluations": evaluations, "phases": len(phases)})
     return xr.Dataset(variables, coordinates, {"work": work})
-
-
-def _require_positive(**values: float) -> None:
-    for name, value in values.items():
-        if not (np.isfinite(value) and value > 0.0):
-            raise InputError(f"{name} is {value}, expected a positive number")

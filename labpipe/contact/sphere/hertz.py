@@ -19,6 +19,7 @@ from scipy.special import beta
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
+from labpipe.units import require_positive
 
 CONTACT_TIME = float(0.8 * beta(0.4, 0.5))
 """Duration of an elastic impact in units of (largest approach)/(impact speed): 2.9432751843."""
@@ -87,7 +88,7 @@ def static_load(force: ArrayLike, radius: float, reduced_modulus: float) -> Sphe
     0.213
     """
     load = _not_negative("force", force, "N")
-    _require_positive(radius=radius, reduced_modulus=reduced_modulus)
+    require_positive(radius=radius, reduced_modulus=reduced_modulus)
     a = np.cbrt(0.75 * load * radius / reduced_modulus)
     return _state(a, radius, load)
 
@@ -106,7 +107,7 @@ def static_approach(approach: ArrayLike, radius: float, reduced_modulus: float) 
     0.81
     """
     depth = _not_negative("approach", approach, "m")
-    _require_positive(radius=radius, reduced_modulus=reduced_modulus)
+    require_positive(radius=radius, reduced_modulus=reduced_modulus)
     force = 4.0 / 3.0 * reduced_modulus * np.sqrt(radius) * depth**1.5
     return _state(np.sqrt(radius * depth), radius, force)
 
@@ -138,7 +139,7 @@ def impact(speed: ArrayLike, radius: float, mass: float, reduced_modulus: float)
     v = _not_negative("speed", speed, "m/s")
     if np.any(v == 0.0):
         raise InputError("the impact speed is 0; a sphere put down gently does not bounce")
-    _require_positive(radius=radius, mass=mass, reduced_modulus=reduced_modulus)
+    require_positive(radius=radius, mass=mass, reduced_modulus=reduced_modulus)
     depth = (15.0 * mass * v**2 / (16.0 * reduced_modulus * np.sqrt(radius))) ** 0.4
     state = static_approach(depth, radius, reduced_modulus)
     return Impact(depth, state.force, state.contact_radius, CONTACT_TIME * depth / v)
@@ -195,9 +196,3 @@ def _not_negative(name: str, values: ArrayLike, unit: str) -> Floats:
     if not np.all(array >= 0.0):
         raise InputError(f"{name} is {array} {unit}, expected numbers from 0 up")
     return array
-
-
-def _require_positive(**values: float) -> None:
-    for name, value in values.items():
-        if not (np.isfinite(value) and value > 0.0):
-            raise InputError(f"{name} is {value}, expected a positive number")

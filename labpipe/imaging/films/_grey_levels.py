@@ -1,7 +1,5 @@
 """Films of real numbers, brought to the range of grey levels of a camera."""
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,17 +27,9 @@ class ScaledFrames(ShownFrames):
         self.time, self.exposure, self.shape, self.valid = film.time, film.exposure, film.shape, film.valid
         self.levels = (factor * film.levels[0], factor * film.levels[1])
 
-    def __len__(self) -> int:
-        """Return the number of frames."""
-        return len(self._film)
-
     def __getitem__(self, index: int) -> NDArray[np.integer]:
         """Return one frame."""
         return np.asarray(self._film[index] * self._factor)
-
-    def __iter__(self) -> Iterator[NDArray[np.integer]]:
-        """Go through the frames in order."""
-        return (self[i] for i in range(len(self)))
 
     def roi(self, rows: slice, columns: slice) -> "ScaledFrames":
         """Return a view of a rectangle."""

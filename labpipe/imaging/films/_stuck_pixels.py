@@ -5,7 +5,7 @@ sensor. One frame tells which pixels stick out from their neighbours as no lens 
 in which the scene around them has moved on, tell which of these still do.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,10 +84,6 @@ class RepairedFrames(ShownFrames):
         """Black and white level."""
         return self._film.levels
 
-    def __len__(self) -> int:
-        """Return the number of frames."""
-        return len(self._film)
-
     def __getitem__(self, index: int) -> NDArray[np.integer]:
         """Return one frame, repaired."""
         image = np.array(self._film[index])
@@ -98,10 +94,6 @@ class RepairedFrames(ShownFrames):
             found = np.clip(np.rint(found), whole.min, whole.max)
         grey[self._target] = found
         return image
-
-    def __iter__(self) -> Iterator[NDArray[np.integer]]:
-        """Go through the frames in order."""
-        return (self[index] for index in range(len(self)))
 
     def roi(self, rows: slice, columns: slice) -> FrameSource:
         """Return a view of a rectangle."""

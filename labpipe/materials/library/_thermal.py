@@ -6,10 +6,9 @@ was measured on a specimen.
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from labpipe.errors import InputError
 from labpipe.materials.library._library import describe
+from labpipe.units import require_positive
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,10 +32,7 @@ class Thermal:
     status: str = "measured"
 
     def __post_init__(self) -> None:
-        for name in ("density", "heat_capacity", "conductivity"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0.0):
-                raise InputError(f"{name} is {value}, expected a positive number")
+        require_positive(density=self.density, heat_capacity=self.heat_capacity, conductivity=self.conductivity)
 
     @property
     def diffusivity(self) -> float:
