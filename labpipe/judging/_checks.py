@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from math import copysign, hypot, inf, isfinite, log, nan
-from typing import Literal
+from typing import Literal, TypedDict, Unpack
 
 Level = Literal["impossible", "doubtful", "note"]
 """How much a finding weighs."""
@@ -48,6 +48,14 @@ class Finding:
     file: str = ""
     line: int | None = None
     setting: str = ""
+
+
+class Place(TypedDict, total=False):
+    """Where to look, as in :class:`Finding`."""
+
+    file: str
+    line: int | None
+    setting: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,9 +114,7 @@ def compared(
     allowance: float = 0.0,
     degrees_of_freedom: float = inf,
     factor: bool = True,
-    file: str = "",
-    line: int | None = None,
-    setting: str = "",
+    **place: Unpack[Place],
 ) -> Check:
     """Hold two ways to the same quantity against each other.
 
@@ -127,8 +133,8 @@ def compared(
         Behind the uncertainty (few repeats: Student's distribution).
     factor : bool
         Whether a wrong factor could explain a difference.
-    file, line, setting
-        See :class:`Finding`.
+    **place
+        ``file``, ``line`` and ``setting``; see :class:`Finding`.
 
     Returns
     -------
@@ -159,9 +165,7 @@ def compared(
         margin,
         log(seen / expected) if is_ratio else nan,
         hypot(u_seen / seen, hypot(u_expected, allowance / 2) / expected) if is_ratio else nan,
-        file=file,
-        line=line,
-        setting=setting,
+        **place,
     )
 
 
@@ -175,9 +179,7 @@ def bounded(
     at_least: float = -inf,
     at_most: float = inf,
     is_law: bool = True,
-    file: str = "",
-    line: int | None = None,
-    setting: str = "",
+    **place: Unpack[Place],
 ) -> Check:
     """Hold a quantity against a law that knows no exception, such as 0 < e < 1.
 
@@ -191,8 +193,8 @@ def bounded(
         The law.
     is_law : bool
         False for a plausible range: beyond it a value is doubtful, never impossible.
-    file, line, setting
-        See :class:`Finding`.
+    **place
+        ``file``, ``line`` and ``setting``; see :class:`Finding`.
 
     Examples
     --------
@@ -208,22 +210,12 @@ def bounded(
         level = "impossible" if is_law else "doubtful"
     elif margin > DOUBTFUL:
         level = "doubtful"
-    return Check(name, law, message, level, margin, file=file, line=line, setting=setting)
+    return Check(name, law, message, level, margin, **place)
 
 
-def stated(
-    name: str,
-    law: str,
-    message: str,
-    level: Level | None,
-    *,
-    cause: str = "",
-    file: str = "",
-    line: int | None = None,
-    setting: str = "",
-) -> Check:
+def stated(name: str, law: str, message: str, level: Level | None, *, cause: str = "", **place: Unpack[Place]) -> Check:
     """Return a check whose answer is plain, such as that two files hold the same bytes."""
-    return Check(name, law, message, level, cause=cause, file=file, line=line, setting=setting)
+    return Check(name, law, message, level, cause=cause, **place)
 
 
 def not_made(name: str, law: str, needs: str) -> Check:

@@ -5,6 +5,9 @@ holds everything it needs, asks for nothing over a network, and is complete with
 Numerical libraries are imported only when something is drawn.
 """
 
+from typing import TYPE_CHECKING
+
+from labpipe.lazy import lazily
 from labpipe.report._blocks import (
     Bars as Bars,
     Block as Block,
@@ -56,17 +59,7 @@ from labpipe.report._tables import (
 )
 from labpipe.report._thinning import kept_samples as kept_samples
 
-
-def thumbnail(chart: LineChart | ScatterChart, width_px: int = 240) -> bytes:
-    """Draw a chart without axes as a small SVG file, for an index page.
-
-    Parameters
-    ----------
-    chart : LineChart or ScatterChart
-        What to draw.
-    width_px : int
-        Width of the picture; its height is half of it.
-    """
-    from labpipe.report import _pictures
-
-    return _pictures.thumbnail(chart, width_px)
+if TYPE_CHECKING:  # what draws loads numpy
+    from labpipe.report._pictures import thumbnail as thumbnail
+else:
+    __getattr__ = lazily(__name__)
