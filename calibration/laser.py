@@ -60,7 +60,8 @@ def displacement(
     output : str
         Which output to use.
     zero : (float, float) or Quantity or float, optional
-        A quiet window in s, or the reading [SI] that is zero; by default the quiet beginning.
+        A quiet window in s, or the reading [SI] that is zero; by default the quiet beginning. Of readings
+        in volts a length is the one that the sensor displays.
     direction : {1, -1}
         1 when the reading grows with the displacement that is wanted positive.
     inclination : Quantity [rad], optional
@@ -88,7 +89,7 @@ def displacement(
     CalibrationError
         The record does not belong to the readings, a voltage has no scale, or there is no zero.
     InputError
-        The output or the direction does not exist.
+        The output or the direction does not exist, or the zero is in another unit.
 
     Examples
     --------
@@ -105,11 +106,12 @@ def displacement(
     used = np.where(is_valid, raw, np.nan)
     step = _quiet.resolution_of(used, stated_step)
     time = readings["time"].values
-    at_rest = _quiet.of_zero(time, used, "start" if zero is None else zero, resolution=step, correlated=base.averaging)
+    unit_of_reading = str(readings[output].attrs["units"])
+    start = "start" if zero is None else _as_read(zero, unit_of_reading, values)
+    at_rest = _quiet.of_zero(time, used, start, resolution=step, correlated=base.averaging)
     factor = direction * gain.value / math.cos(angle.value)
     moved = factor * (used - at_rest.level - (0.0 if at_rest.hum is None else at_rest.hum.at(time)))
     spread = abs(factor) * at_rest.noise
-    unit_of_reading = str(readings[output].attrs["units"])
     sources = _sources(moved, at_rest, step, angle, gain, values, factor, unit_of_reading)
     # Volts become a length along the line of sight; a length is left as the sensor said it.
     to_length = values.volt_scale.value if unit_of_reading == "V" and values.volt_scale else 1.0
@@ -154,6 +156,15 @@ def _raw(readings: xr.Dataset, output: str, values: LaserValues) -> tuple[NDArra
 def _product(a: Quantity, b: Quantity) -> Quantity:
     value = a.value * b.value
     return Quantity(value, math.hypot(a.u * b.value, b.u * a.value), b.si)
+
+
+def _as_read(zero: _quiet.Zero, unit_of_reading: str, values: LaserValues) -> _quiet.Zero:
+    """Return a zero in the unit of the readings: a displayed length as the voltage that stands for it."""
+    if not isinstance(zero, Quantity) or zero.si == unit_of_reading:
+        return zero
+    if (zero.si, unit_of_reading) == ("m", "V") and values.volt_scale is not None:
+        return Quantity(zero.value / values.volt_scale.value, zero.u / values.volt_scale.value, "V")
+    raise InputError(f"the zero is in {zero.si}, the readings are in {unit_of_reading}")
 
 
 def _is_valid(

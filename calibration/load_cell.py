@@ -152,6 +152,8 @@ def _cell_name(attrs: Mapping[str, Any]) -> str:
 def _tare(readings: xr.Dataset, used: NDArray[np.float64], zero: _quiet.Zero | None, step: float) -> _quiet.Quiet:
     if isinstance(zero, str) and zero != "start":
         raise InputError(f'zero must be "start", a window, a force or None, found "{zero}"')
+    if isinstance(zero, Quantity) and zero.si != "N":
+        raise InputError(f"the zero is in {zero.si}, expected a force in N")
     time = readings["time"].values
     first = slice(None)
     if "block" in readings.coords and "sample" in readings.dims and time.size:

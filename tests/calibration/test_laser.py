@@ -231,6 +231,22 @@ def test_volts_need_and_use_the_scale_of_the_record():
     assert float(result.u_gain) == pytest.approx(math.hypot(0.5e-6, 0.5e-3 * 1e-4), rel=1e-6, abs=0.0)
 
 
+def test_a_zero_in_millimetres_is_a_voltage_of_readings_in_volts():
+    made = keyence.make_recording({1: np.linspace(0, 2, 50)}, cycle="50 us", start=DAY, unit_text="V")
+    known = record("60 ± 0.1 deg", "1 ± 0.0001", volt_scale="0.5 ± 0.0005 mm/V")
+    result = laser.displacement(made, known, zero=Quantity(0.25e-3, 1e-6, "m"))
+    assert float(result.zero) == pytest.approx(0.5)
+    assert float(result.u_zero) == pytest.approx(2e-3)
+    assert float(result.displacement[-1]) == pytest.approx(1.5e-3)
+
+
+def test_a_zero_in_another_unit_is_refused():
+    known = record()
+    moved, noise = drop()
+    with pytest.raises(InputError, match="the zero is in V, the readings are in m"):
+        laser.displacement(readings_of(moved, noise, known), known, zero=Quantity(0.5, 0.01, "V"))
+
+
 def test_inputs_are_not_modified():
     known = record()
     moved, noise = drop()

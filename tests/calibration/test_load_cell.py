@@ -80,6 +80,8 @@ def test_tare_by_window_number_or_quantity():
     assert float(given.u_tare) == 0.01
     with pytest.raises(InputError, match='zero must be "start"'):
         load_cell.force(readings, zero="end")
+    with pytest.raises(InputError, match="the zero is in m, expected a force in N"):
+        load_cell.force(readings, zero=Quantity(0.1, 0.01, "m"))
 
 
 def test_tare_of_a_file_comes_from_its_first_block():
