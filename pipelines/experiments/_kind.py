@@ -32,8 +32,8 @@ class Derived:
     Attributes
     ----------
     function : str
-        ``"module:function"``, called as ``function(*inputs, settings=settings)``; what it is for
-        says which further keywords it takes.
+        ``"module:function"``, called as ``function(*inputs)`` with those keywords that it takes:
+        ``settings``, and others by what it is for.
     inputs : tuple of str
         Results and files, in the language of a stage's inputs.
     """
@@ -188,15 +188,15 @@ class Kind:
     body : str
         The table of the settings that names a material, such as ``"sphere"``.
     evidence : Derived, optional
-        What ``identify`` learns of the material; takes also ``name`` (the experiment's) and
+        What ``identify`` learns of the material; may take ``name`` (the experiment's) and
         ``impacts`` (how many bounces count), and returns a
         :class:`pipelines.experiments.shared.material_evidence.MaterialEvidence`, or a text that
         says why there is none.
     prior : Derived, optional
-        What is known of a material before ``identify``; takes also ``name`` and ``temperature``
+        What is known of a material before ``identify``; may take ``name`` and ``temperature``
         (degC or None), and returns a ``MaterialEvidence``.
     material : Derived, optional
-        The material as input of simulation codes; takes also ``name`` and ``bulk`` (None for the
+        The material as input of simulation codes; may take ``name`` and ``bulk`` (None for the
         usual), and returns a :class:`labpipe.materials.Deck`.
     proposal : Proposal, optional
         Without one a person writes the experiment into session.toml.

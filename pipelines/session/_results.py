@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,10 +39,12 @@ def needed(session: Session, experiment: Experiment, derived: Derived) -> list[s
 
 
 def derive(results: Results, experiment: Experiment, derived: Derived, **keywords: Any) -> Any:
-    """Call what a kind derives from its results."""
+    """Call what a kind derives from its results, with those keywords that it takes."""
     found = arguments(results.plan.session, STAGES, experiment, derived.inputs)
     call = function(derived.function)
-    return call(*results.values(found), settings=experiment.settings, **keywords)
+    taken = inspect.signature(call).parameters
+    given = {name: value for name, value in {"settings": experiment.settings, **keywords}.items() if name in taken}
+    return call(*results.values(found), **given)
 
 
 def result(folder: str | Path, experiment: str, stage: str, recording: str | None = None) -> xr.Dataset:

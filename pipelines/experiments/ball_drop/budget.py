@@ -9,7 +9,6 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.uncertainty import Input
-from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.budget_quantity import (
     IMPACTS,
     MEASURED,
@@ -33,11 +32,7 @@ _RATIO = ("inclination, sampling", "common to both speeds, so that the scales of
 
 
 def quantities(
-    bounces: Sequence[xr.Dataset | None],
-    displacement: Sequence[xr.Dataset | None],
-    model: xr.Dataset | None = None,
-    *,
-    settings: BallDrop,
+    bounces: Sequence[xr.Dataset | None], displacement: Sequence[xr.Dataset | None], model: xr.Dataset | None = None
 ) -> Iterator[Quantity]:
     """Yield drop height, speed of the first impact, and restitutions of the first ones.
 
@@ -47,9 +42,7 @@ def quantities(
         Of the repeats.
     model : Dataset, optional
         Gives the model's first restitution too.
-    settings : BallDrop
     """
-    del settings
     made, moved = present(bounces), present(displacement)
     yield _fall(made, moved[0])
     yield _speed(made, moved[0])

@@ -8,7 +8,6 @@ import numpy as np
 import xarray as xr
 
 from labpipe.uncertainty import Input, excess_uncertainty
-from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.budget_quantity import IMPACTS, MEASURED, Quantity, model_quantity
 
 _NO_LASER = ("inclination, filter lag", "there is no laser and no filter")
@@ -23,14 +22,11 @@ _UNDER = (
 )
 
 
-def quantities(
-    impacts: xr.Dataset, radius: xr.Dataset, model: xr.Dataset | None = None, *, settings: ContactArea
-) -> Iterator[Quantity]:
+def quantities(impacts: xr.Dataset, radius: xr.Dataset, model: xr.Dataset | None = None) -> Iterator[Quantity]:
     """Yield the largest contact radii of the first impacts; with a model the areas, and its first one.
 
     Fringes show the Hertz-equivalent radius, that of the model; the area is that within the edge.
     """
-    del settings
     size, u_size = float(radius["pixel_size"]), float(radius["u_pixel_size"])
     shares = _shared(radius)
     total = float(np.sqrt(sum(share**2 for share in shares.values())))

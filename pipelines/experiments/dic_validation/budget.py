@@ -8,7 +8,6 @@ import numpy as np
 import xarray as xr
 
 from labpipe.uncertainty import Input, excess_uncertainty
-from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity
 
 _FRONT = (
@@ -24,11 +23,8 @@ _AGAINST = (
 )
 
 
-def quantities(
-    motion: xr.Dataset, comparison: xr.Dataset | None = None, *, settings: DicValidation
-) -> Iterator[Quantity]:
+def quantities(motion: xr.Dataset, comparison: xr.Dataset | None = None) -> Iterator[Quantity]:
     """Yield the largest displacement in the film, and film against laser where there was one."""
-    del settings
     size = float(motion["pixel_size"])
     moved = motion["displacement"].values
     at = int(np.nanargmax(np.abs(moved)))

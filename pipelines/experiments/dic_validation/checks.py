@@ -26,7 +26,6 @@ from pipelines.experiments.dic_validation._view_checks import (
 from pipelines.experiments.dic_validation.comparison import rows
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
-from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.fall_checks import Fall
 from pipelines.experiments.shared.film_frames import explained, no_copies, sound_frames, whole_film
 from pipelines.experiments.shared.film_light import exposed, lit, no_mosaic
@@ -110,12 +109,10 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
             fall_checks.flights_alike(fall, _GRAVITY),
             _same_body(fall, laser, settings),
         ]
-    compared_rows: list[Row] = []
     if comparison is not None and "gain" in comparison:
         checks.append(_gain(comparison, settings))
-        compared_rows = list(rows(comparison, settings=settings))
     another = f"the film may show another drop than {_laser(settings)}: another sphere, height or day"
-    return Scene(checks, list(_causes(track, settings)), compared_rows, basis=basis, unstated=another)
+    return Scene(checks, list(_causes(track, settings)), given.each([rows]), basis=basis, unstated=another)
 
 
 def _found(track: xr.Dataset, settings: DicValidation) -> Check:

@@ -99,9 +99,8 @@ def _impacts(film: xr.Dataset, laser: xr.Dataset) -> xr.Dataset:
     return xr.Dataset(table, coords={"impact": np.arange(1, count + 1)})
 
 
-def rows(comparison: xr.Dataset, *, settings: DicValidation) -> Iterator[Row]:
+def rows(comparison: xr.Dataset) -> Iterator[Row]:
     """Yield the rows of ``compare``; none where no laser saw the motion."""
-    del settings
     if "bias" not in comparison:
         return
     n, nrmse = int(comparison["n_compared"]), comparison["nrmse"]

@@ -10,7 +10,6 @@ from labpipe.arrays import Floats
 from labpipe.report import quantity
 from labpipe.uncertainty import Input
 from pipelines.experiments.dma._ends import still_falls
-from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, summed
 
 _ABSENT = (
@@ -34,14 +33,13 @@ _TENSION = ("Poisson's ratio", "the modulus was measured in tension or bending")
 
 
 def quantities(
-    sweeps: xr.Dataset, master_curve: xr.Dataset, temperature_sweep: xr.Dataset | None = None, *, settings: Dma
+    sweeps: xr.Dataset, master_curve: xr.Dataset, temperature_sweep: xr.Dataset | None = None
 ) -> Iterator[Quantity]:
     """Yield a shift, the modulus at the slow end and after an infinite time, and the loss peak.
 
     The last modulus is left out where the data do not tell it: where the loss, going on as it
     does at the slow end, would take all of the storage modulus.
     """
-    del settings
     yield _shift(sweeps, master_curve)
     yield from _moduli(sweeps, master_curve)
     if temperature_sweep is None or "T_peak" not in temperature_sweep:

@@ -6,13 +6,11 @@ import numpy as np
 import xarray as xr
 
 from labpipe import signals
-from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared.comparison_rows import Row, row
 
 
-def rows(master_curve: xr.Dataset, *, settings: Dma) -> Iterator[Row]:
+def rows(master_curve: xr.Dataset) -> Iterator[Row]:
     """Yield the row of ``compare``."""
-    del settings
     parts = ("storage", "loss")
     measured = np.concatenate([master_curve[f"{p}_reduced"].values.ravel() for p in parts])
     ratio = 1 + np.concatenate([master_curve[f"{p}_residual"].values.ravel() for p in parts])

@@ -5,7 +5,6 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.identification import Evidence, modulus_evidence
-from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared.material_choice import fitted_at
 from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance
 
@@ -14,14 +13,11 @@ _PER_DECADE = 2  # frequencies of the rheometer's moduli
 _LEAST_NOISE = (0.01, 0.03)  # relative, of its storage and loss modulus
 
 
-def prior(
-    sweeps: xr.Dataset, master_curve: xr.Dataset, *, settings: Dma, name: str, temperature: float | None
-) -> MaterialEvidence:
+def prior(sweeps: xr.Dataset, master_curve: xr.Dataset, *, name: str, temperature: float | None) -> MaterialEvidence:
     """Return the moduli at the temperature [degC] of other experiments, as prior.
 
     The spectrum must reach as far as they do: one that ends before could not explain them.
     """
-    del settings
     solid = fitted_at(master_curve, temperature)
     frequency = sweeps["frequency"].values
     shift = 10.0 ** master_curve["log10_aT"].values

@@ -7,7 +7,6 @@ import numpy as np
 import xarray as xr
 
 from labpipe.uncertainty import Input, excess_uncertainty
-from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.budget_quantity import NOTHING_FALLS, TESTS, Quantity
 from pipelines.experiments.shared.ramps_and_holds import relative_gain
@@ -22,9 +21,8 @@ _ON_CYCLES = (
 )
 
 
-def quantities(oscillations: xr.Dataset, loads: xr.Dataset, *, settings: Harmonic) -> Iterator[Quantity]:
+def quantities(oscillations: xr.Dataset, loads: xr.Dataset) -> Iterator[Quantity]:
     """Yield storage stiffness and work per cycle at the first frequencies."""
-    del settings
     for i in range(min(TESTS, oscillations.sizes["oscillation"])):
         at = oscillations.isel(oscillation=i)
         where = f"at {float(at['frequency']):.3g} Hz"

@@ -94,9 +94,8 @@ def _by_delay(oscillations: xr.Dataset) -> dict[str, Any]:
     }
 
 
-def rows(comparison: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *, settings: Harmonic) -> Iterator[Row]:
+def rows(comparison: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset) -> Iterator[Row]:
     """Yield the rows of ``compare``; none where nothing is simulated."""
-    del settings
     if "nrmse" not in comparison:
         return
     inputs = inputs_of(model)

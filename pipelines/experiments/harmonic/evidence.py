@@ -24,17 +24,9 @@ _LEAST_OF_STIFFNESS = 2e-4  # of its size: how well simulated oscillations agree
 
 
 def evidence(
-    loads: xr.Dataset,
-    waves: xr.Dataset,
-    file: Path | None,
-    fitted: xr.Dataset | None,
-    *,
-    settings: Harmonic,
-    name: str,
-    impacts: int,
+    loads: xr.Dataset, waves: xr.Dataset, file: Path | None, fitted: xr.Dataset | None, *, settings: Harmonic, name: str
 ) -> MaterialEvidence | str:
     """Gather storage and loss stiffness at every frequency."""
-    del impacts
     touch, _ = mach1_readings.contact_position(loads, settings.contact)
     mean = waves["mean_position"].values - touch.value
     shared = of_punch(settings, loads, float(mean.max()), file, fitted)

@@ -137,9 +137,8 @@ def _errors(loads: xr.Dataset, hold: Hold, measured: Floats, simulated: Floats, 
     return row
 
 
-def rows(tests: xr.Dataset, *, settings: Relaxation) -> Iterator[Row]:
+def rows(tests: xr.Dataset) -> Iterator[Row]:
     """Yield the rows of ``compare``; none where nothing is simulated."""
-    del settings
     if "nrmse_all" not in tests:
         return
     inputs = inputs_of(tests)

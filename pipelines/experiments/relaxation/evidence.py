@@ -28,10 +28,8 @@ def evidence(
     *,
     settings: Relaxation,
     name: str,
-    impacts: int,
 ) -> MaterialEvidence | str:
     """Gather the forces of all holds, as recorded behind the cell's filter."""
-    del impacts
     parts = []
     for number, recording in enumerate(settings.mach1):
         found = ramps[number]

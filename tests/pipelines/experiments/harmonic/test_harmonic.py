@@ -87,7 +87,7 @@ def test_rows_know_what_a_wrong_delay_does_to_them(session: Path) -> None:
     longer, u = json.loads(loads.attrs["filter_delay"])
     late = harmonic.oscillations(loads.assign_attrs(filter_delay=json.dumps([longer + 2e-4, u])), settings=chosen)
     laid = comparison.comparison(loads, known, made, settings=chosen)
-    found = {(r.quantity, r.condition): r.slopes for r in comparison.rows(laid, known, made, settings=chosen)}
+    found = {(r.quantity, r.condition): r.slopes for r in comparison.rows(laid, known, made)}
     for i, frequency in enumerate(known["frequency"].values):
         for title, name in (
             ("storage stiffness", "storage_stiffness"),
