@@ -7,6 +7,7 @@ truth lies in ``truth/``, which the analysis never reads.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
+from functools import partial
 from pathlib import Path
 
 from labpipe import files
@@ -43,10 +44,11 @@ _START = datetime(2024, 5, 14, 9, 30)
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """A synthetic session: what it holds, and the function that writes it."""
+    """A synthetic session: what it holds, and the function that writes it; one with films has another for full size."""
 
     summary: str
-    write: Callable[[Path, bool], list[str]]
+    write: Callable[[Path], list[str]]
+    in_full_size: Callable[[Path], list[str]] | None = None
 
 
 def write_sample(name: str, folder: Path, *, full_size: bool = False) -> list[str]:
@@ -76,7 +78,8 @@ def write_sample(name: str, folder: Path, *, full_size: bool = False) -> list[st
         raise UsageError(f'there is no sample "{name}"; known are {known}')
     if folder.exists() and any(folder.iterdir()):
         raise UsageError(f"{folder} is not empty; name a new folder")
-    return SAMPLES[name].write(folder, full_size)
+    chosen = SAMPLES[name]
+    return (chosen.in_full_size if full_size and chosen.in_full_size else chosen.write)(folder)
 
 
 def harmonic_section(name: str, specimen: Specimen, material: str, source: str = "") -> str:
@@ -136,74 +139,63 @@ def _write_core(folder: Path, title: str, heights: tuple[float, ...], repeats: i
     write_harmonic(folder, "nbr_harmonic", specimen, protocol, Tester(), 7, _START + timedelta(days=1))
     sections += harmonic_section("nbr_harmonic", specimen, "nbr", from_dma("nbr"))
     sections += sweeps(folder, "acrylic", "nbr")
-    files.write_text(folder / "calibration/laser.toml", laser_record())
-    files.write_text(folder / "session.toml", session_head(title) + sections)
+    _write_session(folder, title, sections, laser=laser_record())
     return [*names, "nbr_harmonic", "acrylic_dma", "nbr_dma"]
 
 
-def _demo(folder: Path, full_size: bool) -> list[str]:
-    del full_size  # this sample holds no film
+def _write_session(folder: Path, title: str, sections: str, **records: str) -> None:
+    """Write session.toml, and the calibration records by their names."""
+    for name, text in records.items():
+        files.write_text(folder / f"calibration/{name}.toml", text)
+    files.write_text(folder / "session.toml", session_head(title) + sections)
+
+
+def _demo(folder: Path) -> list[str]:
     protocol = replace(Harmonic(), hold=60.0, frequencies=(0.5, 1.0, 2.0), cycles=8)
     return _write_core(folder, DEMO_TITLE, (1.5e-3,), 3, protocol)
 
 
-def _core(folder: Path, full_size: bool) -> list[str]:
-    del full_size  # this sample holds no film
+def _core(folder: Path) -> list[str]:
     heights = (1.5e-3, 5e-3, 7e-3, 10e-3)
     return _write_core(folder, "Acrylic on sapphire and NBR under a punch (synthetic)", heights, 5, Harmonic())
 
 
-def _dma(folder: Path, full_size: bool) -> list[str]:
-    del full_size  # this sample holds no film
-    head = session_head("Rheometer sweeps of five materials (synthetic)")
-    files.write_text(folder / "session.toml", head + sweeps(folder, *SOLIDS))
+def _dma(folder: Path) -> list[str]:
+    _write_session(folder, "Rheometer sweeps of five materials (synthetic)", sweeps(folder, *SOLIDS))
     return [dma_name(material) for material in SOLIDS]
 
 
-def _films(folder: Path, full_size: bool) -> list[str]:
+def _films(folder: Path, *, full_size: bool = False) -> list[str]:
     laser, sections = write_films(folder, _START, full_size=full_size)
-    sections = (
-        drop_section("ptfe_7mm", laser, FRONT_HEIGHT, "ptfe", source=from_dma("ptfe"))
-        + sections
-        + sweeps(folder, "ptfe", "acrylic")
+    drops = drop_section("ptfe_7mm", laser, FRONT_HEIGHT, "ptfe", source=from_dma("ptfe"))
+    _write_session(
+        folder,
+        "Films of PTFE and acrylic (synthetic)",
+        drops + sections + sweeps(folder, "ptfe", "acrylic"),
+        laser=laser_record(),
+        camera_front=front_record(),
+        camera_under=under_record(is_binned=not full_size),
     )
-    records = {
-        "laser": laser_record(),
-        "camera_front": front_record(),
-        "camera_under": under_record(is_binned=not full_size),
-    }
-    for name, text in records.items():
-        files.write_text(folder / f"calibration/{name}.toml", text)
-    title = "Films of PTFE and acrylic (synthetic)"
-    files.write_text(folder / "session.toml", session_head(title) + sections)
     return ["ptfe_7mm", "ptfe_film", "acrylic_film", "ptfe_dma", "acrylic_dma"]
 
 
-def _indentation(folder: Path, full_size: bool) -> list[str]:
-    del full_size  # this sample holds no film
+def _indentation(folder: Path) -> list[str]:
     names, sections = write_indentations(
         folder, _START + timedelta(days=1), Relaxation(), Harmonic(frequencies=FREQUENCIES)
     )
-    head = session_head("NBR under a periodic punch (synthetic)")
-    files.write_text(folder / "session.toml", head + sections + sweeps(folder, "nbr"))
+    _write_session(folder, "NBR under a periodic punch (synthetic)", sections + sweeps(folder, "nbr"))
     return [*names, "nbr_dma"]
 
 
-def _static(folder: Path, full_size: bool) -> list[str]:
-    del full_size  # this sample holds no film
+def _static(folder: Path) -> list[str]:
     rig, name = StaticRig(), "ptfe_static"
     file = write_static(folder, name, rig, specimen_of("ptfe"), 90, _START)
-    files.write_text(folder / "calibration/laser.toml", laser_record())
-    head = session_head("PTFE sphere under five loads (synthetic)")
-    files.write_text(
-        folder / "session.toml",
-        head + static_section(name, file, rig, "ptfe", from_dma("ptfe")) + sweeps(folder, "ptfe"),
-    )
+    sections = static_section(name, file, rig, "ptfe", from_dma("ptfe")) + sweeps(folder, "ptfe")
+    _write_session(folder, "PTFE sphere under five loads (synthetic)", sections, laser=laser_record())
     return [name, "ptfe_dma"]
 
 
-def _plate(folder: Path, full_size: bool) -> list[str]:
-    del full_size  # this sample holds no film
+def _plate(folder: Path) -> list[str]:
     heights = (1.5e-3, 10e-3)
     sections = write_plate(folder, PLATE_RIG, ("acrylic", "ptfe"), heights, 2, _START)
     recordings = write_drops(
@@ -219,25 +211,16 @@ def _plate(folder: Path, full_size: bool) -> list[str]:
     sections += drop_section(
         "acrylic_10mm", recordings, heights[1], "acrylic", 'plate_from = "plate"\n', from_dma("acrylic")
     )
-    files.write_text(folder / "calibration/laser.toml", laser_record())
-    files.write_text(folder / "calibration/laser_plate.toml", plate_laser_record())
     sections += sweeps(folder, "acrylic", "ptfe")
-    files.write_text(folder / "session.toml", session_head("Ringing of the plate (synthetic)") + sections)
+    records = {"laser": laser_record(), "laser_plate": plate_laser_record()}
+    _write_session(folder, "Ringing of the plate (synthetic)", sections, **records)
     return ["plate", "acrylic_10mm", "acrylic_dma", "ptfe_dma"]
 
 
-def _thesis(folder: Path, full_size: bool) -> list[str]:
+def _campaign(extent: str, folder: Path) -> list[str]:
     from pipelines.rig import campaign
 
-    extent = campaign.FULL_SIZE if full_size else campaign.THESIS
-    return campaign.write_campaign(folder, _START, extent)
-
-
-def _thesis_small(folder: Path, full_size: bool) -> list[str]:
-    from pipelines.rig import campaign
-
-    del full_size  # it is small on purpose
-    return campaign.write_campaign(folder, _START, campaign.SMALL)
+    return campaign.write_campaign(folder, _START, getattr(campaign, extent))
 
 
 SAMPLES: dict[str, Sample] = {
@@ -246,8 +229,16 @@ SAMPLES: dict[str, Sample] = {
     "dma": Sample("rheometer sweeps of five materials over temperature", _dma),
     "demo": Sample("three drops of acrylic, one short harmonic indentation", _demo),
     "plate": Sample("vibration of the plate under acrylic and PTFE; a drop modelled on it", _plate),
-    "films": Sample("PTFE by laser and front camera; acrylic filmed through the disc", _films),
-    "thesis": Sample("every experiment of the thesis: the whole campaign", _thesis),
-    "thesis-small": Sample("the campaign in two megabytes: every kind, one height, two repeats", _thesis_small),
+    "films": Sample(
+        "PTFE by laser and front camera; acrylic filmed through the disc", _films, partial(_films, full_size=True)
+    ),
+    "thesis": Sample(
+        "every experiment of the thesis: the whole campaign",
+        partial(_campaign, "THESIS"),
+        partial(_campaign, "FULL_SIZE"),
+    ),
+    "thesis-small": Sample(
+        "the campaign in two megabytes: every kind, one height, two repeats", partial(_campaign, "SMALL")
+    ),
     "core": Sample("acrylic from four heights, five repeats; one harmonic indentation", _core),
 }
