@@ -1,5 +1,7 @@
 """Whether sweeps of a rheometer can be believed: redundant columns, causality, order with temperature."""
 
+from collections.abc import Sequence
+
 import xarray as xr
 
 from labpipe.workflow.context import Context
@@ -44,20 +46,18 @@ _FAILED = {
 }
 
 
+@judgements.judging("readings", "sweeps", "master_curve", "published")
 def judgement(
-    readings: list[xr.Dataset | None] | None,
-    sweeps: xr.Dataset | None,
-    master_curve: xr.Dataset | None,
-    published: xr.Dataset | None = None,
-    *,
     settings: Dma,
     context: Context,
-) -> xr.Dataset:
+    readings: Sequence[xr.Dataset | None] = (),
+    master_curve: xr.Dataset | None = None,
+    published: xr.Dataset | None = None,
+) -> Scene:
     """Judge the exports of one specimen; what gave no result is judged by that."""
-    del sweeps
     exports = [
         Export(name, data, trusted_rows(data))
-        for name, data in zip(settings.rheometer, readings or (), strict=False)
+        for name, data in zip(settings.rheometer, readings, strict=False)
         if data is not None and {"storage_modulus", "loss_modulus", "temperature", "frequency"} <= set(data)
     ]
     exports = [e for e in exports if e.good.any()]
@@ -96,4 +96,4 @@ def judgement(
         superposition(master_curve),
         published_shifts(published, master_curve),
     ]
-    return judgements.judgement(Scene(checks))
+    return Scene(checks)
