@@ -10,7 +10,9 @@
 - models: :mod:`~pipelines.experiments.shared.material_choice`,
   :mod:`~pipelines.experiments.shared.plate_under_drop`,
   :mod:`~pipelines.experiments.shared.punch_model`
-- pages: :mod:`~pipelines.experiments.shared.pages`, sections of every report,
+- results handed on by name: :mod:`~pipelines.experiments.shared.given`
+- pages: :mod:`~pipelines.experiments.shared.reports`, the page of a kind as a list of sections,
+  :mod:`~pipelines.experiments.shared.pages`, sections of every report,
   :mod:`~pipelines.experiments.shared.budget_blocks`,
   :mod:`~pipelines.experiments.shared.punch_sections`
 - what becomes of results: :mod:`~pipelines.experiments.shared.budget_quantity`,
