@@ -58,31 +58,29 @@ _STEPS = ("readings", "displacement", "steps", "approach", "model", "comparison"
 @judgements.judging(*_STEPS, rests_on=("sphere.material_from",))
 def judgement(given: Given, basis: judgements.Basis, settings: StaticLoading, context: Context) -> Scene:
     """Judge one static loading; what gave no result is judged by that."""
-    readings, displacement, steps, approach, model, comparison = map(given.get, _STEPS)
+    readings, displacement = given.get("readings"), given.get("displacement")
     checks = [_explained(c, readings, displacement, settings) for c in judgements.failed_steps(context, _FAILED)]
-    checks += _of_readings(readings, settings)
+    checks += given.ask(_of_readings)
     masses = [(f"loads[{i}].mass", load.mass) for i, load in enumerate(settings.loads)]
     checks += judgements.uncertainties_stated([("sphere.radius", settings.sphere.radius), *masses])
     checks += trace_checks.of_record({settings.laser: displacement}, settings.calibration)
-    if displacement is None or steps is None:
+    if displacement is None or given.get("steps") is None:
         checks.append(not_made("steps of the record", "every load makes a step", "steps that were found"))
     else:
-        checks += [_unstated(displacement, steps, settings), _misfit(displacement, steps, settings)]
-        checks += [_forwards(approach, steps, settings), _slows_down(displacement, steps, settings)]
-        checks.append(_compliance(steps, settings))
-        checks.append(_times(steps, settings))
-    checks.append(_smaller_than_the_sphere(approach, settings))
-    checks.append(_of_material(approach, model, settings))
-    checks.append(_given_radius(comparison, settings))
+        checks += given.each((_unstated, _misfit, _forwards, _slows_down, _compliance, _times))
+    checks += given.each((_smaller_than_the_sphere, _of_material, _given_radius))
     causes = _causes(settings)
     if not any(MATERIAL in found.checks for found in explain(checks, causes)):
         checks = [_another_material(check) if check.name == MATERIAL else check for check in checks]
-    inputs, known_by = _inputs(displacement, steps, model, settings), judgements.measured_by(settings.sphere)
+    inputs, known_by = given.ask(_inputs), judgements.measured_by(settings.sphere)
     return Scene(checks, causes, given.each([rows]), inputs, basis=basis, measured_by=known_by)
 
 
 def _inputs(
-    displacement: xr.Dataset | None, steps: xr.Dataset | None, model: xr.Dataset | None, settings: StaticLoading
+    settings: StaticLoading,
+    displacement: xr.Dataset | None = None,
+    steps: xr.Dataset | None = None,
+    model: xr.Dataset | None = None,
 ) -> dict[str, Quantity]:
     """Return what all rows share, with its uncertainty."""
     relative = 0.0 if displacement is None else float(displacement.attrs["u_systematic_relative"])
@@ -191,7 +189,7 @@ def _of_times(failed: Check, factor: float, readings: xr.Dataset | None, setting
     return replace(failed, cause=cause, file=settings.laser, line=line_of(header, "cycle", "period", "周期"))
 
 
-def _of_readings(readings: xr.Dataset | None, settings: StaticLoading) -> list[Check]:
+def _of_readings(settings: StaticLoading, readings: xr.Dataset | None = None) -> list[Check]:
     """Look at the readings by themselves."""
     trace = None if readings is None else Trace.of(settings.laser, readings, settings.sensor.output)
     if trace is None or np.isfinite(trace.reading).sum() < SIDE * len(settings.loads):
@@ -253,7 +251,7 @@ def _misfit(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading
     return replace(check, cause=suspect.sentence, file=file, setting=suspect.setting)
 
 
-def _forwards(approach: xr.Dataset | None, steps: xr.Dataset, settings: StaticLoading) -> Check:
+def _forwards(steps: xr.Dataset, settings: StaticLoading, approach: xr.Dataset | None = None) -> Check:
     """Hold the creep under each load against its direction."""
     name, law = "direction of creep", "under a load that stays, a contact only grows"
     if approach is None:
@@ -342,7 +340,7 @@ def _times(steps: xr.Dataset, settings: StaticLoading) -> Check:
     return stated(name, law, text, level, setting=f"loads[{worst}]")
 
 
-def _of_material(approach: xr.Dataset | None, model: xr.Dataset | None, settings: StaticLoading) -> Check:
+def _of_material(settings: StaticLoading, approach: xr.Dataset | None = None, model: xr.Dataset | None = None) -> Check:
     """Hold the approach against Hertz and creep of the named material: (F J)^(2/3) R^(-1/3)."""
     law = "approach = (3 F J*/4)^(2/3) R^(-1/3) for the stated sphere, loads and material"
     if approach is None or model is None:
@@ -387,7 +385,7 @@ def _another_material(check: Check) -> Check:
     return replace(check, cause=cause, setting="sphere")
 
 
-def _smaller_than_the_sphere(approach: xr.Dataset | None, settings: StaticLoading) -> Check:
+def _smaller_than_the_sphere(settings: StaticLoading, approach: xr.Dataset | None = None) -> Check:
     name, law = "size of the contact", "a contact is smaller than the sphere that makes it"
     if approach is None:
         return not_made(name, law, "an approach under every load")
@@ -399,7 +397,7 @@ def _smaller_than_the_sphere(approach: xr.Dataset | None, settings: StaticLoadin
     return stated(name, law, text, "impossible", cause=cause, setting="sphere.radius")
 
 
-def _given_radius(comparison: xr.Dataset | None, settings: StaticLoading) -> Check:
+def _given_radius(settings: StaticLoading, comparison: xr.Dataset | None = None) -> Check:
     """Hold the contact radius from the approach against one that was measured otherwise."""
     law = "a² = R δ: the approach gives the contact radius"
     known = np.zeros(0, bool) if comparison is None else np.isfinite(comparison["given_difference"].values)
