@@ -280,7 +280,7 @@ def test_a_scan_proposes_the_experiment_with_the_mode_that_its_strain_tells(sess
 
 
 def test_the_sample_holds_five_materials(tmp_path):
-    names = SAMPLES["dma"].write(tmp_path, False)
+    names = SAMPLES["dma"].write(tmp_path)
     assert len(names) == 5
     assert set(open_session(tmp_path).experiments) == set(names)
 
