@@ -83,7 +83,7 @@ def is_contact(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
     is_small = radius < SMALL_CONTACT * view.newton_spot
     if not may_be_edge and not is_small:
         return True
-    window, terms, distance = _profile_of(frame, view, found)
+    window, terms, distance = profile_of(frame, view, found)
     if not window.is_seen:
         return not may_be_edge
     if may_be_edge and is_edge(window, terms[0], _FRINGES_SURE):
@@ -107,7 +107,7 @@ def shows_edge(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
     """Tell whether a plain edge explains what is around a fit as well."""
     if not _may_be_edge(view, found):
         return False
-    window, terms, _ = _profile_of(frame, view, found)
+    window, terms, _ = profile_of(frame, view, found)
     return window.is_seen and is_edge(window, terms[0], _FRINGES_SURE)
 
 
@@ -129,7 +129,7 @@ def _harmonics_of(found: RingFit) -> tuple[float, float, float]:
     return second, turned, third
 
 
-def _profile_of(frame: NDArray[np.generic], view: View, found: RingFit) -> tuple[Window, Floats, Floats]:
+def profile_of(frame: NDArray[np.generic], view: View, found: RingFit) -> tuple[Window, Floats, Floats]:
     """Profile about the centre of a fit, the term that was fitted with its derivatives, and the distances."""
     x, y, radius = (float(found.parameters[p]) for p in (Parameter.X, Parameter.Y, Parameter.RADIUS))
     travel = math.sqrt(max(float(found.parameters[Parameter.SMEAR]), 0.0))

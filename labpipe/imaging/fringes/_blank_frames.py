@@ -72,7 +72,7 @@ class FilmResult:
     log_scale : float
         Logarithm of the phase scale used relative to that of R, wavelength and pixel size.
     has_fringes : bool
-        False when the wavelength is unknown or pixels are too coarse.
+        False when the wavelength is unknown, pixels are too coarse, or fringes fade as in white light.
     is_phase_given : bool
         Whether the caller knows if contacts are dark or bright.
     work : dict

@@ -133,7 +133,8 @@ def calibrate(
     if settled is not best:
         best = settled
         attempt.begin_from(best, plain_axes, result)
-    settled, result = weigh_flat(attempt, plain_axes, result, best, log_stated)
+    is_stated = Parameter.PHASE not in rough
+    settled, result = weigh_flat(attempt, plain_axes, result, best, log_stated, is_stated=is_stated)
     settled, result = find_small_flat(attempt, plain_axes, result, settled)
     if settled is not best:
         best = settled

@@ -124,12 +124,13 @@ def accumulate_cells(
         count = find_pixels(image[row], first_column, dy, inner, outer, parameters, ceiling, work)
         offset = parameters[1] - origin[0]
         evaluate(count, offset, down, parameters, origin, table, table_start, work, kind)
-        differentiate(count, dy, down, parameters, work, slopes)
-        if kind:
-            differentiate_rich(count, down, parameters, table, table_start, work, slopes, kind)
+        if size:
+            differentiate(count, dy, down, parameters, work, slopes)
+            if kind:
+                differentiate_rich(count, down, parameters, table, table_start, work, slopes, kind)
         residual = work[RESIDUAL]
         _add_cells(count, dy, inner, outer, limits, cotangents, active, work, slopes, place, own, sums, counts, normals)
-        first = 0
+        first = 0 if size else count
         while first < count:
             end = first + 1
             while end < count and place[0, end] == place[0, first] and place[1, end] == place[1, first]:

@@ -275,6 +275,12 @@ def _warn(options: FilmOptions, result: FilmResult) -> None:
             "no wavelength is given: the contact radius is measured from the edge of the spot, "
             "to a few micrometres; give the wavelength of a monochromatic light to use the fringes"
         )
+    elif _fades(result):
+        texts.append(
+            "the fringes fade as in light of many colours, so that no wavelength explains more than the first of them: "
+            "the contact radius is measured from the edge of the spot, to a few micrometres; use a laser or a narrow "
+            "filter, or leave wavelength out"
+        )
     elif not result.has_fringes or _has_fine_fringes(result):
         texts.append(
             "fringes next to the contact are finer than two pixels: the contact radius is then "
@@ -379,6 +385,11 @@ def _frames_by_edge(result: FilmResult) -> str:
     return f"{len(frames)} of {seen} frames in contact (frames {named}) were"
 
 
+def _fades(result: FilmResult) -> bool:
+    """Tell whether pixels resolve the fringes, and only the light does not show them."""
+    return not result.has_fringes and result.view.templates is not None
+
+
 def _has_fine_fringes(result: FilmResult) -> bool:
     """Tell whether edges were measured where fringes are too fine for the pixels."""
     optics = result.view.optics
@@ -397,6 +408,8 @@ def _attributes(options: FilmOptions, result: FilmResult, uncertainties: dict[st
     note = _fits_told(result)
     if options.wavelength is None:
         note = "wavelength not given: edge of the spot only, for a nominal wavelength"
+    elif _fades(result):
+        note = "fringes fade as in white light: edge of the spot only"
     elif not result.has_fringes:
         note = "fringes not resolved: edge of the spot only"
     elif result.edges:

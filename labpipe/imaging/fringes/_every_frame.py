@@ -11,6 +11,7 @@ from labpipe.imaging.films import FilmReader, Place, frames_in_windows, plan_rea
 from labpipe.imaging.fringes._arguments import FilmOptions, exposure_times
 from labpipe.imaging.fringes._blank_frames import FilmResult, choose_edges, find_filled, look_without_fringes
 from labpipe.imaging.fringes._calibration import calibrate
+from labpipe.imaging.fringes._coherence import fades_early
 from labpipe.imaging.fringes._frame_by_frame import follow, is_doubted, leave_faint, refit
 from labpipe.imaging.fringes._interference import Optics, make_optics
 from labpipe.imaging.fringes._looks import Looks
@@ -34,6 +35,8 @@ _SHORT_FILM, _FIRST_STEPS = 96, (64, 16, 4)
 #: Frames of a film that is calibrated from a few of them when its first contacts are not explained;
 #: those few, evenly spread, and how many of them must show a contact.
 _LONG_FILM, _PILOTS, _ENOUGH = 20, 12, 8
+#: Contacts that tell whether fringes fade as in white light.
+_FIRST = 3
 #: Distance (px) below which two contacts count as in one place.
 _SAME_PLACE = 8.0
 #: Change of the radius over a stretch of rest, as a share of it, above which it is no rest.
@@ -64,8 +67,8 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
     result.stuck = stuck
     result.is_phase_given = options.phase is not None
     result.has_fringes = options.wavelength is not None and view.templates is not None
+    read = _follow_film(reader, result, options, wanted) if result.has_fringes else wanted
     if result.has_fringes:
-        read = _follow_film(reader, result, options, wanted)
         leave_faint(reader, result)
         fit_blurred_frames(reader, result, film.time, exposure_times(film, options), read)
         fit_open_gaps(reader, result, film.time, read)
@@ -130,6 +133,10 @@ def _follow_film(reader: FilmReader, result: FilmResult, options: FilmOptions, w
     count = int(read.sum())
     is_long = count >= _LONG_FILM
     fits = follow(reader, result, read, fits, other, stated if is_long else None)
+    if _fade_early(reader, result, fits):
+        result.has_fringes = False
+        result.resting[:] = False
+        return wanted
     pilots: dict[int, RingFit] = {}
     few = np.zeros_like(read)
     if is_long and is_doubted(result, fits, stated):
@@ -150,6 +157,12 @@ def _follow_film(reader: FilmReader, result: FilmResult, options: FilmOptions, w
         result.resting &= ~opened
         result.fits |= follow(reader, result, opened, {}, None)
     return read | opened
+
+
+def _fade_early(reader: FilmReader, result: FilmResult, fits: dict[int, RingFit]) -> bool:
+    """Tell whether most of the first contacts show that fringes fade as in white light."""
+    first = sorted(fits)[:_FIRST]
+    return 2 * sum(fades_early(reader.whole(i), result.view, fits[i]) for i in first) > len(first)
 
 
 def _calibrate(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._ring_fit import RingFit, ring_around
-from labpipe.imaging.fringes._ring_sums import ring_cells
+from labpipe.imaging.fringes._ring_sums import NONE_FREE, ring_cells
 from labpipe.imaging.fringes._view import View
 
 #: Relative size of what keeps a ring of which little is seen from telling more than it holds.
@@ -47,7 +47,7 @@ def round_share(images: Sequence[NDArray[np.generic]], fits: Sequence[RingFit], 
         ring = ring_around(image, fit.parameters, view.optics, view.settings, view.levels)
         if ring is None:
             return 1.0
-        cells = ring_cells(ring, fit.parameters, np.array(fit.free, np.int64), view.optics)
+        cells = ring_cells(ring, fit.parameters, NONE_FREE, view.optics)
         total += max(fit.residual**2 - fit.noise**2, 0.0) * float(cells.counts.sum())
         explained += _explained(cells.sums, cells.counts, fit.noise)
     return explained / total if total > 0.0 else 1.0

@@ -28,6 +28,8 @@ LEAST_SHAPED = 0.7
 #: Shares of a disc in the shape of the blur that are tried beside none, and between which the likeliest is sought.
 _NEAR_BELL, _BETWEEN, _DISC, _LEAST_SHAPES = 0.35, 0.7, 1.0, 3
 _SHAPES, _SHAPE_ROUNDS, _SAME_SHAPE = np.linspace(0.0, 1.0, 101), 3, 0.03
+#: Frames and pixels that tell which shapes are likely.
+_SHAPE_FRAMES, _SHAPE_PIXELS = 2, 6_000
 #: Share of the uncertainty of a shape within which the likeliest one need not be fitted.
 _NEAR_ENOUGH = 0.3
 #: What a shape leaves over what the best one does from which its size is not sought.
@@ -142,7 +144,7 @@ def _blur_of_lens(attempt: Attempt, axes: Sequence[Parameter], known: Calibratio
 
     Some pixels of a few frames tell nearly as much; all of them say it of the likeliest shapes.
     """
-    few = partial(attempt, count=FEW_FRAMES, pixels=FEW_PIXELS)
+    few = partial(attempt, count=_SHAPE_FRAMES, pixels=_SHAPE_PIXELS)
     start = few(axes, known)
     rough = [] if start is None else _likely_shapes(few, axes, known, start)
     sized = (_size_of_blur(attempt, axes, known, lens.trial, lens.disc, lens.blur, is_near=True) for lens in rough)

@@ -14,7 +14,7 @@ from labpipe.imaging.films import FilmReader
 from labpipe.imaging.fringes._acceptance import GOOD_MISFIT, is_contact
 from labpipe.imaging.fringes._blank_frames import FilmResult, look_without_fringes
 from labpipe.imaging.fringes._looks import Looks
-from labpipe.imaging.fringes._open_gap import fit_open_gap, is_doubtful
+from labpipe.imaging.fringes._open_gap import fit_open_gap, is_doubtful, shows_rings
 from labpipe.imaging.fringes._radial_scan import edge_width
 from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import Parameter
@@ -84,7 +84,7 @@ def fit_open_gaps(reader: FilmReader, result: FilmResult, time: Floats, read: Fl
             start = near[beside].parameters.copy()
             start[Parameter.RADIUS] = max(expected_radius(near, index, time)[0], 1.0)
             starts.append(start)
-        starts += [start_at_edge(edge, result.view) for edge in edges]
+        starts += [start_at_edge(edge, result.view) for edge in edges if shows_rings(frame, result.view, edge)]
         fit = fit_open_gap(frame, result.view, starts, old)
         if fit is not None and (old is not None or not near or _continues(fit, near, index, time)):
             result.fits[index] = fit
@@ -127,6 +127,9 @@ def _fit_blurred(
     if exposure is not None and math.isfinite(rate):
         travels.insert(0, abs(rate) * float(exposure[index]))
     frame = reader.whole(index)
+    # What served the contact beside it serves this film.
+    extra = tuple(p for p in near[beside].free if p not in view.settings.free)
+    view = replace(view, alternatives=(extra,) if extra else ())
     best = fit_at(frame, view, float(start[Parameter.X]), float(start[Parameter.Y]))
     for travel in travels:
         if best is not None and best.misfit <= GOOD_MISFIT:

@@ -146,7 +146,7 @@ class OtherOptics:
     def _take(self, fit: RingFit) -> bool:
         view = self._result.view
         log_scale, phase = float(fit.parameters[Parameter.SCALE]), float(fit.parameters[Parameter.PHASE])
-        if abs(phase - view.optics.phase) < _STATED_PHASE:
+        if _turn(phase, view.optics.phase) < _STATED_PHASE:
             phase = view.optics.phase  # the calibration tells it better, from all frames
         if abs(log_scale) < _SAME_SCALE:
             log_scale = 0.0  # one frame knows it worse than who stated R and wavelength
@@ -159,11 +159,15 @@ class OtherOptics:
         return True
 
 
+def _turn(one: float, other: float) -> float:
+    """Angle (rad) between two phases."""
+    return abs(math.remainder(one - other, 2.0 * math.pi))
+
+
 def _is_like(one: Floats, other: Floats) -> bool:
     """Tell whether the parameters of two fits agree in phase and scale."""
-    turn = abs(float(one[Parameter.PHASE] - other[Parameter.PHASE])) % (2.0 * math.pi)
     scale = abs(float(one[Parameter.SCALE] - other[Parameter.SCALE]))
-    return min(turn, 2.0 * math.pi - turn) < _SAME_PHASE and scale < _SAME_SCALE
+    return _turn(float(one[Parameter.PHASE]), float(other[Parameter.PHASE])) < _SAME_PHASE and scale < _SAME_SCALE
 
 
 def _is_same_light(one: tuple[RingFit, tuple[float, float]], other: tuple[RingFit, tuple[float, float]]) -> bool:
@@ -174,7 +178,7 @@ def _is_same_light(one: tuple[RingFit, tuple[float, float]], other: tuple[RingFi
 def rebase(result: FilmResult, fits: dict[int, RingFit]) -> None:
     """Make phase and scale that most of the fits found those of the film, and their scales relative to it."""
     phases = [float(fit.parameters[Parameter.PHASE]) for fit in fits.values()]
-    if phases and abs(float(np.median(phases)) - result.view.optics.phase) > _STATED_PHASE:
+    if phases and _turn(float(np.median(phases)), result.view.optics.phase) > _STATED_PHASE:
         result.view = replace(result.view, optics=replace(result.view.optics, phase=float(np.median(phases))))
     scales = np.array([float(fit.parameters[Parameter.SCALE]) for fit in fits.values()])
     if not len(scales) or np.median(np.abs(scales)) <= _SAME_SCALE:

@@ -1,6 +1,7 @@
 """Compare the radial profile of a frame with Hertz contacts of all radii."""
 
 import math
+from bisect import bisect_left
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -8,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats, Integers
-from labpipe.imaging.fringes._interference import Optics, distance_at_phase, exposure_nodes, phase_slope, ring_limits
+from labpipe.imaging.fringes._interference import Optics, distance_at_phase, phase_slope, ring_limits
 
 #: Rings per half fringe next to the contact: enough to follow it, few enough to be quick.
 _RINGS_PER_EDGE = 6.0
@@ -49,7 +50,7 @@ class Templates:
     travels : array (travel,) [px]
         Change of the radius in the exposure.
     values : float32 array (travel, template, ring)
-        Zero beyond the length.
+        Anything beyond the length.
     """
 
     width: float
@@ -106,7 +107,7 @@ def make_templates(shape: tuple[int, int], optics: Optics, fringes: float, least
     fringes, least_spacing : float
         As in :class:`.FitSettings`.
     """
-    from labpipe.imaging.fringes._table_kernel import fill_templates
+    from labpipe.imaging.fringes._table_kernel import fill_templates, smear_templates
 
     reach = math.hypot(*shape)
     edge = edge_width(0.5 * reach, optics)
@@ -114,37 +115,20 @@ def make_templates(shape: tuple[int, int], optics: Optics, fringes: float, least
     middle = ring_limits(0.5 * reach, optics, fringes, least_spacing)[1]
     finest = 2.0 * math.pi / phase_slope(middle, 0.5 * reach, optics)
     step = _RINGS_PER_RADIUS if _RINGS_PER_RADIUS * width <= _SHARE_OF_FRINGE * finest else 1
-    radii = np.array(
-        [
-            a
-            for a in width * np.arange(math.ceil(2.0 / width), reach / width, step)
-            if has_resolved_fringes(a, optics, least_spacing)
-        ]
-    )
+    radii = width * np.arange(math.ceil(2.0 / width), reach / width, step)
+    # fringes around larger contacts are finer
+    radii = radii[: bisect_left(radii, True, key=lambda a: not has_resolved_fringes(a, optics, least_spacing))]
     if not len(radii):
         return None
-    limits = np.array([ring_limits(a, optics, fringes, least_spacing) for a in radii])
-    inner, outer = limits.T
+    inner, outer = np.array([ring_limits(a, optics, fringes, least_spacing) for a in radii.tolist()]).T
     first = np.floor(inner / width).astype(np.int64)
     length = np.floor(outer / width).astype(np.int64) - first
     travels = edge * np.array(_TRAVELS)
-    spacing = 2.0 * math.pi / phase_slope(float(outer[-1]), float(radii[-1]), optics)
-    values = np.stack(
-        [
-            fill_templates(
-                radii,
-                first,
-                length,
-                width,
-                travel,
-                *exposure_nodes(travel, spacing),
-                optics.phase_scale,
-                optics.phase,
-                _SAMPLES,
-            )
-            for travel in travels
-        ]
-    )
+    passed = length + math.ceil(0.5 * travels[-1] / width) + 1
+    sharp = fill_templates(radii, first, passed, width, optics.phase_scale, optics.phase, _SAMPLES)
+    inside = math.cos(optics.phase)
+    smeared = (smear_templates(sharp, radii, first, length, travel, inside) for travel in travels[1:].tolist())
+    values = np.stack([sharp, *smeared])[:, :, : length.max()]
     return Templates(width, int((first + length).max()), radii, first, length, travels, values)
 
 

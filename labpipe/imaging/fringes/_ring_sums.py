@@ -24,6 +24,8 @@ _LEAST_TRAVEL = 0.3
 #: Pixels of a cell in the mean, at least.
 _PIXELS_PER_CELL = 8
 _NO_LIMITS = np.empty(0)
+#: What is asked of cells where only what is left in them counts.
+NONE_FREE = np.empty(0, np.int64)
 
 
 @dataclass(frozen=True)

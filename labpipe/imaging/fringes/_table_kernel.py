@@ -177,31 +177,48 @@ def radial_sums(
 
 @compiled(nogil=True, fastmath=FAST)
 def fill_templates(
-    radii: Floats,
-    first_bins: Integers,
-    lengths: Integers,
-    width: float,
-    travel: float,
-    nodes: Floats,
-    weights: Floats,
-    phase_scale: float,
-    phase: float,
-    samples: int,
+    radii: Floats, first_bins: Integers, lengths: Integers, width: float, phase_scale: float, phase: float, samples: int
 ) -> Floats32:
     """Interference term in rings of equal width for many contact radii, one row each."""
     result, inside = np.zeros((len(radii), lengths.max()), np.float32), math.cos(phase)
     for row in range(len(radii)):
-        count = samples * lengths[row]
+        a = radii[row]
         first = first_bins[row] + 0.5 / samples
-        for k in range(len(nodes)):
-            square = max(radii[row] * radii[row] + nodes[k] * radii[row] * travel, 0.0)
-            a = math.sqrt(square)
-            for j in range(count):
-                r = (first + j / samples) * width
-                term = inside
-                if r > a:
-                    root = math.sqrt(r * r - square)
-                    beyond = a * root - (square - root * root) * math.atan2(root, a)
-                    term = math.cos(phase_scale / math.pi * beyond + phase)
-                result[row, j // samples] += weights[k] * term / samples
+        for j in range(samples * lengths[row]):
+            r = (first + j / samples) * width
+            term = inside
+            if r > a:
+                root = math.sqrt(r * r - a * a)
+                beyond = a * root - (a * a - root * root) * math.atan2(root, a)
+                term = math.cos(phase_scale / math.pi * beyond + phase)
+            result[row, j // samples] += term / samples
+    return result
+
+
+@compiled(nogil=True, fastmath=FAST)
+def smear_templates(
+    sharp: Floats32, radii: Floats, first_bins: Integers, lengths: Integers, travel: float, inside: float
+) -> Floats32:
+    """Average templates over a motion whose square changes evenly with time, from the radii that it passes.
+
+    ``sharp`` are those of contacts at rest; nearer to the middle than they reach there is the light ``inside``.
+    """
+    result = np.zeros(sharp.shape, np.float32)
+    for row in range(len(radii)):
+        middle, half = radii[row] * radii[row], radii[row] * travel
+        begin = 0
+        while begin < row and 0.25 * (radii[begin] + radii[begin + 1]) ** 2 <= middle - half:
+            begin += 1
+        low = middle - half
+        for k in range(begin, len(radii)):
+            is_last = k + 1 == len(radii)
+            high = middle + half if is_last else min(0.25 * (radii[k] + radii[k + 1]) ** 2, middle + half)
+            weight, shift = (high - low) / (2.0 * half), first_bins[row] - first_bins[k]
+            for j in range(min(-shift, lengths[row])):
+                result[row, j] += weight * inside
+            for j in range(max(-shift, 0), lengths[row]):
+                result[row, j] += weight * sharp[k, j + shift]
+            low = high
+            if low >= middle + half:
+                break
     return result

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from labpipe.arrays import Floats
-from labpipe.imaging.fringes._interference import Optics, exposure_nodes
+from labpipe.imaging.fringes._interference import Optics
 from labpipe.imaging.fringes._radial_scan import Window, left_by_edge, left_by_sphere, radial_profile
 
 #: A sphere is told from its rings down to this spacing (px), so many at most and so many at least, with one of
@@ -68,8 +68,7 @@ def _small_contacts(optics: Optics, rings: int) -> list[Floats]:
 
     radii = math.sqrt(math.pi / optics.phase_scale) * _SMALL_RADII
     first, length = np.zeros(len(radii), np.int64), np.full(len(radii), rings)
-    nodes = exposure_nodes(0.0, 1.0)
-    sharp = fill_templates(radii, first, length, 1.0, 0.0, *nodes, optics.phase_scale, optics.phase, _SAMPLES)
+    sharp = fill_templates(radii, first, length, 1.0, optics.phase_scale, optics.phase, _SAMPLES)
     whole = np.concatenate([sharp[:, ::-1], sharp], axis=1).astype(np.float64)
     blurs = dict.fromkeys((optics.blur, *_BLURS[:-1]))
     return [gaussian_filter1d(whole, blur, axis=1)[:, rings:] if blur else whole[:, rings:] for blur in blurs]

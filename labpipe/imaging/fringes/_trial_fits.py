@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._acceptance import GOOD_MISFIT, LEAST_PIXELS, is_contact
 from labpipe.imaging.fringes._edge import Edge, corrected_radius
+from labpipe.imaging.fringes._fingerprint import round_share
 from labpipe.imaging.fringes._radial_scan import Match
 from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, fit_contact
-from labpipe.imaging.fringes._ring_parameters import AXES, HARMONICS, LIGHT, PARAMETERS, Parameter
+from labpipe.imaging.fringes._ring_parameters import AXES, HARMONICS, LIGHT, PARAMETERS, RADIAL, Parameter
 from labpipe.imaging.fringes._view import View
 
 #: Pixels and evaluations of the fits that find out what a frame shows.
@@ -26,6 +27,9 @@ _QUICK_PIXELS, _QUICK_ITERATIONS = 12_000, 12
 _NONSENSE, _UNEXPLAINED = 1.0, 0.3
 #: Misfit from which no other explanation is tried beside the ones before.
 _SURE_MISFIT = 0.02
+#: Share of what the usual fit leaves that functions of the distance would explain: below, none of them does (they had
+#: 0.53 and more where they did), and above, nothing else does (0.61 and less).
+_UNEVEN, _ROUND = 0.45, 0.8
 #: Square of the blur (px²) from which it is sought.
 _FIRST_BLUR = 2.0
 
@@ -111,7 +115,11 @@ def _otherwise(frame: NDArray[np.generic], view: View, start: Floats, found: Rin
     # Perhaps the view is oblique or out of focus, R or the wavelength is not what it is said to
     # be, or there are many beams. Those that differ by what is free already are one.
     ways = {frozenset((*usual, *extra)): extra for extra in reversed(view.alternatives) if not set(extra) <= set(usual)}
+    share = round_share([frame], [found], replace(view, settings=_quick(view))) if len(ways) > 1 else math.nan
     for extra in reversed(ways.values()):
+        is_radial = RADIAL.issuperset(set(extra) - set(usual))
+        if share < _UNEVEN if is_radial else share > _ROUND:
+            continue
         trial = _trial(frame, view, start, (*usual, *extra))
         if trial is not None and trial.misfit < best.misfit:
             best = trial

@@ -66,14 +66,15 @@ def _found_flat(
 
 
 def weigh_flat(
-    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, log_stated: float
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, log_stated: float, *, is_stated: bool
 ) -> tuple[Trial, Calibration]:
     """Lay narrower fringes than stated, or a phase near the stated one, to these or to a flat, as the frames tell.
 
     In contacts of one radius either explains them nearly as well: what is likelier is taken, and the other counts
-    as what may be wrong. ``log_stated`` is the logarithm of the scale as stated, relative to that of the view.
+    as what may be wrong. ``log_stated`` is the logarithm of the scale as stated, relative to that of the view;
+    ``is_stated`` tells whether the phase of the view is the stated one.
     """
-    is_turned = 0.0 < abs(known.phase_shift) < _FLAT_PHASE
+    is_turned = is_stated and 0.0 < abs(known.phase_shift) < _FLAT_PHASE
     if known.flat or not (known.log_scale > log_stated or is_turned):
         return best, known
     few = attempt(axes, known, _FLAT_FRAMES, _FLAT_PIXELS)

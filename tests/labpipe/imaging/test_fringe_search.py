@@ -23,6 +23,7 @@ from labpipe.imaging.fringes._interference import make_optics
 from labpipe.imaging.fringes._ring_fit import FitSettings
 from labpipe.imaging.fringes._ring_noise import _from_gap, slow_power
 from labpipe.imaging.fringes._ring_parameters import AXES, BEAMS, PARAMETERS, USUAL, Parameter
+from labpipe.imaging.fringes._ring_parameters import LIGHT as POWERS
 from labpipe.imaging.fringes._ring_sums import Sums
 from labpipe.imaging.fringes._trials import Calibration
 from labpipe.imaging.fringes._view import View
@@ -120,15 +121,23 @@ def test_an_ellipse_is_not_compared_with_circles_of_other_optics(monkeypatch: py
     assert asked == []
 
 
-def test_explanations_that_differ_by_what_is_free_already_are_tried_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Beside free axes another scale is the same with axes as without."""
+@pytest.mark.parametrize(
+    ("share", "told"),
+    [(0.6, ((Parameter.SCALE,), BEAMS, POWERS)), (0.9, ((Parameter.SCALE,), BEAMS)), (0.3, (POWERS,))],
+)
+def test_explanations_are_tried_once_and_where_what_is_left_goes_around_the_rings_as_theirs(
+    monkeypatch: pytest.MonkeyPatch, share: float, told: tuple[tuple[Parameter, ...], ...]
+) -> None:
+    """Beside free axes another scale is the same with axes as without; what goes by the distance is even all around."""
     tried: list[frozenset[Parameter]] = []
     monkeypatch.setattr(_trial_fits, "_trial", lambda *arguments: tried.append(frozenset(arguments[3])))
-    ways = (AXES, (*AXES, Parameter.SCALE), (Parameter.SCALE,), BEAMS, (*AXES, *BEAMS))
-    view = Mock(alternatives=ways, settings=Mock(free=(*USUAL, *AXES)))
+    monkeypatch.setattr(_trial_fits, "round_share", lambda *_: share)
+    ways = (AXES, (*AXES, Parameter.SCALE), (Parameter.SCALE,), BEAMS, (*AXES, *BEAMS), POWERS)
+    settings = FitSettings(free=(*USUAL, *AXES))
+    view = View(make_optics(2e-6, SPHERE, LIGHT), settings, (9, 9), 0.0, 255.0, alternatives=ways)
     usual = Mock(misfit=0.5, has_negative_light=False)
     assert _trial_fits._otherwise(np.zeros((2, 2)), view, np.zeros(1), usual) is usual
-    assert tried == [frozenset((*USUAL, *AXES, *extra)) for extra in ((Parameter.SCALE,), BEAMS)]
+    assert tried == [frozenset((*USUAL, *AXES, *extra)) for extra in told]
 
 
 @pytest.mark.parametrize(("phase", "scale", "is_other"), [(0.12, 0.0, False), (0.9, 0.0, True), (0.0, 0.1, True)])
