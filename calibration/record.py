@@ -211,8 +211,9 @@ class CameraRecord(Record, frozen=True, forbid_unknown_fields=True, kw_only=True
     values: CameraValues
 
 
-#: Begins what is said of the validity where the clock of the instrument was never set, or runs ahead.
-NO_DAY = "not possible: the clock of the instrument says "
+#: Begins what is said of the validity where no day is known: the clock of the instrument was never set, or runs
+#: ahead; or the file holds none, as images and videos do, and nobody states one.
+NO_DAY = "not possible: "
 _CLOCKS_SET = date(2001, 1, 1)  # clocks that lose their battery begin at 1970, 1980 or 2000
 
 #: Every kind of record.
@@ -277,11 +278,12 @@ def require(
         Attributes of the readings: ``start``, ``model``, ``serial``, ``sensor`` where known.
     measured : date or ISO text, optional
         Day of the measurement, as a date where a person states it, as text where a clock does; by
-        default ``start`` of the readings. A clock before 2001 or beyond today tells no day.
+        default ``start`` of the readings. A clock before 2001 or beyond today tells no day; where none is
+        known, the result says that the validity was not checked.
     view : str, optional
         Camera view.
     ignore_validity : bool
-        Use a record outside its period, or readings without a date; the result says so.
+        Use a record outside its period; the result says so.
 
     Returns
     -------
@@ -291,7 +293,7 @@ def require(
     Raises
     ------
     CalibrationError
-        Wrong kind, other sensor, other view, not valid on that day, or the day is not known.
+        Wrong kind, other sensor, other view, or not valid on that day.
     """
     if record.kind != kind:
         raise CalibrationError(
@@ -372,17 +374,11 @@ def _check_validity(
 ) -> str:
     day = _day(measured if measured is not None else str(attrs.get("start", "")))
     if day is None:
-        if ignore_validity:
-            return "ignored: the day of the measurement is not known"
-        raise CalibrationError(
-            f'record "{record.id}": the readings hold no date, so the validity of the record '
-            'cannot be checked; state the day of the measurement: measured="2024-05-14" in Python, '
-            "measured_on = 2024-05-14 in session.toml for the kinds that take it"
-        )
+        return f"{NO_DAY}the recording holds no day, and none is stated"
     if record.valid_from <= day <= record.valid_until:
         return f"valid on {day}"
     if not isinstance(measured, date) and not _CLOCKS_SET <= day <= date.today():
-        return f"{NO_DAY}{day}"
+        return f"{NO_DAY}the clock of the instrument says {day}"
     if ignore_validity:
         return f"ignored: measured on {day}, outside the period of the record"
     word = "expired" if day > record.valid_until else "was not yet valid"

@@ -177,7 +177,6 @@ named("record_expired", lambda f: required(f, {"start": "2026-01-01"}))
 named("record_not_yet_valid", lambda f: required(f, {"start": "2024-04-01"}))
 named("record_of_another_kind", lambda f: required(f, {}, "camera"))
 named("record_of_another_sensor", lambda f: required(f, {"model": "IL-100"}))
-named("record_day_unknown", lambda f: required(f, {"model": "LK-G5001"}))
 named("record_of_another_view", lambda f: required(f, {"start": "2024-06-01"}, view="front"))
 
 # --- Keyence --------------------------------------------------------------------------------------

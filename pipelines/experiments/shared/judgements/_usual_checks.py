@@ -18,7 +18,6 @@ _LARGE, _VAGUE = 0.2, 0.05
 _NO_SUCH_MATERIAL = "there is no material"  # begins the message of the library
 _OWN_CAUSES = (
     (_NO_SUCH_MATERIAL, "the name of the material is misspelt", "sphere.material"),
-    ("the readings hold no date", "the file does not know its day, and measured_on is not stated", "measured_on"),
     ("no instrument recognises", "the file is not what the session says, or of a format that is not read", ""),
     (
         "no film that can be read",
@@ -69,8 +68,11 @@ def day_known(calibrated: xr.Dataset | None, record: str, file: str = "the recor
         return stated(name, law, text, "note" if is_valid else "doubtful", cause=cause, setting="measured_on")
     if not said.startswith(NO_DAY):
         return stated(name, law, f"{record}: {said}", None)
-    text = f"whether {record} was valid is not known: the clock of the instrument says {said.removeprefix(NO_DAY)}"
-    return stated(name, law, text, "note", cause="the clock of the instrument was never set, or lost its battery")
+    cause = "the clock of the instrument was never set, or lost its battery"
+    if "holds no day" in said:
+        cause = "files of this form hold no day: state it as measured_on"
+    text = f"whether {record} was valid is not known: {said.removeprefix(NO_DAY)}"
+    return stated(name, law, text, "note", cause=cause, setting="measured_on")
 
 
 def failed_steps(context: Context, causes: Mapping[str, str]) -> list[Check]:

@@ -48,6 +48,14 @@ def test_a_day_that_nobody_states_contradicts_nothing(tmp_path: Path) -> None:
     assert day_known(calibrated(tmp_path, "2024-07-01T09:30:00", None), RECORD).level is None
 
 
+@pytest.mark.parametrize(("start", "why"), [("", "state it as measured_on"), ("1970-01-01", "never set")])
+def test_a_recording_of_an_unknown_day_is_a_note(tmp_path: Path, start: str, why: str) -> None:
+    found = day_known(calibrated(tmp_path, start, None), RECORD)
+    assert found.level == "note"
+    assert "whether calibration/laser.toml was valid is not known" in found.message
+    assert why in found.cause
+
+
 def test_a_camera_record_keeps_both_days(tmp_path: Path) -> None:
     files.write_text(tmp_path / "front.toml", front_record())
     record = load_record(tmp_path / "front.toml")
