@@ -112,6 +112,8 @@ def _twice(session: Session) -> Iterator[tuple[str, Finding]]:
             first = _rival(places[:number], later)
             if first is not None:
                 yield later.experiment, _copy(first, later)
+                if first.experiment != later.experiment:  # which of the two it belongs to, nothing tells
+                    yield first.experiment, _copy(later, first)
 
 
 def _rival(before: Sequence[Named], later: Named) -> Named | None:

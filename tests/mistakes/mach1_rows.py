@@ -308,6 +308,13 @@ WAVE_ROWS = (
         WAVES,
     ),
     Mistake(
+        "specimen slips in an oscillation",
+        rows(_force(lambda i, f: f * (1.0 - 1e-3 * i)), WAVES),
+        "doubtful",
+        ("first cycle that has settled", "slips"),
+        WAVES,
+    ),
+    Mistake(
         "zero slips by 2 % of the force",
         rows(_force(lambda i, f: f + 0.3), WAVES, 3),
         "doubtful",

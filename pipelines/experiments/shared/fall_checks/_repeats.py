@@ -14,8 +14,9 @@ from pipelines.experiments.shared.fall_checks._fall import Fall, shown
 LEAST_ROUGH = 2e-3  # of the fall, by which repeats may differ where they touch
 _ENOUGH = 3  # repeats: of two nobody knows which is off
 _LEVELS = ("touch_level", "u_touch_level")
-_BY_HAND = 0.2
+_BY_HAND = {"drop_height": 0.2, "amplitude": 0.2}
 """Relative, by which two repeats may differ since they were let go by hand."""
+_BY_BODY = 0.03  # the same of what one body shows however it was let go
 _SLIP = 0.02  # decades by which two repeats that differ by a slipped decimal may miss it
 
 
@@ -39,7 +40,7 @@ def repeats_alike(falls: Sequence[Fall], quantities: Sequence[tuple[str, str, st
             found.append(not_made(name, law, "two repeats"))
             continue
         if len(falls) == 2:
-            found.append(_pair(name, law, falls, pairs, unit, cause))
+            found.append(_pair(name, law, falls, pairs, unit, _BY_HAND.get(variable, _BY_BODY)))
             continue
         values, u = np.array([v for v, _ in pairs]), np.array([s for _, s in pairs])
         centre = float(np.median(values))
@@ -95,7 +96,7 @@ def levels_alike(falls: Sequence[Fall]) -> Check:
 
 
 def _pair(
-    name: str, law: str, falls: Sequence[Fall], pairs: Sequence[tuple[float, float]], unit: str, cause: str
+    name: str, law: str, falls: Sequence[Fall], pairs: Sequence[tuple[float, float]], unit: str, differs: float
 ) -> Check:
     """Hold two repeats against each other, whose scatter nobody knows: only what no hand does is told."""
     (first, u_first), (second, u_second) = pairs
@@ -103,17 +104,18 @@ def _pair(
         f"{falls[1].name}: {shown(second, u_second, unit)}, {falls[0].name} "
         f"{quantity(first, unit)}, where repeats should agree"
     )
-    allowance = _BY_HAND * min(abs(first), abs(second))
+    allowance = differs * min(abs(first), abs(second))
     check = compared(
         name, law, message, second, u_second, first, u_first, allowance=allowance, factor=False, file=falls[1].name
     )
     if check.level is None:
         return check
+    cause = "one of the two is of another drop or another body"
     slip = abs(log10(second / first)) if first * second > 0 else 0.0
     if slip > 0.5 and abs(slip - round(slip)) < _SLIP:
         factor = in_words(10.0 ** round(slip))
         cause = f"lengths of the two differ by a factor {factor}: the unit or decimal point of one is wrong"
-    return replace(check, cause=cause or "one of the two is of another drop")
+    return replace(check, cause=cause)
 
 
 def _small_sample(n: int) -> float:

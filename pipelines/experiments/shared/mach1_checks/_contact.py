@@ -39,6 +39,7 @@ def of_punch(punch: Punch | None, substrate: Substrate | None, model: Indentatio
         text = f"{what}: {quantity(size, 'm')}"
         if level is not None:
             cause = f"{setting} in session.toml is wrong: its unit, or its number"
+            cause += "; or punch.period is" if setting == "punch.tips" else ""
             found.append(stated(title, law, text, level, cause=cause, setting=setting))
     if not found:
         found.append(stated(title, law, f"{punch.tips} tips of {quantity(punch.depth.value, 'm')} fit", None))

@@ -1,20 +1,28 @@
-"""Checks of what else reaches the cell while the stage oscillates or holds: a hit on the table, a drift."""
+"""Checks of what else reaches the cell while the stage oscillates or holds: a hit on the table, a drift, a slip."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.judging import Check, Level, not_made, stated
+from labpipe.judging import DOUBTFUL, Check, Level, not_made, stated
 from labpipe.report import quantity
-from pipelines.experiments.shared.mach1_checks._parts import OSCILLATION, SETTLED, Part, travel_and_speed
-from pipelines.experiments.shared.mach1_checks._titles import DRIFT, KNOCK
+from pipelines.experiments.shared.mach1_checks._parts import (
+    OSCILLATION,
+    SETTLED,
+    Part,
+    counted_frequency,
+    travel_and_speed,
+)
+from pipelines.experiments.shared.mach1_checks._titles import DRIFT, KNOCK, STEADY
 from pipelines.experiments.shared.ramps_and_holds import RELAXATION
 
 _WINDOW, _FEWEST = 8, 20  # readings of a piece, and pieces that make a usual one
 _LOUDER, _LASTS = 6.0, 2  # times the usual piece, and pieces in a row: one alone is a spike
 _SMALL, _LARGE = 0.01, 0.05  # of the force's swing, from which on a knock is told, and doubtful
 _GROWS = 0.03  # of the force, by which its mean may grow over an oscillation
+_SETTLES, _BRAKES, _CYCLES = 2, 1, 2  # cycles left out at either end, and needed between them
+_CHANGES = 0.03  # of a stiffness, by which it may change from the first of them to the last
 
 
 def knocked(name: str, blocks: Sequence[Part]) -> Check:
@@ -77,3 +85,49 @@ def mean_grows(name: str, blocks: Sequence[Part]) -> Check:
     cause = "the cell or its cable drifts, or the stage creeps into the material: let it warm up, and tare it again"
     level: Level | None = "doubtful" if share > _GROWS else None
     return stated(DRIFT, law, text, level, cause=cause if level else "", file=name, line=part.header_line)
+
+
+def stiffness_kept(name: str, blocks: Sequence[Part]) -> Check:
+    """Hold the cycles of an oscillation against each other: force over motion stays what it is once it has settled."""
+    law = "about a held depth a contact is as stiff in the last cycle as in the first that has settled"
+    found = []
+    for part in (p for p in blocks if p.function == OSCILLATION):
+        stiffness, u = _of_cycles(part)
+        if stiffness.size >= _CYCLES:
+            # a line through them, from the first to the last
+            places = np.linspace(-0.5, 0.5, stiffness.size)
+            level = float(stiffness.mean())
+            change = float(np.dot(places, stiffness) / np.dot(places, places)) / level
+            found.append((change, float(u.max()) / level / float(np.dot(places, places)) ** 0.5, part))
+    if not found:
+        return not_made(STEADY, law, f"{_SETTLES + _CYCLES + _BRAKES} cycles of an oscillation")
+    change, u, part = max(found, key=lambda each: abs(each[0]))
+    text = f"{name}, block {part.number + 1}: force over motion changes by {100 * change:+.1f} % from the first cycle "
+    text += "that has settled to the last"
+    cause = "the specimen slips, creeps away or tears under the punch, or warms up: no one stiffness is measured"
+    level: Level | None = "doubtful" if abs(change) > max(_CHANGES, DOUBTFUL * u) else None
+    return stated(STEADY, law, text, level, cause=cause if level else "", file=name, line=part.header_line)
+
+
+def _of_cycles(part: Part) -> tuple[Floats, Floats]:
+    """Return force over motion of each cycle that has settled, and its uncertainty [N/m]."""
+    used = np.isfinite(part.position) & np.isfinite(part.force)
+    t, x, f = part.time[used], part.position[used], part.force[used]
+    frequency = counted_frequency(part)[0]
+    moving = np.flatnonzero(np.abs(x - np.median(x)) > 0.25 * np.ptp(x))
+    found = []
+    if np.isfinite(frequency) and moving.size:
+        begin, end = t[moving[0]] + _SETTLES / frequency, t[moving[-1]] - _BRAKES / frequency
+        for i in range(int((end - begin) * frequency)):
+            inside = (t >= begin + i / frequency) & (t < begin + (i + 1) / frequency)
+            turn = 2 * np.pi * frequency * t[inside]
+            if turn.size < _WINDOW:
+                break
+            columns = np.column_stack((np.ones_like(turn), turn - turn.mean(), np.cos(turn), np.sin(turn)))
+            both = np.column_stack((x[inside], f[inside]))
+            waves = np.linalg.lstsq(columns, both, rcond=None)[0]
+            left = (both - columns @ waves).std(axis=0) * (2.0 / turn.size) ** 0.5
+            motion, force = np.hypot(*waves[2:])
+            if motion > 0.0:
+                found.append((force / motion, np.hypot(left[1], left[0] * force / motion) / motion))
+    return tuple(np.array(found).reshape(-1, 2).T)

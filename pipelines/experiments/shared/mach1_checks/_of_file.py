@@ -18,7 +18,7 @@ from pipelines.experiments.shared.mach1_checks._cell import (
     saturation,
     sign_of_stiffness,
 )
-from pipelines.experiments.shared.mach1_checks._disturbance import knocked, mean_grows
+from pipelines.experiments.shared.mach1_checks._disturbance import knocked, mean_grows, stiffness_kept
 from pipelines.experiments.shared.mach1_checks._motion import (
     axes_of_commands,
     clock_of_blocks,
@@ -77,6 +77,7 @@ def of_file(name: str, readings: xr.Dataset) -> list[Check]:
         response_of_cell(name, blocks),
         knocked(name, blocks),
         mean_grows(name, blocks),
+        stiffness_kept(name, blocks),
         saturation(name, blocks),
         capacity_of_cell(name, blocks),
         date_of_cell(name, blocks),
