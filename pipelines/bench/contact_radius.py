@@ -19,7 +19,7 @@ from scipy.ndimage import gaussian_filter
 from labpipe.arrays import Floats
 from labpipe.imaging import contact_radius
 from labpipe.imaging.fringes import fit_circle
-from pipelines.bench.measure import OURS, Bound, Calls, Extra, Point, Suite, Timing, paired, race
+from pipelines.bench.measure import OURS, Bound, Calls, Extra, Point, Suite, Timing, held_against, paired, race
 
 Film = NDArray[np.uint8]
 
@@ -267,6 +267,8 @@ def _disturbances(scene: Scene, frames: int) -> Suite:
         ours, edge = found[0] - truth, np.asarray(timings["edge"].value, float) - truth
         seconds = timings["fringes"].seconds / frames
         plain = plain or seconds
+        ratios = np.abs(ours / found[1])
+        goals = {"every frame measured": bool(np.isfinite(ratios).all()), "below 3 u": not (ratios > 3.0).any()}
         rows.append(
             Point(
                 name,
@@ -275,15 +277,17 @@ def _disturbances(scene: Scene, frames: int) -> Suite:
                 is_default=name == "ideal",
                 extra={
                     "bias (µm)": float(np.mean(ours)) / _MICROMETRE,
-                    "RMS of error / u": float(np.sqrt(np.mean((ours / found[1]) ** 2))),
+                    "RMS of error / u": float(np.sqrt(np.mean(ratios**2))),
+                    "largest error / u": float(ratios.max()),
                     "edge, RMS error (µm)": float(np.sqrt(np.mean(edge**2))) / _MICROMETRE,
                     "time over ideal's": seconds / plain,
+                    "goals": held_against(goals),
                 },
             )
         )
     title = f"The default where images are not ideal, and the plain edge beside it; {frames} frames of each"
     error, time = "RMS error of the radius (µm)", "run time per frame (s)"
-    goal = "goal of every row: no error beyond 3 u; as a root mean square over frames, ideal is 1"
+    goal = "goals of every row: each frame measured, no error beyond 3 u; as a root mean square over frames, ideal is 1"
     return Suite("contact-radius-disturbed", title, error, rows, notes=(goal,), time_label=time, has_diagram=False)
 
 

@@ -33,7 +33,7 @@ from pipelines.bench.film_scenes import (
     random_field,
     seen_by_pixels,
 )
-from pipelines.bench.measure import Point, Suite
+from pipelines.bench.measure import Point, Suite, held_against
 
 _SUBSET, _SPACING, _NOISE = 31, 13, 1.0
 _STEP = (0.13, 0.07)  # px from frame to frame
@@ -126,7 +126,13 @@ def _row(name: str, scene: Scene, size: int, frames: int) -> Point:
             still, place = _moved(scene, view, view, points, size, frames)
             unchanged.append(_rms(_compared(track(still, points, _SUBSET), place)[0]))
         recovered = 100.0 * (_rms(plain) - _rms(error)) / (_rms(plain) - min(unchanged))
-    beyond = np.hypot(*error.T) > 5.0 * np.hypot(*u.T)
+    beyond = int((np.hypot(*error.T) > 5.0 * np.hypot(*u.T)).sum())
+    ratio = _rms(u) / _rms(error) if np.isfinite(error).any() else None
+    goals = {
+        "recovered": recovered is None or recovered >= 75.0,
+        "u / scatter": ratio is None or 0.9 <= ratio <= 1.1,
+        "off by more than 5 u": beyond == 0,
+    }
     return Point(
         name,
         _rms(error),
@@ -135,9 +141,10 @@ def _row(name: str, scene: Scene, size: int, frames: int) -> Point:
         extra={
             "error, change not solved for (px)": _rms(plain) if np.isfinite(plain).any() else None,
             "of what the change costs, recovered (%)": recovered,
-            "u / scatter": _rms(u) / _rms(error) if np.isfinite(error).any() else None,
+            "u / scatter": ratio,
             "lost (%)": 100.0 * float(np.isnan(error).any(axis=-1).mean()),
-            "off by more than 5 u": int(beyond.sum()),
+            "off by more than 5 u": beyond,
+            "goals": held_against(goals),
         },
     )
 

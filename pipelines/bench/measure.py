@@ -170,6 +170,18 @@ CLOCK = time.process_time if time.get_clock_info("process_time").resolution < 1e
 """Processor time of all threads, where the system tells it finely enough (Windows does not)."""
 
 
+def held_against(goals: Mapping[str, bool]) -> str:
+    """Say which goals, told by whether each is met, a row misses.
+
+    Examples
+    --------
+    >>> held_against({"u / scatter": True, "lost": False}), held_against({"lost": True})
+    ('missed: lost', 'met')
+    """
+    missed = [name for name, is_met in goals.items() if not is_met]
+    return f"missed: {', '.join(missed)}" if missed else "met"
+
+
 def paired(
     contenders: Mapping[str, Callable[[], object]],
     repeats: int,
