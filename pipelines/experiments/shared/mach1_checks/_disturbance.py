@@ -96,9 +96,9 @@ def stiffness_kept(name: str, blocks: Sequence[Part]) -> Check:
         if stiffness.size >= _CYCLES:
             # a line through them, from the first to the last
             places = np.linspace(-0.5, 0.5, stiffness.size)
-            level = float(stiffness.mean())
-            change = float(np.dot(places, stiffness) / np.dot(places, places)) / level
-            found.append((change, float(u.max()) / level / float(np.dot(places, places)) ** 0.5, part))
+            usual = float(stiffness.mean())
+            change = float(np.dot(places, stiffness) / np.dot(places, places)) / usual
+            found.append((change, float(u.max()) / usual / float(np.dot(places, places)) ** 0.5, part))
     if not found:
         return not_made(STEADY, law, f"{_SETTLES + _CYCLES + _BRAKES} cycles of an oscillation")
     change, u, part = max(found, key=lambda each: abs(each[0]))
@@ -130,4 +130,5 @@ def _of_cycles(part: Part) -> tuple[Floats, Floats]:
             motion, force = np.hypot(*waves[2:])
             if motion > 0.0:
                 found.append((force / motion, np.hypot(left[1], left[0] * force / motion) / motion))
-    return tuple(np.array(found).reshape(-1, 2).T)
+    stiffness, u = np.array(found).reshape(-1, 2).T
+    return stiffness, u
