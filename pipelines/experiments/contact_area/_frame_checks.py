@@ -94,14 +94,15 @@ def _blanked(radius: xr.Dataset, settings: ContactArea) -> Check:
 
 
 def _copies(radius: xr.Dataset, settings: ContactArea) -> Check:
-    """Look for frames that are measured alike to the last digit."""
+    """Look for frames whose pixels are those of the one before, or that are measured alike to the last digit."""
     read = np.isin(radius["method"].values, READ)
     # at rest a frame like the one before is not read again
     same = read[1:] & read[:-1]
     for column in ("radius", "centre_x", "centre_y"):
         if column in radius:
             same &= np.diff(radius[column].values) == 0.0
-    return no_copies(settings.film, radius["frame"].values, same)
+    frame = radius["frame"].values
+    return no_copies(settings.film, frame, same | np.isin(frame[1:], json.loads(radius.attrs.get("repeated", "[]"))))
 
 
 def _in_order(radius: xr.Dataset, settings: ContactArea) -> Check:

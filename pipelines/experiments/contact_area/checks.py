@@ -40,6 +40,7 @@ its relative uncertainty, of a plate that swings and of another grade."""
 _WAVELENGTHS = (405e-9, 450e-9, 488e-9, 520e-9, 532e-9, 546.1e-9, 589.3e-9, 632.8e-9, 650e-9, 660e-9)
 _ASLANT, _MOST_ASLANT = ", or the camera looks aslant at the disc", 0.94
 """What shortens lengths as well, and the factor of a camera at 20°."""
+_NEAR = 3.0  # factor of the frame rate, below which a wrong height may be meant
 _ALWAYS = 0.98  # of all frames in contact: no flight is seen
 _ZIGZAG = 0.03  # of the largest radius, by which a contact does not shrink before it grows on
 _FAILED = {
@@ -148,7 +149,12 @@ def _method(radius: xr.Dataset, settings: ContactArea) -> Check:
     frames = "1 frame" if edges == 1 else f"{edges} frames"
     message = f"{settings.film}: {frames} measured by the edge of the spot, {fringes} by fringes"
     level: Level | None = "doubtful" if edges > fringes else "note" if edges else None
-    cause = "fringes are not resolved: the scale of another view, another wavelength, or a lens out of focus"
+    if edges <= fringes:
+        cause = "contacts are small or move fast there, or something hides or spoils their fringes: look at these"
+    else:
+        bright = exposed(radius, settings.film)
+        cause = "fringes are not resolved: the scale of another view, another wavelength, a lens out of focus"
+        cause = bright.cause if bright.level else cause
     return stated(name, law, message, level, cause=cause, file=settings.film)
 
 
@@ -300,6 +306,12 @@ def _steady(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> C
     return stated(name, law, f"{settings.film}: contacts grow and shrink steadily", None, file=settings.film)
 
 
+def _of_rate(k: float) -> str:
+    too = f"{in_words(k)} times too short" if k > 1.0 else f"{in_words(1 / k)} times too long"
+    height = f", or the drop {in_words(1 / k**2)} times as high as stated" if 1 / _NEAR < k < _NEAR else ""
+    return f"the frame rate is {in_words(k)} times the true one{height}: times come out {too}"
+
+
 def _causes(settings: ContactArea, radius: xr.Dataset | None = None) -> Iterator[Cause]:
     light, body = settings.wavelength, settings.sphere.radius
     if light is not None:
@@ -327,9 +339,7 @@ def _causes(settings: ContactArea, radius: xr.Dataset | None = None) -> Iterator
     )
     yield Cause(
         {FLIGHT: -1.0, DURATION: -1.0},
-        lambda k: (
-            f"the frame rate is {in_words(k)} times the true one: times come out {in_words(1 / k)} times too long"
-        ),
+        _of_rate,
         SLIPS["interval"],
         file="" if is_rate_used(settings.frame_rate, radius) else settings.film,
         setting="frame_rate" if is_rate_used(settings.frame_rate, radius) else "",

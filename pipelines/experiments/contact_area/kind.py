@@ -35,6 +35,7 @@ _STAGES = (
         "contact_area.measured:keys",
         ("file:film", "radius", "impacts"),
         ("frame_rate",),
+        may_lack=("impacts",),
         summary="select key frames for the page",
     ),
     reported("contact_area", ("radius", "impacts", "model", "comparison", "keys")),

@@ -22,7 +22,7 @@ from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area._axes import u_of_view, with_uneven_scale
 from pipelines.experiments.contact_area._peaks import STILL, peak_of
 from pipelines.experiments.contact_area.settings import ContactArea
-from pipelines.experiments.shared.film_frames import about_contacts, blanked, key_frames, open_film, recorded_on
+from pipelines.experiments.shared.film_frames import about_contacts, key_frames, open_film, recorded_on, spoiled
 from pipelines.experiments.shared.film_light import DARK, LIGHT, light_of
 from pipelines.experiments.shared.film_stated import said_by_file
 
@@ -73,11 +73,13 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
         found = with_uneven_scale(found, u_view)
         of_record = [Source(*(row[key] for key in Source._fields)) for row in budget]
         budget = budget_rows([*of_record, Source("oblique view", 0.0, u_view, "1", size.value, "systematic")])
+    blank, twice = spoiled(seen, read)
     return found.assign_attrs(
         scale_budget=json.dumps(budget),
         calibration=json.dumps(checked, ensure_ascii=False),
         u_systematic_relative=math.hypot(size.u / size.value, u_view),
-        blanked=json.dumps(blanked(seen, read)),
+        blanked=json.dumps(blank),
+        repeated=json.dumps(twice),
         light=light_of(seen, about_contacts(read)),
         said_by_file=said_by_file(source),
     )
@@ -229,19 +231,13 @@ def _at_rest(time: Floats, a: Floats, u: Floats, runs: list[NDArray[np.int64]], 
     }
 
 
-def keys(film: Path, radius: xr.Dataset, impacts: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
-    """Copy key frames with the fitted circles: around each largest radius, and at rest."""
+_ALL_OVER = 7  # frames that stand for a film without impacts
+
+
+def keys(film: Path, radius: xr.Dataset, impacts: xr.Dataset | None, *, settings: ContactArea) -> xr.Dataset:
+    """Copy key frames with the fitted circles: around each largest radius, and at rest; without impacts, all over."""
     source = open_film(film, settings.frame_rate)
-    time, seen = radius["time"].values, radius["in_contact"].values.astype(bool)
-    wanted: set[int] = set()
-    for i in range(impacts.sizes["impact"]):
-        inside = np.flatnonzero(
-            seen & (time >= float(impacts["first_seen"][i])) & (time <= float(impacts["last_seen"][i]))
-        )
-        top = int(inside[np.argmin(np.abs(time[inside] - float(impacts["peak_time"][i])))])
-        wanted |= {int(inside[0]), top, int(inside[-1])}
-    if np.isfinite(float(impacts["static_radius"])):
-        wanted.add(int(np.flatnonzero(seen)[-1]))
+    wanted = _of_impacts(radius, impacts) if impacts is not None else _of_whole(radius)
     near = sorted(i for i in wanted if source.valid[int(radius["frame"][i])])
     found = key_frames(source, [int(radius["frame"][i]) for i in near])
     size = float(radius["pixel_size"])
@@ -259,3 +255,24 @@ def keys(film: Path, radius: xr.Dataset, impacts: xr.Dataset, *, settings: Conta
     u = np.hypot(at["u_radius"].values, at["radius_systematic"].values)
     found = found.assign(with_u("key_radius", "key", at["radius"].values, u, "m", "contact radius"))
     return found.assign_attrs(work=json.dumps({"key_frames": len(near)}))
+
+
+def _of_impacts(radius: xr.Dataset, impacts: xr.Dataset) -> set[int]:
+    """Choose the first frame, that of the largest radius and the last of each impact, and one at rest."""
+    time, seen = radius["time"].values, radius["in_contact"].values.astype(bool)
+    wanted: set[int] = set()
+    for i in range(impacts.sizes["impact"]):
+        inside = np.flatnonzero(
+            seen & (time >= float(impacts["first_seen"][i])) & (time <= float(impacts["last_seen"][i]))
+        )
+        top = int(inside[np.argmin(np.abs(time[inside] - float(impacts["peak_time"][i])))])
+        wanted |= {int(inside[0]), top, int(inside[-1])}
+    if np.isfinite(float(impacts["static_radius"])):
+        wanted.add(int(np.flatnonzero(seen)[-1]))
+    return wanted
+
+
+def _of_whole(radius: xr.Dataset) -> set[int]:
+    """Choose frames all over a film of which no impact was told."""
+    sound = np.flatnonzero(radius["valid"].values)
+    return {int(i) for i in sound[np.linspace(0, len(sound) - 1, min(_ALL_OVER, len(sound))).round().astype(int)]}

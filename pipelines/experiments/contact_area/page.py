@@ -43,7 +43,7 @@ _SMALLEST_PICTURE = 480  # px; smaller frames are enlarged by a whole factor
 _VIEW = 1.5  # ms around the largest radius of an impact that a button shows
 _METHODS = {
     1: "fringe fit",
-    5: "fringe fit with a fitted gap factor (gap not Hertzian)",
+    5: "fringe fit with a fitted gap factor (the gap opens otherwise than stated)",
     2: "edge",
     3: "interpolation between equal frames at rest",
     4: "contact fills the view (no radius)",
@@ -152,13 +152,12 @@ def _edge(model: xr.Dataset, settings: ContactArea) -> tuple[str, str]:
     return f"{pages.told(model, 'adhesion_shift', 0)} farther out", f"JKR with the stated {pages.stated(given)}; {told}"
 
 
-def _key_frames(keys: xr.Dataset, settings: ContactArea) -> Section:
+def _key_frames(keys: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | None = None) -> Section:
     pictures = [_picture(keys.isel(key=i)) for i in range(keys.sizes["key"])]
-    top = int(np.nanargmax(keys["circle_radius"].values)) if pictures else 0
-    caption = (
-        "First frame, largest radius and last frame of each impact, and rest. The chart of the contact radius marks "
-        "the frame that is shown."
-    )
+    top = int(np.argmax(np.nan_to_num(keys["circle_radius"].values))) if pictures else 0
+    shown = "First frame, largest radius and last frame of each impact, and rest"
+    shown = shown if impacts is not None else "Frames all over the film, since no impact was found in it"
+    caption = f"{shown}. The chart of the contact radius marks the frame that is shown."
     gallery = Gallery("Key frames with the fitted circle", pictures, start=top, group=_GROUP, caption=caption)
     header = pages.raw_header(keys.assign_attrs(source=settings.film))
     return Section("Film", (gallery,) if header is None else (gallery, header))

@@ -70,7 +70,12 @@ def _mosaic(image: Floats) -> float:
         return 0.0
     tiles = image[: rows * _TILE, : columns * _TILE].reshape(rows, _TILE // 2, 2, columns, _TILE // 2, 2)
     means = tiles.mean(axis=(1, 4)).transpose(0, 2, 1, 3).reshape(-1, 4)
-    relative = np.median(means / np.maximum(means.mean(axis=1, keepdims=True), 1e-9), axis=0)
+    light = means.mean(axis=1)
+    # a part without light has no brightness to compare
+    seen = light > 0.5 * max(float(np.quantile(light, 0.9)), 0.0)
+    if np.count_nonzero(seen) < _FEWEST_TILES:
+        return 0.0
+    relative = np.median(means[seen] / light[seen, np.newaxis], axis=0)
     return float(np.ptp(relative))
 
 

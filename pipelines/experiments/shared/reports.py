@@ -35,7 +35,7 @@ class Report:
     counts : mapping of str to callable
         Whether a result of that name is one at all.
     notices : callable, optional
-        What is said before the sentence of the verdict; it asks by name too.
+        What is said right after the sentence of the verdict; it asks by name too.
     """
 
     subtitle: str | Callable[[Any], str]
@@ -57,8 +57,8 @@ class Report:
         given = Given(**known, settings=settings, context=context)
         sections = given.each(self.sections)
         if verdict := verdict_blocks(judgement, given.each([self.rows] if self.rows else [])):
-            before = given.each([self.notices] if self.notices else [])
-            sections.insert(0, Section("Verdict", (*before, *verdict)))
+            noticed = given.each([self.notices] if self.notices else [])
+            sections.insert(0, Section("Verdict", (*verdict[:1], *noticed, *verdict[1:])))
         subtitle = self.subtitle if isinstance(self.subtitle, str) else self.subtitle(settings)
         return document(context, subtitle, sections).render()
 

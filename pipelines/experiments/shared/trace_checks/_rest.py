@@ -24,8 +24,8 @@ _SHORT = 2  # doublings of the lag at most, until they exceed what rounding adds
 _FALL = (0.4, 2.5)  # times g, curvature of a beginning in mid-fall
 _HUM = 0.01  # of the travel, beyond which what is left of a hum is doubtful
 IN_MOTION = (
-    "the readings do not begin at rest: the record begins in mid-motion, the sensor drifts or hums, or the wrong "
-    "channel was recorded"
+    "the readings do not begin at rest: the record begins in mid-motion, its rows stand in reverse order, the sensor "
+    "drifts or hums, or the wrong channel was recorded"
 )
 SWING, SMOOTHED = "vibration before the release", "noise of neighbouring readings"
 

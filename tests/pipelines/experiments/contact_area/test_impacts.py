@@ -1,12 +1,14 @@
 """Impacts among the contacts of a film: single frames, missed frames, slow films."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import xarray as xr
 from scipy.integrate import solve_ivp
 
 from pipelines.experiments.contact_area._peaks import peak_of
-from pipelines.experiments.contact_area.measured import impacts
+from pipelines.experiments.contact_area.measured import impacts, keys
 
 
 def seen_in_film(time: np.ndarray, radius: np.ndarray, in_contact: np.ndarray) -> xr.Dataset:
@@ -126,3 +128,20 @@ def test_frames_missing_beside_the_largest_stand_in_its_uncertainty(lost: slice)
         peak = peak_of(time, a, np.full(time.size, 1e-8))
         z.append((peak.radius - top) / np.hypot(peak.u, peak.sampling))
     assert np.sqrt(np.mean(np.square(z))) < 1.6
+
+
+def test_a_film_without_impacts_is_shown_all_over(tmp_path, monkeypatch) -> None:
+    frames = 40
+    drawn = type("Film", (SimpleNamespace,), {"__getitem__": lambda self, i: np.full((20, 30), i, np.uint8)})
+    film = drawn(
+        valid=np.arange(frames) != 0, levels=(0.0, 255.0), shape=(frames, 20, 30), time=1e-3 * np.arange(frames)
+    )
+    monkeypatch.setattr("pipelines.experiments.contact_area.measured.open_film", lambda path, rate: film)
+    blank = ("centre_x", "centre_y", "radius", "semi_axis_major", "semi_axis_minor", "axis_angle", "u_radius")
+    values = {name: ("frame", np.full(frames, np.nan)) for name in (*blank, "radius_systematic")}
+    radius = xr.Dataset(
+        values | {"method": ("frame", np.zeros(frames, int)), "valid": ("frame", film.valid), "pixel_size": 1e-6},
+        {"frame": np.arange(frames)},
+    )
+    found = keys(tmp_path / "a.cine", radius, None, settings=SimpleNamespace(frame_rate=None))
+    assert found["frame"].values.tolist() == [1, 7, 14, 20, 26, 33, 39]

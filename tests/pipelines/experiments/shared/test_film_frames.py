@@ -12,7 +12,7 @@ from instruments import phantom
 from labpipe.errors import InputError, LabpipeError
 from labpipe.judging import stated
 from labpipe.workflow.context import Context, Warned
-from pipelines.experiments.shared.film_frames import blanked, explained, key_frames, open_film, whole_film
+from pipelines.experiments.shared.film_frames import explained, key_frames, open_film, spoiled, whole_film
 
 
 @dataclass
@@ -116,6 +116,15 @@ def test_missing_pixels_are_found_and_dark_ones_are_none(tmp_path):
     images[:, :, 150:] = 0  # clipped in every frame
     images[4, 10:13] = 0
     film = instruments.read(_film(tmp_path / "a.cine", images))
-    assert blanked(film, np.ones(6, bool)).keys() == {4}
-    assert blanked(film, np.ones(6, bool))[4] >= 3 * 200
-    assert blanked(film, np.zeros(6, bool)) == {}
+    blank, twice = spoiled(film, np.ones(6, bool))
+    assert blank.keys() == {4}
+    assert blank[4] >= 3 * 200
+    assert twice == []
+    assert spoiled(film, np.zeros(6, bool)) == ({}, [])
+
+
+def test_frames_that_come_twice_are_found(tmp_path):
+    images = np.concatenate([_smooth(), _smooth()])
+    images += np.random.default_rng(3).integers(0, 4, images.shape).astype(images.dtype)
+    images[[2, 5]] = images[[1, 4]]
+    assert spoiled(instruments.read(_film(tmp_path / "a.cine", images)), np.ones(6, bool)) == ({}, [2, 5])
