@@ -111,9 +111,9 @@ def _twice(session: Session) -> Iterator[tuple[str, Finding]]:
         for number, later in enumerate(places[1:], 1):
             first = _rival(places[:number], later)
             if first is not None:
-                yield later.experiment, _copy(first, later)
-                if first.experiment != later.experiment:  # which of the two it belongs to, nothing tells
-                    yield first.experiment, _copy(later, first)
+                # of two experiments nothing tells which one it belongs to
+                for owner in dict.fromkeys((later.experiment, first.experiment)):
+                    yield owner, _copy(first, later)
 
 
 def _rival(before: Sequence[Named], later: Named) -> Named | None:
