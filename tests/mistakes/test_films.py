@@ -117,6 +117,16 @@ def _lamp_off(frame: int) -> Change:
     return change
 
 
+def _grown(film: xr.Dataset) -> xr.Dataset:
+    """The first contact is found from its largest radius on."""
+    first = int(np.flatnonzero(film["in_contact"])[0])
+    top = first + int(np.nanargmax(film["radius"].values[first : first + 20]))
+    hidden = np.isin(np.arange(_COUNT), np.arange(first, top))
+    return film.assign(
+        radius=film["radius"].where(~hidden), in_contact=film["in_contact"] & ~hidden, method=film["method"] * ~hidden
+    )
+
+
 def _clipped(share: float) -> Change:
     return lambda film: film.assign_attrs(light=_lit({}, share))
 
@@ -225,6 +235,7 @@ ROWS = (
         ("before impact 2", "longer", "frames are repeated between"),
         _frames(lambda i: np.concatenate([i[:300], i[275:875]])),
     ),
+    FilmMistake("growth of a contact lost in blur", "doubtful", ("impact 1 is largest in frame", "blur"), _grown),
     FilmMistake("begins in contact", "doubtful", ("begins too late",), _frames(lambda i: i[179:])),
     FilmMistake("ends in the first contact", "doubtful", ("stopped or cut too soon",), _frames(lambda i: i[:184])),
     FilmMistake(

@@ -14,6 +14,7 @@ from pipelines.experiments.shared.film_frames import no_copies, sound_frames
 from pipelines.experiments.shared.frame_order import in_order
 
 _NAMED = 5  # frames that a sentence names
+_WHOLE = 5  # frames of an impact, from which on the largest radius lies between the first and the last
 _LATE = 1.5  # of the usual interval between frames in contact, from which some are missing
 
 
@@ -58,13 +59,33 @@ def contacts_whole(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactAre
     for first, last in zip(impacts["first_seen"].values, impacts["last_seen"].values, strict=True):
         inside |= (time > first) & (time < last)
     lost = frame[inside & ~shows]
-    if not lost.size:
+    cause = "the contact is hidden there or its fringes are spoiled (glare, speckle, blur, a lost image): look at these"
+    halved = _halved(radius, impacts)
+    if not lost.size and halved is None:
         return stated(name, law, f"{settings.film}: every frame of an impact shows its contact", None)
+    if halved is not None:
+        number, at, beside = halved
+        text = f"{settings.film}: impact {number} is largest in frame {frame[at]}, and frame {frame[beside]} beside it "
+        return stated(name, law, f"{text}shows no contact", "doubtful", cause=cause, file=settings.film)
     which = ", ".join(str(int(k)) for k in lost[:_NAMED]) + (", …" if lost.size > _NAMED else "")
     named, show = ("frame", "shows") if lost.size == 1 else ("frames", "show")
     text = f"{settings.film}: {named} {which} within an impact {show} no contact"
-    cause = "the contact is hidden there or its fringes are spoiled (glare, speckle, a lost image): look at these"
     return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
+
+
+def _halved(radius: xr.Dataset, impacts: xr.Dataset) -> tuple[int, int, int] | None:
+    """Find an impact that begins or ends at its largest: its number, that frame, and the one beside it."""
+    time, a = radius["time"].values, np.nan_to_num(radius["radius"].values)
+    for number, (first, last) in enumerate(zip(impacts["first_seen"].values, impacts["last_seen"].values, strict=True)):
+        seen = np.flatnonzero((time >= first) & (time <= last))
+        if seen.size < _WHOLE:
+            continue
+        usual = float(np.median(np.diff(time[seen])))
+        for at, beside in ((seen[0], seen[0] - 1), (seen[-1], seen[-1] + 1)):
+            is_next = 0 <= beside < time.size and abs(time[beside] - time[at]) < _LATE * usual
+            if is_next and bool(radius["valid"].values[beside]) and a[at] == a[seen].max() > 0.0:
+                return number + 1, int(at), int(beside)
+    return None
 
 
 def _times(radius: xr.Dataset, settings: ContactArea) -> Check:
