@@ -22,8 +22,7 @@ from labpipe.imaging.fringes._fingerprint import round_share
 from labpipe.imaging.fringes._interference import make_optics
 from labpipe.imaging.fringes._ring_fit import FitSettings
 from labpipe.imaging.fringes._ring_noise import _from_gap, slow_power
-from labpipe.imaging.fringes._ring_parameters import AXES, BEAMS, PARAMETERS, USUAL, Parameter
-from labpipe.imaging.fringes._ring_parameters import LIGHT as POWERS
+from labpipe.imaging.fringes._ring_parameters import AXES, BEAMS, LIGHT as POWERS, PARAMETERS, USUAL, Parameter
 from labpipe.imaging.fringes._ring_sums import Sums
 from labpipe.imaging.fringes._trials import Calibration
 from labpipe.imaging.fringes._view import View
