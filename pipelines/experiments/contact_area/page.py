@@ -250,7 +250,10 @@ def _over_time(
         a = model["contact_radius"].values[inside] * 1e3
         curves.append(Series("model, aligned at the first impact", when[inside], a, role="model"))
     least = quantity(float(radius.attrs["least_radius"]), "m", 2)
-    caption = f"Frames without contact, or with one below {least}, stand at 0. Bars: standard uncertainty."
+    caption = (
+        f"Frames in which no contact was found stand at 0; one below {least} is not told from a touch. Bars: standard "
+        "uncertainty."
+    )
     labels = ("Contact radius", "time in the film / ms", "contact radius / mm")
     charts: list[Block] = [LineChart(*labels, tuple(curves), group=_GROUP, views=views, caption=caption)]
     charts += _gap_factor(radius, impacts)
