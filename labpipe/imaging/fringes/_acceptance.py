@@ -97,7 +97,8 @@ def _is_sphere(window: Window, terms: Floats, distance: Floats, view: View, foun
     phase = view.optics.phase_scale * scaled_gap(distance, float(found.parameters[Parameter.RADIUS]), view.optics.flat)
     spheres, contacts = [], []
     for spread in _SPREADS:
-        spheres.append(left_by_sphere(window, distance, view.optics, blur, spread, has_harmonics=has_harmonics))
+        band = spread[0], math.hypot(spread[1], math.sqrt(view.optics.spread))
+        spheres.append(left_by_sphere(window, distance, view.optics, blur, band, has_harmonics=has_harmonics))
         lagging = terms[0] - 0.5 * spread[0] * phase * terms[3]
         contacts.append(window.left_by_all(faded(phase, spread) * np.stack([lagging, terms[2]])))
     return min(spheres) < _CONTACT_SURE * min(contacts)

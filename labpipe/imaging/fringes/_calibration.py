@@ -16,7 +16,7 @@ from labpipe.imaging.fringes._harmonics import find_blur_before_camera, find_coa
 from labpipe.imaging.fringes._lens_blur import BLUR_ROUNDS, LEAST_BLUR, find_blur, least_blur, next_gain, settle_blur
 from labpipe.imaging.fringes._open_gap import explained_by_gap
 from labpipe.imaging.fringes._ring_fit import RingFit
-from labpipe.imaging.fringes._ring_parameters import AXES, BEAMS, Parameter
+from labpipe.imaging.fringes._ring_parameters import ASSUMED, AXES, BEAMS, Parameter
 from labpipe.imaging.fringes._second_colour import find_second_colour, settle_colour
 from labpipe.imaging.fringes._trials import (
     FACTOR,
@@ -44,7 +44,7 @@ _ALL_BUT, _MOSTLY = 0.02, 0.1
 _COSTLY = 2
 #: Place of the explanation that is no function of the distance: none of the others is tried where all such
 #: functions together would not explain enough.
-_UNEVEN = 1
+_UNEVEN = 2
 #: Share that they explain from which no ellipse is tried.
 _ROUND = 0.75
 #: Share of a frame's squared misfit that a scale of its own must explain before frames are looked for whose gap
@@ -53,6 +53,8 @@ _ROUND = 0.75
 _BY_GAP, _OPENED, _APART, _FEW_OPENED = 0.3, 0.03, 8.0, 0.34
 #: Variances from which a phase is hinted at, beyond two for each frame, where pixels scatter alone.
 _WEAK_HINT = 10.0
+#: Blur (px) beside which no band of colours that hides is looked for: what is not known of its shape looks like one.
+_WIDE_BLUR = 2.0
 #: Things that are found one after the other at most, and from how many on they are found again together.
 _ROUNDS, _TOGETHER = 4, 2
 
@@ -140,6 +142,7 @@ def calibrate(
         best = settled
         attempt.begin_from(best, plain_axes, result)
     result = _refine(attempt, plain_axes, settle_harmonics(attempt, plain_axes, result), view)
+    result = _weigh_band(attempt, plain_axes, _with_small_band(attempt, plain_axes, result))
     # What a film shows beyond the third harmonic looks like a small phase where no lens has blurred it.
     is_cut = any(result.harmonics) and (result.by_camera or not result.blur)
     if not is_phase_free or result.phase_shift != 0.0 or is_cut:
@@ -208,9 +211,10 @@ def _candidates(
     and the last, which cost most, when nothing simpler explains most of it. Functions of the distance explained
     nothing where all of them could 0.46 of the misfit, and what is much better explains more.
     """
-    is_round = not best.is_doubtful or attempt.round_share(best, known) > 1.0 - 1.0 / FACTOR
+    is_round = not (best.is_doubtful and attempt.round_share(best, known) <= 1.0 - 1.0 / FACTOR)
     makers: tuple[Callable[[], tuple[Trial, Calibration] | None], ...] = (
         lambda: find_blur(attempt, axes, known, best),
+        lambda: None if known.spread else _find_optics(attempt, axes, known, best, Parameter.SPREAD, view),
         lambda: _find_uneven_light(attempt, axes, known, best),
         lambda: find_harmonics(attempt, axes, known, best),
         lambda: find_coating(attempt, axes, known, best, view),
@@ -275,8 +279,10 @@ def _with_rough(trial: Trial, known: Calibration, rough: Sequence[Parameter], vi
 
 
 def _with_beside(trial: Trial, known: Calibration, beside: Sequence[Parameter], view: View) -> Calibration:
-    """Take phase, harmonics and ellipse from a trial that left them free."""
+    """Take phase, spread, harmonics and ellipse from a trial that left them free."""
     known = _with_rough(trial, known, [p for p in beside if p is Parameter.PHASE], view)
+    if Parameter.SPREAD in beside:
+        known = replace(known, spread=max(known.spread + trial.mean(Parameter.SPREAD)[0], 0.0))
     if Parameter.SECOND in beside:
         known = replace(known, harmonics=trial.harmonics)
     if Parameter.STRETCH in beside:
@@ -308,6 +314,7 @@ def _found(known: Calibration) -> list[tuple[Parameter, ...]]:
         ((Parameter.SCALE,), known.log_scale != 0.0),
         (BEAMS, any(known.harmonics)),
         ((Parameter.TURNED,), known.harmonics[1] != 0.0),
+        ((Parameter.SPREAD,), known.spread != 0.0),
         (AXES, known.ellipse != (0.0, 0.0)),
     )
     return [group for group, is_found in groups if is_found]
@@ -343,10 +350,54 @@ def _refine(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, vie
     return known
 
 
+def _with_small_band(attempt: Attempt, axes: Sequence[Parameter], known: Calibration) -> Calibration:
+    """Take a band of colours that hides below what is seen of errors of the model, with all else known.
+
+    A blur that seems a disc may be a Gaussian beside one: what explains the frames about as well counts, by how
+    likely it is, as what may be wrong.
+    """
+    best = attempt(axes, known)
+    if best is None or known.spread or known.blur > _WIDE_BLUR or not best.is_quiet:
+        return known
+    least = _WEAK_HINT + 2.0 * len(best.fits)
+    if not (known.disc or best.may_gain(ASSUMED, least)):
+        return known
+    ways = [(best, known)]
+    for disc in dict.fromkeys((known.disc, 0.5 * known.disc, 0.0)):
+        shape = replace(known, disc=disc)
+        free = attempt((*axes, Parameter.SPREAD), shape)
+        spread = 0.0 if free is None else free.mean(Parameter.SPREAD)[0]
+        if free is None or spread <= 0.0:
+            continue
+        seen = replace(shape, spread=spread)
+        trial = attempt(axes, seen)
+        if trial is not None:
+            ways.append((trial, seen.with_shared(free, free.shift_of_radius((Parameter.SPREAD,)))))
+    gains = [trial.gain_over(best) for trial, _ in ways]
+    likeliest = max(range(len(gains)), key=lambda place: gains[place])
+    taken, found = ways[likeliest if gains[likeliest] > least else 0]
+    # a small flat looks like a band as well, and more like another phase and scale
+    rival = attempt((*axes, *ASSUMED), known) if taken is not best else None
+    if rival is not None:
+        ways.append((rival, known))
+        gains.append(rival.gain_over(best) - 2.0 * least)
+    weights = np.exp(0.5 * (np.array(gains) - max(gains)))
+    changes = np.array([trial.changes(taken) for trial, _ in ways])
+    return found.with_shared(taken, np.sqrt(np.average(changes**2, axis=0, weights=weights)))
+
+
+def _weigh_band(attempt: Attempt, axes: Sequence[Parameter], known: Calibration) -> Calibration:
+    """Count what it makes of the radius that a band of colours may be even in wavenumbers or in wavelengths."""
+    if not known.spread:
+        return known
+    one, other = attempt(axes, known), attempt(axes, replace(known, skew=1.0))
+    return known if one is None or other is None else known.with_shared(one, one.changes(other))
+
+
 def _find_optics(
     attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, parameter: Parameter, view: View
 ) -> tuple[Trial, Calibration] | None:
-    """Phase or scale that the film shows, when it explains the frames much better.
+    """Phase, scale or spread of the wavenumbers that the film shows, when it explains the frames much better.
 
     What was found while it was wrong is found again with it.
     """
@@ -364,8 +415,13 @@ def _find_optics(
         if abs(shift - known.phase_shift) <= SIGNIFICANT * deviation:
             return None
         return trial, replace(found, phase_shift=shift, u_phase_shift=deviation)
+    if parameter is Parameter.SPREAD:
+        if value <= SIGNIFICANT * deviation:
+            return None
+        return trial, replace(found, spread=value).with_shared(trial, trial.shift_of_radius((parameter,)))
     scale = known.log_scale + value
-    if abs(value) <= SIGNIFICANT * deviation or abs(scale) > _MOST_SCALE:
+    # a band of colours tells its mean wavenumber no better than that
+    if abs(value) <= max(SIGNIFICANT * deviation, known.spread) or abs(scale) > _MOST_SCALE:
         return None
     return trial, replace(found, log_scale=scale, u_log_scale=deviation)
 

@@ -14,7 +14,7 @@ from labpipe.imaging.fringes._ring_parameters import Parameter
 from labpipe.imaging.fringes._view import View
 
 #: Relative standard deviations of the wavenumbers that are tried, and the least at which fringes fade too early.
-_BANDS, _WIDE = (0.0, 0.03, 0.06, 0.09, 0.12, 0.15, 0.18, 0.22, 0.26, 0.3), 0.12
+_BANDS, _WIDE = (0.0, 0.03, 0.06, 0.09, 0.12, 0.15, 0.18, 0.22, 0.26, 0.3), 0.15
 #: Misfit below which a fit is not doubted, and the squares that fading fringes leave at most over those of the fit:
 #: 0.2 to 0.8 in white light, 2 and more where such a band came out in other light.
 _NOTABLE, _LEAVES = 0.01, 0.9

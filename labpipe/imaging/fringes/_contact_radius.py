@@ -141,7 +141,7 @@ def contact_radius(
     of a ring, with centre, light and its slopes, visibility and the blur by the motion of the
     radius as further unknowns. Phase, scale, blur of the lens (a bell, a disc, or between), oblique
     view, harmonics of the fringes (many beams, coatings that absorb, a camera that is not linear),
-    a second colour, a flat worn into the sphere, and whether light is bell-shaped or fringes weak in
+    a band of colours or a second one, a flat worn into the sphere, and whether light is bell-shaped or fringes weak in
     places are found once per film where they explain it beyond doubt. What a fit leaves that changes
     along the rings is noise, also where pixels share it (speckle, stray fringes); what does not is an
     error of the model and widens ``u_radius`` by what it makes of the radius, told by how that changes

@@ -42,6 +42,9 @@ _NOTABLE_SCALE = 0.003
 #: Difference of the radii in the middle of an exposure in which a², as is assumed, or a itself changes evenly, over
 #: the square of the travel divided by the radius: where rings only blur, and where the travel is wider than they are.
 _EVEN_RADIUS, _EVEN_FAR = 1.0 / 24.0, 1.0 / 8.0
+#: Full width of a Gaussian at half its height, in standard deviations; share of the wavelength from which the width
+#: of a band of colours is told.
+BELL_WIDTH, _NOTABLE_WIDTH = 2.0 * math.sqrt(2.0 * math.log(2.0)), 0.02
 #: Rest: change of the radius, relative to its end, and fewest frames.
 _REST_CHANGE, _LEAST_REST = 0.01, 5
 #: Frames that a warning names.
@@ -347,9 +350,15 @@ def _lost_told(result: FilmResult) -> str:
 
 
 def _colour_told(options: FilmOptions, result: FilmResult) -> str:
-    """Tell of a second colour in the light; empty when there is none."""
+    """Tell of a second colour in the light, or a band of them; empty when there is none."""
     ratio, share = result.view.optics.colour
-    if not share or options.wavelength is None:
+    width = BELL_WIDTH * math.sqrt(result.view.optics.spread)
+    if options.wavelength is None:
+        return ""
+    if not share and width > _NOTABLE_WIDTH:
+        spread = f"a band of colours {width * options.wavelength * 1e9:.0f} nm wide at half its height"
+        return f"{spread}, or a cone of light that fades rings as much, was allowed for"
+    if not share:
         return ""
     colour = f"a second colour near {options.wavelength / ratio * 1e9:.0f} nm"
     return f"{colour}, {100 * share:.0f} % of the fringes, was allowed for"

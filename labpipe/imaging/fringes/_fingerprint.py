@@ -4,6 +4,7 @@ Blur, harmonics, phase, scale, a second colour and a flat change the light with 
 alone, so that they explain only what all of a ring has in common; astigmatism, coma and stray light do not.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,6 +15,8 @@ from labpipe.imaging.fringes._ring_fit import RingFit, ring_around
 from labpipe.imaging.fringes._ring_sums import NONE_FREE, ring_cells
 from labpipe.imaging.fringes._view import View
 
+#: Rings of cells below which they do not follow the fringes.
+_LEAST_BINS = 24
 #: Relative size of what keeps a ring of which little is seen from telling more than it holds.
 _RIDGE = 1e-9
 
@@ -33,8 +36,9 @@ def round_share(images: Sequence[NDArray[np.generic]], fits: Sequence[RingFit], 
     Returns
     -------
     float
-        An upper bound, but for chance; 1 where no errors of the model are seen. Measured: 0.89 and more where
-        one of those things was wrong, 0.17 and less beside astigmatism, coma, a ghost and uneven light.
+        An upper bound, but for chance; 1 where no errors of the model are seen, NaN where a ring is too small to tell.
+        Measured: 0.89 and more where one of those things was wrong, 0.17 and less beside astigmatism, coma, a
+        ghost and uneven light.
 
     Notes
     -----
@@ -48,6 +52,8 @@ def round_share(images: Sequence[NDArray[np.generic]], fits: Sequence[RingFit], 
         if ring is None:
             return 1.0
         cells = ring_cells(ring, fit.parameters, NONE_FREE, view.optics)
+        if len(cells.counts) < _LEAST_BINS:
+            return math.nan
         total += max(fit.residual**2 - fit.noise**2, 0.0) * float(cells.counts.sum())
         explained += _explained(cells.sums, cells.counts, fit.noise)
     return explained / total if total > 0.0 else 1.0

@@ -51,6 +51,10 @@ class Optics:
         many beams before it.
     colour : (float, float)
         Wavenumber of a second colour over that of the first, and its share of the fringes.
+    spread : float
+        Variance of the wavenumbers in the light, relative to the square of their mean.
+    skew : float
+        Whether that band is even in wavenumbers (0), in wavelengths (1) or between.
     """
 
     phase_scale: float
@@ -60,6 +64,8 @@ class Optics:
     disc: float = 0.0
     by_camera: bool = False
     colour: tuple[float, float] = (1.0, 0.0)
+    spread: float = 0.0
+    skew: float = 0.5
 
 
 def make_optics(pixel_size: float, sphere_radius: float, wavelength: float, phase: float = math.pi) -> Optics:
@@ -265,10 +271,10 @@ class RadialTable:
     ----------
     start : float [px]
         Distance of the first sample; the following are 1 / :data:`SAMPLES_PER_PIXEL` apart.
-    values : array (5 or 9, sample)
+    values : array (5, 9 or 10, sample)
         The term (cosine), its derivatives by distance, contact radius and phase, and by the
         travel of the contact radius during the exposure; rich tables also those by the square of
-        the blur and by the harmonics.
+        the blur and by the harmonics, and then by the spread of wavenumbers.
     """
 
     start: float
@@ -371,21 +377,28 @@ def radial_table(
     nodes, weights = exposure_nodes(travel, spacing)
     squares = contact_radius**2 + nodes * contact_radius * travel
     radii = np.sqrt(np.maximum(squares, 0.0))
-    raw = np.zeros((9, len(distance)))
+    raw = np.zeros((10, len(distance)))
     second, turned, third = harmonics
     for node, weight, radius in zip(nodes, weights, radii, strict=True):
-        phase = optics.phase_scale * scaled_gap(distance, radius, optics.flat) + optics.phase
+        lag = optics.phase_scale * scaled_gap(distance, radius, optics.flat)
         by_distance, by_radius = scaled_slopes(distance, radius, optics.flat)
-        wave = np.exp(1j * phase)
+        shrunk = 1.0 / (1.0 - 2j * optics.skew * optics.spread * lag)
+        wave = np.sqrt(shrunk) * np.exp(1j * (lag + optics.phase) - 0.5 * optics.spread * lag**2 * shrunk)
         beams = wave / (1.0 - complex(second, turned) * wave)
-        sine = weight * ((1j * beams**2 / wave).real - 3.0 * third * np.sin(3.0 * phase))
-        change = optics.phase_scale * by_radius * sine
+        steep = weight * (beams**2 / wave + 3.0 * third * wave**3)
+        sine = -steep.imag
+        turned_by = 1j * optics.skew * optics.spread * lag * shrunk
+        by_lag = 1j + (1j * optics.skew - lag * (1.0 + turned_by)) * optics.spread * shrunk
+        by_spread = (1j * optics.skew - 0.5 * lag * (1.0 + 2.0 * turned_by)) * lag * shrunk
+        by_gap = (steep * by_lag).real
+        change = optics.phase_scale * by_radius * by_gap
         divisor = 2.0 * max(radius, 1e-6)
-        raw[0] += weight * (beams.real + third * np.cos(3.0 * phase))
+        raw[0] += weight * (beams.real + third * (wave**3).real)
         raw[6] += weight * (beams**2).real
         raw[7] -= weight * (beams**2).imag
-        raw[8] += weight * np.cos(3.0 * phase)
-        raw[1] += optics.phase_scale * by_distance * sine
+        raw[8] += weight * (wave**3).real
+        raw[9] += (steep * by_spread).real
+        raw[1] += optics.phase_scale * by_distance * by_gap
         raw[2] += change * (2.0 * contact_radius + node * travel) / divisor
         raw[3] += sine
         raw[4] += change * node * contact_radius / divisor

@@ -23,6 +23,8 @@ _AT_REST = 3.0
 #: Standard deviations of what frames show of a blur together from which it is weighed: below, small contacts that
 #: were blurred by 1 px, and nothing larger beside them, were up to 0.07 µm off at 4 u.
 _SEEN = 2.0
+#: Standard deviations of a blur beside a motion from which a ring tells both.
+_TOLD = 10.0
 #: Blur (px) from which its shape shows: below, discs and Gaussians moved radii by a tenth of u.
 LEAST_SHAPED = 0.7
 #: Shares of a disc in the shape of the blur that are tried beside none, and between which the likeliest is sought.
@@ -47,7 +49,7 @@ def find_blur(
     """
     if known.blur or not best.is_doubtful:
         return None
-    square = least_blur(best, 0.0)[0]
+    square = _square_beside_motion(attempt, axes, known) or least_blur(best, 0.0)[0]
     if square <= LEAST_BLUR**2:
         return None
     beside = (*axes, *beside)
@@ -55,10 +57,20 @@ def find_blur(
     if not any(_promises(attempt, (axes, known), (beside, seen), best) for seen in blurred):
         return None
     axes = beside
-    lens = _blur_of_lens(attempt, axes, known, best)
+    lens = _blur_of_lens(attempt, axes, known)
     if lens is None or not lens.trial.is_better_than(best):
         return None
     return lens.trial, lens.known(attempt, axes, known)
+
+
+def _square_beside_motion(attempt: Attempt, axes: Sequence[Parameter], known: Calibration) -> float:
+    """Square of the blur (px²) as some pixels show it beside a motion, 0 where they do not tell them apart.
+
+    Small contacts do: what a lens blurs they show as a motion of up to four times its variance.
+    """
+    trial = attempt((*axes, Parameter.BLUR), known, FEW_FRAMES, FEW_PIXELS)
+    square, deviation = (0.0, 0.0) if trial is None else trial.mean(Parameter.BLUR)
+    return square if square > _TOLD * deviation else 0.0
 
 
 def _promises(
@@ -139,21 +151,24 @@ def next_gain(gain: float, step: float, beyond: float) -> float:
     return float(np.clip(step / change, *_GAINS)) if step and change else 1.0
 
 
-def _blur_of_lens(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial) -> _Lens | None:
+def _blur_of_lens(attempt: Attempt, axes: Sequence[Parameter], known: Calibration) -> _Lens | None:
     """Fit the frames with a lens that blurs as much, and in the shape, as the frames show.
 
     Some pixels of a few frames tell nearly as much; all of them say it of the likeliest shapes.
     """
     few = partial(attempt, count=_SHAPE_FRAMES, pixels=_SHAPE_PIXELS)
-    start = few(axes, known)
-    rough = [] if start is None else _likely_shapes(few, axes, known, start)
+    blur = math.sqrt(_square_beside_motion(attempt, axes, known))
+    start = few(axes, replace(known, blur=blur))
+    rough = [] if start is None else _likely_shapes(few, axes, known, start, blur)
     sized = (_size_of_blur(attempt, axes, known, lens.trial, lens.disc, lens.blur, is_near=True) for lens in rough)
     return _settled_shape(attempt, axes, known, [lens for lens in sized if lens is not None])
 
 
-def _likely_shapes(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial) -> list[_Lens]:
+def _likely_shapes(
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, start: Trial, blur: float
+) -> list[_Lens]:
     """Lenses of the shapes that leave least: the bell alone where its blur is too small to show a shape."""
-    bell = _size_of_blur(attempt, axes, known, best, disc=0.0)
+    bell = _size_of_blur(attempt, axes, known, start, 0.0, blur)
     if bell is None or bell.blur < LEAST_SHAPED:
         return [] if bell is None else [bell]
     between = _size_of_blur(attempt, axes, known, bell.trial, _BETWEEN, bell.blur)
@@ -201,7 +216,7 @@ def shape_anew(attempt: Attempt, axes: Sequence[Parameter], known: Calibration) 
         return known
     sharp = replace(known, blur=0.0, disc=0.0)
     trial = attempt(axes, sharp)
-    lens = None if trial is None else _blur_of_lens(attempt, axes, sharp, trial)
+    lens = None if trial is None else _blur_of_lens(attempt, axes, sharp)
     return known if lens is None else replace(lens.known(attempt, axes, sharp), harmonics=lens.trial.harmonics)
 
 
@@ -255,7 +270,7 @@ def settle_blur(
     least, deviation, _ = least_blur(best, 0.0)
     if known.blur or least <= max(LEAST_BLUR**2, _SEEN * deviation):
         return best, known
-    lens = _blur_of_lens(attempt, axes, known, best)
+    lens = _blur_of_lens(attempt, axes, known)
     if lens is None:
         return best, known
     gain = sum(

@@ -12,7 +12,8 @@ class Parameter(IntEnum):
     scale. BLUR is the square of the blur (px²) beyond that of the optics. SECOND and TURNED are the
     real and the imaginary part of the ratio q of one harmonic to the one before, as of many beams:
     the real part of z/(1 - qz), z = exp iφ, stands for the cosine. THIRD is a third harmonic beside
-    those (a camera that is not linear).
+    those (a camera that is not linear). SPREAD is the variance of the wavenumbers in the light, relative to the
+    square of their mean, beyond that of the optics: a band of colours, or a cone of directions.
 
     With any of LIGHT_, which are the higher powers of x and y, x² - y², xy, x³, x²y, xy², y³, and
     VISIBILITY_, the light is (GAIN + MODULATION · cos · (1 + VISIBILITY_X x + ...)) exp(SLOPE_X x + ...):
@@ -36,15 +37,16 @@ class Parameter(IntEnum):
     SECOND = 14
     TURNED = 15
     THIRD = 16
-    LIGHT_XX = 17
-    LIGHT_XY = 18
-    LIGHT_X3 = 19
-    LIGHT_X2Y = 20
-    LIGHT_XY2 = 21
-    LIGHT_Y3 = 22
-    VISIBILITY_X = 23
-    VISIBILITY_Y = 24
-    VISIBILITY_BOWL = 25
+    SPREAD = 17
+    LIGHT_XX = 18
+    LIGHT_XY = 19
+    LIGHT_X3 = 20
+    LIGHT_X2Y = 21
+    LIGHT_XY2 = 22
+    LIGHT_Y3 = 23
+    VISIBILITY_X = 24
+    VISIBILITY_Y = 25
+    VISIBILITY_BOWL = 26
 
 
 #: Square of an even motion over its variance: what a lens blurs looks like a motion, and the reverse.

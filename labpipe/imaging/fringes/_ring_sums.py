@@ -55,17 +55,19 @@ def tabulate(ring: Ring, parameters: Floats, free: Integers, optics: Optics) -> 
     spacing = 2.0 * math.pi / max(phase_slope(ring.outer, radius, optics), 1e-12)
     nodes, weights = exposure_nodes(travel, spacing)
     phase = float(parameters[Parameter.PHASE])
+    spread, (ratio, share) = optics.spread + float(parameters[Parameter.SPREAD]), optics.colour
     phase_scale = optics.phase_scale * math.exp(parameters[Parameter.SCALE]) / shrinkage(parameters)
     harmonics = tuple(float(parameters[p]) for p in HARMONICS)
     before = (0.0, 0.0, 0.0) if optics.by_camera else harmonics
-    flat, (ratio, share) = optics.flat, optics.colour
-    values = fill_table(distance, radius, travel, nodes, weights, phase_scale, phase, kernel, *before, is_rich, flat)
+    lines = 10 if Parameter.SPREAD in free or spread < 0.0 else 9 if is_rich else 5
+    rest = phase, kernel, *before, lines, optics.flat, max(spread, 0.0), optics.skew
+    values = fill_table(distance, radius, travel, nodes, weights, phase_scale, *rest)
     if share:
-        scale = ratio * phase_scale
-        other = fill_table(distance, radius, travel, nodes, weights, scale, phase, kernel, *before, is_rich, flat)
-        values += share * (other - values)
+        values += share * (fill_table(distance, radius, travel, nodes, weights, ratio * phase_scale, *rest) - values)
     if is_rich:
         values[0] += min(optics.blur**2 + float(parameters[Parameter.BLUR]), 0.0) * values[5]
+    if spread < 0.0:
+        values[0] += spread * values[9]
     table = by_smear(RadialTable(start, values), parameters)
     if is_rich and optics.by_camera:
         _distort(table.values, float(parameters[Parameter.SECOND]), float(parameters[Parameter.THIRD]))
@@ -77,7 +79,9 @@ def _distort(values: Floats, second: float, third: float) -> None:
     light = values[0].copy()
     values[6], values[8] = 2.0 * light**2 - 1.0, (4.0 * light**2 - 3.0) * light
     values[0] += second * values[6] + third * values[8]
-    values[1:6] *= 1.0 + 4.0 * second * light + third * (12.0 * light**2 - 3.0)
+    steep = 1.0 + 4.0 * second * light + third * (12.0 * light**2 - 3.0)
+    values[1:6] *= steep
+    values[9:] *= steep
 
 
 def shrinkage(parameters: Floats) -> float:

@@ -69,7 +69,9 @@ def find_second_colour(
     settled = settle_colour(attempt, axes, found)
     if settled is None or settled[0].excess > _MOST_LEFT or not settled[0].is_better_than(best):
         return None
-    return settled
+    # a band of colours about another wavelength is as simple
+    band = attempt((*axes, Parameter.SCALE, Parameter.SPREAD), known)
+    return None if band is not None and band.gain_over(settled[0]) > 0.0 else settled
 
 
 def settle_colour(attempt: Attempt, axes: Sequence[Parameter], known: Calibration) -> tuple[Trial, Calibration] | None:

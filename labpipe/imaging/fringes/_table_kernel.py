@@ -16,6 +16,9 @@ FAST = {"reassoc", "contract", "nsz", "arcp"}
 
 #: Taps of a kernel from which its averages are so smooth that every so many samples tell the others, and how many.
 _SMOOTH_TAPS, _THIN = 8 * SAMPLES_PER_PIXEL, 4
+# Lines of the work array of a band of colours: phase of the gap, the term that goes with the contrast, slopes of the
+# logarithm of a wave (real, imaginary) by that phase and by the spread.
+_LAG, _TERM, _BY_LAG, _BY_SPREAD = 0, 1, 2, 4
 
 
 @part(fastmath=FAST)
@@ -68,19 +71,48 @@ def _thinly(line: Floats, kernel: Floats, thin: int, result: Floats) -> None:
 @part(fastmath=FAST)
 def _term(
     cosine: float, sine: float, second: float, turned: float, third: float
-) -> tuple[float, float, float, float, float]:
-    """Light with its harmonics, and its derivatives by the phase and by the parameters of these.
+) -> tuple[float, float, float, float, float, float]:
+    """Light with its harmonics, its derivatives by phase, logarithm of the contrast and the parameters of these.
 
-    With z = exp iφ and q = second + i turned: Re w, w = z/(1 - qz), and a third harmonic beside it.
+    With z, exp iφ times a contrast, and q = second + i turned: Re w, w = z/(1 - qz), and a third harmonic beside it.
     """
     real = 1.0 - second * cosine + turned * sine
     imaginary = -(second * sine + turned * cosine)
     size = real * real + imaginary * imaginary
     along, across = (cosine * real + sine * imaginary) / size, (sine * real - cosine * imaginary) / size
     square, twice = along * along - across * across, 2.0 * along * across
-    three = cosine * (4.0 * cosine * cosine - 3.0)
-    steep = across + second * twice + turned * square + 3.0 * third * sine * (4.0 * cosine * cosine - 1.0)
-    return along + third * three, -steep, square, -twice, three
+    three = cosine * (cosine * cosine - 3.0 * sine * sine)
+    steep = across + second * twice + turned * square + 3.0 * third * sine * (3.0 * cosine * cosine - sine * sine)
+    by_contrast = along + second * square - turned * twice + 3.0 * third * three
+    return along + third * three, -steep, by_contrast, square, -twice, three
+
+
+@part(fastmath=FAST)
+def _fade(cosine: Floats, sine: Floats, spread: float, skew: float, band: Floats) -> None:
+    """Average waves over a band of colours, and tell how their logarithms change with phase of the gap and spread.
+
+    Wavenumbers are k (1 - x + skew x²), x of normal law and variance ``spread``: a band that is even in wavenumbers
+    for 0, in wavelengths for 1.
+    """
+    for i in range(len(cosine)):
+        lag = band[_LAG, i]
+        shrunk = 1.0 / complex(1.0, -2.0 * skew * spread * lag)
+        turned_by = complex(0.0, skew * spread * lag) * shrunk
+        by_lag = 1j + (1j * skew - lag * (1.0 + turned_by)) * spread * shrunk
+        by_spread = (1j * skew - 0.5 * lag * (1.0 + 2.0 * turned_by)) * lag * shrunk
+        wave = complex(cosine[i], sine[i]) * np.sqrt(shrunk) * np.exp(-0.5 * spread * lag * lag * shrunk)
+        cosine[i], sine[i], band[_TERM, i] = wave.real, wave.imag, wave.real
+        band[_BY_LAG, i], band[_BY_LAG + 1, i] = by_lag.real, by_lag.imag
+        band[_BY_SPREAD, i], band[_BY_SPREAD + 1, i] = by_spread.real, by_spread.imag
+
+
+@part(fastmath=FAST)
+def _follow_band(sine: Floats, weight: float, band: Floats, raw: Floats) -> None:
+    """Let sines be the slopes by the phase of the gap, along which waves fade, and add the slope by the spread."""
+    for i in range(len(sine)):
+        if len(raw) > 9:
+            raw[9, i] += weight * (band[_BY_SPREAD, i] * band[_TERM, i] - band[_BY_SPREAD + 1, i] * sine[i])
+        sine[i] = band[_BY_LAG + 1, i] * sine[i] - band[_BY_LAG, i] * band[_TERM, i]
 
 
 @compiled(nogil=True, fastmath=FAST)
@@ -96,12 +128,16 @@ def fill_table(
     second: float,
     turned: float,
     third: float,
-    is_rich: bool,
+    lines: int,
     flat: float,
+    spread: float,
+    skew: float,
 ) -> Floats:
-    """Compiled twin of the loop in :func:`.radial_table`; rich tables have four lines more."""
+    """Compiled twin of the loop in :func:`.radial_table`; rich tables have 9 lines, and a tenth for the spread."""
     count = len(distance)
-    raw = np.zeros((9 if is_rich else 5, count))
+    is_rich, is_spread = lines > 5, spread > 0.0 or lines > 9
+    raw = np.zeros((lines, count))
+    band = np.zeros((6, count))
     root, angle, within = np.empty(count), np.empty(count), np.empty(count)
     cosine, sine, inside = np.empty(count), np.empty(count), (math.cos(phase), math.sin(phase))
     for k in range(len(nodes)):
@@ -123,23 +159,31 @@ def fill_table(
             bend = (square - 0.5 * inner) / (a * side)
         scale = phase_scale / math.pi
         for i in range(count):
-            cosine[i], sine[i] = inside
+            cosine[i], sine[i], band[_LAG, i] = inside[0], inside[1], 0.0
             if root[i] > 0.0:
                 beyond = (distance[i] * distance[i] - inner) * turn[i] + side * root[i]
-                argument = scale * (beyond - 2.0 * a * side * angle[i]) + phase
-                cosine[i], sine[i] = math.cos(argument), math.sin(argument)
+                band[_LAG, i] = scale * (beyond - 2.0 * a * side * angle[i])
+                cosine[i], sine[i] = math.cos(band[_LAG, i] + phase), math.sin(band[_LAG, i] + phase)
+        if is_spread:
+            _fade(cosine, sine, spread, skew, band)
         if is_rich:
             for i in range(count):
-                term, steep, by_second, by_turned, by_third = _term(cosine[i], sine[i], second, turned, third)
-                cosine[i], sine[i] = term, -steep
+                term, by_phase, fading, by_second, by_turned, by_third = _term(
+                    cosine[i], sine[i], second, turned, third
+                )
+                cosine[i], sine[i] = term, -by_phase
                 raw[6, i] += weight * by_second
                 raw[7, i] += weight * by_turned
                 raw[8, i] += weight * by_third
+                band[_TERM, i] = fading
         to_radius = -4.0 * a * weight * (2.0 * contact_radius + node * travel) / divisor
         to_travel = -4.0 * a * weight * node * contact_radius / divisor
         for i in range(count):
             raw[0, i] += weight * cosine[i]
             raw[3, i] -= weight * sine[i]
+        if is_spread:
+            _follow_band(sine, weight, band, raw)
+        for i in range(count):
             slope = side * root[i] / max(distance[i], 1e-12) + distance[i] * turn[i]
             raw[1, i] -= 2.0 * weight * scale * slope * sine[i]
             change = -bend * scale * angle[i] * sine[i]

@@ -54,6 +54,10 @@ class Calibration:
         Whether they arise behind the lens that blurs.
     colour : (float, float)
         Wavenumber of a second colour over that of the first, and its share of the fringes.
+    spread : float
+        Variance of the wavenumbers, relative to the square of their mean.
+    skew : float
+        See :class:`.Optics`.
     flat : float [px]
         Radius of a flat worn into the sphere.
     has_uneven_light : bool
@@ -76,6 +80,8 @@ class Calibration:
     harmonics: tuple[float, float, float] = (0.0, 0.0, 0.0)
     by_camera: bool = False
     colour: tuple[float, float] = (1.0, 0.0)
+    spread: float = 0.0
+    skew: float = 0.5
     flat: float = 0.0
     has_uneven_light: bool = False
     radii: tuple[float, ...] = ()
@@ -86,7 +92,7 @@ class Calibration:
     @property
     def is_usual(self) -> bool:
         """Whether all is as it was assumed."""
-        is_plain = not any((*self.ellipse, *self.harmonics, self.colour[1], self.has_uneven_light))
+        is_plain = not any((*self.ellipse, *self.harmonics, self.colour[1], self.spread, self.has_uneven_light))
         return is_plain and (self.phase_shift, self.log_scale, self.blur, self.flat) == (0.0, 0.0, 0.0, 0.0)
 
     def with_shared(self, trial: "Trial", shifts: Floats | float) -> "Calibration":
@@ -111,6 +117,8 @@ class Calibration:
             disc=self.disc,
             by_camera=self.by_camera,
             colour=self.colour,
+            spread=self.spread,
+            skew=self.skew,
             flat=self.flat,
         )
         settings = view.settings

@@ -146,6 +146,7 @@ def plain_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics, t
     """Sum over the ring by array operations: the twin of :func:`ring_sums`."""
     radius, x_centre, y_centre, gain, modulation, slope_x, slope_y, bowl = parameters[:8]
     stretch, shear, _, scale, more_blur = parameters[Parameter.STRETCH : Parameter.SECOND]
+    spread = optics.spread + float(parameters[Parameter.SPREAD])
     rows, columns = ring.image.shape
     y, x = np.mgrid[0 : rows : ring.stride, 0:columns].astype(float)
     dx, dy = x + ring.first_column - x_centre, y + ring.first_row - y_centre
@@ -158,12 +159,13 @@ def plain_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics, t
         phase=float(parameters[Parameter.PHASE]),
         phase_scale=optics.phase_scale * math.exp(scale) / shrinkage(parameters),
         blur=math.sqrt(max(optics.blur**2 + more_blur, 0.0)),
+        spread=max(spread, 0.0),
     )
     second, turned, third = (float(parameters[p]) for p in HARMONICS)
     table = radial_table(
         ring.inner, ring.outer, float(radius), table_travel(parameters), phased, (second, turned, third)
     )
-    table.values[0] += min(optics.blur**2 + more_blur, 0.0) * table.values[5]
+    table.values[0] += min(optics.blur**2 + more_blur, 0.0) * table.values[5] + min(spread, 0.0) * table.values[9]
     table = by_smear(table, parameters)
     places = table.start + np.arange(table.values.shape[1]) / SAMPLES_PER_PIXEL
     lines = (np.interp(r[used], places, line) for line in table.values)

@@ -35,6 +35,14 @@ class Case:
     wide: float = 3.0
 
 
+def band(width: float, count: int = 9) -> tuple[tuple[float, float], ...]:
+    """So many wavelengths (m) and shares of a light whose spectrum is a bell, ``width`` wide at half its height."""
+    steps = np.linspace(-2.5, 2.5, count)
+    light = np.exp(-0.5 * steps**2)
+    return tuple(zip((633e-9 + width / 2.3548 * steps).tolist(), (light / light.sum()).tolist(), strict=True))
+
+
+DIODE = band(20e-9)
 CASES = {
     "faces that reflect 0.1": Case(replace(PLAIN, faces=(0.316, 0.316, 0.0)), 0.015),
     "faces that reflect 0.4": Case(replace(PLAIN, faces=(0.632, 0.632, 0.0)), 0.01),
@@ -67,6 +75,12 @@ CASES = {
     "partly out of view": Case(PLAIN, 0.01, (48.4, 150.3)),
     "near the corner, bell-shaped beam": Case(replace(PLAIN, beam=bell(1.5, -0.2, 0.1)), 0.04, (75.6, 60.2)),
     "small": Case(PLAIN, 0.01, radii=(45.0, 75.0)),
+    "diode": Case(replace(PLAIN, colours=DIODE), 0.012),
+    "diode of 30 nm, out of focus": Case(replace(PLAIN, colours=band(30e-9), lens=oval(0.7, 0.7, 0.0)), 0.03),
+    "diode of 30 nm, small": Case(replace(PLAIN, colours=band(30e-9)), 0.05, radii=(40.0, 80.0)),
+    "diode out of focus, small": Case(replace(PLAIN, colours=DIODE, lens=oval(0.8, 0.8, 0.0)), 0.1, radii=(40.0, 80.0)),
+    "blurred, small": Case(replace(PLAIN, lens=oval(1.5, 1.5, 0.0)), 0.03, radii=(40.0, 80.0)),
+    "white light": Case(replace(PLAIN, colours=band(100e-9, 31)), 0.2),
 }
 
 
@@ -112,10 +126,6 @@ def test_uncertainty_is_near_the_scatter(name: str) -> None:
     assert scatter / 3.0 < u < case.wide * scatter
 
 
-BELL = np.exp(-0.5 * np.linspace(-2.5, 2.5, 9) ** 2)
-DIODE = tuple(zip((633e-9 + 8.5e-9 * np.linspace(-2.5, 2.5, 9)).tolist(), (BELL / BELL.sum()).tolist(), strict=True))
-
-
 @pytest.mark.filterwarnings("ignore:the fringes are")
 @pytest.mark.parametrize(("cone", "colours", "hover"), by_day([(0.3, (), 0.435), (0.25, DIODE, 0.121)], 1))
 def test_a_sphere_whose_rings_fade_outwards_is_no_contact(
@@ -131,6 +141,13 @@ def test_a_sphere_whose_rings_fade_outwards_is_no_contact(
     film = microscope.film(gap, [*(np.array([-0.008, -0.004, 0.0]) - hover) * UM, small], (184.2, 147.3), 5)
     found = [contact_radius(frame[None], PLAIN.scene.pixel_size, SPHERE, PLAIN.scene.wavelength) for frame in film]
     assert [bool(one.in_contact[0]) for one in found] == [False, False, False, True]
+
+
+def test_white_light_is_a_band_of_colours() -> None:
+    """It was read as a second colour beside the first, with radii up to 1 µm off."""
+    found, _, _ = measure(CASES["white light"], RADII, 5)
+    assert "a band of colours 10" in found.attrs["note"]
+    assert "second colour" not in found.attrs["note"]
 
 
 def test_harmonics_of_many_beams_are_their_reflectivity() -> None:

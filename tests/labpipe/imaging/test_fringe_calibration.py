@@ -94,7 +94,7 @@ def test_what_explained_nothing_is_tried_again_when_most_of_the_misfit_is_gone(m
         monkeypatch.setattr(_calibration, name, lambda *_, name=name: asked.append(name))
     vain: dict[int, float] = {}
     attempt = SimpleNamespace(round_share=lambda *_: 0.9)
-    for misfit, count in ((3.0, 9), (2.5, 0), (2.0, 9)):
+    for misfit, count in ((3.0, 10), (2.5, 0), (2.0, 10)):
         asked.clear()
         assert not [*_calibration._candidates(attempt, (), Calibration(), trial(misfit), None, vain, 0.0)]  # type: ignore
         assert len(asked) == count

@@ -1,9 +1,11 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.imaging import hertz_gap
 from labpipe.imaging.fringes._interference import (
@@ -98,7 +100,7 @@ def test_gap_beside_a_flat_is_that_of_the_springs(share: float) -> None:
 
 def test_a_point_contact_beside_a_flat_is_no_error() -> None:
     """An iteration may pass through a radius of 0, where no flat fits into the contact."""
-    rest = (np.ones(1), OPTICS.phase_scale, 2.9, pixel_weights(0.0), 0.0, 0.0, 0.0, False, 30.0)
+    rest = (np.ones(1), OPTICS.phase_scale, 2.9, pixel_weights(0.0), 0.0, 0.0, 0.0, 5, 30.0, 0.0, 0.5)
     table = fill_table(np.linspace(0.5, 40.0, 600), 0.0, 0.3, np.zeros(1), *rest)
     assert np.isfinite(table).all()
     assert all(np.isfinite(slope).all() for slope in scaled_slopes(np.linspace(0.5, 40.0, 9), 0.0, 30.0))
@@ -118,17 +120,20 @@ def test_slopes_are_the_derivatives_of_the_gap(a: float, beyond: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("blur", "flat", "disc"), [(0.0, 0.0, 0.0), (0.8, 0.0, 0.0), (0.8, 70.0, 0.0), (2.5, 0.0, 0.7)]
+    ("blur", "flat", "disc", "spread"),
+    [(0.0, 0.0, 0.0, 0.0), (0.8, 0.0, 0.0, 0.0), (0.8, 70.0, 0.0, 4e-3), (2.5, 0.0, 0.7, 1e-3)],
 )
 @pytest.mark.parametrize("travel", [0.0, 1.5, 12.0])
-def test_compiled_table_equals_the_plain_one(travel: float, blur: float, flat: float, disc: float) -> None:
-    a, optics = 120.3, Optics(OPTICS.phase_scale, 2.9, blur, flat, disc)
+def test_compiled_table_equals_the_plain_one(
+    travel: float, blur: float, flat: float, disc: float, spread: float
+) -> None:
+    a, optics = 120.3, Optics(OPTICS.phase_scale, 2.9, blur, flat, disc, spread=spread)
     inner, outer = ring_limits(a, optics, 3.0, 3.0)
     kernel = pixel_weights(blur, disc, 0.5 * (a + outer))
     start, distance = table_distances(inner, outer, blur, len(kernel) // 2)
     spacing = 2.0 * math.pi / phase_slope(outer, a, optics)
     nodes, weights = exposure_nodes(travel, spacing)
-    rest = (weights, optics.phase_scale, 2.9, kernel, 0.2, 0.15, -0.1, True, flat)
+    rest = (weights, optics.phase_scale, 2.9, kernel, 0.2, 0.15, -0.1, 10, flat, spread, 0.5)
     compiled = fill_table(distance, a, travel, nodes, *rest)
     plain = radial_table(inner, outer, a, travel, optics, (0.2, 0.15, -0.1))
     assert start == plain.start
@@ -136,6 +141,28 @@ def test_compiled_table_equals_the_plain_one(travel: float, blur: float, flat: f
     error = np.abs(compiled - plain.values).max(axis=1) / np.maximum(np.abs(plain.values).max(axis=1), 1e-2)
     assert error.max() < (1e-12 if blur < 1.0 else 2e-3)
     assert np.delete(error, 5).max() < (1e-12 if blur < 1.0 else 5e-4)
+
+
+def test_a_band_of_colours_is_the_mean_over_its_wavelengths() -> None:
+    """Of wavelengths in a bell, as of wavenumbers; the slopes by radius and by the spread are those of the light."""
+    a, spread = 120.3, 4e-3
+    inner, outer = ring_limits(a, OPTICS, 3.0, 3.0)
+    x = np.linspace(-6.0, 6.0, 241)
+    weights = np.exp(-0.5 * x**2) / np.exp(-0.5 * x**2).sum()
+
+    def table(radius: float, variance: float, skew: float) -> Floats:
+        optics = replace(OPTICS, spread=variance, skew=skew)
+        return radial_table(inner, outer, radius, 0.0, optics).values
+
+    for skew in (0.0, 1.0):
+        shift = np.sqrt(spread) * x
+        scales = OPTICS.phase_scale * (1.0 - shift + skew * shift**2)
+        each = [radial_table(inner, outer, a, 0.0, replace(OPTICS, phase_scale=s)).values[0] for s in scales]
+        assert table(a, spread, skew)[0] == pytest.approx(weights @ np.array(each), abs=1e-8)
+        by_radius = (table(a + 1e-4, spread, skew) - table(a - 1e-4, spread, skew))[0] / 2e-4
+        assert table(a, spread, skew)[2] == pytest.approx(by_radius, abs=1e-5)
+        by_spread = (table(a, spread + 1e-7, skew) - table(a, spread - 1e-7, skew))[0] / 2e-7
+        assert table(a, spread, skew)[9] == pytest.approx(by_spread, abs=1e-3)
 
 
 def test_table_is_the_mean_over_square_pixels() -> None:
