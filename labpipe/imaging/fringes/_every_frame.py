@@ -1,7 +1,6 @@
 """Measure the contact in every frame of a film: which frames are read, with which optics, in what order."""
 
 import math
-from functools import partial
 
 import numpy as np
 
@@ -223,7 +222,7 @@ def _gate(
         for index in map(int, frames[::step]):
             looks = Looks(reader.whole(index))
             if index not in known:
-                known[index] = search_contact(looks, result.view, None, None, partial(other.explains, looks, index))
+                known[index] = search_contact(looks, result.view)
             if all(fit is None for fit in known.values()) and other.learns_from(looks, index):
                 known = {before: search_contact(Looks(reader.whole(before)), result.view) for before in known}
         if any(fit is not None for fit in known.values()) or other.takes_single():

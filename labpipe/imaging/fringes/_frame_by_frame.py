@@ -1,7 +1,6 @@
 """Fit frame after frame, each from what the frames before it showed, and again with other optics."""
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,10 +77,7 @@ def follow(
         fit = known.get(index)
         if fit is None:
             looks = Looks(reader.whole(index))
-            if last is None and not known and other is not None:
-                fit = search_contact(looks, view, None, vain, partial(other.explains, looks, index))
-            else:
-                fit = _next_fit(looks, view, last, before, vain)
+            fit = _next_fit(looks, view, last, before, vain)
         if fit is None:
             if last is None and not known and other is not None and other.learns_from(looks, index):
                 return follow(reader, result, read, {}, None, stated)
@@ -95,11 +91,6 @@ def follow(
                 return fits
     if not fits and other is not None and other.takes_single():
         return follow(reader, result, read, {}, None)
-    for index in () if other is None else other.passed(fits):
-        fit = _next_fit(Looks(reader.whole(index)), view, last, None, vain)
-        if fit is not None:
-            result.blanks.pop(index, None)
-            fits[index] = fit
     return fits
 
 

@@ -49,8 +49,6 @@ _UNEXPLAINED = 0.3
 _MOST_TRIED, _FEW_TRIED = 6, 3
 #: Differences of phase (rad) and logarithm of the scale below which two frames agree.
 _SAME_PHASE, _SAME_SCALE = 0.4, 0.03
-#: Misfit of other optics below which a frame is not searched for anything else before them.
-_SURE_MISFIT = 0.01
 #: Difference from the stated phase (rad) below which that is kept.
 _STATED_PHASE = 0.1
 #: Difference of the second colour's wavenumber over that of the first below which they agree.
@@ -87,7 +85,6 @@ class OtherOptics:
         self._result = result
         self._is_phase_free = is_phase_free
         self._tried: dict[int, Looks] = {}
-        self._fits: dict[int, RingFit | None] = {}
         self._found: list[RingFit] = []
         self._is_done = False
 
@@ -98,33 +95,12 @@ class OtherOptics:
         if not looks.have_structure or looks.show_only_sphere(self._result.view.optics):
             return False
         self._tried[index] = looks
-        fit = self._fit_of(looks, index)
+        fit = find_optics(looks, self._result.view, is_phase_free=self._is_phase_free)
         if fit is None:
             return False
         agreeing = any(_is_like(fit.parameters, other.parameters) for other in self._found)
         self._found.append(fit)
         return agreeing and self._take(fit)
-
-    def explains(self, looks: Looks, index: int) -> bool:
-        """Tell whether other optics leave so little of a frame that nothing else need be tried before them.
-
-        Optics that are hardly other than the stated ones stand in for something else, as a blur.
-        """
-        is_over = self._is_done or len(self._tried) >= _MOST_TRIED
-        fit = None if is_over else self._fit_of(looks, index)
-        stated = np.zeros(PARAMETERS)
-        stated[Parameter.PHASE] = self._result.view.optics.phase
-        return fit is not None and fit.misfit < _SURE_MISFIT and not _is_like(fit.parameters, stated)
-
-    def passed(self, fits: dict[int, RingFit]) -> list[int]:
-        """Frames that other optics explained, but that were not measured with them."""
-        return [i for i, fit in self._fits.items() if fit is not None and i in self._tried and i not in fits]
-
-    def _fit_of(self, looks: Looks, index: int) -> RingFit | None:
-        """Fit of a frame with other optics, made once."""
-        if index not in self._fits:
-            self._fits[index] = find_optics(looks, self._result.view, is_phase_free=self._is_phase_free)
-        return self._fits[index]
 
     def takes_single(self) -> bool:
         """Take the only optics found in a film that nothing else explains, or else light of two colours."""

@@ -1,8 +1,7 @@
 """Find the contact in one frame, or decide that there is none."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from itertools import chain, islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +20,7 @@ from labpipe.imaging.fringes._radial_scan import (
     template_of,
 )
 from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
-from labpipe.imaging.fringes._ring_parameters import AXES, EVEN, Parameter
+from labpipe.imaging.fringes._ring_parameters import EVEN, Parameter
 from labpipe.imaging.fringes._touch import left_by_only_sphere
 from labpipe.imaging.fringes._trial_fits import fit_edge, fit_from, fit_some, start_of
 from labpipe.imaging.fringes._view import View
@@ -41,8 +40,6 @@ _EDGE_SURE = 0.4
 #: A sphere is believed at once when it leaves less than this share of the squares that the nearest
 #: template leaves: that is up to half a pixel off.
 _SPHERE_SURE = 0.65
-#: Stretch and shear of the rings from which no circles explain them: a third of a radian at the fifth fringe.
-_CLEAR_AXES = 0.005
 
 
 class Vain:
@@ -66,11 +63,7 @@ class Vain:
 
 
 def search_contact(
-    looks: Looks,
-    view: View,
-    centre: tuple[float, float] | None = None,
-    vain: Vain | None = None,
-    is_otherwise: Callable[[], bool] = lambda: False,
+    looks: Looks, view: View, centre: tuple[float, float] | None = None, vain: Vain | None = None
 ) -> RingFit | None:
     """Find and fit the contact in a frame without knowing where it is.
 
@@ -84,8 +77,6 @@ def search_contact(
         Where the contact was in other frames; tried first.
     vain : Vain, optional
         What was tried in vain in other frames of the film.
-    is_otherwise : callable, optional
-        Tells, once the usual fit has failed, that the frame is explained by something that is not sought here.
 
     Returns
     -------
@@ -112,16 +103,7 @@ def search_contact(
             return found
     vain = Vain() if vain is None else vain
     edges = (edge for edge in (looks.edge(spot, view.black) for spot in spots) if edge is not None)
-    first = list(islice(edges, 1))
-    found = None
-    if first and any(first[0].oblique) and AXES in view.alternatives:
-        found, first = _fit_at_edges(frame, view, first, vain), []
-        # Where the edge and all fringes show an ellipse, circles of other optics explain nothing.
-        if found is not None and np.hypot(*found.parameters[list(AXES)]) > _CLEAR_AXES:
-            return found
-    if is_otherwise():
-        return None
-    found = found or _fit_at_edges(frame, view, chain(first, edges), vain)
+    found = _fit_at_edges(frame, view, edges, vain)
     if found is not None:
         return found
     # Perhaps there is a spot that no threshold separates from uneven light.

@@ -139,19 +139,6 @@ def test_explanations_are_tried_once_and_where_what_is_left_goes_around_the_ring
     assert tried == [frozenset((*USUAL, *AXES, *extra)) for extra in told]
 
 
-@pytest.mark.parametrize(("phase", "scale", "is_other"), [(0.12, 0.0, False), (0.9, 0.0, True), (0.0, 0.1, True)])
-def test_optics_hardly_other_than_the_stated_ones_stand_for_nothing_else(
-    monkeypatch: pytest.MonkeyPatch, phase: float, scale: float, is_other: bool
-) -> None:
-    """Among dust a blur of 2 px was taken for another phase by 0.12, and the radius was 0.7 µm off at 27 u."""
-    parameters = np.zeros(PARAMETERS)
-    parameters[[Parameter.PHASE, Parameter.SCALE]] = np.pi + phase, scale
-    monkeypatch.setattr(_optics_search, "find_optics", lambda *_, **__: Mock(misfit=0.005, parameters=parameters))
-    result = Mock()
-    result.view.optics.phase = np.pi
-    assert _optics_search.OtherOptics(result, is_phase_free=True).explains(Mock(), 0) is is_other
-
-
 @pytest.mark.parametrize(("misfit", "share", "is_edge"), [(0.1, 0.3, False), (0.4, 0.9, False), (0.1, 0.9, True)])
 def test_two_colours_are_sought_only_where_one_nearly_explains_what_goes_around_the_rings(
     monkeypatch: pytest.MonkeyPatch, misfit: float, share: float, is_edge: bool
