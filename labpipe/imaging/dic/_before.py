@@ -16,7 +16,7 @@ from labpipe.imaging.dic._film_window import Loaded
 from labpipe.imaging.dic._places import nearest
 from labpipe.imaging.dic._seeding import shift_of
 from labpipe.imaging.dic._spline import PADDING
-from labpipe.imaging.dic._standing import Standing, moved_pixels
+from labpipe.imaging.dic._standing import Standing, Votes, moved_pixels
 from labpipe.imaging.dic._subset_kernel import LIGHT, SOLVED
 from labpipe.imaging.dic._tracker import Tracker
 
@@ -27,21 +27,24 @@ _TOGETHER, _MISFIT = 3, 4.0
 #: Mean square at rest over that where the subset has moved to below which pixels stand still.
 _STILL = 0.4
 #: Displacement (px) of what is there beyond which pixels misfit: edges sharper than the pixels keep to them, and
-#: their steps stand still while they move along themselves. And where no pattern is as sharp and the motion is slow.
-_STEPS = 1.0, 0.3
+#: their steps stand still while they move along themselves.
+_STEP = 1.0
 #: Pixels that stand still, and share of those that only the neighbours' motion explains, from which it is no chance.
 _FEWEST, _SHARE = 12, 0.06
 #: Reach (px) of a misfit beyond the pixels that show it.
 _BORDER = 3
-#: Motion (px) from which what stands still is told from edges sharper than the pixels, which keep to them, and
-#: from which it is told where there are none.
-_MOVED = 1.2, 0.4
+#: Motion (px) from which what stands still is told from edges sharper than the pixels.
+_MOVED = 1.2
 #: Share of a subset that must fit to be tried without the rest, and changes of the motion (px) without that rest
 #: from which it is looked at again, and from which it has gone astray.
 _MOST_TRIED, _UNMOVED, _ASTRAY = 0.5, 0.02, 1.0
 #: Points that are asked where the specimen has moved, and how far from that (px) a point has its own motion.
 _ASKED, _APART = 8, 0.3
 _ROUNDS = 3
+#: Share of the distance to where others have moved that a point keeps at most without what stands before it.
+_KEPT = 0.5
+#: Grey levels below the brightest from which a pixel may have been brighter than the camera shows.
+_CLIPPED = 1.0
 
 
 @dataclass(frozen=True)
@@ -78,37 +81,58 @@ def look_before(tracker: Tracker, loaded: Loaded, attempt: Attempt) -> None:
     """
     if tracker.solver.is_static or loaded.coefficients is None:
         return
-    # noise of the frame counts as it does in grey levels of the reference
-    own = 1.0 / tracker.reference.noise.static_frames
-    amplified = (np.square(attempt.gain) + own) / (1.0 + own)
-    shown = attempt.residual / (tracker.reference.subsets.level[:, 2] * amplified)
-    every = shown[attempt.trusted]
-    if not len(every):
+    if not attempt.trusted.any():
         return
-    usual = max(float(np.partition(every, len(every) // 4)[len(every) // 4]), tracker.reference.rounding)
+    shown, usual, amplified = noise_shown(tracker, attempt)
     misfits = shown > usual * np.maximum(tracker.by_chance, _MORE * tracker.cleared)
     suspects = np.flatnonzero(misfits & attempt.trusted)
     if not len(suspects) and not tracker.votes.any:
         return
-    farthest = float(np.hypot(*attempt.motion[attempt.trusted][:, [0, 3]].T).max())
-    is_slow = farthest < _MOVED[0]
-    if is_slow and (farthest < _MOVED[1] or not tracker.is_smooth):
+    if np.hypot(*attempt.motion[attempt.trusted][:, [0, 3]].T).max() < _MOVED:
         return
-    looking = _Looking(tracker, loaded, attempt, usual * amplified, is_slow)
+    tracker.votes.frames += 1
+    looking = Looking(tracker, loaded, attempt, usual * amplified, _MOVED, _STEP)
     clean = suspects[~looking.find(suspects)]
     tracker.cleared[clean] = np.maximum(tracker.cleared[clean], shown[clean] / usual)
-    looking.vote(np.flatnonzero(~misfits & attempt.trusted))
+    looking.vote(np.flatnonzero(~misfits & attempt.trusted), tracker.votes)
 
 
-class _Looking:
-    """Looks at the subsets of one frame that misfit."""
+def noise_shown(tracker: Tracker, attempt: Attempt) -> tuple[Floats, float, Floats]:
+    """Tell the variance (point,) [grey²] of a pixel that points of a frame show, that of most, and its factor.
 
-    def __init__(self, tracker: Tracker, loaded: Loaded, attempt: Attempt, usual: Floats, is_slow: bool) -> None:
-        self._least_moved, self._steps = _MOVED[is_slow], _STEPS[is_slow]
+    The factor (point,) is how noise of the frame counts in grey levels of the reference.
+    """
+    own = 1.0 / tracker.reference.noise.static_frames
+    amplified = (np.square(attempt.gain) + own) / (1.0 + own)
+    shown = attempt.residual / (tracker.reference.subsets.level[:, 2] * amplified)
+    every = shown[attempt.trusted]
+    usual = max(float(np.partition(every, len(every) // 4)[len(every) // 4]), tracker.reference.rounding)
+    return shown, usual, amplified
+
+
+class Looking:
+    """Looks at subsets of one frame.
+
+    Parameters
+    ----------
+    tracker, loaded, attempt
+        As for :func:`look_before`.
+    usual : array (point,) [grey²]
+        Variance of a pixel of most points.
+    least_moved : float [px]
+        Motion from which something is told to stand still.
+    step : float [px]
+        Displacement of what is there beyond which pixels misfit.
+    """
+
+    def __init__(
+        self, tracker: Tracker, loaded: Loaded, attempt: Attempt, usual: Floats, least_moved: float, step: float
+    ) -> None:
+        self._least_moved, self._step = least_moved, step
         self._tracker, self._loaded, self._attempt, self._usual = tracker, loaded, attempt, usual
         self._coefficients = tracker.solver.coefficients(loaded)
         self._grey = tracker.solver.pattern.images.grey
-        self._nodes: Floats32 | None = None
+        self._nodes = _at_nodes(self._coefficients, tracker.solver.pattern.order)
         self._stands = np.zeros(self._grey.shape, bool)
 
     def find(self, suspects: Integers) -> Flags:
@@ -157,21 +181,36 @@ class _Looking:
         self._stands[look.there[0][look.now], look.there[1][look.now]] = True
         return True
 
-    def vote(self, clean: Integers) -> None:
+    def release(self, held: Integers, told: Floats) -> None:
+        """Note what stands before held points that move as told (point, 6) without it."""
+        looks = [self._look(n, told[k]) for k, n in enumerate(held.tolist())]
+        tried = np.array([k for k, look in enumerate(looks) if look.stands.sum() >= _FEWEST], np.int64)
+        if not len(tried):
+            return
+        solver, points = self._tracker.solver, held[tried]
+        solver.found.update({int(held[k]): _without(looks[k].stands) for k in tried.tolist()})
+        answers = solver.solve(self._loaded, points, told[tried])
+        solver.found.clear()
+        before, after = (
+            np.hypot(*(at - told[tried])[:, [0, 3]].T) for at in (self._attempt.motion[points], answers.motion)
+        )
+        for k in tried[(answers.code == SOLVED) & (after < _KEPT * before)].tolist():
+            self._stands_before(int(held[k]), told[k], looks[k])
+
+    def vote(self, clean: Integers, votes: Votes) -> None:
         """Count where something stood in the picture, and where points that do not misfit show the specimen."""
-        votes = self._tracker.votes
         if not (votes.any or self._stands.any()):
             return
         np.add(votes.stands, self._stands, out=votes.stands)
-        touched = clean[self._touches(clean)]
+        touched = clean[self._touches(clean, votes)]
         for n in touched[np.unique(np.linspace(0, len(touched) - 1, _ASKED).astype(int))] if len(touched) else ():
             look = self._look(int(n), self._attempt.motion[n])
             votes.moves[look.there[0][look.moved], look.there[1][look.moved]] += 1
 
-    def _touches(self, chosen: Integers) -> Flags:
+    def _touches(self, chosen: Integers, votes: Votes) -> Flags:
         """Which of chosen points may show what stood in other frames."""
         x, y, half = self._tracker.reference.subsets.layout[chosen, :3].T
-        return Standing(self._tracker.votes.stands > 0).touches(x, y, half, self._attempt.motion[chosen])
+        return Standing(votes.stands > 0).touches(x, y, half, self._attempt.motion[chosen])
 
     def _motion_around(self, suspects: Integers) -> Floats | None:
         """Motions (suspect, 6) that the nearest points tell that do not misfit; None where they do not agree."""
@@ -199,7 +238,7 @@ class _Looking:
         light = _fitted(grey, own, usual)
         if self._attempt.model[point] & LIGHT:
             light = _sloping(light, grey, own, column - x, row - y, usual)
-        moved = _together(_lit(light, grey, column - x, row - y) - own)
+        moved = self._apart(_lit(light, grey, column - x, row - y), grey, own)
         rows, columns = self._grey.shape
         i, j = np.mgrid[y - half : y + half + 1, x - half : x + half + 1]
         there = np.rint(row).astype(int).clip(0, rows - 1), np.rint(column).astype(int).clip(0, columns - 1)
@@ -207,19 +246,23 @@ class _Looking:
         at_first, now = (self._at_rest(at, light, x, y) for at in ((i, j), there))
         images = self._tracker.solver.pattern.images
         slopes = _together(np.hypot(images.slope_x[cut], images.slope_y[cut]))
-        is_beyond = ~fits & (moved > self._steps**2 * slopes)
+        is_beyond = ~fits & (moved > self._step**2 * slopes)
         first, second = (is_beyond & (rest < _STILL * moved) for rest in (at_first, now))
         return _Look(fits, first, second, fits & (_STILL * now > np.maximum(moved, usual)), there)
 
     def _at_rest(self, places: tuple[Integers, Integers], light: Floats, x: int, y: int) -> Floats:
         """Mean square (row, column) of what has changed in the frame at places of the picture, lit as about (x, y)."""
-        if self._nodes is None:
-            self._nodes = _at_nodes(self._coefficients, self._tracker.solver.pattern.order)
         left, top = self._loaded.box[0] - PADDING, self._loaded.box[2] - PADDING
         inner = self._nodes[
             (places[0] - top).clip(0, len(self._nodes) - 1), (places[1] - left).clip(0, self._nodes.shape[1] - 1)
         ]
         return _together(_lit(light, inner, places[1] - x, places[0] - y) - self._grey[places])
+
+    def _apart(self, lit: Floats, grey: Floats, own: Floats32) -> Floats:
+        """Mean square (row, column) of what lit grey levels differ by from their own, beyond what clipping may do."""
+        brightest = float(self._grey.max()) - _CLIPPED, float(self._nodes.max()) - _CLIPPED
+        is_clipped = ((own > brightest[0]) & (lit > own)) | ((grey > brightest[1]) & (lit < own))
+        return _together(np.where(is_clipped, 0.0, lit - own))
 
 
 def _fitted(grey: Floats | Floats32, own: Floats32, usual: float) -> Floats:

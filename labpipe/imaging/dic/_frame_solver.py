@@ -252,6 +252,10 @@ class FrameSolver:
         """Share of the points that need a change of blur from which it is no chance, and all do."""
         return CHANCE if self.growth == NO_GROWTH else COMMON
 
+    def use(self, growth: Growth) -> None:
+        """Match with the pattern of a growth of the blur, of a frame that moves."""
+        self._pattern, self.is_static = self.reference.patterns.of(growth), False
+
     @property
     def pattern(self) -> Pattern:
         """What the frame at hand is matched with."""

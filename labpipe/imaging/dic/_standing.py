@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats, Integers
 
-#: Frames in which a pixel must have stood still, and pixels of a part that is believed.
-_FEWEST_VOTES, _LEAST_PART = 2, 8
+#: Frames in which a pixel must have stood still, and most pixels of a part where more were looked at; and pixels
+#: of a part that is believed.
+_FEWEST_VOTES, _VOTES, _LEAST_PART = 2, 3, 8
 
 
 @dataclass(frozen=True)
@@ -48,12 +49,18 @@ class Standing:
         return np.asarray(~(is_inside & self.hidden[row.clip(0, rows - 1), column.clip(0, columns - 1)]))
 
 
-@dataclass(frozen=True)
+@dataclass
 class Votes:
-    """In how many frames pixels (row, column) of the picture stood still before the specimen, or showed it."""
+    """In how many of the frames pixels (row, column) of the picture stood still before the specimen, or showed it."""
 
     stands: Integers
     moves: Integers
+    frames: int = 0
+
+    @classmethod
+    def none(cls, shape: tuple[int, ...]) -> "Votes":
+        """Return votes of no frame."""
+        return cls(*np.zeros((2, *shape), np.int32))
 
     @property
     def any(self) -> bool:
@@ -64,7 +71,10 @@ class Votes:
         """Pixels of the picture before which something stands, and those within its reach (px)."""
         found = ((self.stands >= _FEWEST_VOTES) & (self.stands > 2 * self.moves)).astype(np.uint8)
         _, parts, of_parts, _ = cv2.connectedComponentsWithStats(found, connectivity=8)
-        found &= of_parts[parts, cv2.CC_STAT_AREA] >= _LEAST_PART
+        needed = _VOTES if self.frames > _VOTES else _FEWEST_VOTES
+        often = np.bincount(parts.ravel(), (self.stands >= needed).ravel())
+        area = of_parts[:, cv2.CC_STAT_AREA]
+        found &= ((area >= _LEAST_PART) & (2.0 * often > area))[parts]
         width = 2 * reach + 1
         return np.asarray(cv2.dilate(found, np.ones((width, width))) > 0)
 

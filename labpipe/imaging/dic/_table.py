@@ -7,12 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats, Integers
+from labpipe.imaging.dic._attempt import Attempt
 from labpipe.imaging.dic._growth import NO_GROWTH, Growth
 from labpipe.imaging.dic._motion_uncertainty import NoiseModel
 from labpipe.imaging.dic._pattern import Pattern
 from labpipe.imaging.dic._reference import Status
 from labpipe.imaging.dic._standing import unpacked
-from labpipe.imaging.dic._subset_solver import CHANGES
+from labpipe.imaging.dic._subset_solver import CHANGES, SOLVED
 from labpipe.imaging.dic._subsets import Subsets
 
 #: Results whose uncertainty is computed at once: few enough that their work arrays stay in the processor's cache.
@@ -39,6 +40,15 @@ class Table:
     change: Floats
     growth: Integers
     left: dict[tuple[int, int], NDArray[np.uint8]] = field(default_factory=dict)
+
+    def attempt(self, row: int, trusted: Flags) -> Attempt:
+        """Answers of a frame, of which some points are trusted."""
+        found = Attempt.nothing(self.motion[row])
+        for name in ("gain", "residual", "zncc", "model", "change"):
+            getattr(found, name)[:] = getattr(self, name)[row]
+        found.trusted[:] = trusted
+        found.code[trusted] = SOLVED
+        return found
 
 
 def empty_table(frames: int, points: int) -> Table:

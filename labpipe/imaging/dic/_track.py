@@ -164,6 +164,7 @@ def track(
     from labpipe.imaging.dic._attempt import Options
     from labpipe.imaging.dic._film_window import FilmWindow
     from labpipe.imaging.dic._interlaced import refuse_rows
+    from labpipe.imaging.dic._lagging import held_back
     from labpipe.imaging.dic._reference import make_reference
     from labpipe.imaging.dic._results import displacements, make_dataset
     from labpipe.imaging.dic._standing import Standing, told_of
@@ -191,7 +192,8 @@ def track(
         table = _follow(film, window, tracker, reference, indices, static_frames, start)
         done.append(tracker.solver.work)
         # what was found to stand before the specimen is left out from the first frame on
-        more = tracker.votes.hidden(reach_of(blur))
+        behind = held_back(tracker, table, indices, indices < static_frames)
+        more = tracker.votes.hidden(reach_of(blur)) | behind.hidden(reach_of(blur))
         more &= True if hidden is None else ~hidden
         known = 0 if hidden is None else int(hidden.sum())
         if len(done) == _PASSES or not more.any() or more.sum() < _WORTH * known:

@@ -5,8 +5,6 @@ a template match confirm it: a high correlation alone is no proof, since about o
 seventy that starts too far away converges to a wrong place with a correlation above 0.9.
 """
 
-from functools import cached_property
-
 import numpy as np
 
 from labpipe.arrays import Flags, Floats, Integers
@@ -14,9 +12,9 @@ from labpipe.imaging.dic._attempt import Attempt, Options
 from labpipe.imaging.dic._film_window import Box, FilmWindow, Loaded
 from labpipe.imaging.dic._frame_solver import FrameSolver
 from labpipe.imaging.dic._motion_state import contradicted, converged_nearby, extent, predicted, remember
-from labpipe.imaging.dic._motion_uncertainty import one_way, strongest_slopes
+from labpipe.imaging.dic._motion_uncertainty import one_way
 from labpipe.imaging.dic._places import nearest, spread_pieces
-from labpipe.imaging.dic._reference import Reference, near_half
+from labpipe.imaging.dic._reference import Reference
 from labpipe.imaging.dic._seeding import has_double
 from labpipe.imaging.dic._standing import Votes
 from labpipe.imaging.dic._subset_solver import SOLVED
@@ -34,9 +32,6 @@ NEIGHBOURS = 6
 _DROP = 0.85
 #: Correlation that is no chance even of what may be noise, frames after which it is looked for only every so often.
 _NO_CHANCE, _GIVEN_UP, _SELDOM = 0.75, 2, 8
-#: Squares near half a wave per px over squared slopes below which edges are not sharper than the pixels: up to 0.05
-#: in photographs, random fields and sprays that a lens shows, from 0.1 on in edges seen by pixels or points.
-_SMOOTH = 0.06
 
 
 class Tracker:
@@ -78,19 +73,13 @@ class Tracker:
         self.is_tracked = np.ones(count, bool)
         self.misses = np.zeros(count, np.int64)
         #: Where something stood still in the picture.
-        self.votes = Votes(*np.zeros((2, *reference.mean.shape), np.int32))
+        self.votes = Votes.none(reference.mean.shape)
         #: Misfit of each point, over that of most, at which nothing was found that stands before it.
         self.cleared = np.zeros(count)
         #: Misfit over that of most from which it is no chance.
         self.by_chance = 1.0 + _BY_CHANCE * np.sqrt(2.0 / reference.subsets.level[:, 2])
         self._predictions: dict[int, Floats] = {}
         self._doubles: dict[int, bool] = {}
-
-    @cached_property
-    def is_smooth(self) -> bool:
-        """Whether most of the pattern is without edges sharper than the pixels."""
-        sharp = self.reference.sums(near_half(self.reference)[0])
-        return bool(np.median(sharp / np.maximum(strongest_slopes(self.reference.subsets), 1e-30)) < _SMOOTH)
 
     def has_double(self, point: int) -> bool:
         """Whether the pattern around a point is in the reference a second time; looked for once."""

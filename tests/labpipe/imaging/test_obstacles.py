@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from scipy.ndimage import map_coordinates
 
 from labpipe.arrays import Floats
 from labpipe.imaging import track
@@ -131,6 +132,32 @@ def test_what_stands_before_a_slow_specimen_is_found() -> None:
     is_free = across > 6.0 + SUBSET  # of a rod of 12 px
     assert found.valid.values[:, is_free].all()
     assert (error[:, is_free] < 5.0 * np.hypot(found.u_dx, found.u_dy).values[1:, is_free]).all()
+
+
+def test_what_holds_a_faint_pattern_back_is_found_by_those_that_move() -> None:
+    pattern = 0.35 * film_scenes.random_field(SIZE, 2.5, 71)
+    y, x = np.mgrid[:SIZE, :SIZE].astype(float)
+    share = 1.0 / (1.0 + np.exp(3.0 * (np.abs((x - SIZE / 2) * np.cos(0.5) + (y - SIZE / 2) * np.sin(0.5)) - 2.0)))
+    views = [View((0.05 * k, 0.03 * k)) for k in range(8)]  # 0.4 px
+    film = digitised([(1.0 - share) * from_spectrum(pattern, view) + 190.0 * share for view in views], 1.0, 72)
+    points = grid((SIZE, SIZE), 34, 11)
+    found = track(film, points, SUBSET)
+    assert "something stands still before the specimen" in found.attrs["note"]
+    truth = np.stack([view.displacement(points, SIZE) for view in views])
+    error = np.hypot(found.dx - truth[..., 0], found.dy - truth[..., 1]).values[1:]
+    assert found.valid.values.mean() > 0.98
+    assert (error < 5.0 * np.hypot(found.u_dx, found.u_dy).values[1:]).all()  # up to 30 where it hid nothing
+
+
+def test_what_holds_a_part_of_a_body_back_is_no_obstacle_where_the_body_bends() -> None:
+    pattern = film_scenes.random_field(SIZE, 2.5, 73)
+    y, x = np.mgrid[:SIZE, :SIZE].astype(float)
+    bent = np.clip((x - 60.0) / 120.0, 0.0, 1.0) ** 2
+    still = from_spectrum(pattern, View())
+    frames = [map_coordinates(still, [y, x - 0.2 * k * bent], order=5, mode="grid-wrap") for k in range(8)]
+    found = track(digitised(frames, 1.0, 74), grid((SIZE, SIZE), 34, 11), SUBSET)
+    assert found.attrs["note"] == ""
+    assert not found.hidden.values.any()
 
 
 def test_nothing_is_hidden_where_nothing_stands_before_the_specimen() -> None:
