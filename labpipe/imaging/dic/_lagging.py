@@ -14,12 +14,13 @@ from labpipe.imaging.dic._standing import Votes
 from labpipe.imaging.dic._table import Table
 from labpipe.imaging.dic._tracker import Tracker
 
-#: Frames that are looked at, those of the largest motion, and points of them that tell it.
-_FRAMES, _FEWEST = 6, 12
+#: Frames that are looked at, those of the largest motion, and how many where nothing stands before the first of
+#: them; and points that tell the motion.
+_FRAMES, _SOME, _FEWEST = 6, 2, 12
 #: Standard deviations by which a point lags behind, the same over what most points scatter by, and share of the motion.
 _LAGS, _BEYOND_SCATTER, _SHARE = 4.0, 4.0, 0.1
 #: Rounds of the fit of the motion of most, and scatter within which a point counts as one of them.
-_ROUNDS, _MOST = 6, 3.0
+_ROUNDS, _MOST = 4, 3.0
 #: Displacement (px) of what is there beyond which pixels misfit.
 _STEP = 0.1
 #: Points of a frame that are looked at.
@@ -43,12 +44,14 @@ def held_back(tracker: Tracker, table: Table, indices: Integers, is_static: Flag
     votes = Votes.none(tracker.reference.mean.shape)
     is_found = (table.status == Status.OK) & ~is_static[:, None]
     rows = np.flatnonzero(is_found.sum(axis=1) >= _FEWEST)
-    shifts = [np.median(table.motion[row, is_found[row]][:, [0, 3]], axis=0) for row in rows]
-    moved = np.hypot(*np.reshape(shifts, (-1, 2)).T)
-    for row in rows[np.argsort(moved)[-_FRAMES:]].tolist():
-        votes.frames += 1
+    moved = np.where(is_found[rows], np.hypot(table.motion[rows, :, 0], table.motion[rows, :, 3]), 0.0)
+    farthest = rows[np.argsort(moved.sum(axis=1) / is_found[rows].sum(axis=1))[::-1]]
+    for row in farthest[:_FRAMES].tolist():
+        if votes.frames == _SOME and not votes.any:
+            break
         attempt = table.attempt(row, is_found[row])
         told, lags = _lagging(tracker, attempt)
+        votes.frames += 1
         chosen = np.flatnonzero(lags)[:: max(int(lags.sum()) // _LOOKED_AT, 1)]
         if len(chosen):
             tracker.solver.use(tuple(table.growth[row].tolist()))

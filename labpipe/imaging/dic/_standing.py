@@ -69,6 +69,8 @@ class Votes:
 
     def hidden(self, reach: int) -> Flags:
         """Pixels of the picture before which something stands, and those within its reach (px)."""
+        if not self.any:
+            return np.zeros(self.stands.shape, bool)
         found = ((self.stands >= _FEWEST_VOTES) & (self.stands > 2 * self.moves)).astype(np.uint8)
         _, parts, of_parts, _ = cv2.connectedComponentsWithStats(found, connectivity=8)
         needed = _VOTES if self.frames > _VOTES else _FEWEST_VOTES
