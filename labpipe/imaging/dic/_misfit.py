@@ -107,7 +107,31 @@ def hidden_by_levels(reference: Reference, noise: Floats) -> Floats:
     return np.asarray(np.nan_to_num(is_hidden)[..., None] * (share**2)[:, None] * inverse)
 
 
-def misfit_factor(noise: Floats, is_static: Flags, pixels: Floats, grey: Floats) -> Floats:
+def still_noise(reference: Reference, noise: Floats, is_static: Flags) -> tuple[Floats, Floats]:
+    """Variance [grey²] of a pixel around each usable point (point,) before anything moves, see :meth:`.own_noise`.
+
+    Parameters
+    ----------
+    reference : Reference
+    noise : array (frame, usable point) [grey²]
+        As in :class:`.Variances`.
+    is_static : bool array (frame,)
+
+    Returns
+    -------
+    variance, spread : arrays (point,) [grey²], [1]
+    """
+    shown = np.where(noise[is_static] > 0.0, noise[is_static], 0.0)
+    seen = (shown > 0.0).sum(axis=0)
+    variance, spread = shown.sum(axis=0) / np.maximum(seen, 1), 2.0 / np.maximum(seen, 1)
+    for n in np.flatnonzero(seen == 0).tolist():
+        variance[n], spread[n] = reference.own_noise(n, shown[:0, n], reference.weakest_slopes(n))
+    return variance, spread
+
+
+def misfit_factor(
+    noise: Floats, is_static: Flags, pixels: Floats, grey: Floats, still: tuple[Floats, Floats], texture: Floats
+) -> Floats:
     """Factor (frame, point) of the standard uncertainty where a subset misfits by more than noise.
 
     What stands before the specimen, a reflection, or lines of another moment do not move with the
@@ -122,19 +146,27 @@ def misfit_factor(noise: Floats, is_static: Flags, pixels: Floats, grey: Floats)
         Frames averaged into the reference.
     pixels, grey : arrays (point,) [1], [grey levels]
         Number of pixels of the subsets, and their mean.
+    still : (array (point,), array (point,)) [grey²], [1]
+        See :func:`still_noise`.
+    texture : array (frame, point) [grey²/px²]
+        As in :class:`.Variances`.
 
     Notes
     -----
     A point's own noise is what it shows in its better frames, but not much more than points of its
     brightness mostly show: bright places are noisier than dark ones, and a subset that misfits in
-    every frame shows none without misfit.
+    every frame shows none without misfit. Nor is it more than before anything moved, times what the
+    noise of all points has grown by in a frame.
+
+    Of edges that are sampled before they are blurred each moves on in steps of whole pixels. Where those of
+    a subset step alike, they leave no misfit, and move it all the more: what most points of a frame misfit by,
+    as a shift, all of them do.
     """
     factor = np.ones(noise.shape)
-    moved = noise[~is_static]
-    found = np.flatnonzero((moved > 0.0).any(axis=0))
+    moved = np.where(noise[~is_static] > 0.0, noise[~is_static], np.nan)
+    found = np.flatnonzero(np.isfinite(moved).any(axis=0))
     if not len(found):
         return factor
-    moved = np.where(moved > 0.0, moved, np.nan)
     own = np.full(noise.shape[1], np.nan)
     better, middle = _quantiles(moved[:, found], (_BETTER, 0.5))
     own[found] = better * (1.0 + _BELOW_MEAN * np.sqrt(2.0 / pixels[found]))
@@ -143,10 +175,21 @@ def misfit_factor(noise: Floats, is_static: Flags, pixels: Floats, grey: Floats)
     # What is hit in most frames is hit in the others as well, where it moves too little to show much.
     is_hit = middle > _HIT * own[found]
     own[found[is_hit]] = np.minimum(own[found], usual)[is_hit]
-    by_chance = np.maximum(_BY_CHANCE * np.sqrt(2.0 / pixels), _LEAST_EXCESS)
-    excess = 1.0 - own * (1.0 + by_chance) / moved
-    factor[~is_static] = np.sqrt(1.0 + _SHARED**2 * pixels * np.clip(np.nan_to_num(excess), 0.0, 1.0))
+    before, spread = still
+    (grown,) = _quantiles((moved / before).T, (0.25,))
+    known = before * np.fmax(grown, 1.0)[:, None]
+    noisiest = own * (1.0 + _by_chance(pixels, 2.0)), known * (1.0 + _by_chance(pixels, 2.0 + spread))
+    excess = np.maximum(np.nan_to_num(moved - np.fmin(*noisiest)), 0.0)
+    squares = np.where(np.isfinite(moved), excess * pixels / texture[~is_static], np.nan)
+    (usual_shift,) = _quantiles(squares.T, (0.5,))
+    excess = np.fmax(excess, usual_shift[:, None] * texture[~is_static] / pixels)
+    factor[~is_static] = np.sqrt(1.0 + _SHARED**2 * pixels * np.nan_to_num(excess / moved))
     return factor
+
+
+def _by_chance(pixels: Floats, spread: Floats | float) -> Floats:
+    """Share of a noise by which a residual exceeds it by chance, from the spread of both times the pixels."""
+    return np.maximum(_BY_CHANCE * np.sqrt(spread / pixels), _LEAST_EXCESS)
 
 
 def _quantiles(values: Floats, shares: tuple[float, ...]) -> list[Floats]:

@@ -12,7 +12,7 @@ from labpipe.arrays import Flags, Floats
 from labpipe.imaging.dic._agreement import disagreement, lonely, unconfirmed
 from labpipe.imaging.dic._edge_profile import misled
 from labpipe.imaging.dic._growth import STEP
-from labpipe.imaging.dic._misfit import hidden_by_levels, misfit_factor, misfits_of_edges
+from labpipe.imaging.dic._misfit import hidden_by_levels, misfit_factor, misfits_of_edges, still_noise
 from labpipe.imaging.dic._missed_strain import missed_shift
 from labpipe.imaging.dic._motion_uncertainty import MOST_UNCERTAIN, least_told, motion_variance, strongest_slopes
 from labpipe.imaging.dic._reference import Reference, Status
@@ -108,7 +108,9 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     is_noise = np.isin(status, (Status.OK, Status.LOST)) & (reference.is_faint & ~is_found.any(axis=0))
     status[is_noise] = Status.TEXTURELESS
     is_doubtful = misfits_of_edges(reference, is_found, deviation, covariance, texture, strongest, noise, is_static)
-    misfit = misfit_factor(noise, is_static, reference.subsets.level[:, 2], reference.subsets.level[:, 0])
+    grey, _, pixels = reference.subsets.level.T
+    still = still_noise(reference, noise, is_static)
+    misfit = misfit_factor(noise, is_static, pixels, grey, still, texture)
     deviation *= misfit[..., None]
     covariance *= misfit**2
     bound, shared = undersampled(reference, is_found, texture, noise, is_static)

@@ -194,9 +194,11 @@ def test_brighter_places_are_noisier_without_a_misfit() -> None:
     grey, pixels = rng.uniform(20.0, 220.0, 60), np.full(60, 961.0)
     noise = (1.0 + 0.05 * grey) * rng.normal(1.0, 0.05, (40, 60))
     is_static = np.arange(40) == 0
-    assert (misfit_factor(noise, is_static, pixels, grey) == 1.0).mean() > 0.99
+    # a single static frame, in which fine texture passes for noise
+    rest = (noise[0] * rng.uniform(1.0, 9.0, 60), np.full(60, 12.0)), np.full(noise.shape, 1e5)
+    assert (misfit_factor(noise, is_static, pixels, grey, *rest) == 1.0).mean() > 0.99
     noise[:, 7] *= 4.0  # one that misfits in every frame
-    factor = misfit_factor(noise, is_static, pixels, grey)
+    factor = misfit_factor(noise, is_static, pixels, grey, *rest)
     assert (factor[1:, 7] > 4.0).all()
     assert factor[0, 7] == 1.0
     assert (np.delete(factor, 7, axis=1) == 1.0).mean() > 0.99
@@ -205,6 +207,20 @@ def test_brighter_places_are_noisier_without_a_misfit() -> None:
 def test_nothing_but_static_frames_has_no_misfit() -> None:
     noise = np.full((3, 2), 4.0)
     ones = np.ones((3, 2))
-    assert (misfit_factor(noise, np.ones(3, bool), np.full(2, 441.0), np.full(2, 90.0)) == ones).all()
+    rest = np.full(2, 441.0), np.full(2, 90.0), (noise[0], np.full(2, 2.0)), 1e5 * ones
+    assert (misfit_factor(noise, np.ones(3, bool), *rest) == ones).all()
     noise[1:] = np.nan
-    assert (misfit_factor(noise, np.arange(3) == 0, np.full(2, 441.0), np.full(2, 90.0)) == ones).all()
+    assert (misfit_factor(noise, np.arange(3) == 0, *rest) == ones).all()
+
+
+def test_what_most_points_misfit_by_all_do_and_a_noise_that_grows_is_none() -> None:
+    rng = np.random.default_rng(2)
+    pixels, grey = np.full(50, 961.0), np.full(50, 90.0)
+    noise = 4.0 * rng.normal(1.0, 0.03, (5, 50))
+    is_static = np.arange(5) < 2
+    rest = (noise[:2].mean(axis=0), np.ones(50)), np.full(noise.shape, 6e4)
+    assert (misfit_factor(1.8 * noise, is_static, pixels, grey, *rest) == 1.0).all()
+    noise[2:, 20:] += 30.0  # of 50 points, 20 show no misfit
+    factor = misfit_factor(noise, is_static, pixels, grey, *rest)
+    shift = factor[2:] * np.sqrt(noise[2:] / 6e4)
+    assert shift.min() > 0.7 * shift.max()
