@@ -18,9 +18,9 @@ _PLACES = np.linspace(-1.0, 1.0, 5)
 #: times the root of the subset's width in px: with less, the noise that is taken off may be all
 #: of it. Along bare edges noise alone reached 0.36 in 31 px and 0.44 in 21 px.
 _LEAST_TEXTURE = 3.0
-#: Largest standard uncertainty (px) of a shift across the direction in which the pattern is
-#: weakest: beyond it the correlation has several tops, and the nearest need not be the right one.
-MOST_UNCERTAIN = 0.4
+#: Standard uncertainty (px) by noise of a shift along the direction in which the pattern is weakest, from which the
+#: correlation has several tops, and only the points around tell the right one; and the largest that is given.
+MOST_UNCERTAIN, MOST_VAGUE = 0.4, 0.8
 #: Factor by which the texture must exceed noise where more than the motion is solved for.
 _CLEARLY = 4.0
 #: Ratio of the squared slopes along the strongest and the weakest direction from which a pattern
@@ -145,8 +145,9 @@ class Variances:
         which the pattern is weakest, without those of noise and those that another motion explains.
     strongest : array (result,) [grey²/px²]
         Largest eigenvalue of the same matrix.
-    is_told : bool array (result,)
-        Whether noise leaves the motion certain enough in every direction.
+    is_told, is_vague : bool arrays (result,)
+        Whether noise leaves the motion certain enough in every direction to be given, and so uncertain that
+        it may be another, see :data:`MOST_UNCERTAIN`.
     noise, most_noise : arrays (result,) [grey²]
         Variance of a pixel as the residual shows it, and the largest for which the texture exceeds
         noise.
@@ -157,6 +158,7 @@ class Variances:
     texture: Floats
     strongest: Floats
     is_told: NDArray[np.bool_]
+    is_vague: NDArray[np.bool_]
     noise: Floats
     most_noise: Floats
 
@@ -289,12 +291,13 @@ def motion_variance(
     # A frame that is softer than the reference resists an error less.
     found /= np.column_stack([left, left.mean(axis=1)]) ** 2
     both = np.asarray((root[:, 0] * root[:, 3] * along).sum(axis=1)) / left.prod(axis=1)
-    is_told = _largest(found[:, 0], found[:, 1], both) < MOST_UNCERTAIN**2
+    worst = _largest(found[:, 0], found[:, 1], both)
+    is_told, is_vague = worst < MOST_VAGUE**2, worst >= MOST_UNCERTAIN**2
     resisted = [(root[:, a] * root[:, b] / texture).sum(axis=1) for a, b in ((0, 0), (3, 3), (0, 3))]
     largest = _largest(*resisted)
     weakest, strongest = (1.0 / np.maximum(value, 1e-30) for value in (largest, resisted[0] + resisted[1] - largest))
     values = np.where(is_told[:, None], found, np.nan)
-    return Variances(values, both, weakest, strongest, is_told, pixel_noise, most_noise)
+    return Variances(values, both, weakest, strongest, is_told, is_vague, pixel_noise, most_noise)
 
 
 def least_told(deviation: Floats, covariance: Floats) -> Floats:

@@ -14,7 +14,13 @@ from labpipe.imaging.dic._edge_profile import misled
 from labpipe.imaging.dic._growth import STEP
 from labpipe.imaging.dic._misfit import hidden_by_levels, misfit_factor, misfits_of_edges, still_noise
 from labpipe.imaging.dic._missed_strain import missed_shift
-from labpipe.imaging.dic._motion_uncertainty import MOST_UNCERTAIN, least_told, motion_variance, strongest_slopes
+from labpipe.imaging.dic._motion_uncertainty import (
+    MOST_UNCERTAIN,
+    MOST_VAGUE,
+    least_told,
+    motion_variance,
+    strongest_slopes,
+)
 from labpipe.imaging.dic._reference import Reference, Status
 from labpipe.imaging.dic._seeding import shift_of
 from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, LIGHT
@@ -29,9 +35,6 @@ if TYPE_CHECKING:
 #: Range of the displacement over the static frames (px), median of the points, from which they
 #: are not static.
 _STATIC_RANGE = 0.3
-#: Largest standard uncertainty (px) of a displacement that is given: errors of interpolation lead to no other top
-#: of the correlation, as noise does beyond :data:`.MOST_UNCERTAIN`.
-_MOST_VAGUE = 0.8
 #: Noise of a film over the lower quartile of what its points show: they scatter about as much.
 _NOISE_OF_FILM = 0.9
 
@@ -78,6 +81,7 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     value = np.full((*shape, 3), np.nan)
     deviation = np.full((*shape, 3), np.nan)
     covariance, texture, strongest, noise, most_noise = np.full((5, *shape), np.nan)
+    is_doubtful = np.zeros(shape, bool)
     for growth, model, row, column, left in alike(table, reference.subsets.half):
         pattern = reference.patterns.of(growth)
         motion = table.motion[row, column]
@@ -103,11 +107,11 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
         texture[row, column], strongest[row, column] = found.texture * share[column], found.strongest * share[column]
         status[row, column] = np.where(found.is_told, Status.OK, Status.TEXTURELESS)
         noise[row, column], most_noise[row, column] = found.noise, found.most_noise
-    status[(status == Status.OK) & _may_be_noise(reference, noise, most_noise, is_static)] = Status.TEXTURELESS
+        is_doubtful[row, column] = found.is_vague
     is_found = (status == Status.OK) & ~is_static[:, None]
     is_noise = np.isin(status, (Status.OK, Status.LOST)) & (reference.is_faint & ~is_found.any(axis=0))
     status[is_noise] = Status.TEXTURELESS
-    is_doubtful = misfits_of_edges(reference, is_found, deviation, covariance, texture, strongest, noise, is_static)
+    is_doubtful |= misfits_of_edges(reference, is_found, deviation, covariance, texture, strongest, noise, is_static)
     grey, _, pixels = reference.subsets.level.T
     still = still_noise(reference, noise, is_static)
     misfit = misfit_factor(noise, is_static, pixels, grey, still, texture)
@@ -115,7 +119,7 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     covariance *= misfit**2
     bound, shared = undersampled(reference, is_found, texture, noise, is_static)
     shift, is_along_edges = misled(reference, is_found, bound, texture, noise, is_static)
-    is_doubtful |= is_along_edges
+    is_doubtful |= is_along_edges | _may_be_noise(reference, noise, most_noise, is_static)
     _widen(deviation, covariance, shift)
     _add(deviation, covariance, shared + hidden_by_levels(reference, noise) * is_found[..., None])
     missed = missed_shift(reference, value, deviation, table.model, is_found & ~is_doubtful)
@@ -199,7 +203,7 @@ def _add(deviation: Floats, covariance: Floats, more: Floats) -> None:
 
 def _refuse_vague(status: NDArray[np.int8], deviation: Floats, why: Status) -> None:
     """Refuse displacements that are so uncertain that they may be any."""
-    is_vague = np.hypot(deviation[..., 0], deviation[..., 1]) > _MOST_VAGUE
+    is_vague = np.hypot(deviation[..., 0], deviation[..., 1]) > MOST_VAGUE
     status[(status == Status.OK) & is_vague] = why
 
 
