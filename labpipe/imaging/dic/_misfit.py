@@ -147,7 +147,7 @@ def misfit_factor(
     pixels, grey : arrays (point,) [1], [grey levels]
         Number of pixels of the subsets, and their mean.
     still : (array (point,), array (point,)) [grey²], [1]
-        See :func:`still_noise`.
+        See :func:`still_noise`; infinite where a misfit may be one of interpolation.
     texture : array (frame, point) [grey²/px²]
         As in :class:`.Variances`.
 
@@ -176,7 +176,7 @@ def misfit_factor(
     is_hit = middle > _HIT * own[found]
     own[found[is_hit]] = np.minimum(own[found], usual)[is_hit]
     before, spread = still
-    (grown,) = _quantiles((moved / before).T, (0.25,))
+    (grown,) = _quantiles(np.where(np.isfinite(before), moved / before, np.nan).T, (0.25,))
     known = before * np.fmax(grown, 1.0)[:, None]
     noisiest = own * (1.0 + _by_chance(pixels, 2.0)), known * (1.0 + _by_chance(pixels, 2.0 + spread))
     excess = np.maximum(np.nan_to_num(moved - np.fmin(*noisiest)), 0.0)

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -144,6 +145,11 @@ class Reference:
         change = np.abs(_third_difference(area[:, ::-1] if step[1] < 0 else area, (step[0], abs(step[1]))))
         seen = float(np.nanmedian(change)) if np.isfinite(change).any() else 0.0
         return max((seen / _MEDIAN_OF_CHANGES) ** 2, self.rounding), _SPREAD_OF_CHANGES
+
+    @cached_property
+    def sharp(self) -> tuple[NDArray[np.float64], float]:
+        """See :func:`near_half`."""
+        return near_half(self)
 
     def weakest_slopes(self, point: int) -> float:
         """Direction (rad, from x towards y) in which the slopes around a usable point are least."""

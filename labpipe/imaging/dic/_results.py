@@ -25,7 +25,7 @@ from labpipe.imaging.dic._reference import Reference, Status
 from labpipe.imaging.dic._seeding import shift_of
 from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, LIGHT
 from labpipe.imaging.dic._table import Table, alike, as_seen, hidden_share
-from labpipe.imaging.dic._undersampling import undersampled
+from labpipe.imaging.dic._undersampling import interpolates_well, undersampled
 from labpipe.variables import described, variable
 
 if TYPE_CHECKING:
@@ -113,8 +113,9 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     status[is_noise] = Status.TEXTURELESS
     is_doubtful |= misfits_of_edges(reference, is_found, deviation, covariance, texture, strongest, noise, is_static)
     grey, _, pixels = reference.subsets.level.T
-    still = still_noise(reference, noise, is_static)
-    misfit = misfit_factor(noise, is_static, pixels, grey, still, texture)
+    before, spread = still_noise(reference, noise, is_static)
+    before[~interpolates_well(reference, before)] = np.inf
+    misfit = misfit_factor(noise, is_static, pixels, grey, (before, spread), texture)
     deviation *= misfit[..., None]
     covariance *= misfit**2
     bound, shared = undersampled(reference, is_found, texture, noise, is_static)

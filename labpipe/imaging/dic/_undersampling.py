@@ -82,6 +82,20 @@ def _seen_by_points(share: Floats) -> Floats:
     return np.asarray(np.clip((share - _POINTS[0]) / (_POINTS[1] - _POINTS[0]), 0.0, 1.0))
 
 
+def interpolates_well(reference: Reference, noise: Floats) -> Flags:
+    """Tell points (usable point,) that hold so little near half a wave per px that no misfit is one of interpolation.
+
+    Parameters
+    ----------
+    reference : Reference
+    noise : array (usable point,) [grey²]
+        Variance of a pixel of one frame.
+    """
+    sharp, of_noise = reference.sharp
+    beyond = reference.sums(sharp) - of_noise * noise * reference.subsets.level[:, 2]
+    return np.asarray(beyond < _NOTABLE_SHARE * strongest_slopes(reference.subsets))
+
+
 def undersampled(
     reference: Reference, found: Flags, texture: Floats, noise: Floats, is_static: Flags
 ) -> tuple[Floats, Floats]:
@@ -109,7 +123,7 @@ def undersampled(
     blurs a little, the residual tells it: beyond noise it holds what the frame and the reference, seen at other
     phases of the pixels, do not share.
     """
-    sharp, of_noise = near_half(reference)
+    sharp, of_noise = reference.sharp
     sharper, of_sharper_noise = near_half(reference, 8)
     finest = reference.sums(sharper)
     across = strongest_slopes(reference.subsets)
