@@ -10,9 +10,11 @@ import importlib
 import os
 from typing import Any
 
-from calibration.record import KINDS as KINDS, Record as Record, load_record as load_record, require as require
-from labpipe.build import BUILD as BUILD
+from calibration.record import KINDS, Record, load_record, require
+from labpipe.build import BUILD
 from labpipe.errors import CalibrationError
+
+__all__ = ["APPLY", "BUILD", "KINDS", "Record", "apply", "load_record", "require"]
 
 #: Kind of record to the function that applies it, imported only when it is called.
 APPLY: dict[str, str] = {

@@ -14,14 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
-from instruments._instrument import (
-    CONTENTS as CONTENTS,
-    HEAD_BYTES as HEAD_BYTES,
-    Content as Content,
-    Instrument as Instrument,
-    NoOptions as NoOptions,
-    text_of as text_of,
-)
+from instruments._instrument import CONTENTS, HEAD_BYTES, Content, Instrument, NoOptions, text_of
 from instruments.anton_paar import INSTRUMENT as ANTON_PAAR, Options as AntonPaarOptions
 from instruments.dice import INSTRUMENT as DICE, Options as DiceOptions
 from instruments.images import INSTRUMENT as IMAGE_STACK, RAW_FRAMES, Options as ImageOptions, folder_hint
@@ -29,7 +22,7 @@ from instruments.keyence import INSTRUMENT as KEYENCE, Options as KeyenceOptions
 from instruments.mach1 import INSTRUMENT as MACH1, Options as Mach1Options
 from instruments.phantom import INSTRUMENT as PHANTOM
 from instruments.tables import INSTRUMENT as PLAIN_TABLE, Options as TableOptions, holds_rows, workbook_hint
-from labpipe.build import BUILD as BUILD
+from labpipe.build import BUILD
 from labpipe.errors import InputError, LabpipeError, SourceError, UsageError
 from labpipe.plugins import Plugin, survey, tell
 
@@ -38,6 +31,24 @@ if TYPE_CHECKING:
 
     from labpipe.frames import FrameSource
 
+
+__all__ = [
+    "BUILD",
+    "CONTENTS",
+    "HEAD_BYTES",
+    "OURS",
+    "Content",
+    "Instrument",
+    "NoOptions",
+    "Options",
+    "added",
+    "by_name",
+    "identify",
+    "known",
+    "read",
+    "read_table",
+    "text_of",
+]
 
 # The Keyence layout has no magic number, so it is asked last.
 OURS = (MACH1, PHANTOM, ANTON_PAAR, PLAIN_TABLE, DICE, IMAGE_STACK, KEYENCE)

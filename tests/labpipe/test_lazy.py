@@ -1,4 +1,4 @@
-"""A face gives away what it imports for the type checker, and nothing else."""
+"""A face gives away what it defines, and what it imports as itself or for the type checker; nothing else."""
 
 import importlib
 import sys
@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 FACE = """
+from json import JSONDecodeError, loads as loads
 from typing import TYPE_CHECKING
 from labpipe.lazy import lazily
 
@@ -14,6 +15,12 @@ if TYPE_CHECKING:
     from plain.inner import thing as renamed
 else:
     __getattr__ = lazily(__name__)
+
+LIMIT = 3
+_HIDDEN = 4
+
+
+def helpful(): ...
 """
 
 
@@ -28,6 +35,7 @@ def test_a_name_is_imported_on_its_first_use(tmp_path: Path, monkeypatch: pytest
         assert face.renamed == 7
         with pytest.raises(AttributeError, match="'plain' has no attribute 'thing'"):
             _ = face.thing
+        assert face.__all__ == ["LIMIT", "helpful", "loads", "renamed"]
     finally:
         for name in ("plain", "plain.inner"):
             sys.modules.pop(name, None)
