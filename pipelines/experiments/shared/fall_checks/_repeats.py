@@ -14,9 +14,9 @@ from pipelines.experiments.shared.fall_checks._fall import Fall, shown
 LEAST_ROUGH = 2e-3  # of the fall, by which repeats may differ where they touch
 _ENOUGH = 3  # repeats: of two nobody knows which is off
 _LEVELS = ("touch_level", "u_touch_level")
-_BY_HAND = {"drop_height": 0.2, "amplitude": 0.2}
+_BY_HAND = 0.2
 """Relative, by which two repeats may differ since they were let go by hand."""
-_BY_BODY = 0.03  # the same of what one body shows however it was let go
+_OF_BODY = {"restitution": 0.05}  # the same of what one body shows however it was let go, spinning or on another spot
 _SLIP = 0.02  # decades by which two repeats that differ by a slipped decimal may miss it
 
 
@@ -40,7 +40,7 @@ def repeats_alike(falls: Sequence[Fall], quantities: Sequence[tuple[str, str, st
             found.append(not_made(name, law, "two repeats"))
             continue
         if len(falls) == 2:
-            found.append(_pair(name, law, falls, pairs, unit, _BY_HAND.get(variable, _BY_BODY)))
+            found.append(_pair(name, law, falls, pairs, unit, _OF_BODY.get(variable, _BY_HAND)))
             continue
         values, u = np.array([v for v, _ in pairs]), np.array([s for _, s in pairs])
         centre = float(np.median(values))
@@ -104,12 +104,23 @@ def _pair(
         f"{falls[1].name}: {shown(second, u_second, unit)}, {falls[0].name} "
         f"{quantity(first, unit)}, where repeats should agree"
     )
-    allowance = differs * min(abs(first), abs(second))
+    least = min(abs(first), abs(second))
     check = compared(
-        name, law, message, second, u_second, first, u_first, allowance=allowance, factor=False, file=falls[1].name
+        name,
+        law,
+        message,
+        second,
+        u_second,
+        first,
+        u_first,
+        allowance=differs * least,
+        factor=False,
+        file=falls[1].name,
     )
     if check.level is None:
         return check
+    if check.level == "impossible" and abs(second - first) < _BY_HAND * least:
+        check = replace(check, level="doubtful")  # how much a body scatters, two drops of it do not tell
     cause = "one of the two is of another drop or another body"
     slip = abs(log10(second / first)) if first * second > 0 else 0.0
     if slip > 0.5 and abs(slip - round(slip)) < _SLIP:
