@@ -50,13 +50,14 @@ class PartFailure:
 
 
 def chosen(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the parts asked for, in the order of the table; all without names.
+    """Return the parts asked for, in the order of the table; all without names. An underscore is a hyphen.
 
     Raises
     ------
     UsageError
         A name is not that of a part; the nearest one is suggested.
     """
+    names = [name.replace("_", "-") for name in names]
     for name in names:
         if name not in PARTS:
             import difflib

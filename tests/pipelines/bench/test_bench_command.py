@@ -89,6 +89,11 @@ def test_parts_run_in_the_order_of_the_table() -> None:
     assert parts.chosen([]) == ("toy", "pair", "broken")
 
 
+def test_an_underscore_in_the_name_of_a_part_is_a_hyphen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parts, "PARTS", {"contact-radius": ("", "")})
+    assert parts.chosen(["contact_radius"]) == ("contact-radius",)
+
+
 def test_an_unknown_part_is_answered_with_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(UsageError, match='did you mean "velocity"'):
         parts.chosen(["velocty"])
