@@ -82,13 +82,13 @@ class Votes:
 
 
 def told_of(hidden: Flags | None, stated: Flags | None) -> str:
-    """Say where something stands before the specimen though nobody stated it."""
+    """Say where something stands before the specimen, or beside it in a subset, though nobody stated it."""
     assert hidden is not None  # noqa: S101 - it was found
     found = hidden if stated is None else hidden & ~stated
     rows, columns = np.flatnonzero(found.any(axis=1)), np.flatnonzero(found.any(axis=0))
     return (
-        f"something stands still before the specimen, within x {columns[0]} to {columns[-1]} px and y {rows[0]} to "
-        f"{rows[-1]} px, on {100.0 * found.mean():.1f} % of the picture, and is left out, better so when "
+        f"something stands still before the specimen or beside it, within x {columns[0]} to {columns[-1]} px and y "
+        f"{rows[0]} to {rows[-1]} px, on {100.0 * found.mean():.1f} % of the picture, and is left out, better so when "
         "obstructions state where it is"
     )
 

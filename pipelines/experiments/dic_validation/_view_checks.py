@@ -120,7 +120,8 @@ def seen_whole(track: xr.Dataset, settings: DicValidation) -> Check:
     if not told:
         return stated(name, law, f"{settings.film}: nothing else was found before the holder", None, file=settings.film)
     cause = (
-        "a rod, a scale bar or a line burned into the images, or dust on a window: draw tracking.obstructions around it"
+        "a rod, a scale bar or a line burned into the images, dust on a window, or what is seen around the holder: "
+        "draw tracking.obstructions around it"
     )
     text = f"{settings.film}: {told[0]}"
     return stated(name, law, text, "note", cause=cause, file=settings.film, setting="tracking.obstructions")
