@@ -212,8 +212,9 @@ class CameraRecord(Record, frozen=True, forbid_unknown_fields=True, kw_only=True
 
 
 #: Begins what is said of the validity where no day is known: the clock of the instrument was never set, or runs
-#: ahead; or the file holds none, as images and videos do, and nobody states one.
+#: ahead; or the file holds none, as images and videos do, and nobody states one, of which all is said.
 NO_DAY = "not possible: "
+UNDATED = f"{NO_DAY}the recording holds no day, and none is stated"
 _CLOCKS_SET = date(2001, 1, 1)  # clocks that lose their battery begin at 1970, 1980 or 2000
 
 #: Every kind of record.
@@ -374,7 +375,7 @@ def _check_validity(
 ) -> str:
     day = _day(measured if measured is not None else str(attrs.get("start", "")))
     if day is None:
-        return f"{NO_DAY}the recording holds no day, and none is stated"
+        return UNDATED
     if record.valid_from <= day <= record.valid_until:
         return f"valid on {day}"
     if not isinstance(measured, date) and not _CLOCKS_SET <= day <= date.today():

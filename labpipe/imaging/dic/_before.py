@@ -133,6 +133,7 @@ class Looking:
         self._coefficients = tracker.solver.coefficients(loaded)
         self._grey = tracker.solver.pattern.images.grey
         self._nodes = _at_nodes(self._coefficients, tracker.solver.pattern.order)
+        self._clipped = float(self._grey.max()) - _CLIPPED, float(self._nodes.max()) - _CLIPPED
         self._stands = np.zeros(self._grey.shape, bool)
 
     def find(self, suspects: Integers) -> Flags:
@@ -260,8 +261,8 @@ class Looking:
 
     def _apart(self, lit: Floats, grey: Floats, own: Floats32) -> Floats:
         """Mean square (row, column) of what lit grey levels differ by from their own, beyond what clipping may do."""
-        brightest = float(self._grey.max()) - _CLIPPED, float(self._nodes.max()) - _CLIPPED
-        is_clipped = ((own > brightest[0]) & (lit > own)) | ((grey > brightest[1]) & (lit < own))
+        of_reference, of_frame = self._clipped
+        is_clipped = ((own > of_reference) & (lit > own)) | ((grey > of_frame) & (lit < own))
         return _together(np.where(is_clipped, 0.0, lit - own))
 
 

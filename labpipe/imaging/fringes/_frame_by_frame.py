@@ -117,12 +117,9 @@ def _next_fit(looks: Looks, view: View, last: RingFit | None, before: RingFit | 
             return fit
     centre = (float(last.parameters[Parameter.X]), float(last.parameters[Parameter.Y]))
     # What served the last contact serves this film: what it cannot fit is something else.
-    extra = tuple(p for p in last.free if p not in view.settings.free)
-    fit = fit_like(looks, view, last) if extra else None
-    if fit is not None:
-        return fit
-    view = replace(view, alternatives=(extra,) if extra else ())
-    return search_contact(looks, view, centre, vain)
+    served = view.served_by(last.free)
+    fit = fit_like(looks, view, last) if served.alternatives else None
+    return search_contact(looks, served, centre, vain) if fit is None else fit
 
 
 def _warm_fit(frame: NDArray[np.generic], view: View, last: RingFit) -> RingFit | None:

@@ -128,8 +128,7 @@ def _fit_blurred(
         travels.insert(0, abs(rate) * float(exposure[index]))
     frame = reader.whole(index)
     # What served the contact beside it serves this film.
-    extra = tuple(p for p in near[beside].free if p not in view.settings.free)
-    view = replace(view, alternatives=(extra,) if extra else ())
+    view = view.served_by(near[beside].free)
     best = fit_at(frame, view, float(start[Parameter.X]), float(start[Parameter.Y]))
     for travel in travels:
         if best is not None and best.misfit <= GOOD_MISFIT:

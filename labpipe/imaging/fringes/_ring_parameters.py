@@ -74,6 +74,6 @@ BEAMS = (Parameter.SECOND, Parameter.THIRD)
 COATING = (Parameter.PHASE, *HARMONICS)
 LIGHT = tuple(p for p in Parameter if p >= Parameter.LIGHT_XX)
 #: What changes the light with the distance from the centre alone.
-RADIAL = frozenset((Parameter.SCALE, Parameter.BLUR, *COATING))
+RADIAL = frozenset((Parameter.SCALE, Parameter.BLUR, Parameter.SPREAD, *COATING))
 #: What is taken for granted in a frame; the fit tells how the radius depends on it.
 ASSUMED = (Parameter.PHASE, Parameter.SCALE)

@@ -1,7 +1,8 @@
 """What all frames of a film have in common: optics, how they are fitted, grey levels."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 from labpipe.imaging.fringes._interference import Optics
 from labpipe.imaging.fringes._radial_scan import Templates, make_templates
@@ -43,6 +44,11 @@ class View:
     ellipse: tuple[float, float] = (0.0, 0.0)
     harmonics: tuple[float, float, float] = (0.0, 0.0, 0.0)
     alternatives: tuple[tuple[Parameter, ...], ...] = ()
+
+    def served_by(self, free: Iterable[Parameter]) -> "View":
+        """Return the view in which nothing else is tried than what was free in a fit that served the film."""
+        extra = tuple(p for p in free if p not in self.settings.free)
+        return replace(self, alternatives=(extra,) if extra else ())
 
     @property
     def levels(self) -> tuple[float, float]:

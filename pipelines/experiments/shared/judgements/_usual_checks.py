@@ -7,7 +7,7 @@ from typing import Any
 
 import xarray as xr
 
-from calibration.record import NO_DAY
+from calibration.record import NO_DAY, UNDATED
 from labpipe.judging import Check, Level, not_made, stated, unfinished
 from labpipe.report import quantity
 from labpipe.units import Quantity
@@ -69,7 +69,7 @@ def day_known(calibrated: xr.Dataset | None, record: str, file: str = "the recor
     if not said.startswith(NO_DAY):
         return stated(name, law, f"{record}: {said}", None)
     cause = "the clock of the instrument was never set, or lost its battery"
-    if "holds no day" in said:
+    if said == UNDATED:
         cause = "files of this form hold no day: state it as measured_on"
     text = f"whether {record} was valid is not known: {said.removeprefix(NO_DAY)}"
     return stated(name, law, text, "note", cause=cause, setting="measured_on")
