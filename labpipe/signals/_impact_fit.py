@@ -106,24 +106,6 @@ def _tables() -> tuple[Floats, Floats, Floats, Floats]:
 _S, _SHAPES, _FIRST, _SECOND = _tables()
 
 
-def pulse_integrals(s: Floats, shape: Floats) -> tuple[Floats, Floats, Floats]:
-    """Pulse of given shape, its integral and double integral over s, continued beyond 0..1.
-
-    Parameters
-    ----------
-    s : array (n,)
-        Time in units of the contact duration; 0 touch, 1 lift-off.
-    shape : array (6,)
-        Factors of the Chebyshev polynomials 0 to 4 and of the onset.
-
-    Returns
-    -------
-    acceleration, speed, position : array (n,) each
-    """
-    acceleration, speed, position = _at(s, shape @ np.stack([_SHAPES, _FIRST, _SECOND]))
-    return acceleration, speed, position + np.maximum(s - 1.0, 0.0) * (shape @ _FIRST[:, -1])
-
-
 def _at(s: Floats, tables: Floats) -> Floats:
     """Interpolate tables (table, node) linearly at s (n,); beyond 0..1 they stay as they end.
 
