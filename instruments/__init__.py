@@ -17,7 +17,13 @@ from typing import TYPE_CHECKING, Any, Unpack
 from instruments._instrument import CONTENTS, HEAD_BYTES, Content, Instrument, NoOptions, text_of
 from instruments.anton_paar import INSTRUMENT as ANTON_PAAR, Options as AntonPaarOptions
 from instruments.dice import INSTRUMENT as DICE, Options as DiceOptions
-from instruments.images import INSTRUMENT as IMAGE_STACK, RAW_FRAMES, Options as ImageOptions, folder_hint
+from instruments.images import (
+    INSTRUMENT as IMAGE_STACK,
+    RAW_FRAMES,
+    Options as ImageOptions,
+    folder_hint,
+    is_lossy_film,
+)
 from instruments.keyence import INSTRUMENT as KEYENCE, Options as KeyenceOptions
 from instruments.mach1 import INSTRUMENT as MACH1, Options as Mach1Options
 from instruments.phantom import INSTRUMENT as PHANTOM
@@ -96,8 +102,15 @@ def by_name(name: str) -> Instrument:
     raise UsageError(f'no instrument "{name}"; known are {", ".join(each.name for each in known())}')
 
 
-def identify(path: str | os.PathLike[str]) -> str:
+def identify(path: str | os.PathLike[str], *, fps: float | None = None) -> str:
     """Name the instrument that wrote a file or folder, by its content.
+
+    Parameters
+    ----------
+    path : path-like
+        The file or folder.
+    fps : float, optional [1/s]
+        Frame rate, where it is said: a folder of JPEG images is a film to whoever gives one, else photographs.
 
     Returns
     -------
@@ -114,7 +127,7 @@ def identify(path: str | os.PathLike[str]) -> str:
     >>> identify("session/raw/sinusoid.txt")  # doctest: +SKIP
     'mach1'
     """
-    return _identify(Path(path)).name
+    return _identify(Path(path), fps).name
 
 
 #: What cameras call files of bare pixels, and the texts that belong to them.
@@ -122,7 +135,7 @@ _RAW = (".raw", ".mraw", ".cih", ".cihx")
 _STILLS = (".png", ".bmp", ".jpg", ".jpeg")
 
 
-def _identify(path: Path) -> Instrument:
+def _identify(path: Path, fps: float | None = None) -> Instrument:
     head = _head(path)
     if path.suffix == ".recording":
         raise SourceError(
@@ -131,6 +144,8 @@ def _identify(path: Path) -> Instrument:
     for each in OURS:
         if each.sniff(head, path):
             return each
+    if is_lossy_film(path, fps):
+        return IMAGE_STACK
     for plugin in added():
         if plugin.found is not None and _is_from(plugin, head, path):
             return plugin.found
@@ -229,7 +244,7 @@ def read(
     >>> readings = read("drop_07.csv", cycle="50 us")  # doctest: +SKIP
     """
     path = Path(path)
-    reader = _identify(path) if instrument is None else by_name(instrument)
+    reader = _identify(path, options.get("fps")) if instrument is None else by_name(instrument)
     _head(path)  # no reader waits at a named pipe
     before = _stamp(path)
     result = _read(reader, path, options)

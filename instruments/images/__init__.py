@@ -32,6 +32,11 @@ def _sniff(head: bytes, path: Path) -> bool:
     return is_tiff(head) or is_avi or head[4:8] == b"ftyp" or head[:4] == b"\x1aE\xdf\xa3"
 
 
+def is_lossy_film(folder: Path, fps: float | None) -> bool:
+    """Tell a folder of numbered JPEG images that somebody calls a film by giving its frame rate."""
+    return fps is not None and folder.is_dir() and has_frames(folder, LOSSY)
+
+
 def folder_hint(folder: Path) -> str:
     """Say what to do with a folder that holds no film."""
     if has_images(folder):
@@ -42,7 +47,8 @@ def folder_hint(folder: Path) -> str:
     if has_images(folder, LOSSY):
         return (
             "It holds JPEG images, whose compression smooths away the detail that is measured, by an amount that "
-            "nothing tells: have the camera's program export the film as PNG or TIFF, or give the camera's own file."
+            "nothing tells: have the camera's program export the film as PNG or TIFF, or give the camera's own file. "
+            "Numbered and with a frame rate (fps=10000, in session.toml: frame_rate) they are read all the same."
         )
     return f"A folder is read when it holds the PNG, TIFF or BMP images of a film. {RAW_FRAMES}"
 

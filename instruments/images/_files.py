@@ -1,4 +1,4 @@
-"""Images in files: a folder of PNG, TIFF or BMP, and the pages of a TIFF."""
+"""Images in files: a folder of PNG, TIFF, BMP or JPEG, and the pages of a TIFF."""
 
 import re
 import warnings
@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments.images._headers import CutOffError, ImageHeader, one_page, png_fault, read_headers
-from instruments.images._names import SUFFIXES, images_in
-from instruments.images._pictures import one_intensity
+from instruments.images._names import LOSSY, SUFFIXES, images_in
+from instruments.images._pictures import ROUNDED, one_intensity
 from labpipe.errors import SourceError
 from labpipe.frames import warn_incomplete
 
@@ -37,9 +37,11 @@ class _Place:
 
 def folder_images(folder: Path) -> tuple["ImageFiles", NDArray[np.float64]]:
     """Open the images of a folder, sorted by the number in their names, and return these; warn of gaps."""
-    named = sorted(p for p in images_in(folder) if p.is_file())
+    exact, lossy = (sorted(p for p in images_in(folder, of) if p.is_file()) for of in (SUFFIXES, LOSSY))
+    named = exact or lossy
     if not named:
-        raise SourceError(folder, f"the folder holds no image ({', '.join(SUFFIXES)})")
+        raise SourceError(folder, f"the folder holds no image ({', '.join(SUFFIXES + LOSSY)})")
+    _warn_of_lossy(folder, exact, lossy)
     numbered = sorted(zip(_numbers(named), named, strict=True))
     numbers = np.array([number for number, _ in numbered])
     twice = np.flatnonzero(np.diff(numbers) == 0)
@@ -118,6 +120,21 @@ def _header(path: Path) -> ImageHeader | CutOffError:
             hint="Name this file itself as the film, or export one image per file.",
         )
     return headers[0]
+
+
+def _warn_of_lossy(folder: Path, exact: Sequence[Path], lossy: Sequence[Path]) -> None:
+    """Warn of images that have lost detail, or of those that lie beside a film's and are not its frames."""
+    beside = [path for path in lossy if any(map(str.isdigit, path.stem))] if exact else []
+    if exact and not beside:
+        return
+    text = (
+        f"JPEG images lie beside the others and are left out, {len(beside)} with a number in the name, the first "
+        f"{beside[0].name}: if they are frames of the film, export them as the others"
+        if exact
+        else "JPEG images have their levels baked in (gain, brightness, gamma), so their intensities are not "
+        "calibrated; their compression smooths fine detail away, which no uncertainty here contains"
+    )
+    warnings.warn(f"{folder.name}: {text}", UserWarning, stacklevel=4)
 
 
 def _signed(stem: str, found: "re.Match[str]") -> int:
@@ -247,7 +264,8 @@ class ImageFiles:
             found = "nothing" if image is None else f"an image of shape {image.shape}"
             hint = "Export it again, as PNG or as a TIFF without compression."
             raise SourceError(place.path, f"decodes to {found}, expected {self.size}", hint=hint)
-        return one_intensity(image, 0, place.path, "the image")
+        allowed = ROUNDED * (place.path.suffix.lower() in LOSSY)
+        return one_intensity(image, allowed, place.path, "the image")
 
 
 def _decode(place: _Place) -> NDArray[Any] | None:

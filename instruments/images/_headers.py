@@ -2,7 +2,7 @@
 
 A few bytes can declare an image of any size; sizes are therefore checked against limits and
 against the file first. Only what the films of a laboratory need is accepted: PNG and TIFF of 8 or
-16 bits, grey TIFF of 10, 12 or 14 packed bits, and BMP of 8 bits a colour. Whether three colours say
+16 bits, grey TIFF of 10, 12 or 14 packed bits, and BMP and JPEG of 8 bits a colour. Whether three colours say
 the same, as of a grey camera, only their pixels tell.
 """
 
@@ -19,6 +19,8 @@ MOST_PAGES = 1 << 20  # of one TIFF
 _PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_END = b"\x00\x00\x00\x00IEND\xaeB`\x82"
 _PNG_COLOURS = (0, 2, 3, 4, 6)
+_JPEG, _JPEG_END, _JPEG_TAIL = b"\xff\xd8\xff", b"\xff\xd9", 64
+_JPEG_SIZES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # marks behind which the size of the image stands
 _BYTES, _PACKED = (8, 16), (10, 12, 14)  # bits of a pixel that fill bytes, and that do not
 _RGB, _PALETTE = 2, 3  # interpretations of a TIFF's samples
 _TIFF_SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 16: 8, 13: 4}
@@ -69,7 +71,7 @@ def is_png(head: bytes) -> bool:
 
 
 def read_headers(path: Path) -> list[ImageHeader]:
-    """Return the header of every image in a PNG, TIFF or BMP file.
+    """Return the header of every image in a PNG, TIFF, BMP or JPEG file.
 
     Raises
     ------
@@ -86,6 +88,8 @@ def read_headers(path: Path) -> list[ImageHeader]:
                 return [_png(path, head, stream.read(12))]
             if head[:2] == b"BM":
                 return [_bmp(path, head, size)]
+            if head[:3] == _JPEG:
+                return [_jpeg(path, head + stream.read())]
         if is_tiff(head):
             return _tiff(path, path.read_bytes() if path.stat().st_size < 1 << 20 else None)
     except OSError as error:
@@ -94,7 +98,7 @@ def read_headers(path: Path) -> list[ImageHeader]:
         raise CutOffError(path, "the image is empty")
     raise CutOffError(
         path,
-        f"is neither PNG nor TIFF nor BMP: it starts with {head[:8]!r}",
+        f"is neither PNG nor TIFF nor BMP nor JPEG: it starts with {head[:8]!r}",
         hint="Export the film as PNG or TIFF images, or give the camera's own file.",
     )
 
@@ -110,6 +114,18 @@ def _bmp(path: Path, head: bytes, size: int) -> ImageHeader:
     _check_size(path, rows, columns, 8)
     is_whole = begin + -(-columns * colours // 4) * 4 * rows <= size
     return ImageHeader(rows, columns, 8, "" if is_whole else "the BMP is cut off")
+
+
+def _jpeg(path: Path, data: bytes) -> ImageHeader:
+    at = 2
+    while at + 9 <= len(data) and data[at] == 0xFF:
+        if data[at + 1] in _JPEG_SIZES:
+            bits, rows, columns = struct.unpack(">BHH", data[at + 4 : at + 9])
+            _check_size(path, rows, columns, bits)
+            fault = "" if _JPEG_END in data[-_JPEG_TAIL:] else "the JPEG is cut off: its end mark is missing"
+            return ImageHeader(rows, columns, bits, fault, is_compressed=True)
+        at += 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+    raise CutOffError(path, "the JPEG ends within its header", hint="Copy it from the camera again.")
 
 
 def _png(path: Path, head: bytes, tail: bytes) -> ImageHeader:

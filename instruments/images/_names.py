@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 SUFFIXES = (".png", ".tif", ".tiff", ".bmp")
-#: Images that have lost detail: told of, not read.
+#: Images that have lost detail: a film where there are no others and somebody says so, by its frame rate.
 LOSSY = (".jpg", ".jpeg")
 
 
@@ -18,6 +18,6 @@ def has_images(folder: Path, suffixes: tuple[str, ...] = SUFFIXES) -> bool:
     return next(images_in(folder, suffixes), None) is not None
 
 
-def has_frames(folder: Path) -> bool:
+def has_frames(folder: Path, suffixes: tuple[str, ...] = SUFFIXES) -> bool:
     """Tell whether there is an image with a number in its name, as the frames of a film have, and pictures need not."""
-    return any(any(map(str.isdigit, image.stem)) for image in images_in(folder))
+    return any(any(map(str.isdigit, image.stem)) for image in images_in(folder, suffixes))

@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from labpipe.errors import SourceError
 
+ROUNDED = 4  # levels by which the compression of videos and JPEG rounds the three colours of grey apart
+
 
 class Pictures(Protocol):
     """Whole images of one size, one at a time."""

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.images._pictures import one_intensity
+from instruments.images._pictures import ROUNDED, one_intensity
 from labpipe.errors import SourceError
 from labpipe.frames import warn_incomplete
 
@@ -21,7 +21,6 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 #: Where an AVI holds the name of its main header, and its number of frames.
 _HEADER_AT, _FRAMES_AT = 24, 48
 _MOST_PIXELS = 1 << 26
-_ROUNDED = 4  # levels by which codecs of grey video round the three colours apart
 #: Frames at the end of a video whose last rows are compared, and rows.
 _COMPARED, _LAST_ROWS = 3, 4
 #: Frames ahead to which it is quicker to decode than to seek.
@@ -90,7 +89,7 @@ class Video:
         """Decode one frame; in order it is fast."""
         with self._lock:  # a decoder has one place in its file, and films are read by several threads
             image = self._image if index == self._at else self._decoded(index)
-        return np.ascontiguousarray(one_intensity(image, _ROUNDED, self._path, f"frame {index}"))
+        return np.ascontiguousarray(one_intensity(image, ROUNDED, self._path, f"frame {index}"))
 
     def _decoded(self, index: int) -> NDArray[np.uint8]:
         if not self._at < index <= self._at + _AHEAD:

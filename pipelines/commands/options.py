@@ -84,7 +84,8 @@ def _reading(source: Path, instrument: str | None, given: dict[str, Any], others
         return given
     import instruments
 
-    found = instruments.by_name(instrument or instruments.identify(source))
+    fps = 1.0 if any(text.startswith("fps=") for text in others) else None  # a film, whatever it is
+    found = instruments.by_name(instrument or instruments.identify(source, fps=fps))
     for text in others:
         name, sign, value = text.partition("=")
         if not sign:

@@ -283,7 +283,7 @@ def export_file(path: Path, target: Target, options: dict[str, Any]) -> Exported
 
     source = instruments.read(path, **options)
     dataset = source if isinstance(source, xr.Dataset) else _frame_times(source)
-    reader = options.get("instrument") or instruments.identify(path)
+    reader = options.get("instrument") or instruments.identify(path, fps=options.get("fps"))
     origin = {"file": path.name, "sha256": files.digest(path), "reader": reader, "program": program()}
     remarks = {"source": path.name, "provenance": json.dumps(origin, sort_keys=True)}
     return Exported(tuple(target.write(path.stem, dataset, remarks)), ())

@@ -190,7 +190,7 @@ def _instrument(file: Path, options: dict[str, Any]) -> dict[str, Any]:
     from instruments import images
 
     try:
-        name = options.get("instrument") or instruments.identify(file)
+        name = options.get("instrument") or instruments.identify(file, fps=options.get("fps"))
     except SourceError as error:
         if file.is_dir() and (found := _folder(file)):
             return found
@@ -365,16 +365,16 @@ def film(frames: FrameSource) -> dict[str, Any]:
     problems = list(getattr(axis, "warnings", ()))
     if not valid.all():
         problems.append(f"{int((~valid).sum())} of {count} frames are damaged")
-    steps = np.diff(time) if count > 1 else np.array([np.nan])
-    interval = float(np.nanmedian(steps))
-    if (np.abs(steps - interval) > 0.5 * interval).any():
+    steps = np.diff(time)
+    interval = float(np.nanmedian(steps)) if count > 1 else None
+    if interval is not None and (np.abs(steps - interval) > 0.5 * interval).any():
         problems.append(f"frames are missing: the longest step is {np.nanmax(steps):.4g} s")
     exposure = frames.exposure
     return {
         "frames": count,
         "image": f"{columns} × {rows} px",
-        "interval": f"{interval:.6g} s",
-        "rate": f"{1.0 / interval:.6g} Hz",
+        "interval": "unknown" if interval is None else f"{interval:.6g} s",
+        "rate": "unknown" if interval is None else f"{1.0 / interval:.6g} Hz",
         "time": f"{time[0]:.6g} … {time[-1]:.6g} s from the {'trigger' if axis is not None else 'first image'}",
         "exposure": "unknown" if exposure is None else f"{np.nanmedian(exposure):.3g} s",
         "levels": f"{frames.levels[0]:g} black, {frames.levels[1]:g} white",

@@ -364,14 +364,14 @@ def test_one_damaged_image_costs_one_frame(tmp_path: Path, suffix: str, options:
 def test_a_file_that_is_no_image_costs_one_frame(tmp_path: Path) -> None:
     write_folder(tmp_path / "f", ["a1.png", "a2.png", "a3.png"])
     (tmp_path / "f/a2.png").write_bytes(b"\0" * 512)
-    with pytest.warns(IncompleteFilmWarning, match=r"a2\.png: is neither PNG nor TIFF nor BMP"):
+    with pytest.warns(IncompleteFilmWarning, match=r"a2\.png: is neither PNG nor TIFF nor BMP nor JPEG"):
         assert instruments.read(tmp_path / "f", fps=1.0).valid.tolist() == [True, False, True]
 
 
 def test_what_is_no_film_is_told_with_what_to_name_instead(tmp_path: Path) -> None:
     write_folder(tmp_path / "out", [])
     write_folder(tmp_path / "out/PNG", ["a1.png"])
-    write_folder(tmp_path / "shots", ["a1.jpg"])
+    write_folder(tmp_path / "shots", ["a.jpg"])
     (tmp_path / "one.png").write_bytes((tmp_path / "out/PNG/a1.png").read_bytes())
     (tmp_path / "empty.avi").write_bytes(b"")
     for name, told in (
@@ -382,6 +382,30 @@ def test_what_is_no_film_is_told_with_what_to_name_instead(tmp_path: Path) -> No
     ):
         with pytest.raises(SourceError, match=told):
             instruments.read(tmp_path / name, fps=1.0)
+
+
+def test_jpeg_images_are_a_film_to_whoever_gives_a_frame_rate(tmp_path: Path) -> None:
+    film = write_folder(tmp_path / "f", ["a8.jpg", "a9.jpg", "a10.jpg"])
+    with pytest.raises(SourceError, match="no film") as told:
+        instruments.identify(tmp_path / "f")
+    assert "with a frame rate" in str(told.value.hint)
+    with pytest.warns(UserWarning, match="compression smooths fine detail away"):
+        found = instruments.read(tmp_path / "f", fps=1.0)
+    assert found.shape == film.shape
+    decoded = [cv2.imread(str(tmp_path / f"f/a{i}.jpg"), cv2.IMREAD_GRAYSCALE) for i in (8, 9, 10)]
+    np.testing.assert_array_equal([found[i] for i in range(3)], decoded)
+    cut = tmp_path / "f/a9.jpg"
+    whole = cut.read_bytes()
+    for left, what in ((-40, "is cut off: its end mark is missing"), (30, "ends within its header")):
+        cut.write_bytes(whole[:left])
+        with pytest.warns(UserWarning, match="smooths"), pytest.warns(IncompleteFilmWarning, match=rf"a9\.jpg.*{what}"):
+            assert instruments.read(tmp_path / "f", fps=1.0).valid.tolist() == [True, False, True]
+
+
+def test_jpeg_images_beside_others_are_not_dropped_in_silence(tmp_path: Path) -> None:
+    write_folder(tmp_path / "f", ["a1.png", "a2.png", "a3.jpg", "holder.jpg"])
+    with pytest.warns(UserWarning, match=r"are left out, 1 with a number in the name, the first a3\.jpg"):
+        assert len(instruments.read(tmp_path / "f", fps=1.0)) == 2
 
 
 @pytest.mark.parametrize("packing", [1, 5, 8])

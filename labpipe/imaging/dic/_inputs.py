@@ -159,7 +159,7 @@ def _filled(polygons: Sequence[ArrayLike], size: tuple[int, int], name: str) -> 
             raise InputError(message)
         own = np.zeros(size, np.uint8)
         cv2.fillPoly(own, [np.rint(corners.clip(-_FARTHEST, _FARTHEST)).astype(np.int32)], 1)
-        if not own.any():
+        if not own.any() or not cv2.contourArea(corners.astype(np.float32)):
             message = (
                 f"{name}: no pixel lies in polygon {number}, x {corners[:, 0].min():g} to {corners[:, 0].max():g} px, "
                 f"y {corners[:, 1].min():g} to {corners[:, 1].max():g} px; the frames are {size[1]} px wide and "

@@ -27,6 +27,7 @@ __all__ = ["NAMES", "Entry", "Material", "Solid", "describe", "load", "load_file
 NAMES = ("nbr", "acrylic", "peek", "nylon", "ptfe")
 STATUSES = ("measured", "datasheet", "estimate")
 
+_WHOLE = "labpipe/materials/library/acrylic.toml is a whole file of a material."
 _LARGEST_FILE = 1 << 20  # bytes
 _TABLES = {"labpipe_material", "name", "summary", "poisson", "density", "E_relaxed", "relaxation", "shift"}
 
@@ -221,7 +222,7 @@ class _Reader:
         start = next((i for i, s in enumerate(self.lines) if s.strip().startswith(f"[{table}]")), 0)
         wanted = field or table
         line = next((i for i, s in enumerate(self.lines) if i >= start and s.strip().startswith(wanted)), start)
-        raise SourceError(self.path, f"{key}: {message}", line=line + 1)
+        raise SourceError(self.path, f"{key}: {message}", line=line + 1, hint=_WHOLE)
 
     def table(self, name: str) -> dict[str, Any]:
         found = self.tree.get(name)

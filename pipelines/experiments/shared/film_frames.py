@@ -38,10 +38,10 @@ def open_film(path: Path, frame_rate: Quantity | None = None) -> FrameSource:
     InputError
         The file holds readings, not images; or rows and columns of its images are exchanged.
     """
-    options: dict[str, Any] = {}
-    if "fps" in instruments.by_name(instruments.identify(path)).option_names():
-        options["fps"] = None if frame_rate is None else frame_rate.value
-    found = instruments.read(path, **options)
+    fps = None if frame_rate is None else frame_rate.value
+    reader = instruments.by_name(instruments.identify(path, fps=fps))
+    options: dict[str, Any] = {"fps": fps} if "fps" in reader.option_names() else {}
+    found = instruments.read(path, instrument=reader.name, **options)
     if isinstance(found, xr.Dataset):
         raise InputError(f"{path}: expected a film, found a table of readings")
     if _is_exchanged(found):

@@ -97,6 +97,7 @@ def test_several_polygons_of_a_kind_are_taken_together() -> None:
         ({"regions": [[(0, 0), (10, 10)]]}, r"regions must hold polygons of three or more corners .* as polygon 1"),
         ({"covers": [[(0, 0), (9, 0), (0, float("nan"))]]}, r"covers must hold polygons"),
         ({"regions": []}, "regions holds no polygon"),
+        ({"covers": [[(9, 9), (9, 9), (9, 9)]]}, "covers: no pixel lies in polygon 1"),
         (
             {"covers": [[(0, 0), (9, 0), (0, 9)], [(300, 0), (400, 0), (400, 50)]]},
             r"covers: no pixel lies in polygon 2, x 300 to 400 px, y 0 to 50 px; the frames are 60 px wide",

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from labpipe.errors import InstallationError
+from labpipe.errors import InstallationError, SourceError
+from labpipe.materials.library import load_file
 from labpipe.workflow.code import Code
 from labpipe.workflow.context import Context, Failed
 from pipelines.experiments.shared.judgements import Scene, believed, failed_steps, judgement, sentence
@@ -37,6 +38,16 @@ def test_the_sentence_tells_a_stopped_run_from_a_record_that_fails(*, is_of_run:
     result = judgement(Scene(failed_steps(context, {})))
     assert believed(result).believable == ("unknown" if is_of_run else "impossible")
     assert sentence(result)[1].startswith(word)
+
+
+def test_a_file_of_a_material_that_lacks_a_table_is_named_as_the_cause(tmp_path: Path) -> None:
+    (tmp_path / "x.toml").write_text('labpipe_material = 1\nname = "x"\nsummary = "x"\n', "utf-8")
+    with pytest.raises(SourceError, match=r"x\.toml:1: poisson: expected a table") as found:
+        load_file(tmp_path / "x.toml")
+    failures = (Failed("model", None, str(found.value), is_of_run=False),)
+    context = Context("drop", "ball_drop", "", "", "", True, failures=failures)
+    (check,) = failed_steps(context, {"model": "a temperature is out of range"})
+    assert check.cause == "the file of the material lacks a table or holds a wrong value"
 
 
 def test_a_mistake_of_the_program_is_no_judgement_of_the_record(

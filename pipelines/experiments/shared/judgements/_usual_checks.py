@@ -18,6 +18,7 @@ _LARGE, _VAGUE = 0.2, 0.05
 _NO_SUCH_MATERIAL = "there is no material"  # begins the message of the library
 _OWN_CAUSES = (
     (_NO_SUCH_MATERIAL, "the name of the material is misspelt", "sphere.material"),
+    ("is a whole file of a material", "the file of the material lacks a table or holds a wrong value", "sphere"),
     ("no instrument recognises", "the file is not what the session says, or of a format that is not read", ""),
     (
         "no film that can be read",
