@@ -10,7 +10,7 @@ from labpipe.arrays import Floats
 from labpipe.imaging.fringes._interference import SAMPLES_PER_PIXEL, radial_table, ring_limits, scaled_gap
 from labpipe.imaging.fringes._radial_scan import Window, edge_width, faded, is_edge, left_by_sphere, radial_profile
 from labpipe.imaging.fringes._ring_fit import RingFit
-from labpipe.imaging.fringes._ring_parameters import HARMONICS, Parameter
+from labpipe.imaging.fringes._ring_parameters import HARMONICS, VISIBILITY, Parameter
 from labpipe.imaging.fringes._view import View
 
 #: Residual beyond the noise, as a share of the modulation, from which a fit is not believed:
@@ -55,8 +55,11 @@ def visibility_of(fit: RingFit, view: View) -> float:
     return abs(float(fit.parameters[Parameter.MODULATION])) / light
 
 
-def is_clear(view: View, found: RingFit) -> bool:
-    """Tell whether a fit shows rings beyond doubt, around a circle that can be a contact."""
+def is_clear(view: View, found: RingFit, *, by_some: bool = False) -> bool:
+    """Tell whether a fit shows rings beyond doubt, around a circle that can be a contact.
+
+    By some of the pixels it need not do so whatever the course of the visibility over the place: all will tell.
+    """
     radius = float(found.parameters[Parameter.RADIUS])
     modulation = abs(float(found.parameters[Parameter.MODULATION]))
     light = float(found.parameters[Parameter.GAIN]) - view.black
@@ -65,15 +68,15 @@ def is_clear(view: View, found: RingFit) -> bool:
         and found.misfit <= _MOST_MISFIT
         and light > 0.0
         and _LEAST_VISIBILITY * light <= modulation <= _MOST_VISIBILITY * light
-        and modulation >= _LEAST_SIGNIFICANCE * found.deviation(Parameter.MODULATION)
+        and modulation >= _LEAST_SIGNIFICANCE * found.deviation(Parameter.MODULATION, VISIBILITY if by_some else ())
         and radius > view.least_radius
         and found.deviation(Parameter.RADIUS) < _MOST_UNCERTAINTY * radius
     )
 
 
-def is_contact(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
-    """Decide whether a fit shows a contact, and not a sphere close by or something else."""
-    if not is_clear(view, found):
+def is_contact(frame: NDArray[np.generic], view: View, found: RingFit, *, by_some: bool = False) -> bool:
+    """Decide whether a fit, of all pixels or of some, shows a contact, and not a sphere close by or something else."""
+    if not is_clear(view, found, by_some=by_some):
         return False
     radius = float(found.parameters[Parameter.RADIUS])
     travel = math.sqrt(max(float(found.parameters[Parameter.SMEAR]), 0.0))

@@ -147,9 +147,8 @@ def look_without_fringes(looks: Looks, view: View) -> Blank:
 
 def _edges_of(spots: Iterable[Spot], looks: Looks, view: View) -> tuple[Edge, ...]:
     """Edges of the spots that are larger than that of a sphere which just touches."""
-    edges = (looks.edge(spot, view.black) for spot in spots if spot.radius >= view.newton_spot)
-    least = LEAST_SPOT * view.newton_spot
-    return tuple(edge for edge in edges if edge is not None and edge.half_radius >= least)
+    edges = looks.edges((spot for spot in spots if spot.radius >= view.newton_spot), view.black)
+    return tuple(edge for edge in edges if edge.half_radius >= LEAST_SPOT * view.newton_spot)
 
 
 def choose_edges(result: FilmResult) -> None:

@@ -1,6 +1,6 @@
 """What one frame shows, looked for once: the search for a contact and the look at a blank frame ask alike."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -50,6 +50,10 @@ class Looks:
         if (spot, black) not in self._edges:
             self._edges[spot, black] = find_edge(self.frame, spot.x, spot.y, spot.radius, black)
         return self._edges[spot, black]
+
+    def edges(self, spots: Iterable[Spot], black: float) -> Iterator[Edge]:
+        """Yield the edges of those spots that have one."""
+        return (edge for edge in (self.edge(spot, black) for spot in spots) if edge is not None)
 
     def left_by_sphere(self, optics: Optics) -> float | None:
         """Share of the squares that a sphere leaves which touches or hovers; None where the rings are not its."""

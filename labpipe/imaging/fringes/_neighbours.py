@@ -14,12 +14,12 @@ from labpipe.imaging.films import FilmReader
 from labpipe.imaging.fringes._acceptance import GOOD_MISFIT, is_contact
 from labpipe.imaging.fringes._blank_frames import FilmResult, look_without_fringes
 from labpipe.imaging.fringes._looks import Looks
-from labpipe.imaging.fringes._open_gap import fit_open_gap, is_doubtful, shows_rings
+from labpipe.imaging.fringes._open_gap import fit_open_gap, is_doubtful
 from labpipe.imaging.fringes._radial_scan import edge_width
 from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import Parameter
 from labpipe.imaging.fringes._search import fit_at
-from labpipe.imaging.fringes._trial_fits import fit_from, start_at_edge
+from labpipe.imaging.fringes._trial_fits import fit_from, shows_rings, start_at_edge
 from labpipe.imaging.fringes._view import View
 
 #: A contact beside another differs from what is expected by this share of the other's radius at

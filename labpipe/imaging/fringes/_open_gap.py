@@ -16,9 +16,7 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._acceptance import is_clear, is_contact
-from labpipe.imaging.fringes._edge import Edge
-from labpipe.imaging.fringes._interference import distance_at_phase
-from labpipe.imaging.fringes._radial_scan import Window, edge_width, left_by_edge, radial_profile
+from labpipe.imaging.fringes._radial_scan import edge_width
 from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import Parameter
 from labpipe.imaging.fringes._view import View
@@ -37,8 +35,6 @@ _PIXELS, _ITERATIONS = 12_000, 12
 #: Share of the squared misfit that a factor of the gap explains to first order, below which none is sought:
 #: it was 0.96 and more where the gap was not Hertz's, 0.00 beside astigmatism, coma and stray light.
 _HINT = 0.1
-#: Share of the squares that a plain edge leaves at most where there are no rings.
-_PLAIN = 0.03
 #: Misfit from which a fit of Hertz's gap is doubted, greatest one of a fit of another gap, and the
 #: share of the squared misfit before that it must stay below.
 DOUBTFUL_MISFIT, _MOST_MISFIT, _SHARE = 0.02, 0.03, 0.5
@@ -101,15 +97,6 @@ def fit_open_gap(
         change = other.parameters[Parameter.RADIUS] - found.parameters[Parameter.RADIUS]
         spread = max(spread, abs(float(change)))
     return replace(found, spread=spread)
-
-
-def shows_rings(frame: NDArray[np.generic], view: View, edge: Edge) -> bool:
-    """Tell whether more is seen around a spot than a plain edge, beside which no gap opens."""
-    outer = math.ceil(distance_at_phase(2.0 * math.pi * _FAR_FRINGES, edge.half_radius, view.optics))
-    first = max(math.floor(2.0 * edge.half_radius - outer), 0)
-    profile, counts = radial_profile(frame, edge.x, edge.y, 1.0, outer, edge.oblique)
-    window = Window(profile, counts, first, outer - first)
-    return not window.is_seen or left_by_edge(window, outer - first) > _PLAIN * window.squares
 
 
 def _best_trial(frame: NDArray[np.generic], view: View, starts: Sequence[Floats], near: FitSettings) -> RingFit | None:

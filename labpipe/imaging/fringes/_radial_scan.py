@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import erf
 
 from labpipe.arrays import Floats, Integers
 from labpipe.imaging.fringes._interference import Optics, distance_at_phase, phase_slope, ring_limits
@@ -30,6 +31,13 @@ _TRAVELS = (0.0, 1.5, 4.0)
 _LEAST_SEEN = 0.75
 #: The contact of the other brightness is a match too from this share of the better score.
 _NEARLY = 0.8
+#: Share of the squares below which the nearest edge of some is sought exactly, and how: among these around it in place
+#: and softness, in steps that are halved so many times.
+_NEAR_EDGE, _AROUND, _ZOOMS = (
+    0.1,
+    np.stack(np.meshgrid((-1.0, -0.5, 0.0, 0.5, 1.0), (-1.0, 0.0, 1.0)), -1).reshape(-1, 2),
+    6,
+)
 #: Variance below which a window counts as even.
 _TINY = 1e-6
 
@@ -272,13 +280,25 @@ def is_edge(window: Window, term: Floats, factor: float) -> bool:
     return left_by_edge(window, len(term)) < factor * float(window.left_by(term)[0])
 
 
-def left_by_edge(window: Window, rings: int) -> float:
-    """Sum of squares that the likeliest plain edge leaves, sharp or soft."""
+def left_by_edge(window: Window, rings: int, *, is_exact: bool = False) -> float:
+    """Sum of squares that the likeliest plain edge leaves, sharp or soft; the least of all where ``is_exact``."""
     step = np.arange(rings, dtype=float)
     softness = 2.0 ** np.arange(-1.0, math.log2(max(rings, 4)))
     places = step[2:-2:2]
     edges = np.tanh((step - places[:, None, None]) / softness[:, None]).reshape(-1, rings)
-    return float(window.left_by(edges).min())
+    left = window.left_by(edges)
+    if not is_exact or left.min() > _NEAR_EDGE * window.squares:
+        return float(left.min())
+    place, soft = np.unravel_index(int(left.argmin()), (len(places), len(softness)))
+    found = [float(left.min())]
+    for shape in (np.tanh, erf):
+        at, steps = np.array([places[place], math.log(softness[soft])]), np.array([1.0, 0.5 * math.log(2.0)])
+        for _ in range(_ZOOMS):
+            near = at + steps * _AROUND
+            left = window.left_by(shape((step - near[:, :1]) / np.exp(near[:, 1:])))
+            at, steps = near[left.argmin()], 0.5 * steps
+        found.append(float(left.min()))
+    return min(found)
 
 
 def is_sphere(window: Window, term: Floats, distance: Floats, optics: Optics, factor: float) -> bool:

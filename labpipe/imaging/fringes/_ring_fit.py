@@ -149,12 +149,14 @@ class RingFit:
         step = np.linalg.lstsq(self.bend[np.ix_(rows, rows)], slope)[0]
         return float(slope @ step) / max(self.noise, 1e-6) ** 2
 
-    def deviation(self, parameter: Parameter) -> float:
-        """Return the standard uncertainty from noise; 0 for what was not fitted."""
+    def deviation(self, parameter: Parameter, known: tuple[Parameter, ...] = ()) -> float:
+        """Return the standard uncertainty from noise, some others being known; 0 for what was not fitted."""
         if parameter not in self.free:
             return 0.0
-        place = self.free.index(parameter)
-        return math.sqrt(max(float(self.covariance[place, place]), 0.0))
+        places = [self.free.index(p) for p in (parameter, *known) if p in self.free]
+        if len(places) == 1:
+            return math.sqrt(max(float(self.covariance[places[0], places[0]]), 0.0))
+        return 1.0 / math.sqrt(max(float(np.linalg.pinv(self.covariance[np.ix_(places, places)])[0, 0]), 1e-300))
 
     @property
     def worst_deviation(self) -> float:

@@ -1,7 +1,8 @@
 """Find the contact in one frame, or decide that there is none."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +22,9 @@ from labpipe.imaging.fringes._radial_scan import (
 )
 from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import EVEN, Parameter
+from labpipe.imaging.fringes._spots import Spot
 from labpipe.imaging.fringes._touch import left_by_only_sphere
-from labpipe.imaging.fringes._trial_fits import fit_edge, fit_from, fit_some, start_of
+from labpipe.imaging.fringes._trial_fits import fit_edge, fit_from, fit_some, shows_rings, start_of
 from labpipe.imaging.fringes._view import View
 
 #: What a fit leaves over what the last one did up to which it shows the same contact.
@@ -97,18 +99,26 @@ def search_contact(
     sights = [sight for spot in spots for sight in look_at(frame, view, spot.x, spot.y)]
     sights.sort(key=lambda sight: -sight[0].score)
     plain = replace(view, alternatives=())
+    discs = cache(lambda: _discs(looks, view, spots))
     for match, x, y in sights[:_MOST_FITS]:
         found = _whole_fit(frame, plain, fit_from(frame, plain, start_of(match, view, x, y)))
         if found is not None:
             return found
-    vain = Vain() if vain is None else vain
-    edges = (edge for edge in (looks.edge(spot, view.black) for spot in spots) if edge is not None)
-    found = _fit_at_edges(frame, view, edges, vain)
-    if found is not None:
+        # Where a disc without rings is seen others are about what noise makes of the even light around it.
+        if discs():
+            break
+    edges = (edge for edge in looks.edges(spots, view.black) if edge not in discs())
+    found = _fit_at_edges(frame, view, edges, Vain() if vain is None else vain)
+    if found is not None or discs():
         return found
     # Perhaps there is a spot that no threshold separates from uneven light.
     at_centres = (fit_at(frame, view, spot.x, spot.y) for spot in looks.centres[:_MOST_CENTRES])
     return next((fit for fit in at_centres if fit is not None), None)
+
+
+def _discs(looks: Looks, view: View, spots: Sequence[Spot]) -> list[Edge]:
+    """Edges of spots around which there are no rings that a fit could explain."""
+    return [edge for edge in looks.edges(spots, view.black) if not shows_rings(looks.frame, view, edge)]
 
 
 def _fit_at_edges(frame: NDArray[np.generic], view: View, edges: Iterable[Edge], vain: Vain) -> RingFit | None:
@@ -181,17 +191,15 @@ def _radii_about(looks: Looks, view: View, x: float, y: float) -> Iterator[float
     """Radii (px) that a contact about a point may have: by its rings, and by the edge of the likeliest spot."""
     for match, *_ in look_at(looks.frame, view, x, y):
         yield match.radius
-    for spot in looks.spots[:1]:
-        edge = looks.edge(spot, view.black)
-        if edge is not None:
-            yield float(corrected_radius(edge, view.optics)[0])
+    for edge in looks.edges(looks.spots[:1], view.black):
+        yield float(corrected_radius(edge, view.optics)[0])
 
 
 def _whole_fit(
     frame: NDArray[np.generic], view: View, found: RingFit | None, free: tuple[Parameter, ...] | None = None
 ) -> RingFit | None:
     """Fit all pixels from a fit of some of them, if it proves to be a contact; ``free`` as there if not given."""
-    if found is None or not is_contact(frame, view, found):
+    if found is None or not is_contact(frame, view, found, by_some=True):
         return None
     settings = replace(view.settings, free=free or found.free)
     final = fit_contact(frame, found.parameters, view.optics, settings, view.levels)

@@ -15,7 +15,8 @@ from labpipe.arrays import Floats
 from labpipe.imaging.fringes._acceptance import GOOD_MISFIT, LEAST_PIXELS, is_contact
 from labpipe.imaging.fringes._edge import Edge, corrected_radius
 from labpipe.imaging.fringes._fingerprint import round_share
-from labpipe.imaging.fringes._radial_scan import Match
+from labpipe.imaging.fringes._interference import distance_at_phase
+from labpipe.imaging.fringes._radial_scan import Match, Window, left_by_edge, radial_profile
 from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import AXES, HARMONICS, LIGHT, PARAMETERS, RADIAL, Parameter
 from labpipe.imaging.fringes._view import View
@@ -23,13 +24,17 @@ from labpipe.imaging.fringes._view import View
 #: Pixels and evaluations of the fits that find out what a frame shows.
 _QUICK_PIXELS, _QUICK_ITERATIONS = 12_000, 12
 #: Misfit of a fit from which its start is nonsense, and of the first fringe from which another
-#: explanation does not explain it either: right ones left 0.6 and 0.1 at most.
-_NONSENSE, _UNEXPLAINED = 1.0, 0.3
+#: explanation does not explain it either: right ones left 0.6 and 0.1 at most. Misfit of the first fringe by the usual
+#: fit from which a start is far off: 1.4 at most around contacts.
+_NONSENSE, _UNEXPLAINED, _FAR_OFF = 1.0, 0.3, 2.0
 #: Misfit from which no other explanation is tried beside the ones before.
 _SURE_MISFIT = 0.02
 #: Share of what the usual fit leaves that functions of the distance would explain: below, none of them does (they had
 #: 0.53 and more where they did), and above, nothing else does (0.61 and less).
 _UNEVEN, _ROUND = 0.45, 0.8
+#: Fringes over which a plain edge is told from rings, and share of the squares that it leaves at most where there are
+#: none: sharp and blurred discs left up to 0.0005, rings out of focus by 6 px 0.0011 and more.
+_RINGS, _PLAIN = 3.0, 0.0006
 #: Square of the blur (px²) from which it is sought.
 _FIRST_BLUR = 2.0
 
@@ -59,6 +64,15 @@ def start_at_edge(edge: Edge, view: View) -> Floats:
     start[list(AXES)] = edge.oblique if any(edge.oblique) else view.ellipse
     start[list(HARMONICS)] = view.harmonics
     return start
+
+
+def shows_rings(frame: NDArray[np.generic], view: View, edge: Edge) -> bool:
+    """Tell whether more is seen around a spot than a plain edge, beside which no gap opens."""
+    outer = math.ceil(distance_at_phase(2.0 * math.pi * _RINGS, edge.half_radius, view.optics))
+    first = max(math.floor(2.0 * edge.half_radius - outer), 0)
+    profile, counts = radial_profile(frame, edge.x, edge.y, 1.0, outer, edge.oblique)
+    window = Window(profile, counts, first, outer - first)
+    return not window.is_seen or left_by_edge(window, outer - first, is_exact=True) > _PLAIN * window.squares
 
 
 def _quick(view: View) -> FitSettings:
@@ -96,7 +110,7 @@ def fit_from(frame: NDArray[np.generic], view: View, start: Floats) -> RingFit |
     # only where it ends counts of the first step
     near = replace(quick, fringes=1.0, tells_memory=False)
     first = fit_contact(frame, start, view.optics, near, view.levels)
-    if first is None or first.pixels < LEAST_PIXELS:
+    if first is None or first.pixels < LEAST_PIXELS or first.misfit > _FAR_OFF:
         return None
     found = fit_contact(frame, first.parameters, view.optics, quick, view.levels)
     return None if found is None else _otherwise(frame, view, start, found)
@@ -120,7 +134,9 @@ def _otherwise(frame: NDArray[np.generic], view: View, start: Floats, found: Rin
         is_radial = RADIAL.issuperset(set(extra) - set(usual))
         if share < _UNEVEN if is_radial else share > _ROUND:
             continue
-        trial = _trial(frame, view, start, (*usual, *extra))
+        # Where light is uneven the usual fit finds the circle, and the first fringe tells the light worse than all.
+        begin = found.parameters if LIGHT[0] in extra else start
+        trial = _trial(frame, view, begin, (*usual, *extra))
         if trial is not None and trial.misfit < best.misfit:
             best = trial
             if best.misfit < _SURE_MISFIT:
@@ -129,8 +145,10 @@ def _otherwise(frame: NDArray[np.generic], view: View, start: Floats, found: Rin
 
 
 def _trial(frame: NDArray[np.generic], view: View, start: Floats, free: tuple[Parameter, ...]) -> RingFit | None:
-    """Fit some pixels with these parameters free, from the first fringe outwards; None where it is not explained."""
+    """Fit some pixels with these free, uneven light at once, else from the first fringe out; None where it fails."""
     free = tuple(dict.fromkeys(free))
+    if LIGHT[0] in free:
+        return fit_some(frame, view, start, free)
     quick = replace(_quick(view), free=free)
     other = start.copy()
     # A blur and a travel are hardly told from each other by the first fringe alone.

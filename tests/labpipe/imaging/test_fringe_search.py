@@ -120,6 +120,48 @@ def test_an_ellipse_is_not_compared_with_circles_of_other_optics(monkeypatch: py
     assert asked == []
 
 
+def count_fits(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Evaluations of all fits that follow."""
+    made: list[int] = []
+    fit_ring = _ring_fit.fit_ring
+
+    def counted(*arguments: Any) -> _ring_fit.RingFit:
+        fit = fit_ring(*arguments)
+        made.append(fit.evaluations)
+        return fit
+
+    monkeypatch.setattr(_ring_fit, "fit_ring", counted)
+    return made
+
+
+@pytest.mark.parametrize("softness", [0.3, 2.0, 5.0])
+def test_a_disc_without_rings_goes_to_the_edge_at_once(monkeypatch: pytest.MonkeyPatch, softness: float) -> None:
+    """Blur, travel and harmonics were fitted to it in some frames of a film, at up to 36 times a plain film's cost."""
+    y, x = np.mgrid[:260, :280]
+    away = np.hypot(x - CENTRE[0], y - CENTRE[1])
+    noise = np.random.default_rng(7).normal(0.0, 4.0, (6, *away.shape))
+    radii = np.linspace(50.0, 75.0, 6)
+    film = 90.0 + 40.0 * np.tanh((away - radii[:, None, None]) / softness) + noise
+    made = count_fits(monkeypatch)
+    with pytest.warns(UserWarning, match="measured by the edge of the spot"):
+        found = contact_radius(np.rint(film).astype(np.uint8), 2e-6, SPHERE, LIGHT)
+    assert (found.method == 2).all()
+    assert sum(made) < 50 * len(film)  # 217 to 370 when all was tried
+    assert float(found.attrs["blur"]) == float(found.attrs["flat_radius"]) == 0.0
+
+
+def test_what_hides_a_part_of_the_rings_leaves_the_others() -> None:
+    """Found by its rings beside the edge of something dark, where it was left to the edge of its spot."""
+    film = film_of(Disturbed(PLAIN.scene), hertz, RADII, CENTRE, seed=5)
+    x = np.arange(film.shape[2])
+    reach = CENTRE[0] + 0.5 * np.array(RADII) / PLAIN.scene.pixel_size
+    dark = np.random.default_rng(5).normal(30.0, 4.0, film.shape)
+    film = np.where(x > reach[:, None, None], np.rint(dark), film).astype(np.uint8)
+    found = contact_radius(film, PLAIN.scene.pixel_size, SPHERE, LIGHT)
+    assert (found.method == 1).all()
+    assert np.abs((found.radius - RADII) / np.hypot(found.u_radius, found.radius_systematic)).max() < 3.0
+
+
 @pytest.mark.parametrize(
     ("share", "told"),
     [(0.6, ((Parameter.SCALE,), BEAMS, POWERS)), (0.9, ((Parameter.SCALE,), BEAMS)), (0.3, (POWERS,))],
