@@ -14,6 +14,7 @@ from pipelines.experiments.shared.trace_checks import Trace, swing_at_rest
 _NO_MOTION = "four frames of a motion that is clear of the noise"
 _MATTERS = 0.5  # of the uncertainty of the scale, by which the camera's angle may change lengths untold
 _ASIDE = 0.15  # px to either side, beyond what the interpolation between pixels leaves
+_CREEPS = 0.5  # px to one side during a film
 _FEWEST = 40  # frames
 _BEFORE = 2e-3  # s before the release, while which something may move already
 _SWINGS = 0.02  # of the fall, by which a swing spoils it
@@ -94,17 +95,23 @@ def still_before(motion: xr.Dataset, bounces: xr.Dataset | None, settings: DicVa
 
 
 def sideways(track: xr.Dataset, settings: DicValidation) -> Check:
-    """Look for a holder's image that swings aside: along the fall a swing hides in the motion, across it does not."""
+    """Look for a holder's image that swings or drifts aside: along the fall that hides in the motion."""
     name, law = "motion across the fall", "a body falls straight, seen by a camera that stands still"
     of_body = track.isel(point=0)
     across, along = (np.where(of_body["valid"], of_body[of].values, np.nan) for of in ("dx", "dy"))
     known = np.flatnonzero(np.isfinite(across * along))
     if known.size < _FEWEST:
         return not_made(name, law, f"{_FEWEST} frames with the holder")
-    # a camera that is turned, or a holder that turns, moves it aside as it moves along
-    fitted = np.polynomial.Polynomial.fit(along[known], across[known], 2)
-    trace = Trace(settings.film, track["time"].values[known], across[known] - fitted(along[known]))
-    found = swing_at_rest(trace, slice(0, known.size), _FEWEST)
+    # a camera that is turned, or a holder that turns, moves it aside as it moves along; what creeps does evenly
+    time = track["time"].values[known]
+    columns = np.column_stack([time - time[0], np.vander(along[known] / max(np.ptp(along[known]), 1.0), 3)])
+    fitted, *_ = np.linalg.lstsq(columns, across[known])
+    trace = Trace(settings.film, time, across[known] - columns @ fitted)
+    found, drift = swing_at_rest(trace, slice(0, known.size), _FEWEST), abs(fitted[0]) * float(np.ptp(time))
+    if (found is None or found[1] < _ASIDE) and drift > max(_CREEPS, np.ptp(trace.reading)):
+        text = f"{settings.film}: the holder's image drifts aside, evenly, by {drift:.2g} px during the film"
+        cause = "the camera or its stand creeps, or the holder slides or turns: along the fall it may move as much"
+        return stated(name, law, text, "note", cause=cause, file=settings.film)
     if found is None or found[1] < _ASIDE:
         return stated(name, law, f"{settings.film}: the holder falls straight", None, file=settings.film)
     f, amplitude = found

@@ -26,6 +26,7 @@ USUAL_DISTANCE = 0.3
 _CLEAR = 50.0  # noises of a travel whose direction is told
 _FALLING, _BEGUN = 0.9, 0.05  # of the travel, between which the holder has not touched yet
 _FEWEST = 4  # frames
+_DRIFTS = 0.3  # of what is left across the motion, that is left where it drifts aside evenly
 _SHARE = 0.5  # of the frames on the far half of the way, in which a growth must be seen
 _STEEPEST = math.tan(math.radians(60.0))  # of a camera that still sees its motion
 
@@ -106,13 +107,33 @@ def seen(body: xr.Dataset, distance: Quantity | None = None) -> Seen:
     x, y, weight = x[begun], y[begun], away[begun]
     side, rise = float(weight @ x), float(weight @ y)
     direction = math.atan2(math.copysign(1.0, rise) * side, abs(rise))
-    u_direction = _u_slope(x * math.cos(direction) - y * math.sin(direction), weight)
+    across = x * math.cos(direction) - y * math.sin(direction)
+    u_direction = _u_slope(across, weight)
+    along = y * math.cos(direction) + x * math.sin(direction)
+    if abs(direction) < STRAIGHT and "time" in body.coords:
+        turn, u_turn, left = _without_drift(body["time"].values[begun], across, along)
+        if left < _DRIFTS * float(np.std(across)):
+            direction, u_direction = direction + turn, u_turn
     growth, slant = _per_length(body, 0.0), _per_length(body, 1.0)
     length = Quantity(USUAL_DISTANCE, 0.0, "m") if distance is None else distance
     # the displacement, of which this is the slope, is itself too short by the cosine
     tilt = math.atan(min(abs(slant[0]) * length.value, _STEEPEST))
     u_tilt = math.hypot(length.value * slant[1], slant[0] * length.u) * math.cos(tilt) ** 2
     return Seen(distance is not None, direction, u_direction, *growth, *slant, tilt, u_tilt)
+
+
+def _without_drift(time: Floats, across: Floats, rise: Floats) -> tuple[float, float, float]:
+    """Direction [rad] of what moves across with the fall, its u, and the rest [m], if all drifts aside evenly too.
+
+    A holder that turns, a camera that creeps or a table that rolls moves the image aside all the time,
+    whatever it has fallen.
+    """
+    columns = np.column_stack([rise, time - time.mean(), np.ones_like(time)])
+    found, *_ = np.linalg.lstsq(columns, across)
+    residual = across - columns @ found
+    # what the others explain of the rise tells nothing of the direction
+    own = rise - columns[:, 1:] @ np.linalg.lstsq(columns[:, 1:], rise)[0]
+    return float(found[0]), _u_slope(residual, own), float(np.std(residual))
 
 
 def _per_length(body: xr.Dataset, across: float) -> tuple[float, float]:

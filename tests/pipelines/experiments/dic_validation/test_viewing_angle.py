@@ -14,9 +14,10 @@ from labpipe import files
 from labpipe.units import Quantity
 from pipelines.bench.film_scenes import perlin
 from pipelines.experiments.dic_validation import measured
+from pipelines.experiments.dic_validation._view_checks import sideways
 from pipelines.experiments.dic_validation.page import camera_angle
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
-from pipelines.experiments.dic_validation.viewing_angle import Seen, along
+from pipelines.experiments.dic_validation.viewing_angle import Seen, along, seen
 from pipelines.rig.session_text import front_record
 
 PIXEL = 30e-3 / 386
@@ -134,3 +135,29 @@ def test_noise_across_the_columns_counts_by_the_sine_of_the_turn():
     cosine, sine = math.cos(0.3) / math.cos(0.2), math.sin(0.3) / math.cos(0.2)
     np.testing.assert_allclose(moved, cosine * up + sine * across)
     np.testing.assert_allclose(noise, np.sqrt((cosine * 2 * up) ** 2 + (sine * 3 * across) ** 2))
+
+
+@pytest.mark.parametrize("drift", [0.0, 3e-3, -0.5e-3])
+def test_an_image_that_creeps_aside_is_no_turn(drift):
+    time = np.arange(240) / 4000
+    fall = -0.5 * 9.81 * np.clip(time - 0.02, 0.0, None) ** 2
+    noise = 2e-7 * np.random.default_rng(7).normal(size=(2, time.size))
+    slope = math.tan(math.radians(2.0))
+    values = {"displacement_x": slope * fall + drift * time + noise[0], "displacement_y": fall + noise[1]}
+    values |= {f"u_{name}": np.full(time.size, 2e-7) for name in values}
+    values |= {name: np.zeros(time.size) for name in ("stretch_x", "stretch_y")}
+    body = xr.Dataset({name: ("frame", value) for name, value in values.items()}, coords={"time": ("frame", time)})
+    found = seen(body)
+    assert abs(found.direction - math.radians(2.0)) < 3 * found.u_direction < 2e-3
+    track = xr.Dataset(
+        {
+            "dx": (("frame", "point"), values["displacement_x"][:, None] / 7.77e-5),
+            "dy": (("frame", "point"), -values["displacement_y"][:, None] / 7.77e-5),
+            "valid": (("frame", "point"), np.ones((time.size, 1), bool)),
+        },
+        coords={"time": ("frame", time)},
+    )
+    check = sideways(track, DicValidation(kind="dic_validation", film="film", camera="camera.toml"))
+    moved = abs(drift) * time[-1] / 7.77e-5
+    assert (check.level == "note") == (moved > 0.5)
+    assert (f"drifts aside, evenly, by {moved:.2g} px" in check.message) == (moved > 0.5)
