@@ -40,6 +40,8 @@ _FIRST = 3
 _SAME_PLACE = 8.0
 #: Change of the radius over a stretch of rest, as a share of it, above which it is no rest.
 _REST_CHANGE = 0.01
+#: Frames beside a rest that tell whether the contact moves there, and standard deviations by which it does.
+_BESIDE, _MOVED = 6, 5.0
 #: Share of its longer side below which the shorter side of a frame makes it a strip.
 _STRIP = 0.25
 
@@ -199,17 +201,31 @@ def _has_same_rings(one: View, other: View) -> bool:
 
 
 def _doubtful_rest(result: FilmResult) -> Flags:
-    """Frames taken for rest that do not lie between two contacts of nearly the same radius."""
+    """Frames taken for rest that do not lie between two contacts of nearly the same radius, or beside one that moves.
+
+    Bands of rows show no change of up to a hundred standard uncertainties of the radius: where it turns round
+    it was not at rest.
+    """
     doubtful = np.zeros(len(result.resting), bool)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], result.resting.astype(np.int8), [0]])))
-    for first, end in edges.reshape(-1, 2):
-        before, after = result.fits.get(int(first) - 1), result.fits.get(int(end))
+    for first, end in edges.reshape(-1, 2).tolist():
+        before, after = result.fits.get(first - 1), result.fits.get(end)
         is_rest = False
         if before is not None and after is not None:
             one, other = (float(fit.parameters[Parameter.RADIUS]) for fit in (before, after))
-            is_rest = abs(one - other) < _REST_CHANGE * one
+            beside = ((before, range(first - _BESIDE, first)), (after, range(end, end + _BESIDE)))
+            is_moving = any(_moves(fit, result.fits.get(k)) for fit, frames in beside for k in frames)
+            is_rest = abs(one - other) < _REST_CHANGE * one and not is_moving
         doubtful[first:end] = not is_rest
     return doubtful
+
+
+def _moves(one: RingFit, other: RingFit | None) -> bool:
+    """Tell whether two contacts differ in their radii, and not by chance."""
+    if other is None:
+        return False
+    change = abs(float(one.parameters[Parameter.RADIUS] - other.parameters[Parameter.RADIUS]))
+    return change > _MOVED * math.hypot(one.deviation(Parameter.RADIUS), other.deviation(Parameter.RADIUS))
 
 
 def _gate(
