@@ -176,46 +176,16 @@ def best_matches(profile: Floats, counts: Floats, templates: Templates) -> list[
     templates : Templates
         Contacts to compare with.
     """
-    ring = templates.first[:, None] + np.arange(templates.values.shape[2])
-    is_used = np.arange(ring.shape[1]) < templates.length[:, None]
-    weight = np.where(is_used, counts[np.minimum(ring, len(profile) - 1)], 0.0)
-    rows = np.flatnonzero((weight > 0.0).sum(axis=1) >= _LEAST_SEEN * templates.length)
-    if not len(rows):
-        return []
-    weight = weight[rows]
-    grey = profile[np.minimum(ring[rows], len(profile) - 1)]
-    values = templates.values[:, rows]
-    step = np.arange(ring.shape[1], dtype=float)
-    total = weight.sum(axis=1)
-    step_off = step - ((weight @ step) / total)[:, None]
-    grey_mean = (weight * grey).sum(axis=1) / total
-    step_square = np.maximum((weight * step_off**2).sum(axis=1), _TINY * total)
-    grey_off = grey - grey_mean[:, None]
-    slope = (weight * step_off * grey_off).sum(axis=1) / step_square
-    grey_off -= slope[:, None] * step_off
-    grey_square = np.maximum((weight * grey_off**2).sum(axis=1), _TINY * total)
-    term_mean = np.einsum("tij,ij->ti", values, weight) / total
-    by_grey = np.einsum("tij,ij->ti", values, weight * grey_off)
-    by_step = np.einsum("tij,ij->ti", values, weight * step_off)
-    term_square = np.einsum("tij,ij->ti", values**2, weight)
-    term_square -= total * term_mean**2 + by_step**2 / step_square
-    term_square = np.maximum(term_square, _TINY * total)
-    score = by_grey**2 / (term_square * grey_square)
-    modulation = by_grey / term_square
+    from labpipe.imaging.fringes._table_kernel import compare_templates
+
+    laid = templates.values, templates.first, templates.length
+    share, modulation, gain = compare_templates(profile, counts, *laid, _LEAST_SEEN)
     matches = []
     for polarity in (1.0, -1.0):
-        signed = np.where(polarity * by_grey > 0.0, score, 0.0)
-        travel, row = np.unravel_index(int(signed.argmax()), score.shape)
-        amplitude = float(modulation[travel, row])
-        matches.append(
-            Match(
-                float(templates.radii[rows[row]]),
-                float(templates.travels[travel]),
-                float(signed[travel, row]),
-                float(grey_mean[row] - amplitude * term_mean[travel, row]),
-                amplitude,
-            )
-        )
+        signed = np.where(polarity * modulation > 0.0, share, 0.0)
+        travel, row = place = np.unravel_index(int(signed.argmax()), share.shape)
+        size, motion = float(templates.radii[row]), float(templates.travels[travel])
+        matches.append(Match(size, motion, float(signed[place]), float(gain[place]), float(modulation[place])))
     matches.sort(key=lambda match: -match.score)
     return [match for match in matches if match.score >= _NEARLY * matches[0].score]
 

@@ -19,6 +19,8 @@ _SMOOTH_TAPS, _THIN = 8 * SAMPLES_PER_PIXEL, 4
 # Lines of the work array of a band of colours: phase of the gap, the term that goes with the contrast, slopes of the
 # logarithm of a wave (real, imaginary) by that phase and by the spread.
 _LAG, _TERM, _BY_LAG, _BY_SPREAD = 0, 1, 2, 4
+# Variance of a pixel below which rings count as even.
+_TINY = 1e-6
 
 
 @part(fastmath=FAST)
@@ -217,6 +219,57 @@ def radial_sums(
                 sums[place] += image[row, column]
                 counts[place] += 1.0
     return sums, counts
+
+
+@compiled(nogil=True, fastmath=FAST)
+def compare_templates(
+    profile: Floats, counts: Floats, values: Floats32, first_bins: Integers, lengths: Integers, least_seen: float
+) -> tuple[Floats, Floats, Floats]:
+    """Explain a profile by each template beside light and a trend of its own, weighted by pixels.
+
+    Returns (travel, template) the share of the variance that is explained, the amplitude, and the light; no share for
+    templates of which less than ``least_seen`` lies in the frame.
+    """
+    travels, size, rings = values.shape
+    shares, amplitudes, lights = np.zeros((travels, size)), np.zeros((travels, size)), np.zeros((travels, size))
+    steps, greys, weights = np.empty(rings), np.empty(rings), np.empty(rings)
+    for row in range(size):
+        first, length = first_bins[row], lengths[row]
+        seen, total, step, grey = 0, 0.0, 0.0, 0.0
+        for j in range(length):
+            weights[j] = counts[first + j]
+            seen += 1 if weights[j] > 0.0 else 0
+            total += weights[j]
+            step += weights[j] * j
+            grey += weights[j] * profile[first + j]
+        if total <= 0.0 or seen < least_seen * length:
+            continue
+        step, grey, least = step / total, grey / total, _TINY * total
+        square, slope, variance = 0.0, 0.0, 0.0
+        for j in range(length):
+            steps[j] = weights[j] * (j - step)
+            square += steps[j] * (j - step)
+            slope += steps[j] * (profile[first + j] - grey)
+        square = max(square, least)
+        slope /= square
+        for j in range(length):
+            off = profile[first + j] - grey - slope * (j - step)
+            greys[j] = weights[j] * off
+            variance += greys[j] * off
+        for travel in range(travels):
+            mean, by_grey, by_step, own = 0.0, 0.0, 0.0, 0.0
+            for j in range(length):
+                value = values[travel, row, j]
+                mean += weights[j] * value
+                by_grey += greys[j] * value
+                by_step += steps[j] * value
+                own += weights[j] * value * value
+            mean /= total
+            own = max(own - total * mean * mean - by_step * by_step / square, least)
+            shares[travel, row] = by_grey * by_grey / (own * max(variance, least))
+            amplitudes[travel, row] = by_grey / own
+            lights[travel, row] = grey - amplitudes[travel, row] * mean
+    return shares, amplitudes, lights
 
 
 @compiled(nogil=True, fastmath=FAST)
