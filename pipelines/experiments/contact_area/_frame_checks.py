@@ -59,7 +59,10 @@ def contacts_whole(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactAre
     for first, last in zip(impacts["first_seen"].values, impacts["last_seen"].values, strict=True):
         inside |= (time > first) & (time < last)
     lost = frame[inside & ~shows]
-    cause = "the contact is hidden there or its fringes are spoiled (glare, speckle, blur, a lost image): look at these"
+    cause = (
+        "the contact is hidden there or its fringes are spoiled (glare, speckle, blur, a lost image), or frames beside "
+        "each other are exchanged: look at these"
+    )
     halved = _halved(radius, impacts)
     if not lost.size and halved is None:
         return stated(name, law, f"{settings.film}: every frame of an impact shows its contact", None)
@@ -132,4 +135,4 @@ def _in_order(radius: xr.Dataset, settings: ContactArea) -> Check:
     area = np.where(touches, a**2, np.where(radius["valid"], 0.0, nan))
     measured = touches & np.isfinite(a * u)
     noise = float(np.median(2 * a[measured] * u[measured])) if measured.any() else 0.0
-    return in_order(settings.film, radius["frame"].values, area, noise, radius["time"].values)
+    return in_order(settings.film, radius["frame"].values, area, noise, radius["time"].values, ~touches)

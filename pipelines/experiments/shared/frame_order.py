@@ -16,7 +16,9 @@ _MOST = 40  # frames that stand out most; all their pairs are tried
 _NEAR = np.arange(-2, 3)
 
 
-def exchanged(y: Floats, noise: float = 0.0, time: Floats | None = None) -> tuple[int, int] | None:
+def exchanged(
+    y: Floats, noise: float = 0.0, time: Floats | None = None, missed: NDArray[np.bool_] | None = None
+) -> tuple[int, int] | None:
     """Find two frames that stand at each other's place in a film.
 
     A body moves smoothly but at impacts, where no exchange makes the motion smoother.
@@ -29,6 +31,8 @@ def exchanged(y: Floats, noise: float = 0.0, time: Floats | None = None) -> tupl
         Standard uncertainty of y, where that is more than what the frames show.
     time : array (frame,), optional
         Of the frames, in any unit: where their steps are uneven nothing is smooth over frames.
+    missed : array (frame,), optional
+        Frames in which something may have been overlooked: beside another that is no exchange.
 
     Returns
     -------
@@ -43,6 +47,8 @@ def exchanged(y: Floats, noise: float = 0.0, time: Floats | None = None) -> tupl
     out = np.sort(out[np.argsort(bends[out])[-_MOST:]])
     best, found = _LEFT, None
     for i, j in combinations(out.tolist(), 2):
+        if j == i + 1 and missed is not None and missed[i : j + 1].any():
+            continue
         near: NDArray[np.int64] = np.unique(np.clip(np.concatenate([i + _NEAR, j + _NEAR]), 0, y.size - 1))
         back = y.copy()
         back[[i, j]] = y[[j, i]]
@@ -68,12 +74,17 @@ def _bends(y: Floats, at: NDArray[np.int64]) -> Floats:
 
 
 def in_order(
-    film: str, frames: NDArray[np.integer], y: Floats, noise: float = 0.0, time: Floats | None = None
+    film: str,
+    frames: NDArray[np.integer],
+    y: Floats,
+    noise: float = 0.0,
+    time: Floats | None = None,
+    missed: NDArray[np.bool_] | None = None,
 ) -> Check:
     """Look for two frames that were exchanged; frames without a value are left out."""
     name, law = "order of the frames", "a body moves smoothly between impacts"
     known = np.flatnonzero(np.isfinite(y))
-    found = exchanged(y[known], noise, None if time is None else time[known])
+    found = exchanged(y[known], noise, None if time is None else time[known], None if missed is None else missed[known])
     if found is None:
         return stated(name, law, f"{film}: no frames are exchanged", None, file=film)
     first, second = (int(frames[known[k]]) for k in found)

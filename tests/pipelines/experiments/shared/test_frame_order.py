@@ -48,3 +48,13 @@ def test_any_two_frames_that_differ_by_more_than_noise_are_named(fall):
 def test_a_film_of_few_frames_has_no_order_to_judge():
     for count in range(5):
         assert exchanged(np.zeros(count)) is None
+
+
+def test_a_contact_that_a_frame_hides_is_not_exchanged_with_its_neighbour() -> None:
+    area = np.array([0.0] * 20 + [143, 428, 582, 689, 761, 801, 810, 786, 730, 640, 513, 324, 5] + [0.0] * 27) ** 2
+    hidden = area.copy()
+    hidden[30] = 0.0
+    assert exchanged(hidden, 10.0) == (30, 31)
+    assert exchanged(hidden, 10.0, missed=hidden == 0.0) is None
+    area[[24, 40]] = area[[40, 24]]
+    assert exchanged(area, 10.0, missed=area == 0.0) == (24, 40)
