@@ -94,7 +94,8 @@ def contact_radius(
         ``radius_systematic`` : standard uncertainty that all frames share, and
         ``systematic_part`` (frame, source) its parts, from the uncertainties given [m];
         ``edge_radius``, ``u_edge_radius`` : of the edge of the contact by JKR, farther out where the
-        surfaces stick, with its whole standard uncertainty; NaN without a modulus [m];
+        surfaces stick, with its whole standard uncertainty, also if they attract each other across up to a
+        nanometre (Maugis), where it lies nearer to Hertz's; NaN without a modulus [m];
         ``centre_x``, ``centre_y`` [px] with ``u_``;
         ``in_contact`` : whether there is a contact;
         ``valid`` : False for damaged frames;

@@ -199,7 +199,8 @@ def _put_edges(
     by_spot = edge_of_spot(spots * options.pixel_size, *bodies, light) - edge_of_spot(
         spots * options.pixel_size, *bodies[:2], 0.0, light
     )
-    shift, u = edge_shift(np.where(np.isfinite(spots), by_spot, farther), work, uncertainties["work_of_adhesion"])
+    shift = np.where(np.isfinite(spots), by_spot, farther)
+    shift, u = edge_shift(shift, radius, options.reduced_modulus, work, uncertainties["work_of_adhesion"])
     known = np.hypot(values["u_radius"][seen], np.sqrt(np.nansum(parts[seen] ** 2, axis=1)))
     parts[seen, SOURCES.index("adhesion")] = np.hypot(shift, u)
     values["edge_radius"][seen], values["u_edge_radius"][seen] = radius + shift, np.hypot(known, u)

@@ -121,7 +121,7 @@ def _edge_beyond(largest: Floats, made: xr.Dataset, solid: Prony, settings: Cont
         USUAL_WORK if given is None else given.value,
         None if light is None else light.value,
     )
-    return edge_shift(edge - largest, *((None,) if given is None else (given.value, given.u)))
+    return edge_shift(edge - largest, largest, reduced, *((None,) if given is None else (given.value, given.u)))
 
 
 def _of_body(settings: ContactArea) -> list[Source]:
