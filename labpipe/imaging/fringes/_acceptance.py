@@ -13,10 +13,6 @@ from labpipe.imaging.fringes._ring_fit import RingFit
 from labpipe.imaging.fringes._ring_parameters import HARMONICS, VISIBILITY, Parameter
 from labpipe.imaging.fringes._view import View
 
-#: Residual beyond the noise, as a share of the modulation, from which a fit is not believed:
-#: measured 0.03 for R 2 % wrong, 0.04 for light of low coherence; 0.1 and more for fits of
-#: something else.
-_MOST_MISFIT = 0.1
 #: Misfit from which another explanation is looked for.
 GOOD_MISFIT = 0.04
 #: Greatest travel in the exposure as a share of the radius: at 2 there is no contact at first.
@@ -65,7 +61,7 @@ def is_clear(view: View, found: RingFit, *, by_some: bool = False) -> bool:
     light = float(found.parameters[Parameter.GAIN]) - view.black
     return (
         found.pixels >= LEAST_PIXELS
-        and found.misfit <= _MOST_MISFIT
+        and found.misfit <= view.most_misfit
         and light > 0.0
         and _LEAST_VISIBILITY * light <= modulation <= _MOST_VISIBILITY * light
         and modulation >= _LEAST_SIGNIFICANCE * found.deviation(Parameter.MODULATION, VISIBILITY if by_some else ())

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from labpipe.arrays import Flags
-from labpipe.imaging.films import StuckPixels
+from labpipe.imaging.films import FilmReader, StuckPixels
 from labpipe.imaging.fringes._edge import Edge
-from labpipe.imaging.fringes._looks import Looks
+from labpipe.imaging.fringes._looks import Looks, has_pattern
 from labpipe.imaging.fringes._radial_scan import edge_width
 from labpipe.imaging.fringes._ring_fit import RingFit
 from labpipe.imaging.fringes._ring_parameters import Parameter
@@ -20,8 +20,9 @@ from labpipe.imaging.fringes._view import View
 
 #: A spot without fringes next to a contact has an edge softer than this share of the radius at
 #: most; one alone must be as sharp as this many widths of the first bright ring (Hertz's gap
-#: makes it 0.4; were it softer for motion, a contact would be beside it).
-_SOFT_BESIDE, _SOFT_ALONE = 0.4, 0.75
+#: makes it 0.4; were it softer for motion, a contact would be beside it), and what a lens makes of a
+#: step: standard deviations between a quarter and three quarters of a bell.
+_SOFT_BESIDE, _SOFT_ALONE, _SOFT_BY_BLUR = 0.4, 0.75, 1.35
 #: Distance of its centre from that of the contact beside it, as a share of the radius.
 _SAME_CENTRE = 0.3
 #: Least radius, in Newton spots, of a spot without fringes: touching alone shows a smaller one.
@@ -87,6 +88,8 @@ class FilmResult:
         Pixels that do not follow the scene.
     lost_rows : dict of int
         By frame, rows that repeat the row before and are interpolated.
+    patterned : int
+        Frames filled by a pattern which no contact, nor a sphere, explains, where no fringes explain any.
     scales : dict of (float, float)
         By frame, for the largest frames of each contact, the logarithm of the phase scale by that frame
         alone over that of the film, and its standard uncertainty.
@@ -108,6 +111,7 @@ class FilmResult:
     repeats_rows: bool = False
     stuck: StuckPixels = field(default_factory=StuckPixels)
     lost_rows: dict[int, int] = field(default_factory=dict)
+    patterned: int = 0
     scales: dict[int, tuple[float, float]] = field(default_factory=dict)
 
     @property
@@ -185,8 +189,9 @@ def _is_dark(result: FilmResult) -> bool:
 
 
 def _is_sharp(edge: Edge, view: View) -> bool:
-    """Tell whether a spot's edge is as sharp as a contact's."""
-    return edge.softness <= max(_SOFT_ALONE * edge_width(edge.half_radius, view.optics), 2.0)
+    """Tell whether a spot's edge is as sharp as a contact's, seen through the lens of the film."""
+    sharp = max(_SOFT_ALONE * edge_width(edge.half_radius, view.optics), 2.0)
+    return edge.softness <= math.hypot(sharp, _SOFT_BY_BLUR * view.optics.blur)
 
 
 def _is_contact(edge: Edge, index: int, result: FilmResult) -> bool:
@@ -230,6 +235,13 @@ def find_filled(result: FilmResult) -> None:
                 continue
             if abs(brightness - level) < _SAME_LIGHT * depth:
                 result.filled.add(index)
+
+
+def count_patterned(reader: FilmReader, result: FilmResult) -> None:
+    """Count the frames whose pattern may hide a contact, in a film in which fringes explain none."""
+    if result.has_fringes and not (result.fits or result.filled):
+        told = (index for index, blank in result.blanks.items() if blank == Blank() and index not in result.edges)
+        result.patterned = sum(has_pattern(reader.whole(index)) for index in told)
 
 
 def _light_of_contacts(fits: dict[int, RingFit], view: View) -> tuple[float, float]:

@@ -51,8 +51,9 @@ _ROUND = 0.75
 #: opens less than in the others; logarithm of the scale by which it does, at least and over the median difference;
 #: share of the frames that do, at most.
 _BY_GAP, _OPENED, _APART, _FEW_OPENED = 0.3, 0.03, 8.0, 0.34
-#: Variances from which a phase is hinted at, beyond two for each frame, where pixels scatter alone.
-_WEAK_HINT = 10.0
+#: Variances from which a phase is hinted at, beyond two for each frame, where pixels scatter alone; standard
+#: deviations from which a hint counts elsewhere.
+_WEAK_HINT, _NOTABLE = 10.0, 3.0
 #: Blur (px) beside which no band of colours that hides is looked for: what is not known of its shape looks like one.
 _WIDE_BLUR = 2.0
 #: Things that are found one after the other at most, and from how many on they are found again together.
@@ -145,9 +146,10 @@ def calibrate(
     result = _weigh_band(attempt, plain_axes, _with_small_band(attempt, plain_axes, result))
     # What a film shows beyond the third harmonic looks like a small phase where no lens has blurred it.
     is_cut = any(result.harmonics) and (result.by_camera or not result.blur)
-    if not is_phase_free or result.phase_shift != 0.0 or is_cut:
-        return result
-    return _with_hidden_phase(attempt, plain_axes, result, view)
+    is_told = not is_phase_free or result.phase_shift != 0.0 or is_cut
+    for parameter, has_none in ((Parameter.PHASE, is_told), (Parameter.SCALE, result.log_scale != 0.0)):
+        result = result if has_none else _with_hidden(attempt, plain_axes, result, view, parameter)
+    return result
 
 
 def _without_opened(
@@ -174,24 +176,30 @@ def _without_opened(
     return best, known
 
 
-def _with_hidden_phase(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, view: View) -> Calibration:
-    """Count what a phase that the frames hint at, but not beyond doubt or not the same one, would make of the radius.
+def _with_hidden(
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, view: View, parameter: Parameter
+) -> Calibration:
+    """Count what a phase or a scale that frames hint at, but not beyond doubt or not the same one, makes of the radius.
 
-    What is no phase, as a small flat seen out of focus, hints at one as well, and moves the radius as much.
+    What is neither, as a small flat seen out of focus, hints at one as well, and moves the radius as much.
     """
-    best = attempt(tuple(axes), known)  # with all that is known by now, or its gain would be the phase's
+    best = attempt(tuple(axes), known)  # with all that is known by now, or its gain would be this one's
     least = HINT if best is None or not best.is_quiet else _WEAK_HINT + 2.0 * len(best.fits)
-    if best is None or not best.may_gain((Parameter.PHASE,), least):
+    if best is None or not best.may_gain((parameter,), least):
         return known
-    trial = attempt((*axes, Parameter.PHASE), known)
+    trial = attempt((*axes, parameter), known)
     if trial is None or trial.gain_over(best) < least:
         return known
     changes = trial.changes(best)
+    if not (best.is_quiet or best.is_doubtful):
+        return known  # noise with a memory is all there is
     if best.is_quiet:
         own = np.array([fit.deviation(Parameter.RADIUS) for fit in trial.fits])
         return known.with_shared(trial, np.sqrt(np.maximum(changes**2 - own**2, 0.0)))
-    phase, deviation = trial.mean(Parameter.PHASE)
-    if abs(phase - view.optics.phase) <= SIGNIFICANT * deviation:
+    value, deviation = trial.mean(parameter)
+    # a phase makes far more of the radius of a small contact than speckle tells of it
+    usual, least = (view.optics.phase, SIGNIFICANT) if parameter is Parameter.PHASE else (0.0, _NOTABLE)
+    if abs(value - usual) <= least * deviation:
         return known
     return known.with_shared(trial, float(np.median(changes)))
 

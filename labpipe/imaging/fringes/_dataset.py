@@ -298,8 +298,8 @@ def _warn(options: FilmOptions, result: FilmResult) -> None:
     unexplained = _unexplained_told(result)
     if unexplained:
         texts.append(
-            f"{unexplained}: check wavelength, sphere_radius, pixel_size and phase, the focus, and how far "
-            "contacts move in an exposure"
+            f"{unexplained}: check wavelength, sphere_radius, pixel_size and phase, the focus, how far "
+            "contacts move in an exposure, and what else interferes or scatters"
         )
     scale = math.expm1(result.log_scale)
     if abs(scale) > _NOTABLE_SCALE:
@@ -377,12 +377,19 @@ def _fits_told(result: FilmResult) -> str:
 
 
 def _unexplained_told(result: FilmResult) -> str:
-    """Tell of spots that may be contacts in a film in which none is; empty where there are none."""
-    if result.fits or result.edges or result.filled:
+    """Tell of spots and patterns that may be contacts where no fringes explain any; empty where there are none."""
+    if result.fits or result.filled:
         return ""
-    count = sum(bool(blank.edges) for blank in result.blanks.values())
-    frames = f"{count} frame{'' if count == 1 else 's'}"
-    return f"spots in {frames} have neither the fringes nor the sharp edge of a contact" if count else ""
+    spotted = 0 if result.edges else sum(bool(blank.edges) for blank in result.blanks.values())
+    counted = [
+        f"{what} {count} frame{'' if count == 1 else 's'} {why}"
+        for what, count, why in (
+            ("spots in", spotted, "have neither the fringes nor the sharp edge of a contact"),
+            ("a pattern that fills", result.patterned, "is neither a contact nor a sphere close by, and may hide one"),
+        )
+        if count
+    ]
+    return ", ".join(counted)
 
 
 def _frames_by_edge(result: FilmResult) -> str:

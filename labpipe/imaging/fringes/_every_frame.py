@@ -8,7 +8,13 @@ from labpipe.arrays import Flags
 from labpipe.frames import FrameSource
 from labpipe.imaging.films import FilmReader, Place, frames_in_windows, plan_reading, without_stuck_pixels
 from labpipe.imaging.fringes._arguments import FilmOptions, exposure_times
-from labpipe.imaging.fringes._blank_frames import FilmResult, choose_edges, find_filled, look_without_fringes
+from labpipe.imaging.fringes._blank_frames import (
+    FilmResult,
+    choose_edges,
+    count_patterned,
+    find_filled,
+    look_without_fringes,
+)
 from labpipe.imaging.fringes._calibration import calibrate
 from labpipe.imaging.fringes._coherence import fades_early
 from labpipe.imaging.fringes._frame_by_frame import follow, is_doubted, leave_faint, refit
@@ -84,6 +90,7 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
     choose_edges(result)
     leave_out_rows(reader, result)
     find_filled(result)
+    count_patterned(reader, result)
     result.scales = scales_of_contacts(reader, result, view)
     result.work = reader.work() | {
         "fits": len(result.fits),
@@ -187,7 +194,8 @@ def _calibrate(
     )
     if result.calibration.is_usual and optics == stated:
         return fits
-    before, result.view = result.view, result.calibration.applied(result.view)
+    worst = max(fits[index].misfit for index in result.calibration.frames)
+    before, result.view = result.view, result.calibration.applied(result.view).known_to(worst)
     return refit(reader, result, read, fits, stays_blank=_has_same_rings(before, result.view))
 
 

@@ -1,5 +1,6 @@
 """What one frame shows, looked for once: the search for a contact and the look at a blank frame ask alike."""
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -18,6 +19,9 @@ from labpipe.imaging.fringes._touch import left_by_only_sphere
 _MOST_SPOTS = 4
 #: Least ratio of the structure in a reduced frame to its noise.
 _LEAST_STRUCTURE = 8.0
+#: A pattern lies between these scales (px); blocks of this side show one that scatter by so many times what noise
+#: leaves there, and it fills a frame from this share of them on.
+_FINE, _COARSE, _CELL, _BEYOND_NOISE, _FILLED = 1.5, 6.0, 16, 4.0, 0.25
 #: Noise is taken from blocks of this side (px), of about so many pixels, at this percentile.
 _BLOCK, _NOISE_PIXELS, _QUIET = 12, 80_000, 3.0
 
@@ -66,6 +70,19 @@ class Looks:
     def show_only_sphere(self, optics: Optics) -> bool:
         """Tell whether the rings are those of a sphere that touches or hovers, so that there is no contact."""
         return self.left_by_sphere(optics) is not None
+
+
+def has_pattern(frame: NDArray[np.generic]) -> bool:
+    """Tell whether fringes, or another pattern as fine, fill a frame: a gradient, a shadow and dust do not."""
+    grey = frame.astype(np.float32)
+    fine, coarse = (cv2.GaussianBlur(grey, (0, 0), scale) for scale in (_FINE, _COARSE))
+    rows, columns = (size // _CELL for size in grey.shape)
+    if not rows or not columns:
+        return False
+    blocks = (fine - coarse)[: rows * _CELL, : columns * _CELL].reshape(rows, _CELL, columns, _CELL)
+    # white noise under a bell leaves 1/(2 √π σ) of it
+    noise = max(_quiet_noise(frame), 0.3) / (2.0 * math.sqrt(math.pi) * _FINE)
+    return float(np.mean(blocks.std(axis=(1, 3)) > _BEYOND_NOISE * noise)) > _FILLED
 
 
 def has_structure(frame: NDArray[np.generic]) -> bool:

@@ -111,10 +111,7 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     unknown[[i for i, b in brightness(radius).items() if b < DARK]] = True
     runs = _contacts(time, seen, unknown & ~seen)
     if not any(np.isfinite(a[run]).any() for run in runs):
-        raise InputError(
-            f"no contact was found in the film (one of less than {1e6 * radius.attrs['least_radius']:.2g} µm in radius "
-            "is not told from a touch); check the view under the disc, its scale and the wavelength"
-        )
+        raise InputError(f"{radius.attrs['note']}; check the view under the disc, its scale and the wavelength")
     brief = _brief_contacts(time, a, runs)[:_IMPACTS]
     peaks = [peak_of(time[run], a[run], u[run]) for run in brief]
     shared = radius["radius_systematic"].values / a

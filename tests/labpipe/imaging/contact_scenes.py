@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
+from scipy.optimize import brentq
 from scipy.special import j1
 
 from labpipe.arrays import Floats
@@ -42,6 +43,25 @@ def gap_of_jkr(r: Floats, a: float, radius: float, modulus: float, work: float) 
     depth = a * a / radius - math.sqrt(2.0 * math.pi * a * work / modulus)
     gap = r**2 / (2.0 * radius) - depth + surface(r, a, lambda x: depth - x**2 / radius)
     return np.where(r > a, np.maximum(gap, 0.0), 0.0)
+
+
+def gap_of_dugdale(r: Floats, a: float, radius: float, modulus: float, work: float, reach: float) -> Floats:
+    """Gap around a contact of radius a whose surfaces attract each other with work/reach up to that distance.
+
+    Maugis's contact: springs are drawn out to the circle at which the gap is the reach.
+    """
+    stress = work / reach / modulus
+
+    def beside(x: Floats, c: float) -> Floats:
+        depth = a * a / radius - 2.0 * stress * math.sqrt(c * c - a * a)
+
+        def spring(u: Floats) -> Floats:
+            return np.where(u < a, depth - u**2 / radius, -2.0 * stress * np.sqrt(np.maximum(c * c - u**2, 0.0)))
+
+        return np.asarray(x**2 / (2.0 * radius) - depth + surface(x, c, spring, a))
+
+    c = float(brentq(lambda c: float(beside(np.array([c]), c)[0]) - reach, a * (1.0 + 1e-9), 2.0 * a))
+    return np.where(r > a, np.maximum(beside(r, c), 0.0), 0.0)
 
 
 def gap_of_worn_flat(r: Floats, a: float, radius: float, flat: float) -> Floats:

@@ -18,7 +18,7 @@ from labpipe.imaging.fringes import _attempts, _every_frame, _ring_fit
 from labpipe.imaging.fringes._adhesive_edge import edge_of_spot
 from pipelines.bench import contact_radius as bench
 from tests.by_day import by_day
-from tests.labpipe.imaging.contact_scenes import Disturbed, film_of, gap_of_jkr, gap_of_worn_flat
+from tests.labpipe.imaging.contact_scenes import Disturbed, film_of, gap_of_dugdale, gap_of_jkr, gap_of_worn_flat
 from tests.labpipe.imaging.fringe_film import Scene
 
 UM = 1e-6
@@ -346,12 +346,26 @@ def test_edge_of_an_adhesive_contact_follows_from_its_fringes(modulus: float, wo
     shift = np.array(RADII[:2]) - told.radius.values
     assert (shift > 0.4 * UM).all()
     assert (np.abs(told.edge_radius.values - RADII[:2]) < 3.0 * told.u_edge_radius.values).all()
-    assert (told.u_edge_radius.values < 0.05 * shift).all()
+    assert (told.u_edge_radius.values < (0.5 if work < 10e-3 else 0.2) * shift).all()
     assert (shift < 1.1 * told.radius_systematic.values).all()
     usual = contact_radius(film, OPTICS.pixel_size, SPHERE, LIGHT, reduced_modulus=modulus)
     assert (np.abs(usual.edge_radius.values - RADII[:2]) < 3.0 * usual.u_edge_radius.values).all()
     assert (shift < 3.0 * usual.radius_systematic.values).all()
     assert usual.radius.values.tolist() == told.radius.values.tolist()
+
+
+@pytest.mark.parametrize(
+    ("modulus", "work", "reach"), by_day([(5e9, 2e-3, 0.4e-9), (2e9, 0.5e-3, 1e-9), (5e9, 10e-3, 1e-9)], 1)
+)
+def test_edge_of_a_stiff_contact_that_sticks_little_may_lie_nearer_to_hertz(
+    modulus: float, work: float, reach: float
+) -> None:
+    """Attraction across a gap holds where JKR has an edge: that was off by 9 to 30 u."""
+    film = film_of(PLAIN, lambda r, a: gap_of_dugdale(r, a, SPHERE, modulus, work, reach), RADII[:2], CENTRE)
+    told = contact_radius(film, OPTICS.pixel_size, SPHERE, LIGHT, reduced_modulus=modulus, work_of_adhesion=work)
+    beyond = told.edge_radius.values - RADII[:2]
+    assert (beyond > 0.05 * UM).all()
+    assert (beyond < 2.0 * told.u_edge_radius.values).all()
 
 
 @pytest.mark.parametrize(("flat", "radius"), by_day([(200.0, 305.3), (120.0, 215.3), (200.0, 229.3)], 1))
@@ -377,6 +391,16 @@ def test_edge_of_an_adhesive_rubber_follows_from_its_spot(work: float) -> None:
         assert found.u_edge_radius.max() < 8 * UM
         shared = np.hypot(found.u_radius.values, found.radius_systematic.values)
         assert (np.abs(found.radius.values - RADII[:2]) < 3.0 * shared).all()
+
+
+@pytest.mark.parametrize("speckle", by_day([0.0, 0.3], 1))
+def test_a_pattern_that_hides_every_contact_is_told(speckle: float) -> None:
+    """Stray fringes of 90 % left a film without a contact, and without a word."""
+    found, said = measure(film_of(replace(PLAIN, parasitic=0.9, speckle=speckle), hertz, RADII[:1], CENTRE))
+    assert not found.in_contact.any()
+    told = "a pattern that fills 1 frame is neither a contact nor a sphere close by, and may hide one"
+    assert [told in text for text in said] == [True]
+    assert told in found.attrs["note"]
 
 
 def test_edge_is_that_of_hertz_without_adhesion() -> None:
