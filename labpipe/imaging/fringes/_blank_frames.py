@@ -241,7 +241,7 @@ def count_patterned(reader: FilmReader, result: FilmResult) -> None:
     """Count the frames whose pattern may hide a contact, in a film in which fringes explain none."""
     if result.has_fringes and not (result.fits or result.filled):
         told = (index for index, blank in result.blanks.items() if blank == Blank() and index not in result.edges)
-        result.patterned = sum(has_pattern(reader.whole(index)) for index in told)
+        result.patterned = sum(has_pattern(Looks(reader.whole(index))) for index in told)
 
 
 def _light_of_contacts(fits: dict[int, RingFit], view: View) -> tuple[float, float]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from labpipe.imaging.fringes._centre_votes import find_centres
 from labpipe.imaging.fringes._edge import Edge, find_edge
 from labpipe.imaging.fringes._interference import Optics
+from labpipe.imaging.fringes._radial_scan import radial_profile
 from labpipe.imaging.fringes._spots import Spot, find_spots, reduce_frame
 from labpipe.imaging.fringes._touch import left_by_only_sphere
 
@@ -20,8 +21,8 @@ _MOST_SPOTS = 4
 #: Least ratio of the structure in a reduced frame to its noise.
 _LEAST_STRUCTURE = 8.0
 #: A pattern lies between these scales (px); blocks of this side show one that scatter by so many times what noise
-#: leaves there, and it fills a frame from this share of them on.
-_FINE, _COARSE, _CELL, _BEYOND_NOISE, _FILLED = 1.5, 6.0, 16, 4.0, 0.25
+#: leaves there, and it fills a frame from this share of them on. It is one of rings where these hold such a share.
+_FINE, _COARSE, _CELL, _BEYOND_NOISE, _FILLED, _BY_RINGS = 1.5, 6.0, 16, 4.0, 0.25, 0.25
 #: Noise is taken from blocks of this side (px), of about so many pixels, at this percentile.
 _BLOCK, _NOISE_PIXELS, _QUIET = 12, 80_000, 3.0
 
@@ -72,17 +73,26 @@ class Looks:
         return self.left_by_sphere(optics) is not None
 
 
-def has_pattern(frame: NDArray[np.generic]) -> bool:
-    """Tell whether fringes, or another pattern as fine, fill a frame: a gradient, a shadow and dust do not."""
-    grey = frame.astype(np.float32)
+def has_pattern(looks: Looks) -> bool:
+    """Tell whether fringes, or another pattern as fine, fill a frame: a gradient, a shadow, dust and rings do not."""
+    grey = looks.frame.astype(np.float32)
     fine, coarse = (cv2.GaussianBlur(grey, (0, 0), scale) for scale in (_FINE, _COARSE))
+    band = fine - coarse
     rows, columns = (size // _CELL for size in grey.shape)
     if not rows or not columns:
         return False
-    blocks = (fine - coarse)[: rows * _CELL, : columns * _CELL].reshape(rows, _CELL, columns, _CELL)
+    blocks = band[: rows * _CELL, : columns * _CELL].reshape(rows, _CELL, columns, _CELL)
     # white noise under a bell leaves 1/(2 √π σ) of it
-    noise = max(_quiet_noise(frame), 0.3) / (2.0 * math.sqrt(math.pi) * _FINE)
-    return float(np.mean(blocks.std(axis=(1, 3)) > _BEYOND_NOISE * noise)) > _FILLED
+    noise = max(_quiet_noise(looks.frame), 0.3) / (2.0 * math.sqrt(math.pi) * _FINE)
+    if float(np.mean(blocks.std(axis=(1, 3)) > _BEYOND_NOISE * noise)) < _FILLED:
+        return False
+    reach = math.ceil(math.hypot(*grey.shape))
+    profiles = (
+        radial_profile(band, spot.x, spot.y, 1.0, reach) for spot in (*looks.spots[:_MOST_SPOTS], *looks.centres)
+    )
+    return all(
+        float((counts * mean**2).sum() / counts.sum()) < _BY_RINGS * float(band.var()) for mean, counts in profiles
+    )
 
 
 def has_structure(frame: NDArray[np.generic]) -> bool:
