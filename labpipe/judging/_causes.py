@@ -41,6 +41,8 @@ class Cause:
         Factors that the mistake usually has; empty when any is as likely.
     only_usual : bool
         No other factor is this mistake.
+    slack : float
+        By which, relative, what was made usually differs from a usual factor.
     file, line, setting
         Where it stands, see :class:`Finding`.
     """
@@ -49,6 +51,7 @@ class Cause:
     say: Callable[[float], str]
     usual: tuple[float, ...] = ()
     only_usual: bool = False
+    slack: float = _SLACK
     file: str = field(default="", kw_only=True)
     line: int | None = field(default=None, kw_only=True)
     setting: str = field(default="", kw_only=True)
@@ -111,12 +114,12 @@ def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanati
         if weight == 0.0:
             continue
         best = sum(d * r / u**2 for d, r, u in moved) / weight
-        usual, is_usual = _nearest_usual(best, cause.usual)
+        usual, is_usual = _nearest_usual(best, cause.usual, cause.slack)
         if cause.only_usual and not is_usual:
             continue
         place = usual if is_usual else best
         # Held against the same uncertainties, or a usual factor would explain by its slack alone.
-        widened = [(d, r, hypot(u, d * _SLACK * is_usual)) for d, r, u in moved]
+        widened = [(d, r, hypot(u, d * cause.slack * is_usual)) for d, r, u in moved]
         before = sum((r / u) ** 2 for _, r, u in widened)
         left = sum(((r - d * place) / u) ** 2 for d, r, u in widened)
         names = tuple(name for name, _, _ in rows if cause.effects.get(name))
@@ -156,9 +159,9 @@ def in_words(factor: float, digits: int = 3) -> str:
     return text.rstrip("0").rstrip(".") if decimals else text
 
 
-def _nearest_usual(best: float, usual: Sequence[float]) -> tuple[float, bool]:
+def _nearest_usual(best: float, usual: Sequence[float], slack: float) -> tuple[float, bool]:
     """Return the logarithm of the usual factor next to a fitted one, and whether it is that."""
     if not usual:
         return best, False
     nearest = min((log(k) for k in usual), key=lambda place: abs(place - best))
-    return nearest, abs(nearest - best) <= 2 * _SLACK
+    return nearest, abs(nearest - best) <= 2 * slack

@@ -38,6 +38,7 @@ _LOSSES_KNOWN = 1.03, 0.012
 """Where a model shows how restitution changes with speed: factor by which the first flight may miss what follows, and
 its relative uncertainty, of a plate that swings and of another grade."""
 _WAVELENGTHS = (405e-9, 450e-9, 488e-9, 520e-9, 532e-9, 546.1e-9, 589.3e-9, 632.8e-9, 650e-9, 660e-9)
+_OF_LINES = 5e-3  # by which lamps and diodes differ from them: they lie so close that more would hit one by chance
 _ASLANT, _MOST_ASLANT = ", or the camera looks aslant at the disc", 0.94
 """What shortens lengths as well, and the factor of a camera at 20°."""
 _NEAR = 3.0  # factor of the frame rate, below which a wrong height may be meant
@@ -319,6 +320,7 @@ def _causes(settings: ContactArea, radius: xr.Dataset | None = None) -> Iterator
             {FRINGE: 1.0},
             times_over("the wavelength", light.value, "m", "wavelength in session.toml"),
             tuple(light.value / known for known in _WAVELENGTHS if abs(light.value / known - 1) > 0.01),
+            slack=_OF_LINES,
             setting="wavelength",
         )
     yield Cause(

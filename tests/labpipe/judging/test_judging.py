@@ -260,3 +260,10 @@ def test_a_usual_factor_is_named_beside_a_right_check_that_scatters(beside, name
         compared("duration", "", "", 1.0 + 0.1 * beside, 0.1, 1.0, 0.0),
     ]
     assert [e.sentence for e in explain(checks, [wavelength])] == ["wavelength"] * named
+
+
+@pytest.mark.parametrize(("slack", "named"), [(0.02, "1.070"), (5e-3, "1.100")])
+def test_of_a_dense_list_a_usual_factor_is_not_met_by_chance(slack, named):
+    seen = [compared("fringes", "", "", 1.1, 1e-3, 1.0, 1e-3)]
+    cause = Cause({"fringes": 1.0}, "{:.3f}".format, (1.07, 1.16), slack=slack)
+    assert explain(seen, [cause])[0].sentence == named
