@@ -23,6 +23,9 @@ from labpipe.imaging.fringes._fit_kernel import (
     find_pixels,
 )
 
+#: Pixels of a part that are kept before their slopes are multiplied: together they fill vectors.
+_KEPT = 64
+
 
 @part(fastmath=FAST)
 def _along(one: Floats, other: Floats, first: int, end: int) -> float:
@@ -31,6 +34,15 @@ def _along(one: Floats, other: Floats, first: int, end: int) -> float:
     for i in range(first, end):
         total += one[i] * other[i]
     return total
+
+
+@part(fastmath=FAST)
+def _add_kept(part: int, kept: Floats, filled: Integers, normals: Floats) -> None:
+    """Add the products of the slopes of the pixels that were kept of a part."""
+    for p in range(kept.shape[1]):
+        for q in range(p + 1):
+            normals[part, p, q] += _along(kept[part, p], kept[part, q], 0, filled[part])
+    filled[part] = 0
 
 
 @part(fastmath=FAST)
@@ -45,15 +57,16 @@ def _add_cells(
     work: Floats,
     slopes: Floats,
     place: Integers,
-    own: Floats,
-    sums: Floats,
-    counts: Floats,
+    kept: Floats,
+    filled: Integers,
+    cells: tuple[Floats, Floats],
     normals: Floats,
 ) -> None:
-    """Add the residuals of a row to its cells, and the lower half of each part's normal matrix.
+    """Add the residuals of a row to its cells, and the lower half of each part's normal matrix by what was ``kept``.
 
     The sector and the part of every pixel are left in ``place``; the part is their number where there is none.
     """
+    sums, counts = cells
     bins, sectors = sums.shape
     parts, part, half = len(normals), 0, sums.shape[1] // 2
     sector = sectors - 1 if dy >= 0.0 else 0
@@ -78,9 +91,10 @@ def _add_cells(
             part += 1
         place[1, i] = part
         for p in range(len(active)):
-            own[p] = slopes[active[p], i]
-            for q in range(p + 1):
-                normals[part, p, q] += own[p] * own[q]
+            kept[part, p, filled[part]] = slopes[active[p], i]
+        filled[part] += 1
+        if filled[part] == _KEPT:
+            _add_kept(part, kept, filled, normals)
 
 
 @compiled(nogil=True)
@@ -109,11 +123,12 @@ def accumulate_cells(
     """
     rows, columns = image.shape
     size = len(active)
-    sums, counts = np.zeros((bins, sectors)), np.zeros((bins, sectors))
+    cells = sums, counts = np.zeros((bins, sectors)), np.zeros((bins, sectors))
     scores = np.zeros((sectors, size))
     parts = max(len(limits) - 1, 0)
     normals, pulls = np.zeros((parts, size, size)), np.zeros((parts, size))
-    place, own, cotangents = np.empty((2, columns), np.int64), np.empty(size), np.zeros(sectors)
+    place, cotangents = np.empty((2, columns), np.int64), np.zeros(sectors)
+    kept, filled = np.empty((parts, size, _KEPT)), np.zeros(parts, np.int64)
     for sector in range(1, sectors):
         if 2 * sector != sectors:
             cotangents[sector] = 1.0 / math.tan(2.0 * math.pi * (sector / sectors - 0.5))
@@ -129,7 +144,9 @@ def accumulate_cells(
             if kind:
                 differentiate_rich(count, down, parameters, table, table_start, work, slopes, kind)
         residual = work[RESIDUAL]
-        _add_cells(count, dy, inner, outer, limits, cotangents, active, work, slopes, place, own, sums, counts, normals)
+        _add_cells(
+            count, dy, inner, outer, limits, cotangents, active, work, slopes, place, kept, filled, cells, normals
+        )
         first = 0 if size else count
         while first < count:
             end = first + 1
@@ -141,6 +158,8 @@ def accumulate_cells(
                 if place[1, first] < parts:
                     pulls[place[1, first], p] += pull
             first = end
+    for rest in range(parts):
+        _add_kept(rest, kept, filled, normals)
     for p in range(size):
         for q in range(p):
             normals[:, q, p] = normals[:, p, q]

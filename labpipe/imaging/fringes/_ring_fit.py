@@ -11,7 +11,7 @@ from labpipe.imaging.fringes._interference import Optics, part_limits, ring_limi
 from labpipe.imaging.fringes._ring_noise import clustered, slow_power, unsteadiness
 from labpipe.imaging.fringes._ring_parameters import ASSUMED, LIGHT, USUAL, Parameter
 from labpipe.imaging.fringes._ring_pixels import Ring, cut_ring
-from labpipe.imaging.fringes._ring_sums import NONE_FREE, Cells, Sums, ring_cells, ring_sums
+from labpipe.imaging.fringes._ring_sums import Cells, Sums, ring_cells, ring_sums
 from labpipe.uncertainty import excess_uncertainty
 
 #: Damping at the start (so small that a radius which hardly differs from a shift of the centre is
@@ -276,13 +276,12 @@ def _with_memory(fit: RingFit, ring: Ring, optics: Optics) -> RingFit:
     """Count as noise what changes along the rings, where more is left than pixels scatter alone."""
     if not _NOTABLE_MISFIT <= fit.misfit < _HOPELESS_MISFIT or fit.worst_deviation == 0.0:
         return fit
-    cells = ring_cells(ring, fit.parameters, NONE_FREE, optics)
+    cells = ring_cells(ring, fit.parameters, np.array(fit.free, np.int64), optics)
     power = slow_power(cells.sums, cells.counts)
     beyond = fit.residual**2 - fit.noise**2
     if power is None or beyond - power < _OWN_SHARE * power:
         return fit  # errors of the model make up nearly all of it
     noise = math.sqrt(fit.residual**2 - power)
-    cells = ring_cells(ring, fit.parameters, np.array(fit.free, np.int64), optics)
     return replace(fit, noise=noise, covariance=shared_covariance(fit, cells), slow=math.sqrt(power))
 
 
