@@ -214,13 +214,13 @@ def seen_by_pixels(formula: Formula, size: int, view: View) -> Floats:
     """
     from scipy.special import ndtr
 
-    count, blur = 29, max(view.defocus, 1e-3)
+    count, blur = 89, max(view.defocus, 1e-3)
     share = (np.arange(count) + 0.5) / count
     z = np.linspace(-8.0, 8.0, 8001)
     within = ndtr((z + 0.5) / blur) - ndtr((z - 0.5) / blur)
     within = within.cumsum() - 0.5 * within
     column = np.interp(share, within / within[-1], z)
-    row = column[(np.arange(count) * 12 + 20) % count]
+    row = column[(np.arange(count) * 55 + 27) % count]
     lattice = list(zip(column, row, strict=True))
     return from_formula(lambda x, y: np.mean([formula(x + a, y + b) for a, b in lattice], axis=0), size, view)
 

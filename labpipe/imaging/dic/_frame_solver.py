@@ -10,6 +10,8 @@ from labpipe.imaging.dic._blur_match import BlurMatcher, misfit
 from labpipe.imaging.dic._film_window import Loaded
 from labpipe.imaging.dic._growth import CHANCE, COMMON, NO_GROWTH, Growth, more_blur
 from labpipe.imaging.dic._inputs import LEAST_SUBSET
+from labpipe.imaging.dic._misfit import StillNoise
+from labpipe.imaging.dic._misfit_spread import misfit_spread
 from labpipe.imaging.dic._motion_uncertainty import one_way
 from labpipe.imaging.dic._pattern import Pattern, quickly_changing
 from labpipe.imaging.dic._reference import Reference
@@ -29,6 +31,8 @@ _ELSEWHERE = 0.75
 _LEAST = 1.3
 #: Variance of noise over what of it changes from pixel to pixel, at most: noise with a memory does less so.
 _MEMORY = 4.0
+#: Correlation below which a subset misfits by more than its edges do.
+_ALIKE = 0.95
 #: Points that tell the blur of a frame.
 _TELLING = 24
 #: Solves subsets, numbers of them, from motions; the last are their places among all that are asked for.
@@ -65,6 +69,7 @@ class FrameSolver:
         self._least = (
             _MEMORY * (1.0 + reference.noise.static_frames) * quickly_changing(reference.mean, reference.subsets)
         )
+        self._still = StillNoise(reference)
         self._softened: tuple[Loaded, Pattern, Floats32] | None = None
         self._is_edge = one_way(reference.subsets)
         #: Whether the frame at hand is one of those averaged into the reference.
@@ -314,6 +319,24 @@ class FrameSolver:
         if not self.is_static:
             shown = _shown(attempt.residual, attempt.gain, self._pattern)
             self._least = np.where(attempt.trusted, np.fmin(self._least, shown), self._least)
+
+    def misfit_spread(self, loaded: Loaded, attempt: Attempt) -> Floats:
+        """Tell how far what is no noise moves the trusted points of a frame, see :func:`.misfit_spread`."""
+        result = np.full((len(attempt.trusted), 3), np.nan)
+        if self.is_static:
+            self._still.see(np.where(attempt.trusted, attempt.residual, np.nan))
+            return result
+        shown = attempt.residual / self._pattern.seen_at(attempt.gain)
+        is_misfit = (shown > self._still.most) | ((shown < self._still.sharp) & (shown > self._still.least))
+        chosen = np.flatnonzero(attempt.trusted & is_misfit & (attempt.zncc > _ALIKE))
+        if not self.sees_all and len(chosen):
+            chosen = chosen[~self.touched(chosen, attempt.motion[chosen])]
+        if len(chosen):
+            found = attempt.motion[chosen], attempt.model[chosen]
+            result[chosen] = misfit_spread(
+                self._pattern.subsets, self.coefficients(loaded), self._options.order, chosen, *found, loaded
+            )
+        return result
 
 
 def _shown(residual: Floats, gain: Floats, pattern: Pattern) -> Floats:

@@ -1,10 +1,14 @@
 """What a subset that misfits by more than noise makes of its motion: another uncertainty, or none."""
 
+from functools import cached_property
+
 import numpy as np
 
 from labpipe.arrays import Flags, Floats
 from labpipe.imaging.dic._motion_uncertainty import EDGE, ONE_WAY, least_told, one_way
 from labpipe.imaging.dic._reference import Reference
+from labpipe.imaging.dic._subsets import Subsets
+from labpipe.imaging.dic._undersampling import sharpness
 
 #: Shift (px) along the weakest direction that a misfit may hide at most, in patterns beyond
 #: :data:`.ONE_WAY` and beyond :data:`.EDGE`, and how many standard deviations of the residual of noise it is beyond it.
@@ -23,6 +27,15 @@ _NOISELESS, _HIDDEN_SHARE, _HARDLY = 0.9, 0.25, 0.1
 _LEAST_POINTS, _ROUNDS, _BELOW = 8, 12, 4.0
 #: Width over which pixels share a misfit, as a share of that of the subset.
 _SHARED = 0.2
+#: Relative variance of the variance of noise that what is nearest to half a wave per px tells, times the pixels.
+_QUICK = 4.0
+#: Squared slopes along the strongest direction over those along the weakest up to which parts tell the variance: edges
+#: of one direction may misfit alike in all of them.
+_SIDED = 4.0
+#: Share of what the parts of a subset tell themselves of its variance, the rest is what those of most tell over that
+#: of their residuals as noise; and share of all that where most tell it as a misfit of their texture. Least that parts
+#: tell over the variance of noise: an edge through all of them may misfit alike.
+_SHARES, _LEAST_TOLD = (0.5, 0.2), 0.36
 
 
 def is_beyond_texture(
@@ -107,6 +120,48 @@ def hidden_by_levels(reference: Reference, noise: Floats) -> Floats:
     return np.asarray(np.nan_to_num(is_hidden)[..., None] * (share**2)[:, None] * inverse)
 
 
+class StillNoise:
+    """Noise of the points before anything moves, as the frames go by.
+
+    Parameters
+    ----------
+    reference : Reference
+    """
+
+    def __init__(self, reference: Reference) -> None:
+        self._reference = reference
+        self._shown: list[Floats] = []
+
+    def see(self, residual: Floats) -> None:
+        """Take in the residual (point,) [grey²] of a static frame."""
+        frames, pixels = self._reference.noise.static_frames, self._reference.subsets.level[:, 2]
+        if frames > 1:
+            self._shown.append(residual / (pixels * self._reference.noise.own * (1.0 - 1.0 / frames)))
+
+    @cached_property
+    def most(self) -> Floats:
+        """Residual (point,) [grey²] of a frame, as noise summed over a subset, beyond which it is more."""
+        reference, pixels = self._reference, self._reference.subsets.level[:, 2]
+        if not self._shown:
+            return np.asarray(reference.most_noise * pixels * (1.0 + _by_chance(pixels, 2.0 + _QUICK)))
+        static = np.reshape(self._shown, (-1, len(pixels)))
+        variance, spread = still_noise(reference, static, np.ones(len(static), bool))
+        return np.asarray(variance * pixels * (1.0 + _by_chance(pixels, 2.0 + spread)))
+
+    @property
+    def least(self) -> Floats:
+        """The same of rounding: below it, whole levels hide what misfits."""
+        return np.asarray(_NOISELESS * self._reference.rounding * self._reference.subsets.level[:, 2])
+
+    @cached_property
+    def sharp(self) -> Floats:
+        """The same below which a point holds more near half a wave per px than interpolation is exact for."""
+        sums, of_noise, least = sharpness(self._reference)
+        return np.asarray(
+            (sums - least) / of_noise / (1.0 + _by_chance(self._reference.subsets.level[:, 2], 2.0 + _QUICK))
+        )
+
+
 def still_noise(reference: Reference, noise: Floats, is_static: Flags) -> tuple[Floats, Floats]:
     """Variance [grey²] of a pixel around each usable point (point,) before anything moves, see :meth:`.own_noise`.
 
@@ -129,8 +184,60 @@ def still_noise(reference: Reference, noise: Floats, is_static: Flags) -> tuple[
     return variance, spread
 
 
+def take_spread(
+    subsets: Subsets, deviation: Floats, covariance: Floats, spread: Floats, texture: Floats, strongest: Floats
+) -> Flags:
+    """Give motions the variance that parts of their subsets tell, where it was measured; tell where (frame, point).
+
+    Parameters
+    ----------
+    subsets : Subsets
+    deviation, covariance : arrays (frame, usable point, 3) and (frame, usable point) [px, px, rad], [px²]
+        Of the motions, if all of the residual were noise; changed in place.
+    spread : array (frame, usable point, 3) [px²]
+        See :func:`.misfit_spread`.
+    texture, strongest : arrays (frame, usable point) [grey²/px²]
+        As in :class:`.Variances`.
+
+    Notes
+    -----
+    What the parts of one subset tell is uncertain, and of edges that step alike there may be no misfit at all: part
+    of it is what most points of the frame tell, as a misfit of their texture.
+    """
+    own = np.square(deviation[..., :2])
+    both, told = own.sum(axis=2), spread[..., :2].sum(axis=2)
+    is_found = np.isfinite(both) & ~(strongest > _SIDED * texture) & ~one_way(subsets, _SIDED)
+    is_told = np.isfinite(told) & is_found
+    rows = np.flatnonzero(is_told.any(axis=1))
+    if not len(rows):
+        return is_told
+    is_taken = is_told | (is_found & (is_told.sum(axis=1) > 0.5 * is_found.sum(axis=1))[:, None])
+    ratio, of_texture = np.ones((2, len(told), 1))
+    ratio[rows, 0], of_texture[rows, 0] = (
+        _quantiles(np.where(is_told, part, np.nan)[rows].T, (0.5,))[0]
+        for part in (told / np.maximum(both, 1e-30), told * texture)
+    )
+    prior = ratio[..., None] * own
+    misfit = (of_texture / np.maximum(texture * ratio * both, 1e-30))[..., None] * prior
+    is_common = (is_taken & ~is_told).any(axis=1) | (is_told == is_found).all(axis=1)
+    found = np.where(is_told[..., None], np.fmax(spread[..., :2], _LEAST_TOLD * own), prior)
+    found = _SHARES[0] * found + (1.0 - _SHARES[0]) * prior
+    found[is_common] += _SHARES[1] * (misfit - found)[is_common]
+    grown = np.where(is_taken[..., None], np.sqrt(found / np.maximum(own, 1e-30)), 1.0)
+    deviation[..., :2] *= grown
+    deviation[..., 2] *= np.sqrt(np.square(grown).mean(axis=2))
+    covariance *= grown.prod(axis=2)
+    return is_taken
+
+
 def misfit_factor(
-    noise: Floats, is_static: Flags, pixels: Floats, grey: Floats, still: tuple[Floats, Floats], texture: Floats
+    noise: Floats,
+    is_static: Flags,
+    pixels: Floats,
+    grey: Floats,
+    still: tuple[Floats, Floats],
+    texture: Floats,
+    is_taken: Flags,
 ) -> Floats:
     """Factor (frame, point) of the standard uncertainty where a subset misfits by more than noise.
 
@@ -179,7 +286,11 @@ def misfit_factor(
     (grown,) = _quantiles(np.where(np.isfinite(before), moved / before, np.nan).T, (0.25,))
     known = before * np.fmax(grown, 1.0)[:, None]
     noisiest = own * (1.0 + _by_chance(pixels, 2.0)), known * (1.0 + _by_chance(pixels, 2.0 + spread))
-    excess = np.maximum(np.nan_to_num(moved - np.fmin(*noisiest)), 0.0)
+    most = np.broadcast_to(np.fmin(*noisiest), moved.shape)
+    # what all misfit by alike, their own parts tell
+    (usual_noise,) = _quantiles(moved.T, (0.5,))
+    most = np.where(is_taken[~is_static], _HIT * np.fmax(usual_noise[:, None], most), most)
+    excess = np.maximum(np.nan_to_num(moved - most), 0.0)
     squares = np.where(np.isfinite(moved), excess * pixels / texture[~is_static], np.nan)
     (usual_shift,) = _quantiles(squares.T, (0.5,))
     excess = np.fmax(excess, usual_shift[:, None] * texture[~is_static] / pixels)

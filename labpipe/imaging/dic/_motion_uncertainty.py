@@ -30,6 +30,8 @@ ONE_WAY, EDGE = 10.0, 50.0
 _LEAST_LEFT = 0.05
 #: Blur (px) at which texture is looked for: a pattern outlives it, noise does not.
 COARSE = 1.0
+#: Share of the contrast of the reference that noise is said to be at most.
+_MOST_OF_NOISE = 0.5
 #: Share of a pixel's noise variance that the residual must show to tell it.
 _LEAST_NOISE_SEEN = 0.01
 
@@ -274,6 +276,10 @@ def motion_variance(
     # A single static frame is its own reference: their difference shows no noise at all.
     shows_noise = seen > _LEAST_NOISE_SEEN
     pixel_noise = np.where(shows_noise, variance / np.where(shows_noise, seen, 1.0), 0.0)
+    # Noise of the reference, which no frame shows, makes frames look weaker than they are.
+    of_noise = model.own / model.static_frames * pixel_noise * subsets.level[chosen, 2]
+    of_noise /= np.maximum(subsets.level[chosen, 1], 1e-30)
+    square = square * np.where(is_static, 1.0, 1.0 - np.minimum(of_noise, _MOST_OF_NOISE)) ** 2
     seen_by = model.directions(subsets, solved)
     slope_noise = (pixel_noise / model.static_frames)[:, None]
     noise_share = slope_noise * model.slope * seen_by.share[chosen]
@@ -305,16 +311,22 @@ def least_told(deviation: Floats, covariance: Floats) -> Floats:
     return np.asarray(0.5 * np.arctan2(2.0 * covariance, deviation[..., 0] ** 2 - deviation[..., 1] ** 2))
 
 
-def one_way(subsets: Subsets) -> Flags:
-    """Tell which subsets (point,) hold hardly more than an edge or a grating."""
+def one_way(subsets: Subsets, ratio: float = ONE_WAY) -> Flags:
+    """Tell which subsets (point,) hold hardly more than an edge or a grating, by the ratio of their squared slopes."""
     strongest = strongest_slopes(subsets)
     both = subsets.normal[:, 0, 0] + subsets.normal[:, 3, 3]
-    return np.asarray(strongest > ONE_WAY * np.maximum(both - strongest, 0.0))
+    return np.asarray(strongest > ratio * np.maximum(both - strongest, 0.0))
 
 
 def strongest_slopes(subsets: Subsets) -> Floats:
     """Squared slopes (point,) [grey²/px²] of the reference along the direction in which they are largest."""
     return _largest(subsets.normal[:, 0, 0], subsets.normal[:, 3, 3], subsets.normal[:, 0, 3])
+
+
+def weakest_told(subsets: Subsets, model: int) -> Floats:
+    """Texture (point,) [grey²/px²] of subsets in a model with the noise in it, see :class:`Variances`."""
+    inverse = subsets.model(model).inverse
+    return np.asarray(1.0 / np.maximum(_largest(inverse[:, 0, 0], inverse[:, 3, 3], inverse[:, 0, 3]), 1e-30))
 
 
 def _largest(xx: Floats, yy: Floats, xy: Floats) -> Floats:

@@ -151,6 +151,17 @@ class Reference:
         """See :func:`near_half`."""
         return near_half(self)
 
+    @cached_property
+    def sharper(self) -> tuple[NDArray[np.float64], float]:
+        """The same of twice the order."""
+        return near_half(self, 8)
+
+    @cached_property
+    def most_noise(self) -> NDArray[np.float64]:
+        """Variance (usable,) [grey²] of a pixel of one frame at most, of white noise, as nearest to half a wave."""
+        sharper, of_noise = self.sharper
+        return np.maximum(self.sums(sharper) / (of_noise * self.subsets.level[:, 2]), self.rounding)
+
     def weakest_slopes(self, point: int) -> float:
         """Direction (rad, from x towards y) in which the slopes around a usable point are least."""
         slopes = self.subsets.normal[point]

@@ -8,19 +8,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.arrays import Flags, Floats
+from labpipe.arrays import Flags, Floats, Integers
 from labpipe.imaging.dic._agreement import disagreement, lonely, unconfirmed
 from labpipe.imaging.dic._edge_profile import misled
 from labpipe.imaging.dic._growth import STEP
-from labpipe.imaging.dic._misfit import hidden_by_levels, misfit_factor, misfits_of_edges, still_noise
+from labpipe.imaging.dic._misfit import hidden_by_levels, misfit_factor, misfits_of_edges, still_noise, take_spread
 from labpipe.imaging.dic._missed_strain import missed_shift
 from labpipe.imaging.dic._motion_uncertainty import (
     MOST_UNCERTAIN,
     MOST_VAGUE,
+    Variances,
     least_told,
     motion_variance,
     strongest_slopes,
+    weakest_told,
 )
+from labpipe.imaging.dic._pattern import Pattern
 from labpipe.imaging.dic._reference import Reference, Status
 from labpipe.imaging.dic._seeding import shift_of
 from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, LIGHT
@@ -81,7 +84,7 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     value = np.full((*shape, 3), np.nan)
     deviation = np.full((*shape, 3), np.nan)
     covariance, texture, strongest, noise, most_noise = np.full((5, *shape), np.nan)
-    is_doubtful = np.zeros(shape, bool)
+    is_doubtful, resisted = np.zeros(shape, bool), np.ones((*shape, 3))
     for growth, model, row, column, left in alike(table, reference.subsets.half):
         pattern = reference.patterns.of(growth)
         motion = table.motion[row, column]
@@ -102,6 +105,7 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
         )
         deviation[row, column] = np.sqrt(found.motion)
         covariance[row, column] = found.covariance
+        resisted[row, column] = _resisted(reference, pattern, model, column, found, slopes_left)
         # as the reference shows it, where the frames are softer
         share = strongest_slopes(reference.subsets) / np.maximum(strongest_slopes(pattern.subsets), 1e-30)
         texture[row, column], strongest[row, column] = found.texture * share[column], found.strongest * share[column]
@@ -115,10 +119,11 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     grey, _, pixels = reference.subsets.level.T
     before, spread = still_noise(reference, noise, is_static)
     before[~interpolates_well(reference, before)] = np.inf
-    misfit = misfit_factor(noise, is_static, pixels, grey, (before, spread), texture)
+    is_taken = take_spread(reference.subsets, deviation, covariance, table.spread / resisted, texture, strongest)
+    misfit = misfit_factor(noise, is_static, pixels, grey, (before, spread), texture, is_taken)
     deviation *= misfit[..., None]
     covariance *= misfit**2
-    bound, shared = undersampled(reference, is_found, texture, noise, is_static)
+    bound, shared = undersampled(reference, is_found, texture, noise, is_static, is_taken)
     shift, is_along_edges = misled(reference, is_found, bound, texture, noise, is_static)
     is_doubtful |= is_along_edges | _may_be_noise(reference, noise, most_noise, is_static)
     _widen(deviation, covariance, shift)
@@ -146,6 +151,18 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     return Displacements(
         value, deviation, covariance, texture, table.zncc, contrast, table.iterations, status, models, change, shares
     )
+
+
+def _resisted(
+    reference: Reference, pattern: Pattern, model: int, column: Integers, found: Variances, left: Floats
+) -> Floats:
+    """Squares (result, 3) along x, along y, and of both, by which slopes that a frame lacks resist an error less.
+
+    That is what a softer frame leaves of them, and what is noise of the reference.
+    """
+    of_noise = np.minimum(reference.most_noise[column], found.noise) / np.maximum(found.noise, 1e-30)
+    of_noise *= 1.0 - found.texture / weakest_told(pattern.subsets, model)[column]
+    return np.asarray(np.column_stack([left**2, left.prod(axis=1)]) * np.square(1.0 - of_noise)[:, None])
 
 
 def _may_be_noise(reference: Reference, noise: Floats, most_noise: Floats, is_static: Flags) -> Flags:

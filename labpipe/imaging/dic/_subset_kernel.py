@@ -54,7 +54,7 @@ def compose_with_inverse(p: Floats, step: Floats, is_rigid: bool) -> None:
 
 
 @part()
-def _is_inside(x: float, y: float, half: float, p: Floats, window: tuple[float, float, float, float]) -> bool:
+def is_inside(x: float, y: float, half: float, p: Floats, window: tuple[float, float, float, float]) -> bool:
     """Whether the four corners of the moved subset lie in the window."""
     for sj in (-1.0, 1.0):
         for si in (-1.0, 1.0):
@@ -203,7 +203,7 @@ def _iterate(
     if inverse[0, 0] <= 0.0:
         return 0, NO_TEXTURE, 0
     for iteration in range(max_iterations):
-        if not _is_inside(layout[0], layout[1], half, p, window):
+        if not is_inside(layout[0], layout[1], half, p, window):
             return iteration, LEFT_WINDOW, 0
         sum_subset(coefficients, order, corner, layout, packed, level[0], p, with_all, values, sums)
         if not _gauss_newton_step(sums, pixels, level[1], moments, normal, inverse, solved, slopes, step, quality):

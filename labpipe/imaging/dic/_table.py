@@ -26,7 +26,8 @@ _BLOCK_HIDDEN = 200
 class Table:
     """What the tracker found over (frame, usable point); motions over (frame, point, 6).
 
-    ``growth`` (frame, 4) is that of the pattern that a frame was matched with, see :class:`.Pattern`. ``left``
+    ``growth`` (frame, 4) is that of the pattern that a frame was matched with, see :class:`.Pattern`. ``spread``
+    (frame, point, 3) [px²] is that of :func:`.misfit_spread`, NaN where the residual is noise. ``left``
     holds the pixels that counted of results of which something was hidden, see :func:`.packed`.
     """
 
@@ -39,6 +40,7 @@ class Table:
     model: NDArray[np.int8]
     change: Floats
     growth: Integers
+    spread: Floats
     left: dict[tuple[int, int], NDArray[np.uint8]] = field(default_factory=dict)
 
     def attempt(self, row: int, trusted: Flags) -> Attempt:
@@ -64,6 +66,7 @@ def empty_table(frames: int, points: int) -> Table:
         np.zeros(shape, np.int8),
         np.full((*shape, CHANGES), np.nan),
         np.zeros((frames, len(NO_GROWTH)), np.int64),
+        np.full((*shape, 3), np.nan),
     )
 
 

@@ -252,6 +252,7 @@ def _follow(
         table.model[row] = found.model
         table.change[row] = found.change
         table.growth[row] = tracker.solver.growth
+        table.spread[row] = tracker.solver.misfit_spread(loaded, found)
         table.status[row] = found.status
         table.left.update({(row, n): packed(left) for n, left in tracker.left(found).items()})
     return table

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats
 from labpipe.imaging.dic._motion_uncertainty import strongest_slopes
-from labpipe.imaging.dic._reference import Reference, near_half
+from labpipe.imaging.dic._reference import Reference
 
 #: Squared slopes that an edge sharper than the pixels seems to have along itself, over those across it, by
 #: the share of those at frequencies near half a wave per px: factor, power, and largest share. They are the most
@@ -91,13 +91,18 @@ def interpolates_well(reference: Reference, noise: Floats) -> Flags:
     noise : array (usable point,) [grey²]
         Variance of a pixel of one frame.
     """
+    sums, of_noise, least = sharpness(reference)
+    return np.asarray(sums - of_noise * noise * reference.subsets.level[:, 2] < least)
+
+
+def sharpness(reference: Reference) -> tuple[Floats, float, Floats]:
+    """Squares near half a wave per px (usable point,), those of noise over its sum, and the least that matter."""
     sharp, of_noise = reference.sharp
-    beyond = reference.sums(sharp) - of_noise * noise * reference.subsets.level[:, 2]
-    return np.asarray(beyond < _NOTABLE_SHARE * strongest_slopes(reference.subsets))
+    return reference.sums(sharp), of_noise, _NOTABLE_SHARE * strongest_slopes(reference.subsets)
 
 
 def undersampled(
-    reference: Reference, found: Flags, texture: Floats, noise: Floats, is_static: Flags
+    reference: Reference, found: Flags, texture: Floats, noise: Floats, is_static: Flags, is_taken: Flags
 ) -> tuple[Floats, Floats]:
     """How far edges sharper than the pixels may be what tells a motion, and how uncertain interpolation makes it.
 
@@ -109,6 +114,8 @@ def undersampled(
     texture, noise : arrays (frame, usable point)
         As in :class:`.Variances`.
     is_static : bool array (frame,)
+    is_taken : bool array (frame, usable point)
+        See :func:`.take_spread`: only what no residual shows is left to tell.
 
     Returns
     -------
@@ -124,7 +131,7 @@ def undersampled(
     phases of the pixels, do not share.
     """
     sharp, of_noise = reference.sharp
-    sharper, of_sharper_noise = near_half(reference, 8)
+    sharper, of_sharper_noise = reference.sharper
     finest = reference.sums(sharper)
     across = strongest_slopes(reference.subsets)
     bound, covariance = np.zeros(found.shape), np.zeros((*found.shape, 3))
@@ -166,12 +173,15 @@ def undersampled(
         most = _SHARED * np.maximum(most, 0.0) * pixels / max(less, 1e-30)
         amplitude = weight * np.minimum(_BETWEEN_POINTS**by_points, most) + (1.0 - weight) * seen
         if amplitude.any():
-            spread, unseen = _interpolated(reference, n, sharp, of_noise * own)
+            spread, alike, unseen = _interpolated(reference, n, sharp, of_noise * own)
+            spread = np.where(is_taken[rows, n, None], alike, spread + alike)
             covariance[rows, n] = amplitude[:, None] * spread + by_points * unseen
     return bound, covariance
 
 
-def _interpolated(reference: Reference, point: int, sharp: NDArray[np.float64], noise: float) -> tuple[Floats, Floats]:
+def _interpolated(
+    reference: Reference, point: int, sharp: NDArray[np.float64], noise: float
+) -> tuple[Floats, Floats, Floats]:
     """Covariance (xx, yy, xy) [px²] of a motion from errors of interpolation; ``noise`` is that of ``sharp``.
 
     Also that of what edges seen by points hide which run with the rows, the columns, or the diagonals.
@@ -191,12 +201,12 @@ def _interpolated(reference: Reference, point: int, sharp: NDArray[np.float64], 
     weighed = np.array([float((a * b * error).sum()) for a, b in pairs])
     beyond = 1.0 - _HIDES * noise * (own[0] + own[1]) / max(weighed[0] + weighed[1], 1e-30)
     if beyond <= 0.0:
-        return np.zeros(3), np.zeros(3)
+        return np.zeros(3), np.zeros(3), np.zeros(3)
     normal = reference.subsets.normal[point][np.ix_([0, 3], [0, 3])]
     inverse = np.linalg.pinv(normal)
     spread = inverse @ np.array([[weighed[0], weighed[2]], [weighed[2], weighed[1]]]) @ inverse
     result = beyond * np.array([spread[0, 0], spread[1, 1], spread[0, 1]])
-    unseen = np.zeros(3)
+    alike, unseen = np.zeros((2, 3))
     size = np.maximum(np.sqrt(error) - _MEAN_SIZE * math.sqrt(noise), 0.0)
     row, column = np.indices(size.shape)
     for right, down in ((1, 0), (0, 1), (1, 1), (1, -1)):
@@ -209,6 +219,6 @@ def _interpolated(reference: Reference, point: int, sharp: NDArray[np.float64], 
         share = float((along**2 * is_nearly).sum()) / max(float((along**2).sum()), 1e-30)
         direction = apart**2 * np.array([right * right, down * down, right * down])
         resists = direction @ (normal[0, 0], normal[1, 1], 2.0 * normal[0, 1])
-        result += _ALIKE * squares / max(float(resists), 1e-30) ** 2 * direction
+        alike += _ALIKE * squares / max(float(resists), 1e-30) ** 2 * direction
         unseen += (_UNSEEN * apart * share) ** 2 * direction
-    return result, unseen
+    return result, alike, unseen

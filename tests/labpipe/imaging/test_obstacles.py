@@ -195,7 +195,11 @@ def test_brighter_places_are_noisier_without_a_misfit() -> None:
     noise = (1.0 + 0.05 * grey) * rng.normal(1.0, 0.05, (40, 60))
     is_static = np.arange(40) == 0
     # a single static frame, in which fine texture passes for noise
-    rest = (noise[0] * rng.uniform(1.0, 9.0, 60), np.full(60, 12.0)), np.full(noise.shape, 1e5)
+    rest = (
+        (noise[0] * rng.uniform(1.0, 9.0, 60), np.full(60, 12.0)),
+        np.full(noise.shape, 1e5),
+        np.zeros(noise.shape, bool),
+    )
     assert (misfit_factor(noise, is_static, pixels, grey, *rest) == 1.0).mean() > 0.99
     noise[:, 7] *= 4.0  # one that misfits in every frame
     factor = misfit_factor(noise, is_static, pixels, grey, *rest)
@@ -207,7 +211,7 @@ def test_brighter_places_are_noisier_without_a_misfit() -> None:
 def test_nothing_but_static_frames_has_no_misfit() -> None:
     noise = np.full((3, 2), 4.0)
     ones = np.ones((3, 2))
-    rest = np.full(2, 441.0), np.full(2, 90.0), (noise[0], np.full(2, 2.0)), 1e5 * ones
+    rest = np.full(2, 441.0), np.full(2, 90.0), (noise[0], np.full(2, 2.0)), 1e5 * ones, ones < 0.0
     assert (misfit_factor(noise, np.ones(3, bool), *rest) == ones).all()
     noise[1:] = np.nan
     assert (misfit_factor(noise, np.arange(3) == 0, *rest) == ones).all()
@@ -218,7 +222,7 @@ def test_what_most_points_misfit_by_all_do_and_a_noise_that_grows_is_none() -> N
     pixels, grey = np.full(50, 961.0), np.full(50, 90.0)
     noise = 4.0 * rng.normal(1.0, 0.03, (5, 50))
     is_static = np.arange(5) < 2
-    rest = (noise[:2].mean(axis=0), np.ones(50)), np.full(noise.shape, 6e4)
+    rest = (noise[:2].mean(axis=0), np.ones(50)), np.full(noise.shape, 6e4), np.zeros(noise.shape, bool)
     assert (misfit_factor(1.8 * noise, is_static, pixels, grey, *rest) == 1.0).all()
     noise[2:, 20:] += 30.0  # of 50 points, 20 show no misfit
     factor = misfit_factor(noise, is_static, pixels, grey, *rest)

@@ -36,12 +36,12 @@ def seen_by_pixels(formula: Formula, size: int, view: View, lens: float = 0.0) -
     The places of a lattice have as many columns as there are places: of a square of four by four, an edge
     along the columns would be seen in steps of a quarter of a pixel.
     """
-    count = 31
+    count = 55
     share = (np.arange(count) + 0.5) / count
     z = np.linspace(-4.0, 4.0, 8001)
     within = (ndtr((z + 0.5) / max(lens, 1e-3)) - ndtr((z - 0.5) / max(lens, 1e-3))).cumsum()
     column = np.interp(share, within / within[-1], z)
-    row = column[np.arange(count) * 12 % count]
+    row = column[np.arange(count) * 34 % count]
     return from_formula(
         lambda x, y: np.mean([formula(x + a, y + b) for a, b in zip(column, row, strict=True)], axis=0), size, view
     )
