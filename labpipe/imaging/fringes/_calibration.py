@@ -54,6 +54,10 @@ _BY_GAP, _OPENED, _APART, _FEW_OPENED = 0.3, 0.03, 8.0, 0.34
 #: Variances from which a phase is hinted at, beyond two for each frame, where pixels scatter alone; standard
 #: deviations from which a hint counts elsewhere.
 _WEAK_HINT, _NOTABLE = 10.0, 3.0
+#: Skewness of a band of colours that is tried, and that of usual ones, two lines among them; steps of it that are
+#: believed at most, and variances in each frame by which another one must be better. Skew between bands even in
+#: wavenumbers and in wavelengths.
+_SKEWNESS, _USUAL_SKEWNESS, _MOST_STEPS, _CLEAR, _EVEN = 0.5, 2.0, 2.0, 300.0, 0.5
 #: Blur (px) beside which no band of colours that hides is looked for: what is not known of its shape looks like one.
 _WIDE_BLUR = 2.0
 #: Things that are found one after the other at most, and from how many on they are found again together.
@@ -143,7 +147,7 @@ def calibrate(
         best = settled
         attempt.begin_from(best, plain_axes, result)
     result = _refine(attempt, plain_axes, settle_harmonics(attempt, plain_axes, result), view)
-    result = _weigh_band(attempt, plain_axes, _with_small_band(attempt, plain_axes, result))
+    result = _weigh_band(attempt, plain_axes, _with_small_band(attempt, plain_axes, result), view)
     # What a film shows beyond the third harmonic looks like a small phase where no lens has blurred it.
     is_cut = any(result.harmonics) and (result.by_camera or not result.blur)
     is_told = not is_phase_free or result.phase_shift != 0.0 or is_cut
@@ -394,12 +398,36 @@ def _with_small_band(attempt: Attempt, axes: Sequence[Parameter], known: Calibra
     return found.with_shared(taken, np.sqrt(np.average(changes**2, axis=0, weights=weights)))
 
 
-def _weigh_band(attempt: Attempt, axes: Sequence[Parameter], known: Calibration) -> Calibration:
-    """Count what it makes of the radius that a band of colours may be even in wavenumbers or in wavelengths."""
+def _weigh_band(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, view: View) -> Calibration:
+    """Find how skewed a band of colours is, a second line beside the first for one, or count what that may be."""
     if not known.spread:
         return known
-    one, other = attempt(axes, known), attempt(axes, replace(known, skew=1.0))
-    return known if one is None or other is None else known.with_shared(one, one.changes(other))
+    beside = tuple(p for group in _found(known) for p in group)
+    free = (*axes, *beside)
+    step = _SKEWNESS / (3.0 * math.sqrt(known.spread))
+    ways = [attempt(free, replace(known, skew=known.skew + place * step)) for place in (-1.0, 0.0, 1.0)]
+    made = [trial for trial in ways if trial is not None]
+    if len(made) < len(ways):
+        return known
+    before, middle, after = (trial.left for trial in made)
+    slope, bend = 0.5 * (after - before), after + before - 2.0 * middle
+    likeliest = float(np.clip(-slope / max(bend, 0.5 * abs(slope) + 1e-9), -_MOST_STEPS, _MOST_STEPS))
+    shift = 0.5 * made[2].changes(made[0])
+    if -likeliest * (slope + 0.5 * likeliest * bend) > _CLEAR * len(made[1].fits):
+        skewed = replace(known, skew=known.skew + likeliest * step)
+        trial = attempt(free, skewed)
+        if trial is not None and trial.gain_over(made[1]) > _CLEAR * len(trial.fits):
+            known = _with_beside(trial, skewed, beside, view)
+            if Parameter.SCALE in beside:
+                change, u = trial.mean(Parameter.SCALE)
+                known = replace(known, log_scale=known.log_scale + change, u_log_scale=u)
+    if known.skew == _EVEN:
+        # a band may be even in wavenumbers or in wavelengths
+        even, other = attempt(axes, known), attempt(axes, replace(known, skew=2.0 * _EVEN))
+        known = known if even is None or other is None else known.with_shared(even, even.changes(other))
+    by_noise = max(middle / made[1].pixels, 1.0)
+    deviation = 1.0 / math.sqrt(max(bend, 0.0) / (2.0 * by_noise) + (_SKEWNESS / _USUAL_SKEWNESS) ** 2)
+    return known.with_shared(made[1], shift * deviation)
 
 
 def _find_optics(

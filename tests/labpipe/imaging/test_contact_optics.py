@@ -80,6 +80,7 @@ CASES = {
     "diode of 30 nm, small": Case(replace(PLAIN, colours=band(30e-9)), 0.05, radii=(40.0, 80.0)),
     "diode out of focus, small": Case(replace(PLAIN, colours=DIODE, lens=oval(0.8, 0.8, 0.0)), 0.1, radii=(40.0, 80.0)),
     "blurred, small": Case(replace(PLAIN, lens=oval(1.5, 1.5, 0.0)), 0.03, radii=(40.0, 80.0)),
+    "white light, 140 nm wide": Case(replace(PLAIN, colours=band(140e-9, 61)), 0.15, wide=6.0),
     "white light": Case(replace(PLAIN, colours=band(100e-9, 31)), 0.2),
 }
 
