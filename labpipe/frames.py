@@ -15,6 +15,10 @@ class IncompleteFilmWarning(UserWarning):
     """The file of a film lacks frames that it should hold, or holds some that are damaged."""
 
 
+class SmoothedFilmWarning(UserWarning):
+    """Compression smoothed the frames of a film, by an amount that nothing in its file tells."""
+
+
 def warn_incomplete(text: str) -> None:
     """Warn whoever opens a film that it is not whole; a session judges it by that."""
     warnings.warn(text, IncompleteFilmWarning, stacklevel=5)

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from instruments.images._headers import CutOffError, ImageHeader, one_page, png_fault, read_headers
 from instruments.images._names import LOSSY, SUFFIXES, images_in
-from instruments.images._pictures import ROUNDED, one_intensity
+from instruments.images._pictures import ROUNDED, SMOOTHED, one_intensity
 from labpipe.errors import SourceError
-from labpipe.frames import warn_incomplete
+from labpipe.frames import SmoothedFilmWarning, warn_incomplete
 
 _NUMBER = re.compile(r"-?\d+")
 _COUNT = "Where names hold times, number the images in the order they were taken: frame_0001.png, …"
@@ -132,9 +132,9 @@ def _warn_of_lossy(folder: Path, exact: Sequence[Path], lossy: Sequence[Path]) -
         f"{beside[0].name}: if they are frames of the film, export them as the others"
         if exact
         else "JPEG images have their levels baked in (gain, brightness, gamma), so their intensities are not "
-        "calibrated; their compression smooths fine detail away, which no uncertainty here contains"
+        f"calibrated; their compression {SMOOTHED}"
     )
-    warnings.warn(f"{folder.name}: {text}", UserWarning, stacklevel=4)
+    warnings.warn(f"{folder.name}: {text}", UserWarning if exact else SmoothedFilmWarning, stacklevel=4)
 
 
 def _signed(stem: str, found: "re.Match[str]") -> int:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from labpipe.errors import SourceError
 
+SMOOTHED = "smooths fine detail away, which no uncertainty here contains"
 ROUNDED = 4  # levels by which the compression of videos and JPEG rounds the three colours of grey apart
 
 

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.images._pictures import ROUNDED, one_intensity
+from instruments.images._pictures import ROUNDED, SMOOTHED, one_intensity
 from labpipe.errors import SourceError
-from labpipe.frames import warn_incomplete
+from labpipe.frames import SmoothedFilmWarning, warn_incomplete
 
 # Of a film that was cut off the decoders print, for every image, that its end is missing; we tell it once.
 # OpenCV 5 moved the switch; 0 is silent in both.
@@ -31,12 +31,12 @@ _LOSSLESS = ("FFV1", "HFYU", "FFVH", "MPNG", "Y800")
 
 def warn_of_video(path: Path, playback: float, fps: float, codec: str = "") -> None:
     """Warn that neither levels nor times of a video are the camera's, nor details where its codec loses them."""
-    lossy = f"; its compression ({codec}) smooths fine detail away, which no uncertainty here contains"
+    lossy = f"; its compression ({codec}) {SMOOTHED}"
     warnings.warn(
         f"{path.name}: a video has its levels baked in (gain, brightness, gamma), so its "
         f"intensities are not calibrated; its own {playback:g} frames a second are the rate of "
         f"playback, the times here follow the stated {fps:g}{lossy * bool(codec)}",
-        UserWarning,
+        SmoothedFilmWarning if codec else UserWarning,
         stacklevel=5,
     )
 

@@ -19,7 +19,7 @@ from pipelines.experiments.contact_area.comparison import FRAMES, PLATE, SCALE, 
 from pipelines.experiments.contact_area.measured import brightness, edges_only
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
-from pipelines.experiments.shared.film_frames import explained, whole_film
+from pipelines.experiments.shared.film_frames import explained, not_smoothed, whole_film
 from pipelines.experiments.shared.film_light import exposed, lit, no_mosaic
 from pipelines.experiments.shared.film_stated import is_rate_used, stated_twice
 from pipelines.experiments.shared.given import Given
@@ -61,6 +61,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
     checks = [explained(check, whole) for check in judgements.failed_steps(context, _FAILED)]
     checks.append(fall_checks.gravity_stated(settings.model.gravity))
     checks.append(judgements.day_known(radius, settings.camera, settings.film))
+    checks.append(not_smoothed(context, settings.film))
     if radius is not None:
         checks += stated_twice(radius, settings.film, settings.frame_rate, settings.exposure)
         checks += given.each((_fringes, _visible, _method, _flies, image_checks))

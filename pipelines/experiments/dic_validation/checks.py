@@ -27,7 +27,7 @@ from pipelines.experiments.dic_validation.comparison import rows
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.fall_checks import Fall
-from pipelines.experiments.shared.film_frames import explained, no_copies, sound_frames, whole_film
+from pipelines.experiments.shared.film_frames import explained, no_copies, not_smoothed, sound_frames, whole_film
 from pipelines.experiments.shared.film_light import exposed, lit, no_mosaic
 from pipelines.experiments.shared.film_stated import is_rate_used, stated_twice
 from pipelines.experiments.shared.frame_order import in_order
@@ -78,6 +78,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
     failed = judgements.failed_steps(context, _FAILED)
     checks = [_of_masks(explained(check, whole), settings) for check in failed]
     checks.append(judgements.day_known(motion, settings.camera, settings.film))
+    checks.append(not_smoothed(context, settings.film))
     if track is not None:
         checks += stated_twice(track, settings.film, settings.frame_rate)
         found = _of_masks(_found(track, settings), settings)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import instruments
 from labpipe.errors import InputError
-from labpipe.frames import FrameSource, IncompleteFilmWarning
+from labpipe.frames import FrameSource, IncompleteFilmWarning, SmoothedFilmWarning
 from labpipe.judging import Check, Level, stated
 from labpipe.units import Quantity
 from labpipe.variables import variable
@@ -79,10 +79,25 @@ def _is_exchanged(film: FrameSource) -> bool:
 def whole_film(context: Context, film: str) -> Check:
     """Tell what the reader of a film warned of: frames that its file lacks, or that are damaged."""
     name, law = "whole film", "a file holds every frame that it declares"
-    texts = [warned.text for warned in context.warnings if warned.category == IncompleteFilmWarning.__name__]
-    if not texts:
+    text = _warned(context, IncompleteFilmWarning)
+    if not text:
         return stated(name, law, f"{film}: no frame is missing in the file", None, file=film)
-    return stated(name, law, f"{film}: {texts[0].partition(': ')[2]}", "note", cause=_NOT_WHOLE, file=film)
+    return stated(name, law, f"{film}: {text}", "note", cause=_NOT_WHOLE, file=film)
+
+
+def not_smoothed(context: Context, film: str) -> Check:
+    """Tell that compression took detail from a film, which its uncertainties do not hold."""
+    name, law = "detail of the frames", "a file holds the frames as the camera saw them"
+    text = _warned(context, SmoothedFilmWarning)
+    if not text:
+        return stated(name, law, f"{film}: its format keeps every level", None, file=film)
+    cause = "the film was exported with lossy compression: export it as PNG or TIFF, or give the camera's own file"
+    return stated(name, law, f"{film}: {text}", "note", cause=cause, file=film)
+
+
+def _warned(context: Context, category: type[Warning]) -> str:
+    texts = (warned.text for warned in context.warnings if warned.category == category.__name__)
+    return next(texts, "").partition(": ")[2]
 
 
 def sound_frames(is_sound: NDArray[np.bool_], whole: Check, film: str) -> Check:

@@ -4,15 +4,18 @@ import struct
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 import instruments
 from instruments import phantom
 from labpipe.errors import InputError, LabpipeError
+from labpipe.frames import SmoothedFilmWarning
 from labpipe.judging import stated
+from labpipe.units import quantity
 from labpipe.workflow.context import Context, Warned
-from pipelines.experiments.shared.film_frames import explained, key_frames, open_film, spoiled, whole_film
+from pipelines.experiments.shared.film_frames import explained, key_frames, not_smoothed, open_film, spoiled, whole_film
 
 
 @dataclass
@@ -104,6 +107,20 @@ def test_a_step_that_fails_over_a_film_that_broke_off_is_told_so():
     failed = stated("step bounces", "", "no bounce found", "impossible", cause="the film shows no drop")
     assert explained(failed, whole).cause.startswith("the film was not copied whole")
     assert explained(failed, whole_film(replace(context, warnings=()), "film/f.avi")).cause == "the film shows no drop"
+
+
+def test_a_film_that_compression_smoothed_has_a_note(tmp_path):
+    for i, image in enumerate(_smooth()):
+        cv2.imwrite(str(tmp_path / f"f{i}.jpg"), image)
+    with pytest.warns(SmoothedFilmWarning) as caught:
+        open_film(tmp_path, quantity("10000 Hz"))
+    (told,) = (w for w in caught if w.category is SmoothedFilmWarning)
+    warned = Warned("track", None, told.category.__name__, str(told.message), 1)
+    context = Context("film", "dic_validation", "", "", "", True, warnings=(warned,))
+    found = not_smoothed(context, "film")
+    assert (found.level, found.cause[:38]) == ("note", "the film was exported with lossy compr")
+    assert found.message.startswith("film: JPEG images have their levels baked in")
+    assert not_smoothed(replace(context, warnings=()), "film").level is None
 
 
 def test_lines_along_the_image_are_no_exchanged_header(tmp_path):
