@@ -43,18 +43,23 @@ def tilt(motion: xr.Dataset, settings: DicValidation) -> Check:
     angle, u = float(motion["tilt"]), float(motion["u_tilt"])
     if not isfinite(angle):
         return not_made(name, law, _NO_MOTION)
+    short = 1.0 - cos(angle or viewing_angle.most_unseen(u))
+    matters = short > _MATTERS * float(motion["u_pixel_size"] / motion["pixel_size"])
+    level: Level | None = "note" if matters else None
     if angle == 0.0:
-        return stated(name, law, f"{settings.film}: the holder's image does not grow or shrink", None)
-    shown, short = value_with_uncertainty(degrees(angle), degrees(u), "deg"), 1.0 - cos(angle)
+        hidden = in_words(degrees(viewing_angle.most_unseen(u)), 2)
+        text = f"{settings.film}: the holder does not grow or shrink; a tilt up to {hidden}° would not be seen, "
+        text += f"nor displacements that are too short by {100 * short:.2g} %"
+        cause = "where the camera may be tilted, a longer fall tells by how much" if matters else ""
+        return stated(name, law, text, level, cause=cause, file=settings.film)
+    shown = value_with_uncertainty(degrees(angle), degrees(u), "deg")
     if settings.camera_distance is not None:
         text = f"{settings.film}: the camera looks up or down by {shown}; displacements are longer by "
         text += f"{100 * short:.2f} % for it"
         return stated(name, law, text, None)
-    matters = short > _MATTERS * float(motion["u_pixel_size"] / motion["pixel_size"])
     text = f"{settings.film}: at a usual distance of {quantity(viewing_angle.USUAL_DISTANCE, 'm')} the camera looks up "
     text += f"or down by {shown}, and displacements are too short by {100 * short:.2f} %"
     cause = "the camera is tilted: state camera_distance, and displacements are corrected" if matters else ""
-    level: Level | None = "note" if matters else None
     return stated(name, law, text, level, cause=cause, file=settings.film, setting="camera_distance")
 
 

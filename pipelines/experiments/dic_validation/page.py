@@ -200,7 +200,8 @@ def camera_angle(motion: xr.Dataset, distance: Quantity | None) -> list[tuple[st
     shown = value_with_uncertainty(direction, u_direction, "deg")
     rows = [("motion, to the image's columns", shown, f"positive to the right of upwards; {used}")]
     if not float(motion["slant"]):
-        return [*rows, ("tilt of the camera", "none seen", "the holder does not grow or shrink as it moves")]
+        unseen = f"below {viewing_angle.most_unseen(u_tilt):.2g}°"
+        return [*rows, ("tilt of the camera", f"none seen; {unseen}", "the holder does not grow or shrink as it moves")]
     usual = quantity(viewing_angle.USUAL_DISTANCE, "m")
     used = f"for a distance of {usual}; not corrected: state camera_distance in session.toml"
     if distance is not None:

@@ -29,6 +29,8 @@ _FEWEST = 4  # frames
 _DRIFTS = 0.3  # of what is left across the motion, that is left where it drifts aside evenly
 _SHARE = 0.5  # of the frames on the far half of the way, in which a growth must be seen
 _STEEPEST = math.tan(math.radians(60.0))  # of a camera that still sees its motion
+_UNSEEN = 5.0  # standard uncertainties of the rotation, up to which a growth is not told
+_BY_EYE = math.radians(5.0)  # to which a camera is set up without an instrument
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +49,8 @@ class Seen:
     slant, u_slant : float [1/m]
         What it grows more along the motion than across, which tells a tilt times a distance.
     tilt, u_tilt : float [rad]
-        Angle of looking up or down, for the stated distance or else for the usual one.
+        Angle of looking up or down, for the stated distance or else for the usual one. Where none is
+        seen, that which so short a motion would hide.
     """
 
     is_known: bool
@@ -70,6 +73,13 @@ class Seen:
         """Factor of displacements; 1 where the distance is not stated."""
         return 1.0 / math.cos(self.tilt) if self.is_known and math.isfinite(self.tilt) else 1.0
 
+    @property
+    def shortened(self) -> float:
+        """Relative standard uncertainty of displacements that the tilt leaves."""
+        if self.tilt and self.is_known:
+            return math.tan(self.tilt) * self.u_tilt
+        return (1.0 / math.cos(self.tilt or most_unseen(self.u_tilt)) - 1.0) / math.sqrt(3.0)
+
     def variables(self) -> dict[str, Any]:
         """Return what a page and checks read."""
         texts = {
@@ -82,6 +92,11 @@ class Seen:
         for name, text in texts.items():
             made |= with_u(name, (), getattr(self, name), getattr(self, f"u_{name}"), *text)
         return made
+
+
+def most_unseen(u_tilt: float) -> float:
+    """Largest tilt [rad] that a film would not show, where it shows none."""
+    return math.sqrt(3.0) * u_tilt
 
 
 def seen(body: xr.Dataset, distance: Quantity | None = None) -> Seen:
@@ -116,6 +131,10 @@ def seen(body: xr.Dataset, distance: Quantity | None = None) -> Seen:
             direction, u_direction = direction + turn, u_turn
     growth, slant = _per_length(body, 0.0), _per_length(body, 1.0)
     length = Quantity(USUAL_DISTANCE, 0.0, "m") if distance is None else distance
+    if not slant[0]:
+        hidden = _UNSEEN * float(np.nanmedian(body["u_rotation"].values)) / far * length.value
+        unseen = min(math.atan(hidden), _BY_EYE) / math.sqrt(3.0)  # anywhere up to that
+        return Seen(distance is not None, direction, u_direction, *growth, *slant, 0.0, unseen)
     # the displacement, of which this is the slope, is itself too short by the cosine
     tilt = math.atan(min(abs(slant[0]) * length.value, _STEEPEST))
     u_tilt = math.hypot(length.value * slant[1], slant[0] * length.u) * math.cos(tilt) ** 2
@@ -180,10 +199,9 @@ def sources(seen: Seen, travel: float, size: float) -> list[Source]:
     """
     if not math.isfinite(seen.direction):
         return []
-    short = math.tan(seen.tilt) * seen.u_tilt if seen.is_known else (1.0 / math.cos(seen.tilt) - 1.0) / 3.0**0.5
     relative = {
         "direction of motion": (1.0 - math.cos(seen.direction)) / math.sqrt(3.0),
-        "tilt of the camera": short,
+        "tilt of the camera": seen.shortened,
         "scale along the motion": abs(seen.growth) * travel / math.sqrt(12.0),
     }
     return [Source(name, 0.0, u, "1", size, "systematic") for name, u in relative.items() if u > 0.0]

@@ -17,7 +17,7 @@ from pipelines.experiments.dic_validation import measured
 from pipelines.experiments.dic_validation._view_checks import sideways
 from pipelines.experiments.dic_validation.page import camera_angle
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
-from pipelines.experiments.dic_validation.viewing_angle import Seen, along, seen
+from pipelines.experiments.dic_validation.viewing_angle import Seen, along, seen, sources
 from pipelines.rig.session_text import front_record
 
 PIXEL = 30e-3 / 386
@@ -145,7 +145,7 @@ def test_an_image_that_creeps_aside_is_no_turn(drift):
     slope = math.tan(math.radians(2.0))
     values = {"displacement_x": slope * fall + drift * time + noise[0], "displacement_y": fall + noise[1]}
     values |= {f"u_{name}": np.full(time.size, 2e-7) for name in values}
-    values |= {name: np.zeros(time.size) for name in ("stretch_x", "stretch_y")}
+    values |= {name: np.zeros(time.size) for name in ("stretch_x", "stretch_y", "u_rotation")}
     body = xr.Dataset({name: ("frame", value) for name, value in values.items()}, coords={"time": ("frame", time)})
     found = seen(body)
     assert abs(found.direction - math.radians(2.0)) < 3 * found.u_direction < 2e-3
@@ -161,3 +161,29 @@ def test_an_image_that_creeps_aside_is_no_turn(drift):
     moved = abs(drift) * time[-1] / 7.77e-5
     assert (check.level == "note") == (moved > 0.5)
     assert (f"drifts aside, evenly, by {moved:.2g} px" in check.message) == (moved > 0.5)
+
+
+@pytest.mark.parametrize("distance", [None, 0.3])
+def test_a_tilt_that_a_short_motion_hides_is_budgeted(distance: float | None):
+    """A fall of a quarter of a millimetre, and a camera that looks 5 degrees down: lengths 0.38 % too short."""
+    rise, noise = np.linspace(0.0, -0.25e-3, 40), np.full(40, 1e-7)
+    still = np.zeros(40)
+    body = xr.Dataset(
+        {
+            name: ("frame", values)
+            for name, values in {
+                "displacement_x": still, "displacement_y": rise, "u_displacement_x": noise,
+                "u_displacement_y": noise, "stretch_x": still, "stretch_y": still, "u_rotation": np.full(40, 4e-5),
+            }.items()
+        }
+    )  # fmt: skip
+    angle = seen(body, None if distance is None else Quantity(distance, 0.0, "m"))
+    assert angle.tilt == 0.0
+    assert math.radians(5.0) == pytest.approx(math.sqrt(3.0) * angle.u_tilt)
+    assert (angle.lengthened, angle.shortened) == (1.0, pytest.approx(0.0038 / 3**0.5, rel=0.01))
+    budget = sources(angle, 0.25e-3, 12e-6)
+    assert [(row.source, row.u) for row in budget if row.source == "tilt of the camera"] == [
+        ("tilt of the camera", angle.shortened)
+    ]
+    longer = seen(body.assign(displacement_y=40 * body["displacement_y"]))
+    assert longer.shortened == pytest.approx(0.5 * 0.006**2 / 3**0.5, rel=0.01)  # 10 mm
