@@ -188,7 +188,9 @@ def _with_hidden(
     What is neither, as a small flat seen out of focus, hints at one as well, and moves the radius as much.
     """
     best = attempt(tuple(axes), known)  # with all that is known by now, or its gain would be this one's
-    least = HINT if best is None or not best.is_quiet else _WEAK_HINT + 2.0 * len(best.fits)
+    least = HINT
+    if best is not None and best.is_quiet:
+        least = (_WEAK_HINT if parameter is Parameter.PHASE else HINT) + 2.0 * len(best.fits)
     if best is None or not best.may_gain((parameter,), least):
         return known
     trial = attempt((*axes, parameter), known)
