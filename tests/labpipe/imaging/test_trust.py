@@ -398,7 +398,7 @@ def test_steps_of_an_edge_that_is_blurred_after_it_is_sampled_are_no_texture(ang
 
 @pytest.mark.parametrize("width", [22.35, 30.0])
 def test_steps_that_come_back_farther_along_an_edge_are_no_texture(width: float) -> None:
-    """Bars in small subsets: 51 of 101 results were wrong, by up to 20 px."""
+    """Bars in small subsets: 43 of 90 results were wrong, by up to 20 px."""
     angle = np.pi / 3
 
     def bars(x: np.ndarray, y: np.ndarray) -> np.ndarray:
