@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments.images._headers import CutOffError, ImageHeader, one_page, png_fault, read_headers
-from instruments.images._names import LOSSY, SUFFIXES, images_in
+from instruments.images._names import LOSSY, SUFFIXES, images_in, is_numbered
 from instruments.images._pictures import ROUNDED, SMOOTHED, one_intensity
 from labpipe.errors import SourceError
 from labpipe.frames import SmoothedFilmWarning, warn_incomplete
@@ -124,17 +124,19 @@ def _header(path: Path) -> ImageHeader | CutOffError:
 
 def _warn_of_lossy(folder: Path, exact: Sequence[Path], lossy: Sequence[Path]) -> None:
     """Warn of images that have lost detail, or of those that lie beside a film's and are not its frames."""
-    beside = [path for path in lossy if any(map(str.isdigit, path.stem))] if exact else []
-    if exact and not beside:
-        return
-    text = (
-        f"JPEG images lie beside the others and are left out, {len(beside)} with a number in the name, the first "
-        f"{beside[0].name}: if they are frames of the film, export them as the others"
-        if exact
-        else "JPEG images have their levels baked in (gain, brightness, gamma), so their intensities are not "
-        f"calibrated; their compression {SMOOTHED}"
-    )
-    warnings.warn(f"{folder.name}: {text}", UserWarning if exact else SmoothedFilmWarning, stacklevel=4)
+    beside = [path for path in lossy if is_numbered(path)]
+    if not exact:
+        text = (
+            "JPEG images have their levels baked in (gain, brightness, gamma), so their intensities are not "
+            f"calibrated; their compression {SMOOTHED}"
+        )
+        warnings.warn(f"{folder.name}: {text}", SmoothedFilmWarning, stacklevel=4)
+    elif beside:
+        text = (
+            f"JPEG images lie beside the others and are left out, {len(beside)} with a number in the name, the first "
+            f"{beside[0].name}: if they are frames of the film, export them as the others"
+        )
+        warnings.warn(f"{folder.name}: {text}", UserWarning, stacklevel=4)
 
 
 def _signed(stem: str, found: "re.Match[str]") -> int:

@@ -10,7 +10,7 @@ import os
 import struct
 import zlib
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 from labpipe.errors import SourceError
 
@@ -89,7 +89,7 @@ def read_headers(path: Path) -> list[ImageHeader]:
             if head[:2] == b"BM":
                 return [_bmp(path, head, size)]
             if head[:3] == _JPEG:
-                return [_jpeg(path, head + stream.read())]
+                return [_jpeg(path, stream, size)]
         if is_tiff(head):
             return _tiff(path, path.read_bytes() if path.stat().st_size < 1 << 20 else None)
     except OSError as error:
@@ -116,15 +116,19 @@ def _bmp(path: Path, head: bytes, size: int) -> ImageHeader:
     return ImageHeader(rows, columns, 8, "" if is_whole else "the BMP is cut off")
 
 
-def _jpeg(path: Path, data: bytes) -> ImageHeader:
+def _jpeg(path: Path, stream: BinaryIO, size: int) -> ImageHeader:
     at = 2
-    while at + 9 <= len(data) and data[at] == 0xFF:
-        if data[at + 1] in _JPEG_SIZES:
-            bits, rows, columns = struct.unpack(">BHH", data[at + 4 : at + 9])
+    while at + 9 <= size:
+        stream.seek(at)
+        mark, kind, length, bits, rows, columns = struct.unpack(">BBHBHH", stream.read(9))
+        if mark != 0xFF:
+            break
+        if kind in _JPEG_SIZES:
             _check_size(path, rows, columns, bits)
-            fault = "" if _JPEG_END in data[-_JPEG_TAIL:] else "the JPEG is cut off: its end mark is missing"
+            stream.seek(-min(_JPEG_TAIL, size), os.SEEK_END)
+            fault = "" if _JPEG_END in stream.read() else "the JPEG is cut off: its end mark is missing"
             return ImageHeader(rows, columns, bits, fault, is_compressed=True)
-        at += 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+        at += 2 + length
     raise CutOffError(path, "the JPEG ends within its header", hint="Copy it from the camera again.")
 
 

@@ -18,6 +18,11 @@ def has_images(folder: Path, suffixes: tuple[str, ...] = SUFFIXES) -> bool:
     return next(images_in(folder, suffixes), None) is not None
 
 
+def is_numbered(image: Path) -> bool:
+    """Tell whether there is a number in the name of an image, as the frames of a film have, and pictures need not."""
+    return any(map(str.isdigit, image.stem))
+
+
 def has_frames(folder: Path, suffixes: tuple[str, ...] = SUFFIXES) -> bool:
-    """Tell whether there is an image with a number in its name, as the frames of a film have, and pictures need not."""
-    return any(any(map(str.isdigit, image.stem)) for image in images_in(folder, suffixes))
+    """Tell whether there is one with a number in its name."""
+    return any(map(is_numbered, images_in(folder, suffixes)))

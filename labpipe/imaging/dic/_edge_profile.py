@@ -9,10 +9,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from labpipe.arrays import Flags, Floats
 from labpipe.imaging.dic._motion_uncertainty import strongest_slopes
+from labpipe.imaging.dic._periodic import repeats_along
 from labpipe.imaging.dic._reference import Reference
 
 #: Weights of the slope at a pixel, and how many pixels they reach beyond the subset.
@@ -37,18 +37,8 @@ _ARE_MOST, _HARDLY_CLEAR = 0.7, 2.0
 #: Ratio of squared slopes from which the lower share counts, and that of results that misfit by a multiple of noise;
 #: and what clarity is at least, over that ratio: the steeper an edge, the more a profile misses of it.
 _STEEP, _LESS_STEEP, _MISFITS, _ARE_OF_STEEP, _CLEARER = 100.0, 50.0, 4.0, 0.2, 0.05
-#: Steps of pixels along an edge after which it is looked whether a subset looks the same again (px), by how much such
-#: a step may lead aside; share of what other places differ by, beyond noise, below which it does, and from which a
-#: place is another one; places at least.
-_FARTHEST, _ASIDE, _SAME, _ANOTHER, _PLACES = 40, 0.3, 0.12, 0.5, 4
-#: Standard deviations of what noise makes of it from which a difference is looked at, and ratio of the squared slopes
-#: across and along.
-_BEYOND_NOISE = 8.0
-#: Half width of a subset from which every second pixel is looked at.
-_SPARSE = 9
+#: Ratio of squared slopes from which it is looked whether steps repeat along a line.
 _MAY_REPEAT = 4.0
-#: Directions (rad) beside the weakest in which an edge may lie.
-_TURNED, _RIGHT = np.linspace(-0.2, 0.2, 21), 0.5 * math.pi
 #: Shift (px) to which edges mislead that are all of the texture.
 _MISLEADS = 0.16
 #: Share of the frames that show a point's own noise.
@@ -104,7 +94,8 @@ def misled(
         if len(static):
             own = min(own, float(static.mean()))
         own = max(own, reference.rounding)
-        if repeats_along(reference, n, own):
+        line = reference.subsets.layout[n], reference.weakest_slopes(n)
+        if repeats_along(reference.mean, *line, own / reference.noise.static_frames):
             is_doubtful[:, n] = found[:, n]
             continue
         if not is_asked[:, n].any():
@@ -170,50 +161,6 @@ def along_edges(reference: Reference, point: int, noise: float) -> Along:
     return Along(
         steps / max(steps + max(beyond, 0.0), 1e-30), beyond / max(by_noise * math.sqrt(_SPREAD / len(texture)), 1e-30)
     )
-
-
-def repeats_along(reference: Reference, point: int, noise: float) -> bool:
-    """Tell whether a usable point looks the same again some steps of pixels farther along its edge.
-
-    Steps that pixels make of a line repeat themselves where it meets them alike, whatever blurs them, and a texture
-    does not. What stays with the pixels there would be followed to the next such place. Parameters are those of
-    :func:`along_edges`.
-    """
-    x, y, half = reference.subsets.layout[point, :3].tolist()
-    steps = np.mgrid[-_FARTHEST : _FARTHEST + 1, -_FARTHEST : _FARTHEST + 1].reshape(2, -1)[::-1]
-    low, high = -np.array([[x], [y]]) + half, np.array([reference.mean.shape[::-1]]).T - 1 - half - [[x], [y]]
-    steps = steps[:, ((steps >= low) & (steps <= high)).all(axis=0)]
-    # steps turn what resists least a little away from the lines
-    angles = reference.weakest_slopes(point) + _TURNED
-    along, aside = (np.outer(np.cos(a), steps[0]) + np.outer(np.sin(a), steps[1]) for a in (angles, angles + _RIGHT))
-    beside = (np.abs(aside) <= _ASIDE) & (np.abs(along) > 0.5)
-    chosen = np.flatnonzero(beside.any(axis=0))
-    # some pixels of a large subset tell as much
-    sparse = np.s_[:: 1 + half // _SPARSE, :: 1 + half // _SPARSE]
-    windows = sliding_window_view(reference.mean, (2 * half + 1, 2 * half + 1))[..., *sparse]
-    own = reference.mean[y - half : y + half + 1, x - half : x + half + 1]
-    patches = (windows[steps[1][chosen] + y - half, steps[0][chosen] + x - half] - own[sparse]).reshape(len(chosen), -1)
-    # a shift of less than a pixel and another level are no difference
-    columns = (np.ones_like(own), *np.gradient(own))
-    alike, _ = np.linalg.qr(np.stack([v[sparse].ravel() for v in columns], axis=1))
-    apart, by_noise = np.full(steps.shape[1], np.nan), 2.0 * noise / reference.noise.static_frames
-    left = ((patches**2).sum(axis=1) - ((patches @ alike) ** 2).sum(axis=1)) / len(alike)
-    apart[chosen] = np.maximum(left - by_noise, 0.0)
-    least = _BEYOND_NOISE * by_noise * math.sqrt(2.0 / len(alike))
-    return any(_comes_back(along[k, b], apart[b], least) for k, b in enumerate(beside))
-
-
-def _comes_back(along: Floats, apart: Floats, least: float) -> bool:
-    """Tell whether what differs (place,) at some distance along a line, by so much usually, is alike again farther."""
-    usual = float(np.median(apart)) if len(along) >= _PLACES else 0.0
-    if usual <= least:
-        return False
-    for way in (1.0, -1.0):
-        outwards = apart[np.argsort(way * along)][np.sort(way * along) > 0.0]
-        another = np.flatnonzero(outwards > _ANOTHER * usual)
-        if len(another) and (outwards[another[0] :] < _SAME * usual).any():
-            return True
-    return False
 
 
 def _profile(

@@ -146,14 +146,14 @@ class Pattern:
         kept = level**2 + 2.0 * level * weights[:, 0] * along + (weights**2 * squares).sum(axis=1)
         return level, np.maximum(kept, 0.0)
 
-    def seen_at(self, gain: Floats) -> Floats:
-        """Variance (point,) of a pixel of the residual over that of a pixel, at gains."""
-        return np.asarray(gain**2 * self.table.gain.mean(axis=1).prod() + self.table.own / self.table.static_frames)
+    def seen_at(self, gain: Floats, kept: Floats | float = 1.0) -> Floats:
+        """Variance (point,) of a pixel of the residual over that of a pixel, at gains and what is ``kept``."""
+        own = self.table.own / self.table.static_frames
+        return np.asarray(gain**2 * self.table.gain.mean(axis=1).prod() + own * kept)
 
     def seen(self, chosen: Integers, gain: Floats, weights: Floats) -> Floats:
         """Variance (result,) of a pixel of the residual over that of a pixel, at gains and weights of the bends."""
-        own = self.table.own / self.table.static_frames
-        return np.asarray(gain**2 * self.table.gain.mean(axis=1).prod() + own * self._kept(chosen, weights)[1])
+        return self.seen_at(gain, self._kept(chosen, weights)[1])
 
 
 @dataclass
