@@ -90,7 +90,7 @@ def not_smoothed(context: Context, film: str) -> Check:
     name, law = "detail of the frames", "a file holds the frames as the camera saw them"
     text = _warned(context, SmoothedFilmWarning)
     if not text:
-        return stated(name, law, f"{film}: its format keeps every level", None, file=film)
+        return stated(name, law, f"{film}: its reader told of no compression that smooths", None, file=film)
     cause = "the film was exported with lossy compression: export it as PNG or TIFF, or give the camera's own file"
     return stated(name, law, f"{film}: {text}", "note", cause=cause, file=film)
 
