@@ -33,6 +33,8 @@ _LEAST = 1.3
 _MEMORY = 4.0
 #: Correlation below which a subset misfits by more than its edges do.
 _ALIKE = 0.95
+#: Share of the trusted points of a frame above which it is no chance that they misfit.
+_MISFITS = 0.05
 #: Points that tell the blur of a frame.
 _TELLING = 24
 #: Solves subsets, numbers of them, from motions; the last are their places among all that are asked for.
@@ -329,13 +331,14 @@ class FrameSolver:
         shown = attempt.residual / self._pattern.seen_at(attempt.gain)
         is_misfit = (shown > self._still.most) | ((shown < self._still.sharp) & (shown > self._still.least))
         chosen = np.flatnonzero(attempt.trusted & is_misfit & (attempt.zncc > _ALIKE))
-        if not self.sees_all and len(chosen):
+        if len(chosen) <= _MISFITS * np.count_nonzero(attempt.trusted):
+            return result
+        if not self.sees_all:
             chosen = chosen[~self.touched(chosen, attempt.motion[chosen])]
-        if len(chosen):
-            found = attempt.motion[chosen], attempt.model[chosen]
-            result[chosen] = misfit_spread(
-                self._pattern.subsets, self.coefficients(loaded), self._options.order, chosen, *found, loaded
-            )
+        found = attempt.motion[chosen], attempt.model[chosen]
+        result[chosen] = misfit_spread(
+            self._pattern.subsets, self.coefficients(loaded), self._options.order, chosen, *found, loaded
+        )
         return result
 
 

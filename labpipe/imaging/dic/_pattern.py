@@ -146,10 +146,15 @@ class Pattern:
         kept = level**2 + 2.0 * level * weights[:, 0] * along + (weights**2 * squares).sum(axis=1)
         return level, np.maximum(kept, 0.0)
 
+    @cached_property
+    def _of_noise(self) -> tuple[float, float]:
+        """Variance of a pixel of the residual, of the frame and of the reference, over that of a pixel."""
+        return float(self.table.gain.mean(axis=1).prod()), self.table.own / self.table.static_frames
+
     def seen_at(self, gain: Floats, kept: Floats | float = 1.0) -> Floats:
         """Variance (point,) of a pixel of the residual over that of a pixel, at gains and what is ``kept``."""
-        own = self.table.own / self.table.static_frames
-        return np.asarray(gain**2 * self.table.gain.mean(axis=1).prod() + own * kept)
+        of_frame, own = self._of_noise
+        return np.asarray(gain**2 * of_frame + own * kept)
 
     def seen(self, chosen: Integers, gain: Floats, weights: Floats) -> Floats:
         """Variance (result,) of a pixel of the residual over that of a pixel, at gains and weights of the bends."""
