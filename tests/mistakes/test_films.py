@@ -149,6 +149,10 @@ def _height(value: float) -> dict[str, Any]:
     return {"settings": {"height": Quantity(value, 5e-6, "m")}}
 
 
+def _one_impact(film: xr.Dataset) -> xr.Dataset:
+    return film.isel(frame=slice(0, 260))
+
+
 _WHITE: dict[str, Any] = {"wavelength": None}
 _VIEW, _RATE = "scale in calibration/camera_under.toml is wrong, of another view", "frame rate is"
 ROWS = (
@@ -186,10 +190,22 @@ ROWS = (
         settings={"exposure": Quantity(1e-3, 0.0, "s")},
     ),
     FilmMistake("frame rate 1.1 times", "doubtful", (_RATE, "1.1 times"), _faster(1.1)),
-    FilmMistake("height 2 for 1.5 mm", "doubtful", ("drop height is probably 1.51",), **_height(2e-3)),
+    FilmMistake("height 2 for 1.5 mm", "doubtful", ("drop height is probably 1.50",), **_height(2e-3)),
     FilmMistake("height 15 for 1.5 mm", "impossible", ("drop height is probably 1.5",), **_height(15e-3)),
     FilmMistake("height 3 for 1.5 mm", "impossible", ("drop height is probably 1.5",), **_height(3e-3)),
     FilmMistake("height 0.15 for 1.5 mm", "impossible", ("drop height is probably 1.5",), **_height(0.15e-3)),
+    FilmMistake(
+        "frame rate twice, one impact", "impossible", (_RATE, "1.9"), lambda film: _faster(2.0)(_one_impact(film))
+    ),
+    FilmMistake(
+        "height 5 for 1.5 mm, one impact", "impossible", ("drop height is probably 1.",), _one_impact, **_height(5e-3)
+    ),
+    FilmMistake(
+        "scale 1.05 times, one impact",
+        "impossible",
+        ("lengths come out 1.05 times too large: the scale in",),
+        lambda film: _larger(1.05)(_one_impact(film)).assign_attrs(phase_scale_ratio=1.05**-2),
+    ),
     FilmMistake("stamps exchanged", "impossible", ("exchanged", "frame 181"), _stamps),
     FilmMistake("two frames exchanged", "doubtful", ("frames near 180 are exchanged",), _exchanged(177, 180)),
     FilmMistake("neighbours exchanged", "doubtful", ("exchanged",), _exchanged(176, 177)),
