@@ -107,8 +107,10 @@ def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanati
     ]
     if not any(c.level for c in checks) or not any(r for _, r, _ in rows):
         return ()
-    found = []
+    wrong, found = {c.name for c in checks if c.level}, []
     for cause in causes:
+        if not any(cause.effects.get(name) for name in wrong):
+            continue
         moved = [(cause.effects.get(name, 0.0), r, u) for name, r, u in rows]
         weight = sum((d / u) ** 2 for d, _, u in moved)
         if weight == 0.0:

@@ -268,6 +268,20 @@ ROWS = (
     FilmMistake(
         "lens out of focus", "doubtful", ("not resolved",), lambda film: film.assign(method=film["method"] * 2)
     ),
+    FilmMistake(
+        "images cropped beside the contact",
+        "doubtful",
+        ("beside the images in 33 of", "cropped beside"),
+        lambda film: _put("centre_y", -30.0)(film.assign(method=film["method"] * 2)),
+    ),
+    FilmMistake(
+        "region beside the contact",
+        "doubtful",
+        ("beside region in", "region is not around the contact"),
+        lambda film: film.assign(method=film["method"] * 2),
+        {"region": ((300.0, 0.0), (1500.0, 400.0))},
+    ),
+    FilmMistake("contact partly in view", "yes", ("beside the images in",), _put("centre_y", -30.0)),
     FilmMistake("camera moved", "doubtful", ("knocked or moved",), _put("centre_x", 200.0 + 0.2 * np.arange(_COUNT))),
     FilmMistake("bench knocked in a contact", "doubtful", ("frame 182", "10 px", "knocked"), _knocked(182, 10.0)),
     FilmMistake("bench knocked by 2 px in a contact", "doubtful", ("frame 182", "knocked"), _knocked(182, 2.0)),

@@ -1,5 +1,6 @@
 """Whether the images of a contact are of one view: its place, the shape and scale of its rings, dark or bright."""
 
+import json
 from collections.abc import Iterator
 from dataclasses import replace
 from math import acos, cos, degrees, hypot, isfinite, nan, sqrt
@@ -11,6 +12,7 @@ from labpipe.judging import Check, Level, compared, not_made, stated
 from pipelines.experiments.contact_area._axes import axes_ratio
 from pipelines.experiments.contact_area.measured import READ, edges_only
 from pipelines.experiments.contact_area.settings import ContactArea
+from pipelines.experiments.shared.film_light import LIGHT
 
 _FRINGES = 3e-3
 """Relative uncertainty of the scale of fringes found in a film."""
@@ -28,8 +30,35 @@ what is not known of it."""
 
 
 def image_checks(radius: xr.Dataset, settings: ContactArea) -> Iterator[Check]:
-    """Look for contacts that move in the image, for rings of several scales or no circles, and for bright contacts."""
-    yield from (check(radius, settings) for check in (_stays, _round, _one_scale, _positive))
+    """Look for contacts beside the image, that move in it or are bright, and rings of several scales or no circles."""
+    yield from (check(radius, settings) for check in (in_view, _stays, _round, _one_scale, _positive))
+
+
+def in_view(radius: xr.Dataset, settings: ContactArea) -> Check:
+    """Look for contacts of which the images, or the region that is stated, show a part of the rim alone."""
+    name, law = (
+        "middle of the contacts",
+        "images show a contact with its middle: a part of its rim tells its size poorly",
+    )
+    view = json.loads(radius.attrs.get(LIGHT, "{}")).get("view")
+    known = np.isin(radius["method"].values, READ) & np.isfinite(radius["radius"].values)
+    if view is None or not known.any():
+        return not_made(name, law, "contacts, and the size of the images")
+    first = (0.0, 0.0) if settings.region is None else np.min(settings.region, axis=0)
+    place = np.column_stack([radius[axis].values[known] for axis in ("centre_x", "centre_y")]) - first
+    beside = int(np.any((place < -0.5) | (place > np.array(view[::-1]) - 0.5), axis=1).sum())
+    what = "the images" if settings.region is None else "region"
+    text = f"{settings.film}: the middle lies beside {what} in {beside} of {place.shape[0]} frames with a contact"
+    if beside <= 0.5 * place.shape[0]:
+        return stated(name, law, text, None, file=settings.film)
+    cause = (
+        "the images were cropped beside the contact, or the camera looks past it"
+        if settings.region is None
+        else "region is not around the contact, or is not in px of the images, x to the right and y down"
+    )
+    level: Level = "doubtful" if np.greater(*edges_only(radius)) else "note"
+    setting = "" if settings.region is None else "region"
+    return stated(name, law, text, level, cause=cause, file="" if setting else settings.film, setting=setting)
 
 
 def _round(radius: xr.Dataset, settings: ContactArea) -> Check:

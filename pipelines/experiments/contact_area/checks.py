@@ -13,7 +13,7 @@ from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.contact_area._flight_checks import flights_alike, none_missed
 from pipelines.experiments.contact_area._frame_checks import contacts_whole, frame_checks, summits_seen
-from pipelines.experiments.contact_area._image_checks import image_checks
+from pipelines.experiments.contact_area._image_checks import image_checks, in_view
 from pipelines.experiments.contact_area._scale import fringe_scale
 from pipelines.experiments.contact_area.comparison import FRAMES, PLATE, SCALE, WAVELENGTH, plate_mass, rows
 from pipelines.experiments.contact_area.measured import brightness, edges_only
@@ -156,9 +156,9 @@ def _method(radius: xr.Dataset, settings: ContactArea) -> Check:
     if edges <= fringes:
         cause = "contacts are small or move fast there, or something hides or spoils their fringes: look at these"
     else:
-        bright = exposed(radius, settings.film)
         cause = "fringes are not resolved: the scale of another view, another wavelength, a lens out of focus"
-        cause = bright.cause if bright.level else cause
+        better = [check.cause for check in (exposed(radius, settings.film), in_view(radius, settings)) if check.level]
+        cause = better[0] if better else cause
     return stated(name, law, message, level, cause=cause, file=settings.film)
 
 
@@ -269,6 +269,8 @@ def _duration(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mo
     law = "Hertz: a contact lasts 2.94 a²/(R v) for its largest radius a, whatever the sphere's mass and modulus"
     if model is None or not model.sizes["impact"]:
         return not_made(DURATION, law, "a model of the drop")
+    if in_view(radius, settings).level:
+        return not_made(DURATION, law, "contacts whose middle the images show")
     first, last = float(impacts["first_seen"][0]), float(impacts["last_seen"][0])
     time = radius["time"].values[radius["valid"].values.astype(bool)]
     before, after = time[time < first], time[time > last]

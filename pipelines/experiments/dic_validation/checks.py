@@ -57,7 +57,8 @@ _ANOTHER_VIEW = 3.0  # factor in scale beyond which it is no mistake of measurin
 _FAILED = {
     "track": "the film is not what the session says, or was not copied whole",
     "motion": "the calibration record is of another view or day, or tracking.body is not on the holder",
-    "bounces": "the film shows no drop or a part of it: another film, a cut one, or tracking.body is not on the holder",
+    "bounces": "the film shows no drop or a part of it: another film, a cut one, or tracking.body is not on the holder "
+    "(as in a film that was turned or mirrored)",
 }
 G, HEIGHT, SPEED, GAIN = (
     "free-fall acceleration",
