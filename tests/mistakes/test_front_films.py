@@ -15,7 +15,9 @@ from labpipe.judging import Judgement
 from tests.mistakes.rows import misspelt
 from tests.pipelines.experiments.dic_validation.test_checks import RATE, fallen, judged, laser, recorded, tracked
 
-pytestmark = pytest.mark.filterwarnings("ignore:the record ends before the body is at rest")
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:the record ends before the body is at rest", "ignore:the body was already falling when the record began"
+)
 __all__ = ["fallen", "laser"]  # fixtures of the checks' own tests
 
 Film = tuple[xr.Dataset, xr.Dataset]
@@ -88,8 +90,14 @@ ROWS = (
     FrontMistake(
         "begins after the first impact",
         "impossible",
-        ("film or laser_experiment is another one",),
+        ("moves up by", "begins too late, after an impact"),
         _without(lambda numbers, first: numbers < first + 6),
+    ),
+    FrontMistake(
+        "begins in the fall",
+        "yes",
+        ("moves down by", "begins too late, after the release"),
+        _without(lambda numbers, first: numbers < first - 20),
     ),
 )
 

@@ -193,6 +193,8 @@ def _size(time: Floats, radius: Floats, random: Floats, shared: Floats, form: Fo
         at = time + shift - longer * since
         theirs, rate = form(at), size * form.rate(at)
         rows = np.column_stack([theirs, rate, -rate * since]) / random[:, None]
+        if not np.isfinite(rows).all():  # a size that runs away: the frames do not follow the form
+            return np.nan, np.nan
         rest = (radius - size * theirs) / random
         normal = np.linalg.pinv(rows.T @ rows, hermitian=True)
         size, shift, longer = np.array([size, shift, longer]) + normal @ rows.T @ rest

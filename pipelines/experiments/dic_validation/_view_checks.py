@@ -16,7 +16,9 @@ _MATTERS = 0.5  # of the uncertainty of the scale, by which the camera's angle m
 _ASIDE = 0.15  # px to either side, beyond what the interpolation between pixels leaves
 _CREEPS = 0.5  # px to one side during a film
 _FEWEST = 40  # frames
+_SURE = 10.0  # standard uncertainties of a speed that is no noise
 _BEFORE = 2e-3  # s before the release, while which something may move already
+_FIRST, _MOVES = 12, 0.15  # frames that tell how fast it moves in the first, and the share of its top speed that counts
 _SWINGS = 0.02  # of the fall, by which a swing spoils it
 
 
@@ -97,6 +99,26 @@ def still_before(motion: xr.Dataset, bounces: xr.Dataset | None, settings: DicVa
     cause = f"the camera, its mirror, its lamp or the holder vibrates at {f:.3g} Hz: fasten it"
     level: Level = "doubtful" if 2 * amplitude > _SWINGS * trace.travel else "note"
     return stated(name, law, text, level, cause=cause, file=settings.film)
+
+
+def begins_at_rest(motion: xr.Dataset, settings: DicValidation) -> Check:
+    """Look for a film that begins after the release, or after the first impact."""
+    name, law = "beginning of the film", "before its release the holder hangs still"
+    known = np.flatnonzero(np.isfinite(motion["displacement"].values))
+    time, y = motion["time"].values[known], motion["displacement"].values[known]
+    if known.size <= _FIRST:
+        return not_made(name, law, f"{_FIRST} frames with the holder")
+    fit, spread = np.polyfit(time[:_FIRST] - time[0], y[:_FIRST], 2, cov=True)
+    speed, fastest = float(fit[1]), float(np.max(np.abs(np.diff(y) / np.diff(time))))
+    if abs(speed) < max(_SURE * float(np.sqrt(spread[1, 1])), _MOVES * fastest):
+        return stated(name, law, f"{settings.film}: the holder is at rest in the first frame", None, file=settings.film)
+    text = f"{settings.film}: the holder moves {'up' if speed > 0.0 else 'down'} by {quantity(abs(speed), 'm/s')} in "
+    text += "the first frame"
+    if speed < 0.0:
+        cause = "the film begins too late, after the release: where the holder hung is not seen"
+        return stated(name, law, text, "note", cause=cause, file=settings.film)
+    cause = "the film begins too late, after an impact: the first that it shows is a later one of the drop, and weaker"
+    return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
 
 
 def sideways(track: xr.Dataset, settings: DicValidation) -> Check:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from math import degrees, hypot, isfinite, log
+from math import degrees, hypot, isfinite, log, nan
 
 import numpy as np
 import xarray as xr
@@ -16,6 +16,7 @@ from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from labpipe.workflow.fields import REFERENCE
 from pipelines.experiments.dic_validation._view_checks import (
+    begins_at_rest,
     direction,
     one_scale,
     seen_whole,
@@ -98,13 +99,15 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
         checks = [replace(c, cause=steady.cause) if c.name == "step bounces" and steady.level else c for c in checks]
         checks += [_times(motion, bounces, settings), steady]
         checks += [of(motion, settings) for of in (direction, tilt, one_scale)]
-        checks.append(still_before(motion, bounces, settings))
+        begins = begins_at_rest(motion, settings)
+        checks += [still_before(motion, bounces, settings), begins]
     if motion is not None and bounces is not None and bounces.sizes["impact"]:
         fall = Fall(settings.film, bounces, float(motion.attrs["u_systematic_relative"]))
+        height = _height(fall, laser)
         checks += [
             fall_checks.direction(fall, _UPSIDE_DOWN, file=settings.film, setting=""),
             fall_checks.acceleration(fall, _GRAVITY),
-            _height(fall, laser),
+            height if begins.level != "doubtful" else replace(height, cause=begins.cause, log_ratio=nan),
             fall_checks.speed(fall, _GRAVITY),
             fall_checks.restitution(fall),
             fall_checks.apexes(fall),
@@ -112,7 +115,11 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
             _same_body(fall, laser, settings),
         ]
     if comparison is not None and "gain" in comparison:
-        checks.append(_gain(comparison, settings))
+        gain, wrong = _gain(comparison, settings), {c.name for c in checks if c.level}
+        # of two drops that are not alike no scale can be told
+        is_other = HEIGHT in wrong and G not in wrong and gain.level is not None
+        cause = f"the film shows another drop than {_laser(settings)}"
+        checks.append(replace(gain, cause=cause, log_ratio=nan) if is_other and not gain.cause else gain)
     another = f"the film may show another drop than {_laser(settings)}: another sphere, height or day"
     return Scene(checks, list(_causes(track, settings)), given.each([rows]), basis=basis, unstated=another)
 
@@ -247,7 +254,7 @@ def _steady(track: xr.Dataset | None, motion: xr.Dataset, settings: DicValidatio
     time, y = motion["time"].values, motion["displacement"].values
     if np.isfinite(np.diff(y, 2)).sum() < _FEWEST:
         return not_made(name, law, "twenty frames in a row")
-    knocked = "the camera or its mirror was knocked, frames of two films were joined, or the track slipped"
+    knocked = "frames were lost, two films were joined, the camera or its mirror was knocked, or the track slipped"
     found = _jump(time, y, _KNOCKED * float(np.nanmax(y) - np.nanmin(y)))
     if found is not None:
         text = f"{settings.film}: the holder jumps by {quantity(found[1], 'm')} between two frames at "

@@ -20,6 +20,8 @@ _HEAPED, _BESIDE = 3.0, 3
 """Ratio of the pixels at one grey level to those at each of so many levels below it from which they
 are heaped there: noise spreads any bright plane over more levels than one."""
 _CLIPPED, _MOSTLY = 0.002, 0.25  # share of pixels at that level that is told, and that spoils a film
+_FEW_LEVELS = 16.0  # between black and bright places, below which grey levels are coarser than noise
+_FLICKERS = 2.0  # ratio of bright to dim frames, each beyond a twentieth of them, that is told
 _TILE, _FEWEST_TILES, _MOSAIC = 16, 4, 0.05
 """Part of an image (px) in which rows and columns are compared, how many there must be, and the
 difference that is told: fixed patterns of grey cameras are below a hundredth."""
@@ -42,7 +44,8 @@ def light_of(film: FrameSource, wanted: Iterable[int]) -> str:
     str
         JSON: ``brightness`` by frame over that of the film, ``clipped``, the share of pixels at the
         grey level ``level``, above which there is none, ``mosaic``, how far the four pixels of each
-        square of two by two differ throughout, over their mean, ``view``, rows and columns.
+        square of two by two differ throughout, over their mean, ``view``, rows and columns, ``used``, the
+        grey levels from black to bright places.
     """
     sound = np.asarray(film.valid, bool)
     spread = np.linspace(0, len(film) - 1, min(_MOST, len(film))).round().astype(int)
@@ -55,12 +58,12 @@ def light_of(film: FrameSource, wanted: Iterable[int]) -> str:
         bright[i] = float(np.percentile(image, _BRIGHT)) - black
         images.append(image.ravel())
     usual = float(np.median(list(bright.values()))) if bright else 0.0
-    share, level = _heap(np.concatenate(images)) if images else (0.0, 0.0)
+    seen = np.concatenate(images) if images else np.empty(0, np.uint8)
+    share, level = _heap(seen)
     middle = np.asarray(film[chosen[len(chosen) // 2]], float) - black if chosen else np.empty((0, 0))
     shown: dict[str, Any] = {"brightness": {str(i): b / usual for i, b in bright.items()} if usual > 0.0 else {}}
-    return json.dumps(
-        shown | {"clipped": share, "level": level, "mosaic": _mosaic(middle), "view": list(film.shape[1:])}
-    )
+    shown |= {"clipped": share, "level": level, "mosaic": _mosaic(middle), "view": list(film.shape[1:])}
+    return json.dumps(shown | ({"used": usual / _apart(seen)} if seen.dtype.kind in "iu" else {}))
 
 
 def _mosaic(image: Floats) -> float:
@@ -79,14 +82,19 @@ def _mosaic(image: Floats) -> float:
     return float(np.ptp(relative))
 
 
+def _apart(levels: NDArray[np.integer]) -> int:
+    """Return by how much grey levels differ at least: those of fewer bits stand apart in more."""
+    shown = np.unique(levels.astype(np.int64))
+    return int(np.gcd.reduce(np.diff(shown))) if shown.size > 1 else 1
+
+
 def _heap(levels: NDArray[Any]) -> tuple[float, float]:
     """Return share and level of pixels heaped at the upper end of the grey levels."""
-    if levels.dtype.kind not in "iu":
+    if levels.dtype.kind not in "iu" or not levels.size:
         return 0.0, 0.0
     shown, counts = np.unique(levels.astype(np.int64), return_counts=True)
     # pixels that are stuck at white lie above the level at which another camera's grey was cut off
-    # levels of fewer bits stand apart in more
-    apart = int(np.gcd.reduce(np.diff(shown))) if shown.size > 1 else 1
+    apart = _apart(shown)
     for at in np.flatnonzero(counts >= _CLIPPED * levels.size)[::-1]:
         below = counts[(shown < shown[at]) & (shown >= shown[at] - _BESIDE * apart)]
         is_end = int(counts[at + 1 :].sum()) < _CLIPPED * counts[at]
@@ -97,11 +105,16 @@ def _heap(levels: NDArray[Any]) -> tuple[float, float]:
 
 def exposed(found: xr.Dataset, film: str) -> Check:
     """Look for grey levels that were cut off."""
-    name, law = "exposure", "noise spreads bright places over grey levels: nothing lies at one highest level"
+    name, law = "exposure", "noise spreads bright places over many grey levels: nothing lies at one highest level"
     if LIGHT not in found.attrs:
         return not_made(name, law, "the frames")
     light = json.loads(found.attrs[LIGHT])
     share, level = light["clipped"], light["level"]
+    used = light.get("used", _FEW_LEVELS)
+    if share < _CLIPPED and used < _FEW_LEVELS:
+        text = f"{film}: bright places lie {in_words(used, 2)} grey levels above black"
+        cause = "the film is under-exposed (dark): more light, a longer exposure or a larger aperture"
+        return stated(name, law, text, "note", cause=cause, file=film)
     if share < _CLIPPED:
         return stated(name, law, f"{film}: no grey level is cut off", None, file=film)
     text = f"{film}: {in_words(100 * share, 2)} % of the pixels lie at the highest grey level, {level:.0f}"
@@ -141,6 +154,11 @@ def lit(film: str, brightness: dict[int, float], counts: NDArray[np.bool_], time
     if not brightness:
         return not_made(name, law, "the frames")
     dark = np.array(sorted(i for i, b in brightness.items() if b < DARK), int)
+    dim, bright = np.quantile(list(brightness.values()), [0.05, 0.95]).tolist()
+    if not dark.size and bright > _FLICKERS * dim:
+        text = f"{film}: bright frames have {in_words(bright / dim, 2)} times the light of dim ones"
+        cause = "the light flickers or fades; each frame is measured in its own light"
+        return stated(name, law, text, "note", cause=cause, file=film)
     if not dark.size:
         return stated(name, law, f"{film}: no frame is dark", None, file=film)
     runs = np.split(dark, np.flatnonzero(np.diff(dark) > 1) + 1)

@@ -67,6 +67,19 @@ def test_a_lamp_that_flickers_is_no_dark_frame() -> None:
     assert lit("a.cine", brightness, np.ones(COUNT, bool), np.arange(COUNT) * 1e-3).level is None
 
 
+def test_a_lamp_that_flickers_by_much_is_told() -> None:
+    found = lit(
+        "a.cine", {i: 1.0 + 0.5 * np.sin(i) for i in range(COUNT)}, np.ones(COUNT, bool), np.arange(COUNT) / 1e3
+    )
+    assert (found.level, "times the light of dim ones" in found.message) == ("note", True)
+
+
+def test_a_dark_film_is_told_by_its_few_grey_levels() -> None:
+    found = judged(digitised(film(6.0)))
+    assert (found.level, "grey levels above black" in found.message) == ("note", True)
+    assert judged(digitised(film(6.0 * 16)).astype(np.uint16) << 8).level is None
+
+
 def test_a_film_without_readable_frames_is_not_judged() -> None:
     assert lit("a.cine", {}, np.ones(3, bool), np.arange(3.0)).needs
     assert exposed(xr.Dataset(), "a.cine").needs
