@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from labpipe.arrays import Floats, Integers
-from labpipe.imaging.dic._growth import NO_GROWTH, Growth, grown, more_blur, others_like, sizes
+from labpipe.imaging.dic._growth import COMMON, NO_GROWTH, Growth, grown, more_blur, others_like, sizes, wide_blurs
 from labpipe.imaging.dic._pattern import Pattern, Patterns
 from labpipe.imaging.dic._subset_solver import SOLVED, Solution
 
@@ -24,6 +24,9 @@ _FAR_WORSE, _BETTER = 2.0, 0.99
 #: How much of the change of blur that the first order tells is taken for it, of softer and of sharper frames:
 #: these it tells by up to three times, and those that are blurred too much look as if noise had made them soft.
 _STRIDES = (1.0, 0.35)
+#: Contrast over that of the reference below which a blur may be why most points are lost, and how far (px) from where
+#: they were expected a wide blur finds them.
+_FADED, _NEAR = 0.6, 1.0
 #: Solves the points that tell the blur with a pattern, from motions (point, 6).
 Solve = Callable[[Pattern, Floats], Solution]
 
@@ -73,14 +76,37 @@ class BlurMatcher:
     ----------
     patterns : Patterns
         By growth of the blur.
+    min_zncc : float [1]
+        Correlation below which a point is lost.
     """
 
-    def __init__(self, patterns: Patterns) -> None:
+    def __init__(self, patterns: Patterns, min_zncc: float) -> None:
         self._patterns = patterns
+        self._min_zncc = min_zncc
         self._strides = list(_STRIDES)
         self._shape, self._weighed = 0, np.zeros(2)
         #: Misfit of the frame before.
         self.misfit = np.inf
+
+    def is_lost(self, found: Solution) -> bool:
+        """Whether most points are not found."""
+        return bool(((found.code == SOLVED) & (found.zncc >= self._min_zncc)).mean() < COMMON)
+
+    def is_faded(self, found: Solution) -> bool:
+        """Whether most points are not found where the contrast is so low that a wide blur may be why."""
+        contrast = 1.0 / np.where(found.zncc > 0.0, found.gain * found.zncc, 1.0)
+        return self.is_lost(found) and bool(np.median(contrast) < _FADED)
+
+    def wide(self, chosen: Integers, start: Floats, solve: Solve) -> Match | None:
+        """Find the wide blur that fits best where most points are found near their start, if there is one."""
+        trials = _Trials(chosen, solve, np.zeros(len(chosen), np.int64))
+        tried = [trials.solved(self._patterns.of(growth), start) for growth in wide_blurs()]
+        near = [
+            one
+            for one in tried
+            if not self.is_lost(one.found) and np.median(np.hypot(*(one.found.motion - start)[:, [0, 3]].T)) < _NEAR
+        ]
+        return min(near, key=lambda one: one.misfit, default=None)
 
     def match(self, first: Solution, pattern: Pattern, chosen: Integers, start: Floats, solve: Solve) -> Match:
         """Find the pattern that fits best.

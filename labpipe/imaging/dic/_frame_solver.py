@@ -66,7 +66,7 @@ class FrameSolver:
         #: Pixels that count of points that are tried without the others.
         self.found: dict[int, Flags] = {}
         self._pattern = reference.pattern
-        self._matcher = BlurMatcher(reference.patterns)
+        self._matcher = BlurMatcher(reference.patterns, options.min_zncc)
         #: Least residual of each point so far, as noise of its pixels: what is more is no noise alone.
         self._least = (
             _MEMORY * (1.0 + reference.noise.static_frames) * quickly_changing(reference.mean, reference.subsets)
@@ -279,7 +279,7 @@ class FrameSolver:
         models = self._model[chosen]
         if not telling.any() or (self.growth == NO_GROWTH and not (models & BLUR).any()):
             found = self.solve(loaded, chosen, start)
-            if not telling.any() or not more_blur(found).any():
+            if not telling.any() or not (more_blur(found).any() or self._matcher.is_faded(found)):
                 return found
             spent, models = found.iterations, found.model
             start = np.where((found.code == SOLVED)[:, None], found.motion, start)
@@ -305,10 +305,13 @@ class FrameSolver:
             self._pattern = pattern
             return self._solve_tested(loaded, chosen, begin, models)
 
-        found = solved(self._pattern, start)
-        if ((found.code == SOLVED) & (found.zncc >= self._options.min_zncc)).mean() < COMMON:
-            # After a jump most are in a wrong place, and what they show there is no blur.
-            return found, bool((self._model[chosen] & BLUR).any())
+        before, found = self._pattern, solved(self._pattern, start)
+        if self._matcher.is_lost(found):
+            wide = self._matcher.wide(chosen, start, solved) if self._matcher.is_faded(found) else None
+            self._pattern, found = (wide.pattern, wide.found) if wide else (before, found)
+            if wide is None:
+                # After a jump most are in a wrong place, and what they show there is no blur.
+                return found, bool((self._model[chosen] & BLUR).any())
         match = self._matcher.match(found, self._pattern, chosen, start, solved)
         self._pattern = match.pattern
         return match.found, bool(((match.found.needed & BLUR) > 0).mean() > self._few)

@@ -18,7 +18,7 @@ STEP = 0.02
 #: Weights of the patterns that are made: up to the first (px²) they are apart by it times the second, beyond
 #: by themselves times the second, which is less of sharper frames, since the first order tells them worse.
 #: Directions (rad, twice those of a path) are apart by the third; and the largest.
-_FINE, _SPACING, _TURN, _MOST_GROWTH = 0.3, (0.15, 0.08), math.pi / 12.0, 8.0
+_FINE, _SPACING, _TURN, _MOST_GROWTH = 0.3, (0.15, 0.08), math.pi / 12.0, 24.0
 #: Growth of the variance in one direction, over that in the other, which rounding to whole steps makes.
 _ROUNDING = 0.15
 #: Shapes of a blur that is alike in all directions: a Gaussian, a disc, a circle.
@@ -27,6 +27,9 @@ SHAPES = 3
 #: may turn the contrast round, and by how much more both tell more; and how much smaller others are.
 _TELLS_SHAPE, _TURNS_ROUND, _TELLS_MORE = 0.3, 2.0, 2.0
 _SCALES = 1.0, 0.75, 0.55
+#: Weights (px²) of blurs so wide that most points are lost at once, of those alike in all directions and of paths, and
+#: directions of these.
+_WIDE, _LONG, _TURNS = (2.0, 6.0, 16.0), (3.0, 8.0), 6
 #: Half width (px) of the kernels, beyond the standard deviations of the blur.
 _REACH, _DEVIATIONS = 6, 5.0
 
@@ -80,6 +83,13 @@ def others_like(growth: Growth, weighed: Floats) -> list[list[Growth]]:
         for shape in shapes
     ]
     return [others for others in ([one for one in same if one != growth] for same in every) if others]
+
+
+def wide_blurs() -> list[Growth]:
+    """Tell growths from which those lead on whose blur is so wide that nothing is found without it."""
+    turns = [(1.0, math.cos(turn), 2.0 * math.sin(turn)) for turn in np.arange(_TURNS) * (2.0 * math.pi / _TURNS)]
+    paths = [weight * np.array(turn) for weight in _LONG for turn in turns]
+    return [grown(NO_GROWTH, weights) for weights in [weight * np.array([1.0, 0.0, 0.0]) for weight in _WIDE] + paths]
 
 
 def _on_grid(weight: float, spacing: float) -> float:

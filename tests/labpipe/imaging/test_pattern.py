@@ -123,7 +123,7 @@ def test_frames_of_like_blur_share_a_pattern_and_what_is_left_is_small() -> None
     dice = np.random.default_rng(6)
     assert grown(NO_GROWTH, np.array([STEP, 0.0, 0.0])) == NO_GROWTH
     assert grown(NO_GROWTH, np.array([0.5, 0.01, 0.02]))[1:] == (0, 0, 0)  # one blur in all directions
-    assert grown(NO_GROWTH, np.array([1e6, 0.0, 0.0]))[0] < 1000
+    assert grown(NO_GROWTH, np.array([1e6, 0.0, 0.0]))[0] < 1500
     by_focus, by_path = set(), set()
     for weight, turn in dice.uniform((0.0, 0.0), (1.3, 2.0 * np.pi), (400, 2)):
         # paths have one direction only, of which the difference is as large as the mean
