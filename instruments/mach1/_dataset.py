@@ -59,16 +59,12 @@ def assemble(blocks: Sequence[Block], decimal: str = ".") -> xr.Dataset:
         {name: _variable(values, column) for name, (values, column) in columns.items()},
         coords={
             "time": variable("sample", time, "s", "time within the block"),
-            "block": ("sample", np.repeat(np.arange(len(blocks)), counts), _label("block")),
-            "segment": ("sample", _segments(blocks), _label("dividers so far in the block")),
+            "block": ("sample", np.repeat(np.arange(len(blocks)), counts), described("1", "block")),
+            "segment": ("sample", _segments(blocks), described("1", "dividers so far in the block")),
         },
         attrs=_file_attributes(blocks, decimal),
     )
     return dataset.assign(_block_variables(blocks))
-
-
-def _label(long_name: str, units: str = "1") -> dict[str, str]:
-    return described(units, long_name)
 
 
 def _variable(values: NDArray[np.float64], column: Column) -> tuple[Any, ...]:
@@ -99,7 +95,7 @@ def _segments(blocks: Sequence[Block]) -> NDArray[np.int64]:
 
 def _block_variables(blocks: Sequence[Block]) -> dict[str, Any]:
     def over_blocks(values: object, long_name: str, units: str = "1") -> tuple[Any, ...]:
-        return "block_index", np.asarray(values), _label(long_name, units)
+        return "block_index", np.asarray(values), described(units, long_name)
 
     variables = {
         "function": ("block_index", np.array([block.function for block in blocks])),

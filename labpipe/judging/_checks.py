@@ -51,8 +51,9 @@ class Finding:
 
 
 class Place(TypedDict, total=False):
-    """Where to look, as in :class:`Finding`."""
+    """Where to look and what for, as in :class:`Finding`."""
 
+    cause: str
     file: str
     line: int | None
     setting: str
@@ -80,7 +81,7 @@ class Check:
     needs : str
         What would have to be stated or recorded for the check; empty when it was made.
     cause, file, line, setting
-        As in :class:`Finding`, where the check itself knows them.
+        As in :class:`Finding`, where the check itself knows them; nothing wrong has no cause.
     """
 
     name: str
@@ -95,6 +96,10 @@ class Check:
     file: str = field(default="", kw_only=True)
     line: int | None = field(default=None, kw_only=True)
     setting: str = field(default="", kw_only=True)
+
+    def __post_init__(self) -> None:
+        if self.level is None:
+            object.__setattr__(self, "cause", "")
 
     @property
     def is_made(self) -> bool:
@@ -134,7 +139,7 @@ def compared(
     factor : bool
         Whether a wrong factor could explain a difference.
     **place
-        ``file``, ``line`` and ``setting``; see :class:`Finding`.
+        ``cause``, ``file``, ``line`` and ``setting``; see :class:`Finding`.
 
     Returns
     -------
@@ -194,7 +199,7 @@ def bounded(
     is_law : bool
         False for a plausible range: beyond it a value is doubtful, never impossible.
     **place
-        ``file``, ``line`` and ``setting``; see :class:`Finding`.
+        ``cause``, ``file``, ``line`` and ``setting``; see :class:`Finding`.
 
     Examples
     --------
@@ -213,9 +218,9 @@ def bounded(
     return Check(name, law, message, level, margin, **place)
 
 
-def stated(name: str, law: str, message: str, level: Level | None, *, cause: str = "", **place: Unpack[Place]) -> Check:
+def stated(name: str, law: str, message: str, level: Level | None, **place: Unpack[Place]) -> Check:
     """Return a check whose answer is plain, such as that two files hold the same bytes."""
-    return Check(name, law, message, level, cause=cause, **place)
+    return Check(name, law, message, level, **place)
 
 
 def not_made(name: str, law: str, needs: str) -> Check:

@@ -3,15 +3,13 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias, get_args
+from typing import TypeAlias, get_args
 
 from labpipe.errors import InputError
+from labpipe.report._charts import LineChart, ScatterChart
+from labpipe.report._index import IndexTable
 from labpipe.report._media import Level, check_inside, mime_type
-
-if TYPE_CHECKING:
-    from labpipe.report._charts import LineChart, ScatterChart
-    from labpipe.report._index import IndexTable
-    from labpipe.report._tables import Table
+from labpipe.report._tables import Table
 
 
 @dataclass(frozen=True)

@@ -8,19 +8,17 @@ for each. Its layout is reckoned from the sizes of its texts.
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from labpipe.arrays import Flags, Floats, Integers
 from labpipe.report._axes import TICK_TEXT, UNITS, Panel, Tick, text_width, y_window
 from labpipe.report._charts import Band, LineChart, ScatterChart, Series
 from labpipe.report._packing import Drawn, ThinnedChart, thin
 from labpipe.report._page import clean
 from labpipe.report._style import COLUMN_WIDTHS_MM, MILLIMETRES_PER_INCH, LineLook
 from labpipe.report._thinning import kept_samples
-
-if TYPE_CHECKING:
-    from labpipe.arrays import Flags, Floats, Integers
 
 # A chart on the screen is this wide when its height in the picture is worked out.
 _SCREEN_WIDTH_PX = 800.0
@@ -304,7 +302,7 @@ def _cut(thinned: ThinnedChart, window: tuple[float, float], most: int) -> _Cut:
     return [_part(drawn, window, most, is_loop=is_loop) for drawn in thinned.series]
 
 
-def _part(drawn: Drawn, window: tuple[float, float], most: int, *, is_loop: bool) -> "tuple[Floats, _Curves]":
+def _part(drawn: Drawn, window: tuple[float, float], most: int, *, is_loop: bool) -> tuple[Floats, _Curves]:
     x, curves = drawn.x, drawn.curves
     if is_loop:
         kept = kept_samples(np.arange(x.size, dtype=float), [*curves, x], most)
@@ -329,7 +327,7 @@ def _ends(drawn: Drawn, curves: _Curves, chart: LineChart | ScatterChart) -> lis
     return [float(shown.min()), float(shown.max())] if shown.size else []
 
 
-def _error_lengths(u: "Floats") -> "Floats":
+def _error_lengths(u: Floats) -> Floats:
     return np.where(np.isfinite(u), np.abs(u), 0.0)
 
 
@@ -351,7 +349,7 @@ def _draw_data(paper: _Paper, thinned: ThinnedChart, panel: Panel, cut: _Cut) ->
     paper.parts.append("</g>")
 
 
-def _draw_one(paper: _Paper, panel: Panel, drawn: Drawn, number: int, x: "Floats", curves: _Curves) -> None:
+def _draw_one(paper: _Paper, panel: Panel, drawn: Drawn, number: int, x: Floats, curves: _Curves) -> None:
     source, look, across = drawn.source, drawn.look, panel.across(x)
     if isinstance(source, Band):
         low, high = (panel.down(_shown(curve, panel)) for curve in curves)
@@ -380,7 +378,7 @@ def _draw_one(paper: _Paper, panel: Panel, drawn: Drawn, number: int, x: "Floats
         _draw_markers(paper, look, across[chosen], down[chosen])
 
 
-def _shown(values: "Floats", panel: Panel) -> "Floats":
+def _shown(values: Floats, panel: Panel) -> Floats:
     """Let an edge that a logarithmic axis cannot show lie at its lower end."""
     return np.where(values <= 0.0, panel.y[0], values) if panel.y_scale == "log" else values
 
@@ -389,13 +387,13 @@ def _area(look: LineLook) -> str:
     return f'fill="{look.light}" fill-opacity="0.22"'
 
 
-def _runs(is_there: "Flags") -> Iterator[slice]:
+def _runs(is_there: Flags) -> Iterator[slice]:
     """Yield the parts of a curve between its gaps."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], is_there.view(np.int8), [0]))))
     yield from (slice(first, last) for first, last in zip(edges[::2], edges[1::2], strict=True))
 
 
-def _line(across: "Floats", down: "Floats") -> str:
+def _line(across: Floats, down: Floats) -> str:
     """Write a line through all points as the data of a path; steps that round to none are left out."""
     places = np.rint(np.column_stack([across, down])).astype(int)
     steps = np.diff(places, axis=0)
@@ -404,14 +402,14 @@ def _line(across: "Floats", down: "Floats") -> str:
     return begin + ("l" + " ".join(map(str, steps.ravel().tolist())).replace(" -", "-") if steps.size else "h0")
 
 
-def _error_bars(across: "Floats", low: "Floats", high: "Floats") -> str:
+def _error_bars(across: Floats, low: Floats, high: Floats) -> str:
     half = _whole(_CAP)
     places = np.rint(np.column_stack([across, low, high])).astype(int).tolist()
     cap = f"m-{half} 0h{2 * half}"
     return "".join(f"M{x} {foot}V{top}{cap}M{x} {foot}{cap}" for x, foot, top in places if foot != top)
 
 
-def _draw_markers(paper: _Paper, look: LineLook, across: "Floats", down: "Floats") -> None:
+def _draw_markers(paper: _Paper, look: LineLook, across: Floats, down: Floats) -> None:
     if across.size:
         name = _marker(paper, look)
         marks = " ".join(f'marker-{where}="{name}"' for where in ("start", "mid", "end"))
@@ -428,7 +426,7 @@ def _marker(paper: _Paper, look: LineLook) -> str:
     return f"url(#{paper.name(shape, 'm')})"
 
 
-def _spaced(across: "Floats", down: "Floats", first: float, apart: float) -> "Integers":
+def _spaced(across: Floats, down: Floats, first: float, apart: float) -> Integers:
     """Choose points of a curve at equal distances along it."""
     is_there = np.isfinite(across) & np.isfinite(down)
     places = np.flatnonzero(is_there)

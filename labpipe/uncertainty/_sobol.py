@@ -10,12 +10,10 @@ A. Saltelli et al., Comput. Phys. Commun. 181 (2010) 259, doi:10.1016/j.cpc.2009
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf, sqrt
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from labpipe.arrays import Floats
 from labpipe.uncertainty._linear import Input, Model, linear_budget
-
-if TYPE_CHECKING:
-    from labpipe.arrays import Floats
 
 _SEED = 9  # fixed: the same answer every time
 _POINTS = 1024  # a power of two, as the sequence wants
@@ -46,7 +44,7 @@ def sobol(model: Model, inputs: Mapping[str, Input]) -> dict[str, Indices]:
     centre = float(model(**best))
     scale = linear_budget(model, inputs).u or 1.0
 
-    def spread(columns: "Floats") -> "Floats":
+    def spread(columns: Floats) -> Floats:
         # around its best value and in its own uncertainty: differences of large numbers are noise
         rows = columns.T.tolist()
         made = [model(**best | dict(zip(uncertain, row, strict=True))) for row in rows]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from starlette.applications import Starlette
 from starlette.requests import Request
@@ -20,9 +20,7 @@ from pipelines.app import _measuring as measuring, _setup as setup
 from pipelines.app._outlook import outlook
 from pipelines.app._pictures import Pictures
 from pipelines.app._runs import Runs
-
-if TYPE_CHECKING:
-    from pipelines.session import Surveyed
+from pipelines.session import Surveyed
 
 _ASSETS = Path(__file__).parent / "assets"
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".html": "text/html", ".svg": "image/svg+xml"}

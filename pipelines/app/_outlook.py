@@ -5,17 +5,14 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from labpipe.errors import LabpipeError
 from labpipe.workflow import events
 from labpipe.workflow.plan import READY, page_name
+from labpipe.workflow.session import Session
 from pipelines.experiments import KINDS
-from pipelines.session import plan
-
-if TYPE_CHECKING:
-    from labpipe.workflow.session import Session
-    from pipelines.session import Surveyed
+from pipelines.session import Surveyed, plan
 
 _RECORDINGS = ("displacement", "force", "film", "sweep")
 _MOST_STEPS = 60

@@ -3,17 +3,14 @@
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from labpipe.arrays import Floats
 from labpipe.report import figure_style
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 _ABBREVIATIONS = ("nbr", "peek", "ptfe")
 
@@ -87,12 +84,12 @@ def panels(
         yield figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
-def letter(axes: "Axes", name: str, text: str = "") -> None:
+def letter(axes: Axes, name: str, text: str = "") -> None:
     """Name a panel above its frame, where it covers no data."""
     axes.set_title(f"({name}) {text}".rstrip(), loc="left", fontsize=8.0)
 
 
-def legend_above(figure: Figure, axes: "Axes | Sequence[Axes]", columns: int = 4) -> None:
+def legend_above(figure: Figure, axes: Axes | Sequence[Axes], columns: int = 4) -> None:
     """Put one legend above all panels, where it covers no data."""
     every = list(axes) if isinstance(axes, Sequence) else [axes]
     handles: dict[str, Any] = {}

@@ -44,12 +44,12 @@ def dataset(found: Identified) -> xr.Dataset:
     count = int(np.log10(high / low * _BEYOND**2) * _PER_DECADE)
     curve = moduli(known, np.geomspace(low / _BEYOND, high * _BEYOND, count))
     table: dict[str, Any] = {
-        "E": ("term", solid.E, _text("Pa", "Prony series of the most probable structure")),
-        "rho": ("term", solid.rho, _text("s", "relaxation times")),
-        "E_relaxed": ((), solid.E_relaxed, _text("Pa", "long-time modulus")),
-        "nu": ((), solid.nu, _text("1", "Poisson's ratio, as stated")),
-        "lowest_frequency": ((), low, _text("Hz", "lowest frequency determined by the data")),
-        "highest_frequency": ((), high, _text("Hz", "highest frequency determined by the data")),
+        "E": ("term", solid.E, described("Pa", "Prony series of the most probable structure")),
+        "rho": ("term", solid.rho, described("s", "relaxation times")),
+        "E_relaxed": ((), solid.E_relaxed, described("Pa", "long-time modulus")),
+        "nu": ((), solid.nu, described("1", "Poisson's ratio, as stated")),
+        "lowest_frequency": ((), low, described("Hz", "lowest frequency determined by the data")),
+        "highest_frequency": ((), high, described("Hz", "highest frequency determined by the data")),
     }
     for name, values, units, text in (
         ("storage", curve.storage, "Pa", "storage modulus"),
@@ -62,18 +62,20 @@ def dataset(found: Identified) -> xr.Dataset:
         ("prior_ln_loss_factor", curve.prior_ln_loss_factor, "1", "the same, of the prior"),
         ("is_determined", curve.is_determined.astype(np.int8), "1", "1 where determined"),
     ):
-        table[name] = ("frequency", values, _text(units, text))
+        table[name] = ("frequency", values, described(units, text))
     table |= _parameters(found) | _observations(found) | _drawn(found, curve)
     chances = structure(found)
-    table["structure_name"] = ("structure", list(chances), _text("1", "structure of the spectrum"))
-    table["structure_probability"] = ("structure", list(chances.values()), _text("1", "its posterior probability"))
+    table["structure_name"] = ("structure", list(chances), described("1", "structure of the spectrum"))
+    table["structure_probability"] = ("structure", list(chances.values()), described("1", "its posterior probability"))
     table["singular_value"] = (
         "combination",
         known.singular_values,
-        _text("1", "ratio of prior to data standard deviation of a combination"),
+        described("1", "ratio of prior to data standard deviation of a combination"),
     )
     return xr.Dataset(
-        table, coords={"frequency": ("frequency", curve.frequency, _text("Hz", "frequency"))}, attrs=_attributes(found)
+        table,
+        coords={"frequency": ("frequency", curve.frequency, described("Hz", "frequency"))},
+        attrs=_attributes(found),
     )
 
 
@@ -92,8 +94,8 @@ def _drawn(found: Identified, curve: Moduli) -> dict[str, Any]:
         ("parameter", "parameter", np.array(values), "1"),
     ):
         low, high = drawn.quantiles(numbers, ends)
-        table[f"drawn_{name}_low"] = dimension, low, _text(units, "2.5 % quantile of the draws")
-        table[f"drawn_{name}_high"] = dimension, high, _text(units, "97.5 % quantile of the draws")
+        table[f"drawn_{name}_low"] = dimension, low, described(units, "2.5 % quantile of the draws")
+        table[f"drawn_{name}_high"] = dimension, high, described(units, "97.5 % quantile of the draws")
     return table
 
 
@@ -142,12 +144,12 @@ def _parameters(found: Identified) -> dict[str, Any]:
         "contraction": (1.0 - known.sd**2, "reduction of the prior's variance by the data"),
     }
     made: dict[str, Any] = {
-        name: ("parameter", np.asarray(values, float), _text("1", f"{text}, in the unit named"))
+        name: ("parameter", np.asarray(values, float), described("1", f"{text}, in the unit named"))
         for name, (values, text) in columns.items()
     }
-    made["parameter_name"] = ("parameter", [p.name for p in parameters], _text("1", "unknown"))
-    made["parameter_unit"] = ("parameter", [p.unit for p in parameters], _text("1", "its unit"))
-    made["verdict"] = ("parameter", verdicts(found), _text("1", "whether the data determine it"))
+    made["parameter_name"] = ("parameter", [p.name for p in parameters], described("1", "unknown"))
+    made["parameter_unit"] = ("parameter", [p.unit for p in parameters], described("1", "its unit"))
+    made["verdict"] = ("parameter", verdicts(found), described("1", "whether the data determine it"))
     return made
 
 
@@ -162,10 +164,10 @@ def _observations(found: Identified) -> dict[str, Any]:
         "residual": ([b.residual for b in made], "observed minus predicted over the deviation"),
     }
     table: dict[str, Any] = {
-        name: ("observation", np.concatenate(parts), _text("1", f"{text}, SI"))
+        name: ("observation", np.concatenate(parts), described("1", f"{text}, SI"))
         for name, (parts, text) in columns.items()
     }
-    table["observation_name"] = ("observation", names, _text("1", "experiment and quantity"))
+    table["observation_name"] = ("observation", names, described("1", "experiment and quantity"))
     return table
 
 
@@ -231,7 +233,3 @@ def _long_time(found: Identified) -> dict[str, Any]:
 
 def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
-
-
-def _text(units: str, long_name: str) -> dict[str, str]:
-    return described(units, long_name)

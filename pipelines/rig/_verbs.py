@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from labpipe.workflow.runner import Event, RunResult
 from labpipe.workflow.session import Session
 from pipelines.rig._ahead import ahead, holds_demo, record_elsewhere
 from pipelines.session import open_session, process
-
-if TYPE_CHECKING:
-    from labpipe.workflow.runner import Event, RunResult
 
 
 def sample(name: str, folder: str | Path, *, full_size: bool = False) -> Session:

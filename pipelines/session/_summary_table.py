@@ -12,7 +12,9 @@ import re
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
+
+import xarray as xr
 
 from labpipe.errors import LabpipeError
 from labpipe.report import display_unit, number, plus_minus
@@ -25,9 +27,6 @@ from pipelines.session._comparison import labelled
 from pipelines.session._export_formats import one_line, text_cell
 from pipelines.session._results import derive
 from pipelines.session._verdicts import told_verdicts
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 COLUMNS = (
     "experiment", "kind", "material", "condition", "quantity", "unit", "value", "u", "n", "compared with", "expected",

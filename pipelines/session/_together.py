@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import msgspec
 
@@ -15,6 +15,7 @@ from labpipe.errors import InputError, LabpipeError, UsageError
 from labpipe.report import SURE, Block, Column, Document, Link, Notice, Paragraph, Section, Table, display_unit
 from labpipe.workflow.fields import REFERENCE
 from labpipe.workflow.plan import page_name
+from labpipe.workflow.results import Results
 from labpipe.workflow.session import Session
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared.comparison_rows import Row
@@ -26,9 +27,6 @@ from pipelines.session._overview import AND, BESIDE, MATERIAL, PAGE, first_resul
 from pipelines.session._results import derive, opened
 from pipelines.session._verdict_notices import each
 from pipelines.session._verdicts import Verdict, stored_verdicts
-
-if TYPE_CHECKING:
-    from labpipe.workflow.results import Results
 
 
 def beside(folder: str | Path, first: str, second: str) -> Path:

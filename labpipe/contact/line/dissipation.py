@@ -298,13 +298,13 @@ def dissipation_map(
     plane = ("frequency", "amplitude")
     return xr.Dataset(
         {
-            "dissipated_work": (plane, work, _labels("J", "Dissipated work per cycle")),
-            "dimensionless_work": (plane, scaled, _labels("1", "Dimensionless dissipated work")),
-            "tapping_amplitude": ("frequency", front, _labels("m", "Tapping front")),
+            "dissipated_work": (plane, work, described("J", "Dissipated work per cycle")),
+            "dimensionless_work": (plane, scaled, described("1", "Dimensionless dissipated work")),
+            "tapping_amplitude": ("frequency", front, described("m", "Tapping front")),
         },
         {
-            "frequency": ("frequency", f, _labels("Hz", "Frequency")),
-            "amplitude": ("amplitude", alpha, _labels("m", "Amplitude")),
+            "frequency": ("frequency", f, described("Hz", "Frequency")),
+            "amplitude": ("amplitude", alpha, described("m", "Amplitude")),
         },
     )
 
@@ -334,7 +334,3 @@ def dimensionless_work(work: ArrayLike, material: Prony, tip_radius: float, peri
     """
     scale = material.E_relaxed * period * tip_radius * depth
     return np.asarray(work, dtype=float) / scale
-
-
-def _labels(units: str, long_name: str) -> dict[str, str]:
-    return described(units, long_name)

@@ -149,7 +149,7 @@ def _one_scale(radius: xr.Dataset, settings: ContactArea) -> Check:
         "zoom, focus or distance of the lens changed within the film, something came into the view, or two films were "
         "joined"
     )
-    return replace(found, cause=cause if found.level else "", log_ratio=nan, u_log_ratio=nan)
+    return replace(found, cause=cause, log_ratio=nan, u_log_ratio=nan)
 
 
 def _positive(radius: xr.Dataset, settings: ContactArea) -> Check:

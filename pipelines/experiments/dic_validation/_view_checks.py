@@ -36,7 +36,7 @@ def direction(motion: xr.Dataset, settings: DicValidation) -> Check:
     matters = 1.0 - cos(angle) > _MATTERS * float(motion["u_pixel_size"] / motion["pixel_size"])
     text += "; displacements are those along the motion"
     cause = "the camera is turned about its axis, or the holder is led aslant"
-    return stated(name, law, text, "note" if matters else None, cause=cause if matters else "", file=settings.film)
+    return stated(name, law, text, "note" if matters else None, cause=cause, file=settings.film)
 
 
 def tilt(motion: xr.Dataset, settings: DicValidation) -> Check:
@@ -52,7 +52,7 @@ def tilt(motion: xr.Dataset, settings: DicValidation) -> Check:
         hidden = in_words(degrees(viewing_angle.most_unseen(u)), 2)
         text = f"{settings.film}: the holder does not grow or shrink; a tilt up to {hidden}° would not be seen, "
         text += f"nor displacements that are too short by {100 * short:.2g} %"
-        cause = "where the camera may be tilted, a longer fall tells by how much" if matters else ""
+        cause = "where the camera may be tilted, a longer fall tells by how much"
         return stated(name, law, text, level, cause=cause, file=settings.film)
     shown = value_with_uncertainty(degrees(angle), degrees(u), "deg")
     if settings.camera_distance is not None:
@@ -61,7 +61,7 @@ def tilt(motion: xr.Dataset, settings: DicValidation) -> Check:
         return stated(name, law, text, None)
     text = f"{settings.film}: at a usual distance of {quantity(viewing_angle.USUAL_DISTANCE, 'm')} the camera looks up "
     text += f"or down by {shown}, and displacements are too short by {100 * short:.2f} %"
-    cause = "the camera is tilted: state camera_distance, and displacements are corrected" if matters else ""
+    cause = "the camera is tilted: state camera_distance, and displacements are corrected"
     return stated(name, law, text, level, cause=cause, file=settings.film, setting="camera_distance")
 
 
@@ -79,7 +79,7 @@ def one_scale(motion: xr.Dataset, settings: DicValidation) -> Check:
         if matters
         else ""
     )
-    return stated(name, law, text, "note" if matters else None, cause=cause if matters else "", file=settings.film)
+    return stated(name, law, text, "note" if matters else None, cause=cause, file=settings.film)
 
 
 def still_before(motion: xr.Dataset, bounces: xr.Dataset | None, settings: DicValidation) -> Check:

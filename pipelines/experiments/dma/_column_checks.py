@@ -57,8 +57,7 @@ def loss_factor(export: Export) -> Check:
         text = f"{export.place(row)}: the loss factor and the moduli differ by a factor {factor_in_words(times)}"
         more = f"; {wrong.size} rows in all" if wrong.size > 1 else ""
         cause = f"a value of this row is wrong by a factor {factor_in_words(times)}"
-        level: Level = "impossible" if times > 2.0 else "doubtful"
-        return stated(name, law, text + more, level, cause=cause, file=file)
+        return stated(name, law, text + more, "impossible" if times > 2.0 else "doubtful", cause=cause, file=file)
     cause = f"one modulus, or the loss factor, has the wrong unit: a factor {factor_in_words(np.exp(middle).item())}"
     if float(np.median(np.abs(np.log(told[known] * ratio[known])))) < 0.02:
         cause = "the columns of storage and loss modulus are exchanged"
@@ -122,9 +121,8 @@ def frequencies(export: Export) -> Check:
         return not_made(name, law, f"times of {_FEW_LASTS} readings of an interval")
     periods, place = shortest[0], export.place(shortest[1]).rpartition(", point")[0] or file
     message = f"{place}: readings take {periods:.2g} periods at most"
-    level: Level | None = "doubtful" if periods < 0.7 else None
     cause = "frequencies are too low for their times: Hz under rad/s (a factor 6.28), or times in another unit"
-    return stated(name, law, message, level, cause=cause, file=file)
+    return stated(name, law, message, "doubtful" if periods < 0.7 else None, cause=cause, file=file)
 
 
 def _periods(data: xr.Dataset) -> Iterator[tuple[float, int]]:

@@ -26,7 +26,7 @@ def superposition(curve: xr.Dataset | None) -> Check:
     noise = json.loads(curve.attrs["noise"])
     storage, loss = (in_words(100 * noise[name], 2) for name in ("storage", "loss"))
     fit = f"the master curve misses E′ by {storage} % and E″ by {loss} %"
-    return stated(name, law, verdict["reasons"][0] if verdict["reasons"] else fit, level, cause=_APART if level else "")
+    return stated(name, law, verdict["reasons"][0] if verdict["reasons"] else fit, level, cause=_APART)
 
 
 def order_of_shifts(curve: xr.Dataset | None) -> Check:
@@ -65,6 +65,5 @@ def published_shifts(published: xr.Dataset | None, curve: xr.Dataset | None) -> 
         f"with its shifts the readings miss their curve {worse:.1f} times as far"
     )
     is_foreign = apart > _FOREIGN * span and worse > _TORN
-    cause = "the table is of another material, or of another state of it" if is_foreign else ""
-    level: Level | None = "doubtful" if is_foreign else None
-    return stated(name, law, text, level, cause=cause, setting="published.shifts")
+    cause = "the table is of another material, or of another state of it"
+    return stated(name, law, text, "doubtful" if is_foreign else None, cause=cause, setting="published.shifts")

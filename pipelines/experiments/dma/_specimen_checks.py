@@ -1,7 +1,6 @@
 """Checks of the specimen: one throughout, still in its clamp, storing and dissipating as a solid may."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from itertools import combinations, pairwise
 from math import hypot, inf, log, log10, pi, sqrt
 
@@ -63,8 +62,7 @@ def slipped_specimen(export: Export, isotherms: Sequence[Sweep]) -> Check:
     )
     is_off = abs(step) > _SLIPPED and abs(step) > _SLIPS_APART * total[worst]
     cause = f"the specimen slipped in its clamp, cracked or was clamped anew before {b.place}"
-    level: Level | None = "doubtful" if is_off else None
-    return stated(name, law, text, level, cause=cause if is_off else "", file=export.name)
+    return stated(name, law, text, "doubtful" if is_off else None, cause=cause, file=export.name)
 
 
 def _offset(a: Sweep, b: Sweep) -> tuple[float, float] | None:
@@ -151,7 +149,7 @@ def loss_of_each_sweep(export: Export, isotherms: Sequence[Sweep]) -> Check:
     cause = (
         f"the loss modulus of {place} is wrong: another unit, a copy that was changed, or a specimen that slipped there"
     )
-    return stated(name, law, text, "doubtful" if is_off else None, cause=cause if is_off else "", file=export.name)
+    return stated(name, law, text, "doubtful" if is_off else None, cause=cause, file=export.name)
 
 
 def _excess(sweep: Sweep) -> tuple[float, float] | None:
@@ -205,9 +203,8 @@ def rise_with_frequency(export: Export, isotherms: Sequence[Sweep]) -> Check:
     text = (
         f"{sweep.place}: at {sweep.temperature:.1f} °C the storage modulus changes by {slope:+.3f} decades per decade"
     )
-    check = bounded(name, law, text, slope, u, at_least=0.0, is_law=False, file=export.name)
     cause = f"frequencies and moduli of {sweep.place} stand in opposite order, or the instrument resonates"
-    return replace(check, cause=cause) if check.level else check
+    return bounded(name, law, text, slope, u, at_least=0.0, is_law=False, file=export.name, cause=cause)
 
 
 def _slopes(sweep: Sweep) -> tuple[float, float, float] | None:
@@ -315,7 +312,7 @@ def temperatures_of_files(exports: Sequence[Export], found: Sequence[Sequence[Sw
                 f"the frequencies of {b.name} are probably {too_large(factor)}, against those of {a.name}: Hz, rad/s "
                 "and turns per minute were mixed up, or a decimal was lost; one of the two files is wrong"
             )
-        yield stated(name, law, text, "doubtful" if is_off else None, cause=cause if is_off else "", file=b.name)
+        yield stated(name, law, text, "doubtful" if is_off else None, cause=cause, file=b.name)
 
 
 def _faster(own: Sequence[Sweep], other: Sequence[Sweep]) -> float:

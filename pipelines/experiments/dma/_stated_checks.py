@@ -6,7 +6,7 @@ from math import log, log10
 
 import numpy as np
 
-from labpipe.judging import Check, Level, bounded, in_words, not_made, stated
+from labpipe.judging import Check, bounded, in_words, not_made, stated
 from labpipe.materials import modulus_factor
 from labpipe.report import quantity
 from pipelines.experiments.dma._checked_sweeps import POLYMERS, Export
@@ -49,7 +49,7 @@ def bulk_modulus(exports: Sequence[Export], settings: Dma) -> Check:
     message = f"nu = {nu.value:g} at a modulus of {quantity(stiffest, 'Pa')}, where polymers have {least:.3g} at least"
     u = max(nu.u, _NU_OF_RUBBER)
     found = bounded(name, law, message, nu.value, u, at_least=least, is_law=False, setting="nu")
-    return replace(found, cause="nu is that of a glass, or the unit of the moduli is wrong") if found.level else found
+    return replace(found, cause="nu is that of a glass, or the unit of the moduli is wrong")
 
 
 def scale_of_moduli(settings: Dma) -> Check:
@@ -77,5 +77,4 @@ def mode_of_loading(export: Export, settings: Dma) -> Check:
     should = "torsion or shear" if is_shear else "tension or bending"
     factor = 2 * (1 + settings.nu.value)
     cause = f"mode is probably {should}, not {settings.mode}: moduli are a factor {in_words(factor)} off"
-    level: Level | None = "doubtful" if is_shear != expects_shear else None
-    return stated(name, law, message, level, cause=cause, setting="mode")
+    return stated(name, law, message, "doubtful" if is_shear != expects_shear else None, cause=cause, setting="mode")

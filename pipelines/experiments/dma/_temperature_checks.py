@@ -65,7 +65,7 @@ def steady_temperature(export: Export, settings: Dma) -> Check:
     text = f"{place}: the temperature moves by {moved:+.1f} K from its first reading to its last"
     level: Level | None = "doubtful" if size > 2 * settings.sweeps.tolerance else None
     cause = "the specimen was still warming or cooling: its readings belong to several temperatures; wait longer"
-    return stated(name, law, text, level, cause=cause if level else "", file=export.name)
+    return stated(name, law, text, level, cause=cause, file=export.name)
 
 
 def one_condition(export: Export) -> Check:
@@ -91,7 +91,7 @@ def one_condition(export: Export) -> Check:
         "the column of the frequency holds one value for readings at several; or the specimen changes at one "
         "temperature: it dries, cures, or had not settled"
     )
-    return stated(name, law, text, "doubtful" if is_off else None, cause=cause if is_off else "", file=export.name)
+    return stated(name, law, text, "doubtful" if is_off else None, cause=cause, file=export.name)
 
 
 def temperatures_of(exports: Sequence[Export], isotherms: Sequence[Sweep], settings: Dma) -> Iterator[Check]:

@@ -160,7 +160,7 @@ def _downwards(name: str, moved: xr.Dataset, ring: xr.Dataset) -> Check:
     text = f"{name}: the plate moves by {quantity(swing, 'm')} first"
     check = bounded(title, law, text, swing, u, at_most=0.0, setting="sensor.direction")
     cause = "the sensor counts the other way than stated: sensor.direction in session.toml has the wrong sign"
-    return replace(check, cause=cause) if check.level else check
+    return replace(check, cause=cause)
 
 
 def _rings_freely(name: str, moved: xr.Dataset, ring: xr.Dataset) -> Check:
@@ -185,7 +185,7 @@ def _rings_freely(name: str, moved: xr.Dataset, ring: xr.Dataset) -> Check:
         cause = f"something struck the plate or its table lightly at {at}; what other modes leave decays"
         return stated(title, law, text, "note", cause=cause, file=name)
     cause = f"something else struck the plate or its table before {at}: a hit, a door, or the body itself"
-    return stated(title, law, text, "doubtful" if is_struck else None, cause=cause if is_struck else "", file=name)
+    return stated(title, law, text, "doubtful" if is_struck else None, cause=cause, file=name)
 
 
 def _grows(sizes: np.ndarray) -> int | None:
@@ -312,7 +312,7 @@ def _too_soon(name: str, law: str, seen: float, u: float, simulated: float, labe
     least = simulated * (1.0 - _MATERIAL)
     check = bounded(name, law, text, seen, hypot(u, _MATERIAL * seen), at_least=least, is_law=False, setting=where)
     cause = f"the height of {label} is stated too large, or the sampling interval too short"
-    return replace(check, cause=cause) if check.level else check
+    return replace(check, cause=cause)
 
 
 def _pause(ring: xr.Dataset, moved: xr.Dataset | None, shortest: float) -> tuple[float, float] | None:
@@ -438,7 +438,7 @@ def _grows_with_height(table: xr.Dataset | None, settings: PlateVibration) -> Ch
     _, rise, u, where = worst
     text = f"{where}: the amplitude changes by {shown(rise, u, 'm')}"
     check = bounded(name, law, text, rise, u, at_least=0.0, setting="drops")
-    return replace(check, cause="recordings of two heights were exchanged") if check.level else check
+    return replace(check, cause="recordings of two heights were exchanged")
 
 
 def _with_interval(

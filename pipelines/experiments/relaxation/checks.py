@@ -102,7 +102,7 @@ def _alike(files: Sequence[str], loads: Sequence[xr.Dataset | None]) -> Check:
         "the cell drifted, the stage crept on or the specimen moved in the hold of one of them; or the solid is not "
         "linear at these depths"
     )
-    return Check(name, law, text, level, gap / u, cause=cause if level else "", file=file)
+    return Check(name, law, text, level, gap / u, cause=cause, file=file)
 
 
 def _one_specimen(ratios: Sequence[tuple[str, float]]) -> Check:
@@ -124,7 +124,7 @@ def _one_specimen(ratios: Sequence[tuple[str, float]]) -> Check:
     )
     if len(ratios) == 2 and level:
         cause = f"the scale, the specimen or the punch of {ratios[0][0]} and {ratios[1][0]} are not the same"
-    return Check(name, law, text, level, gap / _OF_DEPTHS * DOUBTFUL, cause=cause if level else "", file=file)
+    return Check(name, law, text, level, gap / _OF_DEPTHS * DOUBTFUL, cause=cause, file=file)
 
 
 def _hold(loads: xr.Dataset) -> Hold | None:

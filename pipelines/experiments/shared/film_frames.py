@@ -112,7 +112,7 @@ def sound_frames(is_sound: NDArray[np.bool_], whole: Check, film: str) -> Check:
     level: Level | None = "note" if bad.size else None
     if share >= _MANY:
         level = "impossible" if share > _MOST else "doubtful"
-    return stated(name, law, text, level, cause=_NOT_WHOLE if bad.size else "", file=film)
+    return stated(name, law, text, level, cause=_NOT_WHOLE, file=film)
 
 
 def explained(failed: Check, whole: Check) -> Check:

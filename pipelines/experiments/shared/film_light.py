@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.frames import FrameSource
-from labpipe.judging import Check, Level, in_words, not_made, stated
+from labpipe.judging import Check, in_words, not_made, stated
 from labpipe.report import quantity
 
 _EVERY = 4  # rows and columns of which one is looked at
@@ -118,9 +118,8 @@ def exposed(found: xr.Dataset, film: str) -> Check:
     if share < _CLIPPED:
         return stated(name, law, f"{film}: no grey level is cut off", None, file=film)
     text = f"{film}: {in_words(100 * share, 2)} % of the pixels lie at the highest grey level, {level:.0f}"
-    how: Level = "doubtful" if share > _MOSTLY else "note"
     cause = "the film is over-exposed (saturated): less light, a shorter exposure or a smaller aperture"
-    return stated(name, law, text, how, cause=cause, file=film)
+    return stated(name, law, text, "doubtful" if share > _MOSTLY else "note", cause=cause, file=film)
 
 
 def no_mosaic(found: xr.Dataset, film: str) -> Check:

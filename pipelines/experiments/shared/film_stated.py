@@ -8,7 +8,7 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.frames import FrameSource
-from labpipe.judging import Check, Level, stated
+from labpipe.judging import Check, stated
 from labpipe.report import quantity
 from labpipe.units import Quantity
 
@@ -67,7 +67,7 @@ def _within_a_frame(film: str, time: Floats, given: Quantity) -> Check:
     interval = float(np.percentile(np.diff(time), _BURST)) if time.size > 1 else np.inf
     text = f"{film}: a frame each {quantity(interval, 's')}; session.toml says exposure = {quantity(given.value, 's')}"
     is_longer = given.value - 4.0 * given.u > (1.0 + _ROUNDED) * interval
-    cause = "exposure is not that of this film, or its unit is wrong; or the frame rate is" if is_longer else ""
+    cause = "exposure is not that of this film, or its unit is wrong; or the frame rate is"
     return stated(name, law, text, "impossible" if is_longer else None, cause=cause, setting="exposure")
 
 
@@ -97,10 +97,9 @@ def _exposure(film: str, own: float, given: Quantity) -> Check:
     text += f"{quantity(given.value, 's')}, which is used"
     if not _differ(own, given):
         return stated(name, law, text, None, setting="exposure")
-    level: Level = "doubtful" if given.value > own else "note"
     cause = (
         "exposure is not that of this film, or its unit is wrong"
         if given.value > own
         else "right if a flash lit the frames, otherwise delete exposure: the film holds its own"
     )
-    return stated(name, law, text, level, cause=cause, setting="exposure")
+    return stated(name, law, text, "doubtful" if given.value > own else "note", cause=cause, setting="exposure")

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.judging import Check, Level, not_made, stated
+from labpipe.judging import Check, not_made, stated
 from labpipe.report import quantity
 from labpipe.signals import quantisation_step
 from pipelines.experiments.shared.trace_checks import longest_by_chance
@@ -305,8 +305,7 @@ def _zeroed(traces: list[Trace]) -> Check:
     )
     cause = "the cell was zeroed or knocked between the two blocks: their forces count from two zeros"
     is_off = beyond[worst] > 0.0
-    level: Level | None = "doubtful" if is_off else None
-    return stated(ZERO, law, text, level, cause=cause if is_off else "", file=b.file, line=b.first)
+    return stated(ZERO, law, text, "doubtful" if is_off else None, cause=cause, file=b.file, line=b.first)
 
 
 def _moved(traces: list[Trace]) -> Check:
@@ -329,8 +328,7 @@ def _moved(traces: list[Trace]) -> Check:
     )
     is_far = abs(by) > travel
     cause = f"the position was zeroed between the two blocks, or the stage was homed (line {after.first})"
-    level: Level | None = "impossible" if is_far else None
-    return stated(MOVED, law, text, level, cause=cause if is_far else "", file=after.file, line=after.first)
+    return stated(MOVED, law, text, "impossible" if is_far else None, cause=cause, file=after.file, line=after.first)
 
 
 def _off(before: Trace, change: float, span: float) -> float:
@@ -350,5 +348,4 @@ def _off(before: Trace, change: float, span: float) -> float:
 
 def _weighed(check: Check, size: float, trace: Trace) -> Check:
     """Let a disturbance as large as the force that finds contact count."""
-    level: Level = "doubtful" if size > trace.criterion else "note"
-    return replace(check, level=level, line=trace.first)
+    return replace(check, level="doubtful" if size > trace.criterion else "note", line=trace.first)

@@ -7,10 +7,10 @@ import json
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
 
 from labpipe.report import (
     Band,
@@ -33,9 +33,6 @@ from labpipe.report import (
 )
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context, Warned
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
 
 SYNTHETIC = "synthetic data"
 
@@ -68,7 +65,7 @@ def column(dataset: xr.Dataset, name: str, title: str, factor: float = 1.0, *, d
     return Listed(title, values, units, (dataset[u].values * factor).tolist() if u in dataset else None, digits)
 
 
-def model_curves(x: "ArrayLike", y: "ArrayLike", u: "ArrayLike", *, label: str = "model") -> tuple[Series, Band]:
+def model_curves(x: ArrayLike, y: ArrayLike, u: ArrayLike, *, label: str = "model") -> tuple[Series, Band]:
     """Draw what a model says with its uncertainty, so that a chart shows what the verdict weighs."""
     y, wide = np.asarray(y), 2.0 * np.asarray(u)
     return Series(label, x, y, role="model"), Band(f"{label} ± 2 u", x, y - wide, y + wide, role="model")
@@ -91,7 +88,7 @@ def counted(n: float, noun: str, plural: str | None = None) -> str:
     return f"{n} {noun if n == 1 else plural or f'{noun}s'}"
 
 
-def spanned(values: "ArrayLike", form: str) -> str:
+def spanned(values: ArrayLike, form: str) -> str:
     """Write the smallest and the largest of some numbers, "0.5 to 2", or the one that they are as written."""
     least, most = (format(float(find(values)), form) for find in (np.min, np.max))
     return least if least == most else f"{least} to {most}"

@@ -268,7 +268,7 @@ def _forwards(steps: xr.Dataset, settings: StaticLoading, approach: xr.Dataset |
         f"the stand or the sensor warmed or settled between {begin:.0f} and {end:.0f} s, a load was taken off, or the "
         "record was reversed"
     )
-    return replace(check, cause=cause) if check.level else check
+    return replace(check, cause=cause)
 
 
 def _slows_down(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> Check:
@@ -294,7 +294,7 @@ def _slows_down(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoa
     )
     check = bounded(name, law, message, rise, u, at_most=0.0, is_law=False, file=settings.laser)
     cause = f"a drift, such as a change of temperature, while the load was held ({begin:.0f} to {end:.0f} s)"
-    return replace(check, cause=cause) if check.level else check
+    return replace(check, cause=cause)
 
 
 def _slope(time: np.ndarray, moved: np.ndarray, noise: float, begin: float, end: float) -> tuple[float, float]:
@@ -317,7 +317,7 @@ def _compliance(steps: xr.Dataset, settings: StaticLoading) -> Check:
         name, law, message, log(modulus), 0.05, at_least=log(low), at_most=log(high), is_law=False, setting="loads"
     )
     cause = "the masses are probably in another unit, or the unit of the readings is wrong"
-    return replace(check, cause=cause) if check.level else check
+    return replace(check, cause=cause)
 
 
 def _times(steps: xr.Dataset, settings: StaticLoading) -> Check:

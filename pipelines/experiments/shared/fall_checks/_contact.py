@@ -1,6 +1,6 @@
 """Checks of a contact: as long and as deep as the stated sphere makes it."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import exp, hypot, inf, isfinite, log, nan, pi, sqrt
 
 import numpy as np
@@ -74,10 +74,9 @@ def contact_duration(fall: Fall, radius: float, mass: float, stiffness: Stiffnes
         )
         ends = {"at_least": np.log(shortest).item(), "at_most": np.log(longest).item()}
         seen_log, u = np.log(seen).item(), max(own / seen, 0.05)
-        check = bounded(name, law, message, seen_log, u, **ends, is_law=False, setting="sphere.mass")
         word = "large" if seen < shortest else "small"
         cause = f"sphere.mass is too {word}: {quantity(mass, 'kg')} is in another unit than was typed (g, kg)"
-        return replace(check, cause=cause) if check.level else check
+        return bounded(name, law, message, seen_log, u, **ends, is_law=False, setting="sphere.mass", cause=cause)
     expected = hertz(stiffness.modulus)
     message = (
         f"{fall.name}: the first contact lasts {shown(seen, own, 's')}, about {quantity(expected, 's')} is expected "
@@ -181,9 +180,8 @@ def strain(name: str, approach: float, radius: float, mass: float, speed: float)
         f"{name}: {quantity(approach, 'm')} deep in a sphere of {quantity(radius, 'm')}, a contact "
         f"{in_words(ratio, 2)} times as wide as the sphere"
     )
-    level: Level | None = "doubtful" if ratio > limit else None
     cause = (
         f"sphere.radius in session.toml is too small for so deep a contact: {quantity(radius, 'm')} is in another "
         "unit than was typed, or its decimal point slipped"
     )
-    return stated(title, law, text, level, cause=cause if level else "", setting="sphere.radius")
+    return stated(title, law, text, "doubtful" if ratio > limit else None, cause=cause, setting="sphere.radius")

@@ -6,7 +6,7 @@ from math import hypot, isfinite, nan, sqrt
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import Check, Level, compared, in_words, not_made, stated
+from labpipe.judging import Check, compared, in_words, not_made, stated
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from pipelines.experiments.shared.fall_checks._fall import Fall, shown
@@ -105,8 +105,7 @@ def smooth_flights(fall: Fall) -> Check:
     text = f"{fall.name}: flights leave their arcs by {quantity(left, 'm')}, the noise is {quantity(noise, 'm')}"
     is_rough = left > max(_ROUGH * height, 5 * noise)
     cause = "the sensor or its clamp shakes, the body swings or turns, or a filter of the sensor bends the flights"
-    level: Level | None = "doubtful" if is_rough else None
-    return stated(name, law, text, level, cause=cause if is_rough else "", file=fall.name)
+    return stated(name, law, text, "doubtful" if is_rough else None, cause=cause, file=fall.name)
 
 
 def flights_alike(fall: Fall, gravity: Quantity) -> Check:

@@ -57,7 +57,7 @@ def repeats_alike(falls: Sequence[Fall], quantities: Sequence[tuple[str, str, st
         seen, u_seen, file = float(values[worst]), float(scale[worst]), falls[worst].name
         allowance = 0.02 * abs(centre)
         check = compared(name, law, message, seen, u_seen, centre, 0.0, allowance=allowance, factor=False, file=file)
-        found.append(replace(check, cause=cause) if check.level is not None else check)
+        found.append(replace(check, cause=cause))
     return found
 
 

@@ -110,8 +110,6 @@ def capacity_of_cell(name: str, blocks: Sequence[Part]) -> Check:
     check = bounded(
         CAPACITY, law, text, largest, 0.1 * capacity, at_most=1.1 * capacity, file=name, line=part.header_line
     )
-    if check.level is None:
-        return check
     cause = f"the column of the force is in gf or mN, not in N (header of the columns, line {part.header_line})"
     return replace(check, cause=cause)
 
@@ -137,9 +135,8 @@ def _cell_of_record(loads: xr.Dataset, record: str) -> Check:
         return not_made(CELL, law, "capacity or serial number of the cell, in its record and in the file")
     message = f"{record} is of {' '.join(filter(None, (known['instrument'], number)))}, the file says {used}"
     is_other = not all(is_alike)
-    cause = "the record is that of another load cell, or the tester was told another one" if is_other else ""
-    level: Level | None = "doubtful" if is_other else None
-    return stated(CELL, law, message, level, cause=cause, file=record, setting="instrument")
+    cause = "the record is that of another load cell, or the tester was told another one"
+    return stated(CELL, law, message, "doubtful" if is_other else None, cause=cause, file=record, setting="instrument")
 
 
 def date_of_cell(name: str, blocks: Sequence[Part]) -> Check:
@@ -152,7 +149,7 @@ def date_of_cell(name: str, blocks: Sequence[Part]) -> Check:
     text = f"{name}: tested on {began[:10]} with a cell calibrated on {told}"
     level: Level | None = "doubtful" if told > began[:10] else None
     line = line_of(part, "Load Cell Calibration Date")
-    cause = f"the tester's clock, or the date of the calibration (line {line}), is wrong" if level else ""
+    cause = f"the tester's clock, or the date of the calibration (line {line}), is wrong"
     return stated(CALIBRATED, law, text, level, cause=cause, file=name, line=line)
 
 
@@ -171,7 +168,7 @@ def factor_of_cell(name: str, blocks: Sequence[Part]) -> Check:
         line = line_of(other, _FACTOR)
         return stated(FACTOR, law, text, "doubtful", cause=cause, file=name, line=line)
     is_near = first > 0 and abs(log(first)) < log(_OWN_FACTOR)
-    cause = "" if is_near else "the tester was calibrated with another mass than it was told, or was told another cell"
+    cause = "the tester was calibrated with another mass than it was told, or was told another cell"
     line = line_of(part, _FACTOR)
     return stated(FACTOR, law, text, None if is_near else "doubtful", cause=cause, file=name, line=line)
 
@@ -195,7 +192,7 @@ def _applied_once(loads: xr.Dataset, gain: float, record: str) -> Check:
         f"{record}: true force is {gain:.7g} times the displayed one, which is {applied:.7g} times what the cell showed"
     )
     twice = abs(gain - applied) < _SAME * abs(applied - 1.0)
-    cause = f"{record} repeats the factor of the tester, which has applied it already" if twice else ""
+    cause = f"{record} repeats the factor of the tester, which has applied it already"
     return stated(name, law, text, "doubtful" if twice else None, cause=cause, file=record, setting="values.scale")
 
 
@@ -214,7 +211,7 @@ def of_cell(load_cell: LoadCell, loads: xr.Dataset) -> list[Check]:
             "impossible" if off > log(_WRONG_FACTOR) else "doubtful" if off > log(_OWN_FACTOR) else None
         )
         text = f"{record}: true force is {gain:.4g} times the displayed one"
-        cause = f"the scale of the load cell in {record} is wrong: about 1 is expected, not {gain:.4g}" if level else ""
+        cause = f"the scale of the load cell in {record} is wrong: about 1 is expected, not {gain:.4g}"
         found.append(stated(SCALE, law, text, level, cause=cause, file=record, setting="values.scale"))
         found.append(_applied_once(loads, gain, record))
     law = "order and cutoff of a low-pass say its delay"

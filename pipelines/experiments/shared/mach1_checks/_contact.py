@@ -59,7 +59,7 @@ def _valleys(punch: Punch, model: IndentationModel, deepest: float) -> Check:
         f"at a depth of {quantity(deepest, 'm')} a tip of {quantity(punch.radius.value, 'm')} meets the surface over "
         f"{quantity(width, 'm')}; the period is {quantity(punch.period.value, 'm')}"
     )
-    cause = "punch.period in session.toml is too small for these tips, or punch.radius is too large" if level else ""
+    cause = "punch.period in session.toml is too small for these tips, or punch.radius is too large"
     return stated(title, law, text, level, cause=cause, setting="punch.period")
 
 
@@ -73,7 +73,7 @@ def _bottom(punch: Punch, substrate: Substrate | None, deepest: float) -> Check:
     limit, what, setting = min(limits)
     level: Level | None = "impossible" if deepest > limit else "doubtful" if deepest > 0.5 * limit else None
     text = f"{quantity(deepest, 'm')} deep; {what} is {quantity(limit, 'm')}"
-    cause = f"{setting} in session.toml, or the position of first touch, is wrong" if level else ""
+    cause = f"{setting} in session.toml, or the position of first touch, is wrong"
     return stated(title, law, text, level, cause=cause, setting=setting)
 
 

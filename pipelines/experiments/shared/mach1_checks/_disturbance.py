@@ -84,7 +84,7 @@ def mean_grows(name: str, blocks: Sequence[Part]) -> Check:
     )
     cause = "the cell or its cable drifts, or the stage creeps into the material: let it warm up, and tare it again"
     level: Level | None = "doubtful" if share > _GROWS else None
-    return stated(DRIFT, law, text, level, cause=cause if level else "", file=name, line=part.header_line)
+    return stated(DRIFT, law, text, level, cause=cause, file=name, line=part.header_line)
 
 
 def stiffness_kept(name: str, blocks: Sequence[Part]) -> Check:
@@ -106,7 +106,7 @@ def stiffness_kept(name: str, blocks: Sequence[Part]) -> Check:
     text += "that has settled to the last"
     cause = "the specimen slips, creeps away or tears under the punch, or warms up: no one stiffness is measured"
     level: Level | None = "doubtful" if abs(change) > max(_CHANGES, DOUBTFUL * u) else None
-    return stated(STEADY, law, text, level, cause=cause if level else "", file=name, line=part.header_line)
+    return stated(STEADY, law, text, level, cause=cause, file=name, line=part.header_line)
 
 
 def _of_cycles(part: Part) -> tuple[Floats, Floats]:

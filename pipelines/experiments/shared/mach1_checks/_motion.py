@@ -180,7 +180,7 @@ def position_within_stage(name: str, blocks: Sequence[Part]) -> Check:
     level: Level | None = "impossible" if largest > 3 * _LARGEST_STAGE else None
     if level is None and largest > _LARGEST_STAGE:
         level = "doubtful"
-    cause = f"the column of the position is not in the unit it says (line {blocks[0].header_line})" if level else ""
+    cause = f"the column of the position is not in the unit it says (line {blocks[0].header_line})"
     return stated(STAGE, law, text, level, cause=cause, file=name, line=blocks[0].header_line)
 
 
@@ -196,7 +196,7 @@ def direction_of_motion(name: str, blocks: Sequence[Part]) -> Check:
         is_back = travel * wanted < 0.0
         text = f"{name}, block {part.number + 1}: the stage moves by {quantity(travel, 'm')}"
         text += ", against the declared direction" if is_back else ", as declared"
-        cause = f"the sign of the column of the position is wrong (line {part.header_line})" if is_back else ""
+        cause = f"the sign of the column of the position is wrong (line {part.header_line})"
         level: Level | None = "impossible" if is_back else None
         return stated(title, law, text, level, cause=cause, file=name, line=part.header_line)
     return not_made(title, law, "a ramp or an approach with a declared direction")
@@ -218,12 +218,11 @@ def shape_of_oscillation(name: str, blocks: Sequence[Part]) -> Check:
     ratio, share, part = max(found, key=lambda each: each[0])
     text = f"{name}, block {part.number + 1}: {100 * share:.0f} % of the readings lie at one end, "
     text += f"{in_words(ratio, 2)} times a sine's"
-    level: Level | None = "doubtful" if ratio > _AT_REST else None
     cause = (
         "the stage stopped before the end of its way: a limit of travel, force or speed, or another wave than the "
         f"sine that is declared (line {part.line})"
     )
-    return stated(SHAPE, law, text, level, cause=cause if level else "", file=name, line=part.line)
+    return stated(SHAPE, law, text, "doubtful" if ratio > _AT_REST else None, cause=cause, file=name, line=part.line)
 
 
 def axes_of_commands(name: str, blocks: Sequence[Part]) -> Check:
@@ -250,5 +249,5 @@ def resolution_of_position(name: str, blocks: Sequence[Part]) -> Check:
     step, part = coarse
     text = f"{name}, block {part.number + 1}: the steps of the position are {in_words(100 * step, 2)} % of the motion"
     level: Level | None = "doubtful" if step > _COARSE else None
-    cause = "the file was written, or saved again by a spreadsheet, with too few decimals" if level else ""
+    cause = "the file was written, or saved again by a spreadsheet, with too few decimals"
     return stated(RESOLVED, law, text, level, cause=cause, file=name, line=part.header_line)

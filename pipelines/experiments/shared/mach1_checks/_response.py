@@ -84,19 +84,15 @@ def late(name: str, part: Part) -> Check:
         f"{name}, block {part.number + 1}: the force grows by {quantity(rise, 'N')} more while the stage stands, until "
         f"{quantity(at, 's')}"
     )
-    check = bounded(title, law, text, rise, u, at_most=0.0, is_law=False, file=name, line=part.header_line)
     cause = "the force is late: it was averaged or filtered for longer than its header says, or the stage crept on"
-    return replace(check, cause=cause) if check.level else check
+    return bounded(title, law, text, rise, u, at_most=0.0, is_law=False, file=name, line=part.header_line, cause=cause)
 
 
 def phase(name: str, lag: float, u: float, frequency: float, record: str | None) -> Check:
     """Hold a phase lag [rad] against 0 to pi/2."""
     title, law = PHASE, "a passive solid stores and dissipates: its loss angle lies between 0 and 90°"
     text = f"{name}: the force {'lags' if lag < 0.0 else 'leads'} by {abs(lag) * 180 / pi:.2f}° at {frequency:.3g} Hz"
-    check = bounded(title, law, text, lag, max(u, 1e-3), at_least=0.0, at_most=pi / 2, file=name)
-    if check.level is None:
-        return check
     cause = "the columns are swapped, a sign is wrong, or the delay of the cell's filter is not what "
     cause += f"{record} says" if record else "its header says"
     cause += ", or the stage has play (backlash)" if lag < 0.0 else ""
-    return replace(check, cause=cause)
+    return bounded(title, law, text, lag, max(u, 1e-3), at_least=0.0, at_most=pi / 2, file=name, cause=cause)

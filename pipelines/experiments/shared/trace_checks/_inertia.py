@@ -4,7 +4,7 @@ from math import pi
 
 import numpy as np
 
-from labpipe.judging import Check, Level, not_made, stated
+from labpipe.judging import Check, not_made, stated
 from labpipe.report import quantity
 from pipelines.experiments.shared.trace_checks._trace import IN_NOISE, QUIET, WRONG_CHANNEL, Trace
 
@@ -37,8 +37,7 @@ def timing(trace: Trace) -> Check:
         f"the times of the readings jitter by about {quantity(late * interval, 's')}: they were polled by a program, "
         "or the clock of the sampling is not that of the sensor"
     )
-    level: Level | None = "doubtful" if is_late else None
-    return stated(name, law, text, level, cause=cause if is_late else "", file=trace.name)
+    return stated(name, law, text, "doubtful" if is_late else None, cause=cause, file=trace.name)
 
 
 def jumps(trace: Trace) -> Check:

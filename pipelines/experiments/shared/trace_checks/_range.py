@@ -37,8 +37,7 @@ def unread(trace: Trace) -> Check:
         f"{trace.name}: {int(lost.sum())} readings are out of range or invalid, {longest} of them in a row "
         f"from {trace.at(start)}: what the body does there is not measured"
     )
-    level: Level = "doubtful" if longest >= FLAT else "note"
-    return stated(title, law, text, level, file=trace.name, cause=OUT_OF_RANGE)
+    return stated(title, law, text, "doubtful" if longest >= FLAT else "note", file=trace.name, cause=OUT_OF_RANGE)
 
 
 def held_readings(trace: Trace) -> Check:
@@ -78,4 +77,4 @@ def resolution(trace: Trace) -> Check:
     cause = "the display shows too few digits: set more decimals in the controller"
     if travel < IN_NOISE * trace.noise:
         cause = "nothing moves in this record: it ends before the impact or begins after it, or " + WRONG_CHANNEL
-    return stated(title, law, text, level, file=trace.name, cause=cause if level else "")
+    return stated(title, law, text, level, file=trace.name, cause=cause)

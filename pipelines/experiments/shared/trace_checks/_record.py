@@ -40,7 +40,7 @@ def sight(displacement: xr.Dataset | None, record: str) -> Check:
         else f"inclination in {record} is probably not {np.rad2deg(angle):.3g}°: a lost decimal point, or the angle to "
         "the plate in place of that to the motion"
     )
-    return stated(name, law, text, level, cause=cause if level else "", file=record, setting="values.inclination")
+    return stated(name, law, text, level, cause=cause, file=record, setting="values.inclination")
 
 
 def scale_known(displacement: xr.Dataset | None, record: str) -> Check:
@@ -51,4 +51,4 @@ def scale_known(displacement: xr.Dataset | None, record: str) -> Check:
     text = f"{record}: lengths are known by {in_words(100 * relative, 2)} %"
     level: Level | None = "doubtful" if relative > _UNKNOWN else None
     cause = f"u of the scale, or of the inclination, in {record} was typed in another unit or with a lost decimal"
-    return stated(name, law, text, level, cause=cause if level else "", file=record, setting="values.scale")
+    return stated(name, law, text, level, cause=cause, file=record, setting="values.scale")

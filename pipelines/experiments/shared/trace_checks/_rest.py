@@ -181,6 +181,5 @@ def hum(trace: Trace, line: Hum | None, *, is_known: bool) -> Check:
         f"{trace.name}: hum of {quantity(line.amplitude, 'm')} at {multiples}, taken out of the readings to "
         f"± {quantity(left, 'm')}, which is in the uncertainties"
     )
-    level: Level = "note" if left < _HUM * trace.travel else "doubtful"
     cause = "mains hum: ground the sensor, or average over one period"
-    return stated(title, law, text, level, file=trace.name, cause=cause)
+    return stated(title, law, text, "note" if left < _HUM * trace.travel else "doubtful", file=trace.name, cause=cause)
