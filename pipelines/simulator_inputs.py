@@ -1,13 +1,12 @@
 """Inputs of ``simulate`` and ``sweep``: a material by its name, and a load history."""
 
-from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from labpipe.materials import Material, Prony, Thermal
+    from labpipe.materials import Prony, Thermal
 
 _RAMP_SAMPLES, _HOLD_SAMPLES = 41, 120
 _FIRST_HOLD, _SHORTEST_HOLD = 1e-3, 2e-3  # s; a hold is sampled by equal ratios
@@ -18,15 +17,10 @@ def material(name: str, temperature: float | None = None, vertical_shift: float 
 
     It is one of the library, or of a TOML file when the name ends in ``.toml``.
     """
-    solid = describe(name).at(temperature)
-    return solid if vertical_shift == 1.0 else solid.scaled(vertical_shift)
-
-
-def describe(name: str) -> "Material":
-    """Return a material with its law of temperature."""
     from labpipe import materials
 
-    return materials.read_material(name) if name.endswith(".toml") else _of_library(name)
+    solid = materials.load(name, temperature)
+    return solid if vertical_shift == 1.0 else solid.scaled(vertical_shift)
 
 
 def thermal_of(name: str, heat_capacity: float | None, conductivity: float | None) -> "Thermal":
@@ -38,7 +32,7 @@ def thermal_of(name: str, heat_capacity: float | None, conductivity: float | Non
         It is not of the library, and its file or the arguments do not say all three.
     """
     from labpipe.errors import InputError
-    from labpipe.materials import Thermal, thermal
+    from labpipe.materials import Thermal, describe, thermal
 
     if heat_capacity is None and conductivity is None:
         return thermal(name)
@@ -50,13 +44,6 @@ def thermal_of(name: str, heat_capacity: float | None, conductivity: float | Non
         message = f"{name}: self-heating needs a density (in the file), a heat capacity and a conductivity, all three"
         raise InputError(message)
     return Thermal(density, capacity, conducts)
-
-
-@cache
-def _of_library(name: str) -> "Material":
-    from labpipe import materials
-
-    return materials.describe(name)
 
 
 def ramp_hold_oscillation(

@@ -1,7 +1,7 @@
 """Linear viscoelastic materials: Prony series, interconversion, master curves, library."""
 
 from labpipe.materials._kraus import Kraus as Kraus
-from labpipe.materials._melts import isofrictional_temperature as isofrictional_temperature, wlf_of_melt as wlf_of_melt
+from labpipe.materials._melts import isofrictional_temperature as isofrictional_temperature
 from labpipe.materials._response import (
     Inequality as Inequality,
     entropy_inequality as entropy_inequality,
@@ -11,7 +11,6 @@ from labpipe.materials._response import (
 from labpipe.materials._shift_law import ShiftLaw as ShiftLaw, arrhenius as arrhenius, shift_at as shift_at, wlf as wlf
 from labpipe.materials._time_domain import with_responses as with_responses
 from labpipe.materials.codes import (
-    BULKS as BULKS,
     CODES as CODES,
     Bulk as Bulk,
     Deck as Deck,
@@ -24,7 +23,6 @@ from labpipe.materials.library import (
     Thermal as Thermal,
     describe as describe,
     load as load,
-    load_file as load_file,
     read_material as read_material,
     solid as solid,
     thermal as thermal,
@@ -34,8 +32,6 @@ from labpipe.materials.prony import (
     Relaxation as Relaxation,
     Retardation as Retardation,
     creep_from_relaxation as creep_from_relaxation,
-    generalised_maxwell as generalised_maxwell,
-    kelvin_voigt as kelvin_voigt,
     maxwell as maxwell,
     relaxation_from_creep as relaxation_from_creep,
     standard_linear_solid as standard_linear_solid,
@@ -60,7 +56,6 @@ from labpipe.materials.superposition import (
     isothermal_runs as isothermal_runs,
     master_curve as master_curve,
     modulus_factor as modulus_factor,
-    overlapped_shifts as overlapped_shifts,
     read_sweeps as read_sweeps,
     trusted_tables as trusted_tables,
     uncertain_spectra as uncertain_spectra,

@@ -97,7 +97,8 @@ def drop(
       labpipe simulate drop --material ptfe --height "7 mm" --out drop.nc
     """
     from labpipe import contact
-    from pipelines.simulator_inputs import describe, material as load, thermal_of
+    from labpipe.materials import describe
+    from pipelines.simulator_inputs import material as load, thermal_of
 
     parts = (plate_mass, plate_frequency, plate_damping)
     if any(p is not None for p in parts) and any(p is None for p in parts):

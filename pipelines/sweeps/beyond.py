@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from pipelines.simulator_inputs import describe, thermal_of
+from pipelines.simulator_inputs import thermal_of
 from pipelines.sweeps.parameters import FALL, OSCILLATION, RUBBER, Outputs, Parameter, Simulator, Value, numbers, solid
 
 
@@ -28,6 +28,7 @@ def adhesion(point: Mapping[str, Value]) -> Outputs:
 def heating(point: Mapping[str, Value]) -> Outputs:
     """Self-heating of a train of bounces."""
     from labpipe import contact
+    from labpipe.materials import describe
 
     number, material = numbers(point), describe(str(point["material"]))
     radius, mass, height, duration = (number[name] for name in ("radius", "mass", "height", "duration"))

@@ -5,7 +5,6 @@ from labpipe.materials.library._library import (
     Solid as Solid,
     describe as describe,
     load as load,
-    load_file as load_file,
     read_material as read_material,
     solid as solid,
 )

@@ -1,7 +1,7 @@
 """The material library: five materials, each number with its source.
 
 A material is a TOML file (see ``library/*.toml``); a laboratory's own have the same form and are
-read with :func:`load_file`. Statuses are ``measured``, ``datasheet`` and ``estimate``: the five
+read as well. Statuses are ``measured``, ``datasheet`` and ``estimate``: the five
 here are no measurement of the thesis's specimens, and a page that uses them says so.
 """
 
@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import tomllib
 from dataclasses import dataclass
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any, NoReturn
@@ -22,7 +23,7 @@ from labpipe.materials.prony import Prony
 from labpipe.materials.superposition import MasterCurve
 from labpipe.units import Measure, quantity, si
 
-__all__ = ["NAMES", "Entry", "Material", "Solid", "describe", "load", "load_file", "read_material", "solid"]
+__all__ = ["NAMES", "Entry", "Material", "Solid", "describe", "load", "read_material", "solid"]
 
 NAMES = ("nbr", "acrylic", "peek", "nylon", "ptfe")
 STATUSES = ("measured", "datasheet", "estimate")
@@ -119,9 +120,7 @@ def solid(material: Solid, temperature: Measure | None = None) -> Prony:
     True
     """
     if isinstance(material, str | Path):
-        is_file = str(material).endswith(".toml")
-        known = read_material(material) if is_file else describe(str(material))
-        return known.at(None if temperature is None else si(temperature, "degC", "temperature"))
+        material = describe(material)
     if isinstance(material, Material | MasterCurve):
         if temperature is None:
             return material.prony
@@ -136,13 +135,13 @@ def solid(material: Solid, temperature: Measure | None = None) -> Prony:
     return material
 
 
-def load(name: str, temperature: float | None = None) -> Prony:
-    """Return a material of the library.
+def load(name: str | Path, temperature: float | None = None) -> Prony:
+    """Return a material of the library, or of a file.
 
     Parameters
     ----------
-    name : str
-        ``nbr``, ``acrylic``, ``peek``, ``nylon`` or ``ptfe``.
+    name : str or path-like
+        ``nbr``, ``acrylic``, ``peek``, ``nylon`` or ``ptfe``; or a TOML file.
     temperature : float [degC], optional
         Where the material is; by default its reference temperature.
 
@@ -155,6 +154,8 @@ def load(name: str, temperature: float | None = None) -> Prony:
     ------
     InputError
         There is no such material, or its law does not reach the temperature.
+    SourceError
+        The file cannot be read or does not describe a material.
 
     Examples
     --------
@@ -164,21 +165,17 @@ def load(name: str, temperature: float | None = None) -> Prony:
     return describe(name).at(temperature)
 
 
-def load_file(path: str | Path, temperature: float | None = None) -> Prony:
-    """Return the material of a TOML file; see :func:`load`.
-
-    Raises
-    ------
-    SourceError
-        The file cannot be read or does not describe a material.
-    """
-    return read_material(path).at(temperature)
-
-
-def describe(name: str) -> Material:
-    """Return a material of the library with the origin of its numbers."""
+def describe(name: str | Path) -> Material:
+    """Return a material of the library, or of a TOML file, with the origin of its numbers."""
+    if isinstance(name, Path) or name.endswith(".toml"):
+        return read_material(name)
     if name not in NAMES:
         raise InputError(f'there is no material "{name}" in the library; known are {", ".join(NAMES)}')
+    return _of_library(name)
+
+
+@cache
+def _of_library(name: str) -> Material:
     with resources.as_file(resources.files("labpipe.materials") / "library" / f"{name}.toml") as p:
         return read_material(p)
 

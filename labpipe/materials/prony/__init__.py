@@ -6,10 +6,5 @@ from labpipe.materials.prony._interconversion import (
     creep_from_relaxation as creep_from_relaxation,
     relaxation_from_creep as relaxation_from_creep,
 )
-from labpipe.materials.prony._models import (
-    generalised_maxwell as generalised_maxwell,
-    kelvin_voigt as kelvin_voigt,
-    maxwell as maxwell,
-    standard_linear_solid as standard_linear_solid,
-)
+from labpipe.materials.prony._models import maxwell as maxwell, standard_linear_solid as standard_linear_solid
 from labpipe.materials.prony._prony import Prony as Prony

@@ -1,8 +1,8 @@
 r"""The rheological models of springs and dashpots, as special cases of the Prony series.
 
-Thesis section 1.3, equations (1.27) to (1.42). Written there for a generic modulus 𝒢; the moduli
-here are those of tension. Every function returns a :class:`.Prony`, so
-that relaxation, creep and complex modulus come from one place:
+Thesis section 1.3, equations (1.27) to (1.42); the generalised Maxwell model is the series itself.
+Written there for a generic modulus 𝒢; the moduli here are those of tension. Every function returns a
+:class:`.Prony`, so that relaxation, creep and complex modulus come from one place:
 
 ==========================  ===========================================  ====================
 model                       relaxation modulus, t ≥ 0                    thesis
@@ -10,12 +10,10 @@ model                       relaxation modulus, t ≥ 0                    thesi
 Maxwell (liquid)            ℰ exp(−t/τ), τ = μ/ℰ                         (1.33), (1.34), (1.36)
 standard linear solid       ℰ₀ + ℰ₁ exp(−t/τ)                            (1.37) to (1.40)
 generalised Maxwell         ℰ₀ + Σ ℰ_j exp(−t/τ_j)                       (1.41), (1.42)
-Kelvin-Voigt                ℰ + μ δ(t)                                   --
 ==========================  ===========================================  ====================
 """
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from labpipe.errors import InputError
 from labpipe.materials.prony._prony import Prony
@@ -71,26 +69,6 @@ def standard_linear_solid(E_relaxed: float, E_unrelaxed: float, relaxation_time:
             "relaxes from the larger modulus to the smaller one"
         )
     return Prony(E_relaxed, [E_unrelaxed - E_relaxed], [relaxation_time], nu)
-
-
-def generalised_maxwell(E_relaxed: float, moduli: ArrayLike, relaxation_times: ArrayLike, nu: float = 0.5) -> Prony:
-    """Return several Maxwell elements beside a spring (Wiechert), (1.41) and (1.42)."""
-    return Prony(E_relaxed, moduli, relaxation_times, nu)
-
-
-def kelvin_voigt(modulus: float, viscosity: float, nu: float = 0.5) -> Prony:
-    """Return a spring and a dashpot side by side: a solid without instantaneous compliance.
-
-    Its retardation time is μ/ℰ; a step of strain would need an infinite force.
-
-    Examples
-    --------
-    >>> kelvin_voigt(2.0, 6.0).creep_terms()
-    (array([0.5]), array([3.]))
-    """
-    _positive("modulus", modulus)
-    _positive("viscosity", viscosity)
-    return Prony.from_creep(modulus, [1.0 / modulus], [viscosity / modulus], nu)
 
 
 def _positive(name: str, value: float) -> None:

@@ -150,16 +150,6 @@ class Prony:
         family = relaxation_from_creep(creep)
         return cls(E_relaxed, family.weight, family.time, nu, family.viscosity, _given_creep=creep)
 
-    @classmethod
-    def from_shear(cls, G_relaxed: float, G: ArrayLike, rho: ArrayLike, nu: float) -> Prony:
-        """Build from the relaxation terms of the shear modulus: E = 2(1 + ν) G."""
-        return cls(G_relaxed, G, rho, nu).scaled(2.0 * (1.0 + nu))
-
-    @classmethod
-    def from_contact(cls, E_relaxed: float, E: ArrayLike, rho: ArrayLike, nu: float) -> Prony:
-        """Build from the relaxation terms of the contact modulus E/(1 − ν²)."""
-        return cls(E_relaxed, E, rho, nu).scaled(1.0 - nu**2)
-
     @cached_property
     def _creep(self) -> Retardation:
         if self._given_creep is not None:

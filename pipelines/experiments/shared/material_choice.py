@@ -52,11 +52,10 @@ def resolve(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None
     temperature = None if choice.temperature is None else choice.temperature.value
     if fitted is not None:
         return fitted_at(fitted, temperature)
-    if file is not None:
-        return materials.load_file(file, temperature=temperature)
-    if choice.material is None:
+    named = file or choice.material
+    if named is None:
         raise InputError("no material is named")
-    return materials.load(choice.material, temperature=temperature)
+    return materials.load(named, temperature)
 
 
 def is_of_spectrum(name: str) -> bool:

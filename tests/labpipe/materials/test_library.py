@@ -8,7 +8,7 @@ import pytest
 from labpipe.contact import drop, indent
 from labpipe.errors import InputError, SourceError
 from labpipe.materials import load
-from labpipe.materials.library._library import NAMES, STATUSES, describe, load_file
+from labpipe.materials.library._library import NAMES, STATUSES, describe
 from tests.rounding import rounding
 
 
@@ -76,7 +76,7 @@ status = "estimate"
 
 def test_a_file_of_the_laboratory_reads(tmp_path: Path) -> None:
     (tmp_path / "m.toml").write_text(GOOD, "utf-8")
-    solid = load_file(tmp_path / "m.toml")
+    solid = load(tmp_path / "m.toml")
     assert solid.E_unrelaxed == pytest.approx(2.3e9)
 
 
@@ -105,19 +105,19 @@ def test_a_file_of_the_laboratory_reads(tmp_path: Path) -> None:
 def test_a_mistake_is_named_with_its_line(tmp_path: Path, old: str, new: str, line: int, words: str) -> None:
     (tmp_path / "m.toml").write_text(GOOD.replace(old, new, 1), "utf-8")
     with pytest.raises(SourceError, match=words) as caught:
-        load_file(tmp_path / "m.toml")
+        load(tmp_path / "m.toml")
     assert f"m.toml:{line}:" in str(caught.value)
 
 
 def test_broken_toml_and_other_files_are_refused(tmp_path: Path) -> None:
     (tmp_path / "m.toml").write_text("a = [", "utf-8")
     with pytest.raises(SourceError, match="not TOML"):
-        load_file(tmp_path / "m.toml")
+        load(tmp_path / "m.toml")
     (tmp_path / "n.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(SourceError, match="UTF-8"):
-        load_file(tmp_path / "n.toml")
+        load(tmp_path / "n.toml")
     with pytest.raises(SourceError, match="cannot be read"):
-        load_file(tmp_path / "absent.toml")
+        load(tmp_path / "absent.toml")
 
 
 def test_an_unknown_name_lists_the_known_ones() -> None:

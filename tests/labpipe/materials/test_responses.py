@@ -16,7 +16,6 @@ from labpipe.materials import (
     prony_of_creep,
     prony_of_relaxation,
     with_responses,
-    wlf_of_melt,
 )
 
 RHO = np.geomspace(1e-6, 1e6, 60)
@@ -107,15 +106,6 @@ def test_readings_without_such_tests_stay_as_they_are():
         with_responses(short)
 
 
-def test_melts_of_any_molar_mass_share_one_law_at_one_distance_to_the_glass_transition():
-    long, short = wlf_of_melt(850.0, 126.0, 25.0), wlf_of_melt(850.0, 126.0, 25.0, molar_mass=5.0, fox_flory=14.65)
-    assert pytest.approx((850 / 151, 151.0)) == (long.C1, long.C2)
-    moved = isofrictional_temperature(25.0, 5.0, 14.65)
-    law = wlf_of_melt(850.0, 126.0, moved, molar_mass=5.0, fox_flory=14.65)
-    T = np.array([-20.0, 0.0, 60.0])
-    np.testing.assert_allclose(law.log10_aT(T - 14.65 / 5), long.log10_aT(T), rtol=1e-12)
-    assert abs(float(short.log10_aT(0.0))) < abs(float(long.log10_aT(0.0)))
-    with pytest.raises(InputError, match="lies at or below the pole"):
-        wlf_of_melt(850.0, 126.0, -130.0)
+def test_a_melt_has_a_positive_molar_mass():
     with pytest.raises(InputError, match="expected positive numbers"):
         isofrictional_temperature(25.0, 0.0, 14.65)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from labpipe.errors import InstallationError, SourceError
-from labpipe.materials.library import load_file
+from labpipe.materials import load
 from labpipe.workflow.code import Code
 from labpipe.workflow.context import Context, Failed
 from pipelines.experiments.shared.judgements import Scene, believed, failed_steps, judgement, sentence
@@ -43,7 +43,7 @@ def test_the_sentence_tells_a_stopped_run_from_a_record_that_fails(*, is_of_run:
 def test_a_file_of_a_material_that_lacks_a_table_is_named_as_the_cause(tmp_path: Path) -> None:
     (tmp_path / "x.toml").write_text('labpipe_material = 1\nname = "x"\nsummary = "x"\n', "utf-8")
     with pytest.raises(SourceError, match=r"x\.toml:1: poisson: expected a table") as found:
-        load_file(tmp_path / "x.toml")
+        load(tmp_path / "x.toml")
     failures = (Failed("model", None, str(found.value), is_of_run=False),)
     context = Context("drop", "ball_drop", "", "", "", True, failures=failures)
     (check,) = failed_steps(context, {"model": "a temperature is out of range"})
