@@ -9,10 +9,8 @@ from labpipe.judging._agreement import directions
 _LIMIT = 0.95
 
 
-def detectable(
-    sensitivities: ArrayLike, covariance: ArrayLike, power: float = 0.95, slack: ArrayLike | None = None
-) -> np.ndarray:
-    """Return the smallest error of each input that the comparison would have shown.
+def detectable(sensitivities: ArrayLike, covariance: ArrayLike, slack: ArrayLike | None = None) -> np.ndarray:
+    """Return the smallest error of each input that the comparison would have shown, with 95 % probability.
 
     An error e of an input shifts the differences by s e and makes chi square noncentral with
     lambda = e^2 s' C^-1 s; it is shown when chi square exceeds its 95 % limit. Other inputs are
@@ -24,8 +22,6 @@ def detectable(
         Derivatives of the differences (measured minus predicted) to each input.
     covariance : array (row, row)
         Of the differences.
-    power : float
-        Probability with which the error would have been shown.
     slack : array (row,), optional
         As for :func:`labpipe.judging.agreement`.
 
@@ -45,13 +41,12 @@ def detectable(
         S = S[:, None]
     root, count = directions(C, slack)
     strength = np.linalg.norm(root @ S, axis=0)
-    wanted = np.sqrt(_noncentrality(count, power))
+    wanted = np.sqrt(_noncentrality(count))
     return np.divide(wanted, strength, out=np.full(len(strength), np.inf), where=strength > 0.0)
 
 
-def _noncentrality(degrees_of_freedom: float, power: float) -> float:
+def _noncentrality(degrees_of_freedom: float) -> float:
     from scipy.optimize import brentq
 
     limit = special.chdtri(degrees_of_freedom, 1 - _LIMIT)
-    found = brentq(lambda x: 1 - special.chndtr(limit, degrees_of_freedom, x) - power, 1e-6, 1e3 + 10 * limit)
-    return float(found)
+    return float(brentq(lambda x: 1 - special.chndtr(limit, degrees_of_freedom, x) - _LIMIT, 1e-6, 1e3 + 10 * limit))

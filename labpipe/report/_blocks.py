@@ -114,14 +114,11 @@ class Details:
         What unfolds.
     text : str
         Preformatted text that unfolds after the blocks, in a typewriter face.
-    is_open : bool
-        Start unfolded.
     """
 
     summary: str
     blocks: Sequence["Block"] = ()
     text: str = ""
-    is_open: bool = False
 
 
 @dataclass(frozen=True)

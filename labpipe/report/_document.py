@@ -189,7 +189,7 @@ def _block(block: Any, charts: Iterator[_ChartPart]) -> "Markup":
         return next(charts).html()
     if isinstance(block, Details):
         inner = [_block(inside, charts) for inside in block.blocks]
-        return _markup("details", summary=block.summary, blocks=inner, text=block.text, is_open=block.is_open)
+        return _markup("details", summary=block.summary, blocks=inner, text=block.text)
     describe = _DESCRIPTIONS.get(type(block))
     if describe is None:
         raise InputError(f"a section holds blocks of the report kit, found {type(block).__name__}")
