@@ -65,11 +65,6 @@ def is_tiff(head: bytes) -> bool:
     return head[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 
 
-def is_png(head: bytes) -> bool:
-    """Tell a PNG by its first bytes."""
-    return head[:8] == _PNG
-
-
 def read_headers(path: Path) -> list[ImageHeader]:
     """Return the header of every image in a PNG, TIFF, BMP or JPEG file.
 
@@ -83,7 +78,7 @@ def read_headers(path: Path) -> list[ImageHeader]:
     try:
         with path.open("rb") as stream:
             head, size = stream.read(34), os.fstat(stream.fileno()).st_size
-            if is_png(head):
+            if head[:8] == _PNG:
                 stream.seek(-min(12, size), os.SEEK_END)
                 return [_png(path, head, stream.read(12))]
             if head[:2] == b"BM":

@@ -107,7 +107,7 @@ def time_axis(header: Header) -> TimeAxis:
         none = np.zeros(1, np.int64)
         only = np.asarray(ticks * _UNIT, np.float64)
         return TimeAxis(only, none, none, _stated_interval(header) or 0.0)
-    interval = _median_interval(ticks) * _UNIT
+    interval = (float(np.median(np.diff(ticks))) if ticks.size > 1 else 0.0) * _UNIT
     flag = np.zeros(header.count, dtype=np.int64)
     if interval <= 0:
         return _from_frame_rate(header, number)
@@ -144,11 +144,6 @@ def _stated_interval(header: Header) -> float | None:
     """Return the time between frames by the header in s, None where it cannot be true."""
     rate, decimation = header.setup.frame_rate, header.setup.decimation or 1.0
     return decimation / rate if rate and 1.0 <= decimation < np.inf else None
-
-
-def _median_interval(ticks: NDArray[np.int64]) -> float:
-    """Return the median step between neighbours, or 0 for a single frame."""
-    return float(np.median(np.diff(ticks))) if ticks.size > 1 else 0.0
 
 
 def _impossible(ticks: NDArray[np.int64], interval: float) -> NDArray[np.bool_]:

@@ -403,7 +403,7 @@ class _State:
 
     def give(self, crew: Crew) -> None:
         """Hand out as many experiments as there is room for and wait for no other."""
-        ready = [n for n, needs in self.waiting.items() if not needs & self._unfinished()]
+        ready = [n for n, needs in self.waiting.items() if not needs & (self.waiting.keys() | self.running.keys())]
         for experiment in ready[: crew.room]:
             del self.waiting[experiment]
             own = {n: text for n, text in self.killed.items() if n.experiment == experiment}
@@ -412,9 +412,6 @@ class _State:
             call = Call(WORK, (job,), tells=True, imports=imports)
             crew.give((self, experiment), call, partial(self._hear, experiment))
             self.running[experiment] = None
-
-    def _unfinished(self) -> set[str]:
-        return self.waiting.keys() | self.running.keys()
 
     def take(self, experiment: str, answer: "list[Outcome] | Died") -> None:
         """Take how the call of an experiment ended."""

@@ -223,7 +223,7 @@ def _named_alike(
     stated = [pair for pair in materials if ("[" not in pair[0] if not table else pair[0].startswith(f"{table}."))]
     for setting, material in stated:
         told = next((name for name in names if _words(name) & known), "")
-        if told and not _mentions(names, material):
+        if told and not any(material in _words(name) for name in names):
             yield e.name, _misnamed(f'the material is "{material}"', told, known, setting)
     first = next((name for name in names if len(_words(name) & known) == 1), "")
     for setting, name in () if stated or not first else places:
@@ -244,10 +244,6 @@ def _misnamed(what: str, name: str, known: set[str], setting: str) -> Finding:
 
 def _words(name: str) -> set[str]:
     return set(re.split(r"[^a-z]+", name.lower()))
-
-
-def _mentions(names: Sequence[str], material: str) -> bool:
-    return any(material in _words(name) for name in names)
 
 
 def _materials(table: Any, place: str) -> Iterator[tuple[str, str]]:

@@ -55,12 +55,8 @@ def disc_displacement(r: Floats, c: Floats) -> Floats:
     parameter = (np.minimum(r, c) / larger) ** 2
     second = ellipe(parameter)
     # K is infinite at the rim of the disc, where its factor is zero.
-    first = np.where(parameter < 1.0, (1.0 - parameter) * _finite_k(parameter), 0.0)
+    first = np.where(parameter < 1.0, (1.0 - parameter) * ellipk(np.where(parameter < 1.0, parameter, 0.0)), 0.0)
     return 4.0 / pi * np.where(r <= c, larger * second, larger * (second - first))
-
-
-def _finite_k(parameter: Floats) -> Floats:
-    return ellipk(np.where(parameter < 1.0, parameter, 0.0))
 
 
 def influence(n_rings: int) -> Floats:

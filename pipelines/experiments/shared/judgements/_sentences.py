@@ -56,7 +56,7 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
         level = "error" if judged.believable == "impossible" else "warning"
         model = str(result.attrs["model"])
         # numbers that a scale does not alter may agree beside a curve that it does
-        model = "differs" if model == "agrees" and any(_is_far(r) for r in rows) else model
+        model = "differs" if model == "agrees" and any(r.p is not None and r.p < DIFFERS for r in rows) else model
         seen = found[0].message.rstrip(".")
         return level, f"{word}: {seen}.{cause} {_BESIDE[model].format(by)} {_counted(judged)}."
     checks = _counted(judged) if made else "no check could be made"
@@ -85,11 +85,6 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
         shown = "" if suspected(result) else shown  # what it is held against tells nothing
         return "info", f"{believable}; {undecided}; {checks}.{shown} {capitalised(_undecided(result))}."
     return "ok" if made else "info", f"{believable}: {checks}. There is no model to compare with."
-
-
-def _is_far(row: Row) -> bool:
-    """Tell whether a row differs beyond chance."""
-    return row.p is not None and row.p < DIFFERS
 
 
 def _likeliest(judged: Judgement) -> str:
