@@ -291,26 +291,13 @@ def _disturbances(scene: Scene, frames: int) -> Suite:
     return Suite("contact-radius-disturbed", title, error, rows, notes=(goal,), time_label=time, has_diagram=False)
 
 
-def surface_gap(distance: Floats, radius: float, sphere: float) -> Floats:
+def surface_gap(distance: Floats, radius: float, sphere: float, flat: float = 0.0) -> Floats:
     """Gap (m) around a contact from the springs of the method of dimensionality reduction.
 
-    The springs are pressed in by (a² - x²) / R up to a; the surface at r follows as
-    (2/π) ∫ u(r sin θ) dθ, taken by Gauss–Legendre up to the last spring that is pressed.
-    """
-    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-    end = np.arcsin(np.minimum(1.0, radius / np.maximum(distance, 1e-12)))
-    theta = 0.5 * end[:, None] * (nodes + 1.0)
-    spring = (radius**2 - (distance[:, None] * np.sin(theta)) ** 2) / sphere
-    surface = (spring * weights).sum(axis=1) * end / math.pi
-    gap = distance**2 / (2.0 * sphere) - radius**2 / sphere + surface
-    return np.maximum(gap, 0.0)
-
-
-def worn_gap(distance: Floats, radius: float, sphere: float, flat: float) -> Floats:
-    """Gap (m) around a contact of a sphere that is worn flat up to a radius, as :func:`surface_gap`.
-
-    The springs' profile rises from the edge of the flat as a square root, which a square in the variable of the
-    integral makes smooth.
+    The springs of a sphere that is worn flat up to a radius f are pressed in by g(a) - g(x) up to a, with
+    g(x) = x √(x² - f²) / R beyond f; the surface at r follows as (2/π) ∫ u(r sin θ) dθ, taken by Gauss–Legendre
+    up to the last spring that is pressed. Their profile rises from the edge of the flat as a square root,
+    which a square in the variable of the integral makes smooth.
     """
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
     share, weight = 0.5 * (nodes + 1.0), 0.5 * weights
@@ -336,7 +323,7 @@ def make_image(scene: Scene) -> Floats:
     radii: Sequence[float] = [scene.radius + float(m) * scene.travel for m in moments]
     light = np.zeros_like(r)
     for radius in radii:
-        gap = worn_gap(r, radius, scene.sphere, scene.flat) if scene.flat else surface_gap(r, radius, scene.sphere)
+        gap = surface_gap(r, radius, scene.sphere, scene.flat)
         light += _interference(4.0 * math.pi * gap / scene.wavelength + scene.phase, scene) / len(radii)
     total = np.zeros((scene.rows, scene.columns))
     steps = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5

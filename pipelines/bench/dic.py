@@ -13,22 +13,21 @@ from itertools import product
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.imaging import track
 from pipelines.bench import dic_peers
 from pipelines.bench.dic_scenes import disturbances
+from pipelines.bench.film_scenes import Film, View, digitised, from_spectrum, random_field
 from pipelines.bench.measure import Bound, Extra, Suite, Timing, race
 
-Film = NDArray[np.uint8]
 Method = Callable[[Film, Floats], Floats]
 
 #: Noise of one frame (grey levels), as of a good high-speed camera.
 _NOISE = 2.0
 #: Width of the pattern's features (px): autocorrelation like that of a sprayed speckle.
 _FEATURE = 1.9
-_MEAN, _CONTRAST = 127.0, 40.0
+_CONTRAST = 40.0
 #: Shift from frame to frame (px), that of a falling holder early on.
 _STEP = (0.1, 0.05)
 _BORDER = 26
@@ -133,22 +132,10 @@ def _one_thread() -> Iterator[None]:
 
 def make_film(size: int, frames: int, noise: float) -> tuple[Film, Floats]:
     """Film (frame, row, column) of a shifted pattern and its shifts (frame, 2) in px."""
-    rng = np.random.default_rng(1)
-    frequency_y = np.fft.fftfreq(size)[:, None]
-    frequency_x = np.fft.rfftfreq(size)[None, :]
-    envelope = np.exp(-0.5 * (2 * np.pi * _FEATURE) ** 2 * (frequency_x**2 + frequency_y**2))
-    pattern = np.fft.rfft2(rng.standard_normal((size, size))) * envelope
-    pattern[0, 0] = 0.0
-    # The highest frequency of an even grid has no phase; the envelope has removed it anyway.
-    pattern *= _CONTRAST / np.fft.irfft2(pattern, (size, size)).std()
+    pattern = random_field(size, _FEATURE, 1)
+    pattern *= _CONTRAST / pattern.std()
     shifts = np.arange(frames)[:, None] * np.array(_STEP)
-    film = np.empty((frames, size, size), np.uint8)
-    for k, (dx, dy) in enumerate(shifts):
-        phase = np.exp(-2j * np.pi * (frequency_x * dx + frequency_y * dy))
-        grey = _MEAN + np.fft.irfft2(pattern * phase, (size, size))
-        grey += noise * rng.standard_normal((size, size))
-        film[k] = np.clip(np.rint(grey), 0, 255)
-    return film, shifts
+    return digitised([from_spectrum(pattern, View((x, y))) for x, y in shifts], noise, 2), shifts
 
 
 def cramer_rao(image: Film, subset: int) -> float:
