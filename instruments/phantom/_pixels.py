@@ -53,18 +53,6 @@ def unpack10(rows: NDArray[np.uint8]) -> NDArray[np.uint16]:
     return pixels.reshape(rows.shape[0], -1)
 
 
-def pack10(pixels: NDArray[np.uint16]) -> NDArray[np.uint8]:
-    """Pack 10-bit values, the inverse of :func:`unpack10`."""
-    p = pixels.reshape(pixels.shape[0], -1, 4).astype(np.uint16)
-    packed = np.empty((*p.shape[:2], 5), dtype=np.uint8)
-    packed[..., 0] = p[..., 0] >> 2
-    packed[..., 1] = (p[..., 0] & 0x03) << 6 | p[..., 1] >> 4
-    packed[..., 2] = (p[..., 1] & 0x0F) << 4 | p[..., 2] >> 6
-    packed[..., 3] = (p[..., 2] & 0x3F) << 2 | p[..., 3] >> 8
-    packed[..., 4] = p[..., 3] & 0xFF
-    return packed.reshape(pixels.shape[0], -1)
-
-
 def unpack12(rows: NDArray[np.uint8]) -> NDArray[np.uint16]:
     """Unpack two 12-bit pixels from every three bytes, most significant bits first."""
     b = rows.reshape(rows.shape[0], -1, 3).astype(np.uint16)
@@ -74,14 +62,10 @@ def unpack12(rows: NDArray[np.uint8]) -> NDArray[np.uint16]:
     return pixels.reshape(rows.shape[0], -1)
 
 
-def pack12(pixels: NDArray[np.uint16]) -> NDArray[np.uint8]:
-    """Pack 12-bit values, the inverse of :func:`unpack12`."""
-    p = pixels.reshape(pixels.shape[0], -1, 2).astype(np.uint16)
-    packed = np.empty((*p.shape[:2], 3), dtype=np.uint8)
-    packed[..., 0] = p[..., 0] >> 4
-    packed[..., 1] = (p[..., 0] & 0x0F) << 4 | p[..., 1] >> 8
-    packed[..., 2] = p[..., 1] & 0xFF
-    return packed.reshape(pixels.shape[0], -1)
+def pack(pixels: NDArray[np.uint16], depth: int) -> NDArray[np.uint8]:
+    """Pack values of 10 or 12 bits, the inverse of :func:`unpack10` and :func:`unpack12`."""
+    bits = pixels[..., None] >> np.arange(depth, dtype=np.uint16)[::-1] & 1
+    return np.packbits(bits.astype(np.uint8).reshape(pixels.shape[0], -1), axis=1)
 
 
 @cache

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments.phantom._header import TAG_EXPOSURES, TAG_TIMES, Packing
-from instruments.phantom._pixels import companded_from_linear, pack10, pack12, row_bytes
+from instruments.phantom._pixels import companded_from_linear, pack, row_bytes
 from labpipe import files
 from labpipe.errors import InputError
 
@@ -120,8 +120,8 @@ def _encode(image: NDArray[np.integer], packing: Packing) -> bytes:
     if packing == "16":
         return image[::-1].astype("<u2").tobytes()
     if packing == "12-packed":
-        return pack12(image.astype(np.uint16)).tobytes()
-    return pack10(companded_from_linear()[np.clip(image, 0, 4095)]).tobytes()
+        return pack(image.astype(np.uint16), 12).tobytes()
+    return pack(companded_from_linear()[np.clip(image, 0, 4095)], 10).tobytes()
 
 
 def _head(

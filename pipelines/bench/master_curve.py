@@ -147,21 +147,36 @@ def _other_truths(quick: bool) -> Suite:
         (FRACTIONAL, {"points": 3}),
     ):
         label = truth.name + (f", {options['points']} points a sweep" if options else "")
-        sets = [measured(truth, seed, **options) for seed in seeds]
-        timing = paired({label: _ours(sets[0], {})}, 1 if quick else 3)[label]
-        found = _found(sets, timing)
-        errors = [made.error(one.log10_aT.values) for made, one in zip(sets, found, strict=True)]
-        is_default, covered = truth is MAXWELL and not options, 100.0 * _covered(sets, found)
-        extra = {"worst (decades)": float(np.max(errors)), "95 % bars that hold (%)": covered}
-        points.append(Point(label, float(np.mean(errors)), timing.seconds, is_default=is_default, extra=extra))
+        is_default = truth is MAXWELL and not options
+        points.append(_of_default(label, truth, seeds, options, quick, is_default, "95 % bars that hold (%)", _covered))
     note = f"the default over {len(seeds)} seeds; 12 temperatures, 2 % noise"
     error = "RMS error of log10 a_T (decades)"
     return Suite("master-curve-truths", "Shifts of other materials", error, points, notes=[note])
 
 
-def _found(sets: list[Measured], timing: Timing) -> list[MasterCurve]:
-    """Return the default's answer to every set, the first one from the runs that were timed."""
-    return [cast(MasterCurve, timing.value), *(_result(made, {}) for made in sets[1:])]
+def _of_default(
+    label: str,
+    truth: Truth,
+    seeds: range,
+    options: Mapping[str, Any],
+    quick: bool,
+    is_default: bool,
+    name: str,
+    share: Callable[[list[Measured], list[MasterCurve]], float],
+) -> Point:
+    """Return how far the default errs over some seeds, and a share in % of what it found."""
+    sets = [measured(truth, seed, **options) for seed in seeds]
+    timing = paired({label: _ours(sets[0], {})}, 1 if quick else 3)[label]
+    found = [cast(MasterCurve, timing.value), *(_result(made, {}) for made in sets[1:])]
+    errors = [made.error(one.log10_aT.values) for made, one in zip(sets, found, strict=True)]
+    extra = {"worst (decades)": float(np.max(errors)), name: 100.0 * share(sets, found)}
+    return Point(label, float(np.mean(errors)), timing.seconds, is_default=is_default, extra=extra)
+
+
+def _storage(sets: list[Measured], found: list[MasterCurve]) -> float:
+    """Return the relative error of the fitted storage modulus, mean over the sets."""
+    ratios = [one.data["storage_fitted"].values / made.exact.real for made, one in zip(sets, found, strict=True)]
+    return float(np.mean([np.sqrt(np.mean((ratio - 1) ** 2)) for ratio in ratios]))
 
 
 def _covered(sets: list[Measured], found: list[MasterCurve]) -> float:
@@ -179,16 +194,7 @@ def _other_data(quick: bool) -> Suite:
     seeds = range(_FIRST_SEED, _FIRST_SEED + (_QUICK_SEEDS if quick else 10))
     points = []
     for label, options in (("12 temperatures, 11 points, noise 2 %", {}), *_OTHER_DATA):
-        sets = [measured(MAXWELL, seed, **options) for seed in seeds]
-        timing = paired({label: _ours(sets[0], {})}, 1 if quick else 3)[label]
-        found = _found(sets, timing)
-        errors = [made.error(one.log10_aT.values) for made, one in zip(sets, found, strict=True)]
-        storage = [
-            float(np.sqrt(np.mean((one.data["storage_fitted"].values / made.exact.real - 1) ** 2)))
-            for made, one in zip(sets, found, strict=True)
-        ]
-        extra = {"worst (decades)": float(np.max(errors)), "storage modulus (%)": 100.0 * float(np.mean(storage))}
-        points.append(Point(label, float(np.mean(errors)), timing.seconds, is_default=not options, extra=extra))
+        points.append(_of_default(label, MAXWELL, seeds, options, quick, not options, "storage modulus (%)", _storage))
     note = f"the default over {len(seeds)} seeds; −40 to 120 °C, 0.1 to 10 Hz"
     title, error = f"Shifts of {MAXWELL.name}: what the data buy", "RMS error of log10 a_T (decades)"
     return Suite("master-curve-data", title, error, points, notes=[note])

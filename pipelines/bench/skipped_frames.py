@@ -1,7 +1,6 @@
 """Shortcuts of films: frames, rows, subsets and references that need not be read or made."""
 
 import json
-from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ import instruments
 from instruments import phantom
 from labpipe import imaging
 from pipelines.bench.dic import make_film
+from pipelines.bench.film_scenes import View, digitised, from_spectrum, random_field
 from pipelines.bench.shortcut import Shortcut, counted, work_of
 from pipelines.experiments.dic_validation import measured as dic_validation
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
@@ -32,19 +32,10 @@ def rest_in_a_film(folder: Path, count: int) -> Shortcut:
     path = folder / "holder.cine"
     frame = np.arange(count)
     sway = 3.0 * np.exp(-frame / (0.04 * count)) * np.cos(2 * np.pi * frame / (0.05 * count))
-    pattern, _ = make_film(96, 1, 0.0)
-    spectrum = np.fft.rfft2(pattern[0])
-    waves = np.fft.fftfreq(96)[:, None]
-    generator = np.random.default_rng(_SEED)
-
-    def images() -> Iterator[NDArray[np.uint8]]:
-        for shift in sway - sway[0]:
-            grey = np.fft.irfft2(spectrum * np.exp(-2j * np.pi * waves * shift), (96, 96))
-            noisy = grey + 2.0 * generator.standard_normal(grey.shape)
-            yield np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
-
+    pattern = random_field(96, 1.9, 1)
+    images = digitised([from_spectrum(pattern, View((0.0, shift))) for shift in sway - sway[0]], 2.0, _SEED)
     recording = phantom.Recording(10_000, 5e-6, bits=8)
-    phantom.write(path, images(), (count, 96, 96), frame / 1e4, recording)
+    phantom.write(path, images, images.shape, frame / 1e4, recording)
     tracking = Tracking(body=(48.0, 48.0), body_subset=41, static_frames=1)
     settings = DicValidation(kind="dic_validation", film=str(path), camera="unused", tracking=tracking)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from markdown_it import MarkdownIt
 
 from pipelines.guide import _gallery, _reference
-from pipelines.guide._texts import GUIDES, PARTS
+from pipelines.guide._texts import GUIDES, PARTS, linked
 
 FIRST = "tutorial"
 _PAGE = """<!doctype html>
@@ -46,7 +46,7 @@ def pages() -> dict[str, str]:
     parser = MarkdownIt("commonmark", {"html": False}).enable("table")
     made = {}
     for name, text in texts.items():
-        tokens = parser.parse(_linked(text, set(texts)))
+        tokens = parser.parse(linked(text, lambda file: f"{n}.html" if (n := Path(file).stem.lower()) in texts else ""))
         # headings get the names that links to them use
         for token, inline in itertools.pairwise(tokens):
             if token.type == "heading_open":
@@ -77,15 +77,3 @@ def _contents(titles: dict[str, str], shown: str) -> str:
         links = (f'<li><a href="{name}.html"{marks[name]}>{html.escape(titles[name])}</a></li>' for name in known)
         items.append(f"<h2>{html.escape(part)}</h2><ul>{''.join(links)}</ul>")
     return "".join(items)
-
-
-def _linked(text: str, names: set[str]) -> str:
-    """Let links lead to the other pages; of files that are none the words remain."""
-
-    def link(found: re.Match[str]) -> str:
-        words, target = found.groups()
-        file, _, anchor = target.partition("#")
-        name = Path(file).stem.lower()
-        return f"[{words}]({name}.html{'#' + anchor if anchor else ''})" if name in names else words
-
-    return re.sub(r"(?<!!)\[([^\]]+)\]\((?!https?:|#)([^)\s]+)\)", link, text)

@@ -13,7 +13,7 @@ from labpipe.build import __version__
 from labpipe.errors import InputError, SourceError, UsageError
 from pipelines.guide import _gallery, _reference, _tutorial
 from pipelines.guide._loaded import loaded
-from pipelines.guide._texts import GUIDES, PARTS, PICTURES
+from pipelines.guide._texts import GUIDES, PARTS, PICTURES, linked
 
 _TUTORIAL = "tutorial.md"
 _CONFIGURATION = {
@@ -116,13 +116,8 @@ def _alone(site: Path) -> None:
 
 def _within(text: str, source: Path) -> str:
     """Let links lead to pages of the site; of files that are none the name remains."""
-
-    def link(found: re.Match[str]) -> str:
-        words, target = found.groups()
-        name, _, anchor = Path(target).name.lower().partition("#")
-        return f"[{words}]({name}{'#' + anchor if anchor else ''})" if (source / name).is_file() else words
-
-    return re.sub(r"(?<!!)\[([^\]]+)\]\((?!https?:|#)([^)\s]+)\)", link, text)
+    names = {path.name for path in source.iterdir()}
+    return linked(text, lambda file: name if (name := Path(file).name.lower()) in names else "")
 
 
 def _index() -> str:

@@ -1,5 +1,7 @@
-"""The texts of the guide: where they are, and in which order they are read."""
+"""The texts of the guide: where they are, in which order they are read, and where their links lead."""
 
+import re
+from collections.abc import Callable
 from pathlib import Path
 
 from labpipe import files
@@ -18,3 +20,15 @@ PARTS = {
     "Reference": _REFERENCE,
     "For developers": _OTHERS,
 }
+
+
+def linked(text: str, page_of: Callable[[str], str]) -> str:
+    """Let links to other files of the guide lead to their pages; where ``page_of`` a file is empty the words remain."""
+
+    def link(found: re.Match[str]) -> str:
+        words, target = found.groups()
+        file, _, anchor = target.partition("#")
+        page = page_of(file)
+        return f"[{words}]({page}{'#' + anchor if anchor else ''})" if page else words
+
+    return re.sub(r"(?<!!)\[([^\]]+)\]\((?!https?:|#)([^)\s]+)\)", link, text)

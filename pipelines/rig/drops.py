@@ -1,15 +1,15 @@
 """A series of ball drops as the virtual rig records them, with true values."""
 
 import json
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from instruments import keyence
 from labpipe import files
+from labpipe.arrays import Floats
 from pipelines.rig.fall import DropRig, let_go
 from pipelines.rig.laser_sensor import record_drop
 from pipelines.rig.reference_drop import Trajectory
@@ -20,7 +20,7 @@ from pipelines.rig.solids import Truth, solid_of, truth_of_solid
 class Drop:
     """One recorded drop: readings in m and the motion that made them."""
 
-    readings: np.ndarray[Any, np.dtype[np.float64]]
+    readings: Floats
     trajectory: Trajectory
     height: float
     release: float
@@ -74,15 +74,29 @@ def write_drops(
     start : datetime
         Clock time of the first drop.
     """
+    drops = (drop_once(rig, material, height, seed + repeat) for repeat in range(repeats))
+    solid = {"solid": truth_of_solid(solid_of(material))}
+    recorded = ((drop.readings, truth_of(drop, rig) | solid) for drop in drops)
+    return write_recordings(folder, "laser", stem, rig, recorded, start, decimals=4)
+
+
+def write_recordings(
+    folder: Path,
+    place: str,
+    stem: str,
+    rig: DropRig,
+    recorded: Iterable[tuple[Floats, dict[str, Any]]],
+    start: datetime,
+    *,
+    decimals: int,
+) -> list[str]:
+    """Write readings and the truth of each; returns the file names, which begin with ``place``."""
     names = []
-    for repeat in range(repeats):
-        drop = drop_once(rig, material, height, seed + repeat)
-        name = f"laser/{stem}_{repeat + 1}.csv"
-        recording = keyence.make_recording(
-            {1: drop.readings}, cycle=rig.sensor.cycle, start=start + timedelta(minutes=2 * repeat), decimals=4
-        )
+    for repeat, (readings, truth) in enumerate(recorded):
+        name = f"{place}/{stem}_{repeat + 1}.csv"
+        begun = start + timedelta(minutes=2 * repeat)
+        recording = keyence.make_recording({1: readings}, cycle=rig.sensor.cycle, start=begun, decimals=decimals)
         keyence.write(folder / name, recording)
-        truth = json.dumps(truth_of(drop, rig) | {"solid": truth_of_solid(solid_of(material))}, indent=1)
-        files.write_text(folder / f"truth/{stem}_{repeat + 1}.json", truth + "\n")
+        files.write_text(folder / f"truth/{stem}_{repeat + 1}.json", json.dumps(truth, indent=1) + "\n")
         names.append(name)
     return names

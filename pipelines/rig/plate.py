@@ -4,18 +4,16 @@ The plate's motion is that of the reference drop's own floor, which is stepped w
 the analysis fits a damped oscillation to what is left of it after the sensor.
 """
 
-import json
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from instruments import keyence
-from labpipe import files
 from labpipe.arrays import Floats
+from pipelines.rig.drops import write_recordings
 from pipelines.rig.fall import DropRig, let_go
 from pipelines.rig.laser_sensor import LaserSensor
 from pipelines.rig.reference_drop import Floor, Trajectory
@@ -89,18 +87,9 @@ def write_ringing(
     Parameters as for :func:`pipelines.rig.drops.write_drops`.
     """
     solid = specimen_of(material)
-    names = []
-    for repeat in range(repeats):
-        ring = ring_once(rig, solid, height, seed + repeat)
-        name = f"laser_plate/{stem}_{repeat + 1}.csv"
-        recording = keyence.make_recording(
-            {1: ring.readings}, cycle=rig.sensor.cycle, start=start + timedelta(minutes=2 * repeat), decimals=5
-        )
-        keyence.write(folder / name, recording)
-        text = json.dumps(_truth(ring, rig), indent=1)
-        files.write_text(folder / f"truth/{stem}_{repeat + 1}.json", text + "\n")
-        names.append(name)
-    return names
+    rings = (ring_once(rig, solid, height, seed + repeat) for repeat in range(repeats))
+    recorded = ((ring.readings, _truth(ring, rig)) for ring in rings)
+    return write_recordings(folder, "laser_plate", stem, rig, recorded, start, decimals=5)
 
 
 def _truth(ring: Ring, rig: DropRig) -> dict[str, Any]:

@@ -207,7 +207,7 @@ def _material_names(session: Session) -> Iterator[tuple[str, Finding]]:
     for e in session.experiments.values():
         named = [("", e.name), *_files(type(e.settings), e.settings, "")]
         # a table in a list that states a material of its own has files of its own
-        tables = {setting.rpartition(".")[0] for setting, _ in _materials(e.settings, "") if "[" in setting}
+        tables = {setting.rpartition(".")[0] for setting, _ in _materials(e.settings) if "[" in setting}
         for table in sorted(tables):
             yield from _named_alike(e, [p for p in named if p[0].startswith(f"{table}.")], known, table)
         rest = [p for p in named if not any(p[0].startswith(f"{table}.") for table in tables)]
@@ -219,7 +219,7 @@ def _named_alike(
 ) -> Iterator[tuple[str, Finding]]:
     """Hold names, each with its setting, against the material of their table, else against each other."""
     names = [name for _, name in places]
-    materials = [(setting, m) for setting, m in _materials(e.settings, "") if m in known]
+    materials = [(setting, m) for setting, m in _materials(e.settings) if m in known]
     stated = [pair for pair in materials if ("[" not in pair[0] if not table else pair[0].startswith(f"{table}."))]
     for setting, material in stated:
         told = next((name for name in names if _words(name) & known), "")
@@ -246,23 +246,15 @@ def _words(name: str) -> set[str]:
     return set(re.split(r"[^a-z]+", name.lower()))
 
 
-def _materials(table: Any, place: str) -> Iterator[tuple[str, str]]:
-    if isinstance(table, list | tuple):
-        for number, item in enumerate(table):
-            yield from _materials(item, f"{place}[{number}]")
-    elif isinstance(table, msgspec.Struct):
-        for name in table.__struct_fields__:
-            value, where = getattr(table, name), f"{place}.{name}" if place else name
-            if name == "material" and isinstance(value, str):
-                yield where, value
-            else:
-                yield from _materials(value, where)
+def _materials(settings: Any) -> Iterator[tuple[str, str]]:
+    found = ((where, v) for where, v, _ in _values(settings, "") if where.rpartition(".")[2] == "material")
+    return ((where, value) for where, value in found if isinstance(value, str))
 
 
 def _uncertainties(session: Session) -> Iterator[tuple[str, Finding]]:
     """Find positive quantities whose stated uncertainty says that nothing is known of them."""
     for e in session.experiments.values():
-        for setting, value, kind in _quantities(e.settings, ""):
+        for setting, value, kind in _quantities(e.settings):
             is_positive = any(mark(marks, Range) == POSITIVE for _, marks in _options(kind))
             if is_positive and value.u > _UNKNOWN * value.value:
                 name = setting.rpartition(".")[2].replace("_", " ")
@@ -274,7 +266,7 @@ def _uncertainties(session: Session) -> Iterator[tuple[str, Finding]]:
 def _temperatures(session: Session) -> Iterator[tuple[str, Finding]]:
     """Find temperatures in another unit than is written, where no polymer is tested."""
     for e in session.experiments.values():
-        for setting, value, _ in _quantities(e.settings, ""):
+        for setting, value, _ in _quantities(e.settings):
             # a reference is held against the temperatures that were measured, by its kind
             if value.si != "degC" or setting.rpartition(".")[2] == "T_ref":
                 continue
@@ -289,17 +281,20 @@ def _temperatures(session: Session) -> Iterator[tuple[str, Finding]]:
                 yield e.name, finding("unit of the temperature", "doubtful", text, cause, setting=setting)
 
 
-def _quantities(table: Any, place: str) -> Iterator[tuple[str, Quantity, Any]]:
+def _quantities(settings: Any) -> Iterator[tuple[str, Quantity, Any]]:
+    return ((where, value, kind) for where, value, kind in _values(settings, "") if isinstance(value, Quantity))
+
+
+def _values(table: Any, place: str) -> Iterator[tuple[str, Any, Any]]:
+    """Yield every value of a table of settings, and of those in it, with its name before it and its type after it."""
     if isinstance(table, list | tuple):
         for number, item in enumerate(table):
-            yield from _quantities(item, f"{place}[{number}]")
+            yield from _values(item, f"{place}[{number}]")
     elif isinstance(table, msgspec.Struct):
         for field in fields_of(type(table)):
             value, name = getattr(table, field.name), f"{place}.{field.name}" if place else field.name
-            if isinstance(value, Quantity):
-                yield name, value, field.type
-            else:
-                yield from _quantities(value, name)
+            yield name, value, field.type
+            yield from _values(value, name)
 
 
 def named_at(session: Session) -> Mapping[str, int]:

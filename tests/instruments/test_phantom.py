@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from instruments.phantom import read
-from instruments.phantom._pixels import companded_from_linear, linear_from_companded, pack10, pack12, unpack10, unpack12
+from instruments.phantom._pixels import companded_from_linear, linear_from_companded, pack, unpack10, unpack12
 from instruments.phantom._times import TimeFlag
 from instruments.phantom._writer import Recording, write
 from labpipe.errors import InputError, LabpipeError, SourceError
@@ -68,9 +68,9 @@ def test_an_index_beyond_the_end_is_an_index_error(tmp_path: Path) -> None:
 
 def test_packing_keeps_every_value() -> None:
     values = np.arange(1024, dtype=np.uint16).reshape(4, 256)
-    assert np.array_equal(unpack10(pack10(values)), values)
+    assert np.array_equal(unpack10(pack(values, 10)), values)
     values = np.arange(4096, dtype=np.uint16).reshape(4, 1024)
-    assert np.array_equal(unpack12(pack12(values)), values)
+    assert np.array_equal(unpack12(pack(values, 12)), values)
 
 
 def test_the_linear_scale_meets_its_anchors() -> None:

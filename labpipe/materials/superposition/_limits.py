@@ -1,8 +1,8 @@
 """Warnings on the validity of a master curve, one sentence each."""
 
-import numpy as np
 import xarray as xr
 
+from labpipe.arrays import Flags
 from labpipe.materials._shift_law import LawName, ShiftLaw
 from labpipe.materials.superposition._law_choice import free_shifts_gain
 from labpipe.materials.superposition._reweighting import Superposition
@@ -50,13 +50,9 @@ def limits_of(
 
 
 def _gaps(overlap: xr.Dataset) -> list[str]:
-    apart = overlap.isel(pair=np.flatnonzero(overlap["overlap"].values <= 0))
-    if not apart.sizes["pair"]:
+    pairs = _pairs(overlap, overlap["overlap"].values <= 0, "{} and {} °C (by {:.2f} decades)", -overlap["overlap"])
+    if not pairs:
         return []
-    pairs = ", ".join(
-        f"{float(a):.4g} and {float(b):.4g} °C (by {-float(shared):.2f} decades)"
-        for a, b, shared in zip(apart["colder"], apart["warmer"], apart["overlap"], strict=True)
-    )
     return [
         f"no overlap between {pairs}; the step there relies on the relation of storage and loss "
         f"and on a smooth spectrum across the gap"
@@ -64,14 +60,16 @@ def _gaps(overlap: xr.Dataset) -> list[str]:
 
 
 def _identifiability(overlap: xr.Dataset) -> list[str]:
-    loose = overlap.isel(pair=np.flatnonzero(~overlap["determined"].values))
-    if not loose.sizes["pair"]:
+    pairs = _pairs(overlap, ~overlap["determined"].values, "{}/{} °C (±{:.2f})", overlap["u_step"])
+    if not pairs:
         return []
-    pairs = ", ".join(
-        f"{float(a):.4g}/{float(b):.4g} °C (±{float(u):.2f})"
-        for a, b, u in zip(loose["colder"], loose["warmer"], loose["u_step"], strict=True)
-    )
     return [
         f"the data barely determine the step of log10 a_T between {pairs}; there the shifts rely on the expected "
         "continuation. Smaller temperature steps, a wider frequency range or a shift law would help"
     ]
+
+
+def _pairs(overlap: xr.Dataset, chosen: Flags, form: str, told: xr.DataArray) -> str:
+    """List pairs of temperatures, each with what is told of it."""
+    temperatures = ([f"{float(T):.4g}" for T in overlap[name].values[chosen]] for name in ("colder", "warmer"))
+    return ", ".join(map(form.format, *temperatures, told.values[chosen]))
