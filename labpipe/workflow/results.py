@@ -64,6 +64,11 @@ class Results:
             return None  # the next run makes it again
         return None if isinstance(found, str) else found
 
+    def first(self, experiment: str, stage: str) -> "xr.Dataset | None":
+        """Return what a stage of an experiment gave, for its first recording; None where it is not there."""
+        row = next((row for row in self.plan.rows if (row.experiment, row.stage) == (experiment, stage)), None)
+        return None if row is None else self.up_to_date(row)
+
     def result(self, experiment: str, stage: str, recording: str | None = None) -> "xr.Dataset":
         """Return one result, of a stage that runs per recording that of one file.
 

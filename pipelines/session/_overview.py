@@ -219,7 +219,7 @@ def _numbers(results: Results, names: Sequence[str]) -> "tuple[Table, dict[str, 
     pictures: dict[str, bytes | None] = {}
     for name, kind in kinds.items():
         own = {(n.title, n.unit): n for n in kind.key_numbers}
-        read = cache(partial(first_result, results, name))  # one result holds several numbers
+        read = cache(partial(results.first, name))  # one result holds several numbers
         error = _worst(read, kind.error)
         found.append(
             [(error, None), *(_number(read, own.get(n)) for n in numbers), (_warnings(results.plan, name), None)]
@@ -253,13 +253,6 @@ def _worst(read: _Read, variable: str) -> float | None:
 def _number(read: _Read, number: KeyNumber | None) -> tuple[float | None, float | None]:
     dataset = read(number.stage) if number else None
     return (None if dataset is None or number is None else number.within(dataset)) or (None, None)
-
-
-def first_result(results: Results, name: str, stage: str) -> "xr.Dataset | None":
-    """Return what a stage of an experiment gave, for its first recording; None where it is not there."""
-    rows = (row for row in results.plan.rows if (row.experiment, row.stage) == (name, stage))
-    row = next(rows, None)
-    return None if row is None else results.up_to_date(row)
 
 
 def _warnings(plan: Plan, name: str) -> int:

@@ -23,7 +23,7 @@ from pipelines.experiments.shared.pages import SYNTHETIC, synthetic_notice
 from pipelines.session._compare_page import parts, what
 from pipelines.session._comparison import Comparison, labelled
 from pipelines.session._opening import STAGES
-from pipelines.session._overview import AND, BESIDE, MATERIAL, PAGE, first_result, write_overview
+from pipelines.session._overview import AND, BESIDE, MATERIAL, PAGE, write_overview
 from pipelines.session._results import derive, opened
 from pipelines.session._verdict_notices import each
 from pipelines.session._verdicts import Verdict, stored_verdicts
@@ -187,7 +187,7 @@ def _chart(results: Results, names: Sequence[str]) -> Iterator[Block]:
     session = results.plan.session
     kinds = {session.experiments[name].kind for name in names}
     source = KINDS[next(iter(kinds))].picture if len(kinds) == 1 else None
-    found = [] if source is None else [first_result(results, name, source.stage) for name in names]
+    found = [] if source is None else [results.first(name, source.stage) for name in names]
     if source is None or any(one is None or not {source.x, source.y} <= set(one.variables) for one in found):
         return
     curves = [(np.asarray(one[source.x], float), np.asarray(one[source.y], float)) for one in found if one is not None]

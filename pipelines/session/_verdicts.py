@@ -309,7 +309,7 @@ def _one(session: Session, results: Results, experiment: Experiment, failures: I
     stage = next((s for s in KINDS[kind].stages if s.name == JUDGEMENT), None)
     if stage is None:
         return Verdict(experiment.name, kind, state, "unknown", "none")
-    result = _stored(results, experiment)
+    result = results.first(experiment.name, JUDGEMENT)
     if result is None:
         given = [_tolerant(results, a) for a in arguments(session, STAGES, experiment, stage.inputs)]
         stated = (session.title, session.operator, session.notes, session.synthetic)
@@ -364,13 +364,6 @@ def _of_result(session: Session, experiment: Experiment, state: str, result: xr.
         tuple(suspected(result)),
         json.loads(result.attrs.get("stiffness", "null")),
     )
-
-
-def _stored(results: Results, experiment: Experiment) -> xr.Dataset | None:
-    for row in results.plan.rows:
-        if (row.experiment, row.stage) == (experiment.name, JUDGEMENT) and row.state in READY:
-            return results.up_to_date(row)
-    return None
 
 
 def _tolerant(results: Results, argument: Any) -> Any:
