@@ -13,10 +13,9 @@ generalised Maxwell         ℰ₀ + Σ ℰ_j exp(−t/τ_j)                    
 ==========================  ===========================================  ====================
 """
 
-import numpy as np
-
 from labpipe.errors import InputError
 from labpipe.materials.prony._prony import Prony
+from labpipe.units import require_positive
 
 
 def maxwell(modulus: float, viscosity: float, nu: float = 0.5) -> Prony:
@@ -38,8 +37,8 @@ def maxwell(modulus: float, viscosity: float, nu: float = 0.5) -> Prony:
     >>> maxwell(2.0, 8.0).creep([0.0, 4.0])
     array([0.5, 1. ])
     """
-    _positive("modulus", modulus)
-    _positive("viscosity", viscosity)
+    require_positive("Pa", modulus=modulus)
+    require_positive("Pa s", viscosity=viscosity)
     return Prony(0.0, [modulus], [viscosity / modulus], nu)
 
 
@@ -62,15 +61,10 @@ def standard_linear_solid(E_relaxed: float, E_unrelaxed: float, relaxation_time:
     >>> float(tau[0])
     6.0
     """
-    _positive("E_relaxed", E_relaxed)
+    require_positive("Pa", E_relaxed=E_relaxed)
     if not E_unrelaxed > E_relaxed:
         raise InputError(
             f"E_unrelaxed = {E_unrelaxed} Pa is not above E_relaxed = {E_relaxed} Pa: a material "
             "relaxes from the larger modulus to the smaller one"
         )
     return Prony(E_relaxed, [E_unrelaxed - E_relaxed], [relaxation_time], nu)
-
-
-def _positive(name: str, value: float) -> None:
-    if not (np.isfinite(value) and value > 0):
-        raise InputError(f"{name} = {value}: expected a positive, finite number")
