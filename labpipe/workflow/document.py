@@ -3,7 +3,7 @@
 import math
 import re
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -160,7 +160,14 @@ def _depth(tree: Any) -> int:
 def _children(node: Any) -> Iterable[Any]:
     if isinstance(node, dict):
         return node.values()
-    return node if isinstance(node, list) else ()
+    return node if isinstance(node, list | tuple) else ()
+
+
+def nodes(tree: Any) -> Iterator[Any]:
+    """Yield a tree and all that is in it: tables, lists and values."""
+    yield tree
+    for child in _children(tree):
+        yield from nodes(child)
 
 
 def _refuse_not_finite(document: Document, place: _toml_lines.Path, node: Any) -> None:

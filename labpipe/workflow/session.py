@@ -19,7 +19,7 @@ from labpipe.names import safe_join
 from labpipe.notebook import Shown, ShownAsTable
 from labpipe.workflow import _toml_lines
 from labpipe.workflow.config import Checker
-from labpipe.workflow.document import Document, dotted, parse
+from labpipe.workflow.document import Document, dotted, nodes, parse
 from labpipe.workflow.fields import REFERENCE, found, suggest
 
 VERSION = 1
@@ -42,7 +42,8 @@ class Experiment:
     @property
     def refers_to(self) -> tuple[str, ...]:
         """Names of the experiments that its settings name, as one has its material from another."""
-        return tuple(dict.fromkeys(_references(msgspec.to_builtins(self.settings))))
+        texts = (node for node in nodes(msgspec.to_builtins(self.settings)) if isinstance(node, str))
+        return tuple(dict.fromkeys(text.removeprefix(REFERENCE) for text in texts if text.startswith(REFERENCE)))
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -331,14 +332,6 @@ class _Experiments:
                 checker.report(place, f'there is no experiment "{other}"{near}')
         for key, child in pairs:
             self._check_references(name, child, (*place, key), names, checker)
-
-
-def _references(node: Any) -> list[str]:
-    """Names of the experiments that settings refer to."""
-    if isinstance(node, str):
-        return [node.removeprefix(REFERENCE)] if node.startswith(REFERENCE) else []
-    children = node.values() if isinstance(node, dict) else node if isinstance(node, list | tuple) else ()
-    return [name for child in children for name in _references(child)]
 
 
 def _folded(name: str) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 import instruments
 from labpipe.errors import InputError
 from labpipe.names import printable, safe_join
+from labpipe.workflow.document import nodes
 from labpipe.workflow.session import FILE_NAME
 from pipelines.session._proposal import PICTURE, copied_from, recognise, wholes, why_unknown
 
@@ -117,13 +117,6 @@ def _users(folder: Path) -> dict[str, list[str]]:
     experiments = tree.get("experiments", {})
     users: dict[str, list[str]] = {}
     for experiment, table in experiments.items() if isinstance(experiments, dict) else ():
-        for text in set(_texts(table)):
+        for text in {node for node in nodes(table) if isinstance(node, str)}:
             users.setdefault(text, []).append(experiment)
     return users
-
-
-def _texts(node: Any) -> Iterator[str]:
-    if isinstance(node, str):
-        yield node
-    for child in node.values() if isinstance(node, dict) else node if isinstance(node, list) else ():
-        yield from _texts(child)

@@ -6,13 +6,14 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import msgspec
 
 from labpipe import files
 from labpipe.errors import InputError, LabpipeError, UsageError
 from labpipe.report import SURE, Block, Column, Document, Link, Notice, Paragraph, Section, Table, display_unit
+from labpipe.workflow.document import nodes
 from labpipe.workflow.fields import REFERENCE
 from labpipe.workflow.plan import page_name
 from labpipe.workflow.results import Results
@@ -225,15 +226,9 @@ def _same(session: Session) -> dict[str, str]:
     """Return the DMA that a material's name stands for, where an experiment states both."""
     found: dict[str, str] = {}
     for experiment in session.experiments.values():
-        for table in _tables(msgspec.to_builtins(experiment.settings, enc_hook=str)):
+        settings = nodes(msgspec.to_builtins(experiment.settings, enc_hook=str))
+        for table in (node for node in settings if isinstance(node, dict)):
             name, source = table.get("material"), table.get("material_from")
             if isinstance(name, str) and isinstance(source, str):
                 found[name] = source.removeprefix(REFERENCE)
     return found
-
-
-def _tables(node: Any) -> Iterator[dict[str, Any]]:
-    if isinstance(node, dict):
-        yield node
-    for child in node.values() if isinstance(node, dict) else node if isinstance(node, list | tuple) else ():
-        yield from _tables(child)
