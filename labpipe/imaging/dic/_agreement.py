@@ -32,8 +32,6 @@ _SOUGHT, _SOUGHT_WITHIN = 60, 3.0
 #: Standard deviations within which trusted displacements around a doubtful one confirm it, and theirs (px) about
 #: the surface through them beyond which they tell nothing.
 _CONFIRMS, _TELLS = 3.0, 0.15
-#: Doubtful displacements around a clear one at least, and over the clear ones there, from which it is so by chance.
-_ALONE = 4
 #: Results whose surroundings are looked at once; bounds the work arrays to some 20 MB.
 _BLOCK = 5_000
 
@@ -84,27 +82,6 @@ def disagreement(places: Floats, widths: Integers, value: Floats, deviation: Flo
     part[rows, points] += np.stack([x * x, y * y, x * y], axis=1) * stands_out[:, None]
     more[:, used] = part
     return more
-
-
-def lonely(places: Floats, widths: Integers, is_clear: Flags, is_doubtful: Flags) -> Flags:
-    """Tell clear displacements (frame, point) among doubtful ones: of many on an edge, chance makes some look clear.
-
-    Parameters
-    ----------
-    places, widths
-        As for :func:`disagreement`.
-    is_clear, is_doubtful : bool arrays (frame, point)
-    """
-    from scipy.sparse import csr_array
-
-    if not is_doubtful.any():
-        return np.zeros(is_clear.shape, bool)
-    around = _look_around(places, widths, _CURVED, _SOUGHT_WITHIN)
-    count, width = around.near.shape
-    rows = np.arange(0, count * width + 1, width)
-    asked = csr_array((around.within.ravel().astype(np.int32), around.near.ravel(), rows), (count, count))
-    clear, doubtful = (np.asarray(asked @ flags.T.astype(np.int32)).T for flags in (is_clear, is_doubtful))
-    return np.asarray(is_clear & (doubtful >= _ALONE * np.maximum(clear, 1)))
 
 
 def unconfirmed(

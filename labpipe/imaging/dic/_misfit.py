@@ -5,14 +5,11 @@ from functools import cached_property
 import numpy as np
 
 from labpipe.arrays import Flags, Floats
-from labpipe.imaging.dic._motion_uncertainty import EDGE, ONE_WAY, least_told, one_way
+from labpipe.imaging.dic._motion_uncertainty import one_way
 from labpipe.imaging.dic._reference import Reference
 from labpipe.imaging.dic._subsets import Subsets
 from labpipe.imaging.dic._undersampling import sharpness
 
-#: Shift (px) along the weakest direction that a misfit may hide at most, in patterns beyond
-#: :data:`.ONE_WAY` and beyond :data:`.EDGE`, and how many standard deviations of the residual of noise it is beyond it.
-_HIDDEN, _HIDDEN_BY_EDGE, _SIGNIFICANT = 1.0, 0.2, 4.0
 #: Share of its frames in which a point shows its own noise, the largest multiple of what points of its
 #: brightness show that it may be, and the multiple from which a point is hit by what misfits.
 _BETTER, _BRIGHTER, _HIT = 0.1, 1.5, 2.0
@@ -36,69 +33,6 @@ _SIDED = 4.0
 #: of their residuals as noise; and share of all that where most tell it as a misfit of their texture. Least that parts
 #: tell over the variance of noise: an edge through all of them may misfit alike.
 _SHARES, _LEAST_TOLD = (0.5, 0.2), 0.36
-
-
-def is_beyond_texture(
-    noise: Floats, own: float, spread: float, texture: Floats, strongest: Floats, pixels: float
-) -> Flags:
-    """Tell which results misfit by more than a wrong place along the weakest direction would.
-
-    Where a pattern is an edge or a grating with little else, the correlation hardly falls at a wrong
-    place along it, and the uncertainty, which takes the residual for noise, does not know of it. But
-    the residual there is larger than noise by what the faint texture leaves unmatched.
-
-    Parameters
-    ----------
-    noise : array (result,) [grey²]
-        Variance of a pixel as the residual shows it.
-    own, spread : float [grey²], [1]
-        Variance of a pixel without a misfit, and its relative variance times the pixels.
-    texture, strongest : arrays (result,) [grey²/px²]
-        As in :class:`.Variances`.
-    pixels : float
-        Number of pixels.
-    """
-    excess = (noise - own) * pixels - _SIGNIFICANT * np.sqrt((2.0 + spread) * pixels) * own
-    hidden = np.where(strongest > EDGE * texture, _HIDDEN_BY_EDGE, _HIDDEN)
-    return np.asarray((strongest > ONE_WAY * texture) & (excess > hidden**2 * texture))
-
-
-def misfits_of_edges(
-    reference: Reference,
-    found: Flags,
-    deviation: Floats,
-    covariance: Floats,
-    texture: Floats,
-    strongest: Floats,
-    noise: Floats,
-    is_static: Flags,
-) -> Flags:
-    """Tell which results (frame, point) on edges misfit as a wrong place along them would, or tell hardly one.
-
-    Parameters
-    ----------
-    reference : Reference
-    found : bool array (frame, usable point)
-        Results that are asked about.
-    deviation, covariance : arrays (frame, usable point, ...) [px], [px²]
-        Of the motions by noise.
-    texture, strongest, noise : arrays (frame, usable point)
-        As in :class:`.Variances`.
-    is_static : bool array (frame,)
-    """
-    weak = found & ((strongest > ONE_WAY * texture) | one_way(reference.subsets))
-    is_doubtful = np.zeros(found.shape, bool)
-    for n in np.flatnonzero(weak.any(axis=0)).tolist():
-        k = int(np.argmax(weak[:, n]))
-        weakest = float(least_told(deviation[k, n], covariance[k, n]))
-        own, spread = reference.own_noise(n, noise[is_static, n], weakest)
-        pixels = float(reference.subsets.level[n, 2])
-        beyond = is_beyond_texture(noise[:, n], own, spread, texture[:, n], strongest[:, n], pixels)
-        # of an edge, more than half of what resists along it is the reference's own noise
-        by_noise = own * reference.noise.slope / reference.noise.static_frames
-        beyond |= (texture[:, n] < pixels * by_noise) & (strongest[:, n] > EDGE * texture[:, n])
-        is_doubtful[:, n] = weak[:, n] & beyond
-    return is_doubtful
 
 
 def hidden_by_levels(reference: Reference, noise: Floats) -> Floats:

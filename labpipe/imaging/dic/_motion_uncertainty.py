@@ -24,8 +24,8 @@ MOST_UNCERTAIN, MOST_VAGUE = 0.4, 0.8
 #: Factor by which the texture must exceed noise where more than the motion is solved for.
 _CLEARLY = 4.0
 #: Ratio of the squared slopes along the strongest and the weakest direction from which a pattern
-#: may be taken for an edge or a grating, and from which it is hardly more than one.
-ONE_WAY, EDGE = 10.0, 50.0
+#: may be taken for an edge or a grating.
+ONE_WAY = 10.0
 #: Squared slopes that are left at least when those of noise are taken off.
 _LEAST_LEFT = 0.05
 #: Blur (px) at which texture is looked for: a pattern outlives it, noise does not.

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats, Integers
-from labpipe.imaging.dic._agreement import disagreement, lonely, unconfirmed
+from labpipe.imaging.dic._agreement import disagreement, unconfirmed
 from labpipe.imaging.dic._edge_profile import misled
 from labpipe.imaging.dic._growth import STEP
-from labpipe.imaging.dic._misfit import hidden_by_levels, misfit_factor, misfits_of_edges, still_noise, take_spread
+from labpipe.imaging.dic._misfit import hidden_by_levels, misfit_factor, still_noise, take_spread
 from labpipe.imaging.dic._missed_strain import missed_shift
 from labpipe.imaging.dic._motion_uncertainty import (
     MOST_UNCERTAIN,
@@ -115,7 +115,6 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     is_found = (status == Status.OK) & ~is_static[:, None]
     is_noise = np.isin(status, (Status.OK, Status.LOST)) & (reference.is_faint & ~is_found.any(axis=0))
     status[is_noise] = Status.TEXTURELESS
-    is_doubtful |= misfits_of_edges(reference, is_found, deviation, covariance, texture, strongest, noise, is_static)
     grey, _, pixels = reference.subsets.level.T
     before, spread = still_noise(reference, noise, is_static)
     before[~interpolates_well(reference, before)] = np.inf
@@ -195,7 +194,6 @@ def _ask_around(
     places = np.stack([subsets.x, subsets.y], axis=1) + reference.offset
     motions = places, 2 * subsets.half + 1, value, deviation
     is_found = (status == Status.OK) & ~is_static[:, None]
-    is_doubtful = is_doubtful | lonely(*motions[:2], is_found & ~is_doubtful, is_found & is_doubtful)
     is_clear = is_found & ~is_doubtful & (np.hypot(deviation[..., 0], deviation[..., 1]) < MOST_UNCERTAIN)
     _add(deviation, covariance, disagreement(*motions, is_clear))
     _refuse_vague(status, deviation, Status.OUTVOTED)

@@ -7,7 +7,7 @@ from scipy.ndimage import gaussian_filter, shift
 from scipy.special import ndtr
 
 from labpipe.imaging import track
-from labpipe.imaging.dic._agreement import disagreement, lonely
+from labpipe.imaging.dic._agreement import disagreement
 from labpipe.imaging.dic._motion_state import contradicted
 from labpipe.imaging.dic._undersampling import folded_share
 from pipelines.bench import film_scenes
@@ -423,16 +423,6 @@ def test_an_edge_along_the_diagonal_is_seen_at_one_phase_by_all_its_pixels(angle
         film = digitised([sampled_first(edge, view, 0.5) for view in views], 0.5, 5)
         found = track(film, grid((SIZE, SIZE), 26, 12), 45)
         assert wrong(found, views) == 0
-
-
-def test_a_clear_result_alone_among_doubtful_ones_is_clear_by_chance() -> None:
-    places = np.array([(x, y) for y in (0.0, 20.0, 40.0) for x in (0.0, 20.0, 40.0)])
-    is_clear = np.zeros((2, 9), bool)
-    is_clear[:, 4] = is_clear[1, [0, 1, 2]] = True
-    found = lonely(places, np.full(9, 21), is_clear, ~is_clear)
-    assert np.flatnonzero(found[0]).tolist() == [4]
-    assert not found[1].any()
-    assert not lonely(places, np.full(9, 21), is_clear, np.zeros((2, 9), bool)).any()
 
 
 @pytest.mark.parametrize(("angle", "lens"), [(0.05, 0.86), (1.6632, 0.74)])
