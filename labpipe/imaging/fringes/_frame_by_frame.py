@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.arrays import Flags
+from labpipe.arrays import Flags, Floats
 from labpipe.imaging.films import FilmReader
 from labpipe.imaging.fringes._acceptance import GOOD_MISFIT, SMALL_CONTACT, is_contact, visibility_of
 from labpipe.imaging.fringes._blank_frames import FilmResult, look_without_fringes
@@ -71,22 +71,19 @@ def follow(
     view = result.view
     fits: dict[int, RingFit] = {}
     last: RingFit | None = None
-    before: RingFit | None = None
     vain = Vain()
     for index in map(int, np.flatnonzero(read)):
         fit = known.get(index)
         if fit is None:
             looks = Looks(reader.whole(index))
-            fit = _next_fit(looks, view, last, before, vain)
+            fit = _next_fit(looks, view, last, _expected(fits, known, index), vain)
         if fit is None:
             if last is None and not known and other is not None and other.learns_from(looks, index):
                 return follow(reader, result, read, {}, None, stated)
             result.blanks[index] = look_without_fringes(looks, view)
-            before = None
         else:
             result.blanks.pop(index, None)  # of an earlier round with other optics
-            fits[index] = fit
-            last, before = fit, fits.get(index - 1)
+            fits[index] = last = fit
             if stated is not None and len(fits) == _DOUBTS and is_doubted(result, fits, stated):
                 return fits
     if not fits and other is not None and other.takes_single():
@@ -107,12 +104,26 @@ def leave_faint(reader: FilmReader, result: FilmResult) -> None:
             result.blanks[index] = look_without_fringes(Looks(reader.whole(index)), result.view)
 
 
-def _next_fit(looks: Looks, view: View, last: RingFit | None, before: RingFit | None, vain: Vain) -> RingFit | None:
-    """Fit a frame from the last contact if it is like it, from its centre, or from nothing."""
+def _expected(fits: dict[int, RingFit], known: dict[int, RingFit], index: int) -> Floats | None:
+    """Parameters that a frame may have by the two before it or by that before it and the next one known, else None."""
+    last = fits.get(index - 1)
+    if last is None:
+        return None
+    following = min((other for other in known if other > index), default=None)
+    if following is None:
+        return last.parameters if index - 2 in fits else None
+    expected = last.parameters.copy()
+    moved = [Parameter.RADIUS, Parameter.X, Parameter.Y]
+    expected[moved] += (known[following].parameters[moved] - expected[moved]) / (following - index + 1)
+    return expected
+
+
+def _next_fit(looks: Looks, view: View, last: RingFit | None, expected: Floats | None, vain: Vain) -> RingFit | None:
+    """Fit a frame from what is expected if it is like that, from the centre of the last contact, or from nothing."""
     if last is None:
         return search_contact(looks, view, None, vain)
-    if before is not None:
-        fit = _warm_fit(looks.frame, view, last)
+    if expected is not None:
+        fit = _warm_fit(looks.frame, view, last, expected)
         if fit is not None:
             return fit
     centre = (float(last.parameters[Parameter.X]), float(last.parameters[Parameter.Y]))
@@ -122,13 +133,13 @@ def _next_fit(looks: Looks, view: View, last: RingFit | None, before: RingFit | 
     return search_contact(looks, served, centre, vain) if fit is None else fit
 
 
-def _warm_fit(frame: NDArray[np.generic], view: View, last: RingFit) -> RingFit | None:
-    """Fit from the parameters of the frame before; None when the contact has changed more."""
+def _warm_fit(frame: NDArray[np.generic], view: View, last: RingFit, expected: Floats) -> RingFit | None:
+    """Fit from expected parameters with what was free in the last contact; None when the radius is another one."""
     settings = replace(view.settings, free=last.free, max_iterations=8)
-    fit = fit_contact(frame, last.parameters, view.optics, settings, view.levels)
+    fit = fit_contact(frame, expected, view.optics, settings, view.levels)
     if fit is None or not fit.is_converged:
         return None
-    jump = abs(float(fit.parameters[Parameter.RADIUS] - last.parameters[Parameter.RADIUS]))
+    jump = abs(float(fit.parameters[Parameter.RADIUS] - expected[Parameter.RADIUS]))
     is_like = jump < _SMALL_JUMP and fit.misfit <= max(GOOD_MISFIT, NO_WORSE * last.misfit)
     return fit if is_like and is_contact(frame, view, fit) else None
 
