@@ -16,13 +16,16 @@ from labpipe.imaging.fringes._harmonics import find_blur_before_camera, find_coa
 from labpipe.imaging.fringes._lens_blur import BLUR_ROUNDS, LEAST_BLUR, find_blur, least_blur, next_gain, settle_blur
 from labpipe.imaging.fringes._open_gap import explained_by_gap
 from labpipe.imaging.fringes._ring_fit import RingFit
-from labpipe.imaging.fringes._ring_parameters import ASSUMED, AXES, BEAMS, Parameter
+from labpipe.imaging.fringes._ring_parameters import ASSUMED, AXES, BEAMS, COATING, Parameter
 from labpipe.imaging.fringes._second_colour import find_second_colour, settle_colour
 from labpipe.imaging.fringes._trials import (
     FACTOR,
+    FEW_FRAMES,
     FEW_PIXELS,
+    HALF,
     HINT,
     MOST_FRAMES,
+    PROMISE,
     SIGNIFICANT,
     VARIANCES,
     Attempt,
@@ -45,6 +48,8 @@ _COSTLY = 2
 #: Place of the explanation that is no function of the distance: none of the others is tried where all such
 #: functions together would not explain enough.
 _UNEVEN = 2
+#: Share of what some pixels of an explanation leave below which another one, that leaves so little, is tried before it.
+_FAR_LESS = 0.25
 #: Share that they explain from which no ellipse is tried.
 _ROUND = 0.75
 #: Share of a frame's squared misfit that a scale of its own must explain before frames are looked for whose gap
@@ -191,7 +196,7 @@ def _with_hidden(
     least = HINT
     if best is not None and best.is_quiet:
         least = (_WEAK_HINT if parameter is Parameter.PHASE else HINT) + 2.0 * len(best.fits)
-    if best is None or not best.may_gain((parameter,), least):
+    if best is None or best.expected_gain((parameter,)) < HALF * least:
         return known
     trial = attempt((*axes, parameter), known)
     if trial is None or trial.gain_over(best) < least:
@@ -240,16 +245,50 @@ def _candidates(
         lambda: find_second_colour(attempt, axes, known, best),
     )
     least = best.excess
-    for place, make in enumerate(makers):
-        is_vain = FACTOR * best.excess > vain.get(place, math.inf) or (place != _UNEVEN and not is_round)
-        if is_vain or (place >= len(makers) - _COSTLY and least < _MOSTLY * best.excess):
+    may_tell = (place for place in range(len(makers)) if is_round or place == _UNEVEN)
+    places = [place for place in may_tell if FACTOR * best.excess <= vain.get(place, math.inf)]
+    while places:
+        place = _likeliest(attempt, axes, known, best, places)
+        places.remove(place)
+        if place >= len(makers) - _COSTLY and least < _MOSTLY * best.excess:
             continue
-        found = make()
+        found = makers[place]()
         if found is not None:
             least = min(least, found[0].excess)
             yield found
         else:
             vain[place] = best.excess
+
+
+def _likeliest(
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, places: Sequence[int]
+) -> int:
+    """Return the first of some places of explanations, or one that by some pixels leaves far less than that.
+
+    What explains nearly all or next to nothing there is not compared with others.
+    """
+    beside = [p for group in _found(known) for p in group]
+    ways = (
+        (0, [Parameter.BLUR], known.blur),
+        (1, [Parameter.SPREAD, *beside], known.spread),
+        (3, BEAMS, any(known.harmonics)),
+        (4, COATING, known.harmonics[1]),
+        (5, [Parameter.PHASE, *beside], False),
+        (6, [Parameter.SCALE, *beside], False),
+    )
+    looks = {place: way for place, way, is_found in ways if place in places and not is_found}
+    if not best.is_doubtful or places[0] not in looks:
+        return places[0]
+
+    def excess(way: Sequence[Parameter]) -> float:
+        trial = attempt(tuple(dict.fromkeys((*axes, *way))), known, FEW_FRAMES, FEW_PIXELS)
+        return math.inf if trial is None else trial.excess
+
+    before, own = excess(()), excess(looks[places[0]])
+    if not _ALL_BUT * before < own < PROMISE * before:
+        return places[0]
+    other = min(looks, key=lambda place: excess(looks[place]))
+    return other if excess(looks[other]) < _FAR_LESS * own else places[0]
 
 
 def _find_ellipse(attempt: Attempts, known: Calibration, best: Trial) -> tuple[Trial, Calibration]:

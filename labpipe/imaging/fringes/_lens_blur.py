@@ -15,6 +15,9 @@ from labpipe.imaging.fringes._trials import FEW_FRAMES, FEW_PIXELS, Attempt, Cal
 #: Rounds in which the blur is found, its least (px), the relative change of its square at which they
 #: end, and the step by which its effect is told.
 BLUR_ROUNDS, LEAST_BLUR, _SAME_BLUR, _BLUR_STEP = 5, 0.2, 0.02, 0.1
+#: Share of what some pixels leave without a blur that one of bell shape leaves at most where there is one: 0.67 where
+#: that is a disc; 0.9 and more was left where there were harmonics or a band of colours alone.
+_SOME = 0.9
 #: Steps of the search for a blur over what a motion in its stead shows; logarithm of the odds against an
 #: equal motion in each further frame.
 _GAINS, _EQUAL_MOTION = (0.3, 2.0), math.log(10.0)
@@ -50,7 +53,7 @@ def find_blur(
     if known.blur or not best.is_doubtful:
         return None
     square = _square_beside_motion(attempt, axes, known) or least_blur(best, 0.0)[0]
-    if square <= LEAST_BLUR**2:
+    if square <= LEAST_BLUR**2 or not (beside or _may_blur(attempt, axes, known, best)):
         return None
     beside = (*axes, *beside)
     blurred = (replace(known, blur=math.sqrt(square), disc=disc) for disc in (0.0, _DISC))
@@ -61,6 +64,15 @@ def find_blur(
     if lens is None or not lens.trial.is_better_than(best):
         return None
     return lens.trial, lens.known(attempt, axes, known)
+
+
+def _may_blur(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial) -> bool:
+    """Tell whether a blur of its own in each frame promises to explain what some pixels leave, or does not settle."""
+    ways = (axes, known), ((*axes, Parameter.BLUR), known)
+    sharp, blurred = (attempt(*way, FEW_FRAMES, FEW_PIXELS) for way in ways)
+    if sharp is None or blurred is None or blurred.left > sharp.left or blurred.excess < _SOME * sharp.excess:
+        return True
+    return is_promising(attempt, *ways, best)
 
 
 def _square_beside_motion(attempt: Attempt, axes: Sequence[Parameter], known: Calibration) -> float:
@@ -161,7 +173,7 @@ def _blur_of_lens(attempt: Attempt, axes: Sequence[Parameter], known: Calibratio
     start = few(axes, replace(known, blur=blur))
     rough = [] if start is None else _likely_shapes(few, axes, known, start, blur)
     sized = (_size_of_blur(attempt, axes, known, lens.trial, lens.disc, lens.blur, is_near=True) for lens in rough)
-    return _settled_shape(attempt, axes, known, [lens for lens in sized if lens is not None])
+    return _settled_shape(attempt, axes, known, [lens for lens in sized if lens is not None], are_sized=True)
 
 
 def _likely_shapes(
@@ -184,8 +196,13 @@ def _likely_shapes(
     return sorted(tried, key=lambda lens: lens.trial.left)[:_LEAST_SHAPES]
 
 
-def _settled_shape(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, tried: list[_Lens]) -> _Lens | None:
-    """Lens of the likeliest shape; those that are tried on the way are added to the list."""
+def _settled_shape(
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, tried: list[_Lens], *, are_sized: bool = False
+) -> _Lens | None:
+    """Lens of the likeliest shape; those that are tried on the way are added to the list.
+
+    Where those tried ``are_sized`` by all that is known, sizes between theirs are near.
+    """
     if len(tried) < _LEAST_SHAPES:
         return min(tried, key=lambda lens: lens.trial.left, default=None)
     for _ in range(_SHAPE_ROUNDS):
@@ -201,7 +218,10 @@ def _settled_shape(attempt: Attempt, axes: Sequence[Parameter], known: Calibrati
         if min(abs(disc - lens.disc) for lens in near) < max(_SAME_SHAPE, _NEAR_ENOUGH * spread):
             break
         most = _FAR_WORSE * near[0].trial.left
-        found = _size_of_blur(attempt, axes, known, near[0].trial, disc, near[0].blur, most=most)
+        blur = near[0].blur
+        if are_sized:
+            blur = float(np.interp(disc**2, *np.array(sorted((lens.disc**2, lens.blur) for lens in tried)).T))
+        found = _size_of_blur(attempt, axes, known, near[0].trial, disc, blur, is_near=are_sized, most=most)
         if found is None:
             break
         tried.append(found)

@@ -31,7 +31,9 @@ _CHANCE = 4.0
 _QUIET = 0.01
 #: Frames and pixels of a first look, the share of the squared misfit that it must leave less than, and
 #: the share of the gain wanted that it must promise, or whole frames are not tried.
-FEW_FRAMES, FEW_PIXELS, PROMISE, _HALF = 4, 12_000, 0.8, 0.5
+FEW_FRAMES, FEW_PIXELS, PROMISE, HALF = 4, 12_000, 0.8, 0.5
+#: The same share where these frames show errors of the model beyond chance, which whole ones must halve.
+_CLEAR_PROMISE = 0.65
 
 
 @dataclass(frozen=True)
@@ -228,7 +230,11 @@ class Trial:
 
     def may_gain(self, parameters: tuple[Parameter, ...], least: float = HINT) -> bool:
         """Tell whether it is worth while to fit more: errors of the model are seen, or such a fit hints at."""
-        return self.is_doubtful or sum(fit.expected_gain(parameters) for fit in self.fits) > least
+        return self.is_doubtful or self.expected_gain(parameters) > least
+
+    def expected_gain(self, parameters: tuple[Parameter, ...]) -> float:
+        """Return by how many variances the squares would fall, to first order, with these fitted as well."""
+        return sum(fit.expected_gain(parameters) for fit in self.fits)
 
     @property
     def least_gain(self) -> float:
@@ -282,9 +288,10 @@ def is_promising(
         return True
     share = best.pixels / max(other.pixels, 1)
     if may_hide and any(fit.slow is not None for fit in best.fits):
-        return share * _gain_in_noise(one, other, best) > _HALF * best.least_gain
+        return share * _gain_in_noise(one, other, best) > HALF * best.least_gain
     gain = other.gain_over(one) * share
-    return other.excess < PROMISE * one.excess and gain > _HALF * VARIANCES * len(best.fits)
+    promise = _CLEAR_PROMISE if one.is_doubtful else PROMISE
+    return other.excess < promise * one.excess and gain > HALF * VARIANCES * len(best.fits)
 
 
 def _gain_in_noise(one: Trial, other: Trial, best: Trial) -> float:

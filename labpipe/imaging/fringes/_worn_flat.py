@@ -2,18 +2,23 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from labpipe.arrays import Floats
 from labpipe.imaging.fringes._ring_parameters import ASSUMED, Parameter
 from labpipe.imaging.fringes._trials import HINT, Attempt, Calibration, Trial, doubt
 
 #: Flats that are tried as shares of the smallest contact, until one leaves so much more than
 #: another; frames and pixels for that, and variances by which one must lower the sum of squares.
 _FLATS, _WORSE = (0.35, 0.5, 0.62, 0.74, 0.82, 0.88, 0.92, 0.96), 1.2
-_FLAT_FRAMES, _FLAT_PIXELS, _FLAT_VARIANCES, _FLAT_ROUNDS = 4, 12_000, 40.0, 2
+_FLAT_FRAMES, _FLAT_PIXELS, _FLAT_VARIANCES = 4, 12_000, 40.0
+#: Share of the width between flats to which some pixels tell the best by search, the step of the parabola from there,
+#: and the step of the one by all pixels, in uncertainties by some.
+_ROUGH, _STEP, _NARROWER = 0.05, 0.1, 2.0
 #: Change of the phase (rad) that a flat may seem to be.
 _FLAT_PHASE = 0.15
 
@@ -93,8 +98,8 @@ def weigh_flat(
 
 def _best_flat(
     attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, most: float
-) -> tuple[float, Trial, float] | None:
-    """Flat that leaves least on some pixels, its trial on all, and how far it may be off.
+) -> tuple[float, Trial, float, float] | None:
+    """Flat that leaves least on some pixels, its trial on all, a step (px) from it, and how far it may be off.
 
     None where it leaves more than ``most``, in variances of a pixel.
     """
@@ -114,27 +119,56 @@ def _best_flat(
         return None
     low, high = tried[near - 1][0], tried[min(near + 1, len(tried) - 1)][0]
     width = high - low
-    found = minimize_scalar(left, bounds=(low, high), method="bounded", options={"xatol": 0.01 * width})
-    trial = attempt(axes, replace(known, flat=float(found.x))) if found.fun < most else None
-    return None if trial is None else (float(found.x), trial, width)
+    found = minimize_scalar(left, bounds=(low, high), method="bounded", options={"xatol": _ROUGH * width})
+    if not found.fun < most:
+        return None
+    # the vertex of a parabola through what some pixels leave, and how well they place it
+    few = partial(attempt, count=_FLAT_FRAMES, pixels=_FLAT_PIXELS)
+    rough = few(axes, replace(known, flat=float(found.x)))
+    placed = None if rough is None else _placed(few, axes, known, float(found.x), rough, _STEP * width)
+    trial = None if placed is None else attempt(axes, replace(known, flat=placed.flat))
+    if placed is None or trial is None:
+        return None
+    return placed.flat, trial, min(_STEP * width, _NARROWER * placed.u_flat), width
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """A flat (px) with its uncertainty, the trial there, and how the radii change with it."""
+
+    flat: float
+    u_flat: float
+    trial: Trial
+    slopes: Floats
+
+
+def _placed(
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, flat: float, middle: Trial, step: float
+) -> _Placed | None:
+    """Place the minimum by the vertex of a parabola through what a flat leaves and others a step (px) from it."""
+    smaller, larger = (attempt(axes, replace(known, flat=size)) for size in (flat - step, flat + step))
+    if smaller is None or larger is None:
+        return None
+    bend = max((smaller.left + larger.left - 2.0 * middle.left) / step**2, 1e-9)
+    flat += float(np.clip((smaller.left - larger.left) / (2.0 * step * bend), -step, step))
+    trial = attempt(axes, replace(known, flat=flat)) or middle
+    least = 2.0 * max(trial.left / trial.pixels, 1.0) / bend
+    u_flat = math.sqrt(least * _disagreement(smaller, middle, larger, least * bend))
+    return _Placed(flat, u_flat, trial, larger.changes(smaller) / (2.0 * step))
 
 
 def _settled_flat(
-    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, flat: float, trial: Trial, width: float
+    attempt: Attempt,
+    axes: Sequence[Parameter],
+    known: Calibration,
+    flat: float,
+    trial: Trial,
+    step: float,
+    width: float,
 ) -> tuple[Trial, Calibration] | None:
-    """Place the minimum by all pixels, and tell what its uncertainty makes of the radius."""
-    # All pixels of all frames place the minimum better: the vertex of ever narrower parabolas.
-    step = 0.1 * width
-    for _ in range(_FLAT_ROUNDS):
-        smaller, larger = (attempt(axes, replace(known, flat=size)) for size in (flat - step, flat + step))
-        if smaller is None or larger is None:
-            return None
-        middle = trial
-        bend = max((smaller.left + larger.left - 2.0 * trial.left) / step**2, 1e-9)
-        flat += float(np.clip((smaller.left - larger.left) / (2.0 * step * bend), -step, step))
-        trial = attempt(axes, replace(known, flat=flat)) or trial
-        least = 2.0 * max(trial.left / trial.pixels, 1.0) / bend
-        u_flat = min(math.sqrt(least * _disagreement(smaller, middle, larger, least * bend)), width)
-        slopes = larger.changes(smaller) / (2.0 * step)
-        step = min(step, 5.0 * u_flat)
-    return trial, replace(known, flat=flat).with_shared(trial, slopes * u_flat)
+    """Place the minimum by all pixels of all frames, and tell what its uncertainty makes of the radius."""
+    placed = _placed(attempt, axes, known, flat, trial, step)
+    if placed is None:
+        return None
+    changes = placed.slopes * min(placed.u_flat, width)
+    return placed.trial, replace(known, flat=placed.flat).with_shared(placed.trial, changes)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -9,12 +10,13 @@ import pytest
 from labpipe.imaging.fringes import _calibration
 from labpipe.imaging.fringes._attempts import Attempts
 from labpipe.imaging.fringes._calibration import calibrate
+from labpipe.imaging.fringes._frame_by_frame import _expected
 from labpipe.imaging.fringes._harmonics import find_harmonics
 from labpipe.imaging.fringes._interference import Optics
 from labpipe.imaging.fringes._lens_blur import find_blur
 from labpipe.imaging.fringes._ring_fit import FitSettings
-from labpipe.imaging.fringes._ring_parameters import Parameter
-from labpipe.imaging.fringes._trials import FEW_PIXELS, Calibration, Trial
+from labpipe.imaging.fringes._ring_parameters import COATING, Parameter
+from labpipe.imaging.fringes._trials import FEW_FRAMES, FEW_PIXELS, Calibration, Trial
 from labpipe.imaging.fringes._view import View
 from labpipe.imaging.fringes._worn_flat import find_flat
 
@@ -48,7 +50,7 @@ def trial(misfit: float, count: int = 4, smear: float = 0.0) -> Trial:
 
 def test_the_blur_of_the_frame_that_moves_least_is_that_of_the_lens() -> None:
     def attempt(extra: object, known: Calibration, count: int = 4, pixels: int | None = None) -> Trial:
-        return trial(1.0 if known.blur else 3.0, count, smear=12.0 * (2.1**2 - known.blur**2))
+        return trial(1.0 if known.blur or extra else 3.0, count, smear=12.0 * (2.1**2 - known.blur**2))
 
     found = find_blur(attempt, (), Calibration(), trial(3.0, 4, smear=12.0 * 2.0**2))
     assert found is not None
@@ -93,15 +95,37 @@ def test_what_explained_nothing_is_tried_again_when_most_of_the_misfit_is_gone(m
     for name in (*names, "find_coating", "_find_optics", "find_flat"):
         monkeypatch.setattr(_calibration, name, lambda *_, name=name: asked.append(name))
     vain: dict[int, float] = {}
-    attempt = SimpleNamespace(round_share=lambda *_: 0.9)
+    attempt = Mock(return_value=None, round_share=lambda *_: 0.9)
     for misfit, count in ((3.0, 10), (2.5, 0), (2.0, 10)):
         asked.clear()
         assert not [*_calibration._candidates(attempt, (), Calibration(), trial(misfit), None, vain, 0.0)]  # type: ignore
         assert len(asked) == count
-    attempt = SimpleNamespace(round_share=lambda *_: 0.1)  # what is left is no function of the distance
+    attempt = Mock(return_value=None, round_share=lambda *_: 0.1)  # what is left is no function of the distance
     asked.clear()
     assert not [*_calibration._candidates(attempt, (), Calibration(), trial(3.0), None, {}, 0.0)]  # type: ignore
     assert asked == ["_find_uneven_light"]
+
+
+@pytest.mark.parametrize(("scaled", "coated", "first"), [(0.3, 1.0, 6), (0.6, 1.0, 4), (0.3, 0.2, 4), (0.3, 2.9, 4)])
+def test_what_leaves_far_less_on_a_few_pixels_is_tried_first(scaled: float, coated: float, first: int) -> None:
+    def attempt(extra: tuple[Parameter, ...], known: Calibration, count: int, pixels: int) -> Trial:
+        assert (count, pixels) == (FEW_FRAMES, FEW_PIXELS)
+        return trial(scaled if extra == (Parameter.SCALE,) else coated if extra == COATING else 3.0)
+
+    assert _calibration._likeliest(attempt, (), Calibration(), trial(3.0), [4, 5, 6, 7]) == first
+
+
+def test_a_frame_between_two_others_is_expected_between_them() -> None:
+    fits = {k: SimpleNamespace(parameters=np.full(len(Parameter), 10.0 * k)) for k in (3, 4, 8)}
+    between = _expected({4: fits[4]}, fits, 5)  # type: ignore
+    assert between is not None
+    assert between[Parameter.RADIUS] == 50.0
+    assert between[Parameter.GAIN] == 40.0
+    after = _expected(fits, {}, 5)  # type: ignore
+    assert after is not None
+    assert after[Parameter.RADIUS] == 40.0
+    assert _expected({4: fits[4]}, {}, 5) is None  # type: ignore
+    assert _expected({3: fits[3]}, fits, 5) is None  # type: ignore
 
 
 @pytest.mark.parametrize(
