@@ -211,9 +211,9 @@ def track(
     }
     is_static = indices < static_frames
     found = displacements(table, reference, is_static)
-    stands = [] if stated is hidden else [told_of(hidden, stated)]
+    stands = "" if stated is hidden else told_of(hidden, stated, reach_of(blur))
     rows = refuse_rows(found, window.rows, indices, is_static)
-    note = "; ".join(filter(None, (stuck.note, rows, *stands)))
+    note = "; ".join(filter(None, (stuck.note, rows, stands)))
     return make_dataset(film.time, places, half, indices, wanted, found, reference, work, note)
 
 

@@ -9,6 +9,7 @@ from scipy.ndimage import map_coordinates
 from labpipe.arrays import Floats
 from labpipe.imaging import track
 from labpipe.imaging.dic._misfit import misfit_factor
+from labpipe.imaging.dic._standing import told_of
 from pipelines.bench import film_scenes
 from pipelines.bench.film_scenes import Film, View, digitised, from_spectrum
 from tests.by_day import by_day
@@ -92,10 +93,27 @@ def test_a_stated_obstruction_is_left_out_where_it_stands(
     error = (np.stack([found.dx, found.dy], axis=-1) - truth)[1:]
     u = np.stack([found.u_dx, found.u_dy], axis=-1)[1:]
     is_part = found.hidden.values[1:] > 0.0
+    assert "stands still" not in found.attrs["note"]
     assert found.valid.values[1:][is_part].mean() > 0.98
     assert np.hypot(*(error[is_part] / u[is_part]).T).max() < 5.5
     # some forty points, which share the noise of the reference over all frames: they tell it to a tenth
     assert np.sqrt(np.mean(u[is_part] ** 2) / np.mean(error[is_part] ** 2)) == pytest.approx(1.0, abs=0.25)
+
+
+def test_an_obstruction_beside_what_it_should_cover_is_told() -> None:
+    film, polygon = behind_a_rod(0.4, 12.0, 235.0, 0.0, 1.0, FALL, 60)
+    found = track(film, grid((SIZE, SIZE), 34, 11), SUBSET, obstructions=[polygon + np.array([20.0, 0.0])])
+    assert "what is stated may lie beside what it should cover" in found.attrs["note"]
+
+
+def test_a_border_of_what_is_stated_is_not_told_as_something_else() -> None:
+    stated, found = np.zeros((2, 60, 60), bool)
+    stated[:, 20:30] = True
+    found[10:40, 15:36] = True
+    assert told_of(found | stated, stated, 3) == ""
+    found[10:20, 50:54] = True
+    assert "within x 50 to 53 px and y 10 to 19 px" in told_of(found | stated, stated, 3)
+    assert "beside what it should" not in told_of(found, None, 3)
 
 
 @pytest.mark.parametrize("views", [FALL, DRIFT], ids=["fall", "drift"])
