@@ -5,7 +5,7 @@ import difflib
 import math
 import types
 import typing
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, Literal, TypeVar, Union
@@ -111,6 +111,29 @@ def split(kind: Any) -> tuple[Any, tuple[Any, ...]]:
         bare, *marks = typing.get_args(kind)
         return bare, tuple(marks)
     return kind, ()
+
+
+def options_of(kind: Any) -> Iterator[tuple[Any, tuple[Any, ...]]]:
+    """Yield what a field may be, each type with its marks."""
+    bare, marks = split(kind)
+    if typing.get_origin(bare) in (Union, types.UnionType):
+        for option in typing.get_args(bare):
+            yield from options_of(option)
+    else:
+        yield bare, marks
+
+
+def every_setting(settings: Any, place: str = "", kind: Any = None) -> Iterator[tuple[str, Any, Any]]:
+    """Yield settings and all that is in them: dotted name, value and declared type."""
+    yield place, settings, kind
+    if isinstance(settings, msgspec.Struct):
+        for field in fields_of(type(settings)):
+            name = f"{place}.{field.name}" if place else field.name
+            yield from every_setting(getattr(settings, field.name), name, field.type)
+    elif isinstance(settings, list | tuple):
+        inner = next((typing.get_args(bare)[0] for bare, _ in options_of(kind) if typing.get_args(bare)), None)
+        for number, item in enumerate(settings):
+            yield from every_setting(item, f"{place}[{number}]", inner)
 
 
 M = TypeVar("M")

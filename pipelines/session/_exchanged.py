@@ -8,9 +8,7 @@ from math import exp, log
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-import msgspec
-
-from labpipe.workflow.fields import REFERENCE
+from labpipe.workflow.fields import REFERENCE, every_setting
 
 if TYPE_CHECKING:
     from labpipe.judging import Finding
@@ -50,13 +48,10 @@ def exchanged(session: Session, stiffness: Mapping[str, float | None]) -> Iterat
             yield owner, Finding("exchanged materials", "doubtful", text, cause, setting="rheometer")
 
 
-def _source(table: Any) -> str:
-    """Return the experiment that measured the material of a table or of one in it; empty for none."""
-    if not isinstance(table, msgspec.Struct):
-        return ""
-    own = getattr(table, "material_from", None)
-    inner = (_source(getattr(table, name)) for name in table.__struct_fields__)
-    return own.removeprefix(REFERENCE) if own else next(filter(None, inner), "")
+def _source(settings: Any) -> str:
+    """Return the experiment that measured the material of settings or of a table in them; empty for none."""
+    found = (getattr(table, "material_from", None) for place, table, _ in every_setting(settings) if "[" not in place)
+    return next(filter(None, found), "").removeprefix(REFERENCE)
 
 
 def _listed(names: Sequence[str]) -> str:

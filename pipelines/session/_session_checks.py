@@ -7,19 +7,15 @@ laboratory gave its files. None opens a recording: digests are those of the run.
 from __future__ import annotations
 
 import re
-import types
-import typing
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Union
-
-import msgspec
+from typing import TYPE_CHECKING, Any
 
 from labpipe.errors import LabpipeError
 from labpipe.units import Quantity
-from labpipe.workflow.fields import POSITIVE, FileMark, Range, fields_of, mark, split
+from labpipe.workflow.fields import POSITIVE, FileMark, Range, every_setting, mark, options_of
 from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.store import Store
 from pipelines.session._gaps import library_names
@@ -71,32 +67,16 @@ def named_files(session: Session) -> list[Named]:
     return [
         Named(e.name, e.kind, setting, name, session.root / name)
         for e in session.experiments.values()
-        for setting, name in _files(type(e.settings), e.settings, "")
+        for setting, name in _files(e.settings)
     ]
 
 
-def _files(kind: Any, value: Any, place: str) -> Iterator[tuple[str, str]]:
-    options = list(_options(kind))
-    if isinstance(value, msgspec.Struct):
-        for field in fields_of(type(value)):
-            name = f"{place}.{field.name}" if place else field.name
-            yield from _files(field.type, getattr(value, field.name), name)
-    elif isinstance(value, list | tuple):
-        inner = next((typing.get_args(bare)[0] for bare, _ in options if typing.get_args(bare)), None)
-        for number, item in enumerate(value):
-            yield from _files(inner, item, f"{place}[{number}]")
-    elif isinstance(value, str) and any(mark(marks, FileMark) for _, marks in options):
-        yield place, value
-
-
-def _options(kind: Any) -> Iterator[tuple[Any, tuple[Any, ...]]]:
-    """Yield what a field may be, each type with its marks."""
-    bare, marks = split(kind)
-    if typing.get_origin(bare) in (Union, types.UnionType):
-        for option in typing.get_args(bare):
-            yield from _options(option)
-    else:
-        yield bare, marks
+def _files(settings: Any) -> Iterator[tuple[str, str]]:
+    return (
+        (place, value)
+        for place, value, kind in every_setting(settings)
+        if isinstance(value, str) and any(mark(marks, FileMark) for _, marks in options_of(kind))
+    )
 
 
 def _twice(session: Session) -> Iterator[tuple[str, Finding]]:
@@ -205,7 +185,7 @@ def _material_names(session: Session) -> Iterator[tuple[str, Finding]]:
     """Hold the material that is stated against the one that names of experiment and files tell."""
     known = set(library_names())
     for e in session.experiments.values():
-        named = [("", e.name), *_files(type(e.settings), e.settings, "")]
+        named = [("", e.name), *_files(e.settings)]
         # a table in a list that states a material of its own has files of its own
         tables = {setting.rpartition(".")[0] for setting, _ in _materials(e.settings) if "[" in setting}
         for table in sorted(tables):
@@ -247,7 +227,7 @@ def _words(name: str) -> set[str]:
 
 
 def _materials(settings: Any) -> Iterator[tuple[str, str]]:
-    found = ((where, v) for where, v, _ in _values(settings, "") if where.rpartition(".")[2] == "material")
+    found = ((where, v) for where, v, _ in every_setting(settings) if where.rpartition(".")[2] == "material")
     return ((where, value) for where, value in found if isinstance(value, str))
 
 
@@ -255,7 +235,7 @@ def _uncertainties(session: Session) -> Iterator[tuple[str, Finding]]:
     """Find positive quantities whose stated uncertainty says that nothing is known of them."""
     for e in session.experiments.values():
         for setting, value, kind in _quantities(e.settings):
-            is_positive = any(mark(marks, Range) == POSITIVE for _, marks in _options(kind))
+            is_positive = any(mark(marks, Range) == POSITIVE for _, marks in options_of(kind))
             if is_positive and value.u > _UNKNOWN * value.value:
                 name = setting.rpartition(".")[2].replace("_", " ")
                 text = f"the {name} is {written(value)} with a standard uncertainty of {written(value, value.u)}"
@@ -282,19 +262,7 @@ def _temperatures(session: Session) -> Iterator[tuple[str, Finding]]:
 
 
 def _quantities(settings: Any) -> Iterator[tuple[str, Quantity, Any]]:
-    return ((where, value, kind) for where, value, kind in _values(settings, "") if isinstance(value, Quantity))
-
-
-def _values(table: Any, place: str) -> Iterator[tuple[str, Any, Any]]:
-    """Yield every value of a table of settings, and of those in it, with its name before it and its type after it."""
-    if isinstance(table, list | tuple):
-        for number, item in enumerate(table):
-            yield from _values(item, f"{place}[{number}]")
-    elif isinstance(table, msgspec.Struct):
-        for field in fields_of(type(table)):
-            value, name = getattr(table, field.name), f"{place}.{field.name}" if place else field.name
-            yield name, value, field.type
-            yield from _values(value, name)
+    return ((where, value, kind) for where, value, kind in every_setting(settings) if isinstance(value, Quantity))
 
 
 def named_at(session: Session) -> Mapping[str, int]:

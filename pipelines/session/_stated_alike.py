@@ -11,9 +11,8 @@ from itertools import combinations
 from math import hypot, inf, log
 from typing import TYPE_CHECKING, Any
 
-import msgspec
-
 from labpipe.units import Quantity
+from labpipe.workflow.fields import every_setting
 from labpipe.workflow.session import Experiment, Session
 
 if TYPE_CHECKING:
@@ -45,7 +44,7 @@ def finding(check: str, level: Level, text: str, cause: str = "", file: str = ""
 
 def bodies(session: Session) -> Iterator[tuple[str, Finding]]:
     """Hold the masses and radii of one body against each other."""
-    found = [body for e in session.experiments.values() for body in _found_bodies(e, e.settings, "")]
+    found = [body for e in session.experiments.values() for body in _found_bodies(e)]
     said: set[tuple[str, str]] = set()
     for first, later in combinations(found, 2):
         if first.materials.isdisjoint(later.materials) or first.experiment is later.experiment:
@@ -62,31 +61,20 @@ def bodies(session: Session) -> Iterator[tuple[str, Finding]]:
             yield odd.experiment.name, _two_values(odd, other, name)
 
 
-def _found_bodies(experiment: Experiment, table: Any, place: str) -> Iterator[_Body]:
-    if isinstance(table, list | tuple):
-        for number, item in enumerate(table):
-            yield from _found_bodies(experiment, item, f"{place}[{number}]")
-    if not isinstance(table, msgspec.Struct):
-        return
-    radius, mass = getattr(table, "radius", None), getattr(table, "mass", None)
-    if isinstance(radius, Quantity) and isinstance(mass, Quantity):
-        # a body without a material of its own falls on, or with, each of the others of its experiment
-        sources = frozenset(_sources(table)) or frozenset(_sources(experiment.settings))
-        yield _Body(experiment, place, sources, radius, mass)
-    for name in table.__struct_fields__:
-        yield from _found_bodies(experiment, getattr(table, name), f"{place}.{name}" if place else name)
+def _found_bodies(experiment: Experiment) -> Iterator[_Body]:
+    for place, table, _ in every_setting(experiment.settings):
+        radius, mass = getattr(table, "radius", None), getattr(table, "mass", None)
+        if isinstance(radius, Quantity) and isinstance(mass, Quantity):
+            # a body without a material of its own falls on, or with, each of the others of its experiment
+            sources = frozenset(_sources(table)) or frozenset(_sources(experiment.settings))
+            yield _Body(experiment, place, sources, radius, mass)
 
 
-def _sources(table: Any) -> Iterator[str]:
+def _sources(settings: Any) -> Iterator[str]:
     """Yield what a table, and all in it, says of materials: names, files and experiments; the most exact of each."""
-    if isinstance(table, list | tuple):
-        for item in table:
-            yield from _sources(item)
-    elif isinstance(table, msgspec.Struct):
+    for _, table, _ in every_setting(settings):
         given = [getattr(table, name, None) for name in ("material_from", "material_file", "material")]
         yield from [source for source in given if isinstance(source, str)][:1]
-        for name in table.__struct_fields__:
-            yield from _sources(getattr(table, name))
 
 
 def _distance(a: Quantity, b: Quantity) -> float:
@@ -169,7 +157,7 @@ def without_uncertainty(session: Session) -> Iterator[tuple[str, Finding]]:
     """Find quantities that are stated as exact, where the other experiments of their kind state an uncertainty."""
     kinds: dict[tuple[str, str], list[tuple[Experiment, Quantity]]] = {}
     for e in session.experiments.values():
-        for setting, value in _measured(e.settings, ""):
+        for setting, value in _measured(e.settings):
             kinds.setdefault((e.kind, setting), []).append((e, value))
     for (_, setting), places in kinds.items():
         exact = [e for e, value in places if not value.u and setting in e.lines]
@@ -182,11 +170,7 @@ def without_uncertainty(session: Session) -> Iterator[tuple[str, Finding]]:
             )
 
 
-def _measured(table: Any, place: str) -> Iterator[tuple[str, Quantity]]:
-    """Yield the quantities of a table and of those in it, each with its setting; lists have no setting of one name."""
-    for name in table.__struct_fields__:
-        value, setting = getattr(table, name), f"{place}.{name}" if place else name
-        if isinstance(value, Quantity):
-            yield setting, value
-        elif isinstance(value, msgspec.Struct):
-            yield from _measured(value, setting)
+def _measured(settings: Any) -> Iterator[tuple[str, Quantity]]:
+    """Yield the quantities of settings, each with its name; those in lists have none in common with others."""
+    found = ((place, value) for place, value, _ in every_setting(settings) if "[" not in place)
+    return ((place, value) for place, value in found if isinstance(value, Quantity))
