@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from labpipe.arrays import Floats
+
 _ALIKE = 0.995
 """Cosine between the effects of two inputs beyond which the comparison cannot tell them apart."""
 _NO_INFORMATION = 1e-9
@@ -18,7 +20,7 @@ SLIPS = {
         "length": (10.0, 100.0, 1e3, 1e4, 1e6, 25.4, 1e3 / 25.4),
         "gain": (2.0,),
         "interval": (2.0, 2.5, 4.0, 5.0, 10.0, 100.0, 1e3),
-        "mass": (9.81, 10.0, 100.0, 1e3, 2.2046),
+        "mass": (10.0, 100.0, 1e3, 9.81, 2.2046),
         "view": (36.0,),
     }.items()
 }
@@ -27,13 +29,15 @@ SLIPS = {
 A value: diameter for radius, decimals, units, a period for an angle. A length: decimals, units, mil. A mass: its
 weight, decimals, units, pounds. An interval or a rate: the next settings of a controller. A view: another lens.
 """
-_BENT = 0.1
-"""Relative, by which an effect may leave its power law over such a factor."""
+_BENT, _STRAY = 0.1, 0.01
+"""By which an effect may leave its power law over such a factor: relative to itself, and to the largest of all rows.
+What a small change hardly moves, a large one may."""
 _OFF = 0.2  # relative, by which the factor that fits best may have another logarithm than the usual one
 _LEFT = 0.1
 """Part of chi square that a slip may leave and still be told."""
 _CLOSE = 6.0
 """Twice the logarithm of a likelihood ratio within which two slips cannot be told apart."""
+_SMALLER = 1.5  # times the logarithm of a slip that explains as much, beyond which a larger one is not told beside it
 _FARTHEST = log(1e9)  # of a factor; no unit that is written by mistake differs by more
 _VAGUE = 0.3
 """Relative uncertainty of the logarithm of a factor beyond which a slip cannot be told from others."""
@@ -146,7 +150,8 @@ def slips(
     Returns
     -------
     list of Slip
-        The likeliest first, and those that are nearly as likely; empty where none brings both together.
+        The likeliest of each input, the likeliest first, and those that are nearly as likely; of slips that explain
+        as much the smaller ones. Empty where none brings both together.
 
     Examples
     --------
@@ -162,7 +167,7 @@ def slips(
     for i in np.flatnonzero(np.abs(A).max(axis=0, initial=0.0) > 0.0).tolist():
         for k in factors[i]:
             shift = A[:, i] * log(k)
-            wider = C + np.diag((_BENT * shift) ** 2)
+            wider = C + _bent(shift)
             weight = np.linalg.pinv(wider, hermitian=True)
             known = float(shift @ weight @ shift)
             left = float((seen - shift) @ weight @ (seen - shift))
@@ -171,9 +176,17 @@ def slips(
             if is_best and known > _VAGUE**-2 and left < _LEFT * before:
                 # a far slip is vaguer: likelihood, not what is left, tells it from a near one
                 found.append((left + float(np.linalg.slogdet(wider)[1]), Slip(i, k, 1 - left / before)))
-    found.sort(key=lambda each: each[0])
-    least = found[0][0] if found else 0.0
-    return [slip for score, slip in found if score < least + _CLOSE]
+    found.sort(key=lambda each: round(each[0]))
+    close: dict[int, Slip] = {}
+    for score, slip in found:
+        if score < found[0][0] + _CLOSE:
+            close.setdefault(slip.input, slip)
+    least = min((abs(log(slip.factor)) for slip in close.values()), default=0.0)
+    return [slip for slip in close.values() if abs(log(slip.factor)) < _SMALLER * least]
+
+
+def _bent(shift: Floats) -> Floats:
+    return np.diag((_BENT * shift) ** 2 + (_STRAY * np.max(np.abs(shift))) ** 2)
 
 
 class Factor(NamedTuple):
@@ -202,7 +215,7 @@ def best_factor(measured: ArrayLike, predicted: ArrayLike, powers: ArrayLike, co
     C = np.atleast_2d(np.asarray(covariance, float))
     size, before = 0.0, float(seen @ np.linalg.pinv(C, hermitian=True) @ seen)
     for _ in range(_STEPS):
-        weight = np.linalg.pinv(C + np.diag((_BENT * size * p) ** 2), hermitian=True)
+        weight = np.linalg.pinv(C + _bent(size * p), hermitian=True)
         known = float(p @ weight @ p)
         if not known * before > 0.0:
             return None

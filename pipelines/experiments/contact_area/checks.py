@@ -285,7 +285,7 @@ def _duration(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mo
         f"{settings.film}: contact for {quantity(seen, 's')}; one of {quantity(a, 'm')} in radius lasts "
         f"{quantity(expected, 's')} at the speed of the stated height"
     )
-    return compared(DURATION, law, message, seen, own, expected, u * expected, file=settings.film)
+    return compared(DURATION, law, message, seen, own, expected, u * expected, file=settings.film, setting="height")
 
 
 def _rest(impacts: xr.Dataset, settings: ContactArea) -> Check:

@@ -146,10 +146,13 @@ class _PowerLaws(NamedTuple):
         straight = [j for j, product in enumerate(ratios) if product > 0.0 and rows[j].u_difference]
         mean = np.sqrt([ratios[j] for j in straight])
         values = np.array([known[name].value for name in names])
+        measured, model = (np.array([getattr(rows[j], of) for j in straight]) for of in ("measured", "model"))
+        # a slope is that of what comes from the inputs: beside something else than a model the measured value does
+        moved = np.where([rows[j].against == "model" for j in straight], model, measured)
         return cls(
-            np.array([rows[j].measured for j in straight]),
-            np.array([rows[j].model for j in straight]),
-            slopes[straight] * values / mean[:, None],
+            measured,
+            model,
+            slopes[straight] * values / moved[:, None],
             covariance[np.ix_(straight, straight)] / np.outer(mean, mean),
         )
 
