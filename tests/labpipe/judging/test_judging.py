@@ -6,6 +6,7 @@ from scipy import stats
 
 from labpipe.errors import InputError
 from labpipe.judging import (
+    SLIPS,
     Cause,
     agreement,
     best_factor,
@@ -17,6 +18,7 @@ from labpipe.judging import (
     judge,
     model_verdict,
     not_made,
+    slips,
     stated,
     suspects,
     to_json,
@@ -267,3 +269,11 @@ def test_of_a_dense_list_a_usual_factor_is_not_met_by_chance(slack, named):
     seen = [compared("fringes", "", "", 1.1, 1e-3, 1.0, 1e-3)]
     cause = Cause({"fringes": 1.0}, "{:.3f}".format, (1.07, 1.16), slack=slack)
     assert explain(seen, [cause])[0].sentence == named
+
+
+def test_a_factor_of_ten_is_told_beside_rows_that_it_hardly_moves() -> None:
+    """Restitutions move by a thousandth for a change of 1 %, and otherwise over a factor of ten."""
+    powers = [[-0.001, 0.0], [-0.407, 0.204], [-0.406, 0.203]]
+    covariance = np.diag([1e-4, 9e-3, 9e-3]) ** 2
+    found = slips(np.exp([0.002, 0.942, 0.954]), np.ones(3), powers, covariance, [SLIPS["mass"], SLIPS["value"]])
+    assert [(slip.input, slip.factor) for slip in found] == [(0, 0.1)]
