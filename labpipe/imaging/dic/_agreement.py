@@ -29,9 +29,8 @@ _MANY, _WIDER, _FEW_SCATTER, _QUARTILE, _NONE_FROM = 20, 1.2, 1.5, 0.575, 10.0
 _TOLD = 1e-4
 #: Points around a doubtful one among which trusted ones are sought: at most, and in widths of the subset.
 _SOUGHT, _SOUGHT_WITHIN = 60, 3.0
-#: Standard deviations within which trusted displacements around a doubtful one confirm it, and theirs (px) about
-#: the surface through them beyond which they tell nothing.
-_CONFIRMS, _TELLS = 3.0, 0.15
+#: Standard deviations within which trusted displacements around a doubtful one confirm it.
+_CONFIRMS = 3.0
 #: Results whose surroundings are looked at once; bounds the work arrays to some 20 MB.
 _BLOCK = 5_000
 
@@ -117,7 +116,7 @@ def unconfirmed(
         scatter = _about_plane(around.away[point], counts, told)
         variance = (weight[..., None] ** 2 * spread).sum(axis=1) + scatter[:, None] ** 2
         square = (apart**2 / (variance + deviation[row, point, :2] ** 2)).sum(axis=1)
-        agrees = weight.any(axis=1) & (square < _CONFIRMS**2) & (variance.max(axis=1) < _TELLS**2)
+        agrees = weight.any(axis=1) & (square < _CONFIRMS**2)
         x, y = apart.T
         added = np.stack([x * x + variance[:, 0], y * y + variance[:, 1], x * y], axis=1)
         more[row[agrees], point[agrees]] = added[agrees]
