@@ -115,7 +115,7 @@ def _parameters(start: RingFit, blur: float, view: View, extra: tuple[Parameter,
     if Parameter.SMEAR in view.settings.free:
         beyond = blur**2 + float(parameters[Parameter.BLUR]) - view.optics.blur**2
         parameters[Parameter.SMEAR] = max(float(parameters[Parameter.SMEAR]) + EVEN * beyond, 0.0)
-    parameters[[Parameter.BLUR, Parameter.SPREAD]] = 0.0
+    parameters[[Parameter.BLUR, Parameter.SPREAD, Parameter.FOCUS]] = 0.0
     for place, harmonic in zip(HARMONICS, view.harmonics, strict=True):
         if place not in extra:
             parameters[place] = harmonic

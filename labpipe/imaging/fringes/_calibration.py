@@ -65,6 +65,11 @@ _WEAK_HINT, _NOTABLE = 10.0, 3.0
 _SKEWNESS, _USUAL_SKEWNESS, _MOST_STEPS, _CLEAR, _EVEN = 0.5, 2.0, 2.0, 300.0, 0.5
 #: Blur (px) beside which no band of colours that hides is looked for: what is not known of its shape looks like one.
 _WIDE_BLUR = 2.0
+#: What is tried beside a distance from focus, which must explain about as much as these.
+_LIKE_FOCUS = (Parameter.PHASE,), (Parameter.SCALE, Parameter.SPREAD)
+#: Squared misfit over that of a rival up to which a distance from focus is as likely; share of the difference of their
+#: radii by which either may be off.
+_AS_LIKELY, _BETWEEN = 1.3, 0.4
 #: Things that are found one after the other at most, and from how many on they are found again together.
 _ROUNDS, _TOGETHER = 4, 2
 
@@ -134,8 +139,7 @@ def calibrate(
                 break
         if not better:
             break
-        reference = best
-        trial, found = max(better, key=lambda candidate: candidate[0].gain_over(reference))
+        trial, found = _best_of(better, best)
         if found.phase_shift != result.phase_shift and not is_phase_free:
             # The scale would be bent to make up for a phase that is not what it is said to be.
             return replace(result, doubted_phase=view.optics.phase + found.phase_shift)
@@ -183,6 +187,25 @@ def _without_opened(
     best = Trial(tuple(best.fits[k] for k in kept), tuple(best.noise[k] for k in kept))
     attempt.keep(kept, best, axes, known)
     return best, known
+
+
+def _best_of(better: Sequence[tuple[Trial, Calibration]], before: Trial) -> tuple[Trial, Calibration]:
+    """Return what explains the frames best, or a distance from focus that does about as well as a phase.
+
+    A lens is out of focus more often than faces are coated; what explains about as much counts as what may be wrong.
+    """
+    # a blur leaves pixels out at the border
+    ranked = sorted(better, key=lambda one: -one[0].gain_over(before) / one[0].pixels)
+    focused = next((one for one in ranked if one[1].focus), None)
+    other = next((one for one in ranked if not one[1].focus), None)
+    if focused is None or other is None:
+        return ranked[0]
+    share, is_turned = focused[0].excess / max(other[0].excess, 1e-300), other[1].phase_shift != 0.0
+    is_preferred = share < (_AS_LIKELY if is_turned and not focused[1].blur else 1.0)
+    trial, found = focused if is_preferred else other
+    if 1.0 / _AS_LIKELY < share < _AS_LIKELY:
+        found = found.with_shared(trial, _BETWEEN * focused[0].changes(other[0]))
+    return trial, found
 
 
 def _with_hidden(
@@ -241,6 +264,7 @@ def _candidates(
         lambda: _find_optics(attempt, axes, known, best, Parameter.SCALE, view),
         lambda: find_flat(attempt, axes, known, best),
         lambda: find_flat(attempt, axes, replace(known, log_scale=log_stated), best) if log_stated else None,
+        lambda: _find_focus(attempt, axes, known, best, view),
         lambda: find_blur_before_camera(attempt, axes, known, best),
         lambda: find_second_colour(attempt, axes, known, best),
     )
@@ -336,6 +360,8 @@ def _with_beside(trial: Trial, known: Calibration, beside: Sequence[Parameter], 
     known = _with_rough(trial, known, [p for p in beside if p is Parameter.PHASE], view)
     if Parameter.SPREAD in beside:
         known = replace(known, spread=max(known.spread + trial.mean(Parameter.SPREAD)[0], 0.0))
+    if Parameter.FOCUS in beside:
+        known = replace(known, focus=known.focus + trial.mean(Parameter.FOCUS)[0])
     if Parameter.SECOND in beside:
         known = replace(known, harmonics=trial.harmonics)
     if Parameter.STRETCH in beside:
@@ -368,6 +394,7 @@ def _found(known: Calibration) -> list[tuple[Parameter, ...]]:
         (BEAMS, any(known.harmonics)),
         ((Parameter.TURNED,), known.harmonics[1] != 0.0),
         ((Parameter.SPREAD,), known.spread != 0.0),
+        ((Parameter.FOCUS,), known.focus != 0.0),
         (AXES, known.ellipse != (0.0, 0.0)),
     )
     return [group for group, is_found in groups if is_found]
@@ -410,7 +437,7 @@ def _with_small_band(attempt: Attempt, axes: Sequence[Parameter], known: Calibra
     likely it is, as what may be wrong.
     """
     best = attempt(axes, known)
-    if best is None or known.spread or known.blur > _WIDE_BLUR or not best.is_quiet:
+    if best is None or known.spread or known.focus or known.blur > _WIDE_BLUR or not best.is_quiet:
         return known
     least = _WEAK_HINT + 2.0 * len(best.fits)
     if not (known.disc or best.may_gain(ASSUMED, least)):
@@ -501,6 +528,37 @@ def _find_optics(
     if abs(value) <= max(SIGNIFICANT * deviation, known.spread) or abs(scale) > _MOST_SCALE:
         return None
     return trial, replace(found, log_scale=scale, u_log_scale=deviation)
+
+
+def _find_focus(
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, view: View
+) -> tuple[Trial, Calibration] | None:
+    """Distance from focus, and harmonics, without which it explains less, when they explain the frames much better."""
+    if known.focus or not best.is_doubtful:
+        return None
+    before = tuple(dict.fromkeys((*axes, *BEAMS, *(p for group in _found(known) for p in group))))
+    free = (*before, Parameter.FOCUS)
+    trial = attempt(free, known) if is_promising(attempt, (axes, known), (free, known), best) else None
+    simple = None if trial is None else attempt(before, known)
+    if trial is None or simple is None or not (trial.is_better_than(best) and trial.is_better_than(simple)):
+        return None
+    # what is no function of the distance, as coma, leaves more
+    if FACTOR * trial.excess >= min(best.excess, simple.excess):
+        return None
+    # a wrong phase or scale, or a band of colours, moves rings nearly alike
+    least = FACTOR if known.spread else 1.0 / _AS_LIKELY
+    for other in _LIKE_FOCUS:
+        rival = attempt(tuple(dict.fromkeys((*before, *other))), known)
+        if rival is not None and rival.excess < least * trial.excess:
+            return None
+    found = _with_beside(trial, known, free, view)
+    found = found.with_shared(trial, trial.shift_of_radius((Parameter.FOCUS,)))
+    # light from many sides is blurred where it is out of focus
+    blurred = find_blur(attempt, axes, found, trial, BEAMS)
+    again = None if blurred is None else attempt(free, blurred[1])
+    if blurred is None or again is None:
+        return trial, found
+    return again, _with_beside(again, blurred[1], free, view)
 
 
 def _choose(fits: dict[int, RingFit]) -> tuple[int, ...]:

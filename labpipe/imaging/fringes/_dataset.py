@@ -365,6 +365,12 @@ def _colour_told(options: FilmOptions, result: FilmResult) -> str:
     return f"{colour}, {100 * share:.0f} % of the fringes, was allowed for"
 
 
+def _focus_told(options: FilmOptions, result: FilmResult) -> str:
+    """Tell of contacts out of focus; empty when none are."""
+    distance = abs(result.view.optics.focus) * options.sphere_radius
+    return f"contacts {distance * 1e6:.0f} µm out of focus were allowed for" if distance else ""
+
+
 def _fits_told(result: FilmResult) -> str:
     """Tell in how many frames fringes were fitted where some of those looked at show no contact."""
     if not result.fits:
@@ -444,7 +450,9 @@ def _attributes(options: FilmOptions, result: FilmResult, uncertainties: dict[st
         "least_radius": least,
         "harmonics": list(result.view.harmonics),
         "wavelength_used": options.wavelength or NOMINAL_WAVELENGTH,
-        "note": "; ".join(filter(None, (note, _colour_told(options, result), *rows, result.stuck.note))),
+        "note": "; ".join(
+            filter(None, (note, _colour_told(options, result), _focus_told(options, result), *rows, result.stuck.note))
+        ),
         "uncertainties": json.dumps(uncertainties),
         "work": json.dumps(result.work),
     }

@@ -182,7 +182,7 @@ def refit(
         if index in fits:
             start = fits[index].parameters.copy()
             start[Parameter.PHASE], start[Parameter.SCALE] = view.optics.phase, 0.0
-            start[[Parameter.BLUR, Parameter.SPREAD]] = 0.0
+            start[[Parameter.BLUR, Parameter.SPREAD, Parameter.FOCUS]] = 0.0
             start[list(HARMONICS)] = view.harmonics
             if Parameter.STRETCH not in view.settings.free:
                 start[[Parameter.STRETCH, Parameter.SHEAR]] = view.ellipse

@@ -18,6 +18,9 @@ from labpipe.errors import InputError
 #: Samples of the radial tables per pixel: fringes are at least two pixels wide, so that linear
 #: interpolation between samples is right to 0.3 % of the modulation.
 SAMPLES_PER_PIXEL = 16
+#: What the second beam does to the first, over the square of the ratio of harmonics: (1 - ϱ)/ϱ, where the window's
+#: face reflects a share ϱ of 0.04 (glass) to 0.08 (sapphire).
+BETWEEN_BEAMS = 15.7
 #: Gaussian blur reaches this many standard deviations.
 _BLUR_REACH = 3.5
 #: Least width (px) of the part of a ring inside the contact.
@@ -55,6 +58,8 @@ class Optics:
         Variance of the wavenumbers in the light, relative to the square of their mean.
     skew : float
         Whether that band is even in wavenumbers (0), in wavelengths (1) or between.
+    focus : float
+        Distance over which light that the gap has bent runs on to where it is in focus, over the sphere's radius.
     """
 
     phase_scale: float
@@ -66,6 +71,7 @@ class Optics:
     colour: tuple[float, float] = (1.0, 0.0)
     spread: float = 0.0
     skew: float = 0.5
+    focus: float = 0.0
 
 
 def make_optics(pixel_size: float, sphere_radius: float, wavelength: float, phase: float = math.pi) -> Optics:
@@ -191,6 +197,22 @@ def scaled_slopes(distance: Floats, contact_radius: ArrayLike, flat: float = 0.0
     return np.where(r > a, by_distance, 0.0), np.where(r > a, -4.0 * a * angle / np.pi, 0.0)
 
 
+def _out_of_focus(
+    distance: Floats, contact_radius: float, optics: Optics, by_distance: Floats, by_radius: Floats
+) -> tuple[Floats, Floats]:
+    """Slopes by distance and contact radius of the gap as it is seen out of focus, from those of the gap.
+
+    Light leaves a gap g at a slope of 2 dg/dr: what is seen at a distance D from there is g - D (dg/dr)².
+    """
+    if not optics.focus:
+        return by_distance, by_radius
+    a, r, square, s, root, turn = _flat_parts(distance, contact_radius, optics.flat)
+    root, twice = np.maximum(root, 1e-9), 2.0 * optics.focus * by_distance
+    curve = s / root - s * root / r**2 + 0.5 * np.pi - turn + s * r**2 / (root * (r**2 - square))
+    bend = -a * (2.0 * a * a - square) / (s * root * r)
+    return by_distance - twice * 2.0 / np.pi * curve, by_radius - twice * 2.0 / np.pi * bend
+
+
 def distance_at_phase(phase_change: float, contact_radius: float, optics: Optics) -> float:
     """Distance from the centre (px) where the gap has changed the phase by ``phase_change``.
 
@@ -271,10 +293,10 @@ class RadialTable:
     ----------
     start : float [px]
         Distance of the first sample; the following are 1 / :data:`SAMPLES_PER_PIXEL` apart.
-    values : array (5, 9 or 10, sample)
+    values : array (5, 9, 10 or 11, sample)
         The term (cosine), its derivatives by distance, contact radius and phase, and by the
         travel of the contact radius during the exposure; rich tables also those by the square of
-        the blur and by the harmonics, and then by the spread of wavenumbers.
+        the blur and by the harmonics, and then by the spread of wavenumbers and by the focus.
     """
 
     start: float
@@ -377,14 +399,19 @@ def radial_table(
     nodes, weights = exposure_nodes(travel, spacing)
     squares = contact_radius**2 + nodes * contact_radius * travel
     radii = np.sqrt(np.maximum(squares, 0.0))
-    raw = np.zeros((10, len(distance)))
+    raw = np.zeros((11, len(distance)))
     second, turned, third = harmonics
     for node, weight, radius in zip(nodes, weights, radii, strict=True):
-        lag = optics.phase_scale * scaled_gap(distance, radius, optics.flat)
         by_distance, by_radius = scaled_slopes(distance, radius, optics.flat)
+        lag = optics.phase_scale * (scaled_gap(distance, radius, optics.flat) - optics.focus * by_distance**2)
+        by_focus = -optics.phase_scale * by_distance**2
+        by_distance, by_radius = _out_of_focus(distance, radius, optics, by_distance, by_radius)
         shrunk = 1.0 / (1.0 - 2j * optics.skew * optics.spread * lag)
         wave = np.sqrt(shrunk) * np.exp(1j * (lag + optics.phase) - 0.5 * optics.spread * lag**2 * shrunk)
-        beams = wave / (1.0 - complex(second, turned) * wave)
+        # a harmonic leaves at twice the slope, and is behind by four times as much
+        again = np.exp(2j * by_focus * optics.focus)
+        wave = wave * (1.0 - BETWEEN_BEAMS * (second**2 + turned**2) * (again - 1.0))
+        beams = wave / (1.0 - complex(second, turned) * again * wave)
         steep = weight * (beams**2 / wave + 3.0 * third * wave**3)
         sine = -steep.imag
         turned_by = 1j * optics.skew * optics.spread * lag * shrunk
@@ -394,10 +421,12 @@ def radial_table(
         change = optics.phase_scale * by_radius * by_gap
         divisor = 2.0 * max(radius, 1e-6)
         raw[0] += weight * (beams.real + third * (wave**3).real)
-        raw[6] += weight * (beams**2).real
-        raw[7] -= weight * (beams**2).imag
+        raw[6] += weight * (beams**2 * again).real
+        raw[7] -= weight * (beams**2 * again).imag
         raw[8] += weight * (wave**3).real
         raw[9] += (steep * by_spread).real
+        turning = complex(second, turned) * beams**2 * again
+        raw[10] += by_focus * (by_gap + 2.0 * weight * (1j * turning).real)
         raw[1] += optics.phase_scale * by_distance * by_gap
         raw[2] += change * (2.0 * contact_radius + node * travel) / divisor
         raw[3] += sine

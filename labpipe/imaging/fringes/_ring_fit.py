@@ -112,7 +112,7 @@ class RingFit:
     spread : float [px]
         What is known from elsewhere about errors of the model, as a standard uncertainty.
     doubts : dict
-        What errors of the model make of phase and scale where these were fitted, from parts of the ring.
+        What errors of the model make of phase, scale and focus where these were fitted, from parts of the ring.
     asked : tuple of Parameter
         What was not fitted but asked for.
     slope, bend : arrays (asked,), (asked, asked)
@@ -259,8 +259,8 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
 
 
 def _with_doubts(fit: RingFit, ring: Ring, optics: Optics) -> RingFit:
-    """Tell what errors of the model make of phase and scale: both are held for all frames."""
-    told = [p for p in ASSUMED if p in fit.free]
+    """Tell what errors of the model make of phase, scale and focus: they are held for all frames."""
+    told = [p for p in (*ASSUMED, Parameter.FOCUS) if p in fit.free]
     if fit.worst_deviation == 0.0 or not told:
         return fit
     cells = cells_of_parts(fit, ring, optics)

@@ -13,7 +13,9 @@ class Parameter(IntEnum):
     real and the imaginary part of the ratio q of one harmonic to the one before, as of many beams:
     the real part of z/(1 - qz), z = exp iφ, stands for the cosine. THIRD is a third harmonic beside
     those (a camera that is not linear). SPREAD is the variance of the wavenumbers in the light, relative to the
-    square of their mean, beyond that of the optics: a band of colours, or a cone of directions.
+    square of their mean, beyond that of the optics: a band of colours, or a cone of directions. FOCUS is the distance
+    (of path, in the unit of the sphere's radius) over which light that the gap has bent runs on to where it is in
+    focus, beyond that of the optics.
 
     With any of LIGHT_, which are the higher powers of x and y, x² - y², xy, x³, x²y, xy², y³, and
     VISIBILITY_, the light is (GAIN + MODULATION · cos · (1 + VISIBILITY_X x + ...)) exp(SLOPE_X x + ...):
@@ -38,15 +40,16 @@ class Parameter(IntEnum):
     TURNED = 15
     THIRD = 16
     SPREAD = 17
-    LIGHT_XX = 18
-    LIGHT_XY = 19
-    LIGHT_X3 = 20
-    LIGHT_X2Y = 21
-    LIGHT_XY2 = 22
-    LIGHT_Y3 = 23
-    VISIBILITY_X = 24
-    VISIBILITY_Y = 25
-    VISIBILITY_BOWL = 26
+    FOCUS = 18
+    LIGHT_XX = 19
+    LIGHT_XY = 20
+    LIGHT_X3 = 21
+    LIGHT_X2Y = 22
+    LIGHT_XY2 = 23
+    LIGHT_Y3 = 24
+    VISIBILITY_X = 25
+    VISIBILITY_Y = 26
+    VISIBILITY_BOWL = 27
 
 
 #: Square of an even motion over its variance: what a lens blurs looks like a motion, and the reverse.
@@ -75,6 +78,6 @@ COATING = (Parameter.PHASE, *HARMONICS)
 LIGHT = tuple(p for p in Parameter if p >= Parameter.LIGHT_XX)
 VISIBILITY = tuple(p for p in LIGHT if p >= Parameter.VISIBILITY_X)
 #: What changes the light with the distance from the centre alone.
-RADIAL = frozenset((Parameter.SCALE, Parameter.BLUR, Parameter.SPREAD, *COATING))
+RADIAL = frozenset((Parameter.SCALE, Parameter.BLUR, Parameter.SPREAD, Parameter.FOCUS, *COATING))
 #: What is taken for granted in a frame; the fit tells how the radius depends on it.
 ASSUMED = (Parameter.PHASE, Parameter.SCALE)

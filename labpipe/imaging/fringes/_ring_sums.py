@@ -59,8 +59,9 @@ def tabulate(ring: Ring, parameters: Floats, free: Integers, optics: Optics) -> 
     phase_scale = optics.phase_scale * math.exp(parameters[Parameter.SCALE]) / shrinkage(parameters)
     harmonics = tuple(float(parameters[p]) for p in HARMONICS)
     before = (0.0, 0.0, 0.0) if optics.by_camera else harmonics
-    lines = 10 if Parameter.SPREAD in free or spread < 0.0 else 9 if is_rich else 5
-    rest = phase, kernel, *before, lines, optics.flat, max(spread, 0.0), optics.skew
+    lines = 11 if Parameter.FOCUS in free else 10 if Parameter.SPREAD in free or spread < 0.0 else 9 if is_rich else 5
+    focus = optics.focus + float(parameters[Parameter.FOCUS])
+    rest = phase, kernel, *before, lines, optics.flat, max(spread, 0.0), optics.skew, focus
     values = fill_table(distance, radius, travel, nodes, weights, phase_scale, *rest)
     if share:
         values += share * (fill_table(distance, radius, travel, nodes, weights, ratio * phase_scale, *rest) - values)

@@ -9,7 +9,7 @@ import numpy as np
 
 from labpipe.arrays import Floats, Floats32, Integers
 from labpipe.compilation import compiled, part
-from labpipe.imaging.fringes._interference import SAMPLES_PER_PIXEL
+from labpipe.imaging.fringes._interference import BETWEEN_BEAMS, SAMPLES_PER_PIXEL
 
 # Sums over pixels may be reordered and fused.
 FAST = {"reassoc", "contract", "nsz", "arcp"}
@@ -17,8 +17,9 @@ FAST = {"reassoc", "contract", "nsz", "arcp"}
 #: Taps of a kernel from which its averages are so smooth that every so many samples tell the others, and how many.
 _SMOOTH_TAPS, _THIN = 8 * SAMPLES_PER_PIXEL, 4
 # Lines of the work array of a band of colours: phase of the gap, the term that goes with the contrast, slopes of the
-# logarithm of a wave (real, imaginary) by that phase and by the spread.
-_LAG, _TERM, _BY_LAG, _BY_SPREAD = 0, 1, 2, 4
+# logarithm of a wave (real, imaginary) by that phase and by the spread, square of the slope of the gap, what turns the
+# harmonics with it.
+_LAG, _TERM, _BY_LAG, _BY_SPREAD, _SQUARE, _TURNING = 0, 1, 2, 4, 6, 7
 # Variance of a pixel below which rings count as even.
 _TINY = 1e-6
 
@@ -117,6 +118,60 @@ def _follow_band(sine: Floats, weight: float, band: Floats, raw: Floats) -> None
         sine[i] = band[_BY_LAG + 1, i] * sine[i] - band[_BY_LAG, i] * band[_TERM, i]
 
 
+@part(fastmath=FAST)
+def _leave_focus(
+    distance: Floats,
+    root: Floats,
+    turn: Floats,
+    bent: float,
+    contact: tuple[float, float, float],
+    angle: Floats,
+    slope: Floats,
+) -> None:
+    """Change the slopes of the gap by radius and distance into those of what is seen of it out of focus."""
+    a, side, inner = contact
+    for i in range(len(distance)):
+        if root[i] > 0.0:
+            r, lean = distance[i], bent * slope[i] / root[i]
+            # the curvature of the gap, times the root
+            curve = side + root[i] * (turn[i] - side * root[i] / (r * r)) + side * r * r / (r * r - inner)
+            angle[i] -= a * lean / r
+            slope[i] -= lean * curve
+
+
+@part(fastmath=FAST)
+def _add_harmonics(
+    cosine: Floats,
+    sine: Floats,
+    harmonics: tuple[float, float, float],
+    weight: float,
+    bent: float,
+    band: Floats,
+    raw: Floats,
+) -> None:
+    """Turn waves into light with harmonics, and add the derivatives by these.
+
+    The next beam leaves a gap at twice the slope: out of focus it is behind by four times as much, ``bent`` times
+    the square of the slope more than its share.
+    """
+    second, turned, third = harmonics
+    again = complex(1.0, 0.0)
+    for i in range(len(cosine)):
+        if bent != 0.0:
+            again = np.exp(-1j * bent * band[_SQUARE, i])
+            wave = complex(cosine[i], sine[i]) * (1.0 - BETWEEN_BEAMS * (second**2 + turned**2) * (again - 1.0))
+            cosine[i], sine[i] = wave.real, wave.imag
+        ratio = complex(second, turned) * again
+        term, by_phase, fading, by_second, by_turned, by_third = _term(
+            cosine[i], sine[i], ratio.real, ratio.imag, third
+        )
+        cosine[i], sine[i], band[_TERM, i] = term, -by_phase, fading
+        raw[6, i] += weight * (by_second * again.real + by_turned * again.imag)
+        raw[7, i] += weight * (by_turned * again.real - by_second * again.imag)
+        raw[8, i] += weight * by_third
+        band[_TURNING, i] = by_second * ratio.imag - by_turned * ratio.real
+
+
 @compiled(nogil=True, fastmath=FAST)
 def fill_table(
     distance: Floats,
@@ -134,13 +189,14 @@ def fill_table(
     flat: float,
     spread: float,
     skew: float,
+    focus: float,
 ) -> Floats:
-    """Compiled twin of the loop in :func:`.radial_table`; rich tables have 9 lines, and a tenth for the spread."""
+    """Compiled twin of the loop in :func:`.radial_table`; rich tables have 9 lines, and more for spread and focus."""
     count = len(distance)
-    is_rich, is_spread = lines > 5, spread > 0.0 or lines > 9
+    is_rich, is_spread, is_bent = lines > 5, spread > 0.0 or lines > 9, focus != 0.0 or lines > 10
     raw = np.zeros((lines, count))
-    band = np.zeros((6, count))
-    root, angle, within = np.empty(count), np.empty(count), np.empty(count)
+    band = np.zeros((8, count))
+    root, angle, within, slope = np.empty(count), np.empty(count), np.empty(count), np.empty(count)
     cosine, sine, inside = np.empty(count), np.empty(count), (math.cos(phase), math.sin(phase))
     for k in range(len(nodes)):
         node, weight = nodes[k], weights[k]
@@ -159,25 +215,21 @@ def fill_table(
                 turn[i] = math.atan2(root[i], side) if root[i] > 0.0 else 0.0
             # By radius below: -4 a angle; here 2 (2 a² - b²) / s angle.
             bend = (square - 0.5 * inner) / (a * side)
-        scale = phase_scale / math.pi
+        scale, bent = phase_scale / math.pi, 4.0 * focus / math.pi
         for i in range(count):
             cosine[i], sine[i], band[_LAG, i] = inside[0], inside[1], 0.0
+            slope[i] = side * root[i] / max(distance[i], 1e-12) + distance[i] * turn[i]
             if root[i] > 0.0:
                 beyond = (distance[i] * distance[i] - inner) * turn[i] + side * root[i]
-                band[_LAG, i] = scale * (beyond - 2.0 * a * side * angle[i])
+                band[_LAG, i] = scale * (beyond - 2.0 * a * side * angle[i] - bent * slope[i] ** 2)
                 cosine[i], sine[i] = math.cos(band[_LAG, i] + phase), math.sin(band[_LAG, i] + phase)
+        if is_bent:
+            band[_SQUARE] = slope * slope
+            _leave_focus(distance, root, turn, bent, (a, side, inner), angle, slope)
         if is_spread:
             _fade(cosine, sine, spread, skew, band)
         if is_rich:
-            for i in range(count):
-                term, by_phase, fading, by_second, by_turned, by_third = _term(
-                    cosine[i], sine[i], second, turned, third
-                )
-                cosine[i], sine[i] = term, -by_phase
-                raw[6, i] += weight * by_second
-                raw[7, i] += weight * by_turned
-                raw[8, i] += weight * by_third
-                band[_TERM, i] = fading
+            _add_harmonics(cosine, sine, (second, turned, third), weight, 2.0 * scale * bent, band, raw)
         to_radius = -4.0 * a * weight * (2.0 * contact_radius + node * travel) / divisor
         to_travel = -4.0 * a * weight * node * contact_radius / divisor
         for i in range(count):
@@ -186,11 +238,14 @@ def fill_table(
         if is_spread:
             _follow_band(sine, weight, band, raw)
         for i in range(count):
-            slope = side * root[i] / max(distance[i], 1e-12) + distance[i] * turn[i]
-            raw[1, i] -= 2.0 * weight * scale * slope * sine[i]
+            raw[1, i] -= 2.0 * weight * scale * slope[i] * sine[i]
             change = -bend * scale * angle[i] * sine[i]
             raw[2, i] += to_radius * change
             raw[4, i] += to_travel * change
+        if lines > 10:
+            for i in range(count):
+                turning = sine[i] + 2.0 * band[_TURNING, i]
+                raw[10, i] += 4.0 / math.pi * weight * scale * band[_SQUARE, i] * turning
     return _seen_by_pixels(raw, distance, kernel)
 
 

@@ -60,6 +60,8 @@ class Calibration:
         Variance of the wavenumbers, relative to the square of their mean.
     skew : float
         See :class:`.Optics`.
+    focus : float
+        See :class:`.Optics`.
     flat : float [px]
         Radius of a flat worn into the sphere.
     has_uneven_light : bool
@@ -84,6 +86,7 @@ class Calibration:
     colour: tuple[float, float] = (1.0, 0.0)
     spread: float = 0.0
     skew: float = 0.5
+    focus: float = 0.0
     flat: float = 0.0
     has_uneven_light: bool = False
     radii: tuple[float, ...] = ()
@@ -94,7 +97,9 @@ class Calibration:
     @property
     def is_usual(self) -> bool:
         """Whether all is as it was assumed."""
-        is_plain = not any((*self.ellipse, *self.harmonics, self.colour[1], self.spread, self.has_uneven_light))
+        is_plain = not any(
+            (*self.ellipse, *self.harmonics, self.colour[1], self.spread, self.focus, self.has_uneven_light)
+        )
         return is_plain and (self.phase_shift, self.log_scale, self.blur, self.flat) == (0.0, 0.0, 0.0, 0.0)
 
     def with_shared(self, trial: "Trial", shifts: Floats | float) -> "Calibration":
@@ -121,6 +126,7 @@ class Calibration:
             colour=self.colour,
             spread=self.spread,
             skew=self.skew,
+            focus=self.focus,
             flat=self.flat,
         )
         settings = view.settings

@@ -160,6 +160,7 @@ def plain_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics, t
         phase_scale=optics.phase_scale * math.exp(scale) / shrinkage(parameters),
         blur=math.sqrt(max(optics.blur**2 + more_blur, 0.0)),
         spread=max(spread, 0.0),
+        focus=optics.focus + float(parameters[Parameter.FOCUS]),
     )
     second, turned, third = (float(parameters[p]) for p in HARMONICS)
     table = radial_table(

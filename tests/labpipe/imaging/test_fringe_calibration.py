@@ -92,11 +92,11 @@ def test_what_promises_nothing_on_a_few_pixels_is_not_tried_on_whole_frames() ->
 def test_what_explained_nothing_is_tried_again_when_most_of_the_misfit_is_gone(monkeypatch: pytest.MonkeyPatch) -> None:
     names = ("find_blur", "_find_uneven_light", "find_harmonics", "find_blur_before_camera", "find_second_colour")
     asked: list[str] = []
-    for name in (*names, "find_coating", "_find_optics", "find_flat"):
+    for name in (*names, "find_coating", "_find_optics", "find_flat", "_find_focus"):
         monkeypatch.setattr(_calibration, name, lambda *_, name=name: asked.append(name))
     vain: dict[int, float] = {}
     attempt = Mock(return_value=None, round_share=lambda *_: 0.9)
-    for misfit, count in ((3.0, 10), (2.5, 0), (2.0, 10)):
+    for misfit, count in ((3.0, 11), (2.5, 0), (2.0, 11)):
         asked.clear()
         assert not [*_calibration._candidates(attempt, (), Calibration(), trial(misfit), None, vain, 0.0)]  # type: ignore
         assert len(asked) == count

@@ -100,7 +100,7 @@ def test_gap_beside_a_flat_is_that_of_the_springs(share: float) -> None:
 
 def test_a_point_contact_beside_a_flat_is_no_error() -> None:
     """An iteration may pass through a radius of 0, where no flat fits into the contact."""
-    rest = (np.ones(1), OPTICS.phase_scale, 2.9, pixel_weights(0.0), 0.0, 0.0, 0.0, 5, 30.0, 0.0, 0.5)
+    rest = (np.ones(1), OPTICS.phase_scale, 2.9, pixel_weights(0.0), 0.0, 0.0, 0.0, 5, 30.0, 0.0, 0.5, 0.0)
     table = fill_table(np.linspace(0.5, 40.0, 600), 0.0, 0.3, np.zeros(1), *rest)
     assert np.isfinite(table).all()
     assert all(np.isfinite(slope).all() for slope in scaled_slopes(np.linspace(0.5, 40.0, 9), 0.0, 30.0))
@@ -120,20 +120,20 @@ def test_slopes_are_the_derivatives_of_the_gap(a: float, beyond: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("blur", "flat", "disc", "spread"),
-    [(0.0, 0.0, 0.0, 0.0), (0.8, 0.0, 0.0, 0.0), (0.8, 70.0, 0.0, 4e-3), (2.5, 0.0, 0.7, 1e-3)],
+    ("blur", "flat", "disc", "spread", "focus"),
+    [(0.0, 0.0, 0.0, 0.0, 0.0), (0.8, 0.0, 0.0, 0.0, 4e-3), (0.8, 70.0, 0.0, 4e-3, -6e-3), (2.5, 0.0, 0.7, 1e-3, 0.0)],
 )
 @pytest.mark.parametrize("travel", [0.0, 1.5, 12.0])
 def test_compiled_table_equals_the_plain_one(
-    travel: float, blur: float, flat: float, disc: float, spread: float
+    travel: float, blur: float, flat: float, disc: float, spread: float, focus: float
 ) -> None:
-    a, optics = 120.3, Optics(OPTICS.phase_scale, 2.9, blur, flat, disc, spread=spread)
+    a, optics = 120.3, Optics(OPTICS.phase_scale, 2.9, blur, flat, disc, spread=spread, focus=focus)
     inner, outer = ring_limits(a, optics, 3.0, 3.0)
     kernel = pixel_weights(blur, disc, 0.5 * (a + outer))
     start, distance = table_distances(inner, outer, blur, len(kernel) // 2)
     spacing = 2.0 * math.pi / phase_slope(outer, a, optics)
     nodes, weights = exposure_nodes(travel, spacing)
-    rest = (weights, optics.phase_scale, 2.9, kernel, 0.2, 0.15, -0.1, 10, flat, spread, 0.5)
+    rest = (weights, optics.phase_scale, 2.9, kernel, 0.2, 0.15, -0.1, 11, flat, spread, 0.5, focus)
     compiled = fill_table(distance, a, travel, nodes, *rest)
     plain = radial_table(inner, outer, a, travel, optics, (0.2, 0.15, -0.1))
     assert start == plain.start
@@ -141,6 +141,24 @@ def test_compiled_table_equals_the_plain_one(
     error = np.abs(compiled - plain.values).max(axis=1) / np.maximum(np.abs(plain.values).max(axis=1), 1e-2)
     assert error.max() < (1e-12 if blur < 1.0 else 2e-3)
     assert np.delete(error, 5).max() < (1e-12 if blur < 1.0 else 5e-4)
+
+
+@pytest.mark.parametrize(("flat", "second"), [(0.0, 0.0), (60.0, 0.0), (0.0, -0.05)])
+def test_slopes_out_of_focus_are_the_derivatives_of_the_light(flat: float, second: float) -> None:
+    """By radius and by the distance from focus; what turns harmonics follows the radius less exactly."""
+    a, optics = 120.3, Optics(OPTICS.phase_scale, 2.9, 0.3, flat, focus=-5e-3)
+    inner, outer = ring_limits(a, optics, 3.0, 3.0)
+
+    def light(radius: float, focus: float) -> Floats:
+        changed = replace(optics, focus=focus)
+        return radial_table(inner, outer, radius, 1.0, changed, (second, 0.0, 0.0)).values
+
+    table = light(a, optics.focus)
+    by_radius = (light(a + 1e-4, optics.focus)[0] - light(a - 1e-4, optics.focus)[0]) / 2e-4
+    by_focus = (light(a, optics.focus + 1e-7)[0] - light(a, optics.focus - 1e-7)[0]) / 2e-7
+    share = 0.02 if second else 1e-6
+    assert np.abs(table[2] - by_radius).max() < share * np.abs(by_radius).max()
+    assert np.abs(table[10] - by_focus).max() < 5.0 * share * np.abs(by_focus).max()
 
 
 def test_a_band_of_colours_is_the_mean_over_its_wavelengths() -> None:
