@@ -12,12 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.imaging.fringes._attempts import Attempts
+from labpipe.imaging.fringes._band import weigh_band, with_small_band
 from labpipe.imaging.fringes._harmonics import find_blur_before_camera, find_coating, find_harmonics, settle_harmonics
-from labpipe.imaging.fringes._lens_blur import BLUR_ROUNDS, LEAST_BLUR, find_blur, least_blur, next_gain, settle_blur
+from labpipe.imaging.fringes._lens_blur import find_blur, settle_blur
 from labpipe.imaging.fringes._open_gap import explained_by_gap
 from labpipe.imaging.fringes._ring_fit import RingFit
-from labpipe.imaging.fringes._ring_parameters import ASSUMED, AXES, BEAMS, COATING, Parameter
+from labpipe.imaging.fringes._ring_parameters import AXES, BEAMS, COATING, Parameter
 from labpipe.imaging.fringes._second_colour import find_second_colour, settle_colour
+from labpipe.imaging.fringes._together import find_together, what_is_found, with_beside, with_rough
 from labpipe.imaging.fringes._trials import (
     FACTOR,
     FEW_FRAMES,
@@ -28,6 +30,7 @@ from labpipe.imaging.fringes._trials import (
     PROMISE,
     SIGNIFICANT,
     VARIANCES,
+    WEAK_HINT,
     Attempt,
     Calibration,
     Trial,
@@ -38,8 +41,6 @@ from labpipe.imaging.fringes._worn_flat import find_flat, find_small_flat, weigh
 
 #: Greatest logarithm of the phase scale that is believed: a factor of two.
 _MOST_SCALE = 0.7
-#: Relative change of the blur at which it is settled with all else free.
-_SETTLED_BLUR = 0.003
 #: Share of the squared misfit below which nothing else is looked for beside what leaves no more, whatever that is
 #: and where it may be there by chance.
 _ALL_BUT, _MOSTLY = 0.02, 0.1
@@ -56,22 +57,15 @@ _ROUND = 0.75
 #: opens less than in the others; logarithm of the scale by which it does, at least and over the median difference;
 #: share of the frames that do, at most.
 _BY_GAP, _OPENED, _APART, _FEW_OPENED = 0.3, 0.03, 8.0, 0.34
-#: Variances from which a phase is hinted at, beyond two for each frame, where pixels scatter alone; standard
-#: deviations from which a hint counts elsewhere.
-_WEAK_HINT, _NOTABLE = 10.0, 3.0
-#: Skewness of a band of colours that is tried, and that of usual ones, two lines among them; steps of it that are
-#: believed at most, and variances in each frame by which another one must be better. Skew between bands even in
-#: wavenumbers and in wavelengths.
-_SKEWNESS, _USUAL_SKEWNESS, _MOST_STEPS, _CLEAR, _EVEN = 0.5, 2.0, 2.0, 300.0, 0.5
-#: Blur (px) beside which no band of colours that hides is looked for: what is not known of its shape looks like one.
-_WIDE_BLUR = 2.0
+#: Standard deviations from which a phase or a scale that noise with a memory may hint at counts.
+_NOTABLE = 3.0
 #: What is tried beside a distance from focus, which must explain about as much as these.
 _LIKE_FOCUS = (Parameter.PHASE,), (Parameter.SCALE, Parameter.SPREAD)
 #: Squared misfit over that of a rival up to which a distance from focus is as likely; share of the difference of their
 #: radii by which either may be off.
 _AS_LIKELY, _BETWEEN = 1.3, 0.4
-#: Things that are found one after the other at most, and from how many on they are found again together.
-_ROUNDS, _TOGETHER = 4, 2
+#: Things that are found one after the other at most.
+_ROUNDS = 4
 
 
 def calibrate(
@@ -123,7 +117,7 @@ def calibrate(
     if rough:
         trial = attempt((*plain_axes, *rough), result)
         if trial is not None:
-            result = _with_rough(trial, result, rough, view)
+            result = with_rough(trial, result, rough, view)
             best = attempt(plain_axes, result) or best
     if result.colour[1]:
         best, result = settle_colour(attempt, plain_axes, result) or (best, result)
@@ -155,8 +149,8 @@ def calibrate(
     if settled is not best:
         best = settled
         attempt.begin_from(best, plain_axes, result)
-    result = _refine(attempt, plain_axes, settle_harmonics(attempt, plain_axes, result), view)
-    result = _weigh_band(attempt, plain_axes, _with_small_band(attempt, plain_axes, result), view)
+    result = find_together(attempt, plain_axes, settle_harmonics(attempt, plain_axes, result), view)
+    result = weigh_band(attempt, plain_axes, with_small_band(attempt, plain_axes, result), view)
     # What a film shows beyond the third harmonic looks like a small phase where no lens has blurred it.
     is_cut = any(result.harmonics) and (result.by_camera or not result.blur)
     is_told = not is_phase_free or result.phase_shift != 0.0 or is_cut
@@ -218,7 +212,7 @@ def _with_hidden(
     best = attempt(tuple(axes), known)  # with all that is known by now, or its gain would be this one's
     least = HINT
     if best is not None and best.is_quiet:
-        least = (_WEAK_HINT if parameter is Parameter.PHASE else HINT) + 2.0 * len(best.fits)
+        least = (WEAK_HINT if parameter is Parameter.PHASE else HINT) + 2.0 * len(best.fits)
     if best is None or best.expected_gain((parameter,)) < HALF * least:
         return known
     trial = attempt((*axes, parameter), known)
@@ -259,7 +253,7 @@ def _candidates(
         lambda: None if known.spread else _find_optics(attempt, axes, known, best, Parameter.SPREAD, view),
         lambda: _find_uneven_light(attempt, axes, known, best),
         lambda: find_harmonics(attempt, axes, known, best),
-        lambda: find_coating(attempt, axes, known, best, view),
+        lambda: find_coating(attempt, axes, known, best, view, least),
         lambda: _find_optics(attempt, axes, known, best, Parameter.PHASE, view),
         lambda: _find_optics(attempt, axes, known, best, Parameter.SCALE, view),
         lambda: find_flat(attempt, axes, known, best),
@@ -291,7 +285,7 @@ def _likeliest(
 
     What explains nearly all or next to nothing there is not compared with others.
     """
-    beside = [p for group in _found(known) for p in group]
+    beside = [p for group in what_is_found(known) for p in group]
     ways = (
         (0, [Parameter.BLUR], known.blur),
         (1, [Parameter.SPREAD, *beside], known.spread),
@@ -344,31 +338,6 @@ def _find_ellipse(attempt: Attempts, known: Calibration, best: Trial) -> tuple[T
     return best, known
 
 
-def _with_rough(trial: Trial, known: Calibration, rough: Sequence[Parameter], view: View) -> Calibration:
-    """Take phase and scale from a trial that left them free."""
-    if Parameter.PHASE in rough:
-        phase, u = trial.mean(Parameter.PHASE)
-        known = replace(known, phase_shift=phase - view.optics.phase, u_phase_shift=u)
-    if Parameter.SCALE in rough:
-        scale, u = trial.mean(Parameter.SCALE)
-        known = replace(known, log_scale=scale, u_log_scale=u)
-    return known
-
-
-def _with_beside(trial: Trial, known: Calibration, beside: Sequence[Parameter], view: View) -> Calibration:
-    """Take phase, spread, harmonics and ellipse from a trial that left them free."""
-    known = _with_rough(trial, known, [p for p in beside if p is Parameter.PHASE], view)
-    if Parameter.SPREAD in beside:
-        known = replace(known, spread=max(known.spread + trial.mean(Parameter.SPREAD)[0], 0.0))
-    if Parameter.FOCUS in beside:
-        known = replace(known, focus=known.focus + trial.mean(Parameter.FOCUS)[0])
-    if Parameter.SECOND in beside:
-        known = replace(known, harmonics=trial.harmonics)
-    if Parameter.STRETCH in beside:
-        known = replace(known, ellipse=(trial.mean(Parameter.STRETCH)[0], trial.mean(Parameter.SHEAR)[0]))
-    return known
-
-
 def _find_uneven_light(
     attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial
 ) -> tuple[Trial, Calibration] | None:
@@ -386,118 +355,6 @@ def _find_uneven_light(
     return (trial, uneven) if is_better else None
 
 
-def _found(known: Calibration) -> list[tuple[Parameter, ...]]:
-    """Return what was found, by groups of parameters."""
-    groups = (
-        ((Parameter.PHASE,), known.phase_shift != 0.0),
-        ((Parameter.SCALE,), known.log_scale != 0.0),
-        (BEAMS, any(known.harmonics)),
-        ((Parameter.TURNED,), known.harmonics[1] != 0.0),
-        ((Parameter.SPREAD,), known.spread != 0.0),
-        ((Parameter.FOCUS,), known.focus != 0.0),
-        (AXES, known.ellipse != (0.0, 0.0)),
-    )
-    return [group for group, is_found in groups if is_found]
-
-
-def _refine(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, view: View) -> Calibration:
-    """Find again together, and with the blur, what was found one after the other while another stood in for it."""
-    found = _found(known)
-    free = [parameter for group in found for parameter in group]
-    if len(found) + bool(known.blur) < _TOGETHER:
-        return known
-    before, gain = 0.0, 1.0
-    for _ in range(BLUR_ROUNDS):
-        trial = attempt((*axes, *free), known)
-        if trial is None:
-            return known
-        known = _with_beside(trial, known, free, view)
-        if Parameter.SCALE in free:
-            change, u = trial.mean(Parameter.SCALE)
-            known = replace(known, log_scale=known.log_scale + change, u_log_scale=u)
-        if not known.blur:
-            break
-        square = known.blur**2
-        beyond = least_blur(trial, known.blur)[0] - square
-        # What else is found with it bends what the frames show: a step may overshoot.
-        gain = next_gain(gain, before, beyond)
-        before = gain * beyond
-        square = max(square + before, LEAST_BLUR**2)
-        is_settled = abs(math.sqrt(square) - known.blur) < _SETTLED_BLUR * known.blur
-        known = replace(known, blur=math.sqrt(square))
-        if is_settled:
-            break
-    return known
-
-
-def _with_small_band(attempt: Attempt, axes: Sequence[Parameter], known: Calibration) -> Calibration:
-    """Take a band of colours that hides below what is seen of errors of the model, with all else known.
-
-    A blur that seems a disc may be a Gaussian beside one: what explains the frames about as well counts, by how
-    likely it is, as what may be wrong.
-    """
-    best = attempt(axes, known)
-    if best is None or known.spread or known.focus or known.blur > _WIDE_BLUR or not best.is_quiet:
-        return known
-    least = _WEAK_HINT + 2.0 * len(best.fits)
-    if not (known.disc or best.may_gain(ASSUMED, least)):
-        return known
-    ways = [(best, known)]
-    for disc in dict.fromkeys((known.disc, 0.5 * known.disc, 0.0)):
-        shape = replace(known, disc=disc)
-        free = attempt((*axes, Parameter.SPREAD), shape)
-        spread = 0.0 if free is None else free.mean(Parameter.SPREAD)[0]
-        if free is None or spread <= 0.0:
-            continue
-        seen = replace(shape, spread=spread)
-        trial = attempt(axes, seen)
-        if trial is not None:
-            ways.append((trial, seen.with_shared(free, free.shift_of_radius((Parameter.SPREAD,)))))
-    gains = [trial.gain_over(best) for trial, _ in ways]
-    likeliest = max(range(len(gains)), key=lambda place: gains[place])
-    taken, found = ways[likeliest if gains[likeliest] > least else 0]
-    # a small flat looks like a band as well, and more like another phase and scale
-    rival = attempt((*axes, *ASSUMED), known) if taken is not best else None
-    if rival is not None:
-        ways.append((rival, known))
-        gains.append(rival.gain_over(best) - 2.0 * least)
-    weights = np.exp(0.5 * (np.array(gains) - max(gains)))
-    changes = np.array([trial.changes(taken) for trial, _ in ways])
-    return found.with_shared(taken, np.sqrt(np.average(changes**2, axis=0, weights=weights)))
-
-
-def _weigh_band(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, view: View) -> Calibration:
-    """Find how skewed a band of colours is, a second line beside the first for one, or count what that may be."""
-    if not known.spread:
-        return known
-    beside = tuple(p for group in _found(known) for p in group)
-    free = (*axes, *beside)
-    step = _SKEWNESS / (3.0 * math.sqrt(known.spread))
-    ways = [attempt(free, replace(known, skew=known.skew + place * step)) for place in (-1.0, 0.0, 1.0)]
-    made = [trial for trial in ways if trial is not None]
-    if len(made) < len(ways):
-        return known
-    before, middle, after = (trial.left for trial in made)
-    slope, bend = 0.5 * (after - before), after + before - 2.0 * middle
-    likeliest = float(np.clip(-slope / max(bend, 0.5 * abs(slope) + 1e-9), -_MOST_STEPS, _MOST_STEPS))
-    shift = 0.5 * made[2].changes(made[0])
-    if -likeliest * (slope + 0.5 * likeliest * bend) > _CLEAR * len(made[1].fits):
-        skewed = replace(known, skew=known.skew + likeliest * step)
-        trial = attempt(free, skewed)
-        if trial is not None and trial.gain_over(made[1]) > _CLEAR * len(trial.fits):
-            known = _with_beside(trial, skewed, beside, view)
-            if Parameter.SCALE in beside:
-                change, u = trial.mean(Parameter.SCALE)
-                known = replace(known, log_scale=known.log_scale + change, u_log_scale=u)
-    if known.skew == _EVEN:
-        # a band may be even in wavenumbers or in wavelengths
-        even, other = attempt(axes, known), attempt(axes, replace(known, skew=2.0 * _EVEN))
-        known = known if even is None or other is None else known.with_shared(even, even.changes(other))
-    by_noise = max(middle / made[1].pixels, 1.0)
-    deviation = 1.0 / math.sqrt(max(bend, 0.0) / (2.0 * by_noise) + (_SKEWNESS / _USUAL_SKEWNESS) ** 2)
-    return known.with_shared(made[1], shift * deviation)
-
-
 def _find_optics(
     attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, parameter: Parameter, view: View
 ) -> tuple[Trial, Calibration] | None:
@@ -505,7 +362,7 @@ def _find_optics(
 
     What was found while it was wrong is found again with it.
     """
-    beside = tuple(p for group in _found(known) for p in group)
+    beside = tuple(p for group in what_is_found(known) for p in group)
     free = tuple(dict.fromkeys((*axes, parameter, *beside)))
     if not (best.may_gain((parameter,)) and is_promising(attempt, (axes, known), (free, known), best)):
         return None
@@ -513,10 +370,11 @@ def _find_optics(
     if trial is None or not trial.is_better_than(best):
         return None
     value, deviation = trial.mean(parameter)
-    found = _with_beside(trial, known, beside, view)
+    found = with_beside(trial, known, beside, view)
     if parameter is Parameter.PHASE:
         shift = value - view.optics.phase
-        if abs(shift - known.phase_shift) <= SIGNIFICANT * deviation:
+        is_told = abs(shift - known.phase_shift) > SIGNIFICANT * deviation
+        if not is_told or _is_scale_of_ellipse(attempt, free, known, view):
             return None
         return trial, replace(found, phase_shift=shift, u_phase_shift=deviation)
     if parameter is Parameter.SPREAD:
@@ -530,13 +388,24 @@ def _find_optics(
     return trial, replace(found, log_scale=scale, u_log_scale=deviation)
 
 
+def _is_scale_of_ellipse(attempt: Attempt, free: Sequence[Parameter], known: Calibration, view: View) -> bool:
+    """Tell whether what looks like a phase is a scale: an oblique view, which shows ellipses, changes the area."""
+    if known.ellipse == (0.0, 0.0) or known.log_scale:
+        return False
+    both = attempt((*free, Parameter.SCALE), known)
+    if both is None:
+        return False
+    phase, u = both.mean(Parameter.PHASE)
+    return abs(phase - view.optics.phase - known.phase_shift) <= SIGNIFICANT * u
+
+
 def _find_focus(
     attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, view: View
 ) -> tuple[Trial, Calibration] | None:
     """Distance from focus, and harmonics, without which it explains less, when they explain the frames much better."""
     if known.focus or not best.is_doubtful:
         return None
-    before = tuple(dict.fromkeys((*axes, *BEAMS, *(p for group in _found(known) for p in group))))
+    before = tuple(dict.fromkeys((*axes, *BEAMS, *(p for group in what_is_found(known) for p in group))))
     free = (*before, Parameter.FOCUS)
     trial = attempt(free, known) if is_promising(attempt, (axes, known), (free, known), best) else None
     simple = None if trial is None else attempt(before, known)
@@ -551,14 +420,14 @@ def _find_focus(
         rival = attempt(tuple(dict.fromkeys((*before, *other))), known)
         if rival is not None and rival.excess < least * trial.excess:
             return None
-    found = _with_beside(trial, known, free, view)
+    found = with_beside(trial, known, free, view)
     found = found.with_shared(trial, trial.shift_of_radius((Parameter.FOCUS,)))
     # light from many sides is blurred where it is out of focus
     blurred = find_blur(attempt, axes, found, trial, BEAMS)
     again = None if blurred is None else attempt(free, blurred[1])
     if blurred is None or again is None:
         return trial, found
-    return again, _with_beside(again, blurred[1], free, view)
+    return again, with_beside(again, blurred[1], free, view)
 
 
 def _choose(fits: dict[int, RingFit]) -> tuple[int, ...]:

@@ -8,7 +8,16 @@ import numpy as np
 
 from labpipe.imaging.fringes._lens_blur import LEAST_SHAPED, find_blur, shape_anew
 from labpipe.imaging.fringes._ring_parameters import BEAMS, COATING, HARMONICS, Parameter
-from labpipe.imaging.fringes._trials import SIGNIFICANT, VARIANCES, Attempt, Calibration, Trial, doubt, is_promising
+from labpipe.imaging.fringes._trials import (
+    FACTOR,
+    SIGNIFICANT,
+    VARIANCES,
+    Attempt,
+    Calibration,
+    Trial,
+    doubt,
+    is_promising,
+)
 from labpipe.imaging.fringes._view import View
 
 
@@ -41,9 +50,12 @@ def find_harmonics(
 
 
 def find_coating(
-    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, view: View
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, view: View, least: float
 ) -> tuple[Trial, Calibration] | None:
-    """Phase and turned harmonics of coatings that absorb, when neither explains as much without the other."""
+    """Phase and turned harmonics of coatings that absorb, when neither explains as much without the other.
+
+    Nor may something simpler, of which the ``least`` squared misfit is known.
+    """
     if known.harmonics[1] or not best.is_doubtful:
         return None
     coated = (*axes, *COATING)
@@ -53,7 +65,7 @@ def find_coating(
     if trial is None or not trial.is_better_than(best):
         return None
     turned, deviation = trial.mean(Parameter.TURNED)
-    if abs(turned) <= SIGNIFICANT * deviation:
+    if abs(turned) <= SIGNIFICANT * deviation or trial.excess * FACTOR > least:
         return None
     for free in (BEAMS, (Parameter.PHASE,)):
         simpler = attempt((*axes, *free), known)

@@ -14,6 +14,8 @@ from labpipe.imaging.fringes._view import View
 
 #: Variances in all from which something is hinted at.
 HINT = 25.0
+#: The same, beyond two for each frame, where pixels scatter alone.
+WEAK_HINT = 10.0
 #: Frames that are used, the largest contacts first.
 MOST_FRAMES = 8
 #: A freed quantity is believed when it lowers the squared misfit by this factor, ...

@@ -515,6 +515,15 @@ def test_an_ellipse_with_another_fault_is_measured_by_its_fringes(case: str, cou
     assert said == []
 
 
+@pytest.mark.parametrize(("stretch", "seed"), [(0.01, 21), (0.02, 22), *by_day([(0.04, 23), (0.03, 24)], 0)])
+def test_an_ellipse_in_speckle_out_of_focus(stretch: float, seed: int) -> None:
+    """The scale that comes with it was taken for a phase: radii were 0.1 to 1.8 um off at 5 to 60 u."""
+    scene = bench.Scene(stretch=stretch, blur=2.0, speckle=0.1, slope=0.3)
+    found, said = measure(bench.make_film(scene, 3, seed))
+    check(found, [scene.radius * math.sqrt(1.0 + stretch)] * 3, 0.08 * UM)
+    assert ["fringes are wider than R, wavelength and pixel size" in text for text in said] == [True]
+
+
 @pytest.mark.parametrize("count", [1, 2])
 def test_an_ellipse_beside_a_coating_that_absorbs(count: int) -> None:
     """Phase, harmonics and scale were found one after the other, each while the others were wrong."""
