@@ -44,11 +44,14 @@ _MOST_SCALE = 0.7
 #: Share of the squared misfit below which nothing else is looked for beside what leaves no more, whatever that is
 #: and where it may be there by chance.
 _ALL_BUT, _MOSTLY = 0.02, 0.1
-#: Explanations that cost most: a simpler one that leaves less than that by chance is taken before.
-_COSTLY = 2
-#: Place of the explanation that is no function of the distance: none of the others is tried where all such
-#: functions together would not explain enough.
-_UNEVEN = 2
+#: Explanations that more than one rule is about.
+_BLUR, _BAND, _HARMONICS, _COATING, _PHASE, _SCALE = "blur", "band", "harmonics", "coating", "phase", "scale"
+_BEFORE_CAMERA, _COLOUR = "blur before the camera", "second colour"
+#: Those that cost most: a simpler one that leaves less than that by chance is taken before.
+_COSTLY = (_BEFORE_CAMERA, _COLOUR)
+#: The one that is no function of the distance: none of the others is tried where all such functions together would
+#: not explain enough.
+_UNEVEN = "uneven light"
 #: Share of what some pixels of an explanation leave below which another one, that leaves so little, is tried before it.
 _FAR_LESS = 0.25
 #: Share that they explain from which no ellipse is tried.
@@ -122,7 +125,7 @@ def calibrate(
     if result.colour[1]:
         best, result = settle_colour(attempt, plain_axes, result) or (best, result)
     # One may hide behind another: whatever explains most comes first.
-    vain: dict[int, float] = {}
+    vain: dict[str, float] = {}
     for _ in range(_ROUNDS):
         better: list[tuple[Trial, Calibration]] = []
         for trial, found in _candidates(attempt, plain_axes, result, best, view, vain, log_stated):
@@ -238,7 +241,7 @@ def _candidates(
     known: Calibration,
     best: Trial,
     view: View,
-    vain: dict[int, float],
+    vain: dict[str, float],
     log_stated: float,
 ) -> Iterator[tuple[Trial, Calibration]]:
     """Yield what explains the frames much better, the likelier and cheaper first.
@@ -248,65 +251,68 @@ def _candidates(
     nothing where all of them could 0.46 of the misfit, and what is much better explains more.
     """
     is_round = not (best.is_doubtful and attempt.round_share(best, known) <= 1.0 - 1.0 / FACTOR)
-    makers: tuple[Callable[[], tuple[Trial, Calibration] | None], ...] = (
-        lambda: find_blur(attempt, axes, known, best),
-        lambda: None if known.spread else _find_optics(attempt, axes, known, best, Parameter.SPREAD, view),
-        lambda: _find_uneven_light(attempt, axes, known, best),
-        lambda: find_harmonics(attempt, axes, known, best),
-        lambda: find_coating(attempt, axes, known, best, view, least),
-        lambda: _find_optics(attempt, axes, known, best, Parameter.PHASE, view),
-        lambda: _find_optics(attempt, axes, known, best, Parameter.SCALE, view),
-        lambda: find_flat(attempt, axes, known, best),
-        lambda: find_flat(attempt, axes, replace(known, log_scale=log_stated), best) if log_stated else None,
-        lambda: _find_focus(attempt, axes, known, best, view),
-        lambda: find_blur_before_camera(attempt, axes, known, best),
-        lambda: find_second_colour(attempt, axes, known, best),
-    )
+    makers: dict[str, Callable[[], tuple[Trial, Calibration] | None]] = {
+        _BLUR: lambda: find_blur(attempt, axes, known, best),
+        _BAND: lambda: None if known.spread else _find_optics(attempt, axes, known, best, Parameter.SPREAD, view),
+        _UNEVEN: lambda: _find_uneven_light(attempt, axes, known, best),
+        _HARMONICS: lambda: find_harmonics(attempt, axes, known, best),
+        _COATING: lambda: find_coating(attempt, axes, known, best, view, least),
+        _PHASE: lambda: _find_optics(attempt, axes, known, best, Parameter.PHASE, view),
+        _SCALE: lambda: _find_optics(attempt, axes, known, best, Parameter.SCALE, view),
+        "flat": lambda: find_flat(attempt, axes, known, best),
+        "flat beside the stated scale": lambda: (
+            find_flat(attempt, axes, replace(known, log_scale=log_stated), best) if log_stated else None
+        ),
+        "focus": lambda: _find_focus(attempt, axes, known, best, view),
+        _BEFORE_CAMERA: lambda: find_blur_before_camera(attempt, axes, known, best),
+        _COLOUR: lambda: find_second_colour(attempt, axes, known, best),
+    }
     least = best.excess
-    may_tell = (place for place in range(len(makers)) if is_round or place == _UNEVEN)
-    places = [place for place in may_tell if FACTOR * best.excess <= vain.get(place, math.inf)]
-    while places:
-        place = _likeliest(attempt, axes, known, best, places)
-        places.remove(place)
-        if place >= len(makers) - _COSTLY and least < _MOSTLY * best.excess:
+    may_tell = (name for name in makers if is_round or name == _UNEVEN)
+    names = [name for name in may_tell if FACTOR * best.excess <= vain.get(name, math.inf)]
+    while names:
+        name = _likeliest(attempt, axes, known, best, names)
+        names.remove(name)
+        if name in _COSTLY and least < _MOSTLY * best.excess:
             continue
-        found = makers[place]()
+        found = makers[name]()
         if found is not None:
             least = min(least, found[0].excess)
             yield found
         else:
-            vain[place] = best.excess
+            vain[name] = best.excess
 
 
 def _likeliest(
-    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, places: Sequence[int]
-) -> int:
-    """Return the first of some places of explanations, or one that by some pixels leaves far less than that.
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, names: Sequence[str]
+) -> str:
+    """Return the first of some explanations, or one that by some pixels leaves far less than that.
 
     What explains nearly all or next to nothing there is not compared with others.
     """
     beside = [p for group in what_is_found(known) for p in group]
     ways = (
-        (0, [Parameter.BLUR], known.blur),
-        (1, [Parameter.SPREAD, *beside], known.spread),
-        (3, BEAMS, any(known.harmonics)),
-        (4, COATING, known.harmonics[1]),
-        (5, [Parameter.PHASE, *beside], False),
-        (6, [Parameter.SCALE, *beside], False),
+        (_BLUR, [Parameter.BLUR], known.blur),
+        (_BAND, [Parameter.SPREAD, *beside], known.spread),
+        (_HARMONICS, BEAMS, any(known.harmonics)),
+        (_COATING, COATING, known.harmonics[1]),
+        (_PHASE, [Parameter.PHASE, *beside], False),
+        (_SCALE, [Parameter.SCALE, *beside], False),
     )
-    looks = {place: way for place, way, is_found in ways if place in places and not is_found}
-    if not best.is_doubtful or places[0] not in looks:
-        return places[0]
+    looks = {name: way for name, way, is_found in ways if name in names and not is_found}
+    first = names[0]
+    if not best.is_doubtful or first not in looks:
+        return first
 
     def excess(way: Sequence[Parameter]) -> float:
         trial = attempt(tuple(dict.fromkeys((*axes, *way))), known, FEW_FRAMES, FEW_PIXELS)
         return math.inf if trial is None else trial.excess
 
-    before, own = excess(()), excess(looks[places[0]])
+    before, own = excess(()), excess(looks[first])
     if not _ALL_BUT * before < own < PROMISE * before:
-        return places[0]
-    other = min(looks, key=lambda place: excess(looks[place]))
-    return other if excess(looks[other]) < _FAR_LESS * own else places[0]
+        return first
+    other = min(looks, key=lambda name: excess(looks[name]))
+    return other if excess(looks[other]) < _FAR_LESS * own else first
 
 
 def _find_ellipse(attempt: Attempts, known: Calibration, best: Trial) -> tuple[Trial, Calibration]:

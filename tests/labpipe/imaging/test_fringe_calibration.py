@@ -94,7 +94,7 @@ def test_what_explained_nothing_is_tried_again_when_most_of_the_misfit_is_gone(m
     asked: list[str] = []
     for name in (*names, "find_coating", "_find_optics", "find_flat", "_find_focus"):
         monkeypatch.setattr(_calibration, name, lambda *_, name=name: asked.append(name))
-    vain: dict[int, float] = {}
+    vain: dict[str, float] = {}
     attempt = Mock(return_value=None, round_share=lambda *_: 0.9)
     for misfit, count in ((3.0, 11), (2.5, 0), (2.0, 11)):
         asked.clear()
@@ -106,13 +106,18 @@ def test_what_explained_nothing_is_tried_again_when_most_of_the_misfit_is_gone(m
     assert asked == ["_find_uneven_light"]
 
 
-@pytest.mark.parametrize(("scaled", "coated", "first"), [(0.3, 1.0, 6), (0.6, 1.0, 4), (0.3, 0.2, 4), (0.3, 2.9, 4)])
-def test_what_leaves_far_less_on_a_few_pixels_is_tried_first(scaled: float, coated: float, first: int) -> None:
+@pytest.mark.parametrize(
+    ("scaled", "coated", "first"),
+    [(0.3, 1.0, "scale"), (0.6, 1.0, "coating"), (0.3, 0.2, "coating"), (0.3, 2.9, "coating")],
+)
+def test_what_leaves_far_less_on_a_few_pixels_is_tried_first(scaled: float, coated: float, first: str) -> None:
     def attempt(extra: tuple[Parameter, ...], known: Calibration, count: int, pixels: int) -> Trial:
         assert (count, pixels) == (FEW_FRAMES, FEW_PIXELS)
         return trial(scaled if extra == (Parameter.SCALE,) else coated if extra == COATING else 3.0)
 
-    assert _calibration._likeliest(attempt, (), Calibration(), trial(3.0), [4, 5, 6, 7]) == first
+    assert (
+        _calibration._likeliest(attempt, (), Calibration(), trial(3.0), ["coating", "phase", "scale", "flat"]) == first
+    )
 
 
 def test_a_frame_between_two_others_is_expected_between_them() -> None:
