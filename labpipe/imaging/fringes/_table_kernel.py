@@ -196,7 +196,7 @@ def fill_table(
     is_rich, is_spread, is_bent = lines > 5, spread > 0.0 or lines > 9, focus != 0.0 or lines > 10
     raw = np.zeros((lines, count))
     band = np.zeros((8, count))
-    root, angle, within, slope = np.empty(count), np.empty(count), np.empty(count), np.empty(count)
+    root, angle, within = np.empty(count), np.empty(count), np.empty(count)
     cosine, sine, inside = np.empty(count), np.empty(count), (math.cos(phase), math.sin(phase))
     for k in range(len(nodes)):
         node, weight = nodes[k], weights[k]
@@ -216,12 +216,14 @@ def fill_table(
             # By radius below: -4 a angle; here 2 (2 a² - b²) / s angle.
             bend = (square - 0.5 * inner) / (a * side)
         scale, bent = phase_scale / math.pi, 4.0 * focus / math.pi
+        # apart from what has branches: several samples at a time
+        slope = side * root / np.maximum(distance, 1e-12) + distance * turn
         for i in range(count):
             cosine[i], sine[i], band[_LAG, i] = inside[0], inside[1], 0.0
-            slope[i] = side * root[i] / max(distance[i], 1e-12) + distance[i] * turn[i]
             if root[i] > 0.0:
                 beyond = (distance[i] * distance[i] - inner) * turn[i] + side * root[i]
-                band[_LAG, i] = scale * (beyond - 2.0 * a * side * angle[i] - bent * slope[i] ** 2)
+                less = bent * slope[i] ** 2 if is_bent else 0.0
+                band[_LAG, i] = scale * (beyond - 2.0 * a * side * angle[i] - less)
                 cosine[i], sine[i] = math.cos(band[_LAG, i] + phase), math.sin(band[_LAG, i] + phase)
         if is_bent:
             band[_SQUARE] = slope * slope
