@@ -19,7 +19,7 @@ from labpipe.imaging.fringes._open_gap import explained_by_gap
 from labpipe.imaging.fringes._ring_fit import RingFit
 from labpipe.imaging.fringes._ring_parameters import AXES, BEAMS, COATING, Parameter
 from labpipe.imaging.fringes._second_colour import find_second_colour, settle_colour
-from labpipe.imaging.fringes._together import find_together, what_is_found, with_beside, with_rough
+from labpipe.imaging.fringes._together import find_together, what_is_found, with_beside
 from labpipe.imaging.fringes._trials import (
     FACTOR,
     FEW_FRAMES,
@@ -120,7 +120,7 @@ def calibrate(
     if rough:
         trial = attempt((*plain_axes, *rough), result)
         if trial is not None:
-            result = with_rough(trial, result, rough, view)
+            result = with_beside(trial, result, rough, view)
             best = attempt(plain_axes, result) or best
     if result.colour[1]:
         best, result = settle_colour(attempt, plain_axes, result) or (best, result)

@@ -29,20 +29,11 @@ def what_is_found(known: Calibration) -> list[tuple[Parameter, ...]]:
     return [group for group, is_found in groups if is_found]
 
 
-def with_rough(trial: Trial, known: Calibration, rough: Sequence[Parameter], view: View) -> Calibration:
-    """Take phase and scale from a trial that left them free."""
-    if Parameter.PHASE in rough:
-        phase, u = trial.mean(Parameter.PHASE)
-        known = replace(known, phase_shift=phase - view.optics.phase, u_phase_shift=u)
-    if Parameter.SCALE in rough:
-        scale, u = trial.mean(Parameter.SCALE)
-        known = replace(known, log_scale=scale, u_log_scale=u)
-    return known
-
-
 def with_beside(trial: Trial, known: Calibration, beside: Sequence[Parameter], view: View) -> Calibration:
     """Take phase, scale, spread, harmonics and ellipse from a trial that left them free."""
-    known = with_rough(trial, known, [p for p in beside if p is Parameter.PHASE], view)
+    if Parameter.PHASE in beside:
+        phase, u = trial.mean(Parameter.PHASE)
+        known = replace(known, phase_shift=phase - view.optics.phase, u_phase_shift=u)
     if Parameter.SCALE in beside:
         change, u = trial.mean(Parameter.SCALE)
         known = replace(known, log_scale=known.log_scale + change, u_log_scale=u)
