@@ -4,8 +4,8 @@ import math
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.errors import CalibrationError
 from labpipe.signals import MAINS, Hum, estimate_noise, hum_at_rest, quantisation_step
 from labpipe.uncertainty import Source, excess_uncertainty
@@ -67,8 +67,8 @@ Zero = Literal["start"] | tuple[float, float] | Quantity | float
 
 
 def of_zero(
-    time: NDArray[np.float64],
-    values: NDArray[np.float64],
+    time: Floats,
+    values: Floats,
     zero: Zero,
     *,
     resolution: float = 0.0,
@@ -91,9 +91,7 @@ def of_zero(
     return given(values, float(zero), 0.0, resolution=resolution)
 
 
-def from_start(
-    time: NDArray[np.float64], values: NDArray[np.float64], *, resolution: float = 0.0, correlated: int = 1
-) -> Quiet:
+def from_start(time: Floats, values: Floats, *, resolution: float = 0.0, correlated: int = 1) -> Quiet:
     """Find the quiet window with which a record begins.
 
     Parameters
@@ -144,7 +142,7 @@ def from_start(
     return quiet._replace(u_level=u_level, hum=hum if is_decided else None)
 
 
-def _still(values: NDArray[np.float64], block: int, resolution: float) -> int:
+def _still(values: Floats, block: int, resolution: float) -> int:
     """Return with how many samples a record rests on its first level."""
     first = _FIRST // _BLOCK * block
     usable = values[: values.size - values.size % block].reshape(-1, block)
@@ -154,12 +152,7 @@ def _still(values: NDArray[np.float64], block: int, resolution: float) -> int:
 
 
 def in_window(
-    time: NDArray[np.float64],
-    values: NDArray[np.float64],
-    window: tuple[float, float],
-    *,
-    resolution: float = 0.0,
-    correlated: int = 1,
+    time: Floats, values: Floats, window: tuple[float, float], *, resolution: float = 0.0, correlated: int = 1
 ) -> Quiet:
     """Take a window that the caller knows to be quiet.
 
@@ -177,7 +170,7 @@ def in_window(
     return _describe(time[inside], values[inside], resolution, correlated)
 
 
-def given(values: NDArray[np.float64], level: float, u_level: float, *, resolution: float = 0.0) -> Quiet:
+def given(values: Floats, level: float, u_level: float, *, resolution: float = 0.0) -> Quiet:
     """Take a level that the caller knows; the noise is judged from the whole record."""
     finite = values[np.isfinite(values)]
     estimated = estimate_noise(finite).sigma if finite.size > 2 else 0.0
@@ -185,7 +178,7 @@ def given(values: NDArray[np.float64], level: float, u_level: float, *, resoluti
     return Quiet(level, u_level, float(noise), np.nan, np.nan, 0)
 
 
-def resolution_of(values: NDArray[np.float64], stated: float | None) -> float:
+def resolution_of(values: Floats, stated: float | None) -> float:
     """Return the step of a record: as displayed, or coarser when the values show it.
 
     Parameters
@@ -200,13 +193,13 @@ def resolution_of(values: NDArray[np.float64], stated: float | None) -> float:
     return max(found, stated or 0.0)
 
 
-def largest(values: NDArray[np.float64]) -> float:
+def largest(values: Floats) -> float:
     """Return the value that is furthest from zero; 0 where there is none."""
     finite = values[np.isfinite(values)]
     return float(finite[np.argmax(np.abs(finite))]) if finite.size else 0.0
 
 
-def _begins_in_motion(values: NDArray[np.float64], resolution: float) -> bool:
+def _begins_in_motion(values: Floats, resolution: float) -> bool:
     """Whether a beginning has a slope that is real, moves its level by more than its noise, and goes on.
 
     One of 10,000 beginnings at rest has such a slope by chance; what follows it lies on the level again.
@@ -222,7 +215,7 @@ def _begins_in_motion(values: NDArray[np.float64], resolution: float) -> bool:
     return away > _FACTOR * noise * np.sqrt(2 / _FIRST) or abs(slope) > _GOES_ON * u_slope
 
 
-def _slope(values: NDArray[np.float64], resolution: float) -> tuple[float, float, float]:
+def _slope(values: Floats, resolution: float) -> tuple[float, float, float]:
     """Return the slope per reading, its standard uncertainty, and the noise beside it."""
     position = np.arange(values.size) - (values.size - 1) / 2
     # From the first reading, so that equal readings far from zero have no slope by rounding.
@@ -234,7 +227,7 @@ def _slope(values: NDArray[np.float64], resolution: float) -> tuple[float, float
     return slope, noise / float(np.sqrt(position @ position)), noise
 
 
-def _swing(time: NDArray[np.float64], values: NDArray[np.float64], resolution: float) -> NDArray[np.float64] | None:
+def _swing(time: Floats, values: Floats, resolution: float) -> Floats | None:
     """Return the line of the mains that explains how a record begins; None where none does."""
     since = time - time[0]
     for periods in _PERIODS:
@@ -251,11 +244,11 @@ def _swing(time: NDArray[np.float64], values: NDArray[np.float64], resolution: f
     return None
 
 
-def _spread(values: NDArray[np.float64], resolution: float) -> float:
+def _spread(values: Floats, resolution: float) -> float:
     return max(float(values.std(ddof=1)), resolution / np.sqrt(12))
 
 
-def _describe(time: NDArray[np.float64], values: NDArray[np.float64], resolution: float, correlated: int) -> Quiet:
+def _describe(time: Floats, values: Floats, resolution: float, correlated: int) -> Quiet:
     noise = _spread(values, resolution)
     independent = max(values.size / correlated, 1.0)
     u_level = _MEDIAN * noise / np.sqrt(independent)
@@ -266,7 +259,7 @@ def _describe(time: NDArray[np.float64], values: NDArray[np.float64], resolution
     return Quiet(level, float(u_level), noise, float(time[0]), float(time[-1]), values.size)
 
 
-def _grouped_median(values: NDArray[np.float64], step: float) -> float:
+def _grouped_median(values: Floats, step: float) -> float:
     """Return the median of rounded values, interpolated inside the step on which it falls."""
     middle = float(np.median(values))
     below = int(np.sum(values < middle - step / 2))

@@ -4,9 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.units import Quantity
 
@@ -103,7 +101,7 @@ def time_base(attrs: Mapping[str, Any], deviation: Quantity | None = None, avera
     )
 
 
-def corrected(time: NDArray[np.float64], base: TimeBase, stated: float) -> NDArray[np.float64]:
+def corrected(time: Floats, base: TimeBase, stated: float) -> Floats:
     """Return the times at which the readings were true.
 
     Parameters

@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from calibration import _quiet
 from calibration._time_base import TimeBase, corrected, time_base
 from calibration.record import LaserRecord, LaserValues, Record, of_kind, require
+from labpipe.arrays import Flags, Floats
 from labpipe.errors import CalibrationError, InputError
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.units import Quantity
@@ -136,7 +136,7 @@ def displacement(
     )
 
 
-def _raw(readings: xr.Dataset, output: str, values: LaserValues) -> tuple[NDArray[np.float64], float | None, Quantity]:
+def _raw(readings: xr.Dataset, output: str, values: LaserValues) -> tuple[Floats, float | None, Quantity]:
     """Return the readings, the step of their display, and the gain to a length."""
     if output not in readings:
         outputs = ", ".join(name for name in map(str, readings) if name.startswith("out"))
@@ -167,9 +167,7 @@ def _as_read(zero: _quiet.Zero, unit_of_reading: str, values: LaserValues) -> _q
     raise InputError(f"the zero is in {zero.si}, the readings are in {unit_of_reading}")
 
 
-def _is_valid(
-    readings: xr.Dataset, output: str, raw: NDArray[np.float64], gain: Quantity, values: LaserValues
-) -> NDArray[np.bool_]:
+def _is_valid(readings: xr.Dataset, output: str, raw: Floats, gain: Quantity, values: LaserValues) -> Flags:
     is_valid = np.isfinite(raw)
     state = output.replace("out", "status")
     if state in readings:
@@ -181,7 +179,7 @@ def _is_valid(
 
 
 def _sources(
-    moved: NDArray[np.float64],
+    moved: Floats,
     at_rest: _quiet.Quiet,
     step: float,
     angle: Quantity,

@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy import signal
 
 from calibration import _quiet
 from calibration.record import LoadCellRecord, LoadCellValues, Record, of_kind, require
+from labpipe.arrays import Complexes, Floats
 from labpipe.errors import CalibrationError, InputError
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.units import Quantity
@@ -149,7 +149,7 @@ def _cell_name(attrs: Mapping[str, Any]) -> str:
     return names.pop() if len(names) == 1 else ""
 
 
-def _tare(readings: xr.Dataset, used: NDArray[np.float64], zero: _quiet.Zero | None, step: float) -> _quiet.Quiet:
+def _tare(readings: xr.Dataset, used: Floats, zero: _quiet.Zero | None, step: float) -> _quiet.Quiet:
     if isinstance(zero, str) and zero != "start":
         raise InputError(f'zero must be "start", a window, a force or None, found "{zero}"')
     if isinstance(zero, Quantity) and zero.si != "N":
@@ -162,12 +162,7 @@ def _tare(readings: xr.Dataset, used: NDArray[np.float64], zero: _quiet.Zero | N
 
 
 def _sources(
-    pressed: NDArray[np.float64],
-    at_rest: _quiet.Quiet,
-    step: float,
-    gain: Quantity,
-    values: LoadCellValues | None,
-    sign: int,
+    pressed: Floats, at_rest: _quiet.Quiet, step: float, gain: Quantity, values: LoadCellValues | None, sign: int
 ) -> list[Source]:
     sources = at_rest.sources("tare", "rounding to the cell's step", step, "N", sign * gain.value)
     if values:
@@ -254,14 +249,14 @@ def filter_lag(
 
 
 @cache
-def _poles(order: int) -> list[NDArray[np.complex128]]:
+def _poles(order: int) -> list[Complexes]:
     """Poles of Butterworth, Bessel and equal real poles, all 1/√2 at the angular frequency 1."""
     # n equal real poles have amplitude 1/√2 at the cutoff when each lies this much higher.
     higher = 1.0 / math.sqrt(2.0 ** (1.0 / order) - 1.0)
     return [signal.buttap(order)[1], signal.besselap(order, norm="mag")[1], np.full(order, -higher, dtype=complex)]
 
 
-def _response(poles: NDArray[np.complex128], ratio: float) -> tuple[float, float]:
+def _response(poles: Complexes, ratio: float) -> tuple[float, float]:
     """Return amplitude and phase lag; summed over poles the lag has no jumps."""
     factors = poles / (poles - 1j * ratio)
     return float(np.prod(np.abs(factors))), float(-np.sum(np.angle(factors)))

@@ -7,6 +7,7 @@ from typing import Protocol, cast, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.notebook import html_table, shown
 
@@ -33,11 +34,11 @@ class FrameSource(Protocol):
     """
 
     @property
-    def time(self) -> NDArray[np.float64]:
+    def time(self) -> Floats:
         """Time of every frame in s, the trigger being 0; shape (frame,)."""
 
     @property
-    def exposure(self) -> NDArray[np.float64] | None:
+    def exposure(self) -> Floats | None:
         """Exposure time of every frame in s, shape (frame,), or None when unknown."""
 
     @property
@@ -45,7 +46,7 @@ class FrameSource(Protocol):
         """Number of frames, rows, columns."""
 
     @property
-    def valid(self) -> NDArray[np.bool_]:
+    def valid(self) -> Flags:
         """False for frames that the file damaged; shape (frame,)."""
 
     @property
@@ -109,8 +110,8 @@ class ArrayFrames(ShownFrames):
     def __init__(
         self,
         images: NDArray[np.generic],
-        time: NDArray[np.float64] | None = None,
-        exposure: NDArray[np.float64] | float | None = None,
+        time: Floats | None = None,
+        exposure: Floats | float | None = None,
         levels: tuple[float, float] | None = None,
     ) -> None:
         if images.ndim != 3:
@@ -125,12 +126,12 @@ class ArrayFrames(ShownFrames):
         self._levels = levels
 
     @property
-    def time(self) -> NDArray[np.float64]:
+    def time(self) -> Floats:
         """Time of every frame in s."""
         return self._time
 
     @property
-    def exposure(self) -> NDArray[np.float64] | None:
+    def exposure(self) -> Floats | None:
         """Exposure time of every frame in s, or None."""
         return self._exposure
 
@@ -141,7 +142,7 @@ class ArrayFrames(ShownFrames):
         return frames, rows, columns
 
     @property
-    def valid(self) -> NDArray[np.bool_]:
+    def valid(self) -> Flags:
         """False for frames with a pixel that is no number; whole numbers always are."""
         if self._images.dtype.kind != "f":
             return np.ones(len(self), dtype=bool)

@@ -5,13 +5,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from instruments._moduli import with_moduli
 from instruments._temperatures import celsius
 from instruments.anton_paar import _words as words
 from instruments.anton_paar._table import Cell, RawInterval, text_of
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats, Integers
 from labpipe.errors import InputError, SourceError
 from labpipe.numbers import DOT, Separators, plain_number, separators, shorten
 from labpipe.text import not_a_number
@@ -48,8 +47,8 @@ class Interval:
     result: str
     number: int
     declared: int | None
-    point: NDArray[np.int64]
-    is_valid: NDArray[np.bool_]
+    point: Integers
+    is_valid: Flags
     columns: tuple[Column, ...]
     line: int = 0
     sheet: str = ""
@@ -172,7 +171,7 @@ def _plan(raw: RawInterval, path: Path, findings: Findings) -> list[_Plan]:
     return plans
 
 
-def _points(raw: RawInterval, index: int | None, path: Path) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def _points(raw: RawInterval, index: int | None, path: Path) -> tuple[Integers, Flags]:
     count = len(raw.rows)
     valid = np.array([not row.is_short for row in raw.rows], dtype=bool)
     if index is None:

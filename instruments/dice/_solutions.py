@@ -14,10 +14,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from labpipe import files, text
-from labpipe.arrays import Floats
+from labpipe.arrays import Floats, Integers
 from labpipe.errors import SourceError
 from labpipe.variables import variable
 
@@ -132,7 +131,7 @@ def _number(path: Path, cell: str, line: int, column: int) -> float:
     return value
 
 
-def _dataset(path: Path, header: list[str], values: Floats, frames: NDArray[np.int64], fps: float | None) -> xr.Dataset:
+def _dataset(path: Path, header: list[str], values: Floats, frames: Integers, fps: float | None) -> xr.Dataset:
     columns = {name: values[:, :, k] for k, name in enumerate(header)}
     valid = np.isfinite(columns["DISPLACEMENT_X"]) & np.isfinite(columns["DISPLACEMENT_Y"])
     if "SIGMA" in columns:

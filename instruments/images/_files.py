@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from instruments.images._headers import CutOffError, ImageHeader, one_page, png_fault, read_headers
 from instruments.images._names import LOSSY, SUFFIXES, images_in, is_numbered
 from instruments.images._pictures import ROUNDED, SMOOTHED, one_intensity
+from labpipe.arrays import Flags, Floats, Integers
 from labpipe.errors import SourceError
 from labpipe.frames import SmoothedFilmWarning, warn_incomplete
 
@@ -35,7 +36,7 @@ class _Place:
     header: ImageHeader
 
 
-def folder_images(folder: Path) -> tuple["ImageFiles", NDArray[np.float64]]:
+def folder_images(folder: Path) -> tuple["ImageFiles", Floats]:
     """Open the images of a folder, sorted by the number in their names, and return these; warn of gaps."""
     exact, lossy = (sorted(p for p in images_in(folder, of) if p.is_file()) for of in (SUFFIXES, LOSSY))
     named = exact or lossy
@@ -146,7 +147,7 @@ def _signed(stem: str, found: "re.Match[str]") -> int:
     return int(text.removeprefix("-") if is_hyphen else text)
 
 
-def _warn_of_gaps(folder: Path, numbers: NDArray[np.int64]) -> None:
+def _warn_of_gaps(folder: Path, numbers: Integers) -> None:
     steps = np.diff(numbers)
     usual = int(np.min(steps)) if len(steps) else 1
     missing = int(np.sum(steps // usual - 1))
@@ -208,7 +209,7 @@ class ImageFiles:
         return len(self._places)
 
     @cached_property
-    def valid(self) -> NDArray[np.bool_]:
+    def valid(self) -> Flags:
         """False for images that are cut off, contradict their own checksums or cannot be decoded."""
         with ThreadPoolExecutor() as pool:
             faults = list(pool.map(self.fault, range(len(self))))

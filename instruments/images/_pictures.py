@@ -6,6 +6,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Flags
 from labpipe.errors import SourceError
 
 SMOOTHED = "smooths fine detail away, which no uncertainty here contains"
@@ -24,7 +25,7 @@ class Pictures(Protocol):
         """Black and white level."""
 
     @property
-    def valid(self) -> NDArray[np.bool_]:
+    def valid(self) -> Flags:
         """Which images can be decoded; shape (image,)."""
 
     def __len__(self) -> int:

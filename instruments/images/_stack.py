@@ -18,6 +18,7 @@ from instruments.images._names import SUFFIXES
 from instruments.images._pictures import Pictures
 from instruments.images._uncompressed import uncompressed
 from instruments.images._video import Video
+from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.frames import ShownFrames
 
@@ -65,7 +66,7 @@ def read(path: str | os.PathLike[str], *, fps: float | None = None, exposure: fl
     return film
 
 
-def _opened(path: Path, fps: float) -> tuple[Pictures, NDArray[np.float64]]:
+def _opened(path: Path, fps: float) -> tuple[Pictures, Floats]:
     """Open what a path holds, with the number of each of its images from the first."""
     if path.is_dir():
         images, numbers = folder_images(path)
@@ -98,7 +99,7 @@ class ExportedFrames(ShownFrames):
     def __init__(
         self,
         pictures: Pictures,
-        time: NDArray[np.float64],
+        time: Floats,
         exposure: float | None,
         rows: range | None = None,
         columns: range | None = None,
@@ -110,12 +111,12 @@ class ExportedFrames(ShownFrames):
             raise InputError(f"the region of interest {self._rows}, {self._columns} is no rectangle of the image")
 
     @property
-    def time(self) -> NDArray[np.float64]:
+    def time(self) -> Floats:
         """Time of every frame in s, from the numbers and the frame rate."""
         return self._time
 
     @property
-    def exposure(self) -> NDArray[np.float64] | None:
+    def exposure(self) -> Floats | None:
         """Exposure of every frame in s, or None."""
         return None if self._exposure is None else np.full(len(self), self._exposure)
 
@@ -125,7 +126,7 @@ class ExportedFrames(ShownFrames):
         return len(self._time), len(self._rows), len(self._columns)
 
     @cached_property
-    def valid(self) -> NDArray[np.bool_]:
+    def valid(self) -> Flags:
         """False for images that are cut off, contradict their own checksums or cannot be decoded."""
         return self._pictures.valid
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from instruments.images._pictures import one_intensity
 from instruments.images._video import warn_of_lost, warn_of_video
+from labpipe.arrays import Flags
 from labpipe.errors import SourceError
 
 _LISTS = (b"RIFF", b"LIST")  # chunks that hold chunks, behind four bytes that name them
@@ -126,7 +127,7 @@ class UncompressedVideo:
             self._grey = np.resize(used, _PALETTE) if len(used) < _PALETTE else used
 
     @property
-    def valid(self) -> NDArray[np.bool_]:
+    def valid(self) -> Flags:
         """All true: frames that are not whole are not counted."""
         return np.ones(len(self), dtype=bool)
 

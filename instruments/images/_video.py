@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments.images._pictures import ROUNDED, SMOOTHED, one_intensity
+from labpipe.arrays import Flags
 from labpipe.errors import SourceError
 from labpipe.frames import SmoothedFilmWarning, warn_incomplete
 
@@ -72,7 +73,7 @@ class Video:
         self._count = self._countable(max(count, _declared_frames(path)))
 
     @property
-    def valid(self) -> NDArray[np.bool_]:
+    def valid(self) -> Flags:
         """All true: frames that cannot be decoded are not counted."""
         return np.ones(self._count, dtype=bool)
 

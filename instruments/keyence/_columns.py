@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError, SourceError
 from labpipe.numbers import shorten
 from labpipe.text import check_width
@@ -101,7 +101,7 @@ def only_readings(
         yield delimiter.join(cells[index] for index in columns.kept)
 
 
-def seconds(texts: Sequence[str], unit_text: str, *, path: Path, first_line: int) -> tuple[NDArray[np.float64], float]:
+def seconds(texts: Sequence[str], unit_text: str, *, path: Path, first_line: int) -> tuple[Floats, float]:
     """Read the times of all rows.
 
     Returns
@@ -142,7 +142,7 @@ def seconds(texts: Sequence[str], unit_text: str, *, path: Path, first_line: int
     return time, factor * 10.0**-decimals
 
 
-def even_interval(time: NDArray[np.float64], resolution: float, *, path: Path, first_line: int) -> float:
+def even_interval(time: Floats, resolution: float, *, path: Path, first_line: int) -> float:
     """Return the interval of times that lie evenly, each within its last decimal.
 
     Raises

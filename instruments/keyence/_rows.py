@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from instruments.keyence._header import Header, KeyenceProfile, column_of, split_cells
 from instruments.keyence._markers import NINES, NUMERIC_MARKERS, Layout, Status, is_padded, layout, marker_status
+from labpipe.arrays import Floats, Integers
 from labpipe.errors import InputError, SourceError
 from labpipe.numbers import DOT, Separators, plain_number, separators, shorten
 from labpipe.text import check_width, not_a_number, parse_rows
@@ -41,9 +42,9 @@ class Rows(NamedTuple):
     signs : Separators
     """
 
-    values: NDArray[np.float64]
+    values: Floats
     status: NDArray[np.int8]
-    counter: NDArray[np.int64] | None
+    counter: Integers | None
     layouts: tuple[Layout | None, ...]
     signs: Separators
 
@@ -71,7 +72,7 @@ def read_rows(path: Path, header: Header, lines: Iterable[str], profile: Keyence
     stream = iter(lines)
     sample = list(islice(stream, SAMPLE))
     table = _learn(path, header, sample, profile)
-    parts: list[tuple[NDArray[np.float64], NDArray[np.int8]]] = []
+    parts: list[tuple[Floats, NDArray[np.int8]]] = []
     line_number = header.n_lines + 1
     for batch in _batches(sample, stream):
         parts.append(_read_batch(table, batch, line_number))
@@ -126,7 +127,7 @@ def _column_layout(cells: Sequence[str]) -> Layout | None:
     return most if others <= max(1, count // 20) and count > others else None
 
 
-def _read_batch(table: _Table, lines: list[str], first_line: int) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
+def _read_batch(table: _Table, lines: list[str], first_line: int) -> tuple[Floats, NDArray[np.int8]]:
     header = table.header
     n_columns = len(header.outputs) + header.has_counter
     if '"' in lines[0]:
@@ -156,7 +157,7 @@ def _same_length(lines: list[str], header: Header) -> bool:
     return len({len(line) - line.find(delimiter) for line in lines}) == 1
 
 
-def _has_suspicious(outputs: NDArray[np.float64]) -> bool:
+def _has_suspicious(outputs: Floats) -> bool:
     """Find numbers that may be markers; a decimal fraction has one nearest double, so == does."""
     near = np.searchsorted(_SUSPICIOUS, outputs)
     near = np.minimum(near, len(_SUSPICIOUS) - 1)

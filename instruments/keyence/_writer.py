@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from instruments.keyence._markers import Layout, Status
 from labpipe import files
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.units import quantity, unit
 from labpipe.variables import described, variable
@@ -29,7 +30,7 @@ _TOKENS = {
 
 
 def output_variables(
-    output: int, unit_text: str, values: NDArray[np.float64], status: NDArray[np.int8], written: Layout | None
+    output: int, unit_text: str, values: Floats, status: NDArray[np.int8], written: Layout | None
 ) -> dict[str, Any]:
     """Make the variables of one output: its readings in SI, and their states."""
     known = unit(unit_text)
@@ -46,7 +47,7 @@ def output_variables(
 
 
 def make_recording(
-    outputs: Mapping[int, NDArray[np.float64]],
+    outputs: Mapping[int, Floats],
     *,
     cycle: str | float,
     start: datetime,

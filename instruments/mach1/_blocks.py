@@ -22,9 +22,9 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from instruments.mach1._lines import COPY_AGAIN, END_DATA, Cursor, Options, pair_of, refuse_incomplete, tag_of
+from labpipe.arrays import Floats
 from labpipe.errors import InputError, SourceError
 from labpipe.numbers import Separators, plain_number, shorten
 from labpipe.text import TextFile, not_a_number, parse_rows
@@ -126,7 +126,7 @@ class Block:
     info: tuple[tuple[str, str], ...]
     parameters: tuple[Parameter, ...]
     columns: tuple[Column, ...]
-    values: NDArray[np.float64]
+    values: Floats
     dividers: tuple[int, ...] = ()
     has_data: bool = True
     is_complete: bool = True
@@ -253,7 +253,7 @@ def _parameter(cursor: Cursor, key: str, text: str, options: Options) -> Paramet
 def _read_data(cursor: Cursor, block: Block, options: Options) -> Block:
     cursor.advance()
     columns = _read_columns(cursor)
-    parts: list[NDArray[np.float64]] = []
+    parts: list[Floats] = []
     dividers: list[int] = []
     starts: list[tuple[int, int]] = []  # (rows before, line number): to name the line of a row
     n_rows = 0
@@ -331,7 +331,7 @@ def _column(cursor: Cursor, cell: str, position: int) -> Column:
     return Column(cell, quantity, unit_text, known)
 
 
-def _read_batch(cursor: Cursor, n_columns: int, options: Options) -> NDArray[np.float64]:
+def _read_batch(cursor: Cursor, n_columns: int, options: Options) -> Floats:
     first = cursor.number
     lines: list[str] = []
     for line in cursor.rows():
@@ -346,7 +346,7 @@ def _read_batch(cursor: Cursor, n_columns: int, options: Options) -> NDArray[np.
     )
 
 
-def _check_time(cursor: Cursor, values: NDArray[np.float64], starts: list[tuple[int, int]], options: Options) -> None:
+def _check_time(cursor: Cursor, values: Floats, starts: list[tuple[int, int]], options: Options) -> None:
     """Refuse rows that repeat, go back, or are missing: time must be a grid from zero."""
     if not len(values):
         return

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from instruments._clock import moment
 from instruments.mach1._blocks import DECLARED, Block, Column, Parameter
+from labpipe.arrays import Floats, Integers
 from labpipe.errors import InputError
 from labpipe.numbers import is_number, shorten
 from labpipe.variables import described, variable
@@ -46,7 +46,7 @@ def assemble(blocks: Sequence[Block], decimal: str = ".") -> xr.Dataset:
     counts = [len(block.values) for block in blocks]
     starts = np.concatenate([[0], np.cumsum(counts)])
     total = int(starts[-1])
-    columns: dict[str, tuple[NDArray[np.float64], Column]] = {}
+    columns: dict[str, tuple[Floats, Column]] = {}
     for block, first in zip(blocks, starts[:-1], strict=True):
         for index, column in enumerate(block.columns):
             name = variable_name(column.quantity)
@@ -67,7 +67,7 @@ def assemble(blocks: Sequence[Block], decimal: str = ".") -> xr.Dataset:
     return dataset.assign(_block_variables(blocks))
 
 
-def _variable(values: NDArray[np.float64], column: Column) -> tuple[Any, ...]:
+def _variable(values: Floats, column: Column) -> tuple[Any, ...]:
     attrs = described(column.unit.si, column.quantity, original_unit=column.unit_text)
     return "sample", values, attrs
 
@@ -86,7 +86,7 @@ def variable_name(quantity: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", quantity.lower()).strip("_") or "unnamed"
 
 
-def _segments(blocks: Sequence[Block]) -> NDArray[np.int64]:
+def _segments(blocks: Sequence[Block]) -> Integers:
     parts = [
         np.searchsorted(np.asarray(block.dividers), np.arange(len(block.values)), side="right") for block in blocks
     ]

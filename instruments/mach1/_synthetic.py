@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from datetime import datetime
 
 import numpy as np
-from numpy.typing import NDArray
 
 from instruments.mach1._blocks import Block, Column, Parameter
 from instruments.mach1._dataset import MONTHS
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.units import unit
 
@@ -71,7 +71,7 @@ _SINUSOID_STAGE_STEP = 1e-6
 def make_block(
     function: str,
     start: datetime,
-    columns: Mapping[str, NDArray[np.float64]],
+    columns: Mapping[str, Floats],
     parameters: Mapping[str, str],
     *,
     load_cell: LoadCell = LOAD_CELLS["25kg"],
@@ -157,7 +157,7 @@ def _step(function: str, quantity: str, header: str, cell: LoadCell) -> float | 
     return (cell.steps or {}).get(header)
 
 
-def _to_grid(values: NDArray[np.float64], step: float | None) -> NDArray[np.float64]:
+def _to_grid(values: Floats, step: float | None) -> Floats:
     """Round to the step of the sensor, then to the six decimals of the file."""
     on_grid = values if step is None else np.round(values / step) * step
     return np.round(on_grid, 6)

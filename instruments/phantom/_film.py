@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from instruments.phantom._header import Header, read_header
 from instruments.phantom._pixels import PACKED_GROUP, decode, linear_from_companded, row_bytes
 from instruments.phantom._times import TimeAxis, exposure_times, time_axis
+from labpipe.arrays import Flags, Floats, Integers
 from labpipe.binary import Window
 from labpipe.errors import InputError, SourceError
 from labpipe.frames import ShownFrames, warn_incomplete
@@ -129,12 +130,12 @@ class CineFrames(ShownFrames):
         return axis
 
     @property
-    def time(self) -> NDArray[np.float64]:
+    def time(self) -> Floats:
         """Time of every frame in s, the trigger being 0; shape (frame,)."""
         return self.time_axis.time
 
     @cached_property
-    def exposure(self) -> NDArray[np.float64] | None:
+    def exposure(self) -> Floats | None:
         """Exposure of every frame in s, NaN where the file's value is impossible; or None."""
         return exposure_times(self._header, self.time_axis)
 
@@ -160,7 +161,7 @@ class CineFrames(ShownFrames):
         return float(black), float(white)
 
     @cached_property
-    def valid(self) -> NDArray[np.bool_]:
+    def valid(self) -> Flags:
         """False for frames that the file does not hold completely; shape (frame,)."""
         sound = np.array([self._fault(i) is None for i in range(len(self))])
         sound.setflags(write=False)
@@ -203,19 +204,19 @@ class CineFrames(ShownFrames):
         return view
 
     @cached_property
-    def _order(self) -> NDArray[np.int64]:
+    def _order(self) -> Integers:
         """The frames in the order of their places in the file."""
         return np.argsort(self._header.offsets, kind="stable")
 
     @cached_property
-    def _rank(self) -> NDArray[np.int64]:
+    def _rank(self) -> Integers:
         """Position of each frame in that order."""
         rank = np.empty(len(self), np.int64)
         rank[self._order] = np.arange(len(self))
         return rank
 
     @cached_property
-    def _gaps(self) -> NDArray[np.float64]:
+    def _gaps(self) -> Floats:
         """Bytes from each place to the next in that order, and beyond both ends."""
         places = self._header.offsets[self._order].astype(np.float64)  # no difference overflows
         return np.diff(places, prepend=-np.inf, append=np.inf)

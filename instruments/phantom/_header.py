@@ -11,6 +11,7 @@ from typing import Literal, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Integers
 from labpipe.binary import Window
 from labpipe.errors import SourceError
 
@@ -65,7 +66,7 @@ class Header:
     bits: int
     image_bytes: int
     trigger: int
-    offsets: NDArray[np.int64]
+    offsets: Integers
     stamps: NDArray[np.uint64] | None
     exposures: NDArray[np.uint32] | None
     setup: Setup

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from enum import IntFlag
 
 import numpy as np
-from numpy.typing import NDArray
 
 from instruments.phantom._header import Header
+from labpipe.arrays import Flags, Floats, Integers
 from labpipe.errors import InputError
 
 _UNIT = 2.0**-32  # s, the unit of stamps and exposures
@@ -56,9 +56,9 @@ class TimeAxis:
         Median time between frames.
     """
 
-    time: NDArray[np.float64]
-    flag: NDArray[np.int64]
-    missing_before: NDArray[np.int64]
+    time: Floats
+    flag: Integers
+    missing_before: Integers
     interval: float
 
     @property
@@ -113,7 +113,7 @@ def time_axis(header: Header) -> TimeAxis:
         return _from_frame_rate(header, number)
     bad = _impossible(ticks, interval)
     flag[bad] |= TimeFlag.RECONSTRUCTED
-    time: NDArray[np.float64] = (ticks * _UNIT).astype(np.float64)
+    time: Floats = (ticks * _UNIT).astype(np.float64)
     good = np.flatnonzero(~bad)
     if abs(time[good[0]]) > _CLOCK_LIMIT:
         # keep the spacing of the stamps, give up their origin
@@ -128,7 +128,7 @@ def time_axis(header: Header) -> TimeAxis:
     return TimeAxis(time, flag, missing, interval)
 
 
-def _from_frame_rate(header: Header, number: NDArray[np.int64]) -> TimeAxis:
+def _from_frame_rate(header: Header, number: Integers) -> TimeAxis:
     interval = _stated_interval(header)
     if interval is None:
         raise InputError(
@@ -146,7 +146,7 @@ def _stated_interval(header: Header) -> float | None:
     return decimation / rate if rate and 1.0 <= decimation < np.inf else None
 
 
-def _impossible(ticks: NDArray[np.int64], interval: float) -> NDArray[np.bool_]:
+def _impossible(ticks: Integers, interval: float) -> Flags:
     """Mark the stamps that contradict the others.
 
     The largest number of stamps that follow each other in order is believed. Of those, a stamp
@@ -171,12 +171,12 @@ def _impossible(ticks: NDArray[np.int64], interval: float) -> NDArray[np.bool_]:
     return bad
 
 
-def _split(frames: NDArray[np.int64], seconds: NDArray[np.float64], longest: float) -> list[NDArray[np.int64]]:
+def _split(frames: Integers, seconds: Floats, longest: float) -> list[Integers]:
     """Part frames where the step to the next is longer than it may be."""
     return np.split(frames, np.flatnonzero(np.diff(seconds[frames]) > longest) + 1)
 
 
-def _longest_order(values: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _longest_order(values: Floats) -> Flags:
     """Mark the longest subsequence that never decreases (patience sorting, n log n)."""
     if (np.diff(values) >= 0).all():
         return np.ones(values.size, dtype=bool)
@@ -195,7 +195,7 @@ def _longest_order(values: NDArray[np.float64]) -> NDArray[np.bool_]:
     return chosen
 
 
-def _missing(time: NDArray[np.float64], interval: float) -> NDArray[np.int64]:
+def _missing(time: Floats, interval: float) -> Integers:
     missing = np.zeros(time.size, dtype=np.int64)
     step = np.diff(time)
     tolerance = max(_TOLERANCE, _SHARE * interval)
@@ -204,7 +204,7 @@ def _missing(time: NDArray[np.float64], interval: float) -> NDArray[np.int64]:
     return missing
 
 
-def exposure_times(header: Header, axis: TimeAxis) -> NDArray[np.float64] | None:
+def exposure_times(header: Header, axis: TimeAxis) -> Floats | None:
     """Return the exposure of every frame in s; NaN where it is longer than a frame lasts."""
     if header.exposures is None:
         shutter = header.setup.shutter

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from instruments.phantom._header import TAG_EXPOSURES, TAG_TIMES, Packing
 from instruments.phantom._pixels import companded_from_linear, pack, row_bytes
 from labpipe import files
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 
 _SETUP_BYTES = 10412
@@ -50,7 +51,7 @@ def write(
     path: str | os.PathLike[str],
     images: Iterable[NDArray[np.integer]],
     shape: tuple[int, int, int],
-    time: NDArray[np.float64],
+    time: Floats,
     recording: Recording,
 ) -> None:
     """Write a film frame by frame; the whole is never in memory.
@@ -124,9 +125,7 @@ def _encode(image: NDArray[np.integer], packing: Packing) -> bytes:
     return pack(companded_from_linear()[np.clip(image, 0, 4095)], 10).tobytes()
 
 
-def _head(
-    shape: tuple[int, int, int], time: NDArray[np.float64], recording: Recording, packing: Packing, image_bytes: int
-) -> bytes:
+def _head(shape: tuple[int, int, int], time: Floats, recording: Recording, packing: Packing, image_bytes: int) -> bytes:
     count, height, width = shape
     ticks = np.rint(time / _UNIT).astype(np.int64)
     stamps = ((recording.trigger << 32) + ticks).astype(np.uint64) & ~np.uint64(_FLAGS)

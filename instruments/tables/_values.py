@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from instruments import anton_paar
 from instruments._moduli import are_confirmed, missing, with_moduli
@@ -28,7 +27,7 @@ from instruments.tables._columns import (
 )
 from instruments.tables._layout import Block, is_of_parameters
 from instruments.tables._words import Heading
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError, SourceError
 from labpipe.numbers import Separators, listed, plain_number, shorten
 from labpipe.text import not_a_number
@@ -171,7 +170,7 @@ def _check_order(path: Path, block: Block, unnamed: list[Heading], columns: dict
     )
 
 
-def _short_rows(path: Path, block: Block) -> NDArray[np.bool_]:
+def _short_rows(path: Path, block: Block) -> Flags:
     """Find rows that lost cells, in a table whose other rows are whole.
 
     Which cell was lost is not known: two numbers may have become one, and those behind it stand in

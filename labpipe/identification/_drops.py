@@ -16,11 +16,10 @@ from math import ceil, log10, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from labpipe import contact
-from labpipe.arrays import Floats
+from labpipe.arrays import Floats, Integers
 from labpipe.contact.impact import Profile
 from labpipe.errors import InputError
 from labpipe.identification._evidence import Evidence, Given, Group
@@ -76,9 +75,9 @@ class DropModel:
     mass: float
     height: float
     gravity: float
-    touches: NDArray[np.int64]
-    durations: NDArray[np.int64]
-    radii: NDArray[np.int64]
+    touches: Integers
+    durations: Integers
+    radii: Integers
     last: float
     expected_duration: float
     names: Mapping[str, str] = field(default_factory=dict)
@@ -324,11 +323,11 @@ def _central(made: Iterator[Floats]) -> Floats:
     return np.asarray((next(made) - next(made)) / (2.0 * _CHANGE))
 
 
-def _at(values: Floats, index: NDArray[np.int64]) -> Floats:
+def _at(values: Floats, index: Integers) -> Floats:
     return np.asarray(values[np.minimum(index, values.size - 1)])
 
 
-def _nodes(relative: Floats) -> NDArray[np.int64]:
+def _nodes(relative: Floats) -> Integers:
     """Choose from ascending times, in durations of a contact, where a derivative is worth a run."""
     is_dense = (relative >= _DENSE[0]) & (relative <= _DENSE[1])
     is_end = np.isin(np.arange(relative.size), (0, relative.size - 1))
@@ -406,7 +405,7 @@ def drop_evidence(name: str, seen: Bounces, model: DropModel) -> Evidence:
     return Evidence(name, tuple(groups), full)
 
 
-def _seen(values: Floats, u: Floats) -> NDArray[np.int64]:
+def _seen(values: Floats, u: Floats) -> Integers:
     return np.flatnonzero(np.isfinite(values) & np.isfinite(u) & (u > 0.0))
 
 

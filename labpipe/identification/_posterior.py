@@ -9,10 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats
 from labpipe.identification._evidence import Group
 from labpipe.identification._fit import Fit, Objective, laplace
 from labpipe.identification._linear import modulus_basis
@@ -142,7 +141,7 @@ class Moduli:
     data: tuple[float, float]
 
     @property
-    def is_determined(self) -> NDArray[np.bool_]:
+    def is_determined(self) -> Flags:
         """Where the data at least halve both standard deviations, inside their own range.
 
         Beyond it everything is extrapolation: a spectrum that the prior holds for likely.

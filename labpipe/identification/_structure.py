@@ -26,9 +26,8 @@ from math import log
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Floats, Integers
 from labpipe.identification._evidence import Evidence
 from labpipe.identification._fit import Fit, Objective, fit, laplace
 from labpipe.identification._posterior import Posterior, Structure, posterior
@@ -208,6 +207,6 @@ class _Anywhere:
         return Surrogate(own, at, self.rest - (made - self.at_fit), by_terms, self.by_values)
 
 
-def _columns(rho: Floats, own: Floats) -> NDArray[np.int64]:
+def _columns(rho: Floats, own: Floats) -> Integers:
     """Return the columns of E_relaxed and of some of the times."""
     return np.concatenate([[0], 1 + np.searchsorted(rho, own)])

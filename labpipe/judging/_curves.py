@@ -8,8 +8,9 @@ of them is known from its sensitivity; what is each stretch's own, from the scat
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from labpipe.arrays import Floats, Integers
 from labpipe.errors import InputError
 from labpipe.judging._agreement import Agreement, agreement
 
@@ -68,9 +69,7 @@ def along_curve(difference: ArrayLike, own: ArrayLike, effects: ArrayLike) -> Ag
     return agreement(d, shared.T @ shared + np.diag(u**2 + slack), slack)
 
 
-def stretches(
-    values: ArrayLike, places: Sequence[NDArray[np.int64]]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def stretches(values: ArrayLike, places: Sequence[Integers]) -> tuple[Floats, Floats]:
     """Return the means of a residual over stretches, and their standard uncertainties by its own noise.
 
     Parameters
@@ -101,7 +100,7 @@ def stretches(
     return means, u
 
 
-def stretch_means(curves: Iterable[NDArray[np.float64]], places: Sequence[NDArray[np.int64]]) -> NDArray[np.float64]:
+def stretch_means(curves: Iterable[Floats], places: Sequence[Integers]) -> Floats:
     """Return the means of several curves over the same stretches.
 
     Parameters
@@ -118,7 +117,7 @@ def stretch_means(curves: Iterable[NDArray[np.float64]], places: Sequence[NDArra
     return np.array([[one[place].mean() for place in places] for one in curves])
 
 
-def _of_stretch(values: NDArray[np.float64]) -> tuple[float, float]:
+def _of_stretch(values: Floats) -> tuple[float, float]:
     count = min(_BATCHES, values.size)
     if count < _FEWEST:
         return np.nan, np.nan

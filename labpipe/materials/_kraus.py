@@ -26,9 +26,9 @@ References
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Complexes, Floats
 from labpipe.errors import InputError
 from labpipe.units import require_positive
 
@@ -85,7 +85,7 @@ class Kraus:
         breaking = 2.0 * (self.loss_peak - self.loss_floor) * self._ratio(strain) * whole
         return np.asarray(self.loss_floor + breaking + (1.0 - self.loss_floor) * whole)
 
-    def modulus(self, linear: ArrayLike, strain: ArrayLike) -> NDArray[np.complex128]:
+    def modulus(self, linear: ArrayLike, strain: ArrayLike) -> Complexes:
         """Complex modulus at an amplitude, from the linear one (same frequency, same unit)."""
         small = np.asarray(linear, dtype=complex)
         return np.asarray(small.real * self.storage_share(strain) + 1j * small.imag * self.loss_share(strain))

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.signals._metrics import independent_count
 from labpipe.signals._noise import difference_sigma, quantisation_step
@@ -207,7 +207,7 @@ def _one_loop(path: CubicSpline, begin: float, period: float, phase: Floats) -> 
     return np.array([work, abs(moved), abs(pushed), stiffness.real, stiffness.imag, mean_force])
 
 
-def _is_transient(amplitudes: Floats) -> NDArray[np.bool_]:
+def _is_transient(amplitudes: Floats) -> Flags:
     """Leading cycles that differ from the later half."""
     later = amplitudes[len(amplitudes) // 2 :]
     centre = np.median(later, axis=0)

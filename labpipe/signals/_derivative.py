@@ -13,10 +13,10 @@ from typing import Literal
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import sparse
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.signals._colour import Colour, estimate_corner, velocity_factor
 from labpipe.signals._mains import Hum
@@ -281,7 +281,7 @@ def _attributes(known: Noise, band: list[float], n_spikes: int, counts: dict[str
 
 
 def _labelled(
-    displacement: xr.DataArray, is_read: NDArray[np.bool_], v: Floats, u: Floats, attributes: dict[str, object]
+    displacement: xr.DataArray, is_read: Flags, v: Floats, u: Floats, attributes: dict[str, object]
 ) -> xr.DataArray:
     """Put values back among the unread samples and name everything."""
     full_v, full_u = np.full(len(is_read), np.nan), np.full(len(is_read), np.nan)

@@ -12,10 +12,9 @@ from math import comb, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats
 
 DIFFERENCE_ORDER = 8
 """High enough that a sinusoid of 20 samples per period is suppressed 2e4 times against noise."""
@@ -144,7 +143,7 @@ def quantisation_step(values: Floats) -> float:
     return step
 
 
-def is_spike(time: Floats, values: Floats, sigma: float) -> NDArray[np.bool_]:
+def is_spike(time: Floats, values: Floats, sigma: float) -> Flags:
     """Mark single samples that stand out of both neighbours in the same direction.
 
     Parameters

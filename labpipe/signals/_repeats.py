@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.signals._readings import checked_times, refuse_endless, refuse_infinite
 from labpipe.variables import described, variable
@@ -104,7 +104,7 @@ def _common_time(records: Sequence[xr.DataArray], starts: Floats) -> Floats:
     return interval * np.arange(lowest, highest + 1)
 
 
-def _outliers(values: Floats) -> NDArray[np.bool_]:
+def _outliers(values: Floats) -> Flags:
     if len(values) < _FEWEST_FOR_OUTLIERS:
         return np.zeros(len(values), dtype=bool)
     covered = np.isfinite(values).all(axis=0)

@@ -20,9 +20,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats
 from labpipe.signals._partition import LEAF, graded, smooth_lengths
 from labpipe.signals._spline_kernel import (
     DEGREE,
@@ -198,7 +197,7 @@ def _penalised(x: Floats, z: Floats, knots: Floats) -> tuple[Intervals, Floats, 
     return intervals, coefficients[:count], inverse[:count], n_solves
 
 
-def _misfit(residual: Floats) -> NDArray[np.bool_]:
+def _misfit(residual: Floats) -> Flags:
     """Leaves in which the residuals stay on one side for longer than chance allows."""
     n = len(residual)
     total = np.concatenate([[0.0], np.cumsum(residual)])

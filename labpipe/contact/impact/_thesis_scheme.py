@@ -21,9 +21,8 @@ from dataclasses import dataclass
 from math import ceil
 
 import numpy as np
-from numpy.typing import NDArray
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats
 from labpipe.contact.impact._line_springs import Profile
 from labpipe.contact.impact._rings import influence, surface_gap
 from labpipe.contact.memory import Creep
@@ -145,7 +144,7 @@ def drop_thesis(
     return ThesisRun(time, position, velocity, force, contact, reduced_gap, solves, products)
 
 
-def _active_set(matrix: Floats, compliance: float, overlap: Floats, active: NDArray[np.bool_]) -> tuple[Floats, int]:
+def _active_set(matrix: Floats, compliance: float, overlap: Floats, active: Flags) -> tuple[Floats, int]:
     """Pressures (ring,) in Pa that press an overlap (ring,) [m] away, and the solves it took."""
     active = active if active.any() else overlap > 0.0
     # Rounding must not let a ring on the edge enter and leave for ever.

@@ -16,10 +16,9 @@ definite matrix.
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats
 from labpipe.contact.line._kernels import LineKernel
 from labpipe.contact.springs import EDGE_OFFSET, Answer
 from labpipe.errors import InputError
@@ -62,7 +61,7 @@ class GeneralContact:
     pivots: int = 0
     _start: Floats = field(init=False)
     _preconditioner: Floats = field(init=False)
-    _present: NDArray[np.bool_] = field(init=False)
+    _present: Flags = field(init=False)
     _heights: Floats = field(init=False)
 
     def __post_init__(self) -> None:
@@ -159,7 +158,7 @@ class GeneralContact:
                 displacement = low + 0.9 * (displacement - low)
         raise InputError(self.limit)
 
-    def _stiffness(self, contact: NDArray[np.bool_]) -> float:
+    def _stiffness(self, contact: Flags) -> float:
         """Force (times compliance) per displacement of a contact that keeps its strips."""
         load = contact / float(self.kernel.influence.sum() + self.kernel.influence[0])
         gap = np.where(contact, self._gap(load, contact.astype(float)), 0.0)
@@ -213,7 +212,7 @@ class GeneralContact:
         spectrum = np.fft.rfft(residual) * self._preconditioner
         return np.fft.irfft(spectrum, n=self.size)
 
-    def _pivot(self, contact: NDArray[np.bool_], approach: Floats, tolerance: float) -> Floats:
+    def _pivot(self, contact: Flags, approach: Floats, tolerance: float) -> Floats:
         """Block principal pivoting, with Murty's single pivots when blocks make no progress."""
         contact = contact.copy()
         fewest, patience = self.size + 1, _PATIENCE
@@ -239,7 +238,7 @@ class GeneralContact:
             f"{_MAX_PIVOTS} pivots; use a smoother profile or other elements"
         )
 
-    def _dense(self, contact: NDArray[np.bool_], approach: Floats) -> Floats:
+    def _dense(self, contact: Flags, approach: Floats) -> Floats:
         """Pressure (element,) on a given contact by a dense solve."""
         index = np.flatnonzero(contact)
         pressure = np.zeros(self.size)

@@ -18,9 +18,9 @@ import json
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats
 from labpipe.contact.line._kernels import LineKernel, line_kernel
 from labpipe.contact.line._profiles import tip_height
 from labpipe.contact.memory import checked_history
@@ -113,9 +113,7 @@ def _uniform_step(time: Floats) -> float:
     return step
 
 
-def _active_set(
-    kernel: LineKernel, compliance: float, displacement: Floats, start: NDArray[np.bool_]
-) -> tuple[Floats, int]:
+def _active_set(kernel: LineKernel, compliance: float, displacement: Floats, start: Flags) -> tuple[Floats, int]:
     """Pressure (element,) with J(0) G p = displacement in contact; and the number of solves."""
     contact = start if np.any(start) else displacement > 0.0
     pressure = np.zeros(displacement.size)

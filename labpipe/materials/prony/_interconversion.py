@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats
 
 # The rational steps converge quadratically (5 to 12 in practice); the bisection that guards them
 # halves a logarithm, so that this bound is never met by admissible terms.
@@ -196,7 +196,7 @@ class _Gaps:
     base: Floats
     sign: Floats
     pole: Floats
-    left: NDArray[np.bool_]  # (row, j): pole j lies below the root
+    left: Flags  # (row, j): pole j lies below the root
     upper: Floats  # the distance is at most this
 
 

@@ -14,9 +14,9 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Complexes, Floats
 from labpipe.errors import InputError
 from labpipe.materials.prony._admissibility import (
     checked_terms,
@@ -211,7 +211,7 @@ class Prony:
         flow = family.fluidity * time if family.fluidity > 0 else 0.0
         return (family.unrelaxed + terms + flow) / self.factor(mode)
 
-    def complex_modulus(self, omega: ArrayLike, mode: Mode = "tension") -> NDArray[np.complex128]:
+    def complex_modulus(self, omega: ArrayLike, mode: Mode = "tension") -> Complexes:
         """Return E*(ω) = E′ + iE″ in Pa at the angular frequencies ω ≥ 0 (rad/s), same shape.
 
         Notes
@@ -225,7 +225,7 @@ class Prony:
         dashpot = self.viscosity * frequency if self.viscosity > 0 else 0.0
         return _complex(factor * (self.E_relaxed + storage), factor * (loss + dashpot))
 
-    def complex_compliance(self, omega: ArrayLike, mode: Mode = "tension") -> NDArray[np.complex128]:
+    def complex_compliance(self, omega: ArrayLike, mode: Mode = "tension") -> Complexes:
         """Return J*(ω) = J′ − iJ″ in 1/Pa, from the retardation terms; E*(ω) J*(ω) = 1."""
         frequency = frequencies(omega)
         family = self._creep
@@ -330,7 +330,7 @@ def _sum_over_terms(weight: Floats, scale: Floats, argument: Floats, shape: Call
         return np.asarray(shape(argument[..., None] / scale) @ weight)
 
 
-def _complex(real: Floats, imaginary: Floats) -> NDArray[np.complex128]:
+def _complex(real: Floats, imaginary: Floats) -> Complexes:
     """Join two real parts; complex arithmetic would turn an infinite part into NaN."""
     value = np.empty(np.shape(real), dtype=complex)
     value.real, value.imag = real, imaginary

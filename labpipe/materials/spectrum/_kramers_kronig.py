@@ -18,9 +18,9 @@ from typing import Literal
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.materials.spectrum._spectrum import Grid, compress, make_grid, maxwell_shapes, solve_by_cross_validation
 from labpipe.variables import described, variable
@@ -213,7 +213,7 @@ def _verdict(ratio: float, misfit: float, errors: tuple[float, float], points: i
     return ("warn" if ratio <= WARN_RATIO and misfit <= WARN_MISFIT else "fail"), text
 
 
-def _middle(ln_omega: Floats) -> NDArray[np.bool_]:
+def _middle(ln_omega: Floats) -> Flags:
     low, high = ln_omega.min(), ln_omega.max()
     margin = 0.5 * (1.0 - MIDDLE_SHARE) * (high - low)
     return (ln_omega >= low + margin) & (ln_omega <= high - margin)

@@ -1,10 +1,9 @@
 """Reduction of a Prony series to the fewest terms within a tolerance, for simulation codes."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Complexes, Floats
 from labpipe.errors import InputError
 from labpipe.materials.prony import Prony
 from labpipe.materials.spectrum._spectrum import maxwell_shapes
@@ -66,7 +65,7 @@ def fewest_terms(material: Prony, lowest: float, highest: float, tolerance: floa
     return material, 0.0
 
 
-def _fitted(omega: Floats, exact: NDArray[np.complex128], rho: Floats) -> tuple[float, Floats, float]:
+def _fitted(omega: Floats, exact: Complexes, rho: Floats) -> tuple[float, Floats, float]:
     """Return relaxed modulus, weights, and the larger rms relative error."""
     storage, loss = maxwell_shapes(np.log(omega), np.log(rho))
     ones = np.ones((omega.size, 1))

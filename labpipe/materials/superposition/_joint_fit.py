@@ -25,7 +25,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats
 from labpipe.materials.spectrum import (
     MARGIN_DECADES,
     Grid,
@@ -79,7 +79,7 @@ class Points:
     readings: Floats | None = None
     work: Work = field(default_factory=Work, compare=False)
 
-    def only(self, kept: NDArray[np.bool_] | NDArray[np.intp]) -> "Points":
+    def only(self, kept: Flags | NDArray[np.intp]) -> "Points":
         """Return some of the points, isotherms numbered as before."""
         readings = None if self.readings is None else self.readings[kept]
         known = (self.omega[kept], self.isotherm[kept], self.storage[kept], self.loss[kept])

@@ -9,7 +9,7 @@ do not tell the wrong one, on the master curve of all.
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats
 from labpipe.materials.spectrum import compress, make_grid, maxwell_shapes, solve
 from labpipe.materials.superposition._joint_fit import Points
 
@@ -29,7 +29,7 @@ _NOISE, _STRENGTH = 0.05, 1e-3
 _RIDGE = 1e-9
 
 
-def outlying(points: Points) -> NDArray[np.bool_]:
+def outlying(points: Points) -> Flags:
     """Tell which readings lie far off their own sweep, in storage or in loss.
 
     Returns
@@ -61,7 +61,7 @@ def outlying(points: Points) -> NDArray[np.bool_]:
     return found
 
 
-def off_the_curve(points: Points, predicted: Floats) -> NDArray[np.bool_]:
+def off_the_curve(points: Points, predicted: Floats) -> Flags:
     """Tell which single readings lie far off a master curve that all the others follow.
 
     Parameters
@@ -102,7 +102,7 @@ def _off_neighbours(omega: Floats, values: Floats) -> Floats:
     return np.asarray((y - np.sum(weights * y[near], axis=1)) / np.sqrt(1.0 + np.sum(weights**2, axis=1)))
 
 
-def _confirmed(points: Points, row: NDArray[np.intp], kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _confirmed(points: Points, row: NDArray[np.intp], kept: Flags) -> Flags:
     """Ask one spectrum through the rest of the sweep, both moduli, whether the suspects are off it."""
     x = np.log(points.omega[row])
     measured = np.concatenate([points.storage[row], points.loss[row]])

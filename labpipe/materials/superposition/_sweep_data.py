@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.materials.superposition._dense_sweeps import means_of
 from labpipe.materials.superposition._joint_fit import Points
@@ -118,7 +118,7 @@ def read_sweeps(sweeps: xr.Dataset, is_robust: bool = True) -> SweepData:
     return SweepData(means_of(readings), readings, temperature[kept], kept, row, column, tuple(notes))
 
 
-def without_readings(data: SweepData, far: NDArray[np.bool_]) -> SweepData:
+def without_readings(data: SweepData, far: Flags) -> SweepData:
     """Leave readings out that lie far off the master curve of all others, and say so."""
     points = data.points
     first = int(np.flatnonzero(far)[0])
@@ -134,7 +134,7 @@ def without_readings(data: SweepData, far: NDArray[np.bool_]) -> SweepData:
     return replace(data, points=kept, readings=kept, row=row, column=column, warnings=(*data.warnings, note))
 
 
-def _points(present: NDArray[np.bool_], storage: Floats, loss: Floats, frequency: Floats) -> Points:
+def _points(present: Flags, storage: Floats, loss: Floats, frequency: Floats) -> Points:
     """Flatten the readings in use."""
     kept = np.flatnonzero(present.any(axis=1))
     row, column = np.nonzero(present)
@@ -143,7 +143,7 @@ def _points(present: NDArray[np.bool_], storage: Floats, loss: Floats, frequency
 
 
 def _leave_out_outlying(
-    present: NDArray[np.bool_], storage: Floats, loss: Floats, temperature: Floats, frequency: Floats
+    present: Flags, storage: Floats, loss: Floats, temperature: Floats, frequency: Floats
 ) -> list[str]:
     """Drop readings far off their own sweep from those in use, and say so."""
     far = np.zeros_like(present)
@@ -196,7 +196,7 @@ def _refuse_impossible(storage: Floats, loss: Floats, temperature: Floats, frequ
             )
 
 
-def _where(mask: NDArray[np.bool_], temperature: Floats, frequency: Floats) -> str:
+def _where(mask: Flags, temperature: Floats, frequency: Floats) -> str:
     row, column = (int(i[0]) for i in np.nonzero(mask))
     return f"first at {temperature[row]:g} °C, {frequency[column]:.4g} Hz"
 

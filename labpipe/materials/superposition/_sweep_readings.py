@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.variables import variable
 
@@ -164,7 +164,7 @@ _TOLD_BY = ("is_valid", "is_clipped", "status", "storage_modulus", "loss_modulus
 """Columns that tell which points count."""
 
 
-def _trusted(run: TableRun, skip_first: bool) -> NDArray[np.bool_]:
+def _trusted(run: TableRun, skip_first: bool) -> Flags:
     """Tell which points count: valid, not clipped, torque large enough."""
     columns = run.dataset.variables
     part = {name: columns[name].values[run.rows] for name in _TOLD_BY if name in columns}
@@ -180,9 +180,7 @@ def _trusted(run: TableRun, skip_first: bool) -> NDArray[np.bool_]:
     return good
 
 
-def _tabulated(
-    runs: Sequence[TableRun], trusted: Sequence[NDArray[np.bool_]], factor: float, mode: str, nu: float
-) -> xr.Dataset:
+def _tabulated(runs: Sequence[TableRun], trusted: Sequence[Flags], factor: float, mode: str, nu: float) -> xr.Dataset:
     """Put ragged sweeps on the union of their frequencies."""
     levels, columns = _columns([run.values("frequency") for run in runs])
     shape = (len(runs), levels.size)
