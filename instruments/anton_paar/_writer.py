@@ -132,17 +132,8 @@ def _written(column: Column, style: _Style) -> list[str]:
     return cells
 
 
-def write(
-    path: str | os.PathLike[str],
-    dataset: xr.Dataset,
-    *,
-    encoding: str = "utf-16",
-    delimiter: str = "\t",
-    decimal: str = ".",
-    language: str = "en",
-    digits: int | None = None,
-) -> None:
-    """Write an export; see :func:`encode`.
+def write(path: str | os.PathLike[str], dataset: xr.Dataset, *, digits: int | None = None) -> None:
+    """Write an export as the software does; see :func:`encode`.
 
     Raises
     ------
@@ -151,5 +142,4 @@ def write(
     StorageError
         The file cannot be written.
     """
-    data = encode(dataset, encoding=encoding, delimiter=delimiter, decimal=decimal, language=language, digits=digits)
-    files.write_bytes(path, data)
+    files.write_bytes(path, encode(dataset, digits=digits))

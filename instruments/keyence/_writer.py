@@ -207,22 +207,8 @@ def _written(dataset: xr.Dataset, output: int, original_unit: str) -> list[str]:
     return cells
 
 
-def write(
-    path: str | os.PathLike[str],
-    dataset: xr.Dataset,
-    *,
-    encoding: str = "utf-8-sig",
-    delimiter: str = ",",
-    decimal: str = ".",
-) -> None:
-    """Write a Dataset of the form of :func:`read` as a storage file in the assumed layout.
-
-    Parameters
-    ----------
-    path : path-like
-        Where.
-    dataset, encoding, delimiter, decimal
-        See :func:`encode`.
+def write(path: str | os.PathLike[str], dataset: xr.Dataset) -> None:
+    """Write a Dataset of the form of :func:`read` as a storage file, as :func:`encode` does by itself.
 
     Raises
     ------
@@ -231,5 +217,4 @@ def write(
     StorageError
         The file cannot be written.
     """
-    data = encode(dataset, encoding=encoding, delimiter=delimiter, decimal=decimal)
-    files.write_bytes(path, data)
+    files.write_bytes(path, encode(dataset))

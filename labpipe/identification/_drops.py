@@ -219,11 +219,6 @@ class DropModel:
             found[self.names["pixel"]] = self._is_radius() * at
         return found
 
-    def share(self, given: Given) -> tuple[float, dict[str, float]]:
-        """All of the correction applies."""
-        del given
-        return 1.0, {}
-
     def _finished(self, numbers: Floats, given: Given) -> Floats:
         trigger, pulse = (self._value(role, 0.0, given) for role in ("trigger", "pulse"))
         read = pulse * self._by_pulse() - trigger * self._is_touch()

@@ -103,10 +103,6 @@ class Model(Protocol):
         """Return what a costlier, fuller model predicts (n,); None where there is none."""
         ...
 
-    def share(self, given: Given) -> tuple[float, dict[str, float]]:
-        """Return how much of the fuller model's correction applies, and its derivatives."""
-        ...
-
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
@@ -137,21 +133,6 @@ class Evidence:
     def u(self) -> Floats:
         """Their own standard uncertainties (n,)."""
         return np.concatenate([g.u for g in self.groups])
-
-    def weight(self, ratio: Floats | None, given: Given) -> tuple[Floats, dict[str, Floats]]:
-        """Return the correction (n,) that applies, and its derivatives by unknowns.
-
-        Parameters
-        ----------
-        ratio : array (n,), optional
-            Of the fuller model's numbers to the fast one's.
-        given : mapping of str to float
-            Values of the nuisances.
-        """
-        if ratio is None:
-            return np.ones(self.values.size), {}
-        share, slopes = self.model.share(given)
-        return 1.0 + share * (ratio - 1.0), {n: s * (ratio - 1.0) for n, s in slopes.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,11 +207,6 @@ class LinearModel:
         if self.fuller is None:
             return None
         return np.asarray(self._factor(given) * self.fuller(material, given) + self._offset(given))
-
-    def share(self, given: Given) -> tuple[float, dict[str, float]]:
-        """All of the correction applies."""
-        del given
-        return 1.0, {}
 
     def _basis(self, given: Given) -> Floats:
         made = self.basis

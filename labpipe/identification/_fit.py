@@ -201,17 +201,14 @@ class Objective:
             predicted = self.problem.predictions(xi, self.corrections)
         except LabpipeError:
             return np.concatenate([np.full(self._size, _FAR), xi])
-        rows = [
-            (e.values - p) / self.deviations(i)
-            for i, (e, p) in enumerate(zip(self.problem.evidence, predicted, strict=True))
-        ]
-        return np.concatenate([*rows, xi])
+        missed = np.concatenate([e.values - p for e, p in zip(self.problem.evidence, predicted, strict=True)])
+        return np.concatenate([missed / self.deviations, xi])
 
-    def deviations(self, number: int) -> Floats:
-        """Return the deviations (n,) of one experiment; those of a misfit go with the values."""
-        evidence = self.problem.evidence[number]
-        parts = [self.misfits.get((evidence.name, g.name), Misfit()).deviation(g, g.values) for g in evidence.groups]
-        return np.concatenate(parts)
+    @property
+    def deviations(self) -> Floats:
+        """The deviations (n,) of all experiments; those of a misfit go with the values."""
+        groups = [(e.name, g) for e in self.problem.evidence for g in e.groups]
+        return np.concatenate([self.misfits.get((n, g.name), Misfit()).deviation(g, g.values) for n, g in groups])
 
     def data_jacobian(self, xi: Floats) -> Floats:
         """Return the derivative (n, parameter) of the predictions over their deviations.
@@ -227,9 +224,9 @@ class Objective:
 
     def _surrogate(self, xi: Floats, rest: Floats) -> Surrogate:
         tangent = self.tangent or self._differentiate(xi)
-        deviations = np.concatenate([self.deviations(i) for i in range(len(self.problem.evidence))])[:, None]
-        by_terms, by_values = tangent.corrected(xi, self.corrections)
-        return Surrogate(self.problem, xi, rest, by_terms / deviations, by_values / deviations)
+        ratio, deviations = np.concatenate(self.corrections)[:, None], self.deviations[:, None]
+        by_terms, by_values = (ratio * part / deviations for part in (tangent.by_terms, tangent.by_values))
+        return Surrogate(self.problem, xi, rest, by_terms, by_values)
 
     def surrogate(self, xi: Floats) -> Surrogate:
         """Return the surrogate around a point, by the models' derivatives there."""
@@ -296,12 +293,7 @@ class Objective:
         if self.tangent is None or not np.any(to != surrogate.at):
             return
         promised, _ = surrogate.rows(to)
-        deviations = np.concatenate([self.deviations(i) for i in range(len(self.problem.evidence))])
-        given = self.problem.nuisance_values(surrogate.at)
-        weight = np.concatenate(
-            [e.weight(ratio, given)[0] for e, ratio in zip(self.problem.evidence, self.corrections, strict=True)]
-        )
-        missed = (promised - found) * deviations / weight
+        missed = (promised - found) * self.deviations / np.concatenate(self.corrections)
         self.tangent = self.tangent.learned(surrogate, to, missed)
 
     def _height(self, xi: Floats) -> tuple[float, Floats]:

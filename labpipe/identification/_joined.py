@@ -52,8 +52,3 @@ class JoinedModel:
     def refined(self, material: Prony, given: Given) -> None:
         """No part has a fuller model."""
         del material, given
-
-    def share(self, given: Given) -> tuple[float, dict[str, float]]:
-        """All of a correction would apply."""
-        del given
-        return 1.0, {}

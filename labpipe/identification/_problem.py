@@ -11,7 +11,7 @@ from labpipe.identification._parameters import Parameter
 from labpipe.identification._spectra import Spectrum, material
 from labpipe.materials import Prony
 
-Corrections = tuple[Floats | None, ...]
+Corrections = tuple[Floats, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,21 +93,19 @@ class Problem:
 
     def no_corrections(self) -> Corrections:
         """Return that every fast model is taken as it is."""
-        return tuple(None for _ in self.evidence)
+        return tuple(np.ones(e.values.size) for e in self.evidence)
 
     def corrections(self, xi: Floats) -> Corrections:
-        """Return ratios (n,) of the fuller models to the fast ones; None where there is none."""
+        """Return ratios (n,) of the fuller models to the fast ones; 1 where there is none."""
         solid, given = self.material(xi), self.nuisance_values(xi)
         return tuple(_ratio(e, solid, given) for e in self.evidence)
 
     def predictions(self, xi: Floats, corrections: Corrections) -> list[Floats]:
         """Return the numbers (n,) of every experiment."""
         solid, given = self.material(xi), self.nuisance_values(xi)
-        found = []
-        for each, ratio in zip(self.evidence, corrections, strict=True):
-            numbers = each.model.predict(solid, given)
-            found.append(numbers * each.weight(ratio, given)[0])
-        return found
+        return [
+            ratio * each.model.predict(solid, given) for each, ratio in zip(self.evidence, corrections, strict=True)
+        ]
 
 
 def split_by_group(evidence: Evidence, numbers: Floats) -> list[Floats]:
@@ -116,10 +114,10 @@ def split_by_group(evidence: Evidence, numbers: Floats) -> list[Floats]:
     return list(np.split(numbers, ends[:-1]))
 
 
-def _ratio(evidence: Evidence, solid: Prony, given: dict[str, float]) -> Floats | None:
+def _ratio(evidence: Evidence, solid: Prony, given: dict[str, float]) -> Floats:
     fuller = evidence.model.refined(solid, given)
     if fuller is None:
-        return None
+        return np.ones(evidence.values.size)
     fast = evidence.model.predict(solid, given)
     is_known = (fast != 0.0) & (fuller != 0.0)
     return np.divide(fuller, fast, out=np.ones(fast.size), where=is_known)

@@ -187,12 +187,8 @@ class _Anywhere:
         base = objective.surrogate(xi)
         rho = np.unique(np.concatenate([*times, problem.spectrum.rho]))
         solid, given = problem.material(xi), problem.nuisance_values(xi)
-        rows = []
-        for number, (each, ratio) in enumerate(zip(rebuilt(rho), found.corrections, strict=True)):
-            weight, _ = each.weight(ratio, given)
-            scale = weight / objective.deviations(number)
-            rows.append(scale[:, None] * each.model.by_times(solid, given, rho))
-        by_terms = np.vstack(rows)
+        scale = np.concatenate(found.corrections) / objective.deviations
+        by_terms = scale[:, None] * np.vstack([each.model.by_times(solid, given, rho) for each in rebuilt(rho)])
         terms = base.terms(xi)
         own = by_terms[:, _columns(rho, problem.spectrum.rho)] @ terms
         return cls(found, rho, base.rest, by_terms, base.by_values, own)

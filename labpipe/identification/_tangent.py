@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from labpipe.arrays import Floats
-from labpipe.identification._problem import Corrections, Problem
+from labpipe.identification._problem import Problem
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,25 +23,22 @@ class Tangent:
     Attributes
     ----------
     problem : Problem
-    by_terms : tuple of array (n, 1 + term)
-        Of every experiment's fast model, per Pa.
-    by_values : tuple of array (n, nuisance)
+    by_terms : array (n, 1 + term)
+        Of the fast models of all experiments, one below the other, per Pa.
+    by_values : array (n, nuisance)
         By the nuisances in their units.
-    numbers : tuple of array (n,)
-        What the fast models predict there.
     """
 
     problem: Problem
-    by_terms: tuple[Floats, ...]
-    by_values: tuple[Floats, ...]
-    numbers: tuple[Floats, ...]
+    by_terms: Floats
+    by_values: Floats
 
     @classmethod
     def at(cls, problem: Problem, xi: Floats) -> "Tangent":
         """Differentiate every model at standard coordinates (parameter,)."""
         solid, given = problem.material(xi), problem.nuisance_values(xi)
         place = {p.name: i for i, p in enumerate(problem.nuisances)}
-        by_terms, by_values, numbers = [], [], []
+        by_terms, by_values = [], []
         for each in problem.evidence:
             by_term, others = each.model.derivatives(solid, given)
             columns = np.zeros((each.values.size, len(place)))
@@ -49,31 +46,7 @@ class Tangent:
                 columns[:, place[name]] = column
             by_terms.append(by_term)
             by_values.append(columns)
-            numbers.append(each.model.predict(solid, given))
-        return cls(problem, tuple(by_terms), tuple(by_values), tuple(numbers))
-
-    def corrected(self, xi: Floats, corrections: Corrections) -> tuple[Floats, Floats]:
-        """Return the derivatives of the corrected predictions by terms, and by nuisances.
-
-        Parameters
-        ----------
-        xi : array (parameter,)
-            Where the corrections apply.
-        corrections : tuple of array or None
-            Ratios of the fuller models to the fast ones.
-        """
-        given = self.problem.nuisance_values(xi)
-        place = {p.name: i for i, p in enumerate(self.problem.nuisances)}
-        by_terms, by_values = [], []
-        parts = zip(self.problem.evidence, corrections, self.by_terms, self.by_values, self.numbers, strict=True)
-        for each, ratio, terms, values, numbers in parts:
-            weight, by_share = each.weight(ratio, given)
-            columns = weight[:, None] * values
-            for name, column in by_share.items():
-                columns[:, place[name]] += numbers * column
-            by_terms.append(weight[:, None] * terms)
-            by_values.append(columns)
-        return np.vstack(by_terms), np.vstack(by_values)
+        return cls(problem, np.vstack(by_terms), np.vstack(by_values))
 
     def learned(self, surrogate: "Surrogate", to: Floats, missed: Floats) -> "Tangent":
         """Return the tangent that would have predicted a step (Broyden's rank-one update).
@@ -96,11 +69,8 @@ class Tangent:
         scale = np.concatenate([begin, own])
         way = np.concatenate([end - begin, surrogate.values(to) - surrogate.values(surrogate.at)])
         row = way / scale / float(np.sum((way / scale) ** 2)) / scale
-        ends = np.cumsum([e.values.size for e in self.problem.evidence])[:-1]
-        parts = np.split(missed, ends)
-        by_terms = tuple(d + np.outer(m, row[: end.size]) for d, m in zip(self.by_terms, parts, strict=True))
-        by_values = tuple(d + np.outer(m, row[end.size :]) for d, m in zip(self.by_values, parts, strict=True))
-        return Tangent(self.problem, by_terms, by_values, self.numbers)
+        by_terms, by_values = (np.outer(missed, part) for part in np.split(row, [end.size]))
+        return Tangent(self.problem, self.by_terms + by_terms, self.by_values + by_values)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,7 @@ from labpipe.variables import described, variable
 
 _MOVED_SIGMA, _MOVED_SHARE = 6.0, 5e-3  # off its rest level by noise, and by part of the range
 _FIRST = 10  # readings that are taken to be at rest, if any are
+_EASING = 1  # cycles left out at either end: the stage eases in and out of the motion
 _STEADY = 0.01  # relative difference from the median of the later half
 _STEADY_SPREADS = 5.0  # or this many robust spreads, whichever is wider
 _ROUNDING = 0.05  # of a cycle that a part may lack of a whole number
@@ -28,15 +29,12 @@ _POINTS_PER_CYCLE = 512  # of the path whose area is taken; its error is below 1
 class Window:
     """Where a driven motion is.
 
-    ``start`` and ``end`` (s) bound the motion, ``level_before`` and ``level_after`` are the
-    signal's means at rest (NaN when the record does not show it); ``frequency`` (Hz) is a fit to
-    the middle of the motion. ``steady_start`` and ``steady_end`` leave out the transient cycles.
+    ``start`` and ``end`` (s) bound the motion; ``frequency`` (Hz) is a fit to its middle.
+    ``steady_start`` and ``steady_end`` leave out the first and the last cycle.
     """
 
     start: float
     end: float
-    level_before: float
-    level_after: float
     frequency: float
     steady_start: float
     steady_end: float
@@ -47,9 +45,7 @@ class Window:
         return slice(int(edges[0]), int(edges[1]))
 
 
-def active_window(
-    time: ArrayLike, position: ArrayLike, frequency_guess: float | None = None, *, skip_cycles: int = 1
-) -> Window:
+def active_window(time: ArrayLike, position: ArrayLike, frequency_guess: float | None = None) -> Window:
     """Find the motion between the rests before and after it, and its steady part.
 
     Parameters
@@ -58,8 +54,6 @@ def active_window(
     position : array (n,) [m]
     frequency_guess : float, optional [Hz]
         Default the strongest line.
-    skip_cycles : int
-        Cycles left out at either end: the stage eases in and out of the motion.
 
     Returns
     -------
@@ -85,33 +79,28 @@ def active_window(
     if len(x) < 16 or is_constant(x):
         raise InputError(f"no motion in {len(x)} readings")
     extent = float(np.ptp(x))
-    start, before = _edge(t, x, extent)
-    end, after = _edge(-t[::-1], x[::-1], extent)
-    end = -end
+    start, end = _edge(t, x, extent), -_edge(-t[::-1], x[::-1], extent)
     moving = (t >= start) & (t <= end)
     middle = (t >= start + 0.2 * (end - start)) & (t <= end - 0.2 * (end - start))
     fit = fit_sinusoid(t[middle], x[middle], frequency_guess, harmonics=1)
     period = 1.0 / fit.frequency
-    n_cycles = int((end - start) / period + 0.5) - 2 * skip_cycles
+    n_cycles = int((end - start) / period + 0.5) - 2 * _EASING
     if n_cycles < 1:
         raise InputError(
-            f"{(end - start) / period:.2f} cycles of motion leave none after {skip_cycles} are left out at either end"
+            f"{(end - start) / period:.2f} cycles of motion leave none after {_EASING} are left out at either end"
         )
-    first = start + skip_cycles * period
+    first = start + _EASING * period
     last = min(first + n_cycles * period, float(t[moving][-1]))
-    return Window(start, end, before, after, fit.frequency, first, last)
+    return Window(start, end, fit.frequency, first, last)
 
 
-def _edge(t: Floats, x: Floats, extent: float) -> tuple[float, float]:
-    """Time of the last reading at the first level, and that level (NaN when it moves at once)."""
-    n_first = _FIRST
-    level = float(np.median(x[:n_first]))
-    noise = max(difference_sigma(x[:n_first]), quantisation_step(x))
+def _edge(t: Floats, x: Floats, extent: float) -> float:
+    """Time of the last reading at the first level."""
+    level = float(np.median(x[:_FIRST]))
+    noise = max(difference_sigma(x[:_FIRST]), quantisation_step(x))
     limit = max(_MOVED_SIGMA * noise, _MOVED_SHARE * extent)
     off = np.flatnonzero(np.abs(x - level) > limit)
-    if not len(off) or off[0] < n_first:
-        return float(t[0]), float("nan")
-    return float(t[off[0] - 1]), float(np.mean(x[: off[0]]))
+    return float(t[off[0] - 1] if len(off) and off[0] >= _FIRST else t[0])
 
 
 def hysteresis_loops(

@@ -55,7 +55,6 @@ class Sinusoid:
     trend: tuple[float, ...]
     residual_rms: float
     n_cycles: float
-    n_samples: int
 
     def __call__(self, time: ArrayLike) -> Floats:
         """Evaluate the fitted curve."""
@@ -351,7 +350,6 @@ def _described(
         trend=tuple(trend.tolist()),
         residual_rms=float(np.sqrt(np.mean(left**2))),
         n_cycles=frequency * float(s[-1] - s[0]),
-        n_samples=len(s),
     )
 
 

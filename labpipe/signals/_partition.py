@@ -17,6 +17,7 @@ LEAF = 4
 """Samples in the smallest interval."""
 
 _ORDER = 4  # parameters of a piece: a cubic
+_SLOPE = 0.5  # by which lengths may grow with the distance from shorter ones
 _PRICE = 3.0  # chi-square that a parameter must gain: between Akaike (2) and Bayes (log n)
 
 
@@ -51,14 +52,15 @@ def smooth_lengths(position: Floats, values: Floats) -> Floats:
     return lengths[: -(-len(values) // LEAF)]
 
 
-def graded(lengths: Floats, slope: float = 0.5) -> Floats:
+def graded(lengths: Floats) -> Floats:
     """Let lengths grow at most with the distance from shorter ones.
 
     A long piece that ends just inside an impact would otherwise bring its coarse knots there.
     """
     centre = (np.arange(len(lengths)) + 0.5) * LEAF
-    rising = np.minimum.accumulate(lengths - slope * centre) + slope * centre
-    falling = np.minimum.accumulate((lengths + slope * centre)[::-1])[::-1] - slope * centre
+    rise = _SLOPE * centre
+    rising = np.minimum.accumulate(lengths - rise) + rise
+    falling = np.minimum.accumulate((lengths + rise)[::-1])[::-1] - rise
     return np.minimum(rising, falling)
 
 

@@ -36,7 +36,6 @@ class Damped:
     offset: float
     start_time: float
     residual_rms: float
-    n_samples: int
     drift: float = 0.0
 
     def at(self, time: ArrayLike) -> Floats:
@@ -137,7 +136,6 @@ def damped_oscillation(
         float(offset),
         start,
         float(np.sqrt(np.mean(left**2))),
-        len(t),
         float(drift) / span,
     )
 

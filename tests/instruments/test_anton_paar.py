@@ -308,7 +308,8 @@ def test_what_is_written_is_read(tmp_path_factory, tables, language, signs, enco
     made = assemble(intervals, project="p | x | 1")
     path = tmp_path_factory.mktemp("round") / "x.csv"
     delimiter, decimal = signs
-    anton_paar.write(path, made, encoding=encoding, delimiter=delimiter, decimal=decimal, language=language)
+    how = {"encoding": encoding, "delimiter": delimiter, "decimal": decimal, "language": language}
+    path.write_bytes(anton_paar.encode(made, **how))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found = anton_paar.read(path, decimal=decimal)

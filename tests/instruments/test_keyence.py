@@ -148,7 +148,7 @@ def test_all_nines_of_an_unpadded_column_are_a_number(tmp_path):
 def test_what_is_written_is_read(tmp_path, delimiter, decimal, codec):
     made = recording(measuring_range=4e-3, averaging=16, storage_factor=2)
     path = tmp_path / "made.csv"
-    keyence.write(path, made, encoding=codec, delimiter=delimiter, decimal=decimal)
+    path.write_bytes(keyence.encode(made, encoding=codec, delimiter=delimiter, decimal=decimal))
     again = instruments.read(path)
     for name in made.variables:
         xr.testing.assert_identical(made[name].variable, again[name].variable)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from labpipe.contact.beyond._adhesion import EQUILIBRIUM_DISTANCE, cohesive_stress, lost_energy, pull_off, regime, tabor
+from labpipe.contact.beyond._adhesion import lost_energy, pull_off, regime, tabor
 from labpipe.materials import Prony
 from labpipe.units import require_positive
 
@@ -33,12 +33,10 @@ class AdhesionEstimate:
         The most that a fast crack in this viscoelastic solid can make of it.
     lost_energy : float [J]
         That closing and opening the contact costs, of the elastic solid.
-    force_share, energy_share : float
-        Upper bounds beside the peak force and the impact's kinetic energy.
-    sticking_speed : float [m/s]
-        Below about this speed the sphere does not leave again (bound).
+    force_share : float
+        Upper bound beside the peak force.
     verdict : str
-        ``"negligible"`` or ``"may matter"``.
+        ``"negligible"``, of the force and of the impact's kinetic energy, or ``"may matter"``.
     """
 
     tabor: float
@@ -47,8 +45,6 @@ class AdhesionEstimate:
     pull_off_bound: float
     lost_energy: float
     force_share: float
-    energy_share: float
-    sticking_speed: float
     verdict: str
 
 
@@ -60,7 +56,6 @@ def adhesion_in_impact(
     contact_duration: float,
     peak_force: float,
     work: float = WORK_OF_ADHESION,
-    equilibrium_distance: float = EQUILIBRIUM_DISTANCE,
 ) -> AdhesionEstimate:
     """Compare adhesion with an impact of a viscoelastic sphere.
 
@@ -75,8 +70,6 @@ def adhesion_in_impact(
         Of the impact, as :func:`labpipe.contact.drop` or a measurement gives them.
     work : float [J/m2]
         Of adhesion.
-    equilibrium_distance : float [m]
-        Of the surfaces.
 
     Raises
     ------
@@ -100,12 +93,10 @@ def adhesion_in_impact(
     modulus = abs(complex(material.complex_modulus(np.pi / contact_duration, "contact")))
     relaxed = material.E_relaxed if not material.is_liquid else modulus / material.factor("contact")
     enhanced = work * material.E_unrelaxed / relaxed
-    reach = tabor(radius, modulus, work, equilibrium_distance)
-    held = pull_off(radius, modulus, work, "maugis", cohesive_stress(work, equilibrium_distance)) if work > 0.0 else 0.0
+    reach = tabor(radius, modulus, work)
+    held = pull_off(radius, modulus, work, "maugis") if work > 0.0 else 0.0
     bound = 2.0 * np.pi * enhanced * radius
-    energy = 0.5 * mass * speed**2
-    lost = lost_energy(radius, modulus, enhanced)
-    shares = (float(bound / peak_force), float(lost / energy))
+    shares = (float(bound / peak_force), lost_energy(radius, modulus, enhanced) / (0.5 * mass * speed**2))
     return AdhesionEstimate(
         tabor=reach,
         regime=regime(reach),
@@ -113,7 +104,5 @@ def adhesion_in_impact(
         pull_off_bound=float(bound),
         lost_energy=lost_energy(radius, modulus, work),
         force_share=shares[0],
-        energy_share=shares[1],
-        sticking_speed=float(np.sqrt(2.0 * lost / mass)),
         verdict="negligible" if max(shares) < NOTICEABLE else "may matter",
     )

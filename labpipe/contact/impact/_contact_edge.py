@@ -18,6 +18,13 @@ def gap(fall: Fall, x: float) -> float:
 
 
 @inner()
+def _steepness(fall: Fall, x: float) -> float:
+    """Return the derivative of the gap by ``x``."""
+    ratio = x / fall.radius
+    return math.atanh(ratio) + ratio / (1.0 - ratio**2) if fall.is_sphere else 2.0 * ratio
+
+
+@inner()
 def gap_area(fall: Fall, x: float) -> float:
     """Integral of the gap from the centre to ``x`` [m]."""
     r = fall.radius
@@ -37,9 +44,7 @@ def inverse_gap(fall: Fall, depth: float) -> float:
     if fall.is_sphere:
         x = min(x, 0.99 * fall.radius)
         for _ in range(30):
-            ratio = x / fall.radius
-            slope = math.atanh(ratio) + ratio / (1.0 - ratio**2)
-            change = (gap(fall, x) - depth) / slope
+            change = (gap(fall, x) - depth) / _steepness(fall, x)
             x = min(x - change, 0.5 * (x + 0.999 * fall.radius))
             if abs(change) < 1e-15 * x:
                 break
@@ -57,9 +62,7 @@ def dented_edge(scheme: Scheme, fall: Fall, room: Room, i: int, depth: float, ou
         inside = 1.0 - (x / outer) ** 2
         s = math.sqrt(inside) if inside > 0.0 else 0.0
         rise = gap(fall, x) + value_at(scheme, room.field[i], s) - depth
-        slope = 2.0 * x / fall.radius
-        if fall.is_sphere:
-            slope = math.atanh(x / fall.radius) + x / fall.radius / (1.0 - (x / fall.radius) ** 2)
+        slope = _steepness(fall, x)
         if s > 1e-5:
             slope -= value_at(scheme, room.slope[i], s) * x / (s * outer**2)
         if rise > 0.0:
@@ -90,8 +93,7 @@ def receding_edge(
         load = law.E_relaxed * (depth - gap(fall, x)) + value_at(scheme, room.field[i], s) + density
         slope = 2.0 * s * outer**2 / fall.radius
         if fall.is_sphere and x > 0.0:
-            ratio = x / fall.radius
-            slope = (math.atanh(ratio) + ratio / (1.0 - ratio**2)) * s * outer**2 / x
+            slope = _steepness(fall, x) * s * outer**2 / x
         slope = law.E_relaxed * slope + value_at(scheme, room.slope[i], s)
         if load > 0.0:
             high = s

@@ -30,7 +30,7 @@ from labpipe.contact.impact._motion import (
     blank,
     motion,
 )
-from labpipe.contact.impact._plate import PlateState
+from labpipe.contact.impact._plate import PlateState, modal
 from labpipe.contact.impact._setup import FIRST_STEP, LONGEST_STEP
 from labpipe.contact.impact._step_table import StepTable, step_table
 from labpipe.contact.impact._steps import PACE, Block, Pace, Rules
@@ -119,7 +119,7 @@ class Stepper:
         self._table = step_table(self.creep_law, self.time_scale * 2.0**octaves)
         self._batch = np.recarray(_BATCH, MOTION)
         self._pace = cast("Pace", blank(PACE, slowest=-inf, fastest=inf, largest=inf))
-        plate = self.body.plate
+        mass, stiffness, damping = modal(self.body.plate)
         self.rules = Rules(
             mass=self.body.mass,
             gravity=self.body.gravity,
@@ -131,9 +131,9 @@ class Stepper:
             rest_period=self.stillness.period,
             rest_speed=self.stillness.speed,
             plate_speed=self.stillness.plate_speed,
-            plate_mass=plate.mass if plate else 0.0,
-            plate_stiffness=plate.stiffness if plate else 0.0,
-            plate_damping=plate.damping if plate else 0.0,
+            plate_mass=mass,
+            plate_stiffness=stiffness,
+            plate_damping=damping,
         )
 
     # -- the free sphere -------------------------------------------------------------------------

@@ -115,8 +115,7 @@ def record_columns(records: Trail, plate: Plate | None) -> Columns:
     """Turn records into columns."""
     energy = np.zeros(records.size)
     if plate is not None:
-        squares = plate.mass * records["plate_velocity"] ** 2
-        energy = 0.5 * (squares + plate.stiffness * records["plate_displacement"] ** 2)
+        energy = plate.energy(PlateState(records["plate_displacement"], records["plate_velocity"]))
     derived = ("plate_energy", "surface")
     known = {name: records[name] for name in Columns._fields if name not in derived}
     # In contact the pole lies on the substrate: its surface has moved by the approach.

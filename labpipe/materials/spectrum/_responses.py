@@ -17,7 +17,12 @@ from numpy.typing import ArrayLike
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials.prony import Prony, Retardation, relaxation_from_creep
-from labpipe.materials.spectrum._spectrum import TERMS_PER_DECADE, compress, solve_by_cross_validation
+from labpipe.materials.spectrum._spectrum import (
+    TERMS_PER_DECADE,
+    compress,
+    second_differences,
+    solve_by_cross_validation,
+)
 
 _LEAST = 8  # readings over time
 _WITHIN = 0.5  # decades inside the measured times at either end, where a frequency is trusted
@@ -130,9 +135,7 @@ def _fitted(columns: Floats, measured: Floats, terms: int) -> Floats:
     """Return weights that are not negative, smooth over the terms, by relative residuals."""
     scale = np.full(columns.shape[1], float(np.median(measured)))
     rows = columns * scale / measured[:, None]
-    penalty = np.zeros((terms - 2, columns.shape[1]))
-    at = np.arange(terms - 2)
-    penalty[at, at], penalty[at, at + 1], penalty[at, at + 2] = 1.0, -2.0, 1.0
+    penalty = second_differences(terms, scale.size, TERMS_PER_DECADE)
     system = compress(rows, np.ones(measured.size))
-    found = solve_by_cross_validation(*system, penalty * TERMS_PER_DECADE**1.5, measured.size)
+    found = solve_by_cross_validation(*system, penalty, measured.size)
     return found.coefficient * scale

@@ -133,7 +133,7 @@ def make_grid(
     middle = 0.5 * (low + high)
     ln_time = np.asarray(middle + step * (np.arange(count) - 0.5 * (count - 1)))
     scale = np.exp(_smoothed_log(ln_omega, np.log(loss), -ln_time, 1.5 * step))
-    scale, penalty = np.append(scale, np.min(storage)), _second_differences(count, terms_per_decade)
+    scale, penalty = np.append(scale, np.min(storage)), second_differences(count, count + 1, terms_per_decade)
     return Grid(ln_time=ln_time, scale=scale, penalty=penalty, terms_per_decade=terms_per_decade)
 
 
@@ -144,10 +144,10 @@ def _smoothed_log(x: Floats, y: Floats, at: Floats, width: float) -> Floats:
     return np.asarray((weight @ y) / weight.sum(axis=1))
 
 
-def _second_differences(terms: int, terms_per_decade: float) -> Floats:
+def second_differences(terms: int, columns: int, terms_per_decade: float) -> Floats:
     """Second differences of the weights, times ppd^1.5 so that the strength keeps its meaning."""
     rows = np.arange(max(terms - 2, 0))
-    matrix = np.zeros((rows.size, terms + 1))
+    matrix = np.zeros((rows.size, columns))
     matrix[rows, rows] = 1.0
     matrix[rows, rows + 1] = -2.0
     matrix[rows, rows + 2] = 1.0

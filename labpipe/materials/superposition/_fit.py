@@ -49,8 +49,8 @@ from labpipe.materials.superposition._reweighting import (
     Candidate,
     Options,
     Superposition,
-    huber,
     settled,
+    weights_in,
     weights_of,
 )
 from labpipe.materials.superposition._shift_parameters import OuterModel, State, expected_shifts
@@ -160,7 +160,7 @@ def _rival(points: Points, current: Superposition, options: Options) -> TwoProce
     has_law = model.vertical != "none" or model.has_delay or model.level_spread > 0
     if not has_law and violation(current, options) < _NOTHING_LEFT:
         return None
-    weight = weights_of(points, current.noise, current.fit.predicted) * huber(current, options)
+    weight = weights_in(points, current, options)
     strength = current.fit.solution.strength
     present = evaluate(points, weight, current.fit.grid, state, strength)
     plain = replace(model, vertical="none", slope_spread=0.0, has_delay=False, level_spread=0.0)
@@ -226,7 +226,7 @@ def _settled_finely(points: Points, candidate: Candidate, noise: Noise, options:
     current = settled(points, candidate, noise, options, TERMS_PER_DECADE)
     while 2 * current.fit.grid.terms_per_decade <= MOST_TERMS_PER_DECADE and points.work.goes_on():
         fit, model = current.fit, current.model
-        weight = weights_of(points, current.noise, fit.predicted) * huber(current, options)
+        weight = weights_in(points, current, options)
         density, strength = fit.grid.terms_per_decade, fit.solution.strength
         present, finer = (
             evaluate(points, weight, grid_for(points, fit.state, count), fit.state, None, strength)
@@ -333,6 +333,6 @@ def _walked(points: Points, current: Superposition, options: Options, length: fl
     """Walk the loose steps, every residual counting for one over the length of its run."""
     moves = current.model.directions(current.fit.state)[0]
     known = length * propagated_covariance(moves, current.covariance)
-    weight = weights_of(points, current.noise, current.fit.predicted) * huber(current, options)
+    weight = weights_in(points, current, options)
     weight = weight / np.sqrt(length)
     return probe_steps(points, weight, current.fit, current.model, known, may_move)

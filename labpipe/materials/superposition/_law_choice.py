@@ -22,7 +22,7 @@ from labpipe.materials.superposition._reweighting import (
     Candidate,
     Options,
     Superposition,
-    huber,
+    weights_in,
     weights_of,
 )
 from labpipe.materials.superposition._shift_parameters import SLOPE_SPREAD, OuterModel, State, expected_shifts
@@ -55,7 +55,7 @@ def extended_by_a_law(
     moves = _moves(current.model, options)
     if not moves or not _may_gain(points, current, moves):
         return None
-    weight = weights_of(points, current.noise, current.fit.predicted) * huber(current, options)
+    weight = weights_in(points, current, options)
     best: Candidate | None = None
     # The present model is fitted anew as well: only costs of equal weights can be compared.
     present = screened(points, weight, current, current.model, current.fit.state)
@@ -255,7 +255,7 @@ def less_smoothed(points: Points, current: Superposition, options: Options) -> F
     """
     if current.fit.solution.strength <= _UNBIASED:
         return None
-    weight = weights_of(points, current.noise, current.fit.predicted) * huber(current, options)
+    weight = weights_in(points, current, options)
     return evaluate(points, weight, current.fit.grid, current.fit.state, _UNBIASED)
 
 

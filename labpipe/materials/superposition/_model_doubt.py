@@ -12,16 +12,16 @@ from dataclasses import replace
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.materials.superposition._joint_fit import Fit, Points, outer_problem, predictive_cost, sensitivity
+from labpipe.materials.superposition._joint_fit import Fit, Points, outer_problem, predictive_cost
 from labpipe.materials.superposition._law_choice import less_smoothed, restarts, screened, under_law
 from labpipe.materials.superposition._reweighting import (
     FIRST_LEVELS,
     Candidate,
     Options,
     Superposition,
-    huber,
+    influences,
     settled,
-    weights_of,
+    weights_in,
 )
 from labpipe.materials.superposition._runs import Runs, correlated, runs_in, sweeps_of
 from labpipe.materials.superposition._shift_parameters import SLOPE_SPREAD, OuterModel
@@ -56,7 +56,7 @@ def violation(current: Superposition, options: Options) -> float:
 
 def runs_of(points: Points, current: Superposition) -> Runs:
     """Return how alike neighbours err: a length of one where those of a sweep err independently."""
-    return runs_in(current.standardised, _influences(points, current), sweeps_of(points))
+    return runs_in(current.standardised, influences(points, current.fit, current.model), sweeps_of(points))
 
 
 def with_lasting_noise(points: Points, current: Superposition) -> Superposition:
@@ -74,23 +74,10 @@ def with_lasting_noise(points: Points, current: Superposition) -> Superposition:
     found = replace(current, run_length=runs.length)
     if current.violation > VIOLATED or not current.model.size:
         return replace(found, covariance=runs.length * current.covariance)
-    rest, inverse = _influences(points, current)[1]
+    rest, inverse = influences(points, current.fit, current.model)[1]
     gain = rest @ inverse
     more = runs.size * gain.T @ correlated(gain, sweeps_of(points), runs.correlation) - gain.T @ gain
     return replace(found, covariance=current.covariance + more)
-
-
-def _influences(points: Points, current: Superposition) -> list[tuple[Floats, Floats]]:
-    """Return the parts G, C of the influence G C Gᵀ of the readings on the fit: of spectrum, and of the rest."""
-    model, fit = current.model, current.fit
-    inverse = np.asarray(np.linalg.pinv(fit.normal, hermitian=True))
-    parts = [(fit.rows, inverse)]
-    if model.size:
-        change = sensitivity(points, fit, model)
-        normal, _ = outer_problem(points, fit, model)
-        rest = change - fit.rows @ (inverse @ (fit.rows.T @ change))
-        parts.append((rest, np.asarray(np.linalg.pinv(normal, hermitian=True))))
-    return parts
 
 
 def started_anew(points: Points, current: Superposition, options: Options) -> list[Fit]:
@@ -98,7 +85,7 @@ def started_anew(points: Points, current: Superposition, options: Options) -> li
 
     The first starts knew nothing of delay and vertical law.
     """
-    weight = _weight(points, current, options)
+    weight = weights_in(points, current, options)
     ln_bT = current.fit.state.ln_bT
     starts = restarts(points, current, ln_bT)
     if ln_bT.any():
@@ -109,7 +96,7 @@ def started_anew(points: Points, current: Superposition, options: Options) -> li
 def other_minimum(points: Points, current: Superposition, options: Options, anew: list[Fit]) -> Candidate | None:
     """Return the best of some further fits if it is better than the present one."""
     model = current.model
-    weight = _weight(points, current, options)
+    weight = weights_in(points, current, options)
     present = screened(points, weight, current, model, current.fit.state)
     best = min(anew, key=lambda fit: predictive_cost(fit, model))
     if predictive_cost(best, model) >= predictive_cost(present, model) - _BETTER:
@@ -121,7 +108,7 @@ def alternatives(
     points: Points, current: Superposition, options: Options, anew: list[Fit]
 ) -> tuple[tuple[str, Floats], ...]:
     """Return log10 a_T (isotherm,) of every repetition, with what was changed in it."""
-    weight = _weight(points, current, options)
+    weight = weights_in(points, current, options)
     model, state = current.model, current.fit.state
     half = points.omega.size
     root = float(np.sqrt(_EMPHASIS))
@@ -166,7 +153,7 @@ def with_other_slopes(points: Points, current: Superposition, options: Options) 
         return current
     solution = replace(current.fit.solution, strength=min(current.fit.solution.strength, _STIFF))
     softer = replace(current, fit=replace(current.fit, solution=solution))
-    weight = _weight(points, current, options)
+    weight = weights_in(points, current, options)
     warmer = model.temperature - model.T_ref
     starts = [current.fit.state]
     for slope in _SLOPES:
@@ -186,11 +173,6 @@ def with_other_slopes(points: Points, current: Superposition, options: Options) 
         standardised=found.standardised,
         slopes=tuple((float(share), fit.state.log10_aT) for share, fit in zip(shares, fits, strict=True)),
     )
-
-
-def _weight(points: Points, current: Superposition, options: Options) -> Floats:
-    weight = weights_of(points, current.noise, current.fit.predicted)
-    return np.asarray(weight * huber(current, options))
 
 
 def _other_laws(model: OuterModel, options: Options) -> list[OuterModel]:

@@ -164,9 +164,10 @@ def weights_of(points: Points, noise: Noise, expected: Floats | None = None) -> 
     return np.asarray(points.certainty / (sigma * np.maximum(np.abs(size), np.finfo(float).tiny)))
 
 
-def huber(current: Superposition, options: Options) -> Floats:
-    """Square root of the weight of every residual of a settled fit."""
-    return _root_of_influence(current.standardised, options)
+def weights_in(points: Points, current: Superposition, options: Options) -> Floats:
+    """Weights of a settled fit: of its noise, and such that few outliers do not decide."""
+    plain = weights_of(points, current.noise, current.fit.predicted)
+    return np.asarray(plain * _root_of_influence(current.standardised, options))
 
 
 def _root_of_influence(standardised: Floats, options: Options) -> Floats:
@@ -174,6 +175,18 @@ def _root_of_influence(standardised: Floats, options: Options) -> Floats:
     if not options.robust:
         return np.ones(standardised.size)
     return np.asarray(np.sqrt(_HUBER / np.maximum(np.abs(standardised), _HUBER)))
+
+
+def influences(points: Points, fit: Fit, model: OuterModel) -> list[tuple[Floats, Floats]]:
+    """Return the parts G, C of the influence G C Gᵀ of the readings on the fit: of spectrum, and of the rest."""
+    inverse = np.asarray(np.linalg.pinv(fit.normal, hermitian=True))
+    parts = [(fit.rows, inverse)]
+    if model.size:
+        change = sensitivity(points, fit, model)
+        normal, _ = outer_problem(points, fit, model)
+        rest = change - fit.rows @ (inverse @ (fit.rows.T @ change))
+        parts.append((rest, np.asarray(np.linalg.pinv(normal, hermitian=True))))
+    return parts
 
 
 def _covariance_and_noise(
@@ -184,15 +197,9 @@ def _covariance_and_noise(
     Each modulus has as many free residuals as it has points, less its share of the fitted
     freedom (its leverage); so a noise ratio comes out right even when one modulus dominates.
     """
-    inverse = np.asarray(np.linalg.pinv(fit.normal, hermitian=True))
-    leverage = propagated_variance(fit.rows, inverse)
-    covariance = np.empty((0, 0))
-    if model.size:
-        change = sensitivity(points, fit, model)
-        normal, _ = outer_problem(points, fit, model)
-        covariance = np.asarray(np.linalg.pinv(normal, hermitian=True))
-        followed = change - fit.rows @ (inverse @ (fit.rows.T @ change))
-        leverage += propagated_variance(followed, covariance)
+    parts = influences(points, fit, model)
+    leverage = np.sum([propagated_variance(*part) for part in parts], axis=0)
+    covariance = parts[1][1] if model.size else np.empty((0, 0))
     half = points.omega.size
     factors = []
     for part in (slice(0, half), slice(half, None)):

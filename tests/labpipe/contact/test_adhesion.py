@@ -177,7 +177,6 @@ def test_adhesion_is_negligible_for_the_sphere_of_the_drops_and_not_for_soft_dus
     gel = Prony(5e4, [5e4], [1e-3], nu=0.5)
     dust = adhesion_in_impact(gel, 5e-6, 5e-13, 0.01, 1e-4, 1e-9)
     assert dust.verdict == "may matter"
-    assert dust.sticking_speed > 0.01
 
 
 @pytest.mark.parametrize(
