@@ -313,7 +313,7 @@ def _intervals(path: Path, table: Table, first: int) -> Iterator[Interval]:
             None,
             np.arange(1, stop - start + 1),
             table.is_whole[rows],
-            tuple(Column(c.name, c.header, c.unit, c.si, np.asarray(c.values)[rows]) for c in kept),
+            tuple(replace(column, values=np.asarray(column.values)[rows]) for column in kept),
         )
 
 

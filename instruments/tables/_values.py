@@ -259,8 +259,7 @@ def _converted(path: Path, block: Block, pairs: Sequence[Pair]) -> dict[str, Col
             heading = Heading(f"{name} of the header", name, unit, is_known=True)
             found[name] = _column(path, block, heading, np.full(count, value))
     if "temperature" not in found and "temperature_set" in found:
-        column = found["temperature_set"]
-        found["temperature"] = Column("temperature", column.header, column.unit, column.si, column.values)
+        found["temperature"] = replace(found["temperature_set"], name="temperature")
     found, contradictions = with_moduli(found)
     for said in contradictions:
         warnings.warn(f"{path}:{block.line}: {said}", stacklevel=5)
@@ -319,7 +318,7 @@ def _with_log_shift(path: Path, columns: dict[str, Column]) -> dict[str, Column]
         if name == "a_T" and (values <= 0).any():
             raise SourceError(path, f"{column.header} is zero or negative; shift factors are not")
         found = np.log10(values) if name == "a_T" else values / np.log(10.0)
-        columns["log10_aT"] = Column("log10_aT", column.header, column.unit, "1", found)
+        columns["log10_aT"] = replace(column, name="log10_aT", si="1", values=found)
     return columns
 
 
@@ -329,12 +328,9 @@ def _joined(parts: Sequence[dict[str, Column]]) -> dict[str, Column]:
         return parts[0]
     names = [name for name in parts[0] if all(name in part for part in parts)]
     joined = {
-        name: Column(
-            name, parts[0][name].header, parts[0][name].unit, parts[0][name].si,
-            np.concatenate([np.asarray(part[name].values) for part in parts]),
-        )
+        name: replace(parts[0][name], values=np.concatenate([np.asarray(part[name].values) for part in parts]))
         for name in names
-    }  # fmt: skip
+    }
     count = len(next(iter(parts[0].values())).values)
     numbers = np.repeat(np.arange(len(parts), dtype=float), count)
     return joined | {"set": Column("set", "", "", "1", numbers)}

@@ -5,6 +5,7 @@ uncertainties, and a model. What several numbers share (a height, a trigger, a z
 not put into their uncertainties: it is an unknown of the problem, with a prior.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -151,8 +152,8 @@ class LinearModel:
         Shortest and longest time of which the numbers tell.
     shifts : mapping of str to array (n, 1 + term)
         Derivative of the basis by an unknown whose best value is 0, such as a zero of depth.
-    factors : mapping of str to array (n,)
-        Unknowns, 1 at best, by which numbers are multiplied where the array is 1.
+    factors : tuple of str
+        Unknowns, 1 at best, by which all numbers are multiplied.
     offsets : mapping of str to array (n,)
         Derivative of the numbers by an unknown, 0 at best, that only adds.
     fuller : callable, optional
@@ -162,7 +163,7 @@ class LinearModel:
     basis: Floats
     window: tuple[float, float]
     shifts: Mapping[str, Floats] = field(default_factory=dict)
-    factors: Mapping[str, Floats] = field(default_factory=dict)
+    factors: tuple[str, ...] = ()
     offsets: Mapping[str, Floats] = field(default_factory=dict)
     fuller: "Fuller | None" = None
 
@@ -182,9 +183,9 @@ class LinearModel:
         basis = self._basis(given)
         others = {name: factor * (shift @ terms) for name, shift in self.shifts.items()}
         linear = factor * (basis @ terms)
-        others |= {name: where * linear / given[name] for name, where in self.factors.items()}
+        others |= {name: linear / given[name] for name in self.factors}
         others |= dict(self.offsets)
-        return factor[:, None] * basis, others
+        return factor * basis, others
 
     def by_times(self, material: Prony, given: Given, rho: Floats) -> Floats:
         """Return the basis, which must have been made for these times.
@@ -200,7 +201,7 @@ class LinearModel:
                 f"a basis of {self.basis.shape[1] - 1} relaxation times does not fit {rho.size} "
                 f"of the material; rebuild the evidence"
             )
-        return np.asarray(self._factor(given)[:, None] * self._basis(given))
+        return np.asarray(self._factor(given) * self._basis(given))
 
     def refined(self, material: Prony, given: Given) -> Floats | None:
         """Return the fuller model's numbers, if there is one."""
@@ -214,11 +215,8 @@ class LinearModel:
             made = made + given[name] * shift
         return made
 
-    def _factor(self, given: Given) -> Floats:
-        made = np.ones(len(self.basis))
-        for name, where in self.factors.items():
-            made = made * given[name] ** where
-        return made
+    def _factor(self, given: Given) -> float:
+        return math.prod(given[name] for name in self.factors)
 
     def _offset(self, given: Given) -> Floats:
         made = np.zeros(len(self.basis))

@@ -93,7 +93,7 @@ def force_evidence(
         basis,
         (float(lag.min()), float(lag.max())),
         dict(shifts or {}),
-        {f: np.ones(force.size) for f in factors},
+        factors,
         {o: np.ones(force.size) for o in offsets},
     )
     return Evidence(name, (Group("force", force, u_force, lag, "N", "time since the ramp", "s"),), model)
@@ -148,14 +148,7 @@ def stiffness_evidence(
     reduced = np.vstack(parts) / (1.0 - nu**2)
     twice = np.concatenate([slope, slope])
     shifts = {n: np.concatenate([d, d])[:, None] * reduced for n, d in (slope_by or {}).items()}
-    model = LinearModel(
-        twice[:, None] * reduced,
-        _window(omega),
-        shifts,
-        {f: np.ones(twice.size) for f in factors},
-        dict(offsets or {}),
-        fuller,
-    )
+    model = LinearModel(twice[:, None] * reduced, _window(omega), shifts, factors, dict(offsets or {}), fuller)
     groups = _storage_and_loss("stiffness", "N/m", frequency, storage, loss)
     return Evidence(name, groups, model)
 
@@ -186,7 +179,7 @@ def modulus_evidence(
     """
     omega = 2.0 * np.pi * frequency
     basis = np.vstack(modulus_basis(omega, rho))
-    model = LinearModel(basis, _window(omega), {}, {f: np.ones(len(basis)) for f in factors})
+    model = LinearModel(basis, _window(omega), factors=factors)
     groups = _storage_and_loss("modulus", "Pa", frequency, storage, loss)
     return Evidence(name, groups, model, is_prior=True)
 
