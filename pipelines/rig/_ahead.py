@@ -25,12 +25,8 @@ def holds_demo(folder: str | Path) -> bool:
 def ahead(folder: str | Path) -> Iterator[None]:
     """Let another process compile the steps of a drop while the demonstration is recorded and processed in the block.
 
-    At the first time of an installation that takes longer than all else; later there is nothing to do.
-
-    Parameters
-    ----------
-    folder : path-like
-        Where the demonstration is to be; nothing is prepared where it is recorded already.
+    At the first time of an installation that takes longer than all else; later there is nothing to do, nor where the
+    demonstration is recorded already.
     """
     if holds_demo(folder):
         yield

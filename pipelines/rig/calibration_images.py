@@ -23,17 +23,7 @@ _LIGHT, _INK = 190.0, 60.0
 
 
 def ruler_image(rows: int, columns: int, tilt: float, seed: int, scale: float = UNDER_SCALE) -> NDArray[np.uint8]:
-    """Draw a glass ruler with a line every 0.1 mm.
-
-    Parameters
-    ----------
-    rows, columns : int
-    tilt : float [rad]
-        Of the ruler against the image axis.
-    seed : int
-        Of the noise.
-    scale : float [px/m]
-    """
+    """Draw a glass ruler with a line every 0.1 mm, tilted [rad] against the image axis; ``scale`` is in px/m."""
     across = _across(rows, columns, tilt)
     pitch, half = scale * _GRADUATION, 0.5 * scale * _LINE
     phase = np.mod(across + 0.5 * pitch, pitch) - 0.5 * pitch

@@ -17,14 +17,15 @@ import numpy as np
 from labpipe import files
 from labpipe.errors import LabpipeError
 from labpipe.workflow.engines import Died, choose, side_by_side
-from pipelines.rig import film_front, film_under
+from pipelines.rig import film_front, film_under, session_text
 from pipelines.rig.calibration_images import write_calibration_images
-from pipelines.rig.dma import CAMPAIGN, Protocol, write_dma
+from pipelines.rig.dma import CAMPAIGN, Protocol, sweeps
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import Body, DropRig
 from pipelines.rig.film_front import FrontCamera
 from pipelines.rig.film_session import (
     FRONT_HEIGHT,
+    FULL_TIMES,
     Bursts,
     burst_times,
     front_section,
@@ -39,19 +40,8 @@ from pipelines.rig.plate import PLATE, PLATE_RIG
 from pipelines.rig.plate_session import plate_section, write_ringing_of
 from pipelines.rig.reference_drop import GRAVITY
 from pipelines.rig.relaxations import Relaxation
-from pipelines.rig.session_text import (
-    dma_section,
-    drop_section,
-    from_dma,
-    front_record,
-    height_name,
-    laser_record,
-    plate_laser_record,
-    session_head,
-    under_record,
-)
 from pipelines.rig.solids import SOLIDS, specimen_of
-from pipelines.rig.static_loading import StaticRig, static_section, write_static
+from pipelines.rig.static_loading import record_static
 
 POLYMERS = ("acrylic", "nylon", "peek", "ptfe")
 HEATED = 39.0
@@ -66,7 +56,6 @@ _AT_REST, _WHOLE = 0.2, 0.05
 
 _DROPS = "\n[[experiments.plate.drops]]"
 _ON_PLATE = 'plate_from = "plate"\n'
-_FULL_FRAMES, _FULL_RATE = 9367, 10_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +102,7 @@ THESIS = Extent(
 )
 """Four materials, four heights, five repeats; films of about ten megabytes."""
 
-FULL_SIZE = replace(THESIS, under=replace(film_under.FULL_SIZE, release=5e-3), bursts=None, front=film_front.FULL_SIZE)
+FULL_SIZE = replace(THESIS, under=film_under.FULL_SIZE, bursts=None, front=film_front.FULL_SIZE)
 """The same with films at 1280 × 480 px and 9,367 frames, 5.8 GB each."""
 
 SMALL = replace(
@@ -149,18 +138,9 @@ class Part:
 
 
 def write_campaign(folder: Path, start: datetime, extent: Extent = THESIS, *, workers: int = 2) -> list[str]:
-    """Write a whole campaign; returns the names of its experiments.
+    """Write a whole campaign that begins with a drop at ``start``; returns the names of its experiments.
 
-    Parameters
-    ----------
-    folder : Path
-        The session folder.
-    start : datetime
-        Clock time of the first drop.
-    extent : Extent
-        How much of it.
-    workers : int
-        Recordings written side by side; the files do not depend on it.
+    Recordings are written side by side by some workers; the files do not depend on it.
     """
     parts = _parts(folder, start, extent)
     tasks = {number: (part,) for number, part in enumerate(parts)}
@@ -179,14 +159,14 @@ def write_campaign(folder: Path, start: datetime, extent: Extent = THESIS, *, wo
 def _write_session(folder: Path, sections: list[str], *, is_binned: bool) -> None:
     """Write the calibration records, and session.toml with the plate's drops under one head."""
     records = {
-        "laser": laser_record(),
-        "laser_plate": plate_laser_record(),
-        "camera_front": front_record(),
-        "camera_under": under_record(is_binned=is_binned),
+        "laser": session_text.laser_record(),
+        "laser_plate": session_text.plate_laser_record(),
+        "camera_front": session_text.front_record(),
+        "camera_under": session_text.under_record(is_binned=is_binned),
     }
     for name, text in records.items():
         files.write_text(folder / f"calibration/{name}.toml", text)
-    head = session_head("Every experiment of the thesis (synthetic)")
+    head = session_text.session_head("Every experiment of the thesis (synthetic)")
     plate = plate_section([text for text in sections if text.startswith(_DROPS)])
     rest = [text for text in sections if not text.startswith(_DROPS)]
     files.write_text(folder / "session.toml", head + plate + "".join(rest))
@@ -205,14 +185,13 @@ def _parts(folder: Path, start: datetime, extent: Extent) -> list[Part]:
     rubber = Part(
         ("nbr_relaxation", "nbr_harmonic"), partial(_indentations, folder, start + timedelta(days=20), extent)
     )
-    static = Part(("ptfe_static",), partial(_static, folder, start + timedelta(days=12)))
+    static = Part(("ptfe_static",), partial(record_static, folder, "ptfe_static", start + timedelta(days=12)))
     front = Part(("ptfe_film",), partial(_front_film, folder, extent))
-    sweeps = [
-        Part((f"{name}_dma",), partial(_dma, folder, name, 500 + number, extent.dma))
-        for number, name in enumerate(SOLIDS)
+    exports = [
+        Part((session_text.dma_name(name),), partial(sweeps, folder, name, protocol=extent.dma)) for name in SOLIDS
     ]
     drops, rings = _laser_parts(folder, start, extent)
-    return [rubber, *films, static, front, *drops, *rings, *sweeps]
+    return [rubber, *films, static, front, *drops, *rings, *exports]
 
 
 def _laser_parts(folder: Path, start: datetime, extent: Extent) -> tuple[list[Part], list[Part]]:
@@ -225,7 +204,8 @@ def _laser_parts(folder: Path, start: datetime, extent: Extent) -> tuple[list[Pa
             drops.append(_drop_part(folder, extent, material, height, seed, begun))
             later = begun + timedelta(days=5)
             if material in extent.ringing:
-                rings.append(Part((), partial(_rings, folder, material, height, seed + 50, later, extent)))
+                of = (extent.plate_rig, material, height, extent.plate_repeats, seed + 50, later)
+                rings.append(Part((), partial(write_ringing_of, folder, *of)))
     warm = start + timedelta(days=10)
     highest = max(extent.heights)
     drops.append(_drop_part(folder, extent, "acrylic", highest, 9900, warm, HEATED))
@@ -241,15 +221,17 @@ def _drop_part(
     start: datetime,
     temperature: float | None = None,
 ) -> Part:
-    heated = "" if temperature is None else f"_{temperature:g}C"
-    name = f"{material}_{height_name(height)}{heated}"
+    name = _name(material, height, temperature)
     write = partial(_drops, folder, name, material, height, seed, start, extent, temperature)
     return Part((name,), write)
 
 
+def _name(material: str, height: float, temperature: float | None) -> str:
+    return f"{material}_{session_text.height_name(height)}" + ("" if temperature is None else f"_{temperature:g}C")
+
+
 def _film(height: float, temperature: float | None) -> str:
-    heated = "" if temperature is None else f"_{temperature:g}C"
-    return f"acrylic_{height_name(height)}{heated}_film"
+    return f"{_name('acrylic', height, temperature)}_film"
 
 
 def _contact_film(folder: Path, height: float, temperature: float | None, extent: Extent) -> str:
@@ -257,13 +239,13 @@ def _contact_film(folder: Path, height: float, temperature: float | None, extent
     name = _film(height, temperature)
     body = Body(specimen_of("acrylic", _true(temperature)), height, floor=PLATE)
     if extent.bursts is None:
-        times = np.arange(_FULL_FRAMES, dtype=np.float64) / _FULL_RATE
+        times = FULL_TIMES
     else:
         bursts = replace(extent.bursts, rest=_until_rest("acrylic", height)) if extent.to_rest else extent.bursts
         times = burst_times(body, extent.under.release, bursts)
     seed = 3700 + round(1e4 * height) + (0 if temperature is None else 1)
     film = write_under(folder, f"{name}_under", body, extent.under, times, seed)
-    return under_section(film, name, height, extra=_ON_PLATE, source=from_dma("acrylic", temperature))
+    return under_section(film, name, height, extra=_ON_PLATE, source=session_text.from_dma("acrylic", temperature))
 
 
 def _front_film(folder: Path, extent: Extent) -> str:
@@ -289,7 +271,9 @@ def _drops(
         duration = rig.release + _until_rest(material, height)
         rig = replace(rig, duration=float(np.ceil(duration / _WHOLE) * _WHOLE))
     recordings = write_drops(folder, name, rig, solid, height, extent.repeats, seed, start)
-    return drop_section(name, recordings, height, material, _ON_PLATE, from_dma(material, temperature))
+    return session_text.drop_section(
+        name, recordings, height, material, _ON_PLATE, session_text.from_dma(material, temperature)
+    )
 
 
 def _until_rest(material: str, height: float) -> float:
@@ -302,21 +286,5 @@ def _true(temperature: float | None) -> float | None:
     return None if temperature is None else temperature + _THERMOMETER
 
 
-def _rings(folder: Path, material: str, height: float, seed: int, start: datetime, extent: Extent) -> str:
-    return write_ringing_of(folder, extent.plate_rig, material, height, extent.plate_repeats, seed, start)
-
-
-def _static(folder: Path, start: datetime) -> str:
-    rig = StaticRig()
-    file = write_static(folder, "ptfe_static", rig, specimen_of("ptfe"), 90, start)
-    return static_section("ptfe_static", file, rig, "ptfe", from_dma("ptfe"))
-
-
 def _indentations(folder: Path, start: datetime, extent: Extent) -> str:
     return write_indentations(folder, start, extent.relaxation, extent.harmonic)[1]
-
-
-def _dma(folder: Path, material: str, seed: int, protocol: Protocol) -> str:
-    solid = SOLIDS[material]
-    name = f"{material}_dma"
-    return dma_section(name, write_dma(folder, name, solid, protocol, seed), solid)

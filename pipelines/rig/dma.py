@@ -15,7 +15,8 @@ import numpy as np
 from instruments import anton_paar
 from labpipe import files
 from labpipe.arrays import Floats
-from pipelines.rig.solids import Solid
+from pipelines.rig.session_text import dma_name, dma_section
+from pipelines.rig.solids import SOLIDS, Solid, truth_of_solid
 
 _DIGITS = 5  # of the export
 _RELATIVE_STRAIN = 2e-4  # amplitude of the oscillation
@@ -80,6 +81,16 @@ def write_dma(folder: Path, name: str, solid: Solid, protocol: Protocol, seed: i
     return f"dma/{name}.csv"
 
 
+def sweeps(folder: Path, *of: str, protocol: Protocol = CAMPAIGN) -> str:
+    """Write the rheometer's exports of materials; returns their sections."""
+    sections = ""
+    for material in of:
+        name, solid = dma_name(material), SOLIDS[material]
+        export = write_dma(folder, name, solid, protocol, 500 + list(SOLIDS).index(material))
+        sections += dma_section(name, export, solid)
+    return sections
+
+
 def _columns(
     solid: Solid,
     protocol: Protocol,
@@ -121,11 +132,7 @@ def _truth(solid: Solid, protocol: Protocol) -> dict[str, Any]:
     curve = solid.modulus(frequency, np.full(frequency.size, solid.T_ref))
     return {
         "synthetic": True,
-        "elements": [
-            {"strength": e.strength, "time": e.time, "width": e.width, "skew": e.skew} for e in solid.elements
-        ],
-        "relaxed": solid.relaxed,
-        "nu": solid.nu,
+        **truth_of_solid(solid),
         "mode": solid.mode,
         "T_ref": solid.T_ref,
         "temperature": temperature.tolist(),

@@ -61,18 +61,10 @@ def truth_of(drop: Drop, rig: DropRig) -> dict[str, Any]:
 def write_drops(
     folder: Path, stem: str, rig: DropRig, material: Truth, height: float, repeats: int, seed: int, start: datetime
 ) -> list[str]:
-    """Write the recordings of one height and their truth; returns the file names.
+    """Write the recordings of one height and their truth; returns the file names, which begin with the stem.
 
-    Parameters
-    ----------
-    folder : Path
-        The session folder; recordings go to ``laser/``, truth to ``truth/``.
-    stem : str
-        First part of the file names.
-    seed : int
-        Seed of the first repeat; the others follow.
-    start : datetime
-        Clock time of the first drop.
+    Recordings go to ``laser/`` of the session folder, truth to ``truth/``. The seed is that of the first repeat, the
+    others follow; ``start`` is the clock time of the first drop.
     """
     drops = (drop_once(rig, material, height, seed + repeat) for repeat in range(repeats))
     solid = {"solid": truth_of_solid(solid_of(material))}

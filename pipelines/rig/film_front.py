@@ -53,25 +53,11 @@ FULL_SIZE = FrontCamera(rows=480, columns=1280, frame_rate=10_000, duration=0.93
 def write_front_film(
     path: Path, trajectory: Trajectory, height: float, camera: FrontCamera, seed: int
 ) -> dict[str, Any]:
-    """Write a film; its truth is returned and stands beside it under ``truth/``'s pattern.
+    """Write the .cine file of a holder that falls from ``height`` [m]; its truth is returned.
 
-    Parameters
-    ----------
-    path : Path
-        The .cine file; the truth is written by the caller, outside of what the analysis reads.
-    trajectory : Trajectory
-        Motion of the holder from release on.
-    height : float [m]
-        From which it falls; the holder is there in the first image.
-    camera : FrontCamera
-    seed : int
-        Of speckle and noise.
-
-    Returns
-    -------
-    dict
-        ``time`` (s, trigger 0 at the first image), ``dx``, ``dy`` (px of the holder's pivot) and
-        ``rotation`` (rad) of every frame, and the camera's numbers.
+    The caller writes it, outside of what the analysis reads: ``time`` (s, trigger 0 at the first image), ``dx``,
+    ``dy`` (px of the holder's pivot) and ``rotation`` (rad) of every frame, and the camera's numbers. The motion is
+    that from release on; the holder is there in the first image.
     """
     count = round(camera.duration * camera.frame_rate)
     time = np.arange(count) / camera.frame_rate

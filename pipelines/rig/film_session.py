@@ -1,6 +1,6 @@
 """A synthetic session with films: the front view beside the laser, and the view under the disc."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
@@ -20,8 +20,8 @@ from pipelines.rig.solids import specimen_of
 FRONT_HEIGHT, UNDER_HEIGHT = 7e-3, 1.5e-3  # m
 _IMPACTS = 3
 _BODY_ROW = 0.4
-_FULL_FRAMES, _FULL_RATE = 9367, 10_000  # as the thesis's films
-
+FULL_TIMES = np.arange(9367, dtype=np.float64) / 10_000
+"""Of the frames of a film of full size [s], as the thesis's films have them."""
 
 _SLOW = 5e-3  # s between the frames where little happens
 
@@ -81,26 +81,15 @@ def burst_times(body: Body, release: float, bursts: Bursts) -> Floats:
 
 
 def write_films(folder: Path, start: datetime, *, full_size: bool = False) -> tuple[list[str], str]:
-    """Write both films and the laser's drops; returns experiment names and their sections.
+    """Write both films and the laser's drops, the first at ``start``; returns experiment names and their sections.
 
-    Parameters
-    ----------
-    folder : Path
-        The session folder.
-    start : datetime
-        Clock time of the first drop of the laser.
-    full_size : bool
-        1280 × 480 px and 9,367 frames (5.8 GB each) instead of a few megabytes.
+    In full size films have 1280 × 480 px and 9,367 frames (5.8 GB each) instead of a few megabytes.
     """
     laser = write_drops(folder, "ptfe_7mm", DropRig(), specimen_of("ptfe"), FRONT_HEIGHT, 3, 4711, start)
     front = film_front.FULL_SIZE if full_size else FrontCamera(rows=144, columns=64, duration=0.138)
     under = film_under.FULL_SIZE if full_size else UnderCamera()
     body = Body(specimen_of("acrylic"), UNDER_HEIGHT, floor=Floor())
-    if full_size:
-        times = np.arange(_FULL_FRAMES, dtype=np.float64) / _FULL_RATE
-        under = replace(under, release=5e-3)
-    else:
-        times = burst_times(body, under.release, Bursts())
+    times = FULL_TIMES if full_size else burst_times(body, under.release, Bursts())
     front_film = write_front(folder, "ptfe", FRONT_HEIGHT, front, 31)
     under_film = write_under(folder, "acrylic_under", body, under, times, 37)
     write_calibration_images(folder)

@@ -52,28 +52,13 @@ class UnderCamera:
     moments: int = 3
 
 
-FULL_SIZE = UnderCamera(rows=480, columns=1280, pixel_size=PIXEL_SIZE)
+FULL_SIZE = UnderCamera(rows=480, columns=1280, pixel_size=PIXEL_SIZE, release=5e-3)
 
 
 def write_under_film(path: Path, body: Body, camera: UnderCamera, time: Floats, seed: int) -> dict[str, Any]:
-    """Write the film of a drop as seen from below and return its truth.
+    """Write the .cine file of a drop as seen from below, with frames at increasing times [s], and return its truth.
 
-    Parameters
-    ----------
-    path : Path
-        The .cine file.
-    body : Body
-    camera : UnderCamera
-    time : array (frame,) [s]
-        Of the frames, increasing; they need not be evenly spaced.
-    seed : int
-        Of the noise.
-
-    Returns
-    -------
-    dict
-        ``time``, ``contact_radius`` (m; resolved to ``resolution``) of every frame, the centre
-        (px) and the optics.
+    It is ``time``, ``contact_radius`` (m; resolved to ``resolution``) of every frame, the centre (px) and the optics.
     """
     nodes, weights = np.polynomial.legendre.leggauss(camera.moments)
     moments = (time[:, None] - camera.release + 0.5 * camera.exposure * nodes).ravel()

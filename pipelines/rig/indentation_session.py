@@ -15,21 +15,23 @@ FREQUENCIES = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0)
 _MATERIAL = "nbr"
 
 
-def punch_section(name: str, specimen: Specimen, source: str = "") -> str:
-    """Return the tables of punch, substrate, load cell and model of an indentation."""
+def punch_section(name: str, specimen: Specimen, source: str, *, is_calibrated: bool = True) -> str:
+    """Return the tables of punch, substrate and model of an indentation, and of the load cell where it is calibrated.
+
+    Without a calibration lengths are stated without their uncertainty too.
+    """
+    u_tip, u_depth = (" ± 0.002", " ± 0.006") if is_calibrated else ("", "")
+    cell = f'[experiments.{name}.load_cell]\nrecord = "calibration/load_cell.toml"\n\n' if is_calibrated else ""
     return f"""
 [experiments.{name}.punch]
-radius = "{specimen.tip_radius * 1e3:g} ± 0.002 mm"
-period = "{specimen.period * 1e3:g} ± 0.002 mm"
-depth = "{specimen.depth * 1e3:g} ± 0.006 mm"
+radius = "{specimen.tip_radius * 1e3:g}{u_tip} mm"
+period = "{specimen.period * 1e3:g}{u_tip} mm"
+depth = "{specimen.depth * 1e3:g}{u_depth} mm"
 tips = {specimen.tips}
 
 [experiments.{name}.substrate]
 {source or from_library(_MATERIAL)}
-[experiments.{name}.load_cell]
-record = "calibration/load_cell.toml"
-
-[experiments.{name}.model]
+{cell}[experiments.{name}.model]
 profile = "parabola"  # the virtual tip is one
 """
 
@@ -46,15 +48,15 @@ mach1 = [
     return head + punch_section(name, specimen, source)
 
 
-def oscillation_section(name: str, specimen: Specimen, source: str = "") -> str:
-    """Return the tables of a harmonic indentation with a calibrated load cell."""
+def oscillation_section(name: str, specimen: Specimen, source: str = "", *, is_calibrated: bool = True) -> str:
+    """Return the tables of a harmonic indentation, by default with a calibrated load cell."""
+    tau = 'characteristic_time = "1.56e-10 s"  # tau_0 of the thesis\n' if is_calibrated else ""
     head = f"""
 [experiments.{name}]
 kind = "harmonic"
 mach1 = "mach1/{name}.txt"
-characteristic_time = "1.56e-10 s"  # tau_0 of the thesis
-"""
-    return head + punch_section(name, specimen, source)
+{tau}"""
+    return head + punch_section(name, specimen, source, is_calibrated=is_calibrated)
 
 
 def write_indentations(folder: Path, start: datetime, held: Relaxation, oscillating: Harmonic) -> tuple[list[str], str]:

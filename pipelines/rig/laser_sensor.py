@@ -28,14 +28,7 @@ def record_drop(
 ) -> Floats:
     """Return the readings of one drop in m, ``release`` s after the record begins.
 
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The true motion, time 0 at release.
-    duration, release : float [s]
-        Length of the record, and when in it the sphere is let go (any fraction of a cycle).
-    generator : numpy Generator
-        Source of the noise; the caller seeds it.
+    The motion's time is 0 at release; the record is ``duration`` s long and begins any fraction of a cycle before it.
     """
     time = np.arange(round(duration / sensor.cycle), dtype=np.float64) * sensor.cycle
     along = trajectory.at(np.asarray(time - release)) * np.cos(sensor.inclination) + sensor.zero

@@ -12,21 +12,9 @@ from pipelines.rig.session_text import from_dma
 def write_plate(
     folder: Path, rig: DropRig, names: Sequence[str], heights: Sequence[float], repeats: int, start: datetime
 ) -> str:
-    """Record the plate under drops of several materials and heights; returns its section.
+    """Record the plate under drops of solids of the rig from heights [m], the first at ``start``; returns its section.
 
     The solids are those of DMA experiments, which the session must hold.
-
-    Parameters
-    ----------
-    folder : Path
-        The session folder.
-    rig : DropRig
-    names : sequence of str
-        Solids of the rig.
-    heights : sequence of float [m]
-    repeats : int
-    start : datetime
-        Clock time of the first drop.
     """
     drops = []
     for number, material in enumerate(names):

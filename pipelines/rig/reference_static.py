@@ -18,20 +18,9 @@ from pipelines.rig.solids import Viscoelastic
 
 
 def reference_static(solid: Viscoelastic, *, radius: float, load_times: Floats, loads: Floats, time: Floats) -> Floats:
-    """Approach of a sphere on a rigid flat under loads that are only added to.
+    """Approach (n,) [m] of a sphere on a rigid flat under loads that are only added to; 0 before the first load.
 
-    Parameters
-    ----------
-    solid : Viscoelastic
-    radius : float [m]
-    load_times, loads : array (load,) [s], [N]
-        When each load begins, and its whole force.
-    time : array (n,) [s]
-
-    Returns
-    -------
-    array (n,) [m]
-        0 before the first load.
+    ``load_times`` and ``loads`` (load,) [s], [N] say when each load begins, and its whole force.
     """
     compliance = np.zeros(time.size)
     for begin, step in zip(load_times, np.diff(loads, prepend=0.0), strict=True):

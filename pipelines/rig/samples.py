@@ -13,11 +13,11 @@ from pathlib import Path
 from labpipe import files
 from labpipe.errors import UsageError
 from pipelines.rig._ahead import DEMO_TITLE
-from pipelines.rig.dma import CAMPAIGN, Protocol, write_dma
+from pipelines.rig.dma import sweeps
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.film_session import FRONT_HEIGHT, write_films
-from pipelines.rig.indentation_session import FREQUENCIES, write_indentations
+from pipelines.rig.indentation_session import FREQUENCIES, oscillation_section, write_indentations
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.mach1_tester import Tester
 from pipelines.rig.plate import PLATE, PLATE_RIG
@@ -25,10 +25,8 @@ from pipelines.rig.plate_session import write_plate
 from pipelines.rig.relaxations import Relaxation
 from pipelines.rig.session_text import (
     dma_name,
-    dma_section,
     drop_section,
     from_dma,
-    from_library,
     front_record,
     height_name,
     laser_record,
@@ -37,7 +35,7 @@ from pipelines.rig.session_text import (
     under_record,
 )
 from pipelines.rig.solids import SOLIDS, specimen_of
-from pipelines.rig.static_loading import StaticRig, static_section, write_static
+from pipelines.rig.static_loading import record_static
 
 _START = datetime(2024, 5, 14, 9, 30)
 
@@ -52,27 +50,7 @@ class Sample:
 
 
 def write_sample(name: str, folder: Path, *, full_size: bool = False) -> list[str]:
-    """Write a synthetic session into an empty or new folder.
-
-    Parameters
-    ----------
-    name : str
-        A key of :data:`SAMPLES`.
-    folder : Path
-        Where to.
-    full_size : bool
-        Films at the camera's full size instead of a reduced one.
-
-    Returns
-    -------
-    list of str
-        Names of the experiments.
-
-    Raises
-    ------
-    UsageError
-        There is no such sample, or the folder holds something already.
-    """
+    """Write a synthetic session as :func:`pipelines.rig.sample` does; return the names of its experiments."""
     if name not in SAMPLES:
         known = ", ".join(SAMPLES)
         raise UsageError(f'there is no sample "{name}"; known are {known}')
@@ -80,36 +58,6 @@ def write_sample(name: str, folder: Path, *, full_size: bool = False) -> list[st
         raise UsageError(f"{folder} is not empty; name a new folder")
     chosen = SAMPLES[name]
     return (chosen.in_full_size if full_size and chosen.in_full_size else chosen.write)(folder)
-
-
-def harmonic_section(name: str, specimen: Specimen, material: str, source: str = "") -> str:
-    """Return the table of one harmonic indentation in session.toml."""
-    return f"""
-[experiments.{name}]
-kind = "harmonic"
-mach1 = "mach1/{name}.txt"
-
-[experiments.{name}.punch]
-radius = "{specimen.tip_radius * 1e3:g} mm"
-period = "{specimen.period * 1e3:g} mm"
-depth = "{specimen.depth * 1e3:g} mm"
-tips = {specimen.tips}
-
-[experiments.{name}.substrate]
-{source or from_library(material)}
-[experiments.{name}.model]
-profile = "parabola"  # the virtual tip is one
-"""
-
-
-def sweeps(folder: Path, *of: str, protocol: Protocol = CAMPAIGN) -> str:
-    """Write the rheometer's exports of materials; returns their sections."""
-    sections = ""
-    for material in of:
-        name, solid = dma_name(material), SOLIDS[material]
-        export = write_dma(folder, name, solid, protocol, 500 + list(SOLIDS).index(material))
-        sections += dma_section(name, export, solid)
-    return sections
 
 
 STATED_FLOOR = 'plate = { mass = "1450 ± 100 kg", frequency = "390 ± 20 Hz", damping_ratio = "0.03" }\n'
@@ -137,7 +85,7 @@ def _write_core(folder: Path, title: str, heights: tuple[float, ...], repeats: i
     names, sections = write_series(folder, DropRig(), "acrylic", heights, repeats)
     specimen = Specimen(specimen_of("nbr"))
     write_harmonic(folder, "nbr_harmonic", specimen, protocol, Tester(), 7, _START + timedelta(days=1))
-    sections += harmonic_section("nbr_harmonic", specimen, "nbr", from_dma("nbr"))
+    sections += oscillation_section("nbr_harmonic", specimen, from_dma("nbr"), is_calibrated=False)
     sections += sweeps(folder, "acrylic", "nbr")
     _write_session(folder, title, sections, laser=laser_record())
     return [*names, "nbr_harmonic", "acrylic_dma", "nbr_dma"]
@@ -188,11 +136,9 @@ def _indentation(folder: Path) -> list[str]:
 
 
 def _static(folder: Path) -> list[str]:
-    rig, name = StaticRig(), "ptfe_static"
-    file = write_static(folder, name, rig, specimen_of("ptfe"), 90, _START)
-    sections = static_section(name, file, rig, "ptfe", from_dma("ptfe")) + sweeps(folder, "ptfe")
+    sections = record_static(folder, "ptfe_static", _START) + sweeps(folder, "ptfe")
     _write_session(folder, "PTFE sphere under five loads (synthetic)", sections, laser=laser_record())
-    return [name, "ptfe_dma"]
+    return ["ptfe_static", "ptfe_dma"]
 
 
 def _plate(folder: Path) -> list[str]:

@@ -14,7 +14,7 @@ J. Abate & W. Whitt, INFORMS J. Comput. 18 (2006) 408, https://doi.org/10.1287/i
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
@@ -174,15 +174,9 @@ def solid_of(truth: Truth) -> Viscoelastic:
     return Viscoelastic(elements, float(series.E_relaxed), float(series.nu))
 
 
-def truth_of_solid(solid: Viscoelastic) -> dict[str, Any]:
+def truth_of_solid(solid: Viscoelastic | Solid) -> dict[str, Any]:
     """Return the spectrum at the temperature of the test, for the file beside a recording."""
-    return {
-        "elements": [
-            {"strength": e.strength, "time": e.time, "width": e.width, "skew": e.skew} for e in solid.elements
-        ],
-        "relaxed": solid.relaxed,
-        "nu": solid.nu,
-    }
+    return {"elements": [asdict(element) for element in solid.elements], "relaxed": solid.relaxed, "nu": solid.nu}
 
 
 #: The truth of every synthetic record of these materials; none is a measurement. Chosen so that

@@ -51,18 +51,9 @@ class Pose:
 
 
 def make_holder(rows: int, columns: int, fall: float, seed: int, width: float | None = None) -> Holder:
-    """Scatter blobs over the image and everything that a fall of ``fall`` px brings into it.
+    """Scatter blobs over the image and everything that a downward motion of ``fall`` px at most brings into it.
 
-    Parameters
-    ----------
-    rows, columns : int
-        Of the image.
-    fall : float [px]
-        Largest downward motion.
-    seed : int
-        Of the places.
-    width : float, optional [px]
-        Of the holder, centred in the image; it fills the image by default.
+    The holder is ``width`` px wide and centred in the image; it fills the image by default.
     """
     generator = np.random.default_rng(seed)
     margin = 16.0
@@ -81,14 +72,8 @@ def make_holder(rows: int, columns: int, fall: float, seed: int, width: float | 
 def draw(holder: Holder, rows: int, columns: int, pose: Pose, defocus: float = 0.0) -> Floats:
     """Return grey levels (row, column) of the holder in a pose.
 
-    Parameters
-    ----------
-    holder : Holder
-    rows, columns : int
-    pose : Pose
-    defocus : float [px]
-        Standard deviation of a Gaussian blur; it widens the blobs and weakens them as the same
-        light spreads.
+    Defocus [px] is the standard deviation of a Gaussian blur; it widens the blobs and weakens them as the same light
+    spreads.
     """
     x, y = pose.moved(holder.x, holder.y)
     widened = np.hypot(holder.width, defocus)

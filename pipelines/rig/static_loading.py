@@ -11,8 +11,8 @@ from instruments import keyence
 from labpipe import files
 from pipelines.rig.laser_sensor import LaserSensor
 from pipelines.rig.reference_static import reference_static
-from pipelines.rig.session_text import from_library
-from pipelines.rig.solids import Truth, solid_of, truth_of_solid
+from pipelines.rig.session_text import from_dma, from_library
+from pipelines.rig.solids import Truth, solid_of, specimen_of, truth_of_solid
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +67,13 @@ def write_static(folder: Path, name: str, rig: StaticRig, material: Truth, seed:
     }
     files.write_text(folder / f"truth/{name}.json", json.dumps(truth, indent=1) + "\n")
     return file
+
+
+def record_static(folder: Path, name: str, start: datetime) -> str:
+    """Record PTFE under the loads of the rig; returns its section."""
+    rig = StaticRig()
+    file = write_static(folder, name, rig, specimen_of("ptfe"), 90, start)
+    return static_section(name, file, rig, "ptfe", from_dma("ptfe"))
 
 
 def static_section(name: str, file: str, rig: StaticRig, material: str, source: str = "") -> str:

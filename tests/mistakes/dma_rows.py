@@ -7,7 +7,7 @@ import numpy as np
 
 from labpipe import files
 from pipelines.rig.dma import Protocol, write_dma
-from pipelines.rig.samples import dma_section, session_head
+from pipelines.rig.session_text import dma_section, session_head
 from pipelines.rig.solids import SOLIDS
 from tests.mistakes.recordings import Edit, setting
 from tests.mistakes.rows import Mistake

@@ -29,9 +29,10 @@ from pipelines.rig.plate import PLATE_RIG, write_ringing
 from pipelines.rig.plate_session import plate_section
 from pipelines.rig.reference_drop import Floor
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
-from pipelines.rig.samples import dma_section, drop_section
 from pipelines.rig.session_text import (
     cell_record,
+    dma_section,
+    drop_section,
     from_library,
     front_record,
     laser_record,

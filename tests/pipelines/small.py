@@ -6,9 +6,10 @@ from pathlib import Path
 from labpipe import files, materials
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
+from pipelines.rig.indentation_session import oscillation_section
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.mach1_tester import Tester
-from pipelines.rig.samples import STATED_FLOOR, drop_section, harmonic_section, laser_record, session_head
+from pipelines.rig.samples import STATED_FLOOR, drop_section, laser_record, session_head
 
 START = datetime(2024, 5, 14, 9, 30)
 
@@ -22,5 +23,5 @@ def write_small(folder: Path) -> Path:
     write_harmonic(folder, "nbr", specimen, protocol, Tester(), 5, START)
     files.write_text(folder / "calibration/laser.toml", laser_record())
     text = session_head("Small (synthetic)") + drop_section("drop", names, 1.5e-3, "acrylic", STATED_FLOOR)
-    files.write_text(folder / "session.toml", text + harmonic_section("nbr", specimen, "nbr"))
+    files.write_text(folder / "session.toml", text + oscillation_section("nbr", specimen, is_calibrated=False))
     return folder

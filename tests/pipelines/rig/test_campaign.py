@@ -9,7 +9,7 @@ import pytest
 from labpipe import files
 from pipelines.figures import FIGURES, make
 from pipelines.process import open_session
-from pipelines.rig import campaign, plate_session
+from pipelines.rig import campaign, dma, plate_session, static_loading
 from pipelines.rig.indentation_session import oscillation_section, relaxation_section
 from pipelines.rig.indentations import Specimen
 
@@ -50,8 +50,8 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(plate_session, "write_ringing", ringing)
     monkeypatch.setattr(campaign, "write_under", one("film/{}.cine"))
     monkeypatch.setattr(campaign, "write_front", one("film/{}_front.cine"))
-    monkeypatch.setattr(campaign, "write_static", one("laser/{}.csv"))
-    monkeypatch.setattr(campaign, "write_dma", one("dma/{}.csv"))
+    monkeypatch.setattr(static_loading, "write_static", one("laser/{}.csv"))
+    monkeypatch.setattr(dma, "write_dma", one("dma/{}.csv"))
     monkeypatch.setattr(campaign, "write_indentations", rubber)
     monkeypatch.setattr(campaign, "burst_times", lambda *rest: None)
     parts = campaign._parts(tmp_path, START, campaign.THESIS)

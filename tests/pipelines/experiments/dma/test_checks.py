@@ -13,7 +13,7 @@ from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared.judgements import believed
 from pipelines.process import process
 from pipelines.rig.dma import Protocol, write_dma
-from pipelines.rig.samples import dma_section, session_head
+from pipelines.rig.session_text import dma_section, session_head
 from pipelines.rig.solids import SOLIDS
 from pipelines.session import verdict
 

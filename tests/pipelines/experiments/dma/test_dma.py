@@ -19,7 +19,8 @@ from pipelines.experiments.shared.material_choice import resolve
 from pipelines.experiments.shared.settings import MaterialChoice
 from pipelines.process import open_session, process
 from pipelines.rig.dma import Protocol, write_dma
-from pipelines.rig.samples import SAMPLES, dma_section, session_head
+from pipelines.rig.samples import SAMPLES
+from pipelines.rig.session_text import dma_section, session_head
 from pipelines.rig.solids import SOLIDS
 from pipelines.session import SCHEMAS, init
 
