@@ -49,24 +49,10 @@ def thermal_of(name: str, heat_capacity: float | None, conductivity: float | Non
 def ramp_hold_oscillation(
     mean: float, amplitude: float, frequency: float, cycles: int, *, hold: float, ramp: float, per_cycle: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Sample a punch that presses in, holds, then oscillates.
+    """Sample a punch that presses in, holds, then oscillates: time [s] and displacement [m], both (n,).
 
-    Parameters
-    ----------
-    mean, amplitude : float [m]
-        Indentation of the hold, and of the oscillation about it.
-    frequency : float [Hz]
-    cycles : int
-        0 ends with the hold.
-    hold : float [s]
-    ramp : float [m/s]
-        Speed of pressing in.
-    per_cycle : int
-        Samples of a cycle; the last cycle ends the history.
-
-    Returns
-    -------
-    time, displacement : array (n,) [s], [m]
+    It presses with the speed ``ramp`` [m/s] to the mean indentation [m]; 0 cycles end with the hold [s], else the
+    last one, of ``per_cycle`` samples as all are, ends the history.
     """
     pressed = np.linspace(0.0, mean / ramp, _RAMP_SAMPLES)
     held = pressed[-1] + np.geomspace(_FIRST_HOLD, max(hold, _SHORTEST_HOLD), _HOLD_SAMPLES)

@@ -39,12 +39,7 @@ def set_value(text: str, place: Place, value: Any) -> str:
 def set_values(text: str, changes: Sequence[tuple[Place, Any]]) -> str:
     """Set values, or with None take them out; the text is parsed once for all of them.
 
-    Parameters
-    ----------
-    text : str
-        TOML.
-    changes : sequence of (tuple, object)
-        Keys, and positions in arrays, with what TOML can hold; tables that are not there are made.
+    A change is of keys, and positions in arrays, to what TOML can hold; tables that are not there are made.
 
     Raises
     ------

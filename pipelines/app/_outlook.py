@@ -21,18 +21,9 @@ _MOST_STEPS = 60
 def outlook(folder: Path, surveyed: Iterable[Surveyed]) -> dict[str, Any]:
     """Say what a run of a session would do; nothing is computed.
 
-    Parameters
-    ----------
-    folder : Path
-        The session folder.
-    surveyed : iterable of Surveyed
-        The files of the folder, for recordings that no experiment uses.
-
-    Returns
-    -------
-    dict
-        ``summary``, ``known`` (whether it is known how long it takes), ``experiments`` in the order
-        of a run, ``problem`` where nothing can run before session.toml is corrected, ``unused``.
+    It is ``summary``, ``known`` (whether it is known how long it takes), ``experiments`` in the order of a run,
+    ``problem`` where nothing can run before session.toml is corrected, and ``unused``, surveyed files that no
+    experiment uses.
     """
     unused = [each.name for each in surveyed if each.content in _RECORDINGS and not each.used_by and not each.copy_of]
     told: dict[str, Any] = {"summary": "", "known": True, "experiments": [], "problem": "", "unused": unused}

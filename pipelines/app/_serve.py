@@ -84,13 +84,7 @@ def open(  # noqa: A001 (the verb of the command of that name)
 
 
 def open_guide(*, port: int = 0, show: Callable[[str], object] | None = None) -> Served:
-    """Prepare the guide of the installed package as a local page; no network is needed.
-
-    Parameters
-    ----------
-    port, show
-        As for :func:`open`.
-    """
+    """Prepare the guide of the installed package as a local page, as :func:`open` does; no network is needed."""
     from pipelines.app._guide import application
 
     return _served(Path(), application(), None, port, show)

@@ -1,5 +1,6 @@
 """The command figures: the thesis's figures by number, and its printed numbers checked."""
 
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -94,7 +95,5 @@ def _check(as_json: bool) -> None:
         return
     for row in found:
         echo(row.line())
-    count: dict[str, int] = {}
-    for row in found:
-        count[row.verdict] = count.get(row.verdict, 0) + 1
+    count = Counter(row.verdict for row in found)
     echo("; ".join(f"{n} {verdict}" for verdict, n in sorted(count.items())))

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
-    from rich.progress import ProgressColumn
+    from rich.progress import Progress, ProgressColumn
 
     from labpipe.workflow.runner import Event
 
@@ -26,12 +26,10 @@ def watching(enabled: bool = True) -> "Iterator[Callable[[Event], None] | None]"
     if not _is_shown(enabled):
         yield None
         return
-    from rich.console import Console
     from rich.markup import escape
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    from rich.progress import MofNCompleteColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), *_clocks())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with _bar(MofNCompleteColumn()) as bar:
         overall = bar.add_task("planning", total=None)
 
         cached: Counter[Path] = Counter()
@@ -71,16 +69,27 @@ def rate(steps_per_second: float | None) -> str:
 _MINUTE = 60.0
 
 
-def _clocks() -> "tuple[ProgressColumn, ...]":
-    """Columns for the rate, the time gone, and the time left."""
-    from rich.progress import ProgressColumn, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+def _bar(done: "ProgressColumn", *, redirect_stdout: bool = True) -> "Progress":
+    """Return a bar on stderr with how much is done, the rate, the time gone, and the time left."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        ProgressColumn,
+        Task,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
     from rich.text import Text
 
     class Rate(ProgressColumn):
         def render(self, task: Task) -> Text:
             return Text(rate(task.finished_speed or task.speed))
 
-    return Rate(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(compact=True)
+    clocks = (Rate(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(compact=True))
+    columns = (TextColumn("{task.description}"), BarColumn(), done, *clocks)
+    return Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=redirect_stdout)
 
 
 @contextmanager
@@ -89,25 +98,16 @@ def counted(
 ) -> "Iterator[Callable[[str], None] | None]":
     """Give a function that reports every piece of work by name, or None without a terminal.
 
-    Parameters
-    ----------
-    total : int
-        How many pieces of work there are.
-    enabled : bool
-        Whether anything may be shown.
-    when : {"begun", "done"}
-        Whether the function is called when a piece begins or when it has ended.
+    ``when`` says whether it is called when a piece begins or when it has ended.
     """
     if not _is_shown(enabled):
         yield None
         return
-    from rich.console import Console
     from rich.markup import escape
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    from rich.progress import MofNCompleteColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), *_clocks())
     # stdout stays where it is: a list of results may go into a file while the bar is shown
-    with Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False) as bar:
+    with _bar(MofNCompleteColumn(), redirect_stdout=False) as bar:
         work = bar.add_task("", total=total)
         done = -1 if when == "begun" else 0
 
@@ -137,10 +137,8 @@ def waiting(text: str, enabled: bool = True) -> Iterator[None]:
 @contextmanager
 def fraction(text: str) -> "Iterator[Callable[[float], None]]":
     """Give a function that shows a fraction of one long piece of work."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+    from rich.progress import TaskProgressColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), *_clocks())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with _bar(TaskProgressColumn()) as bar:
         work = bar.add_task(text, total=1.0)
         yield lambda done: bar.update(work, completed=done)

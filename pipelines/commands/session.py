@@ -2,6 +2,7 @@
 
 import itertools
 import sys
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -270,9 +271,7 @@ def summarise(outcome: "RunResult | LabpipeError", judged: "Verdicts | None" = N
     if isinstance(outcome, LabpipeError):
         report_error(outcome, wants_json=False)
         return
-    count: dict[str, int] = {}
-    for o in outcome.outcomes:
-        count[o.state] = count.get(o.state, 0) + 1
+    count = Counter(o.state for o in outcome.outcomes)
     echo(", ".join(f"{n} {state}" for state, n in sorted(count.items())) or "nothing to do")
     for o in outcome.failures:
         click.echo(f"failed: {o.task}: {o.message}", err=True)

@@ -5,21 +5,8 @@ from typing import Any
 
 import click
 
+from pipelines.commands import quantities
 from pipelines.commands.options import json_option
-from pipelines.commands.quantities import (
-    CONDUCTIVITY,
-    FREQUENCY,
-    HEAT_CAPACITY,
-    LENGTH,
-    MASS,
-    RATIO,
-    SPEED,
-    TIME,
-    WORK,
-    material_options,
-    punch_options,
-    result_options,
-)
 from pipelines.commands.simulate_beyond import adhesion, amplitude
 from pipelines.commands.simulation_output import (
     adhesion_rows,
@@ -43,11 +30,11 @@ def simulate() -> None:
 
 
 @simulate.command()
-@material_options("acrylic")
-@click.option("--radius", type=LENGTH, default="9.525 mm", help="Of the sphere.")
-@click.option("--mass", type=MASS, default="505 g", help="Total moving mass.")
-@click.option("--height", type=LENGTH, default="1.5 mm", help="Drop height, from release to first touch.")
-@click.option("--duration", type=TIME, default="0.5 s", help="From release.")
+@quantities.material_options("acrylic")
+@click.option("--radius", type=quantities.LENGTH, default="9.525 mm", help="Of the sphere.")
+@click.option("--mass", type=quantities.MASS, default="505 g", help="Total moving mass.")
+@click.option("--height", type=quantities.LENGTH, default="1.5 mm", help="Drop height, from release to first touch.")
+@click.option("--duration", type=quantities.TIME, default="0.5 s", help="From release.")
 @click.option(
     "--solver",
     type=click.Choice(["mdr", "rings", "thesis"]),
@@ -56,22 +43,28 @@ def simulate() -> None:
 )
 @click.option("--profile", type=click.Choice(["parabola", "sphere"]), default="parabola", help="Shape of the gap.")
 @click.option("--rtol", type=float, default=1e-4, help="Target relative error.")
-@click.option("--plate-mass", type=MASS, help="Modal mass of a vibrating substrate; needs the next two options.")
-@click.option("--plate-frequency", type=FREQUENCY, help="Natural frequency.")
-@click.option("--plate-damping", type=RATIO, help="Damping ratio.")
+@click.option(
+    "--plate-mass", type=quantities.MASS, help="Modal mass of a vibrating substrate; needs the next two options."
+)
+@click.option("--plate-frequency", type=quantities.FREQUENCY, help="Natural frequency.")
+@click.option("--plate-damping", type=quantities.RATIO, help="Damping ratio.")
 @click.option(
     "--adhesion",
     "work_of_adhesion",
-    type=WORK,
+    type=quantities.WORK,
     help='Estimate whether adhesion matters: work of adhesion, "50 mJ/m2" when clean.',
 )
 @click.option("--heating", is_flag=True, help="Estimate self-heating.")
-@click.option("--heat-capacity", type=HEAT_CAPACITY, help="For --heating; default: from the library.")
-@click.option("--conductivity", type=CONDUCTIVITY, help="For --heating; default: from the library.")
+@click.option("--heat-capacity", type=quantities.HEAT_CAPACITY, help="For --heating; default: from the library.")
+@click.option("--conductivity", type=quantities.CONDUCTIVITY, help="For --heating; default: from the library.")
 @click.option(
-    "--map", "maps", type=TIME, multiple=True, help="Time at which to store pressure and surface; may be repeated."
+    "--map",
+    "maps",
+    type=quantities.TIME,
+    multiple=True,
+    help="Time at which to store pressure and surface; may be repeated.",
 )
-@result_options
+@quantities.result_options
 @json_option
 def drop(
     material: str,
@@ -119,20 +112,20 @@ def drop(
 
 
 @simulate.command()
-@material_options("nbr")
-@punch_options
-@click.option("--amplitude", type=LENGTH, default="0.01 mm", help="Of the oscillation.")
-@click.option("--frequency", type=FREQUENCY, default="1 Hz", help="Of the oscillation.")
+@quantities.material_options("nbr")
+@quantities.punch_options
+@click.option("--amplitude", type=quantities.LENGTH, default="0.01 mm", help="Of the oscillation.")
+@click.option("--frequency", type=quantities.FREQUENCY, default="1 Hz", help="Of the oscillation.")
 @click.option("--cycles", type=click.IntRange(min=0), default=5, help="Number of cycles; 0 for press and hold only.")
-@click.option("--hold", type=TIME, default="600 s", help="Duration of the hold before the cycles.")
-@click.option("--ramp", type=SPEED, default="1 mm/s", help="Speed of the ramp.")
-@click.option("--thickness", type=LENGTH, help="Thickness of a bonded layer; default: half-plane.")
+@click.option("--hold", type=quantities.TIME, default="600 s", help="Duration of the hold before the cycles.")
+@click.option("--ramp", type=quantities.SPEED, default="1 mm/s", help="Speed of the ramp.")
+@click.option("--thickness", type=quantities.LENGTH, help="Thickness of a bonded layer; default: half-plane.")
 @click.option(
     "--profile", type=click.Choice(["parabola", "circle", "cosine"]), default="circle", help="Shape of a tip."
 )
 @click.option("--elements", type=click.IntRange(min=64), default=1024, help="Strips per period.")
 @click.option("--maps", is_flag=True, help="Store pressure and surface at every sample.")
-@result_options
+@quantities.result_options
 @json_option
 def indent(
     material: str,

@@ -5,16 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from pipelines.commands import quantities
 from pipelines.commands.options import json_option
-from pipelines.commands.quantities import (
-    FORCE,
-    FREQUENCY,
-    LENGTH,
-    WORK,
-    material_options,
-    punch_options,
-    result_options,
-)
 from pipelines.commands.simulation_output import Panels, deliver
 
 if TYPE_CHECKING:
@@ -24,20 +16,20 @@ _STATES = 200
 
 
 @click.command()
-@material_options("nbr")
+@quantities.material_options("nbr")
 @click.option("--shape", type=click.Choice(["parabola", "sphere", "cone"]), default="parabola", help="Of the indenter.")
-@click.option("--radius", type=LENGTH, default="9.525 mm", help="Of parabola and sphere.")
+@click.option("--radius", type=quantities.LENGTH, default="9.525 mm", help="Of parabola and sphere.")
 @click.option("--slope", type=float, default=0.1, help="Of the cone's flank.")
-@click.option("--work", type=WORK, default="50 mJ/m2", help="Of adhesion.")
-@click.option("--distance", type=LENGTH, default="0.3 nm", help="Equilibrium distance of the surfaces.")
-@click.option("--load", type=FORCE, default="1 N", help="Largest load.")
+@click.option("--work", type=quantities.WORK, default="50 mJ/m2", help="Of adhesion.")
+@click.option("--distance", type=quantities.LENGTH, default="0.3 nm", help="Equilibrium distance of the surfaces.")
+@click.option("--load", type=quantities.FORCE, default="1 N", help="Largest load.")
 @click.option(
     "--theory",
     type=click.Choice(["jkr", "maugis"]),
     default="jkr",
     help="Edge stress: singular (JKR), or constant (Maugis–Dugdale).",
 )
-@result_options
+@quantities.result_options
 @json_option
 def adhesion(
     material: str,
@@ -73,11 +65,11 @@ def adhesion(
 
 
 @click.command()
-@material_options("nbr")
-@punch_options
-@click.option("--frequency", type=FREQUENCY, default="1 Hz", help="Of the oscillation.")
-@click.option("--least", type=LENGTH, default="10 nm", help="Smallest amplitude.")
-@click.option("--most", type=LENGTH, default="10 um", help="Largest amplitude.")
+@quantities.material_options("nbr")
+@quantities.punch_options
+@click.option("--frequency", type=quantities.FREQUENCY, default="1 Hz", help="Of the oscillation.")
+@click.option("--least", type=quantities.LENGTH, default="10 nm", help="Smallest amplitude.")
+@click.option("--most", type=quantities.LENGTH, default="10 um", help="Largest amplitude.")
 @click.option("--critical-strain", type=float, default=0.01, help="Shear strain amplitude at half of the decrease.")
 @click.option(
     "--storage-floor", type=float, required=True, help="Storage modulus at large strain over the linear one, 0 to 1."
@@ -85,7 +77,7 @@ def adhesion(
 @click.option("--loss-peak", type=float, default=1.0, help="Loss modulus at the critical strain over the linear one.")
 @click.option("--loss-floor", type=float, default=1.0, help="Loss modulus at large strain over the linear one.")
 @click.option("--exponent", type=float, default=0.6, help="Kraus's m.")
-@result_options
+@quantities.result_options
 @json_option
 def amplitude(
     material: str,

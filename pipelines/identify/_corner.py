@@ -61,12 +61,7 @@ def best_frequency(found: Identified) -> float:
 
 
 def main_quantities(found: Identified) -> MainQuantities:
-    """Choose and gather the quantities of the corner plot.
-
-    Parameters
-    ----------
-    found : Identified
-    """
+    """Choose and gather the quantities of the corner plot."""
     known = found.known
     parameters, xi = known.fit.problem.parameters, known.fit.xi
     frequency = best_frequency(found)
@@ -108,12 +103,7 @@ def _folded(name: str) -> str:
 
 
 def corner(found: Identified) -> bytes:
-    """Draw the joint distributions of the main quantities as a PNG file.
-
-    Parameters
-    ----------
-    found : Identified
-    """
+    """Draw the joint distributions of the main quantities as a PNG file."""
     from matplotlib.figure import Figure
 
     from labpipe.report import figure_bytes, figure_style

@@ -11,23 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from labpipe import identification
 from labpipe.arrays import Floats
 from labpipe.errors import InputError, UsageError
-from labpipe.identification import (
-    Evidence,
-    FractionalSpectrum,
-    LongTimeModulus,
-    Posterior,
-    Problem,
-    Sample,
-    SmoothSpectrum,
-    fit,
-    infer,
-    long_time_modulus,
-    posterior,
-    relaxation_times,
-    sample,
-)
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment, Session
 from pipelines.experiments import KINDS, Derived
@@ -59,30 +45,16 @@ class Identified:
     """
 
     material: str
-    known: Posterior
-    relaxed: LongTimeModulus
-    prior: Posterior | None
+    known: identification.Posterior
+    relaxed: identification.LongTimeModulus
+    prior: identification.Posterior | None
     remarks: tuple[str, ...]
-    drawn: Sample | None = None
+    drawn: identification.Sample | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """What to identify and how.
-
-    Attributes
-    ----------
-    experiments : tuple of str
-        Of the session; all that can tell of a material by default.
-    prior : str, optional
-        ``"dma"`` for the session's rheometer experiment, or the name of one.
-    spectrum : {"smooth", "fractional"}
-        Family of spectra.
-    impacts : int
-        Bounces of a drop that count; later ones are small and say little new.
-    sampler : {"laplace", "rto"}
-        Whether to draw from the posterior too, by randomise-then-optimise.
-    """
+    """What to identify and how, by the names that :func:`pipelines.identify.identify` explains."""
 
     experiments: tuple[str, ...] = ()
     prior: str | None = None
@@ -103,29 +75,9 @@ class _Group:
 def identify_materials(
     folder: str | Path, wish: Wish | None = None, *, say: Say | None = None, jobs: int = 1
 ) -> list[Identified]:
-    """Identify every material on which a session holds experiments.
+    """Identify every material on which a session holds experiments, and write nothing.
 
-    Parameters
-    ----------
-    folder : path-like
-        The session folder; what is not processed yet is processed first.
-    wish : Wish, optional
-    say : callable, optional
-        Called with a line of text now and then.
-    jobs : int
-        Experiments processed side by side; 0 processes in this process.
-
-    Returns
-    -------
-    list of Identified
-        One per material.
-
-    Raises
-    ------
-    UsageError
-        An experiment is unknown, or none of them can tell of a material.
-    InputError
-        A step before failed.
+    The other arguments, and what is raised, are those of :func:`pipelines.identify.identify`.
 
     Examples
     --------
@@ -204,25 +156,27 @@ def _identified(results: Results, material: str, group: _Group, wish: Wish, rema
     data = (min(each.window[0] for each in contributions), max(each.window[1] for each in contributions))
     nu = contributions[0].nu
     spectrum = (
-        SmoothSpectrum(relaxation_times(*data), nu) if wish.spectrum == "smooth" else FractionalSpectrum.over(*data, nu)
+        identification.SmoothSpectrum(identification.relaxation_times(*data), nu)
+        if wish.spectrum == "smooth"
+        else identification.FractionalSpectrum.over(*data, nu)
     )
 
-    def rebuilt(rho: Floats) -> tuple[Evidence, ...]:
+    def rebuilt(rho: Floats) -> tuple[identification.Evidence, ...]:
         return tuple(each.build(rho) for each in contributions)
 
     nuisances = {unknown.name: unknown for each in contributions for unknown in each.unknowns}
-    problem = Problem(spectrum, rebuilt(spectrum.rho), tuple(nuisances.values()))
-    known = infer(problem, rebuilt, progress=say)
+    problem = identification.Problem(spectrum, rebuilt(spectrum.rho), tuple(nuisances.values()))
+    known = identification.infer(problem, rebuilt, progress=say)
     if not known.fit.is_converged:
         warnings.warn(f"{material}: the fit did not converge; use its intervals with care", UserWarning, stacklevel=2)
     if group.prior is not None:
-        before = posterior(fit(problem.only(prior=True)))
+        before = identification.posterior(identification.fit(problem.only(prior=True)))
     drawn = None
     if wish.sampler == "rto":
         say("draws of the posterior")
-        drawn = sample(known)
+        drawn = identification.sample(known)
     said = [*remarks, *filter(None, [of_temperature(group.experiments)])]
-    return Identified(material, known, long_time_modulus(known), before, tuple(said), drawn)
+    return Identified(material, known, identification.long_time_modulus(known), before, tuple(said), drawn)
 
 
 def _silent(text: str) -> None:

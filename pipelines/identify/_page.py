@@ -14,7 +14,6 @@ from labpipe.report import (
     Bars,
     Block,
     Column,
-    Document,
     KeyValues,
     LineChart,
     Notice,
@@ -29,11 +28,10 @@ from labpipe.report import (
 from labpipe.uncertainty import propagated_u
 from labpipe.workflow.session import Session
 from pipelines.experiments.shared.material_evidence import CONTACT_MODULUS
-from pipelines.experiments.shared.pages import SYNTHETIC, log_log, synthetic_notice
+from pipelines.experiments.shared.pages import log_log, session_document, synthetic_notice
 from pipelines.identify._corner import best_frequency, corner, main_quantities
 from pipelines.identify._identify import Identified
 from pipelines.identify._result import UNCHANGED, dataset, verdicts
-from pipelines.session import PAGE
 
 _REACH = 1.96
 SHAPE = ("level", "change ")  # begin the names of the unknowns of a spectrum's shape
@@ -45,16 +43,9 @@ _LOUD = 2.5  # standard deviations by which a nuisance may leave its prior witho
 
 
 def render(session: Session, found: Identified) -> str:
-    """Return the page as HTML text.
-
-    Parameters
-    ----------
-    session : Session
-    found : Identified
-    """
-    origin: tuple[Block, ...] = (synthetic_notice(),) if session.synthetic else ()
+    """Return the page as HTML text."""
     sections = (
-        Section("Answer", (*_answer(found), *origin)),
+        Section("Answer", (*_answer(found), *synthetic_notice(session))),
         Section("Moduli over frequency", _curves(found)),
         Section("Fit and residuals", _fits(found)),
         Section("Unknowns", _unknowns(found)),
@@ -62,13 +53,7 @@ def render(session: Session, found: Identified) -> str:
         Section("What was learnt about the experiments", _contraction(found)),
         Section("Method", _method(found)),
     )
-    return Document(
-        title=f"Identification: {found.material}",
-        subtitle=session.title,
-        badge=SYNTHETIC if session.synthetic else "",
-        home=PAGE,
-        sections=sections,
-    ).render()
+    return session_document(session, f"Identification: {found.material}", sections)
 
 
 def _percent(share: float) -> str:

@@ -22,21 +22,14 @@ UNCHANGED = 0.95
 def dataset(found: Identified) -> xr.Dataset:
     """Return everything that was found.
 
-    Parameters
-    ----------
-    found : Identified
-
-    Returns
-    -------
-    Dataset
-        Over ``term``: the Prony series ``E`` [Pa], ``rho`` [s] with ``E_relaxed``, ``nu``, of the
-        most probable structure. Over ``frequency``, by all structures: storage modulus and loss
-        factor with ``u_ln_``, the standard deviations of their logarithms, ``open_ln_``,
-        contribution of the unknown structure to them, those of the prior, and ``is_determined``.
-        Over ``parameter``: values with 95 % intervals, prior and verdict. Over ``structure``: its
-        probability. Over ``combination``: singular values. Over ``observation``: observed,
-        predicted, residuals. With draws of the posterior also their 95 % intervals,
-        ``drawn_…_low`` and ``drawn_…_high``.
+    Over ``term``: the Prony series ``E`` [Pa], ``rho`` [s] with ``E_relaxed``, ``nu``, of the
+    most probable structure. Over ``frequency``, by all structures: storage modulus and loss
+    factor with ``u_ln_``, the standard deviations of their logarithms, ``open_ln_``,
+    contribution of the unknown structure to them, those of the prior, and ``is_determined``.
+    Over ``parameter``: values with 95 % intervals, prior and verdict. Over ``structure``: its
+    probability. Over ``combination``: singular values. Over ``observation``: observed,
+    predicted, residuals. With draws of the posterior also their 95 % intervals,
+    ``drawn_…_low`` and ``drawn_…_high``.
     """
     known = found.known
     solid = known.fit.problem.material(known.fit.xi)

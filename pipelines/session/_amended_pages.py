@@ -22,15 +22,7 @@ _BY_ITSELF = "By what it records alone: "
 
 
 def amend_pages(results: Results, verdicts: Mapping[str, Verdict]) -> None:
-    """Let the pages of all experiments say what their verdicts say.
-
-    Parameters
-    ----------
-    results : Results
-        Of the whole session.
-    verdicts : mapping of str to Verdict
-        Those that are up to date.
-    """
+    """Let the pages of all experiments say what their verdicts say, those that are up to date."""
     store = Store(results.plan.session.folder)
     known = store.amended()
     if not known and not any(one.of_session for one in verdicts.values()):

@@ -22,15 +22,7 @@ _READINGS = "readings"
 
 
 def missing_part(experiment: Experiment, path: Path) -> str | None:
-    """Say what a file lacks, or None when it is complete.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        Whose file it is; its settings hold what a file leaves unsaid.
-    path : Path
-        The file.
-    """
+    """Say what a file of an experiment lacks, or None when it is complete; the settings hold what it leaves unsaid."""
     try:
         with warnings.catch_warnings(action="ignore"):  # shown when the file is processed
             return _missing_part(experiment, path)

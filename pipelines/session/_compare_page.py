@@ -11,7 +11,6 @@ from labpipe.report import (
     Details,
     Deviations,
     DisplayUnit,
-    Document,
     KeyValues,
     Link,
     Notice,
@@ -23,9 +22,8 @@ from labpipe.report import (
 from labpipe.workflow.session import Session
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.judgements import probability
-from pipelines.experiments.shared.pages import SYNTHETIC, synthetic_notice
+from pipelines.experiments.shared.pages import session_document, synthetic_notice
 from pipelines.session._comparison import Comparison
-from pipelines.session._overview import PAGE
 from pipelines.session._verdict_notices import agreement
 
 GOOD = 0.03
@@ -37,27 +35,12 @@ _TIED = "\N{NO-BREAK SPACE}"  # a number stays with its unit
 
 
 def render(session: Session, found: Comparison, materials: Sequence[tuple[str, str]] = ()) -> str:
-    """Return the page as HTML text.
-
-    Parameters
-    ----------
-    session : Session
-    found : Comparison
-    materials : sequence of (name, file)
-        The pages of one material each, beside this one.
-    """
+    """Return the page as HTML text, with names and files of the pages of one material each, beside this one."""
     curves = [row for row in found.rows if row.is_curve]
     events = [row for row in found.rows if not row.is_curve]
-    tail: tuple[Block, ...] = (synthetic_notice(),) if session.synthetic else ()
     links = tuple(Link(f"material {material}", page) for material, page in materials)
-    sections = [Section("Answer", (*summary(curves, events, found), *links, *tail)), *parts(found)]
-    return Document(
-        title="Measurement against model",
-        subtitle=session.title,
-        badge=SYNTHETIC if session.synthetic else "",
-        home=PAGE,
-        sections=tuple(section for section in sections if section.blocks),
-    ).render()
+    sections = [Section("Answer", (*summary(curves, events, found), *links, *synthetic_notice(session))), *parts(found)]
+    return session_document(session, "Measurement against model", sections)
 
 
 def parts(found: Comparison) -> list[Section]:

@@ -4,13 +4,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from labpipe.errors import LabpipeError
 from labpipe.notebook import Shown, ShownAsTable
 from labpipe.workflow.fields import REFERENCE
 from labpipe.workflow.graph import OTHER
+from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.tasks import field_value
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared.comparison_rows import Row
+from pipelines.session._results import derive
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -58,6 +61,19 @@ def labelled(row: Row, experiment: Experiment, session: Session) -> Row:
     """Say of a row which experiment it is of and, where it does not, of what and how."""
     material, condition = row.material or _material(experiment, session), row.condition or _condition(experiment)
     return replace(row, experiment=experiment.name, kind=experiment.kind, material=material, condition=condition)
+
+
+def compared(results: Results, name: str) -> list[Row] | None:
+    """Return what an experiment compares, by the results that are there; None where they are not."""
+    session = results.plan.session
+    experiment = session.experiments[name]
+    derived = KINDS[experiment.kind].rows
+    if derived is None:
+        return []
+    try:
+        return [labelled(row, experiment, session) for row in derive(results, experiment, derived)]
+    except LabpipeError:
+        return None
 
 
 def _material(experiment: Experiment, session: Session) -> str:

@@ -26,16 +26,7 @@ _COLUMNS = 6
 
 
 def write_sheet(source: Path, target: Path, options: dict[str, Any] | None = None) -> None:
-    """Draw a file and write the picture.
-
-    Parameters
-    ----------
-    source : Path
-        A film or table of a known instrument.
-    target : Path
-        Where to; it ends in .png.
-    options : dict, optional
-        Of :func:`instruments.read`.
+    """Draw a film or table of a known instrument and write the picture; options are those of :func:`instruments.read`.
 
     Raises
     ------
@@ -73,19 +64,9 @@ def _frames(film: "FrameSource") -> bytes:
 
 
 def strip(frames: "FrameSource", count: int = _FRAMES) -> "NDArray[np.uint8]":
-    """Put some frames, evenly over the film, side by side.
+    """Put some frames, evenly over the film, side by side; only those are read.
 
-    Parameters
-    ----------
-    frames : FrameSource
-        The film; only the frames shown are read.
-    count : int
-        How many.
-
-    Returns
-    -------
-    array (row, column) of uint8
-        Black and white are the film's levels; a damaged frame is left grey.
+    Black and white are the film's levels; a damaged frame is left grey.
     """
     import cv2
 

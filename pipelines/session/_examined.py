@@ -48,25 +48,9 @@ class Examined:
 
 
 def examine(folder: str | Path, wanted: str | None = None) -> list[Examined]:
-    """Examine the main quantities of every experiment of a session.
+    """Examine the main quantities of a session's experiments, all or those of one kind or name.
 
-    Parameters
-    ----------
-    folder : path-like
-        The session folder; what is not processed yet is processed first.
-    wanted : str, optional
-        Only experiments of this kind, or of this name.
-
-    Returns
-    -------
-    list of Examined
-
-    Raises
-    ------
-    UsageError
-        There is no such kind or experiment with budgets.
-    InputError
-        A step before failed.
+    What is not processed yet is processed first; it raises what :func:`pipelines.session.sensitivity` does.
     """
     session = reopen_session(folder)
     budgets = {name: kind.budget for name, kind in KINDS.items() if kind.budget is not None}

@@ -21,11 +21,7 @@ _INVERSE = 0.5  # of its logarithm, by which one factor may miss the inverse of 
 def exchanged(session: Session, stiffness: Mapping[str, float | None]) -> Iterator[tuple[str, Finding]]:
     """Find two materials of which one is as many times too stiff for its experiments as the other is too soft.
 
-    Parameters
-    ----------
-    session : Session
-    stiffness : mapping of str to float or None
-        Experiment to how many times the modulus of its material would explain it, where one does.
+    ``stiffness`` says by experiment how many times the modulus of its material would explain it, where one does.
     """
     from labpipe.judging import Finding, in_words
 

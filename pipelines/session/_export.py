@@ -103,21 +103,7 @@ class Target:
 
 
 def export_results(results: Results, stages: Iterable[str], experiments: Iterable[str], target: Target) -> Exported:
-    """Write the stored results of a session that are up to date.
-
-    Parameters
-    ----------
-    results : Results
-        Of the wanted experiments.
-    stages, experiments : iterable of str
-        Only these; empty for all.
-    target : Target
-        Where to.
-
-    Returns
-    -------
-    Exported
-        With the steps that have no up-to-date result.
+    """Write the stored results of a session that are up to date, of some stages and experiments or of all.
 
     Raises
     ------
@@ -173,16 +159,7 @@ def _flag(verdict: Verdict | None) -> xr.Variable:
 
 
 def export_table(results: Results, experiments: Iterable[str], target: Target) -> Exported:
-    """Write one table of the quantities of a session, a row for each.
-
-    Parameters
-    ----------
-    results : Results
-        Of the wanted experiments.
-    experiments : iterable of str
-        Only these; empty for all.
-    target : Target
-        Where to; as ``xlsx`` with the curves on further sheets, as ``tex`` or as ``csv``.
+    """Write one table of the quantities of some experiments, or of all, as ``xlsx``, ``tex`` or ``csv``.
 
     Raises
     ------
@@ -214,23 +191,9 @@ def export_table(results: Results, experiments: Iterable[str], target: Target) -
 def export_materials(
     results: Results, experiments: Iterable[str], target: Target, bulk: str | None
 ) -> tuple[Exported, tuple[str, ...]]:
-    """Write the materials of a session as input of a simulation code.
+    """Write the materials of some experiments, or of all, for the simulation code that the target names as its format.
 
-    Parameters
-    ----------
-    results : Results
-        Of the wanted experiments.
-    experiments : iterable of str
-        Only these; empty for all.
-    target : Target
-        Where to; its format is the code.
-    bulk : str, optional
-        What the bulk modulus does.
-
-    Returns
-    -------
-    (Exported, tuple of str)
-        The files, and the warnings that stand in them.
+    Returns the files, and the warnings that stand in them.
     """
     from labpipe import materials
     from pipelines.experiments import KINDS

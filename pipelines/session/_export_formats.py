@@ -29,21 +29,11 @@ _MATLAB_HEAD = 116
 
 
 def csv_tables(dataset: xr.Dataset, remarks: Mapping[str, str]) -> dict[str, str]:
-    """Write a Dataset as tables, one for all variables of equal dimensions.
+    """Write a Dataset as tables, one for all variables of equal dimensions, by those: ``"time"``, ``"repeat-time"``.
 
-    Parameters
-    ----------
-    dataset : Dataset
-        Anything; a table over several dimensions has one row per combination, with one column
-        per dimension.
-    remarks : mapping of str
-        Written above the table, one line each, after ``#``.
-
-    Returns
-    -------
-    dict of str
-        Text of each table by its dimensions, such as ``"time"`` or ``"repeat-time"``; variables
-        without dimensions are in ``"values"``. Below the head of names stands a row of units.
+    A table over several dimensions has one row per combination, with one column per dimension; variables without
+    dimensions are in ``"values"``. Remarks stand above the table, one line each, after ``#``; below the head of names
+    stands a row of units.
 
     Examples
     --------
@@ -121,11 +111,8 @@ def one_line(text: str) -> str:
 def json_text(dataset: xr.Dataset, remarks: Mapping[str, str]) -> str:
     """Write a Dataset as one JSON document; NaN and infinities become null.
 
-    Returns
-    -------
-    str
-        ``remarks``, ``dimensions`` (sizes by name), ``attributes``, and ``variables``: for each
-        ``dimensions``, ``units``, ``long_name``, further attributes, and nested ``values``.
+    It has ``remarks``, ``dimensions`` (sizes by name), ``attributes``, and ``variables``: for each
+    ``dimensions``, ``units``, ``long_name``, further attributes, and nested ``values``.
     """
     variables = {
         str(name): {
@@ -158,11 +145,8 @@ def _plain(value: Any) -> Any:
 def mat_bytes(dataset: xr.Dataset, remarks: Mapping[str, str]) -> bytes:
     """Write a Dataset as a MATLAB file (version 5, readable by MATLAB, Octave and Julia).
 
-    Returns
-    -------
-    bytes
-        One array per variable; structures ``units``, ``long_name`` and ``dimensions`` with a text
-        per variable; ``remarks``. Names are cut to what MATLAB takes.
+    It has one array per variable; structures ``units``, ``long_name`` and ``dimensions`` with a text
+    per variable; ``remarks``. Names are cut to what MATLAB takes.
     """
     from scipy.io import savemat
 

@@ -77,14 +77,7 @@ def gaps(text: str) -> Iterator[Gap]:
 
 
 def checked(gap: Gap, answer: str) -> str:
-    """Return an answer as it is written into the file.
-
-    Parameters
-    ----------
-    gap : Gap
-        The question.
-    answer : str
-        A bare number gets the unit of the gap.
+    """Return an answer as it is written into the file; a bare number gets the unit of the gap.
 
     Raises
     ------
@@ -150,16 +143,9 @@ def _with_unit(gap: Gap, answer: str) -> str:
 
 
 def filled(text: str, ask: Callable[[Gap], str | None], owner: str = "") -> str:
-    """Ask for every gap of a text and write the answers into it.
+    """Ask for every gap of a TOML text and write the answers into it; None for an answer leaves a gap open.
 
-    Parameters
-    ----------
-    text : str
-        TOML with gaps.
-    ask : callable
-        Returns the checked answer to a gap, or None to leave it open.
-    owner : str
-        Stands in the questions instead of the tables' names, where those say too little.
+    An owner stands in the questions instead of the tables' names, where those say too little.
     """
     lines = text.splitlines(keepends=True)
     for gap in gaps(text):

@@ -136,27 +136,10 @@ def inspect(
 
 
 def describe(file: Path, options: dict[str, Any] | None = None) -> dict[str, Any]:
-    """Return what is known of a file.
+    """Return what is known of a file; ``options`` are those of :func:`inspect`, the instrument among them.
 
-    Parameters
-    ----------
-    file : Path
-        Any single file, the folder of an image stack, or a folder of files.
-    options : dict, optional
-        Of :func:`instruments.read`: the instrument, where no content tells it, and what the file
-        leaves unsaid, for example ``{"cycle": "50 us"}``.
-
-    Returns
-    -------
-    dict
-        ``file``, ``reader``, ``kind`` (``table``, ``film``, ``record``, ``session``, ``result``,
-        ``picture``, ``folder``), what there is to say of that kind, and ``problems``. A table's columns are in
-        ``variables``: name, long name, unit, range, and number of invalid readings.
-
-    Raises
-    ------
-    SourceError
-        The file is not known or cannot be read.
+    Its ``kind`` is ``table``, ``film``, ``record``, ``session``, ``result``, ``picture`` or ``folder``. A
+    table's columns are in ``variables``: name, long name, unit, range, and number of invalid readings.
     """
     suffix = file.suffix.lower()
     if options or not (file.is_file() or file.is_dir()):  # of an instrument; a pipe is refused

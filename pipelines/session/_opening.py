@@ -42,11 +42,6 @@ def reopen_session(folder: str | Path) -> Session:
 
     In an experiment that was never processed a file that is not there is a mistake, told with all
     others. Later it has been lost: its experiment fails and says so.
-
-    Parameters
-    ----------
-    folder : path-like
-        The session folder.
     """
     return _opened(Path(folder), {page.stem for page in Path(folder, "labpipe").glob(page_name("*"))})
 

@@ -50,21 +50,9 @@ _Read = Callable[[str], "xr.Dataset | None"]
 
 
 def write_overview(session: Session, stages: Stages, plan: Plan | None = None) -> Path:
-    """Write the page of a session, unless it is up to date.
+    """Write the page of a session, unless it is up to date; return where it is.
 
-    Parameters
-    ----------
-    session : Session
-        With all its experiments.
-    stages : mapping
-        The stages of every kind.
-    plan : Plan, optional
-        Of the whole session, where there is one that still holds; made otherwise.
-
-    Returns
-    -------
-    Path
-        ``SESSION/labpipe/index.html``.
+    A plan of the whole session is made unless there is one that still holds.
     """
     store = Store(session.folder)
     if plan is None:
@@ -192,13 +180,7 @@ def _links(session: Session) -> "tuple[Link, ...]":
 
 
 def pages_together(folder: Path) -> list[tuple[str, str]]:
-    """Return what every page of one material, or of two experiments, is called, and its file.
-
-    Parameters
-    ----------
-    folder : Path
-        ``SESSION/labpipe``.
-    """
+    """Return what every page of one material, or of two experiments, in ``SESSION/labpipe`` is called, and its file."""
     forms = ((MATERIAL, "material {}"), (BESIDE, "side by side: {}"))
     return [
         (form.format(path.stem.removeprefix(before).replace(AND, " and ")), path.name)

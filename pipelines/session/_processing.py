@@ -176,16 +176,7 @@ def process_all(
 
 
 def processed_for(folder: str | Path, wanted: Iterable[tuple[Experiment, Derived]], *, jobs: int = 1) -> Results:
-    """Process what stands behind derived values, and open the results.
-
-    Parameters
-    ----------
-    folder : path-like
-        The session folder.
-    wanted : iterable of (Experiment, Derived)
-        What is to be derived from which experiments.
-    jobs : int
-        Experiments computed side by side; 0 computes in this process.
+    """Process what stands behind values derived from experiments, and open the results.
 
     Raises
     ------

@@ -290,20 +290,10 @@ _COPY = re.compile(r"kopie|cop(?:y|ie)|backup|sicherung|\bold\b|\balt\b|\(\d+\)"
 
 
 def copies_among(folder: Path, names: Iterable[str]) -> dict[str, str]:
-    """Find files of equal content.
+    """Find files of a folder with equal content: every copy to the file that counts as the first.
 
-    Parameters
-    ----------
-    folder : Path
-    names : iterable of str
-        Files below it.
-
-    Returns
-    -------
-    dict
-        Every copy to the file that counts as the first: the one whose name does not speak of a
-        copy, then the one in the folder with most different recordings, where its repeats lie, then
-        the one with the shorter path.
+    That is the one whose name does not speak of a copy, then the one in the folder with most different recordings,
+    where its repeats lie, then the one with the shorter path.
     """
     names = list(names)
     groups = [

@@ -20,15 +20,7 @@ if TYPE_CHECKING:
 
 
 def opened(folder: str | Path, only: Iterable[str] | None = None) -> Results:
-    """Return the results of a session as they are now.
-
-    Parameters
-    ----------
-    folder : path-like
-        The session folder.
-    only : iterable of str, optional
-        Experiments whose results are wanted; all by default.
-    """
+    """Return the results of a session, or of some of its experiments, as they are now."""
     return Results(make_plan(reopen_session(folder), STAGES, only=only, keep=None))
 
 

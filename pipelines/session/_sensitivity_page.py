@@ -3,15 +3,14 @@
 from collections.abc import Sequence
 from math import isinf
 
-from labpipe.report import Bars, Block, Column, Details, Document, Paragraph, Section, Table, shown_source
+from labpipe.report import Bars, Block, Column, Details, Paragraph, Section, Table, shown_source
 from labpipe.uncertainty import inputs_to_halve
 from labpipe.workflow.session import Session
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared import budget_blocks as budget_drawing
 from pipelines.experiments.shared.budget_blocks import half_width, overview
-from pipelines.experiments.shared.pages import SYNTHETIC, synthetic_notice
+from pipelines.experiments.shared.pages import session_document, synthetic_notice
 from pipelines.session._examined import Examined
-from pipelines.session._overview import PAGE
 
 _BEST = 20.0  # factor beyond which "better" means "exactly"
 _NO_SCALE = ("degC", "1")  # units in which a share of the value says little
@@ -21,29 +20,14 @@ _ALIKE = 0.05  # of the variance: shares that differ by less tell the same
 
 
 def render(session: Session, kind: str, found: Sequence[Examined]) -> str:
-    """Return the page of one kind as HTML text.
-
-    Parameters
-    ----------
-    session : Session
-    kind : str
-        Of the experiments.
-    found : sequence of Examined
-        Their quantities.
-    """
-    head: tuple[Block, ...] = (synthetic_notice(),) if session.synthetic else ()
+    """Return the page of the quantities of one kind of experiment as HTML text."""
+    head = synthetic_notice(session)
     sections = [Section("What to measure better", (Paragraph(answer(found)), *head, *answers(found)))]
     for name in dict.fromkeys(e.experiment for e in found):
         own = [e for e in found if e.experiment == name]
         folded = tuple(Details(e.quantity.name, blocks=budget_blocks(e)) for e in own)
         sections.append(Section(name, (*summary(own), *folded)))
-    return Document(
-        title=f"Uncertainty and sensitivity: {KINDS[kind].title}",
-        subtitle=session.title,
-        badge=SYNTHETIC if session.synthetic else "",
-        home=PAGE,
-        sections=tuple(sections),
-    ).render()
+    return session_document(session, f"Uncertainty and sensitivity: {KINDS[kind].title}", sections)
 
 
 def total_shares(found: Examined) -> dict[str, float]:

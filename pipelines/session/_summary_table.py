@@ -16,16 +16,14 @@ from typing import Any, NamedTuple
 
 import xarray as xr
 
-from labpipe.errors import LabpipeError
 from labpipe.report import display_unit, number, plus_minus
 from labpipe.workflow.plan import READY
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared.comparison_rows import Row, row
-from pipelines.session._comparison import labelled
+from pipelines.session._comparison import compared, labelled
 from pipelines.session._export_formats import one_line, text_cell
-from pipelines.session._results import derive
 from pipelines.session._verdicts import told_verdicts
 
 COLUMNS = (
@@ -99,14 +97,7 @@ class Line:
 
 
 def lines(results: Results, experiments: Iterable[str] = ()) -> list[Line]:
-    """Gather the quantities of all experiments whose results are up to date.
-
-    Parameters
-    ----------
-    results : Results
-    experiments : iterable of str
-        Only these; empty for all.
-    """
+    """Gather the quantities of some experiments, or of all, whose results are up to date."""
     wanted = set(experiments) or set(results.experiments)
     session, verdicts = results.plan.session, told_verdicts(results.folder)
     found = []
@@ -114,21 +105,11 @@ def lines(results: Results, experiments: Iterable[str] = ()) -> list[Line]:
         if name not in wanted:
             continue
         verdict = (verdicts[name].believable, verdicts[name].model) if name in verdicts else ("", "")
-        rows = [labelled(r, experiment, session) for r in _compared(results, experiment)]
+        rows = compared(results, name) or []
         known = {r.measured for r in rows}  # a key number may be what is compared
         rows += [labelled(r, experiment, session) for r in _key_numbers(results, experiment) if r.measured not in known]
         found += [Line(r, *verdict) for r in rows]
     return found
-
-
-def _compared(results: Results, experiment: Experiment) -> list[Row]:
-    derived = KINDS[experiment.kind].rows
-    if derived is None:
-        return []
-    try:
-        return list(derive(results, experiment, derived))
-    except LabpipeError:  # not processed as far as that
-        return []
 
 
 def _key_numbers(results: Results, experiment: Experiment) -> Iterator[Row]:

@@ -58,17 +58,9 @@ class Surveyed:
 
 
 def survey(folder: Path) -> list[Surveyed]:
-    """Look at every file of a folder.
+    """Look at every file of a folder, in the order of their names, the first 5000.
 
-    Parameters
-    ----------
-    folder : Path
-
-    Returns
-    -------
-    list of Surveyed
-        In the order of their names, the first 5000; hidden files, session.toml and what labpipe
-        writes are left out.
+    Hidden files, session.toml and what labpipe writes are left out.
     """
     found = recognise(folder)
     titles = {each.name: each for each in instruments.known()}

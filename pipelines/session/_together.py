@@ -11,8 +11,8 @@ from typing import Literal
 import msgspec
 
 from labpipe import files
-from labpipe.errors import InputError, LabpipeError, UsageError
-from labpipe.report import SURE, Block, Column, Document, Link, Notice, Paragraph, Section, Table, display_unit
+from labpipe.errors import InputError, UsageError
+from labpipe.report import SURE, Block, Column, Link, Notice, Paragraph, Section, Table, display_unit
 from labpipe.workflow.document import nodes
 from labpipe.workflow.fields import REFERENCE
 from labpipe.workflow.plan import page_name
@@ -20,12 +20,12 @@ from labpipe.workflow.results import Results
 from labpipe.workflow.session import Session
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared.comparison_rows import Row
-from pipelines.experiments.shared.pages import SYNTHETIC, synthetic_notice
+from pipelines.experiments.shared.pages import session_document, synthetic_notice
 from pipelines.session._compare_page import parts, what
-from pipelines.session._comparison import Comparison, labelled
+from pipelines.session._comparison import Comparison, compared
 from pipelines.session._opening import STAGES
 from pipelines.session._overview import AND, BESIDE, MATERIAL, PAGE, write_overview
-from pipelines.session._results import derive, opened
+from pipelines.session._results import opened
 from pipelines.session._verdict_notices import each
 from pipelines.session._verdicts import Verdict, stored_verdicts
 
@@ -64,22 +64,22 @@ def beside(folder: str | Path, first: str, second: str) -> Path:
     if first == second:
         raise UsageError(f'name two experiments; "{first}" was named twice')
     verdicts = stored_verdicts(results)
-    rows = {name: _rows(results, name) for name in (first, second)}
+    rows = {name: compared(results, name) for name in (first, second)}
     for name, own in rows.items():
         if own is None and name not in verdicts:
             raise InputError(f"{name} has no results that are up to date; run: labpipe process {folder} --only {name}")
-    own, others = rows[first] or (), rows[second] or ()
+    own, others = rows[first] or [], rows[second] or []
     said, *difference = _difference(own, others, first, second)
     found = Comparison((*own, *others), {}, {}, session.folder / PAGE)
     names = (first, second)
     answer = (*_verdicts(session, names, verdicts, found.rows), said, *_chart(results, names))
     sections = [
         Section("Answer", answer),
-        Section("Difference", (*difference, *_reports(session, names), *_synthetic(session))),
+        Section("Difference", (*difference, *_reports(session, names), *synthetic_notice(session))),
         *parts(found),
     ]
     path = session.folder / f"{BESIDE}{_safe(first)}{AND}{_safe(second)}.html"
-    files.write_text(path, _document(session, f"{first} beside {second}", sections))
+    files.write_text(path, session_document(session, f"{first} beside {second}", sections))
     write_overview(session, STAGES)
     return path
 
@@ -95,34 +95,14 @@ def write_materials(results: Results, found: Comparison) -> list[tuple[str, str]
         names = list(dict.fromkeys([*source, *(row.experiment for row in rows)]))
         own = tuple(document for document in found.experiments if document["experiment"] in names)
         part = replace(found, rows=tuple(rows), experiments=own, failed={}, absent={})
-        answer = (*_verdicts(session, names, verdicts, rows), *_reports(session, names), *_synthetic(session))
+        answer = (*_verdicts(session, names, verdicts, rows), *_reports(session, names), *synthetic_notice(session))
         sections = [Section("Answer", answer), *parts(part)]
         name = f"{MATERIAL}{_safe(material)}.html"
-        files.write_text(session.folder / name, _document(session, f"{material} over all its experiments", sections))
+        files.write_text(
+            session.folder / name, session_document(session, f"{material} over all its experiments", sections)
+        )
         pages.append((material, name))
     return pages
-
-
-def _rows(results: Results, name: str) -> tuple[Row, ...] | None:
-    """Return what an experiment compares, by the results that are there; None where they are not."""
-    experiment = results.plan.session.experiments[name]
-    derived = KINDS[experiment.kind].rows
-    if derived is None:
-        return ()
-    try:
-        return tuple(labelled(row, experiment, results.plan.session) for row in derive(results, experiment, derived))
-    except LabpipeError:
-        return None
-
-
-def _document(session: Session, title: str, sections: Iterable[Section]) -> str:
-    shown = tuple(section for section in sections if section.blocks)
-    badge = SYNTHETIC if session.synthetic else ""
-    return Document(title=title, subtitle=session.title, badge=badge, home=PAGE, sections=shown).render()
-
-
-def _synthetic(session: Session) -> tuple[Block, ...]:
-    return (synthetic_notice(),) if session.synthetic else ()
 
 
 def _safe(name: str) -> str:

@@ -21,10 +21,7 @@ _MOST_NAMES = 3
 def unused_files(session: Session) -> list[Finding]:
     """Find files of known instruments, and records, that no experiment names; one that waits may name any.
 
-    Returns
-    -------
-    list of Finding
-        Notes, one for what is alike in one folder.
+    They are notes, one for what is alike in one folder.
     """
     from labpipe.judging import Finding
 

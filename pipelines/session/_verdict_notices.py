@@ -17,15 +17,9 @@ _NAMED = 5  # more experiments than these are not read in a sentence
 
 
 def belief(verdicts: Mapping[str, Verdict], names: Iterable[str], waiting: Iterable[str] = ()) -> Notice:
-    """Say how many experiments of a session can be believed, and name the others.
+    """Say how many of the named experiments of a session can be believed, and name the others.
 
-    Parameters
-    ----------
-    verdicts : mapping of str to Verdict
-    names : iterable of str
-        Of all experiments; those without a verdict wait for their steps.
-    waiting : iterable of str
-        Of those that wait for lines of their settings, beside them.
+    Those without a verdict wait for their steps, or for lines of their settings.
     """
     others: dict[str, list[str]] = {}
     words = {name: verdicts[name].believable if name in verdicts else "stale" for name in names}
@@ -65,14 +59,9 @@ def agreement(models: Mapping[str, str]) -> Notice | None:
 
 
 def each(names: Iterable[str], verdicts: Mapping[str, Verdict], against: Mapping[str, str]) -> Iterator[Notice]:
-    """Say of each experiment whether it can be believed and agrees, with the gravest reason.
+    """Say of each named experiment whether it can be believed and agrees, with the gravest reason.
 
-    Parameters
-    ----------
-    names : iterable of str
-    verdicts : mapping of str to Verdict
-    against : mapping of str to str
-        What an experiment is compared with, where it is not the model.
+    ``against`` says what an experiment is compared with, where it is not the model.
     """
     for name in names:
         if (one := verdicts.get(name)) is None:

@@ -285,14 +285,7 @@ def told_verdicts(folder: str | Path) -> dict[str, Verdict]:
 def verdict_on(folder: str | Path, experiment: str, *, is_running: bool = False) -> Verdict:
     """Return the verdict on one experiment by what is stored; nothing is processed.
 
-    Parameters
-    ----------
-    folder : path-like
-        The session folder.
-    experiment : str
-        Its name.
-    is_running : bool
-        The others are being processed: what is found by comparing with them comes later.
+    While the others are being processed, what is found by comparing with them comes later.
     """
     known = {} if is_running else told_verdicts(folder)
     if experiment in known:

@@ -39,15 +39,7 @@ _MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")
 
 
 def render(plan: Design, swept: Swept) -> str:
-    """Return the page as HTML text.
-
-    Parameters
-    ----------
-    plan : Design
-        What was swept.
-    swept : Swept
-        What came out.
-    """
+    """Return the page of what was swept as HTML text."""
     outputs = [name for name in SIMULATORS[plan.simulator].outputs if name != "solver_steps"]
     sections = [
         Section("Sweep", _summary(plan, swept)),

@@ -86,27 +86,8 @@ def run_design(
     missing, damaged or failed is computed. The file does not depend on the engine, on the number
     of workers or on interruptions: the same points give the same bytes.
 
-    Parameters
-    ----------
-    plan : Design
-        See :func:`pipelines.sweeps.design`.
-    out : path-like
-        netCDF file to write.
-    engine : Engine, optional
-        See :mod:`labpipe.workflow.engines`; default :class:`Serial`.
-    progress : callable, optional
-        Called with the fraction of the points that is done.
-
-    Returns
-    -------
-    Swept
-
-    Raises
-    ------
-    UsageError
-        ``out`` is no netCDF name.
-    StorageError
-        It cannot be written.
+    Without an engine (:mod:`labpipe.workflow.engines`) all is done here; the other arguments, and what
+    is raised, are those of :func:`pipelines.sweeps.sweep`.
     """
     path = Path(out)
     if path.suffix != ".nc":

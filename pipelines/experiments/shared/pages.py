@@ -33,14 +33,15 @@ from labpipe.report import (
 )
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context, Warned
+from labpipe.workflow.session import Session
 
 SYNTHETIC = "synthetic data"
 
 log_log = partial(LineChart, x_scale="log", y_scale="log")
 """A chart of two logarithmic axes, as moduli are drawn."""
 
-SESSION_PAGE = "../index.html"
-"""From a report to the page of the whole session."""
+SESSION_PAGE = "index.html"
+"""The page of the whole session, beside the folder of the reports."""
 
 
 def stated(given: Quantity) -> str:
@@ -106,7 +107,7 @@ def document(context: Context, subtitle: str, sections: Sequence[Section]) -> Do
     sections; what the verdict rests on follows the key numbers, and the sections of every page
     follow those of the kind.
     """
-    head = (*((synthetic_notice(),) if context.synthetic else ()), *kept_notice(context))
+    head = (*synthetic_notice(context), *kept_notice(context))
     (first, *rest), shown = _without_first_chart(sections)
     n_answers = next((i for i, block in enumerate(first.blocks) if not isinstance(block, Notice)), len(first.blocks))
     answer, behind = first.blocks[:n_answers], first.blocks[n_answers:]
@@ -120,7 +121,7 @@ def document(context: Context, subtitle: str, sections: Sequence[Section]) -> Do
         title=context.experiment,
         subtitle=f"{subtitle} · {context.title}" if context.title else subtitle,
         badge=SYNTHETIC if context.synthetic else "",
-        home=SESSION_PAGE,
+        home=f"../{SESSION_PAGE}",
         sections=(opening, *rest, problems(context), ledger(context), provenance(context)),
     )
 
@@ -144,13 +145,26 @@ def folded(title: str, summary: str, blocks: Iterable[Block]) -> Section:
     return Section(title, (*notices, *((Details(summary, blocks=inside),) if inside else ())))
 
 
-def synthetic_notice() -> Notice:
-    """Say that nothing on the page was measured."""
-    return Notice(
-        "warning",
+def session_document(session: Session, title: str, sections: Iterable[Section]) -> str:
+    """Write a page that stands beside the session's own; sections without content are left out."""
+    return Document(
+        title=title,
+        subtitle=session.title,
+        badge=SYNTHETIC if session.synthetic else "",
+        home=SESSION_PAGE,
+        sections=tuple(section for section in sections if section.blocks),
+    ).render()
+
+
+def synthetic_notice(shown: Context | Session) -> tuple[Block, ...]:
+    """Say that nothing on the page was measured, where that is so."""
+    if not shown.synthetic:
+        return ()
+    text = (
         "Synthetic data: recorded by labpipe's virtual rig, not by an instrument. They "
-        "demonstrate the analysis and are no evidence about a real material.",
+        "demonstrate the analysis and are no evidence about a real material."
     )
+    return (Notice("warning", text),)
 
 
 def kept_notice(context: Context) -> tuple[Block, ...]:

@@ -42,7 +42,7 @@ def rubber(pristine_session: Path, tmp_path_factory: pytest.TempPathFactory):
     (folder / "laser/drop_2.csv").unlink()  # what is lost elsewhere is of no concern here
     said = io.StringIO()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pipelines.identify._identify.sample", lambda known: sample(known, 30))
+        patch.setattr("labpipe.identification.sample", lambda known: sample(known, 30))
         with pytest.raises(SystemExit) as left, contextlib.redirect_stdout(said):
             main(["identify", str(folder), "-e", "nbr", "--sampler", "rto", "--json"])
     assert left.value.code == 0
