@@ -10,7 +10,7 @@ from labpipe import contact, materials
 from labpipe.report import line_arguments
 from labpipe.units import Quantity
 from pipelines.figures.chapter3 import HEIGHTS, MASS, SPHERE_RADIUS
-from pipelines.figures.drawing import Drawing, legend_above, letter, panels, spelled
+from pipelines.figures.drawing import Drawing, label_outside, legend_above, letter, panels, spelled
 from pipelines.rig.calibration_images import ruler_image
 
 _PLATE = contact.Plate(mass=20.0, frequency=180.0, damping_ratio=0.03)
@@ -89,10 +89,7 @@ def plate_vibration() -> Drawing:
                 )
                 place.plot(since, moved, label=spelled(name), **line)
             letter(place, "abcd"[panel], f"$h_0$ = {height * 1e3:g} mm")
-        for place in axes[1]:
-            place.set_xlabel("time $t_c$ (ms)")
-        for place in axes[:, 0]:
-            place.set_ylabel("plate, upwards (µm)")
+        label_outside(axes, "time $t_c$ (ms)", "plate, upwards (µm)")
         legend_above(figure, axes[0, 0])
     peaks = "; ".join(f"{spelled(n)} {', '.join(f'{p:.1f}' for p in v)}" for n, v in largest.items())
     return Drawing(

@@ -135,12 +135,7 @@ def _near(laws: dict[int, _Law], height: float) -> _Law:
 def _fitted(inputs: Inputs) -> tuple[dict[int, _Law], str]:
     """Fit yield depth and unloading to all restitutions, and the damping to those of each height, as the text does.
 
-    Returns
-    -------
-    dict of int to _Law
-        By height in µm.
-    str
-        What is to be said of them.
+    Returned are the laws by height in µm, and what is to be said of them.
     """
     from scipy.optimize import least_squares
 

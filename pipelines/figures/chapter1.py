@@ -10,7 +10,7 @@ import numpy as np
 
 from labpipe.materials import Prony
 from labpipe.report import line_arguments
-from pipelines.figures.drawing import Drawing, decades, legend_above, letter, panels
+from pipelines.figures.drawing import Drawing, decades, label_outside, legend_above, letter, panels
 
 _ZENER = Prony(1.0, [9.0], [1.0], nu=0.5)
 """Standard linear solid, E_unrelaxed/E_relaxed = 10: the contrast of figures 1.2 and 1.9."""
@@ -170,10 +170,7 @@ def polymer_classes() -> Drawing:
             place.set_ylim(1e4, 1e11)
             other.set_ylim(1e-4, 1e3)
             others.append(other)
-        for place in axes[1]:
-            place.set_xlabel("frequency $\\omega\\tau$ (1)")
-        for place in axes[:, 0]:
-            place.set_ylabel("storage modulus $G'$ (Pa)")
+        label_outside(axes, "frequency $\\omega\\tau$ (1)", "storage modulus $G'$ (Pa)")
         legend_above(figure, [axes[0, 0], others[0]])
     return Drawing(
         "Storage modulus and loss factor of four classes of polymers over frequency: (a) "

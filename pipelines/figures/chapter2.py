@@ -13,7 +13,7 @@ from labpipe.arrays import Floats
 from labpipe.contact.line import dissipation
 from labpipe.materials import Prony
 from labpipe.report import line_arguments
-from pipelines.figures.drawing import Drawing, decades, letter, panels
+from pipelines.figures.drawing import Drawing, decades, label_outside, letter, panels
 
 TIP_RADIUS, PERIOD, TIP_DEPTH, TIPS = 2e-3, 8e-3, 6e-3, 3
 DEPTH = TIPS * TIP_DEPTH
@@ -28,16 +28,7 @@ _FRONT_FREQUENCIES = (1e-1, 1e2, 1e4, 1e6, 1e8, 1e9)
 
 
 def oscillation(mean: float, amplitude: float, frequency: float, cycles: int, per_cycle: int) -> tuple[Floats, Floats]:
-    """Return times and displacements of ramp, rest and oscillation, the thesis's protocol.
-
-    Parameters
-    ----------
-    mean, amplitude : float [m]
-        Of the displacement.
-    frequency : float [Hz]
-    cycles, per_cycle : int
-        Cycles and samples in each.
-    """
+    """Return times [s] and displacements [m] of ramp, rest and oscillation, the thesis's protocol."""
     # A ramp and a rest are straight lines; the simulator chooses its own steps on them.
     begin = np.array([0.0, mean / _RAMP, mean / _RAMP + _HOLD])
     phase = np.linspace(0.0, cycles, per_cycle * cycles + 1)[1:]
@@ -165,10 +156,7 @@ def tapping_cycle() -> Drawing:
         low = min(o.get_ylim()[0] for o in others)
         for other in others:
             other.set_ylim(low, -low)
-        for place in axes[1]:
-            place.set_xlabel("position $x$ (mm)")
-        for place in axes[:, 0]:
-            place.set_ylabel("pressure (MPa)")
+        label_outside(axes, "position $x$ (mm)", "pressure (MPa)")
         handles = [axes[0, 0].lines[0], *others[0].lines[:2]]
         words = ["pressure (left axis)", "surface (right axis)", "indenter (right axis)"]
         figure.legend(handles, words, loc="outside upper center", ncols=3)

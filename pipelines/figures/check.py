@@ -201,16 +201,9 @@ def _plateaus() -> Iterator[Row]:
 
 
 def left_of_terms(rho: Floats) -> Floats:
-    """Return how much of a relaxing term's force is left at the end of each ramp of section 2.3.2.
+    """Return how much of relaxing terms ``rho`` [s] is left (depth, term) at the end of each ramp of section 2.3.2.
 
-    Parameters
-    ----------
-    rho : array (term,) [s]
-
-    Returns
-    -------
-    array (depth, term)
-        The mean of ``exp(-(T - t) / rho)`` over the growth of the elastic force, w in the module's notes.
+    It is the mean of ``exp(-(T - t) / rho)`` over the growth of the elastic force, w in the module's notes.
     """
     left = []
     for depth in _INDENTATIONS:
@@ -222,17 +215,9 @@ def left_of_terms(rho: Floats) -> Floats:
 
 
 def best_excesses(excess: tuple[float, ...]) -> tuple[float, ...]:
-    """Fit a spectrum without negative weights to the excess of the peaks over their plateaus.
+    """Return what the best spectrum without negative weights, of any number of terms, gives for the peaks' excess.
 
-    Parameters
-    ----------
-    excess : tuple of float
-        F_peak / F_plateau - 1 at the three depths of section 2.3.2, reached at 1 mm/s.
-
-    Returns
-    -------
-    tuple of float
-        What the best spectrum, of any number of terms, gives for them.
+    Excess is F_peak / F_plateau - 1 at the three depths of section 2.3.2, reached at 1 mm/s.
     """
     rho = np.geomspace(1e-4, 1e3, 141)  # s; faster ones only scale, slower ones have not relaxed
     weights = left_of_terms(rho)

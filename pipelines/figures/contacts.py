@@ -7,7 +7,7 @@ import numpy as np
 from labpipe import signals
 from labpipe.arrays import Floats
 from labpipe.report import line_arguments
-from pipelines.figures.drawing import Drawing, beyond, legend_above, letter, panels
+from pipelines.figures.drawing import Drawing, beyond, label_outside, legend_above, letter, panels
 from pipelines.figures.films import around_peak
 from pipelines.figures.inputs import Inputs, is_heated, temperature_of
 
@@ -282,8 +282,7 @@ def heated(inputs: Inputs) -> Drawing:
                 for edge in place.spines.values():
                     edge.set(visible=True, color=look["color"], linewidth=1.2)
             axes[row, 0].set_ylabel(label, color=look["color"], rotation=0, ha="right", va="center")
-        for place in axes[-1]:
-            place.set_xlabel("x (µm)")
+        label_outside(axes, "x (µm)")
         axes[0, 0].set_ylabel("contact radius (µm)")
         letter(axes[0, _IMPACTS], _LETTERS[_IMPACTS], "at rest")
         axes[0, _IMPACTS].margins(x=0.5, y=0.1)

@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.report import figure_style
@@ -62,22 +63,9 @@ class Drawing:
 def panels(
     rows: int = 1, columns: int = 1, *, width: Literal[1, 2] = 1, aspect: float = 0.68, **options: Any
 ) -> Iterator[tuple[Figure, Any]]:
-    """Open a figure of journal width with its panels, in one style.
+    """Open a figure of one or two journal columns with its panels (rows, columns), in one style.
 
-    Parameters
-    ----------
-    rows, columns : int
-        Panels.
-    width : 1 or 2
-        Journal columns.
-    aspect : float
-        Height of the figure over its width.
-    options : Any
-        For ``Figure.subplots``.
-
-    Yields
-    ------
-    figure, axes : Figure, array (rows, columns) of Axes
+    ``aspect`` is the height of the figure over its width; options go to ``Figure.subplots``.
     """
     with figure_style(columns=width, aspect=aspect):
         figure = Figure(layout="constrained")
@@ -87,6 +75,14 @@ def panels(
 def letter(axes: Axes, name: str, text: str = "") -> None:
     """Name a panel above its frame, where it covers no data."""
     axes.set_title(f"({name}) {text}".rstrip(), loc="left", fontsize=8.0)
+
+
+def label_outside(axes: NDArray[Any], x: str, y: str | None = None) -> None:
+    """Name the horizontal axis below the lowest panels only, and the vertical one left of the first."""
+    for place in axes[-1]:
+        place.set_xlabel(x)
+    for place in axes[:, 0] if y is not None else ():
+        place.set_ylabel(y)
 
 
 def legend_above(figure: Figure, axes: Axes | Sequence[Axes], columns: int = 4) -> None:

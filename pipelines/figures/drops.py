@@ -7,7 +7,7 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.report import kept_samples, line_arguments
-from pipelines.figures.drawing import Drawing, beyond, legend_above, letter, panels
+from pipelines.figures.drawing import Drawing, beyond, label_outside, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs
 
 _COVERAGE = 2.0
@@ -40,14 +40,9 @@ def peek(inputs: Inputs) -> Drawing:
 
 
 def heights(inputs: Inputs, sphere: str) -> Drawing:
-    """Draw displacement and first penetration of each drop height, lowest first.
+    """Draw displacement and first penetration of each drop height, of more than four the four lowest, lowest first.
 
-    Parameters
-    ----------
-    inputs : Inputs
-        Ball drops; of more than four the four lowest are shown.
-    sphere : str
-        With its article, for the caption.
+    The caption names the sphere with its article.
     """
     chosen = sorted(inputs.experiments, key=lambda name: inputs.experiments[name].height.value)
     chosen = chosen[:_MOST_HEIGHTS]
@@ -60,8 +55,7 @@ def heights(inputs: Inputs, sphere: str) -> Drawing:
             _row(axes[row], results, inputs.origin, _rest(inputs, name))
             letter(axes[row, 0], "abcd"[row], f"$h_0$ = {height * 1e3:g} mm")
             notes.append(_agreement(height, results))
-        for place in axes[-1]:
-            place.set_xlabel("time $t_c$ (ms)")
+        label_outside(axes, "time $t_c$ (ms)")
         legend_above(figure, axes[0, 0])
     number = int(results["repeats"].sizes["repeat"])
     return Drawing(

@@ -6,7 +6,7 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.report import line_arguments
-from pipelines.figures.drawing import Drawing, beyond, legend_above, letter, panels
+from pipelines.figures.drawing import Drawing, beyond, label_outside, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs, referred
 
 _IMPACTS = 3
@@ -86,10 +86,7 @@ def contact_radius(inputs: Inputs) -> Drawing:
             u = made["u_peak_radius_difference"].values[:_IMPACTS] * 1e6
             pairs = ", ".join(f"{g:+.1f} ± {s:.1f}" for g, s in zip(gap, u, strict=True))
             notes.append(f"{height:g} mm: {pairs} µm")
-        for place in axes[-1]:
-            place.set_xlabel("time from largest radius $t_p$ (ms)")
-        for place in axes[:, 0]:
-            place.set_ylabel("contact radius (µm)")
+        label_outside(axes, "time from largest radius $t_p$ (ms)", "contact radius (µm)")
         legend_above(figure, axes[0, 0])
     return Drawing(
         "Contact radius of the first impacts (I, II, III) at each drop height, t_p = 0 at the largest radius.",
@@ -114,15 +111,7 @@ def _impact_row(places: Any, made: Any, model: Any, origin: str) -> None:
 
 
 def around_peak(model: Any, peak: float) -> tuple[Floats, Floats]:
-    """Return the simulated contact around one largest radius: time in ms, radius in µm.
-
-    Parameters
-    ----------
-    model : Dataset
-        Result ``model`` of a contact area.
-    peak : float [s]
-        Time of the largest radius.
-    """
+    """Return the simulated contact around one largest radius at ``peak`` s: time in ms, radius in µm."""
     since = (model["time"].values - peak) * 1e3
     shown = np.abs(since) <= _AROUND_PEAK
     radius = model["contact_radius"].values[shown] * 1e6

@@ -219,21 +219,8 @@ def make(
 ) -> tuple[Outcome, ...]:
     """Draw what is not up to date; what the figures need of the session is processed first.
 
-    Parameters
-    ----------
-    shelf : Shelf
-        Where to, and from which session.
-    figures : iterable of Figure
-        Which.
-    progress : callable
-        Called with every outcome.
-    jobs : int
-        Experiments processed, and figures drawn, side by side; 0 does all in this process.
-
-    Returns
-    -------
-    tuple of Outcome
-        One per figure: drawn, up to date, needs a session, cannot be regenerated, failed.
+    Experiments are processed, and figures drawn, side by side in ``jobs`` processes; 0 does all in this one. Every
+    outcome is told to ``progress``: drawn, up to date, needs a session, cannot be regenerated, failed.
     """
     found = states(shelf, figures)
     ready = [state for state in found if state.state == READY]
@@ -258,12 +245,7 @@ def make(
 def _process(shelf: Shelf, ready: list[State], jobs: int) -> tuple[Shelf, dict[str, str]]:
     """Run the stages behind the figures that have no result, and no other.
 
-    Returns
-    -------
-    Shelf
-        With a plan of what there is now.
-    dict
-        What failed, by experiment.
+    Returned is a shelf with a plan of what there is now, and what failed, by experiment.
     """
     targets = {
         (name, stage): f"{name}/{stage}"
@@ -311,18 +293,9 @@ def _drawings(
 def drawn(
     shelf: Shelf, name: str, experiments: tuple[str, ...], failures: Mapping[str, str]
 ) -> tuple[Outcome, dict[str, str]]:
-    """Draw one figure and write it; return what became of it, and the digests of its files by name.
+    """Draw one figure of some experiments and write it; return what became of it, and the digests of its files by name.
 
-    Parameters
-    ----------
-    shelf : Shelf
-        Of a plan made after processing.
-    name : str
-        Number of the figure.
-    experiments : tuple of str
-        Those that it shows.
-    failures : mapping
-        What failed in processing, by experiment.
+    The shelf has a plan made after processing, in which experiments may have failed.
     """
     # It remarks on the missing time stamps that make the same figure the same bytes.
     logging.getLogger("fontTools").setLevel(logging.ERROR)

@@ -41,18 +41,9 @@ def ptfe(inputs: Inputs) -> Drawing:
 
 
 def master_curve(inputs: Inputs, printed_T_ref: float, note: str = "", *, with_spectrum: bool = False) -> Drawing:
-    """Draw the master curve and the shift factors of the first fitting experiment.
+    """Draw the master curve and the shift factors of the first fitting experiment, beside the caption's T_ref [degC].
 
-    Parameters
-    ----------
-    inputs : Inputs
-        DMA experiments.
-    printed_T_ref : float [degC]
-        Reference temperature in the thesis's caption.
-    note : str
-        A remark on the printed figure.
-    with_spectrum : bool
-        Whether to show the compliances over the retardation times too.
+    A note is a remark on the printed figure; with the spectrum the compliances over the retardation times are shown.
     """
     name = next(iter(inputs.experiments))
     made = inputs.result(name, "master_curve")

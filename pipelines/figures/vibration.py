@@ -6,7 +6,7 @@ import numpy as np
 
 from labpipe.report import line_arguments, value_with_uncertainty
 from pipelines.figures import apparatus
-from pipelines.figures.drawing import Drawing, beyond, legend_above, letter, panels, spelled
+from pipelines.figures.drawing import Drawing, beyond, label_outside, legend_above, letter, panels, spelled
 from pipelines.figures.inputs import Inputs
 
 _MOST_HEIGHTS = 4
@@ -35,10 +35,7 @@ def plate_vibration(inputs: Inputs | None) -> Drawing:
                 place.plot(time[inside], made["measured"].values[i][inside] * 1e6, label=spelled(material), **look)
                 _mark_amplitude(place, kinds.index(material), float(table["amplitude"].values[i]) * 1e6, look["color"])
             letter(place, "abcd"[panel], f"$h_0$ = {height * 1e3:g} mm")
-        for place in axes[-1]:
-            place.set_xlabel("time from impact (ms)")
-        for place in axes[:, 0]:
-            place.set_ylabel("plate, upwards (µm)")
+        label_outside(axes, "time from impact (ms)", "plate, upwards (µm)")
         legend_above(figure, axes[0, 0])
     worst = 100 * float(made["nrmse"].max())
     chance = float(table["probability_natural_frequency"])
