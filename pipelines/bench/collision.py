@@ -22,13 +22,7 @@ _TRUTH = {0.05: 0.9443967792, 0.1: 0.8928588755, 0.5: 0.5952515011, 1.0: 0.39393
 
 
 def run(quick: bool) -> Suite:
-    """Measure restitution by events, by fixed steps and by the closed form.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer steps and repeats.
-    """
+    """Measure restitution by events, by fixed steps and by the closed form."""
     calls = {"events, eighth order": (OURS, _by_events), "closed form (Padé)": (OURS, _by_formula)}
     for step in (1e-5, 1e-6) if quick else (2e-5, 1e-5, 1e-6, 1e-7):
         calls[f"velocity Verlet, step {step:.0e} s"] = (THESIS, partial(_by_steps, step))

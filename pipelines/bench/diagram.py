@@ -31,17 +31,9 @@ class _Look:
 
 
 def draw(suite: Suite) -> bytes:
-    """Draw the diagram of a suite.
+    """Draw the diagram of a suite as SVG; points carry their number in the table, and the default is filled.
 
-    Parameters
-    ----------
-    suite : Suite
-        Points without a run time or an error are left out; the table has them.
-
-    Returns
-    -------
-    bytes
-        An SVG file. Points carry their number in the table; the default is filled.
+    Points without a run time or an error are left out; the table has them.
     """
     shown = [(number, p) for number, p in enumerate(suite.points, 1) if _is_drawable(p)]
     floor = _floor(shown)

@@ -52,13 +52,7 @@ class _Setting(NamedTuple):
 
 
 def run(quick: bool) -> list[Suite]:
-    """Measure the first impact and the train of bounces.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer and coarser settings.
-    """
+    """Measure the first impact and the train of bounces."""
     return [_first_impact(quick), _train(quick)]
 
 

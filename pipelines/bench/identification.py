@@ -15,22 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import norm
 
+from labpipe import identification
 from labpipe.arrays import Floats
-from labpipe.identification import (
-    Bounces,
-    DropModel,
-    Evidence,
-    Parameter,
-    Problem,
-    SmoothSpectrum,
-    drop_evidence,
-    force_evidence,
-    infer,
-    lee_radok_basis,
-    long_time_modulus,
-    moduli,
-    relaxation_times,
-)
 from pipelines.bench.measure import Point, Suite
 from pipelines.rig.reference_drop import CONTACT_STEP, reference_drop
 from pipelines.rig.solids import Element, Viscoelastic
@@ -103,13 +89,7 @@ def _dispersion(
 
 
 def run(quick: bool) -> Suite:
-    """Identify random truths and count.
-
-    Parameters
-    ----------
-    quick : bool
-        Few of them.
-    """
+    """Identify random truths and count; few of them in a quick run."""
     holds = _FEW_HOLDS if quick else _HOLDS
     points = _both_kinds("hold", [hold_trial(_SEED + i) for i in range(holds)])
     if not quick:
@@ -186,20 +166,20 @@ def hold_trial(seed: int) -> Trial:
     force = clean * (1.0 + _GAIN * rng.standard_normal()) + _TARE * rng.standard_normal()
     force += u * rng.standard_normal(lag.size)
     data = float(lag[0]), float(lag[-1])
-    spectrum = SmoothSpectrum(relaxation_times(*data), solid.nu)
+    spectrum = identification.SmoothSpectrum(identification.relaxation_times(*data), solid.nu)
     time = np.concatenate([np.linspace(0.0, _RAMP, 41), _RAMP + lag])
     area = _AREA * np.minimum(time / _RAMP, 1.0)
 
-    def rebuilt(rho: Floats) -> tuple[Evidence, ...]:
-        basis = lee_radok_basis(time, area, rho, solid.nu)[41:]
-        return (force_evidence("hold", lag, force, u, basis, factors=("gain",), offsets=("tare",)),)
+    def rebuilt(rho: Floats) -> tuple[identification.Evidence, ...]:
+        basis = identification.lee_radok_basis(time, area, rho, solid.nu)[41:]
+        return (identification.force_evidence("hold", lag, force, u, basis, factors=("gain",), offsets=("tare",)),)
 
     unknowns = (
-        Parameter("gain", 1.0, _GAIN, "1", "gain", is_nuisance=True),
-        Parameter("tare", 0.0, _TARE, "N", "tare", is_nuisance=True),
+        identification.Parameter("gain", 1.0, _GAIN, "1", "gain", is_nuisance=True),
+        identification.Parameter("tare", 0.0, _TARE, "N", "tare", is_nuisance=True),
     )
     frequency = np.array([3e-3, 3e-2, 3e-1])
-    problem = Problem(spectrum, rebuilt(spectrum.rho), unknowns)
+    problem = identification.Problem(spectrum, rebuilt(spectrum.rho), unknowns)
     return _trial(problem, rebuilt, solid, frequency)
 
 
@@ -217,9 +197,11 @@ def drop_trial(seed: int) -> Trial:
     left = made.liftoff[:count] - 0.5 * CONTACT_STEP
     duration = left - made.touch[:count] + _U_DURATION * rng.standard_normal(count)
     none = np.full(count, np.nan)
-    seen = Bounces(touch - touch[0], np.full(count, _U_TOUCH), duration, np.full(count, _U_DURATION), none, none)
+    seen = identification.Bounces(
+        touch - touch[0], np.full(count, _U_TOUCH), duration, np.full(count, _U_DURATION), none, none
+    )
     unknowns = tuple(
-        Parameter(name, mean, u, unit, name, is_nuisance=True)
+        identification.Parameter(name, mean, u, unit, name, is_nuisance=True)
         for name, mean, u, unit in (
             ("radius", _RADIUS, _U_RADIUS, "m"),
             ("mass", _MASS, _U_MASS, "kg"),
@@ -228,22 +210,27 @@ def drop_trial(seed: int) -> Trial:
         )
     )
     empty = np.empty(0, dtype=np.int64)
-    model = DropModel(_RADIUS, _MASS, _HEIGHT, 9.81, empty, empty, empty, 0.0, 0.0, {p.name: p.name for p in unknowns})
-    evidence = drop_evidence("drop", seen, model)
+    model = identification.DropModel(
+        _RADIUS, _MASS, _HEIGHT, 9.81, empty, empty, empty, 0.0, 0.0, {p.name: p.name for p in unknowns}
+    )
+    evidence = identification.drop_evidence("drop", seen, model)
     data = evidence.model.window
-    spectrum = SmoothSpectrum(relaxation_times(*data), solid.nu)
+    spectrum = identification.SmoothSpectrum(identification.relaxation_times(*data), solid.nu)
     frequency = np.array([0.5 / float(np.median(duration))])
-    problem = Problem(spectrum, (evidence,), unknowns)
+    problem = identification.Problem(spectrum, (evidence,), unknowns)
     return _trial(problem, lambda _: (evidence,), solid, frequency)
 
 
 def _trial(
-    problem: Problem, rebuilt: Callable[[Floats], tuple[Evidence, ...]], solid: Viscoelastic, frequency: Floats
+    problem: identification.Problem,
+    rebuilt: Callable[[Floats], tuple[identification.Evidence, ...]],
+    solid: Viscoelastic,
+    frequency: Floats,
 ) -> Trial:
     started = clock.perf_counter()
-    known = infer(problem, rebuilt)
+    known = identification.infer(problem, rebuilt)
     seconds = clock.perf_counter() - started
-    found = moduli(known, frequency)
+    found = identification.moduli(known, frequency)
     exact = solid.modulus(frequency)
     bounds = np.sqrt(np.diag(known.covariance_of(found.derivatives)))
     deviation, width, bound = {}, {}, {}
@@ -262,6 +249,6 @@ def _trial(
             deviation[text + at] = float(np.log(value / true) / u)
             width[text + at] = float(u)
             bound[text + at] = float(least)
-    relaxed = long_time_modulus(known)
+    relaxed = identification.long_time_modulus(known)
     is_right = relaxed.low <= solid.relaxed <= relaxed.high
     return Trial(deviation, width, bound, relaxed.verdict, is_right, seconds)

@@ -64,13 +64,7 @@ _MISSING = "tamaas is not installed: no peer beside the elastic line and sphere.
 
 
 def run(quick: bool) -> list[Suite]:
-    """Measure the elastic line, the elastic sphere, and tapping.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer and coarser settings.
-    """
+    """Measure the elastic line, the elastic sphere, and tapping."""
     has_peer = find_spec("tamaas") is not None
     tapping = [_tapping(quick, solid) for solid in _SOLIDS]
     return [_line(quick, has_peer), _sphere(quick, has_peer), *tapping]

@@ -37,10 +37,7 @@ class Events:
 def run(quick: bool) -> list[Suite]:
     """Measure touch times and restitutions of every method on bouncing records.
 
-    Parameters
-    ----------
-    quick : bool
-        One material and one run each; only the default's memory is traced.
+    A quick run has one material, runs once, and traces the memory of the default alone.
     """
     names = _MATERIALS[:1] if quick else _MATERIALS
     made = [record(name, _DURATION) for name in names]
@@ -92,16 +89,10 @@ def _bounces(made: Record, **options: Any) -> Events:
 
 
 def crossings(made: Record, window: int, level: float | None = None) -> Events:
-    """Find contacts where a level is crossed, and speeds by differences there.
+    """Find contacts where a level [m] is crossed, and speeds by differences there, in heights that grow upwards.
 
-    Parameters
-    ----------
-    made : Record
-        Height grows upwards.
-    window : int
-        Samples of a moving average; 1 for none.
-    level : float, optional [m]
-        The mean of the record's end unless given.
+    ``window`` is that of a moving average in samples, 1 for none; the level is the mean of the record's end if none is
+    given.
     """
     time, height = made.displacement.time.values, made.displacement.values
     smooth = np.convolve(height, np.ones(window) / window, "same")

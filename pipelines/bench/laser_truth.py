@@ -35,15 +35,7 @@ class Record:
 
 
 def record(material: str, duration: float, cycle: float = 50e-6) -> Record:
-    """Drop a sphere once in the virtual rig.
-
-    Parameters
-    ----------
-    material : str
-        Of the library.
-    duration, cycle : float [s]
-        Length of the record and time between samples.
-    """
+    """Drop a sphere of the library once in the virtual rig; record it for ``duration`` s, a sample each ``cycle`` s."""
     # a sensor that looks straight down: its scale is no matter of the derivative
     rig = DropRig(duration=duration, sensor=LaserSensor(inclination=0.0, cycle=cycle))
     drop = drop_once(rig, materials.load(material), _HEIGHT, _SEED)

@@ -150,17 +150,9 @@ class Timing:
     value: object
 
     def ratio(self, reference: "Timing") -> tuple[float, float, float]:
-        """Return the time against that of another contender of the same call, run by run.
+        """Return the time against that of another contender of the same :func:`paired` call, run by run.
 
-        Parameters
-        ----------
-        reference : Timing
-            Another contender of the same :func:`paired` call.
-
-        Returns
-        -------
-        tuple of float
-            Median, lowest and highest of the ratios of simultaneous runs.
+        They are median, lowest and highest of the ratios of simultaneous runs.
         """
         ratios = [a / b for a, b in zip(self.samples, reference.samples, strict=True)]
         return median(ratios), min(ratios), max(ratios)
@@ -274,20 +266,10 @@ def race(
 
 
 def peak_bytes(call: Callable[[], object]) -> int:
-    """Return the most memory that a call holds at once, as allocated by Python and numpy.
+    """Return the most memory [byte] that a call holds at once beyond what was in use, as allocated by Python and numpy.
 
     Pages of mapped files are not counted: the system takes them back when it needs them. Tracing
     slows the call, so time it apart.
-
-    Parameters
-    ----------
-    call : callable
-        Called once, without arguments.
-
-    Returns
-    -------
-    int
-        Bytes above what was in use before.
     """
     gc.collect()
     tracemalloc.start()

@@ -32,17 +32,7 @@ _BINARY = 1024.0
 def as_document(
     results: Sequence[PartResult], failures: Sequence[PartFailure], machine: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return everything measured as plain values; NaN becomes null.
-
-    Parameters
-    ----------
-    results : sequence of PartResult
-        What was measured.
-    failures : sequence of PartFailure
-        Parts that gave nothing, and why.
-    machine : mapping
-        See :func:`pipelines.bench.machine.facts`.
-    """
+    """Return everything measured as plain values, and why parts gave nothing; NaN becomes null."""
     found = {"machine": machine, "parts": results, "failures": failures}
     document: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(found, enc_hook=np.generic.item))
     return document

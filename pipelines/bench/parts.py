@@ -74,19 +74,7 @@ def load(name: str) -> Run:
 
 
 def measure(name: str, quick: bool) -> PartResult:
-    """Run one part.
-
-    Parameters
-    ----------
-    name : str
-        A key of :data:`PARTS`.
-    quick : bool
-        Fewer settings and repeats.
-
-    Returns
-    -------
-    PartResult
-    """
+    """Run one part, a key of :data:`PARTS`; a quick run has fewer settings and repeats."""
     start, used = time.perf_counter(), sum(os.times()[:4])
     found = load(name)(quick)
     suites = (found,) if isinstance(found, Suite) else tuple(found)
@@ -97,17 +85,7 @@ def measure(name: str, quick: bool) -> PartResult:
 def measure_all(
     names: Sequence[str], quick: bool, progress: Callable[[str], None] | None = None
 ) -> tuple[list[PartResult], list[PartFailure]]:
-    """Run parts one after the other; one that fails does not lose the others.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Parts, as :func:`chosen` returns them.
-    quick : bool
-        Fewer settings and repeats.
-    progress : callable, optional
-        Called with the name of every part before it runs.
-    """
+    """Run parts one after the other, told by name before each; one that fails does not lose the others."""
     results, failures = [], []
     for name in names:
         if progress is not None:

@@ -38,10 +38,7 @@ class Ratio:
 def ratios_of(suite: Suite) -> list[Ratio]:
     """Return one ratio for every group of a suite that is not ours.
 
-    Parameters
-    ----------
-    suite : Suite
-        Points without an error or a run time are left out, and so is a suite without a diagram.
+    Points without an error or a run time are left out, and so is a suite without a diagram.
     """
     if not suite.has_diagram:
         return []

@@ -40,12 +40,8 @@ def pairwise_shifts(made: Measured, is_vertical: bool) -> Floats:
     """Shift one isotherm after the other, nearest to the reference first, onto a table that grows.
 
     Both moduli count by the mean square of the distances of their logarithms over the frequencies
-    that an isotherm shares with the table; the simplex of Nelder and Mead moves it.
-
-    Returns
-    -------
-    array (temperature,)
-        log10 a, zero at the reference.
+    that an isotherm shares with the table; the simplex of Nelder and Mead moves it. Returned is
+    log10 a (temperature,), zero at the reference.
     """
     temperature = made.sweeps["temperature"].values
     x = np.log10(made.sweeps["frequency"].values)

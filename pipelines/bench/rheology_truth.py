@@ -74,18 +74,9 @@ def recorded(
     noise: tuple[float, float] = (0.02, 0.02),
     vertical: Callable[[Floats], Floats] | None = None,
 ) -> Measured:
-    """Measure a material anywhere.
+    """Measure a material anywhere, with relative noise of storage and loss.
 
-    Parameters
-    ----------
-    truth : Truth
-    temperature : array (temperature,) [degC]
-    frequency : array (frequency,) [Hz]
-    rng : Generator
-    noise : (float, float)
-        Relative, of storage and loss.
-    vertical : callable, optional
-        b_T at temperatures in degC; default one.
+    Temperatures are in degC and frequencies in Hz; ``vertical`` is b_T at temperatures in degC, one by default.
     """
     at = int(np.argmin(np.abs(temperature - truth.T_ref)))
     law = truth.shift(temperature)

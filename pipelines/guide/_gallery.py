@@ -31,14 +31,9 @@ _IMPOSSIBLE = "impossible"
 
 
 def write(source: Path, sessions: Iterable[Path]) -> None:
-    """Write the page of the gallery, with its pictures, and copy the reports that it shows.
+    """Write the page of the gallery, with its pictures, into the site's sources, and copy the reports that it shows.
 
-    Parameters
-    ----------
-    source : Path
-        Folder of the site's sources, with the pictures that the package holds.
-    sessions : iterable of Path
-        Processed sessions; of each kind the first report that is there is drawn anew.
+    Of each kind the first report that is in one of the processed sessions is drawn anew.
     """
     pages: dict[str, Path] = {}
     for folder in sessions:
@@ -54,14 +49,9 @@ def write(source: Path, sessions: Iterable[Path]) -> None:
 
 
 def text(source: Path = GUIDES, pages: dict[str, Path] | None = None) -> str:
-    """Return the gallery as Markdown.
+    """Return the gallery as Markdown, with the ``pictures`` of a folder.
 
-    Parameters
-    ----------
-    source : Path
-        Folder whose ``pictures`` are shown.
-    pages : mapping of str to Path, optional
-        A report of each kind that is drawn anew; of other kinds the picture that is there is shown.
+    Of kinds without a report that is drawn anew the picture that is there is shown.
     """
     pages = pages or {}
     parts = [_BEGINNING, *(f"{number}. {what}\n" for number, (_, what) in enumerate(_MARKED, 1)), "\n"]

@@ -24,10 +24,7 @@ _SAID = {"canonical", "license", "author", "help", "next", "prev", "search", "in
 def loaded(path: Path) -> Iterator[str]:
     """Yield addresses on other hosts that a file would load without a person following them.
 
-    Parameters
-    ----------
-    path : Path
-        HTML, SVG, CSS or JavaScript; of any other file nothing is yielded.
+    Of a file that is no HTML, SVG, CSS or JavaScript nothing is yielded.
     """
     suffix = path.suffix.lower()
     if suffix in (".html", ".svg", ".css", ".js", ".mjs"):

@@ -35,23 +35,10 @@ def browser() -> str | None:
 
 
 def picture(page: Path, target: Path, *, style: str = "", height: int = _HEIGHT) -> bool:
-    """Draw the first screen of a page, small enough to travel with the package.
+    """Draw the first screen of an HTML page as WebP, small enough to travel with the package.
 
-    Parameters
-    ----------
-    page : Path
-        HTML.
-    target : Path
-        The picture that is written (WebP).
-    style : str
-        Rules of CSS that the page gets beside its own, such as marks.
-    height : int
-        Of the screen [px].
-
-    Returns
-    -------
-    bool
-        Whether there is a browser to draw it.
+    The page gets further rules of CSS, such as marks; ``height`` is the screen's [px]. It tells whether there is a
+    browser to draw it.
     """
     if (path := browser()) is None:
         return False

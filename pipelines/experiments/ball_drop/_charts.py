@@ -18,12 +18,7 @@ _SPREAD = "± 2 sd of the repeats"
 def motion(repeats: xr.Dataset, model: xr.Dataset | None = None, comparison: xr.Dataset | None = None) -> Section:
     """Draw position, difference, velocity, force and contact radius over one axis of time.
 
-    Parameters
-    ----------
-    repeats : Dataset
-        Of the stage ``repeats``.
-    model, comparison : Dataset or None
-        Of the stages of these names; without them the measurement stands alone.
+    Without model or comparison the measurement stands alone.
     """
     views = impact_views(repeats)
     position = _measured("displacement", repeats, _MM)

@@ -34,15 +34,7 @@ _RATIO = ("inclination, sampling", "common to both speeds, so that the scales of
 def quantities(
     bounces: Sequence[xr.Dataset | None], displacement: Sequence[xr.Dataset | None], model: xr.Dataset | None = None
 ) -> Iterator[Quantity]:
-    """Yield drop height, speed of the first impact, and restitutions of the first ones.
-
-    Parameters
-    ----------
-    bounces, displacement : sequence of Dataset or None
-        Of the repeats.
-    model : Dataset, optional
-        Gives the model's first restitution too.
-    """
+    """Yield drop height, speed of the first impact, and restitutions of the first ones, the model's first one too."""
     made, moved = present(bounces), present(displacement)
     yield _fall(made, moved[0])
     yield _speed(made, moved[0])

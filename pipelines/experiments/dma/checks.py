@@ -5,28 +5,9 @@ from collections.abc import Sequence
 import xarray as xr
 
 from labpipe.workflow.context import Context
+from pipelines.experiments.dma import _column_checks, _specimen_checks
 from pipelines.experiments.dma._checked_sweeps import Export, isothermal_sweeps, trusted_rows
-from pipelines.experiments.dma._column_checks import (
-    frequencies,
-    loss_factor,
-    signs_of_moduli,
-    single_values,
-    size_of_modulus,
-    stress_over_strain,
-    times_in_order,
-    whole_file,
-)
 from pipelines.experiments.dma._curve_checks import order_of_shifts, published_shifts, superposition
-from pipelines.experiments.dma._specimen_checks import (
-    causality,
-    files_of_one_specimen,
-    loss_of_each_sweep,
-    pasted_readings,
-    repeated_temperatures,
-    rise_with_frequency,
-    slipped_specimen,
-    temperatures_of_files,
-)
 from pipelines.experiments.dma._stated_checks import bulk_modulus, mode_of_loading, poisson_ratio, scale_of_moduli
 from pipelines.experiments.dma._temperature_checks import (
     one_condition,
@@ -66,32 +47,32 @@ def judgement(
     checks += [poisson_ratio(settings), bulk_modulus(exports, settings), scale_of_moduli(settings)]
     for export, own in zip(exports, found, strict=True):
         checks += [
-            whole_file(export),
-            loss_factor(export),
-            frequencies(export),
-            stress_over_strain(export),
-            size_of_modulus(export, settings),
-            signs_of_moduli(export),
+            _column_checks.whole_file(export),
+            _column_checks.loss_factor(export),
+            _column_checks.frequencies(export),
+            _column_checks.stress_over_strain(export),
+            _column_checks.size_of_modulus(export, settings),
+            _column_checks.signs_of_moduli(export),
             mode_of_loading(export, settings),
-            single_values(export, own),
-            times_in_order(export),
+            _column_checks.single_values(export, own),
+            _column_checks.times_in_order(export),
             strayed_readings(export, settings),
             steady_temperature(export, settings),
             one_condition(export),
-            slipped_specimen(export, own),
-            causality(export, own),
-            loss_of_each_sweep(export, own),
-            rise_with_frequency(export, own),
-            pasted_readings(export, own),
+            _specimen_checks.slipped_specimen(export, own),
+            _specimen_checks.causality(export, own),
+            _specimen_checks.loss_of_each_sweep(export, own),
+            _specimen_checks.rise_with_frequency(export, own),
+            _specimen_checks.pasted_readings(export, own),
             temperature_sweep(export, own),
         ]
     isotherms = sorted((s for own in found for s in own), key=lambda s: s.temperature)
     checks += [
         *temperatures_of(exports, isotherms, settings),
         softening(isotherms),
-        repeated_temperatures(isotherms),
-        *files_of_one_specimen(exports, found),
-        *temperatures_of_files(exports, found),
+        _specimen_checks.repeated_temperatures(isotherms),
+        *_specimen_checks.files_of_one_specimen(exports, found),
+        *_specimen_checks.temperatures_of_files(exports, found),
         order_of_shifts(master_curve),
         superposition(master_curve),
         published_shifts(published, master_curve),

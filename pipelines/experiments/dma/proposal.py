@@ -77,14 +77,9 @@ def _temperature(files: Sequence[str]) -> str:
 
 
 def mode_line(name: str, told: Mapping[str, str]) -> str:
-    """Return the line of the mode, from a file's name where it tells, else from the headings of its columns.
+    """Return the line of the mode, from the experiment's name where it tells, else from the headings of its columns.
 
-    Parameters
-    ----------
-    name : str
-        Of the experiment.
-    told : mapping
-        Heading by loading that it tells (`loading_told`); more than one where files contradict each other.
+    ``told`` has the heading by loading that it tells (`loading_told`), more than one where files contradict each other.
     """
     known = next((m for m in MODES if m in name.lower()), None)
     if known is not None:

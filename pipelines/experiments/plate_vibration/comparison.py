@@ -98,13 +98,7 @@ def from_others(table: xr.Dataset, plate: xr.Dataset) -> tuple[Floats, Floats]:
 def by_solids(plate: xr.Dataset, weights: Floats) -> dict[str, tuple[Quantity, Floats]]:
     """Return what is uncertain of the solids, and the relative change (series,) of the predictions per unit.
 
-    Parameters
-    ----------
-    plate : Dataset
-        The plate that all drops find.
-    weights : array (series, series)
-        As :func:`from_others` returns them. What two drops share cancels in the prediction of one
-        by the other.
+    Weights are those of :func:`from_others`: what two drops share cancels in the prediction of one by the other.
     """
     return {name: (given, slope - weights @ slope) for name, (given, slope) in of_solids(plate).items()}
 

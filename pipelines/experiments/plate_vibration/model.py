@@ -48,15 +48,8 @@ def plate(table: xr.Dataset, fitted: Sequence[xr.Dataset | None], *, settings: P
 
     J is the part of the simulated force that the plate listens to, the modulus of its transform at
     the plate's damped frequency; the plate's own yielding is part of the simulation. What is
-    uncertain of the solids moves the masses of all drops of one solid together.
-
-    Parameters
-    ----------
-    table : Dataset
-        Frequency, damping and amplitudes of the drops.
-    fitted : sequence of Dataset or None
-        For each of the drops the master curve of its DMA experiment, where it names one.
-    settings : PlateVibration
+    uncertain of the solids moves the masses of all drops of one solid together. ``fitted`` are for
+    each of the drops the master curve of its DMA experiment, where it names one.
     """
     made = xr.Dataset(
         {

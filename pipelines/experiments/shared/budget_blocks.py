@@ -29,17 +29,7 @@ Propagated = tuple[Quantity, Budget, MonteCarlo]
 def section(experiment: str, quantities: Iterable[Quantity]) -> tuple[Section, ...]:
     """Return the budgets of an experiment's main quantities, one line each and each folded away.
 
-    Parameters
-    ----------
-    experiment : str
-        Its name.
-    quantities : iterable of Quantity
-        Those without a finite value are left out.
-
-    Returns
-    -------
-    tuple of Section
-        Empty when there is nothing to show.
+    Those without a finite value are left out; without any there is no section.
     """
     found: list[Propagated] = []
     for each in quantities:
@@ -82,16 +72,7 @@ def overview(found: Sequence[Propagated], last: str, texts: Sequence[str], capti
 def blocks(
     found: Quantity, budget: Budget, drawn: MonteCarlo, columns: Mapping[str, Mapping[str, Any]] | None = None
 ) -> tuple[Block, ...]:
-    """Return one budget as text, table and bars.
-
-    Parameters
-    ----------
-    found : Quantity
-    budget : Budget
-    drawn : MonteCarlo
-    columns : mapping of str to mapping of str to float, optional
-        Further columns by title and source.
-    """
+    """Return one budget as text, table and bars; ``columns`` are further ones of the table by title and source."""
     half, unit = budget.expanded(), found.unit
     # two digits of the half width
     digits = 2 + max(ceil(log10(abs(budget.value) / half)), 1) if budget.value and half else 5

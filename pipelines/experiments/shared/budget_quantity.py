@@ -80,14 +80,8 @@ def model_quantity(
 ) -> Quantity:
     """Return what a model gave, of which only the sensitivities are known.
 
-    Parameters
-    ----------
-    name, unit : str
-    value : float
-    rows : sequence of mapping
-        As :func:`labpipe.uncertainty.budget_rows` makes them.
-    asked : sequence of str
-        Inputs of the model; those without a row are stated as exact.
+    Rows are those of :func:`labpipe.uncertainty.budget_rows`; inputs of the model that are ``asked`` for and have no
+    row are stated as exact.
     """
     given = {str(r["source"]).replace(" ", "_"): r for r in rows}
 

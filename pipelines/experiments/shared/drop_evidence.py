@@ -70,19 +70,8 @@ def of_drop(
 ) -> MaterialEvidence:
     """Return what a drop tells, with the plate's mass among its unknowns.
 
-    Parameters
-    ----------
-    name : str
-        Of the experiment.
-    settings : Drop
-    seen : Bounces
-    names : dict of str to str
-        Unknowns by their role.
-    unknowns : list of Parameter
-    plate : Dataset, optional
-        The result that the settings name.
-    file, fitted
-        The material that the session assumes: only its Poisson's ratio is used.
+    ``names`` are those of the unknowns by their role, ``plate`` is the result that the settings name. Of the material
+    that the session assumes, ``file`` or ``fitted``, only Poisson's ratio is used.
     """
     nu = poissons_ratio(settings.sphere, file, fitted)
     for unknown in of_poissons_ratio(nu):

@@ -131,19 +131,9 @@ def about_contacts(is_seen: NDArray[np.bool_]) -> NDArray[np.int64]:
 def spoiled(film: FrameSource, is_seen: NDArray[np.bool_]) -> tuple[dict[int, int], list[int]]:
     """Find frames about a contact in which pixels are missing, rows of one value without noise, or come twice.
 
-    Parameters
-    ----------
-    film : FrameSource
-    is_seen : ndarray of bool
-        Frames that show a contact and were measured; shape (frame,).
-
-    Returns
-    -------
-    dict
-        Frame to the number of pixels in a row that hold the lowest value, where they fill a row of
-        the image or more and most of them held more in the frame before.
-    list of int
-        Frames whose every pixel is that of the frame before.
+    ``is_seen`` (frame,) are those that show a contact and were measured. Returned is by frame the number of pixels
+    in a row that hold the lowest value, where they fill a row of the image or more and most of them held more in the
+    frame before; and the frames whose every pixel is that of the frame before.
     """
     blank: dict[int, int] = {}
     twice: list[int] = []

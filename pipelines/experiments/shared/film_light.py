@@ -31,21 +31,12 @@ LIGHT = "light"
 
 
 def light_of(film: FrameSource, wanted: Iterable[int]) -> str:
-    """Measure how bright frames are, and how many of their pixels lie at one highest level.
+    """Measure how bright frames are, and how many of their pixels lie at one highest level, as JSON.
 
-    Parameters
-    ----------
-    film : FrameSource
-    wanted : iterable of int
-        Frames that matter; others all over the film are added.
-
-    Returns
-    -------
-    str
-        JSON: ``brightness`` by frame over that of the film, ``clipped``, the share of pixels at the
-        grey level ``level``, above which there is none, ``mosaic``, how far the four pixels of each
-        square of two by two differ throughout, over their mean, ``view``, rows and columns, ``used``, the
-        grey levels from black to bright places.
+    Frames that are wanted matter; others all over the film are added. There are ``brightness`` by frame over that of
+    the film, ``clipped``, the share of pixels at the grey level ``level``, above which there is none, ``mosaic``, how
+    far the four pixels of each square of two by two differ throughout, over their mean, ``view``, rows and columns,
+    and ``used``, the grey levels from black to bright places.
     """
     sound = np.asarray(film.valid, bool)
     spread = np.linspace(0, len(film) - 1, min(_MOST, len(film))).round().astype(int)
@@ -139,15 +130,8 @@ def no_mosaic(found: xr.Dataset, film: str) -> Check:
 def lit(film: str, brightness: dict[int, float], counts: NDArray[np.bool_], time: NDArray[np.float64]) -> Check:
     """Look for frames without light.
 
-    Parameters
-    ----------
-    film : str
-        Its name.
-    brightness : dict
-        By frame, over that of the film or of the frames around it.
-    counts : array of bool (frame,)
-        Frames that show what is measured: dark frames beside one change the result.
-    time : array (frame,) [s]
+    Brightness is by frame, over that of the film or of the frames around it; ``counts`` (frame,) are those that show
+    what is measured: dark frames beside one change the result.
     """
     name, law = "light of the frames", "a lamp does not go out for a frame"
     if not brightness:

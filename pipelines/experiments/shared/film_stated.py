@@ -19,17 +19,10 @@ _SAID = "said_by_file"
 
 
 def said_by_file(film: FrameSource) -> str:
-    """Return what a film's file itself says.
+    """Return what a film's file itself says, as JSON.
 
-    Parameters
-    ----------
-    film : FrameSource
-
-    Returns
-    -------
-    str
-        JSON: ``intervals`` between the frames, the usual one and that within bursts [s], empty where
-        the times come from a stated rate; ``exposure`` [s], None where the file does not say it.
+    There are ``intervals`` between the frames, the usual one and that within bursts [s], empty where
+    the times come from a stated rate; ``exposure`` [s], None where the file does not say it.
     """
     steps = np.diff(film.time) if getattr(film, "header", None) is not None else np.empty(0)
     steps = steps[np.isfinite(steps) & (steps > 0.0)]

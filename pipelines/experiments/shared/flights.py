@@ -15,13 +15,7 @@ _BESIDE = 0.1  # of a flight, from its contacts, where a small shift in time is 
 def flights(time: Floats, touches: Floats, leaves: Floats, release: float) -> list[NDArray[np.int64]]:
     """Return the samples of three stretches within the fall and each flight that a record holds whole.
 
-    Parameters
-    ----------
-    time : array (sample,) [s]
-    touches, leaves : array (impact,) [s]
-        Where contacts begin and end.
-    release : float [s]
-        Where the fall begins.
+    The fall begins with the release [s], contacts begin and end at ``touches`` and ``leaves`` (impact,) [s].
     """
     places: list[NDArray[np.int64]] = []
     for begin, end in zip((max(release, float(time[0])), *leaves), touches, strict=False):
@@ -35,12 +29,7 @@ def flights(time: Floats, touches: Floats, leaves: Floats, release: float) -> li
 def moved_by_scatter(time: Floats, touches: Floats, sd: Floats, velocity: Floats) -> Iterator[Floats]:
     """Yield what the scatter that each impact adds does to a path (sample,) [m]: it moves all that follows.
 
-    Parameters
-    ----------
-    time, velocity : arrays (sample,) [s], [m/s]
-        Of the path.
-    touches, sd : arrays (impact,) [s]
-        Times of touch, and their standard deviation between drops since the first of them.
+    ``sd`` (impact,) are the standard deviations [s] of times of touch between drops since the first of them.
     """
     for touch, grown in zip(touches[1:], np.diff(np.square(np.nan_to_num(sd))), strict=False):
         if grown > 0.0:

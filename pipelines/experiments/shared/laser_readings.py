@@ -23,14 +23,7 @@ def readings(path: Path, *, settings: _Recorded) -> xr.Dataset:
 
 
 def read_laser(path: Path, given: Keyence) -> xr.Dataset:
-    """Read one export of a laser sensor.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    given : Keyence
-        What the session says of it.
+    """Read one export of a laser sensor, with what the session says of it.
 
     Raises
     ------

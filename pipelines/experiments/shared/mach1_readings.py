@@ -41,16 +41,8 @@ def readings(path: Path, *, settings: object = None) -> xr.Dataset:
 def force(readings: xr.Dataset, tare: bool, record: Path | None = None, *, untared: str) -> xr.Dataset:
     """Add compression-positive force; tared where the file begins with a free approach.
 
-    Parameters
-    ----------
-    readings : Dataset
-        Of :func:`readings`.
-    tare : bool
-        Subtract the force of the quiet start.
-    record : Path, optional
-        Calibration record of the cell; without it the gain's uncertainty is NaN.
-    untared : str
-        What it means for the results when the force cannot be tared; a warning says so.
+    Without a calibration record of the cell the gain's uncertainty is NaN. Where the force cannot be tared a warning
+    says what that means for the results, ``untared``.
     """
     begins_free = str(readings["function"].values[0]) == _APPROACH
     if tare and not begins_free:
@@ -139,18 +131,10 @@ def filter_kinds(loads: xr.Dataset) -> tuple[str, ...]:
 def filtered(
     force_values: Floats, interval: float, declared: dict[str, float] | None, kind: str = "butterworth"
 ) -> Floats:
-    """Pass a force through the load cell's filter, assumed causal.
+    """Pass a force (n,) [N] at the instrument's rate through the load cell's filter, assumed causal.
 
-    Parameters
-    ----------
-    force_values : array (n,) [N]
-        At the instrument's rate.
-    interval : float [s]
-        Between readings.
-    declared : dict or None
-        ``order`` and ``cutoff`` as the header says; None leaves the force as it is.
-    kind : {"butterworth", "bessel"}
-        The header does not say it.
+    ``declared`` has ``order`` and ``cutoff`` as the header says; None leaves the force as it is. The kind of filter,
+    "butterworth" or "bessel", the header does not say.
     """
     if declared is None:
         return force_values
@@ -220,13 +204,7 @@ def _touch(part: xr.Dataset, declared: dict[str, float] | None) -> Quantity:
 
 
 def history(time: Floats, displacement: Floats) -> NDArray[np.int64]:
-    """Choose the samples that a simulation needs: all in motion, few at rest.
-
-    Returns
-    -------
-    array of int
-        Indices, the first and last sample included.
-    """
+    """Choose the samples that a simulation needs: all in motion, few at rest, the first and the last."""
     moving = np.concatenate([[True], np.diff(displacement) != 0])
     moving[:-1] |= moving[1:]
     kept = set(np.flatnonzero(moving).tolist()) | {0, time.size - 1}

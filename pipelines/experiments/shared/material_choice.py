@@ -28,16 +28,7 @@ _LEAST_SCALE = 0.02
 
 
 def resolve(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None) -> Prony:
-    """Return the material that the settings name.
-
-    Parameters
-    ----------
-    choice : MaterialChoice
-        What session.toml says.
-    file : Path, optional
-        The material file, when the settings name one.
-    fitted : Dataset, optional
-        The master curve of the DMA experiment, when the settings name one.
+    """Return the material that the settings name, by the library, a file or the master curve of a DMA experiment.
 
     Raises
     ------
@@ -85,19 +76,8 @@ def variations(
     The temperature shifts the material by its law; Poisson's ratio changes the modulus of a
     contact, E / (1 - nu^2), and nothing else. A rheometer's uncertainty comes as independent
     changes of the whole spectrum, of unit size. The changes are large enough for a simulation to
-    tell them from its own error.
-
-    Parameters
-    ----------
-    choice, file, fitted
-        As for :func:`resolve`.
-    times : (float, float) [s]
-        Shortest and longest time on which the experiment depends.
-
-    Returns
-    -------
-    dict of str to Variation
-        Empty where neither is stated with an uncertainty.
+    tell them from its own error. ``times`` are the shortest and longest [s] on which the experiment
+    depends.
     """
     found: dict[str, Variation] = {}
     stated = choice.temperature
@@ -147,13 +127,7 @@ def poissons_ratio(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset
 
 
 def fitted_at(fitted: xr.Dataset, temperature: float | None) -> Prony:
-    """Return the material of a master curve, shifted from its reference temperature.
-
-    Parameters
-    ----------
-    fitted : Dataset
-        The master curve.
-    temperature : float, optional [degC]
+    """Return the material of a master curve, shifted from its reference temperature to another one [degC].
 
     Warns
     -----

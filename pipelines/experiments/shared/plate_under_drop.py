@@ -13,14 +13,7 @@ OF_PLATE = "plate "
 
 
 def resolve_plate(given: Plate | None, found: xr.Dataset | None) -> contact.Plate | None:
-    """Return the plate of the model; None is a rigid one.
-
-    Parameters
-    ----------
-    given : Plate, optional
-        What session.toml says.
-    found : Dataset, optional
-        The result ``plate`` of a plate vibration, when the settings name one.
+    """Return the plate of the model, that of session.toml or the result of a plate vibration; None is a rigid one.
 
     Raises
     ------
@@ -35,13 +28,7 @@ def resolve_plate(given: Plate | None, found: xr.Dataset | None) -> contact.Plat
 
 
 def plate_inputs(given: Plate | None, found: xr.Dataset | None) -> dict[str, Quantity]:
-    """Return the uncertain numbers of the plate by their names in :class:`labpipe.contact.Plate`.
-
-    Parameters
-    ----------
-    given, found
-        As for :func:`resolve_plate`.
-    """
+    """Return the uncertain numbers of the plate by their names in :class:`labpipe.contact.Plate`."""
     if found is not None:
         others = {"frequency": "Hz", "damping_ratio": "1"}
         return {"mass": modal_mass(found)} | {
@@ -53,15 +40,7 @@ def plate_inputs(given: Plate | None, found: xr.Dataset | None) -> dict[str, Qua
 
 
 def floor_under(given: Plate | None, found: xr.Dataset | None, mass: Quantity) -> signals.Floor | None:
-    """Return the plate as the analysis of impacts needs it, None where no plate is known.
-
-    Parameters
-    ----------
-    given, found
-        As for :func:`resolve_plate`.
-    mass : Quantity
-        What falls.
-    """
+    """Return the plate as the analysis of impacts of a mass needs it, None where no plate is known."""
     if found is not None and not np.isfinite(float(found["mass"])):
         return None
     inputs = plate_inputs(given, found)

@@ -72,17 +72,8 @@ class Geometry:
 def elastic_force(displacement: Floats, geometry: Geometry, **changed: float) -> Floats:
     """Return force over reduced modulus [m²] of an elastic contact at displacements [m].
 
-    Parameters
-    ----------
-    displacement : array (n,) [m]
-    geometry : Geometry
-    **changed
-        ``radius``, ``period`` or ``depth`` [m] instead of the geometry's, for sensitivities.
-
-    Notes
-    -----
-    Closed forms for parabola and cosine on a half-plane (for the cosine eq. 2.17), boundary
-    elements otherwise.
+    Closed forms for parabola and cosine on a half-plane (for the cosine eq. 2.17), boundary elements otherwise.
+    ``radius``, ``period`` or ``depth`` [m] may stand in for the geometry's, for sensitivities.
     """
     radius, period, depth = (changed.get(name, getattr(geometry, name).value) for name in ("radius", "period", "depth"))
     length = depth * geometry.tips
@@ -142,18 +133,8 @@ class Effect(NamedTuple):
 def along(effects: Mapping[str, Effect], curves: Sequence[Sequence[NDArray[np.int64]]], dim: str) -> dict[str, Any]:
     """Return what each effect, by one standard uncertainty, does to a simulated force along its curves.
 
-    Parameters
-    ----------
-    effects : mapping of str to Effect
-    curves : sequence of sequence of array of int
-        Samples of each stretch of each curve; all curves have as many.
-    dim : str
-        Dimension of the curves.
-
-    Returns
-    -------
-    dict
-        ``effect`` (dim, stretch, source) [N], mean over each stretch.
+    Curves are given by the samples of each of their stretches, of which all have as many. Returned is ``effect``
+    (dim, stretch, source) [N], the mean over each stretch.
     """
     known = [effect.by_u() for effect in effects.values() if effect.given.u > 0.0]
     values = np.array([[[one[place].mean() for one in known] for place in places] for places in curves])
@@ -188,24 +169,14 @@ def inputs_of(made: xr.Dataset | None) -> dict[str, Quantity]:
 def simulated(
     loads: xr.Dataset, touch: Quantity, solid: Prony, geometry: Geometry, others: Mapping[str, Variation]
 ) -> tuple[Floats, dict[str, Effect], dict[str, Any]]:
-    """Simulate a whole file with its measured displacement.
-
-    Parameters
-    ----------
-    loads : Dataset
-    touch : Quantity [m]
-        Stage position of first touch.
-    solid : Prony
-    geometry : Geometry
-    others : mapping of str to Variation
-        What is uncertain of the solid.
+    """Simulate a whole file with its measured displacement, from the stage position of first touch on.
 
     Returns
     -------
     force : array (sample,) [N]
     effects : dict of str to Effect
-        Of first touch, of the punch as session.toml states it, and of the solid; that of the
-        number of tips has no uncertainty, but can be stated wrongly.
+        Of first touch, of the punch as session.toml states it, and of what else is uncertain of the solid;
+        that of the number of tips has no uncertainty, but can be stated wrongly.
     attrs : dict
         ``solver``, ``solver_reason``, ``datum`` and the JSON counts ``work``.
     """

@@ -211,16 +211,8 @@ def u_of_means(time: Floats, values: Floats, edges: Floats, noise: Noise, step: 
     """Return the standard uncertainty (filled bin,) of the means of :func:`binned` [N].
 
     It is that of the hold's noise; the fall of the force within a bin is none. A bin whose
-    readings scatter about their own arc by more than chance keeps that scatter.
-
-    Parameters
-    ----------
-    time, values, edges : array
-        As for :func:`binned`.
-    noise : Noise
-        Of the hold.
-    step : float [N]
-        Resolution of the cell: where the noise does not cross it no mean sees between.
+    readings scatter about their own arc by more than chance keeps that scatter. Where the noise does
+    not cross the resolution ``step`` of the cell no mean sees between.
     """
     place = np.searchsorted(edges, time, side="right") - 1
     made = []
@@ -274,16 +266,9 @@ _RAMP_COLUMNS = {
 
 
 def measured(loads: xr.Dataset, touch: Quantity | None, longest: float) -> xr.Dataset:
-    """Return depth, peak, plateau and their ratio of every ramp and hold of a file.
+    """Return depth, peak, plateau and their ratio of every ramp and hold of a file's tared, compression-positive force.
 
-    Parameters
-    ----------
-    loads : Dataset
-        Tared, compression-positive force of one file.
-    touch : Quantity [m] or None
-        Stage position of first touch; depths are NaN without it.
-    longest : float [s]
-        Of the plateau's window.
+    Without a stage position of first touch depths are NaN; ``longest`` [s] is the plateau's window.
     """
     rows = [_row(loads, hold, touch, longest) for hold in find(loads)]
     return xr.Dataset(

@@ -39,15 +39,7 @@ pixel_length = "{GAP} px"  # what it measures in the image, e.g. "386 ± 1.5 px"
 def laser_records(found: Found) -> dict[str, dict[str, str]]:
     """Propose a record for a laser whose readings came without one.
 
-    Parameters
-    ----------
-    found : Found
-
-    Returns
-    -------
-    dict
-        Kind of record (``record:laser``) to names and texts of files; nothing that would replace
-        a file.
+    By kind of record (``record:laser``) they are names and texts of files; nothing that would replace a file.
     """
     if not found.of("displacement") or found.of("record:laser"):
         return {}
@@ -83,21 +75,10 @@ def camera_record(found: Found, film: str) -> str:
 
 
 def laser_record(found: Found, recording: str, fits: Callable[[str], bool] = lambda name: True) -> str:
-    """Return the laser record that is valid on the day of a recording.
+    """Return the laser record that is valid on the day of a recording; ``fits`` tells by its name whether it may be.
 
-    Parameters
-    ----------
-    found : Found
-    recording : str
-        A file of the laser.
-    fits : callable
-        Takes the name of a record and tells whether it may be this one.
-
-    Returns
-    -------
-    str
-        Where none is valid on that day the first one, which is then refused with its days; the gap
-        for a record where there is none.
+    Where none is valid on that day it is the first one, which is then refused with its days; the gap for a record
+    where there is none.
     """
     names = [name for name in found.of("record:laser") if fits(name)]
     days = _about(found.folder, [recording])[1] if len(names) > 1 else []

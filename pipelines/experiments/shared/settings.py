@@ -5,20 +5,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from labpipe.units import Quantity
-from labpipe.workflow.fields import (
-    POSITIVE,
-    REFERENCE,
-    Acceleration,
-    Dimensionless,
-    ExperimentName,
-    File,
-    Frequency,
-    Length,
-    Mass,
-    Range,
-    Temperature,
-    Time,
-)
+from labpipe.workflow import fields
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -34,9 +21,9 @@ class MaterialChoice(Table, frozen=True, kw_only=True):
     """
 
     material: str | None = None
-    material_file: File | None = None
-    material_from: ExperimentName | None = None
-    temperature: Temperature | None = None
+    material_file: fields.File | None = None
+    material_from: fields.ExperimentName | None = None
+    temperature: fields.Temperature | None = None
 
     def __post_init__(self) -> None:
         """Refuse no source and more than one."""
@@ -50,14 +37,14 @@ class MaterialChoice(Table, frozen=True, kw_only=True):
     @property
     def source(self) -> str:
         """The material, its file or the DMA experiment, by the name that it has in the session."""
-        return self.material or self.material_file or (self.material_from or "").removeprefix(REFERENCE)
+        return self.material or self.material_file or (self.material_from or "").removeprefix(fields.REFERENCE)
 
 
 class Sphere(MaterialChoice, frozen=True, kw_only=True):
     """The falling body; ``mass`` is all that moves, sphere and holder."""
 
-    radius: Annotated[Length, POSITIVE]
-    mass: Annotated[Mass, POSITIVE]
+    radius: Annotated[fields.Length, fields.POSITIVE]
+    mass: Annotated[fields.Mass, fields.POSITIVE]
 
 
 class Keyence(Table, frozen=True, kw_only=True):
@@ -68,8 +55,8 @@ class Keyence(Table, frozen=True, kw_only=True):
     contradicts the file is refused, not preferred.
     """
 
-    cycle: Annotated[Time, POSITIVE] | None = None
-    storage_factor: Annotated[int, Range(at_least=1)] | None = None
+    cycle: Annotated[fields.Time, fields.POSITIVE] | None = None
+    storage_factor: Annotated[int, fields.Range(at_least=1)] | None = None
     units: list[str] | None = None
     encoding: str | None = None
     decimal: Literal[".", ","] | None = None
@@ -90,9 +77,9 @@ class Sensor(Table, frozen=True, kw_only=True):
 class Plate(Table, frozen=True, kw_only=True):
     """The plate under the sphere as a damped oscillator, when it is to be part of the model."""
 
-    mass: Annotated[Mass, POSITIVE]
-    frequency: Annotated[Frequency, POSITIVE]
-    damping_ratio: Annotated[Dimensionless, Range(at_least=0.0, below=1.0)]
+    mass: Annotated[fields.Mass, fields.POSITIVE]
+    frequency: Annotated[fields.Frequency, fields.POSITIVE]
+    damping_ratio: Annotated[fields.Dimensionless, fields.Range(at_least=0.0, below=1.0)]
 
 
 def refuse_two_plates(plate: Plate | None, plate_from: str | None) -> None:
@@ -111,5 +98,5 @@ class DropModel(Table, frozen=True, kw_only=True):
 
     solver: Literal["mdr", "rings"] = "mdr"
     profile: Literal["parabola", "sphere"] = "parabola"
-    rtol: Annotated[float, Range(above=0.0, at_most=1e-2)] = 1e-4
-    gravity: Annotated[Acceleration, POSITIVE] = Quantity(9.81, 0.0, "m/s2")
+    rtol: Annotated[float, fields.Range(above=0.0, at_most=1e-2)] = 1e-4
+    gravity: Annotated[fields.Acceleration, fields.POSITIVE] = Quantity(9.81, 0.0, "m/s2")

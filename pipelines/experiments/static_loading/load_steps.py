@@ -157,11 +157,7 @@ def _jumps(moved: Floats) -> tuple[NDArray[np.intp], Floats]:
 def steps_anywhere(displacement: xr.Dataset, sign: int = 1) -> tuple[Floats, Floats]:
     """Return time [s] and size [m] of all clear steps, whatever loads and times are stated.
 
-    Parameters
-    ----------
-    displacement : Dataset
-    sign : {1, -1}
-        1 for steps downwards, as a load makes them; -1 for those upwards.
+    With ``sign`` 1 they are steps downwards, as a load makes them; with -1 those upwards.
     """
     time, moved = valid(displacement)
     noise = _noise(moved)

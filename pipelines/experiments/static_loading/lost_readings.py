@@ -51,16 +51,9 @@ class Shift:
 def common_shift(begin: Floats, given: Floats) -> Shift | None:
     """Find the load from which on all loads come early or late by one time.
 
-    Parameters
-    ----------
-    begin, given : arrays (load,) [s]
-        When the record steps, and when session.toml says; NaN where it does not. The first load is
-        on from the beginning.
-
-    Returns
-    -------
-    Shift or None
-        None where the loads come when they should, or each at another time.
+    ``begin`` and ``given`` (load,) [s] are when the record steps, and when session.toml says; NaN where it does not.
+    The first load is on from the beginning. There is none where the loads come when they should, or each at another
+    time.
 
     Examples
     --------

@@ -46,18 +46,7 @@ class Suspect:
 
 
 def likeliest(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> Suspect | None:
-    """Return the mistake that leaves the least misfit; None where none takes it away.
-
-    Parameters
-    ----------
-    displacement, steps : Dataset
-        Results of those stages.
-    settings : StaticLoading
-
-    Returns
-    -------
-    Suspect or None
-    """
+    """Return the mistake that leaves the least misfit; None where none takes it away."""
     time, moved = valid(displacement)
     used = np.flatnonzero(settled(time, steps, settings))
     used = used[:: max(used.size // _ROWS, 1)]

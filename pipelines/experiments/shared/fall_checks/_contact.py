@@ -100,18 +100,9 @@ def of_body(gap: float, u: float, radius: float, mass: float, modulus: float = n
     """Say what a contact that is too short or too long tells of the body, and its setting.
 
     By Hertz t goes with m^0.4 R^-0.2 E*^-0.4: slips of a unit or a decimal in one of the two, else
-    another material, or the mass that explains it, where the stiffness is known well enough.
-
-    Parameters
-    ----------
-    gap : float
-        Logarithm of the duration that is seen over that which is expected.
-    u : float
-        Its standard uncertainty.
-    radius, mass : float
-        As stated [m, kg].
-    modulus : float
-        E* of the stated material [Pa]. Another polymer that would explain it is named before a slip.
+    another material, or the mass that explains it, where the stiffness is known well enough. ``gap`` is
+    the logarithm of the duration that is seen over that which is expected. With the modulus E* [Pa] of
+    the stated material another polymer that would explain it is named before a slip.
     """
     given = (("sphere.mass", "the moving mass", mass, "kg", 0.4), ("sphere.radius", "the radius", radius, "m", -0.2))
     slips = [
@@ -154,21 +145,10 @@ def _is_body(radius: float, mass: float) -> bool:
 
 
 def strain(name: str, approach: float, radius: float, mass: float, speed: float) -> Check:
-    """Hold the depth of a contact against what a sphere of that radius can bear.
+    """Hold the largest approach [m] of an impact against what a sphere of that radius can bear.
 
     Hertz: a² = R δ, and the mean pressure is 4 a E*/(3 π R); the hardest plastics yield at a tenth
     of E* (Johnson, Contact Mechanics, 1985, section 6.1). Rubbers bear more, but stay spheres.
-
-    Parameters
-    ----------
-    name : str
-        What shows it, for the message.
-    approach : float
-        Largest approach of an impact [m].
-    radius, mass : float
-        As stated [m, kg].
-    speed : float
-        Of the impact [m/s].
     """
     title, law = "size of the contact", "a plastic yields before its contact is a third as wide as its sphere"
     if not (approach > 0.0 and speed > 0.0):

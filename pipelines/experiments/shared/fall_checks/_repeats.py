@@ -21,15 +21,9 @@ _SLIP = 0.02  # decades by which two repeats that differ by a slipped decimal ma
 
 
 def repeats_alike(falls: Sequence[Fall], quantities: Sequence[tuple[str, str, str]], cause: str = "") -> list[Check]:
-    """Hold the repeats of one drop against each other.
+    """Hold the repeats of one drop against each other; ``cause`` says what a repeat that differs probably is.
 
-    Parameters
-    ----------
-    falls : sequence of Fall
-    quantities : sequence of (str, str, str)
-        Variable, title and unit; of variables over impacts the first one counts.
-    cause : str
-        What a repeat that differs probably is.
+    A quantity is a variable, its title and unit; of variables over impacts the first one counts.
     """
     law = "repeats of one drop differ by what their scatter says"
     found = []

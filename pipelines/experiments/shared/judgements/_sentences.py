@@ -36,14 +36,7 @@ _BESIDE = {
 
 
 def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
-    """Say in one sentence whether the record can be believed and the model agrees.
-
-    Returns
-    -------
-    level : "ok", "info", "warning" or "error"
-        Colour of the sentence.
-    text : str
-    """
+    """Say in one sentence whether the record can be believed and the model agrees; its colour comes first."""
     judged = believed(result)
     made, found = judged.n_made, judged.findings
     rows = tuple(rows)

@@ -43,19 +43,9 @@ def explanations(
 ) -> list[str]:
     """Say what would explain that measurement and model differ, the likeliest first.
 
-    Parameters
-    ----------
-    scene : Scene
-    judged : Judgement
-        Of its checks: what one of them has confirmed is no suspect.
-    names : sequence of str (m,)
-        Inputs that could have been stated wrongly.
-    rows : sequence of Row (n,)
-        Of the comparison.
-    slopes : array (n, m)
-        Derivatives of their differences to these inputs, SI.
-    covariance : array (n, n)
-        Of the differences.
+    What a check has confirmed is no suspect. ``names`` (m) are inputs that could have been stated wrongly,
+    ``slopes`` (n, m) what the differences of the rows change by each, SI, and ``covariance`` (n, n) that of the
+    differences.
     """
     known = {**scene.inputs, **scene.shared}
     differences = [row.difference or 0.0 for row in rows]

@@ -80,14 +80,8 @@ def failed_steps(context: Context, causes: Mapping[str, str]) -> list[Check]:
     """Turn steps that gave no result into checks that failed, or that could not be made.
 
     Where the run was at fault, as by a program that changed under it, a full disk, or a mistake of
-    the program itself, nothing is said of the record but that the verdict lacks a step.
-
-    Parameters
-    ----------
-    context : Context
-        Of the run.
-    causes : mapping of str to str
-        Stage to what most likely is wrong with a record on which it fails, but for reading and calibrating it.
+    the program itself, nothing is said of the record but that the verdict lacks a step. ``causes`` say
+    by stage what most likely is wrong with a record on which it fails, but for reading and calibrating it.
     """
     found: dict[str, Check] = {}
     for failure in context.failures:
@@ -119,18 +113,7 @@ def failed_steps(context: Context, causes: Mapping[str, str]) -> list[Check]:
 
 
 def times_over(name: str, stated_value: float, unit: str, what: str) -> Any:
-    """Return the sentence of a cause: what a stated value would have to be.
-
-    Parameters
-    ----------
-    name : str
-        What is wrong, such as ``"the sampling cycle"``.
-    stated_value : float
-        As it is stated, SI.
-    unit : str
-        SI.
-    what : str
-        Where it stands, such as ``"laser/a.csv"``.
+    """Return the sentence of a cause: what a stated value [SI] would have to be, and where it stands.
 
     Examples
     --------

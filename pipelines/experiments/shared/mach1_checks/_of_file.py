@@ -10,6 +10,7 @@ import xarray as xr
 
 from labpipe.judging import Check, not_made
 from pipelines.experiments.shared import mach1_traces
+from pipelines.experiments.shared.mach1_checks import _motion
 from pipelines.experiments.shared.mach1_checks._cell import (
     capacity_of_cell,
     date_of_cell,
@@ -19,17 +20,6 @@ from pipelines.experiments.shared.mach1_checks._cell import (
     sign_of_stiffness,
 )
 from pipelines.experiments.shared.mach1_checks._disturbance import knocked, mean_grows, stiffness_kept
-from pipelines.experiments.shared.mach1_checks._motion import (
-    axes_of_commands,
-    clock_of_blocks,
-    commands_kept,
-    cycles_kept,
-    direction_of_motion,
-    order_of_columns,
-    position_within_stage,
-    resolution_of_position,
-    shape_of_oscillation,
-)
 from pipelines.experiments.shared.mach1_checks._order import force_follows
 from pipelines.experiments.shared.mach1_checks._parts import parts, trace
 from pipelines.experiments.shared.mach1_checks._titles import (
@@ -49,30 +39,22 @@ _RIGHT = 1.0  # of that logarithm: no unit is so near to another
 
 
 def of_file(name: str, readings: xr.Dataset) -> list[Check]:
-    """Check one file by itself; where its columns are exchanged nothing else is asked.
-
-    Parameters
-    ----------
-    name : str
-        The file, relative to the session.
-    readings : Dataset
-        As read.
-    """
+    """Check one file by itself; where its columns are exchanged nothing else is asked."""
     blocks = parts(readings)
     if not blocks:
         return [not_made(SWAPPED, "a file holds position and force", "columns of position and force")]
-    order = order_of_columns(name, blocks)
+    order = _motion.order_of_columns(name, blocks)
     if order.level is not None:
         return [order]
     return [
         order,
-        *commands_kept(name, blocks),
-        cycles_kept(name, blocks),
-        clock_of_blocks(name, blocks),
-        position_within_stage(name, blocks),
-        direction_of_motion(name, blocks),
+        *_motion.commands_kept(name, blocks),
+        _motion.cycles_kept(name, blocks),
+        _motion.clock_of_blocks(name, blocks),
+        _motion.position_within_stage(name, blocks),
+        _motion.direction_of_motion(name, blocks),
         *sign_of_stiffness(name, blocks),
-        shape_of_oscillation(name, blocks),
+        _motion.shape_of_oscillation(name, blocks),
         force_follows(name, blocks),
         response_of_cell(name, blocks),
         knocked(name, blocks),
@@ -82,8 +64,8 @@ def of_file(name: str, readings: xr.Dataset) -> list[Check]:
         capacity_of_cell(name, blocks),
         date_of_cell(name, blocks),
         factor_of_cell(name, blocks),
-        axes_of_commands(name, blocks),
-        resolution_of_position(name, blocks),
+        _motion.axes_of_commands(name, blocks),
+        _motion.resolution_of_position(name, blocks),
         *mach1_traces.checks_of([trace(name, part, after) for part, after in zip_longest(blocks, blocks[1:])]),
     ]
 
