@@ -59,7 +59,7 @@ def common_shift(begin: Floats, given: Floats) -> Shift | None:
     --------
     >>> stated = np.array([0.0, 153.0, 1092.0, 1986.0, 2853.0])
     >>> common_shift(stated - [0.0, 1.0, 61.0, 59.0, 60.0], stated)
-    Shift(by=-59.5, first=3)
+    Shift(by=-59.0, first=3)
     >>> common_shift(stated + [0.0, 2.0, 40.0, -3.0, 1.0], stated)  # a hand that was late once
     """
     number = np.flatnonzero(np.isfinite(given))
