@@ -179,7 +179,7 @@ class FrameSolver:
                 )
 
             if self.sees_all:
-                found = solved(self._pattern.subsets, chosen[part], start[part], part)
+                found = solved(*self._pattern.of(chosen[part]), start[part], part)
             else:
                 found = self._solve_seen(chosen, start, part, solved)
             if len(part) == len(chosen):
@@ -202,7 +202,7 @@ class FrameSolver:
             seen = self.seen(points, begin[waiting])
             found = empty_solution(len(waiting))
             whole, some = (np.flatnonzero([(left is None) == is_whole for left in seen]) for is_whole in (True, False))
-            parts = [(whole, solved(self._pattern.subsets, points[whole], begin[waiting[whole]], own[whole]))]
+            parts = [(whole, solved(*self._pattern.of(points[whole]), begin[waiting[whole]], own[whole]))]
             if len(some):
                 cut = self._pattern.cut(points[some], [left for left in seen if left is not None])
                 partly = solved(cut, np.arange(len(some)), begin[waiting[some]], own[some])

@@ -31,6 +31,8 @@ _KEPT = 18
 _SOFT, _BEND_REACH = 0.8, 4
 #: Share of the slopes that a growing blur leaves at least: beyond, the first order does not hold.
 _LEAST_LEFT = 0.2
+#: Share of the points up to which they alone are cut, and choices of points of which what was cut is kept.
+_FEW, _KEPT_FEW = 0.25, 4
 
 
 @dataclass(frozen=True)
@@ -41,16 +43,16 @@ class Pattern:
     ----------
     images : Images
         The reference, as soft as the frames where they are softer.
-    subsets : Subsets
-        Cut out of it.
+    centres, half, is_rigid : arrays (point, 2) [px], (point,) [px], (point,)
+        Of the subsets, see :func:`.cut_subsets`.
     table : NoiseModel
         How noise of one pixel is passed on, not yet of which subsets.
-    smooth_noise : callable
-        Tells ``smoothing`` and ``coarse`` of :class:`.NoiseModel`; solving does without.
     shown : NoiseShown
         For the solver.
     order : 3 or 5
         Spline order.
+    blur : float [px]
+        Gaussian blur of reference and frames.
     growth : (int, int, int)
         Weights of the bends, in steps of :data:`STEP`.
     kernel : array (row, column), optional
@@ -58,20 +60,67 @@ class Pattern:
     """
 
     images: Images
-    subsets: Subsets
+    centres: Integers
+    half: Integers
+    is_rigid: Flags
     table: NoiseModel
-    smooth_noise: Callable[[], tuple[Floats, Floats]]
     shown: NoiseShown
     order: int
+    blur: float
     growth: Growth = NO_GROWTH
     kernel: Floats | None = None
-    _coarse: list[Floats32] = field(default_factory=list, repr=False)
+    _few: dict[bytes, Subsets] = field(default_factory=dict, repr=False)
+
+    @cached_property
+    def subsets(self) -> Subsets:
+        """Subsets cut out of the images."""
+        return cut_subsets(self.images, self.centres, self.half, self.is_rigid)
+
+    def of(self, chosen: Integers) -> tuple[Subsets, Integers]:
+        """Subsets that hold chosen points, and the places of these: of few points they alone are cut, until all are."""
+        if "subsets" in vars(self) or len(chosen) > _FEW * len(self.half):
+            return self.subsets, chosen
+        key = chosen.tobytes()
+        if key not in self._few:
+            if len(self._few) == _KEPT_FEW:
+                self._few.clear()
+            self._few[key] = cut_subsets(self.images, self.centres[chosen], self.half[chosen], self.is_rigid[chosen])
+        return self._few[key], np.arange(len(chosen))
 
     @cached_property
     def noise(self) -> NoiseModel:
-        """How noise is passed on, for the uncertainties."""
-        smoothing, coarse = self.smooth_noise()
-        return replace(self.table, smoothing=smoothing, coarse=coarse)
+        """How noise is passed on, for the uncertainties; solving does without."""
+        of_frame = self._resisted(self.kernel)
+        of_reference = of_frame if self.growth == NO_GROWTH else self._resisted(kernels(self.growth)[0])
+        coarse = motion_matrices(*self._coarse, self.subsets, self.images.inside)
+        return replace(self.table, smoothing=np.stack([of_frame, of_reference], axis=1), coarse=coarse)
+
+    @cached_property
+    def _coarse(self) -> tuple[Floats32, Floats32, Floats32]:
+        """Slopes and grey levels blurred by :data:`COARSE`."""
+        images = self.images
+        return smooth(images.slope_x, COARSE), smooth(images.slope_y, COARSE), smooth(images.grey, COARSE)
+
+    def _resisted(self, kernel: Floats | None) -> Floats:
+        """Variance (point,) of a shift by noise of pixels that is blurred, relative to noise that is not."""
+        if self.blur <= 0.0 and kernel is None:
+            return np.ones(len(self.half))
+        # The noise of the motion is that of the slopes blurred once more.
+        own = self.images.slope_x, self.images.slope_y
+        again = [_convolved(smooth(slope, self.blur), kernel) for slope in own]
+        normal = self.subsets.normal
+        both = normal[:, 0, 0] + normal[:, 3, 3]
+        return np.asarray(sum(self._squares(slope) for slope in again) / np.where(both > 0.0, both, 1.0))
+
+    def _squares(self, slope: Floats32) -> Floats:
+        """Squares (point,) of slopes summed over the subsets, gain and offset of the grey levels taken off."""
+        inside = np.float32(1.0) if self.images.inside is None else self.images.inside
+        mean, energy, pixels = self.subsets.level.T
+        own = slope * inside
+        total, like = (sums_over(own * part, self.subsets) for part in (np.float32(1.0), self.images.grey))
+        like -= mean * total
+        squares = sums_over(own * slope, self.subsets) - total**2 / np.maximum(pixels, 1.0)
+        return np.asarray(squares - like**2 / np.where(energy > 0.0, energy, 1.0))
 
     def blurred(self, coefficients: Floats32) -> Floats32:
         """Coefficients of a frame, blurred where the frame is sharper than the reference."""
@@ -100,15 +149,12 @@ class Pattern:
 
     def cut(self, chosen: Integers, counts: Sequence[Flags]) -> Subsets:
         """Cut chosen subsets anew, of which some pixels do not count in a frame, see :func:`.cut_subsets`."""
-        own = self.subsets.layout[chosen]
-        return cut_subsets(self.images, own[:, :2], own[:, 2], self.subsets.is_rigid[chosen], counts=counts)
+        own = self.centres[chosen], self.half[chosen], self.is_rigid[chosen]
+        return cut_subsets(self.images, *own, counts=counts)
 
     def noise_in(self, cut: Subsets, chosen: Integers, counts: Sequence[Flags]) -> NoiseModel:
         """Tell how noise is passed on in subsets of :meth:`cut`."""
-        if not self._coarse:
-            self._coarse.extend(smooth(image, COARSE) for image in (self.images.slope_x, self.images.slope_y))
-            self._coarse.append(smooth(self.images.grey, COARSE))
-        coarse = motion_matrices(self._coarse[0], self._coarse[1], self._coarse[2], cut, self.images.inside, counts)
+        coarse = motion_matrices(*self._coarse, cut, self.images.inside, counts)
         return replace(self.noise, smoothing=self.noise.smoothing[chosen], coarse=coarse, _directions={})
 
     def softened(self, chosen: Integers, weights: Floats) -> tuple[Floats, Floats]:
@@ -140,8 +186,9 @@ class Pattern:
 
     def _kept(self, chosen: Integers, weights: Floats) -> tuple[Floats, Floats]:
         """Contrast (result,) that a growth of the blur leaves, and ``kept`` of :meth:`softened`."""
-        common = self.subsets.moments[:, 1, -3:] / np.maximum(self.subsets.level[:, 1:2], 1e-30)
-        level = 1.0 - (common[chosen] * weights).sum(axis=1)
+        subsets, places = self.of(chosen)
+        common = subsets.moments[places, 1, -3:] / np.maximum(subsets.level[places, 1:2], 1e-30)
+        level = 1.0 - (common * weights).sum(axis=1)
         along, squares = self.table.bends
         kept = level**2 + 2.0 * level * weights[:, 0] * along + (weights**2 * squares).sum(axis=1)
         return level, np.maximum(kept, 0.0)
@@ -227,28 +274,9 @@ def make_pattern(
     """
     softer, sharper = kernels(growth)
     grey = _convolved(grey, softer)
-    slopes = node_gradients(prefilter(grey, order), order)
-    images = Images(grey, *slopes, _bends(grey), inside)
-    subsets = cut_subsets(images, centres, half, is_rigid)
-
-    def resisted(kernel: Floats | None) -> Floats:
-        """Variance of the motion from noise of pixels that is blurred, relative to noise that is not."""
-        if blur <= 0.0 and kernel is None:
-            return np.ones(len(half))
-        # The noise of the motion is that of the slopes blurred once more.
-        again = [_convolved(smooth(slope, blur), kernel) for slope in slopes]
-        twice, normal = motion_matrices(again[0], again[1], grey, subsets, inside), subsets.normal
-        both = normal[:, 0, 0] + normal[:, 3, 3]
-        return np.asarray((twice[:, 0, 0] + twice[:, 3, 3]) / np.where(both > 0.0, both, 1.0))
-
-    def smooth_noise() -> tuple[Floats, Floats]:
-        of_frame = resisted(sharper)
-        smoothing = np.stack([of_frame, of_frame if growth == NO_GROWTH else resisted(softer)], axis=1)
-        blurred = smooth(slopes[0], COARSE), smooth(slopes[1], COARSE)
-        return smoothing, motion_matrices(*blurred, smooth(grey, COARSE), subsets, inside)
-
+    images = Images(grey, *node_gradients(prefilter(grey, order), order), _bends(grey), inside)
     table = make_noise_model(order, blur, static_frames, *_noise_of(order, blur, growth))
-    return Pattern(images, subsets, table, smooth_noise, table.shown(rounding), order, growth, sharper)
+    return Pattern(images, centres, half, is_rigid, table, table.shown(rounding), order, blur, growth, sharper)
 
 
 def sums_over(values: NDArray[Any], subsets: Subsets) -> Floats:

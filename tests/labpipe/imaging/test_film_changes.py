@@ -11,6 +11,7 @@ import pytest
 
 from labpipe.imaging import track
 from labpipe.imaging.dic._pattern import make_pattern
+from labpipe.imaging.dic._subset_cutting import cut_subsets
 from pipelines.bench import film_scenes
 from pipelines.bench.film_scenes import View, digitised, from_formula, from_spectrum
 from tests.by_day import by_day
@@ -188,17 +189,25 @@ def test_a_focus_that_never_rests_costs_less_than_twice_the_work(monkeypatch: py
     rest = digitised([from_spectrum(pattern, replace(view, defocus=0.6)) for view in views], NOISE, 44)
     points = grid((SIZE, SIZE), 24, 9)
     made: list[object] = []
+    cut: list[int] = []
 
     def counted(*asked: Any) -> Any:
         made.append(asked[-1])
         return make_pattern(*asked)
 
+    def cut_and_counted(*asked: Any, **more: Any) -> Any:
+        cut.append(len(asked[2]))
+        return cut_subsets(*asked, **more)
+
     monkeypatch.setattr("labpipe.imaging.dic._reference.make_pattern", counted)
+    monkeypatch.setattr("labpipe.imaging.dic._pattern.cut_subsets", cut_and_counted)
     found, still = (track(frames, points, 31) for frames in (film, rest))
     work, least = (json.loads(result.attrs["work"])["iterations"] for result in (found, still))
 
     assert work < 2.0 * least
     assert len(made) <= 16
+    # points that tell the blur are cut alone of patterns that are only tried
+    assert cut.count(len(points)) < len(made)
     truth = np.stack([view.displacement(points, SIZE) for view in views])
     error = (np.stack([found.dx, found.dy], axis=-1) - truth)[1:]
     z = error / np.stack([found.u_dx, found.u_dy], axis=-1)[1:]
