@@ -20,6 +20,7 @@ from pipelines.bench.film_scenes import (
     Film,
     Formula,
     View,
+    bars,
     blurred_by_camera,
     bricks,
     cells,
@@ -38,6 +39,7 @@ from pipelines.bench.measure import Point, Suite, held_against
 _SUBSET, _SPACING, _NOISE = 31, 13, 1.0
 _STEP = (0.13, 0.07)  # px from frame to frame
 _FEATURE, _CELL, _WEAK = 1.9, 7.0, 0.7  # px, px, contrast of a pattern that is not strong
+_ANGLES, _PERIOD = (0.0, 0.4, math.pi / 4.0), 9.0  # rad, px
 _UNCHANGED = "nothing changes"
 _COVERED = "a wire before the specimen"
 _PLAIN = View()
@@ -78,7 +80,14 @@ def scenes(size: int) -> dict[str, Scene]:
         "black and white cells behind a lens": Scene(partial(seen_by_pixels, cells(0.3, 4.3, 7), size), near, near),
         "cells blurred after sampling": Scene(partial(blurred_by_camera, cells(0.3, 4.3, 7), size), wide, wide),
         "bare edge blurred after sampling": Scene(partial(blurred_by_camera, _bare_edge(middle), size), wide, wide),
-        "edge with a grain of 2 grey levels": Scene(partial(from_formula, edge(0.4, (middle, middle), 2.0, 4), size)),
+        **{
+            f"{name} at {math.degrees(angle):.0f}°": Scene(partial(from_formula, formula, size))
+            for angle in _ANGLES
+            for name, formula in (
+                ("edge with a grain of 2 grey levels", edge(angle, (middle, middle), 2.0, 4)),
+                ("grating", bars(angle, _PERIOD, 0.6)),
+            )
+        },
     }
 
 
