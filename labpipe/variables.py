@@ -3,6 +3,9 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+Variable = tuple[str | Sequence[str], Any, dict[str, Any]]
+"""As xarray takes it: dimensions, values, attributes."""
+
 
 def described(units: str, long_name: str, **more: Any) -> dict[str, Any]:
     """Return the attributes of a variable: its SI unit, what it is in words, and more.
@@ -15,9 +18,7 @@ def described(units: str, long_name: str, **more: Any) -> dict[str, Any]:
     return {"units": units, "long_name": long_name, **more}
 
 
-def variable(
-    dims: str | Sequence[str], values: Any, units: str, long_name: str, **more: Any
-) -> tuple[str | Sequence[str], Any, dict[str, Any]]:
+def variable(dims: str | Sequence[str], values: Any, units: str, long_name: str, **more: Any) -> Variable:
     """Return a variable as xarray takes it: dimensions, values, attributes.
 
     Parameters
@@ -36,7 +37,7 @@ def variable(
 
 def with_u(
     name: str, dims: str | Sequence[str], values: Any, u: Any, units: str, long_name: str, part: str = ""
-) -> dict[str, tuple[str | Sequence[str], Any, dict[str, Any]]]:
+) -> dict[str, Variable]:
     """Return a variable by its name, and its standard uncertainty beside it.
 
     ``part`` says of which part that is, such as ``"from first touch"``.
@@ -54,7 +55,7 @@ def with_u(
 
 def from_rows(
     dim: str, rows: Sequence[Mapping[str, Any]], columns: Mapping[str, tuple[str, str]]
-) -> dict[str, tuple[str | Sequence[str], Any, dict[str, Any]]]:
+) -> dict[str, Variable]:
     """Return the variables of a table that was gathered row by row.
 
     Parameters
@@ -66,7 +67,7 @@ def from_rows(
     columns : mapping of str to (str, str)
         Unit and long name of what is taken; an uncertainty that the rows hold comes with it.
     """
-    made: dict[str, tuple[str | Sequence[str], Any, dict[str, Any]]] = {}
+    made: dict[str, Variable] = {}
     for name, (units, text) in columns.items():
         values = [row[name] for row in rows]
         if rows and f"u_{name}" in rows[0]:

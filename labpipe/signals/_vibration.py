@@ -105,8 +105,9 @@ def damped_oscillation(
     best = least_squares(residual, [1.0, begin], bounds=([0.3, -1.0], [3.0, 200.0]), x_scale=[0.01, 1.0])
     frequency, rate = guess * float(best.x[0]), float(best.x[1]) / span
     design = columns(frequency, rate)
-    sine, cosine, offset, drift = np.linalg.lstsq(design, y, rcond=None)[0]
-    left = y - design @ np.linalg.lstsq(design, y, rcond=None)[0]
+    weights = np.linalg.lstsq(design, y, rcond=None)[0]
+    sine, cosine, offset, drift = weights
+    left = y - design @ weights
     wave = sine * design[:, 0] + cosine * design[:, 1]
     turned = sine * design[:, 1] - cosine * design[:, 0]
     jacobian = np.column_stack([design, 2 * np.pi * s * turned, -s * wave])

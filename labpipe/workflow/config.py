@@ -95,9 +95,10 @@ class Checker:
     may_wait: bool = False
     gaps: list[str] | None = None
 
-    def report(self, place: _toml_lines.Path, message: str) -> None:
-        """Report at the place in the file that a merged value came from."""
+    def report(self, place: _toml_lines.Path, message: str) -> Any:
+        """Report at the place in the file that a merged value came from; return what stands for no value."""
         self.document.report(self._written(place), message)
+        return _BAD
 
     def _written(self, place: _toml_lines.Path) -> _toml_lines.Path:
         nearest = place
@@ -108,8 +109,7 @@ class Checker:
     def structure(self, kind: type[msgspec.Struct], value: Any, place: _toml_lines.Path, partial: bool = False) -> Any:
         """Convert a table; with ``partial``, required fields may be missing."""
         if not isinstance(value, dict):
-            self.report(place, f"expected a table, found {found(value)}")
-            return _BAD
+            return self.report(place, f"expected a table, found {found(value)}")
         fields = {f.encode_name: f for f in fields_of(kind)}
         for key in value.keys() - fields.keys():
             self.report((*place, key), f"unknown key{suggest(key, fields)}")
@@ -118,15 +118,13 @@ class Checker:
             if name in value:
                 converted[info.name] = self.value(info.type, value[name], (*place, name), partial)
             elif info.required and not partial:
-                self.report((*place, name), f"missing; expected {describe(info.type)}")
-                converted[info.name] = _BAD
+                converted[info.name] = self.report((*place, name), f"missing; expected {describe(info.type)}")
         if partial or any(item is _BAD for item in converted.values()):
             return _BAD
         try:
             return kind(**converted)
         except (ValueError, TypeError) as error:  # raised by the structure's own __post_init__
-            self.report(place, str(error))
-            return _BAD
+            return self.report(place, str(error))
 
     def value(self, kind: Any, value: Any, place: _toml_lines.Path, partial: bool = False) -> Any:
         """Convert one value to the type of its field."""
@@ -160,29 +158,24 @@ class Checker:
             if not trial.document.problems:
                 return converted
         expected = " or ".join(map(describe, options))
-        self.report(place, f"expected {expected}, found {found(value)}")
-        return _BAD
+        return self.report(place, f"expected {expected}, found {found(value)}")
 
     def _collection(self, kind: Any, bare: Any, value: Any, place: _toml_lines.Path, partial: bool) -> Any:
         arguments = typing.get_args(bare)
         if typing.get_origin(bare) is dict:
             if not isinstance(value, dict):
-                self.report(place, f"expected a table, found {found(value)}")
-                return _BAD
+                return self.report(place, f"expected a table, found {found(value)}")
             pairs = {k: self.value(arguments[1], v, (*place, k), partial) for k, v in value.items()}
             return _BAD if any(v is _BAD for v in pairs.values()) else pairs
         is_nested = typing.get_origin(split(arguments[0])[0]) in (list, tuple)
         if not isinstance(value, list):
             example = f"; write [{found(value)}]" if isinstance(value, str) and not is_nested else ""
-            self.report(place, f"expected {describe(kind)}, found {found(value)}{example}")
-            return _BAD
+            return self.report(place, f"expected {describe(kind)}, found {found(value)}{example}")
         if is_nested and value and not any(isinstance(item, list) for item in value):
-            self.report(place, f"expected {describe(kind)}, found {str(value)[:60]}: brackets are missing")
-            return _BAD
+            return self.report(place, f"expected {describe(kind)}, found {str(value)[:60]}: brackets are missing")
         is_fixed = typing.get_origin(bare) is tuple and arguments[-1] is not Ellipsis
         if is_fixed and len(value) != len(arguments):
-            self.report(place, f"expected {len(arguments)} items, found {len(value)}")
-            return _BAD
+            return self.report(place, f"expected {len(arguments)} items, found {len(value)}")
         of = arguments if is_fixed else (arguments[0],) * len(value)
         items = [self.value(t, v, (*place, i), partial) for i, (t, v) in enumerate(zip(of, value, strict=True))]
         if mark(split(of[0] if of else None)[1], FileMark) is not None:
@@ -196,8 +189,7 @@ class Checker:
         least = (bounds.min_length if bounds is not None else None) or 0
         if value is _BAD or len(value) >= least:
             return value
-        self.report(place, f"expected at least {least} item{'s' * (least != 1)}, found {len(value)}")
-        return _BAD
+        return self.report(place, f"expected at least {least} item{'s' * (least != 1)}, found {len(value)}")
 
     def _refuse_repeated(self, names: Sequence[Any], place: _toml_lines.Path) -> None:
         for position, name in enumerate(names):
@@ -211,21 +203,17 @@ class Checker:
             return Quantity(float(value), 0.0, "1")
         if not isinstance(value, str):
             why = "without a unit" if is_number else ""
-            self.report(place, f"expected {expected}, found {found(value)} {why}".rstrip())
-            return _BAD
+            return self.report(place, f"expected {expected}, found {found(value)} {why}".rstrip())
         try:
             parsed = quantity(value)
         except InputError as error:
             why = f": {error}" if "," in value else ""
-            self.report(place, f'expected {expected}, found "{value}"{why}')
-            return _BAD
+            return self.report(place, f'expected {expected}, found "{value}"{why}')
         if parsed.si != dimension.si:
             which = "has no unit" if parsed.si == "1" else f"is in {parsed.si}"
-            self.report(place, f'expected {expected}, found "{value}", which {which}')
-            return _BAD
+            return self.report(place, f'expected {expected}, found "{value}", which {which}')
         if not (math.isfinite(parsed.value) and math.isfinite(parsed.u)):
-            self.report(place, f'expected a finite number, found "{value}"')
-            return _BAD
+            return self.report(place, f'expected a finite number, found "{value}"')
         return parsed
 
     def _in_range(self, marks: tuple[Any, ...], value: Any, place: _toml_lines.Path) -> Any:
@@ -238,18 +226,15 @@ class Checker:
         shown = show(value) if isinstance(value, Quantity) else value
         has_unit = isinstance(value, Quantity) and value.si != "1" and not bounds.is_sign
         unit = f" {value.si}" if has_unit else ""
-        self.report(place, f"must be {bounds}{unit}, found {shown}")
-        return _BAD
+        return self.report(place, f"must be {bounds}{unit}, found {shown}")
 
     def _file(self, value: Any, place: _toml_lines.Path) -> Any:
         if not isinstance(value, str):
-            self.report(place, f"expected the name of a file, found {found(value)}")
-            return _BAD
+            return self.report(place, f"expected the name of a file, found {found(value)}")
         try:
             place_on_disk = safe_join(self.root, value)
         except InputError as error:
-            self.report(place, str(error))
-            return _BAD
+            return self.report(place, str(error))
         if not place_on_disk.exists() and not self.may_wait:
             # files that a user may have meant; labpipe's own folder is not among them
             names = (f.relative_to(self.root).as_posix() for f in files_below(self.root))
@@ -260,8 +245,7 @@ class Checker:
                     f", only an unfinished recording of it; finish it with "
                     f'`labpipe acquire recover "{value}.recording"`'
                 )
-            self.report(place, f'there is no file "{value}" in the session folder{advice}')
-            return _BAD
+            return self.report(place, f'there is no file "{value}" in the session folder{advice}')
         if self.gaps is not None and value.endswith(".toml"):
             self.gaps += _gaps_of_file(place_on_disk, value)
         return value
@@ -272,8 +256,7 @@ class Checker:
             if alike:
                 return alike[0]
             near = suggest(str(value), map(str, typing.get_args(bare)))
-            self.report(place, f"expected {describe(bare)}, found {found(value)}{near}")
-            return _BAD
+            return self.report(place, f"expected {describe(bare)}, found {found(value)}{near}")
         try:
             return msgspec.convert(value, kind)
         except msgspec.ValidationError as error:
@@ -282,8 +265,7 @@ class Checker:
             bound = str(error).removeprefix("Expected ").replace("`", "")
             bound = _BOUNDS.get(bound, bound)
             expected = bound if is_bound else describe(bare)
-            self.report(place, f"expected {expected}, found {found(value)}")
-            return _BAD
+            return self.report(place, f"expected {expected}, found {found(value)}")
 
 
 _GAP_LINE = re.compile(rf'^\s*(\w+)\s*=\s*"{GAP}(?: [^"]*)?"')
