@@ -26,7 +26,7 @@ _STRONG_BLUR = 0.25
 #: the fit leaves.
 _FRINGES_SURE = 2.0
 #: Least visibility, and least modulation in units of its uncertainty.
-_LEAST_VISIBILITY, _LEAST_SIGNIFICANCE = 0.1, 10.0
+_LEAST_VISIBILITY, _LEAST_SIGNIFICANCE = 0.02, 10.0
 #: Light is never negative, so that fringes have a visibility of one at most; clipped light and
 #: cameras that are not linear were seen to fit with a fifth more.
 _MOST_VISIBILITY = 1.5

@@ -17,20 +17,17 @@ from labpipe.imaging.fringes._harmonics import find_blur_before_camera, find_coa
 from labpipe.imaging.fringes._lens_blur import find_blur, settle_blur
 from labpipe.imaging.fringes._open_gap import explained_by_gap
 from labpipe.imaging.fringes._ring_fit import RingFit
-from labpipe.imaging.fringes._ring_parameters import AXES, BEAMS, COATING, Parameter
+from labpipe.imaging.fringes._ring_parameters import ASSUMED, AXES, BEAMS, COATING, Parameter
 from labpipe.imaging.fringes._second_colour import find_second_colour, settle_colour
 from labpipe.imaging.fringes._together import find_together, what_is_found, with_beside
 from labpipe.imaging.fringes._trials import (
     FACTOR,
     FEW_FRAMES,
     FEW_PIXELS,
-    HALF,
-    HINT,
     MOST_FRAMES,
     PROMISE,
     SIGNIFICANT,
     VARIANCES,
-    WEAK_HINT,
     Attempt,
     Calibration,
     Trial,
@@ -60,8 +57,10 @@ _ROUND = 0.75
 #: opens less than in the others; logarithm of the scale by which it does, at least and over the median difference;
 #: share of the frames that do, at most.
 _BY_GAP, _OPENED, _APART, _FEW_OPENED = 0.3, 0.03, 8.0, 0.34
-#: Standard deviations from which a phase or a scale that noise with a memory may hint at counts.
-_NOTABLE = 3.0
+#: Probability that faces, R, wavelength or ruler are not what they are said to be in a film that does not show it
+#: beyond doubt, and by how much they then are: a phase (rad) and the logarithm of a scale. Share of the misfit that
+#: goes evenly around the rings from which it is of the optics.
+_HIDDEN, _USUAL_SIZE, _ROUND_LEFT = 0.2, {Parameter.PHASE: 0.3, Parameter.SCALE: 0.005}, 0.5
 #: What is tried beside a distance from focus, which must explain about as much as these.
 _LIKE_FOCUS = (Parameter.PHASE,), (Parameter.SCALE, Parameter.SPREAD)
 #: Squared misfit over that of a rival up to which a distance from focus is as likely; share of the difference of their
@@ -157,9 +156,8 @@ def calibrate(
     # What a film shows beyond the third harmonic looks like a small phase where no lens has blurred it.
     is_cut = any(result.harmonics) and (result.by_camera or not result.blur)
     is_told = not is_phase_free or result.phase_shift != 0.0 or is_cut
-    for parameter, has_none in ((Parameter.PHASE, is_told), (Parameter.SCALE, result.log_scale != 0.0)):
-        result = result if has_none else _with_hidden(attempt, plain_axes, result, view, parameter)
-    return result
+    is_open = ((Parameter.PHASE, not is_told), (Parameter.SCALE, result.log_scale == 0.0))
+    return _with_hidden(attempt, plain_axes, result, view, [parameter for parameter, is_free in is_open if is_free])
 
 
 def _without_opened(
@@ -206,33 +204,46 @@ def _best_of(better: Sequence[tuple[Trial, Calibration]], before: Trial) -> tupl
 
 
 def _with_hidden(
-    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, view: View, parameter: Parameter
+    attempt: Attempts, axes: Sequence[Parameter], known: Calibration, view: View, parameters: Sequence[Parameter]
 ) -> Calibration:
-    """Count what a phase or a scale that frames hint at, but not beyond doubt or not the same one, makes of the radius.
+    """Count what a phase or a scale that frames do not show beyond doubt makes of the radius.
 
-    What is neither, as a small flat seen out of focus, hints at one as well, and moves the radius as much.
+    Where errors of the model are left all around the rings beside what was found, that is not what is there, or not
+    all: what both together make of the radius counts. Else each is there or it is not, as likely as its value is by
+    chance and as one of its usual size: a cone of light makes a scale that speckle hides.
     """
-    best = attempt(tuple(axes), known)  # with all that is known by now, or its gain would be this one's
-    least = HINT
-    if best is not None and best.is_quiet:
-        least = (WEAK_HINT if parameter is Parameter.PHASE else HINT) + 2.0 * len(best.fits)
-    if best is None or best.expected_gain((parameter,)) < HALF * least:
+    best = attempt(tuple(axes), known)  # with all that is known by now
+    if best is None:
         return known
-    trial = attempt((*axes, parameter), known)
-    if trial is None or trial.gain_over(best) < least:
-        return known
-    changes = trial.changes(best)
-    if not (best.is_quiet or best.is_doubtful):
-        return known  # noise with a memory is all there is
-    if best.is_quiet:
-        own = np.array([fit.deviation(Parameter.RADIUS) for fit in trial.fits])
-        return known.with_shared(trial, np.sqrt(np.maximum(changes**2 - own**2, 0.0)))
-    value, deviation = trial.mean(parameter)
-    # a phase makes far more of the radius of a small contact than speckle tells of it
-    usual, least = (view.optics.phase, SIGNIFICANT) if parameter is Parameter.PHASE else (0.0, _NOTABLE)
-    if abs(value - usual) <= least * deviation:
-        return known
-    return known.with_shared(trial, float(np.median(changes)))
+    beside = tuple(p for group in what_is_found(known) for p in group)
+    if best.is_doubtful and not attempt.round_share(best, known) < _ROUND_LEFT:
+        trial = attempt((*axes, *ASSUMED), known)
+        is_odd = set(beside).difference(BEAMS) or known.flat or known.colour[1]
+        if trial is not None and (is_odd or trial.excess * FACTOR < best.excess):
+            return known.with_shared(trial, trial.changes(best))
+    for parameter in parameters:
+        usual = _USUAL_SIZE[parameter]
+        if not beside and _likelihood(*best.hinted(parameter), usual) < _HIDDEN:
+            continue
+        trial = attempt(tuple(dict.fromkeys((*axes, *beside, parameter))), known)
+        if trial is None:
+            continue
+        value, deviation = trial.mean(parameter)
+        value -= view.optics.phase if parameter is Parameter.PHASE else 0.0
+        likelihood = _likelihood(value, deviation, usual)
+        if likelihood < _HIDDEN:
+            continue  # the frames speak against it
+        share = usual**2 / (deviation**2 + usual**2)
+        size = math.sqrt(likelihood * (share * value**2 + deviation**2) * share)
+        known = known.with_shared(trial, trial.slopes(parameter) * size)
+    return known
+
+
+def _likelihood(value: float, deviation: float, usual: float) -> float:
+    """Probability that a quantity of this value is there, and not by chance; one that is there has a usual size."""
+    square = deviation**2
+    by_chance = math.exp(-0.5 * min(value**2 * (1.0 / square - 1.0 / (square + usual**2)), 700.0))
+    return 1.0 / (1.0 + (1.0 / _HIDDEN - 1.0) * by_chance * math.sqrt(1.0 + usual**2 / square))
 
 
 def _candidates(

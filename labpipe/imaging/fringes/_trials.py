@@ -224,6 +224,20 @@ class Trial:
         deviations = np.array([self.mean(p)[1] for p in parameters])
         return float(np.sqrt(((mean * deviations) ** 2).sum()))
 
+    def slopes(self, parameter: Parameter) -> Floats:
+        """Return the change of the radius (px) per change of a parameter that was free, all else following."""
+        pairs = [(fit.free.index(Parameter.RADIUS), fit.free.index(parameter), fit.inverse) for fit in self.fits]
+        return np.array([inverse[place, row] / inverse[row, row] for place, row, inverse in pairs])
+
+    def hinted(self, parameter: Parameter) -> tuple[float, float]:
+        """Return what a parameter that was asked for would be, to first order, and its standard uncertainty."""
+        slope = bend = 0.0
+        for fit in self.fits:
+            if fit.slope is not None and fit.bend is not None and parameter in fit.asked:
+                row, square = fit.asked.index(parameter), max(fit.noise, 1e-6) ** 2
+                slope, bend = slope + float(fit.slope[row]) / square, bend + float(fit.bend[row, row]) / square
+        return slope / max(bend, 1e-300), 1.0 / math.sqrt(max(bend, 1e-300))
+
     def changes(self, other: "Trial") -> Floats:
         """Return the changes of the radius (px) against another trial of the same frames."""
         place = Parameter.RADIUS

@@ -40,6 +40,7 @@ def trial(misfit: float, count: int = 4, smear: float = 0.0) -> Trial:
         slow=None,
         worst_deviation=1.0,
         expected_gain=lambda _: 0.0,
+        slope=None,
         has_negative_light=False,
         doubts={},
         parameters=parameters,
