@@ -118,6 +118,7 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     grey, _, pixels = reference.subsets.level.T
     before, spread = still_noise(reference, noise, is_static)
     before[~interpolates_well(reference, before)] = np.inf
+    by_noise = deviation.copy(), covariance.copy()
     is_taken = take_spread(reference.subsets, deviation, covariance, table.spread / resisted, texture, strongest)
     misfit = misfit_factor(noise, is_static, pixels, grey, (before, spread), texture, is_taken)
     deviation *= misfit[..., None]
@@ -129,8 +130,9 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     _add(deviation, covariance, shared + hidden_by_levels(reference, noise) * is_found[..., None])
     missed = missed_shift(reference, value, deviation, table.model, is_found & ~is_doubtful)
     _add(deviation, covariance, np.concatenate([missed**2, missed.prod(axis=2, keepdims=True)], axis=2))
-    _refuse_vague(status, deviation, Status.TEXTURELESS)
-    _ask_around(reference, status, value, deviation, covariance, is_doubtful, is_static)
+    # where noise tells the motion, and interpolation or a misfit makes it so vague, the points around may know better
+    is_doubtful |= _may_be_any(deviation)
+    _ask_around(reference, status, value, deviation, covariance, by_noise, is_doubtful, is_static)
     _warn_of_motion(value[is_static], status[is_static])
     is_origin = is_static[:, None] & (status == Status.OK)
     seen = is_origin.sum(axis=0)
@@ -186,6 +188,7 @@ def _ask_around(
     value: Floats,
     deviation: Floats,
     covariance: Floats,
+    by_noise: tuple[Floats, Floats],
     is_doubtful: Flags,
     is_static: Flags,
 ) -> None:
@@ -196,10 +199,14 @@ def _ask_around(
     is_found = (status == Status.OK) & ~is_static[:, None]
     is_clear = is_found & ~is_doubtful & (np.hypot(deviation[..., 0], deviation[..., 1]) < MOST_UNCERTAIN)
     _add(deviation, covariance, disagreement(*motions, is_clear))
-    _refuse_vague(status, deviation, Status.OUTVOTED)
-    is_trusted = is_clear & (status == Status.OK)
-    _add(deviation, covariance, unconfirmed(*motions, is_trusted, is_found & is_doubtful))
-    _refuse_vague(status, deviation, Status.TEXTURELESS)
+    is_trusted = is_clear & ~_may_be_any(deviation)
+    status[is_clear & ~is_trusted] = Status.OUTVOTED
+    is_asked = is_found & is_doubtful
+    more = unconfirmed(*motions, is_trusted, is_asked)
+    # how far what is confirmed lies from there tells its misfit, or what interpolation made of it, but no noise
+    deviation[is_asked], covariance[is_asked] = (part[is_asked] for part in by_noise)
+    _add(deviation, covariance, more)
+    status[(status == Status.OK) & _may_be_any(deviation)] = Status.TEXTURELESS
 
 
 def _widen(deviation: Floats, covariance: Floats, shift: Floats) -> None:
@@ -217,10 +224,9 @@ def _add(deviation: Floats, covariance: Floats, more: Floats) -> None:
         covariance += more[..., 2]
 
 
-def _refuse_vague(status: NDArray[np.int8], deviation: Floats, why: Status) -> None:
-    """Refuse displacements that are so uncertain that they may be any."""
-    is_vague = np.hypot(deviation[..., 0], deviation[..., 1]) > MOST_VAGUE
-    status[(status == Status.OK) & is_vague] = why
+def _may_be_any(deviation: Floats) -> Flags:
+    """Tell displacements that are so uncertain that they may be any."""
+    return np.asarray(np.hypot(deviation[..., 0], deviation[..., 1]) > MOST_VAGUE)
 
 
 def _warn_of_motion(static: Floats, status: NDArray[np.int8]) -> None:
