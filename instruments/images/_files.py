@@ -43,6 +43,7 @@ def folder_images(folder: Path) -> tuple["ImageFiles", Floats]:
     if not named:
         raise SourceError(folder, f"the folder holds no image ({', '.join(SUFFIXES + LOSSY)})")
     _warn_of_lossy(folder, exact, lossy)
+    _check_one_film(named)
     numbered = sorted(zip(_numbers(named), named, strict=True))
     numbers = np.array([number for number, _ in numbered])
     twice = np.flatnonzero(np.diff(numbers) == 0)
@@ -61,6 +62,18 @@ def folder_images(folder: Path) -> tuple["ImageFiles", Floats]:
     _warn_of_gaps(folder, numbers)
     places = [_Place(path, 0, header) for path, header in zip(paths, headers, strict=True)]
     return ImageFiles(folder, places), numbers.astype(float)
+
+
+def _check_one_film(named: Sequence[Path]) -> None:
+    """Refuse images of two films, as their names tell that differ beside their numbers."""
+    words = [_NUMBER.sub("#", path.stem).lower() for path in named]
+    other = next((k for k, of in enumerate(words) if of != words[0] and words.count(of) > 1), None)
+    if other is not None and words.count(words[0]) > 1:
+        raise SourceError(
+            named[other],
+            f"belongs to another film than {named[0].name}, as their names say, which differ beside the numbers",
+            hint=f"Put only the images of one film into the folder. {_COUNT}",
+        )
 
 
 def pages(path: Path) -> "ImageFiles":

@@ -86,7 +86,9 @@ class TimeAxis:
                 f"the longest for {longest:.4g} s"
             )
         if dropped:
-            found.append(f"{dropped} frame{' was' if dropped == 1 else 's were'} dropped by the camera")
+            found.append(
+                f"{dropped} frame{' was' if dropped == 1 else 's were'} dropped by the camera, or it recorded in bursts"
+            )
         return tuple(found)
 
 

@@ -212,6 +212,12 @@ def test_the_number_that_varies_is_the_place(tmp_path: Path) -> None:
         instruments.read(tmp_path / "f", fps=1000.0)
 
 
+def test_images_of_two_films_in_one_folder_are_refused_though_no_number_occurs_twice(tmp_path: Path) -> None:
+    write_folder(tmp_path / "f", ["one_01.png", "one_02.png", "two_11.png", "two_12.png"])
+    with pytest.raises(SourceError, match=r"two_11\.png: belongs to another film than one_01\.png"):
+        instruments.read(tmp_path / "f", fps=1000.0)
+
+
 def test_a_video_is_read_with_a_warning(tmp_path: Path) -> None:
     path = tmp_path / "f.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25, (64, 48), False)

@@ -8,13 +8,14 @@ import xarray as xr
 
 from labpipe.judging import Check, not_made, stated
 from labpipe.report import quantity
-from pipelines.experiments.contact_area.measured import READ
+from pipelines.experiments.contact_area.measured import FRINGE_FIT, READ
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.film_frames import no_copies, sound_frames
-from pipelines.experiments.shared.frame_order import in_order
+from pipelines.experiments.shared.frame_order import in_order, lost
 
 _NAMED = 5  # frames that a sentence names
 _WHOLE = 5  # frames of an impact, from which on the largest radius lies between the first and the last
+_ALIKE = 0.5  # of the frames of a contact, that fringes tell where its course is judged
 _LATE = 1.5  # of the usual interval between frames in contact, from which some are missing
 
 
@@ -23,7 +24,7 @@ def frame_checks(radius: xr.Dataset, whole: Check, settings: ContactArea) -> lis
 
     ``whole`` tells what the file lacks.
     """
-    sound = sound_frames(radius["valid"].values.astype(bool), whole, settings.film)
+    sound = sound_frames(radius["valid"].values.astype(bool), whole, settings.film, str(radius.attrs.get("note", "")))
     checks = [of(radius, settings) for of in (_times, _blanked, _copies, _in_order)]
     return [*checks, sound]
 
@@ -48,6 +49,30 @@ def summits_seen(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea)
     text += f"usual are {quantity(usual, 's')}; one of them shows the largest radius of a contact"
     cause = "the camera recorded in bursts or dropped frames: the contact may have been larger between them"
     return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
+
+
+def none_lost(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> Check:
+    """Look for frames that are missing within a contact whose others were numbered anew."""
+    name, law = "course of the contacts", "the area of a contact goes with its depth, which inertia keeps smooth"
+    time, frame = radius["time"].values, radius["frame"].values
+    area, u = radius["radius"].values ** 2, 2 * radius["radius"].values * radius["u_radius"].values
+    known, method = np.isfinite(area) & np.isfinite(u), radius["method"].values
+    for number, (first, last) in enumerate(zip(impacts["first_seen"].values, impacts["last_seen"].values, strict=True)):
+        at = np.flatnonzero((time >= first) & (time <= last) & known)
+        steps = np.diff(time[at])
+        # of uneven frames the times tell, and what changes from one method to another is no loss
+        if not steps.size or steps.max() > _LATE * steps.min() or np.mean(method[at] == FRINGE_FIT) < _ALIKE:
+            continue
+        found = lost(area[at], float(np.sqrt(np.mean(u[at] ** 2))))
+        if found is not None:
+            before = int(frame[at[found]])
+            text = (
+                f"{settings.film}: the area of the contact in impact {number + 1} is smooth only if frames are missing "
+                f"after frame {before}"
+            )
+            cause = f"frames after frame {before} were lost, and the others numbered anew: no time of theirs tells it"
+            return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
+    return stated(name, law, f"{settings.film}: the areas of all contacts are smooth", None, file=settings.film)
 
 
 def contacts_whole(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> Check:

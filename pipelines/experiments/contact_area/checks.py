@@ -12,7 +12,7 @@ from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.contact_area._flight_checks import flights_alike, none_missed
-from pipelines.experiments.contact_area._frame_checks import contacts_whole, frame_checks, summits_seen
+from pipelines.experiments.contact_area._frame_checks import contacts_whole, frame_checks, none_lost, summits_seen
 from pipelines.experiments.contact_area._image_checks import image_checks, in_view
 from pipelines.experiments.contact_area._scale import fringe_scale
 from pipelines.experiments.contact_area.comparison import FRAMES, PLATE, SCALE, WAVELENGTH, plate_mass, rows
@@ -75,7 +75,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
         checks += frame_checks(radius, whole, settings)
     if impacts is not None and impacts.sizes["impact"]:
         checks += given.each((_size, _like_model, _order, _flight, _duration, _rest, _steady, _ends))
-        checks += given.each((contacts_whole, summits_seen, none_missed, flights_alike))
+        checks += given.each((contacts_whole, summits_seen, none_lost, none_missed, flights_alike))
     return Scene(
         checks,
         given.each([_causes]),

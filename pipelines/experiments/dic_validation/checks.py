@@ -132,6 +132,12 @@ def _found(track: xr.Dataset, settings: DicValidation) -> Check:
     cause = "damaged or missing frames, a film that is upside down, or tracking.body is not on the holder"
     if "status" in track and _is_saturated(track):
         cause = "the film is over-exposed or dark: the holder's pixels lie at white or at black"
+    if turned := str(track.attrs.get("moves_instead", "")):
+        cause = (
+            f"the film is {turned}, or the camera was: what would then lie at tracking.body moves up in the images "
+            "first, as a holder that falls: turn the film, or export it anew"
+        )
+        return stated(name, law, message, level, cause=cause, file=settings.film)
     lost = np.flatnonzero(np.diff(~track["valid"].isel(point=0).values.astype(bool), prepend=False, append=False))
     runs = [(int(a), int(b - a)) for a, b in zip(lost[::2], lost[1::2], strict=True) if b < track.sizes["frame"]]
     first, longest = max(runs, key=lambda run: run[1], default=(0, 0))

@@ -34,6 +34,8 @@ _EVERY = 8  # frames: the coarse pass, and what is read after rest
 _AT_REST = 0.05  # px from the last level, within which the holder is at rest
 _AFTER_REST = 40  # frames read one by one after the coarse pass sees rest
 _KEYS = 9
+LOST = 0.5  # of the frames: a body that is found in fewer is looked for where it is in a film that was turned
+_TURNED, _FALLS = 100, 5.0  # frames looked at for it, and px by which it falls, upwards in the images
 
 
 def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
@@ -47,12 +49,29 @@ def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
     if chosen.masks:
         body = imaging.track(source, points[:1], select=[0], **{**options, "subset": subsets[:1]})
         _refuse_covered(body, chosen)
-    if full:
-        found = imaging.track(source, points, **options)
-        return _with_bytes(found, source, {})
-    coarse, wanted = _worth_reading(source, points[:1], {**options, "subset": subsets[:1]}, static)
-    found = imaging.track(source, points, select=wanted, **options)
+    coarse: dict[str, int] = {}
+    if not full:
+        coarse, options["select"] = _worth_reading(source, points[:1], {**options, "subset": subsets[:1]}, static)
+    found = imaging.track(source, points, **options)
+    if float(found["valid"].isel(point=0).mean()) < LOST:
+        found.attrs["moves_instead"] = _seen_turned(source, points[0], subsets[0])
     return _with_bytes(found, source, coarse)
+
+
+def _seen_turned(source: FrameSource, body: tuple[float, float], width: int) -> str:
+    """Say how a film was turned in which something falls where the body would be, and "" where nothing does."""
+    (_, rows, columns), (x, y) = source.shape, body
+    sound = np.flatnonzero(source.valid)[:: len(source) // _TURNED + 1]
+    places = {"upside down": (x, rows - 1 - y), "turned by 180°": (columns - 1 - x, rows - 1 - y)}
+    for how, place in places.items():
+        inside = all(width / 2 < at < size - width / 2 for at, size in zip(place, (columns, rows), strict=True))
+        if not inside or len(sound) < 2:
+            continue
+        found = imaging.track(source, [place], subset=[width], order=3, select=sound)
+        seen, down = found["valid"].values[:, 0], found["dy"].values[:, 0]
+        if seen.mean() >= LOST and np.nanmin(down) < -max(_FALLS, 2 * np.nanmax(down)):
+            return how
+    return ""
 
 
 def _refuse_covered(body: xr.Dataset, chosen: Tracking) -> None:

@@ -26,6 +26,8 @@ _NOT_WHOLE = "the film was not copied whole, or is damaged: copy it from the cam
 _ALIKE, _BESIDE = 0.5, 0.25
 """Part of the differences between stated neighbours that is left between true ones, and how far
 beside their distance, relative, nothing alike may lie: rows that are alike all along are a pattern."""
+_INTERLACED = "is interlaced"
+_FIELDS = "odd and even rows were exposed one after the other: record progressive frames, or keep every second row"
 _MANY, _MOST = 0.2, 0.5  # of the frames, that make a film doubtful and impossible when they are damaged
 _AROUND = 8  # frames read on either side of a contact
 
@@ -100,23 +102,26 @@ def _warned(context: Context, category: type[Warning]) -> str:
     return next(texts, "").partition(": ")[2]
 
 
-def sound_frames(is_sound: NDArray[np.bool_], whole: Check, film: str) -> Check:
-    """Count the frames of a film that are damaged; ``whole`` tells of few of them better."""
+def sound_frames(is_sound: NDArray[np.bool_], whole: Check, film: str, note: str = "") -> Check:
+    """Count damaged frames of a film; ``whole`` tells of few of them better, and ``note`` where they are interlaced."""
     name, law = "sound frames", "every frame of a film can be read"
     bad = np.flatnonzero(~is_sound)
     share = bad.size / max(is_sound.size, 1)
     if whole.level and share < _MANY:
         return whole
     frames = "frame" if bad.size == 1 else "frames"
-    text = f"{film}: {bad.size} damaged {frames}" + (f", the first is frame {bad[0]}" if bad.size else "")
+    how, cause = ("interlaced", _FIELDS) if _INTERLACED in note else ("damaged", _NOT_WHOLE)
+    text = f"{film}: {bad.size} {how} {frames}" + (f", the first is frame {bad[0]}" if bad.size else "")
     level: Level | None = "note" if bad.size else None
     if share >= _MANY:
         level = "impossible" if share > _MOST else "doubtful"
-    return stated(name, law, text, level, cause=_NOT_WHOLE, file=film)
+    return stated(name, law, text, level, cause=cause, file=film)
 
 
 def explained(failed: Check, whole: Check) -> Check:
     """Give a step that failed over an exchanged width and height, or a film that is not whole, that cause."""
+    if _INTERLACED in failed.message:
+        return replace(failed, cause=_FIELDS)
     if _EXCHANGED not in failed.message:
         return replace(failed, cause=whole.cause) if whole.level and failed.level == "impossible" else failed
     cause = "width and height are exchanged in the header of the film, which was edited or damaged: export it again"

@@ -14,6 +14,7 @@ from labpipe.units import Quantity
 from labpipe.workflow.context import Context, Failed
 from pipelines.experiments.contact_area import checks
 from pipelines.experiments.contact_area._axes import u_of_view, with_uneven_scale
+from pipelines.experiments.contact_area._frame_checks import none_lost
 from pipelines.experiments.contact_area.comparison import comparison
 from pipelines.experiments.contact_area.measured import impacts
 from pipelines.experiments.contact_area.model import model
@@ -240,6 +241,22 @@ def test_exchanged_frames_are_found_by_their_times_and_by_the_growth(film):
         values[[177, 180]] = values[[180, 177]]
     told = finding(judged(film)[0], "growth of the contact")
     assert (told.level, "exchanged" in told.cause) == ("doubtful", True)
+
+
+@pytest.mark.parametrize(("method", "level"), [(1, "doubtful"), (5, None)])
+def test_frames_lost_at_the_top_of_a_contact_are_told_though_the_others_were_numbered_anew(film, method, level):
+    area = 6e-4**2 * np.sin(np.pi * np.linspace(0.02, 0.99, 30) ** 1.1)
+    a = np.sqrt(np.delete(area, np.arange(12, 16)))  # the largest is number 15
+    film = film.isel(frame=np.arange(100, 100 + a.size))
+    film["radius"].values[:] = a
+    film["method"].values[:] = method
+    ends = xr.Dataset(
+        {name: ("impact", film["time"].values[[at]]) for name, at in (("first_seen", 0), ("last_seen", -1))}
+    )
+    told = none_lost(film, ends, SETTINGS)
+    assert told.level == level
+    if level:
+        assert "smooth only if frames are missing after frame 111" in told.message
 
 
 def test_a_repeated_frame_is_found(film):

@@ -8,8 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import instruments
+from instruments import phantom
 from labpipe import files
 from labpipe.uncertainty import linear_budget
+from pipelines.experiments.dic_validation import checks, measured
 from pipelines.figures import make
 from pipelines.process import process, result
 from pipelines.rig.drops import write_drops
@@ -19,6 +22,7 @@ from pipelines.rig.film_session import front_section, write_front
 from pipelines.rig.samples import drop_section, laser_record, session_head
 from pipelines.rig.session_text import front_record, under_record
 from pipelines.rig.solids import specimen_of
+from pipelines.session import open_session
 from tests.labpipe.report.conftest import assert_fit_to_read
 from tests.pipelines.asked import quantities
 
@@ -126,6 +130,19 @@ def test_what_stands_before_the_holder_is_left_out_and_drawn(session: Path, tmp_
     assert "Violet, hatched the other way: what stands still before the holder and does not count." in page
     assert "hidden of it" in page
     assert "hidden of it" not in (session / "labpipe/reports/film.html").read_text("utf-8")
+
+
+def test_a_film_that_is_upside_down_is_told_by_what_moves_at_the_mirrored_place(session: Path, tmp_path: Path) -> None:
+    film = instruments.read(session / "film/acrylic_front.cine")
+    images = [film[i][::-1] for i in range(len(film))]
+    phantom.write(
+        tmp_path / "f.cine", images, film.shape, film.time, phantom.Recording(CAMERA.frame_rate, 1e-5, bits=8)
+    )
+    settings = open_session(session).experiments["film"].settings
+    found = measured.track(tmp_path / "f.cine", settings=settings, full=False)
+    assert found.attrs["moves_instead"] == "upside down"
+    assert "the film is upside down" in checks._found(found, settings).cause
+    assert "moves_instead" not in result(session, "film", "track").attrs
 
 
 def test_masks_that_leave_nothing_of_the_holder_are_refused(session: Path, tmp_path: Path) -> None:
