@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._fingerprint import round_share
+from labpipe.imaging.fringes._gains import Gains, gains_of
 from labpipe.imaging.fringes._lens_blur import LEAST_SHAPED
 from labpipe.imaging.fringes._ring_fit import RingFit, fit_ring, ring_around
 from labpipe.imaging.fringes._ring_parameters import ASSUMED, AXES, EVEN, HARMONICS, Parameter
-from labpipe.imaging.fringes._trials import FEW_FRAMES, MOST_FRAMES, Calibration, Trial
+from labpipe.imaging.fringes._trials import FEW_FRAMES, FEW_PIXELS, MOST_FRAMES, Calibration, Trial
 from labpipe.imaging.fringes._view import View
 
 #: Residual of the last fit of a frame over that of the first from which it is no start for the next.
@@ -43,6 +44,7 @@ class Attempts:
         self._last: dict[object, list[tuple[RingFit, float]]] = {}
         self._made: dict[object, Trial | None] = {}
         self._told: tuple[Trial, float] | None = None
+        self._gains: tuple[Trial, Gains] | None = None
 
     def __call__(
         self, extra: Sequence[Parameter], known: Calibration, count: int = MOST_FRAMES, pixels: int | None = None
@@ -73,6 +75,13 @@ class Attempts:
             seen = self._seen(known, None)
             self._told = trial, round_share(self._images[:FEW_FRAMES], trial.fits[:FEW_FRAMES], seen)
         return self._told[1]
+
+    def gains(self, trial: Trial, known: Calibration) -> Gains:
+        """Return what some pixels of a trial's frames would gain by all else that may be fitted."""
+        if self._gains is None or self._gains[0] is not trial:
+            seen = self._seen(known, FEW_PIXELS)
+            self._gains = trial, gains_of(self._images[:FEW_FRAMES], trial.fits[:FEW_FRAMES], seen)
+        return self._gains[1]
 
     def _seen(self, known: Calibration, pixels: int | None) -> View:
         seen = known.applied(self._view)

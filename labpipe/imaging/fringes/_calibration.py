@@ -13,19 +13,19 @@ from numpy.typing import NDArray
 
 from labpipe.imaging.fringes._attempts import Attempts
 from labpipe.imaging.fringes._band import weigh_band, with_small_band
+from labpipe.imaging.fringes._gains import in_order
 from labpipe.imaging.fringes._harmonics import find_blur_before_camera, find_coating, find_harmonics, settle_harmonics
 from labpipe.imaging.fringes._lens_blur import find_blur, settle_blur
 from labpipe.imaging.fringes._open_gap import explained_by_gap
 from labpipe.imaging.fringes._ring_fit import RingFit
-from labpipe.imaging.fringes._ring_parameters import ASSUMED, AXES, BEAMS, COATING, Parameter
+from labpipe.imaging.fringes._ring_parameters import ASSUMED, AXES, BEAMS, COATING, RADIAL, Parameter
 from labpipe.imaging.fringes._second_colour import find_second_colour, settle_colour
 from labpipe.imaging.fringes._together import find_together, what_is_found, with_beside
 from labpipe.imaging.fringes._trials import (
     FACTOR,
-    FEW_FRAMES,
     FEW_PIXELS,
+    HALF,
     MOST_FRAMES,
-    PROMISE,
     SIGNIFICANT,
     VARIANCES,
     Attempt,
@@ -41,18 +41,19 @@ _MOST_SCALE = 0.7
 #: Share of the squared misfit below which nothing else is looked for beside what leaves no more, whatever that is
 #: and where it may be there by chance.
 _ALL_BUT, _MOSTLY = 0.02, 0.1
-#: Explanations that more than one rule is about.
+#: Explanations.
 _BLUR, _BAND, _HARMONICS, _COATING, _PHASE, _SCALE = "blur", "band", "harmonics", "coating", "phase", "scale"
+_UNEVEN, _FLAT, _FLAT_BESIDE, _FOCUS = "uneven light", "flat", "flat beside the stated scale", "focus"
 _BEFORE_CAMERA, _COLOUR = "blur before the camera", "second colour"
 #: Those that cost most: a simpler one that leaves less than that by chance is taken before.
 _COSTLY = (_BEFORE_CAMERA, _COLOUR)
-#: The one that is no function of the distance: none of the others is tried where all such functions together would
-#: not explain enough.
-_UNEVEN = "uneven light"
-#: Share of what some pixels of an explanation leave below which another one, that leaves so little, is tried before it.
-_FAR_LESS = 0.25
-#: Share that they explain from which no ellipse is tried.
-_ROUND = 0.75
+#: Share of the squared misfit that what is tried would explain to first order, at least: what is much better explains
+#: half of it; and squared misfit from which half as much is enough: harmonics of 0.4 promised 0.41 of 0.02 and
+#: explained all.
+_LIKELY, _STEEP = 1.0 - 1.0 / FACTOR, 0.0025
+#: Share of what is left beyond differences of neighbours that an ellipse explains to first order at least: 0.15 where
+#: there was one, hardly seen as one yet, 0.003 beside coma, astigmatism, speckle and ghosts.
+_OBLIQUE = 0.1
 #: Share of a frame's squared misfit that a scale of its own must explain before frames are looked for whose gap
 #: opens less than in the others; logarithm of the scale by which it does, at least and over the median difference;
 #: share of the frames that do, at most.
@@ -258,33 +259,32 @@ def _candidates(
     """Yield what explains the frames much better, the likelier and cheaper first.
 
     What explained nothing before is tried again when most of the misfit that it was ``vain`` at is gone,
-    and the last, which cost most, when nothing simpler explains most of it. Functions of the distance explained
-    nothing where all of them could 0.46 of the misfit, and what is much better explains more.
+    and the last, which cost most, when nothing simpler explains most of it. What to first order explains too little
+    to be much better, or far less than what was found, is not tried.
     """
-    is_round = not (best.is_doubtful and attempt.round_share(best, known) <= 1.0 - 1.0 / FACTOR)
     makers: dict[str, Callable[[], tuple[Trial, Calibration] | None]] = {
         _BLUR: lambda: find_blur(attempt, axes, known, best),
         _BAND: lambda: None if known.spread else _find_optics(attempt, axes, known, best, Parameter.SPREAD, view),
         _UNEVEN: lambda: _find_uneven_light(attempt, axes, known, best),
         _HARMONICS: lambda: find_harmonics(attempt, axes, known, best),
-        _COATING: lambda: find_coating(attempt, axes, known, best, view, least),
         _PHASE: lambda: _find_optics(attempt, axes, known, best, Parameter.PHASE, view),
         _SCALE: lambda: _find_optics(attempt, axes, known, best, Parameter.SCALE, view),
-        "flat": lambda: find_flat(attempt, axes, known, best),
-        "flat beside the stated scale": lambda: (
+        _COATING: lambda: find_coating(attempt, axes, known, best, view, least),
+        _FLAT: lambda: find_flat(attempt, axes, known, best),
+        _FLAT_BESIDE: lambda: (
             find_flat(attempt, axes, replace(known, log_scale=log_stated), best) if log_stated else None
         ),
-        "focus": lambda: _find_focus(attempt, axes, known, best, view),
+        _FOCUS: lambda: _find_focus(attempt, axes, known, best, view),
         _BEFORE_CAMERA: lambda: find_blur_before_camera(attempt, axes, known, best),
         _COLOUR: lambda: find_second_colour(attempt, axes, known, best),
     }
     least = best.excess
-    may_tell = (name for name in makers if is_round or name == _UNEVEN)
-    names = [name for name in may_tell if FACTOR * best.excess <= vain.get(name, math.inf)]
-    while names:
-        name = _likeliest(attempt, axes, known, best, names)
-        names.remove(name)
-        if name in _COSTLY and least < _MOSTLY * best.excess:
+    shares = _promised(attempt, known, best) if best.is_doubtful else dict.fromkeys(makers, 1.0)
+    likely = _LIKELY if best.excess < _STEEP else HALF * _LIKELY
+    names = [name for name in makers if shares[name] >= likely and FACTOR * best.excess <= vain.get(name, math.inf)]
+    simple = in_order({name: shares[name] for name in names if name not in _COSTLY})
+    for name in (*simple, *(name for name in names if name in _COSTLY)):
+        if FACTOR * least < (1.0 - shares[name]) * best.excess or (name in _COSTLY and least < _MOSTLY * best.excess):
             continue
         found = makers[name]()
         if found is not None:
@@ -294,49 +294,41 @@ def _candidates(
             vain[name] = best.excess
 
 
-def _likeliest(
-    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, names: Sequence[str]
-) -> str:
-    """Return the first of some explanations, or one that by some pixels leaves far less than that.
+def _promised(attempt: Attempts, known: Calibration, best: Trial) -> dict[str, float]:
+    """Return the share of the squared misfit that each explanation would explain, to first order.
 
-    What explains nearly all or next to nothing there is not compared with others.
+    A flat moves the rings as phase and scale do that differ from frame to frame, and a second colour as all that goes
+    with the distance.
     """
+    gains = attempt.gains(best, known)
     beside = [p for group in what_is_found(known) for p in group]
-    ways = (
-        (_BLUR, [Parameter.BLUR], known.blur),
-        (_BAND, [Parameter.SPREAD, *beside], known.spread),
-        (_HARMONICS, BEAMS, any(known.harmonics)),
-        (_COATING, COATING, known.harmonics[1]),
-        (_PHASE, [Parameter.PHASE, *beside], False),
-        (_SCALE, [Parameter.SCALE, *beside], False),
-    )
-    looks = {name: way for name, way, is_found in ways if name in names and not is_found}
-    first = names[0]
-    if not best.is_doubtful or first not in looks:
-        return first
-
-    def excess(way: Sequence[Parameter]) -> float:
-        trial = attempt(tuple(dict.fromkeys((*axes, *way))), known, FEW_FRAMES, FEW_PIXELS)
-        return math.inf if trial is None else trial.excess
-
-    before, own = excess(()), excess(looks[first])
-    if not _ALL_BUT * before < own < PROMISE * before:
-        return first
-    other = min(looks, key=lambda name: excess(looks[name]))
-    return other if excess(looks[other]) < _FAR_LESS * own else first
+    one = {
+        _BAND: (Parameter.SPREAD, *beside),
+        _HARMONICS: BEAMS,
+        _PHASE: (Parameter.PHASE, *beside),
+        _SCALE: (Parameter.SCALE, *beside),
+        _COATING: COATING,
+        _FOCUS: (*BEAMS, *beside, Parameter.FOCUS),
+        _BEFORE_CAMERA: (Parameter.BLUR, *BEAMS),
+    }
+    several = {_BLUR: (Parameter.BLUR,), _FLAT: ASSUMED, _FLAT_BESIDE: ASSUMED, _COLOUR: RADIAL}
+    shares = {name: gains.share(group) for name, group in one.items()}
+    shares |= {name: gains.share(group, is_common=False) for name, group in several.items()}
+    round_share = attempt.round_share(best, known)
+    # of rings of which a part is not seen this is an upper bound alone: light is tried whatever it is
+    return shares | {_UNEVEN: 1.0 if math.isnan(round_share) else max(1.0 - round_share, _LIKELY)}
 
 
 def _find_ellipse(attempt: Attempts, known: Calibration, best: Trial) -> tuple[Trial, Calibration]:
     """Ellipse that explains the frames much better than circles, its area being right or not.
 
     A view that is oblique, or scaled along one axis, changes the area that a contact of known fringes
-    covers: then neither ellipse nor scale explains anything without the other. Where nearly all that is left is
-    the same all around the rings, no ellipse explains much of it.
+    covers: then neither ellipse nor scale explains anything without the other.
     """
-    if best.is_doubtful and attempt.round_share(best, known) > _ROUND:
-        return best, known
     for extra in (AXES, (*AXES, Parameter.SCALE)):
-        is_likely = best.may_gain(extra) and is_promising(attempt, ((), known), (extra, known), best, may_hide=False)
+        if not best.may_gain(extra):
+            continue
+        is_likely = attempt.gains(best, known).explained(extra) > _OBLIQUE * best.rough_excess
         oblique = attempt(extra, known) if is_likely else None
         if oblique is None or oblique.gain_over(best) <= VARIANCES * len(best.fits):
             continue
@@ -381,7 +373,7 @@ def _find_optics(
     """
     beside = tuple(p for group in what_is_found(known) for p in group)
     free = tuple(dict.fromkeys((*axes, parameter, *beside)))
-    if not (best.may_gain((parameter,)) and is_promising(attempt, (axes, known), (free, known), best)):
+    if not best.may_gain((parameter,), HALF * VARIANCES * len(best.fits)):
         return None
     trial = attempt(free, known)
     if trial is None or not trial.is_better_than(best):
@@ -424,7 +416,7 @@ def _find_focus(
         return None
     before = tuple(dict.fromkeys((*axes, *BEAMS, *(p for group in what_is_found(known) for p in group))))
     free = (*before, Parameter.FOCUS)
-    trial = attempt(free, known) if is_promising(attempt, (axes, known), (free, known), best) else None
+    trial = attempt(free, known)
     simple = None if trial is None else attempt(before, known)
     if trial is None or simple is None or not (trial.is_better_than(best) and trial.is_better_than(simple)):
         return None

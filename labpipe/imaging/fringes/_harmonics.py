@@ -8,16 +8,7 @@ import numpy as np
 
 from labpipe.imaging.fringes._lens_blur import LEAST_SHAPED, find_blur, shape_anew
 from labpipe.imaging.fringes._ring_parameters import BEAMS, COATING, HARMONICS, Parameter
-from labpipe.imaging.fringes._trials import (
-    FACTOR,
-    SIGNIFICANT,
-    VARIANCES,
-    Attempt,
-    Calibration,
-    Trial,
-    doubt,
-    is_promising,
-)
+from labpipe.imaging.fringes._trials import FACTOR, SIGNIFICANT, VARIANCES, Attempt, Calibration, Trial, doubt
 from labpipe.imaging.fringes._view import View
 
 
@@ -39,10 +30,8 @@ def find_harmonics(
     if any(known.harmonics) or not best.is_doubtful:
         return None
     orders = (False, True) if known.blur else (False,)
-    free = (*axes, *BEAMS)
     seen = [replace(known, by_camera=after) for after in orders]
-    likely = [one for one in seen if is_promising(attempt, (axes, known), (free, one), best)]
-    tried = [with_harmonics(attempt, axes, one) for one in likely]
+    tried = [with_harmonics(attempt, axes, one) for one in seen]
     better = [(trial, found) for trial, found in tried if trial is not None and trial.is_better_than(best)]
     if not better:
         return None
@@ -58,10 +47,7 @@ def find_coating(
     """
     if known.harmonics[1] or not best.is_doubtful:
         return None
-    coated = (*axes, *COATING)
-    if not is_promising(attempt, (axes, known), (coated, known), best):
-        return None
-    trial = attempt(coated, known)
+    trial = attempt((*axes, *COATING), known)
     if trial is None or not trial.is_better_than(best):
         return None
     turned, deviation = trial.mean(Parameter.TURNED)

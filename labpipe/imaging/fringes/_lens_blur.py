@@ -10,14 +10,11 @@ import numpy as np
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._ring_fit import RingFit
 from labpipe.imaging.fringes._ring_parameters import EVEN, Parameter
-from labpipe.imaging.fringes._trials import FEW_FRAMES, FEW_PIXELS, Attempt, Calibration, Trial, doubt, is_promising
+from labpipe.imaging.fringes._trials import FEW_FRAMES, FEW_PIXELS, Attempt, Calibration, Trial, doubt
 
 #: Rounds in which the blur is found, its least (px), the relative change of its square at which they
 #: end, and the step by which its effect is told.
 BLUR_ROUNDS, LEAST_BLUR, _SAME_BLUR, _BLUR_STEP = 5, 0.2, 0.02, 0.1
-#: Share of what some pixels leave without a blur that one of bell shape leaves at most where there is one: 0.67 where
-#: that is a disc; 0.9 and more was left where there were harmonics or a band of colours alone.
-_SOME = 0.9
 #: Steps of the search for a blur over what a motion in its stead shows; logarithm of the odds against an
 #: equal motion in each further frame.
 _GAINS, _EQUAL_MOTION = (0.3, 2.0), math.log(10.0)
@@ -53,26 +50,13 @@ def find_blur(
     if known.blur or not best.is_doubtful:
         return None
     square = _square_beside_motion(attempt, axes, known) or least_blur(best, 0.0)[0]
-    if square <= LEAST_BLUR**2 or not (beside or _may_blur(attempt, axes, known, best)):
+    if square <= LEAST_BLUR**2:
         return None
-    beside = (*axes, *beside)
-    blurred = (replace(known, blur=math.sqrt(square), disc=disc) for disc in (0.0, _DISC))
-    if not any(_promises(attempt, (axes, known), (beside, seen), best) for seen in blurred):
-        return None
-    axes = beside
+    axes = (*axes, *beside)
     lens = _blur_of_lens(attempt, axes, known)
     if lens is None or not lens.trial.is_better_than(best):
         return None
     return lens.trial, lens.known(attempt, axes, known)
-
-
-def _may_blur(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial) -> bool:
-    """Tell whether a blur of its own in each frame promises to explain what some pixels leave, or does not settle."""
-    ways = (axes, known), ((*axes, Parameter.BLUR), known)
-    sharp, blurred = (attempt(*way, FEW_FRAMES, FEW_PIXELS) for way in ways)
-    if sharp is None or blurred is None or blurred.left > sharp.left or blurred.excess < _SOME * sharp.excess:
-        return True
-    return is_promising(attempt, *ways, best)
 
 
 def _square_beside_motion(attempt: Attempt, axes: Sequence[Parameter], known: Calibration) -> float:
@@ -83,23 +67,6 @@ def _square_beside_motion(attempt: Attempt, axes: Sequence[Parameter], known: Ca
     trial = attempt((*axes, Parameter.BLUR), known, FEW_FRAMES, FEW_PIXELS)
     square, deviation = (0.0, 0.0) if trial is None else trial.mean(Parameter.BLUR)
     return square if square > _TOLD * deviation else 0.0
-
-
-def _promises(
-    attempt: Attempt,
-    before: tuple[Sequence[Parameter], Calibration],
-    after: tuple[Sequence[Parameter], Calibration],
-    best: Trial,
-) -> bool:
-    """Tell whether a blur may explain the frames much better, as large as a motion in its stead or as it then shows."""
-    if is_promising(attempt, before, after, best):
-        return True
-    axes, seen = after
-    trial = attempt(axes, seen, FEW_FRAMES, FEW_PIXELS)
-    square = 0.0 if trial is None else least_blur(trial, seen.blur)[0]
-    if square <= LEAST_BLUR**2:
-        return False
-    return is_promising(attempt, before, (axes, replace(seen, blur=math.sqrt(square))), best)
 
 
 @dataclass(frozen=True)

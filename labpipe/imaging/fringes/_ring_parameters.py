@@ -78,6 +78,6 @@ COATING = (Parameter.PHASE, *HARMONICS)
 LIGHT = tuple(p for p in Parameter if p >= Parameter.LIGHT_XX)
 VISIBILITY = tuple(p for p in LIGHT if p >= Parameter.VISIBILITY_X)
 #: What changes the light with the distance from the centre alone.
-RADIAL = frozenset((Parameter.SCALE, Parameter.BLUR, Parameter.SPREAD, Parameter.FOCUS, *COATING))
+RADIAL = (Parameter.SCALE, Parameter.BLUR, Parameter.SPREAD, Parameter.FOCUS, *COATING)
 #: What is taken for granted in a frame; the fit tells how the radius depends on it.
 ASSUMED = (Parameter.PHASE, Parameter.SCALE)

@@ -15,6 +15,7 @@ from labpipe.arrays import Floats
 from labpipe.imaging.fringes._acceptance import GOOD_MISFIT, LEAST_PIXELS, is_contact
 from labpipe.imaging.fringes._edge import Edge, corrected_radius
 from labpipe.imaging.fringes._fingerprint import round_share
+from labpipe.imaging.fringes._gains import gains_of, in_order
 from labpipe.imaging.fringes._interference import distance_at_phase
 from labpipe.imaging.fringes._radial_scan import Match, Window, left_by_edge, radial_profile
 from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, fit_contact
@@ -129,9 +130,14 @@ def _otherwise(frame: NDArray[np.generic], view: View, start: Floats, found: Rin
     # Perhaps the view is oblique or out of focus, R or the wavelength is not what it is said to
     # be, or there are many beams. Those that differ by what is free already are one.
     ways = {frozenset((*usual, *extra)): extra for extra in reversed(view.alternatives) if not set(extra) <= set(usual)}
-    share = round_share([frame], [found], replace(view, settings=_quick(view))) if len(ways) > 1 else math.nan
-    for extra in reversed(ways.values()):
-        is_radial = RADIAL.issuperset(set(extra) - set(usual))
+    seen = replace(view, settings=_quick(view))
+    share = round_share([frame], [found], seen) if len(ways) > 1 else math.nan
+    gains = gains_of([frame], [found], seen)
+    shares = {
+        extra: max(gains.share(extra), 1.0 - share if LIGHT[0] in extra else 0.0) for extra in reversed(ways.values())
+    }
+    for extra in in_order(shares):
+        is_radial = set(RADIAL).issuperset(set(extra) - set(usual))
         if share < _UNEVEN if is_radial else share > _ROUND:
             continue
         # Where light is uneven the usual fit finds the circle, and the first fringe tells the light worse than all.

@@ -297,19 +297,17 @@ def is_promising(
     before: tuple[Sequence[Parameter], Calibration],
     after: tuple[Sequence[Parameter], Calibration],
     best: Trial,
-    *,
-    may_hide: bool = True,
 ) -> bool:
     """Tell by some pixels of a few frames whether another explanation may be much better than the best one.
 
-    What it leaves there costs a sixth of what whole frames do, and most explanations are wrong. Noise with a
-    memory ``may_hide`` how much of the misfit is explained; the squares must fall as far as it would make them.
+    What it leaves there costs a sixth of what whole frames do, and most explanations are wrong. Where noise with a
+    memory may hide how much of the misfit is explained, the squares must fall as far as it would make them.
     """
     one, other = (attempt(*way, FEW_FRAMES, FEW_PIXELS) for way in (before, after))
     if one is None or other is None:
         return True
     share = best.pixels / max(other.pixels, 1)
-    if may_hide and any(fit.slow is not None for fit in best.fits):
+    if any(fit.slow is not None for fit in best.fits):
         return share * _gain_in_noise(one, other, best) > HALF * best.least_gain
     gain = other.gain_over(one) * share
     promise = _CLEAR_PROMISE if one.is_doubtful else PROMISE

@@ -18,7 +18,7 @@ _FLATS, _WORSE = (0.35, 0.5, 0.62, 0.74, 0.82, 0.88, 0.92, 0.96), 1.2
 _FLAT_FRAMES, _FLAT_PIXELS, _FLAT_VARIANCES = 4, 12_000, 40.0
 #: Share of the width between flats to which some pixels tell the best by search, the step of the parabola from there,
 #: and the step of the one by all pixels, in uncertainties by some.
-_ROUGH, _STEP, _NARROWER = 0.05, 0.1, 2.0
+_ROUGH, _STEP, _NARROWER = 0.2, 0.1, 2.0
 #: Change of the phase (rad) that a flat may seem to be.
 _FLAT_PHASE = 0.15
 
@@ -49,7 +49,9 @@ def find_small_flat(
     attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial
 ) -> tuple[Trial, Calibration]:
     """Flat that hides below what is seen of errors of the model, as phase and scale feel it, with all else known."""
-    if known.flat or best.is_doubtful or not (best.is_quiet and best.may_gain(ASSUMED)):
+    # what moves rings as phase and scale together gains more than by another scale alone
+    least = HINT + best.expected_gain((Parameter.SCALE,))
+    if known.flat or best.is_doubtful or not (best.is_quiet and best.may_gain(ASSUMED, least)):
         return best, known
     found = _found_flat(attempt, axes, known, best, HINT)
     # what is no flat is felt beside one as well
