@@ -25,9 +25,11 @@ from labpipe.imaging.fringes._trials import (
     FACTOR,
     FEW_PIXELS,
     HALF,
+    HINT,
     MOST_FRAMES,
     SIGNIFICANT,
     VARIANCES,
+    WEAK_HINT,
     Attempt,
     Calibration,
     Trial,
@@ -48,9 +50,9 @@ _BEFORE_CAMERA, _COLOUR = "blur before the camera", "second colour"
 #: Those that cost most: a simpler one that leaves less than that by chance is taken before.
 _COSTLY = (_BEFORE_CAMERA, _COLOUR)
 #: Share of the squared misfit that what is tried would explain to first order, at least: what is much better explains
-#: half of it; and squared misfit from which half as much is enough: harmonics of 0.4 promised 0.41 of 0.02 and
-#: explained all.
-_LIKELY, _STEEP = 1.0 - 1.0 / FACTOR, 0.0025
+#: half of it, and a blur of 2.5 px beside harmonics, which explained 0.97, promised 0.44; and squared misfit from which
+#: half as much is enough: harmonics of 0.4 promised 0.41 of 0.02 and explained all.
+_LIKELY, _STEEP = 0.25, 0.0025
 #: Share of what is left beyond differences of neighbours that an ellipse explains to first order at least: 0.15 where
 #: there was one, hardly seen as one yet, 0.003 beside coma, astigmatism, speckle and ghosts.
 _OBLIQUE = 0.1
@@ -214,8 +216,8 @@ def _with_hidden(
     chance and as one of its usual size: a cone of light makes a scale that speckle hides.
     """
     best = attempt(tuple(axes), known)  # with all that is known by now
-    if best is None:
-        return known
+    if best is None or not (best.is_quiet or best.is_doubtful):
+        return known  # noise with a memory, as of speckle, is all there is
     beside = tuple(p for group in what_is_found(known) for p in group)
     if best.is_doubtful and not attempt.round_share(best, known) < _ROUND_LEFT:
         trial = attempt((*axes, *ASSUMED), known)
@@ -232,8 +234,9 @@ def _with_hidden(
         value, deviation = trial.mean(parameter)
         value -= view.optics.phase if parameter is Parameter.PHASE else 0.0
         likelihood = _likelihood(value, deviation, usual)
-        if likelihood < _HIDDEN:
-            continue  # the frames speak against it
+        least = (WEAK_HINT if parameter is Parameter.PHASE else HINT) + 2.0 * len(best.fits)
+        if likelihood < _HIDDEN or (best.is_quiet and (value / deviation) ** 2 < least):
+            continue  # the frames speak against it, or errors of the model that they show make as much
         share = usual**2 / (deviation**2 + usual**2)
         size = math.sqrt(likelihood * (share * value**2 + deviation**2) * share)
         known = known.with_shared(trial, trial.slopes(parameter) * size)
@@ -328,7 +331,8 @@ def _find_ellipse(attempt: Attempts, known: Calibration, best: Trial) -> tuple[T
     for extra in (AXES, (*AXES, Parameter.SCALE)):
         if not best.may_gain(extra):
             continue
-        is_likely = attempt.gains(best, known).explained(extra) > _OBLIQUE * best.rough_excess
+        least = _OBLIQUE * best.rough_excess
+        is_likely = best.excess > _STEEP or attempt.gains(best, known).explained(extra) > least
         oblique = attempt(extra, known) if is_likely else None
         if oblique is None or oblique.gain_over(best) <= VARIANCES * len(best.fits):
             continue

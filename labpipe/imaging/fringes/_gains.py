@@ -11,8 +11,9 @@ from labpipe.imaging.fringes._ring_fit import RingFit, fit_ring, ring_around
 from labpipe.imaging.fringes._ring_parameters import AXES, RADIAL, Parameter
 from labpipe.imaging.fringes._view import View
 
-#: Difference of the shares that two explanations promise up to which the simpler comes first.
-_NEARLY = 0.1
+#: Difference of the shares that two explanations promise up to which the simpler comes first: a flat that explained all
+#: promised 0.89, and a distance from focus with harmonics and a scale, which there was not, 0.99.
+_NEARLY = 0.25
 _Name = TypeVar("_Name")
 
 

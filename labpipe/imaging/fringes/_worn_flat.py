@@ -18,7 +18,7 @@ _FLATS, _WORSE = (0.35, 0.5, 0.62, 0.74, 0.82, 0.88, 0.92, 0.96), 1.2
 _FLAT_FRAMES, _FLAT_PIXELS, _FLAT_VARIANCES = 4, 12_000, 40.0
 #: Share of the width between flats to which some pixels tell the best by search, the step of the parabola from there,
 #: and the step of the one by all pixels, in uncertainties by some.
-_ROUGH, _STEP, _NARROWER = 0.2, 0.1, 2.0
+_ROUGH, _STEP, _NARROWER = 0.05, 0.1, 2.0
 #: Change of the phase (rad) that a flat may seem to be.
 _FLAT_PHASE = 0.15
 

@@ -1,5 +1,6 @@
 """How well a trial of parameters explains frames."""
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
@@ -166,6 +167,7 @@ def test_an_oblique_view_is_believed_only_if_it_explains_much_more_and_promised_
     monkeypatch.setattr(Attempts, "_fit", fitted)
     monkeypatch.setattr(Attempts, "round_share", lambda *_: 0.1)
     monkeypatch.setattr(Attempts, "gains", lambda *_: SimpleNamespace(explained=lambda _: explained))
+    monkeypatch.setattr(_calibration, "_STEEP", math.inf)  # else any is tried, whatever it promises
     monkeypatch.setattr(_calibration, "_candidates", lambda *_: ())
     monkeypatch.setattr(Calibration, "applied", lambda self, view: view)
     fits = {i: SimpleNamespace(parameters=np.full(len(Parameter), 50.0 + i)) for i in range(8)}
