@@ -64,6 +64,8 @@ _BY_GAP, _OPENED, _APART, _FEW_OPENED = 0.3, 0.03, 8.0, 0.34
 #: beyond doubt, and by how much they then are: a phase (rad) and the logarithm of a scale. Share of the misfit that
 #: goes evenly around the rings from which it is of the optics.
 _HIDDEN, _USUAL_SIZE, _ROUND_LEFT = 0.2, {Parameter.PHASE: 0.3, Parameter.SCALE: 0.005}, 0.5
+#: Standard deviations from which a phase or a scale counts that what else is wrong, as coma, may look like.
+_NOTABLE = 3.0
 #: What is tried beside a distance from focus, which must explain about as much as these.
 _LIKE_FOCUS = (Parameter.PHASE,), (Parameter.SCALE, Parameter.SPREAD)
 #: Squared misfit over that of a rival up to which a distance from focus is as likely; share of the difference of their
@@ -213,7 +215,7 @@ def _with_hidden(
 
     Where errors of the model are left all around the rings beside what was found, that is not what is there, or not
     all: what both together make of the radius counts. Else each is there or it is not, as likely as its value is by
-    chance and as one of its usual size: a cone of light makes a scale that speckle hides.
+    chance and as one of its usual size.
     """
     best = attempt(tuple(axes), known)  # with all that is known by now
     if best is None or not (best.is_quiet or best.is_doubtful):
@@ -234,8 +236,10 @@ def _with_hidden(
         value, deviation = trial.mean(parameter)
         value -= view.optics.phase if parameter is Parameter.PHASE else 0.0
         likelihood = _likelihood(value, deviation, usual)
-        least = (WEAK_HINT if parameter is Parameter.PHASE else HINT) + 2.0 * len(best.fits)
-        if likelihood < _HIDDEN or (best.is_quiet and (value / deviation) ** 2 < least):
+        least = _NOTABLE**2
+        if best.is_quiet:
+            least = (WEAK_HINT if parameter is Parameter.PHASE else HINT) + 2.0 * len(best.fits)
+        if likelihood < _HIDDEN or (value / deviation) ** 2 < least:
             continue  # the frames speak against it, or errors of the model that they show make as much
         share = usual**2 / (deviation**2 + usual**2)
         size = math.sqrt(likelihood * (share * value**2 + deviation**2) * share)
