@@ -130,14 +130,14 @@ def _otherwise(frame: NDArray[np.generic], view: View, start: Floats, found: Rin
     # Perhaps the view is oblique or out of focus, R or the wavelength is not what it is said to
     # be, or there are many beams. Those that differ by what is free already are one.
     ways = {frozenset((*usual, *extra)): extra for extra in reversed(view.alternatives) if not set(extra) <= set(usual)}
-    seen = replace(view, settings=_quick(view))
-    share = round_share([frame], [found], seen) if len(ways) > 1 else math.nan
-    gains = gains_of([frame], [found], seen)
-    shares = {
-        extra: max(gains.share(extra), 1.0 - share if LIGHT[0] in extra else 0.0) for extra in reversed(ways.values())
-    }
-    for extra in in_order(shares):
-        is_radial = set(RADIAL).issuperset(set(extra) - set(usual))
+    likely, share = list(reversed(ways.values())), math.nan
+    if len(likely) > 1:
+        seen = replace(view, settings=_quick(view))
+        share = round_share([frame], [found], seen)
+        gains = gains_of([frame], [found], seen)
+        likely = in_order({of: max(gains.share(of), 1.0 - share if LIGHT[0] in of else 0.0) for of in likely})
+    for extra in likely:
+        is_radial = set(extra).difference(usual) <= set(RADIAL)
         if share < _UNEVEN if is_radial else share > _ROUND:
             continue
         # Where light is uneven the usual fit finds the circle, and the first fringe tells the light worse than all.
