@@ -21,8 +21,10 @@ _SLACK = 0.02
 """How far from such a factor, relative, a fitted one may lie: other inputs may be off too."""
 _GROUPED = 1e4  # from which the digits of a number are grouped
 _RIGHT = 2.0  # standard uncertainties by which a check is off that is right
+_ALIKE = 4.0
+"""Difference in chi square up to which two causes cannot be told from each other."""
 _EXPLAINED = 0.1
-"""Part of chi square that a cause may leave and still be told as the cause."""
+"""Part of chi square that a cause may leave, where that is more, and still be told as the cause."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +73,8 @@ class Explanation:
     before : float
     checks : tuple of str
         Checks that it moves.
+    score : float
+        ``left``, less for a usual factor: the least is the likeliest.
     """
 
     cause: Cause
@@ -78,6 +82,7 @@ class Explanation:
     left: float
     before: float
     checks: tuple[str, ...]
+    score: float
 
     @property
     def sentence(self) -> str:
@@ -128,9 +133,15 @@ def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanati
         score = left - (_USUAL if is_usual else 0.0)
         # a check that it does not move, and that is right, speaks neither for it nor against it
         against = sum(z**2 for d, z in ((d, (r - d * place) / u) for d, r, u in widened) if d or abs(z) > _RIGHT)
-        if against <= _EXPLAINED * before:
-            found.append((score, Explanation(cause, exp(place), left, before, names)))
-    return tuple(e for _, e in sorted(found, key=lambda pair: pair[0]))
+        if against <= max(_EXPLAINED * before, _ALIKE):
+            found.append(Explanation(cause, exp(place), left, before, names, score))
+    return tuple(sorted(found, key=lambda one: one.score))
+
+
+def in_turn(ranked: Sequence[Explanation], check: str) -> str:
+    """Say what explains a check: the likeliest cause, and those that cannot be told from it; empty where none does."""
+    found = [one for one in ranked if check in one.checks]
+    return "; or ".join(dict.fromkeys(one.sentence for one in found if one.score <= found[0].score + _ALIKE))
 
 
 def too_large(factor: float) -> str:

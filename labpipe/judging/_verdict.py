@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
-from labpipe.judging._causes import Cause, explain
+from labpipe.judging._causes import Cause, explain, in_turn
 from labpipe.judging._checks import Check, Finding, Level
 
 Verdict = Literal["yes", "doubtful", "impossible", "unknown"]
@@ -66,7 +66,7 @@ def judge(checks: Sequence[Check], causes: Sequence[Cause] = ()) -> Judgement:
     for check in checks:
         best = next((e for e in ranked if check.name in e.checks), None)
         if check.level is not None and best is not None and not check.cause:
-            explained.append(_with_cause(check, best.sentence, best.cause))
+            explained.append(_with_cause(check, in_turn(ranked, check.name), best.cause))
         else:
             explained.append(check)
     levels = [c.level for c in checks if c.level is not None]

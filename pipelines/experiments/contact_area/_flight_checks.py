@@ -1,10 +1,11 @@
 """Whether the flights of a film last as long as the contacts after them say."""
 
-from math import sqrt
+from math import hypot, sqrt
 
 import numpy as np
 import xarray as xr
 
+from labpipe.arrays import Floats
 from labpipe.judging import DOUBTFUL, Check, not_made, stated
 from labpipe.report import quantity
 from pipelines.experiments.contact_area.settings import ContactArea
@@ -13,7 +14,35 @@ _POWER = 2.5  # of the largest radius, with which the speed of an impact goes (H
 _ROUGH = 0.02  # relative, by which a plate that swings changes a flight
 _LIKE_MODEL = 1.1  # of what weight and relaxation add to that law: the model may be of another material
 _SHORTEST = 0.25  # of the longest flight: the swing of a plate is a large part of what ends a shorter one
+_LAW = 0.012  # relative, by which a model misses how restitution goes with the radii
 _MISSED = 1.6  # times as long as its contacts say: one bounce left out makes a flight 1 + 1/e times as long, 2 and more
+
+
+def restitution_by_radii(impacts: xr.Dataset, model: xr.Dataset, u_scale: float) -> tuple[float, float]:
+    """Return the first restitution by the radii of two impacts and the model's law between both, and its relative u.
+
+    ``u_scale`` is the relative uncertainty that all radii share.
+    """
+    a, ours = impacts["peak_radius"].values, model["peak_contact_radius"].values
+    bounced = float(model["restitution"][0] * (a[1] / a[0] * ours[0] / ours[1]) ** _POWER)
+    return bounced, hypot(_LAW, _POWER * float(np.hypot(*_own(impacts, u_scale)[:2])))
+
+
+def _own(impacts: xr.Dataset, u_scale: float) -> Floats:
+    """Return the relative uncertainty of the largest radii without that of the scale, which they share."""
+    return np.sqrt(np.maximum((impacts["u_peak_radius"] / impacts["peak_radius"]).values ** 2 - u_scale**2, 0.0))
+
+
+def begins_late(too_high: float, radius: xr.Dataset | None, impacts: xr.Dataset | None, settings: ContactArea) -> bool:
+    """Tell whether an impact may lie before the film, where the stated height is too large by a factor.
+
+    The flight before the first impact that is seen would have lasted as long as its speed says, and the film shows less
+    of it.
+    """
+    if too_high <= 1.0 or radius is None or impacts is None or not impacts.sizes["impact"]:
+        return False
+    flight = 2 * sqrt(2 * settings.height.value / too_high / settings.model.gravity.value)
+    return float(impacts["first_seen"][0] - radius["time"][0]) < flight
 
 
 def none_missed(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> Check:
@@ -71,8 +100,7 @@ def flights_alike(
         return not_made(name, law, "two flights that last longer than contacts")
     of_model = np.log(theirs[long]) - _POWER * np.log(model["peak_contact_radius"].values[long + 1])
     told = np.log(lasts[long]) - _POWER * np.log(a[long + 1]) - of_model
-    # of the scale all contacts share the error
-    own = np.sqrt(np.maximum((u_a / a) ** 2 - float(radius.attrs["u_systematic_relative"]) ** 2, 0.0))[long + 1]
+    own = _own(impacts, float(radius.attrs["u_systematic_relative"]))[long + 1]
     interval = float(np.median(np.diff(radius["time"].values)))
     u = np.hypot(_POWER * own, interval / lasts[long])
     centre, of_law = (np.array([np.median(np.delete(q, k)) for k in range(q.size)]) for q in (told, of_model))

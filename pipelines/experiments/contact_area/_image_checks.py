@@ -9,8 +9,9 @@ import numpy as np
 import xarray as xr
 
 from labpipe.judging import Check, Level, compared, not_made, stated
+from labpipe.report import quantity
 from pipelines.experiments.contact_area._axes import axes_ratio
-from pipelines.experiments.contact_area.measured import READ, edges_only
+from pipelines.experiments.contact_area.measured import FRINGE_FIT, OPEN_GAP, READ, edges_only
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.film_light import LIGHT
 
@@ -24,6 +25,7 @@ _RECOVERS = 0.03
 """Relative change of the gap's scale that a body may show which recovers from its dents."""
 _RECEDES = 0.02  # of the radius in the frame before, by which a contact is smaller that recedes
 _LIKE_LARGEST = 0.5  # of the largest radius, from which contacts are compared
+_SMEARED, _TOO_SHARP = 4, 0.33  # frames with a smear to compare, and the share of the stated one that says it is wrong
 _MATTERS, _DECIDES = 0.5, 2.0
 """Of the uncertainty of the scale, by which unequal axes may change a radius untold, and from which on they are most of
 what is not known of it."""
@@ -31,7 +33,7 @@ what is not known of it."""
 
 def image_checks(radius: xr.Dataset, settings: ContactArea) -> Iterator[Check]:
     """Look for contacts beside the image, that move in it or are bright, and rings of several scales or no circles."""
-    yield from (check(radius, settings) for check in (in_view, _stays, _round, _one_scale, _positive))
+    yield from (check(radius, settings) for check in (in_view, _stays, _shutter, _round, _one_scale, _positive))
 
 
 def in_view(radius: xr.Dataset, settings: ContactArea) -> Check:
@@ -59,6 +61,30 @@ def in_view(radius: xr.Dataset, settings: ContactArea) -> Check:
     level: Level = "doubtful" if np.greater(*edges_only(radius)) else "note"
     setting = "" if settings.region is None else "region"
     return stated(name, law, text, level, cause=cause, file="" if setting else settings.film, setting=setting)
+
+
+def _shutter(radius: xr.Dataset, settings: ContactArea) -> Check:
+    """Hold the stated exposure against how far fringes are smeared, which a lens out of focus does as well."""
+    name, law = "exposure by the fringes", "fringes are smeared by as far as the contact moves in the exposure"
+    read = np.isin(radius["method"].values, (FRINGE_FIT, OPEN_GAP))
+    # Hertz: the area goes with the depth, so that its slope tells the speed of the radius
+    beside = np.flatnonzero(read[1:-1] & (read[2:] & read[:-2])) + 1
+    time, a = radius["time"].values, radius["radius"].values
+    speed = np.abs(a[beside + 1] ** 2 - a[beside - 1] ** 2) / (time[beside + 1] - time[beside - 1]) / (2.0 * a[beside])
+    moved = speed * (0.0 if settings.exposure is None else settings.exposure.value)
+    told = moved > float(radius["pixel_size"])
+    if "travel" not in radius or np.count_nonzero(told) < _SMEARED:
+        return not_made(name, law, "a stated exposure in which contacts move by a pixel, in four frames")
+    seen, moved = radius["travel"].values[beside[told]], moved[told]
+    at = int(np.argsort(seen / moved)[moved.size // 2])
+    text = (
+        f"{settings.film}: fringes of frame {int(radius['frame'].values[beside[told][at]])} are smeared by "
+        f"{quantity(float(seen[at]), 'm', 2)}; in the stated exposure the contact moves by "
+        f"{quantity(float(moved[at]), 'm', 2)}"
+    )
+    level: Level | None = "doubtful" if seen[at] < _TOO_SHARP * moved[at] else None
+    cause = "exposure is not that of this film, or its unit is wrong; or the frame rate is wrong"
+    return stated(name, law, text, level, cause=cause, setting="exposure")
 
 
 def _round(radius: xr.Dataset, settings: ContactArea) -> Check:

@@ -2,16 +2,33 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from math import hypot, isfinite, log, sqrt
+from math import hypot, isfinite, log, nan, sqrt
 
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import SLIPS, Cause, Check, Level, bounded, compared, in_words, not_made, stated, too_large
+from labpipe.judging import (
+    DOUBTFUL,
+    SLIPS,
+    Cause,
+    Check,
+    Level,
+    bounded,
+    compared,
+    in_words,
+    not_made,
+    stated,
+    too_large,
+)
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
-from pipelines.experiments.contact_area._flight_checks import flights_alike, none_missed
+from pipelines.experiments.contact_area._flight_checks import (
+    begins_late,
+    flights_alike,
+    none_missed,
+    restitution_by_radii,
+)
 from pipelines.experiments.contact_area._frame_checks import contacts_whole, frame_checks, none_lost, summits_seen
 from pipelines.experiments.contact_area._image_checks import image_checks, in_view
 from pipelines.experiments.contact_area._scale import fringe_scale
@@ -19,7 +36,7 @@ from pipelines.experiments.contact_area.comparison import FRAMES, PLATE, SCALE, 
 from pipelines.experiments.contact_area.measured import brightness, edges_only
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
-from pipelines.experiments.shared.film_frames import explained, not_smoothed, whole_film
+from pipelines.experiments.shared.film_frames import FIELDS, explained, not_smoothed, whole_film
 from pipelines.experiments.shared.film_light import exposed, lit, no_mosaic
 from pipelines.experiments.shared.film_stated import is_rate_used, stated_twice
 from pipelines.experiments.shared.given import Given
@@ -39,10 +56,15 @@ _LOSSES = 0.03
 _LOSSES_KNOWN = 1.03, 0.012
 """Where a model shows how restitution changes with speed: factor by which the first flight may miss what follows, and
 its relative uncertainty, of a plate that swings and of another grade."""
+_BY_RADII = 1.05
+"""The same factor where the radii of two impacts tell restitution, by the model's law of both."""
 _WAVELENGTHS = (405e-9, 450e-9, 488e-9, 520e-9, 532e-9, 546.1e-9, 589.3e-9, 632.8e-9, 650e-9, 660e-9)
 _OF_LINES = 5e-3  # by which lamps and diodes differ from them: they lie so close that more would hit one by chance
 _ASLANT, _MOST_ASLANT = ", or the camera looks aslant at the disc", 0.94
 """What shortens lengths as well, and the factor of a camera at 20°."""
+_LATE = ", or the film begins too late, after an earlier impact"
+_SPOILED = ", or something alters the rings (a bubble or liquid in the gap, a gamma in the grey levels)"
+_SLIGHT = 0.05  # relative, up to which that changes the scale of fringes
 _NEAR = 3.0  # factor of the frame rate, below which a wrong height may be meant
 _ALWAYS = 0.98  # of all frames in contact: no flight is seen
 _ZIGZAG = 0.03  # of the largest radius, by which a contact does not shrink before it grows on
@@ -50,6 +72,7 @@ _FAILED = {
     "radius": "the calibration record is of another view or day, or the film is not what the session says",
     "impacts": "the film shows no contact: it is of another view or drop, or its scale or wavelength is wrong",
 }
+ORDER = "order of the impacts"
 RADIUS, FRINGE, FLIGHT, DURATION = "largest radius", "spacing of the fringes", "first flight", "duration of the contact"
 
 
@@ -67,15 +90,23 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
     if radius is not None:
         checks += stated_twice(radius, settings.film, settings.frame_rate, settings.exposure)
         checks += given.each((_fringes, _visible, _method, _flies, image_checks))
+        mosaic = no_mosaic(radius, settings.film)
         checks += [
             lit(settings.film, brightness(radius), radius["in_contact"].values.astype(bool), radius["time"].values),
             exposed(radius, settings.film),
-            no_mosaic(radius, settings.film),
+            mosaic,
         ]
         checks += frame_checks(radius, whole, settings)
+        of_mosaic = f"{mosaic.cause}; until then rows differ as those of an interlaced film"
+        checks = [replace(c, cause=of_mosaic) if mosaic.level and c.cause == FIELDS else c for c in checks]
     if impacts is not None and impacts.sizes["impact"]:
         checks += given.each((_size, _like_model, _order, _flight, _duration, _rest, _steady, _ends))
         checks += given.each((contacts_whole, summits_seen, none_lost, none_missed, flights_alike))
+        # where impacts do not follow each other, what is held against the stated height is another one
+        order = next(c for c in checks if c.name == ORDER)
+        for i, c in enumerate(checks):
+            if order.level and c.level and c.name in (FLIGHT, DURATION):
+                checks[i] = replace(c, cause=order.cause, log_ratio=nan)
     return Scene(
         checks,
         given.each([_causes]),
@@ -193,14 +224,18 @@ def _like_model(impacts: xr.Dataset, settings: ContactArea, model: xr.Dataset | 
 
 
 def _order(impacts: xr.Dataset, settings: ContactArea) -> Check:
-    name, law = "order of the impacts", "no impact is harder than the one before it"
+    name, law = ORDER, "no impact is harder than the one before it"
     a, u = impacts["peak_radius"].values, impacts["u_peak_radius"].values
     if a.size < 2:
         return not_made(name, law, "two impacts")
     rise, own = np.diff(a), np.hypot(u[1:], u[:-1])
     at = int(np.argmax(rise / own))
+    ends, begins = (quantity(float(impacts[n][i]), "s") for n, i in (("last_seen", at), ("first_seen", at + 1)))
     message = f"{settings.film}: {quantity(a[at], 'm')} at impact {at + 1}, {quantity(a[at + 1], 'm')} at the next"
-    cause = "the frames stand in reverse order, some are repeated or lost, or the film is of two drops"
+    joined = f"the film is of two drops, joined between {ends} and {begins}, or frames of impact {at + 1} were lost"
+    cause = f"the frames stand in reverse order, or {joined}"
+    if a.size > 2:
+        cause = "the frames stand in reverse order" if np.all(rise > DOUBTFUL * own) else joined
     return bounded(name, law, message, float(rise[at]), float(own[at]), at_most=0.0, file=settings.film, cause=cause)
 
 
@@ -233,12 +268,12 @@ def _ends(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> Che
     return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
 
 
-def _flight(impacts: xr.Dataset, settings: ContactArea, model: xr.Dataset | None = None) -> Check:
+def _flight(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, model: xr.Dataset | None = None) -> Check:
     """Hold the first flight against the stated height and the restitution by the second flight."""
-    law = "a flight lasts 2 e v/g, and the next one e times as long"
+    law = "a flight lasts 2 e v/g, the next one e times as long, and e goes with the radii of the two impacts"
     peak = impacts["peak_time"].values
-    if peak.size < 3:
-        return not_made(FLIGHT, law, "three impacts")
+    if peak.size < 2 or (peak.size < 3 and (model is None or model.sizes["impact"] < 2)):
+        return not_made(FLIGHT, law, "three impacts, or two and a model")
     gravity = settings.model.gravity.value
     touches = impacts["last_seen"].values - impacts["first_seen"].values
     alike, allowed, rough = 1.0, 1.1, _LOSSES
@@ -247,18 +282,25 @@ def _flight(impacts: xr.Dataset, settings: ContactArea, model: xr.Dataset | None
         # how restitution changes with speed hardly depends on what it is, nor on the material's grade
         bounced = model["restitution"].values
         alike, allowed, rough = float(bounced[0] / bounced[1]), *_LOSSES_KNOWN
-    first, second = (float(peak[i + 1] - peak[i] - touches[i]) for i in (0, 1))
-    if not (first > 0 and second > 0):
+    flights = np.diff(peak[:3]) - touches[: min(peak.size, 3) - 1]
+    if not np.all(flights > 0):
         return not_made(FLIGHT, law, "flights that last longer than contacts")
-    e = alike * second / first
+    first, by = float(flights[0]), "the second flight"
+    if flights.size > 1 or model is None:
+        e = alike * float(flights[-1]) / first
+    else:
+        e, rough = restitution_by_radii(impacts, model, float(radius.attrs["u_systematic_relative"]))
+        by, alike, allowed = "the radii of the two", 1.0, _BY_RADII
     expected = 2 * e * sqrt(2 * settings.height.value / gravity)
     message = (
         f"{settings.film}: the first flight lasts {quantity(first, 's')}, expected are {quantity(expected, 's')} "
-        f"for e = {e:.3f} by the second flight"
+        f"for e = {e:.3f} by {by}"
     )
     shown = 0.5 * settings.height.u / settings.height.value
     found = _like(FLIGHT, law, message, first / expected, allowed, hypot(rough, shown), settings.film)
     loose = _like(FLIGHT, law, message, first / (expected / alike), 1.1, hypot(_LOSSES, shown), settings.film)
+    if flights.size < 2:
+        return replace(found, level="doubtful") if found.level else found
     # by how a model's restitution changes nothing is impossible: the material may be another
     return replace(found, level=loose.level or "doubtful") if found.level else loose
 
@@ -328,12 +370,15 @@ def _of_rate(k: float) -> str:
     return f"the frame rate is {in_words(k)} times the true one{height}: times come out {too}"
 
 
-def _causes(settings: ContactArea, radius: xr.Dataset | None = None) -> Iterator[Cause]:
+def _causes(
+    settings: ContactArea, radius: xr.Dataset | None = None, impacts: xr.Dataset | None = None
+) -> Iterator[Cause]:
     light, body = settings.wavelength, settings.sphere.radius
     if light is not None:
+        colour = times_over("the wavelength", light.value, "m", "wavelength in session.toml")
         yield Cause(
             {FRINGE: 1.0},
-            times_over("the wavelength", light.value, "m", "wavelength in session.toml"),
+            lambda k: f"{colour(k)}{_SPOILED * (abs(log(k)) < _SLIGHT)}",
             tuple(light.value / known for known in _WAVELENGTHS if abs(light.value / known - 1) > 0.01),
             slack=_OF_LINES,
             setting="wavelength",
@@ -361,9 +406,10 @@ def _causes(settings: ContactArea, radius: xr.Dataset | None = None) -> Iterator
         file="" if is_rate_used(settings.frame_rate, radius) else settings.film,
         setting="frame_rate" if is_rate_used(settings.frame_rate, radius) else "",
     )
+    height = times_over("the drop height", settings.height.value, "m", "height in session.toml")
     yield Cause(
         {FLIGHT: -0.5, RADIUS: -0.2, DURATION: 0.5},
-        times_over("the drop height", settings.height.value, "m", "height in session.toml"),
+        lambda k: f"{height(k)}{_LATE * begins_late(k, radius, impacts, settings)}",
         SLIPS["decimal"],
         setting="height",
     )

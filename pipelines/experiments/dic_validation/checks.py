@@ -25,10 +25,18 @@ from pipelines.experiments.dic_validation._view_checks import (
     tilt,
 )
 from pipelines.experiments.dic_validation.comparison import rows
+from pipelines.experiments.dic_validation.measured import INTERLACED, statuses
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.fall_checks import Fall
-from pipelines.experiments.shared.film_frames import explained, no_copies, not_smoothed, sound_frames, whole_film
+from pipelines.experiments.shared.film_frames import (
+    FIELDS,
+    explained,
+    no_copies,
+    not_smoothed,
+    sound_frames,
+    whole_film,
+)
 from pipelines.experiments.shared.film_light import exposed, lit, no_mosaic
 from pipelines.experiments.shared.film_stated import is_rate_used, stated_twice
 from pipelines.experiments.shared.frame_order import in_order
@@ -45,6 +53,7 @@ _FOUND = 0.9  # of the frames in which the holder should be found
 _SOLVED, _ALIKE = 1e-4, 1e-6
 """By which places [px] and correlations of one image differ that is solved for from other
 beginnings; noise changes them by more."""
+_MOSTLY = 0.5  # of the frames that have no value for one reason
 _GONE = 3  # frames in a row in which a holder that is in view does not vanish
 _KNOCKED = 0.02  # of the travel, by which a level jumps that counts
 _JUMPS = {"dx": 0.3, "rotation": 2e-3, "stretch_x stretch_y": 2e-3}
@@ -130,8 +139,11 @@ def _found(track: xr.Dataset, settings: DicValidation) -> Check:
     level: Level | None = None if share >= _FOUND else "doubtful"
     message = f"{settings.film}: the holder was found in {100 * share:.1f} % of the frames"
     cause = "damaged or missing frames, a film that is upside down, or tracking.body is not on the holder"
-    if "status" in track and _is_saturated(track):
+    status = statuses(track) if "status" in track else np.empty(0, str)
+    if status.size and np.mean(status == "saturated") > _MOSTLY:
         cause = "the film is over-exposed or dark: the holder's pixels lie at white or at black"
+    if status.size and np.mean(status == INTERLACED) > _MOSTLY:
+        return stated(name, law, message, level, cause=FIELDS, file=settings.film)
     if turned := str(track.attrs.get("moves_instead", "")):
         cause = (
             f"the film is {turned}, or the camera was: what would then lie at tracking.body moves up in the images "
@@ -165,17 +177,8 @@ def _is_sound(track: xr.Dataset) -> NDArray[np.bool_]:
     """Tell of every frame of a film whether it can be read; those that were not read are thought to be."""
     sound = np.ones(int(track["frame"][-1]) + 1, bool)
     if "status" in track:
-        status = track["status"].isel(point=0)
-        codes = dict(zip(str(status.attrs["flag_meanings"]).split(), status.attrs["flag_values"], strict=True))
-        sound[track["frame"].values] = status.values != codes.get("frame_damaged")
+        sound[track["frame"].values] = statuses(track) != "frame_damaged"
     return sound
-
-
-def _is_saturated(track: xr.Dataset) -> bool:
-    """Tell whether the holder could not be followed since grey levels are cut off."""
-    status = track["status"]
-    codes = dict(zip(str(status.attrs["flag_meanings"]).split(), status.attrs["flag_values"], strict=True))
-    return bool((status.isel(point=0).values == codes["saturated"]).mean() > 0.5)
 
 
 def _times(motion: xr.Dataset, bounces: xr.Dataset | None, settings: DicValidation) -> Check:
@@ -266,7 +269,10 @@ def _steady(track: xr.Dataset | None, motion: xr.Dataset, settings: DicValidatio
         text = f"{settings.film}: the holder jumps by {quantity(found[1], 'm')} between two frames at "
         text += quantity(float(time[found[0] + 1]), "s")
         return stated(name, law, text, "doubtful", cause=knocked, file=settings.film)
-    zoomed = "zoom, focus or distance of the lens changed within the film, or films of two views were joined"
+    zoomed = (
+        "zoom, focus or distance of the lens changed within the film, films of two views were joined, or tracking.body "
+        "holds more than the holder, such as its rim: draw tracking.regions around what moves"
+    )
     jumped: dict[str, tuple[int, float]] = {}
     if track is not None:
         of_body = track.isel(point=0)
@@ -283,7 +289,7 @@ def _steady(track: xr.Dataset | None, motion: xr.Dataset, settings: DicValidatio
     seen = {
         "dx": f"jumps aside by {size:.3g} px",
         "rotation": f"turns by {degrees(size):.2g}°",
-        "stretch_x stretch_y": f"grows by {100 * size:.2f} %",
+        "stretch_x stretch_y": f"{'grows' if size > 0.0 else 'shrinks'} by {100 * abs(size):.2f} %",
     }[what]
     text = f"{settings.film}: the holder's image {seen} between two frames at "
     text += quantity(float(motion["time"][at + 1]), "s")

@@ -47,6 +47,7 @@ _STAGES = (
         "dic_validation.measured:keys",
         ("file:film", "track", "bounces"),
         ("frame_rate",),
+        may_lack=("bounces",),
         summary="select key frames for the page",
     ),
     stage(

@@ -34,6 +34,7 @@ _EVERY = 8  # frames: the coarse pass, and what is read after rest
 _AT_REST = 0.05  # px from the last level, within which the holder is at rest
 _AFTER_REST = 40  # frames read one by one after the coarse pass sees rest
 _KEYS = 9
+INTERLACED = "interlaced"  # status of a point whose frame's rows are of two instants
 LOST = 0.5  # of the frames: a body that is found in fewer is looked for where it is in a film that was turned
 _TURNED, _FALLS = 100, 5.0  # frames looked at for it, and px by which it falls, upwards in the images
 
@@ -161,17 +162,26 @@ def _with_bytes(found: xr.Dataset, source: FrameSource, coarse: dict[str, int]) 
     )
 
 
+def statuses(track: xr.Dataset) -> NDArray[np.str_]:
+    """Say of the holder in each frame why it has a value or none, by the names of the status."""
+    status = track["status"].isel(point=0)
+    names = dict(zip(status.attrs["flag_values"], str(status.attrs["flag_meanings"]).split(), strict=True))
+    return np.array([names[int(code)] for code in status.values])
+
+
 def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Dataset:
     """Turn the tracks into metres with the view's calibration: the holder's height over time."""
     known = calibration.load_record(record)
     moved = camera_scale.motion(track, known, view=settings.view, measured=settings.measured_on)
     body = moved.isel(point=0)
     share = float(body["valid"].mean())
-    if share < 0.5:
-        raise InputError(
-            f"the holder was found in {100 * share:.0f} % of the frames only; give tracking.body a place "
-            "on the speckled holder that stays in the image while it falls"
-        )
+    if share < LOST:
+        lost, times = np.unique(statuses(track)[~body["valid"].values], return_counts=True)
+        why, turned = str(lost[np.argmax(times)]), track.attrs.get("moves_instead", "")
+        remedy = "give tracking.body a place on the speckled holder that stays in the image while it falls"
+        if turned or why == INTERLACED:
+            remedy = f"the film is {turned or why}"
+        raise InputError(f"the holder was found in {100 * share:.0f} % of the frames only (others: {why}); {remedy}")
     found = viewing_angle.seen(body, settings.camera_distance)
     along, noise = viewing_angle.along(body, found)
     result = xr.Dataset(coords={"time": variable("time", track["time"].values, "s", "time in the film")})
@@ -214,13 +224,15 @@ def velocity(motion: xr.Dataset, bounces: xr.Dataset, *, settings: DicValidation
     )
 
 
-def keys(film: Path, track: xr.Dataset, bounces: xr.Dataset, *, settings: DicValidation) -> xr.Dataset:
-    """Copy key frames with the places of the tracked points: release, contacts, tops, rest."""
+def keys(film: Path, track: xr.Dataset, bounces: xr.Dataset | None, *, settings: DicValidation) -> xr.Dataset:
+    """Copy key frames with the places of the tracked points: release, contacts, tops, rest; without them, all over."""
     source = open_film(film, settings.frame_rate)
-    events = [float(bounces["release_time"]), float(bounces["rest_time"])]
-    for name in ("touch_time", "liftoff_time", "apex_time"):
-        events += list(bounces[name].values[:3])
     time = track["time"].values
+    events = list(np.linspace(time[0], time[-1], _KEYS))
+    if bounces is not None:
+        events = [float(bounces["release_time"]), float(bounces["rest_time"])]
+        for name in ("touch_time", "liftoff_time", "apex_time"):
+            events += list(bounces[name].values[:3])
     wanted = [t for t in [time[0], *events, time[-1]] if np.isfinite(t)]
     near = sorted({int(np.argmin(np.abs(time - t))) for t in wanted})
     near = near[: _KEYS - 1] + near[-1:] if len(near) > _KEYS else near
@@ -233,4 +245,5 @@ def keys(film: Path, track: xr.Dataset, bounces: xr.Dataset, *, settings: DicVal
         found[f"start_{axis}"] = variable("point", at[axis].values, "px", f"{text} of a point in the first image")
     found["turn"] = variable(("key", "point"), at["rotation"].values, "rad", "rotation")
     found["subset"] = variable("point", at["subset"].values, "px", "subset")
+    found["key_status"] = ("key", statuses(at), {"long_name": "status of the large subset"})
     return found.assign_attrs(work=json.dumps({"key_frames": len(near)}))

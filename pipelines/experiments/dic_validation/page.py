@@ -59,7 +59,7 @@ def _summary(
         count = track.sizes["point"]
         followed = "one point" if count == 1 else f"{count} points"
         rows.append(
-            ("frames", str(track.sizes["frame"]), f"{followed} followed; found in {100 * share:.4g} % of the frames")
+            ("frames", str(track.sizes["frame"]), f"{followed} followed; found in {100 * share:.3g} % of the frames")
         )
     if bounces is not None and bounces.sizes["impact"]:
         rows.append(
@@ -98,7 +98,7 @@ def _key_frames(keys: xr.Dataset, settings: DicValidation, bounces: xr.Dataset |
     pictures = [_picture(keys.isel(key=i), start, settings.tracking) for i in range(keys.sizes["key"])]
     caption = "Orange: the large subset whose motion is the result, with its rotation. "
     caption += "Blue: the line of small subsets. " * (keys.sizes["point"] > 1)
-    caption += _told_masks(settings.tracking) + "The charts below mark the frame that is shown."
+    caption += _told_masks(settings.tracking) + "The charts below mark the frame that is shown." * (start is not None)
     gallery = Gallery("Key frames with the tracked subsets", pictures, caption=caption, group=_GROUP)
     header = pages.raw_header(keys.assign_attrs(source=settings.film))
     return Section("Film", (gallery,) if header is None else (gallery, header))
@@ -139,7 +139,9 @@ def _picture(key: xr.Dataset, start: float | None, tracking: Tracking) -> Pictur
     frame, time = int(key["frame"]), float(key["key_time"]) * 1e3
     words = f"frame {frame} of the film with the tracked subsets drawn on it"
     at = None if start is None else time - start * 1e3
-    return Picture(png(canvas), words, f"frame {frame}, {time:.2f} ms in the film", at=at)
+    status = str(key["key_status"].values)
+    lost = "" if status == "ok" else f"; the large subset has no value: {status.replace('_', ' ')}"
+    return Picture(png(canvas), words, f"frame {frame}, {time:.2f} ms in the film{lost}", at=at)
 
 
 def _draw_masks(canvas: NDArray[np.uint8], key: xr.Dataset, tracking: Tracking, scale: float, half: float) -> None:
@@ -345,8 +347,13 @@ def _tracking(track: xr.Dataset, motion: xr.Dataset | None = None) -> Section:
     if motion is not None and "line_scatter" in motion:
         scatter = quantity(float(np.nanmedian(motion["line_scatter"])), "m")
         rows.append(("scatter along the line", scatter, "median over frames; includes the rotation"))
-    drawn = (Series("ZNCC", frames.astype(float), body["zncc"].values, role="measured"),)
-    chart = LineChart("Correlation of the large subset", "frame", "zero-normalised correlation", drawn, height_px=200)
+    seen = body["valid"].values
+    drawn = [Series("found", frames.astype(float), np.where(seen, body["zncc"].values, np.nan), role="measured")]
+    if not seen.all():
+        lost = np.where(seen, np.nan, body["zncc"].values)
+        drawn.append(Series("no value", frames.astype(float), lost, role="residual", style="points"))
+    labels = ("Correlation of the large subset", "frame", "zero-normalised correlation")
+    chart = LineChart(*labels, tuple(drawn), height_px=200)
     return Section("Tracking", (KeyValues(rows), chart))
 
 

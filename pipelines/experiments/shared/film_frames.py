@@ -27,7 +27,7 @@ _ALIKE, _BESIDE = 0.5, 0.25
 """Part of the differences between stated neighbours that is left between true ones, and how far
 beside their distance, relative, nothing alike may lie: rows that are alike all along are a pattern."""
 _INTERLACED = "is interlaced"
-_FIELDS = "odd and even rows were exposed one after the other: record progressive frames, or keep every second row"
+FIELDS = "odd and even rows were exposed one after the other: record progressive frames, or keep every second row"
 _MANY, _MOST = 0.2, 0.5  # of the frames, that make a film doubtful and impossible when they are damaged
 _AROUND = 8  # frames read on either side of a contact
 
@@ -110,7 +110,7 @@ def sound_frames(is_sound: NDArray[np.bool_], whole: Check, film: str, note: str
     if whole.level and share < _MANY:
         return whole
     frames = "frame" if bad.size == 1 else "frames"
-    how, cause = ("interlaced", _FIELDS) if _INTERLACED in note else ("damaged", _NOT_WHOLE)
+    how, cause = ("interlaced", FIELDS) if _INTERLACED in note else ("damaged", _NOT_WHOLE)
     text = f"{film}: {bad.size} {how} {frames}" + (f", the first is frame {bad[0]}" if bad.size else "")
     level: Level | None = "note" if bad.size else None
     if share >= _MANY:
@@ -121,7 +121,7 @@ def sound_frames(is_sound: NDArray[np.bool_], whole: Check, film: str, note: str
 def explained(failed: Check, whole: Check) -> Check:
     """Give a step that failed over an exchanged width and height, or a film that is not whole, that cause."""
     if _INTERLACED in failed.message:
-        return replace(failed, cause=_FIELDS)
+        return replace(failed, cause=FIELDS)
     if _EXCHANGED not in failed.message:
         return replace(failed, cause=whole.cause) if whole.level and failed.level == "impossible" else failed
     cause = "width and height are exchanged in the header of the film, which was edited or damaged: export it again"
