@@ -218,9 +218,11 @@ def _with_hidden(
     chance and as one of its usual size.
     """
     best = attempt(tuple(axes), known)  # with all that is known by now
-    if best is None or not (best.is_quiet or best.is_doubtful):
-        return known  # noise with a memory, as of speckle, is all there is
+    if best is None:
+        return known
     beside = tuple(p for group in what_is_found(known) for p in group)
+    if not (best.is_quiet or best.is_doubtful):  # noise with a memory, as of speckle, is all there is
+        return known if beside or Parameter.SCALE not in parameters else _with_hidden_scale(best, known)
     if best.is_doubtful and not attempt.round_share(best, known) < _ROUND_LEFT:
         trial = attempt((*axes, *ASSUMED), known)
         is_odd = set(beside).difference(BEAMS) or known.flat or known.colour[1]
@@ -245,6 +247,21 @@ def _with_hidden(
         size = math.sqrt(likelihood * (share * value**2 + deviation**2) * share)
         known = known.with_shared(trial, trial.slopes(parameter) * size)
     return known
+
+
+def _with_hidden_scale(best: Trial, known: Calibration) -> Calibration:
+    """Count what a scale that noise with a memory hides makes of the radius, however little hints at it.
+
+    Such noise pulls at it many times as much as pixels that scatter alone: rays of a cone, which make fringes wider by
+    up to a hundredth, hide in it. As likely as that is there, the radius is off by as much.
+    """
+    value, deviation = best.hinted(Parameter.SCALE)
+    if all(fit.slow is None for fit in best.fits) or not deviation:
+        return known
+    usual = _USUAL_SIZE[Parameter.SCALE]
+    share = usual**2 / (deviation**2 + usual**2)
+    size = math.sqrt(_likelihood(value, deviation, usual) * (share * value**2 + deviation**2) * share)
+    return known.with_shared(best, np.array([fit.sensitivity[Parameter.SCALE] for fit in best.fits]) * size)
 
 
 def _likelihood(value: float, deviation: float, usual: float) -> float:

@@ -64,4 +64,4 @@ def with_misfit_weighed(
     cells, place = cells_of_parts(fit, ring, optics), fit.free.index(Parameter.RADIUS)
     by_noise = fit.noise * fit.leverage
     unsteady = math.sqrt(max(unsteadiness(cells.normals, cells.pulls, place) - by_noise**2, 0.0))
-    return replace(fit, covariance=shared_covariance(fit, cells), unsteady=unsteady)
+    return replace(fit, covariance=shared_covariance(fit, cells.scores), unsteady=unsteady)

@@ -117,6 +117,8 @@ class RingFit:
         What was not fitted but asked for.
     slope, bend : arrays (asked,), (asked, asked)
         How the squares fall, and how that changes, with what was asked for and all else following.
+    by_memory : array (asked,) or None
+        Standard deviation of the slope by noise with a memory, where there is some.
     """
 
     parameters: Floats
@@ -139,6 +141,7 @@ class RingFit:
     asked: tuple[Parameter, ...] = ()
     slope: Floats | None = None
     bend: Floats | None = None
+    by_memory: Floats | None = None
 
     def expected_gain(self, parameters: tuple[Parameter, ...]) -> float:
         """Return by how many variances the squares would fall, to first order, with these fitted as well."""
@@ -255,7 +258,7 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
         evaluations += 1
     curvature = 0.5 * (ring.outer**2 - ring.inner**2)
     found = _result(best, sums, settings.free, asked, is_settled, evaluations, curvature)
-    return _with_doubts(_with_memory(found, ring, optics), ring, optics) if settings.tells_memory else found
+    return _with_doubts(_with_memory(found, ring, optics, sums), ring, optics) if settings.tells_memory else found
 
 
 def _with_doubts(fit: RingFit, ring: Ring, optics: Optics) -> RingFit:
@@ -272,17 +275,21 @@ def _with_doubts(fit: RingFit, ring: Ring, optics: Optics) -> RingFit:
     return replace(fit, doubts=dict(zip(told, doubts.tolist(), strict=True)))
 
 
-def _with_memory(fit: RingFit, ring: Ring, optics: Optics) -> RingFit:
+def _with_memory(fit: RingFit, ring: Ring, optics: Optics, sums: Sums) -> RingFit:
     """Count as noise what changes along the rings, where more is left than pixels scatter alone."""
     if not _NOTABLE_MISFIT <= fit.misfit < _HOPELESS_MISFIT or fit.worst_deviation == 0.0:
         return fit
-    cells = ring_cells(ring, fit.parameters, np.array(fit.free, np.int64), optics)
+    cells = ring_cells(ring, fit.parameters, np.array([*fit.free, *fit.asked], np.int64), optics)
     power = slow_power(cells.sums, cells.counts)
     beyond = fit.residual**2 - fit.noise**2
     if power is None or beyond - power < _OWN_SHARE * power:
         return fit  # errors of the model make up nearly all of it
-    noise = math.sqrt(fit.residual**2 - power)
-    return replace(fit, noise=noise, covariance=shared_covariance(fit, cells), slow=math.sqrt(power))
+    noise, count = math.sqrt(fit.residual**2 - power), len(fit.free)
+    own = cells.scores[:, :count]
+    rest = cells.scores[:, count:] - own @ (fit.inverse @ sums.normal[:count, count:])
+    covariance = shared_covariance(fit, own)
+    by_memory = np.sqrt(np.diag(clustered(rest, np.eye(len(fit.asked)))))
+    return replace(fit, noise=noise, covariance=covariance, slow=math.sqrt(power), by_memory=by_memory)
 
 
 def cells_of_parts(fit: RingFit, ring: Ring, optics: Optics) -> Cells:
@@ -291,9 +298,9 @@ def cells_of_parts(fit: RingFit, ring: Ring, optics: Optics) -> Cells:
     return ring_cells(ring, fit.parameters, np.array(fit.free, np.int64), optics, limits)
 
 
-def shared_covariance(fit: RingFit, cells: Cells) -> Floats:
+def shared_covariance(fit: RingFit, scores: Floats) -> Floats:
     """Covariance of a fit for noise that neighbouring pixels share, where that tells the radius worse."""
-    covariance = clustered(cells.scores, fit.inverse)
+    covariance = clustered(scores, fit.inverse)
     place = fit.free.index(Parameter.RADIUS) if Parameter.RADIUS in fit.free else 0
     return fit.covariance if covariance[place, place] < fit.covariance[place, place] else covariance
 

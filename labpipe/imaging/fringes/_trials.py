@@ -231,12 +231,14 @@ class Trial:
 
     def hinted(self, parameter: Parameter) -> tuple[float, float]:
         """Return what a parameter that was asked for would be, to first order, and its standard uncertainty."""
-        slope = bend = 0.0
+        slope = bend = shared = 0.0
         for fit in self.fits:
             if fit.slope is not None and fit.bend is not None and parameter in fit.asked:
                 row, square = fit.asked.index(parameter), max(fit.noise, 1e-6) ** 2
                 slope, bend = slope + float(fit.slope[row]) / square, bend + float(fit.bend[row, row]) / square
-        return slope / max(bend, 1e-300), 1.0 / math.sqrt(max(bend, 1e-300))
+                shared += 0.0 if fit.by_memory is None else float(fit.by_memory[row]) / square
+        # what makes noise remember stands still: it is one in all frames
+        return slope / max(bend, 1e-300), max(shared, math.sqrt(max(bend, 1e-300))) / max(bend, 1e-300)
 
     def changes(self, other: "Trial") -> Floats:
         """Return the changes of the radius (px) against another trial of the same frames."""

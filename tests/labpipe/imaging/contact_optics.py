@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import shift
+from scipy.ndimage import gaussian_filter, shift
 from scipy.signal import fftconvolve
 
 from labpipe.arrays import Floats
@@ -100,6 +100,16 @@ class Microscope:
 def bell(width: float, x: float, y: float) -> Field:
     """Beam of a laser whose middle lies aside."""
     return lambda across, down: np.exp(-((across - x) ** 2 + (down - y) ** 2) / width)
+
+
+def grainy(strength: float, size: float) -> Field:
+    """Speckle that stands still, of grains so many pixels wide."""
+
+    def beam(across: Floats, down: Floats) -> Floats:
+        noise = np.random.default_rng(1).standard_normal((down.size, across.size))
+        return np.asarray(1.0 + strength * 2.0 * math.sqrt(math.pi) * size * gaussian_filter(noise, size))
+
+    return beam
 
 
 def oval(first: float, second: float, turn: float) -> Field:

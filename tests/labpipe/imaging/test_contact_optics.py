@@ -11,7 +11,7 @@ import xarray as xr
 from labpipe.arrays import Floats
 from labpipe.imaging import contact_radius
 from tests.by_day import by_day
-from tests.labpipe.imaging.contact_optics import Microscope, bell, comet, haloed, oval, shaken
+from tests.labpipe.imaging.contact_optics import Microscope, bell, comet, grainy, haloed, oval, shaken
 from tests.labpipe.imaging.contact_scenes import gap_of_jkr
 from tests.labpipe.imaging.fringe_film import Scene, gap_of_hertz
 
@@ -52,6 +52,7 @@ CASES = {
     "coatings that absorb little": Case(replace(PLAIN, faces=(0.45, 0.3, -0.3)), 0.02),
     "many beams, blurred": Case(replace(PLAIN, faces=(0.55, 0.55, 0.0), lens=oval(1.2, 1.2, 0.0)), 0.02),
     "wide cone of light": Case(replace(PLAIN, cone=0.45), 0.2),
+    "speckle": Case(replace(PLAIN, beam=grainy(0.1, 1.2)), 0.05),
     "two colours of a colour camera": Case(replace(PLAIN, colours=((633e-9, 0.85), (532e-9, 0.15))), 0.01),
     "bell-shaped beam": Case(replace(PLAIN, beam=bell(0.6, 0.3, -0.2)), 0.03),
     "bell-shaped beam aside": Case(replace(PLAIN, beam=bell(0.5, 0.6, -0.5)), 0.06),
