@@ -25,7 +25,7 @@ _RECOVERS = 0.03
 """Relative change of the gap's scale that a body may show which recovers from its dents."""
 _RECEDES = 0.02  # of the radius in the frame before, by which a contact is smaller that recedes
 _LIKE_LARGEST = 0.5  # of the largest radius, from which contacts are compared
-_SMEARED, _TOO_SHARP = 4, 0.33  # frames with a smear to compare, and the share of the stated one that says it is wrong
+_SMEARED, _TOO_SHARP = 4, 0.4  # frames with a smear to compare, and the share of the stated one that says it is wrong
 _MATTERS, _DECIDES = 0.5, 2.0
 """Of the uncertainty of the scale, by which unequal axes may change a radius untold, and from which on they are most of
 what is not known of it."""

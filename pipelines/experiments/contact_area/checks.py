@@ -97,8 +97,10 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
             mosaic,
         ]
         checks += frame_checks(radius, whole, settings)
-        of_mosaic = f"{mosaic.cause}; until then rows differ as those of an interlaced film"
-        checks = [replace(c, cause=of_mosaic) if mosaic.level and c.cause == FIELDS else c for c in checks]
+        # rows of a mosaic differ as those of an interlaced film do
+        for i, c in enumerate(checks):
+            if mosaic.level and (c.cause == FIELDS or c.name == "step impacts"):
+                checks[i] = replace(c, cause=mosaic.cause, message=c.message.replace("interlaced", "unreadable"))
     if impacts is not None and impacts.sizes["impact"]:
         checks += given.each((_size, _like_model, _order, _flight, _duration, _rest, _steady, _ends))
         checks += given.each((contacts_whole, summits_seen, none_lost, none_missed, flights_alike))

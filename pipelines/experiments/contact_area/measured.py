@@ -23,7 +23,7 @@ from pipelines.experiments.contact_area._axes import u_of_view, with_uneven_scal
 from pipelines.experiments.contact_area._peaks import STILL, peak_of
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.film_frames import about_contacts, key_frames, open_film, recorded_on, spoiled
-from pipelines.experiments.shared.film_light import DARK, LIGHT, light_of
+from pipelines.experiments.shared.film_light import DARK, LIGHT, light_of, no_mosaic
 from pipelines.experiments.shared.film_stated import said_by_file
 
 FRINGE_FIT, EDGE, OPEN_GAP = READ = (1, 2, 5)
@@ -103,7 +103,6 @@ def _region(shape: tuple[int, ...], settings: ContactArea) -> tuple[slice, slice
 
 def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     """Find the first three impacts with their largest radius, and the radius at rest."""
-    del settings
     time, a = radius["time"].values, radius["radius"].values
     u = radius["u_radius"].values
     seen = radius["in_contact"].values.astype(bool)
@@ -111,6 +110,9 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     unknown[[i for i, b in brightness(radius).items() if b < DARK]] = True
     runs = _contacts(time, seen, unknown & ~seen)
     if not any(np.isfinite(a[run]).any() for run in runs):
+        mosaic = no_mosaic(radius, settings.film)
+        if mosaic.level:
+            raise InputError(f"no contact found; {mosaic.message.partition(': ')[2]}")
         raise InputError(f"{radius.attrs['note']}; check the view under the disc, its scale and the wavelength")
     brief = _brief_contacts(time, a, runs)[:_IMPACTS]
     peaks = [peak_of(time[run], a[run], u[run]) for run in brief]

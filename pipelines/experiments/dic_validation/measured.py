@@ -180,7 +180,7 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
         why, turned = str(lost[np.argmax(times)]), track.attrs.get("moves_instead", "")
         remedy = "give tracking.body a place on the speckled holder that stays in the image while it falls"
         if turned or why == INTERLACED:
-            remedy = f"the film is {turned or why}"
+            remedy = "turn the film" if turned else "record progressive frames"
         raise InputError(f"the holder was found in {100 * share:.0f} % of the frames only (others: {why}); {remedy}")
     found = viewing_angle.seen(body, settings.camera_distance)
     along, noise = viewing_angle.along(body, found)

@@ -69,6 +69,14 @@ def test_redundancy_names_the_factor(factors, expected):
     assert all(f.cause == expected for f in judged.findings)
 
 
+def test_causes_that_cannot_be_told_from_each_other_are_listed_together():
+    causes = [Cause({"fall": 1.0}, lambda k: f"scale {k:.2g}"), *CAUSES[2:]]
+    judged = judge(drop_checks(height=1.2), causes)
+    assert [f.cause for f in judged.findings] == ["scale 0.83; or height 1.2"]
+    # a factor that people are known to get wrong is told alone
+    assert [f.cause for f in judge(drop_checks(height=10.0), causes).findings] == ["height 10"]
+
+
 def test_a_clean_record_is_believed_and_explained_by_nothing():
     judged = judge(drop_checks(seed=2), CAUSES)
     assert (judged.believable, judged.findings, judged.causes) == ("yes", (), ())

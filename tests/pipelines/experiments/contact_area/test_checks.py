@@ -10,9 +10,11 @@ import pytest
 import xarray as xr
 
 from labpipe import contact, materials
+from labpipe.judging import explain
+from labpipe.judging._causes import in_turn
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context, Failed
-from pipelines.experiments.contact_area import checks
+from pipelines.experiments.contact_area import _image_checks, checks
 from pipelines.experiments.contact_area._axes import u_of_view, with_uneven_scale
 from pipelines.experiments.contact_area._frame_checks import none_lost
 from pipelines.experiments.contact_area.comparison import comparison
@@ -293,3 +295,39 @@ def test_a_poor_fit_of_hertz_gap_is_replaced_by_the_edge_of_the_contact(tmp_path
     largest = result(tmp_path, "film", "impacts")["peak_radius"].values
     assert (np.diff(largest) < 0.0).all()
     assert largest == pytest.approx([8.4e-4, 8.1e-4, 7.8e-4], rel=0.02)
+
+
+def test_a_film_that_runs_backwards_does_not_blame_the_height(film):
+    values = {name: film[name].values[::-1].copy() for name in film.data_vars}
+    found, _ = judged(film.assign({name: ("frame", value) for name, value in values.items()}))
+    assert {f.cause for f in found.findings} == {"the frames stand in reverse order"}
+    assert finding(found, "order of the impacts").level == "impossible"
+
+
+@pytest.mark.parametrize(("quiet", "said"), [(2e-3, True), (0.05, False)])
+def test_two_impacts_after_one_that_was_cut_off_tell_that_the_film_begins_late(quiet, said):
+    e = 0.8
+    fall, a = np.sqrt(2 * 1.5e-3 / 9.81), 4e-4 * np.array([1.0, e**0.4])
+    made = xr.Dataset({"peak_contact_radius": ("impact", a), "restitution": ("impact", [e, e])})
+    made["contact_duration"] = ("impact", [1e-3, 1e-3])
+    # impacts 2 and 3 of that drop
+    start = quiet + np.array([0.0, 2 * e**2 * fall + 1e-3])
+    seen = xr.Dataset({"peak_radius": ("impact", a * e**0.4), "u_peak_radius": ("impact", [1e-6, 1e-6])})
+    for name, at in (("first_seen", start), ("peak_time", start + 5e-4), ("last_seen", start + 1e-3)):
+        seen[name] = ("impact", at)
+    radius = xr.Dataset(coords={"time": ("frame", [0.0])}, attrs={"u_systematic_relative": 1e-3})
+    told = checks._flight(radius, seen, SETTINGS, made)
+    assert told.level == "doubtful"
+    assert np.exp(told.log_ratio) == pytest.approx(e, rel=1e-3)
+    causes = explain([told], list(checks._causes(SETTINGS, radius, seen)))
+    assert ("the film begins too late" in in_turn(causes, told.name)) == said
+    assert "height" in in_turn(causes, told.name)
+
+
+@pytest.mark.parametrize(("exposure", "level"), [(2e-6, None), (9e-5, "doubtful")])
+def test_a_stated_exposure_is_held_against_the_smear_of_the_fringes(film, exposure, level):
+    speed = np.abs(np.gradient(film["radius"].values, film["time"].values))
+    film["travel"] = ("frame", 2e-6 * speed)
+    found = _image_checks._shutter(film, msgspec.structs.replace(SETTINGS, exposure=Quantity(exposure, 0.0, "s")))
+    assert found.level == level
+    assert found.is_made

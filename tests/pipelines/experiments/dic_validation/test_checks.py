@@ -261,3 +261,13 @@ def test_a_record_of_another_view_is_impossible():
     found = believed(checks.judgement(None, None, None, None, None, settings=SETTINGS, context=context))
     assert found.believable == "impossible"
     assert "another view" in found.causes[0]
+
+
+def test_an_interlaced_film_is_named_as_one():
+    track = tracked(share=0.1)
+    codes = np.where(track["valid"].values, 0, 8)
+    track["status"] = (("frame", "point"), codes, {"flag_values": [0, 8], "flag_meanings": "ok interlaced"})
+    told = checks._found(track, SETTINGS)
+    assert (told.level, told.file) == ("doubtful", SETTINGS.film)
+    assert "progressive" in told.cause
+    assert measured.statuses(track).tolist() == ["ok"] * 100 + ["interlaced"] * 900
