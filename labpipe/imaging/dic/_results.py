@@ -12,6 +12,7 @@ from labpipe.arrays import Flags, Floats, Integers
 from labpipe.imaging.dic._agreement import disagreement, unconfirmed
 from labpipe.imaging.dic._edge_profile import misled
 from labpipe.imaging.dic._growth import STEP
+from labpipe.imaging.dic._hidden_steps import hidden_steps
 from labpipe.imaging.dic._misfit import hidden_by_levels, misfit_factor, still_noise, take_spread
 from labpipe.imaging.dic._missed_strain import missed_shift
 from labpipe.imaging.dic._motion_uncertainty import (
@@ -28,7 +29,7 @@ from labpipe.imaging.dic._reference import Reference, Status
 from labpipe.imaging.dic._seeding import shift_of
 from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, LIGHT
 from labpipe.imaging.dic._table import Table, alike, as_seen, hidden_share
-from labpipe.imaging.dic._undersampling import interpolates_well, undersampled
+from labpipe.imaging.dic._undersampling import interpolates_well, shows_no_sampling, undersampled
 from labpipe.variables import described, variable
 
 if TYPE_CHECKING:
@@ -117,12 +118,14 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     status[is_noise] = Status.TEXTURELESS
     grey, _, pixels = reference.subsets.level.T
     before, spread = still_noise(reference, noise, is_static)
+    least = _hidden_steps(reference, before, value, is_found, table.spread / resisted)
     before[~interpolates_well(reference, before)] = np.inf
     by_noise = deviation.copy(), covariance.copy()
     is_taken = take_spread(reference.subsets, deviation, covariance, table.spread / resisted, texture, strongest)
     misfit = misfit_factor(noise, is_static, pixels, grey, (before, spread), texture, is_taken)
     deviation *= misfit[..., None]
     covariance *= misfit**2
+    deviation[..., :2] = np.maximum(deviation[..., :2], np.sqrt(least))
     bound, shared = undersampled(reference, is_found, texture, noise, is_static, is_taken)
     shift, is_along_edges = misled(reference, is_found, bound, texture, noise, is_static)
     is_doubtful |= is_along_edges | _may_be_noise(reference, noise, most_noise, is_static)
@@ -152,6 +155,19 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     return Displacements(
         value, deviation, covariance, texture, table.zncc, contrast, table.iterations, status, models, change, shares
     )
+
+
+def _places(reference: Reference) -> Floats:
+    """Where the points (point, 2) [px] are in the reference."""
+    return np.asarray(np.stack([reference.subsets.x, reference.subsets.y], axis=1) + reference.offset)
+
+
+def _hidden_steps(reference: Reference, still: Floats, value: Floats, is_found: Flags, spread: Floats) -> Floats:
+    """Tell the least variances (frame, point, 2) of films that show nothing of how they were sampled."""
+    if not is_found.any() or not shows_no_sampling(reference, still):
+        return np.zeros((*is_found.shape, 2))
+    inverse = reference.subsets.inverse[:, [0, 3], [0, 3]]
+    return hidden_steps(_places(reference), value, is_found, spread, inverse)
 
 
 def _resisted(
@@ -193,9 +209,7 @@ def _ask_around(
     is_static: Flags,
 ) -> None:
     """Widen, or refuse, what the points around contradict, and what is doubtful and they do not confirm."""
-    subsets = reference.subsets
-    places = np.stack([subsets.x, subsets.y], axis=1) + reference.offset
-    motions = places, 2 * subsets.half + 1, value, deviation
+    motions = _places(reference), 2 * reference.subsets.half + 1, value, deviation
     is_found = (status == Status.OK) & ~is_static[:, None]
     is_clear = is_found & ~is_doubtful & (np.hypot(deviation[..., 0], deviation[..., 1]) < MOST_UNCERTAIN)
     _add(deviation, covariance, disagreement(*motions, is_clear))

@@ -95,6 +95,16 @@ def interpolates_well(reference: Reference, noise: Floats) -> Flags:
     return np.asarray(sums - of_noise * noise * reference.subsets.level[:, 2] < least)
 
 
+def shows_no_sampling(reference: Reference, noise: Floats) -> bool:
+    """Tell whether most points hold less near half a wave per px than sharp edges that a lens blurs a little.
+
+    The noise is that of :func:`interpolates_well`.
+    """
+    sums, of_noise, _ = sharpness(reference)
+    less = sums - of_noise * noise * reference.subsets.level[:, 2]
+    return bool(np.median(less / np.maximum(strongest_slopes(reference.subsets), 1e-30)) < _SHARP_SHARE)
+
+
 def sharpness(reference: Reference) -> tuple[Floats, float, Floats]:
     """Squares near half a wave per px (usable point,), those of noise over its sum, and the least that matter."""
     sharp, of_noise = reference.sharp
