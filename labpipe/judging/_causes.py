@@ -68,19 +68,14 @@ class Explanation:
     cause : Cause
     factor : float
         By which the input is too large.
-    left : float
-        Chi square that it leaves, of `before` without it.
-    before : float
     checks : tuple of str
         Checks that it moves.
     score : float
-        ``left``, less for a usual factor: the least is the likeliest.
+        Chi square that it leaves, less for a usual factor: the least is the likeliest.
     """
 
     cause: Cause
     factor: float
-    left: float
-    before: float
     checks: tuple[str, ...]
     score: float
 
@@ -134,7 +129,7 @@ def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanati
         # a check that it does not move, and that is right, speaks neither for it nor against it
         against = sum(z**2 for d, z in ((d, (r - d * place) / u) for d, r, u in widened) if d or abs(z) > _RIGHT)
         if against <= max(_EXPLAINED * before, _ALIKE):
-            found.append(Explanation(cause, exp(place), left, before, names, score))
+            found.append(Explanation(cause, exp(place), names, score))
     return tuple(sorted(found, key=lambda one: one.score))
 
 
