@@ -17,7 +17,7 @@ from labpipe.imaging.dic._places import nearest
 from labpipe.imaging.dic._seeding import shift_of
 from labpipe.imaging.dic._spline import PADDING
 from labpipe.imaging.dic._standing import Standing, Votes, moved_pixels
-from labpipe.imaging.dic._subset_kernel import LIGHT, SOLVED
+from labpipe.imaging.dic._subset_kernel import CURVE, LIGHT, SOLVED
 from labpipe.imaging.dic._tracker import Tracker
 
 #: Mean square of a residual over that at which a point was found to hide nothing, from which it is looked at again.
@@ -237,8 +237,9 @@ class Looking:
         cut = np.s_[y - half : y + half + 1, x - half : x + half + 1]
         own, usual = self._grey[cut], float(self._usual[point])
         light = _fitted(grey, own, usual)
-        if self._attempt.model[point] & LIGHT:
-            light = _sloping(light, grey, own, column - x, row - y, usual)
+        if self._attempt.model[point] & (LIGHT | CURVE):
+            terms = 6 if self._attempt.model[point] & CURVE else 3
+            light = _uneven(light, grey, own, column - x, row - y, usual, terms)
         moved = self._apart(_lit(light, grey, column - x, row - y), grey, own)
         rows, columns = self._grey.shape
         i, j = np.mgrid[y - half : y + half + 1, x - half : x + half + 1]
@@ -278,21 +279,26 @@ def _fitted(grey: Floats | Floats32, own: Floats32, usual: float) -> Floats:
             break
         gain = float(np.clip(((a - a.mean()) * (b - b.mean())).sum() / spread, 0.3, 3.0))
         level = float(b.mean() - gain * a.mean())
-    return np.array([gain, 0.0, 0.0, level, 0.0, 0.0])
+    return np.array([[gain], [level]])
 
 
-def _sloping(
-    light: Floats, grey: Floats | Floats32, own: Floats32, right: Floats, down: Floats, usual: float
+def _uneven(
+    light: Floats, grey: Floats | Floats32, own: Floats32, right: Floats, down: Floats, usual: float, terms: int
 ) -> Floats:
-    """Let light slope across the subset as well."""
-    one = np.ones_like(right)
-    columns = np.stack([part * of for of in (grey, one) for part in (one, right, down)], axis=-1).reshape(-1, 6)
-    wanted = own.ravel()
+    """Let light slope across the subset as well, and curve where it has six terms."""
+    powers = _powers(right, down, terms).reshape(terms, -1)
+    columns, wanted = np.concatenate([powers * grey.ravel(), powers]).T, own.ravel()
+    found = np.pad(light, ((0, 0), (0, terms - 1))).ravel()
     for _ in range(4):
-        near = _near(columns @ light - wanted, usual)
+        near = _near(columns @ found - wanted, usual)
         used = columns[near]
-        light = np.asarray(np.linalg.lstsq(used.T @ used, used.T @ wanted[near])[0], float)
-    return light
+        found = np.asarray(np.linalg.lstsq(used.T @ used, used.T @ wanted[near])[0], float)
+    return found.reshape(2, terms)
+
+
+def _powers(right: Floats | Integers, down: Floats | Integers, terms: int) -> Floats:
+    """Powers (terms, row, column) of places, as many as asked for."""
+    return np.stack([np.ones_like(right), right, down, right * right, right * down, down * down][:terms]).astype(float)
 
 
 def _near(left: Floats | Floats32, usual: float) -> Flags:
@@ -302,8 +308,8 @@ def _near(left: Floats | Floats32, usual: float) -> Flags:
 
 
 def _lit(light: Floats, grey: Floats | Floats32, right: Floats | Integers, down: Floats | Integers) -> Floats:
-    """Grey levels in the light (6,): a gain and its slopes to the right and down [1/px], a level and its slopes."""
-    gain, level = (part[0] + part[1] * right + part[2] * down for part in (light[:3], light[3:]))
+    """Grey levels in the light (2, terms): weights of the powers of the place in the gain, and in the level."""
+    gain, level = np.tensordot(light, _powers(right, down, light.shape[1]), axes=1)
     return np.asarray(gain * grey + level)
 
 

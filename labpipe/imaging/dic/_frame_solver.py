@@ -15,7 +15,7 @@ from labpipe.imaging.dic._misfit_spread import misfit_spread
 from labpipe.imaging.dic._motion_uncertainty import one_way
 from labpipe.imaging.dic._pattern import Pattern, quickly_changing
 from labpipe.imaging.dic._reference import Reference
-from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, HIDDEN, LIGHT
+from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, CURVE, HIDDEN, LIGHT
 from labpipe.imaging.dic._subset_solver import SOLVED, Solution, empty_solution, put, solve
 from labpipe.imaging.dic._subsets import Subsets
 
@@ -109,10 +109,20 @@ class FrameSolver:
         # Light, focus and exposure change in the whole frame: then it is no noise, of which they explain little.
         common = 0
         if len(chosen) >= _TESTED:
-            common = sum(group for group in (LIGHT, BLUR) if ((found.needed & group) > 0).mean() > COMMON)
+            groups = LIGHT | CURVE, BLUR
+            common = sum(group for group in groups if ((found.needed & group) > 0).mean() > COMMON)
+        # Something that hides a part of a few points looks like light that curves there.
+        adapt &= common | ~CURVE
         adapt = np.where(is_plain, adapt, adapt & (AFFINE | np.where(self._is_edge[chosen], 0, common)))
         most = np.where(is_plain, np.inf, _EXPLAINED * found.residual)
         self._add(loaded, chosen, found, found.needed & ~models & adapt, most, adapt)
+        if common & CURVE and ((found.needed & CURVE) > 0).mean() > CHANCE:
+            # That light curves hides that it slopes, and loses points.
+            lost = np.flatnonzero(~(found.zncc >= self._options.min_zncc))
+            found.motion[lost], found.zncc[lost], most[lost] = start[lost], 0.0, np.inf
+            adapt[lost] = self._adapt[chosen[lost]]
+            self._model[chosen[lost]] |= (LIGHT | CURVE) & adapt[lost]
+            self._add(loaded, chosen, found, (LIGHT | CURVE) & ~found.model & adapt, most, adapt)
         # Noise hides a change of blur in some of the points only, or in most.
         hidden = BLUR if len(chosen) >= _TESTED and ((found.needed & BLUR) > 0).mean() > self._few else 0
         self._add(loaded, chosen, found, hidden & ~found.model & adapt, most, adapt)

@@ -114,7 +114,7 @@ def still_noise(reference: Reference, noise: Floats, is_static: Flags) -> tuple[
     seen = (shown > 0.0).sum(axis=0)
     variance, spread = shown.sum(axis=0) / np.maximum(seen, 1), 2.0 / np.maximum(seen, 1)
     for n in np.flatnonzero(seen == 0).tolist():
-        variance[n], spread[n] = reference.own_noise(n, shown[:0, n], reference.weakest_slopes(n))
+        variance[n], spread[n] = reference.own_noise(n, shown[:0, n])
     return variance, spread
 
 

@@ -16,7 +16,7 @@ from labpipe.compilation import compiled, part
 from labpipe.imaging.dic._film_window import Loaded
 from labpipe.imaging.dic._row_sampling import sample_row
 from labpipe.imaging.dic._spline import LANES, PADDING
-from labpipe.imaging.dic._subset_kernel import BLUR, COLUMNS, LIGHT, MOTIONS, is_inside
+from labpipe.imaging.dic._subset_kernel import BLUR, COLUMNS, CURVE, CURVED, LIGHT, MOTIONS, is_inside
 from labpipe.imaging.dic._subsets import Subsets, solved_columns
 
 #: Width (px) of a part, about and at least: a misfit at an edge of any angle is one of so many pixels at most.
@@ -65,7 +65,8 @@ def misfit_spread(
     for model in np.unique(models).tolist():
         own = np.flatnonzero(models == model)
         found = np.full((len(own), 3), np.nan)
-        solved = COLUMNS if model & (LIGHT | BLUR) else MOTIONS
+        moments, normal = subsets.products(model)
+        solved = normal.shape[1] if model & (LIGHT | BLUR | CURVE) else MOTIONS
         _spread(
             coefficients,
             order,
@@ -74,7 +75,7 @@ def misfit_spread(
             subsets.layout,
             subsets.packed,
             subsets.level,
-            subsets.moments,
+            moments,
             subsets.model(model).inverse,
             solved,
             np.where(subsets.rigid_in(model), 0.0, 3.0) + float(solved_columns(model)),
@@ -106,7 +107,7 @@ def _spread(
     result: Floats,
 ) -> None:
     """Sum the squares of what the parts of each subset ask for."""
-    step, column = np.zeros(COLUMNS), np.zeros(COLUMNS)
+    step, column = np.zeros(CURVED), np.zeros(CURVED)
     for q in range(len(chosen)):
         n, p = chosen[q], motion[q]
         half, place, pitch = layout[n, 2], layout[n, 3], layout[n, 4]
@@ -119,6 +120,7 @@ def _spread(
         _leave(coefficients, order, corner, layout[n], packed, level[n], inverse[n], solved, p, values, column, step)
         weight = inverse[n]
         away_x = away_y = along_x = along_y = left = like = 0.0
+        own = 1.0
         for b in range(solved):
             away_x += weight[0, b] * moments[n, 0, b] / pixels
             away_y += weight[3, b] * moments[n, 0, b] / pixels
@@ -126,6 +128,8 @@ def _spread(
             along_y += weight[3, b] * moments[n, 1, b] / energy
             left += step[b] * moments[n, 0, b] / pixels
             like += step[b] * moments[n, 1, b] / energy
+            if MOTIONS <= b < MOTIONS + 4 or b >= COLUMNS:
+                own -= step[b] * moments[n, 1, b] / energy
         xx = yy = xy = of_x = of_y = most_x = most_y = 0.0
         for lower in range(parts):
             for right in range(parts):
@@ -134,7 +138,7 @@ def _spread(
                     for k in range(right * width // parts, (right + 1) * width // parts):
                         at = place + row * pitch + k
                         grey = packed[0, at]
-                        _columns(packed, at, float(k - half), float(row - half), column)
+                        _columns(packed, at, level[n, 0], half, float(k - half), float(row - half), column)
                         rest = values[row, k] + left + like * grey
                         by_x, by_y = -away_x - along_x * grey, -away_y - along_y * grey
                         for b in range(solved):
@@ -153,8 +157,9 @@ def _spread(
                 most_x += own_x * own_x
                 most_y += own_y * own_y
         others = (_OTHERS + more[n]) / float(parts * parts)
-        grown_x = 1.0 / max(1.0 - _TAKEN * most_x / of_x**2 - others, _LEAST_LEFT)
-        grown_y = 1.0 / max(1.0 - _TAKEN * most_y / of_y**2 - others, _LEAST_LEFT)
+        # what light has in common with the pattern is no contrast of it
+        grown_x = 1.0 / (own * own * max(1.0 - _TAKEN * most_x / of_x**2 - others, _LEAST_LEFT))
+        grown_y = 1.0 / (own * own * max(1.0 - _TAKEN * most_y / of_y**2 - others, _LEAST_LEFT))
         result[q, 0], result[q, 1], result[q, 2] = grown_x * xx, grown_y * yy, math.sqrt(grown_x * grown_y) * xy
 
 
@@ -188,12 +193,12 @@ def _leave(
             total += values[row, k]
             shared += values[row, k] * packed[0, at]
     gain, average = level[1] / shared, total / level[2]
-    slopes = np.zeros(COLUMNS)
+    slopes = np.zeros(CURVED)
     for row in range(width):
         for k in range(width):
             at = place + row * pitch + k
             values[row, k] = gain * (values[row, k] - average) - packed[0, at]
-            _columns(packed, at, float(k - half), float(row - half), column)
+            _columns(packed, at, level[0], half, float(k - half), float(row - half), column)
             for b in range(solved):
                 slopes[b] += packed[6, at] * column[b] * values[row, k]
     for a in range(solved):
@@ -203,10 +208,13 @@ def _leave(
 
 
 @part(error_model="numpy")
-def _columns(packed: Floats32, at: int, j: float, i: float, column: Floats) -> None:
+def _columns(packed: Floats32, at: int, level: float, half: int, j: float, i: float, column: Floats) -> None:
     """Columns of the least squares at a pixel, see :class:`.Subsets`."""
     grey, slope_x, slope_y = packed[0, at], packed[1, at], packed[2, at]
     column[0], column[1], column[2] = slope_x, slope_x * j, slope_x * i
     column[3], column[4], column[5] = slope_y, slope_y * j, slope_y * i
     column[6], column[7], column[8], column[9] = j, i, grey * j, grey * i
     column[10], column[11], column[12] = packed[3, at], packed[4, at], packed[5, at]
+    whole, mean = grey + level, half * (half + 1) / 3.0
+    column[COLUMNS], column[COLUMNS + 1] = whole * (j * j - mean), whole * j * i
+    column[COLUMNS + 2] = whole * (i * i - mean)

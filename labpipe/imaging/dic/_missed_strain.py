@@ -24,6 +24,8 @@ _BY_CHANCE = 2.0
 _RIGID = 0.02
 #: Share of the points that may lie farther off.
 _OFF = 0.02
+#: Share of the standard uncertainty from which a shift by strain is worth telling, and of the values that have it.
+_WORTH, _MANY = 0.5, 0.1
 #: Values whose surroundings are looked at once; bounds the work arrays to some 50 MB.
 _BLOCK = 60_000
 
@@ -62,6 +64,27 @@ def missed_shift(
     return shift
 
 
+def told_of(missed: Floats, deviation: Floats, is_asked: Flags) -> str:
+    """Tell that subsets which were asked to be rigid do not follow a strain; empty where they hardly miss one.
+
+    Parameters
+    ----------
+    missed, deviation : arrays (frame, point) and (frame, point, 2 or more) [px]
+        Shift by strain, and standard uncertainties, of which it is part; NaN where there is no value.
+    is_asked : bool array (point,)
+        Points whose shape was stated as rigid.
+    """
+    is_valued = np.isfinite(deviation[..., 0]) & is_asked
+    is_moved = is_valued & (missed > _WORTH * np.hypot(deviation[..., 0], deviation[..., 1]))
+    if not is_moved.sum() > _MANY * is_valued.sum():
+        return ""
+    most = float(missed[is_moved].max())
+    return (
+        f'the specimen is strained, which moves points of shape "rigid" by up to {most:.2g} px and is in their '
+        'uncertainty: shape "auto" or "affine" follows it'
+    )
+
+
 def _move_as_one(places: Floats, value: Floats, deviation: Floats, is_found: Flags) -> Flags:
     """Frames (frame,) in which the points found, all together, hardly do more than shift and turn."""
     number = np.maximum(is_found.sum(axis=1), 1)[:, None]
@@ -77,7 +100,7 @@ def _move_as_one(places: Floats, value: Floats, deviation: Floats, is_found: Fla
 def _move_by_strain(subsets: Subsets, code: int) -> Floats:
     """Shift (point, 2, strain) [px] per strain along x, along y, and of shear, of subsets that do not follow it."""
     inverse = subsets.model(code).inverse[:, [0, 3]]
-    return np.asarray((inverse @ subsets.normal[:, :, :MOTIONS]) @ STRAINS.T)
+    return np.asarray((inverse @ subsets.products(code)[1][:, :, :MOTIONS]) @ STRAINS.T)
 
 
 def _strain_around(places: Floats, around: Integers, value: Floats, deviation: Floats, is_found: Flags) -> Floats:

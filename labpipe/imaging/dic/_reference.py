@@ -36,6 +36,8 @@ _STEPS = ((1, 0), (0, 1), *((i, sign * k) for i, k in ((1, 1), (2, 1), (1, 2)) f
 _MEDIAN_OF_CHANGES = 20.0**0.5 * 0.6745
 #: Relative variance of the variance of white noise that this median tells, times the pixels.
 _SPREAD_OF_CHANGES = 12.0
+#: Points whose differences are put in order at once; bounds the work arrays to some 10 MB.
+_BLOCK = 1024
 #: Share of the range of an image of real numbers that counts as its rounding.
 _FINEST = 1e-6
 #: Reach (px) of the mirrored image in the slopes at the border of the frame.
@@ -110,7 +112,7 @@ class Reference:
         """How noise shows in frames of the same blur."""
         return self.pattern.noise
 
-    def own_noise(self, point: int, static: NDArray[np.float64], weakest: float) -> tuple[float, float]:
+    def own_noise(self, point: int, static: NDArray[np.float64]) -> tuple[float, float]:
         """Variance of a pixel around a usable point in one frame without any misfit, and how well it is known.
 
         Parameters
@@ -118,8 +120,6 @@ class Reference:
         point : int
         static : array (static frame,) [grey²]
             As its residual in the static frames shows it.
-        weakest : float [rad]
-            Direction in which the pattern is weakest, from x towards y.
 
         Returns
         -------
@@ -136,15 +136,30 @@ class Reference:
         shown = static[np.isfinite(static) & (static > 0.0)]
         if len(shown):
             return float(shown.mean()), 2.0 / len(shown)
-        x, y, half = self.subsets.layout[point, :3]
-        cut = np.s_[y - half : y + half + 1, x - half : x + half + 1]
-        area = self.mean[cut].copy()
-        if self.images.inside is not None:
-            area[self.images.inside[cut] == 0.0] = np.nan
-        step = min(_STEPS, key=lambda step: abs(step[0] * math.sin(weakest) - step[1] * math.cos(weakest)))
-        change = np.abs(_third_difference(area[:, ::-1] if step[1] < 0 else area, (step[0], abs(step[1]))))
-        seen = float(np.nanmedian(change)) if np.isfinite(change).any() else 0.0
-        return max((seen / _MEDIAN_OF_CHANGES) ** 2, self.rounding), _SPREAD_OF_CHANGES
+        return max((float(self._changes[point]) / _MEDIAN_OF_CHANGES) ** 2, self.rounding), _SPREAD_OF_CHANGES
+
+    @cached_property
+    def _changes(self) -> NDArray[np.float64]:
+        """Median (usable,) [grey] of the size of third differences along the step nearest to the weakest direction."""
+        image = self.mean if self.images.inside is None else np.where(self.images.inside == 0.0, np.nan, self.mean)
+        result = np.zeros(len(self.subsets))
+        weakest = np.array([self.weakest_slopes(n) for n in range(len(self.subsets))])
+        away = [np.abs(right * np.sin(weakest) - down * np.cos(weakest)) for right, down in _STEPS]
+        nearest = np.argmin(away, axis=0)
+        for k, half in np.unique(np.stack([nearest, self.subsets.half], axis=1), axis=0).tolist():
+            right, down = _STEPS[k]
+            change = np.abs(_third_difference(image[:, ::-1] if down < 0 else image, (right, abs(down))))
+            alike = np.flatnonzero((nearest == k) & (self.subsets.half == half))
+            size = max(2 * half + 1 - 3 * abs(down), 1), max(2 * half + 1 - 3 * right, 1)
+            windows = np.lib.stride_tricks.sliding_window_view(change, size)
+            first = image.shape[1] - 1 - self.subsets.x if down < 0 else self.subsets.x
+            for some in np.array_split(alike, math.ceil(len(alike) / _BLOCK)):
+                seen = windows[self.subsets.y[some] - half, first[some] - half].reshape(len(some), -1)
+                is_seen = np.isfinite(seen)
+                whole, partly = is_seen.all(axis=1), is_seen.any(axis=1)
+                result[some[whole]] = np.median(seen[whole], axis=1)
+                result[some[partly & ~whole]] = np.nanmedian(seen[partly & ~whole], axis=1)
+        return result
 
     @cached_property
     def sharp(self) -> tuple[NDArray[np.float64], float]:

@@ -27,7 +27,7 @@ from labpipe.imaging.dic._motion_uncertainty import (
 from labpipe.imaging.dic._pattern import Pattern
 from labpipe.imaging.dic._reference import Reference, Status
 from labpipe.imaging.dic._seeding import shift_of
-from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, LIGHT
+from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, CURVE, LIGHT
 from labpipe.imaging.dic._table import Table, alike, as_seen, hidden_share
 from labpipe.imaging.dic._undersampling import interpolates_well, shows_no_sampling, undersampled
 from labpipe.variables import described, variable
@@ -45,7 +45,10 @@ _NOISE_OF_FILM = 0.9
 
 @dataclass(frozen=True)
 class Displacements:
-    """Results over (frame, usable point); value and deviation hold (dx, dy, rotation) last, change both stretches."""
+    """Results over (frame, usable point); value and deviation hold (dx, dy, rotation) last, change both stretches.
+
+    ``missed`` [px] is how far a strain that a subset does not follow moves it.
+    """
 
     value: Floats
     deviation: Floats
@@ -58,6 +61,7 @@ class Displacements:
     model: NDArray[np.int8]
     change: Floats
     hidden: Floats
+    missed: Floats
 
     def refuse(self, frames: NDArray[np.bool_], why: Status) -> None:
         """Take back what was found in frames (frame,)."""
@@ -153,7 +157,18 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     shares = np.where(is_bad, np.nan, hidden_share(table, reference.subsets.half))
     contrast = 1.0 / np.where(table.gain == 0.0, np.nan, table.gain)
     return Displacements(
-        value, deviation, covariance, texture, table.zncc, contrast, table.iterations, status, models, change, shares
+        value,
+        deviation,
+        covariance,
+        texture,
+        table.zncc,
+        contrast,
+        table.iterations,
+        status,
+        models,
+        change,
+        shares,
+        np.hypot(missed[..., 0], missed[..., 1]),
     )
 
 
@@ -193,7 +208,7 @@ def _may_be_noise(reference: Reference, noise: Floats, most_noise: Floats, is_st
     of_film = _NOISE_OF_FILM * np.quantile(moved, 0.25) if len(moved) else 0.0
     result = np.asarray(most_noise < np.fmax(of_film, noise))
     for n in np.flatnonzero(result.any(axis=0)).tolist():
-        own, _ = reference.own_noise(n, noise[is_static, n], reference.weakest_slopes(n))
+        own, _ = reference.own_noise(n, noise[is_static, n])
         result[:, n] &= most_noise[:, n] < own
     return result
 
@@ -336,8 +351,8 @@ def make_dataset(
     )
     for name, units, k, factor, text in changes:
         variables[name] = (dims, spread(factor * found.change[..., k], np.nan), described(units, text))
-    variables["model"][2]["flag_masks"] = [LIGHT, BLUR, AFFINE]
-    variables["model"][2]["flag_meanings"] = "light blur affine"
+    variables["model"][2]["flag_masks"] = [LIGHT, BLUR, AFFINE, CURVE]
+    variables["model"][2]["flag_meanings"] = "light blur affine curved_light"
     variables["status"][2]["flag_values"] = [int(code) for code in Status]
     variables["status"][2]["flag_meanings"] = " ".join(code.name.lower() for code in Status)
     pixel = {"units": "px"}

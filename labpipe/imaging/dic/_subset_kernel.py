@@ -12,13 +12,15 @@ from labpipe.imaging.dic._subset_sums import sum_subset
 #: Result codes of the solver; the last is given to subsets of which too little is seen to be solved.
 SOLVED, LEFT_WINDOW, NOT_CONVERGED, NO_TEXTURE, HIDDEN = 0, 1, 2, 3, 4
 #: What may be solved for beyond the motion that a subset is allowed: light that slopes across it,
-#: a change of blur, and stretch of a subset that may be rigid or affine.
-LIGHT, BLUR, AFFINE = 1, 2, 4
-#: Columns of the least squares: the six motions; j, i, f j, f i of the light; three of the blur.
-MOTIONS, COLUMNS = 6, 13
+#: a change of blur, stretch of a subset that may be rigid or affine, and light that curves across it.
+LIGHT, BLUR, AFFINE, CURVE = 1, 2, 4, 8
+#: Columns of the least squares: the six motions; j, i, f j, f i of the light; three of the blur. Those of light
+#: that curves, F j², F i j and F i² of all of the grey level F, squares less their mean, come after them where
+#: they are asked for.
+MOTIONS, COLUMNS, CURVED = 6, 13, 16
 #: Fall of the residual, in units of its variance, from which a group is solved for: exceeded by
 #: noise in less than one result of a thousand.
-_LIGHT_NEEDED, _BLUR_NEEDED, _AFFINE_NEEDED = 20.0, 12.0, 18.0
+_LIGHT_NEEDED, _BLUR_NEEDED, _AFFINE_NEEDED, _CURVE_NEEDED = 20.0, 12.0, 18.0, 18.0
 #: A step that ends farther than this from the start (px) has left the basin of convergence.
 CAPTURE = 12.0
 
@@ -85,7 +87,7 @@ def _gauss_newton_step(
     average = sums[0] / pixels
     contrast = sums[1] - average * sums[0]
     # Written so that NaN fails.
-    if not (sums[2] > 0.0 and contrast > 0.0):
+    if not ((sums[2] > 0.0 or (solved > MOTIONS and sums[2] < 0.0)) and contrast > 0.0):
         return False
     gain = energy / sums[2]
     for b in range(len(slopes)):
@@ -100,6 +102,19 @@ def _gauss_newton_step(
         for b in range(solved):
             fall += step[a] * normal[a, b] * step[b]
     residual = max(gain * gain * contrast - energy - fall, 0.0)
+    if solved > MOTIONS:
+        # What light has in common with the pattern is no contrast of it.
+        own = 1.0
+        for a in range(MOTIONS, solved):
+            if a < MOTIONS + 4 or a >= COLUMNS:
+                own -= step[a] * moments[1, a] / energy
+        if not gain * own > 0.0:
+            return False
+        gain /= own
+        residual /= own * own
+        for a in range(solved):
+            slopes[a] /= own
+            step[a] /= own
     quality[0] = gain
     quality[1] = residual
     quality[2] = math.sqrt(energy / (energy + residual))
@@ -127,7 +142,7 @@ def _needed(
     for a in range(len(slopes)):
         for b in range(solved):
             slopes[a] -= normal[a, b] * step[b]
-    weights = np.zeros(10)
+    weights = np.zeros(13)
     for k in range(4):
         weights[k] = step[6 + k] if model & LIGHT else slopes[6 + k]
     if model & BLUR:
@@ -141,11 +156,14 @@ def _needed(
         weights[9] = 0.5 * ((1.0 + p[1]) * p[2] + (1.0 + p[5]) * p[4])
     else:
         weights[7], weights[8], weights[9] = slopes[1], slopes[5], slopes[2] + slopes[4]
+    for k in range(len(slopes) - COLUMNS):
+        weights[10 + k] = step[COLUMNS + k] if model & CURVE else slopes[COLUMNS + k]
     result = 0
     for first, last, limit, group in (
         (0, 4, _LIGHT_NEEDED, LIGHT),
         (4, 7, _BLUR_NEEDED, BLUR),
         (7, 10, _AFFINE_NEEDED, AFFINE),
+        (10, 10 + len(slopes) - COLUMNS, _CURVE_NEEDED, CURVE),
     ):
         fall = 0.0
         for a in range(first, last):
@@ -187,8 +205,9 @@ def _iterate(
     start_x, start_y = p[0], p[3]
     last2 = 0.0
     relaxation = 1.0
-    solved = COLUMNS if model & (LIGHT | BLUR) else MOTIONS
+    solved = len(normal) if model & (LIGHT | BLUR | CURVE) else MOTIONS
     with_all = is_tested or solved > MOTIONS
+    with_curve = len(normal) > COLUMNS
     quality[3:] = 0.0
     if is_rigid:
         # a start that a neighbour gave may be stretched
@@ -198,14 +217,14 @@ def _iterate(
         p[2] = -p[4]
     for a in range(6):
         before[a] = 0.0
-    for a in range(COLUMNS):
+    for a in range(len(step)):
         step[a] = 0.0
     if inverse[0, 0] <= 0.0:
         return 0, NO_TEXTURE, 0
     for iteration in range(max_iterations):
         if not is_inside(layout[0], layout[1], half, p, window):
             return iteration, LEFT_WINDOW, 0
-        sum_subset(coefficients, order, corner, layout, packed, level[0], p, with_all, values, sums)
+        sum_subset(coefficients, order, corner, layout, packed, level[0], p, with_all, with_curve, values, sums)
         if not _gauss_newton_step(sums, pixels, level[1], moments, normal, inverse, solved, slopes, step, quality):
             return iteration + 1, NOT_CONVERGED, 0
         size2 = 0.0
@@ -273,7 +292,8 @@ def solve_subsets(
 ) -> None:
     """Iterate every chosen subset to convergence; ``motion`` holds the start and the result."""
     # Work arrays come from outside and results are set one by one: that spares half the compiling.
-    work = (scratch[0], scratch[1, :COLUMNS], scratch[2, :COLUMNS], scratch[3, :6], values)
+    columns = normal.shape[1]
+    work = (scratch[0], scratch[1, :columns], scratch[2, :columns], scratch[3, :6], values)
     for q in range(len(chosen)):
         n = chosen[q]
         evaluations, code, needed = _iterate(

@@ -16,7 +16,7 @@ import numpy as np
 
 from labpipe.arrays import Flags, Floats, Floats32, Integers
 from labpipe.imaging.dic._spline import LANES, PADDING
-from labpipe.imaging.dic._subset_kernel import LEFT_WINDOW, NO_TEXTURE, NOT_CONVERGED, SOLVED, solve_subsets
+from labpipe.imaging.dic._subset_kernel import CURVED, LEFT_WINDOW, NO_TEXTURE, NOT_CONVERGED, SOLVED, solve_subsets
 from labpipe.imaging.dic._subsets import Subsets
 
 __all__ = ["LEFT_WINDOW", "NOT_CONVERGED", "NO_TEXTURE", "SOLVED", "NoiseShown", "Solution", "solve"]
@@ -78,8 +78,8 @@ class Solution:
     code : array (point,)
         ``SOLVED``, ``LEFT_WINDOW``, ``NOT_CONVERGED`` or ``NO_TEXTURE``.
     needed : integer array (point,)
-        Sum of ``LIGHT``, ``BLUR`` and ``AFFINE``: what lowers the residual by more than noise does,
-        whether it was solved for or not; 0 where that was not tested.
+        Sum of ``LIGHT``, ``BLUR``, ``AFFINE`` and ``CURVE``: what lowers the residual by more than noise does,
+        whether it was solved for or not; 0 where that was not tested, ``CURVE`` where light was not solved for.
     change : array (point, 5) [1/px, 1/px, px², px², px²]
         Slope of the light's gain to the right and downwards, and the weights of the bends; the
         first is half the growth of the blur's variance. 0 where they were not solved for.
@@ -134,7 +134,7 @@ def solve(
         Frame coordinates that a subset's corners must not leave; at most :data:`OVERHANG`
         outside the rectangle.
     model : int
-        What to solve for beyond the allowed motion, the sum of ``LIGHT``, ``BLUR`` and ``AFFINE``.
+        What to solve for beyond the allowed motion, the sum of ``LIGHT``, ``BLUR``, ``AFFINE`` and ``CURVE``.
     is_tested : bool array (point,), optional
         Of which subsets it shall be told what they need; of all by default.
     noise : NoiseShown, optional
@@ -163,6 +163,7 @@ def solve(
     noise = noise or NoiseShown()
     if count:
         matrices = subsets.model(model)
+        moments, normal = subsets.products(model)
         corner = (float(origin[0] - PADDING), float(origin[1] - PADDING))
         solve_subsets(
             coefficients,
@@ -174,8 +175,8 @@ def solve(
             subsets.rigid_in(model),
             subsets.packed,
             subsets.level,
-            subsets.moments,
-            subsets.normal,
+            moments,
+            normal,
             matrices.inverse,
             matrices.tester,
             model,
@@ -187,7 +188,7 @@ def solve(
             found,
             quality,
             counts,
-            np.zeros((4, 16)),
+            np.zeros((4, CURVED + 3)),
             np.zeros(2 * LANES + 2 * int(subsets.half.max()) + 1, np.float32),
         )
     iterations, code, needed = counts.T.copy()

@@ -82,6 +82,25 @@ def _accumulate_more(
 
 
 @part(fastmath=FAST)
+def _accumulate_curved(
+    values: Floats32, level: np.float32, grey: Floats32, half: float, width: int, offset: float, sums: Floats
+) -> None:
+    """Add a row to the sums of the columns of light that curves times g."""
+    s0 = s1 = s2 = np.float32(0)
+    centre = np.float32(half)
+    mean = half * (half + 1.0) / 3.0
+    for k in range(np.uint64(width)):
+        j = np.float32(np.int32(k)) - centre
+        g = (grey[k] + level) * (values[k] - level)
+        s0 += g
+        s1 += g * j
+        s2 += g * (j * j - np.float32(mean))
+    sums[16] += s2
+    sums[17] += offset * s1
+    sums[18] += (offset * offset - mean) * s0
+
+
+@part(fastmath=FAST)
 def _cover(values: Floats32, level: np.float32, weight: Floats32, width: int) -> None:
     """Put the mean level where a mask covers the subset: it counts nowhere."""
     for k in range(np.uint64(width)):
@@ -98,6 +117,7 @@ def sum_subset(
     level: float,
     p: Floats,
     with_all: bool,
+    with_curve: bool,
     values: Floats32,
     sums: Floats,
 ) -> None:
@@ -137,4 +157,7 @@ def sum_subset(
                 i,
                 sums,
             )
+        if with_curve:
+            grey = packed[0, place : place + pitch]
+            _accumulate_curved(values, np.float32(level), grey, float(half), width, i, sums)
         place += pitch

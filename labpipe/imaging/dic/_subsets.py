@@ -1,17 +1,18 @@
 """The subsets of the reference and what their normal equations are inverted to.
 
-A frame may differ from the reference by more than a motion: the light may slope across a subset,
+A frame may differ from the reference by more than a motion: the light may slope or curve across a subset,
 the blur may have changed. To first order each is a sum of images of the reference, the columns of
 :data:`COLUMNS`, whose weights are found together with the motion where the residual shows them.
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats, Floats32, Integers
-from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, COLUMNS, LIGHT, MOTIONS
+from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, COLUMNS, CURVE, CURVED, LIGHT, MOTIONS
 
 # Below this the motion is not determined in every direction (a single edge, a flat subset).
 _LEAST_EIGENVALUE = 1e-4
@@ -22,6 +23,7 @@ _RIGID_FROM_AFFINE = np.array([[1, 0, 0, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 0, -1
 #: Stretch along x and y, and shear.
 STRAINS = np.array([[0, 1, 0, 0, 0, 0], [0, 0, 0, 0, 0, 1], [0, 0, 1, 0, 1, 0]], float)
 _LIGHT_COLUMNS, _BLUR_COLUMNS = slice(MOTIONS, MOTIONS + 4), slice(MOTIONS + 4, COLUMNS)
+_CURVE_COLUMNS = slice(COLUMNS, CURVED)
 
 
 @dataclass(frozen=True)
@@ -56,10 +58,10 @@ class Model:
     ----------
     inverse : array (point, column, column)
         Inverse of the normal matrix within the allowed columns; zero where there is no texture.
-    tester : array (point, 10, 10)
+    tester : array (point, 13, 13)
         Turns the weights of a group of columns, or what they leave undone when they are not
         solved for, into the fall of the residual: four of the light, three of the blur, three of the
-        strain.
+        strain, three of light that curves.
     """
 
     inverse: Floats
@@ -124,7 +126,7 @@ class Subsets:
         return self.model(0).inverse[:, :MOTIONS, :MOTIONS]
 
     def model(self, code: int) -> Model:
-        """Matrices of a model: the sum of ``LIGHT``, ``BLUR`` and ``AFFINE`` that it solves for."""
+        """Matrices of a model: the sum of ``LIGHT``, ``BLUR``, ``AFFINE`` and ``CURVE`` that it solves for."""
         if code not in self._models:
             self._models[code] = self._prepared(code)
         return self._models[code]
@@ -133,18 +135,48 @@ class Subsets:
         """Which subsets (point,) only shift and turn in a model."""
         return self.is_rigid & (code & AFFINE == 0)
 
+    def products(self, code: int) -> tuple[Floats, Floats]:
+        """Moments and normal matrices of a model, with the columns of light that curves where it has light."""
+        return self._curved if code & (LIGHT | CURVE) else (self.moments, self.normal)
+
+    @cached_property
+    def _curved(self) -> tuple[Floats, Floats]:
+        """Moments and normal matrices of all columns: light that curves is asked for only where it changes."""
+        gram = np.empty((len(self), CURVED - COLUMNS, CURVED + 2))
+        for n, (_, _, half, place, pitch, _) in enumerate(self.layout.tolist()):
+            width = 2 * half + 1
+            grey, slope_x, slope_y, *bends, weight = self.packed[:, place : place + width * pitch].reshape(7, width, -1)
+            j = np.arange(pitch, dtype=np.float32) - half
+            i = np.arange(-half, half + 1, dtype=np.float32)[:, None]
+            motions = [part for slope in (slope_x, slope_y) for part in (slope, slope * j, slope * i)]
+            whole = grey + np.float32(self.level[n, 0]) * weight
+            mean = np.float32(half * (half + 1) / 3.0)
+            curved = [whole * (j * j - mean), whole * j * i, whole * (i * i - mean)]
+            light = [weight * j, weight * i, grey * j, grey * i]
+            every = np.stack([weight, grey, *motions, *light, *bends, *curved]).reshape(CURVED + 2, -1)
+            gram[n] = every[-3:] @ every.T
+        ones, greys, own = gram[:, :, 0], gram[:, :, 1], gram[:, :, 2:]
+        moments = np.concatenate([self.moments, np.stack([ones, greys], axis=1)], axis=2)
+        _, energy, pixels = (part[:, None, None] for part in self.level.T)
+        own = own - ones[:, :, None] * moments[:, None, 0] / np.maximum(pixels, 1.0)
+        own -= greys[:, :, None] * moments[:, None, 1] / np.where(energy > 0, energy, 1.0)
+        normal = np.empty((len(self), CURVED, CURVED))
+        normal[:, :COLUMNS, :COLUMNS] = self.normal
+        normal[:, COLUMNS:], normal[:, :, COLUMNS:] = own, own.transpose(0, 2, 1)
+        return np.ascontiguousarray(moments), normal
+
     def _prepared(self, code: int) -> Model:
-        count = len(self)
-        inverse = np.zeros((count, COLUMNS, COLUMNS))
-        tester = np.zeros((count, 10, 10))
+        _, normal = self.products(code)
+        inverse = np.zeros_like(normal)
+        tester = np.zeros((len(self), 13, 13))
         is_rigid = self.rigid_in(code)
         for group, motions in ((is_rigid, _RIGID_FROM_AFFINE), (~is_rigid, np.eye(MOTIONS))):
             if group.any():
-                inverse[group] = _invert(self.normal[group], _basis(code, motions))
-        diagonal = np.diagonal(self.normal, axis1=1, axis2=2)
+                inverse[group] = _invert(normal[group], _basis(code, motions, normal.shape[1]))
+        diagonal = np.diagonal(normal, axis1=1, axis2=2)
         least = self.level[:, 2] * (_LEAST_SLOPE * self.level[:, 0]) ** 2
         inverse[(diagonal[:, 0] <= least) | (diagonal[:, 3] <= least)] = 0.0
-        left = self.normal - self.normal @ inverse @ self.normal
+        left = normal - normal @ inverse @ normal
         strains = inverse[:, :MOTIONS, :MOTIONS], left[:, :MOTIONS, :MOTIONS]
         # the mean of both halves of a shear
         halves = STRAINS / STRAINS.sum(axis=1, keepdims=True)
@@ -154,28 +186,31 @@ class Subsets:
         else:
             tester[:, 4:5, 4:5] = _weighed(0, inverse, left, slice(_BLUR_COLUMNS.start, _BLUR_COLUMNS.start + 1))
         solved, open_ = halves @ strains[0] @ halves.T, STRAINS @ strains[1] @ STRAINS.T
-        tester[:, 7:, 7:] = _inverted(solved if code & AFFINE else open_)
-        tester[~self.is_rigid, 7:, 7:] = 0.0
+        tester[:, 7:10, 7:10] = _inverted(solved if code & AFFINE else open_)
+        tester[~self.is_rigid, 7:10, 7:10] = 0.0
+        if normal.shape[1] > COLUMNS:
+            tester[:, 10:, 10:] = _weighed(code & CURVE, inverse, left, _CURVE_COLUMNS)
         return Model(inverse, tester)
 
 
-def _basis(code: int, motions: Floats) -> Floats:
+def _basis(code: int, motions: Floats, columns: int) -> Floats:
     """Rows are what a model solves for, in terms of all columns."""
-    every = np.eye(COLUMNS)
+    every = np.eye(columns)
     rows = [motions @ every[:MOTIONS]]
     rows += [every[_LIGHT_COLUMNS]] if code & LIGHT else []
     rows += [every[_BLUR_COLUMNS]] if code & BLUR else []
+    rows += [every[_CURVE_COLUMNS]] if code & CURVE else []
     return np.concatenate(rows)
 
 
 def adaptable(shapes: NDArray[np.str_], adapt: bool) -> Integers:
     """Tell for points of given shapes what may be solved for where it is needed."""
-    return np.where(shapes == "auto", AFFINE, 0) | ((LIGHT | BLUR) if adapt else 0)
+    return np.where(shapes == "auto", AFFINE, 0) | ((LIGHT | BLUR | CURVE) if adapt else 0)
 
 
 def solved_columns(code: int) -> int:
     """Count the columns of light and blur that a model solves for."""
-    return (4 if code & LIGHT else 0) + (3 if code & BLUR else 0)
+    return (4 if code & LIGHT else 0) + (3 if code & BLUR else 0) + (3 if code & CURVE else 0)
 
 
 def _weighed(is_solved: int, inverse: Floats, left: Floats, columns: slice) -> Floats:

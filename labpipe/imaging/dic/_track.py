@@ -90,8 +90,8 @@ def track(
     max_iterations : int
         Evaluations of a subset per frame.
     adapt : bool
-        Solve for light that slopes across a subset and for a change of blur (focus, motion within
-        the exposure) where the residual shows them. They cost nothing where they are not needed.
+        Solve for light that slopes or curves across a subset and for a change of blur (focus, motion
+        within the exposure) where the residual shows them. They cost nothing where they are not needed.
     regions : list of arrays (corner, 2) [px], optional
         Polygons in the first frame within which pixels count: the specimen without what is around
         it. A subset partly outside uses what is left of it. What lies within the reach of blur and
@@ -124,8 +124,8 @@ def track(
         ``valid``, ``status`` : whether there is a value, and if not why (``flag_meanings``).
         Values that are not valid are NaN. Coordinates ``frame`` (index in the film), ``time``
         (s), ``x``, ``y``, ``subset``. The attribute ``work`` counts what was done, ``note`` says what
-        was found of the camera: stuck pixels, which are interpolated, rows of two instants, and something that stands
-        still before the specimen though no obstruction says so, which is left out.
+        was found of the camera: stuck pixels, which are interpolated, rows of two instants, something that stands
+        still before the specimen though no obstruction says so, which is left out, and strain that rigid points miss.
 
     Raises
     ------
@@ -165,6 +165,7 @@ def track(
     from labpipe.imaging.dic._film_window import FilmWindow
     from labpipe.imaging.dic._interlaced import refuse_rows
     from labpipe.imaging.dic._lagging import held_back
+    from labpipe.imaging.dic._missed_strain import told_of as told_of_strain
     from labpipe.imaging.dic._reference import make_reference
     from labpipe.imaging.dic._results import displacements, make_dataset
     from labpipe.imaging.dic._standing import Standing, told_of
@@ -213,7 +214,8 @@ def track(
     found = displacements(table, reference, is_static)
     stands = "" if stated is hidden else told_of(hidden, stated, reach_of(blur))
     rows = refuse_rows(found, window.rows, indices, is_static)
-    note = "; ".join(filter(None, (stuck.note, rows, stands)))
+    strained = told_of_strain(found.missed, found.deviation, shapes[reference.usable] == "rigid")
+    note = "; ".join(filter(None, (stuck.note, rows, stands, strained)))
     return make_dataset(film.time, places, half, indices, wanted, found, reference, work, note)
 
 

@@ -158,7 +158,7 @@ def undersampled(
     for n in [*np.flatnonzero(is_sharp & is_asked).tolist(), *sample.tolist(), *rest.tolist()]:
         if len(rest) and n == rest[0] and not misfits:
             break  # fine speckle that a lens shows
-        own, _ = reference.own_noise(n, noise[is_static, n], reference.weakest_slopes(n))
+        own, _ = reference.own_noise(n, noise[is_static, n])
         if reference.noise.static_frames > 1 and not noise[is_static, n].any():
             own = min(own, reference.rounding)  # frames that are equal to the last bit
         shown = own

@@ -314,6 +314,7 @@ def _also_solved(body: xr.Dataset) -> str:
     """Tell in how many frames light, blur and stretch were solved for."""
     found = body["model"].where(body["valid"], 0).values.astype(int)
     names = {"light": "sloping light", "blur": "a change of blur", "affine": "stretch and shear"}
+    names["curved_light"] = "light that curves"
     attrs = body["model"].attrs
     parts = []
     for name, mask in zip(str(attrs["flag_meanings"]).split(), attrs["flag_masks"], strict=True):

@@ -49,6 +49,31 @@ def follow(before: View, after: View, adapt: bool, seed: int) -> tuple[float, fl
     return float(np.sqrt((error**2).mean())), float(np.sqrt((u**2).mean())), found.model.values[1:]
 
 
+@pytest.mark.parametrize("focus", by_day(["same", "other"], 1))
+def test_light_that_curves_across_a_subset_is_solved_for(focus: str) -> None:
+    """Between 0.7 and 1.3 of it, which curves by 4 % from the middle of a subset to its side."""
+    before, after = View(defocus=0.6), View(defocus=0.6 if focus == "same" else 1.1)
+    row, column = np.mgrid[:SIZE, :SIZE]
+    bowl = 1.0 + 0.3 * np.sin(2.0 * np.pi * (0.95 * column + 0.3 * row) / 192.0)
+    square = {}
+    for what, light, adapt in (("plain", 1.0, True), ("found", bowl, True), ("lost", bowl, False)):
+        views = [before, *(replace(after, shift=shift) for shift in SHIFTS)]
+        frames = [from_spectrum(0.8 * film_scenes.random_field(SIZE, 2.2, 41), view) for view in views]
+        film = digitised([frames[0], *(light * frame for frame in frames[1:])], NOISE, 42)
+        found = track(film, POINTS, 31, "auto" if adapt else "rigid", adapt=adapt)
+        truth = np.stack([view.displacement(POINTS, SIZE) for view in views])
+        error = (np.stack([found.dx, found.dy], axis=-1) - truth)[1:]
+        square[what] = np.nanmean(error**2)
+        if what == "found":
+            assert found.valid.all()
+            masks = dict(zip(found.model.flag_meanings.split(), found.model.flag_masks, strict=True))
+            assert ((found.model.values[1:] & masks["curved_light"]) > 0).mean() > 0.8
+            z = error / np.stack([found.u_dx, found.u_dy], axis=-1)[1:]
+            assert 0.9 < np.sqrt((z**2).mean()) < 1.1
+    plain, solved, lost = (np.sqrt(square[what]) for what in ("plain", "found", "lost"))
+    assert lost - solved > 0.85 * (lost - plain)
+
+
 @pytest.mark.parametrize("name", by_day(CHANGES, 3))
 def test_what_a_change_costs_is_recovered_and_the_uncertainty_is_right(name: str) -> None:
     before, after = CHANGES[name]
@@ -285,6 +310,22 @@ def test_a_change_of_blur_that_noise_hides_in_some_points_is_solved_for_in_all()
     meanings, masks = str(found.model.attrs["flag_meanings"]).split(), found.model.attrs["flag_masks"]
     blur = masks[meanings.index("blur")]
     assert ((found.model.values[1:] & blur) > 0).mean() > 0.98
+
+
+def test_points_asked_to_be_rigid_count_the_strain_that_they_miss_and_say_so() -> None:
+    texture = film_scenes.perlin(7.0, 17)
+    for scale in (1.0, 1.02):
+        views = [View(), *(View(shift, scale=scale) for shift in SHIFTS[:3])]
+        film = digitised([from_formula(lambda x, y: 0.7 * texture(x, y), SIZE, view) for view in views], NOISE, 18)
+        found = {shape: track(film, POINTS, 31, shape) for shape in ("rigid", "auto")}
+        assert ('shape "auto" or "affine"' in found["rigid"].note) == (scale != 1.0)
+        assert not found["auto"].note
+        truth = np.stack([view.displacement(POINTS, SIZE) for view in views])[1:]
+        z = (np.stack([found["rigid"].dx, found["rigid"].dy], axis=-1)[1:] - truth) / np.stack(
+            [found["rigid"].u_dx, found["rigid"].u_dy], axis=-1
+        )[1:]
+        assert np.abs(z).max() < 4.5
+        assert np.sqrt((z**2).mean()) < 1.1
 
 
 def test_nothing_is_solved_for_that_is_not_needed() -> None:
