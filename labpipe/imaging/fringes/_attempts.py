@@ -1,5 +1,6 @@
 """Fits of a film's chosen frames under one assumption after the other, each begun where the last one ended."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -7,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.imaging.fringes._fingerprint import round_share
-from labpipe.imaging.fringes._gains import Gains, gains_of
+from labpipe.imaging.fringes._gains import Gains
 from labpipe.imaging.fringes._lens_blur import LEAST_SHAPED
 from labpipe.imaging.fringes._ring_fit import RingFit, fit_ring, ring_around
 from labpipe.imaging.fringes._ring_parameters import ASSUMED, AXES, EVEN, HARMONICS, Parameter
-from labpipe.imaging.fringes._trials import FEW_FRAMES, FEW_PIXELS, MOST_FRAMES, Calibration, Trial
+from labpipe.imaging.fringes._trials import FEW_FRAMES, MOST_FRAMES, Calibration, Trial
 from labpipe.imaging.fringes._view import View
 
 #: Residual of the last fit of a frame over that of the first from which it is no start for the next.
@@ -21,6 +21,14 @@ _NO_WORSE = 1.02
 _ITERATIONS = 8
 #: Blur that is allowed for at the border over the first one that is larger than was allowed for.
 _WIDER = 1.3
+#: What of the optics is fitted.
+_NAMES = {
+    Parameter.PHASE: "phase",
+    Parameter.SCALE: "phase_scale",
+    Parameter.BLUR: "blur",
+    Parameter.SPREAD: "spread",
+    Parameter.FOCUS: "focus",
+}
 
 
 class Attempts:
@@ -39,18 +47,18 @@ class Attempts:
     def __init__(self, images: Sequence[NDArray[np.generic]], starts: Sequence[RingFit], view: View) -> None:
         self._images = images
         self._view = view
-        self._first: list[tuple[RingFit, float]] = [(fit, view.optics.blur) for fit in starts]
+        self._first: list[tuple[RingFit, View]] = [(fit, view) for fit in starts]
         self._widest = view.optics.blur
-        self._last: dict[object, list[tuple[RingFit, float]]] = {}
+        self._last: dict[tuple[Parameter, ...], list[tuple[RingFit, View]]] = {}
+        self._ended: dict[object, list[tuple[RingFit, View]]] = {}
         self._made: dict[object, Trial | None] = {}
-        self._told: tuple[Trial, float] | None = None
         self._gains: tuple[Trial, Gains] | None = None
 
     def __call__(
         self, extra: Sequence[Parameter], known: Calibration, count: int = MOST_FRAMES, pixels: int | None = None
     ) -> Trial | None:
         """Return the fits, or None when one of them fails; what was asked before is not fitted again."""
-        seen = self._seen(known, pixels)
+        seen = self._seen(known, pixels, extra)
         key = tuple(extra), seen, count
         if key not in self._made:
             self._made[key] = self._fit(seen, tuple(extra), count)
@@ -58,9 +66,10 @@ class Attempts:
 
     def begin_from(self, trial: Trial, extra: Sequence[Parameter], known: Calibration) -> None:
         """Start all that follows from a trial, and forget what was tried before."""
-        seen = self._seen(known, None)
-        self._first = [(fit, seen.optics.blur) for fit in trial.fits]
+        seen = self._seen(known, None, extra)
+        self._first = [(fit, seen) for fit in trial.fits]
         self._last.clear()
+        self._ended.clear()
         self._made.clear()
         self._made[tuple(extra), seen, MOST_FRAMES] = trial
 
@@ -69,25 +78,21 @@ class Attempts:
         self._images = [self._images[place] for place in places]
         self.begin_from(trial, extra, known)
 
-    def round_share(self, trial: Trial, known: Calibration) -> float:
-        """Return the share of the squared errors of the model that functions of the distance would explain."""
-        if self._told is None or self._told[0] is not trial:
-            seen = self._seen(known, None)
-            self._told = trial, round_share(self._images[:FEW_FRAMES], trial.fits[:FEW_FRAMES], seen)
-        return self._told[1]
-
     def gains(self, trial: Trial, known: Calibration) -> Gains:
-        """Return what some pixels of a trial's frames would gain by all else that may be fitted."""
+        """Return what a trial's frames would gain by all else that may be fitted."""
         if self._gains is None or self._gains[0] is not trial:
-            seen = self._seen(known, FEW_PIXELS)
-            self._gains = trial, gains_of(self._images[:FEW_FRAMES], trial.fits[:FEW_FRAMES], seen)
+            seen = self._seen(known, None)
+            self._gains = trial, Gains(self._images[:FEW_FRAMES], trial.fits[:FEW_FRAMES], seen)
         return self._gains[1]
 
-    def _seen(self, known: Calibration, pixels: int | None) -> View:
+    def _seen(self, known: Calibration, pixels: int | None, extra: Sequence[Parameter] = ()) -> View:
         seen = known.applied(self._view)
         if pixels is None:
-            return replace(seen, settings=replace(seen.settings, asks=(*ASSUMED, *AXES)))
-        return replace(seen, settings=replace(seen.settings, max_pixels=pixels, tells_memory=False, asks=()))
+            # what else may be wrong is asked of what is known alone
+            asks = (*ASSUMED, *AXES) if set(extra) <= set(AXES) else ()
+            return replace(seen, settings=replace(seen.settings, asks=asks))
+        most = min(pixels, seen.settings.max_pixels)
+        return replace(seen, settings=replace(seen.settings, max_pixels=most, is_rough=True))
 
     def _fit(self, view: View, extra: tuple[Parameter, ...], count: int) -> Trial | None:
         """Fit frames with further parameters free."""
@@ -100,19 +105,67 @@ class Attempts:
         widest = replace(view.optics, blur=self._widest)
         fits: list[RingFit] = []
         for place, image in enumerate(self._images[:count]):
-            start = first = self._first[place]
-            if place < len(last) and last[place][0].residual < _NO_WORSE * first[0].residual:
-                start = last[place]
+            first = self._first[place]
             ring = ring_around(image, _parameters(*first, view, extra), widest, settings, view.levels)
             if ring is None:
                 return None
-            fits.append(fit_ring(ring, _parameters(*start, view, extra), view.optics, settings))
-        last[: len(fits)] = [(fit, view.optics.blur) for fit in fits]
+            fit = fit_ring(ring, self._start(place, view, extra, free), view.optics, settings)
+            # neighbours differ by the noise whatever is assumed
+            fits.append(replace(fit, noise=first[0].between, between=first[0].between) if settings.is_rough else fit)
+        ended = [(fit, view) for fit in fits]
+        last[: len(fits)] = self._ended[free, view.optics] = ended
         return Trial(tuple(fits), tuple(fit.between for fit, _ in self._first[:count]))
 
+    def _start(self, place: int, view: View, extra: tuple[Parameter, ...], free: tuple[Parameter, ...]) -> Floats:
+        """Return what to start from: the same by some pixels, the last one alike, or where one with more free ended."""
+        start = self._first[place]
+        for last in (self._ended.get((free, view.optics), []), self._last[free]):
+            if place < len(last) and last[place][0].residual < _NO_WORSE * start[0].residual:
+                start = last[place]
+                break
+        best, least = _parameters(*start, view, extra), start[0].residual ** 2
+        for wider, made in self._last.items():
+            if place >= len(made) or not set(free) < set(wider) or not _differ_by_free(*made[place], view):
+                continue
+            slid, squares = _slid(*made[place], _parameters(*made[place], view, extra), view, free)
+            if squares < least:
+                best, least = slid, squares
+        return best
 
-def _parameters(start: RingFit, blur: float, view: View, extra: tuple[Parameter, ...]) -> Floats:
-    """Return what to start from in a view, from a fit in another one with a blur (px) of its own.
+
+def _differ_by_free(fit: RingFit, seen: View, view: View) -> bool:
+    """Tell whether the optics of two views differ by nothing but what was free in a fit with the first one."""
+    changed = {name: getattr(view.optics, name) for p, name in _NAMES.items() if p in fit.free}
+    return replace(seen.optics, **changed) == view.optics
+
+
+def _slid(
+    fit: RingFit, seen: View, parameters: Floats, view: View, free: tuple[Parameter, ...]
+) -> tuple[Floats, float]:
+    """Return where a fit would end with some of what was free held at these parameters, and what it would leave there.
+
+    To first order, in the square of the residual.
+    """
+    held = [p for p in fit.free if p not in free]
+    before = fit.parameters[held] + [_beyond(p, seen) - _beyond(p, view) for p in held]
+    kept, left_out = ([fit.free.index(p) for p in some] for some in (free, held))
+    pull = np.linalg.lstsq(fit.inverse[np.ix_(left_out, left_out)], parameters[held] - before)[0]
+    parameters[list(free)] = fit.parameters[list(free)] + fit.inverse[np.ix_(kept, left_out)] @ pull
+    parameters[Parameter.SMEAR] = max(float(parameters[Parameter.SMEAR]), 0.0)
+    return parameters, fit.residual**2 + float((parameters[held] - before) @ pull) / max(fit.pixels, 1)
+
+
+def _beyond(parameter: Parameter, view: View) -> float:
+    """Return from where a parameter counts in a view."""
+    if parameter is Parameter.SCALE:
+        return math.log(view.optics.phase_scale)
+    if parameter is Parameter.BLUR:
+        return view.optics.blur**2
+    return float(getattr(view.optics, _NAMES[parameter])) if parameter in (Parameter.SPREAD, Parameter.FOCUS) else 0.0
+
+
+def _parameters(start: RingFit, before: View, view: View, extra: tuple[Parameter, ...]) -> Floats:
+    """Return what to start from in a view, from a fit in another one.
 
     What the lens blurs in this view and did not in that one was taken for a motion.
     """
@@ -122,7 +175,7 @@ def _parameters(start: RingFit, blur: float, view: View, extra: tuple[Parameter,
     parameters[Parameter.PHASE] = view.optics.phase
     parameters[Parameter.SCALE] = 0.0
     if Parameter.SMEAR in view.settings.free:
-        beyond = blur**2 + float(parameters[Parameter.BLUR]) - view.optics.blur**2
+        beyond = before.optics.blur**2 + float(parameters[Parameter.BLUR]) - view.optics.blur**2
         parameters[Parameter.SMEAR] = max(float(parameters[Parameter.SMEAR]) + EVEN * beyond, 0.0)
     parameters[[Parameter.BLUR, Parameter.SPREAD, Parameter.FOCUS]] = 0.0
     for place, harmonic in zip(HARMONICS, view.harmonics, strict=True):

@@ -8,7 +8,7 @@ import numpy as np
 
 from labpipe.imaging.fringes._ring_parameters import ASSUMED, Parameter
 from labpipe.imaging.fringes._together import what_is_found, with_beside
-from labpipe.imaging.fringes._trials import WEAK_HINT, Attempt, Calibration
+from labpipe.imaging.fringes._trials import ALL_PIXELS, WEAK_HINT, Attempt, Calibration
 from labpipe.imaging.fringes._view import View
 
 #: Skewness of a band of colours that is tried, and that of usual ones, two lines among them; steps of it that are
@@ -62,7 +62,8 @@ def weigh_band(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, 
     beside = tuple(p for group in what_is_found(known) for p in group)
     free = (*axes, *beside)
     step = _SKEWNESS / (3.0 * math.sqrt(known.spread))
-    ways = [attempt(free, replace(known, skew=known.skew + place * step)) for place in (-1.0, 0.0, 1.0)]
+    skews = [known.skew + place * step for place in (-1.0, 0.0, 1.0)]
+    ways = [attempt(free, replace(known, skew=skew), pixels=ALL_PIXELS) for skew in skews]
     made = [trial for trial in ways if trial is not None]
     if len(made) < len(ways):
         return known

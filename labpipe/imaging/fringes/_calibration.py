@@ -162,7 +162,13 @@ def calibrate(
     is_cut = any(result.harmonics) and (result.by_camera or not result.blur)
     is_told = not is_phase_free or result.phase_shift != 0.0 or is_cut
     is_open = ((Parameter.PHASE, not is_told), (Parameter.SCALE, result.log_scale == 0.0))
-    return _with_hidden(attempt, plain_axes, result, view, [parameter for parameter, is_free in is_open if is_free])
+    best = attempt(plain_axes, result)
+    if best is None:
+        return result
+    result = replace(result, fits=best.fits)
+    return _with_hidden(
+        attempt, plain_axes, result, best, view, [parameter for parameter, is_free in is_open if is_free]
+    )
 
 
 def _without_opened(
@@ -209,7 +215,12 @@ def _best_of(better: Sequence[tuple[Trial, Calibration]], before: Trial) -> tupl
 
 
 def _with_hidden(
-    attempt: Attempts, axes: Sequence[Parameter], known: Calibration, view: View, parameters: Sequence[Parameter]
+    attempt: Attempts,
+    axes: Sequence[Parameter],
+    known: Calibration,
+    best: Trial,
+    view: View,
+    parameters: Sequence[Parameter],
 ) -> Calibration:
     """Count what a phase or a scale that frames do not show beyond doubt makes of the radius.
 
@@ -217,13 +228,10 @@ def _with_hidden(
     all: what both together make of the radius counts. Else each is there or it is not, as likely as its value is by
     chance and as one of its usual size.
     """
-    best = attempt(tuple(axes), known)  # with all that is known by now
-    if best is None:
-        return known
     beside = tuple(p for group in what_is_found(known) for p in group)
     if not (best.is_quiet or best.is_doubtful):  # noise with a memory, as of speckle, is all there is
         return known if beside or Parameter.SCALE not in parameters else _with_hidden_scale(best, known)
-    if best.is_doubtful and not attempt.round_share(best, known) < _ROUND_LEFT:
+    if best.is_doubtful and not attempt.gains(best, known).round_share < _ROUND_LEFT:
         trial = attempt((*axes, *ASSUMED), known)
         is_odd = set(beside).difference(BEAMS) or known.flat or known.colour[1]
         if trial is not None and (is_odd or trial.excess * FACTOR < best.excess):
@@ -338,9 +346,8 @@ def _promised(attempt: Attempts, known: Calibration, best: Trial) -> dict[str, f
     several = {_BLUR: (Parameter.BLUR,), _FLAT: ASSUMED, _FLAT_BESIDE: ASSUMED, _COLOUR: RADIAL}
     shares = {name: gains.share(group) for name, group in one.items()}
     shares |= {name: gains.share(group, is_common=False) for name, group in several.items()}
-    round_share = attempt.round_share(best, known)
     # of rings of which a part is not seen this is an upper bound alone: light is tried whatever it is
-    return shares | {_UNEVEN: 1.0 if math.isnan(round_share) else max(1.0 - round_share, _LIKELY)}
+    return shares | {_UNEVEN: 1.0 if math.isnan(gains.round_share) else max(1.0 - gains.round_share, _LIKELY)}
 
 
 def _find_ellipse(attempt: Attempts, known: Calibration, best: Trial) -> tuple[Trial, Calibration]:

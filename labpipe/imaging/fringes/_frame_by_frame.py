@@ -15,6 +15,7 @@ from labpipe.imaging.fringes._optics_search import OtherOptics
 from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import HARMONICS, Parameter
 from labpipe.imaging.fringes._search import NO_WORSE, Vain, fit_like, search_contact
+from labpipe.imaging.fringes._trial_fits import fit_edge
 from labpipe.imaging.fringes._view import View
 
 #: Jump of the radius (px) up to which a fit is started from the frame before.
@@ -168,19 +169,26 @@ def refit(
         By frame in contact.
     """
     view = result.view
+    starts = dict(zip(result.calibration.frames, result.calibration.fits, strict=False))
     known = result.blanks.copy() if stays_blank else {}
     result.blanks.clear()
     found: dict[int, RingFit] = {}
     last: RingFit | None = None
-    vain = Vain()
+    vain, plain = Vain(), replace(view, alternatives=())
     for index in map(int, np.flatnonzero(read)):
         if index in known:
-            result.blanks[index] = known[index]
+            # rings that were taken for a soft edge may be rings that are blurred
+            frame, edges = reader.whole(index), known[index].edges if view.optics.blur else ()
+            fit = next(filter(None, (fit_edge(frame, plain, edge) for edge in edges)), None)
+            if fit is None:
+                result.blanks[index] = known[index]
+            else:
+                found[index] = last = fit
             continue
         looks = Looks(reader.whole(index))
-        fit: RingFit | None = None
+        fit = None
         if index in fits:
-            start = fits[index].parameters.copy()
+            start = starts.get(index, fits[index]).parameters.copy()
             start[Parameter.PHASE], start[Parameter.SCALE] = view.optics.phase, 0.0
             start[[Parameter.BLUR, Parameter.SPREAD, Parameter.FOCUS]] = 0.0
             start[list(HARMONICS)] = view.harmonics

@@ -329,6 +329,7 @@ def _gauss(count: int) -> tuple[Floats, Floats]:
     return nodes, weights
 
 
+@lru_cache(maxsize=_MOST_NODES)
 def pixel_weights(blur: float, disc: float = 0.0, ring: float = math.inf) -> Floats:
     """Weights over samples of a radial table: one pixel wide, convolved with the blur.
 
@@ -351,9 +352,11 @@ def pixel_weights(blur: float, disc: float = 0.0, ring: float = math.inf) -> Flo
         places = (np.arange(-reach, reach + 2) - 0.5) / SAMPLES_PER_PIXEL
         edges = np.clip((places - (radius**2 - 4.0 * places**2) / (24.0 * ring)) / radius, -1.0, 1.0)
         weights = np.convolve(weights, np.diff(edges * np.sqrt(1.0 - edges**2) + np.arcsin(edges)) / math.pi)
+    weights.setflags(write=False)
     return weights
 
 
+@lru_cache(maxsize=_MOST_NODES)
 def table_distances(inner: float, outer: float, blur: float, margin: int) -> tuple[float, Floats]:
     """First distance of a table that covers ``inner .. outer``, and the samples it is made of.
 
@@ -366,7 +369,9 @@ def table_distances(inner: float, outer: float, blur: float, margin: int) -> tup
     last = math.ceil(outer * SAMPLES_PER_PIXEL) + 1
     samples = step * np.arange(first - margin, last + margin + 1)
     shift = (1.0 / 24.0 + 0.5 * blur**2) / np.maximum(np.abs(samples), 1.0)
-    return first * step, np.abs(samples + np.copysign(shift, samples))
+    distances = np.abs(samples + np.copysign(shift, samples))
+    distances.setflags(write=False)
+    return first * step, distances
 
 
 def radial_table(

@@ -10,7 +10,7 @@ import numpy as np
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._ring_fit import RingFit
 from labpipe.imaging.fringes._ring_parameters import EVEN, Parameter
-from labpipe.imaging.fringes._trials import FEW_FRAMES, FEW_PIXELS, Attempt, Calibration, Trial, doubt
+from labpipe.imaging.fringes._trials import ALL_PIXELS, FEW_FRAMES, FEW_PIXELS, Attempt, Calibration, Trial, doubt
 
 #: Rounds in which the blur is found, its least (px), the relative change of its square at which they
 #: end, and the step by which its effect is told.
@@ -82,7 +82,7 @@ class _Lens:
     def known(self, attempt: Attempt, axes: Sequence[Parameter], known: Calibration) -> Calibration:
         """Return what is known with this blur, and what its uncertainty makes of the radius."""
         seen = replace(known, disc=self.disc)
-        sharper = attempt(axes, replace(seen, blur=(1.0 - _BLUR_STEP) * self.blur))
+        sharper = attempt(axes, replace(seen, blur=(1.0 - _BLUR_STEP) * self.blur), pixels=ALL_PIXELS)
         slope = 0.0 if sharper is None else self.trial.changes(sharper) / (_BLUR_STEP * self.blur)
         own = slope * self.u_square / (2.0 * self.blur)
         uneven = np.array([_shift_by_uneven_light(fit, self.blur) for fit in self.trial.fits])
@@ -139,8 +139,11 @@ def _blur_of_lens(attempt: Attempt, axes: Sequence[Parameter], known: Calibratio
     blur = math.sqrt(_square_beside_motion(attempt, axes, known))
     start = few(axes, replace(known, blur=blur))
     rough = [] if start is None else _likely_shapes(few, axes, known, start, blur)
-    sized = (_size_of_blur(attempt, axes, known, lens.trial, lens.disc, lens.blur, is_near=True) for lens in rough)
-    return _settled_shape(attempt, axes, known, [lens for lens in sized if lens is not None], are_sized=True)
+    all_told = partial(attempt, pixels=ALL_PIXELS)
+    sized = (_size_of_blur(all_told, axes, known, lens.trial, lens.disc, lens.blur, is_near=True) for lens in rough)
+    lens = _settled_shape(all_told, axes, known, [lens for lens in sized if lens is not None], are_sized=True)
+    trial = None if lens is None else attempt(axes, replace(known, blur=lens.blur, disc=lens.disc))
+    return None if lens is None or trial is None else replace(lens, trial=trial)
 
 
 def _likely_shapes(

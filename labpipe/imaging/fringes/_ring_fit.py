@@ -1,6 +1,7 @@
 """Fit the interference pattern around a Hertz contact to the pixels of one frame."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,6 +23,8 @@ _BORDER = 2.0
 #: Expected gain of a step, in variances of a pixel, below which the iteration ends: the fit is then
 #: within a tenth of its uncertainty of the minimum, and the step itself is still made.
 _SMALL_GAIN = 0.01
+#: The same where only what is left counts: the squares fall as expected to a tenth of that.
+_ROUGH_GAIN = 1.0
 #: Share of the errors of the model that noise with a memory must reach to be told from them.
 _OWN_SHARE = 0.3
 #: Misfit from which noise with a memory is looked for, and from which nothing is explained.
@@ -58,6 +61,8 @@ class FitSettings:
     tells_memory : bool
         Tell noise with a memory from errors of the model; a fit of which only the residual counts
         needs it not.
+    is_rough : bool
+        Whether only what is left counts, and where: the last step is taken, but not what is left there summed.
     asks : tuple of Parameter
         What is not fitted but told of: how the radius depends on it, and what fitting it would gain.
     """
@@ -69,6 +74,7 @@ class FitSettings:
     max_iterations: int = 25
     tolerance: float = 2e-4
     tells_memory: bool = True
+    is_rough: bool = False
     asks: tuple[Parameter, ...] = ASSUMED
 
 
@@ -145,12 +151,14 @@ class RingFit:
 
     def expected_gain(self, parameters: tuple[Parameter, ...]) -> float:
         """Return by how many variances the squares would fall, to first order, with these fitted as well."""
-        rows = [self.asked.index(p) for p in parameters if p in self.asked]
-        if self.slope is None or self.bend is None or not rows:
-            return 0.0
-        slope = self.slope[rows]
-        step = np.linalg.lstsq(self.bend[np.ix_(rows, rows)], slope)[0]
-        return float(slope @ step) / max(self.noise, 1e-6) ** 2
+        return explained([self.along(parameters, max(self.noise, 1e-6) ** 2)])
+
+    def along(self, parameters: Iterable[Parameter], unit: float) -> tuple[Floats, Floats]:
+        """Return how the squares fall, and how that changes, in a unit of squares, along some of what was asked for."""
+        rows = [self.asked.index(p) for p in dict.fromkeys(parameters) if p in self.asked]
+        if self.slope is None or self.bend is None:
+            return np.zeros(0), np.zeros((0, 0))
+        return self.slope[rows] / unit, self.bend[np.ix_(rows, rows)] / unit
 
     def deviation(self, parameter: Parameter, known: tuple[Parameter, ...] = ()) -> float:
         """Return the standard uncertainty from noise, some others being known; 0 for what was not fitted."""
@@ -196,6 +204,11 @@ class RingFit:
         return excess / max(modulation, 1e-12)
 
 
+def explained(along: Iterable[tuple[Floats, Floats]]) -> float:
+    """Return by how much the squares of several frames would fall, to first order: see :meth:`RingFit.along`."""
+    return sum(float(slope @ np.linalg.lstsq(bend, slope)[0]) for slope, bend in along if len(slope))
+
+
 def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -> RingFit:
     """Least squares over the pixels of a ring, by damped Gauss–Newton steps.
 
@@ -211,16 +224,19 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
         What is fitted and how.
     """
     free = np.array(settings.free, np.int64)
-    asked = tuple(p for p in settings.asks if p not in settings.free)
+    asked = () if settings.is_rough else tuple(p for p in settings.asks if p not in settings.free)
     reported = np.array([*settings.free, *asked], np.int64)
     moves = np.isin(free, (Parameter.RADIUS, Parameter.X, Parameter.Y))
     best = start.astype(float).copy()
-    damping, evaluations, is_settled, is_small = _DAMPING, 1, False, False
-    sums = ring_sums(ring, best, free, optics)
+    is_all = settings.max_iterations <= 1
+    damping, evaluations, is_settled, is_small = _DAMPING, 1, False, is_all
+    first = (reported, optics, len(free)) if is_all else (free, optics)
+    sums = ring_sums(ring, best, *first)
     if not _is_finite(sums):
         # A field of light told by fewer pixels can run out of all numbers beyond them.
         best[[Parameter.SLOPE_X, Parameter.SLOPE_Y, Parameter.BOWL, *LIGHT]] = 0.0
-        sums = ring_sums(ring, best, free, optics)
+        sums = ring_sums(ring, best, *first)
+    least_gain = _ROUGH_GAIN if settings.is_rough else _SMALL_GAIN
     while evaluations < settings.max_iterations and damping < _MOST_DAMPING:
         if sums.pixels <= len(free):
             break
@@ -234,8 +250,11 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
             continue
         gain = float(sums.right @ step) * sums.pixels
         is_small = damping < _BAD_DAMPING and (
-            gain < _SMALL_GAIN * sums.squares or np.abs(step[moves]).max() < settings.tolerance
+            gain < least_gain * sums.squares or np.abs(step[moves]).max() < settings.tolerance
         )
+        if is_small and settings.is_rough:
+            best, sums, is_settled = trial, replace(sums, squares=sums.squares - float(sums.right @ step)), True
+            break
         tried = ring_sums(ring, trial, reported if is_small else free, optics, len(free) if is_small else 0)
         evaluations += 1
         if not _is_finite(tried):
@@ -253,10 +272,10 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
         if is_small:
             is_settled = True
             break
-    if not is_small:
+    curvature = 0.5 * (ring.outer**2 - ring.inner**2)
+    if not (is_small or settings.is_rough):
         sums = ring_sums(ring, best, reported, optics, len(free))
         evaluations += 1
-    curvature = 0.5 * (ring.outer**2 - ring.inner**2)
     found = _result(best, sums, settings.free, asked, is_settled, evaluations, curvature)
     return _with_doubts(_with_memory(found, ring, optics, sums), ring, optics) if settings.tells_memory else found
 
@@ -351,7 +370,7 @@ def _result(
     scale = np.sqrt(np.maximum(np.diag(sums.normal)[:count], 1e-300))
     outer = np.outer(scale, scale)
     inverse = np.linalg.pinv(sums.normal[:count, :count] / outer) / outer
-    covariance = inverse @ sums.weighted @ inverse
+    covariance = inverse @ sums.weighted @ inverse if len(sums.weighted) else residual**2 * inverse
     changes = inverse @ sums.normal[:count, count:]
     place = free.index(Parameter.RADIUS) if Parameter.RADIUS in free else None
     sensitivity = dict.fromkeys(ASSUMED, 0.0)

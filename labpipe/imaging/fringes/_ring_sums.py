@@ -50,7 +50,8 @@ def tabulate(ring: Ring, parameters: Floats, free: Integers, optics: Optics) -> 
     is_rich = kind > PLAIN
     radius, travel = float(parameters[Parameter.RADIUS]), table_travel(parameters)
     blur = math.sqrt(max(optics.blur**2 + float(parameters[Parameter.BLUR]), 0.0))
-    kernel = pixel_weights(blur, optics.disc, 0.5 * (max(radius, 1.0) + ring.outer))
+    middle = 0.5 * (max(radius, 1.0) + ring.outer) if optics.disc else math.inf
+    kernel = pixel_weights(blur, optics.disc, middle)
     start, distance = table_distances(ring.inner, ring.outer, blur, len(kernel) // 2)
     spacing = 2.0 * math.pi / max(phase_slope(ring.outer, radius, optics), 1e-12)
     nodes, weights = exposure_nodes(travel, spacing)

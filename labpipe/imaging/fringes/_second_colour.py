@@ -16,7 +16,7 @@ from labpipe.imaging.fringes._looks import Looks
 from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import AXES, Parameter
 from labpipe.imaging.fringes._trial_fits import start_at_edge
-from labpipe.imaging.fringes._trials import VARIANCES, Attempt, Calibration, Trial, is_promising
+from labpipe.imaging.fringes._trials import ALL_PIXELS, VARIANCES, Attempt, Calibration, Trial, is_promising
 from labpipe.imaging.fringes._view import View
 
 #: Wavenumbers of the second colour over the first that are tried, and its share of the fringes then.
@@ -145,7 +145,7 @@ def _settled(
     """Minimum of what all pixels leave, by a paraboloid about a colour, and what its width makes of the radius."""
     steps = np.diag(_STEPS)
     places = [colour, *(colour + s for s in steps), *(colour - s for s in steps), colour + steps.sum(axis=0)]
-    trials = [attempt(axes, replace(known, colour=(float(r), float(s)))) for r, s in places]
+    trials = [attempt(axes, replace(known, colour=(float(r), float(s))), pixels=ALL_PIXELS) for r, s in places]
     made = [trial for trial in trials if trial is not None]
     if len(made) < len(places):
         return None

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._acceptance import GOOD_MISFIT, LEAST_PIXELS, is_contact
 from labpipe.imaging.fringes._edge import Edge, corrected_radius
-from labpipe.imaging.fringes._fingerprint import round_share
-from labpipe.imaging.fringes._gains import gains_of, in_order
+from labpipe.imaging.fringes._gains import Gains, in_order
 from labpipe.imaging.fringes._interference import distance_at_phase
 from labpipe.imaging.fringes._radial_scan import Match, Window, left_by_edge, radial_profile
 from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, fit_contact
@@ -132,9 +131,8 @@ def _otherwise(frame: NDArray[np.generic], view: View, start: Floats, found: Rin
     ways = {frozenset((*usual, *extra)): extra for extra in reversed(view.alternatives) if not set(extra) <= set(usual)}
     likely, share = list(reversed(ways.values())), math.nan
     if len(likely) > 1:
-        seen = replace(view, settings=_quick(view))
-        share = round_share([frame], [found], seen)
-        gains = gains_of([frame], [found], seen)
+        gains = Gains([frame], [found], replace(view, settings=_quick(view)))
+        share = gains.round_share
         likely = in_order({of: max(gains.share(of), 1.0 - share if LIGHT[0] in of else 0.0) for of in likely})
     for extra in likely:
         is_radial = set(extra).difference(usual) <= set(RADIAL)

@@ -34,6 +34,8 @@ _QUIET = 0.01
 #: Frames and pixels of a first look, the share of the squared misfit that it must leave less than, and
 #: the share of the gain wanted that it must promise, or whole frames are not tried.
 FEW_FRAMES, FEW_PIXELS, PROMISE, HALF = 4, 12_000, 0.8, 0.5
+#: Where all pixels count, but only what is left.
+ALL_PIXELS = 10**9
 #: The same share where these frames show errors of the model beyond chance, which whole ones must halve.
 _CLEAR_PROMISE = 0.65
 
@@ -72,6 +74,8 @@ class Calibration:
         What the uncertainty of blur, harmonics and flat makes of contacts of these radii.
     frames : tuple of int
         Frames that were used.
+    fits : tuple of RingFit
+        Fits of these with what was found.
     doubted_phase : float [rad]
         What the film shows where the caller's phase was kept; NaN when they agree.
     """
@@ -94,6 +98,7 @@ class Calibration:
     radii: tuple[float, ...] = ()
     u_shared: tuple[float, ...] = ()
     frames: tuple[int, ...] = ()
+    fits: tuple[RingFit, ...] = ()
     doubted_phase: float = math.nan
 
     @property
@@ -231,13 +236,11 @@ class Trial:
 
     def hinted(self, parameter: Parameter) -> tuple[float, float]:
         """Return what a parameter that was asked for would be, to first order, and its standard uncertainty."""
-        slope = bend = shared = 0.0
-        for fit in self.fits:
-            if fit.slope is not None and fit.bend is not None and parameter in fit.asked:
-                row, square = fit.asked.index(parameter), max(fit.noise, 1e-6) ** 2
-                slope, bend = slope + float(fit.slope[row]) / square, bend + float(fit.bend[row, row]) / square
-                shared += 0.0 if fit.by_memory is None else float(fit.by_memory[row]) / square
+        pairs = [fit.along((parameter,), max(fit.noise, 1e-6) ** 2) for fit in self.fits]
+        slope, bend = (sum(float(part.sum()) for part in parts) for parts in zip(*pairs, strict=True))
         # what makes noise remember stands still: it is one in all frames
+        told = [(f, f.by_memory) for f in self.fits if f.by_memory is not None and parameter in f.asked]
+        shared = sum(float(memory[f.asked.index(parameter)]) / max(f.noise, 1e-6) ** 2 for f, memory in told)
         return slope / max(bend, 1e-300), max(shared, math.sqrt(max(bend, 1e-300))) / max(bend, 1e-300)
 
     def changes(self, other: "Trial") -> Floats:
@@ -291,7 +294,7 @@ class Attempt(Protocol):
     def __call__(
         self, extra: Sequence[Parameter], known: Calibration, count: int = ..., pixels: int = ...
     ) -> Trial | None:
-        """Return the fits, or None when one of them fails."""
+        """Return the fits, or None when one of them fails; of so many pixels, only what is left counts, and where."""
 
 
 def is_promising(

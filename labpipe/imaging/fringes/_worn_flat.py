@@ -6,19 +6,19 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._ring_parameters import ASSUMED, Parameter
-from labpipe.imaging.fringes._trials import HINT, Attempt, Calibration, Trial, doubt
+from labpipe.imaging.fringes._trials import ALL_PIXELS, HINT, Attempt, Calibration, Trial, doubt
 
 #: Flats that are tried as shares of the smallest contact, until one leaves so much more than
 #: another; frames and pixels for that, and variances by which one must lower the sum of squares.
 _FLATS, _WORSE = (0.35, 0.5, 0.62, 0.74, 0.82, 0.88, 0.92, 0.96), 1.2
 _FLAT_FRAMES, _FLAT_PIXELS, _FLAT_VARIANCES = 4, 12_000, 40.0
-#: Share of the width between flats to which some pixels tell the best by search, the step of the parabola from there,
-#: and the step of the one by all pixels, in uncertainties by some.
-_ROUGH, _STEP, _NARROWER = 0.05, 0.1, 2.0
+#: Vertices of parabolas by which some pixels search the best between flats, and the share of the width between these to
+#: which they tell it; the step of the parabola from there, and the step of the one by all pixels, in uncertainties by
+#: some.
+_VERTICES, _ROUGH, _STEP, _NARROWER = 5, 0.05, 0.1, 2.0
 #: Change of the phase (rad) that a flat may seem to be.
 _FLAT_PHASE = 0.15
 
@@ -66,7 +66,7 @@ def _found_flat(
     if found is None or found[1].gain_over(best) < _FLAT_VARIANCES:
         return None
     # a wrong wavelength or ruler is commoner than wear, and moves rings nearly alike
-    scaled = attempt((*axes, Parameter.SCALE), known)
+    scaled = attempt((*axes, Parameter.SCALE), known, pixels=ALL_PIXELS)
     if scaled is not None and scaled.gain_over(best) + beyond >= found[1].gain_over(best):
         return None
     return _settled_flat(attempt, axes, known, *found)
@@ -111,27 +111,45 @@ def _best_flat(
         trial = attempt(axes, replace(known, flat=flat), _FLAT_FRAMES, _FLAT_PIXELS)
         return math.inf if trial is None else trial.left / trial.pixels
 
-    tried = [(0.0, left(0.0))]
-    for share in _FLATS:
-        tried.append((share * smallest, left(share * smallest)))
-        if tried[-1][1] > _WORSE * min(value for _, value in tried):
+    tried = {0.0: left(0.0)}
+    for flat in (share * smallest for share in _FLATS):
+        tried[flat] = left(flat)
+        if tried[flat] > _WORSE * min(tried.values()):
             break
-    near = min(range(len(tried)), key=lambda place: tried[place][1])
-    if near == 0:
+    flat = min(tried, key=tried.__getitem__)
+    if flat == 0.0:
         return None
-    low, high = tried[near - 1][0], tried[min(near + 1, len(tried) - 1)][0]
+    low = max(size for size in tried if size < flat)
+    high = min((size for size in tried if size > flat), default=flat)
     width = high - low
-    found = minimize_scalar(left, bounds=(low, high), method="bounded", options={"xatol": _ROUGH * width})
-    if not found.fun < most:
-        return None
-    # the vertex of a parabola through what some pixels leave, and how well they place it
+    for _ in range(_VERTICES):
+        vertex = float(np.clip(_vertex_about(tried, flat), low, high))
+        if not abs(vertex - flat) > _ROUGH * width:
+            break
+        tried[vertex] = left(vertex)
+        flat = min(tried, key=tried.__getitem__)
+    # how well some pixels place it
     few = partial(attempt, count=_FLAT_FRAMES, pixels=_FLAT_PIXELS)
-    rough = few(axes, replace(known, flat=float(found.x)))
-    placed = None if rough is None else _placed(few, axes, known, float(found.x), rough, _STEP * width)
-    trial = None if placed is None else attempt(axes, replace(known, flat=placed.flat))
-    if placed is None or trial is None:
+    rough = few(axes, replace(known, flat=flat))
+    placed = None if rough is None else _placed(few, axes, known, flat, rough, _STEP * width)
+    if placed is None or not placed.trial.left < most * placed.trial.pixels:
+        return None
+    trial = attempt(axes, replace(known, flat=placed.flat), pixels=ALL_PIXELS)
+    if trial is None:
         return None
     return placed.flat, trial, min(_STEP * width, _NARROWER * placed.u_flat), width
+
+
+def _vertex_about(left: dict[float, float], flat: float) -> float:
+    """Vertex of a parabola through what a flat and those beside it leave; the flat where there is none.
+
+    The gap changes with the fourth power of a small flat: the square is another radius.
+    """
+    sizes = sorted(left)
+    first = min(max(sizes.index(flat) - 1, 0), len(sizes) - 3)
+    near = np.array(sizes[first : first + 3])
+    bend, slope, _ = np.polyfit((near / flat) ** 4 - 1.0, [left[size] for size in near.tolist()], 2)
+    return flat * max(1.0 - 0.5 * float(slope / bend), 0.0) ** 0.25 if bend > 0.0 else flat
 
 
 @dataclass(frozen=True)
@@ -169,8 +187,10 @@ def _settled_flat(
     width: float,
 ) -> tuple[Trial, Calibration] | None:
     """Place the minimum by all pixels of all frames, and tell what its uncertainty makes of the radius."""
-    placed = _placed(attempt, axes, known, flat, trial, step)
+    placed = _placed(partial(attempt, pixels=ALL_PIXELS), axes, known, flat, trial, step)
     if placed is None:
         return None
+    found = replace(known, flat=placed.flat)
+    told = attempt(axes, found)
     changes = placed.slopes * min(placed.u_flat, width)
-    return placed.trial, replace(known, flat=placed.flat).with_shared(placed.trial, changes)
+    return None if told is None else (told, found.with_shared(told, changes))

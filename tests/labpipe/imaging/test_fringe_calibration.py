@@ -13,7 +13,7 @@ from labpipe.imaging.fringes import _calibration
 from labpipe.imaging.fringes._attempts import Attempts
 from labpipe.imaging.fringes._calibration import calibrate
 from labpipe.imaging.fringes._frame_by_frame import _expected
-from labpipe.imaging.fringes._gains import gains_of, in_order
+from labpipe.imaging.fringes._gains import Gains, in_order
 from labpipe.imaging.fringes._interference import Optics, make_optics
 from labpipe.imaging.fringes._lens_blur import find_blur
 from labpipe.imaging.fringes._ring_fit import FitSettings, fit_contact
@@ -43,7 +43,8 @@ def trial(misfit: float, count: int = 4, smear: float = 0.0) -> Trial:
         slow=None,
         worst_deviation=1.0,
         expected_gain=lambda _: 0.0,
-        slope=None,
+        along=lambda *_: (np.zeros(0), np.zeros((0, 0))),
+        by_memory=None,
         has_negative_light=False,
         doubts={},
         parameters=parameters,
@@ -97,7 +98,8 @@ def test_what_explained_nothing_is_tried_again_when_most_of_the_misfit_is_gone(m
     for name in (*names, "find_coating", "_find_optics", "find_flat", "_find_focus"):
         monkeypatch.setattr(_calibration, name, lambda *_, name=name: asked.append(name))
     vain: dict[str, float] = {}
-    attempt = Mock(return_value=None, round_share=lambda *_: 0.1)
+    attempt = Mock(return_value=None)
+    attempt.gains.return_value.round_share = 0.1
     attempt.gains.return_value.share = lambda *_, **__: 0.9
     for misfit, count in ((3.0, 11), (2.5, 0), (2.0, 11)):
         asked.clear()
@@ -127,7 +129,7 @@ def test_what_is_wrong_promises_what_it_gains_and_nothing_else_does() -> None:
     for frame, radius in zip(frames, (46.1, 55.3), strict=True):
         start[Parameter.RADIUS] = radius
         fits.append(fit_contact(frame, start, view.optics, view.settings))
-    gains = gains_of(frames, fits, view)  # type: ignore[arg-type]
+    gains = Gains(frames, fits, view)  # type: ignore[arg-type]
     free = replace(view.settings, free=(*view.settings.free, Parameter.PHASE))
     turned = [fit_contact(f, fit.parameters, view.optics, free) for f, fit in zip(frames, fits, strict=True)]
     left = np.mean([fit.misfit**2 for fit in turned]) / gains.excess
@@ -165,8 +167,7 @@ def test_an_oblique_view_is_believed_only_if_it_explains_much_more_and_promised_
         return trial(3.0) if extra == () else None
 
     monkeypatch.setattr(Attempts, "_fit", fitted)
-    monkeypatch.setattr(Attempts, "round_share", lambda *_: 0.1)
-    monkeypatch.setattr(Attempts, "gains", lambda *_: SimpleNamespace(explained=lambda _: explained))
+    monkeypatch.setattr(Attempts, "gains", lambda *_: SimpleNamespace(explained=lambda _: explained, round_share=0.1))
     monkeypatch.setattr(_calibration, "_STEEP", math.inf)  # else any is tried, whatever it promises
     monkeypatch.setattr(_calibration, "_candidates", lambda *_: ())
     monkeypatch.setattr(Calibration, "applied", lambda self, view: view)

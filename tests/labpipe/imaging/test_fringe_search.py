@@ -10,14 +10,7 @@ import pytest
 
 from labpipe.arrays import Floats
 from labpipe.imaging import contact_radius
-from labpipe.imaging.fringes import (
-    _attempts,
-    _optics_search,
-    _ring_fit,
-    _scale_of_contacts,
-    _second_colour,
-    _trial_fits,
-)
+from labpipe.imaging.fringes import _gains, _optics_search, _ring_fit, _scale_of_contacts, _second_colour, _trial_fits
 from labpipe.imaging.fringes._fingerprint import round_share
 from labpipe.imaging.fringes._interference import make_optics
 from labpipe.imaging.fringes._ring_fit import FitSettings
@@ -102,7 +95,7 @@ def test_what_is_left_goes_evenly_around_the_rings_or_not(
         shares.append(round_share(*arguments))  # type: ignore[arg-type]
         return shares[-1]
 
-    monkeypatch.setattr(_attempts, "round_share", told)
+    monkeypatch.setattr(_gains, "round_share", told)
     measure(CASES[name][0])
     assert (shares[0] > 0.8) if is_round else (shares[0] < 0.3), shares
 
@@ -172,8 +165,7 @@ def test_explanations_are_tried_once_and_where_what_is_left_goes_around_the_ring
     """Beside free axes another scale is the same with axes as without; what goes by the distance is even all around."""
     tried: list[frozenset[Parameter]] = []
     monkeypatch.setattr(_trial_fits, "_trial", lambda *arguments: tried.append(frozenset(arguments[3])))
-    monkeypatch.setattr(_trial_fits, "round_share", lambda *_: share)
-    monkeypatch.setattr(_trial_fits, "gains_of", lambda *_: Mock(share=lambda _: 1.0))
+    monkeypatch.setattr(_trial_fits, "Gains", lambda *_: Mock(round_share=share, share=lambda _: 1.0))
     ways = (AXES, (*AXES, Parameter.SCALE), (Parameter.SCALE,), BEAMS, (*AXES, *BEAMS), POWERS)
     settings = FitSettings(free=(*USUAL, *AXES))
     view = View(make_optics(2e-6, SPHERE, LIGHT), settings, (9, 9), 0.0, 255.0, alternatives=ways)
@@ -280,7 +272,7 @@ def test_rings_of_which_a_part_is_not_seen_tell_noise_from_errors_all_at_once() 
 
 def test_a_film_in_which_no_error_of_the_model_is_seen_asks_for_none(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Callable[..., object]] = []
-    monkeypatch.setattr(_attempts, "round_share", asked.append)
+    monkeypatch.setattr(_gains, "round_share", asked.append)
     assert np.abs(measure(PLAIN)).max() < 3.0
     assert asked == []
 
