@@ -8,8 +8,13 @@ import pytest
 from labpipe.imaging import contact_radius
 from labpipe.imaging.fringes import _frame_by_frame
 from labpipe.imaging.fringes._acceptance import GOOD_MISFIT
+from labpipe.imaging.fringes._blank_frames import Blank
 from labpipe.imaging.fringes._dataset import FRINGES, _edge_systematic, _static_radius
+from labpipe.imaging.fringes._interference import Optics
+from labpipe.imaging.fringes._ring_fit import FitSettings
 from labpipe.imaging.fringes._ring_parameters import Parameter
+from labpipe.imaging.fringes._trials import Calibration
+from labpipe.imaging.fringes._view import View
 from tests.labpipe.imaging.fringe_film import Scene, fringe_film
 
 
@@ -31,13 +36,7 @@ def test_the_radius_at_rest_is_the_weighted_mean_of_the_last_frames() -> None:
 
 def test_a_frame_is_refitted_from_its_own_fit_unless_that_is_a_poor_one(monkeypatch) -> None:
     """A good fit of a contact is kept, as is one no worse than before; another is looked for anew."""
-    view = SimpleNamespace(
-        optics=SimpleNamespace(phase=3.0),
-        settings=SimpleNamespace(free=()),
-        ellipse=(0.0, 0.0),
-        harmonics=(0.0, 0.0, 0.0),
-        levels=(0.0, 255.0),
-    )
+    view = View(Optics(1e-3, 3.0), FitSettings(free=()), (4, 4), 0.0, 255.0)
     misfit = {0: 0.5 * GOOD_MISFIT, 1: 2.0 * GOOD_MISFIT, 2: 0.5 * GOOD_MISFIT, 3: 0.5}
     monkeypatch.setattr(
         _frame_by_frame, "fit_contact", lambda frame, *_: SimpleNamespace(misfit=misfit[frame], of=frame)
@@ -45,16 +44,16 @@ def test_a_frame_is_refitted_from_its_own_fit_unless_that_is_a_poor_one(monkeypa
     monkeypatch.setattr(_frame_by_frame, "is_contact", lambda frame, *_: frame != 2)
     monkeypatch.setattr(_frame_by_frame, "_next_fit", lambda looks, *_: f"searched {looks.frame}")
     reader = SimpleNamespace(whole=lambda index: index)
-    result = SimpleNamespace(view=view, blanks={})
+    result = SimpleNamespace(view=view, blanks={}, calibration=Calibration())
     fits = {i: SimpleNamespace(parameters=np.zeros(len(Parameter)), misfit=0.0) for i in (0, 1, 2)}
     found = _frame_by_frame.refit(reader, result, np.ones(4, bool), fits, stays_blank=False)
     assert found[0].of == 0
     assert [found[i] for i in (1, 2, 3)] == ["searched 1", "searched 2", "searched 3"]
     assert result.blanks == {}
     # with all rings where they were, what held no contact is not searched again
-    result.blanks = {3: "even"}
+    result.blanks = {3: Blank()}
     found = _frame_by_frame.refit(reader, result, np.ones(4, bool), fits, stays_blank=True)
-    assert (sorted(found), result.blanks) == ([0, 1, 2], {3: "even"})
+    assert (sorted(found), result.blanks) == ([0, 1, 2], {3: Blank()})
     fits[1].misfit = 2.0 * GOOD_MISFIT
     assert _frame_by_frame.refit(reader, result, np.ones(4, bool), fits, stays_blank=True)[1].of == 1
 
