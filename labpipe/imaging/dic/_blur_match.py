@@ -94,8 +94,7 @@ class BlurMatcher:
 
     def is_faded(self, found: Solution) -> bool:
         """Whether most points are not found where the contrast is so low that a wide blur may be why."""
-        contrast = 1.0 / np.where(found.zncc > 0.0, found.gain * found.zncc, 1.0)
-        return self.is_lost(found) and bool(np.median(contrast) < _FADED)
+        return self.is_lost(found) and is_faint(found)
 
     def wide(self, chosen: Integers, start: Floats, solve: Solve) -> Match | None:
         """Find the wide blur that fits best where most points are found near their start, if there is one."""
@@ -173,3 +172,9 @@ def misfit(found: Solution, chosen: Integers, pattern: Pattern) -> float:
         return np.inf
     seen = pattern.seen(chosen[solved], found.gain[solved], found.change[solved, 2:])
     return float(np.median(found.residual[solved] / seen))
+
+
+def is_faint(found: Solution) -> bool:
+    """Whether the contrast is so low that a wide blur may be why."""
+    contrast = 1.0 / np.where(found.zncc > 0.0, found.gain * found.zncc, 1.0)
+    return bool(np.median(contrast) < _FADED)

@@ -6,7 +6,7 @@ import numpy as np
 
 from labpipe.arrays import Flags, Floats, Floats32, Integers
 from labpipe.imaging.dic._attempt import Attempt, Options, Work
-from labpipe.imaging.dic._blur_match import BlurMatcher, misfit
+from labpipe.imaging.dic._blur_match import BlurMatcher, is_faint, misfit
 from labpipe.imaging.dic._film_window import Loaded
 from labpipe.imaging.dic._growth import CHANCE, COMMON, NO_GROWTH, Growth, more_blur
 from labpipe.imaging.dic._inputs import LEAST_SUBSET
@@ -111,7 +111,9 @@ class FrameSolver:
         if len(chosen) >= _TESTED:
             groups = LIGHT | CURVE, BLUR
             common = sum(group for group in groups if ((found.needed & group) > 0).mean() > COMMON)
-        # Something that hides a part of a few points looks like light that curves there.
+        # Something that hides a part of a few points looks like light that curves there, and so does a wide blur.
+        if is_faint(found):
+            common &= ~CURVE
         adapt &= common | ~CURVE
         adapt = np.where(is_plain, adapt, adapt & (AFFINE | np.where(self._is_edge[chosen], 0, common)))
         most = np.where(is_plain, np.inf, _EXPLAINED * found.residual)
