@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from labpipe.arrays import Flags, Floats, Integers
-from labpipe.imaging.dic._places import nearest
+from labpipe.imaging.dic._places import nearest, powers
 
 #: Points around one of them that are asked: at most, and at least for a plane and for a curved surface through
 #: their displacements; and their farthest distance in widths of the subset, and where there are no more than tell
@@ -141,12 +141,6 @@ def _look_around(places: Floats, widths: Integers, most: int = _AROUND, reach: f
     return _Surroundings(near, away, within)
 
 
-def _columns(away: Floats, count: int) -> Floats:
-    """Terms (row, near, term) of a plane or a curved surface."""
-    x, y = away[..., 0], away[..., 1]
-    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y][:count], axis=-1)
-
-
 def _normal(columns: Floats, counts: Flags) -> Floats:
     """Make normal matrices (row, term, term) that are not singular."""
     normal = np.swapaxes(columns, 1, 2) @ (columns * counts[..., None])
@@ -164,7 +158,7 @@ def _surface(away: Floats, counts: Flags) -> tuple[Floats, Floats]:
     number = counts.sum(axis=1)
     for terms, chosen in ((6, number >= _CURVED), (3, (number >= _PLANE) & (number < _CURVED))):
         if chosen.any():
-            columns = _columns(away[chosen], terms)
+            columns = powers(away[chosen], terms)
             middle = np.linalg.solve(_normal(columns, counts[chosen]), np.eye(terms)[:, :1])
             own = (columns @ middle)[..., 0] * counts[chosen]
             # Points along one line do not tell a plane beside it.
@@ -238,7 +232,7 @@ def _scatter(around: _Surroundings, shown: Floats, found: Flags, rows: Integers,
 
 def _about_plane(away: Floats, counts: Flags, moved: Floats) -> Floats:
     """Root mean square (row,) [px] of displacements (row, near, 2) about a plane through those that count."""
-    columns = _columns(away, 3)
+    columns = powers(away, 3)
     plane = np.linalg.solve(_normal(columns, counts), np.swapaxes(columns, 1, 2) @ moved)
     left = (moved - columns @ plane) * counts[..., None]
     return np.asarray(np.sqrt(np.square(left).sum(axis=(1, 2)) / np.maximum(counts.sum(axis=1) - 3.0, 1.0)))

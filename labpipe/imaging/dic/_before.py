@@ -13,7 +13,7 @@ import numpy as np
 from labpipe.arrays import Flags, Floats, Floats32, Integers
 from labpipe.imaging.dic._attempt import Attempt
 from labpipe.imaging.dic._film_window import Loaded
-from labpipe.imaging.dic._places import nearest
+from labpipe.imaging.dic._places import nearest, powers
 from labpipe.imaging.dic._seeding import shift_of
 from labpipe.imaging.dic._spline import PADDING
 from labpipe.imaging.dic._standing import Standing, Votes, moved_pixels
@@ -286,19 +286,14 @@ def _uneven(
     light: Floats, grey: Floats | Floats32, own: Floats32, right: Floats, down: Floats, usual: float, terms: int
 ) -> Floats:
     """Let light slope across the subset as well, and curve where it has six terms."""
-    powers = _powers(right, down, terms).reshape(terms, -1)
-    columns, wanted = np.concatenate([powers * grey.ravel(), powers]).T, own.ravel()
+    places = powers(np.stack([right, down], axis=-1), terms).reshape(-1, terms)
+    columns, wanted = np.concatenate([places * grey.reshape(-1, 1), places], axis=1), own.ravel()
     found = np.pad(light, ((0, 0), (0, terms - 1))).ravel()
     for _ in range(4):
         near = _near(columns @ found - wanted, usual)
         used = columns[near]
         found = np.asarray(np.linalg.lstsq(used.T @ used, used.T @ wanted[near])[0], float)
     return found.reshape(2, terms)
-
-
-def _powers(right: Floats | Integers, down: Floats | Integers, terms: int) -> Floats:
-    """Powers (terms, row, column) of places, as many as asked for."""
-    return np.stack([np.ones_like(right), right, down, right * right, right * down, down * down][:terms]).astype(float)
 
 
 def _near(left: Floats | Floats32, usual: float) -> Flags:
@@ -309,7 +304,8 @@ def _near(left: Floats | Floats32, usual: float) -> Flags:
 
 def _lit(light: Floats, grey: Floats | Floats32, right: Floats | Integers, down: Floats | Integers) -> Floats:
     """Grey levels in the light (2, terms): weights of the powers of the place in the gain, and in the level."""
-    gain, level = np.tensordot(light, _powers(right, down, light.shape[1]), axes=1)
+    places = np.stack([right, down], axis=-1).astype(float)
+    gain, level = np.moveaxis(powers(places, light.shape[1]) @ light.T, -1, 0)
     return np.asarray(gain * grey + level)
 
 

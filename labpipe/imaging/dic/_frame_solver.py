@@ -112,7 +112,7 @@ class FrameSolver:
             groups = LIGHT | CURVE, BLUR
             common = sum(group for group in groups if ((found.needed & group) > 0).mean() > COMMON)
         # Something that hides a part of a few points looks like light that curves there, and so does a wide blur.
-        if is_faint(found):
+        if common & CURVE and is_faint(found):
             common &= ~CURVE
         adapt &= common | ~CURVE
         adapt = np.where(is_plain, adapt, adapt & (AFFINE | np.where(self._is_edge[chosen], 0, common)))

@@ -9,6 +9,7 @@ displacements that gather at whole pixels.
 import numpy as np
 
 from labpipe.arrays import Flags, Floats
+from labpipe.imaging.dic._places import powers
 
 #: Variance (px²) along one axis of what is rounded to whole pixels.
 _WHOLE = 1.0 / 12.0
@@ -70,8 +71,7 @@ def hidden_steps(places: Floats, value: Floats, is_found: Flags, spread: Floats,
 
 def _gathered(places: Floats, moved: Floats) -> float:
     """Variance [px²] about a smooth motion of displacements (point,) that gather at whole pixels; 0 if they do not."""
-    x, y = ((places - places.mean(axis=0)) / np.maximum(np.ptp(places, axis=0), 1.0)).T
-    columns = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    columns = powers((places - places.mean(axis=0)) / np.maximum(np.ptp(places, axis=0), 1.0))
     weight = np.ones(len(moved))
     for _ in range(_ROUNDS):
         weighed = columns.T * weight

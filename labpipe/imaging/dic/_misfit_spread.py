@@ -16,7 +16,7 @@ from labpipe.compilation import compiled, part
 from labpipe.imaging.dic._film_window import Loaded
 from labpipe.imaging.dic._row_sampling import sample_row
 from labpipe.imaging.dic._spline import LANES, PADDING
-from labpipe.imaging.dic._subset_kernel import BLUR, COLUMNS, CURVE, CURVED, LIGHT, MOTIONS, is_inside
+from labpipe.imaging.dic._subset_kernel import BLUR, COLUMNS, CURVE, CURVED, LIGHT, MOTIONS, is_inside, own_contrast
 from labpipe.imaging.dic._subsets import Subsets, solved_columns
 
 #: Width (px) of a part, about and at least: a misfit at an edge of any angle is one of so many pixels at most.
@@ -120,7 +120,7 @@ def _spread(
         _leave(coefficients, order, corner, layout[n], packed, level[n], inverse[n], solved, p, values, column, step)
         weight = inverse[n]
         away_x = away_y = along_x = along_y = left = like = 0.0
-        own = 1.0
+        own = own_contrast(step, moments[n], energy, solved)
         for b in range(solved):
             away_x += weight[0, b] * moments[n, 0, b] / pixels
             away_y += weight[3, b] * moments[n, 0, b] / pixels
@@ -128,8 +128,6 @@ def _spread(
             along_y += weight[3, b] * moments[n, 1, b] / energy
             left += step[b] * moments[n, 0, b] / pixels
             like += step[b] * moments[n, 1, b] / energy
-            if MOTIONS <= b < MOTIONS + 4 or b >= COLUMNS:
-                own -= step[b] * moments[n, 1, b] / energy
         xx = yy = xy = of_x = of_y = most_x = most_y = 0.0
         for lower in range(parts):
             for right in range(parts):
@@ -157,7 +155,6 @@ def _spread(
                 most_x += own_x * own_x
                 most_y += own_y * own_y
         others = (_OTHERS + more[n]) / float(parts * parts)
-        # what light has in common with the pattern is no contrast of it
         grown_x = 1.0 / (own * own * max(1.0 - _TAKEN * most_x / of_x**2 - others, _LEAST_LEFT))
         grown_y = 1.0 / (own * own * max(1.0 - _TAKEN * most_y / of_y**2 - others, _LEAST_LEFT))
         result[q, 0], result[q, 1], result[q, 2] = grown_x * xx, grown_y * yy, math.sqrt(grown_x * grown_y) * xy

@@ -24,6 +24,12 @@ def spread_pieces(places: Floats, half: Integers) -> tuple[Integers, Floats]:
     return points[chosen], corners[chosen]
 
 
+def powers(places: Floats, count: int = 6) -> Floats:
+    """Columns (..., count) of a surface over places (..., 2): 1, x, y, x², x y and y², as many as asked for."""
+    x, y = places[..., 0], places[..., 1]
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y][:count], axis=-1)
+
+
 def nearest(places: Floats, others: Floats, count: int) -> Integers:
     """Find for every place its nearest others, shape (place, count).
 

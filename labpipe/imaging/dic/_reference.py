@@ -167,6 +167,12 @@ class Reference:
         return near_half(self)
 
     @cached_property
+    def sharp_sums(self) -> tuple[NDArray[np.float64], float]:
+        """Sums (usable,) of these squares, and the variance of noise in each."""
+        squares, of_noise = self.sharp
+        return self.sums(squares), of_noise
+
+    @cached_property
     def sharper(self) -> tuple[NDArray[np.float64], float]:
         """The same of twice the order."""
         return near_half(self, 8)

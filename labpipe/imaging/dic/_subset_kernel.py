@@ -70,6 +70,16 @@ def is_inside(x: float, y: float, half: float, p: Floats, window: tuple[float, f
     return True
 
 
+@part()
+def own_contrast(step: Floats, moments: Floats, energy: float, solved: int) -> float:
+    """Share of the contrast that is the pattern's: what light has in common with the pattern is no contrast of it."""
+    own = 1.0
+    for a in range(MOTIONS, solved):
+        if a < MOTIONS + 4 or a >= COLUMNS:
+            own -= step[a] * moments[1, a] / energy
+    return own
+
+
 @compiled(nogil=True)
 def _gauss_newton_step(
     sums: Floats,
@@ -103,11 +113,7 @@ def _gauss_newton_step(
             fall += step[a] * normal[a, b] * step[b]
     residual = max(gain * gain * contrast - energy - fall, 0.0)
     if solved > MOTIONS:
-        # What light has in common with the pattern is no contrast of it.
-        own = 1.0
-        for a in range(MOTIONS, solved):
-            if a < MOTIONS + 4 or a >= COLUMNS:
-                own -= step[a] * moments[1, a] / energy
+        own = own_contrast(step, moments, energy, solved)
         if not gain * own > 0.0:
             return False
         gain /= own

@@ -91,8 +91,7 @@ def interpolates_well(reference: Reference, noise: Floats) -> Flags:
     noise : array (usable point,) [grey²]
         Variance of a pixel of one frame.
     """
-    sums, of_noise, least = sharpness(reference)
-    return np.asarray(sums - of_noise * noise * reference.subsets.level[:, 2] < least)
+    return np.asarray(_beyond_noise(reference, noise) < _NOTABLE_SHARE * strongest_slopes(reference.subsets))
 
 
 def shows_no_sampling(reference: Reference, noise: Floats) -> bool:
@@ -100,15 +99,18 @@ def shows_no_sampling(reference: Reference, noise: Floats) -> bool:
 
     The noise is that of :func:`interpolates_well`.
     """
+    share = _beyond_noise(reference, noise) / np.maximum(strongest_slopes(reference.subsets), 1e-30)
+    return bool(np.median(share) < _SHARP_SHARE)
+
+
+def _beyond_noise(reference: Reference, noise: Floats) -> Floats:
     sums, of_noise, _ = sharpness(reference)
-    less = sums - of_noise * noise * reference.subsets.level[:, 2]
-    return bool(np.median(less / np.maximum(strongest_slopes(reference.subsets), 1e-30)) < _SHARP_SHARE)
+    return np.asarray(sums - of_noise * noise * reference.subsets.level[:, 2])
 
 
 def sharpness(reference: Reference) -> tuple[Floats, float, Floats]:
     """Squares near half a wave per px (usable point,), those of noise over its sum, and the least that matter."""
-    sharp, of_noise = reference.sharp
-    return reference.sums(sharp), of_noise, _NOTABLE_SHARE * strongest_slopes(reference.subsets)
+    return *reference.sharp_sums, _NOTABLE_SHARE * strongest_slopes(reference.subsets)
 
 
 def undersampled(
@@ -140,13 +142,12 @@ def undersampled(
     blurs a little, the residual tells it: beyond noise it holds what the frame and the reference, seen at other
     phases of the pixels, do not share.
     """
-    sharp, of_noise = reference.sharp
+    total, of_noise = reference.sharp_sums
     sharper, of_sharper_noise = reference.sharper
     finest = reference.sums(sharper)
     across = strongest_slopes(reference.subsets)
     bound, covariance = np.zeros(found.shape), np.zeros((*found.shape, 3))
     least = np.where(found, texture, np.inf).min(axis=0, initial=np.inf)
-    total = reference.sums(sharp)
     is_sharp = (folded_share(total, least, across) > _NOTABLE) | (
         (total > _SHARP_SHARE * across) & (finest > _RATIO[0] * total)
     )
@@ -183,7 +184,7 @@ def undersampled(
         most = _SHARED * np.maximum(most, 0.0) * pixels / max(less, 1e-30)
         amplitude = weight * np.minimum(_BETWEEN_POINTS**by_points, most) + (1.0 - weight) * seen
         if amplitude.any():
-            spread, alike, unseen = _interpolated(reference, n, sharp, of_noise * own)
+            spread, alike, unseen = _interpolated(reference, n, reference.sharp[0], of_noise * own)
             spread = np.where(is_taken[rows, n, None], alike, spread + alike)
             covariance[rows, n] = amplitude[:, None] * spread + by_points * unseen
     return bound, covariance

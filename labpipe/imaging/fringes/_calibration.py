@@ -251,8 +251,7 @@ def _with_hidden(
             least = (WEAK_HINT if parameter is Parameter.PHASE else HINT) + 2.0 * len(best.fits)
         if likelihood < _HIDDEN or (value / deviation) ** 2 < least:
             continue  # the frames speak against it, or errors of the model that they show make as much
-        share = usual**2 / (deviation**2 + usual**2)
-        size = math.sqrt(likelihood * (share * value**2 + deviation**2) * share)
+        size = _expected_size(value, deviation, usual, likelihood)
         known = known.with_shared(trial, trial.slopes(parameter) * size)
     return known
 
@@ -267,9 +266,14 @@ def _with_hidden_scale(best: Trial, known: Calibration) -> Calibration:
     if all(fit.slow is None for fit in best.fits) or not deviation:
         return known
     usual = _USUAL_SIZE[Parameter.SCALE]
-    share = usual**2 / (deviation**2 + usual**2)
-    size = math.sqrt(_likelihood(value, deviation, usual) * (share * value**2 + deviation**2) * share)
+    size = _expected_size(value, deviation, usual, _likelihood(value, deviation, usual))
     return known.with_shared(best, np.array([fit.sensitivity[Parameter.SCALE] for fit in best.fits]) * size)
+
+
+def _expected_size(value: float, deviation: float, usual: float, likelihood: float) -> float:
+    """Root mean square of a quantity that is there with a likelihood, and has a usual size then."""
+    share = usual**2 / (deviation**2 + usual**2)
+    return math.sqrt(likelihood * (share * value**2 + deviation**2) * share)
 
 
 def _likelihood(value: float, deviation: float, usual: float) -> float:

@@ -170,7 +170,7 @@ def refit(
     """
     view = result.view
     calibrated = zip(result.calibration.frames, result.calibration.fits, strict=False)
-    # one that the optics do not explain well is another contact: of an open gap, 90 µm less
+    # one that the optics do not explain well is another contact, as of an open gap
     starts = {frame: fit for frame, fit in calibrated if fit.misfit <= GOOD_MISFIT}
     known = result.blanks.copy() if stays_blank else {}
     result.blanks.clear()
@@ -180,8 +180,8 @@ def refit(
     for index in map(int, np.flatnonzero(read)):
         if index in known:
             # rings that were taken for a soft edge may be rings that are blurred
-            frame, edges = reader.whole(index), known[index].edges if view.optics.blur else ()
-            fit = next(filter(None, (fit_edge(frame, plain, edge) for edge in edges)), None)
+            edges = known[index].edges if view.optics.blur else ()
+            fit = next(filter(None, (fit_edge(reader.whole(index), plain, edge) for edge in edges)), None)
             if fit is None:
                 result.blanks[index] = known[index]
             else:

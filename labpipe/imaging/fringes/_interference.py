@@ -27,6 +27,8 @@ _BLUR_REACH = 3.5
 _LEAST_INSIDE = 8.0
 #: Gauss–Legendre nodes of the exposure average: at least, at most, and per fringe passed.
 _LEAST_NODES, _MOST_NODES, _NODES_PER_FRINGE = 2, 24, 5
+#: Tables of a blur that are kept: trials come back to the same few.
+_KEPT = 24
 #: Halvings that locate a slope of the phase to 1e-12 of the bracket; steps that locate a gap at most, to
 #: this share of it.
 _HALVINGS, _STEPS, _SAME_GAP = 40, 40, 1e-12
@@ -329,7 +331,7 @@ def _gauss(count: int) -> tuple[Floats, Floats]:
     return nodes, weights
 
 
-@lru_cache(maxsize=_MOST_NODES)
+@lru_cache(maxsize=_KEPT)
 def pixel_weights(blur: float, disc: float = 0.0, ring: float = math.inf) -> Floats:
     """Weights over samples of a radial table: one pixel wide, convolved with the blur.
 
@@ -356,7 +358,7 @@ def pixel_weights(blur: float, disc: float = 0.0, ring: float = math.inf) -> Flo
     return weights
 
 
-@lru_cache(maxsize=_MOST_NODES)
+@lru_cache(maxsize=_KEPT)
 def table_distances(inner: float, outer: float, blur: float, margin: int) -> tuple[float, Floats]:
     """First distance of a table that covers ``inner .. outer``, and the samples it is made of.
 

@@ -77,8 +77,7 @@ def _seen_turned(source: FrameSource, body: tuple[float, float], width: int) -> 
 
 def _refuse_covered(body: xr.Dataset, chosen: Tracking) -> None:
     """Raise when the masks leave nothing of the large subset: no frame would tell its motion."""
-    names = str(body["status"].attrs["flag_meanings"]).split()
-    if names[int(body["status"][0, 0])] == "covered":
+    if statuses(body)[0] == "covered":
         at, width = f"[{float(body['x'][0]):g}, {float(body['y'][0]):g}]", int(body["subset"][0])
         names_of_masks = " and ".join(f"tracking.{name}" for name in chosen.masks)
         raise InputError(

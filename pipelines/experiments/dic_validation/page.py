@@ -313,8 +313,12 @@ def _agreement(comparison: xr.Dataset) -> Section:
 def _also_solved(body: xr.Dataset) -> str:
     """Tell in how many frames light, blur and stretch were solved for."""
     found = body["model"].where(body["valid"], 0).values.astype(int)
-    names = {"light": "sloping light", "blur": "a change of blur", "affine": "stretch and shear"}
-    names["curved_light"] = "light that curves"
+    names = {
+        "light": "sloping light",
+        "blur": "a change of blur",
+        "affine": "stretch and shear",
+        "curved_light": "light that curves",
+    }
     attrs = body["model"].attrs
     parts = []
     for name, mask in zip(str(attrs["flag_meanings"]).split(), attrs["flag_masks"], strict=True):
