@@ -131,28 +131,31 @@ def photograph(size: int) -> Floats:
 def perlin(cell: float, seed: int, octaves: int = 2) -> Formula:
     """Gradient noise of Perlin on cells of a width in px, about 0."""
     rng = np.random.default_rng(seed)
-    angle = rng.uniform(0.0, 2.0 * np.pi, (octaves, 256, 256))
+    angle = rng.uniform(0.0, 2.0 * np.pi, (octaves, 256 * 256))
+    slopes = np.cos(angle), np.sin(angle)
 
     def noise(x: Floats, y: Floats) -> Floats:
         total = np.zeros(np.shape(x))
-        for octave in range(octaves):
-            total += _gradient_noise(x * 2.0**octave / cell, y * 2.0**octave / cell, angle[octave]) / 2.0**octave
+        for octave, (along_x, along_y) in enumerate(zip(*slopes, strict=True)):
+            width = cell / 2.0**octave
+            total += _gradient_noise(x / width, y / width, along_x, along_y) / 2.0**octave
         return np.asarray(160.0 * total)
 
     return noise
 
 
-def _gradient_noise(x: Floats, y: Floats, angle: Floats) -> Floats:
+def _gradient_noise(x: Floats, y: Floats, along_x: Floats, along_y: Floats) -> Floats:
+    """Noise of Perlin whose slopes at the corners of 256 rows of 256 cells are given, row after row."""
     column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
     fx, fy = x - column, y - row
+    columns, rows = (column & 255, (column + 1) & 255), ((row & 255) << 8, ((row + 1) & 255) << 8)
 
     def corner(across: int, down: int) -> Floats:
-        turn = angle[(row + down) % 256, (column + across) % 256]
-        return np.asarray(np.cos(turn) * (fx - across) + np.sin(turn) * (fy - down))
+        place = rows[down] + columns[across]
+        return np.asarray(along_x.take(place) * (fx - across) + along_y.take(place) * (fy - down))
 
-    fade_x, fade_y = (t**3 * (t * (6.0 * t - 15.0) + 10.0) for t in (fx, fy))
-    upper = corner(0, 0) + fade_x * (corner(1, 0) - corner(0, 0))
-    lower = corner(0, 1) + fade_x * (corner(1, 1) - corner(0, 1))
+    fade_x, fade_y = (t * t * t * (t * (6.0 * t - 15.0) + 10.0) for t in (fx, fy))
+    upper, lower = ((1.0 - fade_x) * corner(0, down) + fade_x * corner(1, down) for down in (0, 1))
     return np.asarray(upper + fade_y * (lower - upper))
 
 

@@ -16,10 +16,11 @@ from scipy.optimize import brentq
 from scipy.special import j1
 
 from labpipe.arrays import Floats
-from tests.labpipe.imaging.fringe_film import Scene, expose, intensity_of_gap
+from tests.labpipe.imaging.fringe_film import Scene, expose, intensity_of_gap, over_pixels
 
-#: Nodes of the integral for the surface.
-_NODES = 96
+_nodes, _weights = np.polynomial.legendre.leggauss(32)  # of 96 no gap differs by more than 2e-15 m
+#: Nodes from 0 to 1 of the integral for the surface, and their weights.
+_SHARE, _WEIGHT = 0.5 * (_nodes + 1.0), 0.5 * _weights
 #: Samples of the radial light per pixel, and along the side of a pixel.
 _FINE, _SAMPLES = 100, 4
 
@@ -29,13 +30,12 @@ def surface(r: Floats, a: float, spring: Callable[[Floats], Floats], kink: float
 
     In two pieces where the springs have a kink, at which their profile may rise as a square root.
     """
-    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-    share, weight = 0.5 * (nodes + 1.0), 0.5 * weights
     first, last = (np.arcsin(np.minimum(1.0, x / np.maximum(r, 1e-12)))[:, None] for x in (kink, a))
-    inner = (spring(r[:, None] * np.sin(first * share)) * weight).sum(axis=1) * first[:, 0]
-    theta = first + (last - first) * share**2
-    outer = (spring(r[:, None] * np.sin(theta)) * 2.0 * share * weight).sum(axis=1) * (last - first)[:, 0]
-    return np.asarray(2.0 / math.pi * (inner + outer))
+    theta = first + (last - first) * _SHARE**2
+    total = (spring(r[:, None] * np.sin(theta)) * 2.0 * _SHARE * _WEIGHT).sum(axis=1) * (last - first)[:, 0]
+    if kink:
+        total += (spring(r[:, None] * np.sin(first * _SHARE)) * _WEIGHT).sum(axis=1) * first[:, 0]
+    return np.asarray(2.0 / math.pi * total)
 
 
 def gap_of_jkr(r: Floats, a: float, radius: float, modulus: float, work: float) -> Floats:
@@ -113,18 +113,15 @@ def image_of(scene: Disturbed, r: Floats, gap: Floats, centre: tuple[float, floa
     fine = np.arange(0.0, math.hypot(optics.columns + abs(centre[0]), optics.rows + abs(centre[1])) + 4.0, 1.0 / _FINE)
     gaps = np.interp(fine * optics.pixel_size, r, gap)
     line = airy(gaps, optics, scene.reflectivity) if scene.reflectivity else intensity_of_gap(gaps, optics)
-    total = np.zeros((optics.rows, optics.columns))
-    steps = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
-    x, y = np.arange(optics.columns) - centre[0], np.arange(optics.rows)[:, None] - centre[1]
     half = math.sqrt(1.0 + scene.ellipse)
     c, s = math.cos(scene.turn), math.sin(scene.turn)
-    for dy in steps:
-        for dx in steps:
-            along, across = c * (x + dx) + s * (y + dy), c * (y + dy) - s * (x + dx)
-            total += line[np.rint(np.hypot(along / half, across * half) * _FINE).astype(np.int64)]
-    light = total / _SAMPLES**2 * light_of(scene)
-    light = light * (1.0 + scene.parasitic * _stripes(scene, frame))
-    light = light * (1.0 + scene.speckle * _grains(scene, seed))
+    form = (c * c / half**2 + s * s * half**2, c * s * (half**-2 - half**2), s * s / half**2 + c * c * half**2)
+    (light,) = over_pixels([line], _FINE, optics, centre, _SAMPLES, form if scene.ellipse else (1.0, 0.0, 1.0))
+    light = light * light_of(scene)
+    if scene.parasitic:
+        light = light * (1.0 + scene.parasitic * _stripes(scene, frame))
+    if scene.speckle:
+        light = light * (1.0 + scene.speckle * _grains(scene, seed))
     grey = optics.mean * light
     if optics.blur:
         grey = gaussian_filter(grey, optics.blur, mode="nearest")
@@ -162,8 +159,6 @@ def _stripes(scene: Disturbed, frame: int) -> Floats:
 
 def _grains(scene: Disturbed, seed: int) -> Floats:
     """A field of unit variance whose grains stand still from frame to frame."""
-    if not scene.speckle:
-        return np.zeros(())
     rng = np.random.default_rng(1000 + seed)
     rough = gaussian_filter(rng.standard_normal((scene.optics.rows, scene.optics.columns)), 0.5 * scene.grain)
     return np.asarray(rough / rough.std())

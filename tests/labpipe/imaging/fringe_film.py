@@ -5,6 +5,7 @@ rigid sphere above the flat, or integrated numerically from a pressure distribut
 """
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -81,6 +82,35 @@ def intensity_of_gap(gap: Floats, scene: Scene) -> Floats:
     return 1.0 + scene.visibility * envelope * np.cos(4.0 * np.pi * gap / scene.wavelength + scene.phase)
 
 
+def over_pixels(
+    lines: Sequence[Floats],
+    finely: int,
+    scene: Scene,
+    centre: tuple[float, float],
+    samples: int,
+    form: tuple[float, float, float] = (1.0, 0.0, 1.0),
+) -> list[Floats]:
+    """Mean over every pixel (row, column) of functions of the distance from a centre (px).
+
+    ``lines`` tabulate them ``finely`` times in each px; a pixel is seen at ``samples`` squared places. The square of
+    the distance is ``form[0] x**2 + 2 form[1] x y + form[2] y**2``: an ellipse, where it is not the usual one.
+    """
+    steps = (np.arange(samples) + 0.5) / samples - 0.5
+    totals = [np.zeros((scene.rows, scene.columns)) for _ in lines]
+    along_x, both, along_y = (finely**2 * part for part in form)
+    for oy in steps:
+        y = np.arange(scene.rows)[:, None] + (oy - centre[1])
+        for ox in steps:
+            x = np.arange(scene.columns) + (ox - centre[0])
+            square = along_x * x**2 + along_y * y**2
+            if both:
+                square += (2.0 * both * y) * x
+            places = np.rint(np.sqrt(square, out=square), out=square).astype(np.int32)
+            for number, line in enumerate(lines):
+                totals[number] += line.take(places)
+    return [total / samples**2 for total in totals]
+
+
 def clean_image(
     scene: Scene,
     a: float,
@@ -106,21 +136,13 @@ def clean_image(
         return np.mean(images, axis=0)
     # The pattern is a function of the distance: sample it finely once, to 1/200 px.
     largest = np.hypot(scene.columns + abs(centre[0]), scene.rows + abs(centre[1])) + 2.0
-    fine = np.arange(0.0, largest, 0.005)
-    metres = fine * scene.pixel_size
+    metres = np.arange(0.0, largest, 0.005) * scene.pixel_size
     gaps = gap_of_hertz(metres, a, scene.sphere_radius) + gap
     if profile is not None:
         gaps = np.interp(metres, *profile)
-    line = intensity_of_gap(gaps, scene)
-    total = np.zeros((scene.rows, scene.columns))
-    offsets = (np.arange(samples) + 0.5) / samples - 0.5
-    x = np.arange(scene.columns) - centre[0]
-    y = np.arange(scene.rows)[:, None] - centre[1]
-    for oy in offsets:
-        for ox in offsets:
-            r = np.hypot((x + ox) / (1.0 + scene.stretch), y + oy)
-            total += line[np.round(r / 0.005).astype(np.int64)]
-    total /= samples**2
+    (total,) = over_pixels(
+        [intensity_of_gap(gaps, scene)], 200, scene, centre, samples, ((1.0 + scene.stretch) ** -2, 0.0, 1.0)
+    )
     return lit(total, scene)
 
 

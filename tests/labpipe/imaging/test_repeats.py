@@ -44,9 +44,10 @@ def follow(kind: str, path: str, seed: int) -> tuple[int, int, int]:
     sharpness, grain = rng.choice([0.02, 0.1, 0.3]), rng.choice([0.0, 0.0, 0.5, 2.0])
     drawn = pattern(kind, rng.uniform(0.0, np.pi), period, sharpness)
     texture = film_scenes.perlin(5.0, seed, octaves=1)
+    grained = (lambda x, y: drawn(x, y) + grain / 40.0 * texture(x, y)) if grain else drawn
     views = paths(rng)[path]
     noise, subset = rng.choice([0.5, 1.0, 2.0, 4.0]), [15, 21, 31, 45][rng.integers(4)]
-    frames = [seen_by_pixels(lambda x, y: drawn(x, y) + grain / 40.0 * texture(x, y), SIZE, view) for view in views]
+    frames = [seen_by_pixels(grained, SIZE, view) for view in views]
     found = track(
         digitised(frames, noise, seed), grid((SIZE, SIZE), 26, 12), subset, ["auto", "rigid", "affine"][seed % 3]
     )
