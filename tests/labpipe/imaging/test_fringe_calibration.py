@@ -121,7 +121,9 @@ def test_what_is_wrong_promises_what_it_gains_and_nothing_else_does() -> None:
     scene = Scene(rows=200, columns=240, noise=1.0)
     rng = np.random.default_rng(5)
     frames = [expose(clean_image(scene.change(phase=3.0), a, (118.3, 99.6)), scene, rng) for a in (1e-4, 1.2e-4)]
-    view = View(make_optics(scene.pixel_size, scene.sphere_radius, scene.wavelength), FitSettings(), (200, 240), 0, 255)
+    view = View(
+        make_optics(scene.pixel_size, scene.sphere_radius, scene.wavelength), FitSettings(), (200, 240), 0.0, 255.0
+    )
     start = np.zeros(len(Parameter))
     start[[Parameter.X, Parameter.Y, Parameter.PHASE]] = 118.0, 100.0, np.pi
     start[[Parameter.GAIN, Parameter.MODULATION]] = scene.mean, 0.8 * scene.mean

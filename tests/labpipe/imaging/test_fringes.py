@@ -100,8 +100,9 @@ def test_gap_beside_a_flat_is_that_of_the_springs(share: float) -> None:
 
 def test_a_point_contact_beside_a_flat_is_no_error() -> None:
     """An iteration may pass through a radius of 0, where no flat fits into the contact."""
-    rest = (np.ones(1), OPTICS.phase_scale, 2.9, pixel_weights(0.0), 0.0, 0.0, 0.0, 5, 30.0, 0.0, 0.5, 0.0)
-    table = fill_table(np.linspace(0.5, 40.0, 600), 0.0, 0.3, np.zeros(1), *rest)
+    rest = (OPTICS.phase_scale, 2.9, pixel_weights(0.0), 0.0, 0.0, 0.0, 5, 30.0, 0.0, 0.5, 0.0)
+    distance, (nodes, weights) = table_distances(0.5, 40.0, 0.0, 0)[1], exposure_nodes(0.3, 1.0)
+    table = fill_table(distance, 0.0, 0.3, nodes, weights, *rest)
     assert np.isfinite(table).all()
     assert all(np.isfinite(slope).all() for slope in scaled_slopes(np.linspace(0.5, 40.0, 9), 0.0, 30.0))
 
@@ -133,6 +134,8 @@ def test_compiled_table_equals_the_plain_one(
     start, distance = table_distances(inner, outer, blur, len(kernel) // 2)
     spacing = 2.0 * math.pi / phase_slope(outer, a, optics)
     nodes, weights = exposure_nodes(travel, spacing)
+    for part in (nodes, weights):  # as those of a contact that moves: of others the kernel is compiled again
+        part.setflags(write=False)
     rest = (weights, optics.phase_scale, 2.9, kernel, 0.2, 0.15, -0.1, 11, flat, spread, 0.5, focus)
     compiled = fill_table(distance, a, travel, nodes, *rest)
     plain = radial_table(inner, outer, a, travel, optics, (0.2, 0.15, -0.1))
