@@ -8,7 +8,7 @@ ranked by what they leave unexplained.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import exp, floor, hypot, isfinite, log, log10
+from math import exp, floor, hypot, isfinite, log, log10, sqrt
 
 from labpipe.judging._checks import Check
 
@@ -116,7 +116,9 @@ def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanati
         if weight == 0.0:
             continue
         best = sum(d * r / u**2 for d, r, u in moved) / weight
-        usual, is_usual = _nearest_usual(best, cause.usual, cause.slack)
+        # what can be no other factor is that one, as far as the checks tell
+        slack = hypot(cause.slack, cause.only_usual / sqrt(weight))
+        usual, is_usual = _nearest_usual(best, cause.usual, slack)
         if cause.only_usual and not is_usual:
             continue
         place = usual if is_usual else best

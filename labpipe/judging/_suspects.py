@@ -16,6 +16,7 @@ SLIPS = {
     of: tuple(k ** (1 - 2 * i) for k in factors for i in range(2))
     for of, factors in {
         "value": (2.0, 10.0, 100.0, 1e3, 25.4, 2 * np.pi),
+        "size": (2.0, 10.0, 100.0, 1e3, 25.4),
         "decimal": (2.0, 10.0),
         "length": (10.0, 100.0, 1e3, 1e4, 1e6, 25.4, 1e3 / 25.4),
         "gain": (2.0,),
@@ -26,8 +27,9 @@ SLIPS = {
 }
 """Factors, and their inverses, by which people state something wrongly, the one table of all kinds.
 
-A value: diameter for radius, decimals, units, a period for an angle. A length: decimals, units, mil. A mass: its
-weight, decimals, units, pounds. An interval or a rate: the next settings of a controller. A view: another lens.
+A value: diameter for radius, decimals, units, a period for an angle, which no size is. A length: decimals, units,
+mil. A mass: its weight, decimals, units, pounds. An interval or a rate: the next settings of a controller. A view:
+another lens.
 """
 _BENT, _STRAY = 0.1, 0.01
 """By which an effect may leave its power law over such a factor: relative to itself, and to the largest of all rows.

@@ -24,7 +24,7 @@ from pipelines.session._overview import COMPARISON_PAGE, write_overview
 from pipelines.session._processing import process
 from pipelines.session._results import derive, needed, opened
 from pipelines.session._together import write_materials
-from pipelines.session._verdicts import stored_verdicts
+from pipelines.session._verdicts import Verdict, stored_verdicts
 
 if TYPE_CHECKING:
     from labpipe.workflow.runner import Event
@@ -79,8 +79,11 @@ def compare(
         names = {target.split("/")[0] for target in wanted}
         run = process(folder, wanted, names, jobs=jobs, keep=keep, progress=progress)
         for outcome in run.failures:
-            failed.setdefault(outcome.task.experiment, f"{outcome.task}: {outcome.message}")
+            name = outcome.task.experiment
+            failed.setdefault(name, f"{str(outcome.task).removeprefix(f'{name}/')}: {outcome.message}")
     results = opened(folder)
+    verdicts = stored_verdicts(results)
+    failed = {n: f"{why}{_likely(verdicts.get(n))}" for n, why in failed.items()}
     rows: list[Row] = []
     absent: dict[str, str] = {}
     for name, experiment in session.experiments.items():
@@ -94,7 +97,6 @@ def compare(
         rows += [replace(row, kept=kept) for row in own]
         if not own:
             absent[name] = "it has no model: session.toml names nothing to simulate"
-    verdicts = stored_verdicts(results)
     whole = [
         {"believable": verdicts[name].believable, "cause": verdicts[name].cause, "experiment": name}
         | compared(results.result(name, JUDGEMENT))
@@ -105,6 +107,11 @@ def compare(
     files.write_text(found.page, render(session, found, write_materials(results, found)))
     write_overview(session, STAGES)
     return found
+
+
+def _likely(verdict: Verdict | None) -> str:
+    """Return what most likely is wrong with a record, to follow what failed; "" where nothing is known."""
+    return f". Likely: {verdict.cause}" if verdict is not None and verdict.cause else ""
 
 
 def _kept(plan: Plan, experiment: str) -> tuple[str, ...]:

@@ -210,7 +210,9 @@ def _folder(folder: Path) -> dict[str, Any]:
                 rows.append(row)
                 continue
         try:
-            row |= _briefly(part)
+            said, of_part = _briefly(part)
+            row |= said
+            problems += [f"{name}: {problem}" for problem in of_part]
         except LabpipeError as error:
             problems.append(f"{name}: {getattr(error, 'message', '') or error}")
         rows.append(row)
@@ -229,12 +231,12 @@ def _is_given(path: Path, folder: Path) -> bool:
     )
 
 
-def _briefly(file: Path) -> dict[str, str]:
-    """Return what wrote a file and, of one that is quickly read, what it holds."""
+def _briefly(file: Path) -> tuple[dict[str, str], list[str]]:
+    """Return what wrote a file and, of one that is quickly read, what it holds and what is wrong with it."""
     import instruments
 
     if file.stat().st_size > _QUICK and file.suffix not in _OWN:
-        return {"reader": instruments.identify(file), "holds": f"{file.stat().st_size >> 20} MB"}
+        return {"reader": instruments.identify(file), "holds": f"{file.stat().st_size >> 20} MB"}, []
     found = describe(file)
     spans = {row["name"]: row for row in found.get("variables", ()) if row.get("min") is not None}
     said = [f"{found['kind']} of {found['sizes']}" if "sizes" in found else found["kind"]]
@@ -243,7 +245,7 @@ def _briefly(file: Path) -> dict[str, str]:
     ]
     if count := len(found["problems"]):
         said.append(f"{count} problem{'s' * (count > 1)}")
-    return {"reader": found["reader"], "holds": ", ".join(said)}
+    return {"reader": found["reader"], "holds": ", ".join(said)}, found["problems"]
 
 
 def _with_a_look(file: Path, error: SourceError) -> SourceError:

@@ -341,8 +341,12 @@ _UNTOLD: dict[instruments.Content, str] = {
 
 
 def _why_not(instrument: instruments.Instrument) -> str:
-    """Say why a file of an instrument is in no proposed experiment."""
-    return instrument.unproposed or _UNTOLD[instrument.content]
+    """Say why a file of an instrument is in no proposed experiment, and which kinds may begin from it."""
+    able = [
+        f"{k.name} ({k.summary})" for k in KINDS.values() if k.proposal and instrument.content in k.proposal.contents
+    ]
+    kinds = f"; kinds that begin from it: {', '.join(able)}" * bool(able and instrument.unproposed)
+    return f"{instrument.unproposed or _UNTOLD[instrument.content]}{kinds}"
 
 
 def _unreadable(path: Path) -> str:
@@ -361,6 +365,15 @@ def _unreadable(path: Path) -> str:
     return ""
 
 
+def _remedy(path: Path) -> str:
+    """Say what to do with a file that no instrument recognises."""
+    try:
+        instruments.identify(path)
+    except SourceError as error:
+        return error.hint or ""
+    return ""
+
+
 def _nothing_proposed(found: Found) -> str:
     """Say what was found and why no experiment begins from it; or that nothing is known."""
     folder = found.folder
@@ -374,7 +387,9 @@ def _nothing_proposed(found: Found) -> str:
             of_reason.setdefault((why[0], _unreadable(folder / name) or why[1]), []).append(name)
     if not of_reason:
         known = ", ".join(each.name for each in instruments.known())
-        return f"{folder}: no file of a known instrument was found; known are {known}. Is it the right folder?"
+        remedies = [f"{name}: {hint}" for name in found.unknown if (hint := _remedy(folder / name))]
+        nothing = f"{folder}: no file of a known instrument was found; known are {known}. Is it the right folder?"
+        return "\n  ".join([nothing, *remedies[:1]])
     lines = [f"{folder}: no experiment is proposed"]
     for (title, reason), names in of_reason.items():
         more = f" and {len(names) - 1} more" if len(names) > 1 else ""

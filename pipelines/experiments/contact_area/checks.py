@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from math import hypot, isfinite, log, nan, sqrt
+from math import hypot, inf, isfinite, log, nan, sqrt
 
 import numpy as np
 import xarray as xr
@@ -277,14 +277,17 @@ def _flight(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mode
     if peak.size < 2 or (peak.size < 3 and (model is None or model.sizes["impact"] < 2)):
         return not_made(FLIGHT, law, "three impacts, or two and a model")
     gravity = settings.model.gravity.value
-    touches = impacts["last_seen"].values - impacts["first_seen"].values
+    count = min(peak.size, 3) - 1
+    seen = [_seen_lasting(radius, impacts, i) for i in range(count)]
+    touches = np.array([shortest for shortest, _ in seen])
     alike, allowed, rough = 1.0, 1.1, _LOSSES
     if model is not None and model.sizes["impact"] > 2:
-        touches = model["contact_duration"].values
+        # that of a wrong mass lasts otherwise than what the frames show
+        touches = np.clip(model["contact_duration"].values[:count], touches, [longest for _, longest in seen])
         # how restitution changes with speed hardly depends on what it is, nor on the material's grade
         bounced = model["restitution"].values
         alike, allowed, rough = float(bounced[0] / bounced[1]), *_LOSSES_KNOWN
-    flights = np.diff(peak[:3]) - touches[: min(peak.size, 3) - 1]
+    flights = np.diff(peak[:3]) - touches
     if not np.all(flights > 0):
         return not_made(FLIGHT, law, "flights that last longer than contacts")
     first, by = float(flights[0]), "the second flight"
@@ -307,6 +310,14 @@ def _flight(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mode
     return replace(found, level=loose.level or "doubtful") if found.level else loose
 
 
+def _seen_lasting(radius: xr.Dataset, impacts: xr.Dataset, i: int) -> tuple[float, float]:
+    """Return the shortest and the longest time [s] that a contact lasted, by the frames that show it and not."""
+    first, last = float(impacts["first_seen"][i]), float(impacts["last_seen"][i])
+    time = radius["time"].values[radius["valid"].values.astype(bool)]
+    before, after = time[time < first], time[time > last]
+    return last - first, float(after[0] - before[-1]) if before.size and after.size else inf
+
+
 def _duration(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, model: xr.Dataset | None = None) -> Check:
     """Hold the first contact's duration against its radius: both go with mass and modulus by the same law."""
     law = "Hertz: a contact lasts 2.94 a²/(R v) for its largest radius a, whatever the sphere's mass and modulus"
@@ -314,12 +325,9 @@ def _duration(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mo
         return not_made(DURATION, law, "a model of the drop")
     if in_view(radius, settings).level:
         return not_made(DURATION, law, "contacts whose middle the images show")
-    first, last = float(impacts["first_seen"][0]), float(impacts["last_seen"][0])
-    time = radius["time"].values[radius["valid"].values.astype(bool)]
-    before, after = time[time < first], time[time > last]
-    if not (before.size and after.size):
+    shortest, longest = _seen_lasting(radius, impacts, 0)
+    if not isfinite(longest):
         return not_made(DURATION, law, "a frame before and one after the first contact")
-    shortest, longest = last - first, float(after[0] - before[-1])
     seen, own = 0.5 * (shortest + longest), (longest - shortest) / sqrt(24.0)
     a, u_a = _largest(impacts)
     expected = float(model["contact_duration"][0]) * (a / float(model["peak_contact_radius"][0])) ** 2

@@ -20,6 +20,9 @@ _SURE = 10.0  # standard uncertainties of a speed that is no noise
 _BEFORE = 2e-3  # s before the release, while which something may move already
 _FIRST, _MOVES = 12, 0.15  # frames that tell how fast it moves in the first, and the share of its top speed that counts
 _SWINGS = 0.02  # of the fall, by which a swing spoils it
+_STILL, _PASSES, _CLEAR = 5, 6, 0.02
+"""First frames that tell a level, the times that a swing passes it, and the part of the motion of one such step."""
+_MOST_DOWN, _SLOW = 0.95, 5.0  # of a way down that is timed, and times as long as a fall that it takes if driven
 
 
 def direction(motion: xr.Dataset, settings: DicValidation) -> Check:
@@ -99,6 +102,35 @@ def still_before(motion: xr.Dataset, bounces: xr.Dataset | None, settings: DicVa
     cause = f"the camera, its mirror, its lamp or the holder vibrates at {f:.3g} Hz: fasten it"
     level: Level = "doubtful" if 2 * amplitude > _SWINGS * trace.travel else "note"
     return stated(name, law, text, level, cause=cause, file=settings.film)
+
+
+def no_fall(motion: xr.Dataset, gravity: float) -> str:
+    """Say how something moves that was not let go: it swings about its first level, or goes down too slowly."""
+    known = np.flatnonzero(np.isfinite(motion["displacement"].values))
+    time, y = motion["time"].values[known], motion["displacement"].values[known]
+    if known.size <= _FEWEST:
+        return ""
+    moved = y - np.median(y[:_STILL])
+    through = np.flatnonzero(np.diff(moved > 0.0) & (np.abs(np.diff(moved)) > _CLEAR * np.ptp(moved)))
+    shown = "; what a film shows of such a motion is its displacement, on this page and in the step motion"
+    if through.size >= _PASSES:
+        f = (through.size - 1) / 2.0 / float(time[through[-1]] - time[through[0]])
+        amplitude = quantity(float(np.max(np.abs(moved))), "m", 2)
+        return (
+            f"what is followed swings about its first level by up to {amplitude}, at about {f:.3g} Hz: it vibrates, as "
+            f"the plate does, and was not dropped{shown}"
+        )
+    down = -float(np.min(moved))
+    lowest = int(np.argmax(moved <= -_MOST_DOWN * down))
+    begun = int(np.flatnonzero(moved[: lowest + 1] >= -(1.0 - _MOST_DOWN) * down)[-1]) if down > 0.0 else 0
+    seen, free = float(time[lowest] - time[begun]), float(np.sqrt(2.0 * max(down, 0.0) / gravity))
+    if not 0.0 < _SLOW * free < seen:
+        return ""
+    way, took, falls = quantity(down, "m", 2), quantity(seen, "s", 2), quantity(free, "s", 2)
+    return (
+        f"what is followed takes {took} to go down by {way}, which a free fall does in {falls}: it is driven or "
+        f"held, as a punch is, or the frame rate is far too low{shown}"
+    )
 
 
 def begins_at_rest(motion: xr.Dataset, settings: DicValidation) -> Check:

@@ -18,6 +18,7 @@ from labpipe.workflow.fields import REFERENCE
 from pipelines.experiments.dic_validation._view_checks import (
     begins_at_rest,
     direction,
+    no_fall,
     one_scale,
     seen_whole,
     sideways,
@@ -105,7 +106,8 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
     if motion is not None:
         steady = _steady(track, motion, settings)
         # where no bounce was found, what the displacement itself shows is the better cause
-        checks = [replace(c, cause=steady.cause) if c.name == "step bounces" and steady.level else c for c in checks]
+        better = steady.cause if steady.level else no_fall(motion, _GRAVITY.value)
+        checks = [replace(c, cause=better) if c.name == "step bounces" and better else c for c in checks]
         checks += [_times(motion, bounces, settings), steady]
         checks += [of(motion, settings) for of in (direction, tilt, one_scale)]
         begins = begins_at_rest(motion, settings)

@@ -81,6 +81,10 @@ def test_a_folder_says_of_each_file_what_it_is(tmp_path: Path) -> None:
     (tmp_path / "none").mkdir()
     with pytest.raises(SourceError):
         inspect(tmp_path / "none")
+    (tmp_path / "none/film.png").mkdir()
+    for i in range(3):
+        cv2.imwrite(str(tmp_path / f"none/film.png/{i:03d}.png"), np.full((8, 8), 9, np.uint8))
+    assert inspect(tmp_path / "none")["problems"][0].startswith("film.png: no frame rate. ")
 
 
 def test_a_damaged_picture_is_refused(tmp_path: Path) -> None:

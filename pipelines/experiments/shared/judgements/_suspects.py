@@ -26,6 +26,7 @@ _MODULUS = "modulus"
 _TELLS = 0.8  # of a difference, that another modulus must explain to be told as a factor
 _MOSTLY = 0.5  # of a difference, that an input must explain where it alone is told
 _NO_SLIP, _DIAMETER = ("1", "degC", "K"), 2.0  # units of inputs that have no usual factor, and a radius' one
+_SLIPS_OF = {"kg": "mass", "m": "size"}  # what is typed wrongly, by the unit of an input
 _COMMON, _TOGETHER, _FEWEST_COMMON = 1.5, 0.15, 3
 """Factor from which on all measured values together are said to be off, how far each of them may be from it, as a
 share of its logarithm, and how many there must be."""
@@ -174,15 +175,13 @@ def _slipped(
     record has confirmed.
     """
     known = scene.inputs
-    certain = {j for j, name in enumerate(names) if known[name].u or (scene.measured_by and name == _MODULUS)}
-    free = {i for suspect in ranked if not certain.issuperset(suspect.inputs) for i in suspect.inputs}
     # what is relative has no unit to be typed wrongly, and a temperature no factor
-    stated_ones = [
-        i
-        for i, name in enumerate(names)
-        if known[name].u and known[name].value > 0.0 and known[name].si not in _NO_SLIP
-        if name not in confirmed
-    ]
+    typed = [known[name].value > 0.0 and known[name].si not in _NO_SLIP for name in names]
+    certain = {
+        j for j, name in enumerate(names) if typed[j] or known[name].u or (scene.measured_by and name == _MODULUS)
+    }
+    free = {i for suspect in ranked if not certain.issuperset(suspect.inputs) for i in suspect.inputs}
+    stated_ones = [i for i, name in enumerate(names) if typed[i] and name not in confirmed]
     laws = _PowerLaws.of(names, known, rows, slopes, covariance)
     if not stated_ones or not laws.measured.size:
         return []
@@ -192,11 +191,7 @@ def _slipped(
     said = []
     # beside what may have any value, what is out of all proportion is told by a check of its own
     factors = [
-        [
-            k
-            for k in SLIPS["mass" if known[names[i]].si == "kg" else "value"]
-            if not free or abs(log(k)) <= log(_DECIMAL)
-        ]
+        [k for k in SLIPS[_SLIPS_OF.get(known[names[i]].si, "value")] if not free or abs(log(k)) <= log(_DECIMAL)]
         for i in stated_ones
     ]
     for slip in slips(laws.measured, laws.model, powers, laws.spread, factors):
@@ -205,10 +200,10 @@ def _slipped(
         if stated_ones[slip.input] in free and effect < of_grades:
             return []
         given = known[name]
-        typed = ": its diameter was typed" if "radius" in name and slip.factor == _DIAMETER else ""
+        why = ": its diameter was typed" if "radius" in name and slip.factor == _DIAMETER else ""
         said.append(
             f"{name} is probably {quantity(given.value / slip.factor, given.si)}, not {quantity(given.value, given.si)}"
-            f"{typed}; that would explain {100 * slip.share:.0f}{TIED}% of it"
+            f"{why}; that would explain {100 * slip.share:.0f}{TIED}% of it"
         )
     if len(said) != 1:
         return []

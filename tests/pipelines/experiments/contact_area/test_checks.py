@@ -315,7 +315,9 @@ def test_two_impacts_after_one_that_was_cut_off_tell_that_the_film_begins_late(q
     seen = xr.Dataset({"peak_radius": ("impact", a * e**0.4), "u_peak_radius": ("impact", [1e-6, 1e-6])})
     for name, at in (("first_seen", start), ("peak_time", start + 5e-4), ("last_seen", start + 1e-3)):
         seen[name] = ("impact", at)
-    radius = xr.Dataset(coords={"time": ("frame", [0.0])}, attrs={"u_systematic_relative": 1e-3})
+    time = np.arange(0.0, 0.1, 1e-5)
+    radius = xr.Dataset(coords={"time": ("frame", time)}, attrs={"u_systematic_relative": 1e-3})
+    radius["valid"] = ("frame", np.ones(time.size, bool))
     told = checks._flight(radius, seen, SETTINGS, made)
     assert told.level == "doubtful"
     assert np.exp(told.log_ratio) == pytest.approx(e, rel=1e-3)

@@ -7,7 +7,7 @@ import xarray as xr
 from labpipe import contact, materials
 from labpipe.variables import variable
 from labpipe.workflow.context import Context, Failed
-from pipelines.experiments.dic_validation import checks, measured
+from pipelines.experiments.dic_validation import _view_checks, checks, measured
 from pipelines.experiments.dic_validation.comparison import comparison
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared.judgements import believed
@@ -271,3 +271,24 @@ def test_an_interlaced_film_is_named_as_one():
     assert (told.level, told.file) == ("doubtful", SETTINGS.film)
     assert "progressive" in told.cause
     assert measured.statuses(track).tolist() == ["ok"] * 100 + ["interlaced"] * 900
+
+
+def _moves(of_time):
+    time = np.arange(0.0, 0.1, 1e-4)
+    noise = np.random.default_rng(3).normal(0.0, 2e-8, time.size)
+    return xr.Dataset({"displacement": ("frame", of_time(time) + noise), "time": ("frame", time)})
+
+
+@pytest.mark.parametrize(
+    ("of_time", "words"),
+    [
+        (lambda t: 2e-5 * np.sin(600 * np.pi * np.maximum(t - 0.01, 0.0)), "at about 300 Hz: it vibrates"),
+        (lambda t: -1.5e-5 * (1.0 - np.cos(20 * np.pi * t)), "which a free fall does in 2.5 ms: it is driven"),
+        (lambda t: -0.5 * 9.81 * np.maximum(t - 0.05, 0.0) ** 2, ""),
+    ],
+    ids=["a plate", "a punch", "a fall"],
+)
+def test_what_was_not_dropped_is_said_to_vibrate_or_to_be_driven(of_time, words):
+    said = _view_checks.no_fall(_moves(of_time), 9.81)
+    assert words in said
+    assert bool(said) == bool(words)

@@ -205,3 +205,31 @@ def test_beside_an_impossible_record_a_curve_that_differs_is_no_agreement(p: flo
     told = sentence(judgement(Scene([scale], rows=_rows(temperature=0.2), inputs=INPUTS)), rows)[1]
     assert said in told
     assert "too large. " in told
+
+
+@pytest.mark.parametrize("u", [0.0, 0.01])
+def test_a_mass_is_named_whether_its_uncertainty_is_stated_or_not_and_no_size_is_wrong_by_a_turn(u):
+    powers = {"mass": (0.2, 0.4), "radius": (0.4, -0.2)}
+    inputs = {"mass": Quantity(5.05, u, "kg"), "radius": Quantity(9.525e-3, 5e-6, "m")}
+    for name, factor, words in (("mass", 10.0, "mass is probably 505 g"), ("radius", 2 * np.pi, "")):
+        made = []
+        for i, model in enumerate((4e-4, 1e-3)):
+            slopes = {n: -powers[n][i] * model / inputs[n].value for n in inputs}
+            measured = model * factor ** -powers[name][i]
+            u_row = 1e-3 * model
+            made.append(
+                row(
+                    "size",
+                    "m",
+                    3,
+                    slopes=slopes,
+                    measured=measured,
+                    model=model,
+                    u_measured=u_row,
+                    u_model=0.0,
+                    difference=measured - model,
+                    u_difference=u_row,
+                )
+            )
+        told = json.loads(judgement(Scene((), rows=made, inputs=inputs)).attrs["suspects"])
+        assert told[0].startswith(words) if words else not any("radius is probably" in text for text in told)
