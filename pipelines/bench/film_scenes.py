@@ -225,7 +225,7 @@ def seen_by_pixels(formula: Formula, size: int, view: View) -> Floats:
     column = np.interp(share, within / within[-1], z)
     row = column[(np.arange(count) * 55 + 27) % count]
     lattice = list(zip(column, row, strict=True))
-    return from_formula(lambda x, y: sum(formula(x + a, y + b) for a, b in lattice) / np.float64(count), size, view)
+    return from_formula(lambda x, y: np.asarray(sum(formula(x + a, y + b) for a, b in lattice) / count), size, view)
 
 
 def blurred_by_camera(formula: Formula, size: int, view: View) -> Floats:
