@@ -12,6 +12,7 @@ from labpipe.imaging.fringes._gains import Gains
 from labpipe.imaging.fringes._lens_blur import LEAST_SHAPED
 from labpipe.imaging.fringes._ring_fit import RingFit, fit_ring, ring_around
 from labpipe.imaging.fringes._ring_parameters import ASSUMED, AXES, EVEN, HARMONICS, Parameter
+from labpipe.imaging.fringes._together import what_is_found
 from labpipe.imaging.fringes._trials import FEW_FRAMES, MOST_FRAMES, Calibration, Trial
 from labpipe.imaging.fringes._view import View
 
@@ -51,17 +52,17 @@ class Attempts:
         self._widest = view.optics.blur
         self._last: dict[tuple[Parameter, ...], list[tuple[RingFit, View]]] = {}
         self._ended: dict[object, list[tuple[RingFit, View]]] = {}
-        self._made: dict[object, Trial | None] = {}
+        self._made: dict[tuple[tuple[Parameter, ...], View, int], Trial | None] = {}
         self._gains: tuple[Trial, Gains] | None = None
 
     def __call__(
         self, extra: Sequence[Parameter], known: Calibration, count: int = MOST_FRAMES, pixels: int | None = None
     ) -> Trial | None:
-        """Return the fits, or None when one of them fails; what was asked before is not fitted again."""
-        seen = self._seen(known, pixels, extra)
-        key = tuple(extra), seen, count
-        if key not in self._made:
-            self._made[key] = self._fit(seen, tuple(extra), count)
+        """Return the fits, or None when one of them fails; what settled before is not fitted again."""
+        extra, seen = tuple(sorted(set(extra))), self._seen(known, pixels, extra)
+        key = extra, seen, count
+        if key not in self._made or not (pixels or _is_settled(self._made[key])):
+            self._made[key] = self._fit(seen, extra, count)
         return self._made[key]
 
     def begin_from(self, trial: Trial, extra: Sequence[Parameter], known: Calibration) -> None:
@@ -70,12 +71,17 @@ class Attempts:
         self._first = [(fit, seen) for fit in trial.fits]
         self._last.clear()
         self._ended.clear()
-        self._made.clear()
-        self._made[tuple(extra), seen, MOST_FRAMES] = trial
+        # what all pixels of all frames told holds, in the noise that is known now
+        whole = {
+            key: made for key, made in self._made.items() if key[2] == MOST_FRAMES and not key[1].settings.is_rough
+        }
+        self._made = {key: made and Trial(made.fits, trial.noise) for key, made in whole.items()}
+        self._made[tuple(sorted(set(extra))), seen, MOST_FRAMES] = trial
 
     def keep(self, places: Sequence[int], trial: Trial, extra: Sequence[Parameter], known: Calibration) -> None:
         """Go on with some of the frames alone, from a trial of these."""
         self._images = [self._images[place] for place in places]
+        self._made.clear()
         self.begin_from(trial, extra, known)
 
     def gains(self, trial: Trial, known: Calibration) -> Gains:
@@ -86,10 +92,14 @@ class Attempts:
         return self._gains[1]
 
     def _seen(self, known: Calibration, pixels: int | None, extra: Sequence[Parameter] = ()) -> View:
-        seen = known.applied(self._view)
+        # what is free has no value that is known
+        second, turned, third = (known.harmonics[k] * (p not in extra) for k, p in enumerate(HARMONICS))
+        ellipse = (0.0, 0.0) if set(AXES) <= set(extra) else known.ellipse
+        seen = replace(known, harmonics=(second, turned, third), ellipse=ellipse).applied(self._view)
         if pixels is None:
             # what else may be wrong is asked of what is known alone
-            asks = (*ASSUMED, *AXES) if set(extra) <= set(AXES) else ()
+            found = (p for group in what_is_found(known) for p in group)
+            asks = tuple(dict.fromkeys((*ASSUMED, *AXES, *found))) if set(extra) <= set(AXES) else ()
             return replace(seen, settings=replace(seen.settings, asks=asks))
         most = min(pixels, seen.settings.max_pixels)
         return replace(seen, settings=replace(seen.settings, max_pixels=most, is_rough=True))
@@ -131,6 +141,11 @@ class Attempts:
             if squares < least:
                 best, least = slid, squares
         return best
+
+
+def _is_settled(trial: Trial | None) -> bool:
+    """Tell whether fitting again would bring nothing."""
+    return trial is None or all(fit.is_converged for fit in trial.fits)
 
 
 def _differ_by_free(fit: RingFit, seen: View, view: View) -> bool:

@@ -54,8 +54,9 @@ _COSTLY = (_BEFORE_CAMERA, _COLOUR)
 #: half as much is enough: harmonics of 0.4 promised 0.41 of 0.02 and explained all.
 _LIKELY, _STEEP = 0.25, 0.0025
 #: Share of what is left beyond differences of neighbours that an ellipse explains to first order at least: 0.15 where
-#: there was one, hardly seen as one yet, 0.003 beside coma, astigmatism, speckle and ghosts.
-_OBLIQUE = 0.1
+#: there was one, hardly seen as one yet, 0.003 beside coma, astigmatism, speckle and ghosts; squared misfit from which
+#: first order tells nothing.
+_OBLIQUE, _FAR = 0.1, 0.02
 #: Share of a frame's squared misfit that a scale of its own must explain before frames are looked for whose gap
 #: opens less than in the others; logarithm of the scale by which it does, at least and over the median difference;
 #: share of the frames that do, at most.
@@ -115,17 +116,15 @@ def calibrate(
     attempt = Attempts([frame_of(index) for index in chosen], [fits[index] for index in chosen], view)
     plain_axes = AXES if shape == "ellipse" else ()
     result = Calibration(frames=chosen, colour=view.optics.colour)
+    if rough:
+        trial = attempt((*plain_axes, *rough), result)
+        result = result if trial is None else with_beside(trial, result, rough, view)
     best = attempt(plain_axes, result)
     if best is None:
         return Calibration(colour=view.optics.colour)
     best, result = _without_opened(attempt, plain_axes, result, best)
     if shape == "auto":
         best, result = _find_ellipse(attempt, result, best)
-    if rough:
-        trial = attempt((*plain_axes, *rough), result)
-        if trial is not None:
-            result = with_beside(trial, result, rough, view)
-            best = attempt(plain_axes, result) or best
     if result.colour[1]:
         best, result = settle_colour(attempt, plain_axes, result) or (best, result)
     # One may hide behind another: whatever explains most comes first.
@@ -237,22 +236,19 @@ def _with_hidden(
         if trial is not None and (is_odd or trial.excess * FACTOR < best.excess):
             return known.with_shared(trial, trial.changes(best))
     for parameter in parameters:
-        usual = _USUAL_SIZE[parameter]
-        if not beside and _likelihood(*best.hinted(parameter), usual) < _HIDDEN:
-            continue
-        trial = attempt(tuple(dict.fromkeys((*axes, *beside, parameter))), known)
-        if trial is None:
-            continue
-        value, deviation = trial.mean(parameter)
-        value -= view.optics.phase if parameter is Parameter.PHASE else 0.0
-        likelihood = _likelihood(value, deviation, usual)
-        least = _NOTABLE**2
+        usual, least = _USUAL_SIZE[parameter], _NOTABLE**2
         if best.is_quiet:
             least = (WEAK_HINT if parameter is Parameter.PHASE else HINT) + 2.0 * len(best.fits)
+        value, deviation = best.hinted(parameter, beside)
+        if best.is_doubtful and (value / deviation) ** 2 >= least:
+            # errors of the model that the frames show may make as much
+            trial = attempt((*axes, *beside, parameter), known)
+            deviation = deviation if trial is None else max(deviation, trial.mean(parameter)[1])
+        likelihood = _likelihood(value, deviation, usual)
         if likelihood < _HIDDEN or (value / deviation) ** 2 < least:
-            continue  # the frames speak against it, or errors of the model that they show make as much
+            continue  # the frames speak against it
         size = _expected_size(value, deviation, usual, likelihood)
-        known = known.with_shared(trial, trial.slopes(parameter) * size)
+        known = known.with_shared(best, best.slopes(parameter, beside) * size)
     return known
 
 
@@ -364,7 +360,9 @@ def _find_ellipse(attempt: Attempts, known: Calibration, best: Trial) -> tuple[T
         if not best.may_gain(extra):
             continue
         least = _OBLIQUE * best.rough_excess
-        is_likely = best.excess > _STEEP or attempt.gains(best, known).explained(extra) > least
+        gains = attempt.gains(best, known)
+        explained = gains.explained(extra) - gains.explained(extra[len(AXES) :])
+        is_likely = best.excess > _FAR or explained > least
         oblique = attempt(extra, known) if is_likely else None
         if oblique is None or oblique.gain_over(best) <= VARIANCES * len(best.fits):
             continue

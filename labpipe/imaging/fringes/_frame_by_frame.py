@@ -171,7 +171,7 @@ def refit(
     view = result.view
     calibrated = zip(result.calibration.frames, result.calibration.fits, strict=False)
     # one that the optics do not explain well is another contact, as of an open gap
-    starts = {frame: fit for frame, fit in calibrated if fit.misfit <= GOOD_MISFIT}
+    made = {frame: fit for frame, fit in calibrated if fit.misfit <= GOOD_MISFIT and fit.is_converged}
     known = result.blanks.copy() if stays_blank else {}
     result.blanks.clear()
     found: dict[int, RingFit] = {}
@@ -188,17 +188,17 @@ def refit(
                 found[index] = last = fit
             continue
         looks = Looks(reader.whole(index))
-        fit = None
-        if index in fits:
-            start = starts.get(index, fits[index]).parameters.copy()
+        fit = made.get(index)
+        if fit is None and index in fits:
+            start = fits[index].parameters.copy()
             start[Parameter.PHASE], start[Parameter.SCALE] = view.optics.phase, 0.0
             start[[Parameter.BLUR, Parameter.SPREAD, Parameter.FOCUS]] = 0.0
             start[list(HARMONICS)] = view.harmonics
             if Parameter.STRETCH not in view.settings.free:
                 start[[Parameter.STRETCH, Parameter.SHEAR]] = view.ellipse
             fit = fit_contact(looks.frame, start, view.optics, view.settings, view.levels)
-            if fit is not None and (not _explains(fit, fits[index]) or not is_contact(looks.frame, view, fit)):
-                fit = None
+        if fit is not None and not (_explains(fit, fits[index]) and is_contact(looks.frame, view, fit)):
+            fit = None
         fit = fit or _next_fit(looks, view, last, None, vain)
         if fit is None:
             result.blanks[index] = look_without_fringes(looks, view)

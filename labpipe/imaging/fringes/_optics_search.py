@@ -8,7 +8,7 @@ is fitted with phase and scale free, and believed when it leaves little and is a
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
 
 import numpy as np
@@ -17,28 +17,16 @@ from numpy.typing import NDArray
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._acceptance import GOOD_MISFIT, is_contact
 from labpipe.imaging.fringes._blank_frames import FilmResult
-from labpipe.imaging.fringes._interference import distance_at_phase, scaled_gap
 from labpipe.imaging.fringes._looks import Looks
-from labpipe.imaging.fringes._radial_scan import radial_profile
+from labpipe.imaging.fringes._phase_scan import Guess, guesses
 from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import PARAMETERS, Parameter
 from labpipe.imaging.fringes._second_colour import find_colours
 from labpipe.imaging.fringes._spots import Spot
 from labpipe.imaging.fringes._view import View
 
-#: Logarithms of the factor of the phase scale that are tried: 1/2 to 2 in steps that keep three
-#: fringes within a sixth of a fringe. The stated one comes first where all explain as much.
-_LOG_SCALES = np.linspace(-0.7, 0.7, 29)
-#: Fringes compared, at the stated scale, and rings in them.
-_FRINGES, _RINGS = 3.0, 48
-#: Radii tried, as shares of the radius of a spot: its edge may be any of the first rings.
-_SMALLEST, _LARGEST, _RADII = 0.5, 1.15, 60
-#: Share of a profile's variance that must be explained, places looked at, and starts fitted.
-_LEAST_SCORE, _PLACES, _STARTS = 0.6, 3, 3
-#: Share of the rings that must be seen.
-_LEAST_SEEN = 0.75
-#: A scale other than the stated one must leave less than this share of what that leaves.
-_SCALE_SHARE = 0.5
+#: Places looked at.
+_PLACES = 3
 #: Pixels of a trial, and fringes of the two fits of one.
 _PIXELS, _NEAR, _FAR = 12_000, 1.5, 3.0
 #: Evaluations of one of them: where other optics explained a frame they settled sooner.
@@ -53,18 +41,6 @@ _SAME_PHASE, _SAME_SCALE = 0.4, 0.03
 _STATED_PHASE = 0.1
 #: Difference of the second colour's wavenumber over that of the first below which they agree.
 _SAME_RATIO = 0.06
-
-
-@dataclass(frozen=True)
-class _Guess:
-    """A contact that a profile resembles: radius (px), scale, phase, light."""
-
-    score: float
-    radius: float
-    log_scale: float
-    phase: float
-    gain: float
-    modulation: float
 
 
 class OtherOptics:
@@ -188,7 +164,7 @@ def find_optics(looks: Looks, view: View, *, is_phase_free: bool) -> RingFit | N
         With phase and scale among its parameters; None when no fringes explain the frame.
     """
     for spot in islice(_places(looks), _PLACES):
-        for guess in _guesses(looks.frame, view, spot.x, spot.y, spot.radius):
+        for guess in guesses(looks.frame, view, spot.x, spot.y, spot.radius):
             found = _fit_guess(looks.frame, view, guess, (spot.x, spot.y), is_phase_free=is_phase_free)
             if found is not None:
                 return found
@@ -201,70 +177,13 @@ def _places(looks: Looks) -> Iterator[Spot]:
     yield from looks.centres
 
 
-def _guesses(frame: NDArray[np.generic], view: View, x: float, y: float, size: float) -> Iterator[_Guess]:
-    """Contacts that explain the profile about a point, the likeliest first."""
-    optics = view.optics
-    reach = distance_at_phase(2.0 * math.pi * _FRINGES, _LARGEST * size, optics) + 2.0
-    profile, counts = radial_profile(frame, x, y, 1.0, math.ceil(reach) + 1)
-    found = _best_scales(profile, counts, np.linspace(_SMALLEST, _LARGEST, _RADII) * size, view)
-    found.sort(key=lambda guess: -guess.score)
-    chosen: list[_Guess] = []
-    for guess in found:
-        if all(abs(guess.log_scale - other.log_scale) > 0.1 for other in chosen):
-            chosen.append(guess)
-    yield from chosen[:_STARTS]
-
-
-def _best_scales(profile: Floats, counts: Floats, radii: Floats, view: View) -> list[_Guess]:
-    """Scale and phase that explain most of the rings around each of some radii, where they explain enough."""
-    optics = view.optics
-    outer = np.array([distance_at_phase(2.0 * math.pi * _FRINGES, radius, optics) for radius in radii.tolist()])
-    places = np.linspace(np.maximum(2.0 * radii - outer, 0.0), outer, _RINGS, axis=1)
-    rings = np.minimum(places.astype(np.int64), len(profile) - 1)
-    is_seen = (counts[rings] > 0.0).sum(axis=1) >= _LEAST_SEEN * _RINGS
-    if not is_seen.any():
-        return []
-    radii, places, rings = radii[is_seen], places[is_seen], rings[is_seen]
-    weight = np.sqrt(counts[rings])
-    # The middle of a ring of whole pixels lies half a pixel outside its first distance.
-    gap = optics.phase_scale * scaled_gap(rings + 0.5, radii[:, None])
-    argument = gap[:, None] * np.exp(_LOG_SCALES)[:, None]
-    base, _ = np.linalg.qr(np.stack([weight, weight * places], axis=2))
-    grey = (profile[rings] * weight)[:, :, None]
-    left = grey - base @ (base.transpose(0, 2, 1) @ grey)
-    waves = np.stack([np.cos(argument), np.sin(argument)], axis=2)
-    terms = (waves * weight[:, None, None]).reshape(len(radii), -1, _RINGS)
-    terms -= terms @ base @ base.transpose(0, 2, 1)
-    right = (terms @ left).reshape(*argument.shape[:2], 2)
-    terms = terms.reshape(*argument.shape[:2], 2, _RINGS)
-    normal = terms @ terms.transpose(0, 1, 3, 2) + 1e-9 * np.eye(2) * _RINGS
-    amplitude = np.linalg.solve(normal, right[..., None])[..., 0]
-    total = (left**2).sum(axis=(1, 2))
-    score = (amplitude * right).sum(axis=2) / np.maximum(total, 1e-300)[:, None]
-    stated = len(_LOG_SCALES) // 2
-    best = score.argmax(axis=1)
-    each = np.arange(len(radii))
-    best = np.where(1.0 - score[each, best] > _SCALE_SHARE * (1.0 - score[:, stated]), stated, best)
-    found: list[_Guess] = []
-    for k in np.flatnonzero((total > 0.0) & (score[each, best] >= _LEAST_SCORE)).tolist():
-        at = int(best[k])
-        cosine, sine = amplitude[k, at].tolist()
-        model = amplitude[k, at] @ waves[k, at]
-        gain = float(np.average(profile[rings[k]] - model, weights=weight[k] ** 2))
-        phase, modulation = math.atan2(-sine, cosine), math.hypot(cosine, sine)
-        found.append(_Guess(float(score[k, at]), float(radii[k]), float(_LOG_SCALES[at]), phase, gain, modulation))
-    return found
-
-
 def _fit_guess(
-    frame: NDArray[np.generic], view: View, guess: _Guess, centre: tuple[float, float], *, is_phase_free: bool
+    frame: NDArray[np.generic], view: View, guess: Guess, centre: tuple[float, float], *, is_phase_free: bool
 ) -> RingFit | None:
     """Fit from a guess with phase and scale free, from the first fringes outwards."""
     start = np.zeros(PARAMETERS)
     start[[Parameter.X, Parameter.Y]] = centre
-    start[Parameter.RADIUS] = guess.radius
-    start[[Parameter.GAIN, Parameter.MODULATION]] = guess.gain, guess.modulation
-    start[Parameter.PHASE] = guess.phase
+    start = guess.start(start)
     if not is_phase_free:
         # The stated phase may be that of the dark or of the bright contact.
         start[Parameter.PHASE] = view.optics.phase

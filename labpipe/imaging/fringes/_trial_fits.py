@@ -16,6 +16,7 @@ from labpipe.imaging.fringes._acceptance import GOOD_MISFIT, LEAST_PIXELS, is_co
 from labpipe.imaging.fringes._edge import Edge, corrected_radius
 from labpipe.imaging.fringes._gains import Gains, in_order
 from labpipe.imaging.fringes._interference import distance_at_phase
+from labpipe.imaging.fringes._phase_scan import guesses
 from labpipe.imaging.fringes._radial_scan import Match, Window, left_by_edge, radial_profile
 from labpipe.imaging.fringes._ring_fit import FitSettings, RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import AXES, HARMONICS, LIGHT, PARAMETERS, RADIAL, Parameter
@@ -35,6 +36,9 @@ _UNEVEN, _ROUND = 0.45, 0.8
 #: Fringes over which a plain edge is told from rings, and share of the squares that it leaves at most where there are
 #: none: sharp and blurred discs left up to 0.0005, rings out of focus by 6 px 0.0011 and more.
 _RINGS, _PLAIN = 3.0, 0.0006
+#: Radius of a spot over that of a contact at its edge, by which phases are compared, and share of the variance of a
+#: profile that another phase must explain: 0.996 where it was that, 0.88 and less where the scale was another.
+_WIDER, _TURNED = 1.15, 0.95
 #: Square of the blur (px²) from which it is sought.
 _FIRST_BLUR = 2.0
 
@@ -126,6 +130,10 @@ def _otherwise(frame: NDArray[np.generic], view: View, start: Floats, found: Rin
             return trial
     if not GOOD_MISFIT <= found.misfit <= _NONSENSE:
         return found
+    if any(Parameter.PHASE in extra for extra in view.alternatives):
+        turned = _turned(frame, view, start)
+        if turned is not None and turned.misfit < _SURE_MISFIT:
+            return turned
     # Perhaps the view is oblique or out of focus, R or the wavelength is not what it is said to
     # be, or there are many beams. Those that differ by what is free already are one.
     ways = {frozenset((*usual, *extra)): extra for extra in reversed(view.alternatives) if not set(extra) <= set(usual)}
@@ -146,6 +154,15 @@ def _otherwise(frame: NDArray[np.generic], view: View, start: Floats, found: Rin
             if best.misfit < _SURE_MISFIT:
                 break
     return best
+
+
+def _turned(frame: NDArray[np.generic], view: View, start: Floats) -> RingFit | None:
+    """Fit with the phase free what rings of the stated scale about a start resemble; None where it fails."""
+    x, y, radius = (float(start[p]) for p in (Parameter.X, Parameter.Y, Parameter.RADIUS))
+    guess = next(guesses(frame, view, x, y, _WIDER * radius, np.zeros(1)), None)
+    if guess is None or guess.score < _TURNED:
+        return None
+    return _trial(frame, view, guess.start(start), (*view.settings.free, Parameter.PHASE))
 
 
 def _trial(frame: NDArray[np.generic], view: View, start: Floats, free: tuple[Parameter, ...]) -> RingFit | None:

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.imaging.fringes._ring_fit import RingFit
+from labpipe.imaging.fringes._ring_fit import RingFit, explained
 from labpipe.imaging.fringes._ring_parameters import HARMONICS, LIGHT, Parameter
 from labpipe.imaging.fringes._view import View
 
@@ -229,19 +229,31 @@ class Trial:
         deviations = np.array([self.mean(p)[1] for p in parameters])
         return float(np.sqrt(((mean * deviations) ** 2).sum()))
 
-    def slopes(self, parameter: Parameter) -> Floats:
-        """Return the change of the radius (px) per change of a parameter that was free, all else following."""
-        pairs = [(fit.free.index(Parameter.RADIUS), fit.free.index(parameter), fit.inverse) for fit in self.fits]
-        return np.array([inverse[place, row] / inverse[row, row] for place, row, inverse in pairs])
+    def hinted(self, parameter: Parameter, beside: Sequence[Parameter] = ()) -> tuple[float, float]:
+        """Return what a parameter that was asked for would be, to first order, and its standard uncertainty.
 
-    def hinted(self, parameter: Parameter) -> tuple[float, float]:
-        """Return what a parameter that was asked for would be, to first order, and its standard uncertainty."""
-        pairs = [fit.along((parameter,), max(fit.noise, 1e-6) ** 2) for fit in self.fits]
-        slope, bend = (sum(float(part.sum()) for part in parts) for parts in zip(*pairs, strict=True))
+        What was asked for ``beside`` it follows.
+        """
+        pairs = [fit.along((parameter, *beside), max(fit.noise, 1e-6) ** 2) for fit in self.fits]
+        slope, bend = (np.sum(parts, axis=0) for parts in zip(*pairs, strict=True))
+        if not len(slope):
+            return 0.0, math.inf
+        inverse = np.linalg.pinv(bend)
+        values = inverse @ slope
+        # frames may differ by more than noise
+        apart = explained((own - curve @ values, curve) for own, curve in pairs)
+        variance = inverse[0, 0] * max(apart / max(len(values) * (len(pairs) - 1), 1), 1.0)
         # what makes noise remember stands still: it is one in all frames
-        told = [(f, f.by_memory) for f in self.fits if f.by_memory is not None and parameter in f.asked]
+        told = [(f, f.by_memory) for f in self.fits if f.by_memory is not None]
         shared = sum(float(memory[f.asked.index(parameter)]) / max(f.noise, 1e-6) ** 2 for f, memory in told)
-        return slope / max(bend, 1e-300), max(shared, math.sqrt(max(bend, 1e-300))) / max(bend, 1e-300)
+        return float(values[0]), max(shared * inverse[0, 0], math.sqrt(variance))
+
+    def slopes(self, parameter: Parameter, beside: Sequence[Parameter] = ()) -> Floats:
+        """Return the change of the radius (px) per change of what was asked for, all else following."""
+        asked = [p for p in dict.fromkeys((parameter, *beside)) if p in self.fits[0].asked]
+        along = [np.linalg.pinv(fit.along(asked, 1.0)[1])[0] for fit in self.fits]
+        radii = [np.array([fit.sensitivity[p] for p in asked]) for fit in self.fits]
+        return np.array([own @ way / way[0] for own, way in zip(radii, along, strict=True)])
 
     def changes(self, other: "Trial") -> Floats:
         """Return the changes of the radius (px) against another trial of the same frames."""

@@ -34,6 +34,7 @@ def trial(misfit: float, count: int = 4, smear: float = 0.0) -> Trial:
     parameters = np.full(len(Parameter), 50.0)
     parameters[Parameter.SMEAR] = smear
     fit = SimpleNamespace(
+        is_converged=True,
         misfit=misfit,
         residual=misfit,
         pixels=1000,
@@ -169,8 +170,9 @@ def test_an_oblique_view_is_believed_only_if_it_explains_much_more_and_promised_
         return trial(3.0) if extra == () else None
 
     monkeypatch.setattr(Attempts, "_fit", fitted)
-    monkeypatch.setattr(Attempts, "gains", lambda *_: SimpleNamespace(explained=lambda _: explained, round_share=0.1))
-    monkeypatch.setattr(_calibration, "_STEEP", math.inf)  # else any is tried, whatever it promises
+    told = SimpleNamespace(explained=lambda of: explained * (AXES[0] in of), round_share=0.1)
+    monkeypatch.setattr(Attempts, "gains", lambda *_: told)
+    monkeypatch.setattr(_calibration, "_FAR", math.inf)  # else any is tried, whatever it promises
     monkeypatch.setattr(_calibration, "_candidates", lambda *_: ())
     monkeypatch.setattr(Calibration, "applied", lambda self, view: view)
     fits = {i: SimpleNamespace(parameters=np.full(len(Parameter), 50.0 + i)) for i in range(8)}
