@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from labpipe import files
-from pipelines.process import process, result
+from labpipe.workflow.runner import run
+from pipelines.session import SCHEMAS, STAGES, open_session, process, result
 from tests.pipelines.deviations import write_specimens
 
 SESSION = "session.toml"
@@ -82,6 +83,11 @@ class Shown(NamedTuple):
     believable: str
 
 
+def judge(folder: Path, experiments: list[str]) -> None:
+    """Compute the judgements on some experiments; the page of the session, which no one reads here, stays as it is."""
+    run(open_session(folder), STAGES, targets=["judgement"], only=experiments, jobs=0, schemas=SCHEMAS)
+
+
 def shown(folder: Path, room: Path, wrong: Wrong, share: float) -> Shown | None:
     """State a value wrongly by a share of what would show, in a copy; None where that is another specimen."""
     right = result(folder, wrong.experiment, "judgement").sel(input=wrong.input)
@@ -92,7 +98,7 @@ def shown(folder: Path, room: Path, wrong: Wrong, share: float) -> Shown | None:
     text = (there / wrong.file).read_text("utf-8")
     to = (lambda v: v * (1 + error)) if wrong.unit is None else (lambda v: v + error / (wrong.unit or 1.0))
     files.write_text(there / wrong.file, changed(wrong.pattern, to, wrong.section)(text))
-    process(there, ["judgement"], jobs=0, only=[wrong.experiment])
+    judge(there, [wrong.experiment])
     said = result(there, wrong.experiment, "judgement")
     shutil.rmtree(there)
     return Shown(error, float(said["p"]), said.attrs["model"], said.attrs["believable"])

@@ -15,7 +15,7 @@ from labpipe import files
 from pipelines.experiments.shared.judgements import suspected
 from pipelines.process import process, result
 from pipelines.session import verdict_on
-from tests.pipelines.detection import SESSION, SHOWN, WRONG, Wrong, changed, shown
+from tests.pipelines.detection import SESSION, SHOWN, WRONG, Wrong, changed, judge, shown
 from tests.pipelines.deviations import write_specimens
 
 pytestmark = pytest.mark.slow
@@ -105,7 +105,7 @@ def test_a_wrong_input_is_seen_and_named(right: Path, tmp_path: Path, case: str)
     files.write_text(folder / file, edit((folder / file).read_text("utf-8")))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        process(folder, ["judgement"], jobs=0, only=list(expected))
+        judge(folder, list(expected))
     for experiment, word in expected.items():
         model, believable, named = said = _said(folder, experiment)
         assert model == "differs" or believable != "yes", (experiment, said)
