@@ -24,17 +24,13 @@ _MANY, _SCATTER, _GATHERED, _BY_CHANCE, _FOLLOWS, _MOST = 20, 0.1, 0.1, 1.0, 0.7
 _ROUNDS, _FAR, _LEAST = 10, 3.0, 1e-9
 
 
-def hidden_steps(places: Floats, value: Floats, is_found: Flags, spread: Floats, inverse: Floats) -> Floats:
-    """Variance (frame, point, 2) [px²] along x and y that each motion has at least.
+def hidden_steps(is_found: Flags, spread: Floats, inverse: Floats) -> Floats:
+    """Variance (frame, point, 2) [px²] along x and y that each motion has at least by what most others misfit by.
 
     Parameters
     ----------
-    places : array (point, 2) [px]
-        Where the points are in the reference.
-    value : array (frame, point, 2 or more) [px]
-        Displacements.
     is_found : bool array (frame, point)
-        Which of them count.
+        Which motions count, of a film that shows nothing of how it was sampled.
     spread : array (frame, point, 2 or more) [px²]
         Variances along x and y that parts of the subsets tell; NaN where they do not.
     inverse : array (point, 2) [px²/grey²]
@@ -42,8 +38,7 @@ def hidden_steps(places: Floats, value: Floats, is_found: Flags, spread: Floats,
 
     Notes
     -----
-    Frames in which most points match, though in most frames they do not, show motions of nearly whole pixels. Where
-    displacements gather in half of the frames that spread them, they do so in the others.
+    Frames in which most points match, though in most frames they do not, show motions of nearly whole pixels.
     """
     usual = np.full(len(is_found), np.nan)
     both = np.where(is_found, spread[..., :2].sum(axis=2), np.nan)
@@ -55,6 +50,25 @@ def hidden_steps(places: Floats, value: Floats, is_found: Flags, spread: Floats,
     if 2 * seen.sum() > is_found.any(axis=1).sum():
         usual[~seen] = np.median(usual[seen])
     least = np.minimum(np.nan_to_num(usual)[:, None, None] * inverse, _WHOLE)
+    return np.asarray(least * is_found[..., None])
+
+
+def gathered_steps(places: Floats, value: Floats, is_found: Flags) -> Floats:
+    """Variance (frame, point, 2) [px²] along x and y that motions have at least which gather at whole pixels.
+
+    Parameters
+    ----------
+    places : array (point, 2) [px]
+        Where the points are in the reference.
+    value : array (frame, point, 2 or more) [px]
+        Displacements.
+    is_found : bool array (frame, point)
+        Which of them count.
+
+    Notes
+    -----
+    Where displacements gather in half of the frames that spread them, they do so in the others.
+    """
     about = np.full((len(is_found), 2), np.nan)
     for k in np.flatnonzero(is_found.sum(axis=1) >= _MANY).tolist():
         for axis in range(2):
@@ -63,10 +77,10 @@ def hidden_steps(places: Floats, value: Floats, is_found: Flags, spread: Floats,
                 about[k, axis] = _gathered(places[is_found[k]], moved)
     gathers = about > 0.0
     # two bodies a pixel apart gather as well, in one frame of many; where all move alike, all gather at one place
-    if gathers.any() and 2 * gathers.sum() >= np.isfinite(about).sum():
-        about[~gathers] = np.median(about[gathers])
-        least = np.maximum(least, about[:, None, :])
-    return np.asarray(least * is_found[..., None])
+    if not gathers.any() or 2 * gathers.sum() < np.isfinite(about).sum():
+        return np.zeros((*is_found.shape, 2))
+    about[~gathers] = np.median(about[gathers])
+    return np.asarray(about[:, None, :] * is_found[..., None])
 
 
 def _gathered(places: Floats, moved: Floats) -> float:

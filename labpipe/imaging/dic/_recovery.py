@@ -21,6 +21,9 @@ _CONFIRMED = 2.5
 _CHANCE, _MANY = 0.2, 10
 #: Agreement of surprised points with each other (px), and how many are needed.
 _MUTUAL, _MUTUAL_COUNT = 0.5, 5
+#: Median of their correlation over that of the last frame, below which they may agree on another period of a pattern
+#: that repeats itself but for its tones: templates, which are wider, are asked first.
+_AS_BEFORE = 0.97
 #: Distance (px) from where most lead, and mean square of the residual over theirs, from which a point that
 #: jumped is a stray and none of another body.
 _AWAY, _WORSE = 5.0, 2.5
@@ -63,11 +66,14 @@ class Recovery:
         tracked = self._tracker.is_tracked & ~self._tracker.reference.is_faint
         if attempt.trusted.sum() < _CHANCE * tracked.sum() and tracked.sum() >= _MANY:
             attempt.trusted[:] = False
-        self._trust_agreement()
+        self._trust_agreement(_AS_BEFORE)
         self._propagate()
         for _ in range(2):
             if not self._tracker.missing(attempt).any() or not self._seed():
                 break
+            self._propagate()
+        if not attempt.trusted.any():
+            self._trust_agreement(0.0)
             self._propagate()
         self._outvote()
         self._propagate()
@@ -85,8 +91,8 @@ class Recovery:
             attempt.outvoted[wrong] = True
             attempt.trusted[wrong] = False
 
-    def _trust_agreement(self) -> None:
-        """Trust surprised points that all tell of the same rigid motion."""
+    def _trust_agreement(self, least: float) -> None:
+        """Trust surprised points that all tell of one rigid motion, if most keep that share of their correlation."""
         attempt, tracker = self._attempt, self._tracker
         solved = np.flatnonzero(tracker.accepts(attempt.code, attempt.zncc) & ~attempt.trusted & ~tracker.is_one_way)
         # All points of what repeats itself may agree on another period.
@@ -103,7 +109,9 @@ class Recovery:
         gradient[[0, 3]] = centre
         expected = shift_of(np.broadcast_to(gradient, own.shape), tracker.places[solved] - middle)
         agree = np.hypot(*(expected - own[:, [0, 3]]).T) < _MUTUAL
-        if agree.sum() >= max(_MUTUAL_COUNT, 0.6 * (~attempt.trusted & ~tracker.reference.is_faint).sum()):
+        if agree.sum() < max(_MUTUAL_COUNT, 0.6 * (~attempt.trusted & ~tracker.reference.is_faint).sum()):
+            return
+        if np.median(attempt.zncc[solved[agree]] / tracker.zncc[solved[agree]]) >= least:
             attempt.trusted[solved[agree]] = True
 
     def _distrust_strays(self) -> None:

@@ -12,7 +12,7 @@ from labpipe.arrays import Flags, Floats, Integers
 from labpipe.imaging.dic._agreement import disagreement, unconfirmed
 from labpipe.imaging.dic._edge_profile import misled
 from labpipe.imaging.dic._growth import STEP
-from labpipe.imaging.dic._hidden_steps import hidden_steps
+from labpipe.imaging.dic._hidden_steps import gathered_steps, hidden_steps
 from labpipe.imaging.dic._misfit import hidden_by_levels, misfit_factor, still_noise, take_spread
 from labpipe.imaging.dic._missed_strain import missed_shift
 from labpipe.imaging.dic._motion_uncertainty import (
@@ -178,11 +178,14 @@ def _places(reference: Reference) -> Floats:
 
 
 def _hidden_steps(reference: Reference, still: Floats, value: Floats, is_found: Flags, spread: Floats) -> Floats:
-    """Tell the least variances (frame, point, 2) of films that show nothing of how they were sampled."""
-    if not is_found.any() or not shows_no_sampling(reference, still):
+    """Tell the least variances (frame, point, 2) [px²] where edges moved on in whole pixels."""
+    if not is_found.any():
         return np.zeros((*is_found.shape, 2))
-    inverse = reference.subsets.inverse[:, [0, 3], [0, 3]]
-    return hidden_steps(_places(reference), value, is_found, spread, inverse)
+    least = gathered_steps(_places(reference), value, is_found)
+    if shows_no_sampling(reference, still):
+        inverse = reference.subsets.inverse[:, [0, 3], [0, 3]]
+        least = np.maximum(least, hidden_steps(is_found, spread, inverse))
+    return least
 
 
 def _resisted(
@@ -223,15 +226,19 @@ def _ask_around(
     is_doubtful: Flags,
     is_static: Flags,
 ) -> None:
-    """Widen, or refuse, what the points around contradict, and what is doubtful and they do not confirm."""
+    """Widen, or refuse, what the points around contradict, and what is doubtful or vague and they do not confirm."""
     motions = _places(reference), 2 * reference.subsets.half + 1, value, deviation
     is_found = (status == Status.OK) & ~is_static[:, None]
-    is_clear = is_found & ~is_doubtful & (np.hypot(deviation[..., 0], deviation[..., 1]) < MOST_UNCERTAIN)
+    is_clear = is_found & ~is_doubtful & ~_may_be_any(deviation)
     _add(deviation, covariance, disagreement(*motions, is_clear))
     is_trusted = is_clear & ~_may_be_any(deviation)
     status[is_clear & ~is_trusted] = Status.OUTVOTED
+    # one that several tops of the correlation may have is no doubt of where many agree, only where it stands alone
+    is_vague = is_trusted & (np.hypot(deviation[..., 0], deviation[..., 1]) >= MOST_UNCERTAIN)
     is_asked = is_found & is_doubtful
-    more = unconfirmed(*motions, is_trusted, is_asked)
+    more = unconfirmed(*motions, is_trusted, is_asked | is_vague)
+    status[is_vague & ~np.isfinite(more[..., 0])] = Status.OUTVOTED
+    more[is_vague] = 0.0
     # how far what is confirmed lies from there tells its misfit, or what interpolation made of it, but no noise
     deviation[is_asked], covariance[is_asked] = (part[is_asked] for part in by_noise)
     _add(deviation, covariance, more)

@@ -63,7 +63,8 @@ class Tracker:
         self._velocity = np.zeros((count, 2))
         self._step = np.ones(count)
         self._seen = np.full(count, -1, np.int64)
-        self._zncc = np.ones(count)
+        #: Correlation of each point where it was seen last.
+        self.zncc = np.ones(count)
         self._piece_of, self._pieces = spread_pieces(self.places, self._half)
         #: Edges, gratings, grids, and what may be noise: they match in so many places that nothing but their
         #: neighbours finds them again.
@@ -151,7 +152,7 @@ class Tracker:
             expected,
             self.accepts(attempt.code, attempt.zncc),
             attempt.zncc,
-            _DROP * self._zncc,
+            _DROP * self.zncc,
             self.surprise,
         )
         return attempt
@@ -189,7 +190,7 @@ class Tracker:
             self._velocity,
             self._seen,
             self._step,
-            self._zncc,
+            self.zncc,
             self.is_tracked,
             self.misses,
         )

@@ -7,7 +7,8 @@ from scipy.ndimage import gaussian_filter, shift
 from scipy.special import ndtr
 
 from labpipe.imaging import track
-from labpipe.imaging.dic._agreement import disagreement
+from labpipe.imaging.dic._agreement import disagreement, unconfirmed
+from labpipe.imaging.dic._hidden_steps import gathered_steps
 from labpipe.imaging.dic._motion_state import contradicted
 from labpipe.imaging.dic._undersampling import folded_share
 from pipelines.bench import film_scenes
@@ -324,6 +325,27 @@ def test_bricks_that_jump_are_not_found_one_brick_off() -> None:
     found = track(digitised(frames, 1.0, 5), grid((SIZE, SIZE), 26, 12), 31, static_frames=2)
     far = error(found, views, SIZE) > 5.0
     assert not (found.valid & far).any()
+
+
+@pytest.mark.parametrize("seed", by_day([1, 2, 4], 2))
+def test_bricks_of_many_tones_that_jump_as_expected_but_for_one_brick_are_found_where_their_tones_match(
+    seed: int,
+) -> None:
+    """All points agree on the brick beside, where they match worse than in the frame before."""
+    tones, grain = np.random.default_rng(seed).normal(0.0, 12.0, (64, 64)), film_scenes.perlin(6.0, seed)
+
+    def bricks(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        along, across = 300.0 - 0.316 * x + 0.949 * y, 300.0 - 0.316 * y - 0.949 * x
+        course = np.floor(across / 14.9).astype(int)
+        along = along + 7.85 * (course % 2)
+        tone = 20.0 + tones[course % 64, np.floor(along / 15.7).astype(int) % 64]
+        return np.where((across % 14.9 < 2.0) | (along % 15.7 < 2.0), -40.0, tone) + 0.02 * grain(x, y)
+
+    views = tuple(View(shift) for shift in ((0.0, 0.0), (-9.1, 13.1), (9.9, 0.6), (10.0, -10.4)))
+    frames = [from_formula(bricks, SIZE, view) for view in views]
+    found = track(digitised(frames, 1.0, 5), grid((SIZE, SIZE), 34, 11), 31, "affine")
+    assert found.valid.all()
+    assert error(found, views, SIZE).max() < 1.0
 
 
 def test_thick_joints_that_jump_are_not_found_where_most_points_are_not() -> None:
@@ -672,3 +694,29 @@ def test_points_along_a_line_tell_nothing_of_one_beside_it() -> None:
     around = np.array([(x, y) for x in (30.0, 45.0, 60.0) for y in (30.0, 45.0, 60.0)])
     told = disagreement(around, np.full(9, 21), value, np.full((3, 9, 2), 2e-3), np.ones((3, 9), bool))
     assert told[1, 4, 1] > 0.5
+
+
+def test_motions_that_gather_at_whole_pixels_in_half_of_the_frames_are_as_uncertain_as_that() -> None:
+    places = np.stack(np.meshgrid(np.arange(12.0), np.arange(12.0)), axis=-1).reshape(-1, 2) * 10.0
+    scatter = np.random.default_rng(1).normal(0.0, 0.02, (4, len(places), 2))
+    smooth = np.broadcast_to(0.012 * places + 0.2, scatter.shape)
+    stepped, every = np.rint(smooth), np.ones(scatter.shape[:2], bool)
+    assert not gathered_steps(places, smooth + scatter, every).any()
+    # a smooth motion over a single pixel follows the steps in part
+    assert 0.03 < gathered_steps(places, stepped + scatter, every).mean() < 1.0 / 12.0
+    half = np.where(np.arange(4)[:, None, None] < 2, stepped, smooth)
+    assert gathered_steps(places, half + scatter, every).all()
+    once = np.where(np.arange(4)[:, None, None] < 1, stepped, smooth)
+    assert not gathered_steps(places, once + scatter, every).any()
+
+
+def test_what_is_too_vague_by_itself_is_given_where_vague_points_around_confirm_it() -> None:
+    """Points of 0.5 px tell that of a misfit among them, and that another one lies elsewhere."""
+    places = np.stack(np.meshgrid(np.arange(7.0), np.arange(7.0)), axis=-1).reshape(-1, 2) * 10.0
+    value = np.random.default_rng(1).normal(0.0, 0.1, (1, 49, 3))
+    deviation = np.full((1, 49, 3), 0.35)
+    every, one = np.ones((1, 49), bool), np.arange(49)[None] == 24
+    more = unconfirmed(places, np.full(49, 21), value, deviation, every & ~one, one)
+    assert np.hypot(*np.sqrt(more[0, 24, :2])) < 0.5
+    value[0, 24] += 3.0
+    assert np.isinf(unconfirmed(places, np.full(49, 21), value, deviation, every & ~one, one)[0, 24, 0])
