@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         explain as explain,
         in_words as in_words,
         too_large as too_large,
+        with_causes as with_causes,
     )
     from labpipe.judging._checks import (
         DOUBTFUL as DOUBTFUL,

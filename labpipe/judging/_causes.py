@@ -7,7 +7,7 @@ ranked by what they leave unexplained.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import exp, floor, hypot, isfinite, log, log10, sqrt
 
 from labpipe.judging._checks import Check
@@ -139,6 +139,33 @@ def in_turn(ranked: Sequence[Explanation], check: str) -> str:
     """Say what explains a check: the likeliest cause, and those that cannot be told from it; empty where none does."""
     found = [one for one in ranked if check in one.checks]
     return "; or ".join(dict.fromkeys(one.sentence for one in found if one.score <= found[0].score + _ALIKE))
+
+
+def with_causes(checks: Sequence[Check], ranked: Sequence[Explanation]) -> list[Check]:
+    """Return checks, those that fail and have no cause of their own with the likeliest that explains them.
+
+    Parameters
+    ----------
+    checks : sequence of Check
+    ranked : sequence of Explanation
+        The likeliest first, from :func:`explain`.
+
+    Returns
+    -------
+    list of Check
+        With the file, line and setting of the cause, where it has any.
+    """
+    told = []
+    for check in checks:
+        best = next((one.cause for one in ranked if check.name in one.checks), None)
+        if check.level is None or check.cause or best is None:
+            told.append(check)
+            continue
+        place = best if best.file or best.setting else check
+        told.append(
+            replace(check, cause=in_turn(ranked, check.name), file=place.file, line=place.line, setting=place.setting)
+        )
+    return told
 
 
 def too_large(factor: float) -> str:

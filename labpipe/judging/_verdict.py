@@ -2,10 +2,10 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Any, Literal
 
-from labpipe.judging._causes import Cause, explain, in_turn
+from labpipe.judging._causes import Cause, explain, with_causes
 from labpipe.judging._checks import Check, Finding, Level
 
 Verdict = Literal["yes", "doubtful", "impossible", "unknown"]
@@ -62,13 +62,7 @@ def judge(checks: Sequence[Check], causes: Sequence[Cause] = ()) -> Judgement:
     Judgement
     """
     ranked = explain(checks, causes)
-    explained = []
-    for check in checks:
-        best = next((e for e in ranked if check.name in e.checks), None)
-        if check.level is not None and best is not None and not check.cause:
-            explained.append(_with_cause(check, in_turn(ranked, check.name), best.cause))
-        else:
-            explained.append(check)
+    explained = with_causes(checks, ranked)
     levels = [c.level for c in checks if c.level is not None]
     believable: Verdict = "yes"
     if "impossible" in levels:
@@ -81,12 +75,6 @@ def judge(checks: Sequence[Check], causes: Sequence[Cause] = ()) -> Judgement:
     own = [c.cause for c in worst_first if c.cause]
     sentences = dict.fromkeys([*(e.sentence for e in ranked), *own])
     return Judgement(believable, tuple(explained), tuple(sentences))
-
-
-def _with_cause(check: Check, sentence: str, cause: Cause) -> Check:
-    is_placed = bool(cause.file or cause.setting)
-    place = cause if is_placed else check
-    return replace(check, cause=sentence, file=place.file, line=place.line, setting=place.setting)
 
 
 def to_json(judgement: Judgement) -> str:

@@ -29,24 +29,9 @@ def with_swing(
     A body that falls from so much higher that a touch comes when it was measured meets the plate as the measured
     one did, and little else is changed. What its impact is off the line of the height's slope is the curvature.
 
-    Parameters
-    ----------
-    made : Dataset
-        The simulated drop.
-    repeats : Dataset
-        ``touch_time`` (impact,) [s] as measured, from the first.
-    plate : Plate or None
-        Under the body; None for a rigid floor.
-    height : float [m]
-    falls : callable
-        From heights (drop,) [m] and a number of impacts to results (drop, impact) by name, times from the first touch.
-    most : int
-        Impacts that are compared.
-
-    Returns
-    -------
-    Dataset
-        With ``swing_restitution`` [1] and ``swing_contact_duration`` [s] (impact,), if later impacts are on a plate.
+    ``repeats`` holds ``touch_time`` (impact,) [s] as measured, from the first; ``falls`` takes heights (drop,) [m] and
+    a number of impacts and returns results (drop, impact) by name, of which ``most`` are compared. If later impacts are
+    on a plate, ``swing_restitution`` [1] and ``swing_contact_duration`` [s] (impact,) are added.
     """
     count = min(most, repeats.sizes["impact"])
     touches = made[_TIME].values[:count]

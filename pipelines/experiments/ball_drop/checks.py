@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.errors import LabpipeError
-from labpipe.judging import SLIPS, Cause, Check, explain, not_made, too_large
+from labpipe.judging import SLIPS, Cause, Check, explain, not_made, too_large, with_causes
 from labpipe.materials import load
 from labpipe.report import quantity
 from labpipe.units import Quantity
@@ -100,10 +100,9 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
             _by_swing(check, swing, added, by_name[swing.file][1]) for check in of_records[swing.file]
         ]
     for average in (c for c in of_traces if c.name == trace_checks.SMOOTHED and c.level and c.file in of_records):
-        of_records[average.file] = [
-            replace(c, cause=average.cause, file=average.file) if c.level and c.name in _SMEARED else c
-            for c in of_records[average.file]
-        ]
+        of_records[average.file] = judgements.because(
+            of_records[average.file], average.cause, *_SMEARED, file=average.file
+        )
     everything = [check for some in of_records.values() for check in some]
     if causes and (not explain(everything, causes) or _is_of_some(of_records)):
         headed = dict(zip(settings.laser, readings or (), strict=False))
@@ -176,15 +175,7 @@ def _alone(
         and not 1 / _NO_FALL < float(record[0].values("fall_acceleration")) / settings.model.gravity.value < _NO_FALL
     ):
         return [replace(c, cause=_HELD_BACK, file=name, line=None, setting="") if c.level else c for c in checks]
-    found = []
-    for check in checks:
-        best = next((e for e in ranked if check.name in e.checks), None)
-        if check.level is None or check.cause or best is None:
-            found.append(check)
-        else:
-            of = best.cause
-            found.append(replace(check, cause=best.sentence, file=of.file, line=of.line, setting=of.setting))
-    return found
+    return with_causes(checks, ranked)
 
 
 def _of_one(cause: Cause, name: str, settings: BallDrop) -> Cause:

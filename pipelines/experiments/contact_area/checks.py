@@ -36,7 +36,7 @@ from pipelines.experiments.contact_area.comparison import FRAMES, PLATE, SCALE, 
 from pipelines.experiments.contact_area.measured import brightness, edges_only
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
-from pipelines.experiments.shared.film_frames import FIELDS, explained, not_smoothed, whole_film
+from pipelines.experiments.shared.film_frames import explained, not_smoothed, whole_film
 from pipelines.experiments.shared.film_light import exposed, lit, no_mosaic
 from pipelines.experiments.shared.film_stated import is_rate_used, stated_twice
 from pipelines.experiments.shared.given import Given
@@ -98,17 +98,13 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
         ]
         checks += frame_checks(radius, whole, settings)
         # rows of a mosaic differ as those of an interlaced film do
-        for i, c in enumerate(checks):
-            if mosaic.level and (c.cause == FIELDS or c.name == "step impacts"):
-                checks[i] = replace(c, cause=mosaic.cause, message=c.message.replace("interlaced", "unreadable"))
+        checks = judgements.because(checks, mosaic.cause if mosaic.level else "", "sound frames", "step impacts")
     if impacts is not None and impacts.sizes["impact"]:
         checks += given.each((_size, _like_model, _order, _flight, _duration, _rest, _steady, _ends))
         checks += given.each((contacts_whole, summits_seen, none_lost, none_missed, flights_alike))
         # where impacts do not follow each other, what is held against the stated height is another one
         order = next(c for c in checks if c.name == ORDER)
-        for i, c in enumerate(checks):
-            if order.level and c.level and c.name in (FLIGHT, DURATION):
-                checks[i] = replace(c, cause=order.cause, log_ratio=nan)
+        checks = judgements.because(checks, order.cause if order.level else "", FLIGHT, DURATION, log_ratio=nan)
     return Scene(
         checks,
         given.each([_causes]),

@@ -1,5 +1,6 @@
 """Whether the camera of a falling holder stands still and upright, and sees one scale all along the motion."""
 
+import re
 from math import cos, degrees, isfinite
 
 import numpy as np
@@ -20,6 +21,7 @@ _SURE = 10.0  # standard uncertainties of a speed that is no noise
 _BEFORE = 2e-3  # s before the release, while which something may move already
 _FIRST, _MOVES = 12, 0.15  # frames that tell how fast it moves in the first, and the share of its top speed that counts
 _SWINGS = 0.02  # of the fall, by which a swing spoils it
+_WHERE = re.compile(r"something stands still .*?within x (\d+) to (\d+) px and y (\d+) to (\d+) px")
 _STILL, _PASSES, _CLEAR = 5, 6, 0.02
 """First frames that tell a level, the times that a swing passes it, and the part of the motion of one such step."""
 _MOST_DOWN, _SLOW = 0.95, 5.0  # of a way down that is timed, and times as long as a fall that it takes if driven
@@ -177,6 +179,12 @@ def sideways(track: xr.Dataset, settings: DicValidation) -> Check:
     text = f"{settings.film}: the holder's image swings aside by ± {amplitude:.2g} px at {f:.3g} Hz"
     cause = f"the camera, its mirror or the holder vibrates at {f:.3g} Hz: along the fall it may move the image as much"
     return stated(name, law, text, "note", cause=cause, file=settings.film)
+
+
+def found_before(track: xr.Dataset) -> tuple[int, int, int, int] | None:
+    """Return columns (first, last) and rows (first, last) [px] within which something stands that nobody stated."""
+    found = _WHERE.search(str(track.attrs.get("note", "")))
+    return tuple(map(int, found.groups())) if found else None  # type: ignore[return-value]
 
 
 def seen_whole(track: xr.Dataset, settings: DicValidation) -> Check:

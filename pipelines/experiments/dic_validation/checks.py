@@ -71,14 +71,9 @@ _FAILED = {
     "bounces": "the film shows no drop or a part of it: another film, a cut one, or tracking.body is not on the holder "
     "(as in a film that was turned or mirrored)",
 }
-G, HEIGHT, SPEED, GAIN = (
-    "free-fall acceleration",
-    "height of the fall",
-    "speed of the first impact",
-    "scale against the laser",
-)
-
-
+G, HEIGHT, SPEED = "free-fall acceleration", "height of the fall", "speed of the first impact"
+GAIN, SAME = "scale against the laser", "restitution against the laser's"
+_BY_JUMPS = ("heights of the rebounds", HEIGHT, SAME)
 _STEPS = ("track", "motion", "bounces", "comparison", "laser")
 
 
@@ -97,7 +92,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
         if whole.level and found.level:  # frames that the file lacks show no holder
             found = replace(found, cause=whole.cause, setting="")
         # of a holder that is not found, what the images show is the better cause
-        checks = [replace(c, cause=found.cause) if c.name == "step motion" and found.level else c for c in checks]
+        checks = judgements.because(checks, found.cause if found.level else "", "step motion")
         along = track["dy"].isel(point=0).values
         checks += [found, _copies(track, settings), in_order(settings.film, track["frame"].values, along)]
         checks += [sound_frames(_is_sound(track), whole, settings.film), sideways(track, settings)]
@@ -107,7 +102,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
         steady = _steady(track, motion, settings)
         # where no bounce was found, what the displacement itself shows is the better cause
         better = steady.cause if steady.level else no_fall(motion, _GRAVITY.value)
-        checks = [replace(c, cause=better) if c.name == "step bounces" and better else c for c in checks]
+        checks = judgements.because(checks, better, "step bounces")
         checks += [_times(motion, bounces, settings), steady]
         checks += [of(motion, settings) for of in (direction, tilt, one_scale)]
         begins = begins_at_rest(motion, settings)
@@ -118,13 +113,15 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
         checks += [
             fall_checks.direction(fall, _UPSIDE_DOWN, file=settings.film, setting=""),
             fall_checks.acceleration(fall, _GRAVITY),
-            height if begins.level != "doubtful" else replace(height, cause=begins.cause, log_ratio=nan),
+            *judgements.because([height], begins.cause if begins.level == "doubtful" else "", HEIGHT, log_ratio=nan),
             fall_checks.speed(fall, _GRAVITY),
             fall_checks.restitution(fall),
             fall_checks.apexes(fall),
             fall_checks.flights_alike(fall, _GRAVITY),
             _same_body(fall, laser, settings),
         ]
+    if motion is not None and steady.level:  # a level that jumps makes rebounds of another height
+        checks = judgements.because(checks, steady.cause, *_BY_JUMPS, log_ratio=nan, file=settings.film, setting="")
     if comparison is not None and "gain" in comparison:
         gain, wrong = _gain(comparison, settings), {c.name for c in checks if c.level}
         # of two drops that are not alike no scale can be told
@@ -229,16 +226,8 @@ def _jump(time: Floats, y: Floats, least: float) -> tuple[int, float] | None:
 
     A bounce bends the motion one way. A jump bends it one way and back in the next frame.
 
-    Parameters
-    ----------
-    time, y : arrays (frame,)
-    least : float
-        Smallest jump that counts, in the unit of y.
-
-    Returns
-    -------
-    tuple or None
-        Last frame before the jump, and its size; None where nothing jumps.
+    ``y`` (frame,) jumps by ``least`` or more of its unit. Returns the last frame before the jump, and its size, or
+    None.
     """
     steps = np.diff(time)
     bend = np.diff(y, 2)
@@ -326,7 +315,7 @@ def _laser(settings: DicValidation) -> str:
 
 
 def _same_body(fall: Fall, laser: xr.Dataset | None, settings: DicValidation) -> Check:
-    name, law = "restitution against the laser's", "one sphere bounces alike on two days"
+    name, law = SAME, "one sphere bounces alike on two days"
     if laser is None or not laser.sizes.get("impact"):
         return not_made(name, law, "a laser experiment")
     seen, own = fall.value("restitution", 0)

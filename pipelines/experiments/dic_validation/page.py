@@ -28,6 +28,7 @@ from labpipe.report import (
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.dic_validation import viewing_angle
+from pipelines.experiments.dic_validation._view_checks import found_before
 from pipelines.experiments.dic_validation.budget import quantities
 from pipelines.experiments.dic_validation.comparison import rows as compared_rows
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
@@ -93,11 +94,15 @@ def _summary(
     return Section("Summary", tuple(blocks))
 
 
-def _key_frames(keys: xr.Dataset, settings: DicValidation, bounces: xr.Dataset | None = None) -> Section:
+def _key_frames(
+    keys: xr.Dataset, settings: DicValidation, bounces: xr.Dataset | None = None, track: xr.Dataset | None = None
+) -> Section:
     start = None if bounces is None else float(bounces["first_contact_time"])
-    pictures = [_picture(keys.isel(key=i), start, settings.tracking) for i in range(keys.sizes["key"])]
+    stands = None if track is None else found_before(track)
+    pictures = [_picture(keys.isel(key=i), start, settings.tracking, stands) for i in range(keys.sizes["key"])]
     caption = "Orange: the large subset whose motion is the result, with its rotation. "
     caption += "Blue: the line of small subsets. " * (keys.sizes["point"] > 1)
+    caption += "Violet frame: within it something stands still that nobody stated, and is left out. " * bool(stands)
     caption += _told_masks(settings.tracking) + "The charts below mark the frame that is shown." * (start is not None)
     gallery = Gallery("Key frames with the tracked subsets", pictures, caption=caption, group=_GROUP)
     header = pages.raw_header(keys.assign_attrs(source=settings.film))
@@ -118,13 +123,19 @@ def _told_masks(tracking: Tracking) -> str:
     return "".join(drawn)
 
 
-def _picture(key: xr.Dataset, start: float | None, tracking: Tracking) -> Picture:
+def _picture(
+    key: xr.Dataset, start: float | None, tracking: Tracking, stands: tuple[int, int, int, int] | None
+) -> Picture:
     image = key["image"].values
     factor = max(1, math.ceil(_SMALLEST_PICTURE / max(image.shape)))
     canvas = enlarged(image, factor)
     scale = factor / float(key["reduction"])
     half = factor / 2 - 0.5  # the centre of an enlarged pixel
     _draw_masks(canvas, key, tracking, scale, half)
+    if stands is not None:
+        left, right, top, bottom = stands
+        corners = np.array([[left, top], [right, top], [right, bottom], [left, bottom]]) * scale + half
+        _draw_polygon(canvas, corners, _OBSTRUCTION, None)
     for n in range(key.sizes["point"]):
         x, y = float(key["point_x"][n]), float(key["point_y"][n])
         if not (math.isfinite(x) and math.isfinite(y)):

@@ -110,7 +110,7 @@ def sound_frames(is_sound: NDArray[np.bool_], whole: Check, film: str, note: str
     if whole.level and share < _MANY:
         return whole
     frames = "frame" if bad.size == 1 else "frames"
-    how, cause = ("interlaced", FIELDS) if _INTERLACED in note else ("damaged", _NOT_WHOLE)
+    how, cause = ("unreadable", FIELDS) if _INTERLACED in note else ("damaged", _NOT_WHOLE)
     text = f"{film}: {bad.size} {how} {frames}" + (f", the first is frame {bad[0]}" if bad.size else "")
     level: Level | None = "note" if bad.size else None
     if share >= _MANY:

@@ -19,6 +19,7 @@ from pipelines.experiments.shared.judgements._stored import (
     suspected as suspected,
 )
 from pipelines.experiments.shared.judgements._usual_checks import (
+    because as because,
     day_known as day_known,
     failed_steps as failed_steps,
     line_of as line_of,

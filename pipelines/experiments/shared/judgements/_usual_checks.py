@@ -1,7 +1,8 @@
 """Checks and causes that several kinds make alike."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from datetime import date, timedelta
 from typing import Any
 
@@ -110,6 +111,14 @@ def failed_steps(context: Context, causes: Mapping[str, str]) -> list[Check]:
             setting=setting,
         )
     return list(found.values())
+
+
+def because(checks: Sequence[Check], cause: str, *names: str, **changes: Any) -> list[Check]:
+    """Return checks, those of some names that fail for a cause that another one found; "" blames nothing.
+
+    ``changes`` are further fields of what is blamed: a ratio that is no longer one of what it seemed is NaN.
+    """
+    return [replace(c, cause=cause, **changes) if cause and c.level and c.name in names else c for c in checks]
 
 
 def times_over(name: str, stated_value: float, unit: str, what: str) -> Any:

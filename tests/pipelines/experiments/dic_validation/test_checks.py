@@ -5,9 +5,10 @@ import pytest
 import xarray as xr
 
 from labpipe import contact, materials
+from labpipe.imaging.dic._standing import told_of
 from labpipe.variables import variable
 from labpipe.workflow.context import Context, Failed
-from pipelines.experiments.dic_validation import _view_checks, checks, measured
+from pipelines.experiments.dic_validation import _view_checks, checks, measured, page
 from pipelines.experiments.dic_validation.comparison import comparison
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared.judgements import believed
@@ -292,3 +293,28 @@ def test_what_was_not_dropped_is_said_to_vibrate_or_to_be_driven(of_time, words)
     said = _view_checks.no_fall(_moves(of_time), 9.81)
     assert words in said
     assert bool(said) == bool(words)
+
+
+def test_what_was_found_before_the_holder_is_drawn_where_the_note_says():
+    hidden = np.zeros((60, 80), bool)
+    hidden[5:30, 20:27] = True
+    note = f"2 stuck pixels; {told_of(hidden, None, 3)}; more"
+    assert _view_checks.found_before(xr.Dataset(attrs={"note": note})) == (20, 26, 5, 29)
+    assert _view_checks.found_before(xr.Dataset(attrs={"note": "2 stuck pixels"})) is None
+    keys = xr.Dataset(
+        {
+            "image": (("key", "row", "column"), np.full((1, 60, 80), 9, np.uint8)),
+            "key_time": ("key", [0.0]),
+            "key_status": ("key", ["ok"]),
+            "turn": (("key", "point"), [[0.0]]),
+        }
+        | {f"{of}_{axis}": (("key", "point"), [[40.0]]) for of in ("point", "start") for axis in "xy"},
+        {"key": [0], "point": [0], "frame": ("key", [0]), "reduction": 1.0, "subset": ("point", [21])},
+    )
+    drawn = [
+        page._key_frames(keys, DicValidation(kind="dic_validation", film="a", camera="b"), None, track).blocks[0]
+        for track in (None, xr.Dataset(attrs={"note": note}))
+    ]
+    assert drawn[0].frames[0].data != drawn[1].frames[0].data
+    assert "Violet frame" in drawn[1].caption
+    assert "Violet frame" not in drawn[0].caption
