@@ -132,6 +132,41 @@ def pull(history: History, now: float, reach: int, result: Floats) -> None:
 
 
 @inner()
+def press(
+    history: History,
+    end: float,
+    step: float,
+    approach: float,
+    gap: Floats,
+    weight: Floats,
+    u: Floats,
+    base: Floats,
+    rise: Floats,
+    reach: int,
+) -> tuple[float, int, int]:
+    """Push springs to an approach over one step; returns their force, the last that is pushed (or -1), and the reach.
+
+    ``u`` (spring,) is moved on; ``base`` and ``rise`` (spring,) are scratch.
+    """
+    force, edge = 0.0, -1
+    stiffness = stiffness_of_step(history, step)
+    pull(history, end, reach, base)
+    for i in range(gap.size):
+        target = approach - gap[i]
+        if i >= reach and target <= 0.0:
+            break
+        free = u[i] - base[i] / stiffness
+        new = max(free, target)
+        rise[i] = new - u[i]
+        u[i] = new
+        if target > free:
+            force += weight[i] * (base[i] + stiffness * rise[i])
+            edge = i
+        reach = max(reach, i + 1)
+    return force, edge, reach
+
+
+@inner()
 def remember(history: History, begin: float, end: float, increments: Floats, reach: int) -> None:
     """Append one step of the first ``reach`` springs and take old steps together."""
     place = history.blocks[0]

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from labpipe.arrays import Floats
 from labpipe.compilation import lean
 from labpipe.errors import InputError
-from pipelines.rig.heredity import History, copy_of, no_history, pull, reach_of, remember, stiffness_of_step
+from pipelines.rig.heredity import History, copy_of, no_history, press, pull, reach_of, remember, stiffness_of_step
 from pipelines.rig.solids import Viscoelastic
 
 GRAVITY = 9.81  # m/s², as in the thesis
@@ -148,21 +148,7 @@ def _contact(
         height += speed * step + 0.5 * acceleration * step * step
         floor += floor_speed * step + 0.5 * floor_force_acceleration * step * step
         approach = floor - height
-        force, edge, in_contact = 0.0, 0.0, False
-        stiffness = stiffness_of_step(history, step)
-        pull(history, now, reach, base)
-        for i in range(n_springs):
-            target = approach - gap[i]
-            if i >= reach and target <= 0.0:
-                break
-            free = u[i] - base[i] / stiffness
-            new = max(free, target)
-            rise[i] = new - u[i]
-            u[i] = new
-            if target > free:
-                force += weight[i] * (base[i] + stiffness * rise[i])
-                edge, in_contact = gap[i], True
-            reach = max(reach, i + 1)
+        force, last, reach = press(history, now, step, approach, gap, weight, u, base, rise, reach)
         remember(history, now - step, now, rise, reach)
         new_acceleration = force / mass - gravity
         speed += 0.5 * (acceleration + new_acceleration) * step
@@ -176,12 +162,12 @@ def _contact(
             floor_speed += 0.5 * (floor_force_acceleration + new_floor) * step
             floor_force_acceleration = new_floor
         record[n, 0], record[n, 1], record[n, 2] = height, speed, force
-        record[n, 3], record[n, 4], record[n, 5] = edge, floor, floor_speed
+        record[n, 3], record[n, 4], record[n, 5] = gap[last] if last >= 0 else 0.0, floor, floor_speed
         if place < len(kept) and kept[place] == n:
             for i in range(n_springs):
                 states[place, i] = u[i]
             place += 1
-        if not in_contact and n > 2:
+        if last < 0 and n > 2:
             return n + 1, True
     return grid.size - 1, False
 
@@ -257,23 +243,9 @@ def reference_drop(
 ) -> Trajectory:
     """Drop a viscoelastic sphere and record everything at the solver's own steps.
 
-    Parameters
-    ----------
-    solid : Viscoelastic
-        At its temperature.
-    radius, mass, height, duration : float [m], [kg], [m], [s]
-        Sphere, moving mass, fall from rest to first touch, time simulated after release.
-    floor : Floor, optional
-        A moving floor; rigid by default.
-    snapshots : array (time,), optional [s]
-        Increasing times at which the springs are handed out too; before ``duration``.
-    profile : callable
-        Of the body in the foundation, from distances from its axis and its radius; by default a whole sphere's.
-
-    Raises
-    ------
-    InputError
-        A quantity that must be positive is not.
+    ``mass`` [kg] is all that moves, ``height`` [m] the fall from rest to first touch, ``duration`` [s] counts from the
+    release. ``snapshots`` (time,) [s], increasing, are times at which the springs are handed out too, and ``profile``
+    is that of the body in the foundation, from distances from its axis and its radius.
     """
     if min(solid.unrelaxed, radius, mass, height, duration) <= 0:
         raise InputError("modulus, radius, mass, height and duration must be positive")

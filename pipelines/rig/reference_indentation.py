@@ -18,7 +18,7 @@ from scipy.special import spence
 
 from labpipe.arrays import Floats
 from labpipe.compilation import lean
-from pipelines.rig.heredity import History, no_history, pull, reach_of, remember, stiffness_of_step
+from pipelines.rig.heredity import History, no_history, press, reach_of, remember
 from pipelines.rig.solids import Viscoelastic
 
 SPRINGS = 1500
@@ -40,20 +40,9 @@ def _march(
     u, base, rise = room[0], room[1], room[2]
     reach = reach_of(u)
     for n in range(1, time.size):
-        stiffness = stiffness_of_step(history, time[n] - time[n - 1])
-        pull(history, time[n], reach, base)
-        for i in range(gap.size):
-            target = depth[n] - gap[i]
-            if i >= reach and target <= 0.0:
-                break
-            free = u[i] - base[i] / stiffness
-            new = max(free, target)
-            rise[i] = new - u[i]
-            u[i] = new
-            if target > free:
-                force[n] += weight[i] * (base[i] + stiffness * rise[i])
-                edge[n] = i
-            reach = max(reach, i + 1)
+        step = time[n] - time[n - 1]
+        force[n], last, reach = press(history, time[n], step, depth[n], gap, weight, u, base, rise, reach)
+        edge[n] = max(last, 0)
         remember(history, time[n - 1], time[n], rise, reach)
 
 
@@ -62,18 +51,8 @@ def reference_indentation(
 ) -> tuple[Floats, Floats]:
     """Force of one tip row and contact half-width under a displacement history.
 
-    Parameters
-    ----------
-    solid : Viscoelastic
-        The substrate.
-    tip_radius, period, depth : float [m]
-        Geometry; ``depth`` is the contact length summed over the tips.
-    time, displacement : array (time,) [s], [m]
-        History, from zero load; as fine as the accuracy that is wanted.
-
-    Returns
-    -------
-    force, half_width : array (time,) [N], [m]
+    ``depth`` [m] is the contact length summed over the tips; ``displacement`` (time,) [m] begins at zero load and is as
+    fine as the accuracy that is wanted. Returns force [N] and half-width [m] (time,).
     """
     edges = period * WIDEST * (np.arange(SPRINGS + 1) / SPRINGS) ** 1.5  # finer at the centre
     centre = 0.5 * (edges[1:] + edges[:-1])
