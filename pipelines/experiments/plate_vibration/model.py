@@ -69,7 +69,7 @@ def plate(table: xr.Dataset, fitted: Sequence[xr.Dataset | None], *, settings: P
         substrate = None if np.isinf(mass) else contact.Plate(mass, frequency, zeta)
         heard = np.array(
             [
-                _momentum(settings, solid.best, settings.drops[i].height.value, substrate, frequency, zeta)
+                _heard(settings, solid.best, settings.drops[i].height.value, substrate, frequency, zeta)[0]
                 for i, solid in known.items()
             ]
         )
@@ -168,7 +168,7 @@ def _slopes(
             if name in solid.uncertain:
                 changed = solid.uncertain[name]
                 height = settings.drops[i].height.value
-                moved = _momentum(settings, changed.solid, height, substrate, frequency, zeta)
+                moved = _heard(settings, changed.solid, height, substrate, frequency, zeta)[0]
                 slopes[row, place] = (moved / heard[place] - 1.0) / changed.change
     return inputs, slopes
 
@@ -209,20 +209,7 @@ def relative_uncertainty(table: xr.Dataset, settings: PlateVibration) -> Relativ
     return Relative(own / amplitude, by_height)
 
 
-def _momentum(
-    settings: PlateVibration,
-    solid: Prony,
-    height: float,
-    substrate: contact.Plate | None,
-    frequency: float,
-    zeta: float,
-) -> float:
-    """Momentum [N s] that the plate listens to, stated at the time of the blow."""
-    heard, _ = _transform(settings, solid, height, substrate, frequency, zeta)
-    return heard
-
-
-def _transform(
+def _heard(
     settings: PlateVibration,
     solid: Prony,
     height: float,
@@ -230,7 +217,7 @@ def _transform(
     frequency: float,
     zeta: float,
 ) -> tuple[float, float]:
-    """Momentum heard, and the time from first touch to the blow of no duration.
+    """Momentum [N s] that the plate listens to, and the time [s] from first touch to the blow of no duration.
 
     A force F(s) leaves the ringing Im[exp(i w t) int F(s) exp((r - i w) s) ds] exp(-r t) / (m w);
     its phase is the time of the equivalent blow, and its modulus, decayed until then, the momentum.
@@ -333,7 +320,7 @@ def _seen(
 
     The two numbers stand behind the displacements; NaN where there is none.
     """
-    _, blow = _transform(settings, solid, height, found, found.frequency, found.damping_ratio)
+    _, blow = _heard(settings, solid, height, found, found.frequency, found.damping_ratio)
     start = float(np.sqrt(2 * height / settings.model.gravity.value)) + blow
     made = _dropped(settings, solid, height, found, time + start, rtol, full=full)
     touches = made["impact_time"].values
