@@ -94,19 +94,9 @@ def of_zero(
 def from_start(time: Floats, values: Floats, *, resolution: float = 0.0, correlated: int = 1) -> Quiet:
     """Find the quiet window with which a record begins.
 
-    Parameters
-    ----------
-    time, values : array (n,) [s], any unit
-        The record; NaN where there is no reading.
-    resolution : float
-        Step of the display.
-    correlated : int
-        Number of samples over which the sensor averages.
-
-    Raises
-    ------
-    CalibrationError
-        There are too few valid samples, or the record begins in motion.
+    ``values`` (n,) are NaN where there is no reading; ``resolution`` is the step of the display, and ``correlated`` the
+    number of samples over which the sensor averages. Too few valid samples, or a record that begins in motion, raise
+    CalibrationError.
 
     Notes
     -----

@@ -40,22 +40,7 @@ class TimeBase(NamedTuple):
 def filter_delay(averaging: int, cycle: float) -> float:
     """Return the group delay of a moving average.
 
-    Parameters
-    ----------
-    averaging : int
-        Samples in the average.
-    cycle : float [s]
-        Between samples (not between stored points).
-
-    Returns
-    -------
-    float [s]
-        ``(averaging - 1) / 2 * cycle``.
-
-    Raises
-    ------
-    InputError
-        ``averaging`` is below 1 or ``cycle`` not positive and finite.
+    ``averaging`` counts samples that are ``cycle`` [s] apart (not stored points): ``(averaging - 1) / 2 * cycle``.
 
     Examples
     --------
@@ -70,19 +55,9 @@ def filter_delay(averaging: int, cycle: float) -> float:
 def time_base(attrs: Mapping[str, Any], deviation: Quantity | None = None, averaging: int | None = None) -> TimeBase:
     """Settle the time base of a record.
 
-    Parameters
-    ----------
-    attrs : mapping
-        Attributes of the readings: ``sampling_interval``, ``sampling_cycle`` [s], ``averaging``.
-    deviation : Quantity [1], optional
-        Calibrated relative deviation of the true interval from the stated one.
-    averaging : int, optional
-        Samples in the moving average, where the file does not say it.
-
-    Raises
-    ------
-    InputError
-        The readings do not say their sampling interval.
+    ``attrs`` are those of the readings: ``sampling_interval``, ``sampling_cycle`` [s], ``averaging``, for which the
+    argument stands where the file does not say it. ``deviation`` [1] is the calibrated relative deviation of the true
+    interval from the stated one. Readings that do not say their interval raise InputError.
     """
     if "sampling_interval" not in attrs:
         raise InputError("the readings do not say their sampling_interval")

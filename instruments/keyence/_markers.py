@@ -104,20 +104,8 @@ def _any_of(markers: tuple[Marker, ...]) -> re.Pattern[str]:
 def marker_status(cell: str, markers: tuple[Marker, ...] = MARKERS, column: Layout | None = None) -> Status | None:
     """Look a cell up in the table of markers.
 
-    Parameters
-    ----------
-    cell : str
-        As written.
-    markers : tuple of Marker
-        The table.
-    column : Layout, optional
-        The layout of the column when it is fixed: all nines are a legal number unless they are
-        the largest number that this layout can show.
-
-    Returns
-    -------
-    Status or None
-        None when the cell is no marker.
+    ``column`` is the layout of the column when it is fixed: all nines are a legal number there unless they are the
+    largest that it can show. None is a cell that is no marker.
 
     Examples
     --------

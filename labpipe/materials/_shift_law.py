@@ -231,20 +231,8 @@ def _inverse_temperature(temperature: Floats, T_ref: float) -> Floats:
 def fit_law(name: LawName, temperature: Floats, log10_aT: Floats, covariance: Floats, T_ref: float) -> ShiftLaw:
     """Fit a law to free shifts by generalised least squares.
 
-    Parameters
-    ----------
-    name : {"wlf", "arrhenius"}
-    temperature : array (isotherm,) [degC]
-    log10_aT : array (isotherm,)
-        Relative to T_ref.
-    covariance : array (isotherm, isotherm)
-        Of the shifts; may be singular (the reference shift is exact).
-    T_ref : float [degC]
-
-    Returns
-    -------
-    ShiftLaw
-        The best parameters; they never put the WLF pole among the temperatures.
+    ``covariance`` (isotherm, isotherm) is that of ``log10_aT`` (isotherm,), relative to ``T_ref``, and may be singular,
+    for the reference shift is exact. The parameters never put the WLF pole among the temperatures.
     """
     # pseudo-inverse: an exact reference shift carries no information here
     information = np.linalg.pinv(covariance, rcond=1e-12, hermitian=True)

@@ -108,15 +108,7 @@ def looks(roles: Sequence[str | None]) -> tuple[LineLook, ...]:
     tell the roles: the second measured curve and the second model curve share a colour.
     Curves without a role take colour, dashes and marker from a cycle of six.
 
-    Parameters
-    ----------
-    roles : sequence of str or None
-        One entry per curve, in drawing order.
-
-    Raises
-    ------
-    InputError
-        A role is unknown.
+    ``roles`` has one entry per curve, in drawing order; an unknown one raises InputError.
 
     Examples
     --------

@@ -63,20 +63,9 @@ WHITE = Colour()
 def estimate_corner(residual: Floats, share: Floats, interval: float) -> float:
     """Find the frequency below which the noise is more than twice as strong as its white part.
 
-    Parameters
-    ----------
-    residual : array (n,)
-        What a smoothing spline leaves of samples in their order, at nearly even times, over the
-        standard deviation of the white part.
-    share : array (n,)
-        Variance of the spline over that of a sample: its parameters per sample.
-    interval : float [s]
-        Between samples.
-
-    Returns
-    -------
-    float [Hz]
-        0 for white noise, and where the spline follows everything that is slow.
+    ``residual`` (n,) is what a smoothing spline leaves of samples in their order, ``interval`` [s] apart, over the
+    standard deviation of the white part, and ``share`` (n,) the variance of the spline over that of a sample. The
+    frequency [Hz] is 0 for white noise, and where the spline follows everything that is slow.
 
     Notes
     -----
@@ -120,19 +109,8 @@ def corner_in_flight(
 ) -> float:
     """Find the same frequency where a body flies, of all noise that is faster than a flight lasts.
 
-    Parameters
-    ----------
-    time, values : array (n,) [s], any unit
-    sigma : float
-        Standard deviation of the white part.
-    stretches : sequence of Stretch
-        Those that follow a parabola are used.
-    otherwise : float [Hz]
-        What to return where no flight has enough readings.
-
-    Returns
-    -------
-    float [Hz]
+    ``sigma`` is the standard deviation of the white part of ``values`` (n,); ``stretches`` that follow a parabola are
+    used. ``otherwise`` [Hz] is returned where no flight has enough readings.
 
     Notes
     -----

@@ -133,26 +133,10 @@ def fit_impact(
 ) -> ImpactFit:
     """Fit arcs and pulse to the samples around one impact.
 
-    Parameters
-    ----------
-    time, position : array (n,)
-        Samples from within the flight before to within the flight after, upwards positive.
-    sigma : float
-        Standard deviation of a sample.
-    guess : (float, float)
-        Touch and lift-off time, roughly.
-    gravity, u_gravity : float
-        Acceleration of the fall (> 0) and its standard uncertainty.
-    prior : ShapePrior
-        One of :data:`PRIORS`.
-    colour : Colour
-        Of the noise.
-    beneath : Beneath, optional
-        The plate under the contact and how it swings. Default: whatever `prior` covers.
-
-    Returns
-    -------
-    ImpactFit
+    ``time`` [s] and ``position`` [m] (n,) run from within the flight before to within the flight after, upwards
+    positive, with the standard deviation ``sigma`` of a sample; ``guess`` are touch and lift-off time, roughly.
+    ``prior`` is one of :data:`PRIORS`, ``colour`` that of the noise, and ``beneath`` the plate under the contact and
+    how it swings, which by default `prior` covers.
     """
     reference, duration = 0.5 * (guess[0] + guess[1]), guess[1] - guess[0]
     t = time - reference

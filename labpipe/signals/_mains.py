@@ -156,20 +156,9 @@ def hum_of(
 ) -> Hum | None:
     """Find the hum that runs through all stretches of a record in which nothing can swing.
 
-    Parameters
-    ----------
-    time, values : array (n,) [s], any unit
-    noise : float
-        Standard deviation of the white part of the noise.
-    stretches : sequence of Stretch
-        Shorter ones than a tenth of a period are left out.
-    otherwise : Hum, optional
-        What to return where the stretches span too few periods to tell a line from what is beside it.
-
-    Returns
-    -------
-    Hum or None
-        None where no line of the mains exceeds the noise beside it.
+    ``noise`` is the standard deviation of the white part; stretches shorter than a tenth of a period are left out.
+    ``otherwise`` is returned where they span too few periods to tell a line from what is beside it, None where no line
+    of the mains exceeds that.
 
     Notes
     -----

@@ -16,16 +16,8 @@ _MOST_SAMPLES = 20_000_000
 def checked_times(time: ArrayLike, what: str = "time") -> Floats:
     """Return times as float64, or say where they do not increase.
 
-    Parameters
-    ----------
-    time : array (n,) [s]
-    what : str
-        How the message calls the record.
-
-    Raises
-    ------
-    InputError
-        Not one-dimensional, not finite, repeated or running backwards.
+    ``what`` is how the message calls the record; times that are not one-dimensional, not finite, repeated or running
+    backwards raise InputError.
 
     Examples
     --------

@@ -16,15 +16,8 @@ _HALF_WIDTH = 6  # bins on either side over which the residuals' spectrum is ave
 def parameter_covariance(jacobian: Floats, residual: Floats) -> Floats:
     """Covariance of least-squares parameters under stationary, correlated residuals.
 
-    Parameters
-    ----------
-    jacobian : array (n, p)
-        Derivative of the model by its parameters, at (nearly) even times.
-    residual : array (n,)
-
-    Returns
-    -------
-    array (p, p)
+    ``jacobian`` (n, p) is the derivative of the model by its parameters, at (nearly) even times, ``residual`` (n,) what
+    the fit leaves.
 
     Notes
     -----

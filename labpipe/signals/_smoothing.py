@@ -76,22 +76,9 @@ def smooth(
 ) -> Smooth:
     """Fit the spline to finite samples.
 
-    Parameters
-    ----------
-    time : array (n,)
-        Strictly increasing, n >= 8.
-    values : array (n,)
-        Finite samples.
-    sigma : float
-        Standard deviation of white noise, > 0.
-    contacts : sequence of float
-        Times at which the third derivative may jump: a convex body meets or leaves a flat.
-    releases : sequence of float
-        Times at which the second derivative may jump: a body is let go, or hits a hard stop.
-
-    Returns
-    -------
-    Smooth
+    ``time`` (n,), strictly increasing, has 8 or more samples, ``sigma`` > 0 is the standard deviation of their white
+    noise. At ``contacts`` the third derivative may jump, for a convex body meets or leaves a flat; at ``releases`` the
+    second: a body is let go, or hits a hard stop.
     """
     scale = float(np.median(np.diff(time)))
     x = (time - time[0]) / scale
@@ -119,19 +106,8 @@ def smooth(
 def evaluate(fit: Smooth, time: Floats, derivative: int = 0) -> tuple[Floats, Floats]:
     """Return the spline (or a derivative) and its standard uncertainty.
 
-    Parameters
-    ----------
-    fit : Smooth
-        From :func:`smooth`.
-    time : array (m,)
-        Inside the fitted record.
-    derivative : int
-        0 to 3.
-
-    Returns
-    -------
-    value, u : array (m,), array (m,)
-        In units of the samples per time unit to the power ``derivative``.
+    ``time`` (m,) lies inside the fitted record; ``derivative`` is 0 to 3, and value and u (m,) are in units of the
+    samples per time unit to that power.
     """
     low, length = fit.intervals.low, fit.intervals.length
     x = np.clip((time - fit.time_origin) / fit.time_scale, low[0], low[-1] + length[-1])

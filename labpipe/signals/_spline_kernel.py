@@ -171,23 +171,9 @@ def penalised(
 ) -> int:
     """Fit a spline whose roughness costs as much as the samples say.
 
-    Parameters
-    ----------
-    normal, right : array (m + 5, 6), (m + 5,)
-        From :func:`gather`.
-    intervals : Intervals
-        Between the knots.
-    update : Update
-        How the penalties are found.
-    space : Space
-        Work space.
-    coefficients, inverse : array (m + 5,), (m + 5, 6)
-        Filled: the spline, and the band of its covariance.
-
-    Returns
-    -------
-    int
-        Solves of the band system; 0 when a penalised matrix was not positive definite.
+    ``normal`` (m + 5, 6) and ``right`` (m + 5,) are from :func:`gather`, ``space`` is work space; ``coefficients`` (m +
+    5,) and ``inverse`` (m + 5, 6), the band of their covariance, are filled. Returns the solves of the band system, 0
+    when a penalised matrix was not positive definite.
     """
     m, count = right.size - DEGREE, intervals.low.size
     for s in range(count):

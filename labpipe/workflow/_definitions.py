@@ -38,26 +38,9 @@ def short(data: bytes | str) -> str:
 class Module:
     """A module taken apart.
 
-    Parameters
-    ----------
-    source : bytes
-        Its text.
-    name : str
-        Dotted.
-    is_package : bool
-        Whether it is the ``__init__`` of a package.
-
-    Attributes
-    ----------
-    passed : dict
-        Names that come from elsewhere, with their paths.
-    defined : dict
-        Statements that define a name; those that define none under the empty name.
-
-    Raises
-    ------
-    SyntaxError, ValueError
-        It is no Python.
+    ``source`` is its text, ``name`` dotted; ``passed`` are names that come from elsewhere, with their paths, and
+    ``defined`` the statements that define a name, those that define none under the empty name. What is no Python raises
+    SyntaxError or ValueError.
     """
 
     def __init__(self, source: bytes, name: str, *, is_package: bool = False) -> None:

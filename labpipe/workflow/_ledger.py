@@ -62,15 +62,8 @@ def _number(value: Any) -> float | int:
 def summarise(work: Iterable[tuple[str, str, Mapping[str, float | int]]]) -> tuple[LedgerRow, ...]:
     """Sum counts into rows.
 
-    Parameters
-    ----------
-    work : iterable of (experiment, stage, counts)
-        One entry per result.
-
-    Returns
-    -------
-    tuple of LedgerRow
-        In the order in which experiments, stages and counts appear first.
+    ``work`` has (experiment, stage, counts) of each result; rows stand in the order in which experiments, stages and
+    counts appear first.
 
     Examples
     --------

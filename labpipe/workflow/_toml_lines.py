@@ -14,15 +14,7 @@ _BARE_END = ",]}\n#"
 def index(text: str) -> dict[Path, int]:
     r"""Map the path of every key and array item to its line, counted from 1.
 
-    Parameters
-    ----------
-    text : str
-        Valid TOML.
-
-    Returns
-    -------
-    dict
-        Path to line; the empty path is line 1.
+    The empty path is line 1.
 
     Examples
     --------

@@ -166,25 +166,9 @@ def time_to_touch(
 ) -> float:
     """Time in s until the sphere meets its recovering dent again; 0 when it does not part from it.
 
-    Parameters
-    ----------
-    velocity : float [m/s]
-        At lift-off, downwards positive, so negative when the sphere rises.
-    gravity : float [m/s2]
-    dent : array (element,) [m]
-        Displacements of the central spring's elements at lift-off.
-    rate : array (element,) [1/s]
-        Their rates of recovery.
-    plate : Plate, optional
-        That rings; the first touch is found, of those that last longer than a small part of its
-        period.
-    state : PlateState, optional
-        Of the plate, at lift-off.
-
-    Raises
-    ------
-    LabpipeError
-        The sphere does not come back: a defect of the program.
+    ``velocity`` [m/s] is that at lift-off, downwards positive, so negative when the sphere rises; ``dent`` (element,)
+    [m] are the displacements of the central spring's elements then, and ``rate`` (element,) [1/s] how fast they
+    recover. Of touches of a plate that rings the first one that lasts longer than a small part of its period is found.
 
     Notes
     -----

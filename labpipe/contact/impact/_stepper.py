@@ -54,34 +54,12 @@ _BATCH, _TABLE_LENGTHS = 4096, 129
 class Stepper:
     """The state of sphere, plate and springs, and how it moves on.
 
-    Parameters
-    ----------
-    creep_law : Creep
-        Contact compliance.
-    springs : Springs
-        All springs; extended when the contact outgrows them.
-    body : Body
-        Mass, gravity, plate.
-    stillness : Stillness
-        When it has come to rest.
-    tolerance : float
-        Error in velocity of one step relative to ``speed_scale``.
-    time_scale, speed_scale : float [s], [m/s]
-        Of a contact.
-    largest_radius : float [m]
-        Beyond this contact radius the half-space theory is refused.
-    max_steps : int
-        Refuse to go on after so many steps.
-    only_near : bool
-        Solve for the springs that a contact can reach only.
-    observe : callable, optional
-        Told the time now and then.
-    wanted : list of float [s]
-        Instants, ascending, of which to keep a snapshot; steps end there.
-    now : Motion
-        The state, but for the springs.
-    memory : array (element, spring) [m]
-        Displacements of all springs' elements between contacts.
+    Contact lives in ``springs``, which are extended when the contact outgrows them, and ``memory`` (element, spring)
+    [m] holds what all their elements moved between contacts; ``now`` is the state but for them. ``tolerance`` is the
+    error in velocity of one step relative to ``speed_scale`` [m/s], which with ``time_scale`` [s] is that of a contact.
+    Beyond ``largest_radius`` [m] of contact the half-space theory is refused, and the run after ``max_steps``.
+    ``only_near`` solves for the springs that a contact can reach only, ``observe`` is told the time now and then, and
+    steps end at the instants ``wanted`` [s], ascending, of which snapshots are kept.
     """
 
     creep_law: Creep

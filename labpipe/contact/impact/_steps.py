@@ -312,22 +312,10 @@ def one_step(
 ) -> int:
     """Try one step.
 
-    Parameters
-    ----------
-    now, pace, block, counts
-        Changed in place, ``now`` and ``block`` only by a step that is accepted.
-    rules
-        What does not change.
-    table, i
-        Its length, as a place in the table.
-    releases : bool
-        The step ends where the last spring, at the centre, lets go.
-
-    Returns
-    -------
-    int
-        ACCEPTED, REJECTED (the pace is shorter now), OUTGROWN, ANNULAR, or LIFTED: the contact ends
-        inside the step.
+    ``now``, ``pace``, ``block`` and ``counts`` are changed in place, ``now`` and ``block`` only by a step that is
+    accepted; the length is place ``i`` of ``table``. With ``releases`` the step ends where the last spring, at the
+    centre, lets go. Returns ACCEPTED, REJECTED (the pace is shorter now), OUTGROWN, ANNULAR, or LIFTED: the contact
+    ends inside the step.
     """
     dt = table.dt[i]
     pace.attempted = dt
@@ -390,21 +378,9 @@ def steps(
 ) -> tuple[int, int]:
     """Step on as long as steps come from the table.
 
-    Parameters
-    ----------
-    now, pace, block, counts
-        Changed in place.
-    rules, table
-        What does not change.
-    until : float [s]
-        No step reaches this time.
-    trail : array (step,)
-        Filled with a record per step; its energy leaves out the springs beyond the block.
-
-    Returns
-    -------
-    (int, int)
-        Records filled, and why it came back.
+    ``now``, ``pace``, ``block`` and ``counts`` are changed in place; no step reaches the time ``until`` [s]. ``trail``
+    (step,) is filled with a record per step, whose energy leaves out the springs beyond the block. Returns the records
+    filled, and why it came back.
     """
     row = 0
     while row < trail.size:

@@ -74,32 +74,9 @@ def drop_thesis(
 ) -> ThesisRun:
     """Follow a sphere from first touch in equal time steps.
 
-    Parameters
-    ----------
-    creep : Creep
-        Contact compliance.
-    radius, mass : float [m, kg]
-        Of the sphere; the mass may include what it carries.
-    gravity : float [m/s2]
-    speed : float [m/s]
-        At first touch.
-    duration : float [s]
-        From first touch.
-    reach : float [m]
-        Rings are laid out to this radius.
-    ring_width, time_step : float [m, s]
-        Resolution.
-    profile : "parabola" or "sphere"
-        Shape of the gap.
-    observe : callable, optional
-        Called with the time after each step.
-
-    Raises
-    ------
-    InputError
-        The resolution would take hours or leaves no ring in contact.
-    LabpipeError
-        The contact outgrew the rings, or the active set did not settle.
+    ``speed`` [m/s] is that at first touch, from which ``duration`` [s] counts; ``mass`` [kg] may include what the
+    sphere carries. Rings of ``ring_width`` [m] are laid out to ``reach`` [m]. A resolution that would take hours, or
+    leaves no ring in contact, raises InputError.
     """
     steps, count = ceil(duration / time_step), ceil(reach / ring_width) + 1
     if not (count > 2 and 0.5 * steps**2 * count < _MOST_PRODUCTS):

@@ -60,18 +60,8 @@ class _Tables(NamedTuple):
 def follow(creep: Creep, settings: Sequence[Setting], most: int, energy_limit: float, *, fold: bool) -> Followed:
     """Follow the first impacts of drops of one material and tolerance.
 
-    Parameters
-    ----------
-    creep : Creep
-        Contact compliance, all terms.
-    settings : sequence of Setting
-        What was asked for, drop by drop.
-    most : int
-        Impacts per drop, at most.
-    energy_limit : float
-        Energy that a drop may mislay, over that of the fall.
-    fold : bool
-        Leave terms out as :func:`drop` does, those that no drop needs.
+    Each drop is one of ``settings`` and lasts ``most`` impacts at most; ``energy_limit`` is what it may mislay over the
+    energy of the fall, and ``fold`` leaves terms out as :func:`drop` does, those that no drop needs.
 
     Notes
     -----

@@ -91,21 +91,9 @@ class GeneralContact:
     def press(self, history: Floats, compliance: float, displacement: float, before: float = 0.0) -> Answer:
         """Solve at a prescribed displacement.
 
-        Parameters
-        ----------
-        history : array (element,)
-            Pressure-like memory: its elastic displacement is the surface without load now.
-        compliance : float [1/Pa]
-            Of this step.
-        displacement : float [m]
-            Approach of the indenter.
-        before : float [m]
-            Not used; the search starts from the last solution.
-
-        Raises
-        ------
-        InputError
-            A half-plane would be in contact everywhere.
+        ``history`` (element,) is a pressure-like memory: its elastic displacement is the surface without load now.
+        ``compliance`` [1/Pa] is that of this step, ``displacement`` [m] the approach; ``before`` is not used, for the
+        search starts from the last solution. A half-plane that would be in contact everywhere raises InputError.
         """
         self.products += 1
         approach = displacement - self._heights - self.kernel.displacement(history)

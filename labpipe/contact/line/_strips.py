@@ -34,34 +34,12 @@ def line_bed(
 ) -> tuple[SpringBed, FoldedLine]:
     """Factor the half period of a symmetric profile from the centre outwards.
 
-    Parameters
-    ----------
-    kernel : LineKernel
-        Period, strips and influence.
-    profile : array (n,) [m]
-        Height of the indenter above its lowest point at x = 0, Δx, 2Δx, ...; at most
-        ``elements/2 + 1`` values, fewer when the profile ends before.
-    reach : float [m]
-        Largest approach that will be asked for; only strips that it can touch are factored. Give
-        infinity for all.
-    is_smooth : bool
-        The profile is smooth: apply the edge correction.
-    has_end : bool
-        The indenter ends with the profile (a punch), so that all of it may be in contact.
-    limit : str
-        Message when the contact reaches the last strip.
-
-    Returns
-    -------
-    SpringBed
-        One spring per strip of the half period that can be touched.
-    FoldedLine
-        The factor, for :func:`line_pressure`.
-
-    Raises
-    ------
-    InputError
-        The influence matrix is not positive definite: the layer is too thin for its strips.
+    ``profile`` (n,) [m] is the height of the indenter above its lowest point at x = 0, Δx, 2Δx, ..., fewer values than
+    ``elements/2 + 1`` when it ends before; only strips that an approach of ``reach`` [m] can touch are factored, all
+    for infinity. With ``is_smooth`` the edge correction is applied; ``has_end`` says that the indenter ends with the
+    profile (a punch), so that all of it may be in contact, and ``limit`` is the message when the contact reaches the
+    last strip. There is one spring per strip that can be touched, and the factor for :func:`line_pressure`. A layer too
+    thin for its strips, whose influence matrix is not positive definite, raises InputError.
     """
     half = kernel.elements // 2
     # Constants are in the null space of a half-plane: the last strip has no spring.

@@ -127,23 +127,10 @@ class SpringBed:
     def press(self, history: Floats, compliance: float, displacement: float, before: float) -> Answer:
         """Solve at a prescribed displacement.
 
-        Parameters
-        ----------
-        history : array (spring,) [m]
-            Displacement that the springs would show now without load.
-        compliance : float [1/Pa]
-            Of this step.
-        displacement : float [m]
-            Approach of the indenter.
-        before : float [m]
-            Approach at the start of the step: tells whether the contact grows or shrinks.
-
-        Raises
-        ------
-        NotNestedError
-            A spring is touched before one that is nearer to the centre, or carries more.
-        InputError
-            The contact reaches the end of the bed.
+        ``history`` (spring,) [m] is what the springs would show now without load, ``compliance`` [1/Pa] that of this
+        step; ``displacement`` and ``before`` [m], the approach now and at the start of the step, tell whether the
+        contact grows. A spring that is touched before one nearer to the centre, or carries more, raises NotNestedError,
+        a contact that reaches the end of the bed InputError.
         """
         load = np.empty(self.size)
         springs = (self.gap, self.stiffness, self.edge, self.is_smooth)

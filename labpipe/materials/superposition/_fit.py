@@ -96,23 +96,10 @@ def superpose(
 ) -> Superposition:
     """Fit shifts, spectrum and the laws that the data need.
 
-    Parameters
-    ----------
-    points : Points
-    model : OuterModel
-        Horizontal law, and the slope of a glass; vertical law and delay are chosen here.
-    starts : sequence of (str, array (isotherm,)), optional
-        Named first estimates of log10 a_T; default the pairwise scan and the overlap.
-    verticals : sequence of str
-        Candidate vertical laws; one is taken as it is, of several the criterion chooses.
-    delay : bool or None
-        Whether the instrument's phase has a delay; None lets the criterion decide.
-    levels : bool or None
-        Whether every isotherm has a small level of its own; None lets the criterion decide.
-    robust : bool
-        Weaken outliers.
-    noise_ratio : float, optional
-        Relative noise of the loss over that of the storage modulus; default estimated.
+    ``model`` holds the horizontal law and the slope of a glass; of several ``verticals`` the criterion chooses, and of
+    ``delay`` (of the instrument's phase) and ``levels`` (a small one of every isotherm) where they are None. ``starts``
+    are named first estimates of log10 a_T, by default the pairwise scan and the overlap; ``robust`` weakens outliers,
+    and ``noise_ratio`` is the relative noise of the loss over that of the storage modulus, by default estimated.
     """
     scatter = scatter_of_sweeps(points)
     noise = first_noise(scatter, noise_ratio)

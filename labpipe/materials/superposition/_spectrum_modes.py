@@ -52,20 +52,10 @@ def modes_of(
 ) -> xr.Dataset:
     """Return the modes of a converged superposition.
 
-    Parameters
-    ----------
-    points, found, anchor
-        The data, the fit, and where its reference lies.
-    window : (float, float) [Hz]
-        Covered frequencies at the reference temperature.
-    possible : list of (share, fit)
-        Fits of other smoothing that may be the right one.
-
-    Returns
-    -------
-    Dataset over ``mode``
-        ``mode_storage`` and ``mode_loss`` (relative, over ``mode_frequency``), ``mode_shift``
-        (log10 a_T) and ``mode_vertical`` (ln b_T) of every isotherm (``mode_temperature``).
+    ``anchor`` says where the reference lies, ``window`` [Hz] which frequencies are covered there, and ``possible`` are
+    (share, fit) of other smoothing that may be right. Over ``mode`` are ``mode_storage`` and ``mode_loss`` (relative,
+    over ``mode_frequency``), ``mode_shift`` (log10 a_T) and ``mode_vertical`` (ln b_T) of every isotherm
+    (``mode_temperature``).
     """
     decades = np.log10(window[1] / window[0])
     frequency = np.geomspace(window[0], window[1], int(np.ceil(decades * _POINTS_PER_DECADE)) + 2)

@@ -103,17 +103,8 @@ def _model_rows(
 def along_chords(material: Prony, interval: float, frequency: float) -> complex:
     """Return by what the modulus of a sampled sinusoid with chords between differs.
 
-    Parameters
-    ----------
-    material : Prony
-    interval, frequency : float [s], [Hz]
-        Between the samples, and of the sinusoid.
-
-    Returns
-    -------
-    complex
-        Ratio of force over strain at the samples to the complex modulus; second order in the
-        interval.
+    Force over strain at samples ``interval`` [s] apart of a sinusoid of ``frequency`` [Hz], over the complex modulus;
+    second order in the interval.
 
     Notes
     -----

@@ -28,21 +28,10 @@ def exchanged(
 
     A body moves smoothly but at impacts, where no exchange makes the motion smoother.
 
-    Parameters
-    ----------
-    y : array (frame,)
-        What is measured in each frame; all numbers.
-    noise : float
-        Standard uncertainty of y, where that is more than what the frames show.
-    time : array (frame,), optional
-        Of the frames, in any unit: where their steps are uneven nothing is smooth over frames.
-    missed : array (frame,), optional
-        Frames in which something may have been overlooked: beside another that is no exchange.
-
-    Returns
-    -------
-    tuple or None
-        Places of the two, the earlier first.
+    ``y`` (frame,) is what is measured in each frame, all numbers, with the standard uncertainty ``noise`` where that is
+    more than what the frames show. Where the steps of ``time`` (frame,), in any unit, are uneven nothing is smooth over
+    frames. ``missed`` (frame,) are frames in which something may have been overlooked: beside another that is no
+    exchange. Returns the places of the two, the earlier first, or None.
     """
     if not y.size:
         return None

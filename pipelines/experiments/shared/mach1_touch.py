@@ -35,20 +35,10 @@ _LEAST_NOISE = 1e-9  # of the force's range
 def touched(part: xr.Dataset, delay: float, filters: list[Floats]) -> Quantity:
     """Return the position of first touch [m].
 
-    Parameters
-    ----------
-    part : Dataset
-        ``time``, ``position_z`` and ``force`` of an approach.
-    delay : float [s]
-        Of the load cell's filter, for a first guess.
-    filters : list of array (section, 6)
-        What the load cell's filter may be, at :data:`FINENESS` steps a reading; all are as likely.
-        One without sections leaves the force as it is.
-
-    Returns
-    -------
-    Quantity
-        Mean and standard deviation of where the touch may lie, the display's step included.
+    ``part`` holds ``time``, ``position_z`` and ``force`` of an approach, ``delay`` [s] of the load cell's filter is a
+    first guess. ``filters`` (section, 6) are what that filter may be, at :data:`FINENESS` steps a reading, all as
+    likely; one without sections leaves the force as it is. The uncertainty is the standard deviation of where the touch
+    may lie, the display's step included.
     """
     gone = _without_return(part["position_z"].values)
     time, position, force = (part[n].values[:gone] for n in ("time", "position_z", "force"))

@@ -8,18 +8,8 @@ import xarray as xr
 
 from labpipe.judging import Cause, Check, in_words, too_large
 from labpipe.report import quantity
+from pipelines.experiments.shared.mach1_checks import _titles as titles
 from pipelines.experiments.shared.mach1_checks._parts import OSCILLATION, Part, counted_frequency, moved_by, parts
-from pipelines.experiments.shared.mach1_checks._titles import (
-    AMPLITUDE,
-    APPROACH,
-    CLOCK,
-    FREQUENCY,
-    HOLD,
-    RATIO,
-    SCALE,
-    SPEED,
-    TRAVEL,
-)
 from pipelines.experiments.shared.punch_settings import LoadCell, Punch
 
 _FACTORS = (1e3, 1e-3, 1e6, 1e-6, 10.0, 0.1, 100.0, 0.01, 2.0, 0.5, 60.0, 1 / 60.0)
@@ -43,14 +33,14 @@ def causes(
     )
     columns = [
         Cause(
-            {FREQUENCY: -1.0, SPEED: -1.0, APPROACH: -1.0, HOLD: 1.0, CLOCK: 1.0},
+            {titles.FREQUENCY: -1.0, titles.SPEED: -1.0, titles.APPROACH: -1.0, titles.HOLD: 1.0, titles.CLOCK: 1.0},
             lambda k: f"the column of the time is {too_large(k)}{_unit_of(k, 's', _TIMES)} (line {names})",
             _FACTORS,
             file=name,
             line=names,
         ),
         Cause(
-            {AMPLITUDE: 1.0, TRAVEL: 1.0, SPEED: 1.0, APPROACH: 1.0, RATIO: -1.1},
+            {titles.AMPLITUDE: 1.0, titles.TRAVEL: 1.0, titles.SPEED: 1.0, titles.APPROACH: 1.0, titles.RATIO: -1.1},
             lambda k: f"the column of the position is {too_large(k)}{_unit_of(k, position, _LENGTHS)} (line {names})",
             _FACTORS,
             file=name,
@@ -72,7 +62,7 @@ def causes(
     ]
     yield from [*columns, *headers] if _shared(blocks) else [*headers, *columns]
     force = Cause(
-        {RATIO: 1.0},
+        {titles.RATIO: 1.0},
         lambda k: f"the column of the force is {too_large(k)}{_unit_of(k, force_unit, _FORCES)} (line {names})",
         tuple(_FORCES[force_unit] / size for unit, size in _FORCES.items() if unit != force_unit),
         only_usual=True,
@@ -81,10 +71,10 @@ def causes(
     )
     yield force
     # a record that hardly changes what the tester shows is not where a factor of ten comes from
-    is_held = any(check.name == SCALE and check.is_made and check.level is None for check in checks)
+    is_held = any(check.name == titles.SCALE and check.is_made and check.level is None for check in checks)
     if load_cell.record and not is_held:
         yield Cause(
-            {RATIO: 1.0},
+            {titles.RATIO: 1.0},
             lambda k: f"the scale of the load cell in {load_cell.record} is {too_large(k)}",
             (10.0, 100.0),
             only_usual=True,
@@ -92,7 +82,7 @@ def causes(
             setting="values.scale",
         )
     yield Cause(
-        {RATIO: 1.0},
+        {titles.RATIO: 1.0},
         lambda k: (
             f"no slip of a unit explains it: another material, {in_words(k)} times as stiff, was pressed or is named"
         ),
@@ -106,7 +96,7 @@ def causes(
     ):
         unit = "1" if setting == "punch.tips" else "m"
         yield Cause(
-            {RATIO: -1.0},
+            {titles.RATIO: -1.0},
             lambda k, what=what, value=value, unit=unit, setting=setting: (  # type: ignore[misc]
                 f"the {what} is probably {quantity(value / k, unit)}, not {quantity(value, unit)} "
                 f"({setting} in session.toml)"
@@ -118,11 +108,11 @@ def causes(
 
 
 _DECLARED = {
-    AMPLITUDE: "amplitude",
-    FREQUENCY: "frequency",
-    TRAVEL: "amplitude",
-    SPEED: "velocity",
-    APPROACH: "stage velocity",
+    titles.AMPLITUDE: "amplitude",
+    titles.FREQUENCY: "frequency",
+    titles.TRAVEL: "amplitude",
+    titles.SPEED: "velocity",
+    titles.APPROACH: "stage velocity",
 }
 _TIMES = {"s": 1.0, "ms": 1e-3}
 _LENGTHS = {"mm": 1e-3, "µm": 1e-6}

@@ -10,6 +10,7 @@ import numpy as np
 from labpipe.judging import Check, Level, bounded, compared, in_words, not_made, stated
 from labpipe.report import quantity
 from labpipe.signals import quantisation_step
+from pipelines.experiments.shared.mach1_checks import _titles as titles
 from pipelines.experiments.shared.mach1_checks._parts import (
     FIND_CONTACT,
     OSCILLATION,
@@ -19,25 +20,16 @@ from pipelines.experiments.shared.mach1_checks._parts import (
     moved_by,
     travel_and_speed,
 )
-from pipelines.experiments.shared.mach1_checks._titles import (
-    AMPLITUDE,
-    APPROACH,
-    AXES,
-    CLOCK,
-    CYCLES,
-    DIRECTION,
-    FREQUENCY,
-    HOLD,
-    RESOLVED,
-    SHAPE,
-    SPEED,
-    STAGE,
-    SWAPPED,
-    TRAVEL,
-)
 from pipelines.experiments.shared.ramps_and_holds import RELAXATION
 
-_STAGE = {AMPLITUDE: 0.3, FREQUENCY: 0.05, TRAVEL: 0.05, SPEED: 0.25, APPROACH: 0.25, HOLD: 0.1}
+_STAGE = {
+    titles.AMPLITUDE: 0.3,
+    titles.FREQUENCY: 0.05,
+    titles.TRAVEL: 0.05,
+    titles.SPEED: 0.25,
+    titles.APPROACH: 0.25,
+    titles.HOLD: 0.1,
+}
 """By how much, relative, a stage may miss its command: eases, lags, brakes."""
 _COARSE, _ROUNDED, _ALL = 0.03, 0.02, 0.9
 """Of a motion, that a position resolves at least; of a step, within which rounded positions lie; and how many do."""
@@ -67,16 +59,16 @@ def order_of_columns(name: str, blocks: Sequence[Part]) -> Check:
             where = where or part
         votes.append(is_swapped)
     if not votes:
-        return not_made(SWAPPED, law, "a declared amplitude")
+        return not_made(titles.SWAPPED, law, "a declared amplitude")
     if where is None or sum(votes) * 2 <= len(votes):
-        return stated(SWAPPED, law, f"{name}: the position makes the declared motion", None, file=name)
+        return stated(titles.SWAPPED, law, f"{name}: the position makes the declared motion", None, file=name)
     shown = quantity(where.declared("Amplitude")[0], "m")
     text = (
         f"{name}: the column of the force moves by the declared {shown} (as mm), the column of the position by "
         f"{quantity(abs(moved_by(where, where.position)), 'm')}"
     )
     cause = f"the columns of position and force are swapped (header of the columns, line {where.header_line})"
-    return stated(SWAPPED, law, text, "impossible", cause=cause, file=name, line=where.header_line)
+    return stated(titles.SWAPPED, law, text, "impossible", cause=cause, file=name, line=where.header_line)
 
 
 def commands_kept(name: str, blocks: Sequence[Part]) -> Iterator[Check]:
@@ -90,7 +82,7 @@ def commands_kept(name: str, blocks: Sequence[Part]) -> Iterator[Check]:
         ratio = in_words(seen / wanted)
         text = f"{name}, block {part.number + 1}: {title} is {quantity(seen, unit)}, declared are "
         text += f"{quantity(wanted, unit)}{'' if ratio == '1' else f' ({ratio} times)'}"
-        allowance = _STAGE[title] * wanted + (_LATE if title == HOLD else 0.0)
+        allowance = _STAGE[title] * wanted + (_LATE if title == titles.HOLD else 0.0)
         law = "the stage does what the header declares"
         small = max(u, 2e-3 * wanted)
         check = compared(title, law, text, seen, small, wanted, rounding, allowance=allowance, file=name, line=line)
@@ -98,20 +90,22 @@ def commands_kept(name: str, blocks: Sequence[Part]) -> Iterator[Check]:
 
     for part in blocks:
         if part.function == OSCILLATION:
-            hold(AMPLITUDE, "Amplitude", part, moved_by(part, part.position), 1e-8, "m")
-            hold(FREQUENCY, "Frequency", part, *counted_frequency(part), "Hz")
+            hold(titles.AMPLITUDE, "Amplitude", part, moved_by(part, part.position), 1e-8, "m")
+            hold(titles.FREQUENCY, "Frequency", part, *counted_frequency(part), "Hz")
         if part.function in (RELAXATION, FIND_CONTACT):
             travel, speed, rest = travel_and_speed(part)
             is_ramp = part.function == RELAXATION
             if is_ramp:
-                hold(TRAVEL, "Amplitude", part, abs(travel), 1e-7, "m")
+                hold(titles.TRAVEL, "Amplitude", part, abs(travel), 1e-7, "m")
                 if part.text("Stop based on").startswith("Fixed"):
-                    hold(HOLD, "Fixed Relaxation Time, s".partition(",")[0], part, rest, 0.05, "s")
+                    hold(titles.HOLD, "Fixed Relaxation Time, s".partition(",")[0], part, rest, 0.05, "s")
             key = "Velocity" if is_ramp else "Stage Velocity"
-            hold(SPEED if is_ramp else APPROACH, key, part, abs(speed), 0.02 * abs(speed), "m/s")
-    hurried = {part.number for title in (TRAVEL, SPEED) for check, part in found.get(title, ()) if check.level}
+            hold(titles.SPEED if is_ramp else titles.APPROACH, key, part, abs(speed), 0.02 * abs(speed), "m/s")
+    hurried = {
+        part.number for title in (titles.TRAVEL, titles.SPEED) for check, part in found.get(title, ()) if check.level
+    }
     for title, rows in found.items():
-        told = [_stopped(c) if title == HOLD and part.number not in hurried else c for c, part in rows]
+        told = [_stopped(c) if title == titles.HOLD and part.number not in hurried else c for c, part in rows]
         yield max(told, key=lambda c: (c.level not in (None, "note"), abs(c.margin) if c.level else -1.0))
 
 
@@ -135,16 +129,18 @@ def cycles_kept(name: str, blocks: Sequence[Part]) -> Check:
             beyond = max(wanted - seen - _BESIDE, seen - wanted - _BESIDE - _MORE * frequency)
             found.append((beyond / wanted, seen, wanted, part, line))
     if not found:
-        return not_made(CYCLES, law, "an oscillation with a declared number of cycles")
+        return not_made(titles.CYCLES, law, "an oscillation with a declared number of cycles")
     beyond, seen, wanted, part, line = max(found, key=lambda each: each[0])
     text = f"{name}, block {part.number + 1}: {seen:.1f} cycles, declared are {wanted:g}"
     if beyond <= 0.0:
-        return stated(CYCLES, law, text, None, file=name, line=line)
+        return stated(titles.CYCLES, law, text, None, file=name, line=line)
     if seen < wanted:
         cause = "the oscillation was stopped before its cycles were over, or its last rows were lost"
-        return stated(CYCLES, law, f"{text}; those that are there count", "note", cause=cause, file=name, line=line)
+        return stated(
+            titles.CYCLES, law, f"{text}; those that are there count", "note", cause=cause, file=name, line=line
+        )
     cause = "rows stand twice, two recordings were joined, or the number of cycles in the header was edited"
-    return stated(CYCLES, law, text, "doubtful", cause=cause, file=name, line=line)
+    return stated(titles.CYCLES, law, text, "doubtful", cause=cause, file=name, line=line)
 
 
 def clock_of_blocks(name: str, blocks: Sequence[Part]) -> Check:
@@ -166,8 +162,8 @@ def clock_of_blocks(name: str, blocks: Sequence[Part]) -> Check:
             ratio = lasts / gap if gap > 0 else nan
             line = part.header_line
     if not text:
-        return not_made(CLOCK, law, "two blocks with start times")
-    check = bounded(CLOCK, law, text, worst, 1.0, at_most=0.0, file=name, line=line)
+        return not_made(titles.CLOCK, law, "two blocks with start times")
+    check = bounded(titles.CLOCK, law, text, worst, 1.0, at_most=0.0, file=name, line=line)
     if check.level is None or not ratio > 0:
         return check
     return replace(check, log_ratio=log(ratio), u_log_ratio=_U_CLOCK)
@@ -181,11 +177,11 @@ def position_within_stage(name: str, blocks: Sequence[Part]) -> Check:
     if level is None and largest > _LARGEST_STAGE:
         level = "doubtful"
     cause = f"the column of the position is not in the unit it says (line {blocks[0].header_line})"
-    return stated(STAGE, law, text, level, cause=cause, file=name, line=blocks[0].header_line)
+    return stated(titles.STAGE, law, text, level, cause=cause, file=name, line=blocks[0].header_line)
 
 
 def direction_of_motion(name: str, blocks: Sequence[Part]) -> Check:
-    title, law = DIRECTION, "the stage moves in the direction that the header declares"
+    title, law = titles.DIRECTION, "the stage moves in the direction that the header declares"
     for part in blocks:
         travel = travel_and_speed(part)[0] if part.function in (RELAXATION, FIND_CONTACT) else 0.0
         wanted = 1.0 if part.text("Direction").startswith("Pos") else -1.0 if part.text("Direction") else nan
@@ -214,7 +210,7 @@ def shape_of_oscillation(name: str, blocks: Sequence[Part]) -> Check:
             share = max(float(np.mean(x > x.max() - band)), float(np.mean(x < x.min() + band)))
             found.append((share / (np.arccos(1 - band / half) / pi), share, part))
     if not found:
-        return not_made(SHAPE, law, "an oscillation that the position resolves")
+        return not_made(titles.SHAPE, law, "an oscillation that the position resolves")
     ratio, share, part = max(found, key=lambda each: each[0])
     text = f"{name}, block {part.number + 1}: {100 * share:.0f} % of the readings lie at one end, "
     text += f"{in_words(ratio, 2)} times a sine's"
@@ -222,7 +218,9 @@ def shape_of_oscillation(name: str, blocks: Sequence[Part]) -> Check:
         "the stage stopped before the end of its way: a limit of travel, force or speed, or another wave than the "
         f"sine that is declared (line {part.line})"
     )
-    return stated(SHAPE, law, text, "doubtful" if ratio > _AT_REST else None, cause=cause, file=name, line=part.line)
+    return stated(
+        titles.SHAPE, law, text, "doubtful" if ratio > _AT_REST else None, cause=cause, file=name, line=part.line
+    )
 
 
 def axes_of_commands(name: str, blocks: Sequence[Part]) -> Check:
@@ -233,8 +231,8 @@ def axes_of_commands(name: str, blocks: Sequence[Part]) -> Check:
             if said and not said.strip().lower().rstrip(")").endswith("z"):
                 text = f"{name}, block {part.number + 1}: {key.lower()} {said}, read is the column {column}"
                 cause = f"the command used another axis, or its header was edited (line {part.line})"
-                return stated(AXES, law, text, "doubtful", cause=cause, file=name, line=part.line)
-    return stated(AXES, law, f"{name}: commands and columns have one axis", None, file=name)
+                return stated(titles.AXES, law, text, "doubtful", cause=cause, file=name, line=part.line)
+    return stated(titles.AXES, law, f"{name}: commands and columns have one axis", None, file=name)
 
 
 def resolution_of_position(name: str, blocks: Sequence[Part]) -> Check:
@@ -250,4 +248,4 @@ def resolution_of_position(name: str, blocks: Sequence[Part]) -> Check:
     text = f"{name}, block {part.number + 1}: the steps of the position are {in_words(100 * step, 2)} % of the motion"
     level: Level | None = "doubtful" if step > _COARSE else None
     cause = "the file was written, or saved again by a spreadsheet, with too few decimals"
-    return stated(RESOLVED, law, text, level, cause=cause, file=name, line=part.header_line)
+    return stated(titles.RESOLVED, law, text, level, cause=cause, file=name, line=part.header_line)

@@ -10,7 +10,7 @@ import xarray as xr
 
 from labpipe.judging import Check, not_made
 from pipelines.experiments.shared import mach1_traces
-from pipelines.experiments.shared.mach1_checks import _motion
+from pipelines.experiments.shared.mach1_checks import _motion, _titles as titles
 from pipelines.experiments.shared.mach1_checks._cell import (
     capacity_of_cell,
     date_of_cell,
@@ -22,18 +22,6 @@ from pipelines.experiments.shared.mach1_checks._cell import (
 from pipelines.experiments.shared.mach1_checks._disturbance import knocked, mean_grows, stiffness_kept
 from pipelines.experiments.shared.mach1_checks._order import force_follows
 from pipelines.experiments.shared.mach1_checks._parts import parts, trace
-from pipelines.experiments.shared.mach1_checks._titles import (
-    CAPACITY,
-    DIRECTION,
-    FALL,
-    LATE,
-    PHASE,
-    RATIO,
-    SIGN,
-    STAGE,
-    SWAPPED,
-    TRAVEL,
-)
 
 _RIGHT = 1.0  # of that logarithm: no unit is so near to another
 
@@ -42,7 +30,7 @@ def of_file(name: str, readings: xr.Dataset) -> list[Check]:
     """Check one file by itself; where its columns are exchanged nothing else is asked."""
     blocks = parts(readings)
     if not blocks:
-        return [not_made(SWAPPED, "a file holds position and force", "columns of position and force")]
+        return [not_made(titles.SWAPPED, "a file holds position and force", "columns of position and force")]
     order = _motion.order_of_columns(name, blocks)
     if order.level is not None:
         return [order]
@@ -72,12 +60,12 @@ def of_file(name: str, readings: xr.Dataset) -> list[Check]:
 
 def is_swapped(checks: Sequence[Check]) -> bool:
     """Whether the columns of position and force are exchanged."""
-    return any(check.name == SWAPPED and check.level is not None for check in checks)
+    return any(check.name == titles.SWAPPED and check.level is not None for check in checks)
 
 
 def knows_depth(checks: Sequence[Check]) -> bool:
     """Whether the column of the position tells how deep a punch goes."""
-    wrong = (SWAPPED, STAGE, DIRECTION, TRAVEL)
+    wrong = (titles.SWAPPED, titles.STAGE, titles.DIRECTION, titles.TRAVEL)
     return not any(check.name in wrong and check.level is not None for check in checks)
 
 
@@ -97,13 +85,13 @@ def weighed(checks: Sequence[Check]) -> list[Check]:
     A wrong sign is the cause of all that it turns round. A force that is that of the named
     material has the right unit: then the cell can do more than its name says, which is a note.
     """
-    sign = next((check for check in checks if check.name == SIGN and check.level is not None), None)
-    is_right = any(check.name == RATIO and abs(check.log_ratio) < _RIGHT for check in checks)
+    sign = next((check for check in checks if check.name == titles.SIGN and check.level is not None), None)
+    is_right = any(check.name == titles.RATIO and abs(check.log_ratio) < _RIGHT for check in checks)
     found = []
     for check in checks:
-        if sign is not None and check.level and check.name in (FALL, LATE, PHASE):
+        if sign is not None and check.level and check.name in (titles.FALL, titles.LATE, titles.PHASE):
             found.append(replace(check, cause=sign.cause, line=sign.line))
-        elif is_right and check.level and check.name == CAPACITY:
+        elif is_right and check.level and check.name == titles.CAPACITY:
             found.append(replace(check, level="note", cause="the name of the cell does not say its capacity"))
         else:
             found.append(check)
