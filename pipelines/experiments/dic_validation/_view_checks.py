@@ -114,7 +114,7 @@ def no_fall(motion: xr.Dataset, gravity: float) -> str:
         return ""
     moved = y - np.median(y[:_STILL])
     through = np.flatnonzero(np.diff(moved > 0.0) & (np.abs(np.diff(moved)) > _CLEAR * np.ptp(moved)))
-    shown = "; what a film shows of such a motion is its displacement, on this page and in the step motion"
+    shown = "; its displacement is on the experiment's page and in the step motion"
     if through.size >= _PASSES:
         f = (through.size - 1) / 2.0 / float(time[through[-1]] - time[through[0]])
         amplitude = quantity(float(np.max(np.abs(moved))), "m", 2)
