@@ -16,7 +16,7 @@ from labpipe.imaging.fringes._looks import Looks
 from labpipe.imaging.fringes._ring_fit import RingFit, fit_contact
 from labpipe.imaging.fringes._ring_parameters import AXES, Parameter
 from labpipe.imaging.fringes._trial_fits import start_at_edge
-from labpipe.imaging.fringes._trials import ALL_PIXELS, VARIANCES, Attempt, Calibration, Trial, is_promising
+from labpipe.imaging.fringes._trials import ALL_PIXELS, PROMISE, VARIANCES, Attempt, Calibration, Trial, is_promising
 from labpipe.imaging.fringes._view import View
 
 #: Wavenumbers of the second colour over the first that are tried, and its share of the fringes then.
@@ -64,7 +64,7 @@ def find_second_colour(
     ratio, share = minimize(left, corners[0], method="Nelder-Mead", options=options).x
     found = replace(known, colour=(float(ratio), float(share)))
     few = attempt(axes, found, _FRAMES, _PIXELS)
-    if few is None or few.excess > _BY_CHANCE * _MOST_LEFT:
+    if few is None or few.excess > min(_BY_CHANCE * _MOST_LEFT, PROMISE * one.excess):
         return None
     settled = settle_colour(attempt, axes, found)
     if settled is None or settled[0].excess > _MOST_LEFT or not settled[0].is_better_than(best):

@@ -191,9 +191,11 @@ def test_two_colours_are_sought_only_where_one_nearly_explains_what_goes_around_
     assert len(fits) == 2
 
 
-@pytest.mark.parametrize(("excess", "is_settled"), [(1e-4, True), (1e-3, False)])
+@pytest.mark.parametrize(
+    ("one", "excess", "is_settled"), [(1e-2, 1e-4, True), (1e-2, 1e-3, False), (1e-4, 9e-5, False)]
+)
 def test_a_second_colour_that_leaves_much_of_some_pixels_is_not_sought_in_all(
-    monkeypatch: pytest.MonkeyPatch, excess: float, is_settled: bool
+    monkeypatch: pytest.MonkeyPatch, one: float, excess: float, is_settled: bool
 ) -> None:
     """Light of low coherence looks like one; fourteen fits of all pixels of each frame only said that it is none."""
     known, best = Calibration(), Mock(excess=1e-2, is_doubtful=True)
@@ -204,7 +206,9 @@ def test_a_second_colour_that_leaves_much_of_some_pixels_is_not_sought_in_all(
     def attempt(_: object, seen: Calibration, *some: int) -> Mock:
         assert len(some) == 2  # frames and pixels
         ratio, share = seen.colour
-        return Mock(excess=excess, left=1e4 * (1.0 + (ratio - 1.1) ** 2 + (share - 0.25) ** 2 + (not share)))
+        return Mock(
+            excess=excess if share else one, left=1e4 * (1.0 + (ratio - 1.1) ** 2 + (share - 0.25) ** 2 + (not share))
+        )
 
     assert _second_colour.find_second_colour(attempt, (), known, best) is None
     assert settled.called is is_settled
