@@ -81,23 +81,30 @@ class Votes:
         return np.asarray(cv2.dilate(found, np.ones((width, width))) > 0)
 
 
-def told_of(hidden: Flags | None, stated: Flags | None, reach: int) -> str:
-    """Say where something stands before the specimen, or beside it in a subset, though nobody stated it.
+def unstated_box(hidden: Flags | None, stated: Flags | None, reach: int) -> list[int]:
+    """First and last column, first and last row (px) of what stands before the specimen though nobody stated it.
 
-    What is found within twice the reach (px) of what was stated is its border.
+    Empty where nothing does. What is found within twice the reach (px) of what was stated is its border.
     """
     if hidden is None:
-        return ""
+        return []
     width = 4 * reach + 1
     found = hidden if stated is None else hidden & (cv2.dilate(stated.astype(np.uint8), np.ones((width, width))) == 0)
     if not found.any():
-        return ""
+        return []
     rows, columns = np.flatnonzero(found.any(axis=1)), np.flatnonzero(found.any(axis=0))
-    beside = "" if stated is None else ", and what is stated may lie beside what it should cover"
+    return [int(side) for side in (columns[0], columns[-1], rows[0], rows[-1])]
+
+
+def told_of(standing: list[int], *, is_beside_stated: bool) -> str:
+    """Say where something stands before the specimen, or beside it in a subset, though nobody stated it."""
+    if not standing:
+        return ""
+    left, right, top, bottom = standing
+    beside = ", and what is stated may lie beside what it should cover" * is_beside_stated
     return (
-        f"something stands still before the specimen or beside it, within x {columns[0]} to {columns[-1]} px and y "
-        f"{rows[0]} to {rows[-1]} px, on {100.0 * found.mean():.1f} % of the picture, and is left out, better so when "
-        f"obstructions state where it is{beside}"
+        f"something stands still before the specimen or beside it, within x {left} to {right} px and y {top} to "
+        f"{bottom} px, and is left out, better so when obstructions state where it is{beside}"
     )
 
 

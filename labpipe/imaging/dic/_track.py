@@ -126,6 +126,7 @@ def track(
         (s), ``x``, ``y``, ``subset``. The attribute ``work`` counts what was done, ``note`` says what
         was found of the camera: stuck pixels, which are interpolated, rows of two instants, something that stands
         still before the specimen though no obstruction says so, which is left out, and strain that rigid points miss.
+        ``standing``, where something does: its first and last column, first and last row [px].
 
     Raises
     ------
@@ -168,7 +169,7 @@ def track(
     from labpipe.imaging.dic._missed_strain import told_of as told_of_strain
     from labpipe.imaging.dic._reference import make_reference
     from labpipe.imaging.dic._results import displacements, make_dataset
-    from labpipe.imaging.dic._standing import Standing, told_of
+    from labpipe.imaging.dic._standing import Standing, told_of, unstated_box
     from labpipe.imaging.dic._subsets import adaptable
     from labpipe.imaging.dic._tracker import Tracker
     from labpipe.imaging.films import without_stuck_pixels
@@ -212,11 +213,13 @@ def track(
     }
     is_static = indices < static_frames
     found = displacements(table, reference, is_static)
-    stands = "" if stated is hidden else told_of(hidden, stated, reach_of(blur))
+    box = [] if stated is hidden else unstated_box(hidden, stated, reach_of(blur))
     rows = refuse_rows(found, window.rows, indices, is_static)
     strained = told_of_strain(found.missed, found.deviation, shapes[reference.usable] == "rigid")
+    stands = told_of(box, is_beside_stated=stated is not None)
     note = "; ".join(filter(None, (stuck.note, rows, stands, strained)))
-    return make_dataset(film.time, places, half, indices, wanted, found, reference, work, note)
+    result = make_dataset(film.time, places, half, indices, wanted, found, reference, work, note)
+    return result.assign_attrs(standing=box) if box else result
 
 
 def _follow(

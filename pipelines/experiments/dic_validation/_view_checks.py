@@ -1,6 +1,5 @@
 """Whether the camera of a falling holder stands still and upright, and sees one scale all along the motion."""
 
-import re
 from math import cos, degrees, isfinite
 
 import numpy as np
@@ -21,7 +20,6 @@ _SURE = 10.0  # standard uncertainties of a speed that is no noise
 _BEFORE = 2e-3  # s before the release, while which something may move already
 _FIRST, _MOVES = 12, 0.15  # frames that tell how fast it moves in the first, and the share of its top speed that counts
 _SWINGS = 0.02  # of the fall, by which a swing spoils it
-_WHERE = re.compile(r"something stands still .*?within x (\d+) to (\d+) px and y (\d+) to (\d+) px")
 _STILL, _PASSES, _CLEAR = 5, 6, 0.02
 """First frames that tell a level, the times that a swing passes it, and the part of the motion of one such step."""
 _MOST_DOWN, _SLOW = 0.95, 5.0  # of a way down that is timed, and times as long as a fall that it takes if driven
@@ -181,21 +179,19 @@ def sideways(track: xr.Dataset, settings: DicValidation) -> Check:
     return stated(name, law, text, "note", cause=cause, file=settings.film)
 
 
-def found_before(track: xr.Dataset) -> tuple[int, int, int, int] | None:
-    """Return columns (first, last) and rows (first, last) [px] within which something stands that nobody stated."""
-    found = _WHERE.search(str(track.attrs.get("note", "")))
-    return tuple(map(int, found.groups())) if found else None  # type: ignore[return-value]
-
-
 def seen_whole(track: xr.Dataset, settings: DicValidation) -> Check:
     """Look for what stands still before the holder though no obstruction is stated."""
     name, law = "view of the holder", "nothing stands still before a holder that moves but what is stated"
-    told = [part for part in str(track.attrs.get("note", "")).split("; ") if part.startswith("something stands still")]
-    if not told:
+    if "standing" not in track.attrs:
         return stated(name, law, f"{settings.film}: nothing else was found before the holder", None, file=settings.film)
     cause = (
         "a rod, a scale bar or a line burned into the images, dust on a window, or what is seen around the holder: "
         "draw tracking.obstructions around it"
     )
-    text = f"{settings.film}: {told[0]}"
+    left, right, top, bottom = track.attrs["standing"]
+    beside = ", and what is stated may lie beside what it should cover" * bool(settings.tracking.obstructions)
+    text = (
+        f"{settings.film}: something stands still before the holder or beside it, within x {left} to {right} px and "
+        f"y {top} to {bottom} px, and is left out{beside}"
+    )
     return stated(name, law, text, "note", cause=cause, file=settings.film, setting="tracking.obstructions")

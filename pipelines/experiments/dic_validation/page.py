@@ -28,7 +28,6 @@ from labpipe.report import (
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.dic_validation import viewing_angle
-from pipelines.experiments.dic_validation._view_checks import found_before
 from pipelines.experiments.dic_validation.budget import quantities
 from pipelines.experiments.dic_validation.comparison import rows as compared_rows
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
@@ -98,7 +97,7 @@ def _key_frames(
     keys: xr.Dataset, settings: DicValidation, bounces: xr.Dataset | None = None, track: xr.Dataset | None = None
 ) -> Section:
     start = None if bounces is None else float(bounces["first_contact_time"])
-    stands = None if track is None else found_before(track)
+    stands = () if track is None else tuple(track.attrs.get("standing", ()))
     pictures = [_picture(keys.isel(key=i), start, settings.tracking, stands) for i in range(keys.sizes["key"])]
     caption = "Orange: the large subset whose motion is the result, with its rotation. "
     caption += "Blue: the line of small subsets. " * (keys.sizes["point"] > 1)
@@ -123,16 +122,14 @@ def _told_masks(tracking: Tracking) -> str:
     return "".join(drawn)
 
 
-def _picture(
-    key: xr.Dataset, start: float | None, tracking: Tracking, stands: tuple[int, int, int, int] | None
-) -> Picture:
+def _picture(key: xr.Dataset, start: float | None, tracking: Tracking, stands: tuple[int, ...]) -> Picture:
     image = key["image"].values
     factor = max(1, math.ceil(_SMALLEST_PICTURE / max(image.shape)))
     canvas = enlarged(image, factor)
     scale = factor / float(key["reduction"])
     half = factor / 2 - 0.5  # the centre of an enlarged pixel
     _draw_masks(canvas, key, tracking, scale, half)
-    if stands is not None:
+    if stands:
         left, right, top, bottom = stands
         corners = np.array([[left, top], [right, top], [right, bottom], [left, bottom]]) * scale + half
         _draw_polygon(canvas, corners, _OBSTRUCTION, None)

@@ -9,7 +9,7 @@ from scipy.ndimage import map_coordinates
 from labpipe.arrays import Floats
 from labpipe.imaging import track
 from labpipe.imaging.dic._misfit import misfit_factor
-from labpipe.imaging.dic._standing import told_of
+from labpipe.imaging.dic._standing import unstated_box
 from pipelines.bench import film_scenes
 from pipelines.bench.film_scenes import Film, View, digitised, from_spectrum
 from tests.by_day import by_day
@@ -110,10 +110,10 @@ def test_a_border_of_what_is_stated_is_not_told_as_something_else() -> None:
     stated, found = np.zeros((2, 60, 60), bool)
     stated[:, 20:30] = True
     found[10:40, 15:36] = True
-    assert told_of(found | stated, stated, 3) == ""
+    assert unstated_box(found | stated, stated, 3) == []
     found[10:20, 50:54] = True
-    assert "within x 50 to 53 px and y 10 to 19 px" in told_of(found | stated, stated, 3)
-    assert "beside what it should" not in told_of(found, None, 3)
+    assert unstated_box(found | stated, stated, 3) == [50, 53, 10, 19]
+    assert unstated_box(found, None, 3) == [15, 53, 10, 39]
 
 
 @pytest.mark.parametrize("views", [FALL, DRIFT], ids=["fall", "drift"])

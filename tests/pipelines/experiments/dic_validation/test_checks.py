@@ -5,7 +5,6 @@ import pytest
 import xarray as xr
 
 from labpipe import contact, materials
-from labpipe.imaging.dic._standing import told_of
 from labpipe.variables import variable
 from labpipe.workflow.context import Context, Failed
 from pipelines.experiments.dic_validation import _view_checks, checks, measured, page
@@ -180,7 +179,7 @@ def test_a_holder_that_is_seldom_found_is_doubtful(motion, laser):
 def test_what_stands_before_the_holder_is_noted_with_the_remedy(motion, laser):
     track = tracked()
     assert not checks.seen_whole(track, SETTINGS).level
-    track.attrs["note"] = "2 stuck pixels; something stands still before the specimen, within x 3 to 9 px"
+    track.attrs["standing"] = [3, 9, 0, 40]
     found = checks.seen_whole(track, SETTINGS)
     assert found.level == "note"
     assert "within x 3 to 9 px" in found.message
@@ -295,12 +294,7 @@ def test_what_was_not_dropped_is_said_to_vibrate_or_to_be_driven(of_time, words)
     assert bool(said) == bool(words)
 
 
-def test_what_was_found_before_the_holder_is_drawn_where_the_note_says():
-    hidden = np.zeros((60, 80), bool)
-    hidden[5:30, 20:27] = True
-    note = f"2 stuck pixels; {told_of(hidden, None, 3)}; more"
-    assert _view_checks.found_before(xr.Dataset(attrs={"note": note})) == (20, 26, 5, 29)
-    assert _view_checks.found_before(xr.Dataset(attrs={"note": "2 stuck pixels"})) is None
+def test_what_was_found_before_the_holder_is_drawn():
     keys = xr.Dataset(
         {
             "image": (("key", "row", "column"), np.full((1, 60, 80), 9, np.uint8)),
@@ -313,7 +307,7 @@ def test_what_was_found_before_the_holder_is_drawn_where_the_note_says():
     )
     drawn = [
         page._key_frames(keys, DicValidation(kind="dic_validation", film="a", camera="b"), None, track).blocks[0]
-        for track in (None, xr.Dataset(attrs={"note": note}))
+        for track in (None, xr.Dataset(attrs={"standing": [20, 26, 5, 29]}))
     ]
     assert drawn[0].frames[0].data != drawn[1].frames[0].data
     assert "Violet frame" in drawn[1].caption
