@@ -126,7 +126,11 @@ def calibrate(
     if shape == "auto":
         best, result = _find_ellipse(attempt, result, best)
     if result.colour[1]:
-        best, result = settle_colour(attempt, plain_axes, result) or (best, result)
+        best, result = (
+            _of_one_colour(attempt, plain_axes, result, best, rough, view)
+            or settle_colour(attempt, plain_axes, result)
+            or (best, result)
+        )
     # One may hide behind another: whatever explains most comes first.
     vain: dict[str, float] = {}
     for _ in range(_ROUNDS):
@@ -379,6 +383,24 @@ def _find_ellipse(attempt: Attempts, known: Calibration, best: Trial) -> tuple[T
             found = replace(found, log_scale=scale, u_log_scale=u)
         return attempt((), found) or oblique, found
     return best, known
+
+
+def _of_one_colour(
+    attempt: Attempts,
+    axes: Sequence[Parameter],
+    known: Calibration,
+    best: Trial,
+    rough: Sequence[Parameter],
+    view: View,
+) -> tuple[Trial, Calibration] | None:
+    """Ellipse, with phase and scale, that explains as much without the second colour that stood in for it."""
+    free = (*AXES, *rough)
+    one = replace(known, colour=(1.0, 0.0))
+    trial = attempt(free, one) if known.ellipse != (0.0, 0.0) else None
+    if trial is None or trial.excess > best.excess:
+        return None
+    one = with_beside(trial, one, free, view)
+    return attempt(axes, one) or trial, one
 
 
 def _find_uneven_light(

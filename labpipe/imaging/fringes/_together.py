@@ -98,10 +98,7 @@ def _without_vain(
             return free, known
         known, trial = known.with_shared(without, without.changes(trial)), without
     if is_offered:
-        value, u = trial.mean(Parameter.SCALE)
         kept: list[Parameter] = [p for p in free if p is not Parameter.SCALE]
-        if abs(value) <= SIGNIFICANT * u:
-            return kept, known
         without = attempt((*axes, *kept), known) if trial.is_doubtful or trial.is_quiet else None
         known = known if without is None else known.with_shared(trial, trial.changes(without))
     return free, known
