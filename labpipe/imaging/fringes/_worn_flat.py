@@ -65,8 +65,11 @@ def _found_flat(
     found = _best_flat(attempt, axes, known, best, math.inf)
     if found is None or found[1].gain_over(best) < _FLAT_VARIANCES:
         return None
-    # a wrong wavelength or ruler is commoner than wear, and moves rings nearly alike
+    # a wrong wavelength or ruler is commoner than wear, and moves rings nearly alike, as much in all frames
     scaled = attempt((*axes, Parameter.SCALE), known, pixels=ALL_PIXELS)
+    if scaled is not None and scaled.gain_over(best) + beyond >= found[1].gain_over(best):
+        scale = known.log_scale + scaled.mean(Parameter.SCALE)[0]
+        scaled = attempt(axes, replace(known, log_scale=scale), pixels=ALL_PIXELS)
     if scaled is not None and scaled.gain_over(best) + beyond >= found[1].gain_over(best):
         return None
     return _settled_flat(attempt, axes, known, *found)
