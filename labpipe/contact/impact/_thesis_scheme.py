@@ -76,7 +76,7 @@ def drop_thesis(
 
     ``speed`` [m/s] is that at first touch, from which ``duration`` [s] counts; ``mass`` [kg] may include what the
     sphere carries. Rings of ``ring_width`` [m] are laid out to ``reach`` [m]. A resolution that would take hours, or
-    leaves no ring in contact, raises InputError.
+    leaves no ring in contact, raises InputError, and a contact that outgrows the rings LabpipeError.
     """
     steps, count = ceil(duration / time_step), ceil(reach / ring_width) + 1
     if not (count > 2 and 0.5 * steps**2 * count < _MOST_PRODUCTS):

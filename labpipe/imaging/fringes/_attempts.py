@@ -98,8 +98,7 @@ class Attempts:
         seen = replace(known, harmonics=(second, turned, third), ellipse=ellipse).applied(self._view)
         if pixels is None:
             # what else may be wrong is asked of what is known alone
-            found = (p for group in what_is_found(known) for p in group)
-            asks = tuple(dict.fromkeys((*ASSUMED, *AXES, *found))) if set(extra) <= set(AXES) else ()
+            asks = tuple(dict.fromkeys((*ASSUMED, *AXES, *what_is_found(known)))) if set(extra) <= set(AXES) else ()
             return replace(seen, settings=replace(seen.settings, asks=asks))
         most = min(pixels, seen.settings.max_pixels)
         return replace(seen, settings=replace(seen.settings, max_pixels=most, is_rough=True))

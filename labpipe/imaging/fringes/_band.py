@@ -59,7 +59,7 @@ def weigh_band(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, 
     """Find how skewed a band of colours is, a second line beside the first for one, or count what that may be."""
     if not known.spread:
         return known
-    beside = tuple(p for group in what_is_found(known) for p in group)
+    beside = what_is_found(known)
     free = (*axes, *beside)
     step = _SKEWNESS / (3.0 * math.sqrt(known.spread))
     skews = [known.skew + place * step for place in (-1.0, 0.0, 1.0)]

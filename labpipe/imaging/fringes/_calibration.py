@@ -231,7 +231,7 @@ def _with_hidden(
     all: what both together make of the radius counts. Else each is there or it is not, as likely as its value is by
     chance and as one of its usual size.
     """
-    beside = tuple(p for group in what_is_found(known) for p in group)
+    beside = what_is_found(known)
     if not (best.is_quiet or best.is_doubtful):  # noise with a memory, as of speckle, is all there is
         return known if beside or Parameter.SCALE not in parameters else _with_hidden_scale(best, known)
     if best.is_doubtful and not attempt.gains(best, known).round_share < _ROUND_LEFT:
@@ -337,7 +337,7 @@ def _promised(attempt: Attempts, known: Calibration, best: Trial) -> dict[str, f
     with the distance.
     """
     gains = attempt.gains(best, known)
-    beside = [p for group in what_is_found(known) for p in group]
+    beside = what_is_found(known)
     one = {
         _BAND: (Parameter.SPREAD, *beside),
         _HARMONICS: BEAMS,
@@ -364,10 +364,10 @@ def _find_ellipse(attempt: Attempts, known: Calibration, best: Trial) -> tuple[T
         if not best.may_gain(extra):
             continue
         least = _OBLIQUE * best.rough_excess
-        gains = attempt.gains(best, known)
-        explained = gains.explained(extra) - gains.explained(extra[len(AXES) :])
-        is_likely = best.excess > _FAR or explained > least
-        oblique = attempt(extra, known) if is_likely else None
+        gains = attempt.gains(best, known) if best.excess <= _FAR else None
+        if gains is not None and gains.explained(extra) - gains.explained(extra[len(AXES) :]) <= least:
+            continue
+        oblique = attempt(extra, known)
         if oblique is None or oblique.gain_over(best) <= VARIANCES * len(best.fits):
             continue
         if oblique.rough_excess * FACTOR >= best.rough_excess:
@@ -427,7 +427,7 @@ def _find_optics(
 
     What was found while it was wrong is found again with it.
     """
-    beside = tuple(p for group in what_is_found(known) for p in group)
+    beside = what_is_found(known)
     free = tuple(dict.fromkeys((*axes, parameter, *beside)))
     if not best.may_gain((parameter,), HALF * VARIANCES * len(best.fits)):
         return None
@@ -470,7 +470,7 @@ def _find_focus(
     """Distance from focus, and harmonics, without which it explains less, when they explain the frames much better."""
     if known.focus or not best.is_doubtful:
         return None
-    before = tuple(dict.fromkeys((*axes, *BEAMS, *(p for group in what_is_found(known) for p in group))))
+    before = tuple(dict.fromkeys((*axes, *BEAMS, *what_is_found(known))))
     free = (*before, Parameter.FOCUS)
     trial = attempt(free, known)
     simple = None if trial is None else attempt(before, known)

@@ -15,7 +15,12 @@ _SETTLED_BLUR = 0.003
 _TOGETHER = 2
 
 
-def what_is_found(known: Calibration) -> list[tuple[Parameter, ...]]:
+def what_is_found(known: Calibration) -> tuple[Parameter, ...]:
+    """Return the parameters of what was found."""
+    return tuple(parameter for group in _groups(known) for parameter in group)
+
+
+def _groups(known: Calibration) -> list[tuple[Parameter, ...]]:
     """Return what was found, by groups of parameters."""
     groups = (
         ((Parameter.PHASE,), known.phase_shift != 0.0),
@@ -50,7 +55,7 @@ def with_beside(trial: Trial, known: Calibration, beside: Sequence[Parameter], v
 
 def find_together(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, view: View) -> Calibration:
     """Find again together, and with the blur, what was found one after the other while another stood in for it."""
-    found = what_is_found(known)
+    found = _groups(known)
     if known.ellipse != (0.0, 0.0) and not known.log_scale:
         found.append((Parameter.SCALE,))
     free = [parameter for group in found for parameter in group]
@@ -81,9 +86,10 @@ def find_together(attempt: Attempt, axes: Sequence[Parameter], known: Calibratio
 def _without_vain(
     attempt: Attempt, axes: Sequence[Parameter], known: Calibration, free: list[Parameter]
 ) -> tuple[list[Parameter], Calibration]:
-    """Leave out harmonics that stood in for what was found after them, and a scale that an ellipse has not.
+    """Leave out harmonics that stood in for what was found after them.
 
-    Harmonics left out count as what may be there, and so does a scale beside errors of the model.
+    They count as what may be there, and so does a scale that was offered to an ellipse, where errors of the model or
+    nothing but noise are left.
     """
     is_offered = Parameter.SCALE in free and known.log_scale == 0.0
     is_plain = Parameter.SECOND in free and not known.harmonics[1]
@@ -97,8 +103,7 @@ def _without_vain(
         if without is None:
             return free, known
         known, trial = known.with_shared(without, without.changes(trial)), without
-    if is_offered:
-        kept: list[Parameter] = [p for p in free if p is not Parameter.SCALE]
-        without = attempt((*axes, *kept), known) if trial.is_doubtful or trial.is_quiet else None
+    if is_offered and (trial.is_doubtful or trial.is_quiet):
+        without = attempt((*axes, *(p for p in free if p is not Parameter.SCALE)), known)
         known = known if without is None else known.with_shared(trial, trial.changes(without))
     return free, known

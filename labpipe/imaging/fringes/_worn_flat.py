@@ -66,12 +66,13 @@ def _found_flat(
     if found is None or found[1].gain_over(best) < _FLAT_VARIANCES:
         return None
     # a wrong wavelength or ruler is commoner than wear, and moves rings nearly alike, as much in all frames
+    least = found[1].gain_over(best) - beyond
     scaled = attempt((*axes, Parameter.SCALE), known, pixels=ALL_PIXELS)
-    if scaled is not None and scaled.gain_over(best) + beyond >= found[1].gain_over(best):
+    if scaled is not None and scaled.gain_over(best) >= least:
         scale = known.log_scale + scaled.mean(Parameter.SCALE)[0]
-        scaled = attempt(axes, replace(known, log_scale=scale), pixels=ALL_PIXELS)
-    if scaled is not None and scaled.gain_over(best) + beyond >= found[1].gain_over(best):
-        return None
+        common = attempt(axes, replace(known, log_scale=scale), pixels=ALL_PIXELS)
+        if common is not None and common.gain_over(best) >= least:
+            return None
     return _settled_flat(attempt, axes, known, *found)
 
 

@@ -10,6 +10,7 @@ import xarray as xr
 
 from labpipe.judging import Check, not_made
 from pipelines.experiments.shared import mach1_traces
+from pipelines.experiments.shared.judgements import because
 from pipelines.experiments.shared.mach1_checks import _motion, _titles as titles
 from pipelines.experiments.shared.mach1_checks._cell import (
     capacity_of_cell,
@@ -87,12 +88,7 @@ def weighed(checks: Sequence[Check]) -> list[Check]:
     """
     sign = next((check for check in checks if check.name == titles.SIGN and check.level is not None), None)
     is_right = any(check.name == titles.RATIO and abs(check.log_ratio) < _RIGHT for check in checks)
-    found = []
-    for check in checks:
-        if sign is not None and check.level and check.name in (titles.FALL, titles.LATE, titles.PHASE):
-            found.append(replace(check, cause=sign.cause, line=sign.line))
-        elif is_right and check.level and check.name == titles.CAPACITY:
-            found.append(replace(check, level="note", cause="the name of the cell does not say its capacity"))
-        else:
-            found.append(check)
-    return found
+    if sign is not None:
+        checks = because(checks, sign.cause, titles.FALL, titles.LATE, titles.PHASE, line=sign.line)
+    unsaid = "the name of the cell does not say its capacity" if is_right else ""
+    return because(checks, unsaid, titles.CAPACITY, level="note")
