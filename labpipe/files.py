@@ -89,7 +89,7 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
     write_bytes(path, text.encode("utf-8"))
 
 
-def write_dataset(path: str | os.PathLike[str], dataset: "xr.Dataset") -> None:
+def write_dataset(path: str | os.PathLike[str], dataset: "xr.Dataset") -> "xr.Dataset":
     """Write a Dataset as netCDF-4 with checksums, verified value by value before it exists.
 
     The bytes depend on the Dataset alone. Attributes that netCDF cannot hold (None, bool, dict,
@@ -102,6 +102,11 @@ def write_dataset(path: str | os.PathLike[str], dataset: "xr.Dataset") -> None:
     dataset : Dataset
         Variables of numbers, booleans or text. Times are numbers in s.
 
+    Returns
+    -------
+    Dataset
+        What was read back, as :func:`read_dataset` returns it.
+
     Raises
     ------
     InputError
@@ -112,18 +117,19 @@ def write_dataset(path: str | os.PathLike[str], dataset: "xr.Dataset") -> None:
     from labpipe import netcdf
 
     prepared = netcdf.prepare(dataset)
-    encoding: Any = netcdf.encoding(prepared)
+    found: list[xr.Dataset] = []
 
     def fill(part: Path) -> None:
-        prepared.to_netcdf(part, engine="netcdf4", format="NETCDF4", encoding=encoding)
+        netcdf.write(part, prepared)
         trailer = netcdf.trailer(part)
         with part.open("ab") as stream:
             stream.write(trailer)
 
     def verify(part: Path) -> None:
-        netcdf.verify(part, prepared)
+        found.append(netcdf.verify(part, prepared))
 
     _replace(Path(path), netcdf.size(prepared), fill, verify)
+    return found[0]
 
 
 def read_dataset(path: str | os.PathLike[str]) -> "xr.Dataset":

@@ -22,7 +22,7 @@ from labpipe.workflow.tasks import Task, TaskId, ancestors
 CARRIERS = {
     "dataset": (
         "labpipe.netcdf:prepare",
-        "labpipe.netcdf:encoding",
+        "labpipe.netcdf:write",
         "labpipe.netcdf:read",
         "labpipe.workflow._ledger:counts",
     ),

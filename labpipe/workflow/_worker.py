@@ -303,7 +303,7 @@ class _Run:
             self.passed[task.id] = result
             return None
         if is_page:
-            record = self.store.write(key.ingredients, self._text(task, result), warnings=caught)
+            record, _ = self.store.write(key.ingredients, self._text(task, result), warnings=caught)
             self._publish(task, self._text(task, result))
         else:
             record = self._store(task, key, result, caught)
@@ -376,12 +376,14 @@ class _Run:
             if task.id in self.retried:
                 raise
             raise _StartAgain(task.id) from None
-        if (
-            not isinstance(result, str)
-            and result.nbytes + sum(d.nbytes for d in self.remembered.values()) < _MOST_BYTES
-        ):
-            self.remembered[key] = result.copy(deep=True)
+        self._remember(key, result if isinstance(result, str) else result.copy(deep=True))
         return result
+
+    def _remember(self, key: str, result: "xr.Dataset | str") -> None:
+        if isinstance(result, str):
+            return
+        if result.nbytes + sum(d.nbytes for d in self.remembered.values()) < _MOST_BYTES:
+            self.remembered[key] = result
 
     def _caught(self, raised: list[warnings.WarningMessage]) -> tuple[Caught, ...]:
         """Warnings for the report; those for programmers say nothing about the data."""
@@ -407,7 +409,9 @@ class _Run:
         if work:
             attributes["work"] = files.canonical(work)
         result = check(result, schema).assign_attrs(attributes)
-        return self.store.write(key.ingredients, result, warnings=caught, work=work)
+        record, stored = self.store.write(key.ingredients, result, warnings=caught, work=work)
+        self._remember(record.key, stored)
+        return record
 
     def _text(self, task: Task, result: Any) -> str:
         if not isinstance(result, str):

@@ -168,15 +168,18 @@ class Store:
         *,
         warnings: tuple[Caught, ...] = (),
         work: Mapping[str, float | int] | None = None,
-    ) -> Record:
-        """Store a result under the key of its ingredients; it exists once its record does."""
+    ) -> tuple[Record, "xr.Dataset | str"]:
+        """Store a result under the key of its ingredients; it exists once its record does.
+
+        Return the record, and the result as :meth:`read` returns it.
+        """
         key = key_of(ingredients)
         output = "page" if isinstance(result, str) else "dataset"
         path = self._path(key, _ENDINGS[output])
         if isinstance(result, str):
             files.write_text(path, result)
         else:
-            files.write_dataset(path, result)
+            result = files.write_dataset(path, result)
         record = Record(
             format=FORMAT,
             key=key,
@@ -188,7 +191,7 @@ class Store:
             work=dict(work or {}),
         )
         files.write_bytes(self._path(key, ".json"), files.seal(msgspec.to_builtins(record)))
-        return record
+        return record, result
 
     def quarantine(self, key: str) -> None:
         """Set a damaged result and its record aside; nothing is deleted."""

@@ -52,7 +52,7 @@ def test_a_result_comes_back_with_its_record(store: Store) -> None:
 
 
 def test_a_page_comes_back(store: Store) -> None:
-    record = store.write({"page": 1}, "<!doctype html>é")
+    record, _ = store.write({"page": 1}, "<!doctype html>é")
     assert store.read(record.key) == "<!doctype html>é"
 
 
@@ -131,7 +131,7 @@ def test_a_record_of_another_format_is_not_believed(store: Store) -> None:
 
 
 def test_a_foreign_result_under_our_key_is_not_believed(store: Store) -> None:
-    other = store.write({"stage": "other"}, dataset(2.0))
+    other, _ = store.write({"stage": "other"}, dataset(2.0))
     for ending in (".nc", ".json"):
         source = store.root / other.key[:2] / f"{other.key}{ending}"
         object_path(store, ending).write_bytes(source.read_bytes())
