@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.errors import CalibrationError
+from labpipe.errors import IN_MOTION, CalibrationError
 from labpipe.signals import MAINS, Hum, estimate_noise, hum_at_rest, quantisation_step
 from labpipe.uncertainty import Source, excess_uncertainty
 from labpipe.units import Quantity
@@ -121,7 +121,7 @@ def from_start(time: Floats, values: Floats, *, resolution: float = 0.0, correla
         raise CalibrationError(
             "the record begins in motion, so its beginning is no zero; give the zero, or a quiet "
             "window as zero=(from, to) in s"
-        )
+        ).because(IN_MOTION)
     noise = max(estimate_noise(values[:n]).sigma, resolution / 2) if n > first else np.inf
     found = hum_at_rest(time[:n], values[:n], noise) if np.isfinite(noise) else None
     if found is None:

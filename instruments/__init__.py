@@ -29,7 +29,7 @@ from instruments.mach1 import INSTRUMENT as MACH1, Options as Mach1Options
 from instruments.phantom import INSTRUMENT as PHANTOM
 from instruments.tables import INSTRUMENT as PLAIN_TABLE, Options as TableOptions, holds_rows, workbook_hint
 from labpipe.build import BUILD
-from labpipe.errors import InputError, LabpipeError, SourceError, UsageError
+from labpipe.errors import NO_FILM, UNKNOWN_FORMAT, InputError, LabpipeError, SourceError, UsageError
 from labpipe.plugins import Plugin, survey, tell
 
 if TYPE_CHECKING:
@@ -152,7 +152,7 @@ def _identify(path: Path, fps: float | None = None) -> Instrument:
     tried = ", ".join(each.name for each in known())
     hint = workbook_hint(head) or 'If you know what wrote it, say so: instrument="keyence" (or another of these).'
     if path.is_dir():
-        raise SourceError(path, "the folder holds no film that can be read", hint=folder_hint(path))
+        raise SourceError(path, "the folder holds no film that can be read", hint=folder_hint(path)).because(NO_FILM)
     if not head:
         raise SourceError(path, "the file is empty", hint="Copy it from the instrument again.")
     if path.suffix.lower() in _STILLS:
@@ -166,7 +166,7 @@ def _identify(path: Path, fps: float | None = None) -> Instrument:
             " Of a table of moduli, name the columns in order with their units: "
             """instrument="plain_table", columns="f (Hz), E' (MPa), E'' (MPa), T (degC)"."""
         )
-    raise SourceError(path, f"no instrument recognises the content; tried {tried}", hint=hint)
+    raise SourceError(path, f"no instrument recognises the content; tried {tried}", hint=hint).because(UNKNOWN_FORMAT)
 
 
 def _is_from(plugin: Plugin[Instrument], head: bytes, path: Path) -> bool:

@@ -18,6 +18,12 @@ Every message says where, what was found, what was expected, and what to do.
 
 from collections.abc import Sequence
 from os import PathLike
+from typing import Self
+
+INTERLACED, EXCHANGED, IN_MOTION, MARKER = "interlaced", "width and height", "in motion", "marker"
+UNKNOWN_FORMAT, NO_FILM, NO_MATERIAL, MATERIAL_FILE = "unknown format", "no film", "no material", "material file"
+"""Reasons: rows of two instants; width and height exchanged; a record that begins in motion; a marker in place of a
+reading; a file that nothing reads, a folder without a film; a name that is no material, a file that is no whole one."""
 
 
 class LabpipeError(Exception):
@@ -30,10 +36,18 @@ class LabpipeError(Exception):
     is_of_run : bool
         Whether the run was stopped by something else than what it was given: such an error says
         nothing about a record, and the same run may succeed another time.
+    reason : str
+        One of the constants of this module where a caller acts on why it was raised; else empty.
     """
 
     exit_code = 1
     is_of_run = False
+    reason = ""
+
+    def because(self, reason: str) -> Self:
+        """Return this error, with the reason that a caller acts on."""
+        self.reason = reason
+        return self
 
 
 class UsageError(LabpipeError):

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from labpipe.errors import SourceError
+from labpipe.errors import MARKER, SourceError
 from labpipe.numbers import DOT, Separators, is_number, plain_number, shorten
 
 if TYPE_CHECKING:
@@ -44,6 +44,7 @@ _FIRST, _LEAST_WIDE = 512, 8
 _CONTROL_BYTES = bytes(code for code in (*range(32), 127) if code not in b"\t\n\r")
 _CONTROL = re.compile(f"[{re.escape(_CONTROL_BYTES.decode())}]")
 _LINE_END = re.compile(r"\r\n?|\n")
+_MARKER = re.compile(r"-*|\+*|\*+|[+-]?9{4,}[.\d]*|[A-Za-z]+")  # what an instrument writes in place of a reading
 
 
 @dataclass(frozen=True, slots=True)
@@ -392,4 +393,5 @@ def not_a_number(cell: str, *, path: str | os.PathLike[str], line_number: int, c
     hint = "Correct the cell, or export the file again."
     if "," in cell and is_number(cell.replace(",", ".", 1)):
         hint = 'If the comma is the decimal sign, give decimal=","; it is not guessed here.'
-    return SourceError(path, f"found {shorten(cell)}, expected a number", line=line_number, column=column, hint=hint)
+    text, reason = f"found {shorten(cell)}, expected a number", MARKER if _MARKER.fullmatch(cell) else ""
+    return SourceError(path, text, line=line_number, column=column, hint=hint).because(reason)

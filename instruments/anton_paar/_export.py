@@ -150,6 +150,7 @@ def _dataset(path: Path, export: Export, how: dict[str, str], decimal: str | Non
         "empty_cells": findings.absent,
         "invalid_points": findings.invalid,
         "notes": json.dumps(findings.notes, ensure_ascii=False),
+        "cut": json.dumps(export.cut, ensure_ascii=False),
         "clock": "relative to the test; it may run on over intervals or begin anew",
         "work": json.dumps(
             {

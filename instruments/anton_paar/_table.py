@@ -76,6 +76,7 @@ class Export:
     header: list[str] = field(default_factory=list)
     projects: int = 0
     notes: list[str] = field(default_factory=list)
+    cut: list[tuple[int, str]] = field(default_factory=list)  # intervals that lack points: their line, and its note
 
 
 def text_of(cell: Cell) -> str:
@@ -283,10 +284,12 @@ class _Reader:
         self.dangling = 0
         place = f"{found.sheet + ', ' if found.sheet else ''}line {found.line}"
         if found.declared is not None and found.declared != len(found.rows):
-            self.export.notes.append(
+            text = (
                 f"{place}: interval {found.number} of {shorten(found.test)} declares {found.declared} points and holds "
                 f"{len(found.rows)}: the test was stopped, or the file is cut"
             )
+            self.export.notes.append(text)
+            self.export.cut.append((found.line, text))
         self._judge_short(found)
         self.export.intervals.append(found)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Integers
 from labpipe.binary import Window
-from labpipe.errors import SourceError
+from labpipe.errors import EXCHANGED, SourceError
 
 Packing = Literal["8", "16", "10-packed", "12-packed"]
 
@@ -128,13 +128,9 @@ def read_header(window: Window) -> Header:
     )
 
 
-def _refuse(window: Window, offset: int, message: str) -> NoReturn:
-    raise SourceError(
-        window.path,
-        message,
-        offset=offset,
-        hint="The header is damaged; export the film again from the camera's software.",
-    )
+def _refuse(window: Window, offset: int, message: str, reason: str = "") -> NoReturn:
+    hint = "The header is damaged; export the film again from the camera's software."
+    raise SourceError(window.path, message, offset=offset, hint=hint).because(reason)
 
 
 def _refuse_colour(window: Window, reason: str) -> NoReturn:
@@ -207,12 +203,8 @@ def _require_upright(window: Window, bitmap: int, setup_at: int, length: int, wi
         return
     own = [int(window.field("I", setup_at + _SIZE_AT + 4 * i, "SETUP")) for i in (0, 1)]
     if own == [height, width] and width != height:
-        _refuse(
-            window,
-            bitmap + 4,
-            f"the images are {width} × {height} px, in the camera's settings {height} × {width} px: "
-            "width and height are exchanged",
-        )
+        text = f"the images are {width} × {height} px, in the camera's settings {height} × {width} px: "
+        _refuse(window, bitmap + 4, f"{text}width and height are exchanged", EXCHANGED)
 
 
 def _setup(window: Window, start: int) -> tuple[Setup, int]:

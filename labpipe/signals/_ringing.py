@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from labpipe.arrays import Floats
-from labpipe.errors import InputError
+from labpipe.errors import IN_MOTION, InputError
 from labpipe.signals._noise import difference_sigma
 from labpipe.signals._oscillation import readings_of, strongest_line
 from labpipe.signals._readings import LEAST
@@ -118,7 +118,7 @@ def ringing(
         raise InputError(
             f"the record begins in motion: its first {t[len(quiet) - 1] - t[0]:.3g} s spread by {spread:.2g} m with a "
             f"noise of {least:.2g} m; it must begin at rest, before the impact"
-        )
+        ).because(IN_MOTION)
     sigma = noise if noise is not None else max(white, spread)
     y = y - float(np.mean(quiet))
     onset = _onset(t, y, sigma)

@@ -40,10 +40,11 @@ _OURS = ("work", "provenance")
 
 
 class Failure(NamedTuple):
-    """Why a task gave no result, and whether the run was at fault rather than what it was given."""
+    """Why a task gave no result, whether the run was at fault rather than what it was given, and the error's reason."""
 
     text: str
     is_of_run: bool = False
+    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +74,7 @@ class Outcome:
     ``key`` finds the result in the store (None where there is none). ``message`` says why there
     is none; ``exit_code`` and ``error`` (the class) tell what went wrong, ``details`` where;
     ``is_of_run`` that the run was at fault, which tells nothing about what was recorded.
-    ``seconds`` passed on the clock, ``processor_seconds`` on all cores of this process.
+    ``reason`` is the error's. ``seconds`` passed on the clock, ``processor_seconds`` on all cores of this process.
     """
 
     experiment: str
@@ -88,6 +89,7 @@ class Outcome:
     seconds: float = 0.0
     processor_seconds: float = 0.0
     is_of_run: bool = False
+    reason: str = ""
 
     @property
     def task(self) -> TaskId:
@@ -215,14 +217,14 @@ class _Run:
                 continue
             outcome = self._one(self.plan.tasks[row.task])
             if outcome.state in (FAILED, SKIPPED):
-                self.failures[row.task] = Failure(outcome.message, outcome.is_of_run)
+                self.failures[row.task] = Failure(outcome.message, outcome.is_of_run, outcome.reason)
                 self.stopped |= self.job.fail_fast
             self.emit("ended", outcome)
 
     def _one(self, task: Task) -> Outcome:
         if task.id in self.job.failures:
-            text, is_of_run = self.job.failures[task.id]
-            return Outcome(*task.id, FAILED, message=text, exit_code=1, is_of_run=is_of_run)
+            text, is_of_run, reason = self.job.failures[task.id]
+            return Outcome(*task.id, FAILED, message=text, exit_code=1, is_of_run=is_of_run, reason=reason)
         if self.stopped:
             return Outcome(*task.id, SKIPPED, message="stopped after the first failure", is_of_run=True)
         missing = self._missing(task)
@@ -259,6 +261,7 @@ class _Run:
             processor_seconds=processor,
             # what a step did not expect is a mistake of its own, and tells nothing about a record
             is_of_run=not isinstance(error, LabpipeError) or error.is_of_run,
+            reason=error.reason if isinstance(error, LabpipeError) else "",
         )
 
     def _missing(self, task: Task) -> list[TaskId]:

@@ -36,13 +36,15 @@ class Warned:
 class Failed:
     """A stage before the page that gave no result, and why.
 
-    ``is_of_run`` says that the run was at fault, which tells nothing about what was recorded.
+    ``is_of_run`` says that the run was at fault, which tells nothing about what was recorded;
+    ``reason`` is that of the error (:attr:`labpipe.errors.LabpipeError.reason`).
     """
 
     stage: str
     recording: str | None
     text: str
     is_of_run: bool = False
+    reason: str = ""
 
     @property
     def is_consequence(self) -> bool:

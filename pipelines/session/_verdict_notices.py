@@ -52,7 +52,7 @@ def agreement(models: Mapping[str, str]) -> Notice | None:
     words = ("differs", "undecided")
     others = {word: [name for name, model in judged.items() if model == word] for word in words}
     named = "; ".join(f"{word}: {_listed(names)}" for word, names in others.items() if names)
-    level: Level = "error" if others["differs"] else "info" if named else "ok"
+    level: Level = "warning" if others["differs"] else "info" if named else "ok"
     n, agree = len(judged), sum(model == "agrees" for model in judged.values())
     text = f"The model agrees in {agree} of {n} experiment{'s' * (n != 1)}."
     return Notice(level, f"{text} {as_sentence(named)}" if named else text)

@@ -172,8 +172,8 @@ def verdicts_of(run: RunResult) -> Verdicts:
     session = run.session
     failures: dict[str, list[Failed]] = {outcome.experiment: [] for outcome in run.outcomes}
     for outcome in run.failures:
-        failed = Failed(outcome.stage, outcome.recording, outcome.message, outcome.is_of_run)
-        failures[outcome.experiment].append(failed)
+        why = outcome.message, outcome.is_of_run, outcome.reason
+        failures[outcome.experiment].append(Failed(outcome.stage, outcome.recording, *why))
     results = opened(session.root) if run.plan is None else Results(run.plan)
     known = stored_verdicts(results)
     made = [

@@ -96,15 +96,16 @@ def unstated_box(hidden: Flags | None, stated: Flags | None, reach: int) -> list
     return [int(side) for side in (columns[0], columns[-1], rows[0], rows[-1])]
 
 
-def told_of(standing: list[int], *, is_beside_stated: bool) -> str:
-    """Say where something stands before the specimen, or beside it in a subset, though nobody stated it."""
-    if not standing:
-        return ""
+def standing_told(standing: list[int], *, is_beside_stated: bool) -> str:
+    """Say where something stands before the specimen, or beside it in a subset, though nobody stated it.
+
+    ``standing`` are its first and last column and row [px].
+    """
     left, right, top, bottom = standing
     beside = ", and what is stated may lie beside what it should cover" * is_beside_stated
     return (
         f"something stands still before the specimen or beside it, within x {left} to {right} px and y {top} to "
-        f"{bottom} px, and is left out, better so when obstructions state where it is{beside}"
+        f"{bottom} px, and is left out{beside}"
     )
 
 

@@ -169,7 +169,7 @@ def track(
     from labpipe.imaging.dic._missed_strain import told_of as told_of_strain
     from labpipe.imaging.dic._reference import make_reference
     from labpipe.imaging.dic._results import displacements, make_dataset
-    from labpipe.imaging.dic._standing import Standing, told_of, unstated_box
+    from labpipe.imaging.dic._standing import Standing, standing_told, unstated_box
     from labpipe.imaging.dic._subsets import adaptable
     from labpipe.imaging.dic._tracker import Tracker
     from labpipe.imaging.films import without_stuck_pixels
@@ -216,10 +216,10 @@ def track(
     box = [] if stated is hidden else unstated_box(hidden, stated, reach_of(blur))
     rows = refuse_rows(found, window.rows, indices, is_static)
     strained = told_of_strain(found.missed, found.deviation, shapes[reference.usable] == "rigid")
-    stands = told_of(box, is_beside_stated=stated is not None)
+    stands = standing_told(box, is_beside_stated=stated is not None) if box else ""
     note = "; ".join(filter(None, (stuck.note, rows, stands, strained)))
     result = make_dataset(film.time, places, half, indices, wanted, found, reference, work, note)
-    return result.assign_attrs(standing=box) if box else result
+    return result.assign_attrs(standing=box, standing_told=stands) if box else result
 
 
 def _follow(

@@ -447,6 +447,7 @@ def _attributes(options: FilmOptions, result: FilmResult, uncertainties: dict[st
         "phase_scale_ratio": math.exp(result.log_scale),
         "flat_radius": result.calibration.flat * options.pixel_size,
         "blur": result.calibration.blur,
+        "interlaced": int(result.repeats_rows or bool(result.combed)),
         "least_radius": least,
         "harmonics": list(result.view.harmonics),
         "wavelength_used": options.wavelength or NOMINAL_WAVELENGTH,

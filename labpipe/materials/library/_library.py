@@ -17,7 +17,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from labpipe.errors import InputError, SourceError
+from labpipe.errors import MATERIAL_FILE, NO_MATERIAL, InputError, SourceError
 from labpipe.materials._shift_law import ShiftLaw, arrhenius, wlf
 from labpipe.materials.prony import Prony
 from labpipe.materials.superposition import MasterCurve
@@ -170,7 +170,8 @@ def describe(name: str | Path) -> Material:
     if isinstance(name, Path) or name.endswith(".toml"):
         return read_material(name)
     if name not in NAMES:
-        raise InputError(f'there is no material "{name}" in the library; known are {", ".join(NAMES)}')
+        text = f'there is no material "{name}" in the library; known are {", ".join(NAMES)}'
+        raise InputError(text).because(NO_MATERIAL)
     return _of_library(name)
 
 
@@ -219,7 +220,7 @@ class _Reader:
         start = next((i for i, s in enumerate(self.lines) if s.strip().startswith(f"[{table}]")), 0)
         wanted = field or table
         line = next((i for i, s in enumerate(self.lines) if i >= start and s.strip().startswith(wanted)), start)
-        raise SourceError(self.path, f"{key}: {message}", line=line + 1, hint=_WHOLE)
+        raise SourceError(self.path, f"{key}: {message}", line=line + 1, hint=_WHOLE).because(MATERIAL_FILE)
 
     def table(self, name: str) -> dict[str, Any]:
         found = self.tree.get(name)

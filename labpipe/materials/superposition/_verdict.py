@@ -43,10 +43,13 @@ class Verdict:
     level : {"pass", "doubtful", "fail"}
     reasons : tuple of str
         Everything that speaks against it, one sentence each; empty for a pass.
+    is_violated : bool
+        Whether no shifts make the sweeps one curve to their scatter.
     """
 
     level: Level
     reasons: tuple[str, ...]
+    is_violated: bool = False
 
 
 def verdict_on(points: Points, found: Superposition, kk: KramersKronig) -> Verdict:
@@ -62,7 +65,7 @@ def verdict_on(points: Points, found: Superposition, kk: KramersKronig) -> Verdi
     ]
     order: tuple[Level, ...] = ("pass", "doubtful", "fail")
     worst = max((order.index(level) for level, _ in objections), default=0)
-    return Verdict(order[worst], tuple(reason for _, reason in objections))
+    return Verdict(order[worst], tuple(reason for _, reason in objections), found.violation > VIOLATED)
 
 
 def _two_processes(found: Superposition) -> Iterator[tuple[Level, str]]:

@@ -54,7 +54,7 @@ _REPEATS = (
     ("restitution", "first restitution", "1"),
     ("fall_acceleration", "free-fall acceleration", "m/s2"),
 )
-_FAILED = {
+_FAILED = trace_checks.CAUSES | {
     "model": "a temperature, height or radius of session.toml is outside of what the material is known for",
     "bounces": "the recording holds no drop that is free: the wrong channel or file, a sensor that shakes, a body that "
     "was released before the trigger, or caught, a recording that ends too soon, or an average or filter of the "
@@ -247,7 +247,7 @@ def _stiffness(settings: BallDrop, model: xr.Dataset | None) -> Stiffness | None
     """Return how stiff the contact is: as simulated, else that of the named material at a millisecond."""
     sphere = settings.sphere
     if model is not None and model.sizes["impact"]:
-        is_measured = sphere.material_from is not None
+        is_measured = bool(judgements.measured_by(sphere))
         return Stiffness.of_model(model, sphere.radius.value, sphere.mass.value, is_measured=is_measured)
     if sphere.material is None:
         return None

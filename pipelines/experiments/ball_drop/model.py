@@ -101,10 +101,9 @@ def model(
     # body's sensitivities are those on the plate; a few per cent of a sensitivity do no harm.
     count = min(made.sizes["impact"], FOLLOWED)
     trials = [_Trial("", Quantity(0.0, 0.0, "1"), 1.0, solid)]
-    for key, given in inputs.items():
-        if given.u > 0.0:
-            change = max(given.u, _LEAST_CHANGE * given.value)
-            trials.append(_Trial(key, given, change, solid, {key: given.value + change}))
+    for key, given in inputs.items():  # one without an uncertainty may be stated wrongly as well
+        change = max(given.u, _LEAST_CHANGE * given.value)
+        trials.append(_Trial(key, given, change, solid, {key: given.value + change}))
     trials += [_Trial(key, given, change, other) for key, (given, change, other) in solids.items()]
     trials.append(_Trial(_MODULUS, Quantity(1.0, 0.0, "1"), _STIFFER, solid.scaled(1.0 + _STIFFER)))
     found = (

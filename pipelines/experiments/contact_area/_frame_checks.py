@@ -24,7 +24,8 @@ def frame_checks(radius: xr.Dataset, whole: Check, settings: ContactArea) -> lis
 
     ``whole`` tells what the file lacks.
     """
-    sound = sound_frames(radius["valid"].values.astype(bool), whole, settings.film, str(radius.attrs.get("note", "")))
+    is_interlaced = bool(radius.attrs.get("interlaced", False))
+    sound = sound_frames(radius["valid"].values.astype(bool), whole, settings.film, is_interlaced=is_interlaced)
     checks = [of(radius, settings) for of in (_times, _blanked, _copies, _in_order)]
     return [*checks, sound]
 

@@ -36,7 +36,7 @@ from pipelines.experiments.contact_area.comparison import FRAMES, PLATE, SCALE, 
 from pipelines.experiments.contact_area.measured import brightness, edges_only
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
-from pipelines.experiments.shared.film_frames import explained, not_smoothed, whole_film
+from pipelines.experiments.shared.film_frames import CAUSES, explained, not_smoothed, whole_film
 from pipelines.experiments.shared.film_light import exposed, lit, no_mosaic
 from pipelines.experiments.shared.film_stated import is_rate_used, stated_twice
 from pipelines.experiments.shared.given import Given
@@ -68,7 +68,7 @@ _SLIGHT = 0.05  # relative, up to which that changes the scale of fringes
 _NEAR = 3.0  # factor of the frame rate, below which a wrong height may be meant
 _ALWAYS = 0.98  # of all frames in contact: no flight is seen
 _ZIGZAG = 0.03  # of the largest radius, by which a contact does not shrink before it grows on
-_FAILED = {
+_FAILED = CAUSES | {
     "radius": "the calibration record is of another view or day, or the film is not what the session says",
     "impacts": "the film shows no contact: it is of another view or drop, or its scale or wavelength is wrong",
 }
@@ -84,7 +84,8 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
     radius, impacts = given.get("radius"), given.get("impacts")
     whole = whole_film(context, settings.film)
     checks = [explained(check, whole) for check in judgements.failed_steps(context, _FAILED)]
-    checks.append(fall_checks.gravity_stated(settings.model.gravity))
+    body = settings.sphere.radius.value, settings.sphere.mass.value
+    checks += [fall_checks.gravity_stated(settings.model.gravity), fall_checks.body_stated(*body)]
     checks.append(judgements.day_known(radius, settings.camera, settings.film))
     checks.append(not_smoothed(context, settings.film))
     if radius is not None:
@@ -185,7 +186,9 @@ def _method(radius: xr.Dataset, settings: ContactArea) -> Check:
     if edges <= fringes:
         cause = "contacts are small or move fast there, or something hides or spoils their fringes: look at these"
     else:
-        cause = "fringes are not resolved: the scale of another view, another wavelength, a lens out of focus"
+        cause = (
+            "fringes are not resolved: the scale of another view, another wavelength, a lens out of focus or covered"
+        )
         better = [check.cause for check in (exposed(radius, settings.film), in_view(radius, settings)) if check.level]
         cause = better[0] if better else cause
     return stated(name, law, message, level, cause=cause, file=settings.film)

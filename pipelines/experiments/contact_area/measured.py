@@ -16,7 +16,7 @@ import calibration
 from calibration import camera as camera_scale
 from labpipe import imaging
 from labpipe.arrays import Floats
-from labpipe.errors import InputError
+from labpipe.errors import INTERLACED, InputError
 from labpipe.uncertainty import Source, budget_rows
 from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area._axes import u_of_view, with_uneven_scale
@@ -113,7 +113,9 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
         mosaic = no_mosaic(radius, settings.film)
         if mosaic.level:
             raise InputError(f"no contact found; {mosaic.message.partition(': ')[2]}")
-        raise InputError(f"{radius.attrs['note']}; check the view under the disc, its scale and the wavelength")
+        raise InputError(
+            f"{radius.attrs['note']}; check the view under the disc, its scale and the wavelength"
+        ).because(INTERLACED if radius.attrs.get("interlaced") else "")
     brief = _brief_contacts(time, a, runs)[:_IMPACTS]
     peaks = [peak_of(time[run], a[run], u[run]) for run in brief]
     shared = radius["radius_systematic"].values / a

@@ -31,7 +31,7 @@ class ContactArea(Table, frozen=True, kw_only=True):
     view: str = "under"
     height: Annotated[Length, POSITIVE]
     sphere: Sphere
-    wavelength: Annotated[Length, POSITIVE] | None = None
+    wavelength: Annotated[Length, Range(at_least=1e-7, at_most=2e-5)] | None = None
     exposure: Annotated[Time, POSITIVE] | None = None
     measured_on: date | None = None
     frame_rate: Annotated[Frequency, POSITIVE] | None = None

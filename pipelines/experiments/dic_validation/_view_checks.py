@@ -1,5 +1,6 @@
 """Whether the camera of a falling holder stands still and upright, and sees one scale all along the motion."""
 
+import json
 from math import cos, degrees, isfinite
 
 import numpy as np
@@ -182,16 +183,17 @@ def sideways(track: xr.Dataset, settings: DicValidation) -> Check:
 def seen_whole(track: xr.Dataset, settings: DicValidation) -> Check:
     """Look for what stands still before the holder though no obstruction is stated."""
     name, law = "view of the holder", "nothing stands still before a holder that moves but what is stated"
+    nothing = [f"[{number}]" for number in json.loads(track.attrs.get("hides_nothing", "[]"))]
+    if nothing:
+        text = f"{settings.film}: in tracking.obstructions{' and '.join(nothing)} the pattern moves with the holder: "
+        text += "nothing stands there, and what may hide the holder elsewhere is not left out by it"
+        cause = "the polygon is not drawn in px of the first image, x to the right and y down, or is of another film"
+        return stated(name, law, text, "note", cause=cause, file=settings.film, setting="tracking.obstructions")
     if "standing" not in track.attrs:
         return stated(name, law, f"{settings.film}: nothing else was found before the holder", None, file=settings.film)
     cause = (
         "a rod, a scale bar or a line burned into the images, dust on a window, or what is seen around the holder: "
         "draw tracking.obstructions around it"
     )
-    left, right, top, bottom = track.attrs["standing"]
-    beside = ", and what is stated may lie beside what it should cover" * bool(settings.tracking.obstructions)
-    text = (
-        f"{settings.film}: something stands still before the holder or beside it, within x {left} to {right} px and "
-        f"y {top} to {bottom} px, and is left out{beside}"
-    )
+    text = f"{settings.film}: {track.attrs['standing_told']}"
     return stated(name, law, text, "note", cause=cause, file=settings.film, setting="tracking.obstructions")

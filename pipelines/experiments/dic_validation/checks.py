@@ -31,6 +31,7 @@ from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.fall_checks import Fall
 from pipelines.experiments.shared.film_frames import (
+    CAUSES,
     FIELDS,
     explained,
     no_copies,
@@ -65,7 +66,7 @@ _IN_NOISE, _RETURNS = 10.0, 0.3
 """Standard deviations of noise of a jump, and the share of it by which the frames beside it may bend."""
 _UPSIDE_DOWN = "the film is upside down: the camera was, or the film was turned or mirrored when it was exported"
 _ANOTHER_VIEW = 3.0  # factor in scale beyond which it is no mistake of measuring it
-_FAILED = {
+_FAILED = CAUSES | {
     "track": "the film is not what the session says, or was not copied whole",
     "motion": "the calibration record is of another view or day, or tracking.body is not on the holder",
     "bounces": "the film shows no drop or a part of it: another film, a cut one, or tracking.body is not on the holder "
@@ -73,7 +74,7 @@ _FAILED = {
 }
 G, HEIGHT, SPEED = "free-fall acceleration", "height of the fall", "speed of the first impact"
 GAIN, SAME = "scale against the laser", "restitution against the laser's"
-_BY_JUMPS = ("heights of the rebounds", HEIGHT, SAME)
+_BY_JUMPS = ("heights of the rebounds", "coefficients of restitution", HEIGHT, SAME)
 _STEPS = ("track", "motion", "bounces", "comparison", "laser")
 
 

@@ -9,19 +9,20 @@ import json
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 import calibration
 from calibration import camera as camera_scale
-from labpipe import imaging, signals
+from labpipe import errors, imaging, signals
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.variables import variable, with_u
 from pipelines.experiments.dic_validation import viewing_angle
-from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
+from pipelines.experiments.dic_validation.settings import DicValidation, Polygons, Tracking
 from pipelines.experiments.shared.film_frames import key_frames, open_film, recorded_on
 from pipelines.experiments.shared.film_light import light_of
 from pipelines.experiments.shared.film_stated import said_by_file
@@ -37,6 +38,7 @@ _KEYS = 9
 INTERLACED = "interlaced"  # status of a point whose frame's rows are of two instants
 LOST = 0.5  # of the frames: a body that is found in fewer is looked for where it is in a film that was turned
 _TURNED, _FALLS = 100, 5.0  # frames looked at for it, and px by which it falls, upwards in the images
+_SHOWS, _ALIKE = 40, 0.5  # pixels of an obstruction in the large subset, and their correlation when the holder is seen
 
 
 def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
@@ -56,7 +58,43 @@ def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
     found = imaging.track(source, points, **options)
     if float(found["valid"].isel(point=0).mean()) < LOST:
         found.attrs["moves_instead"] = _seen_turned(source, points[0], subsets[0])
+    if chosen.obstructions:
+        found.attrs["hides_nothing"] = json.dumps(_seen_through(source, found, chosen.obstructions))
     return _with_bytes(found, source, coarse)
+
+
+def _seen_through(source: FrameSource, found: xr.Dataset, stated: Polygons) -> list[int]:
+    """List the stated obstructions, by number, in which the pattern moves with the holder: nothing stands there.
+
+    The frame with the holder farthest from its first place is laid against the first, with that motion and without.
+    """
+    body = found.isel(point=0)
+    motion = np.stack([body["dx"].values, body["dy"].values])
+    apart = np.nan_to_num(np.hypot(*motion))
+    at, half = int(np.argmax(apart)), int(body["subset"]) // 2
+    dx, dy = (round(float(by)) for by in np.nan_to_num(motion[:, at]))
+    first, last = (
+        np.asarray(source[int(found["frame"][i])], float) for i in (int(np.argmax(body["valid"].values)), at)
+    )
+    inside = np.zeros(first.shape, bool)
+    top, left = (max(0, round(float(body[axis])) - half + by) for axis, by in (("y", dy), ("x", dx)))
+    inside[top : top + 2 * half + 1, left : left + 2 * half + 1] = True
+    moved = np.roll(first, (dy, dx), (0, 1))
+    nothing = []
+    for number, polygon in enumerate(stated):
+        mask = np.zeros(first.shape, np.uint8)
+        cv2.fillPoly(mask, [np.round(np.asarray(polygon)).astype(np.int32)], 1)
+        depth = cv2.distanceTransform(mask, cv2.DIST_L2, 3)
+        seen = inside & (mask > 0) & (depth > 0.5 * depth.max())  # it may be drawn with a margin
+        if (
+            apart[at] > _FALLS
+            and seen.sum() > _SHOWS
+            and min(image[seen].std() for image in (first, moved, last)) > 0.0
+        ):
+            along, still = (float(np.corrcoef(image[seen], last[seen])[0, 1]) for image in (moved, first))
+            if along > max(_ALIKE, still):
+                nothing.append(number)
+    return nothing
 
 
 def _seen_turned(source: FrameSource, body: tuple[float, float], width: int) -> str:
@@ -180,7 +218,8 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
         remedy = "give tracking.body a place on the speckled holder that stays in the image while it falls"
         if turned or why == INTERLACED:
             remedy = "turn the film" if turned else "record progressive frames"
-        raise InputError(f"the holder was found in {100 * share:.0f} % of the frames only (others: {why}); {remedy}")
+        text = f"the holder was found in {100 * share:.0f} % of the frames only (others: {why}); {remedy}"
+        raise InputError(text).because(errors.INTERLACED if why == INTERLACED else "")
     found = viewing_angle.seen(body, settings.camera_distance)
     along, noise = viewing_angle.along(body, found)
     result = xr.Dataset(coords={"time": variable("time", track["time"].values, "s", "time in the film")})

@@ -1,7 +1,6 @@
 """Checks of an export's columns: loss factor, frequencies, stress over strain, size and signs of the moduli."""
 
 import json
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import log10, nan, pi
@@ -67,20 +66,19 @@ def loss_factor(export: Export) -> Check:
 def whole_file(export: Export) -> Check:
     """Repeat what the reader noticed about rows and cells that are not there."""
     name, law = "whole file", "an export holds the points that it declares"
-    notes = json.loads(str(export.data.attrs.get("notes", "[]")))
-    missing = [text for text in notes if "declares" in text and "holds" in text]
+    missing = json.loads(str(export.data.attrs.get("cut", "[]")))
     if not missing:
         return stated(name, law, f"{export.name}: nothing is missing", None, file=export.name)
     more = f"; {len(missing)} such intervals" if len(missing) > 1 else ""
-    line = re.search(r"line (\d+)", missing[0])
+    line, text = missing[0]
     return stated(
         name,
         law,
-        f"{export.name}: {missing[0]}{more}",
+        f"{export.name}: {text}{more}",
         "doubtful",
         cause="the test was stopped, or the file was cut: copy it again from the rheometer",
         file=export.name,
-        line=int(line[1]) if line else None,
+        line=line,
     )
 
 

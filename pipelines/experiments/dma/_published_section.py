@@ -146,7 +146,7 @@ def _imposed(found: xr.Dataset, curve: xr.Dataset) -> str:
         f"leave {theirs[0]:.1f} % (E′) and {theirs[1]:.1f} % (E″) rms where the fitted ones leave "
         f"{ours[0]:.1f} % and {ours[1]:.1f} %: {verdict}."
     )
-    if any("superposition does not hold" in note for note in json.loads(curve.attrs["notes"])):
+    if json.loads(curve.attrs["superposition"])["is_violated"]:
         text += (
             " Superposition itself does not hold to the scatter of the sweeps, so no table of shifts fits both moduli; "
             "the stated uncertainties include how far ours depend on weights and laws."

@@ -63,7 +63,7 @@ _STATED = (
     "another drop"
 )
 _ALIKE = (("amplitude", "amplitude at impact", "m"),)
-_FAILED = {
+_FAILED = trace_checks.CAUSES | {
     "ringing": "the recording holds no ringing plate: the wrong channel or file, a blow before the recording began, "
     "something else that struck plate or table shortly before or after the body, a recording that ends too soon, or a "
     "sampling interval that is stated wrongly"

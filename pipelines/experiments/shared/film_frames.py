@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import instruments
-from labpipe.errors import InputError
+from labpipe.errors import EXCHANGED, INTERLACED, InputError
 from labpipe.frames import FrameSource, IncompleteFilmWarning, SmoothedFilmWarning
 from labpipe.judging import Check, Level, stated
 from labpipe.units import Quantity
@@ -21,13 +21,16 @@ from labpipe.workflow.context import Context
 
 _FIRST_DAY = 946_684_800  # s since 1970: the year 2000, before the format was in use
 _WIDEST = 640  # px of a stored key frame: what a page shows
-_EXCHANGED = "width and height are exchanged"
 _NOT_WHOLE = "the film was not copied whole, or is damaged: copy it from the camera again"
 _ALIKE, _BESIDE = 0.5, 0.25
 """Part of the differences between stated neighbours that is left between true ones, and how far
 beside their distance, relative, nothing alike may lie: rows that are alike all along are a pattern."""
-_INTERLACED = "is interlaced"
 FIELDS = "odd and even rows were exposed one after the other: record progressive frames, or keep every second row"
+CAUSES = {
+    INTERLACED: FIELDS,
+    EXCHANGED: "width and height are exchanged in the header of the film, which was edited or damaged: export it again",
+}
+"""What is wrong with a film, by the reason of the error that it ends in."""
 _MANY, _MOST = 0.2, 0.5  # of the frames, that make a film doubtful and impossible when they are damaged
 _AROUND = 8  # frames read on either side of a contact
 
@@ -50,8 +53,8 @@ def open_film(path: Path, frame_rate: Quantity | None = None) -> FrameSource:
         _, rows, columns = found.shape
         raise InputError(
             f"{path}: rows of its images fit together when they are {rows} px long, not {columns} px as its header "
-            f"says: {_EXCHANGED}"
-        )
+            "says: width and height are exchanged"
+        ).because(EXCHANGED)
     return found
 
 
@@ -102,15 +105,15 @@ def _warned(context: Context, category: type[Warning]) -> str:
     return next(texts, "").partition(": ")[2]
 
 
-def sound_frames(is_sound: NDArray[np.bool_], whole: Check, film: str, note: str = "") -> Check:
-    """Count damaged frames of a film; ``whole`` tells of few of them better, and ``note`` where they are interlaced."""
+def sound_frames(is_sound: NDArray[np.bool_], whole: Check, film: str, *, is_interlaced: bool = False) -> Check:
+    """Count damaged frames of a film; ``whole`` tells of few of them better."""
     name, law = "sound frames", "every frame of a film can be read"
     bad = np.flatnonzero(~is_sound)
     share = bad.size / max(is_sound.size, 1)
     if whole.level and share < _MANY:
         return whole
     frames = "frame" if bad.size == 1 else "frames"
-    how, cause = ("unreadable", FIELDS) if _INTERLACED in note else ("damaged", _NOT_WHOLE)
+    how, cause = ("interlaced", FIELDS) if is_interlaced else ("damaged", _NOT_WHOLE)
     text = f"{film}: {bad.size} {how} {frames}" + (f", the first is frame {bad[0]}" if bad.size else "")
     level: Level | None = "note" if bad.size else None
     if share >= _MANY:
@@ -119,13 +122,9 @@ def sound_frames(is_sound: NDArray[np.bool_], whole: Check, film: str, note: str
 
 
 def explained(failed: Check, whole: Check) -> Check:
-    """Give a step that failed over an exchanged width and height, or a film that is not whole, that cause."""
-    if _INTERLACED in failed.message:
-        return replace(failed, cause=FIELDS)
-    if _EXCHANGED not in failed.message:
-        return replace(failed, cause=whole.cause) if whole.level and failed.level == "impossible" else failed
-    cause = "width and height are exchanged in the header of the film, which was edited or damaged: export it again"
-    return replace(failed, cause=cause)
+    """Give a step that failed on a film that is not whole that cause, where nothing better is known."""
+    is_of_film = whole.level and failed.level == "impossible" and failed.cause not in CAUSES.values()
+    return replace(failed, cause=whole.cause) if is_of_film else failed
 
 
 def about_contacts(is_seen: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -44,7 +44,7 @@ def test_a_file_of_a_material_that_lacks_a_table_is_named_as_the_cause(tmp_path:
     (tmp_path / "x.toml").write_text('labpipe_material = 1\nname = "x"\nsummary = "x"\n', "utf-8")
     with pytest.raises(SourceError, match=r"x\.toml:1: poisson: expected a table") as found:
         load(tmp_path / "x.toml")
-    failures = (Failed("model", None, str(found.value), is_of_run=False),)
+    failures = (Failed("model", None, str(found.value), reason=found.value.reason),)
     context = Context("drop", "ball_drop", "", "", "", True, failures=failures)
     (check,) = failed_steps(context, {"model": "a temperature is out of range"})
     assert check.cause == "the file of the material lacks a table or holds a wrong value"

@@ -56,7 +56,7 @@ def test_more_names_than_can_be_read_are_counted() -> None:
         ),
         (
             {"a": "undecided", "b": "differs"},
-            "error",
+            "warning",
             "The model agrees in 0 of 2 experiments. Differs: b; undecided: a.",
         ),
     ],

@@ -132,11 +132,15 @@ def flights_alike(fall: Fall, gravity: Quantity) -> Check:
         f"{fall.name}: the flight from {at} lasts {quantity(float(lasts[worst]), 's')}, "
         f"its speeds say {quantity(float(said[worst]), 's')}"
     )
-    measured, u_measured, stated = float(lasts[worst]), float(u[worst]), float(said[worst])
-    width = 0.01 * measured
-    return compared(
-        name, law, message, measured, u_measured, stated, 0.0, allowance=width, factor=False, file=fall.name
+    measured, u_measured, expected = float(lasts[worst]), float(u[worst]), float(said[worst])
+    width, apart = 0.01 * measured, quantity(abs(expected - measured), "s", 2)
+    cause = f"{apart} of this flight are missing, as where rows or frames are lost and those after them counted on"
+    if measured > expected:
+        cause = f"this flight holds {apart} too much, as where rows or frames stand twice, or the body was held in it"
+    found = compared(
+        name, law, message, measured, u_measured, expected, 0.0, allowance=width, factor=False, file=fall.name
     )
+    return replace(found, cause=cause) if found.level else found
 
 
 _OTHER_WAY = (

@@ -9,6 +9,7 @@ from typing import Any
 import xarray as xr
 
 from calibration.record import NO_DAY, UNDATED
+from labpipe import errors
 from labpipe.judging import Check, Level, not_made, stated, unfinished
 from labpipe.report import quantity
 from labpipe.units import Quantity
@@ -16,25 +17,18 @@ from labpipe.workflow.context import Context
 
 _LARGE, _VAGUE = 0.2, 0.05
 """Of a stated value, beyond which its uncertainty is doubtful, and beyond which it hides a slip of typing."""
-_NO_SUCH_MATERIAL = "there is no material"  # begins the message of the library
-_OWN_CAUSES = (
-    (_NO_SUCH_MATERIAL, "the name of the material is misspelt", "sphere.material"),
-    ("is a whole file of a material", "the file of the material lacks a table or holds a wrong value", "sphere"),
-    ("no instrument recognises", "the file is not what the session says, or of a format that is not read", ""),
-    (
-        "no film that can be read",
-        "the folder is not that of the film, or its images are of a format that is not read",
-        "",
-    ),
-)
-"""Words of a message that tells its cause by itself, that cause, and the setting that mends it."""
-
 _USUAL = {
+    errors.NO_MATERIAL: "the name of the material is misspelt",
+    errors.MATERIAL_FILE: "the file of the material lacks a table or holds a wrong value",
+    errors.UNKNOWN_FORMAT: "the file is not what the session says, or of a format that is not read",
+    errors.NO_FILM: "the folder is not that of the film, or its images are of a format that is not read",
     "readings": "the file is not what the session says, or was not copied whole",
     "displacement": "the calibration record does not belong to this recording: it is expired, of another instrument or "
     "of a camera, or a value of it is wrong",
 }
-"""What most likely is wrong with a record on which a step fails that many kinds have."""
+"""What most likely is wrong with a record, by the reason of the error or the step that fails, of many kinds."""
+_SETTINGS = {errors.NO_MATERIAL: "sphere.material", errors.MATERIAL_FILE: "sphere"}
+"""What mends it, by the reason of the error."""
 
 _ONE_DAY = timedelta(days=1)
 """By which days may differ that are the same: clocks of cameras count in UTC."""
@@ -82,7 +76,7 @@ def failed_steps(context: Context, causes: Mapping[str, str]) -> list[Check]:
 
     Where the run was at fault, as by a program that changed under it, a full disk, or a mistake of
     the program itself, nothing is said of the record but that the verdict lacks a step. ``causes`` say
-    by stage what most likely is wrong with a record on which it fails, but for reading and calibrating it.
+    by stage, or by the reason of the error, what most likely is wrong with a record on which it fails.
     """
     found: dict[str, Check] = {}
     for failure in context.failures:
@@ -99,16 +93,15 @@ def failed_steps(context: Context, causes: Mapping[str, str]) -> list[Check]:
                 "report it if it happens again",
             )
             continue
-        own = next((told for words, *told in _OWN_CAUSES if words in failure.text), None)
-        cause, setting = own or ((_USUAL | dict(causes)).get(failure.stage, ""), "")
+        known = _USUAL | dict(causes)
         found[failure.stage] = stated(
             f"step {failure.stage}",
             "what an experiment records must be in the record",
             f"{where}{failure.text}",
             "impossible",
-            cause=cause,
+            cause=known.get(failure.reason) or known.get(failure.stage, ""),
             file=failure.recording or "",
-            setting=setting,
+            setting=_SETTINGS.get(failure.reason, ""),
         )
     return list(found.values())
 

@@ -4,11 +4,13 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
+from labpipe.errors import IN_MOTION, MARKER
 from labpipe.judging import Check
 from pipelines.experiments.shared.trace_checks._range import OUT_OF_RANGE
-from pipelines.experiments.shared.trace_checks._rest import IN_MOTION
+from pipelines.experiments.shared.trace_checks._rest import MOVES
 
-_MARKER = re.compile(r"found '(?:-*|\+*|\*+|[+-]?9{4,}[.\d]*|[A-Za-z]+)'")
+CAUSES = {MARKER: OUT_OF_RANGE, IN_MOTION: MOVES}
+"""What is wrong with a recording, by the reason of the error that a step ends in."""
 
 
 def explained(failed: Check, of_traces: Sequence[Check], record: str) -> Check:
@@ -18,11 +20,7 @@ def explained(failed: Check, of_traces: Sequence[Check], record: str) -> Check:
         return failed
     worst = [c for c in of_traces if c.file == failed.file and c.level in ("impossible", "doubtful")]
     worst.sort(key=lambda check: check.level != "impossible")
-    if worst:
-        return replace(failed, cause=worst[0].cause)
-    if _MARKER.search(failed.message):
-        return replace(failed, cause=OUT_OF_RANGE)
-    return replace(failed, cause=IN_MOTION) if "begins in motion" in failed.message else failed
+    return replace(failed, cause=worst[0].cause) if worst else failed
 
 
 def placed(failed: Check, record: str, recording: str = "") -> Check:

@@ -23,7 +23,7 @@ _IN_PROPORTION = 0.3  # of the exponent 1 with which a moving average's differen
 _SHORT = 2  # doublings of the lag at most, until they exceed what rounding adds
 _FALL = (0.4, 2.5)  # times g, curvature of a beginning in mid-fall
 _HUM = 0.01  # of the travel, beyond which what is left of a hum is doubtful
-IN_MOTION = (
+MOVES = (
     "the readings do not begin at rest: the record begins in mid-motion, its rows stand in reverse order, the sensor "
     "drifts or hums, or the wrong channel was recorded"
 )

@@ -179,11 +179,19 @@ def test_a_holder_that_is_seldom_found_is_doubtful(motion, laser):
 def test_what_stands_before_the_holder_is_noted_with_the_remedy(motion, laser):
     track = tracked()
     assert not checks.seen_whole(track, SETTINGS).level
-    track.attrs["standing"] = [3, 9, 0, 40]
+    track.attrs |= {"standing": [3, 9, 0, 40], "standing_told": "something stands still within x 3 to 9 px"}
     found = checks.seen_whole(track, SETTINGS)
     assert found.level == "note"
     assert "within x 3 to 9 px" in found.message
     assert found.setting == "tracking.obstructions"
+
+
+def test_an_obstruction_that_covers_what_moves_is_noted(motion, laser):
+    track = tracked()
+    track.attrs["hides_nothing"] = "[0, 2]"
+    found = checks.seen_whole(track, SETTINGS)
+    assert (found.level, found.setting) == ("note", "tracking.obstructions")
+    assert "in tracking.obstructions[0] and [2] the pattern moves" in found.message
 
 
 def test_a_camera_that_is_knocked_is_doubtful(motion, laser):

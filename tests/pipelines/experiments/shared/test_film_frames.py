@@ -14,8 +14,17 @@ from labpipe.errors import InputError, LabpipeError
 from labpipe.frames import SmoothedFilmWarning
 from labpipe.judging import stated
 from labpipe.units import quantity
-from labpipe.workflow.context import Context, Warned
-from pipelines.experiments.shared.film_frames import explained, key_frames, not_smoothed, open_film, spoiled, whole_film
+from labpipe.workflow.context import Context, Failed, Warned
+from pipelines.experiments.shared.film_frames import (
+    CAUSES,
+    explained,
+    key_frames,
+    not_smoothed,
+    open_film,
+    spoiled,
+    whole_film,
+)
+from pipelines.experiments.shared.judgements import failed_steps
 
 
 @dataclass
@@ -94,8 +103,9 @@ def test_exchanged_width_and_height_are_told(tmp_path, *, is_whole):
     _exchange(path, is_whole=is_whole)
     with pytest.raises(LabpipeError, match="width and height are exchanged") as error:
         open_film(path)
-    failed = stated("step radius", "", str(error.value), "impossible", cause="the record is of another view")
-    told = explained(failed, stated("whole film", "", "", None))
+    failed = Failed("radius", None, str(error.value), reason=error.value.reason)
+    context = Context("film", "contact_area", "", "", "", False, failures=(failed,))
+    (told,) = failed_steps(context, CAUSES | {"radius": "the record is of another view"})
     assert told.cause.startswith("width and height are exchanged in the header")
 
 
