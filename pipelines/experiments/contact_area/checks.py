@@ -187,7 +187,7 @@ def _method(radius: xr.Dataset, settings: ContactArea) -> Check:
         cause = "contacts are small or move fast there, or something hides or spoils their fringes: look at these"
     else:
         cause = (
-            "fringes are not resolved: the scale of another view, another wavelength, a lens out of focus or covered"
+            "fringes are not resolved: a scale of another view, another wavelength, a lens out of focus or covered"
         )
         better = [check.cause for check in (exposed(radius, settings.film), in_view(radius, settings)) if check.level]
         cause = better[0] if better else cause
