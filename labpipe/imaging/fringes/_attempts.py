@@ -72,11 +72,12 @@ class Attempts:
         self._last.clear()
         self._ended.clear()
         # what all pixels of all frames told holds, in the noise that is known now
+        noise = tuple(fit.between for fit in trial.fits)
         whole = {
             key: made for key, made in self._made.items() if key[2] == MOST_FRAMES and not key[1].settings.is_rough
         }
-        self._made = {key: made and Trial(made.fits, trial.noise) for key, made in whole.items()}
-        self._made[tuple(sorted(set(extra))), seen, MOST_FRAMES] = trial
+        self._made = {key: made and Trial(made.fits, noise) for key, made in whole.items()}
+        self._made[tuple(sorted(set(extra))), seen, MOST_FRAMES] = Trial(trial.fits, noise)
 
     def keep(self, places: Sequence[int], trial: Trial, extra: Sequence[Parameter], known: Calibration) -> None:
         """Go on with some of the frames alone, from a trial of these."""

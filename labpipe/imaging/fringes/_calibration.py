@@ -161,9 +161,7 @@ def calibrate(
         attempt.begin_from(best, plain_axes, result)
     result = find_together(attempt, plain_axes, settle_harmonics(attempt, plain_axes, result), view)
     result = weigh_band(attempt, plain_axes, with_small_band(attempt, plain_axes, result), view)
-    # What a film shows beyond the third harmonic looks like a small phase where no lens has blurred it.
-    is_cut = any(result.harmonics) and (result.by_camera or not result.blur)
-    is_told = not is_phase_free or result.phase_shift != 0.0 or is_cut
+    is_told = not is_phase_free or result.phase_shift != 0.0
     is_open = ((Parameter.PHASE, not is_told), (Parameter.SCALE, result.log_scale == 0.0))
     best = attempt(plain_axes, result)
     if best is None:

@@ -88,10 +88,9 @@ def settle_harmonics(attempt: Attempt, axes: Sequence[Parameter], known: Calibra
     if not any(known.harmonics):
         return known
     known = shape_anew(attempt, (*axes, *_free(known)), known)
-    orders = (False, True) if known.blur else (False,)
-    tried = (with_harmonics(attempt, axes, replace(known, by_camera=after)) for after in orders)
+    tried = (with_harmonics(attempt, axes, replace(known, by_camera=after)) for after in (False, True))
     found = sorted(((trial, seen) for trial, seen in tried if trial is not None), key=lambda one: one[0].left)
-    if len(found) < len(orders):
+    if len(found) < 2:
         return known
     (trial, known), (other, _) = found[0], found[-1]
     by_order = trial.changes(other) * math.sqrt(doubt(other.left - trial.left))

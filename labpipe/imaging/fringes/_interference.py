@@ -21,6 +21,8 @@ SAMPLES_PER_PIXEL = 16
 #: What the second beam does to the first, over the square of the ratio of harmonics: (1 - ϱ)/ϱ, where the window's
 #: face reflects a share ϱ of 0.04 (glass) to 0.08 (sapphire).
 BETWEEN_BEAMS = 15.7
+#: Highest harmonic, and what keeps a second one that is small beside the third from telling those beyond.
+HIGHEST, _BY_POWER = 6, 1.0 / 256.0
 #: Gaussian blur reaches this many standard deviations.
 _BLUR_REACH = 3.5
 #: Least width (px) of the part of a ring inside the contact.
@@ -376,6 +378,29 @@ def table_distances(inner: float, outer: float, blur: float, margin: int) -> tup
     return first * step, distances
 
 
+def beyond_third(second: float, third: float) -> Floats:
+    """Fourth to highest harmonic beyond those of many beams, and their derivatives.
+
+    By the ratio of the second harmonic to the first, and by what the third has beside its square.
+
+    Two harmonics of (1 + bz)^g tell b and g, and those all others. Many beams are g = -1; of a camera whose grey levels
+    go with a power of the light this is right to a twentieth of each.
+    """
+    found = np.empty((HIGHEST - 3, 3))
+    square = second**4 + 1e-12 + _BY_POWER * third**2
+    ratio = third * second**3 / square
+    by_second = third * (3.0 * second**2 - 4.0 * second**6 / square) / square
+    by_third = second**3 / square - 2.0 * _BY_POWER * third * ratio / square
+    value, slope, steep = second**2 + third, 2.0 * second, 1.0
+    for k in range(3, HIGHEST):
+        # from harmonic to harmonic by b (g - k) / (k + 1)
+        step, along, across = ((k + 1) * second + 3 * (k - 1) * ratio), (k + 1) + 3 * (k - 1) * by_second, 3 * (k - 1)
+        slope, steep = (slope * step + value * along) / (k + 1), (steep * step + value * across * by_third) / (k + 1)
+        value *= step / (k + 1)
+        found[k - 3] = value - second**k, slope - k * second ** (k - 1), steep
+    return found
+
+
 def radial_table(
     inner: float,
     outer: float,
@@ -408,6 +433,7 @@ def radial_table(
     radii = np.sqrt(np.maximum(squares, 0.0))
     raw = np.zeros((11, len(distance)))
     second, turned, third = harmonics
+    orders, further = np.arange(4, HIGHEST + 1), (turned == 0.0) * beyond_third(second, third)
     for node, weight, radius in zip(nodes, weights, radii, strict=True):
         by_distance, by_radius = scaled_slopes(distance, radius, optics.flat)
         lag = optics.phase_scale * (scaled_gap(distance, radius, optics.flat) - optics.focus * by_distance**2)
@@ -419,7 +445,8 @@ def radial_table(
         again = np.exp(2j * by_focus * optics.focus)
         wave = wave * (1.0 - BETWEEN_BEAMS * (second**2 + turned**2) * (again - 1.0))
         beams = wave / (1.0 - complex(second, turned) * again * wave)
-        steep = weight * (beams**2 / wave + 3.0 * third * wave**3)
+        high = np.stack([wave**order for order in orders])
+        steep = weight * (beams**2 / wave + 3.0 * third * wave**3 + (orders * further[:, 0]) @ high)
         sine = -steep.imag
         turned_by = 1j * optics.skew * optics.spread * lag * shrunk
         by_lag = 1j + (1j * optics.skew - lag * (1.0 + turned_by)) * optics.spread * shrunk
@@ -427,10 +454,10 @@ def radial_table(
         by_gap = (steep * by_lag).real
         change = optics.phase_scale * by_radius * by_gap
         divisor = 2.0 * max(radius, 1e-6)
-        raw[0] += weight * (beams.real + third * (wave**3).real)
-        raw[6] += weight * (beams**2 * again).real
+        raw[0] += weight * (beams + third * wave**3 + further[:, 0] @ high).real
+        raw[6] += weight * (beams**2 * again + further[:, 1] @ high).real
         raw[7] -= weight * (beams**2 * again).imag
-        raw[8] += weight * (wave**3).real
+        raw[8] += weight * (wave**3 + further[:, 2] @ high).real
         raw[9] += (steep * by_spread).real
         turning = complex(second, turned) * beams**2 * again
         raw[10] += by_focus * (by_gap + 2.0 * weight * (1j * turning).real)

@@ -201,13 +201,16 @@ def _settled_shape(
 
 
 def shape_anew(attempt: Attempt, axes: Sequence[Parameter], known: Calibration) -> Calibration:
-    """Find size and shape of a blur again, with what was found since among ``axes``."""
-    if known.blur < LEAST_SHAPED:
+    """Find size and shape of a blur again, with what was found since among ``axes``, unless that explains less."""
+    before = attempt(axes, known) if known.blur >= LEAST_SHAPED else None
+    if before is None:
         return known
     sharp = replace(known, blur=0.0, disc=0.0)
     trial = attempt(axes, sharp)
     lens = None if trial is None else _blur_of_lens(attempt, axes, sharp)
-    return known if lens is None else replace(lens.known(attempt, axes, sharp), harmonics=lens.trial.harmonics)
+    if lens is None or lens.trial.left > before.left:
+        return known
+    return replace(lens.known(attempt, axes, sharp), harmonics=lens.trial.harmonics)
 
 
 def _size_of_blur(

@@ -12,10 +12,11 @@ class Parameter(IntEnum):
     scale. BLUR is the square of the blur (px²) beyond that of the optics. SECOND and TURNED are the
     real and the imaginary part of the ratio q of one harmonic to the one before, as of many beams:
     the real part of z/(1 - qz), z = exp iφ, stands for the cosine. THIRD is a third harmonic beside
-    those (a camera that is not linear). SPREAD is the variance of the wavenumbers in the light, relative to the
-    square of their mean, beyond that of the optics: a band of colours, or a cone of directions. FOCUS is the distance
-    (of path, in the unit of the sphere's radius) over which light that the gap has bent runs on to where it is in
-    focus, beyond that of the optics.
+    those (a camera that is not linear), and with it come others, as of a power of the light. SPREAD
+    is the variance of the wavenumbers in the light, relative to the square of their mean, beyond
+    that of the optics: a band of colours, or a cone of directions. FOCUS is the distance (of path,
+    in the unit of the sphere's radius) over which light that the gap has bent runs on to where it
+    is in focus, beyond that of the optics.
 
     With any of LIGHT_, which are the higher powers of x and y, x² - y², xy, x³, x²y, xy², y³, and
     VISIBILITY_, the light is (GAIN + MODULATION · cos · (1 + VISIBILITY_X x + ...)) exp(SLOPE_X x + ...):

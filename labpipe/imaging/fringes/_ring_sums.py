@@ -4,11 +4,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebder, chebval
 
 from labpipe.arrays import Floats, Integers
 from labpipe.imaging.fringes._interference import (
+    HIGHEST,
     Optics,
     RadialTable,
+    beyond_third,
     exposure_nodes,
     phase_slope,
     pixel_weights,
@@ -78,10 +81,14 @@ def tabulate(ring: Ring, parameters: Floats, free: Integers, optics: Optics) -> 
 
 def _distort(values: Floats, second: float, third: float) -> None:
     """Add the harmonics that a camera makes of light that is blurred by then."""
-    light = values[0].copy()
-    values[6], values[8] = 2.0 * light**2 - 1.0, (4.0 * light**2 - 3.0) * light
-    values[0] += second * values[6] + third * values[8]
-    steep = 1.0 + 4.0 * second * light + third * (12.0 * light**2 - 3.0)
+    light, place = values[0].copy(), np.arange(3, HIGHEST)
+    sizes = np.zeros((HIGHEST + 1, 3))  # and their slopes by the second and the third, by order
+    sizes[1:4] = (1.0, 0.0, 0.0), (second, 1.0, 0.0), (third, 0.0, 1.0)
+    sizes[4:] = beyond_third(second, third - second**2)
+    sizes[4:, 0] += second**place
+    sizes[4:, 1] += place * second ** (place - 1) - 2.0 * second * sizes[4:, 2]
+    values[0], values[6], values[8] = chebval(light, sizes)
+    steep = chebval(light, chebder(sizes[:, 0]))
     values[1:6] *= steep
     values[9:] *= steep
 

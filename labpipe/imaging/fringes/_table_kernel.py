@@ -9,7 +9,7 @@ import numpy as np
 
 from labpipe.arrays import Floats, Floats32, Integers
 from labpipe.compilation import compiled, part
-from labpipe.imaging.fringes._interference import BETWEEN_BEAMS, SAMPLES_PER_PIXEL
+from labpipe.imaging.fringes._interference import BETWEEN_BEAMS, SAMPLES_PER_PIXEL, beyond_third
 
 # Sums over pixels may be reordered and fused.
 FAST = {"reassoc", "contract", "nsz", "arcp"}
@@ -20,6 +20,7 @@ _SMOOTH_TAPS, _THIN = 8 * SAMPLES_PER_PIXEL, 4
 # logarithm of a wave (real, imaginary) by that phase and by the spread, square of the slope of the gap, what turns the
 # harmonics with it.
 _LAG, _TERM, _BY_LAG, _BY_SPREAD, _SQUARE, _TURNING = 0, 1, 2, 4, 6, 7
+_beyond_third = part(fastmath=FAST)(beyond_third)
 # Variance of a pixel below which rings count as even.
 _TINY = 1e-6
 
@@ -73,21 +74,31 @@ def _thinly(line: Floats, kernel: Floats, thin: int, result: Floats) -> None:
 
 @part(fastmath=FAST)
 def _term(
-    cosine: float, sine: float, second: float, turned: float, third: float
-) -> tuple[float, float, float, float, float, float]:
+    cosine: float, sine: float, second: float, turned: float, third: float, further: Floats
+) -> tuple[float, float, float, float, float, float, float]:
     """Light with its harmonics, its derivatives by phase, logarithm of the contrast and the parameters of these.
 
-    With z, exp iφ times a contrast, and q = second + i turned: Re w, w = z/(1 - qz), and a third harmonic beside it.
+    With z, exp iφ times a contrast, and q = second + i turned: Re w, w = z/(1 - qz), a third harmonic beside it, and
+    ``further`` ones, of which the derivatives by the second come last.
     """
     real = 1.0 - second * cosine + turned * sine
     imaginary = -(second * sine + turned * cosine)
     size = real * real + imaginary * imaginary
     along, across = (cosine * real + sine * imaginary) / size, (sine * real - cosine * imaginary) / size
     square, twice = along * along - across * across, 2.0 * along * across
-    three = cosine * (cosine * cosine - 3.0 * sine * sine)
-    steep = across + second * twice + turned * square + 3.0 * third * sine * (3.0 * cosine * cosine - sine * sine)
-    by_contrast = along + second * square - turned * twice + 3.0 * third * three
-    return along + third * three, -steep, by_contrast, square, -twice, three
+    wave = complex(cosine, sine)
+    high = wave * wave * wave
+    three = high.real
+    term, steep = along + third * three, across + second * twice + turned * square + 3.0 * third * high.imag
+    by_contrast, by_others, by_third = along + second * square - turned * twice + 3.0 * third * three, 0.0, three
+    for k in range(len(further)):
+        high *= wave
+        term += further[k, 0] * high.real
+        steep += (k + 4) * further[k, 0] * high.imag
+        by_contrast += (k + 4) * further[k, 0] * high.real
+        by_others += further[k, 1] * high.real
+        by_third += further[k, 2] * high.real
+    return term, -steep, by_contrast, square, -twice, by_third, by_others
 
 
 @part(fastmath=FAST)
@@ -155,18 +166,20 @@ def _add_harmonics(
     the square of the slope more than its share.
     """
     second, turned, third = harmonics
-    again = complex(1.0, 0.0)
+    again, further = complex(1.0, 0.0), np.zeros((0, 3))
+    if (second != 0.0 or third != 0.0) and turned == 0.0:
+        further = _beyond_third(second, third)
     for i in range(len(cosine)):
         if bent != 0.0:
             again = np.exp(-1j * bent * band[_SQUARE, i])
             wave = complex(cosine[i], sine[i]) * (1.0 - BETWEEN_BEAMS * (second**2 + turned**2) * (again - 1.0))
             cosine[i], sine[i] = wave.real, wave.imag
         ratio = complex(second, turned) * again
-        term, by_phase, fading, by_second, by_turned, by_third = _term(
-            cosine[i], sine[i], ratio.real, ratio.imag, third
+        term, by_phase, fading, by_second, by_turned, by_third, by_others = _term(
+            cosine[i], sine[i], ratio.real, ratio.imag, third, further
         )
         cosine[i], sine[i], band[_TERM, i] = term, -by_phase, fading
-        raw[6, i] += weight * (by_second * again.real + by_turned * again.imag)
+        raw[6, i] += weight * (by_second * again.real + by_turned * again.imag + by_others)
         raw[7, i] += weight * (by_turned * again.real - by_second * again.imag)
         raw[8, i] += weight * by_third
         band[_TURNING, i] = by_second * ratio.imag - by_turned * ratio.real

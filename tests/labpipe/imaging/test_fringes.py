@@ -11,6 +11,7 @@ from labpipe.imaging import hertz_gap
 from labpipe.imaging.fringes._interference import (
     SAMPLES_PER_PIXEL,
     Optics,
+    beyond_third,
     distance_at_phase,
     exposure_nodes,
     make_optics,
@@ -124,9 +125,9 @@ def test_slopes_are_the_derivatives_of_the_gap(a: float, beyond: float) -> None:
     ("blur", "flat", "disc", "spread", "focus"),
     [(0.0, 0.0, 0.0, 0.0, 0.0), (0.8, 0.0, 0.0, 0.0, 4e-3), (0.8, 70.0, 0.0, 4e-3, -6e-3), (2.5, 0.0, 0.7, 1e-3, 0.0)],
 )
-@pytest.mark.parametrize("travel", [0.0, 1.5, 12.0])
+@pytest.mark.parametrize(("travel", "turned"), [(0.0, 0.15), (1.5, 0.0), (12.0, 0.15)])
 def test_compiled_table_equals_the_plain_one(
-    travel: float, blur: float, flat: float, disc: float, spread: float, focus: float
+    travel: float, turned: float, blur: float, flat: float, disc: float, spread: float, focus: float
 ) -> None:
     a, optics = 120.3, Optics(OPTICS.phase_scale, 2.9, blur, flat, disc, spread=spread, focus=focus)
     inner, outer = ring_limits(a, optics, 3.0, 3.0)
@@ -136,14 +137,29 @@ def test_compiled_table_equals_the_plain_one(
     nodes, weights = exposure_nodes(travel, spacing)
     for part in (nodes, weights):  # as those of a contact that moves: of others the kernel is compiled again
         part.setflags(write=False)
-    rest = (weights, optics.phase_scale, 2.9, kernel, 0.2, 0.15, -0.1, 11, flat, spread, 0.5, focus)
+    rest = (weights, optics.phase_scale, 2.9, kernel, 0.2, turned, -0.1, 11, flat, spread, 0.5, focus)
     compiled = fill_table(distance, a, travel, nodes, *rest)
-    plain = radial_table(inner, outer, a, travel, optics, (0.2, 0.15, -0.1))
+    plain = radial_table(inner, outer, a, travel, optics, (0.2, turned, -0.1))
     assert start == plain.start
     # Where a blur leaves nothing sharp, every fourth sample tells the others; the second derivative less well.
     error = np.abs(compiled - plain.values).max(axis=1) / np.maximum(np.abs(plain.values).max(axis=1), 1e-2)
     assert error.max() < (1e-12 if blur < 1.0 else 2e-3)
     assert np.delete(error, 5).max() < (1e-12 if blur < 1.0 else 5e-4)
+
+
+@pytest.mark.parametrize("power", [-1.0, 0.45, 0.7, 2.2])
+def test_harmonics_of_a_power_of_the_light_follow_from_two(power: float) -> None:
+    """Many beams are the power -1, which has none beyond its own."""
+    light = 1.0 + 0.8 * np.cos(2.0 * np.pi * np.arange(256) / 256)
+    first, *true = np.fft.rfft(light**power).real[1:7]
+    second, third, *further = np.array(true) / first
+    beside = third - second**2
+    found = beyond_third(second, beside)
+    assert np.abs(found[:, 0] + second ** np.arange(3, 6) - further).max() < 2e-4
+    step = 1e-5
+    for place, (one, other) in enumerate([((step, 0.0), (-step, 0.0)), ((0.0, step), (0.0, -step))]):
+        ends = [beyond_third(second + by[0], beside + by[1])[:, 0] for by in (one, other)]
+        assert found[:, 1 + place] == pytest.approx((ends[0] - ends[1]) / (2.0 * step), abs=1e-6)
 
 
 @pytest.mark.parametrize(("flat", "second"), [(0.0, 0.0), (60.0, 0.0), (0.0, -0.05)])
