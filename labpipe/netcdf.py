@@ -133,32 +133,23 @@ def write(path: Path, prepared: xr.Dataset) -> None:
     All is declared before the first value is stored: by xarray's own writer, which goes from variable
     to variable, a session's small files take twice as long.
     """
-    apart = {str(name): set(prepared[name].dims) for name in prepared.coords if name not in prepared.sizes}
-    loose, attributes = set(apart), dict(prepared.attrs)
+    variables, attributes = xr.conventions.encode_dataset_coordinates(prepared)
     with netCDF4.Dataset(os.fspath(path), "w", format="NETCDF4") as handle:
         for dimension, length in prepared.sizes.items():
             handle.createDimension(str(dimension), length)
         stored = {}
-        for key, variable in prepared.variables.items():
-            name, dimensions = str(key), [str(one) for one in variable.dims]
+        for name, variable in variables.items():
             kind, own = variable.dtype.kind, dict(variable.attrs)
-            beside = [one for one in sorted(apart) if apart[one] <= set(dimensions)]
-            if beside and name not in {*apart, *dimensions}:
-                own.setdefault("coordinates", " ".join(beside))
-                loose -= set(beside)
             if kind == "b":
                 own["dtype"] = "bool"
             has_checksum = variable.ndim > 0 and variable.size > 0 and kind != "U"
             form: Any = {"U": str, "b": "i1"}.get(kind, variable.dtype)
-            stored[name] = handle.createVariable(name, form, dimensions, fletcher32=has_checksum)
+            stored[name] = handle.createVariable(name, form, variable.dims, fletcher32=has_checksum)
             stored[name].setncatts(own)
-        if loose:
-            attributes.setdefault("coordinates", " ".join(sorted(loose)))
         handle.setncatts(attributes)
         handle.set_auto_maskandscale(False)
-        for name, place in stored.items():
-            values = prepared.variables[name].values
-            place[...] = values.astype("i1") if values.dtype.kind == "b" else values
+        for name, variable in variables.items():
+            stored[name][...] = variable.values
 
 
 def trailer(path: Path) -> bytes:
