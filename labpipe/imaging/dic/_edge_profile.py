@@ -37,8 +37,9 @@ _ARE_MOST, _HARDLY_CLEAR = 0.7, 2.0
 #: Ratio of squared slopes from which the lower share counts, and that of results that misfit by a multiple of noise;
 #: and what clarity is at least, over that ratio: the steeper an edge, the more a profile misses of it.
 _STEEP, _LESS_STEEP, _MISFITS, _ARE_OF_STEEP, _CLEARER = 100.0, 50.0, 4.0, 0.2, 0.05
-#: Ratio of squared slopes from which it is looked whether steps repeat along a line.
-_MAY_REPEAT = 4.0
+#: Ratio of squared slopes from which it is looked whether steps repeat along a line, and clarity from which what
+#: repeats may be none of them.
+_MAY_REPEAT, _SURELY = 4.0, 20.0
 #: Shift (px) to which edges mislead that are all of the texture.
 _MISLEADS = 0.16
 #: Share of the frames that show a point's own noise.
@@ -95,12 +96,15 @@ def misled(
             own = min(own, float(static.mean()))
         own = max(own, reference.rounding)
         line = reference.subsets.layout[n], reference.weakest_slopes(n)
-        if repeats_along(reference.mean, *line, own / reference.noise.static_frames):
-            is_doubtful[:, n] = found[:, n]
-            continue
-        if not is_asked[:, n].any():
+        repeats = repeats_along(reference.mean, *line, own / reference.noise.static_frames)
+        if not repeats and not is_asked[:, n].any():
             continue
         along = along_edges(reference, n, own)
+        # a texture that is clear beside all edges may repeat itself as well, as courses of bricks do
+        is_texture = along.folded <= _MAY_BE and along.clarity > max(_SURELY, float(np.nanmedian(sided[rows, n])))
+        if repeats and not is_texture:
+            is_doubtful[:, n] = found[:, n]
+            continue
         shift[rows, n] = _MISLEADS * np.minimum(bound[rows, n], along.folded)
         if along.folded > _ARE_MOST or along.clarity < _HARDLY_CLEAR:
             is_doubtful[:, n] = is_asked[:, n]

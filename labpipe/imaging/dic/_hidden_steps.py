@@ -30,7 +30,7 @@ def hidden_steps(is_found: Flags, spread: Floats, inverse: Floats) -> Floats:
     Parameters
     ----------
     is_found : bool array (frame, point)
-        Which motions count, of a film that shows nothing of how it was sampled.
+        Which motions count.
     spread : array (frame, point, 2 or more) [px²]
         Variances along x and y that parts of the subsets tell; NaN where they do not.
     inverse : array (point, 2) [px²/grey²]

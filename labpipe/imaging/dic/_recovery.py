@@ -31,6 +31,8 @@ _AWAY, _WORSE = 5.0, 2.5
 _MOST_ASKED = 200
 #: Template matches per frame: when points have just been lost, and when they stay lost.
 _SEEDS_FIRST, _SEEDS_LATER = 12, 4
+#: Template matches that tell of one motion.
+_TOGETHER = 3
 #: Frames after which a lost point is looked for only every so often.
 _PATIENCE, _SELDOM = 64, 8
 #: Rounds of propagation from neighbour to neighbour.
@@ -185,13 +187,15 @@ class Recovery:
             return False
         where = np.array(list(found), np.int64)
         start = np.stack([found[n] for n in where])
-        if len(where) >= 3:
-            middle = tracker.places[where].mean(axis=0)
-            common, fits = fit_motion(tracker.places[where] - middle, start[:, [0, 3]])
-            # Turn the starts as the seeds turn together; keep apart those that do not belong.
-            if fits.sum() >= 3:
-                start[:, [1, 2, 4, 5]] = common[[1, 2, 4, 5]]
-                where, start = where[fits], start[fits]
+        middle = tracker.places[where].mean(axis=0)
+        common, fits = fit_motion(tracker.places[where] - middle, start[:, [0, 3]])
+        # Turn the starts as the seeds turn together; keep apart those that do not belong.
+        if fits.sum() >= _TOGETHER:
+            start[:, [1, 2, 4, 5]] = common[[1, 2, 4, 5]]
+            where, start = where[fits], start[fits]
+        # where most have a double, that of the others lies beyond the border of the reference
+        elif 2 * sum(tracker.has_double(n) for n in chosen.tolist()) > len(chosen):
+            return False
         return self._try(where, start)
 
     def _match(self, chosen: Integers) -> dict[int, Floats]:

@@ -29,7 +29,7 @@ from labpipe.imaging.dic._reference import Reference, Status
 from labpipe.imaging.dic._seeding import shift_of
 from labpipe.imaging.dic._subset_kernel import AFFINE, BLUR, CURVE, LIGHT
 from labpipe.imaging.dic._table import Table, alike, as_seen, hidden_share
-from labpipe.imaging.dic._undersampling import interpolates_well, shows_no_sampling, undersampled
+from labpipe.imaging.dic._undersampling import interpolates_well, undersampled
 from labpipe.variables import described, variable
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     status[is_noise] = Status.TEXTURELESS
     grey, _, pixels = reference.subsets.level.T
     before, spread = still_noise(reference, noise, is_static)
-    least = _hidden_steps(reference, before, value, is_found, table.spread / resisted)
+    least = _hidden_steps(reference, value, is_found, table.spread / resisted)
     before[~interpolates_well(reference, before)] = np.inf
     by_noise = deviation.copy(), covariance.copy()
     is_taken = take_spread(reference.subsets, deviation, covariance, table.spread / resisted, texture, strongest)
@@ -177,15 +177,10 @@ def _places(reference: Reference) -> Floats:
     return np.asarray(np.stack([reference.subsets.x, reference.subsets.y], axis=1) + reference.offset)
 
 
-def _hidden_steps(reference: Reference, still: Floats, value: Floats, is_found: Flags, spread: Floats) -> Floats:
+def _hidden_steps(reference: Reference, value: Floats, is_found: Flags, spread: Floats) -> Floats:
     """Tell the least variances (frame, point, 2) [px²] where edges moved on in whole pixels."""
-    if not is_found.any():
-        return np.zeros((*is_found.shape, 2))
-    least = gathered_steps(_places(reference), value, is_found)
-    if shows_no_sampling(reference, still):
-        inverse = reference.subsets.inverse[:, [0, 3], [0, 3]]
-        least = np.maximum(least, hidden_steps(is_found, spread, inverse))
-    return least
+    inverse = reference.subsets.inverse[:, [0, 3], [0, 3]]
+    return np.maximum(gathered_steps(_places(reference), value, is_found), hidden_steps(is_found, spread, inverse))
 
 
 def _resisted(

@@ -4,6 +4,7 @@ Good to about a pixel, which is all that the subset solver needs as a start. Use
 frame, after gaps, and when correlation is lost; never for a result.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,8 @@ _TEMPLATE = 32
 _COARSE_SCORE = 0.6
 #: Correlation of the subset itself from which no further template is tried.
 _FULL_SCORE = 0.5
+#: Difference of such correlations that is none.
+_AS_WELL = 0.02
 #: Places of the reduced image that are tried in the full one.
 _CANDIDATES = 3
 #: Half width of the tiles that find the rotation of a large subset (px).
@@ -99,16 +102,31 @@ def find_subset(reference: Pyramid, frame: Pyramid, centre: tuple[int, int], hal
     Seed or None
         None when nothing in the frame resembles the subset.
     """
-    best: Seed | None = None
     # A wide template is unmistakable, but may hold background; the subset alone does not.
+    found: list[tuple[float, Seed]] = []
     for reach in sorted({max(half, _TEMPLATE), half}, reverse=True):
-        for shift in _coarse_shifts(reference, frame, centre, reach):
+        for coarse, shift in _coarse_shifts(reference, frame, centre, reach):
             seed = _refine(reference, frame, centre, half, shift)
-            if seed is not None and (best is None or seed.score > best.score):
-                best = seed
-        if best is not None and best.score > _FULL_SCORE:
-            return best
-    return best
+            if seed is not None:
+                found.append((coarse, seed))
+        if any(seed.score > _FULL_SCORE for _, seed in found):
+            break
+    if not found:
+        return None
+    # where the subset matches alike, what is around it tells, and where that does, the nearest place has not jumped
+    _, best = max(found, key=lambda one: one[1].score)
+    alike = [
+        (coarse, seed)
+        for coarse, seed in found
+        if seed is best or (seed.score > best.score - _AS_WELL and _apart(seed, best) > half)
+    ]
+    least = max(coarse for coarse, _ in alike) - _AS_WELL
+    return min((seed for coarse, seed in alike if coarse >= least), key=lambda seed: math.hypot(*seed.motion[[0, 3]]))
+
+
+def _apart(one: Seed, other: Seed) -> float:
+    """Distance (px) between two seeds."""
+    return math.hypot(*(one.motion - other.motion)[[0, 3]])
 
 
 def has_double(reference: Pyramid, centre: tuple[int, int], half: int) -> bool:
@@ -133,8 +151,10 @@ def has_double(reference: Pyramid, centre: tuple[int, int], half: int) -> bool:
     return bool(count > 2 or extent[1:, cv2.CC_STAT_WIDTH : cv2.CC_STAT_HEIGHT + 1].max(initial=0) > 2 * half)
 
 
-def _coarse_shifts(reference: Pyramid, frame: Pyramid, centre: tuple[int, int], reach: int) -> list[tuple[int, int]]:
-    """Displacements (full px) of the best few places in the reduced frame."""
+def _coarse_shifts(
+    reference: Pyramid, frame: Pyramid, centre: tuple[int, int], reach: int
+) -> list[tuple[float, tuple[int, int]]]:
+    """Correlations of the best few places in the reduced frame, and their displacements (full px)."""
     import cv2
 
     factor = reference.factor
@@ -152,7 +172,7 @@ def _coarse_shifts(reference: Pyramid, frame: Pyramid, centre: tuple[int, int], 
         row, column = np.unravel_index(int(np.argmax(scores)), scores.shape)
         if scores[row, column] < _COARSE_SCORE:
             break
-        found.append((int(column - left) * factor, int(row - top) * factor))
+        found.append((float(scores[row, column]), (int(column - left) * factor, int(row - top) * factor)))
         scores[max(0, row - 2) : row + 3, max(0, column - 2) : column + 3] = -1.0
     return found
 

@@ -91,21 +91,8 @@ def interpolates_well(reference: Reference, noise: Floats) -> Flags:
     noise : array (usable point,) [grey²]
         Variance of a pixel of one frame.
     """
-    return np.asarray(_beyond_noise(reference, noise) < _NOTABLE_SHARE * strongest_slopes(reference.subsets))
-
-
-def shows_no_sampling(reference: Reference, noise: Floats) -> bool:
-    """Tell whether most points hold less near half a wave per px than sharp edges that a lens blurs a little.
-
-    The noise is that of :func:`interpolates_well`.
-    """
-    share = _beyond_noise(reference, noise) / np.maximum(strongest_slopes(reference.subsets), 1e-30)
-    return bool(np.median(share) < _SHARP_SHARE)
-
-
-def _beyond_noise(reference: Reference, noise: Floats) -> Floats:
-    sums, of_noise, _ = sharpness(reference)
-    return np.asarray(sums - of_noise * noise * reference.subsets.level[:, 2])
+    sums, of_noise, least = sharpness(reference)
+    return np.asarray(sums - of_noise * noise * reference.subsets.level[:, 2] < least)
 
 
 def sharpness(reference: Reference) -> tuple[Floats, float, Floats]:
