@@ -193,10 +193,12 @@ class Recovery:
         if fits.sum() >= _TOGETHER:
             start[:, [1, 2, 4, 5]] = common[[1, 2, 4, 5]]
             where, start = where[fits], start[fits]
+            return self._try(where, start)
         # where most have a double, that of the others lies beyond the border of the reference
-        elif 2 * sum(tracker.has_double(n) for n in chosen.tolist()) > len(chosen):
+        most_repeat = 2 * sum(tracker.has_double(n) for n in chosen.tolist()) > len(chosen)
+        if most_repeat and 1 < len(where) > fits.sum():
             return False
-        return self._try(where, start)
+        return self._try(where, start, _AS_BEFORE if most_repeat else 0.0)
 
     def _match(self, chosen: Integers) -> dict[int, Floats]:
         """Motions of those chosen points that a template match finds."""
@@ -221,8 +223,8 @@ class Recovery:
             self._pyramid = make_pyramid(grey)
         return self._pyramid
 
-    def _try(self, chosen: Integers, start: Floats) -> bool:
-        """Solve from proposed motions; trust those that stay near. True when any did."""
+    def _try(self, chosen: Integers, start: Floats, least: float = 0.0) -> bool:
+        """Solve from proposed motions; trust those that stay near and as alike as asked. True when any did."""
         tracker, attempt = self._tracker, self._attempt
         found = tracker.solver.solve(self._loaded, chosen, start)
         beyond = (found.code == LEFT_WINDOW) & (found.iterations == 0)
@@ -234,7 +236,7 @@ class Recovery:
         if self._loaded.box != tracker.film.whole:
             attempt.reached[chosen] = ~self._is_in_frame(chosen, start)
         near = np.hypot(*(found.motion - start)[:, [0, 3]].T) <= _CONFIRMED
-        good = tracker.accepts(found.code, found.zncc, chosen) & near
+        good = tracker.accepts(found.code, found.zncc, chosen) & near & (found.zncc >= least * tracker.zncc[chosen])
         # What converged before keeps its place only when it fits the image clearly better.
         held = tracker.accepts(attempt.code[chosen], attempt.zncc[chosen], chosen)
         good &= ~held | (found.zncc > attempt.zncc[chosen] - 0.02)

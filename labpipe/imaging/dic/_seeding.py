@@ -103,25 +103,20 @@ def find_subset(reference: Pyramid, frame: Pyramid, centre: tuple[int, int], hal
         None when nothing in the frame resembles the subset.
     """
     # A wide template is unmistakable, but may hold background; the subset alone does not.
-    found: list[tuple[float, Seed]] = []
+    found: list[Seed] = []
     for reach in sorted({max(half, _TEMPLATE), half}, reverse=True):
-        for coarse, shift in _coarse_shifts(reference, frame, centre, reach):
+        for shift in _coarse_shifts(reference, frame, centre, reach):
             seed = _refine(reference, frame, centre, half, shift)
             if seed is not None:
-                found.append((coarse, seed))
-        if any(seed.score > _FULL_SCORE for _, seed in found):
+                found.append(seed)
+        if any(seed.score > _FULL_SCORE for seed in found):
             break
     if not found:
         return None
-    # where the subset matches alike, what is around it tells, and where that does, the nearest place has not jumped
-    _, best = max(found, key=lambda one: one[1].score)
-    alike = [
-        (coarse, seed)
-        for coarse, seed in found
-        if seed is best or (seed.score > best.score - _AS_WELL and _apart(seed, best) > half)
-    ]
-    least = max(coarse for coarse, _ in alike) - _AS_WELL
-    return min((seed for coarse, seed in alike if coarse >= least), key=lambda seed: math.hypot(*seed.motion[[0, 3]]))
+    # of places apart that match alike the nearest: what a frame holds twice has not jumped to the other one
+    best = max(found, key=lambda seed: seed.score)
+    alike = [seed for seed in found if seed.score > best.score - _AS_WELL and _apart(seed, best) > half]
+    return min((best, *alike), key=lambda seed: math.hypot(*seed.motion[[0, 3]]))
 
 
 def _apart(one: Seed, other: Seed) -> float:
@@ -151,10 +146,8 @@ def has_double(reference: Pyramid, centre: tuple[int, int], half: int) -> bool:
     return bool(count > 2 or extent[1:, cv2.CC_STAT_WIDTH : cv2.CC_STAT_HEIGHT + 1].max(initial=0) > 2 * half)
 
 
-def _coarse_shifts(
-    reference: Pyramid, frame: Pyramid, centre: tuple[int, int], reach: int
-) -> list[tuple[float, tuple[int, int]]]:
-    """Correlations of the best few places in the reduced frame, and their displacements (full px)."""
+def _coarse_shifts(reference: Pyramid, frame: Pyramid, centre: tuple[int, int], reach: int) -> list[tuple[int, int]]:
+    """Displacements (full px) of the best few places in the reduced frame."""
     import cv2
 
     factor = reference.factor
@@ -172,7 +165,7 @@ def _coarse_shifts(
         row, column = np.unravel_index(int(np.argmax(scores)), scores.shape)
         if scores[row, column] < _COARSE_SCORE:
             break
-        found.append((float(scores[row, column]), (int(column - left) * factor, int(row - top) * factor)))
+        found.append((int(column - left) * factor, int(row - top) * factor))
         scores[max(0, row - 2) : row + 3, max(0, column - 2) : column + 3] = -1.0
     return found
 

@@ -12,6 +12,7 @@ from labpipe.imaging.dic._seeding import (
     make_pyramid,
     shift_of,
 )
+from pipelines.bench import film_scenes
 from tests.by_day import by_day
 from tests.labpipe.imaging.speckle import Motion, make_speckle, render
 
@@ -37,6 +38,15 @@ def test_the_seed_is_within_a_pixel_of_the_truth(kind: str, half: int, motion: M
     assert seed.score > 0.7
     if half == 70:
         assert seed.motion[4] == pytest.approx(motion.angle, abs=0.012)
+
+
+def test_of_two_places_that_match_alike_the_nearer_is_the_seed() -> None:
+    whole = np.tile(film_scenes.random_field(104, 2.5, 3), (3, 3))
+    reference, frame = whole[:200, :200], np.roll(whole, (-14, 11), (0, 1))[:200, :200]
+    for centre in ((150, 60), (40, 60), (60, 160)):
+        seed = find_subset(pyramid(reference), pyramid(frame), centre, 7)
+        assert seed is not None
+        assert np.abs(seed.motion[[0, 3]] - (11.0, -14.0)).max() <= 1.0
 
 
 def test_another_pattern_and_a_flat_frame_give_no_seed() -> None:

@@ -60,15 +60,27 @@ def wrong(found: xr.Dataset, views: tuple[View, ...], size: int = SIZE) -> int:
     return int((error(found, views, size) > 5.0 * np.hypot(found.u_dx, found.u_dy) + 0.002).values.sum())
 
 
-def follow_edges(angle: float, grain: float, shape: str, path: str, subset: int, seed: int) -> tuple[int, int]:
-    """Results wrong and results asked for, of one straight edge through the middle."""
+def good(image: np.ndarray, points: np.ndarray, subset: int, shape: str, noise: float) -> np.ndarray:
+    """Points (point,) whose motion the image itself tells: to a tenth of a pixel along both axes.
+
+    By noise and the true slopes alone: a result on a bare edge is not good when it is right by luck.
+    """
+    return cramer_rao_bound(image, points, subset, shape, noise).max(axis=1) < 0.1
+
+
+def follow_edges(angle: float, grain: float, shape: str, path: str, subset: int, seed: int) -> np.ndarray:
+    """Results wrong, asked for, good, and good ones lost, of one straight edge through the middle."""
     views = PATHS[path]
     edge = film_scenes.edge(angle, (80.3, 79.6), grain, seed)
-    film = digitised([from_formula(edge, SIZE, view) for view in views], NOISE, seed)
-    found = track(film, grid((SIZE, SIZE), 26, 12), subset, shape)
+    frames = [from_formula(edge, SIZE, view) for view in views]
+    points = grid((SIZE, SIZE), 26, 12)
+    found = track(digitised(frames, NOISE, seed), points, subset, shape)
     if grain == 0.0:
         assert not found.valid[1:].any()
-    return wrong(found, views), found.valid[1:].size
+    # a bare edge tells nothing along itself
+    is_good = np.zeros(len(points), bool) if grain == 0.0 else good(frames[0], points, subset, shape, NOISE)
+    valid = found.valid.values[1:, is_good]
+    return np.array([wrong(found, views), found.valid[1:].size, valid.size, (~valid).sum()])
 
 
 @pytest.mark.parametrize("path", by_day(PATHS, 2))
@@ -91,15 +103,17 @@ def test_what_steps_along_an_edge_look_like_in_the_still_frame_is_known_by_chanc
 
 @pytest.mark.nightly
 def test_of_100_000_results_on_edges_none_is_wrong_by_5_u() -> None:
-    count, bad, seed = 0, 0, 100
-    while count < 100_000:
+    total, seed = np.zeros(4, int), 100
+    while total[1] < 100_000:
         seed += 1
         rng = np.random.default_rng(seed)
         angle, grain = float(rng.uniform(0.0, np.pi)), float(rng.choice([0.0, 0.25, 0.5, 1.0, 2.0]))
         path, shape, subset = (str(rng.choice(list(PATHS))), str(rng.choice(["rigid", "affine"])), [21, 31][seed % 2])
-        wrong_here, asked = follow_edges(angle, grain, shape, path, subset, seed)
-        bad, count = bad + wrong_here, count + asked
+        total += follow_edges(angle, grain, shape, path, subset, seed)
+    bad, _, asked, lost = total
     assert bad == 0
+    assert asked > 1_000
+    assert lost < 0.15 * asked  # 0.09 of the first 660
 
 
 @pytest.mark.parametrize("period", by_day([6.0, 10.0, 25.0], 1))
@@ -167,8 +181,7 @@ def test_points_that_the_pattern_tells_are_kept(scene: str, shape: str, path: st
         frames = [from_spectrum(pattern, view) for view in views]
     points = grid((size, size), 32, 11)
     found = track(digitised(frames, NOISE, 4), points, 31, shape)
-    # Where the bound for a shift is below a tenth of a pixel, the pattern is no edge.
-    told = cramer_rao_bound(frames[0], points, 31, shape, NOISE).max(axis=1) < 0.1
+    told = good(frames[0], points, 31, shape, NOISE)
     assert told.sum() > 100
     assert float(found.valid[1:, told].mean()) >= 0.995
     assert wrong(found, views, size) == 0
@@ -346,6 +359,44 @@ def test_bricks_of_many_tones_that_jump_as_expected_but_for_one_brick_are_found_
     found = track(digitised(frames, 1.0, 5), grid((SIZE, SIZE), 34, 11), 31, "affine")
     assert found.valid.all()
     assert error(found, views, SIZE).max() < 1.0
+
+
+def bricks_of(
+    width: float, height: float, joint: float, angle: float, deviation: float, grain: float, seed: int
+) -> Formula:
+    """Courses of bricks whose tones differ by a standard deviation, with a grain (grey levels)."""
+    tones, texture = np.random.default_rng(seed).normal(0.0, deviation, (64, 64)), film_scenes.perlin(6.0, seed)
+
+    def bricks(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        along = 300.0 + x * np.cos(angle) + y * np.sin(angle)
+        across = 300.0 + y * np.cos(angle) - x * np.sin(angle)
+        course = np.floor(across / height).astype(int)
+        along = along + 0.5 * width * (course % 2)
+        tone = 15.0 + tones[course % 64, np.floor(along / width).astype(int) % 64]
+        return np.where((across % height < joint) | (along % width < joint), -45.0, tone) + grain / 40.0 * texture(x, y)
+
+    return bricks
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_lone_template_match_among_bricks_is_no_find(seed: int) -> None:
+    """Points near the border have no double in the reference, and match elsewhere: 36 and 50 results were wrong."""
+    views = (View(), View(), View((-20.7, 59.4)), View((-20.4, 59.6)))
+    bricks = bricks_of(31.0, 12.7, 1.1, 0.805, 4.0, 3.0, seed)
+    points = np.array([(x, y) for x in range(40, 175, 11) for y in range(32, 120, 11)], float)
+    found = track(digitised([from_formula(bricks, 200, view) for view in views], 0.5, seed), points, 31)
+    assert wrong(found, views, 200) == 0
+    assert found.valid[1].all()
+
+
+def test_courses_of_bricks_that_move_slowly_are_no_steps_along_an_edge() -> None:
+    """They look the same again a brick farther on: all results were refused."""
+    views = (View(), View(), *(View((0.3 * k, 0.21 * k)) for k in range(1, 4)))
+    bricks = bricks_of(32.0, 7.3, 1.7, 0.496, 4.0, 0.5, 1)
+    film = digitised([seen_by_pixels(bricks, SIZE, view, 0.5) for view in views], NOISE, 1)
+    found = track(film, grid((SIZE, SIZE), 26, 11), 31, "rigid", static_frames=2)
+    assert found.valid.all()
+    assert wrong(found, views) == 0
 
 
 def test_thick_joints_that_jump_are_not_found_where_most_points_are_not() -> None:
