@@ -22,8 +22,10 @@ from typing import Self
 
 INTERLACED, EXCHANGED, IN_MOTION, MARKER = "interlaced", "width and height", "in motion", "marker"
 UNKNOWN_FORMAT, NO_FILM, NO_MATERIAL, MATERIAL_FILE = "unknown format", "no film", "no material", "material file"
+UNREADABLE = "unreadable"
 """Reasons: rows of two instants; width and height exchanged; a record that begins in motion; a marker in place of a
-reading; a file that nothing reads, a folder without a film; a name that is no material, a file that is no whole one."""
+reading; a file that nothing reads, a folder without a film; a name that is no material, a file that is no whole one; a
+file that is not what it claims to be in another way."""
 
 
 class LabpipeError(Exception):
@@ -45,8 +47,8 @@ class LabpipeError(Exception):
     reason = ""
 
     def because(self, reason: str) -> Self:
-        """Return this error, with the reason that a caller acts on."""
-        self.reason = reason
+        """Return this error, with the reason that a caller acts on; "" leaves that of its kind."""
+        self.reason = reason or self.reason
         return self
 
 
@@ -74,6 +76,7 @@ class SourceError(LabpipeError):
     """
 
     exit_code = 3
+    reason = UNREADABLE
 
     def __init__(
         self,

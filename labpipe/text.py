@@ -289,28 +289,10 @@ def parse_rows(
 ) -> "NDArray[np.float64]":
     """Parse lines of plain numbers; every row must have every column, every number be finite.
 
-    Parameters
-    ----------
-    lines : sequence of str
-        The rows, without line ends.
-    n_columns : int
-        Cells expected in every row.
-    delimiter : str
-        One character.
-    path, first_line
-        Named in the error: the file, and the line number of ``lines[0]``.
-    signs : Separators
-        Decimal and thousands sign.
-
-    Returns
-    -------
-    array (row, column)
-
-    Raises
-    ------
-    SourceError
-        With file, line and column of the first cell that is not a number, or the first row that
-        has another number of cells.
+    ``lines``: the rows, without line ends; ``n_columns``: cells expected in every row; ``delimiter``: one character;
+    ``path``, ``first_line``: named in the error: the file, and the line number of ``lines[0]``; ``signs``: decimal and
+    thousands sign. Returns the numbers (row, column). Raises SourceError, with file, line and column of the first cell
+    that is not a number, or the first row that has another number of cells.
 
     Examples
     --------

@@ -60,8 +60,4 @@ INSTRUMENT = Instrument(
     sniff=_sniff,
     reader="instruments.images:read",
     options=Options,
-    unproposed=(
-        "images hold no time; add the experiment by hand, with the folder or file as its film and frame_rate: "
-        "labpipe init --template KIND writes its lines"
-    ),
 )

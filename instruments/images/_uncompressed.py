@@ -92,20 +92,9 @@ def _chunks(data: mmap.mmap) -> list[_Chunk]:
 class UncompressedVideo:
     """Frames that lie in an AVI as they are.
 
-    Parameters
-    ----------
-    path : Path
-    data : mmap
-        The file.
-    begins : list of int
-        Where the pixels of each frame begin.
-    shape : (rows, columns, colours)
-    stride : int
-        Bytes from row to row.
-    palette : array (entry, 3) or None
-        Colour of each number, where pixels are such numbers.
-    is_from_top : bool
-        Whether the first row in the file is the top one.
+    ``path``; ``data``: the file; ``begins``: where the pixels of each frame begin; ``shape``; ``stride``: bytes from
+    row to row; ``palette`` (entry, 3): colour of each number, where pixels are such numbers; ``is_from_top``: whether
+    the first row in the file is the top one.
     """
 
     def __init__(

@@ -82,23 +82,11 @@ class KeyenceProfile:
 class Header:
     """What stands above the readings.
 
-    Attributes
-    ----------
-    text : str
-        The lines, unchanged.
-    n_lines : int
-        Their number: the first reading stands on line ``n_lines + 1``.
-    delimiter : str
-    entries : mapping
-        Label's meaning to (line number, cells of its value, unit inside the label).
-    outputs : tuple of int
-        Numbers of the outputs, in the order of their columns.
-    has_counter : bool
-        Whether the first column counts the points.
-    unit_texts : tuple of str
-        From the column names or a row below them, empty when there are none.
-    columns : Columns
-        Which of its columns those are, and where the times stand.
+    ``text``: the lines, unchanged; ``n_lines``: their number: the first reading stands on line ``n_lines + 1``;
+    ``delimiter``; ``entries``: label's meaning to (line number, cells of its value, unit inside the label);
+    ``outputs``: numbers of the outputs, in the order of their columns; ``has_counter``: whether the first column counts
+    the points; ``unit_texts``: from the column names or a row below them, empty when there are none; ``columns``: which
+    of its columns those are, and where the times stand.
     """
 
     text: str
@@ -144,20 +132,9 @@ def is_reading(cell: str, markers: tuple[Marker, ...]) -> bool:
 def parse_header(path: Path, lines: Sequence[str], profile: KeyenceProfile) -> Header:
     """Find the first row of readings and understand what stands above it.
 
-    Parameters
-    ----------
-    path : Path
-        Named in errors.
-    lines : sequence of str
-        The beginning of the file.
-    profile : KeyenceProfile
-        Assumptions.
-
-    Raises
-    ------
-    SourceError
-        There is no row of readings, or a line stands between the names of the columns and the
-        first row, or the number of columns does not fit their names.
+    ``path``: named in errors; ``lines``: the beginning of the file; ``profile``: assumptions. Raises SourceError: there
+    is no row of readings, or a line stands between the names of the columns and the first row, or the number of columns
+    does not fit their names.
     """
     delimiter, start = _find_start(path, lines, profile)
     head = lines[:start]

@@ -40,18 +40,8 @@ class _Line(msgspec.Struct, array_like=True, forbid_unknown_fields=True):
 class Head:
     """The first line of a journal.
 
-    Attributes
-    ----------
-    setup : Setup
-        What is recorded.
-    started : datetime
-        When slot 0 was.
-    duration : float [s]
-        How much was wanted, from the start or from the trigger.
-    trigger : Trigger or None
-        What was waited for.
-    recording : int
-        Version of this form.
+    ``setup``: what is recorded; ``started``: when slot 0 was; ``duration`` [s]: how much was wanted, from the start or
+    from the trigger; ``trigger``: what was waited for; ``recording``: version of this form.
     """
 
     setup: Setup

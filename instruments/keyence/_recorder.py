@@ -146,17 +146,9 @@ class Setup:
 class Recorder:
     """Asks in a thread of its own, keeps what comes, and decides when to stop.
 
-    Parameters
-    ----------
-    setup : Setup
-        What is recorded.
-    connect : callable
-        Opens a connection.
-    patience : float [s]
-        How long the controller may be silent before the recording is given up.
-    save : callable, optional
-        Told the new readings that are kept for good, ten times a second, and the tally: what a
-        killed recording leaves.
+    ``setup``: what is recorded; ``connect``: opens a connection; ``patience`` [s]: how long the controller may be
+    silent before the recording is given up; ``save``: told the new readings that are kept for good, ten times a second,
+    and the tally: what a killed recording leaves.
     """
 
     setup: Setup
@@ -329,24 +321,8 @@ def _close(connection: Connection | None) -> None:
 def recording(setup: Setup, samples: Sequence[Sample], start: datetime) -> xr.Dataset:
     """Lay readings on even slots; an empty slot has no reading and waits for none.
 
-    Parameters
-    ----------
-    setup : Setup
-        Units and decimals.
-    samples : sequence of Sample
-        In the order of their slots.
-    start : datetime
-        When the first slot of the recording was.
-
-    Returns
-    -------
-    Dataset
-        For :func:`instruments.keyence.write`.
-
-    Raises
-    ------
-    InputError
-        There is no reading.
+    ``setup``: units and decimals; ``samples``: in the order of their slots; ``start``: when the first slot of the
+    recording was. Returns what :func:`instruments.keyence.write` takes. Raises InputError: there is no reading.
     """
     if not samples:
         raise InputError("nothing was recorded: no reading came before the end")

@@ -29,17 +29,9 @@ _SUSPICIOUS = np.array(sorted({*NUMERIC_MARKERS, *NINES, *(-nines for nines in N
 class Rows(NamedTuple):
     """The readings.
 
-    Attributes
-    ----------
-    values : array (row, output)
-        In the units of the file; NaN where there is no reading.
-    status : array (row, output) of int8
-        :class:`Status`.
-    counter : array (row,) of int64, or None
-        The counter of the file.
-    layouts : tuple of Layout or None
-        Of every output, where all its sampled numbers have one.
-    signs : Separators
+    ``values`` (row, output): in the units of the file; NaN where there is no reading; ``status`` (row, output):
+    :class:`Status`; ``counter`` (row,): the counter of the file; ``layouts``: of every output, where all its sampled
+    numbers have one; ``signs``.
     """
 
     values: Floats

@@ -44,16 +44,9 @@ class TimeFlag(IntFlag):
 class TimeAxis:
     """Times of the frames with what is known against them.
 
-    Attributes
-    ----------
-    time : array (frame,) [s]
-        Time since the trigger.
-    flag : array (frame,)
-        Sum of :class:`TimeFlag` values.
-    missing_before : array (frame,)
-        How many frames were dropped before each frame.
-    interval : float [s]
-        Median time between frames.
+    ``time`` (frame,) [s]: time since the trigger; ``flag`` (frame,): sum of :class:`TimeFlag` values;
+    ``missing_before`` (frame,): how many frames were dropped before each frame; ``interval`` [s]: median time between
+    frames.
     """
 
     time: Floats

@@ -91,19 +91,9 @@ def infer(problem: Problem, rebuilt: Rebuilt, *, progress: Callable[[str], None]
 def structures(found: Fit, rebuilt: Rebuilt, begin: Prony) -> tuple[Structure, ...]:
     """Weigh the candidates for the structure of a spectrum.
 
-    Parameters
-    ----------
-    found : Fit
-        About which the models are linear in the terms; its misfits count for all candidates.
-    rebuilt : callable
-        Takes relaxation times (term,) and returns the evidence for them.
-    begin : Prony
-        A smooth series, from which the candidates begin.
-
-    Returns
-    -------
-    tuple of Structure
-        The most probable one first; those that do not matter are left out.
+    ``found``: about which the models are linear in the terms; its misfits count for all candidates; ``rebuilt``: takes
+    relaxation times (term,) and returns the evidence for them; ``begin``: a smooth series, from which the candidates
+    begin. Returns the most probable one first; those that do not matter are left out.
     """
     windows = [each.model.window for each in found.problem.evidence]
     data = min(w[0] for w in windows), max(w[1] for w in windows)
@@ -158,19 +148,9 @@ def _probable(made: list[_Weighed]) -> tuple[Structure, ...]:
 class _Anywhere:
     """Derivatives at a fit by terms of the times of all candidates.
 
-    Attributes
-    ----------
-    found : Fit
-    rho : array (term,) [s]
-        Ascending.
-    rest : array (n,)
-        Residuals at the fit.
-    by_terms : array (n, 1 + term)
-        Over the deviations.
-    by_values : array (n, nuisance)
-        Over the deviations.
-    at_fit : array (n,)
-        What the terms of the fit make, by ``by_terms``.
+    ``found``; ``rho`` (term,) [s]: ascending; ``rest`` (n,): residuals at the fit; ``by_terms`` (n, 1 + term): over the
+    deviations; ``by_values`` (n, nuisance): over the deviations; ``at_fit`` (n,): what the terms of the fit make, by
+    ``by_terms``.
     """
 
     found: Fit

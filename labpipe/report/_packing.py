@@ -34,20 +34,9 @@ _MARGIN = 0.02
 class Drawn:
     """The part of one series that is drawn: after thinning, with what an axis cannot show as gaps.
 
-    Attributes
-    ----------
-    source : Series or Band
-        Where it comes from.
-    x : ndarray (m,)
-        Positions.
-    index : ndarray (m,) of int, or None
-        Which samples these are; None when all are kept.
-    curves : tuple of ndarray (m,)
-        ``(y,)``, ``(y, u)`` or ``(low, high)``.
-    look : LineLook
-        Colour, dashes, marker.
-    is_marked : bool
-        Draw markers along the line: other lines of the chart differ from it in colour only.
+    ``source``: where it comes from; ``x`` (m,): positions; ``index`` (m,): which samples these are; None when all are
+    kept; ``curves`` (m,): ``(y,)``, ``(y, u)`` or ``(low, high)``; ``look``: colour, dashes, marker; ``is_marked``:
+    draw markers along the line: other lines of the chart differ from it in colour only.
     """
 
     source: Series | Band
@@ -62,16 +51,8 @@ class Drawn:
 class ThinnedChart:
     """A chart ready to be packed or drawn.
 
-    Attributes
-    ----------
-    chart : LineChart or ScatterChart
-        Where it comes from.
-    series : tuple of Drawn
-        Bands first.
-    x_range : (float, float)
-        The whole window along x.
-    notes : tuple of str
-        What was thinned out or cannot be shown; belongs into the caption.
+    ``chart``: where it comes from; ``series``: bands first; ``x_range``: the whole window along x; ``notes``: what was
+    thinned out or cannot be shown; belongs into the caption.
     """
 
     chart: LineChart | ScatterChart

@@ -15,18 +15,9 @@ _BASE64 = 4 / 3
 def shrunk(sections: Sequence[Section], excess: int) -> tuple[Section, ...]:
     """Return the sections with their PNG pictures as JPEG, as far as a page needs it.
 
-    Parameters
-    ----------
-    sections : sequence of Section
-        Of one page.
-    excess : int [bytes]
-        How much the page is too large.
-
-    Returns
-    -------
-    tuple of Section
-        The same but for pictures; those that JPEG does not make smaller, and pictures with
-        transparency, stay as they are. Captions say nothing of it: what is shown is the same.
+    ``sections``: of one page; ``excess`` [bytes]: how much the page is too large. Returns the same but for pictures;
+    those that JPEG does not make smaller, and pictures with transparency, stay as they are. Captions say nothing of it:
+    what is shown is the same.
     """
     pictures = list(_pictures(block for section in sections for block in section.blocks))
     made: dict[int, Picture] = {}

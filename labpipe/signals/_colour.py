@@ -141,18 +141,9 @@ def _likeliest(cost: Floats, interval: float) -> float:
 def coloured_covariance(design: Floats, inverse: NDArray[Any], time: Floats, colour: Colour, sigma: float) -> Floats:
     """Return the covariance (p, p) of a least-squares fit to readings with a white noise of 1.
 
-    Parameters
-    ----------
-    design : array (n or more, p)
-        Derivative of the model by its parameters; rows beyond the times are ties, no readings: the
-        noise of each is 1 and of its own.
-    inverse : array (p, p)
-        Of ``J' J``, all rows taken.
-    time : array (n,) [s]
-        Even.
-    colour : Colour
-    sigma : float
-        Standard deviation of the white part, in the unit of the hum.
+    ``design`` (n or more, p): derivative of the model by its parameters; rows beyond the times are ties, no readings:
+    the noise of each is 1 and of its own; ``inverse`` (p, p): of ``J' J``, all rows taken; ``time`` (n,) [s]: even;
+    ``colour``; ``sigma``: standard deviation of the white part, in the unit of the hum.
     """
     read, ties = design[: len(time)], design[len(time) :]
     middle = _normal(read, float(np.median(np.diff(time))), colour.corner) + ties.T @ ties
@@ -187,17 +178,8 @@ def coloured_power(count: int, interval: float, corner: float) -> float:
 def velocity_factor(share: Floats, interval: float, corner: float) -> Any:
     """Return by how much colour enlarges the uncertainty of a spline's velocity.
 
-    Parameters
-    ----------
-    share : array (n,)
-        Variance of the spline over that of a sample, if the noise were white: parameters per sample.
-    interval : float [s]
-        Between samples.
-    corner : float [Hz]
-
-    Returns
-    -------
-    array (n,)
+    ``share`` (n,): variance of the spline over that of a sample, if the noise were white: parameters per sample;
+    ``interval`` [s]: between samples; ``corner`` [Hz]. Returns the factors (n,).
     """
     cutoff = np.maximum(share, 1e-12) / (2.0 * _WIDTH * interval)
     return np.sqrt(1.0 + _PASSED * corner / cutoff)

@@ -234,16 +234,8 @@ def common_fit(
 def readings_of(time: ArrayLike, signal: ArrayLike) -> tuple[Floats, Floats]:
     """Return the finite readings of an oscillation, or say why there are none.
 
-    Parameters
-    ----------
-    time, signal : array (n,)
-        NaN in the signal is left out.
-
-    Raises
-    ------
-    InputError
-        Fewer than six readings, times that do not increase, infinite values, or a signal that does
-        not vary.
+    ``time``, ``signal`` (n,): NaN in the signal is left out. Raises InputError: fewer than six readings, times that do
+    not increase, infinite values, or a signal that does not vary.
     """
     t, y = np.array(time, float), np.array(signal, float)
     if t.ndim != 1 or t.shape != y.shape:

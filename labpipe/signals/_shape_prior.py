@@ -66,16 +66,9 @@ _BY_TILT, _LOSS_BY_TILT = np.array([-0.265, 0.0, 0.034, 0.0, 0.017]), 0.425
 class Character(NamedTuple):
     """What the shape of a pulse depends on.
 
-    Attributes
-    ----------
-    loss : float
-        Part of the speed that the solid does not return.
-    weight : float
-        Speed that gravity, and a plate that springs back, take during contact, of the incoming.
-    tilt : float
-        The same of what the plate takes more at lift-off, and less at touch, than on average.
-    u_loss : float
-        Standard uncertainty of the loss, by what is not known of the plate.
+    ``loss``: part of the speed that the solid does not return; ``weight``: speed that gravity, and a plate that springs
+    back, take during contact, of the incoming; ``tilt``: the same of what the plate takes more at lift-off, and less at
+    touch, than on average; ``u_loss``: standard uncertainty of the loss, by what is not known of the plate.
     """
 
     loss: float

@@ -162,15 +162,7 @@ class Code:
     def behind(self, *functions: str) -> Identity:
         """Return the identity of all code that some functions can reach.
 
-        Parameters
-        ----------
-        *functions : str
-            ``"package.module:name"``.
-
-        Raises
-        ------
-        SourceError
-            A module that is reached is no Python.
+        ``*functions``: ``"package.module:name"``. Raises SourceError: a module that is reached is no Python.
         """
         if not self.is_asked:
             return Identity({}, {})

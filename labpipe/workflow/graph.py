@@ -92,18 +92,9 @@ class Stage:
 def ordered(stages: Sequence[Stage], settings: type[msgspec.Struct] | None = None) -> tuple[Stage, ...]:
     """Check the stages of one kind and return them so that inputs come first.
 
-    Parameters
-    ----------
-    stages : sequence of Stage
-        All stages of the kind.
-    settings : type, optional
-        Settings structure of the kind, to check the fields that the stages name.
-
-    Raises
-    ------
-    InputError
-        Names repeat, an input or field is unknown, or the stages form a circle; every problem is
-        listed except that a circle is only looked for when there is no other.
+    ``stages``: all stages of the kind; ``settings``: settings structure of the kind, to check the fields that the
+    stages name. Raises InputError: names repeat, an input or field is unknown, or the stages form a circle; every
+    problem is listed except that a circle is only looked for when there is no other.
     """
     by_name = {stage.name: stage for stage in stages}
     problems = []

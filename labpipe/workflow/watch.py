@@ -89,19 +89,10 @@ def stamp_of(path: Path) -> Stamp:
 class Watcher:
     """Looks at a session folder and processes what has become complete.
 
-    Parameters
-    ----------
-    folder : Path
-        The session folder; session.toml may come later.
-    kinds, stages : mapping
-        Settings structure and stages of every kind of experiment.
-    check : callable
-        Given an experiment and the path of a file at rest: None when the file is complete by its
-        own content, or what is missing.
-    run : callable
-        Given a session of complete experiments and the name of one: processes it.
-    settling : Settling
-        How long a file must rest.
+    ``folder``: the session folder; session.toml may come later; ``kinds``, ``stages``: settings structure and stages of
+    every kind of experiment; ``check``: given an experiment and the path of a file at rest: None when the file is
+    complete by its own content, or what is missing; ``run``: given a session of complete experiments and the name of
+    one: processes it; ``settling``: how long a file must rest.
     """
 
     folder: Path

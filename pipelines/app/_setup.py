@@ -65,19 +65,9 @@ def digest(texts: Mapping[str, str]) -> str:
 def changed(texts: Mapping[str, str], asked: Any) -> dict[str, str]:
     """Apply changes one after the other.
 
-    Parameters
-    ----------
-    texts : mapping
-        Of :func:`read`.
-    asked : list of dict
-        ``{"op": "set", "file", "place", "text"}``, ``rename`` (``name``, ``to``), ``remove``
-        (``name``), ``merge`` (``name``, ``other``, ``key``), ``split`` (``name``, ``to``, ``key``,
-        ``names``), ``add`` (``name``, ``key``, ``names``).
-
-    Raises
-    ------
-    InputError
-        A change cannot be made.
+    ``texts``: of :func:`read`; ``asked``: ``{"op": "set", "file", "place", "text"}``, ``rename`` (``name``, ``to``),
+    ``remove`` (``name``), ``merge`` (``name``, ``other``, ``key``), ``split`` (``name``, ``to``, ``key``, ``names``),
+    ``add`` (``name``, ``key``, ``names``). Raises InputError: a change cannot be made.
     """
     new = dict(texts)
     if not isinstance(asked, list):

@@ -29,20 +29,10 @@ _SHARPNESS = 0.8
 class View:
     """How one frame differs from the pattern itself.
 
-    Attributes
-    ----------
-    shift : (float, float) [px]
-        To the right and downwards.
-    scale, angle : float [1], [rad]
-        About the middle of the image; for formulas only.
-    defocus : float [px]
-        Standard deviation of a Gaussian blur; for spectra only, as the next two.
-    disc : float [px]
-        Radius of a disc, as a lens out of focus makes it.
-    smear : (float, float) [px]
-        Path during the exposure.
-    light : (float, float, float)
-        Gain at the middle, and its change per px to the right and downwards.
+    ``shift`` (float, float) [px]: to the right and downwards; ``scale``, ``angle`` [1] [rad]: about the middle of the
+    image; for formulas only; ``defocus`` [px]: standard deviation of a Gaussian blur; for spectra only, as the next
+    two; ``disc`` [px]: radius of a disc, as a lens out of focus makes it; ``smear`` (float, float) [px]: path during
+    the exposure; ``light``: gain at the middle, and its change per px to the right and downwards.
     """
 
     shift: tuple[float, float] = (0.0, 0.0)

@@ -26,25 +26,9 @@ def first_impact(
 ) -> xr.Dataset:
     """Integrate the first impact of a sphere that falls from rest.
 
-    Parameters
-    ----------
-    solid : Prony
-        Of the sphere, with a constant Poisson's ratio.
-    radius : float
-        [m]
-    mass : float
-        [kg]
-    height : float
-        Of the fall [m].
-    gravity : float
-        [m/s²]
-    rtol : float
-        Relative tolerance of the integrator.
-
-    Returns
-    -------
-    Dataset
-        ``restitution``, ``peak_force`` [N], ``peak_approach`` [m] and ``contact_duration`` [s] over ``impact`` (1,).
+    ``solid``: of the sphere, with a constant Poisson's ratio; ``radius``: [m]; ``mass``: [kg]; ``height``: of the fall
+    [m]; ``gravity``: [m/s²]; ``rtol``: relative tolerance of the integrator. Returns ``restitution``, ``peak_force``
+    [N], ``peak_approach`` [m] and ``contact_duration`` [s] over ``impact`` (1,).
     """
     speed = sqrt(2.0 * gravity * height)
     terms, tau, relaxed = np.asarray(solid.E), np.asarray(solid.rho), float(solid.E_relaxed)

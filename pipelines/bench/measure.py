@@ -31,27 +31,13 @@ OURS, THESIS = "", "thesis"
 class Point:
     """One setting: how wrong and how long.
 
-    Parameters
-    ----------
-    setting : str
-        What was set, in words ("quintic, 31 px").
-    error : float
-        Against known truth, in the unit of the suite's ``error_label``. NaN: not defined.
-    seconds : float
-        Median of the warm runs (s). NaN: not timed.
-    group : str
-        ``""`` for ours, ``"thesis"`` (or a name that starts so) for the thesis's own method, the
-        name of a peer otherwise.
-    is_default : bool
-        Whether this is what a user gets without asking.
-    cold_seconds : float, optional
-        The first run of the process, compilation or cache loading included (s).
-    peak_bytes : int, optional
-        Most memory in use at once during one run.
-    samples : tuple of float, optional
-        The warm runs in order (s), of contenders that ran in turn: for ratios run by run.
-    extra : mapping of str to number or text, optional
-        Further columns of the table, unit in the name ("bias (px)").
+    ``setting``: what was set, in words ("quintic, 31 px"). ``error``: against known truth, in the unit of the suite's
+    ``error_label``. NaN: not defined. ``seconds``: median of the warm runs (s). NaN: not timed. ``group``: ``""`` for
+    ours, ``"thesis"`` (or a name that starts so) for the thesis's own method, the name of a peer otherwise.
+    ``is_default``: whether this is what a user gets without asking. ``cold_seconds``: the first run of the process,
+    compilation or cache loading included (s). ``peak_bytes``: most memory in use at once during one run. ``samples``:
+    the warm runs in order (s), of contenders that ran in turn: for ratios run by run. ``extra``: further columns of the
+    table, unit in the name ("bias (px)").
     """
 
     setting: str
@@ -98,24 +84,11 @@ class Bound:
 class Suite:
     """One work–precision diagram and its table.
 
-    Parameters
-    ----------
-    name : str
-        Short, unique within a run ("dic").
-    title : str
-        What is measured, against which truth.
-    error_label : str
-        Axis label of the error, with its unit: "RMS error (px)".
-    points : sequence of Point
-        The settings.
-    bounds : sequence of Bound, optional
-        Physical limits.
-    notes : sequence of str, optional
-        What a reader must know: data, truth, peers that are not installed.
-    time_label : str, optional
-        Axis label of the time, if it is not that of one whole call.
-    has_diagram : bool, optional
-        False where only the table makes sense (counts, exponents, refusals).
+    ``name``: short, unique within a run ("dic"); ``title``: what is measured, against which truth; ``error_label``:
+    axis label of the error, with its unit: "RMS error (px)"; ``points``: the settings; ``bounds``: physical limits;
+    ``notes``: what a reader must know: data, truth, peers that are not installed; ``time_label``: axis label of the
+    time, if it is not that of one whole call; ``has_diagram``: false where only the table makes sense (counts,
+    exponents, refusals).
     """
 
     name: str
@@ -132,16 +105,8 @@ class Suite:
 class Timing:
     """Run times of one contender.
 
-    Parameters
-    ----------
-    seconds : float
-        Median of the warm runs (s).
-    cold_seconds : float
-        The first run (s).
-    samples : tuple of float
-        The warm runs in the order in which they were made (s).
-    value : object
-        What the first run returned, so that its error needs no further run.
+    ``seconds``: median of the warm runs (s); ``cold_seconds``: the first run (s); ``samples``: the warm runs in the
+    order in which they were made (s); ``value``: what the first run returned, so that its error needs no further run.
     """
 
     seconds: float
@@ -182,27 +147,10 @@ def paired(
 ) -> dict[str, Timing]:
     """Time contenders in turn: first each once cold, then rounds of warm runs.
 
-    Parameters
-    ----------
-    contenders : mapping of str to callable
-        What to time; called without arguments.
-    repeats : int
-        Rounds of warm runs, at least one.
-    budget : float, optional
-        Rounds stop early once all warm runs together took longer than this (s).
-    clock : callable, optional
-        What tells the time (s): by default that of the processor, in which a busy machine shows
-        less; ``time.perf_counter`` where the work is done in other processes.
-
-    Returns
-    -------
-    dict of str to Timing
-        In the order of the contenders.
-
-    Raises
-    ------
-    InputError
-        If ``repeats`` is not positive.
+    ``contenders``: what to time; called without arguments; ``repeats``: rounds of warm runs, at least one; ``budget``:
+    rounds stop early once all warm runs together took longer than this (s); ``clock``: what tells the time (s): by
+    default that of the processor, in which a busy machine shows less; ``time.perf_counter`` where the work is done in
+    other processes. Returns the timings in the order of the contenders. Raises InputError: ``repeats`` is not positive.
 
     Examples
     --------
@@ -240,20 +188,10 @@ def race(
 ) -> list[Point]:
     """Time contenders in turn, and return a point for each.
 
-    Parameters
-    ----------
-    calls : mapping
-        What runs against each other.
-    repeats, budget
-        As of :func:`paired`.
-    judge : callable
-        Takes a setting and all timings; returns its error, and further columns.
-    default : str
-        The setting that a user gets without asking.
-    per : float
-        Pieces of work in a call; the time is that of one.
-    traced : container of str
-        Settings whose memory is measured, in one more run.
+    ``calls``: what runs against each other; ``repeats``, ``budget``: as of :func:`paired`; ``judge``: takes a setting
+    and all timings; returns its error, and further columns; ``default``: the setting that a user gets without asking;
+    ``per``: pieces of work in a call; the time is that of one; ``traced``: settings whose memory is measured, in one
+    more run.
     """
     timings = paired({name: call for name, (_, call) in calls.items()}, repeats, budget)
     points = []

@@ -16,15 +16,8 @@ _ZERO_CELSIUS = 273.15
 class Truth:
     """A material and its shift law: E(ω, T) = E(a_T ω, T_ref).
 
-    Attributes
-    ----------
-    name : str
-    T_ref : float [degC]
-        Where ``modulus`` is given.
-    modulus : callable
-        Complex modulus (Pa) at angular frequencies (rad/s).
-    shift : callable
-        log10 a at temperatures in degC, up to a constant.
+    ``name``; ``T_ref`` [degC]: where ``modulus`` is given; ``modulus``: complex modulus (Pa) at angular frequencies
+    (rad/s); ``shift``: log10 a at temperatures in degC, up to a constant.
     """
 
     name: str
@@ -37,15 +30,8 @@ class Truth:
 class Measured:
     """One set of sweeps and what is true of it.
 
-    Attributes
-    ----------
-    sweeps : Dataset over (temperature, frequency)
-    reference : float [degC]
-        The isotherm that errors are counted from.
-    log10_aT : array (temperature,)
-        True shifts from that isotherm.
-    exact : array (temperature, frequency) [Pa]
-        True complex modulus.
+    ``sweeps``; ``reference`` [degC]: the isotherm that errors are counted from; ``log10_aT`` (temperature,): true
+    shifts from that isotherm; ``exact`` (temperature, frequency) [Pa]: true complex modulus.
     """
 
     sweeps: xr.Dataset

@@ -22,17 +22,9 @@ _WIDEST_NAME = 14  # characters of a line of a label
 class MainQuantities:
     """What a reader asks for, normal about its most probable values.
 
-    Attributes
-    ----------
-    names : tuple of str
-        With units, in lines: storage modulus and loss factor where they are known best, and
-        unknowns of the experiments.
-    centre, covariance : array (n,), array (n, n)
-        Unknowns of the experiments in standard deviations of their prior.
-    curve : Moduli
-        Modulus and loss factor, at one frequency.
-    numbers : tuple of int
-        Of the unknowns shown.
+    ``names``: with units, in lines: storage modulus and loss factor where they are known best, and unknowns of the
+    experiments; ``centre``, ``covariance`` (n,) (n, n): unknowns of the experiments in standard deviations of their
+    prior; ``curve``: modulus and loss factor, at one frequency; ``numbers``: of the unknowns shown.
     """
 
     names: tuple[str, ...]

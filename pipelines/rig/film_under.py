@@ -118,17 +118,9 @@ def _centre(camera: UnderCamera) -> tuple[float, float]:
 def surface_matrix(position: Floats, r: Floats) -> Floats:
     """Return the matrix that turns springs into the surface displacement at the radii ``r``.
 
-    Parameters
-    ----------
-    position : array (spring,) [m]
-        Evenly spaced, the first half a spacing from the axis.
-    r : array (radius,) [m]
-
-    Returns
-    -------
-    array (radius, spring)
-        u is linear between springs, even across the axis, and 0 beyond the last one; the
-        integral of each piece is exact.
+    ``position`` (spring,) [m]: evenly spaced, the first half a spacing from the axis; ``r`` (radius,) [m]. Returns the
+    matrix: u is linear between springs, even across the axis, and 0 beyond the last one; the integral of each piece is
+    exact.
     """
     nodes = np.concatenate([[0.0], position])
     low, high = nodes[:-1], nodes[1:]

@@ -26,24 +26,10 @@ _WEIGHT: dict[Level, int] = {"impossible": 3, "doubtful": 2, "note": 1}
 class Trouble:
     """One row of an audit: one thing to change, and all that it spoils.
 
-    Attributes
-    ----------
-    level : "impossible", "doubtful" or "note"
-        The worst of what follows from it.
-    experiments : tuple of str
-        Those that it spoils.
-    checks : tuple of str
-        Those that it fails.
-    message : str
-        What was seen, of the worst of them.
-    cause : str
-        The most likely mistake; empty when nothing singles one out.
-    file : str
-        To look at or to change, relative to the session.
-    line : int or None
-        Of that file, where it is known.
-    named_at : int or None
-        Line of session.toml that names the file, where that is another file.
+    ``level``: the worst of what follows from it; ``experiments``: those that it spoils; ``checks``: those that it
+    fails; ``message``: what was seen, of the worst of them; ``cause``: the most likely mistake; empty when nothing
+    singles one out; ``file``: to look at or to change, relative to the session; ``line``: of that file, where it is
+    known; ``named_at``: line of session.toml that names the file, where that is another file.
     """
 
     level: Level

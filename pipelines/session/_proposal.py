@@ -100,7 +100,7 @@ def init(
         raise UsageError(f"{path} exists already; edit it, or use --force to replace it")
     if kinds := list(template):
         return _from_template(path, kinds, ask)
-    found = recognise(folder)
+    found = _with_folders(recognise(folder))
     begun = {n: (folder / n).read_text("utf-8") for n in _records(found)}
     records, completed = _with_missing_records(found)
     text, names = propose(completed)
@@ -137,37 +137,35 @@ def _gaps_in(texts: Mapping[str, str]) -> list[str]:
 
 def _unused_files(found: Found, text: str) -> list[str]:
     """Name every file that the text does not, with the reason; what is alike in one line."""
-    whole = wholes(found.folder)
     lines: list[str] = []
     copies: dict[tuple[str, str, Path], list[str]] = {}
     for name, (title, reason) in found.owners.items():
-        if f'"{quoted(name)}"' in text or (found.folder / name).parent in whole:
+        if f'"{quoted(name)}"' in text:
             continue
         if reason.startswith(_COPY_OF):
             first = Path(copied_from(reason))
             copies.setdefault((title, Path(name).parent.as_posix(), first.parent), []).append(name)
         else:
-            lines.append(f"{name} ({title}): {_unreadable(found.folder / name) or reason}")
+            told = _unreadable(found.folder / name) or reason
+            lines.append(f"{_shown(found.folder, name)} ({title}): {told}")
     for (title, place, first_place), names in copies.items():
         if len(names) == 1:
             lines.append(f"{names[0]} ({title}): {found.owners[names[0]][1]}")
         else:
             kept = f"{first_place.as_posix()}/" if first_place != Path() else "the session folder"
             lines.append(f"{len(names)} files in {place}/ ({title}): copies of those in {kept}")
-    lines += [
-        f"{place.relative_to(found.folder).as_posix()}/ ({each.title}): {_why_not(each)}"
-        for place, each in whole.items()
-        if f'"{quoted(place.relative_to(found.folder).as_posix())}"' not in text
-    ]
     alike: dict[tuple[Path, str, str], list[str]] = {}
     for name in found.unknown:
-        if (found.folder / name).parent not in whole:
-            why = why_unknown(found.folder, name)
-            alike.setdefault((Path(name).parent, Path(name).suffix.lower(), why), []).append(name)
+        why = why_unknown(found.folder, name)
+        alike.setdefault((Path(name).parent, Path(name).suffix.lower(), why), []).append(name)
     for (_, _, why), names in alike.items():
         more = f" and {len(names) - 1} more beside it" if len(names) > 1 else ""
         lines.append(f"{printable(names[0])}{more}: {why}")
     return lines
+
+
+def _shown(folder: Path, name: str) -> str:
+    return f"{name}/" if (folder / name).is_dir() else name
 
 
 _COPY_OF = "a copy of "
@@ -217,6 +215,22 @@ def wholes(folder: Path) -> dict[Path, instruments.Instrument]:
     places = [folder, *sorted(below)]
     names = {place: _instrument(place) for place in places}
     return {place: instruments.by_name(name) for place, name in names.items() if name is not None}
+
+
+def _with_folders(found: Found) -> Found:
+    """Take a folder that is one recording as that, and not the files in it."""
+    whole = {p.relative_to(found.folder).as_posix(): each for p, each in wholes(found.folder).items()}
+
+    def alone(names: Iterable[str]) -> list[str]:
+        return [name for name in names if Path(name).parent.as_posix() not in whole]
+
+    names = {sort: alone(own) for sort, own in found.names.items()}
+    for name, each in whole.items():
+        for sort in (each.name, *(() if each.unproposed else (each.content,))):
+            names.setdefault(sort, []).append(name)
+    owners = {name: found.owners[name] for name in alone(found.owners)}
+    owners |= {name: (each.title, _why_not(each)) for name, each in whole.items()}
+    return replace(found, names=names, owners=owners, unknown=tuple(alone(found.unknown)))
 
 
 def _owner(name: str) -> str:
@@ -334,7 +348,8 @@ def _begin(path: Path) -> str:
 _UNTOLD: dict[instruments.Content, str] = {
     "displacement": "the kind of experiment does not follow from it alone; add it by hand",
     "force": "it holds neither an oscillation nor a relaxation; add it by hand",
-    "film": "the kind of experiment does not follow from it alone; add it by hand",
+    "film": "neither its content nor its name tells the kind of experiment; add it by hand, exported images with "
+    "frame_rate: labpipe init --template KIND writes its lines",
     "sweep": "it holds no moduli over frequency; add it by hand",
     "displacement_field": "no kind of experiment uses it",
 }
@@ -345,7 +360,8 @@ def _why_not(instrument: instruments.Instrument) -> str:
     able = [
         f"{k.name} ({k.summary})" for k in KINDS.values() if k.proposal and instrument.content in k.proposal.contents
     ]
-    kinds = f"; kinds that begin from it: {', '.join(able)}" * bool(able and instrument.unproposed)
+    is_told = able and (instrument.unproposed or instrument.content == "film")
+    kinds = f"; kinds that begin from it: {', '.join(able)}" * bool(is_told)
     return f"{instrument.unproposed or _UNTOLD[instrument.content]}{kinds}"
 
 
@@ -378,13 +394,9 @@ def _nothing_proposed(found: Found) -> str:
     """Say what was found and why no experiment begins from it; or that nothing is known."""
     folder = found.folder
     of_reason: dict[tuple[str, str], list[str]] = {}
-    found_whole = wholes(folder)
-    for place, each in found_whole.items():
-        of_reason.setdefault((each.title, _why_not(each)), []).append(f"{place.name}/")
     for name, why in found.owners.items():
-        whole = found_whole.get((folder / name).parent)
-        if whole is None or whole.title != why[0]:
-            of_reason.setdefault((why[0], _unreadable(folder / name) or why[1]), []).append(name)
+        told = _unreadable(folder / name) or why[1]
+        of_reason.setdefault((why[0], told), []).append(_shown(folder, name))
     if not of_reason:
         known = ", ".join(each.name for each in instruments.known())
         remedies = [f"{name}: {hint}" for name in found.unknown if (hint := _remedy(folder / name))]

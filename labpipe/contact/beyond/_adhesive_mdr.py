@@ -47,17 +47,8 @@ _WIDEST = 1e4  # times the contact radius: a cohesive zone that wide is no conta
 def slope_of(shape: str, size: float) -> Slope:
     """Slope f′(r) of a named indenter.
 
-    Parameters
-    ----------
-    shape : "parabola", "sphere", "cone" or "flat"
-    size : float
-        Radius [m] of parabola and sphere; slope (tangent of the angle to the surface) of the cone;
-        of no meaning for a flat end.
-
-    Raises
-    ------
-    InputError
-        The name is unknown.
+    ``shape``; ``size``: radius [m] of parabola and sphere; slope (tangent of the angle to the surface) of the cone; of
+    no meaning for a flat end. Raises InputError: the name is unknown.
     """
     slopes: dict[str, Slope] = {
         "parabola": lambda r: r / size,

@@ -107,19 +107,12 @@ def _values(layer: _Dent, position: Floats) -> Floats:
 class Curves:
     """A contact as polynomials, step by step; times from first touch.
 
-    Attributes
-    ----------
-    time : array (step + 1,) [s]
-    coefficients : array (step, 8, power)
-        Over u from 0 to 1: position, velocity, force, edge, displacement and velocity of the plate,
-        work on the springs, loss of the plate.
-    n_growing : int
-        Steps until the contact was largest; the edge is the square of its radius till then, and
-        the place s afterwards, of a contact of radius ``largest`` [m].
-    dissipated : array (step + 1,) [J]
-        By the springs, at the ends.
-    peak_force, peak_approach, penetration : float [N], [m], [m]
-        The largest, also between the ends; the last of the sphere from where it touched.
+    ``time`` (step + 1,) [s]; ``coefficients`` (step, 8, power): over u from 0 to 1: position, velocity, force, edge,
+    displacement and velocity of the plate, work on the springs, loss of the plate; ``n_growing``: steps until the
+    contact was largest; the edge is the square of its radius till then, and the place s afterwards, of a contact of
+    radius ``largest`` [m]; ``dissipated`` (step + 1,) [J]: by the springs, at the ends; ``peak_force``,
+    ``peak_approach``, ``penetration`` [N] [m] [m]: the largest, also between the ends; the last of the sphere from
+    where it touched.
     """
 
     time: Floats

@@ -143,26 +143,11 @@ def contact(
 ) -> tuple[int, int, int, int]:
     """Follow one contact from touch to lift-off.
 
-    Parameters
-    ----------
-    law, scheme, fall
-        Material, method and body.
-    center : array (element,) [m]
-        Displacement of the central spring at touch.
-    dent : array (element, node) [m]
-        Those of the others less the central one's, on the nodes out to ``outer`` [m]; 0 there when
-        the surface is fresh.
-    n : int
-        Where in the path to begin.
-    path, room, nodes
-        Filled; ``path.state[n]`` and ``path.approach[n]`` hold the start.
-    has_ledger : bool
-        Sample the dent and fill in the stored energy.
-
-    Returns
-    -------
-    (int, int, int, int)
-        How it ended, the steps taken, those until the contact was largest, and rejected ones.
+    ``law``, ``scheme``, ``fall``: material, method and body; ``center`` (element,) [m]: displacement of the central
+    spring at touch; ``dent`` (element, node) [m]: those of the others less the central one's, on the nodes out to
+    ``outer`` [m]; 0 there when the surface is fresh; ``n``: where in the path to begin; ``path``, ``room``, ``nodes``:
+    filled; ``path.state[n]`` and ``path.approach[n]`` hold the start; ``has_ledger``: sample the dent and fill in the
+    stored energy. Returns how it ended, the steps taken, those until the contact was largest, and rejected ones.
     """
     dented = outer > 0.0
     peak, rejected = n, n - n
@@ -264,21 +249,9 @@ def _energy_lost(fall: Fall, path: Path, n: int, lost: float) -> tuple[float, fl
 def outcome_of(scheme: Scheme, fall: Fall, path: Path, n: int, room: Room, lost: float, row: Floats) -> float:
     """Fill in largest force, approach and energy mislaid, of a contact of ``n`` steps.
 
-    Parameters
-    ----------
-    scheme, fall, path, room
-        As :func:`contact` left them.
-    n : int
-        Steps.
-    lost : float [J]
-        Energy mislaid before.
-    row : array (5,)
-        Filled: largest force [N], approach [m], plate's displacement [m] and position [m], energy mislaid [J].
-
-    Returns
-    -------
-    float
-        The most energy mislaid on the way [J].
+    ``scheme``, ``fall``, ``path``, ``room``: as :func:`contact` left them; ``n``: steps; ``lost`` [J]: energy mislaid
+    before; ``row`` (5,): filled: largest force [N], approach [m], plate's displacement [m] and position [m], energy
+    mislaid [J]. Returns the most energy mislaid on the way [J].
     """
     for i in range(4):  # a constant column would be compiled for itself
         row[i] = _largest(scheme, path, n, _LOOKED_AT[i][0], _LOOKED_AT[i][1], room.short[:])

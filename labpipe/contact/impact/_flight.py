@@ -130,21 +130,10 @@ def _touch_of_plate(fall: Fall, velocity: float, dent: Floats, rate: Floats, u: 
 def time_of_flight(fall: Fall, velocity: float, dent: Floats, rate: Floats, u: float, w: float) -> float:
     """Time [s] from lift-off at a velocity [m/s] to the next touch.
 
-    Parameters
-    ----------
-    fall : Fall
-        What falls onto what.
-    velocity : float [m/s]
-        At lift-off, downwards positive.
-    dent, rate : array (element,) [m], [1/s]
-        Displacements of the elements of the central spring, and their rates of recovery.
-    u, w : float [m], [m/s]
-        Displacement and velocity of the plate.
-
-    Returns
-    -------
-    float
-        0 when the surface follows at once; negative when no touch was found, a defect.
+    ``fall``: what falls onto what; ``velocity`` [m/s]: at lift-off, downwards positive; ``dent``, ``rate`` (element,)
+    [m] [1/s]: displacements of the elements of the central spring, and their rates of recovery; ``u``, ``w`` [m] [m/s]:
+    displacement and velocity of the plate. Returns 0 when the surface follows at once; negative when no touch was
+    found, a defect.
     """
     parting = velocity - w
     for k in range(rate.size):

@@ -35,18 +35,10 @@ Profile = Literal["parabola", "sphere"]
 class LineSprings:
     """Springs at the nodes of a graded line; see :func:`line_springs`.
 
-    Attributes
-    ----------
-    position : array (spring,) [m]
-        Distance from the axis; the first is 0.
-    gap : array (spring,) [m]
-        Approach at which an unloaded spring touches.
-    weight : array (spring,) [m]
-        Force per load of each node when its neighbours are in contact too.
-    last_weight : array (spring,) [m]
-        The same without the cell beyond the node.
-    edge_bias : float
-        NaN: the edge of the contact cuts a cell.
+    ``position`` (spring,) [m]: distance from the axis; the first is 0; ``gap`` (spring,) [m]: approach at which an
+    unloaded spring touches; ``weight`` (spring,) [m]: force per load of each node when its neighbours are in contact
+    too; ``last_weight`` (spring,) [m]: the same without the cell beyond the node; ``edge_bias``: NaN: the edge of the
+    contact cuts a cell.
     """
 
     radius_of_sphere: float

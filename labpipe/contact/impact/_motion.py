@@ -152,16 +152,9 @@ class Stillness:
     Speed alone will not do: it vanishes at every turn. Its swing is taken, not its size, because a
     contact at rest still creeps.
 
-    Parameters
-    ----------
-    tolerance : float
-        Amplitude relative to the static sag.
-    period : float [s]
-        Of the sphere on its static sag.
-    speed : float [m/s]
-        Gravity times period over 2 pi: the speed that belongs to an amplitude of one sag.
-    plate_speed : float [m/s]
-        Speed of the plate that counts as such an amplitude; infinite on a rigid floor.
+    ``tolerance``: amplitude relative to the static sag; ``period`` [s]: of the sphere on its static sag; ``speed``
+    [m/s]: gravity times period over 2 pi: the speed that belongs to an amplitude of one sag; ``plate_speed`` [m/s]:
+    speed of the plate that counts as such an amplitude; infinite on a rigid floor.
     """
 
     tolerance: float

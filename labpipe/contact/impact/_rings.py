@@ -40,15 +40,8 @@ _BLOCK = 64
 def disc_displacement(r: Floats, c: Floats) -> Floats:
     """Displacement at ``r`` under unit pressure on a disc of radius ``c``, at unit compliance.
 
-    Parameters
-    ----------
-    r, c : array [m]
-        Broadcast against each other; ``r`` is positive.
-
-    Returns
-    -------
-    array [m]
-        ``U(r, c)``; multiply by ``(1 - nu**2)/E`` and the pressure.
+    ``r``, ``c`` [m]: broadcast against each other; ``r`` is positive. Returns ``U(r, c)``; multiply by ``(1 -
+    nu**2)/E`` and the pressure.
     """
     r, c = np.broadcast_arrays(np.asarray(r, dtype=float), np.asarray(c, dtype=float))
     larger = np.maximum(r, c)
@@ -116,16 +109,9 @@ def surface_gap(r: Floats, radius_of_sphere: float, profile: Profile) -> Floats:
 class RingSprings:
     """Springs equivalent to rings; see :func:`ring_springs`.
 
-    Attributes
-    ----------
-    position : array (spring,) [m]
-        Middle radius of each ring.
-    gap : array (spring,) [m]
-        Approach at which an unloaded spring touches.
-    weight : array (spring,) [m]
-        Force per load of each spring.
-    unit : array (spring,)
-        Displacement of each spring per approach, ``L^-1 1``; loads are per unit.
+    ``position`` (spring,) [m]: middle radius of each ring; ``gap`` (spring,) [m]: approach at which an unloaded spring
+    touches; ``weight`` (spring,) [m]: force per load of each spring; ``unit`` (spring,): displacement of each spring
+    per approach, ``L^-1 1``; loads are per unit.
     """
 
     radius_of_sphere: float

@@ -43,16 +43,9 @@ _STEPS_PER_CONTACT = 1.7
 class Scales:
     """What an impact and a rest of this sphere look like, before anything is computed.
 
-    Attributes
-    ----------
-    duration : float [s]
-        Of the first contact.
-    radius : float [m]
-        Largest contact radius.
-    rest_radius : float [m]
-        Contact radius under the weight, at first.
-    rest_period, rest_speed : float [s, m/s]
-        Of small oscillations on the static sag, and the speed of an amplitude of one sag.
+    ``duration`` [s]: of the first contact; ``radius`` [m]: largest contact radius; ``rest_radius`` [m]: contact radius
+    under the weight, at first; ``rest_period``, ``rest_speed`` [s, m/s]: of small oscillations on the static sag, and
+    the speed of an amplitude of one sag.
     """
 
     duration: float

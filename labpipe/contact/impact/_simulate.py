@@ -129,25 +129,10 @@ def simulate(
 ) -> DropRun:
     """Fall, bounce, rest.
 
-    Parameters
-    ----------
-    setting : Setting
-        What was asked for.
-    creep : Creep
-        Contact compliance, all terms.
-    effort : Effort
-        How finely.
-    looks : array (map_time,) [s] or None
-        Instants, from the release, of which to keep the springs.
-    observe : callable or None
-        Told the time since first touch now and then.
-    first_contact_only : bool
-        End at the first lift-off.
-
-    Raises
-    ------
-    InputError
-        The contact would be wider than the sphere, or there are too many steps.
+    ``setting``: what was asked for; ``creep``: contact compliance, all terms; ``effort``: how finely; ``looks``
+    (map_time,) [s]: instants, from the release, of which to keep the springs; ``observe``: told the time since first
+    touch now and then; ``first_contact_only``: end at the first lift-off. Raises InputError: the contact would be wider
+    than the sphere, or there are too many steps.
     """
     expected = scales(creep, setting.radius, setting.mass, setting.gravity, setting.speed)
     condensed = Condensed(creep, 0, 0)

@@ -27,17 +27,9 @@ _FLIGHT_SAMPLES = 24
 class Flight:
     """A flight from its start; everything in it is known in closed form.
 
-    Attributes
-    ----------
-    start : Motion
-        The instant it begins, without force.
-    end : float [s]
-    stored : array (element,) [J]
-        Energy that each element of the memory holds at the start.
-    dent : array (element,) [m]
-        Displacement that each element leaves at the pole at the start.
-    rate : array (element,) [1/s]
-        How fast the elements recover.
+    ``start``: the instant it begins, without force; ``end`` [s]; ``stored`` (element,) [J]: energy that each element of
+    the memory holds at the start; ``dent`` (element,) [m]: displacement that each element leaves at the pole at the
+    start; ``rate`` (element,) [1/s]: how fast the elements recover.
     """
 
     start: Motion

@@ -78,18 +78,9 @@ def simulate(
 ) -> xr.Dataset:
     """March through a checked history; see :func:`labpipe.contact.indent`.
 
-    Parameters
-    ----------
-    request : Request
-        What is pressed into what.
-    time : array (time,) [s]
-        Never falling.
-    value : array (time,) [m or N]
-        Displacement, or load.
-    control : {"displacement", "force"}
-        Which of the two.
-    rtol, outputs, solver, progress
-        As of :func:`labpipe.contact.indent`.
+    ``request``: what is pressed into what; ``time`` (time,) [s]: never falling; ``value`` (time,) [m or N]:
+    displacement, or load; ``control``: which of the two; ``rtol``, ``outputs``, ``solver``, ``progress``: as of
+    :func:`labpipe.contact.indent`.
     """
     _require_known(request, rtol, outputs, solver, time.size)
     is_small = (request.elements or DEFAULT_ELEMENTS) <= _BY_ONE_THREAD

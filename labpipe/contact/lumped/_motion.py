@@ -29,18 +29,9 @@ _FORCE_ROUNDING = 1e-9
 class CollisionLaw:
     """Force between sphere and flat.
 
-    Attributes
-    ----------
-    stiffness : float [N/m^1.5]
-        χ.
-    damping : float [N s/m^1.5]
-        c_v.
-    yield_depth : float [m]
-        Elastic overlap beyond which the overlap is permanent; infinite for none.
-    unloading_multiplier : float
-        f, at least 1.
-    as_printed : bool
-        The thesis's unloading, see the module.
+    ``stiffness`` [N/m^1.5]: χ; ``damping`` [N s/m^1.5]: c_v; ``yield_depth`` [m]: elastic overlap beyond which the
+    overlap is permanent; infinite for none; ``unloading_multiplier``: f, at least 1; ``as_printed``: the thesis's
+    unloading, see the module.
     """
 
     stiffness: float

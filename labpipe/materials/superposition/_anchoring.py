@@ -35,19 +35,11 @@ _THERMOMETER, _TRIED = (0.3, 3.0), 61
 class Anchor:
     """Where the reference lies.
 
-    Attributes
-    ----------
-    offset : float
-        log10 a of the reference temperature in the frame of the fit.
-    share : array (isotherm,)
-        Weights of the isotherms in that offset; their sum is one.
-    shift_by_parameter : array (isotherm, parameter)
-        Change of the final log10 a_T with every outer parameter.
-    covariance : array (isotherm, isotherm)
-        Of the final log10 a_T.
-    own : array (isotherm,)
-        Part of the standard uncertainty of every sweep's place on the curve that is its own, in decades;
-        by those that the reference lies between, the whole curve is misplaced.
+    ``offset``: log10 a of the reference temperature in the frame of the fit; ``share`` (isotherm,): weights of the
+    isotherms in that offset; their sum is one; ``shift_by_parameter`` (isotherm, parameter): change of the final log10
+    a_T with every outer parameter; ``covariance`` (isotherm, isotherm): of the final log10 a_T; ``own`` (isotherm,):
+    part of the standard uncertainty of every sweep's place on the curve that is its own, in decades; by those that the
+    reference lies between, the whole curve is misplaced.
     """
 
     offset: float

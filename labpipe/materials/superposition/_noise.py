@@ -91,16 +91,9 @@ def first_noise(scatter: Noise | None, ratio: float | None) -> Noise:
 def next_noise(noise: Noise, factors: tuple[float, float], scatter: Scatter | None, ratio: float | None) -> Noise:
     """Return the levels that the residuals ask for.
 
-    Parameters
-    ----------
-    noise : Noise
-        Levels of the last fit.
-    factors : (float, float)
-        Root mean square of its residuals in those units, free residuals counted.
-    scatter : Scatter or None
-        Scatter of the sweeps; without it the residuals decide alone.
-    ratio : float or None
-        Loss over storage where the user fixed it.
+    ``noise``: levels of the last fit; ``factors``: root mean square of its residuals in those units, free residuals
+    counted; ``scatter``: scatter of the sweeps; without it the residuals decide alone; ``ratio``: loss over storage
+    where the user fixed it.
     """
     if ratio is not None:
         common = float(np.hypot(*factors) / np.sqrt(2.0))

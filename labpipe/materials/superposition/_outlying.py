@@ -64,16 +64,8 @@ def outlying(points: Points) -> Flags:
 def off_the_curve(points: Points, predicted: Floats) -> Flags:
     """Tell which single readings lie far off a master curve that all the others follow.
 
-    Parameters
-    ----------
-    points : Points
-    predicted : array (2 point,) [Pa]
-        Storage and loss of the master curve.
-
-    Returns
-    -------
-    array of bool (point,)
-        None where they are many: then the curve is wrong, or not only readings are.
+    ``points``; ``predicted`` (2 point,) [Pa]: storage and loss of the master curve. Returns the readings, none where
+    they are many: then the curve is wrong, or not only readings are.
     """
     measured = np.concatenate([points.storage, points.loss])
     off = np.abs(np.log(measured / np.maximum(predicted, np.finfo(float).tiny))).reshape(2, -1)

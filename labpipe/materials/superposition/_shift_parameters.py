@@ -99,26 +99,13 @@ def expected_shifts(temperature: Floats, log10_aT: Floats) -> Expectation:
 class OuterModel:
     """Which laws hold, over which isotherms.
 
-    Attributes
-    ----------
-    temperature : array (isotherm,) [degC]
-    T_ref : float [degC]
-        Where the laws are zero.
-    reference : int
-        The isotherm whose free shift is zero.
-    given : array (isotherm,)
-        The shifts of a fixed model; the start of the others.
-    delay_unit : float [s]
-        Unit of the delay parameter: one radian at the highest frequency.
-    horizontal, vertical, has_delay
-        Which parameters there are.
-    level_spread : float
-        Standard deviation (relative) of a level of its own per isotherm about the vertical law,
-        as a sample that is clamped or tempered anew shows; 0 allows none.
-    slope_spread : float [1/K]
-        Standard deviation of a slope of ln b about a vertical law that has no numbers; 0 allows none.
-    expectation : Expectation, optional
-        Weak pull on free shifts.
+    ``temperature`` (isotherm,) [degC]; ``T_ref`` [degC]: where the laws are zero; ``reference``: the isotherm whose
+    free shift is zero; ``given`` (isotherm,): the shifts of a fixed model; the start of the others; ``delay_unit`` [s]:
+    unit of the delay parameter: one radian at the highest frequency; ``horizontal``, ``vertical``, ``has_delay``: which
+    parameters there are; ``level_spread``: standard deviation (relative) of a level of its own per isotherm about the
+    vertical law, as a sample that is clamped or tempered anew shows; 0 allows none; ``slope_spread`` [1/K]: standard
+    deviation of a slope of ln b about a vertical law that has no numbers; 0 allows none; ``expectation``: weak pull on
+    free shifts.
     """
 
     temperature: Floats

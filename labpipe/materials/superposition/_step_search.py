@@ -39,15 +39,9 @@ _BETTER = 0.1
 class Probe:
     """What the walk along the loose steps found.
 
-    Attributes
-    ----------
-    groups : array (step, isotherm)
-        The isotherms that move with every walked step: one, others zero.
-    variance : array (step,)
-        Spread of every walked step by its likelihood and its other minima, beyond what its
-        covariance said.
-    better : Fit, optional
-        A fit from which to settle anew: some step was in a minimum that is not the best.
+    ``groups`` (step, isotherm): the isotherms that move with every walked step: one, others zero; ``variance`` (step,):
+    spread of every walked step by its likelihood and its other minima, beyond what its covariance said; ``better``: a
+    fit from which to settle anew: some step was in a minimum that is not the best.
     """
 
     groups: Floats

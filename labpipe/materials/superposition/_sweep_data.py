@@ -37,21 +37,11 @@ _REPEAT = 0.5
 class SweepData:
     """Valid points of all sweeps and where they sit in the Dataset.
 
-    Attributes
-    ----------
-    points : Points
-        Of the isotherms that hold any, numbered in the order of ``kept``; means of neighbouring
-        readings where there are very many.
-    readings : Points
-        All readings.
-    temperature : array (isotherm,) [degC]
-        Of the isotherms in use.
-    kept : array (isotherm,)
-        Index of every isotherm in use along the Dataset's ``temperature``.
-    row, column : array (reading,)
-        Index of every reading along ``temperature`` and ``frequency``.
-    warnings : tuple of str
-        What the report has to say.
+    ``points``: of the isotherms that hold any, numbered in the order of ``kept``; means of neighbouring readings where
+    there are very many; ``readings``: all readings; ``temperature`` (isotherm,) [degC]: of the isotherms in use;
+    ``kept`` (isotherm,): index of every isotherm in use along the Dataset's ``temperature``; ``row``, ``column``
+    (reading,): index of every reading along ``temperature`` and ``frequency``; ``warnings``: what the report has to
+    say.
     """
 
     points: Points

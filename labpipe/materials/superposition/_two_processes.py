@@ -51,21 +51,12 @@ _LN10 = float(np.log(10.0))
 class TwoProcesses:
     """The best fit of two processes.
 
-    Attributes
-    ----------
-    share : float
-        Decades that the second process shifts for each of the first.
-    log10_aT : array (isotherm,)
-        Of the first process, zero at the reference isotherm.
-    covariance : array (isotherm, isotherm)
-        Of ``log10_aT``, the spectra and the share having followed.
-    cost : float
-        Misfit, twice the effective number of terms, and the expectation of shifts: comparable
-        with :func:`._joint_fit.predictive_cost` at the same weights.
-    length : float
-        How many neighbouring readings are worth one, by what two processes leave.
-    belief : float
-        Probability of two processes after the data; one where they are the better model beyond doubt.
+    ``share``: decades that the second process shifts for each of the first; ``log10_aT`` (isotherm,): of the first
+    process, zero at the reference isotherm; ``covariance`` (isotherm, isotherm): of ``log10_aT``, the spectra and the
+    share having followed; ``cost``: misfit, twice the effective number of terms, and the expectation of shifts:
+    comparable with :func:`._joint_fit.predictive_cost` at the same weights; ``length``: how many neighbouring readings
+    are worth one, by what two processes leave; ``belief``: probability of two processes after the data; one where they
+    are the better model beyond doubt.
     """
 
     share: float
@@ -79,17 +70,9 @@ class TwoProcesses:
 def two_processes(points: Points, weight: Floats, model: OuterModel, log10_aT: Floats, strength: float) -> TwoProcesses:
     """Fit two processes to the sweeps.
 
-    Parameters
-    ----------
-    points : Points
-    weight : array (2 point,)
-        One over the noise, storage first.
-    model : OuterModel
-        Free shifts; its vertical law, levels and delay are left out.
-    log10_aT : array (isotherm,)
-        Shifts of one process, to start from.
-    strength : float
-        Smoothing of either spectrum.
+    ``points``; ``weight`` (2 point,): one over the noise, storage first; ``model``: free shifts; its vertical law,
+    levels and delay are left out; ``log10_aT`` (isotherm,): shifts of one process, to start from; ``strength``:
+    smoothing of either spectrum.
     """
     hot = np.argsort(model.temperature)[-max(4, model.temperature.size // 2) :]
     law = fit_law("wlf", model.temperature[hot], log10_aT[hot], np.eye(hot.size), model.T_ref)

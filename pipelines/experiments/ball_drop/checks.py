@@ -107,6 +107,12 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
     if causes and (not explain(everything, causes) or _is_of_some(of_records)):
         headed = dict(zip(settings.laser, readings or (), strict=False))
         everything = [c for one in records for c in _alone(of_records[one[0].name], one, headed, settings)]
+    # a time or a length that is wrong makes the contact of the right body too long
+    for found in explain(everything, causes)[:1]:
+        cause = found.cause
+        place = {"file": cause.file, "line": cause.line, "setting": cause.setting}
+        named = [name for name in found.checks if name == "duration of the first contact"]
+        everything = judgements.because(everything, found.sentence, *named, **place)
     checks += everything
     checks += fall_checks.repeats_alike([fall for fall, _ in records], _REPEATS, _OF_ANOTHER)
     checks.append(fall_checks.levels_alike([fall for fall, _ in records]))

@@ -15,6 +15,7 @@ from pipelines.experiments.contact_area.measured import FRINGE_FIT, OPEN_GAP, RE
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.film_light import LIGHT
 
+ONE_SCALE = "one scale of the fringes"
 _FRINGES = 3e-3
 """Relative uncertainty of the scale of fringes found in a film."""
 _FEWEST = 8  # frames whose centres make a place
@@ -146,7 +147,7 @@ def _stays(radius: xr.Dataset, settings: ContactArea) -> Check:
 
 def _one_scale(radius: xr.Dataset, settings: ContactArea) -> Check:
     """Hold the scale of the fringes in each contact against that in the others."""
-    name, law = "one scale of the fringes", "lens and light stay: the fringes of all contacts have one scale"
+    name, law = ONE_SCALE, "lens and light stay: the fringes of all contacts have one scale"
     if "own_scale" not in radius:
         return not_made(name, law, "fringes in two contacts")
     told = np.isfinite(radius["own_scale"].values) & np.isfinite(radius["u_own_scale"].values)

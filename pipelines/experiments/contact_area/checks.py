@@ -30,7 +30,7 @@ from pipelines.experiments.contact_area._flight_checks import (
     restitution_by_radii,
 )
 from pipelines.experiments.contact_area._frame_checks import contacts_whole, frame_checks, none_lost, summits_seen
-from pipelines.experiments.contact_area._image_checks import image_checks, in_view
+from pipelines.experiments.contact_area._image_checks import ONE_SCALE, image_checks, in_view
 from pipelines.experiments.contact_area._scale import fringe_scale
 from pipelines.experiments.contact_area.comparison import FRAMES, PLATE, SCALE, WAVELENGTH, plate_mass, rows
 from pipelines.experiments.contact_area.measured import brightness, edges_only
@@ -38,7 +38,7 @@ from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.film_frames import CAUSES, explained, not_smoothed, whole_film
 from pipelines.experiments.shared.film_light import exposed, lit, no_mosaic
-from pipelines.experiments.shared.film_stated import is_rate_used, stated_twice
+from pipelines.experiments.shared.film_stated import is_rate_used, of_rate, stated_twice
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, times_over
 from pipelines.experiments.shared.material_inputs import material_inputs
@@ -65,8 +65,10 @@ _ASLANT, _MOST_ASLANT = ", or the camera looks aslant at the disc", 0.94
 _LATE = ", or the film begins too late, after an earlier impact"
 _SPOILED = ", or something alters the rings (a bubble or liquid in the gap, a gamma in the grey levels)"
 _SLIGHT = 0.05  # relative, up to which that changes the scale of fringes
-_NEAR = 3.0  # factor of the frame rate, below which a wrong height may be meant
+_NEAR, _OF_HEIGHT = 3.0, ", or the drop is of another height than stated"
+"""Factor of the frame rate, below which a wrong height may be meant."""
 _ALWAYS = 0.98  # of all frames in contact: no flight is seen
+_STICKS = 1.0  # J/m²
 _ZIGZAG = 0.03  # of the largest radius, by which a contact does not shrink before it grows on
 _FAILED = CAUSES | {
     "radius": "the calibration record is of another view or day, or the film is not what the session says",
@@ -86,7 +88,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
     checks = [explained(check, whole) for check in judgements.failed_steps(context, _FAILED)]
     body = settings.sphere.radius.value, settings.sphere.mass.value
     checks += [fall_checks.gravity_stated(settings.model.gravity), fall_checks.body_stated(*body)]
-    checks.append(judgements.day_known(radius, settings.camera, settings.film))
+    checks += [judgements.day_known(radius, settings.camera, settings.film), _sticks(settings)]
     checks.append(not_smoothed(context, settings.film))
     if radius is not None:
         checks += stated_twice(radius, settings.film, settings.frame_rate, settings.exposure)
@@ -100,9 +102,13 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
         checks += frame_checks(radius, whole, settings)
         # rows of a mosaic differ as those of an interlaced film do
         checks = judgements.because(checks, mosaic.cause if mosaic.level else "", "sound frames", "step impacts")
-    if impacts is not None and impacts.sizes["impact"]:
+    if radius is not None and impacts is not None and impacts.sizes["impact"]:
         checks += given.each((_size, _like_model, _order, _flight, _duration, _rest, _steady, _ends))
-        checks += given.each((contacts_whole, summits_seen, none_lost, none_missed, flights_alike))
+        checks += given.each((contacts_whole, none_lost, none_missed, flights_alike))
+        summits = summits_seen(radius, impacts, settings)
+        # a largest contact that was not seen is taken to be that before it, and one that recedes for one that grows
+        checks = judgements.because(checks, summits.cause if summits.level else "", ONE_SCALE, level=summits.level)
+        checks.append(summits)
         # where impacts do not follow each other, what is held against the stated height is another one
         order = next(c for c in checks if c.name == ORDER)
         checks = judgements.because(checks, order.cause if order.level else "", FLIGHT, DURATION, log_ratio=nan)
@@ -156,6 +162,18 @@ def _fringes(radius: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | No
     return compared(FRINGE, law, message, found.ratio, found.u, 1.0, u, file=settings.film)
 
 
+def _sticks(settings: ContactArea) -> Check:
+    """Hold the stated work of adhesion against those of smooth polymers."""
+    name, law = "work of adhesion", "clean smooth surfaces of polymers stick with less than 1 J/m²"
+    given = settings.work_of_adhesion
+    if given is None:
+        return not_made(name, law, "a work of adhesion")
+    cause = "work_of_adhesion is in another unit than was typed (mJ/m²), or that of tearing soft adhesives apart"
+    level: Level | None = "doubtful" if given.value > _STICKS else None
+    text = f"{quantity(given.value, 'J/m2')} are stated"
+    return stated(name, law, text, level, cause=cause, setting="work_of_adhesion")
+
+
 def _visible(radius: xr.Dataset, settings: ContactArea) -> Check:
     """Hold the fitted visibility against that of dark fringes without any light."""
     name, law = "visibility of the fringes", "fringes cannot be darker than dark: visibility is at most 1"
@@ -186,9 +204,7 @@ def _method(radius: xr.Dataset, settings: ContactArea) -> Check:
     if edges <= fringes:
         cause = "contacts are small or move fast there, or something hides or spoils their fringes: look at these"
     else:
-        cause = (
-            "fringes are not resolved: a scale of another view, another wavelength, a lens out of focus or covered"
-        )
+        cause = "fringes are not resolved: a scale of another view, another wavelength, a lens out of focus or covered"
         better = [check.cause for check in (exposed(radius, settings.film), in_view(radius, settings)) if check.level]
         cause = better[0] if better else cause
     return stated(name, law, message, level, cause=cause, file=settings.film)
@@ -373,12 +389,6 @@ def _steady(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> C
     return stated(name, law, f"{settings.film}: contacts grow and shrink steadily", None, file=settings.film)
 
 
-def _of_rate(k: float) -> str:
-    too = f"{in_words(k)} times too short" if k > 1.0 else f"{in_words(1 / k)} times too long"
-    height = ", or the drop is of another height than stated" if 1 / _NEAR < k < _NEAR else ""
-    return f"the frame rate is {in_words(k)} times the true one{height}: times come out {too}"
-
-
 def _causes(
     settings: ContactArea, radius: xr.Dataset | None = None, impacts: xr.Dataset | None = None
 ) -> Iterator[Cause]:
@@ -410,7 +420,7 @@ def _causes(
     )
     yield Cause(
         {FLIGHT: -1.0, DURATION: -1.0},
-        _of_rate,
+        lambda k: of_rate(k, _OF_HEIGHT * (1 / _NEAR < k < _NEAR)),
         SLIPS["interval"],
         file="" if is_rate_used(settings.frame_rate, radius) else settings.film,
         setting="frame_rate" if is_rate_used(settings.frame_rate, radius) else "",

@@ -12,6 +12,7 @@ from pipelines.experiments.dic_validation import viewing_angle
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared.trace_checks import Trace, swing_at_rest
 
+BEGINNING = "beginning of the film"
 _NO_MOTION = "four frames of a motion that is clear of the noise"
 _MATTERS = 0.5  # of the uncertainty of the scale, by which the camera's angle may change lengths untold
 _ASIDE = 0.15  # px to either side, beyond what the interpolation between pixels leaves
@@ -23,6 +24,7 @@ _FIRST, _MOVES = 12, 0.15  # frames that tell how fast it moves in the first, an
 _SWINGS = 0.02  # of the fall, by which a swing spoils it
 _STILL, _PASSES, _CLEAR = 5, 6, 0.02
 """First frames that tell a level, the times that a swing passes it, and the part of the motion of one such step."""
+_IN_NOISE = 10.0  # standard uncertainties from lowest to highest, within which nothing moves
 _MOST_DOWN, _SLOW = 0.95, 5.0  # of a way down that is timed, and times as long as a fall that it takes if driven
 
 
@@ -112,6 +114,11 @@ def no_fall(motion: xr.Dataset, gravity: float) -> str:
     if known.size <= _FEWEST:
         return ""
     moved = y - np.median(y[:_STILL])
+    if np.ptp(moved) < _IN_NOISE * float(np.median(motion["u_displacement"].values[known])):
+        return (
+            "what is followed hangs still throughout: the film was triggered at another time, or ends before the "
+            "release, or tracking.body is on what stands still"
+        )
     through = np.flatnonzero(np.diff(moved > 0.0) & (np.abs(np.diff(moved)) > _CLEAR * np.ptp(moved)))
     shown = "; its displacement is on the experiment's page and in the step motion"
     if through.size >= _PASSES:
@@ -136,7 +143,7 @@ def no_fall(motion: xr.Dataset, gravity: float) -> str:
 
 def begins_at_rest(motion: xr.Dataset, settings: DicValidation) -> Check:
     """Look for a film that begins after the release, or after the first impact."""
-    name, law = "beginning of the film", "before its release the holder hangs still"
+    name, law = BEGINNING, "before its release the holder hangs still"
     known = np.flatnonzero(np.isfinite(motion["displacement"].values))
     time, y = motion["time"].values[known], motion["displacement"].values[known]
     if known.size <= _FIRST:

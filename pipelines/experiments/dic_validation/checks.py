@@ -16,6 +16,7 @@ from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from labpipe.workflow.fields import REFERENCE
 from pipelines.experiments.dic_validation._view_checks import (
+    BEGINNING,
     begins_at_rest,
     direction,
     no_fall,
@@ -40,7 +41,7 @@ from pipelines.experiments.shared.film_frames import (
     whole_film,
 )
 from pipelines.experiments.shared.film_light import exposed, lit, no_mosaic
-from pipelines.experiments.shared.film_stated import is_rate_used, stated_twice
+from pipelines.experiments.shared.film_stated import is_rate_used, of_rate, stated_twice
 from pipelines.experiments.shared.frame_order import in_order
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene
@@ -121,6 +122,8 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
             fall_checks.flights_alike(fall, _GRAVITY),
             _same_body(fall, laser, settings),
         ]
+    if any(check.cause == fall_checks.BACKWARDS for check in checks):
+        checks = judgements.because(checks, fall_checks.BACKWARDS, HEIGHT, SAME, BEGINNING, log_ratio=nan, setting="")
     if motion is not None and steady.level:  # a level that jumps makes rebounds of another height
         checks = judgements.because(checks, steady.cause, *_BY_JUMPS, log_ratio=nan, file=settings.film, setting="")
     if comparison is not None and "gain" in comparison:
@@ -338,10 +341,11 @@ def _gain(comparison: xr.Dataset, settings: DicValidation) -> Check:
     expected, u = 1.0, float(comparison["expected_u_gain"])
     message = f"{settings.film}: lengths are {1 / gain:.4g} times those of the laser" if gain else settings.film
     other = hypot(u, _BETWEEN_DAYS)
-    found = compared(
+    if gain < 0.0:
+        return not_made(GAIN, law, "a film that shows the laser's motion and not its opposite")
+    return compared(
         GAIN, law, message, gain, float(comparison["u_gain"]), expected, other, allowance=0.03, file=settings.camera
     )
-    return replace(found, cause=_UPSIDE_DOWN, file=settings.film) if gain < 0.0 else found
 
 
 def _causes(track: xr.Dataset | None, settings: DicValidation) -> Iterator[Cause]:
@@ -357,9 +361,7 @@ def _causes(track: xr.Dataset | None, settings: DicValidation) -> Iterator[Cause
     )
     yield Cause(
         {G: 2.0, SPEED: 1.0},
-        lambda k: (
-            f"the frame rate is {in_words(k, 4)} times the true one: times come out {in_words(1 / k, 4)} times too long"
-        ),
+        of_rate,
         SLIPS["interval"],
         file="" if is_rate_used(settings.frame_rate, track) else settings.film,
         setting="frame_rate" if is_rate_used(settings.frame_rate, track) else "",

@@ -118,7 +118,7 @@ def _told_masks(tracking: Tracking) -> str:
     if drawn:
         drawn.append("They move with the large subset. ")
     if tracking.obstructions:
-        drawn.append("Violet, hatched the other way: what stands still before the holder and does not count. ")
+        drawn.append("Violet, hatched: what stands still before the holder and does not count. ")
     return "".join(drawn)
 
 

@@ -1,16 +1,21 @@
 """Proposals of ``init``: films not taken from under the disc."""
 
+import re
 from collections.abc import Iterator, Sequence
 from functools import partial
 
 from pipelines.experiments._kind import Found, Proposed
 from pipelines.experiments.shared import proposals
-from pipelines.experiments.shared.film_proposal import head
+from pipelines.experiments.shared.film_proposal import head, is_exported
+
+_NAMED = re.compile(r"front|holder|drop|fall", re.IGNORECASE)
 
 
 def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
-    """Propose an experiment for every film."""
+    """Propose an experiment for every film; for exported images where their name tells that they are one."""
     for stem, files in proposals.grouped(names, proposals.whole_stem):
+        if is_exported(found, files[0]) and not _NAMED.search(files[0]):
+            continue
         yield Proposed(stem, tuple(files), partial(_text, found, files[0]))
 
 

@@ -37,20 +37,12 @@ _BY_EYE = math.radians(5.0)  # to which a camera is set up without an instrument
 class Seen:
     """What the film shows of the camera's angle; NaN where the motion is too small to show it.
 
-    Attributes
-    ----------
-    is_known : bool
-        Whether the distance is stated.
-    direction, u_direction : float [rad]
-        Of the motion to the image's columns, to the right of upwards.
-    growth, u_growth : float [1/m]
-        Relative growth of the holder's image along the motion, per length of the motion; 0 where none
-        is seen, as for the next.
-    slant, u_slant : float [1/m]
-        What it grows more along the motion than across, which tells a tilt times a distance.
-    tilt, u_tilt : float [rad]
-        Angle of looking up or down, for the stated distance or else for the usual one. Where none is
-        seen, that which so short a motion would hide.
+    ``is_known``: whether the distance is stated. ``direction``, ``u_direction`` [rad]: of the motion to the image's
+    columns, to the right of upwards. ``growth``, ``u_growth`` [1/m]: relative growth of the holder's image along the
+    motion, per length of the motion; 0 where none is seen, as for the next. ``slant``, ``u_slant`` [1/m]: what it grows
+    more along the motion than across, which tells a tilt times a distance. ``tilt``, ``u_tilt`` [rad]: angle of looking
+    up or down, for the stated distance or else for the usual one. Where none is seen, that which so short a motion
+    would hide.
     """
 
     is_known: bool

@@ -35,16 +35,8 @@ MEASURED = "measured"
 class Quantity:
     """One reported quantity as a formula of uncertain inputs.
 
-    Attributes
-    ----------
-    name, unit : str
-    model : callable
-        Takes every input by its name.
-    inputs : dict of str to Input
-    inert : tuple of (str, str)
-        Inputs that do not act, several in one text, and why.
-    family : str
-        What quantities of the same sense have in common; the name where it is empty.
+    ``name``, ``unit``; ``model``: takes every input by its name; ``inputs``; ``inert``: inputs that do not act, several
+    in one text, and why; ``family``: what quantities of the same sense have in common; the name where it is empty.
     """
 
     name: str

@@ -8,7 +8,7 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.frames import FrameSource
-from labpipe.judging import Check, stated
+from labpipe.judging import Check, in_words, stated
 from labpipe.report import quantity
 from labpipe.units import Quantity
 
@@ -96,3 +96,9 @@ def _exposure(film: str, own: float, given: Quantity) -> Check:
         else "right if a flash lit the frames, otherwise delete exposure: the film holds its own"
     )
     return stated(name, law, text, "doubtful" if given.value > own else "note", cause=cause, setting="exposure")
+
+
+def of_rate(k: float, otherwise: str = "") -> str:
+    """Say that the frame rate is so many times the true one, or what else explains it."""
+    too = f"{in_words(k, 4)} times too short" if k > 1.0 else f"{in_words(1 / k, 4)} times too long"
+    return f"the frame rate is {in_words(k, 4)} times the true one{otherwise}: times come out {too}"

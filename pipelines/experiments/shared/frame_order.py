@@ -55,17 +55,9 @@ def exchanged(
 def lost(y: Floats, noise: float = 0.0) -> int | None:
     """Find after which frame others of a smooth course are missing, though no step in time tells it.
 
-    Parameters
-    ----------
-    y : array (frame,)
-        What is measured in each frame, one step of time after another; all numbers, the largest above 0.
-    noise : float
-        Standard uncertainty of y.
-
-    Returns
-    -------
-    int or None
-        Last frame before the gap; None where putting frames back makes the course no smoother.
+    ``y`` (frame,): what is measured in each frame, one step of time after another; all numbers, the largest above 0;
+    ``noise``: standard uncertainty of y. Returns the last frame before the gap; None where putting frames back makes
+    the course no smoother.
     """
     every = -(-y.size // _WITHIN)
     seen = y[::every]

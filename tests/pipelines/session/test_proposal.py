@@ -119,11 +119,25 @@ def test_what_inspect_knows_init_names_with_the_reason(tmp_path: Path) -> None:
     assert describe(run / "DICe_solution_00.txt")["reader"] == "dice"
     with pytest.raises(UsageError, match="no experiment is proposed") as caught:
         init(tmp_path / "session")
-    _, images, solutions = str(caught.value).splitlines()
+    _, *lines = str(caught.value).splitlines()
+    images, solutions = sorted(lines)
     assert "run/ (displacement field of DICe)" in solutions
     assert "no kind of experiment begins from them" in solutions
-    assert "film/ (film exported as images): images hold no time" in images
+    assert "film/ (film exported as images): neither its content nor its name tells" in images
     assert not (tmp_path / "session/session.toml").exists()
+
+
+def test_exported_films_are_proposed_by_their_names_and_ask_for_the_frame_rate(tmp_path: Path) -> None:
+    picture = cv2.imencode(".png", np.zeros((8, 8), np.uint8))[1].tobytes()
+    for name in ("under the disc", "holder", "microscope"):
+        (tmp_path / name).mkdir()
+        for frame in range(2):
+            (tmp_path / name / f"im_{frame}.png").write_bytes(picture)
+    scan = init(tmp_path)
+    text = scan.path.read_text("utf-8")
+    assert scan.experiments == ["holder", "under_the_disc"]
+    assert text.count('frame_rate = "FILL Hz"') == 2
+    assert [line.partition(" (")[0] for line in scan.unused] == ["microscope/"]
 
 
 def test_a_laser_on_the_plate_is_told_by_its_name(small_session: Path, tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ moves them by different powers, which tells the mistake.
 """
 
 from pipelines.experiments.shared.fall_checks._bounces import (
+    BACKWARDS as BACKWARDS,
     apexes as apexes,
     rest_level as rest_level,
     restitution as restitution,

@@ -15,6 +15,7 @@ _SWING = 0.07
 
 A plate takes (1 + e) m/M of the speed and returns at most twice its own: 0.07 is a plate
 55 times as heavy as what falls."""
+BACKWARDS = "every bounce gives back more than it took: the record runs backwards in time"
 _STAYS = 0.02  # of the fall, by which a plate that swings may be elsewhere when it is hit again
 
 
@@ -38,7 +39,9 @@ def restitution(fall: Fall) -> Check:
 
 
 def _moved_later(check: Check, beyond: Floats, worst: int) -> Check:
-    """Say what gains height or speed after bounces that lose them."""
+    """Say what gains height or speed after bounces that lose them, or at every bounce."""
+    if beyond.size > 1 and np.all(beyond > DOUBTFUL):
+        return replace(check, cause=BACKWARDS)
     if check.level is None or worst == 0 or (beyond[:worst] > DOUBTFUL).any():
         return check
     cause = (

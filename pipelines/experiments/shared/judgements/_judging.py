@@ -16,18 +16,10 @@ from pipelines.experiments.shared.judgements._scene import Basis, Scene
 class Judging:
     """The judgement of a kind: called by its stage, it makes one verdict of what the steps gave.
 
-    Attributes
-    ----------
-    scene : callable
-        Asks by name (:mod:`pipelines.experiments.shared.given`), for ``basis`` too.
-    names : tuple of str
-        Of the results that the stage is given, in its order.
-    rests_on : tuple of str
-        Fields that name experiments, as the stage lists them; their judgements follow the results.
-    expected : tuple of str
-        Names of what is no expectation where one of these experiments is impossible.
-    slight : mapping of str to str
-        See :meth:`Basis.of`.
+    ``scene``: asks by name (:mod:`pipelines.experiments.shared.given`), for ``basis`` too; ``names``: of the results
+    that the stage is given, in its order; ``rests_on``: fields that name experiments, as the stage lists them; their
+    judgements follow the results; ``expected``: names of what is no expectation where one of these experiments is
+    impossible; ``slight``: see :meth:`Basis.of`.
     """
 
     scene: Callable[..., Scene]

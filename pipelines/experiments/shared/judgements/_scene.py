@@ -39,15 +39,9 @@ class Basis(NamedTuple):
     def of(cls, settings: Any, results: Mapping[str, Any], **slight: str) -> "Basis":
         """Take the judgements of the experiments that settings name, where they are.
 
-        Parameters
-        ----------
-        settings : Struct
-            Of the experiment.
-        results : mapping of str to Dataset, list of Dataset, or None
-            By the field that names the experiment, as ``rests_on`` of its kind lists them.
-        **slight
-            Fields on which a row may rest by little only, each with the beginning of the names of
-            the inputs that come from there.
+        ``settings``: of the experiment; ``results``: by the field that names the experiment, as ``rests_on`` of its
+        kind lists them; ``**slight``: fields on which a row may rest by little only, each with the beginning of the
+        names of the inputs that come from there.
         """
         checks: dict[str, Check] = {}
         reasons, wrong, is_sound = [], [], True

@@ -17,12 +17,14 @@ from labpipe.workflow.context import Context
 
 _LARGE, _VAGUE = 0.2, 0.05
 """Of a stated value, beyond which its uncertainty is doubtful, and beyond which it hides a slip of typing."""
+_NOT_READ = "the file is not what the session says, or was not copied whole"
 _USUAL = {
     errors.NO_MATERIAL: "the name of the material is misspelt",
     errors.MATERIAL_FILE: "the file of the material lacks a table or holds a wrong value",
     errors.UNKNOWN_FORMAT: "the file is not what the session says, or of a format that is not read",
+    errors.UNREADABLE: _NOT_READ,
+    "readings": _NOT_READ,
     errors.NO_FILM: "the folder is not that of the film, or its images are of a format that is not read",
-    "readings": "the file is not what the session says, or was not copied whole",
     "displacement": "the calibration record does not belong to this recording: it is expired, of another instrument or "
     "of a camera, or a value of it is wrong",
 }

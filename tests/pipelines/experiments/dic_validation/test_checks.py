@@ -33,6 +33,7 @@ def recorded(fallen: xr.Dataset, seed: int, noise: float = 2e-7, scale: float = 
     y = scale * (y + noise * random.standard_normal(y.size))
     made = xr.Dataset(coords={"time": variable("time", np.arange(y.size) / rate, "s", "time in the film")})
     made["displacement"] = variable("time", y, "m", "displacement")
+    made["u_displacement"] = variable("time", np.full(y.size, 5e-7), "m", "its standard uncertainty")
     for name, value in (("direction", 0.0), ("u_direction", 1e-4), ("growth", 0.0), ("tilt", 0.0), ("u_tilt", 0.0)):
         made[name] = variable((), value, "rad", name)
     for name, value in (("pixel_size", 7.8e-5), ("u_pixel_size", 7.8e-5 * RELATIVE)):
@@ -284,7 +285,8 @@ def test_an_interlaced_film_is_named_as_one():
 def _moves(of_time):
     time = np.arange(0.0, 0.1, 1e-4)
     noise = np.random.default_rng(3).normal(0.0, 2e-8, time.size)
-    return xr.Dataset({"displacement": ("frame", of_time(time) + noise), "time": ("frame", time)})
+    moved = {"displacement": of_time(time) + noise, "u_displacement": np.full(time.size, 5e-7), "time": time}
+    return xr.Dataset({name: ("frame", values) for name, values in moved.items()})
 
 
 @pytest.mark.parametrize(
@@ -293,8 +295,9 @@ def _moves(of_time):
         (lambda t: 2e-5 * np.sin(600 * np.pi * np.maximum(t - 0.01, 0.0)), "at about 300 Hz: it vibrates"),
         (lambda t: -1.5e-5 * (1.0 - np.cos(20 * np.pi * t)), "which a free fall does in 2.5 ms: it is driven"),
         (lambda t: -0.5 * 9.81 * np.maximum(t - 0.05, 0.0) ** 2, ""),
+        (lambda t: 0.0 * t, "hangs still throughout"),
     ],
-    ids=["a plate", "a punch", "a fall"],
+    ids=["a plate", "a punch", "a fall", "nothing"],
 )
 def test_what_was_not_dropped_is_said_to_vibrate_or_to_be_driven(of_time, words):
     said = _view_checks.no_fall(_moves(of_time), 9.81)

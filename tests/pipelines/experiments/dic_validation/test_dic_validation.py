@@ -127,7 +127,7 @@ def test_what_stands_before_the_holder_is_left_out_and_drawn(session: Path, tmp_
     expected = np.array(truth(session)["dy"])[found["frame"].values]
     assert np.abs(found["dy"].values - expected).max() < 0.04
     page = (folder / "labpipe/reports/film.html").read_text("utf-8")
-    assert "Violet, hatched the other way: what stands still before the holder and does not count." in page
+    assert "Violet, hatched: what stands still before the holder and does not count." in page
     assert "hidden of it" in page
     assert "hidden of it" not in (session / "labpipe/reports/film.html").read_text("utf-8")
 
