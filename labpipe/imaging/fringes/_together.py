@@ -104,6 +104,5 @@ def _without_vain(
             return free, known
         known, trial = known.with_shared(without, without.changes(trial)), without
     if is_offered and (trial.is_doubtful or trial.is_quiet):
-        without = attempt((*axes, *(p for p in free if p is not Parameter.SCALE)), known)
-        known = known if without is None else known.with_shared(trial, trial.changes(without))
+        known = known.with_shared(trial, trial.changes_by_mean(Parameter.SCALE))
     return free, known

@@ -255,6 +255,12 @@ class Trial:
         radii = [np.array([fit.sensitivity[p] for p in asked]) for fit in self.fits]
         return np.array([own @ way / way[0] for own, way in zip(radii, along, strict=True)])
 
+    def changes_by_mean(self, parameter: Parameter) -> Floats:
+        """Return the changes of the radius (px) from 0 to the mean of what each frame had free."""
+        mean = self.mean(parameter)[0]
+        places = [(fit.free.index(Parameter.RADIUS), fit.free.index(parameter), fit) for fit in self.fits]
+        return np.array([mean * fit.inverse[radius, own] / fit.inverse[own, own] for radius, own, fit in places])
+
     def changes(self, other: "Trial") -> Floats:
         """Return the changes of the radius (px) against another trial of the same frames."""
         place = Parameter.RADIUS

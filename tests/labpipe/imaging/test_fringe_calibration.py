@@ -49,6 +49,8 @@ def trial(misfit: float, count: int = 4, smear: float = 0.0) -> Trial:
         has_negative_light=False,
         doubts={},
         parameters=parameters,
+        free=tuple(Parameter),
+        inverse=np.eye(len(Parameter)),
         deviation=lambda _: 1.0,
     )
     return Trial((fit,) * count, (1.0,) * count)  # type: ignore[arg-type]
