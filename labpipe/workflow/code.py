@@ -25,6 +25,7 @@ import os
 import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextvars import ContextVar
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -111,6 +112,19 @@ def _module(path: str, name: str, stamp: Stamp) -> Module:
         raise SourceError(path, f"is no Python: {error}") from error
 
 
+_look: ContextVar["dict[Path, Code] | None"] = ContextVar("look", default=None)
+
+
+@contextlib.contextmanager
+def one_look() -> Iterator[None]:
+    """List the packages once for all that is done here, as one verb plans, computes and judges."""
+    token = _look.set({} if _look.get() is None else _look.get())
+    try:
+        yield
+    finally:
+        _look.reset(token)
+
+
 class Identity(NamedTuple):
     """Digest of what is reached of every module and data file, and versions of libraries."""
 
@@ -158,6 +172,16 @@ class Code:
         self._is_new = False
         self.is_asked = True
         self.n_read = 0
+
+    @classmethod
+    def kept_in(cls, memory: Path) -> "Code":
+        """Return the code that a session remembers, the same within :func:`one_look`."""
+        look = _look.get()
+        if look is None:
+            return cls(memory)
+        found = look.setdefault(memory, cls(memory))
+        found.is_asked = True
+        return found
 
     def behind(self, *functions: str) -> Identity:
         """Return the identity of all code that some functions can reach.

@@ -87,7 +87,7 @@ class Store:
         self.folder = folder
         self.root = folder / "store"
         self.index = HashIndex(self.root / "index.json", paranoid=paranoid)
-        self.code = Code(self.root / "code.json")
+        self.code = Code.kept_in(self.root / "code.json")
 
     def remember(self) -> None:
         """Keep what was learnt of files and code, so that the next plan is quick."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Unpack
 
 from labpipe.errors import InputError, LabpipeError
 from labpipe.workflow import session as sessions
+from labpipe.workflow.code import one_look
 from labpipe.workflow.plan import Plan, plan as make_plan
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment, Session
@@ -122,7 +123,8 @@ def process(
     """
     how: Options = {"targets": targets, "only": only, "full": full, "keep": keep, "progress": progress}
     how |= {"jobs": jobs, "cluster": cluster, "fail_fast": fail_fast}
-    ((_, done),) = process_all([folder], **how)
+    with one_look():
+        ((_, done),) = process_all([folder], **how)
     if isinstance(done, LabpipeError):
         raise done
     return done
@@ -310,4 +312,5 @@ def verdict(
     """
     from pipelines.session._verdicts import verdicts_of
 
-    return verdicts_of(process(folder, targets, only, jobs=jobs))
+    with one_look():
+        return verdicts_of(process(folder, targets, only, jobs=jobs))
