@@ -42,7 +42,7 @@ class Mistake:
 
 def judged(folder: Path, *targets: str, experiment: str = "") -> Verdict:
     """Return the verdict on one experiment of a session, by default the first, from what some stages make."""
-    found = verdict(folder, targets or None, jobs=0).experiments
+    found = verdict(folder, targets or None, experiment or None, jobs=0).experiments
     return next(one for one in found if experiment in ("", one.experiment))
 
 
