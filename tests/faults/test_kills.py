@@ -16,7 +16,7 @@ import xarray as xr
 from labpipe import files
 from labpipe.workflow import events, provenance, runner
 from labpipe.workflow.watch import Watcher
-from tests.by_day import by_day
+from tests.by_day import by_day, crossed
 from tests.faults.crashes import failing, killed_after, moments, operations
 from tests.labpipe.workflow import toy_laboratory as toy
 
@@ -161,8 +161,7 @@ def damage(session: toy.Session) -> None:
 
 
 @pytest.mark.usefixtures("laboratory")
-@pytest.mark.parametrize("store", ["empty", "damaged"])
-@pytest.mark.parametrize("disk", by_day(DISKS, 1))
+@pytest.mark.parametrize(("disk", "store"), crossed(DISKS, ["empty", "damaged"], 2, 4))
 def test_a_disk_that_fails_from_any_operation_on_is_named_and_spoils_nothing(
     tmp_path: Path, disk: str, store: str, amount: Amount
 ) -> None:

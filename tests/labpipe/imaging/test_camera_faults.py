@@ -15,7 +15,7 @@ from labpipe.imaging import contact_radius, track
 from labpipe.imaging.films import without_stuck_pixels
 from pipelines.bench import film_scenes
 from pipelines.bench.film_scenes import View, digitised, from_formula, from_spectrum
-from tests.by_day import by_day
+from tests.by_day import by_day, crossed
 from tests.labpipe.imaging.contact_scenes import Disturbed, film_of
 from tests.labpipe.imaging.fringe_film import Scene, gap_of_hertz
 from tests.labpipe.imaging.speckle import grid
@@ -52,8 +52,7 @@ def beyond_5_u(found: xr.Dataset, step: tuple[float, float]) -> int:
     return int((error > 5.0 * np.hypot(found.u_dx, found.u_dy) + 0.002).sum())
 
 
-@pytest.mark.parametrize("motion", by_day(STEPS, 3))
-@pytest.mark.parametrize("name", PATTERNS)
+@pytest.mark.parametrize(("name", "motion"), crossed(PATTERNS, STEPS, 5, 5))
 def test_an_interlaced_film_is_refused(name: str, motion: str) -> None:
     film = interlaced(PATTERNS[name], STEPS[motion])
     with pytest.warns(UserWarning, match="interlaced"):
@@ -71,8 +70,7 @@ def test_an_interlaced_film_of_what_stands_still_is_as_good_as_any() -> None:
     assert found.attrs["note"] == ""
 
 
-@pytest.mark.parametrize("motion", by_day(STEPS, 2))
-@pytest.mark.parametrize("name", PATTERNS)
+@pytest.mark.parametrize(("name", "motion"), crossed(PATTERNS, STEPS, 5, 5))
 def test_a_film_of_one_field_is_refused(name: str, motion: str) -> None:
     film = digitised(moving(PATTERNS[name], STEPS[motion]), NOISE, 6)
     twice, mean = film.copy(), film.astype(float)
@@ -91,8 +89,7 @@ def test_one_frame_of_two_instants_is_left_out() -> None:
     assert found.valid.any(dim="point").values.tolist() == [True, True, True, False, True, True]
 
 
-@pytest.mark.parametrize("motion", by_day(STEPS, 2))
-@pytest.mark.parametrize("name", PATTERNS)
+@pytest.mark.parametrize(("name", "motion"), crossed(PATTERNS, STEPS, 5, 5))
 def test_a_sound_film_is_left_as_it_is(name: str, motion: str) -> None:
     film = digitised(moving(PATTERNS[name], STEPS[motion]), NOISE, 8)
     source = as_frames(film)
@@ -135,9 +132,9 @@ SHARP = {
 }
 
 
-@pytest.mark.parametrize("step", [(0.7, 0.4), (1.0, 2.0), (0.0, 2.0), (0.3, 0.0)], ids=str)
-@pytest.mark.parametrize("name", SHARP)
-def test_steps_of_edges_sharper_than_the_pixels_are_no_teeth(name: str, step: tuple[float, float]) -> None:
+@pytest.mark.parametrize(("name", "dx", "dy"), crossed(SHARP, [(0.7, 0.4), (1.0, 2.0), (0.0, 2.0), (0.3, 0.0)], 6, 6))
+def test_steps_of_edges_sharper_than_the_pixels_are_no_teeth(name: str, dx: float, dy: float) -> None:
+    step = (dx, dy)
     film = digitised(moving(SHARP[name], step), NOISE, 16)
     found = track(film, POINTS)
     note = str(found.attrs["note"])
@@ -152,8 +149,7 @@ def test_steps_of_edges_sharper_than_the_pixels_are_no_teeth(name: str, step: tu
     assert without_stuck_pixels(as_frames(film))[1].count <= 1
 
 
-@pytest.mark.parametrize("lens", by_day([0.0, 0.42, 0.58, 0.84], 2))
-@pytest.mark.parametrize("angle", by_day([-0.05, 0.0, 0.02, 0.11], 2))
+@pytest.mark.parametrize(("angle", "lens"), crossed([-0.05, 0.0, 0.02, 0.11], [0.0, 0.42, 0.58, 0.84], 4, 4))
 def test_an_edge_along_the_rows_shows_neither_two_instants_nor_one_field(angle: float, lens: float) -> None:
     """Its step lies between two rows, of one parity in one place and of the other a row farther down."""
     y, x = np.mgrid[:SIZE, :SIZE].astype(float)

@@ -101,7 +101,7 @@ def measure(case: Case, radii: list[float], seed: int) -> tuple[xr.Dataset, Floa
 
 
 @pytest.mark.filterwarnings("ignore:the fringes are")
-@pytest.mark.parametrize("name", by_day(sorted(CASES), 6))
+@pytest.mark.parametrize("name", by_day(sorted(CASES), 6, 12))
 def test_errors_are_within_their_uncertainty(name: str) -> None:
     case = CASES[name]
     low, high = case.radii

@@ -8,7 +8,7 @@ import xarray as xr
 from labpipe.errors import InputError
 from labpipe.frames import ArrayFrames
 from labpipe.imaging import contact_radius
-from tests.by_day import by_day
+from tests.by_day import by_day, crossed
 from tests.labpipe.imaging.fringe_film import (
     Scene,
     clean_image,
@@ -200,8 +200,9 @@ def ramp_film(step: float, travel: float, seed: int = 0) -> tuple[ArrayFrames, n
     return ArrayFrames(np.stack(images), 1e-4 * np.arange(5)), radii, 1e-4 * travel / step
 
 
-@pytest.mark.parametrize(("travel", "limit"), by_day([(10.0, 0.1), (5.0, 0.02), (20.0, 0.3)], 1))
-@pytest.mark.parametrize("is_exposure_known", [True, False])
+@pytest.mark.parametrize(
+    ("travel", "limit", "is_exposure_known"), crossed([(10.0, 0.1), (5.0, 0.02), (20.0, 0.3)], [True, False], 2, 2)
+)
 def test_motion_in_the_exposure_is_allowed_for(travel: float, limit: float, is_exposure_known: bool) -> None:
     film, radii, exposure = ramp_film(25.0 * UM, travel * UM)
     found = measure(film, SMALL, exposure=exposure if is_exposure_known else None)
@@ -357,7 +358,7 @@ def film_of_open_gap(scene: Scene, factor: float, curve: float) -> tuple[np.ndar
     return np.stack([expose(image, scene, rng) for image in images]), radii
 
 
-@pytest.mark.parametrize(("factor", "curve"), by_day([(0.7, 0.05), (0.9, 0.0), (0.5, 0.0), (0.5, 0.1)], 1))
+@pytest.mark.parametrize(("factor", "curve"), by_day([(0.7, 0.05), (0.9, 0.0), (0.5, 0.0), (0.5, 0.1)], 1, 2))
 def test_gap_that_still_recovers_is_fitted_with_its_own_factor(factor: float, curve: float) -> None:
     film, radii = film_of_open_gap(SMALL, factor, curve)
     found = measure(film, SMALL)

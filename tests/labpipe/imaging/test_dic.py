@@ -11,7 +11,7 @@ import xarray as xr
 from labpipe.errors import InputError
 from labpipe.frames import ArrayFrames
 from labpipe.imaging import track
-from tests.by_day import by_day
+from tests.by_day import by_day, crossed
 from tests.labpipe.imaging.speckle import Motion, cramer_rao_bound, digitise, grey_levels, grid, make_speckle, render
 
 SIZE = (260, 280)
@@ -168,10 +168,14 @@ def test_displacement_is_that_of_the_point_between_pixels() -> None:
 # --- large motions ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", by_day(["fine", "medium", "coarse"], 1))
-@pytest.mark.parametrize("shape", ["rigid", "affine"])
 @pytest.mark.parametrize(
-    "motion", [Motion(0.3, 90.4), TURN, Motion(3.3, -2.6), Motion(-33.3, 20.2, np.deg2rad(5.0), (140, 130))]
+    ("kind", "shape", "motion"),
+    crossed(
+        [(kind, shape) for shape in ("rigid", "affine") for kind in ("fine", "medium", "coarse")],
+        [Motion(0.3, 90.4), TURN, Motion(3.3, -2.6), Motion(-33.3, 20.2, np.deg2rad(5.0), (140, 130))],
+        6,
+        6,
+    ),
 )
 def test_no_point_is_lost_in_a_jump_or_a_turn(kind: str, shape: str, motion: Motion) -> None:
     motions = (Motion(), motion, motion)

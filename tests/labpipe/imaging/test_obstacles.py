@@ -12,7 +12,7 @@ from labpipe.imaging.dic._misfit import misfit_factor
 from labpipe.imaging.dic._standing import unstated_box
 from pipelines.bench import film_scenes
 from pipelines.bench.film_scenes import Film, View, digitised, from_spectrum
-from tests.by_day import by_day
+from tests.by_day import by_day, crossed
 from tests.labpipe.imaging.speckle import grid
 
 SIZE, SUBSET = 240, 31
@@ -45,7 +45,7 @@ def films(kind: str, views: tuple[View, ...], seed: int) -> Iterator[tuple[np.nd
         yield digitised(frames, 2.0, seed), share
 
 
-@pytest.mark.parametrize(("kind", "views"), by_day([("discs", FALL), ("wire", DRIFT), ("wire", FALL)], 1))
+@pytest.mark.parametrize(("kind", "views"), by_day([("discs", FALL), ("wire", DRIFT), ("wire", FALL)], 1, 1))
 def test_a_subset_behind_an_obstacle_is_uncertain(kind: str, views: tuple[View, ...]) -> None:
     for film, share in films(kind, views, seed=3):
         points = grid((SIZE, SIZE), 34, 11)
@@ -116,11 +116,11 @@ def test_a_border_of_what_is_stated_is_not_told_as_something_else() -> None:
     assert unstated_box(found, None, 3) == [15, 53, 10, 39]
 
 
-@pytest.mark.parametrize("views", [FALL, DRIFT], ids=["fall", "drift"])
-@pytest.mark.parametrize(("width", "tone", "texture", "opaque"), by_day(RODS, 1))
+@pytest.mark.parametrize(("width", "tone", "texture", "opaque", "motion"), crossed(RODS, ["fall", "drift"], 1, 4))
 def test_what_nobody_stated_is_found_and_left_out(
-    width: float, tone: float, texture: float, opaque: float, views: tuple[View, ...]
+    width: float, tone: float, texture: float, opaque: float, motion: str
 ) -> None:
+    views = {"fall": FALL, "drift": DRIFT}[motion]
     film, _ = behind_a_rod(1.1 + width / 10.0, width, tone, texture, opaque, views, 50)
     points = grid((SIZE, SIZE), 34, 11)
     found = track(film, points, SUBSET)

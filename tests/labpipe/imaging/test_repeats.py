@@ -8,7 +8,7 @@ from labpipe.imaging import track
 from labpipe.imaging.dic._periodic import find_repeats
 from pipelines.bench import film_scenes
 from pipelines.bench.film_scenes import Formula, View, digitised
-from tests.by_day import by_day
+from tests.by_day import crossed
 from tests.labpipe.imaging.speckle import grid
 from tests.labpipe.imaging.test_trust import seen_by_pixels, wrong
 
@@ -54,8 +54,7 @@ def follow(kind: str, path: str, seed: int) -> tuple[int, int, int]:
     return wrong(found, tuple(views)), int(found.valid[1:].sum()), found.valid[1:].size
 
 
-@pytest.mark.parametrize("path", by_day(["turn", "jump", "fast", "slow"], 1))
-@pytest.mark.parametrize("kind", PATTERNS)
+@pytest.mark.parametrize(("kind", "path"), crossed(PATTERNS, ["turn", "jump", "fast", "slow"], 3, 4))
 def test_no_wrong_period_and_no_moire_is_followed(kind: str, path: str) -> None:
     for seed in (14, 16):
         assert follow(kind, path, seed)[0] == 0

@@ -13,7 +13,7 @@ from labpipe.imaging.dic._motion_state import contradicted
 from labpipe.imaging.dic._undersampling import folded_share
 from pipelines.bench import film_scenes
 from pipelines.bench.film_scenes import Formula, View, digitised, from_formula, from_spectrum
-from tests.by_day import by_day
+from tests.by_day import by_day, crossed
 from tests.labpipe.imaging.speckle import cramer_rao_bound, grid
 
 NOISE = 2.0
@@ -83,14 +83,13 @@ def follow_edges(angle: float, grain: float, shape: str, path: str, subset: int,
     return np.array([wrong(found, views), found.valid[1:].size, valid.size, (~valid).sum()])
 
 
-@pytest.mark.parametrize("path", by_day(PATHS, 2))
-@pytest.mark.parametrize("shape", ["rigid", "affine"])
+@pytest.mark.parametrize(("shape", "path"), crossed(["rigid", "affine"], PATHS, 3, 3))
 def test_along_a_bare_edge_nothing_is_found(shape: str, path: str) -> None:
     for angle in (0.0, 0.5):
         assert follow_edges(angle, 0.0, shape, path, 31, seed=1)[0] == 0
 
 
-@pytest.mark.parametrize(("grain", "subset"), by_day([(g, s) for g in (0.5, 1.0, 2.0) for s in (21, 31)], 2))
+@pytest.mark.parametrize(("grain", "subset"), by_day([(g, s) for g in (0.5, 1.0, 2.0) for s in (21, 31)], 2, 2))
 def test_an_edge_of_faint_grain_is_never_wrong_by_5_u(grain: float, subset: int) -> None:
     for angle, path in ((0.3, "slow"), (np.pi / 4, "jump")):
         assert follow_edges(angle, grain, "rigid", path, subset, seed=2)[0] == 0
@@ -116,8 +115,7 @@ def test_of_100_000_results_on_edges_none_is_wrong_by_5_u() -> None:
     assert lost < 0.15 * asked  # 0.09 of the first 660
 
 
-@pytest.mark.parametrize("period", by_day([6.0, 10.0, 25.0], 1))
-@pytest.mark.parametrize("angle", [0.0, 0.35, np.pi / 4])
+@pytest.mark.parametrize(("angle", "period"), crossed([0.0, 0.35, np.pi / 4], [6.0, 10.0, 25.0], 3, 3))
 def test_along_the_lines_of_a_grating_nothing_is_found(angle: float, period: float) -> None:
     for views in (PATHS["slow"], PATHS["still"]):
         frames = [from_formula(waves_along(angle, period), SIZE, view) for view in views]
@@ -168,9 +166,10 @@ def test_noise_that_static_frames_share_with_their_mean_is_no_change_of_blur() -
     assert wrong(found, views) == 0
 
 
-@pytest.mark.parametrize("path", by_day(["slow", "jump"], 1))
-@pytest.mark.parametrize("shape", ["rigid", "affine"])
-@pytest.mark.parametrize("scene", ["photograph", "field", "perlin"])
+@pytest.mark.parametrize(
+    ("scene", "shape", "path"),
+    crossed(["photograph", "field", "perlin"], [(s, p) for p in ("slow", "jump") for s in ("rigid", "affine")], 4, 4),
+)
 def test_points_that_the_pattern_tells_are_kept(scene: str, shape: str, path: str) -> None:
     size = 240
     views = PATHS[path]
@@ -288,7 +287,7 @@ def test_errors_of_interpolation_between_too_few_pixels_are_in_the_uncertainty(s
     assert least < np.sqrt(np.nanmean(off**2)) < 3.0 * np.nanmedian(u)
 
 
-@pytest.mark.parametrize(("noise", "seed"), by_day([(n, s) for n in (0.0, 1.0, 2.0) for s in (1, 2, 3)], 2))
+@pytest.mark.parametrize(("noise", "seed"), by_day([(n, s) for n in (0.0, 1.0, 2.0) for s in (1, 2, 3)], 2, 3))
 def test_what_a_lens_leaves_of_hard_edges_is_in_the_uncertainty(noise: float, seed: int) -> None:
     """Interpolation errs in every frame: only frames at rest, or the noise of one image, tell what is not noise."""
     noisy = film_scenes.perlin(7.0, seed, octaves=1)
@@ -558,7 +557,7 @@ def follow_snippets(seed: int, subset: int, noise: float, static_frames: int, mo
     return kept.size, int(kept.sum()), wrong(found, tuple(View((a / fine, b / fine)) for a, b in moves))
 
 
-@pytest.mark.parametrize("seed", by_day(range(8), 2))
+@pytest.mark.parametrize("seed", by_day(range(8), 2, 2))
 def test_points_of_photographs_with_sharp_edges_are_kept(seed: int) -> None:
     """What a subset has along an edge is no step of its pixels where a profile across it leaves it: 20 % were lost."""
     asked, kept, false = follow_snippets(seed, 21, 1.0, 2, [(1, -2), (2, -4), (3, -6), (-13, 9)])

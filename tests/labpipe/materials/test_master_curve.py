@@ -472,7 +472,7 @@ def test_missing_variables_and_dimensions_are_named(maxwell_truth):
 def test_goals_over_many_seeds(truth, limits, request, amount):
     known = request.getfixturevalue(truth)
     errors, z, wider = [], [], []
-    for seed in range(2000, 2000 + amount(20, 60)):
+    for seed in range(2000, 2000 + amount(10, 60)):
         found = quiet(known.sweeps(seed), T_ref=known.T_ref)
         errors.append(error(found, known))
         assert (found.vertical, found.delay) == ("none", 0.0)
@@ -491,7 +491,7 @@ def test_goals_over_many_seeds(truth, limits, request, amount):
 
 @pytest.mark.slow
 def test_goals_of_the_law_and_the_variants(maxwell_truth, amount):
-    seeds = range(3000, 3000 + amount(5, 12))
+    seeds = range(3000, 3000 + amount(3, 12))
 
     def mean_error(truth, **options):
         noise = options.pop("noise", (0.02, 0.02))

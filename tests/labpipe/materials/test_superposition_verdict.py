@@ -10,7 +10,7 @@ from labpipe.materials import kramers_kronig, master_curve
 from labpipe.materials.superposition import _master_curve
 from labpipe.materials.superposition._anchoring import repeatability
 from labpipe.materials.superposition._work import Work
-from tests.by_day import by_day
+from tests.by_day import by_day, crossed
 
 TEMPERATURES = np.arange(0.0, 101.0, 10.0)
 
@@ -80,9 +80,7 @@ def test_two_processes_that_shift_apart_do_not_pass_and_widen_the_uncertainties(
     check_two(share, 11)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(20, 24))
-@pytest.mark.parametrize("share", [0.75, 0.65, 0.5, 0.3])
+@pytest.mark.parametrize(("share", "seed"), crossed([0.75, 0.65, 0.5, 0.3], range(20, 24), 0, 5))
 def test_two_processes_over_more_shares(share, seed):
     check_two(share, seed)
 
@@ -105,9 +103,7 @@ def test_one_process_passes_with_every_law_that_it_may_need(name):
     assert np.sqrt(np.mean(error**2)) < 0.08
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(30, 36))
-@pytest.mark.parametrize("name", HONEST)
+@pytest.mark.parametrize(("name", "seed"), crossed(HONEST, range(30, 36), 0, 12))
 def test_one_process_passes_over_more_seeds(name, seed):
     assert quiet(sweeps(seed, **HONEST[name])).verdict.level == "pass"
 

@@ -16,6 +16,7 @@ from labpipe.workflow import code
 from labpipe.workflow._definitions import OURS, Module
 from labpipe.workflow.code import Code, Identity
 from pipelines.experiments import KINDS
+from tests.by_day import by_day
 
 ROOT = Path(__file__).parents[3]
 FUNCTIONS = sorted({stage.function for kind in KINDS.values() for stage in kind.stages})
@@ -307,8 +308,7 @@ def test_no_stage_reaches_the_tables_of_all_stages(before: dict[str, Identity]) 
         assert len(found.modules) < whole / 5, function
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("version", ["3.12", "3.13"])
+@pytest.mark.parametrize("version", by_day(["3.13", "3.12"], 0, 1))
 def test_other_versions_of_python_find_the_same(version: str, copy: Path, before: dict[str, Identity]) -> None:
     kept = sorted(Path.home().glob(f".pyenv/versions/{version}.*/bin/python"))
     python = str(kept[-1]) if kept else shutil.which(f"python{version}")
