@@ -49,9 +49,7 @@ def find_small_flat(
     attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial
 ) -> tuple[Trial, Calibration]:
     """Flat that hides below what is seen of errors of the model, as phase and scale feel it, with all else known."""
-    # what moves rings as phase and scale together gains more than by another scale alone
-    least = HINT + best.expected_gain((Parameter.SCALE,))
-    if known.flat or best.is_doubtful or not (best.is_quiet and best.may_gain(ASSUMED, least)):
+    if known.flat or best.is_doubtful or not (best.is_quiet and best.may_gain(ASSUMED)):
         return best, known
     found = _found_flat(attempt, axes, known, best, HINT)
     # what is no flat is felt beside one as well
