@@ -36,7 +36,7 @@ from labpipe.imaging.fringes._trials import (
     is_promising,
 )
 from labpipe.imaging.fringes._view import View
-from labpipe.imaging.fringes._worn_flat import find_flat, find_small_flat, weigh_flat
+from labpipe.imaging.fringes._worn_flat import find_flat, find_small_flat, weigh_flat, with_hidden_flat
 
 #: Greatest logarithm of the phase scale that is believed: a factor of two.
 _MOST_SCALE = 0.7
@@ -166,7 +166,7 @@ def calibrate(
     best = attempt(plain_axes, result)
     if best is None:
         return result
-    result = replace(result, fits=best.fits)
+    result = with_hidden_flat(attempt, plain_axes, replace(result, fits=best.fits), best)
     return _with_hidden(
         attempt, plain_axes, result, best, view, [parameter for parameter, is_free in is_open if is_free]
     )

@@ -56,6 +56,14 @@ def find_small_flat(
     return (best, known) if found is None or found[0].may_gain(ASSUMED) else found
 
 
+def with_hidden_flat(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial) -> Calibration:
+    """Count a flat that explains the frames beside other errors of the model, or leaves some of what is felt."""
+    if known.flat or not (best.is_quiet and best.expected_gain(ASSUMED) > HINT):
+        return known
+    found = _found_flat(attempt, axes, known, best, HINT)
+    return known if found is None else known.with_shared(best, found[0].changes(best))
+
+
 def _found_flat(
     attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, beyond: float
 ) -> tuple[Trial, Calibration] | None:
