@@ -100,5 +100,5 @@ def _exposure(film: str, own: float, given: Quantity) -> Check:
 
 def of_rate(k: float, otherwise: str = "") -> str:
     """Say that the frame rate is so many times the true one, or what else explains it."""
-    too = f"{in_words(k, 4)} times too short" if k > 1.0 else f"{in_words(1 / k, 4)} times too long"
-    return f"the frame rate is {in_words(k, 4)} times the true one{otherwise}: times come out {too}"
+    too = f"{in_words(k)} times too short" if k > 1.0 else f"{in_words(1 / k)} times too long"
+    return f"the frame rate is {in_words(k)} times the true one{otherwise}: times come out {too}"
