@@ -375,5 +375,10 @@ def not_a_number(cell: str, *, path: str | os.PathLike[str], line_number: int, c
     hint = "Correct the cell, or export the file again."
     if "," in cell and is_number(cell.replace(",", ".", 1)):
         hint = 'If the comma is the decimal sign, give decimal=","; it is not guessed here.'
-    text, reason = f"found {shorten(cell)}, expected a number", MARKER if _MARKER.fullmatch(cell) else ""
-    return SourceError(path, text, line=line_number, column=column, hint=hint).because(reason)
+    text = f"found {shorten(cell)}, expected a number"
+    return SourceError(path, text, line=line_number, column=column, hint=hint).because(marker_reason(cell))
+
+
+def marker_reason(cell: str) -> str:
+    """Reason of an error for a cell: that it may be what an instrument writes in place of a reading, or none."""
+    return MARKER if _MARKER.fullmatch(cell) else ""

@@ -18,7 +18,7 @@ from instruments.keyence._markers import NINES, NUMERIC_MARKERS, Layout, Status,
 from labpipe.arrays import Floats, Integers
 from labpipe.errors import InputError, SourceError
 from labpipe.numbers import DOT, Separators, plain_number, separators, shorten
-from labpipe.text import check_width, not_a_number, parse_rows
+from labpipe.text import check_width, marker_reason, not_a_number, parse_rows
 
 _BATCH = 1 << 11  # rows: markers come in runs, so a small batch keeps most of the file fast
 SAMPLE = 200  # rows from which delimiter, decimal sign and layout of the columns are learnt
@@ -195,4 +195,4 @@ def _other_layout(table: _Table, cell: str, index: int, line_number: int, column
     digits = f"{known.whole} digits before and {known.decimals} after the decimal sign" if known else ""
     text = f"found {shorten(cell)}, but every number of this column has {digits}"
     hint = "Characters were lost or added: export the file again."
-    return SourceError(table.path, text, line=line_number, column=column, hint=hint)
+    return SourceError(table.path, text, line=line_number, column=column, hint=hint).because(marker_reason(cell))
