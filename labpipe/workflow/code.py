@@ -179,9 +179,10 @@ class Code:
         look = _look.get()
         if look is None:
             return cls(memory)
-        found = look.setdefault(memory, cls(memory))
-        found.is_asked = True
-        return found
+        if memory not in look:
+            look[memory] = cls(memory)
+        look[memory].is_asked = True
+        return look[memory]
 
     def behind(self, *functions: str) -> Identity:
         """Return the identity of all code that some functions can reach.

@@ -49,19 +49,24 @@ def find_small_flat(
     attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial
 ) -> tuple[Trial, Calibration]:
     """Flat that hides below what is seen of errors of the model, as phase and scale feel it, with all else known."""
-    if known.flat or best.is_doubtful or not (best.is_quiet and best.may_gain(ASSUMED)):
-        return best, known
-    found = _found_flat(attempt, axes, known, best, HINT)
+    found = None if best.is_doubtful else _hidden_flat(attempt, axes, known, best)
     # what is no flat is felt beside one as well
     return (best, known) if found is None or found[0].may_gain(ASSUMED) else found
 
 
 def with_hidden_flat(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial) -> Calibration:
     """Count a flat that explains the frames beside other errors of the model, or leaves some of what is felt."""
-    if known.flat or not (best.is_quiet and best.expected_gain(ASSUMED) > HINT):
-        return known
-    found = _found_flat(attempt, axes, known, best, HINT)
+    found = _hidden_flat(attempt, axes, known, best)
     return known if found is None else known.with_shared(best, found[0].changes(best))
+
+
+def _hidden_flat(
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial
+) -> tuple[Trial, Calibration] | None:
+    """Flat that phase and scale feel in noise without a memory, where it explains more than a scale does."""
+    if known.flat or not (best.is_quiet and best.expected_gain(ASSUMED) > HINT):
+        return None
+    return _found_flat(attempt, axes, known, best, HINT)
 
 
 def _found_flat(

@@ -72,6 +72,8 @@ def _seen_through(source: FrameSource, found: xr.Dataset, stated: Polygons) -> l
     motion = np.stack([body["dx"].values, body["dy"].values])
     apart = np.nan_to_num(np.hypot(*motion))
     at, half = int(np.argmax(apart)), int(body["subset"]) // 2
+    if apart[at] <= _FALLS:
+        return []
     dx, dy = (round(float(by)) for by in np.nan_to_num(motion[:, at]))
     first, last = (
         np.asarray(source[int(found["frame"][i])], float) for i in (int(np.argmax(body["valid"].values)), at)
@@ -86,11 +88,7 @@ def _seen_through(source: FrameSource, found: xr.Dataset, stated: Polygons) -> l
         cv2.fillPoly(mask, [np.round(np.asarray(polygon)).astype(np.int32)], 1)
         depth = cv2.distanceTransform(mask, cv2.DIST_L2, 3)
         seen = inside & (mask > 0) & (depth > 0.5 * depth.max())  # it may be drawn with a margin
-        if (
-            apart[at] > _FALLS
-            and seen.sum() > _SHOWS
-            and min(image[seen].std() for image in (first, moved, last)) > 0.0
-        ):
+        if seen.sum() > _SHOWS and min(image[seen].std() for image in (first, moved, last)) > 0.0:
             along, still = (float(np.corrcoef(image[seen], last[seen])[0, 1]) for image in (moved, first))
             if along > max(_ALIKE, still):
                 nothing.append(number)
