@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, TypedDict
 
 from instruments._instrument import Instrument
 from instruments.images._headers import is_tiff
-from instruments.images._names import LOSSY, has_frames, has_images
+from instruments.images._names import LOSSY, are_misnamed, has_frames, has_images
 from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ class Options(TypedDict, total=False):
 def _sniff(head: bytes, path: Path) -> bool:
     """Tell a folder of frames, a TIFF, or a video."""
     if path.is_dir():
-        return has_frames(path)
+        return has_frames(path) or are_misnamed(path)
     is_avi = head[:4] == b"RIFF" and head[8:12] == b"AVI "
     return is_tiff(head) or is_avi or head[4:8] == b"ftyp" or head[:4] == b"\x1aE\xdf\xa3"
 

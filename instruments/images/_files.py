@@ -20,7 +20,7 @@ from labpipe.arrays import Flags, Floats, Integers
 from labpipe.errors import SourceError
 from labpipe.frames import SmoothedFilmWarning, warn_incomplete
 
-_NUMBER = re.compile(r"-?\d+")
+_NUMBER = re.compile(r"[-+]?\d+")
 _COUNT = "Where names hold times, number the images in the order they were taken: frame_0001.png, …"
 _ROUNDED = 0.1  # of the steps between frames, from which those that are no multiple of the least are a clock's
 #: Bits of 16 that cameras of 14, 12 and 10 bits leave empty, fewest last; and images that are looked at for it.
@@ -42,7 +42,6 @@ def folder_images(folder: Path) -> tuple["ImageFiles", Floats]:
     named = exact or lossy
     if not named:
         raise SourceError(folder, f"the folder holds no image ({', '.join(SUFFIXES + LOSSY)})")
-    _warn_of_lossy(folder, exact, lossy)
     _check_one_film(named)
     numbered = sorted(zip(_numbers(named), named, strict=True))
     numbers = np.array([number for number, _ in numbered])
@@ -59,6 +58,7 @@ def folder_images(folder: Path) -> tuple["ImageFiles", Floats]:
     if whole is None:
         raise next(error for error in read_all if isinstance(error, CutOffError))
     headers = [each if isinstance(each, ImageHeader) else whole._replace(fault=each.message) for each in read_all]
+    _warn_of_lossy(folder, [path for path in lossy if exact and is_numbered(path)], headers)
     _warn_of_gaps(folder, numbers)
     places = [_Place(path, 0, header) for path, header in zip(paths, headers, strict=True)]
     return ImageFiles(folder, places), numbers.astype(float)
@@ -86,7 +86,8 @@ def _numbers(paths: Sequence[Path]) -> list[int]:
 
     Names may end in what holds for the whole film, such as its frame rate or its bits.
     """
-    found = [[_signed(path.stem, match) for match in _NUMBER.finditer(path.stem)] for path in paths]
+    has_plus = any(match.group()[0] == "+" for path in paths for match in _NUMBER.finditer(path.stem))
+    found = [[_signed(path.stem, match, has_plus) for match in _NUMBER.finditer(path.stem)] for path in paths]
     for path, values in zip(paths, found, strict=True):
         if not values:
             raise SourceError(
@@ -136,10 +137,9 @@ def _header(path: Path) -> ImageHeader | CutOffError:
     return headers[0]
 
 
-def _warn_of_lossy(folder: Path, exact: Sequence[Path], lossy: Sequence[Path]) -> None:
+def _warn_of_lossy(folder: Path, beside: Sequence[Path], headers: Sequence[ImageHeader]) -> None:
     """Warn of images that have lost detail, or of those that lie beside a film's and are not its frames."""
-    beside = [path for path in lossy if is_numbered(path)]
-    if not exact:
+    if any(each.kind == "JPEG" for each in headers):
         text = (
             "JPEG images have their levels baked in (gain, brightness, gamma), so their intensities are not "
             f"calibrated; their compression {SMOOTHED}"
@@ -153,10 +153,10 @@ def _warn_of_lossy(folder: Path, exact: Sequence[Path], lossy: Sequence[Path]) -
         warnings.warn(f"{folder.name}: {text}", UserWarning, stacklevel=4)
 
 
-def _signed(stem: str, found: "re.Match[str]") -> int:
-    """Read the number; a minus sign counts only where it cannot be a hyphen between words."""
+def _signed(stem: str, found: "re.Match[str]", has_plus: bool) -> int:
+    """Read the number; a minus sign counts only where other names have a plus, or it cannot be a hyphen of words."""
     text = found.group()
-    is_hyphen = text.startswith("-") and found.start() > 0 and stem[found.start() - 1].isalnum()
+    is_hyphen = text.startswith("-") and not has_plus and found.start() > 0 and stem[found.start() - 1].isalnum()
     return int(text.removeprefix("-") if is_hyphen else text)
 
 
@@ -188,8 +188,8 @@ def _check_alike(places: Sequence[_Place]) -> None:
             rows, columns, bits, *_ = place.header
             raise SourceError(
                 place.path,
-                f"image {place.page}: {columns} × {rows} px of {bits} bits, but the first of the "
-                f"film has {first.columns} × {first.rows} px of {first.bits} bits",
+                f"{f'image {place.page + 1}: ' if place.page else ''}{columns} × {rows} px of {bits} bits, but the "
+                f"first of the film has {first.columns} × {first.rows} px of {first.bits} bits",
                 hint=f"Put only the images of one film into the folder. {_COUNT}",
             )
 
@@ -249,7 +249,7 @@ class ImageFiles:
         if index not in self._faults:
             place = self._places[index]
             said = place.header.fault
-            if not said and place.path.suffix.lower() == ".png":
+            if not said and place.header.kind == "PNG":
                 said = png_fault(place.path)
             elif not said and place.header.is_compressed and _decode(place) is None:
                 said = "its compressed pixels cannot be decoded"
@@ -280,7 +280,7 @@ class ImageFiles:
             found = "nothing" if image is None else f"an image of shape {image.shape}"
             hint = "Export it again, as PNG or as a TIFF without compression."
             raise SourceError(place.path, f"decodes to {found}, expected {self.size}", hint=hint)
-        allowed = ROUNDED * (place.path.suffix.lower() in LOSSY)
+        allowed = ROUNDED * (place.header.kind == "JPEG")
         return one_intensity(image, allowed, place.path, "the image")
 
 

@@ -12,6 +12,7 @@ import zlib
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
+from instruments.images._names import JPEG
 from labpipe.errors import SourceError
 
 MOST_PIXELS = 1 << 26  # of one image: four times the largest camera
@@ -19,7 +20,7 @@ MOST_PAGES = 1 << 20  # of one TIFF
 _PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_END = b"\x00\x00\x00\x00IEND\xaeB`\x82"
 _PNG_COLOURS = (0, 2, 3, 4, 6)
-_JPEG, _JPEG_END, _JPEG_TAIL = b"\xff\xd8\xff", b"\xff\xd9", 64
+_JPEG_END, _JPEG_TAIL = b"\xff\xd9", 64
 _JPEG_SIZES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # marks behind which the size of the image stands
 _BYTES, _PACKED = (8, 16), (10, 12, 14)  # bits of a pixel that fill bytes, and that do not
 _RGB, _PALETTE = 2, 3  # interpretations of a TIFF's samples
@@ -46,6 +47,7 @@ class ImageHeader(NamedTuple):
     fault: str = ""
     is_compressed: bool = False
     directory: int = 0  # byte at which that of a TIFF's page begins
+    kind: str = ""  # "PNG" or "JPEG", by content
 
 
 class _Field(NamedTuple):
@@ -83,7 +85,7 @@ def read_headers(path: Path) -> list[ImageHeader]:
                 return [_png(path, head, stream.read(12))]
             if head[:2] == b"BM":
                 return [_bmp(path, head, size)]
-            if head[:3] == _JPEG:
+            if head[:3] == JPEG:
                 return [_jpeg(path, stream, size)]
         if is_tiff(head):
             return _tiff(path, path.read_bytes() if path.stat().st_size < 1 << 20 else None)
@@ -122,7 +124,7 @@ def _jpeg(path: Path, stream: BinaryIO, size: int) -> ImageHeader:
             _check_size(path, rows, columns, bits)
             stream.seek(-min(_JPEG_TAIL, size), os.SEEK_END)
             fault = "" if _JPEG_END in stream.read() else "the JPEG is cut off: its end mark is missing"
-            return ImageHeader(rows, columns, bits, fault, is_compressed=True)
+            return ImageHeader(rows, columns, bits, fault, is_compressed=True, kind="JPEG")
         at += 2 + length
     raise CutOffError(path, "the JPEG ends within its header", hint="Copy it from the camera again.")
 
@@ -135,7 +137,7 @@ def _png(path: Path, head: bytes, tail: bytes) -> ImageHeader:
         raise SourceError(path, f"the PNG is of colour type {colour}; known are 0, 2, 3, 4, 6", offset=25)
     _check_size(path, rows, columns, bits)
     fault = "" if tail == _PNG_END else "the PNG is cut off: its end mark is missing"
-    return ImageHeader(rows, columns, bits, fault)
+    return ImageHeader(rows, columns, bits, fault, kind="PNG")
 
 
 def png_fault(path: Path) -> str:

@@ -58,7 +58,7 @@ def read(path: str | os.PathLike[str], *, fps: float | None = None, exposure: fl
         raise InputError(f"{path}: no frame rate. {NEEDS_RATE}")
     if not (np.isfinite(fps) and fps > 0):
         raise InputError(f"{path}: the frame rate must be positive, found {fps}")
-    pictures, numbers = _opened(path, fps)
+    pictures, numbers = _opened(path)
     film = ExportedFrames(pictures, numbers / fps, exposure)
     first = next((i for i in range(len(film)) if not pictures.fault(i)), None)
     if first is not None:
@@ -66,7 +66,7 @@ def read(path: str | os.PathLike[str], *, fps: float | None = None, exposure: fl
     return film
 
 
-def _opened(path: Path, fps: float) -> tuple[Pictures, Floats]:
+def _opened(path: Path) -> tuple[Pictures, Floats]:
     """Open what a path holds, with the number of each of its images from the first."""
     if path.is_dir():
         images, numbers = folder_images(path)
@@ -74,7 +74,7 @@ def _opened(path: Path, fps: float) -> tuple[Pictures, Floats]:
     if path.suffix.lower() in SUFFIXES or _is_tiff(path):
         images = pages(path)
         return images, np.arange(len(images), dtype=float)
-    video = uncompressed(path, fps) or Video(path, fps)
+    video = uncompressed(path) or Video(path)
     return video, np.arange(len(video), dtype=float)
 
 

@@ -33,15 +33,8 @@ class _Chunk(NamedTuple):
     size: int
 
 
-def uncompressed(path: Path, fps: float) -> "UncompressedVideo | None":
-    """Open an AVI whose pixels are not compressed; None for any other.
-
-    Parameters
-    ----------
-    path : Path
-    fps : float [1/s]
-        Stated frame rate, of which is warned.
-    """
+def uncompressed(path: Path) -> "UncompressedVideo | None":
+    """Open an AVI whose pixels are not compressed; None for any other."""
     with path.open("rb") as stream:
         head = stream.read(12)
         if head[:4] != b"RIFF" or head[8:] != b"AVI ":
@@ -68,7 +61,7 @@ def uncompressed(path: Path, fps: float) -> "UncompressedVideo | None":
         raise SourceError(path, "no frame of the video is whole", hint="Copy it from the camera again.")
     entries = np.frombuffer(data, np.uint8, max(min(layout.size - 40, 4 * _PALETTE), 0), layout.begin + 40)
     palette = entries[: len(entries) // 4 * 4].reshape(-1, 4)[:, :3] if packing == _PLAIN and bits == 8 else None
-    warn_of_video(path, 1e6 / interval if interval else 0.0, fps)
+    warn_of_video(path, 1e6 / interval if interval else 0.0)
     if len(begins) < declared:
         warn_of_lost(path, declared, len(begins))
     is_from_top = rows < 0 or packing in _FROM_THE_TOP

@@ -30,13 +30,13 @@ _AHEAD = 16
 _LOSSLESS = ("FFV1", "HFYU", "FFVH", "MPNG", "Y800")
 
 
-def warn_of_video(path: Path, playback: float, fps: float, codec: str = "") -> None:
+def warn_of_video(path: Path, playback: float, codec: str = "") -> None:
     """Warn that neither levels nor times of a video are the camera's, nor details where its codec loses them."""
     lossy = f"; its compression ({codec}) {SMOOTHED}"
     warnings.warn(
         f"{path.name}: a video has its levels baked in (gain, brightness, gamma), so its "
         f"intensities are not calibrated; its own {playback:g} frames a second are the rate of "
-        f"playback, the times here follow the stated {fps:g}{lossy * bool(codec)}",
+        f"playback, and not used{lossy * bool(codec)}",
         SmoothedFilmWarning if codec else UserWarning,
         stacklevel=5,
     )
@@ -48,11 +48,9 @@ class Video:
     Parameters
     ----------
     path : Path
-    fps : float [1/s]
-        Stated frame rate, of which is warned.
     """
 
-    def __init__(self, path: Path, fps: float) -> None:
+    def __init__(self, path: Path) -> None:
         self._path, self._lock = path, Lock()
         self._video = cv2.VideoCapture(str(path))
         sizes = (cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FRAME_HEIGHT, cv2.CAP_PROP_FRAME_WIDTH)
@@ -68,7 +66,7 @@ class Video:
             raise SourceError(path, f"declares {columns} × {rows} px")
         self.size, self.levels = (rows, columns), (0.0, 255.0)
         code = int(self._video.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little").decode("latin-1").strip("\0 ")
-        warn_of_video(path, self._video.get(cv2.CAP_PROP_FPS), fps, "" if code.upper() in _LOSSLESS else code)
+        warn_of_video(path, self._video.get(cv2.CAP_PROP_FPS), "" if code.upper() in _LOSSLESS else code)
         self._at, self._image = -1, np.empty((0, 0), np.uint8)
         self._count = self._countable(max(count, _declared_frames(path)))
 

@@ -40,7 +40,8 @@ _LOOK, _SHOWN = 4096, 60  # bytes of an unknown file that are looked at, charact
 _OWN = (".toml", ".nc", ".png")
 _MOST = 2000  # files of a folder, of which each is told in a line
 _QUICK = 16 << 20
-"""Bytes of a file that is read whole to say a line about it."""
+"""Bytes of a file that is read whole to say a line about it; of a larger film, what opening it tells."""
+_MISSING = "frames are missing"
 _IRREGULAR = 0.01
 """Of the median interval: a step that differs by more is worth telling."""
 
@@ -187,6 +188,7 @@ def _instrument(file: Path, options: dict[str, Any]) -> dict[str, Any]:
     said = [str(w.message) for w in caught]
     if untimed:  # what does not depend on it is told all the same
         found = {what: value for what, value in found.items() if what not in ("interval", "rate", "time")}
+        found["problems"] = [told for told in found["problems"] if not told.startswith(_MISSING)]
         said.insert(0, f"no frame rate. {images.NEEDS_RATE}")
     problems = list(dict.fromkeys([*said, *found.pop("problems")]))
     return {"reader": name, "kind": "table" if is_table else "film", **found, "problems": problems}
@@ -197,7 +199,9 @@ def _folder(folder: Path) -> dict[str, Any]:
     import instruments
     from pipelines.session._proposal import wholes
 
-    rows, problems = [], []
+    rows: list[dict[str, str]] = []
+    problems: dict[str, list[str]] = {}
+    alike: dict[tuple[Path, str], list[dict[str, str]]] = {}
     stacks = [place for place in wholes(folder) if place != folder]  # each one film
     single = [path for path in files_below(folder) if path.parent not in stacks and _is_given(path, folder)]
     for part in sorted([*stacks, *single])[:_MOST]:
@@ -207,20 +211,27 @@ def _folder(folder: Path) -> dict[str, Any]:
             row |= {"reader": instruments.identify(part), "holds": "cannot be read"}
         except SourceError:
             if part.suffix not in _OWN:
-                rows.append(row)
+                alike.setdefault((part.parent, part.suffix), []).append(row)
                 continue
         try:
             said, of_part = _briefly(part)
             row |= said
-            problems += [f"{name}: {problem}" for problem in of_part]
+            for problem in of_part:  # it may name the film itself
+                problems.setdefault(problem.removeprefix(f"{part.name}: "), []).append(name)
         except LabpipeError as error:
-            problems.append(f"{name}: {getattr(error, 'message', '') or error}")
+            at = Path(getattr(error, "path", part))
+            inside = at.relative_to(folder).as_posix() if at.is_relative_to(folder) else name
+            problems.setdefault(getattr(error, "message", "") or str(error), []).append(inside)
         rows.append(row)
     if (left := len(stacks) + len(single) - _MOST) > 0:
-        problems.append(f"{left} more files are not shown: name a folder within this one")
+        problems[f"{left} more files are not shown: name a folder within this one"] = []
     if not any(row["reader"] for row in rows):
         return {}
-    return {"reader": "labpipe", "kind": "folder", "files": rows, "problems": problems}
+    for first, *more in alike.values():  # as a program leaves them that numbers what it writes
+        rows.append(first | ({"file": f"{first['file']} and {len(more)} more beside it"} if more else {}))
+    rows.sort(key=lambda row: row["file"])
+    told = [f"{', '.join(names)}: {text}" if names else text for text, names in problems.items()]
+    return {"reader": "labpipe", "kind": "folder", "files": rows, "problems": told}
 
 
 def _is_given(path: Path, folder: Path) -> bool:
@@ -236,7 +247,8 @@ def _briefly(file: Path) -> tuple[dict[str, str], list[str]]:
     import instruments
 
     if file.stat().st_size > _QUICK and file.suffix not in _OWN:
-        return {"reader": instruments.identify(file), "holds": f"{file.stat().st_size >> 20} MB"}, []
+        name = instruments.identify(file)
+        return {"reader": name, "holds": f"{file.stat().st_size >> 20} MB"}, _on_opening(file, name)
     found = describe(file)
     spans = {row["name"]: row for row in found.get("variables", ()) if row.get("min") is not None}
     said = [f"{found['kind']} of {found['sizes']}" if "sizes" in found else found["kind"]]
@@ -246,6 +258,19 @@ def _briefly(file: Path) -> tuple[dict[str, str], list[str]]:
     if count := len(found["problems"]):
         said.append(f"{count} problem{'s' * (count > 1)}")
     return {"reader": found["reader"], "holds": ", ".join(said)}, found["problems"]
+
+
+def _on_opening(film: Path, name: str) -> list[str]:
+    """Return what is wrong with a film that shows without reading its frames, as that it was not copied whole."""
+    import instruments
+
+    if instruments.by_name(name).content != "film":
+        return []
+    rate: Any = {"fps": 1.0} if name == "image_stack" else {}
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        instruments.read(film, instrument=name, **rate)
+    return [str(w.message) for w in caught]
 
 
 def _with_a_look(file: Path, error: SourceError) -> SourceError:
@@ -353,7 +378,7 @@ def film(frames: FrameSource) -> dict[str, Any]:
     steps = np.diff(time)
     interval = float(np.nanmedian(steps)) if count > 1 else None
     if interval is not None and (np.abs(steps - interval) > 0.5 * interval).any():
-        problems.append(f"frames are missing: the longest step is {np.nanmax(steps):.4g} s")
+        problems.append(f"{_MISSING}: the longest step is {np.nanmax(steps):.4g} s")
     exposure = frames.exposure
     return {
         "frames": count,

@@ -12,7 +12,7 @@ from PIL import Image
 
 import instruments
 from labpipe.errors import InputError, SourceError
-from labpipe.frames import FrameSource, IncompleteFilmWarning
+from labpipe.frames import FrameSource, IncompleteFilmWarning, SmoothedFilmWarning
 
 
 def images(count: int, dtype: type = np.uint8) -> np.ndarray:
@@ -46,6 +46,26 @@ def test_numbers_with_a_minus_sign_come_before_the_trigger(tmp_path: Path) -> No
     assert found.exposure.tolist() == [1e-3] * 3
 
 
+def test_beside_a_plus_sign_a_minus_sign_is_no_hyphen(tmp_path: Path) -> None:
+    film = write_folder(tmp_path / "f", ["Img-00002.png", "Img-00001.png", "Img+00000.png", "Img+00001.png"])
+    found = instruments.read(tmp_path / "f", fps=1.0)
+    np.testing.assert_array_equal(np.stack(list(found)), film)
+    assert found.time.tolist() == [0.0, 1.0, 2.0, 3.0]
+
+
+def test_what_an_image_is_tells_its_content_and_not_the_end_of_its_name(tmp_path: Path) -> None:
+    film = write_folder(tmp_path / "f", ["a1.png", "a2.png"])
+    for path in sorted((tmp_path / "f").iterdir()):
+        path.rename(path.with_suffix(".jpg"))
+    assert instruments.identify(tmp_path / "f") == "image_stack"
+    np.testing.assert_array_equal(np.stack(list(instruments.read(tmp_path / "f", fps=1.0))), film)
+    write_folder(tmp_path / "g", ["b1.jpg", "b2.jpg"])
+    for path in sorted((tmp_path / "g").iterdir()):
+        path.rename(path.with_suffix(".png"))
+    with pytest.warns(SmoothedFilmWarning, match="JPEG images have"):
+        instruments.read(tmp_path / "g", fps=1.0)
+
+
 def test_a_gap_in_the_numbers_is_a_gap_in_time_and_is_said(tmp_path: Path) -> None:
     write_folder(tmp_path / "f", ["a1.png", "a2.png", "a5.png"])
     with pytest.warns(UserWarning, match="2 images are missing, the first after number 2"):
@@ -70,7 +90,7 @@ def test_pages_of_a_tiff_are_frames(tmp_path: Path) -> None:
 def test_an_image_of_another_size_is_named(tmp_path: Path) -> None:
     write_folder(tmp_path / "f", ["a1.png", "a2.png"])
     cv2.imwrite(str(tmp_path / "f/a3.png"), np.zeros((5, 5), np.uint8))
-    with pytest.raises(SourceError, match=r"a3\.png: image 0: 5 × 5 px"):
+    with pytest.raises(SourceError, match=r"a3\.png: 5 × 5 px"):
         instruments.read(tmp_path / "f", fps=1.0)
 
 

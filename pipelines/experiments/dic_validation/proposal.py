@@ -8,6 +8,7 @@ from pipelines.experiments._kind import Found, Proposed
 from pipelines.experiments.shared import proposals
 from pipelines.experiments.shared.film_proposal import head, is_exported
 
+_GUESSED = 'a guess: the name tells no view; a film through the disc is of kind "contact_area"'
 _NAMED = re.compile(r"front|holder|drop|fall", re.IGNORECASE)
 
 
@@ -20,7 +21,8 @@ def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
 
 
 def _text(found: Found, film: str, name: str) -> str:
-    return f"""{head(found, film, "dic_validation", name)}
+    why = {} if _NAMED.search(film) else {"why": _GUESSED}
+    return f"""{head(found, film, "dic_validation", name, **why)}
 {_laser_beside(found, film)}
 # tracking = {{ body = [x, y], body_subset = 101 }}  # px in the first image, on the holder"""
 
