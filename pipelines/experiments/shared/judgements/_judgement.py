@@ -1,7 +1,7 @@
 """Checks and comparison, made one verdict."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from typing import Any
 
 import numpy as np
@@ -59,11 +59,25 @@ def judgement(scene: Scene) -> xr.Dataset:
     # what an impossible experiment on which little rests does to that little, nobody knows
     if not is_held or (scene.basis.wrong and made.attrs["model"] == "differs"):
         made.attrs["model"], is_held = "undecided", False
+    doubted = _doubted(judged, named) if made.attrs["model"] == "agrees" else ""
+    if doubted:
+        made.attrs["model"], is_held = "undecided", False
     if made.attrs["model"] == "differs" or not is_held:
         first = f"{scene.basis.reason}: see there first" if scene.basis.reason else ""
-        told = [text for text in (first, scene.unstated) if text]
+        told = [text for text in (first, doubted, scene.unstated) if text]
         told += explanations(scene, judged, names, rows, own, covariance) if rows else []
     return made.assign_attrs(suspects=json.dumps(told), stiffness=json.dumps(stiffness))
+
+
+def _doubted(judged: Judgement, inputs: Set[str]) -> str:
+    """Say why nothing can agree: the record is impossible, or a value that the model takes is not believed."""
+    for finding in judged.findings:
+        if finding.level == "impossible":
+            return "a record that cannot be as it is agrees with nothing"
+        name = finding.setting.rpartition(".")[2]
+        if finding.level == "doubtful" and name in inputs:
+            return f"{finding.setting}, which the model takes, is doubtful itself"
+    return ""
 
 
 def _covariance(rows: Sequence[Row], slopes: Any, u: Sequence[float]) -> tuple[Any, Any]:

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from labpipe.judging import stated
+from labpipe.judging import Level, stated
 from labpipe.units import Quantity
 from pipelines.experiments import JUDGEMENT, KINDS
 from pipelines.experiments.shared.comparison_rows import Row, row
@@ -197,14 +197,28 @@ def test_each_experiment_that_a_kind_takes_results_from_is_part_of_its_judgement
     assert {f"{field}/{JUDGEMENT}" for fields in taken.values() for field in fields} <= set(judged.inputs)
 
 
-@pytest.mark.parametrize(("p", "said"), [(0.4, "agrees all the same"), (1e-9, "differs, which may follow from it")])
-def test_beside_an_impossible_record_a_curve_that_differs_is_no_agreement(p: float, said: str) -> None:
-    scale = stated("scale", "lengths are those of the laser", "lengths come out too large.", "impossible")
+@pytest.mark.parametrize(
+    ("level", "p", "said"),
+    [
+        ("doubtful", 0.4, "agrees all the same"),
+        ("doubtful", 1e-9, "differs, which may follow from it"),
+        ("impossible", 0.4, "agrees is undecided"),
+    ],
+)
+def test_beside_a_record_that_is_not_believed_little_agrees(level: Level, p: float, said: str) -> None:
+    scale = stated("scale", "lengths are those of the laser", "lengths come out too large.", level)
     curve = row("displacement", "m", 100, difference=1e-4, nrmse=0.1, p_of_curve=p)
     rows = [*_rows(temperature=0.2), curve]
     told = sentence(judgement(Scene([scale], rows=_rows(temperature=0.2), inputs=INPUTS)), rows)[1]
     assert said in told
     assert "too large. " in told
+
+
+def test_a_model_agrees_by_no_value_that_is_doubtful_itself() -> None:
+    height = stated("height", "a laboratory is no tower", "5 km", "doubtful", setting="height")
+    found = judgement(Scene([height], rows=_rows(temperature=0.2), inputs=INPUTS))
+    assert found.attrs["model"] == "undecided"
+    assert "height, which the model takes, is doubtful itself" in json.loads(found.attrs["suspects"])
 
 
 @pytest.mark.parametrize("u", [0.0, 0.01])
