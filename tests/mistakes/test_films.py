@@ -93,6 +93,11 @@ def _knocked(frame: int, by: float) -> Change:
     return lambda film: film.assign(centre_x=film["centre_x"] + by * (film["frame"] >= frame))
 
 
+def _creeping(by: float) -> Change:
+    """Move the image evenly by so many px during the film."""
+    return lambda film: film.assign(centre_y=film["centre_y"] + by * film["frame"] / (_COUNT - 1))
+
+
 def _zoomed(factor: float) -> Change:
     """Make lengths of all contacts but the first so many times as many px: fringes open with their square."""
     return lambda film: film.assign(own_scale=film["own_scale"] * factor ** (2 * (film["frame"] > 300)))
@@ -283,6 +288,8 @@ ROWS = (
     ),
     FilmMistake("contact partly in view", "yes", ("beside the images in",), _put("centre_y", -30.0)),
     FilmMistake("camera moved", "doubtful", ("knocked or moved",), _put("centre_x", 200.0 + 0.2 * np.arange(_COUNT))),
+    FilmMistake("camera creeps", "yes", ("drifts in the image, evenly, by 6", "creeps"), _creeping(6.0)),
+    FilmMistake("camera creeps far", "yes", ("drifts in the image, evenly, by 30", "creeps"), _creeping(30.0)),
     FilmMistake("bench knocked in a contact", "doubtful", ("frame 182", "10 px", "knocked"), _knocked(182, 10.0)),
     FilmMistake("bench knocked by 2 px in a contact", "doubtful", ("frame 182", "knocked"), _knocked(182, 2.0)),
     FilmMistake("bench knocked in a flight", "yes", ("15 px", "knocked", "guide has play"), _knocked(300, 15.0)),

@@ -7,8 +7,10 @@ from math import acos, cos, degrees, hypot, isfinite, nan, sqrt
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
-from labpipe.judging import Check, Level, compared, not_made, stated
+from labpipe.arrays import Floats
+from labpipe.judging import Check, Level, compared, in_words, not_made, stated
 from labpipe.report import quantity
 from pipelines.experiments.contact_area._axes import axes_ratio
 from pipelines.experiments.contact_area.measured import FRINGE_FIT, OPEN_GAP, READ, edges_only
@@ -22,6 +24,9 @@ _FEWEST = 8  # frames whose centres make a place
 _STEADY, _CONTRADICTS = 1.0, 10.0  # px and standard uncertainties by which a contact does not jump
 _PLAY, _WANDERS = 25e-6, 4.0
 """Play (m) of a guide, by which contacts stand apart, and multiple of it beyond which the camera moved."""
+_MANY, _EACH, _ALIKE = 6, 3.0, 4.0
+"""Frames of a contact that tell whether it moves in the image, and standard uncertainties by which each does and by
+which their speeds may differ where the image creeps."""
 _RECOVERS = 0.03
 """Relative change of the gap's scale that a body may show which recovers from its dents."""
 _RECEDES = 0.02  # of the radius in the frame before, by which a contact is smaller that recedes
@@ -133,16 +138,46 @@ def _stays(radius: xr.Dataset, settings: ContactArea) -> Check:
         return stated(name, law, text, "doubtful", cause=f"{cause} at that frame, or it shakes", file=settings.film)
     runs = [run for run in np.split(np.arange(at.size), np.flatnonzero(~is_one) + 1) if run.size > 2]
     places = np.array([[np.median(x[run]), np.median(y[run])] for run in runs]).reshape(-1, 2)
+    creeps = _creep(time, np.column_stack([x, y]), own, runs)
     apart = np.hypot(*np.diff(places, axis=0).T) if len(runs) > 1 else np.zeros(1)
     k = int(np.argmax(apart))
-    far = float(apart[k])
+    far, play = float(apart[k]), _PLAY / float(radius["pixel_size"])
     text = f"{settings.film}: the contacts stand within {far:.3g} px of each other"
-    play = _PLAY / float(radius["pixel_size"])
+    if creeps is not None and (moved := creeps * float(np.ptp(radius["time"].values))) > _STEADY:
+        text = f"{settings.film}: every contact drifts in the image, evenly, by {in_words(moved, 2)} px during the film"
+        cause += ": it creeps; radii do not suffer"
+        level: Level = "doubtful" if moved > _WANDERS * play else "note"
+        return stated(name, law, text, level, cause=cause, file=settings.film)
     if far <= play:
         return stated(name, law, text, None, file=settings.film)
     text = f"{settings.film}: the contact from frame {frame[runs[k + 1][0]]} on stands {far:.3g} px from the last"
     cause += " in the flight before, the sphere's guide has play, or two films were joined"
     return stated(name, law, text, "doubtful" if far > _WANDERS * play else "note", cause=cause, file=settings.film)
+
+
+def _creep(time: Floats, place: Floats, own: Floats, runs: list[NDArray[np.int64]]) -> float | None:
+    """Return the speed (px/s) at which the middle (frame, axis) of each contact moves alike; None where none does.
+
+    A contact sticks, and what makes one larger or smaller lets its middle stay. Two contacts tell a speed, each by
+    itself.
+    """
+    told: list[tuple[Floats, float]] = []
+    for run in (run for run in runs if run.size >= _MANY):
+        since = time[run] - np.average(time[run], weights=own[run] ** -2)
+        weight = since / own[run] ** 2
+        speed = weight @ place[run] / (weight @ since)
+        left = place[run] - np.average(place[run], axis=0, weights=own[run] ** -2) - np.outer(since, speed)
+        spread = float(np.sum((left / own[run][:, None]) ** 2)) / (2 * run.size - 4)
+        told.append((speed, float(spread / (weight @ since))))
+    if len(told) < 2:
+        return None
+    of_all = np.average([speed for speed, _ in told], axis=0, weights=[1.0 / square for _, square in told])
+    size = float(np.hypot(*of_all))
+    is_told = size > 0.0 and all(
+        speed @ of_all / size > _EACH * sqrt(square) and np.hypot(*(speed - of_all)) < _ALIKE * sqrt(square)
+        for speed, square in told
+    )
+    return size if is_told else None
 
 
 def _one_scale(radius: xr.Dataset, settings: ContactArea) -> Check:
