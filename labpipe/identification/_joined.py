@@ -11,7 +11,12 @@ from labpipe.materials import Prony
 
 @dataclass(frozen=True, eq=False)
 class JoinedModel:
-    """Numbers of several models without corrections, one behind the other."""
+    """Numbers of several models without corrections, one behind the other.
+
+    Attributes
+    ----------
+    parts : tuple of Model
+    """
 
     parts: tuple[Model, ...]
 

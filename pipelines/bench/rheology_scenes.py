@@ -16,7 +16,13 @@ _GAS_LN10 = 8.314462618 * float(np.log(10.0))
 class Scene:
     """One kind of record.
 
-    ``build``: Record made with a seed. ``superposes``: Whether time-temperature superposition is true of it.
+    Attributes
+    ----------
+    name : str
+    build : callable
+        Record made with a seed.
+    superposes : bool
+        Whether time-temperature superposition is true of it.
     """
 
     name: str

@@ -88,6 +88,18 @@ ROWS = (
         _without(lambda numbers, _: numbers % 5 == 4),
     ),
     FrontMistake(
+        "frames of the fall lost, times renewed",
+        "doubtful",
+        ("the holder jumps", "frames were lost", "in its motion after"),
+        _without(lambda numbers, first: abs(numbers - first + 60) < 15),
+    ),
+    FrontMistake(
+        "frames of the second flight lost, times renewed",
+        "doubtful",
+        ("the holder jumps", "frames were lost", "in its motion before"),
+        _without(lambda numbers, first: abs(numbers - first - 160) < 13),
+    ),
+    FrontMistake(
         "begins after the first impact",
         "impossible",
         ("moves up by", "begins too late, after an impact"),

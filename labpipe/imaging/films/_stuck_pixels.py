@@ -46,7 +46,12 @@ _ROUNDING = 0.5
 class RepairedFrames(ShownFrames):
     """A film in which some pixels are interpolated from those around them.
 
-    ``film``: The film as recorded. ``stuck``: Pixels that do not count.
+    Parameters
+    ----------
+    film : FrameSource
+        The film as recorded.
+    stuck : bool array (row, column)
+        Pixels that do not count.
     """
 
     def __init__(self, film: FrameSource, stuck: Flags) -> None:
@@ -101,7 +106,12 @@ class RepairedFrames(ShownFrames):
 class StuckPixels:
     """What was found of them.
 
-    ``count``: Pixels that are repaired. ``frames_read``: Frames that were read to find out.
+    Attributes
+    ----------
+    count : int
+        Pixels that are repaired.
+    frames_read : int
+        Frames that were read to find out.
     """
 
     count: int = 0
@@ -121,8 +131,19 @@ def without_stuck_pixels(
 ) -> tuple[FrameSource, StuckPixels]:
     """Repair the pixels of a film that are stuck; the same film when there are none.
 
-    ``film``: Grey images. ``wanted``: Frames that may be read; by default all. ``read``: Returns the frame of an
-    index, by default the film's own.
+    Parameters
+    ----------
+    film : FrameSource
+        Grey images.
+    wanted : bool array (frame,), optional
+        Frames that may be read; by default all.
+    read : callable, optional
+        Returns the frame of an index, by default the film's own.
+
+    Returns
+    -------
+    film : FrameSource
+    found : StuckPixels
 
     Notes
     -----

@@ -42,8 +42,12 @@ LEAST_SPACING = 1.0
 class State:
     """Where the outer iteration stands.
 
-    ``parameters`` (parameter,): Horizontal, then vertical, then delay. ``log10_aT``, ``ln_bT`` (isotherm,). ``delay``
-    [s].
+    Attributes
+    ----------
+    parameters : array (parameter,)
+        Horizontal, then vertical, then delay.
+    log10_aT, ln_bT : array (isotherm,)
+    delay : float [s]
     """
 
     parameters: Floats

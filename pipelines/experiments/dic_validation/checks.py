@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from math import degrees, hypot, isfinite, log, nan
+from math import degrees, exp, hypot, isfinite, log, nan
 
 import numpy as np
 import xarray as xr
@@ -15,6 +15,7 @@ from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from labpipe.workflow.fields import REFERENCE
+from pipelines.experiments.dic_validation._jumps import FEWEST, KNOCKED, STEP, jump
 from pipelines.experiments.dic_validation._view_checks import (
     BEGINNING,
     begins_at_rest,
@@ -27,7 +28,7 @@ from pipelines.experiments.dic_validation._view_checks import (
     tilt,
 )
 from pipelines.experiments.dic_validation.comparison import rows
-from pipelines.experiments.dic_validation.measured import INTERLACED, statuses
+from pipelines.experiments.dic_validation.measured import INTERLACED, PART, statuses
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.fall_checks import Fall
@@ -51,20 +52,15 @@ _BETWEEN_DAYS = 0.01
 """Relative difference of two drops from one height, set anew on another day."""
 _DROPS = 0.02
 """Difference of first restitutions of one sphere on two days."""
-_STEP = 0.02  # of the usual interval between frames
 _FOUND = 0.9  # of the frames in which the holder should be found
 _SOLVED, _ALIKE = 1e-4, 1e-6
 """By which places [px] and correlations of one image differ that is solved for from other
 beginnings; noise changes them by more."""
 _MOSTLY = 0.5  # of the frames that have no value for one reason
 _GONE = 3  # frames in a row in which a holder that is in view does not vanish
-_KNOCKED = 0.02  # of the travel, by which a level jumps that counts
 _JUMPS = {"dx": 0.3, "rotation": 2e-3, "stretch_x stretch_y": 2e-3}
 """Least jump [px], [rad], [1] of what a knock or a change of the lens moves beside the displacement."""
-_FEWEST = 20  # bends of the motion that tell its noise
 _AROUND = 31  # frames whose contrast is compared
-_IN_NOISE, _RETURNS = 10.0, 0.3
-"""Standard deviations of noise of a jump, and the share of it by which the frames beside it may bend."""
 _UPSIDE_DOWN = "the film is upside down: the camera was, or the film was turned or mirrored when it was exported"
 _ANOTHER_VIEW = 3.0  # factor in scale beyond which it is no mistake of measuring it
 _FAILED = CAUSES | {
@@ -85,7 +81,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
     track, motion, bounces, comparison, laser = map(given.get, _STEPS)
     whole = whole_film(context, settings.film)
     failed = judgements.failed_steps(context, _FAILED)
-    checks = [_of_masks(explained(check, whole), settings) for check in failed]
+    checks = [_of_places(_of_masks(explained(check, whole), settings)) for check in failed]
     checks.append(judgements.day_known(motion, settings.camera, settings.film))
     checks.append(not_smoothed(context, settings.film))
     if track is not None:
@@ -101,7 +97,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
         checks.append(seen_whole(track, settings))
         checks += [_lit(track, settings), exposed(track, settings.film), no_mosaic(track, settings.film)]
     if motion is not None:
-        steady = _steady(track, motion, settings)
+        steady = _steady(track, motion, bounces, settings)
         # where no bounce was found, what the displacement itself shows is the better cause
         better = steady.cause if steady.level else no_fall(motion, _GRAVITY.value)
         checks = judgements.because(checks, better, "step bounces")
@@ -128,10 +124,13 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
         checks = judgements.because(checks, steady.cause, *_BY_JUMPS, log_ratio=nan, file=settings.film, setting="")
     if comparison is not None and "gain" in comparison:
         gain, wrong = _gain(comparison, settings), {c.name for c in checks if c.level}
-        # of two drops that are not alike no scale can be told
-        is_other = HEIGHT in wrong and G not in wrong and gain.level is not None
-        cause = f"the film shows another drop than {_laser(settings)}"
-        checks.append(replace(gain, cause=cause, log_ratio=nan) if is_other and not gain.cause else gain)
+        # of two drops that are not alike, or not in one time, no scale can be told
+        is_other, is_untimed = HEIGHT in wrong and G not in wrong, G in wrong and HEIGHT not in wrong
+        if gain.level is not None and not gain.cause and (is_other or is_untimed):
+            g = next(check.log_ratio for check in checks if check.name == G)
+            cause = of_rate(exp(g / 2)) if is_untimed else f"the film shows another drop than {_laser(settings)}"
+            gain = replace(gain, cause=cause, log_ratio=nan)
+        checks.append(gain)
     another = f"the film may show another drop than {_laser(settings)}: another sphere, height or day"
     return Scene(checks, list(_causes(track, settings)), given.each([rows]), basis=basis, unstated=another)
 
@@ -176,6 +175,13 @@ def _of_masks(check: Check, settings: DicValidation) -> Check:
     return replace(check, cause=f"{check.cause}; or {names} leave too little of it, or what does not move with it")
 
 
+def _of_places(check: Check) -> Check:
+    """Name the place in the images that is wrong as the cause of what is said of it."""
+    name = check.message.partition(":")[0]
+    is_named = name in ("tracking.body", "tracking.body_subset", "tracking.line")
+    return replace(check, cause=f"{name} does not lie in the images", setting=name) if is_named else check
+
+
 def _is_sound(track: xr.Dataset) -> NDArray[np.bool_]:
     """Tell of every frame of a film whether it can be read; those that were not read are thought to be."""
     sound = np.ones(int(track["frame"][-1]) + 1, bool)
@@ -195,8 +201,8 @@ def _times(motion: xr.Dataset, bounces: xr.Dataset | None, settings: DicValidati
         cause = f"frames are exchanged or repeated at frame {back[0] + 1}"
         return stated(name, law, text, "impossible", cause=cause, file=settings.film)
     # after rest only every eighth frame is read
-    whole = np.abs(steps / usual - np.round(steps / usual)) < _STEP * np.maximum(np.round(steps / usual), 1)
-    last = int(np.flatnonzero(np.abs(steps / usual - 1) < _STEP)[-1]) if usual > 0 else 0
+    whole = np.abs(steps / usual - np.round(steps / usual)) < STEP * np.maximum(np.round(steps / usual), 1)
+    last = int(np.flatnonzero(np.abs(steps / usual - 1) < STEP)[-1]) if usual > 0 else 0
     lost = np.flatnonzero(steps[:last] > 1.5 * usual)
     if lost.size:
         count = int(np.sum(np.round(steps[lost] / usual) - 1))
@@ -225,44 +231,20 @@ def _copies(track: xr.Dataset, settings: DicValidation) -> Check:
     return no_copies(settings.film, frame, alike & (np.diff(frame) == 1))
 
 
-def _jump(time: Floats, y: Floats, least: float) -> tuple[int, float] | None:
-    """Find the largest jump of a level between two frames: the speed before and after it is one.
-
-    A bounce bends the motion one way. A jump bends it one way and back in the next frame.
-
-    ``y`` (frame,) jumps by ``least`` or more of its unit. Returns the last frame before the jump, and its size, or
-    None.
-    """
-    steps = np.diff(time)
-    bend = np.diff(y, 2)
-    even = np.abs(steps - np.median(steps)) < _STEP * np.median(steps)
-    bend = np.where(even[1:] & even[:-1], bend, np.nan)
-    known = bend[np.isfinite(bend)]
-    if known.size < _FEWEST:
-        return None
-    noise = 1.4826 * float(np.median(np.abs(known - np.median(known))))
-    one, back = bend[1:-2], bend[2:-1]
-    size = np.where(one * back < 0, np.minimum(np.abs(one), np.abs(back)), 0.0)
-    beside = np.maximum(np.abs(bend[:-3]), np.abs(bend[3:]))
-    # where nothing is known beside it, nothing is told
-    jumps = np.flatnonzero((size > max(_IN_NOISE * noise, least)) & (beside < _RETURNS * size))
-    if not jumps.size:
-        return None
-    at = int(jumps[np.argmax(size[jumps])]) + 2
-    return at, float(y[at + 1] - y[at])
-
-
-def _steady(track: xr.Dataset | None, motion: xr.Dataset, settings: DicValidation) -> Check:
+def _steady(track: xr.Dataset | None, motion: xr.Dataset, bounces: xr.Dataset | None, settings: DicValidation) -> Check:
     """Look for a place, an angle or a size of the holder's image that jumps between two frames."""
     name, law = "level between frames", "a body has inertia and a camera stands still: no displacement jumps"
     time, y = motion["time"].values, motion["displacement"].values
-    if np.isfinite(np.diff(y, 2)).sum() < _FEWEST:
+    if np.isfinite(np.diff(y, 2)).sum() < FEWEST:
         return not_made(name, law, "twenty frames in a row")
     knocked = "frames were lost, two films were joined, the camera or its mirror was knocked, or the track slipped"
-    found = _jump(time, y, _KNOCKED * float(np.nanmax(y) - np.nanmin(y)))
+    # where bounces are not found, what is smaller is told too: single frames that were lost
+    found = jump(time, y, 0.0 if bounces is None else KNOCKED * float(np.nanmax(y) - np.nanmin(y)))
     if found is not None:
         text = f"{settings.film}: the holder jumps by {quantity(found[1], 'm')} between two frames at "
         text += quantity(float(time[found[0] + 1]), "s")
+        if bounces is not None and PART in bounces.attrs:
+            text += f"; bounces are found in its motion {bounces.attrs[PART]} alone"
         return stated(name, law, text, "doubtful", cause=knocked, file=settings.film)
     zoomed = (
         "zoom, focus or distance of the lens changed within the film, films of two views were joined, or tracking.body "
@@ -273,7 +255,7 @@ def _steady(track: xr.Dataset | None, motion: xr.Dataset, settings: DicValidatio
         of_body = track.isel(point=0)
         for what, least in _JUMPS.items():
             values = [of_body[of].values for of in what.split()]
-            one = _jump(track["time"].values, np.mean(values, axis=0), least)
+            one = jump(track["time"].values, np.mean(values, axis=0), least)
             if one is not None:
                 jumped[what] = one
     if not jumped:

@@ -5,6 +5,7 @@ height of that contact is 0). Point 0 of the tracks is the large subset on the h
 is the result; the others are the line of small subsets, whose scatter tells how stiff it moves.
 """
 
+import contextlib
 import json
 from pathlib import Path
 from typing import Any
@@ -19,9 +20,11 @@ from calibration import camera as camera_scale
 from labpipe import errors, imaging, signals
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource
+from labpipe.report import quantity
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.variables import variable, with_u
 from pipelines.experiments.dic_validation import viewing_angle
+from pipelines.experiments.dic_validation._jumps import KNOCKED, jump
 from pipelines.experiments.dic_validation.settings import DicValidation, Polygons, Tracking
 from pipelines.experiments.shared.film_frames import key_frames, open_film, recorded_on
 from pipelines.experiments.shared.film_light import light_of
@@ -35,6 +38,7 @@ _EVERY = 8  # frames: the coarse pass, and what is read after rest
 _AT_REST = 0.05  # px from the last level, within which the holder is at rest
 _AFTER_REST = 40  # frames read one by one after the coarse pass sees rest
 _KEYS = 9
+PART = "part"  # attribute of bounces: the part of the film in which they were found
 INTERLACED = "interlaced"  # status of a point whose frame's rows are of two instants
 LOST = 0.5  # of the frames: a body that is found in fewer is looked for where it is in a film that was turned
 _TURNED, _FALLS = 100, 5.0  # frames looked at for it, and px by which it falls, upwards in the images
@@ -135,6 +139,15 @@ def _points(source: FrameSource, chosen: Tracking) -> tuple[list[tuple[float, fl
         line = zip(x0 + share * (x1 - x0), y0 + share * (y1 - y0), strict=True)
         points += [(float(x), float(y)) for x, y in line]
         subsets += [chosen.subset + 1 - chosen.subset % 2] * chosen.points
+    half = width // 2
+    for name, ends, beside in (("body", [body], 0), ("body_subset", [body], half), ("line", chosen.line or (), 0)):
+        for x, y in ends:
+            if not (beside <= round(x) < columns - beside and beside <= round(y) < rows - beside):
+                what = f"a square of {width} px about " if beside else ""
+                raise InputError(
+                    f"tracking.{name}: {what}({x:g}, {y:g}) reaches beyond the images, which are {columns} px wide and "
+                    f"{rows} px high; give px of the first image, x to the right and y down"
+                )
     return [(float(x), float(y)) for x, y in points], subsets
 
 
@@ -246,9 +259,27 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
 
 
 def bounces(motion: xr.Dataset, *, settings: DicValidation) -> xr.Dataset:
-    """Find release, contacts, bounces and rest in the film's displacement."""
+    """Find release, contacts, bounces and rest in the film's displacement.
+
+    Where frames were lost a displacement jumps, and no flight goes on across it. Then they are those before it, or
+    else after it, which the attribute ``part`` says.
+    """
     del settings
-    return signals.bounces(motion["displacement"])
+    y = motion["displacement"]
+    try:
+        return signals.bounces(y)
+    except InputError:
+        time = y["time"].values
+        found = jump(time, y.values, KNOCKED * float(np.nanmax(y) - np.nanmin(y)))
+        if found is None:
+            raise
+        at = found[0] + 1
+        # the first impact is that by which the film is laid against the laser
+        for side, part in (("before", slice(None, at)), ("after", slice(at, None))):
+            with contextlib.suppress(InputError):
+                told = signals.bounces(y.isel(time=part))
+                return told.assign_attrs({PART: f"{side} {quantity(float(time[at]), 's')}"})
+        raise
 
 
 def velocity(motion: xr.Dataset, bounces: xr.Dataset, *, settings: DicValidation) -> xr.Dataset:

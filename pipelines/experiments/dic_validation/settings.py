@@ -64,5 +64,5 @@ class DicValidation(Table, frozen=True, kw_only=True):
     laser_experiment: ExperimentName | None = None
     measured_on: date | None = None
     frame_rate: Annotated[Frequency, POSITIVE] | None = None
-    camera_distance: Annotated[Length, POSITIVE] | None = None
+    camera_distance: Annotated[Length, Range(at_least=0.01, at_most=100.0)] | None = None
     tracking: Tracking = Tracking()
