@@ -17,13 +17,13 @@ from labpipe.imaging.dic._tracker import NEIGHBOURS, Tracker
 
 #: Distance from a neighbour's or a template's proposal (px) within which it is confirmed.
 _CONFIRMED = 2.5
+#: Share of the way to another place that matches as well, within which a pattern that comes back is where it was
+#: expected.
+_OF_RIVAL = 0.125
 #: When so few of so many points converge near their prediction, they did by chance.
 _CHANCE, _MANY = 0.2, 10
 #: Agreement of surprised points with each other (px), and how many are needed.
 _MUTUAL, _MUTUAL_COUNT = 0.5, 5
-#: Median of their correlation over that of the last frame, below which they may agree on another period of a pattern
-#: that repeats itself but for its tones: templates, which are wider, are asked first.
-_AS_BEFORE = 0.97
 #: Distance (px) from where most lead, and mean square of the residual over theirs, from which a point that
 #: jumped is a stray and none of another body.
 _AWAY, _WORSE = 5.0, 2.5
@@ -43,8 +43,11 @@ def follow(tracker: Tracker, index: int, loaded: Loaded) -> Attempt:
     """Find all points in one frame, those that prediction did not lead to as well."""
     expected = tracker.predict(index)
     attempt = tracker.first_attempt(loaded, expected)
-    if (~attempt.trusted & ~tracker.reference.is_faint).any() or tracker.contradicted(attempt).any():
-        Recovery(tracker, index, loaded, attempt, expected).run()
+    recovery = Recovery(tracker, index, loaded, attempt, expected)
+    is_told = recovery.settle()
+    if is_told and ((~attempt.trusted & ~tracker.reference.is_faint).any() or tracker.contradicted(attempt).any()):
+        recovery.run()
+        recovery.settle()
     look_before(tracker, loaded, attempt)
     tracker.remember(index, attempt)
     return attempt
@@ -62,20 +65,43 @@ class Recovery:
         self._pyramid: Pyramid | None = None
         self._tried = np.zeros(len(expected), bool)
 
+    def settle(self) -> bool:
+        """Go where all points together tell the pattern to be, if it comes back; False where they do not tell it."""
+        attempt, tracker = self._attempt, self._tracker
+        asked = tracker.comes_back.asked
+        if tracker.solver.is_static or not len(asked):
+            return True
+        trusted = attempt.trusted[asked]
+        is_known = bool(2 * trusted.sum() > len(asked))
+        motion = np.where(trusted[:, None], attempt.motion[asked], self._expected[asked])
+        place = tracker.comes_back.look(self._whole_frame().image, motion, is_known=is_known)
+        if place.shift is None:
+            return True
+        moved = np.median((motion - self._expected[asked])[:, [0, 3]], axis=0) + place.shift
+        if np.hypot(*moved) > _OF_RIVAL * place.rival:
+            attempt.trusted[:] = False
+            return False
+        if not is_known or np.hypot(*place.shift) > _CONFIRMED:
+            start = np.where(attempt.trusted[:, None], attempt.motion, self._expected)
+            start[:, [0, 3]] = place.shift + shift_of(start, np.broadcast_to(place.shift, (len(start), 2)))
+            attempt.code[:], attempt.trusted[:], self._expected = -1, False, start
+            self._try(np.arange(len(start)), start)
+        return True
+
     def run(self) -> None:
         """Go from the cheap to the dear: agreement, neighbours, template matches."""
         attempt = self._attempt
         tracked = self._tracker.is_tracked & ~self._tracker.reference.is_faint
         if attempt.trusted.sum() < _CHANCE * tracked.sum() and tracked.sum() >= _MANY:
             attempt.trusted[:] = False
-        self._trust_agreement(_AS_BEFORE)
+        self._trust_agreement()
         self._propagate()
         for _ in range(2):
             if not self._tracker.missing(attempt).any() or not self._seed():
                 break
             self._propagate()
         if not attempt.trusted.any():
-            self._trust_agreement(0.0)
+            self._trust_agreement()
             self._propagate()
         self._outvote()
         self._propagate()
@@ -93,8 +119,8 @@ class Recovery:
             attempt.outvoted[wrong] = True
             attempt.trusted[wrong] = False
 
-    def _trust_agreement(self, least: float) -> None:
-        """Trust surprised points that all tell of one rigid motion, if most keep that share of their correlation."""
+    def _trust_agreement(self) -> None:
+        """Trust surprised points that all tell of one rigid motion."""
         attempt, tracker = self._attempt, self._tracker
         solved = np.flatnonzero(tracker.accepts(attempt.code, attempt.zncc) & ~attempt.trusted & ~tracker.is_one_way)
         # All points of what repeats itself may agree on another period.
@@ -113,8 +139,7 @@ class Recovery:
         agree = np.hypot(*(expected - own[:, [0, 3]]).T) < _MUTUAL
         if agree.sum() < max(_MUTUAL_COUNT, 0.6 * (~attempt.trusted & ~tracker.reference.is_faint).sum()):
             return
-        if np.median(attempt.zncc[solved[agree]] / tracker.zncc[solved[agree]]) >= least:
-            attempt.trusted[solved[agree]] = True
+        attempt.trusted[solved[agree]] = True
 
     def _distrust_strays(self) -> None:
         """Distrust points that jumped far from where those lead that match best, and match worse."""
@@ -194,11 +219,7 @@ class Recovery:
             start[:, [1, 2, 4, 5]] = common[[1, 2, 4, 5]]
             where, start = where[fits], start[fits]
             return self._try(where, start)
-        # where most have a double, that of the others lies beyond the border of the reference
-        most_repeat = 2 * sum(tracker.has_double(n) for n in chosen.tolist()) > len(chosen)
-        if most_repeat and 1 < len(where) > fits.sum():
-            return False
-        return self._try(where, start, _AS_BEFORE if most_repeat else 0.0)
+        return self._try(where, start)
 
     def _match(self, chosen: Integers) -> dict[int, Floats]:
         """Motions of those chosen points that a template match finds."""
@@ -223,8 +244,8 @@ class Recovery:
             self._pyramid = make_pyramid(grey)
         return self._pyramid
 
-    def _try(self, chosen: Integers, start: Floats, least: float = 0.0) -> bool:
-        """Solve from proposed motions; trust those that stay near and as alike as asked. True when any did."""
+    def _try(self, chosen: Integers, start: Floats) -> bool:
+        """Solve from proposed motions; trust those that stay near. True when any did."""
         tracker, attempt = self._tracker, self._attempt
         found = tracker.solver.solve(self._loaded, chosen, start)
         beyond = (found.code == LEFT_WINDOW) & (found.iterations == 0)
@@ -236,7 +257,7 @@ class Recovery:
         if self._loaded.box != tracker.film.whole:
             attempt.reached[chosen] = ~self._is_in_frame(chosen, start)
         near = np.hypot(*(found.motion - start)[:, [0, 3]].T) <= _CONFIRMED
-        good = tracker.accepts(found.code, found.zncc, chosen) & near & (found.zncc >= least * tracker.zncc[chosen])
+        good = tracker.accepts(found.code, found.zncc, chosen) & near
         # What converged before keeps its place only when it fits the image clearly better.
         held = tracker.accepts(attempt.code[chosen], attempt.zncc[chosen], chosen)
         good &= ~held | (found.zncc > attempt.zncc[chosen] - 0.02)

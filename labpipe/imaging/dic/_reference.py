@@ -52,7 +52,7 @@ class Status(IntEnum):
     SATURATED = 2  # too many pixels at the black or white level in the reference
     TEXTURELESS = 3  # nothing but noise or misfit, or edges in one direction only
     FRAME_DAMAGED = 4  # the file says so, or the frame holds NaN
-    LOST = 5  # no place in the frame correlates well enough
+    LOST = 5  # no place in the frame correlates well enough, or several do as well as each other
     OUTVOTED = 6  # its neighbours agree on another place
     COVERED = 7  # the mask leaves too few of its pixels
     INTERLACED = 8  # the rows of the frame show two instants, or repeat each other

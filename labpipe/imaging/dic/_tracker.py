@@ -9,6 +9,7 @@ import numpy as np
 
 from labpipe.arrays import Flags, Floats, Integers
 from labpipe.imaging.dic._attempt import Attempt, Options
+from labpipe.imaging.dic._comes_back import ComesBack
 from labpipe.imaging.dic._film_window import Box, FilmWindow, Loaded
 from labpipe.imaging.dic._frame_solver import FrameSolver
 from labpipe.imaging.dic._motion_state import contradicted, converged_nearby, extent, predicted, remember
@@ -79,6 +80,8 @@ class Tracker:
         self.cleared = np.zeros(count)
         #: Misfit over that of most from which it is no chance.
         self.by_chance = 1.0 + _BY_CHANCE * np.sqrt(2.0 / reference.subsets.level[:, 2])
+        #: Tells places apart that match alike.
+        self.comes_back = ComesBack(reference)
         self._predictions: dict[int, Floats] = {}
         self._doubles: dict[int, bool] = {}
 

@@ -1,0 +1,239 @@
+"""Patterns that come back: which of the places that match alike a frame shows, told by all points together.
+
+Bricks, rulers and grids match a period farther as well as a subset can tell. What does not repeat, grain and tones,
+tells the places apart in the sum of many subsets, though in none of them; where it does not, the place is not known.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from labpipe.arrays import Flags, Floats, Floats32, Integers
+from labpipe.imaging.dic._motion_uncertainty import one_way
+from labpipe.imaging.dic._reference import Reference
+from labpipe.imaging.dic._subset_kernel import MOTIONS
+
+#: Points that are asked at most, and at least, to tell whether a pattern comes back and where it is, share of them that
+#: a place must leave in the frame, and least half width (px) of what is compared of each.
+_MOST, _FEWEST, _SHARE, _LEAST_HALF = 36, 6, 0.4, 15
+#: Blur (px) by which edges that are sharper than the pixels match alike at any fraction of a pixel.
+_BLUR = 1.5
+#: Reach (px) within which a pattern that comes back does so, and within which a lost one is looked for.
+_NEAR, _FAR = 40, 110
+#: Mean correlation from which a pattern comes back, and by how much it falls on half of the way.
+_ALIKE, _FALLS = 0.6, 0.1
+#: By how much less than the best other places match at most, so many of them, how far (px) places are apart, and how
+#: far the place of one point may be from that of most.
+_LESS, _PLACES, _APART, _OWN = 0.2, 48, 3, 1
+#: Share that is left at least.
+_LEAST = 1e-6
+#: Standard deviations by which all points together tell two places apart, and logarithm of the ratio that they leave.
+_TOLD, _CLEARLY = 5.0, 0.7
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the pattern of a frame is: a shift (2,) [px] from where it was looked for, None where no place matches.
+
+    ``rival`` [px] is how far from it the nearest other place is that matches as well; infinite where none does.
+    """
+
+    shift: Floats | None
+    rival: float
+
+
+class ComesBack:
+    """Tells places of a pattern that comes back.
+
+    Parameters
+    ----------
+    reference : Reference
+    """
+
+    def __init__(self, reference: Reference) -> None:
+        self._reference = reference
+        self._half = max(_LEAST_HALF, int(reference.subsets.half.max(initial=0)))
+
+    @cached_property
+    def asked(self) -> Integers:
+        """Points that are asked, none where the pattern does not come back."""
+        subsets = self._reference.subsets
+        x, y, half = subsets.x, subsets.y, self._half
+        rows, columns = self._reference.mean.shape
+        usable = np.flatnonzero(
+            ~one_way(subsets)
+            & ~self._reference.is_faint
+            & (np.minimum(x, columns - 1 - x) >= half)
+            & (np.minimum(y, rows - 1 - y) >= half)
+        )
+        cells = np.stack([x[usable], y[usable]], axis=1) // (2 * half + 1)
+        chosen = usable[np.sort(np.unique(cells, axis=0, return_index=True)[1])]
+        chosen = chosen[np.unique(np.linspace(0, len(chosen) - 1, _MOST).astype(int))] if len(chosen) else chosen
+        if len(chosen) < _FEWEST:
+            return chosen[:0]
+        for some in (chosen[:: len(chosen) // _FEWEST], chosen):
+            self._chosen = some
+            seen = self._scores(self._image, np.zeros((len(some), MOTIONS)), _NEAR)
+            mean = _mean(*seen[:2])
+            copies = [p for p in _tops(mean) if mean[p] > max(_ALIKE, mean[_halfway(p)] + _FALLS)]
+            if not copies:
+                return chosen[:0]
+        left = np.array([self._left(*seen, p) for p in copies])
+        self._copy = left[int(np.nanmean(left, axis=1).argmin())]
+        self._before = np.full(len(chosen), np.log(_LEAST))
+        return chosen
+
+    def look(self, image: Floats32, motion: Floats, *, is_known: bool) -> Place:
+        """Tell where the pattern of a frame is.
+
+        Parameters
+        ----------
+        image : array (row, column)
+            Grey levels of the whole frame.
+        motion : array (asked, 6)
+            Where the asked points are, or are expected.
+        is_known : bool
+            Whether they were found there, or are looked for far around.
+        """
+        image = _blurred(image)
+        place, left = self._find(image, motion, _NEAR if is_known else _FAR, is_known=is_known)
+        if is_known and _clearly(left, self._before):
+            # worse than it was: farther than a period, it may have gone to any other place
+            place, left = self._find(image, motion, _FAR, is_known=True)
+        if place.shift is not None and not np.isfinite(place.rival):
+            self._before = np.where(np.isfinite(left), left, self._before)
+        return place
+
+    def _find(self, image: Floats32, motion: Floats, reach: int, *, is_known: bool) -> tuple[Place, Floats]:
+        """Tell where the pattern is within some reach, and what it leaves there (asked,)."""
+        seen = self._scores(image, motion, reach)
+        mean = _mean(*seen[:2])
+        best = mean.max()
+        tops = sorted((p for p in _tops(mean) if mean[p] > best - _LESS), key=lambda p: -mean[p])[:_PLACES]
+        if is_known:
+            near = mean[reach - _APART : reach + _APART + 1, reach - _APART : reach + _APART + 1]
+            row, column = np.unravel_index(int(near.argmax()), near.shape)
+            own = (int(row) + reach - _APART, int(column) + reach - _APART)
+            tops = [own, *(p for p in tops if np.hypot(p[0] - own[0], p[1] - own[1]) > _APART)]
+        if not tops:
+            return Place(None, np.inf), self._before
+        left = np.array([self._left(*seen, p) for p in tops])
+        first = 0
+        for k in range(1, len(tops)):
+            if first == 0 and is_known:
+                is_better = _clearly(left[0], left[k]) and _clearly(self._copy, left[k])
+            else:
+                is_better = _apart(left[first], left[k])[0] > 0.0
+            first = k if is_better else first
+        # edges sharper than the pixels match best where pixels meet them alike, as copies in the reference do
+        is_told = _clearly(self._copy, left[first])
+        others = [k for k in range(len(tops)) if k != first and not (is_told and _clearly(left[k], left[first]))]
+        away = [float(np.hypot(*np.subtract(tops[k], tops[first]))) for k in others]
+        shift = np.subtract(tops[first], reach)[::-1].astype(float)
+        return Place(shift, min(away, default=np.inf)), left[first]
+
+    @cached_property
+    def _image(self) -> Floats32:
+        return _blurred(self._reference.pyramid.image)
+
+    @cached_property
+    def _alike(self) -> Floats:
+        """What a shift, gain and offset make of the asked points (asked, pixel, column), orthogonal."""
+        image = self._image
+        subsets, half = self._reference.subsets, self._half
+        down, across = np.gradient(image.astype(float))
+        bends = (*np.gradient(down), np.gradient(across)[1])
+        alike = []
+        for x, y in zip(subsets.x[self._chosen].tolist(), subsets.y[self._chosen].tolist(), strict=True):
+            cut = np.s_[y - half : y + half + 1, x - half : x + half + 1]
+            columns = [part[cut].ravel() for part in (np.ones_like(image), image, down, across, *bends)]
+            alike.append(np.linalg.qr(np.stack(columns, axis=1).astype(float))[0])
+        return np.stack(alike)
+
+    def _scores(self, image: Floats32, motion: Floats, reach: int) -> tuple[Floats32, Flags, Floats32]:
+        """Correlations (asked, row, column) around each point as it has moved, which count, and what is seen there."""
+        import cv2
+
+        subsets, half, size = self._reference.subsets, self._half, 2 * (self._half + reach) + 1
+        rows, columns = image.shape
+        scores, counts, windows = [], [], []
+        steps = np.arange(-reach, reach + 1)
+        for n, p in zip(self._chosen.tolist(), motion, strict=True):
+            x, y = int(subsets.x[n]), int(subsets.y[n])
+            area = self._image[y - half : y + half + 1, x - half : x + half + 1]
+            turn = np.array([[1.0 + p[1], p[2]], [p[4], 1.0 + p[5]]])
+            middle = np.array([x + p[0], y + p[3]])
+            matrix = np.column_stack([turn, middle - turn @ np.full(2, half + reach)])
+            flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
+            seen = cv2.warpAffine(image, matrix, (size, size), flags=flags, borderMode=cv2.BORDER_REPLICATE)
+            windows.append(seen)
+            scores.append(np.nan_to_num(cv2.matchTemplate(seen, area, cv2.TM_CCOEFF_NORMED), posinf=0.0))
+            wide = half * np.abs(turn).sum(axis=1)
+            at = middle[:, None, None] + np.multiply.outer(turn[:, 0], steps)[:, None]
+            at = at + np.multiply.outer(turn[:, 1], steps)[..., None]
+            low, high = wide[:, None, None], np.array([columns - 1, rows - 1])[:, None, None] - wide[:, None, None]
+            counts.append(((at >= low) & (at <= high)).all(axis=0))
+        inside = np.array(counts)
+        return np.where(inside, np.array(scores), 0.0).astype(np.float32), inside, np.array(windows)
+
+    def _left(self, scores: Floats32, counts: Flags, windows: Floats32, place: tuple[int, int]) -> Floats:
+        """Logarithm (asked,) of the share that points leave unexplained of what is seen at a place; NaN outside."""
+        size = 2 * self._half + 1
+        result = np.full(len(windows), np.nan)
+        row, column = (max(k - _OWN, 0) for k in place)
+        for n in np.flatnonzero(counts[:, place[0], place[1]]).tolist():
+            near = scores[n, row : place[0] + _OWN + 1, column : place[1] + _OWN + 1]
+            i, j = np.unravel_index(int(near.argmax()), near.shape)
+            seen = windows[n, row + i : row + i + size, column + j : column + j + size].ravel().astype(float)
+            seen -= seen.mean()
+            energy = float(seen @ seen)
+            result[n] = (energy - float(np.square(self._alike[n].T @ seen).sum())) / max(energy, 1e-30)
+        return np.log(np.maximum(result, _LEAST))
+
+
+def _blurred(image: Floats32) -> Floats32:
+    import cv2
+
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), _BLUR), np.float32)
+
+
+def _mean(scores: Floats32, counts: Flags) -> Floats:
+    """Mean correlation (row, column) of the points (asked, row, column) that count; -1 where they are few."""
+    number = counts.sum(axis=0)
+    return np.where(number >= max(_FEWEST, _SHARE * len(counts)), scores.sum(axis=0) / np.maximum(number, 1), -1.0)
+
+
+def _halfway(place: tuple[int, int]) -> tuple[int, int]:
+    """Row and column between a place and where a pattern is itself, half of the image away from its border."""
+    return (place[0] + _NEAR) // 2, (place[1] + _NEAR) // 2
+
+
+def _tops(mean: Floats) -> list[tuple[int, int]]:
+    """Return rows and columns of the places that match better than those around them."""
+    import cv2
+
+    size = 2 * _APART + 1
+    highest = cv2.dilate(np.asarray(mean, np.float32), np.ones((size, size), np.uint8))
+    rows, columns = np.nonzero((np.asarray(mean, np.float32) >= highest) & (mean > -1.0))
+    return list(zip(rows.tolist(), columns.tolist(), strict=True))
+
+
+def _clearly(more: Floats, less: Floats) -> bool:
+    """Tell whether points (asked,) leave clearly more at one place than at another."""
+    deviations, mean = _apart(more, less)
+    return deviations > _TOLD and mean > _CLEARLY
+
+
+def _apart(one: Floats, other: Floats) -> tuple[float, float]:
+    """Tell what points (asked,) leave more at one place than at another, in standard deviations, and on average."""
+    more = (one - other)[np.isfinite(one - other)]
+    if len(more) >= _FEWEST:
+        mean, variance = more.mean(), more.var(ddof=1) / len(more)
+    else:
+        parts = one[np.isfinite(one)], other[np.isfinite(other)]
+        if min(len(part) for part in parts) < _FEWEST:
+            return 0.0, 0.0
+        mean = parts[0].mean() - parts[1].mean()
+        variance = sum(part.var(ddof=1) / len(part) for part in parts)
+    return float(mean / max(np.sqrt(variance), 1e-12)), float(mean)
