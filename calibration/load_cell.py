@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from scipy import signal
 
 from calibration import _quiet
 from calibration.record import LoadCellRecord, LoadCellValues, Record, of_kind, require
@@ -251,6 +250,8 @@ def filter_lag(
 @cache
 def _poles(order: int) -> list[Complexes]:
     """Poles of Butterworth, Bessel and equal real poles, all 1/√2 at the angular frequency 1."""
+    from scipy import signal  # loads SciPy's statistics, which a comparison of stored results does not need
+
     # n equal real poles have amplitude 1/√2 at the cutoff when each lies this much higher.
     higher = 1.0 / math.sqrt(2.0 ** (1.0 / order) - 1.0)
     return [signal.buttap(order)[1], signal.besselap(order, norm="mag")[1], np.full(order, -higher, dtype=complex)]

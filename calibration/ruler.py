@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, signal
+from scipy import ndimage
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
@@ -92,11 +92,13 @@ def graduations(image: NDArray[np.generic], *, axis: str = "x", dark: bool = Tru
 
 def _lines(profile: Floats) -> Floats:
     """Find equally strong maxima of a profile and their centroids."""
+    from scipy.signal import find_peaks
+
     smooth = ndimage.gaussian_filter1d(profile, 1.0)
     flat = smooth - ndimage.percentile_filter(smooth, 50, size=max(31, profile.size // 8))
     noise = 1.4826 * np.median(np.abs(np.diff(profile))) / np.sqrt(2)
     strongest = float(np.percentile(flat, 99.5))
-    peaks, _ = signal.find_peaks(flat, height=max(0.4 * strongest, _CLEAR * noise), distance=4)
+    peaks, _ = find_peaks(flat, height=max(0.4 * strongest, _CLEAR * noise), distance=4)
     if len(peaks) < _FEWEST_LINES:
         raise InputError(
             f"graduations that stand out: {len(peaks)}; at least {_FEWEST_LINES} are needed. Cut "

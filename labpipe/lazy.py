@@ -18,7 +18,7 @@ def lazily(package: str, above: Sequence[str] = ()) -> Callable[[str], Any]:
     package : str
         The package's ``__name__``. Its public names are those that it imports under
         ``if TYPE_CHECKING:``, by whole names of modules, and those that it imports at once as themselves
-        or defines; all are its ``__all__``.
+        or defines; all are its ``__all__``, and what ``dir`` lists.
     above : sequence of str
         Packages of the same distribution that a name may come from: another distribution may have
         replaced them, which is told (InstallationError) before any of them is imported.
@@ -40,6 +40,7 @@ def lazily(package: str, above: Sequence[str] = ()) -> Callable[[str], Any]:
             unchecked.clear()
         return getattr(importlib.import_module(module), inner)
 
+    sys.modules[package].__dict__["__dir__"] = lambda: load("__all__")
     return load
 
 

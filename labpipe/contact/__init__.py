@@ -1,36 +1,43 @@
 """Viscoelastic contact: indentation and impact."""
 
-from labpipe.contact.beyond import (
-    AdhesionEstimate as AdhesionEstimate,
-    Heating as Heating,
-    adhesion_in_impact as adhesion_in_impact,
-    adhesive_indentation as adhesive_indentation,
-    adhesive_pull_off as adhesive_pull_off,
-    amplitude_sweep as amplitude_sweep,
-    dmt as dmt,
-    flash_temperature as flash_temperature,
-    jkr as jkr,
-    jkr_at_force as jkr_at_force,
-    maugis as maugis,
-    pull_off as pull_off,
-    self_heating as self_heating,
-    tabor as tabor,
-)
-from labpipe.contact.impact import (
-    Plate as Plate,
-    Shortcuts as Shortcuts,
-    compile_drop as compile_drop,
-    drop as drop,
-    impacts as impacts,
-)
-from labpipe.contact.line import (
-    dissipated_power as dissipated_power,
-    dissipated_work as dissipated_work,
-    dissipation_map as dissipation_map,
-    dynamic_stiffness as dynamic_stiffness,
-    indent as indent,
-    indent_load as indent_load,
-    tapping_amplitude as tapping_amplitude,
-)
-from labpipe.contact.lumped import collision as collision
-from labpipe.contact.sphere import load_sphere as load_sphere, press_sphere as press_sphere
+from typing import TYPE_CHECKING
+
+from labpipe.lazy import lazily
+
+if TYPE_CHECKING:
+    from labpipe.contact.beyond import (
+        AdhesionEstimate as AdhesionEstimate,
+        Heating as Heating,
+        adhesion_in_impact as adhesion_in_impact,
+        adhesive_indentation as adhesive_indentation,
+        adhesive_pull_off as adhesive_pull_off,
+        amplitude_sweep as amplitude_sweep,
+        dmt as dmt,
+        flash_temperature as flash_temperature,
+        jkr as jkr,
+        jkr_at_force as jkr_at_force,
+        maugis as maugis,
+        pull_off as pull_off,
+        self_heating as self_heating,
+        tabor as tabor,
+    )
+    from labpipe.contact.impact import (
+        Plate as Plate,
+        Shortcuts as Shortcuts,
+        compile_drop as compile_drop,
+        drop as drop,
+        impacts as impacts,
+    )
+    from labpipe.contact.line import (
+        dissipated_power as dissipated_power,
+        dissipated_work as dissipated_work,
+        dissipation_map as dissipation_map,
+        dynamic_stiffness as dynamic_stiffness,
+        indent as indent,
+        indent_load as indent_load,
+        tapping_amplitude as tapping_amplitude,
+    )
+    from labpipe.contact.lumped import collision as collision
+    from labpipe.contact.sphere import load_sphere as load_sphere, press_sphere as press_sphere
+else:
+    __getattr__ = lazily(__name__)

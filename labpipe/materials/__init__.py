@@ -1,62 +1,74 @@
 """Linear viscoelastic materials: Prony series, interconversion, master curves, library."""
 
-from labpipe.materials._kraus import Kraus as Kraus
-from labpipe.materials._melts import isofrictional_temperature as isofrictional_temperature
-from labpipe.materials._response import (
-    Inequality as Inequality,
-    entropy_inequality as entropy_inequality,
-    inequalities as inequalities,
-    respond as respond,
-)
-from labpipe.materials._shift_law import ShiftLaw as ShiftLaw, arrhenius as arrhenius, shift_at as shift_at, wlf as wlf
-from labpipe.materials._time_domain import with_responses as with_responses
-from labpipe.materials.codes import (
-    CODES as CODES,
-    Bulk as Bulk,
-    Deck as Deck,
-    deck_text as deck_text,
-    make_deck as make_deck,
-)
-from labpipe.materials.library import (
-    Material as Material,
-    Solid as Solid,
-    Thermal as Thermal,
-    describe as describe,
-    load as load,
-    read_material as read_material,
-    solid as solid,
-    thermal as thermal,
-)
-from labpipe.materials.prony import (
-    Prony as Prony,
-    Relaxation as Relaxation,
-    Retardation as Retardation,
-    creep_from_relaxation as creep_from_relaxation,
-    maxwell as maxwell,
-    relaxation_from_creep as relaxation_from_creep,
-    standard_linear_solid as standard_linear_solid,
-)
-from labpipe.materials.spectrum import (
-    TERMS_PER_DECADE as TERMS_PER_DECADE,
-    KramersKronig as KramersKronig,
-    compress as compress,
-    fewest_terms as fewest_terms,
-    kramers_kronig as kramers_kronig,
-    make_grid as make_grid,
-    maxwell_shapes as maxwell_shapes,
-    prony_of_creep as prony_of_creep,
-    prony_of_relaxation as prony_of_relaxation,
-    solve_by_cross_validation as solve_by_cross_validation,
-)
-from labpipe.materials.superposition import (
-    MasterCurve as MasterCurve,
-    TableRun as TableRun,
-    UncertainSpectrum as UncertainSpectrum,
-    gather_sweeps as gather_sweeps,
-    isothermal_runs as isothermal_runs,
-    master_curve as master_curve,
-    modulus_factor as modulus_factor,
-    read_sweeps as read_sweeps,
-    trusted_tables as trusted_tables,
-    uncertain_spectra as uncertain_spectra,
-)
+from typing import TYPE_CHECKING
+
+from labpipe.lazy import lazily
+
+if TYPE_CHECKING:
+    from labpipe.materials._kraus import Kraus as Kraus
+    from labpipe.materials._melts import isofrictional_temperature as isofrictional_temperature
+    from labpipe.materials._response import (
+        Inequality as Inequality,
+        entropy_inequality as entropy_inequality,
+        inequalities as inequalities,
+        respond as respond,
+    )
+    from labpipe.materials._shift_law import (
+        ShiftLaw as ShiftLaw,
+        arrhenius as arrhenius,
+        shift_at as shift_at,
+        wlf as wlf,
+    )
+    from labpipe.materials._time_domain import with_responses as with_responses
+    from labpipe.materials.codes import (
+        CODES as CODES,
+        Bulk as Bulk,
+        Deck as Deck,
+        deck_text as deck_text,
+        make_deck as make_deck,
+    )
+    from labpipe.materials.library import (
+        Material as Material,
+        Solid as Solid,
+        Thermal as Thermal,
+        describe as describe,
+        load as load,
+        read_material as read_material,
+        solid as solid,
+        thermal as thermal,
+    )
+    from labpipe.materials.prony import (
+        Prony as Prony,
+        Relaxation as Relaxation,
+        Retardation as Retardation,
+        creep_from_relaxation as creep_from_relaxation,
+        maxwell as maxwell,
+        relaxation_from_creep as relaxation_from_creep,
+        standard_linear_solid as standard_linear_solid,
+    )
+    from labpipe.materials.spectrum import (
+        TERMS_PER_DECADE as TERMS_PER_DECADE,
+        KramersKronig as KramersKronig,
+        compress as compress,
+        fewest_terms as fewest_terms,
+        kramers_kronig as kramers_kronig,
+        make_grid as make_grid,
+        maxwell_shapes as maxwell_shapes,
+        prony_of_creep as prony_of_creep,
+        prony_of_relaxation as prony_of_relaxation,
+        solve_by_cross_validation as solve_by_cross_validation,
+    )
+    from labpipe.materials.superposition import (
+        MasterCurve as MasterCurve,
+        TableRun as TableRun,
+        UncertainSpectrum as UncertainSpectrum,
+        gather_sweeps as gather_sweeps,
+        isothermal_runs as isothermal_runs,
+        master_curve as master_curve,
+        modulus_factor as modulus_factor,
+        read_sweeps as read_sweeps,
+        trusted_tables as trusted_tables,
+        uncertain_spectra as uncertain_spectra,
+    )
+else:
+    __getattr__ = lazily(__name__)

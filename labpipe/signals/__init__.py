@@ -1,36 +1,43 @@
 """Signals in time: derivative, events, oscillation, alignment, repeats, metrics."""
 
-from labpipe.signals._align import (
-    Lag as Lag,
-    interpolated_at as interpolated_at,
-    lag as lag,
-    timed_from_event as timed_from_event,
-)
-from labpipe.signals._as_fitted import as_fitted as as_fitted
-from labpipe.signals._cycles import (
-    Window as Window,
-    active_window as active_window,
-    hysteresis_loops as hysteresis_loops,
-)
-from labpipe.signals._derivative import velocity as velocity
-from labpipe.signals._events import PHASES as PHASES, bounces as bounces, phases as phases
-from labpipe.signals._first_touch import FirstTouch as FirstTouch, first_touch as first_touch
-from labpipe.signals._floor import Floor as Floor
-from labpipe.signals._mains import MAINS as MAINS, Hum as Hum, hum_at_rest as hum_at_rest
-from labpipe.signals._metrics import (
-    Agreement as Agreement,
-    agreement as agreement,
-    compare as compare,
-    independent_count as independent_count,
-    nrmse as nrmse,
-)
-from labpipe.signals._noise import estimate_noise as estimate_noise, quantisation_step as quantisation_step
-from labpipe.signals._oscillation import (
-    CommonFit as CommonFit,
-    Sinusoid as Sinusoid,
-    common_fit as common_fit,
-    fit_sinusoid as fit_sinusoid,
-)
-from labpipe.signals._repeats import combine_repeats as combine_repeats
-from labpipe.signals._ringing import Ringing as Ringing, ringing as ringing
-from labpipe.signals._vibration import Damped as Damped, damped_oscillation as damped_oscillation
+from typing import TYPE_CHECKING
+
+from labpipe.lazy import lazily
+
+if TYPE_CHECKING:
+    from labpipe.signals._align import (
+        Lag as Lag,
+        interpolated_at as interpolated_at,
+        lag as lag,
+        timed_from_event as timed_from_event,
+    )
+    from labpipe.signals._as_fitted import as_fitted as as_fitted
+    from labpipe.signals._cycles import (
+        Window as Window,
+        active_window as active_window,
+        hysteresis_loops as hysteresis_loops,
+    )
+    from labpipe.signals._derivative import velocity as velocity
+    from labpipe.signals._events import PHASES as PHASES, bounces as bounces, phases as phases
+    from labpipe.signals._first_touch import FirstTouch as FirstTouch, first_touch as first_touch
+    from labpipe.signals._floor import Floor as Floor
+    from labpipe.signals._mains import MAINS as MAINS, Hum as Hum, hum_at_rest as hum_at_rest
+    from labpipe.signals._metrics import (
+        Agreement as Agreement,
+        agreement as agreement,
+        compare as compare,
+        independent_count as independent_count,
+        nrmse as nrmse,
+    )
+    from labpipe.signals._noise import estimate_noise as estimate_noise, quantisation_step as quantisation_step
+    from labpipe.signals._oscillation import (
+        CommonFit as CommonFit,
+        Sinusoid as Sinusoid,
+        common_fit as common_fit,
+        fit_sinusoid as fit_sinusoid,
+    )
+    from labpipe.signals._repeats import combine_repeats as combine_repeats
+    from labpipe.signals._ringing import Ringing as Ringing, ringing as ringing
+    from labpipe.signals._vibration import Damped as Damped, damped_oscillation as damped_oscillation
+else:
+    __getattr__ = lazily(__name__)

@@ -35,7 +35,7 @@ def test_a_name_is_imported_on_its_first_use(tmp_path: Path, monkeypatch: pytest
         assert face.renamed == 7
         with pytest.raises(AttributeError, match="'plain' has no attribute 'thing'"):
             _ = face.thing
-        assert face.__all__ == ["LIMIT", "helpful", "loads", "renamed"]
+        assert dir(face) == face.__all__ == ["LIMIT", "helpful", "loads", "renamed"]
     finally:
         for name in ("plain", "plain.inner"):
             sys.modules.pop(name, None)

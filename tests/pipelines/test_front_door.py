@@ -65,6 +65,14 @@ def test_planning_through_the_door_needs_no_numpy(small_session: Path) -> None:
     assert asked(code.format(str(small_session))) == "False"
 
 
+def test_comparing_stored_results_needs_no_compiler() -> None:
+    code = (
+        "import sys, pipelines.experiments.ball_drop.comparison, pipelines.experiments.harmonic.comparison;"
+        "print(sorted({'numba', 'scipy.signal', 'scipy.stats', 'matplotlib'} & set(sys.modules)))"
+    )
+    assert asked(code) == "[]"
+
+
 def test_the_verb_report_stays_when_the_package_is_imported() -> None:
     code = "import labpipe as lp; import labpipe.report; print(lp.report.__module__)"
     assert asked(code) == "pipelines.session._processing"

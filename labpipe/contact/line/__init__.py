@@ -1,17 +1,24 @@
 """Periodic line contact (chapter 2): indentation, closed forms, dissipation."""
 
+from typing import TYPE_CHECKING
+
 from labpipe.contact.line import dissipation as dissipation, westergaard as westergaard
-from labpipe.contact.line._conjugate_gradients import GeneralContact as GeneralContact
-from labpipe.contact.line._indent import indent as indent, indent_load as indent_load
-from labpipe.contact.line._kernels import line_kernel as line_kernel
-from labpipe.contact.line._thesis_scheme import indent_thesis_scheme as indent_thesis_scheme
-from labpipe.contact.line.dissipation import (
-    dimensionless_frequency as dimensionless_frequency,
-    dimensionless_length as dimensionless_length,
-    dissipated_power as dissipated_power,
-    dissipated_work as dissipated_work,
-    dissipation_map as dissipation_map,
-    dynamic_stiffness as dynamic_stiffness,
-    equilibrium as equilibrium,
-    tapping_amplitude as tapping_amplitude,
-)
+from labpipe.lazy import lazily
+
+if TYPE_CHECKING:
+    from labpipe.contact.line._conjugate_gradients import GeneralContact as GeneralContact
+    from labpipe.contact.line._indent import indent as indent, indent_load as indent_load
+    from labpipe.contact.line._kernels import line_kernel as line_kernel
+    from labpipe.contact.line._thesis_scheme import indent_thesis_scheme as indent_thesis_scheme
+    from labpipe.contact.line.dissipation import (
+        dimensionless_frequency as dimensionless_frequency,
+        dimensionless_length as dimensionless_length,
+        dissipated_power as dissipated_power,
+        dissipated_work as dissipated_work,
+        dissipation_map as dissipation_map,
+        dynamic_stiffness as dynamic_stiffness,
+        equilibrium as equilibrium,
+        tapping_amplitude as tapping_amplitude,
+    )
+else:
+    __getattr__ = lazily(__name__)

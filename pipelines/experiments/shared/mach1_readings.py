@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.interpolate import Akima1DInterpolator
-from scipy.signal import bessel, besselap, buttap, butter, sosfilt, sosfilt_zi
 
 import calibration
 import instruments
@@ -114,6 +112,8 @@ def filter_kinds(loads: xr.Dataset) -> tuple[str, ...]:
 
     Without a delay in the record, or with one that fits no kind, all of them, the likeliest first.
     """
+    from scipy.signal import besselap, buttap
+
     declared = declared_filter(loads)
     measured = json.loads(loads.attrs.get("filter_delay", "null"))
     if declared is None or measured is None:
@@ -136,6 +136,9 @@ def filtered(
     ``declared`` has ``order`` and ``cutoff`` as the header says; None leaves the force as it is. The kind of filter,
     "butterworth" or "bessel", the header does not say.
     """
+    from scipy.interpolate import Akima1DInterpolator
+    from scipy.signal import sosfilt, sosfilt_zi
+
     if declared is None:
         return force_values
     coarse = np.arange(force_values.size)
@@ -150,6 +153,8 @@ def filtered(
 
 def _sections(declared: dict[str, float], kind: str, rate: float) -> Floats:
     """Return the load cell's filter (section, 6) at a rate [Hz]."""
+    from scipy.signal import bessel, butter
+
     order, cutoff = int(declared["order"]), declared["cutoff"]
     if cutoff >= 0.5 * rate:
         raise InputError(

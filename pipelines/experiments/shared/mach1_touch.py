@@ -12,7 +12,6 @@ normal; so it is summed over both.
 
 import numpy as np
 import xarray as xr
-from scipy.signal import fftconvolve, sosfilt
 
 from labpipe.arrays import Floats
 from labpipe.signals import FirstTouch, first_touch, independent_count
@@ -108,6 +107,8 @@ class _Model:
         return np.array(made)
 
     def _of(self, force: Floats, sections: Floats, start: int) -> Floats:
+        from scipy.signal import sosfilt
+
         passed = sosfilt(sections, force, axis=1) if len(sections) else force
         rows = np.arange(-(-start // FINENESS), self.force.size)
         shape = np.zeros((len(force), self.force.size))
@@ -127,4 +128,6 @@ def _relaxed(depth: Floats, power: float) -> Floats:
     gained = np.diff(depth**growth, axis=1, prepend=0.0)
     if order == 0.0:
         return np.asarray(np.cumsum(gained, axis=1))
+    from scipy.signal import fftconvolve
+
     return np.asarray(fftconvolve(gained, np.diff(steps)[None], axes=1)[:, : depth.shape[1]])
