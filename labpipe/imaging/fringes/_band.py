@@ -19,7 +19,7 @@ _SKEWNESS, _USUAL_SKEWNESS, _MOST_STEPS, _CLEAR, _EVEN = 0.5, 2.0, 2.0, 300.0, 0
 _WIDE_BLUR = 2.0
 
 
-def with_small_band(attempt: Attempt, axes: Sequence[Parameter], known: Calibration) -> Calibration:
+def with_small_band(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, view: View) -> Calibration:
     """Take a band of colours that hides below what is seen of errors of the model, with all else known.
 
     A blur that seems a disc may be a Gaussian beside one: what explains the frames about as well counts, by how
@@ -29,16 +29,16 @@ def with_small_band(attempt: Attempt, axes: Sequence[Parameter], known: Calibrat
     if best is None or known.spread or known.focus or known.blur > _WIDE_BLUR or not best.is_quiet:
         return known
     least = WEAK_HINT + 2.0 * len(best.fits)
-    if not (known.disc or best.may_gain(ASSUMED, least)):
+    if best.is_all_noise and not (known.disc or best.may_gain(ASSUMED, least)):
         return known
-    ways = [(best, known)]
+    ways, beside = [(best, known)], what_is_found(known)
     for disc in dict.fromkeys((known.disc, 0.5 * known.disc, 0.0)):
         shape = replace(known, disc=disc)
-        free = attempt((*axes, Parameter.SPREAD), shape)
+        free = attempt((*axes, Parameter.SPREAD, *beside), shape)
         spread = 0.0 if free is None else free.mean(Parameter.SPREAD)[0]
         if free is None or spread <= 0.0:
             continue
-        seen = replace(shape, spread=spread)
+        seen = with_beside(free, replace(shape, spread=spread), beside, view)
         trial = attempt(axes, seen)
         if trial is not None:
             ways.append((trial, seen.with_shared(free, free.shift_of_radius((Parameter.SPREAD,)))))

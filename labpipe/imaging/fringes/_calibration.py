@@ -15,6 +15,7 @@ from labpipe.imaging.fringes._attempts import Attempts
 from labpipe.imaging.fringes._band import weigh_band, with_small_band
 from labpipe.imaging.fringes._gains import in_order
 from labpipe.imaging.fringes._harmonics import find_blur_before_camera, find_coating, find_harmonics, settle_harmonics
+from labpipe.imaging.fringes._hidden import with_hidden, with_hidden_flat
 from labpipe.imaging.fringes._lens_blur import find_blur, settle_blur
 from labpipe.imaging.fringes._open_gap import explained_by_gap
 from labpipe.imaging.fringes._ring_fit import RingFit
@@ -25,23 +26,21 @@ from labpipe.imaging.fringes._trials import (
     FACTOR,
     FEW_PIXELS,
     HALF,
-    HINT,
     MOST_FRAMES,
     SIGNIFICANT,
     VARIANCES,
-    WEAK_HINT,
     Attempt,
     Calibration,
     Trial,
     is_promising,
 )
 from labpipe.imaging.fringes._view import View
-from labpipe.imaging.fringes._worn_flat import find_flat, find_small_flat, weigh_flat, with_hidden_flat
+from labpipe.imaging.fringes._worn_flat import find_flat, find_flat_together, find_small_flat, weigh_flat
 
 #: Greatest logarithm of the phase scale that is believed: a factor of two.
 _MOST_SCALE = 0.7
 #: Share of the squared misfit below which nothing else is looked for beside what leaves no more, whatever that is
-#: and where it may be there by chance.
+#: and where it may be there by chance; the same of what two things that explain little alone may leave.
 _ALL_BUT, _MOSTLY = 0.02, 0.1
 #: Explanations.
 _BLUR, _BAND, _HARMONICS, _COATING, _PHASE, _SCALE = "blur", "band", "harmonics", "coating", "phase", "scale"
@@ -61,17 +60,13 @@ _OBLIQUE, _FAR = 0.1, 0.02
 #: opens less than in the others; logarithm of the scale by which it does, at least and over the median difference;
 #: share of the frames that do, at most.
 _BY_GAP, _OPENED, _APART, _FEW_OPENED = 0.3, 0.03, 8.0, 0.34
-#: Probability that faces, R, wavelength or ruler are not what they are said to be in a film that does not show it
-#: beyond doubt, and by how much they then are: a phase (rad) and the logarithm of a scale. Share of the misfit that
-#: goes evenly around the rings from which it is of the optics.
-_HIDDEN, _USUAL_SIZE, _ROUND_LEFT = 0.2, {Parameter.PHASE: 0.3, Parameter.SCALE: 0.005}, 0.5
-#: Standard deviations from which a phase or a scale counts that what else is wrong, as coma, may look like.
-_NOTABLE = 3.0
 #: What is tried beside a distance from focus, which must explain about as much as these.
 _LIKE_FOCUS = (Parameter.PHASE,), (Parameter.SCALE, Parameter.SPREAD)
 #: Squared misfit over that of a rival up to which a distance from focus is as likely; share of the difference of their
 #: radii by which either may be off.
 _AS_LIKELY, _BETWEEN = 1.3, 0.4
+#: Factor by which the squared misfit must fall where something else must be found beside.
+_SOME = 1.2
 #: Things that are found one after the other at most.
 _ROUNDS = 4
 
@@ -86,29 +81,11 @@ def calibrate(
     rough: Sequence[Parameter] = (),
     log_stated: float = 0.0,
 ) -> Calibration:
-    """Find phase, scale and ellipticity of a film.
+    """Find what differs from the assumptions about the optics of a film beyond doubt, from fits by frame with a view.
 
-    Parameters
-    ----------
-    frame_of : callable
-        Reads a frame.
-    fits : dict
-        Fits by frame.
-    view : View
-        The view they were made with.
-    is_phase_free : bool
-        Whether the phase may be changed.
-    shape : "auto", "circle" or "ellipse"
-        Whether circles may be ellipses: if the film says so, no, or yes in every frame.
-    rough : sequence of Parameter
-        Which of phase and scale the view has from single frames, so that they are found anew.
-    log_stated : float
-        Logarithm of the phase scale as it is stated, relative to that of the view.
-
-    Returns
-    -------
-    Calibration
-        What differs from the assumptions beyond doubt; the assumptions else.
+    Circles may be ellipses if the film says so ("auto"), not, or in every frame. Which of phase and scale the view has
+    from single frames, so that they are ``rough``, is found anew; ``log_stated`` is the logarithm of the phase scale
+    as it is stated, relative to that of the view.
     """
     chosen = _choose(fits)
     if not chosen:
@@ -133,14 +110,13 @@ def calibrate(
         )
     # One may hide behind another: whatever explains most comes first.
     vain: dict[str, float] = {}
+    alone: tuple[Trial, Calibration] | None = None
     for _ in range(_ROUNDS):
-        better: list[tuple[Trial, Calibration]] = []
-        for trial, found in _candidates(attempt, plain_axes, result, best, view, vain, log_stated):
-            # What differs from frame to frame fits better than what holds for all: compare the latter.
-            better.append((attempt(plain_axes, found) or trial, found))
-            share = better[-1][0].excess / max(best.excess, 1e-300)
-            if share < _ALL_BUT or (share < _MOSTLY and better[-1][0].is_all_noise):
-                break
+        better = _better(attempt, plain_axes, result, best, view, vain, log_stated)
+        if not better and alone is None and best.is_doubtful:
+            # of two things neither may explain much without the other
+            alone, vain = (best, result), {}
+            better = _better(attempt, plain_axes, result, replace(best, factor=_SOME), view, {}, log_stated)
         if not better:
             break
         trial, found = _best_of(better, best)
@@ -148,6 +124,9 @@ def calibrate(
             # The scale would be bent to make up for a phase that is not what it is said to be.
             return replace(result, doubted_phase=view.optics.phase + found.phase_shift)
         result, best = found, trial
+        attempt.begin_from(best, plain_axes, result)
+    if alone is not None and best is not alone[0] and best.excess > _MOSTLY * alone[0].excess:
+        best, result = alone
         attempt.begin_from(best, plain_axes, result)
     settled, result = settle_blur(attempt, plain_axes, result, best)
     if settled is not best:
@@ -160,16 +139,35 @@ def calibrate(
         best = settled
         attempt.begin_from(best, plain_axes, result)
     result = find_together(attempt, plain_axes, settle_harmonics(attempt, plain_axes, result), view)
-    result = weigh_band(attempt, plain_axes, with_small_band(attempt, plain_axes, result), view)
+    result = find_flat_together(attempt, plain_axes, result, view)
+    result = weigh_band(attempt, plain_axes, with_small_band(attempt, plain_axes, result, view), view)
     is_told = not is_phase_free or result.phase_shift != 0.0
     is_open = ((Parameter.PHASE, not is_told), (Parameter.SCALE, result.log_scale == 0.0))
     best = attempt(plain_axes, result)
     if best is None:
         return result
     result = with_hidden_flat(attempt, plain_axes, replace(result, fits=best.fits), best)
-    return _with_hidden(
-        attempt, plain_axes, result, best, view, [parameter for parameter, is_free in is_open if is_free]
-    )
+    return with_hidden(attempt, plain_axes, result, best, [parameter for parameter, is_free in is_open if is_free])
+
+
+def _better(
+    attempt: Attempts,
+    axes: Sequence[Parameter],
+    known: Calibration,
+    best: Trial,
+    view: View,
+    vain: dict[str, float],
+    log_stated: float,
+) -> list[tuple[Trial, Calibration]]:
+    """Return what explains the frames much better, until one leaves hardly anything."""
+    better: list[tuple[Trial, Calibration]] = []
+    for trial, found in _candidates(attempt, axes, known, best, view, vain, log_stated):
+        # What differs from frame to frame fits better than what holds for all: compare the latter.
+        better.append((attempt(axes, found) or trial, found))
+        share = better[-1][0].excess / max(best.excess, 1e-300)
+        if share < _ALL_BUT or (share < _MOSTLY and better[-1][0].is_all_noise):
+            break
+    return better
 
 
 def _without_opened(
@@ -213,72 +211,6 @@ def _best_of(better: Sequence[tuple[Trial, Calibration]], before: Trial) -> tupl
     if 1.0 / _AS_LIKELY < share < _AS_LIKELY:
         found = found.with_shared(trial, _BETWEEN * focused[0].changes(other[0]))
     return trial, found
-
-
-def _with_hidden(
-    attempt: Attempts,
-    axes: Sequence[Parameter],
-    known: Calibration,
-    best: Trial,
-    view: View,
-    parameters: Sequence[Parameter],
-) -> Calibration:
-    """Count what a phase or a scale that frames do not show beyond doubt makes of the radius.
-
-    Where errors of the model are left all around the rings beside what was found, that is not what is there, or not
-    all: what both together make of the radius counts. Else each is there or it is not, as likely as its value is by
-    chance and as one of its usual size.
-    """
-    beside = what_is_found(known)
-    if not (best.is_quiet or best.is_doubtful):  # noise with a memory, as of speckle, is all there is
-        return known if beside or Parameter.SCALE not in parameters else _with_hidden_scale(best, known)
-    if best.is_doubtful and not attempt.gains(best, known).round_share < _ROUND_LEFT:
-        trial = attempt((*axes, *ASSUMED), known)
-        is_odd = set(beside).difference(BEAMS) or known.flat or known.colour[1]
-        if trial is not None and (is_odd or trial.excess * FACTOR < best.excess):
-            return known.with_shared(trial, trial.changes(best))
-    for parameter in parameters:
-        usual, least = _USUAL_SIZE[parameter], _NOTABLE**2
-        if best.is_quiet:
-            least = (WEAK_HINT if parameter is Parameter.PHASE else HINT) + 2.0 * len(best.fits)
-        value, deviation = best.hinted(parameter, beside)
-        if best.is_doubtful and (value / deviation) ** 2 >= least:
-            # errors of the model that the frames show may make as much
-            trial = attempt((*axes, *beside, parameter), known)
-            deviation = deviation if trial is None else max(deviation, trial.mean(parameter)[1])
-        likelihood = _likelihood(value, deviation, usual)
-        if likelihood < _HIDDEN or (value / deviation) ** 2 < least:
-            continue  # the frames speak against it
-        size = _expected_size(value, deviation, usual, likelihood)
-        known = known.with_shared(best, best.slopes(parameter, beside) * size)
-    return known
-
-
-def _with_hidden_scale(best: Trial, known: Calibration) -> Calibration:
-    """Count what a scale that noise with a memory hides makes of the radius, however little hints at it.
-
-    Such noise pulls at it many times as much as pixels that scatter alone: rays of a cone, which make fringes wider by
-    up to a hundredth, hide in it. As likely as that is there, the radius is off by as much.
-    """
-    value, deviation = best.hinted(Parameter.SCALE)
-    if all(fit.slow is None for fit in best.fits) or not deviation:
-        return known
-    usual = _USUAL_SIZE[Parameter.SCALE]
-    size = _expected_size(value, deviation, usual, _likelihood(value, deviation, usual))
-    return known.with_shared(best, np.array([fit.sensitivity[Parameter.SCALE] for fit in best.fits]) * size)
-
-
-def _expected_size(value: float, deviation: float, usual: float, likelihood: float) -> float:
-    """Root mean square of a quantity that is there with a likelihood, and has a usual size then."""
-    share = usual**2 / (deviation**2 + usual**2)
-    return math.sqrt(likelihood * (share * value**2 + deviation**2) * share)
-
-
-def _likelihood(value: float, deviation: float, usual: float) -> float:
-    """Probability that a quantity of this value is there, and not by chance; one that is there has a usual size."""
-    square = deviation**2
-    by_chance = math.exp(-0.5 * min(value**2 * (1.0 / square - 1.0 / (square + usual**2)), 700.0))
-    return 1.0 / (1.0 + (1.0 / _HIDDEN - 1.0) * by_chance * math.sqrt(1.0 + usual**2 / square))
 
 
 def _candidates(

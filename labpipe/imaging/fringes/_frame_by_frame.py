@@ -47,27 +47,9 @@ def follow(
     """Fit frame after frame, each from what the frames before it showed.
 
     While none is explained, ``other`` looks for optics that explain them, and all is begun anew
-    when it finds some. With optics as they are ``stated`` it ends early when these are doubted.
-
-    Parameters
-    ----------
-    reader : FilmReader
-        The film.
-    result : FilmResult
-        What is known of it; frames without a contact are added to its blanks.
-    read : bool array (frame,)
-        Frames to fit.
-    known : dict of RingFit
-        Fits that need not be made again, by frame.
-    other : OtherOptics or None
-        Looks for other optics; None keeps those there are.
-    stated : Optics, optional
-        The optics that may be doubted.
-
-    Returns
-    -------
-    dict of RingFit
-        By frame in contact.
+    when it finds some; None keeps those there are. With optics as they are ``stated`` it ends early when these are
+    doubted. Of the frames to be read, those that are known are not fitted again, and those without a contact are
+    added to the blanks of the result; fits are returned by frame.
     """
     view = result.view
     fits: dict[int, RingFit] = {}

@@ -60,24 +60,10 @@ def explained_by_gap(fit: RingFit) -> float:
 def fit_open_gap(
     frame: NDArray[np.generic], view: View, starts: Sequence[Floats], old: RingFit | None
 ) -> RingFit | None:
-    """Fit a contact with the factor of its gap free.
+    """Fit a contact with the factor of its gap free, from where it may be, ``old`` being the fit of Hertz's gap.
 
-    Parameters
-    ----------
-    frame : array (row, column)
-        Grey levels.
-    view : View
-        Optics and settings.
-    starts : sequence of arrays (parameter,)
-        Where the contact may be.
-    old : RingFit or None
-        Fit of Hertz's gap, if there is one.
-
-    Returns
-    -------
-    RingFit or None
-        With the difference between few and many fringes as ``spread``; None when it explains the
-        frame hardly better than Hertz's gap, or not well.
+    The difference between few and many fringes is its ``spread``; None when it explains the frame hardly better than
+    Hertz's gap, or not well.
     """
     free = tuple(dict.fromkeys((*view.settings.free, Parameter.SCALE)))
     near = replace(view.settings, fringes=_NEAR_FRINGES, free=free)

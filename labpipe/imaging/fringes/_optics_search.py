@@ -147,21 +147,9 @@ def rebase(result: FilmResult, fits: dict[int, RingFit]) -> None:
 
 
 def find_optics(looks: Looks, view: View, *, is_phase_free: bool) -> RingFit | None:
-    """Fit the contact of a frame with phase and scale of its fringes unknown.
+    """Fit the contact of a frame with the scale of its fringes, and the phase where it is free, other than stated.
 
-    Parameters
-    ----------
-    looks : Looks
-        The frame.
-    view : View
-        Optics as stated.
-    is_phase_free : bool
-        Whether the phase may be other than stated.
-
-    Returns
-    -------
-    RingFit or None
-        With phase and scale among its parameters; None when no fringes explain the frame.
+    None when no fringes explain the frame.
     """
     for spot in islice(_places(looks), _PLACES):
         for guess in guesses(looks.frame, view, spot.x, spot.y, spot.radius):

@@ -210,18 +210,9 @@ def explained(along: Iterable[tuple[Floats, Floats]]) -> float:
 
 
 def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -> RingFit:
-    """Least squares over the pixels of a ring, by damped Gauss–Newton steps.
+    """Least squares over the pixels of a ring, by damped Gauss–Newton steps from what is right to a third of a fringe.
 
-    Parameters
-    ----------
-    ring : Ring
-        The pixels.
-    start : array (parameter,)
-        Parameters to start from, right to a third of a fringe.
-    optics : Optics
-        The interference; its phase is replaced by that of the parameters.
-    settings : FitSettings
-        What is fitted and how.
+    The phase of the optics is replaced by that of the parameters.
     """
     free = np.array(settings.free, np.int64)
     asked = () if settings.is_rough else tuple(p for p in settings.asks if p not in settings.free)

@@ -83,19 +83,7 @@ def settle_colour(attempt: Attempt, axes: Sequence[Parameter], known: Calibratio
 def find_colours(looks: Looks, view: View, *, is_phase_free: bool) -> tuple[RingFit, tuple[float, float]] | None:
     """Fit the contact of a frame whose light is of two colours, so far apart that one explains nothing.
 
-    Parameters
-    ----------
-    looks : Looks
-        The frame.
-    view : View
-        Optics as stated.
-    is_phase_free : bool
-        Whether the phase may be other than stated.
-
-    Returns
-    -------
-    (RingFit, colour) or None
-        None when two colours explain the frame hardly better than one, or not well.
+    None when two colours explain the frame hardly better than one, or not well.
     """
     frame = looks.frame
     free = (*view.settings.free, *AXES, *((Parameter.PHASE,) if is_phase_free else ()))

@@ -148,11 +148,13 @@ class Calibration:
 class Trial:
     """Fits of the same frames with one set of free parameters, and the noise (grey levels) in which they are weighed.
 
-    That is one for all trials that are compared: what a fit leaves is noise to it as well.
+    That is one for all trials that are compared: what a fit leaves is noise to it as well. What is much better lowers
+    the squared misfit by the factor.
     """
 
     fits: tuple[RingFit, ...]
     noise: tuple[float, ...]
+    factor: float = FACTOR
 
     @property
     def left(self) -> float:
@@ -302,7 +304,7 @@ class Trial:
         gain, needed = self.gain_over(other), VARIANCES * len(self.fits)
         is_hidden = any(fit.slow is not None for fit in (*self.fits, *other.fits))
         is_beyond_memory = is_hidden and gain > _BY_MEMORY * needed and self.excess <= PROMISE * other.excess
-        is_much = self.excess * FACTOR < other.excess or is_beyond_memory
+        is_much = self.excess * other.factor < other.excess or is_beyond_memory
         return gain > needed and is_much
 
 

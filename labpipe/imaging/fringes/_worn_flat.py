@@ -8,8 +8,10 @@ from functools import partial
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.imaging.fringes._ring_parameters import ASSUMED, Parameter
+from labpipe.imaging.fringes._ring_parameters import ASSUMED, AXES, Parameter
+from labpipe.imaging.fringes._together import what_is_found, with_beside
 from labpipe.imaging.fringes._trials import ALL_PIXELS, HINT, Attempt, Calibration, Trial, doubt
+from labpipe.imaging.fringes._view import View
 
 #: Flats that are tried as shares of the smallest contact, until one leaves so much more than
 #: another; frames and pixels for that, and variances by which one must lower the sum of squares.
@@ -48,25 +50,15 @@ def find_flat(
 def find_small_flat(
     attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial
 ) -> tuple[Trial, Calibration]:
-    """Flat that hides below what is seen of errors of the model, as phase and scale feel it, with all else known."""
-    found = None if best.is_doubtful else _hidden_flat(attempt, axes, known, best)
+    """Flat that hides below what is seen of errors of the model, as phase and scale feel it, with all else known.
+
+    It is felt in noise without a memory, and explains more than a scale does.
+    """
+    if known.flat or best.is_doubtful or not (best.is_quiet and best.expected_gain(ASSUMED) > HINT):
+        return best, known
+    found = _found_flat(attempt, axes, known, best, HINT)
     # what is no flat is felt beside one as well
     return (best, known) if found is None or found[0].may_gain(ASSUMED) else found
-
-
-def with_hidden_flat(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial) -> Calibration:
-    """Count a flat that explains the frames beside other errors of the model, or leaves some of what is felt."""
-    found = _hidden_flat(attempt, axes, known, best)
-    return known if found is None else known.with_shared(best, found[0].changes(best))
-
-
-def _hidden_flat(
-    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial
-) -> tuple[Trial, Calibration] | None:
-    """Flat that phase and scale feel in noise without a memory, where it explains more than a scale does."""
-    if known.flat or not (best.is_quiet and best.expected_gain(ASSUMED) > HINT):
-        return None
-    return _found_flat(attempt, axes, known, best, HINT)
 
 
 def _found_flat(
@@ -111,6 +103,16 @@ def weigh_flat(
     gain = trial.gain_over(best)
     changes = trial.changes(best) * math.sqrt(doubt(gain))
     return (trial, worn.with_shared(trial, changes)) if gain > 0.0 else (best, known.with_shared(best, changes))
+
+
+def find_flat_together(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, view: View) -> Calibration:
+    """Find a flat again together with what was found beside it, which may have stood in for a part of it."""
+    beside = what_is_found(known)
+    free = (*axes, *beside)
+    best = attempt(free, known) if known.flat and set(beside) - set(AXES) else None
+    near = None if best is None else _best_flat(attempt, free, replace(known, flat=0.0), best, math.inf)
+    found = None if near is None else _settled_flat(attempt, free, known, *near)
+    return known if found is None else with_beside(*found, beside, view)
 
 
 def _best_flat(
