@@ -83,8 +83,10 @@ def with_hidden_flat(attempt: Attempt, axes: Sequence[Parameter], known: Calibra
     value = float(np.average(values, weights=information))
     # what makes noise remember stands still: it is one in all frames
     deviation = float(np.sqrt(np.maximum(by_memory, 1.0) * information).sum() / information.sum())
+    if value <= math.sqrt(HINT if best.is_quiet else 0.0) * deviation:
+        return known
     size = _expected_size(value, deviation, _USUAL_FLAT, _likelihood(value, deviation, _USUAL_FLAT))
-    return known if value <= 0.0 else known.with_shared(best, made[1].changes(made[0]) / _QUARTIC * size)
+    return known.with_shared(best, made[1].changes(made[0]) / _QUARTIC * size)
 
 
 def _with_hidden_scale(best: Trial, known: Calibration) -> Calibration:
