@@ -49,26 +49,13 @@ _STIFFNESS = {"mass", "radius", "modulus"}  # whose effect is that of a common f
 class DropModel:
     """Predicts the bounces of one drop.
 
-    Attributes
-    ----------
-    radius, mass, height, gravity : float [m], [kg], [m], [m/s2]
-        Best values.
-    touches, durations, radii : array of int
-        Which impacts, from 0, are observed: times of touch since the first contact (from 1),
-        durations of contact, largest contact radii.
-    last : float [s]
-        Time of the last observation since first contact.
-    expected_duration : float [s]
-        Of a contact.
-    names : mapping of role to str
-        Unknowns of the problem by :data:`ROLES`; what is not named is taken at its best value.
-    profile : "parabola" or "sphere"
-    plate : contact.Plate, optional
-        On which the sphere falls; a rigid floor by default.
-    rtol : float
-        Of the simulator for the fuller model; the fast one takes coarser steps.
-    shared : array (duration,) [s], optional
-        What one deviation of the pulse's shape adds to every duration.
+    ``radius``, ``mass``, ``height``, ``gravity`` [m], [kg], [m], [m/s2]: Best values. ``touches``, ``durations``,
+    ``radii``: Which impacts, from 0, are observed: times of touch since the first contact (from 1), durations of
+    contact, largest contact radii. ``last`` [s]: Time of the last observation since first contact.
+    ``expected_duration`` [s]: Of a contact. ``names``: Unknowns of the problem by :data:`ROLES`; what is not named is
+    taken at its best value. ``plate``: On which the sphere falls; a rigid floor by default. ``rtol``: Of the
+    simulator for the fuller model; the fast one takes coarser steps. ``shared`` (duration,): What one deviation of
+    the pulse's shape adds to every duration.
     """
 
     radius: float
@@ -333,16 +320,11 @@ def _nodes(relative: Floats) -> Integers:
 class Bounces:
     """Observed bounces, of a laser record or a film; NaN where one was not seen.
 
-    Attributes
-    ----------
-    touch, u_touch : array (impact,) [s]
-        Times since first contact; the first is 0 and its uncertainty that of the trigger.
-    duration, u_duration : array (impact,) [s]
-        Of the contacts, without the part of the uncertainty that all share.
-    radius, u_radius : array (impact,) [m]
-        Largest contact radii, without the part of the uncertainty that all share.
-    shared_duration : array (impact,) [s], optional
-        The part of the durations that all share: the shape of the pulse that was fitted.
+    ``touch``, ``u_touch`` (impact,) [s]: Times since first contact; the first is 0 and its uncertainty that of the
+    trigger. ``duration``, ``u_duration`` (impact,) [s]: Of the contacts, without the part of the uncertainty that all
+    share. ``radius``, ``u_radius`` (impact,) [m]: Largest contact radii, without the part of the uncertainty that all
+    share. ``shared_duration`` (impact,): The part of the durations that all share: the shape of the pulse that was
+    fitted.
     """
 
     touch: Floats
@@ -357,24 +339,9 @@ class Bounces:
 def drop_evidence(name: str, seen: Bounces, model: DropModel) -> Evidence:
     """Pair observed bounces with the model that predicts them.
 
-    Parameters
-    ----------
-    name : str
-        Of the experiment.
-    seen : Bounces
-        What was observed.
-    model : DropModel
-        Everything but ``touches``, ``durations``, ``radii``, ``last``, ``expected_duration`` and
-        ``shared``, which follow from what was seen.
-
-    Returns
-    -------
-    Evidence
-
-    Raises
-    ------
-    InputError
-        Nothing was seen.
+    ``name``: Of the experiment. ``seen``: What was observed. ``model``: Everything but ``touches``, ``durations``,
+    ``radii``, ``last``, ``expected_duration`` and ``shared``, which follow from what was seen. Raises InputError:
+    Nothing was seen.
     """
     times = _seen(seen.touch, seen.u_touch)
     times = times[times > 0]

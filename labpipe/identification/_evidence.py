@@ -23,21 +23,9 @@ Given = Mapping[str, float]
 class Group:
     """Observed numbers of one kind.
 
-    Attributes
-    ----------
-    name : str
-        Such as "time of touch".
-    values, u : array (n,)
-        Observed, with independent standard uncertainties, in ``units``.
-    axis : array (n,)
-        What they are drawn over.
-    units, axis_units, axis_name : str
-        SI.
-
-    Raises
-    ------
-    InputError
-        A value is not finite, or an uncertainty not positive.
+    ``name``: Such as "time of touch". ``values``, ``u`` (n,): Observed, with independent standard uncertainties, in
+    ``units``. ``axis`` (n,): What they are drawn over. ``units``, ``axis_units``, ``axis_name``: SI. Raises
+    InputError: A value is not finite, or an uncertainty not positive.
     """
 
     name: str
@@ -109,15 +97,8 @@ class Model(Protocol):
 class Evidence:
     """One experiment.
 
-    Attributes
-    ----------
-    name : str
-        Of the experiment.
-    groups : tuple of Group
-    model : Model
-        Its numbers are those of the groups, in order.
-    is_prior : bool
-        It is known beforehand (a rheometer's moduli) and shows on the page as prior.
+    ``name``: Of the experiment. ``model``: Its numbers are those of the groups, in order. ``is_prior``: It is known
+    beforehand (a rheometer's moduli) and shows on the page as prior.
     """
 
     name: str
@@ -144,20 +125,11 @@ class LinearModel:
     for the force of a growing contact (Lee and Radok), for dynamic stiffness at small amplitude,
     and for moduli. Derivatives are exact.
 
-    Attributes
-    ----------
-    basis : array (n, 1 + term)
-        Prediction per Pa of each term.
-    window : tuple of float [s]
-        Shortest and longest time of which the numbers tell.
-    shifts : mapping of str to array (n, 1 + term)
-        Derivative of the basis by an unknown whose best value is 0, such as a zero of depth.
-    factors : tuple of str
-        Unknowns, 1 at best, by which all numbers are multiplied.
-    offsets : mapping of str to array (n,)
-        Derivative of the numbers by an unknown, 0 at best, that only adds.
-    fuller : callable, optional
-        The fuller model of :meth:`Model.refined`: takes material and given.
+    ``basis`` (n, 1 + term): Prediction per Pa of each term. ``window`` [s]: Shortest and longest time of which the
+    numbers tell. ``shifts``: Derivative of the basis by an unknown whose best value is 0, such as a zero of depth.
+    ``factors``: Unknowns, 1 at best, by which all numbers are multiplied. ``offsets``: Derivative of the numbers by
+    an unknown, 0 at best, that only adds. ``fuller``: The fuller model of :meth:`Model.refined`: takes material and
+    given.
     """
 
     basis: Floats

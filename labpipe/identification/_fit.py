@@ -51,25 +51,12 @@ _FEWEST_FOR_CORRELATION = 8
 class Fit:
     """The most probable unknowns and how they were found.
 
-    Attributes
-    ----------
-    problem : Problem
-    xi : array (parameter,)
-        Standard coordinates.
-    corrections : tuple
-        Ratios of the fuller models to the fast ones, there.
-    misfits : dict
-        By names of experiment and group.
-    cost : float
-        Half the sum of squares, prior included.
-    costs_from_starts : tuple of float
-        What the separate starts led to, with every number uncertain by another per cent.
-    evaluations, differentiations : int
-        Times all models were run, and their derivatives.
-    is_converged : bool
-        Corrections and misfits do not change any more.
-    tangent : Tangent, optional
-        Derivatives of the models at ``xi``, where they were made.
+    ``xi`` (parameter,): Standard coordinates. ``corrections``: Ratios of the fuller models to the fast ones, there.
+    ``misfits``: By names of experiment and group. ``cost``: Half the sum of squares, prior included.
+    ``costs_from_starts``: What the separate starts led to, with every number uncertain by another per cent.
+    ``evaluations``, ``differentiations``: Times all models were run, and their derivatives. ``is_converged``:
+    Corrections and misfits do not change any more. ``tangent``: Derivatives of the models at ``xi``, where they were
+    made.
     """
 
     problem: Problem
@@ -97,27 +84,10 @@ def fit(
 ) -> Fit:
     """Find the most probable material and nuisances.
 
-    Parameters
-    ----------
-    problem : Problem
-        At least one experiment.
-    start : array (parameter,), optional
-        Standard coordinates to begin from; by default a scan over moduli and losses.
-    with_misfit : bool
-        Allow for a model discrepancy where the residuals show one.
-    progress : callable, optional
-        Called with a line of text now and then.
-
-    Returns
-    -------
-    Fit
-
-    Raises
-    ------
-    InputError
-        There is no evidence.
-    LabpipeError
-        No start can be simulated.
+    ``problem``: At least one experiment. ``start`` (parameter,): Standard coordinates to begin from; by default a
+    scan over moduli and losses. ``with_misfit``: Allow for a model discrepancy where the residuals show one.
+    ``progress``: Called with a line of text now and then. Raises InputError: There is no evidence. Raises
+    LabpipeError: No start can be simulated.
     """
     if not problem.evidence:
         raise InputError("there are no observations: identification needs at least one experiment")
@@ -243,14 +213,8 @@ class Objective:
         Every step goes to the minimum of a surrogate. Where the models do not keep what it promises
         its tangent learns from the step, and is made anew after a few such steps or one uphill.
 
-        Parameters
-        ----------
-        start : array (parameter,)
-            Standard coordinates.
-        decrease : float
-            Of the cost; half a unit is a change of one standard deviation.
-        is_near : bool
-            The last tangent may be tried at the start.
+        ``start`` (parameter,): Standard coordinates. ``decrease``: Of the cost; half a unit is a change of one
+        standard deviation. ``is_near``: The last tangent may be tried at the start.
         """
         xi = np.clip(start, -_BOUND, _BOUND)
         height, rest = self._height(xi)

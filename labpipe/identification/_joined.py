@@ -11,12 +11,7 @@ from labpipe.materials import Prony
 
 @dataclass(frozen=True, eq=False)
 class JoinedModel:
-    """Numbers of several models without corrections, one behind the other.
-
-    Attributes
-    ----------
-    parts : tuple of Model
-    """
+    """Numbers of several models without corrections, one behind the other."""
 
     parts: tuple[Model, ...]
 

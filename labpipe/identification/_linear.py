@@ -17,26 +17,10 @@ from labpipe.identification._evidence import Evidence, Fuller, Group, LinearMode
 def lee_radok_basis(time: Floats, area: Floats, rho: Floats, nu: float) -> Floats:
     """Return the force of a growing contact per Pa of each term of the relaxation modulus.
 
-    Parameters
-    ----------
-    time : array (sample,) [s]
-        Not falling.
-    area : array (sample,) [m2]
-        Elastic force over reduced modulus, not falling; linear between samples, 0 before.
-    rho : array (term,) [s]
-        Relaxation times.
-    nu : float
-        Poisson's ratio: reduced moduli are E/(1 - nu^2).
-
-    Returns
-    -------
-    array (sample, 1 + term) [N/Pa]
-        The first column is that of E_relaxed.
-
-    Raises
-    ------
-    InputError
-        Time or contact go back.
+    ``time`` (sample,) [s]: Not falling. ``area`` (sample,) [m2]: Elastic force over reduced modulus, not falling;
+    linear between samples, 0 before. ``rho`` (term,) [s]: Relaxation times. ``nu``: Poisson's ratio: reduced moduli
+    are E/(1 - nu^2). Returns (sample, 1 + term) [N/Pa]: The first column is that of E_relaxed. Raises InputError:
+    Time or contact go back.
 
     Examples
     --------
@@ -76,18 +60,10 @@ def force_evidence(
 ) -> Evidence:
     """Take the force of a relaxation as evidence.
 
-    Parameters
-    ----------
-    name : str
-        Of the experiment.
-    lag, force, u_force : array (n,) [s], [N], [N]
-        Time since the ramp's end, force, and the uncertainty from noise.
-    basis : array (n, 1 + term) [N/Pa]
-        Rows of :func:`lee_radok_basis` there.
-    shifts : mapping of str to array (n, 1 + term)
-        Derivative of the basis by unknowns, such as the zero of depth.
-    factors, offsets : tuple of str
-        Unknowns that multiply every force, or are added to it (gain, punch; tare).
+    ``name``: Of the experiment. ``lag``, ``force``, ``u_force`` (n,) [s], [N], [N]: Time since the ramp's end, force,
+    and the uncertainty from noise. ``basis`` (n, 1 + term) [N/Pa]: Rows of :func:`lee_radok_basis` there. ``shifts``:
+    Derivative of the basis by unknowns, such as the zero of depth. ``factors``, ``offsets``: Unknowns that multiply
+    every force, or are added to it (gain, punch; tare).
     """
     model = LinearModel(
         basis,
@@ -123,25 +99,12 @@ def stiffness_evidence(
 ) -> Evidence:
     """Take the dynamic stiffness of an oscillating punch as evidence.
 
-    Parameters
-    ----------
-    name : str
-        Of the experiment.
-    frequency : array (n,) [Hz]
-    storage, loss : tuple of array (n,) [N/m]
-        Stiffness with its uncertainty.
-    slope : array (n,) [m]
-        Derivative of elastic force over reduced modulus by depth, at the mean depth.
-    rho, nu : array (term,) [s], float
-        Of the spectrum.
-    slope_by : mapping of str to array (n,)
-        Derivative of ``slope`` by unknowns, such as the zero of depth.
-    factors : tuple of str
-        Unknowns that multiply every stiffness.
-    offsets : mapping of str to array (2 n,)
-        Derivative of storage, then loss stiffness by unknowns that only add, such as a phase.
-    fuller : Fuller, optional
-        A simulation of the finite amplitude; numbers are storage, then loss.
+    ``name``: Of the experiment. ``frequency`` (n,) [Hz]. ``storage``, ``loss`` [N/m]: Stiffness with its uncertainty.
+    ``slope`` (n,) [m]: Derivative of elastic force over reduced modulus by depth, at the mean depth. ``rho``, ``nu``
+    (term,): Of the spectrum. ``slope_by``: Derivative of ``slope`` by unknowns, such as the zero of depth.
+    ``factors``: Unknowns that multiply every stiffness. ``offsets``: Derivative of storage, then loss stiffness by
+    unknowns that only add, such as a phase. ``fuller``: A simulation of the finite amplitude; numbers are storage,
+    then loss.
     """
     omega = 2.0 * np.pi * frequency
     parts = modulus_basis(omega, rho)
@@ -164,18 +127,9 @@ def modulus_evidence(
 ) -> Evidence:
     """Take moduli in tension, of a rheometer, as evidence known beforehand.
 
-    Parameters
-    ----------
-    name : str
-        Of the experiment.
-    frequency : array (n,) [Hz]
-        At the temperature of the other experiments.
-    storage, loss : tuple of array (n,) [Pa]
-        Moduli with their uncertainty.
-    rho : array (term,) [s]
-        Of the spectrum.
-    factors : tuple of str
-        Unknowns that multiply every modulus, such as the specimen's dimensions.
+    ``name``: Of the experiment. ``frequency`` (n,) [Hz]: At the temperature of the other experiments. ``storage``,
+    ``loss`` [Pa]: Moduli with their uncertainty. ``rho`` (term,) [s]: Of the spectrum. ``factors``: Unknowns that
+    multiply every modulus, such as the specimen's dimensions.
     """
     omega = 2.0 * np.pi * frequency
     basis = np.vstack(modulus_basis(omega, rho))

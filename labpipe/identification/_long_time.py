@@ -41,21 +41,11 @@ _KNOWN = log(2.0)
 class LongTimeModulus:
     """Limits of the long-time modulus, and what they rest on.
 
-    Attributes
-    ----------
-    end : float [s]
-        The longest time of which the data tell.
-    modulus : float [Pa]
-        Relaxation modulus at that time.
-    u_ln_modulus : float
-        Standard deviation of its logarithm.
-    fall, most_fall : float
-        Share of the modulus that the decade of time before ``end`` took, and the upper end of its interval.
-    low, high : float [Pa]
-        Ends of the interval; ``low`` is 0 where there is no plateau.
-    left : float [Pa]
-        The least that is left after thirty years if every further decade takes as many pascals.
-    verdict : str
+    ``end`` [s]: The longest time of which the data tell. ``modulus`` [Pa]: Relaxation modulus at that time.
+    ``u_ln_modulus``: Standard deviation of its logarithm. ``fall``, ``most_fall``: Share of the modulus that the
+    decade of time before ``end`` took, and the upper end of its interval. ``low``, ``high`` [Pa]: Ends of the
+    interval; ``low`` is 0 where there is no plateau. ``left`` [Pa]: The least that is left after thirty years if
+    every further decade takes as many pascals.
     """
 
     end: float

@@ -16,25 +16,10 @@ from labpipe.errors import InputError
 class Parameter:
     """One unknown and what is known of it beforehand.
 
-    Attributes
-    ----------
-    name : str
-        Unique in a problem.
-    mean, sd : float
-        Of the prior: of the value, or of its natural logarithm where ``is_log``.
-    unit : str
-        SI, of the value.
-    text : str
-        What it is.
-    is_log : bool
-        The prior is normal in the logarithm.
-    is_nuisance : bool
-        It belongs to an experiment, not to the material.
-
-    Raises
-    ------
-    InputError
-        Mean or standard deviation are not finite, or the latter is not positive.
+    ``name``: Unique in a problem. ``mean``, ``sd``: Of the prior: of the value, or of its natural logarithm where
+    ``is_log``. ``unit``: SI, of the value. ``text``: What it is. ``is_log``: The prior is normal in the logarithm.
+    ``is_nuisance``: It belongs to an experiment, not to the material. Raises InputError: Mean or standard deviation
+    are not finite, or the latter is not positive.
 
     Examples
     --------

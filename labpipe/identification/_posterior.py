@@ -29,15 +29,8 @@ DETERMINED = 0.5
 class Structure:
     """One candidate for the structure of a spectrum, as the data leave it.
 
-    Attributes
-    ----------
-    name : str
-    spectrum : Spectrum
-    xi : array (parameter,)
-        Its most probable standard coordinates, nuisances last.
-    covariance : array (parameter, parameter)
-    weight : float
-        Probability after the data.
+    ``xi`` (parameter,): Its most probable standard coordinates, nuisances last. ``covariance`` (parameter,
+    parameter). ``weight``: Probability after the data.
     """
 
     name: str
@@ -51,20 +44,11 @@ class Structure:
 class Posterior:
     """Laplace's approximation around a fit.
 
-    Attributes
-    ----------
-    fit : Fit
-    covariance : array (parameter, parameter)
-        Of the standard coordinates; the prior's is the unit matrix.
-    sensitivity : array (n, parameter)
-        Derivative of the predictions over their deviations.
-    singular_values : array (combination,)
-        Of ``sensitivity``, descending: how many times better the data know a combination than
-        the prior does.
-    combinations : array (combination, parameter)
-        Unit vectors of standard coordinates.
-    structures : tuple of Structure
-        Candidates for the structure of the spectrum, where they were weighed.
+    ``covariance`` (parameter, parameter): Of the standard coordinates; the prior's is the unit matrix.
+    ``sensitivity`` (n, parameter): Derivative of the predictions over their deviations. ``singular_values``
+    (combination,): Of ``sensitivity``, descending: how many times better the data know a combination than the prior
+    does. ``combinations`` (combination, parameter): Unit vectors of standard coordinates. ``structures``: Candidates
+    for the structure of the spectrum, where they were weighed.
     """
 
     fit: Fit
@@ -92,16 +76,7 @@ class Posterior:
 
 
 def posterior(found: Fit) -> Posterior:
-    """Approximate what is known after a fit.
-
-    Parameters
-    ----------
-    found : Fit
-
-    Returns
-    -------
-    Posterior
-    """
+    """Approximate what is known after a fit."""
     rows = Objective.of(found).data_jacobian(found.xi)
     _, values, vectors = np.linalg.svd(rows, full_matrices=False)
     return Posterior(found, laplace(rows)[0], rows, values, vectors)
@@ -111,21 +86,12 @@ def posterior(found: Fit) -> Posterior:
 class Moduli:
     """Storage modulus and loss factor over frequency, before and after.
 
-    Attributes
-    ----------
-    frequency : array (n,) [Hz]
-    storage, loss_factor : array (n,) [Pa], [1]
-        Most probable.
-    u_ln_storage, u_ln_loss_factor : array (n,)
-        Standard deviations of their natural logarithms.
-    structure_ln_storage, structure_ln_loss_factor : array (n,)
-        What the structure of the spectrum adds to the fit's own, in quadrature.
-    prior_ln_storage, prior_ln_loss_factor : array (n,)
-        Those of the prior.
-    derivatives : array (2 n, parameter)
-        Of the logarithms (storage, then loss factor) of the fit by standard coordinates.
-    data : tuple of float [Hz]
-        Lowest and highest frequency of which the observations tell.
+    ``frequency`` (n,) [Hz]. ``storage``, ``loss_factor`` (n,) [Pa], [1]: Most probable. ``u_ln_storage``,
+    ``u_ln_loss_factor`` (n,): Standard deviations of their natural logarithms. ``structure_ln_storage``,
+    ``structure_ln_loss_factor`` (n,): What the structure of the spectrum adds to the fit's own, in quadrature.
+    ``prior_ln_storage``, ``prior_ln_loss_factor`` (n,): Those of the prior. ``derivatives`` (2 n, parameter): Of the
+    logarithms (storage, then loss factor) of the fit by standard coordinates. ``data`` [Hz]: Lowest and highest
+    frequency of which the observations tell.
     """
 
     frequency: Floats
@@ -157,14 +123,7 @@ def moduli(known: Posterior, frequency: Floats) -> Moduli:
 
     Where structures were weighed, mean and standard deviation of the logarithms over all of them.
 
-    Parameters
-    ----------
-    known : Posterior
-    frequency : array (n,) [Hz]
-
-    Returns
-    -------
-    Moduli
+    ``frequency`` (n,) [Hz].
     """
     problem, xi = known.fit.problem, known.fit.xi
     omega = 2.0 * np.pi * frequency
@@ -241,16 +200,8 @@ def _prior_spread(draws: Floats, bases: Sequence[Floats]) -> tuple[Floats, Float
 class Band:
     """One group of observations against what the identified material predicts.
 
-    Attributes
-    ----------
-    evidence : str
-        Name of the experiment.
-    group : Group
-    predicted, u_predicted : array (n,)
-        And what the unknowns leave uncertain of it.
-    residual : array (n,)
-        Observed minus predicted, over the deviation that the fit allowed.
-    misfit : Misfit
+    ``evidence``: Name of the experiment. ``predicted``, ``u_predicted`` (n,): And what the unknowns leave uncertain
+    of it. ``residual`` (n,): Observed minus predicted, over the deviation that the fit allowed.
     """
 
     evidence: str

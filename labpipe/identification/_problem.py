@@ -18,12 +18,8 @@ Corrections = tuple[Floats, ...]
 class Misfit:
     """What a group's residuals show beyond its stated uncertainties.
 
-    Attributes
-    ----------
-    relative : float
-        Model discrepancy: a further standard deviation, relative to the prediction.
-    correlation : float
-        Of neighbouring residuals, 0 to 1; it widens every deviation of the group.
+    ``relative``: Model discrepancy: a further standard deviation, relative to the prediction. ``correlation``: Of
+    neighbouring residuals, 0 to 1; it widens every deviation of the group.
     """
 
     relative: float = 0.0
@@ -39,19 +35,9 @@ class Misfit:
 class Problem:
     """A material to be identified.
 
-    Attributes
-    ----------
-    spectrum : Spectrum
-        What the material may be.
-    evidence : tuple of Evidence
-        Experiments on this material.
-    nuisances : tuple of Parameter
-        What the experiments leave unknown.
-
-    Raises
-    ------
-    InputError
-        An experiment depends on an unknown that is not given, or an unknown stands there twice.
+    ``spectrum``: What the material may be. ``evidence``: Experiments on this material. ``nuisances``: What the
+    experiments leave unknown. Raises InputError: An experiment depends on an unknown that is not given, or an unknown
+    stands there twice.
     """
 
     spectrum: Spectrum

@@ -42,14 +42,8 @@ _LEAST_SHARE = 0.3  # of effective draws from which on they may be believed
 class Sample:
     """Independent draws of the posterior with their weights.
 
-    Attributes
-    ----------
-    draws : array (draw, parameter)
-        Standard coordinates.
-    weights : array (draw,)
-        Their sum is one.
-    failed : int
-        Draws that have no answer.
+    ``draws`` (draw, parameter): Standard coordinates. ``weights`` (draw,): Their sum is one. ``failed``: Draws that
+    have no answer.
     """
 
     draws: Floats
@@ -160,13 +154,7 @@ def sampled_moduli(drawn: Sample, known: Posterior, curve: Moduli) -> tuple[Floa
     Draws follow the most probable structure of the spectrum; what the others say is added as
     their mean and a normal spread.
 
-    Parameters
-    ----------
-    drawn : Sample
-    known : Posterior
-        From which it was drawn.
-    curve : Moduli
-        Of the same posterior.
+    ``known``: From which it was drawn. ``curve``: Of the same posterior.
     """
     spectrum, n = known.fit.problem.spectrum, known.fit.problem.n_material
     omega = 2.0 * np.pi * curve.frequency

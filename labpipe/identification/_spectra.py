@@ -106,24 +106,10 @@ def material(spectrum: Spectrum, log_terms: Floats) -> Prony:
 def relaxation_times(shortest: float, longest: float, horizon: float = HORIZON, per_decade: int = _FINE) -> Floats:
     """Choose relaxation times for data that reach from one time to another.
 
-    Parameters
-    ----------
-    shortest, longest : float [s]
-        Shortest and longest time that the data can tell of.
-    horizon : float [s]
-        What relaxes later counts as relaxed.
-    per_decade : int
-        Through the data and a decade beyond them.
-
-    Returns
-    -------
-    array (term,) [s]
-        Beside those one per decade: two decades more towards short times, and on to the horizon.
-
-    Raises
-    ------
-    InputError
-        The times are not positive or not in order.
+    ``shortest``, ``longest`` [s]: Shortest and longest time that the data can tell of. ``horizon`` [s]: What relaxes
+    later counts as relaxed. ``per_decade``: Through the data and a decade beyond them. Returns (term,) [s]: Beside
+    those one per decade: two decades more towards short times, and on to the horizon. Raises InputError: The times
+    are not positive or not in order.
     """
     if not 0.0 < shortest <= longest < np.inf:
         raise InputError(f"data from {shortest} s to {longest} s: expected 0 < shortest <= longest")
@@ -139,14 +125,8 @@ def relaxation_times(shortest: float, longest: float, horizon: float = HORIZON, 
 class SmoothSpectrum:
     """Weights on a grid, of which the logarithm per decade is a random walk.
 
-    Attributes
-    ----------
-    rho : array (term,) [s]
-        Relaxation times, ascending; at least two.
-    nu : float
-        Poisson's ratio.
-    turn : float
-        Decades within which its slope forgets itself.
+    ``rho`` (term,) [s]: Relaxation times, ascending; at least two. ``nu``: Poisson's ratio. ``turn``: Decades within
+    which its slope forgets itself.
 
     Examples
     --------
@@ -265,14 +245,8 @@ def _variance(lasting: Floats) -> Floats:
 class FractionalSpectrum:
     """Cole and Cole's fractional solid in four unknowns.
 
-    Attributes
-    ----------
-    rho : array (term,) [s]
-        Relaxation times of the Prony series that stands for it.
-    nu : float
-        Poisson's ratio.
-    centre : float [s]
-        Prior of the characteristic time, within a factor of a thousand.
+    ``rho`` (term,) [s]: Relaxation times of the Prony series that stands for it. ``nu``: Poisson's ratio. ``centre``
+    [s]: Prior of the characteristic time, within a factor of a thousand.
     """
 
     rho: Floats

@@ -52,26 +52,9 @@ def infer(problem: Problem, rebuilt: Rebuilt, *, progress: Callable[[str], None]
     The fit is that of the most probable structure, which is asked for without any discrepancy:
     what a smooth spectrum cannot explain may be no fault of the model.
 
-    Parameters
-    ----------
-    problem : Problem
-        With a smooth spectrum.
-    rebuilt : callable
-        Takes relaxation times (term,) and returns the evidence for them.
-    progress : callable, optional
-        Called with a line of text now and then.
-
-    Returns
-    -------
-    Posterior
-        With its structures.
-
-    Raises
-    ------
-    InputError
-        There is no evidence.
-    LabpipeError
-        No start can be simulated.
+    ``problem``: With a smooth spectrum. ``rebuilt``: Takes relaxation times (term,) and returns the evidence for
+    them. ``progress``: Called with a line of text now and then. Returns: With its structures. Raises InputError:
+    There is no evidence. Raises LabpipeError: No start can be simulated.
     """
     if not isinstance(problem.spectrum, SmoothSpectrum):
         return posterior(fit(problem, progress=progress))

@@ -20,13 +20,8 @@ from labpipe.identification._problem import Problem
 class Tangent:
     """Derivatives of all models of a problem at one point.
 
-    Attributes
-    ----------
-    problem : Problem
-    by_terms : array (n, 1 + term)
-        Of the fast models of all experiments, one below the other, per Pa.
-    by_values : array (n, nuisance)
-        By the nuisances in their units.
+    ``by_terms`` (n, 1 + term): Of the fast models of all experiments, one below the other, per Pa. ``by_values`` (n,
+    nuisance): By the nuisances in their units.
     """
 
     problem: Problem
@@ -54,14 +49,8 @@ class Tangent:
         Differences of a simulator are a little wrong along the valleys that the data leave open;
         what a step told costs no further run.
 
-        Parameters
-        ----------
-        surrogate : Surrogate
-            That made the step, from where it stands.
-        to : array (parameter,)
-            Where the step ended.
-        missed : array (n,)
-            Predictions of the fast models there, minus the promised ones.
+        ``surrogate``: That made the step, from where it stands. ``to`` (parameter,): Where the step ended. ``missed``
+        (n,): Predictions of the fast models there, minus the promised ones.
         """
         n = self.problem.n_material
         begin, end = surrogate.terms(surrogate.at), surrogate.terms(to)
@@ -77,15 +66,8 @@ class Tangent:
 class Surrogate:
     """Residuals near a point, by a tangent: cheap enough to be minimised at every step.
 
-    Attributes
-    ----------
-    problem : Problem
-    at : array (parameter,)
-        The point.
-    rest : array (n,)
-        Residuals of the data there.
-    by_terms, by_values : array (n, 1 + term), array (n, nuisance)
-        Derivatives of the predictions over their deviations.
+    ``at`` (parameter,): The point. ``rest`` (n,): Residuals of the data there. ``by_terms``, ``by_values`` (n, 1 +
+    term): Derivatives of the predictions over their deviations.
     """
 
     problem: Problem
@@ -111,12 +93,7 @@ class Surrogate:
     def lowest(self, damping: float, bound: float) -> tuple[Floats, float]:
         """Return where the surrogate's cost is least, and that cost.
 
-        Parameters
-        ----------
-        damping : float
-            Weight of half the squared way from the point.
-        bound : float
-            Within which standard coordinates stay.
+        ``damping``: Weight of half the squared way from the point. ``bound``: Within which standard coordinates stay.
         """
         xi = self.at
         rest, rows = self.rows(xi)

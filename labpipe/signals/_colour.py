@@ -45,12 +45,8 @@ _WIDTH = float(np.pi / 8 / np.sin(np.pi / 8))
 class Colour(NamedTuple):
     """What noise has besides its white part.
 
-    Attributes
-    ----------
-    corner : float [Hz]
-        Below which it is more than twice as strong.
-    hum : Hum, optional
-        Of the mains, taken out of the record already: what is left of it is noise.
+    ``corner`` [Hz]: Below which it is more than twice as strong. ``hum``: Of the mains, taken out of the record
+    already: what is left of it is noise.
     """
 
     corner: float = 0.0

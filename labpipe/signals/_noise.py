@@ -146,17 +146,8 @@ def quantisation_step(values: Floats) -> float:
 def is_spike(time: Floats, values: Floats, sigma: float) -> Flags:
     """Mark single samples that stand out of both neighbours in the same direction.
 
-    Parameters
-    ----------
-    time, values : array (n,)
-        Samples in order.
-    sigma : float
-        Noise level.
-
-    Returns
-    -------
-    array (n,) of bool
-        The first and last two samples are never marked. A step or a kink is not a spike.
+    ``time``, ``values`` (n,): Samples in order. ``sigma``: Noise level. Returns (n,): The first and last two samples
+    are never marked. A step or a kink is not a spike.
     """
     marked = np.zeros(len(values), bool)
     if len(values) < 5 or sigma <= 0.0:

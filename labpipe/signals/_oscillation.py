@@ -254,12 +254,7 @@ def readings_of(time: ArrayLike, signal: ArrayLike) -> tuple[Floats, Floats]:
 def strongest_line(s: Floats, y: Floats, *, taper: bool = True) -> float:
     """Return the frequency of the strongest spectral line, good to a fraction of 1/T.
 
-    Parameters
-    ----------
-    s, y : array (n,)
-        Times and finite readings.
-    taper : bool
-        Weigh the ends down, which tells close lines apart.
+    ``s``, ``y`` (n,): Times and finite readings. ``taper``: Weigh the ends down, which tells close lines apart.
     """
     even = np.linspace(s[0], s[-1], len(s))
     values = np.interp(even, s, y)

@@ -24,17 +24,8 @@ _PRICE = 3.0  # chi-square that a parameter must gain: between Akaike (2) and Ba
 def smooth_lengths(position: Floats, values: Floats) -> Floats:
     """Length of the smooth piece around every leaf of :data:`LEAF` samples.
 
-    Parameters
-    ----------
-    position : array (n,)
-        Increasing abscissa.
-    values : array (n,)
-        Samples in units of their noise (standard deviation 1).
-
-    Returns
-    -------
-    array (ceil(n / LEAF),)
-        Number of samples of the dyadic interval that holds the leaf.
+    ``position`` (n,): Increasing abscissa. ``values`` (n,): Samples in units of their noise (standard deviation 1).
+    Returns (ceil(n / LEAF): Number of samples of the dyadic interval that holds the leaf.
     """
     levels = _factors(position, values)
     cost = levels[0] + _PRICE * _ORDER

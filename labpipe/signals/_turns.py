@@ -36,14 +36,7 @@ class Turn:
 def find_turns(time: Floats, speed: Floats, u_speed: Floats) -> list[Turn]:
     """Find the reversals from surely down to surely up, in order, from the first impact on.
 
-    Parameters
-    ----------
-    time, speed, u_speed : array (n,) [s, m/s]
-        Upwards positive, with its standard uncertainty.
-
-    Returns
-    -------
-    list of Turn
+    ``time``, ``speed``, ``u_speed`` (n,) [s, m/s]: Upwards positive, with its standard uncertainty.
     """
     sign = np.where(np.abs(speed) > SURE * u_speed, np.sign(speed), 0.0)
     known = np.flatnonzero(sign)

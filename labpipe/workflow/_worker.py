@@ -32,8 +32,6 @@ _SPARE = 1.5
 """Free space asked for, relative to the size expected of a result."""
 _SMALLEST = 1 << 20
 """Bytes asked for when nothing is known of a result's size."""
-_MOST_BYTES = 1 << 26
-"""Of results of an experiment that are remembered while it is processed."""
 
 _OURS = ("work", "provenance")
 """Attributes that belong to one result and must not travel into the next one made of it."""
@@ -204,7 +202,6 @@ class _Run:
     failures: dict[TaskId, Failure]
     stopped: bool = field(default=False)
     passed: dict[TaskId, Any] = field(default_factory=dict)
-    remembered: "dict[str, xr.Dataset]" = field(default_factory=dict)
 
     def all(self) -> None:
         for row in self.plan.rows:
@@ -306,7 +303,7 @@ class _Run:
             self.passed[task.id] = result
             return None
         if is_page:
-            record, _ = self.store.write(key.ingredients, self._text(task, result), warnings=caught)
+            record = self.store.write(key.ingredients, self._text(task, result), warnings=caught)
             self._publish(task, self._text(task, result))
         else:
             record = self._store(task, key, result, caught)
@@ -370,23 +367,12 @@ class _Run:
         return result
 
     def _read(self, task: Task, key: str) -> "xr.Dataset | str":
-        """Read a result; most have several readers, each of which gets a copy of its own."""
-        if key in self.remembered:
-            return self.remembered[key].copy(deep=True)
         try:
-            result = self.store.read(key)
+            return self.store.read(key)
         except StoreError:
             if task.id in self.retried:
                 raise
             raise _StartAgain(task.id) from None
-        self._remember(key, result if isinstance(result, str) else result.copy(deep=True))
-        return result
-
-    def _remember(self, key: str, result: "xr.Dataset | str") -> None:
-        if isinstance(result, str):
-            return
-        if result.nbytes + sum(d.nbytes for d in self.remembered.values()) < _MOST_BYTES:
-            self.remembered[key] = result
 
     def _caught(self, raised: list[warnings.WarningMessage]) -> tuple[Caught, ...]:
         """Warnings for the report; those for programmers say nothing about the data."""
@@ -412,9 +398,7 @@ class _Run:
         if work:
             attributes["work"] = files.canonical(work)
         result = check(result, schema).assign_attrs(attributes)
-        record, stored = self.store.write(key.ingredients, result, warnings=caught, work=work)
-        self._remember(record.key, stored)
-        return record
+        return self.store.write(key.ingredients, result, warnings=caught, work=work)
 
     def _text(self, task: Task, result: Any) -> str:
         if not isinstance(result, str):

@@ -16,7 +16,9 @@
 import contextlib
 import hashlib
 import re
-from collections.abc import Iterator, Mapping
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -70,6 +72,39 @@ class Last(NamedTuple):
 def key_of(ingredients: Mapping[str, Any]) -> str:
     """SHA-256 of the canonical JSON text of the ingredients."""
     return hashlib.sha256(files.canonical(ingredients).encode("utf-8", "surrogatepass")).hexdigest()
+
+
+class _Memory:
+    """What this process last wrote or read, by the digest of its file: most results have several readers.
+
+    A digest is that of the content, so nothing here can be out of date; each reader gets a copy of its own.
+    """
+
+    def __init__(self, most_bytes: int) -> None:
+        self._most = self._room = most_bytes
+        self._lock = threading.Lock()
+        self._known: dict[str, tuple[xr.Dataset, int]] = {}
+
+    def take(self, digest: str, read: "Callable[[], xr.Dataset]") -> "xr.Dataset":
+        """Return what is kept, or else what is read now."""
+        with self._lock:
+            known = self._known.get(digest)
+        found = read() if known is None else known[0]
+        return found.copy(deep=True) if self.keep(digest, found) else found
+
+    def keep(self, digest: str, dataset: "xr.Dataset") -> bool:
+        """Keep what no one else will change, as the newest, and forget the oldest; tell whether there is room."""
+        if (size := dataset.nbytes) > self._most:
+            return False
+        with self._lock:
+            self._room += self._known.pop(digest, (dataset, 0))[1] - size
+            self._known[digest] = dataset, size
+            while self._room < 0:
+                self._room += self._known.pop(next(iter(self._known)))[1]
+        return True
+
+
+_MEMORY = _Memory(most_bytes=1 << 26)
 
 
 class Store:
@@ -143,7 +178,7 @@ class Store:
             if files.digest(path) == record.digest:
                 if record.output == "page":
                     return path.read_text("utf-8")
-                return files.read_dataset(path)
+                return _MEMORY.take(record.digest, partial(files.read_dataset, path))
         except (SourceError, StoreError):
             pass  # missing, or damaged in a way that the digest was forged for: the same answer
         self.quarantine(key)
@@ -168,30 +203,30 @@ class Store:
         *,
         warnings: tuple[Caught, ...] = (),
         work: Mapping[str, float | int] | None = None,
-    ) -> tuple[Record, "xr.Dataset | str"]:
-        """Store a result under the key of its ingredients; it exists once its record does.
-
-        Return the record, and the result as :meth:`read` returns it.
-        """
+    ) -> Record:
+        """Store a result under the key of its ingredients; it exists once its record does."""
         key = key_of(ingredients)
         output = "page" if isinstance(result, str) else "dataset"
         path = self._path(key, _ENDINGS[output])
         if isinstance(result, str):
             files.write_text(path, result)
+            digest = files.digest(path)
         else:
-            result = files.write_dataset(path, result)
+            read_back = files.write_dataset(path, result)
+            digest = files.digest(path)
+            _MEMORY.keep(digest, read_back)
         record = Record(
             format=FORMAT,
             key=key,
             output=output,
-            digest=files.digest(path),
+            digest=digest,
             size=path.stat().st_size,
             ingredients=dict(ingredients),
             warnings=warnings,
             work=dict(work or {}),
         )
         files.write_bytes(self._path(key, ".json"), files.seal(msgspec.to_builtins(record)))
-        return record, result
+        return record
 
     def quarantine(self, key: str) -> None:
         """Set a damaged result and its record aside; nothing is deleted."""

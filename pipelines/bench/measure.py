@@ -61,14 +61,8 @@ class Point:
 class Bound:
     """A limit that no setting can pass: of the error, of the time, or of both.
 
-    Parameters
-    ----------
-    label : str
-        What the limit is ("Cramér–Rao, 31 px").
-    error : float, optional
-        Smallest possible error, in the unit of the suite.
-    seconds : float, optional
-        Shortest possible time (s), such as bytes over memory bandwidth.
+    ``label``: What the limit is ("Cramér–Rao, 31 px"). ``error``: Smallest possible error, in the unit of the suite.
+    ``seconds``: Shortest possible time (s), such as bytes over memory bandwidth.
     """
 
     label: str

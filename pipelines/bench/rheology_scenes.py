@@ -16,13 +16,7 @@ _GAS_LN10 = 8.314462618 * float(np.log(10.0))
 class Scene:
     """One kind of record.
 
-    Attributes
-    ----------
-    name : str
-    build : callable
-        Record made with a seed.
-    superposes : bool
-        Whether time-temperature superposition is true of it.
+    ``build``: Record made with a seed. ``superposes``: Whether time-temperature superposition is true of it.
     """
 
     name: str

@@ -65,7 +65,7 @@ def test_eight_writers_and_readers_of_one_key_never_see_a_torn_result(tmp_path: 
         key = key_of(ingredients)
 
         def write(ingredients: dict[str, object] = ingredients) -> str:
-            return Store(tmp_path).write(ingredients, dataset)[0].key
+            return Store(tmp_path).write(ingredients, dataset).key
 
         def look(key: str = key) -> str:
             store = Store(tmp_path)

@@ -31,33 +31,13 @@ def adhesive_states(
 ) -> xr.Dataset:
     """States of an adhesive contact from the smallest up to a load.
 
-    Parameters
-    ----------
-    material : Prony
-        Its relaxed modulus counts.
-    shape, size : str, float
-        See :func:`.slope_of`; no flat end, which has one state.
-    work : float [J/m2]
-        Of adhesion, positive.
-    load : float [N]
-        Largest, positive.
-    equilibrium_distance : float [m]
-        For the cohesive stress and Tabor's parameter.
-    theory : "jkr" or "maugis"
-    states : int
-        Contact radii, spaced by equal ratios.
-
-    Returns
-    -------
-    Dataset
-        Over ``state``: ``contact_radius``, ``indentation``, ``cohesive_radius`` [m], ``force`` [N];
-        scalars ``pull_off`` [N], ``reduced_modulus`` [Pa] and, for a sphere, ``tabor`` and
-        ``lost_energy`` [J]. States below that of the least force cannot be kept under a load.
-
-    Raises
-    ------
-    InputError
-        A value is out of range, the material flows, or the load needs half the sphere.
+    ``material``: Its relaxed modulus counts. ``shape``, ``size``: See :func:`.slope_of`; no flat end, which has one
+    state. ``work`` [J/m2]: Of adhesion, positive. ``load`` [N]: Largest, positive. ``equilibrium_distance`` [m]: For
+    the cohesive stress and Tabor's parameter. ``states``: Contact radii, spaced by equal ratios. Returns: Over
+    ``state``: ``contact_radius``, ``indentation``, ``cohesive_radius`` [m], ``force`` [N]; scalars ``pull_off`` [N],
+    ``reduced_modulus`` [Pa] and, for a sphere, ``tabor`` and ``lost_energy`` [J]. States below that of the least
+    force cannot be kept under a load. Raises InputError: A value is out of range, the material flows, or the load
+    needs half the sphere.
 
     Examples
     --------

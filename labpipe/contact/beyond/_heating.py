@@ -72,12 +72,7 @@ def flash_temperature(flux: ArrayLike, radius: ArrayLike, time: ArrayLike, therm
 def remaining_share(radius: ArrayLike, time: ArrayLike, thermal: Thermal) -> Floats:
     """Share of its rise that the centre of an evenly heated (half) sphere keeps after a time.
 
-    Parameters
-    ----------
-    radius : array [m]
-    time : array [s]
-        Not negative; 0 gives 1.
-    thermal : Thermal
+    ``radius`` [m]. ``time`` [s]: Not negative; 0 gives 1.
 
     Examples
     --------

@@ -104,18 +104,9 @@ def dataset(
 ) -> xr.Dataset:
     """Assemble the Dataset that :func:`labpipe.contact.drop` returns.
 
-    Parameters
-    ----------
-    run : DropRun
-        The simulation.
-    setting : Setting
-        What was asked for.
-    times : array (time,) [s] or None
-        Where to report, from the release.
-    rigid_restitution : float or None
-        Of the first impact on a rigid substrate, when there is a plate.
-    seconds : float
-        Wall time so far.
+    ``run``: The simulation. ``setting``: What was asked for. ``times`` (time,): Where to report, from the release.
+    ``rigid_restitution``: Of the first impact on a rigid substrate, when there is a plate. ``seconds``: Wall time so
+    far.
     """
     natural = columns(run.segments, run.body, None)
     error = _identity_error(run, setting, _energy_scale(natural, setting))

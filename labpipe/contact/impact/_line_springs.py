@@ -96,18 +96,9 @@ def line_springs(
 ) -> LineSprings:
     """Lay springs along the line.
 
-    Parameters
-    ----------
-    radius_of_sphere : float [m]
-        R.
-    reach : float [m]
-        The outermost spring lies at or beyond this radius, if the sphere does.
-    core : float [m]
-        Up to about here the spacing is even (``core / per_radius``).
-    per_radius : float
-        Springs per contact radius: the spacing at ``x`` is ``x / per_radius`` beyond the core.
-    profile : "parabola" or "sphere"
-        Shape of the gap.
+    ``radius_of_sphere`` [m]: R. ``reach`` [m]: The outermost spring lies at or beyond this radius, if the sphere
+    does. ``core`` [m]: Up to about here the spacing is even (``core / per_radius``). ``per_radius``: Springs per
+    contact radius: the spacing at ``x`` is ``x / per_radius`` beyond the core. ``profile``: Shape of the gap.
     """
     if profile not in ("parabola", "sphere"):
         raise InputError(f'profile is "{profile}", expected "parabola" or "sphere"')

@@ -166,21 +166,9 @@ class RingSprings:
 def ring_springs(radius_of_sphere: float, reach: float, width: float, profile: Profile = "parabola") -> RingSprings:
     """Cover a disc with rings and turn them into springs.
 
-    Parameters
-    ----------
-    radius_of_sphere : float [m]
-        R.
-    reach : float [m]
-        The outermost ring lies beyond this radius, if the sphere does.
-    width : float [m]
-        Width of a ring (the thesis's lambda).
-    profile : "parabola" or "sphere"
-        Shape of the gap.
-
-    Raises
-    ------
-    InputError
-        The rings are so narrow that there would be more than 4000.
+    ``radius_of_sphere`` [m]: R. ``reach`` [m]: The outermost ring lies beyond this radius, if the sphere does.
+    ``width`` [m]: Width of a ring (the thesis's lambda). ``profile``: Shape of the gap. Raises InputError: The rings
+    are so narrow that there would be more than 4000.
     """
     count = ceil(reach / width) + 2
     if profile == "sphere":

@@ -33,14 +33,9 @@ COLUMNS = (
 class Followed(NamedTuple):
     """Impacts of many drops.
 
-    Attributes
-    ----------
-    rows : array (drop, impact, column)
-        By :data:`COLUMNS`, times from the release; NaN for what does not happen.
-    work : array (drop, 3)
-        Steps, rejected steps, impacts.
-    is_left : array (drop,)
-        Whether the drop holds a contact that has to be stepped, or more of an error than allowed.
+    ``rows`` (drop, impact, column): By :data:`COLUMNS`, times from the release; NaN for what does not happen.
+    ``work`` (drop, 3): Steps, rejected steps, impacts. ``is_left`` (drop,): Whether the drop holds a contact that has
+    to be stepped, or more of an error than allowed.
     """
 
     rows: Floats

@@ -79,14 +79,8 @@ class Columns(NamedTuple):
 def columns(segments: list[Segment], body: Body, times: Floats | None) -> Columns:
     """Put the segments one behind the other.
 
-    Parameters
-    ----------
-    segments : list of Segment
-        In order; each begins where the one before it ends.
-    body : Body
-        Mass, gravity and plate.
-    times : array (time,) [s] or None
-        Where to evaluate; None takes every step of a contact and samples the flights.
+    ``segments``: In order; each begins where the one before it ends. ``body``: Mass, gravity and plate. ``times``
+    (time,): Where to evaluate; None takes every step of a contact and samples the flights.
     """
     parts = []
     start = -np.inf

@@ -40,17 +40,9 @@ _MAX_FORCE_ITERATIONS = 60
 class GeneralContact:
     """Contact of a period with any profile, for E* = 1.
 
-    Attributes
-    ----------
-    kernel : LineKernel
-        Period, strips and influence.
-    profile : array (element,) [m]
-        Height of the indenter over the undeformed surface at zero approach; infinite where there is
-        no indenter.
-    limit : str
-        What to say when no open part is left of a half-plane.
-    has_end : bool
-        The indenter may be in contact up to where its profile becomes infinite (a punch).
+    ``kernel``: Period, strips and influence. ``profile`` (element,) [m]: Height of the indenter over the undeformed
+    surface at zero approach; infinite where there is no indenter. ``limit``: What to say when no open part is left of
+    a half-plane. ``has_end``: The indenter may be in contact up to where its profile becomes infinite (a punch).
     """
 
     kernel: LineKernel

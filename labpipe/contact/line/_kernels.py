@@ -39,14 +39,9 @@ _CLAUSEN_TERMS = 24
 class LineKernel:
     """Displacements of a periodic surface under strips of unit pressure, for E* = 1.
 
-    Attributes
-    ----------
-    period : float [m]
-        Period λ.
-    influence : array (element,) [m]
-        Displacement at the centre of strip m under unit pressure on strip 0.
-    mean_compliance : float [m]
-        G(0): 0 for the half-plane, whose displacements are relative to the mean surface.
+    ``period`` [m]: Period λ. ``influence`` (element,) [m]: Displacement at the centre of strip m under unit pressure
+    on strip 0. ``mean_compliance`` [m]: G(0): 0 for the half-plane, whose displacements are relative to the mean
+    surface.
     """
 
     period: float
@@ -86,26 +81,10 @@ class LineKernel:
 def line_kernel(period: float, elements: int, thickness: float = np.inf, nu: float = 0.5) -> LineKernel:
     """Influence coefficients of a periodic half-plane, or of a layer bonded to a rigid base.
 
-    Parameters
-    ----------
-    period : float [m]
-        Period λ.
-    elements : int
-        Strips per period; even.
-    thickness : float [m]
-        Thickness h of the layer; infinite for the half-plane.
-    nu : float
-        Poisson's ratio; matters for a layer only.
-
-    Returns
-    -------
-    LineKernel
-
-    Raises
-    ------
-    InputError
-        A length is not positive, ``elements`` is odd or too small, Poisson's ratio is outside 0 to
-        0.5, or the layer is so thin that the sum over its wave numbers is out of reach.
+    ``period`` [m]: Period λ. ``elements``: Strips per period; even. ``thickness`` [m]: Thickness h of the layer;
+    infinite for the half-plane. ``nu``: Poisson's ratio; matters for a layer only. Raises InputError: A length is not
+    positive, ``elements`` is odd or too small, Poisson's ratio is outside 0 to 0.5, or the layer is so thin that the
+    sum over its wave numbers is out of reach.
 
     References
     ----------

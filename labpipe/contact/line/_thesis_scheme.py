@@ -47,21 +47,9 @@ def indent_thesis_scheme(
 ) -> xr.Dataset:
     """Run the thesis's scheme; the parameters are those of :func:`labpipe.contact.indent`.
 
-    Parameters
-    ----------
-    time : array (time,) [s]
-        Uniform.
-
-    Returns
-    -------
-    Dataset
-        ``force`` [N] and ``contact_half_width`` [m] over ``time``; attribute ``work`` with
-        ``history_products`` (past increments summed) and ``active_set_solves``.
-
-    Raises
-    ------
-    InputError
-        Time is not uniform, the stored history would not fit, or the active set does not settle.
+    ``time`` (time,) [s]: Uniform. Returns: ``force`` [N] and ``contact_half_width`` [m] over ``time``; attribute
+    ``work`` with ``history_products`` (past increments summed) and ``active_set_solves``. Raises InputError: Time is
+    not uniform, the stored history would not fit, or the active set does not settle.
 
     Examples
     --------

@@ -63,14 +63,8 @@ class Creep:
     ``J*(t) = instantaneous + sum C (1 - exp(-t/tau)) + fluidity t``, which already holds the
     factor ``1 - nu**2`` of the half-space. No terms and no fluidity is an elastic solid.
 
-    Attributes
-    ----------
-    instantaneous : float [1/Pa]
-    C : array (term,) [1/Pa]
-    tau : array (term,) [s]
-    fluidity : float [1/(Pa s)]
-    rate : array (element,) [1/s]
-        ``1/tau`` of every row of the memory, 0 for the dashpot of a liquid.
+    ``instantaneous`` [1/Pa]. ``C`` (term,) [1/Pa]. ``tau`` (term,) [s]. ``fluidity`` [1/(Pa s)]. ``rate`` (element,)
+    [1/s]: ``1/tau`` of every row of the memory, 0 for the dashpot of a liquid.
     """
 
     instantaneous: float
@@ -87,17 +81,9 @@ class Creep:
     def of(cls, material: CreepMaterial) -> "Creep":
         """Take the compliance of a half-space of the material.
 
-        Parameters
-        ----------
-        material : labpipe.materials.Prony
-            Anything with ``E_unrelaxed``, ``nu``, ``fluidity`` and ``creep_terms()``.
-
-        Raises
-        ------
-        InputError
-            A number is not finite, the material has no instantaneous compliance (a dashpot in
-            parallel), a compliance or time is not positive, or Poisson's ratio lies outside
-            (-1, 0.5].
+        ``material``: Anything with ``E_unrelaxed``, ``nu``, ``fluidity`` and ``creep_terms()``. Raises InputError: A
+        number is not finite, the material has no instantaneous compliance (a dashpot in parallel), a compliance or
+        time is not positive, or Poisson's ratio lies outside (-1, 0.5].
         """
         C, tau = material.creep_terms()
         nu = float(material.nu)
@@ -184,21 +170,10 @@ class StepWeights:
 def step_weights(creep: Creep, dt: float, *, hold: bool = False) -> StepWeights:
     """Weights of one step.
 
-    Parameters
-    ----------
-    creep : Creep
-        The contact compliance.
-    dt : float [s]
-        Length of the step, at least 0; a step of length 0 is an instantaneous (elastic) jump.
-    hold : bool
-        False: the load is linear inside the step. True: it jumps to its new value at the start of
-        the step and stays; use it for the first few steps after a jump of the displacement, where
-        a linear load would overshoot.
-
-    Raises
-    ------
-    InputError
-        ``dt`` is negative or not a number.
+    ``creep``: The contact compliance. ``dt`` [s]: Length of the step, at least 0; a step of length 0 is an
+    instantaneous (elastic) jump. ``hold``: False: the load is linear inside the step. True: it jumps to its new value
+    at the start of the step and stays; use it for the first few steps after a jump of the displacement, where a
+    linear load would overshoot. Raises InputError: ``dt`` is negative or not a number.
 
     Examples
     --------
@@ -235,14 +210,8 @@ def late_share(x: Floats, loss: Floats) -> Floats:
 def history(weights: StepWeights, memory: Floats, load: Floats) -> Floats:
     """Displacement (spring,) that the springs would show at the end of the step at zero load.
 
-    Parameters
-    ----------
-    weights : StepWeights
-        Of this step.
-    memory : array (element, spring)
-        Displacements of the Kelvin elements at the start of the step.
-    load : array (spring,)
-        Load at the start of the step.
+    ``weights``: Of this step. ``memory`` (element, spring): Displacements of the Kelvin elements at the start of the
+    step. ``load`` (spring,): Load at the start of the step.
     """
     return weights.decay @ memory + weights.old_total * load
 
@@ -279,21 +248,10 @@ def condense(creep: Creep, shortest: float, longest: float, tolerance: float) ->
     is left out is of second order in ``tau/shortest``. Slow terms, which have no time to creep, are
     dropped.
 
-    Parameters
-    ----------
-    creep : Creep
-        All terms.
-    shortest : float [s]
-        Duration of the fastest event of interest (one contact, one cycle).
-    longest : float [s]
-        Duration of everything.
-    tolerance : float
-        Relative error of the compliance that each of the two shortcuts may cost, at most.
-
-    Returns
-    -------
-    Condensed
-        The shorter compliance and the counts; the instantaneous compliance is unchanged.
+    ``creep``: All terms. ``shortest`` [s]: Duration of the fastest event of interest (one contact, one cycle).
+    ``longest`` [s]: Duration of everything. ``tolerance``: Relative error of the compliance that each of the two
+    shortcuts may cost, at most. Returns: The shorter compliance and the counts; the instantaneous compliance is
+    unchanged.
     """
     order = np.argsort(creep.tau)
     C, tau = creep.C[order], creep.tau[order]

@@ -84,22 +84,12 @@ class Contact(Protocol):
 class SpringBed:
     """Springs in the order in which they come into contact, for E* = 1.
 
-    Attributes
-    ----------
-    gap : array (spring,) [m]
-        Approach at which the spring is first touched (elastic contact), ascending.
-    stiffness : array (spring,)
-        What it adds to the stiffness, ΔS: dimensionless for a line, m for a sphere.
-    edge : array (spring,) [m]
-        Contact half width (radius) at which it is first touched.
-    is_smooth : bool
-        The profile is smooth, so that the edge correction applies.
-    open_springs : int
-        The contact must leave so many springs open; 0 where full contact is allowed.
-    limit : str
-        What to say when it does not.
-    full_width : float [m]
-        Contact half width with every spring in contact.
+    ``gap`` (spring,) [m]: Approach at which the spring is first touched (elastic contact), ascending. ``stiffness``
+    (spring,): What it adds to the stiffness, ΔS: dimensionless for a line, m for a sphere. ``edge`` (spring,) [m]:
+    Contact half width (radius) at which it is first touched. ``is_smooth``: The profile is smooth, so that the edge
+    correction applies. ``open_springs``: The contact must leave so many springs open; 0 where full contact is
+    allowed. ``limit``: What to say when it does not. ``full_width`` [m]: Contact half width with every spring in
+    contact.
     """
 
     gap: Floats
@@ -145,12 +135,7 @@ class SpringBed:
     def push(self, history: Floats, compliance: float, force: float, before: float) -> Answer:
         """Solve at a prescribed force; at zero force the indenter just touches.
 
-        Raises
-        ------
-        NotNestedError
-            See :meth:`press`.
-        InputError
-            No contact within the bed carries the force.
+        Raises NotNestedError: See :meth:`press`. Raises InputError: No contact within the bed carries the force.
         """
         threshold = history + self.gap
         if force <= 0.0:
@@ -204,16 +189,9 @@ class SpringBed:
 def sphere_bed(radius: float, reach: float, springs: int, gap: Callable[[Floats], Floats] | None = None) -> SpringBed:
     """Springs of a sphere on a half-space by the method of dimensionality reduction, for E* = 1.
 
-    Parameters
-    ----------
-    radius : float [m]
-        Of the sphere.
-    reach : float [m]
-        Largest contact radius that will be asked for.
-    springs : int
-        Number of springs within the reach.
-    gap : callable, optional
-        Approach [m] of an elastic contact of radius b [m]; the default is b²/R (parabola).
+    ``radius`` [m]: Of the sphere. ``reach`` [m]: Largest contact radius that will be asked for. ``springs``: Number
+    of springs within the reach. ``gap``: Approach [m] of an elastic contact of radius b [m]; the default is b²/R
+    (parabola).
 
     References
     ----------

@@ -103,17 +103,8 @@ class March:
     def run(self, time: Floats, value: Floats) -> Iterator[State]:
         """Yield the state at every sample of the history.
 
-        Parameters
-        ----------
-        time : array (time,) [s]
-            Never falling.
-        value : array (time,) [m or N]
-            Displacement, or force per tip (and unit depth).
-
-        Raises
-        ------
-        InputError
-            The step control does not get through an interval.
+        ``time`` (time,) [s]: Never falling. ``value`` (time,) [m or N]: Displacement, or force per tip (and unit
+        depth). Raises InputError: The step control does not get through an interval.
         """
         self._softest = float(self.creep.compliance(float(time[-1] - time[0])))
         state = self._at_rest(float(value[0]))

@@ -31,13 +31,8 @@ def pressed(
 ) -> tuple[int, float, float]:
     """Press the springs to a displacement [m] and write their ``load`` (spring,).
 
-    Returns
-    -------
-    touched : int
-        Springs in contact; -1 if they are not nested.
-    force : float [N per reduced modulus and depth]
-    half_width : float [m]
-        NaN where every spring is in contact.
+    Returns: Springs in contact; -1 if they are not nested. Returns [N per reduced modulus and depth]. Returns [m]:
+    NaN where every spring is in contact.
     """
     size, touched = gap.size, 0
     for j in range(size):

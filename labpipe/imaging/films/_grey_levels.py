@@ -14,12 +14,7 @@ _LEAST, _BRIGHT, _FRAMES = 32.0, 200.0, 3
 class ScaledFrames(ShownFrames):
     """A film whose light is multiplied by a factor.
 
-    Parameters
-    ----------
-    film : FrameSource
-        The film as given.
-    factor : float
-        Grey levels per unit of its light.
+    ``film``: The film as given. ``factor``: Grey levels per unit of its light.
     """
 
     def __init__(self, film: FrameSource, factor: float) -> None:

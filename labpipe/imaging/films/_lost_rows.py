@@ -15,15 +15,8 @@ def fill_lost_rows(image: NDArray[np.generic]) -> int:
 
     Noise makes no two rows alike, so that rows which are, pixel for pixel, were not seen by the camera.
 
-    Parameters
-    ----------
-    image : array (row, column)
-        Grey levels.
-
-    Returns
-    -------
-    int
-        How many rows were interpolated, by a cubic through two rows above and two below.
+    ``image`` (row, column): Grey levels. Returns: How many rows were interpolated, by a cubic through two rows above
+    and two below.
     """
     like = (image[1:, :_FIRST] == image[:-1, :_FIRST]).all(axis=1)
     if like.sum() < _FEWEST:

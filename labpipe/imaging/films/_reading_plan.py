@@ -36,20 +36,10 @@ _MOST_KEPT = 128 * 2**20
 class FilmReader:
     """Reads frames and counts them.
 
-    Attributes
-    ----------
-    film : FrameSource
-        The film.
-    frames_read, bands_read : int
-        Frames read whole, and bands of rows.
-    pixels_read, bytes_read : int
-        What that amounts to, decoded.
-    repeats : int
-        Frames that were read again because they were no longer at hand.
-    damaged : set of int
-        Frames that hold numbers that are not finite; they are returned all black.
-    lost_rows : dict of int
-        By frame, rows that repeat the row before and are interpolated.
+    ``film``: The film. ``frames_read``, ``bands_read``: Frames read whole, and bands of rows. ``pixels_read``,
+    ``bytes_read``: What that amounts to, decoded. ``repeats``: Frames that were read again because they were no
+    longer at hand. ``damaged``: Frames that hold numbers that are not finite; they are returned all black.
+    ``lost_rows``: By frame, rows that repeat the row before and are interpolated.
     """
 
     film: FrameSource
@@ -120,21 +110,8 @@ class FilmReader:
 def frames_in_windows(time: Floats, windows: Sequence[tuple[float, float]]) -> Flags:
     """Tell which frames lie in one of several windows of time.
 
-    Parameters
-    ----------
-    time : array (frame,) [s]
-        Time of every frame.
-    windows : sequence of (start, end) [s]
-        Both ends belong to a window.
-
-    Returns
-    -------
-    bool array (frame,)
-
-    Raises
-    ------
-    InputError
-        A window ends before it starts, or is not a pair of numbers.
+    ``time`` (frame,) [s]: Time of every frame. ``windows`` [s]: Both ends belong to a window. Raises InputError: A
+    window ends before it starts, or is not a pair of numbers.
 
     Examples
     --------
@@ -166,12 +143,7 @@ def band_noise(bands: Sequence[NDArray[np.float32]]) -> float:
 def is_different(one: NDArray[np.float32], other: NDArray[np.float32], noise: float) -> bool:
     """Tell whether two bands show more than different noise.
 
-    Parameters
-    ----------
-    one, other : arrays (row, column)
-        Grey levels.
-    noise : float [grey levels]
-        Noise of a pixel.
+    ``one``, ``other`` (row, column): Grey levels. ``noise`` [grey levels]: Noise of a pixel.
     """
     difference = (one - other).mean(axis=0, dtype=np.float64)
     deviation = noise * math.sqrt(2.0 / len(one))
@@ -189,12 +161,8 @@ def is_different(one: NDArray[np.float32], other: NDArray[np.float32], noise: fl
 class Place:
     """Where a contact was seen, and how bright.
 
-    Attributes
-    ----------
-    x, y : float [px]
-        Centre.
-    inside, beside : float [grey levels]
-        Brightness of the contact, and half way up to the fringes around it.
+    ``x``, ``y`` [px]: Centre. ``inside``, ``beside`` [grey levels]: Brightness of the contact, and half way up to the
+    fringes around it.
     """
 
     x: float
@@ -219,12 +187,8 @@ class Place:
 class ReadingPlan:
     """Which frames to read whole.
 
-    Attributes
-    ----------
-    read : bool array (frame,)
-        Frames to read.
-    is_resting : bool array (frame,)
-        Frames that are not read because they look like the contact frames before and after.
+    ``read``: Frames to read. ``is_resting``: Frames that are not read because they look like the contact frames
+    before and after.
     """
 
     read: Flags
@@ -234,22 +198,9 @@ class ReadingPlan:
 def plan_reading(reader: FilmReader, wanted: Flags, known: dict[int, bool], places: Sequence[Place]) -> ReadingPlan:
     """Choose the frames to read from their bands and from frames already known.
 
-    Parameters
-    ----------
-    reader : FilmReader
-        The film.
-    wanted : bool array (frame,)
-        Frames that may be read.
-    known : dict
-        Frames that have been looked at, with and without contact.
-    places : sequence of Place
-        The contacts found in them.
-
-    Returns
-    -------
-    ReadingPlan
-        A frame is left out when its band is nowhere near a centre as bright as a contact, or
-        like that of the frame last read while in contact.
+    ``reader``: The film. ``wanted``: Frames that may be read. ``known``: Frames that have been looked at, with and
+    without contact. ``places``: The contacts found in them. Returns: A frame is left out when its band is nowhere
+    near a centre as bright as a contact, or like that of the frame last read while in contact.
     """
     count = len(wanted)
     read, resting = np.zeros(count, bool), np.zeros(count, bool)

@@ -54,25 +54,15 @@ _ROWS, _BELOW_COLUMNS = 4.0, 0.8
 class RowsSeen:
     """What the rows of a film show.
 
-    Attributes
-    ----------
-    is_combed : bool array (frame,)
-        The frame shows two instants. In a film whose still frame has edges sharper than the pixels only
-        teeth count, rows that differ more from their neighbours than from the next but one: the steps of
-        such edges look like small distances, in random directions. Where the motion is known, only a
-        distance along it counts that is some share of it.
-    apart : array (frame,) [px]
-        Distance of what odd and even rows show, 0 where they show the same.
-    is_repeated : bool
-        Every second row repeats its neighbour or is the mean of both.
-    distances : list of arrays (piece, 2) [px]
-        Distance of the fields in every piece of every frame.
-    is_sharp : bool
-        The still frame has edges sharper than the pixels.
-    still : array (2,) [px]
-        Distance in the still frame, median of the pieces; 0 where none is known to be still.
-    order : array (frame,)
-        -1 or 1 for frames whose fields are apart against the motion, or along it; 0 where nothing tells.
+    ``is_combed``: The frame shows two instants. In a film whose still frame has edges sharper than the pixels only
+    teeth count, rows that differ more from their neighbours than from the next but one: the steps of such edges look
+    like small distances, in random directions. Where the motion is known, only a distance along it counts that is
+    some share of it. ``apart`` (frame,) [px]: Distance of what odd and even rows show, 0 where they show the same.
+    ``is_repeated``: Every second row repeats its neighbour or is the mean of both. ``distances`` [px]: Distance of
+    the fields in every piece of every frame. ``is_sharp``: The still frame has edges sharper than the pixels.
+    ``still`` (2,) [px]: Distance in the still frame, median of the pieces; 0 where none is known to be still.
+    ``order`` (frame,): -1 or 1 for frames whose fields are apart against the motion, or along it; 0 where nothing
+    tells.
     """
 
     is_combed: Flags
@@ -132,12 +122,8 @@ def is_inside(corners: NDArray[np.int64], shape: tuple[int, int]) -> Flags:
 def pieces_of(image: NDArray[np.generic], corners: NDArray[np.int64]) -> Floats32:
     """Copy the square pieces (piece, row, column) of an image that lie inside it.
 
-    Parameters
-    ----------
-    image : array (row, column)
-        Grey levels.
-    corners : integer array (piece, 2) [px]
-        Column and row of the first pixel of each; the rows of all of them even, or odd.
+    ``image`` (row, column): Grey levels. ``corners`` [px]: Column and row of the first pixel of each; the rows of all
+    of them even, or odd.
     """
     rows, columns = image.shape
     inside = is_inside(corners, (rows, columns))
@@ -207,14 +193,9 @@ def row_sums(pieces: Floats32) -> Floats:
 def read_rows(sums: list[Floats], *, is_first_still: bool, steps: Floats | None = None) -> RowsSeen:
     """Tell what the rows of a film show.
 
-    Parameters
-    ----------
-    sums : list of arrays (piece, 16)
-        One for every frame, from :func:`row_sums`.
-    is_first_still : bool
-        Nothing moves in the first frame, so that what looks like a distance there is the steps of edges.
-    steps : array (frame, 2) [px], optional
-        Motion from frame to frame; NaN where it is not known.
+    ``sums``: One for every frame, from :func:`row_sums`. ``is_first_still``: Nothing moves in the first frame, so
+    that what looks like a distance there is the steps of edges. ``steps`` (frame, 2): Motion from frame to frame; NaN
+    where it is not known.
     """
     combed, (apart, order) = np.zeros(len(sums), bool), np.zeros((2, len(sums)))
     frame = np.repeat(np.arange(len(sums)), [len(one) for one in sums])

@@ -46,12 +46,7 @@ _ROUNDING = 0.5
 class RepairedFrames(ShownFrames):
     """A film in which some pixels are interpolated from those around them.
 
-    Parameters
-    ----------
-    film : FrameSource
-        The film as recorded.
-    stuck : bool array (row, column)
-        Pixels that do not count.
+    ``film``: The film as recorded. ``stuck``: Pixels that do not count.
     """
 
     def __init__(self, film: FrameSource, stuck: Flags) -> None:
@@ -106,12 +101,7 @@ class RepairedFrames(ShownFrames):
 class StuckPixels:
     """What was found of them.
 
-    Attributes
-    ----------
-    count : int
-        Pixels that are repaired.
-    frames_read : int
-        Frames that were read to find out.
+    ``count``: Pixels that are repaired. ``frames_read``: Frames that were read to find out.
     """
 
     count: int = 0
@@ -131,19 +121,8 @@ def without_stuck_pixels(
 ) -> tuple[FrameSource, StuckPixels]:
     """Repair the pixels of a film that are stuck; the same film when there are none.
 
-    Parameters
-    ----------
-    film : FrameSource
-        Grey images.
-    wanted : bool array (frame,), optional
-        Frames that may be read; by default all.
-    read : callable, optional
-        Returns the frame of an index, by default the film's own.
-
-    Returns
-    -------
-    film : FrameSource
-    found : StuckPixels
+    ``film``: Grey images. ``wanted``: Frames that may be read; by default all. ``read``: Returns the frame of an
+    index, by default the film's own.
 
     Notes
     -----

@@ -52,15 +52,9 @@ _LN10 = float(np.log(10.0))
 class Grid:
     """The times of the terms, the units of their weights, and the penalty.
 
-    Attributes
-    ----------
-    ln_time : array (term,)
-        Natural logarithm of the relaxation times in s, ascending.
-    scale : array (term + 1,) [Pa]
-        Unit of every weight; the last entry is the unit of the relaxed modulus.
-    penalty : array (row, term + 1)
-        Second differences over neighbouring terms.
-    terms_per_decade : float
+    ``ln_time`` (term,): Natural logarithm of the relaxation times in s, ascending. ``scale`` (term + 1,) [Pa]: Unit
+    of every weight; the last entry is the unit of the relaxed modulus. ``penalty`` (row, term + 1): Second
+    differences over neighbouring terms.
     """
 
     ln_time: Floats
@@ -73,18 +67,9 @@ class Grid:
 class Solution:
     """Solution of one penalised non-negative least-squares problem.
 
-    Attributes
-    ----------
-    coefficient : array (column,)
-        In the units of the grid.
-    strength : float
-        Weight of the penalty.
-    misfit : float
-        Sum of squared residuals of the data.
-    roughness : float
-        Penalty paid, strength included; misfit + roughness is what was minimised.
-    freedom : float
-        Effective number of coefficients: trace of the influence of the data on the fit.
+    ``coefficient`` (column,): In the units of the grid. ``strength``: Weight of the penalty. ``misfit``: Sum of
+    squared residuals of the data. ``roughness``: Penalty paid, strength included; misfit + roughness is what was
+    minimised. ``freedom``: Effective number of coefficients: trace of the influence of the data on the fit.
     """
 
     coefficient: Floats

@@ -57,18 +57,9 @@ _MAX_STEP_DECADES = 0.7
 class Points:
     """All measured points of all isotherms, one after the other.
 
-    Attributes
-    ----------
-    omega : array (point,) [rad/s]
-    isotherm : array (point,)
-        Index of the isotherm that each point belongs to.
-    storage, loss : array (point,) [Pa]
-    count : int
-        Number of isotherms.
-    readings : array (point,), optional
-        Of how many readings every point is the mean; by default of one.
-    work : Work
-        What fits of these points have cost, shared with all parts of them.
+    ``omega`` (point,) [rad/s]. ``isotherm`` (point,): Index of the isotherm that each point belongs to. ``storage``,
+    ``loss`` (point,) [Pa]. ``count``: Number of isotherms. ``readings`` (point,): Of how many readings every point is
+    the mean; by default of one. ``work``: What fits of these points have cost, shared with all parts of them.
     """
 
     omega: Floats
@@ -96,17 +87,10 @@ class Points:
 class Fit:
     """One evaluated state: spectrum, residuals, and the outer least-squares problem there.
 
-    Attributes
-    ----------
-    residual : array (2 point,)
-        Weighted residuals, storage first.
-    predicted : array (2 point,) [Pa]
-    rows : array (2 point, column)
-        Weighted design matrix of the active columns.
-    normal : array (column, column)
-        Penalised normal matrix of the active columns.
-    by_shift, by_vertical, by_delay : array (2 point,)
-        Weighted change of every prediction with its own ln a, ln b, and with the delay.
+    ``residual`` (2 point,): Weighted residuals, storage first. ``predicted`` (2 point,) [Pa]. ``rows`` (2 point,
+    column): Weighted design matrix of the active columns. ``normal`` (column, column): Penalised normal matrix of the
+    active columns. ``by_shift``, ``by_vertical``, ``by_delay`` (2 point,): Weighted change of every prediction with
+    its own ln a, ln b, and with the delay.
     """
 
     state: State

@@ -37,33 +37,15 @@ FIRST_LEVELS, _LEAST_LEVELS, _MOST_LEVELS = 0.02, 0.002, 0.1
 class Superposition:
     """A settled joint fit with the covariance of its outer parameters.
 
-    Attributes
-    ----------
-    model : OuterModel
-    fit : Fit
-    noise : Noise
-    covariance : array (parameter, parameter)
-        Of the outer parameters, the spectrum having followed.
-    standardised : array (2 point,)
-        Residuals in units of the noise, storage first, outliers not weakened.
-    starts : tuple of (str, float, float)
-        Name of every start, its final cost in units of the noise, and how far its shifts end
-        from the best ones (largest difference, decades).
-    probe : Probe, optional
-        What a walk along the barely determined steps found.
-    alternatives : tuple of (str, array (isotherm,))
-        log10 a_T with the model changed, where superposition does not hold to the scatter.
-    violation : float
-        Noise of the fit over scatter of the sweeps, of the worse modulus.
-    run_length : float
-        How many neighbouring readings are worth one; the covariance holds it.
-    rival : TwoProcesses, optional
-        Two processes that describe the sweeps as well as superposition does, or better.
-    refused : tuple of str
-        Vertical laws that fit only with factors of no material.
-    slopes : tuple of (float, array (isotherm,))
-        Of a glass with little loss: relative likelihood and log10 a_T of fits from other slopes of its
-        modulus.
+    ``covariance`` (parameter, parameter): Of the outer parameters, the spectrum having followed. ``standardised`` (2
+    point,): Residuals in units of the noise, storage first, outliers not weakened. ``starts``: Name of every start,
+    its final cost in units of the noise, and how far its shifts end from the best ones (largest difference, decades).
+    ``probe``: What a walk along the barely determined steps found. ``alternatives``: log10 a_T with the model
+    changed, where superposition does not hold to the scatter. ``violation``: Noise of the fit over scatter of the
+    sweeps, of the worse modulus. ``run_length``: How many neighbouring readings are worth one; the covariance holds
+    it. ``rival``: Two processes that describe the sweeps as well as superposition does, or better. ``refused``:
+    Vertical laws that fit only with factors of no material. ``slopes``: Of a glass with little loss: relative
+    likelihood and log10 a_T of fits from other slopes of its modulus.
     """
 
     model: OuterModel

@@ -38,14 +38,8 @@ def runs_in(residual: Floats, parts: Sequence[tuple[Floats, Floats]], sweeps: Se
     The correlation of next neighbours is the one for which this fit would leave residuals as correlated
     as they are (a first-order autoregressive process), and the size of the errors goes with it.
 
-    Parameters
-    ----------
-    residual : array (2 point,)
-        In units of the noise.
-    parts : sequence of (array (2 point, column), array (column, column))
-        G and C of the influence, the sum of G C Gᵀ, of the readings on the fit.
-    sweeps : sequence of array of int
-        Places of the readings of every sweep (:func:`sweeps_of`).
+    ``residual`` (2 point,): In units of the noise. ``parts``: G and C of the influence, the sum of G C Gᵀ, of the
+    readings on the fit. ``sweeps``: Places of the readings of every sweep (:func:`sweeps_of`).
     """
     followed = np.hstack([columns @ _root(inverse) for columns, inverse in parts])
     here, after = (np.concatenate([sweep[part] for sweep in sweeps]) for part in (slice(-1), slice(1, None)))

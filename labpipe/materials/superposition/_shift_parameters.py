@@ -42,12 +42,8 @@ LEAST_SPACING = 1.0
 class State:
     """Where the outer iteration stands.
 
-    Attributes
-    ----------
-    parameters : array (parameter,)
-        Horizontal, then vertical, then delay.
-    log10_aT, ln_bT : array (isotherm,)
-    delay : float [s]
+    ``parameters`` (parameter,): Horizontal, then vertical, then delay. ``log10_aT``, ``ln_bT`` (isotherm,). ``delay``
+    [s].
     """
 
     parameters: Floats

@@ -57,12 +57,8 @@ def probe_steps(
     Minima are compared by :func:`.predictive_cost`. Sweeps that are
     torn apart have a spectrum each and always fit a little better; that is not to their credit.
 
-    Parameters
-    ----------
-    known : array (isotherm, isotherm)
-        Covariance of log10 a_T.
-    may_move : bool
-        Whether to go on from a better minimum where there is one, or only to count it.
+    ``known`` (isotherm, isotherm): Covariance of log10 a_T. ``may_move``: Whether to go on from a better minimum
+    where there is one, or only to count it.
     """
     groups = _loose_steps(points, fit, model, known)
     variance = np.zeros(len(groups))

@@ -14,7 +14,7 @@ from labpipe.errors import StoreError
 from labpipe.stamps import HashIndex
 from labpipe.workflow.plan import plan
 from labpipe.workflow.runner import run
-from labpipe.workflow.store import Caught, Store, key_of
+from labpipe.workflow.store import Caught, Store, _Memory, key_of
 from labpipe.workflow.tasks import TaskId
 
 INGREDIENTS = {"stage": "read", "version": 1, "parameters": {"gain": 1.5, "name": "é"}}
@@ -51,8 +51,41 @@ def test_a_result_comes_back_with_its_record(store: Store) -> None:
     assert record.size == object_path(store, ".nc").stat().st_size
 
 
+def test_what_was_written_or_read_is_not_parsed_again_and_each_reader_has_its_own(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def never(path: Path) -> xr.Dataset:
+        raise AssertionError(f"{path} is parsed again")
+
+    with monkeypatch.context() as change:
+        change.setattr(files, "read_dataset", never)
+        first = store.read(KEY)
+        assert isinstance(first, xr.Dataset)
+        first["z"][:] = 0.0
+        again = Store(store.folder).read(KEY)
+    assert isinstance(again, xr.Dataset)
+    assert again.identical(dataset())
+
+
+def test_of_what_is_kept_the_oldest_is_forgotten_and_what_is_too_large_is_not_kept() -> None:
+    def never() -> xr.Dataset:
+        raise AssertionError("parsed again")
+
+    memory, size = _Memory(most_bytes=2 * dataset().nbytes), dataset().nbytes
+    assert [memory.keep(name, dataset()) for name in "ab"] == [True, True]
+    memory.take("a", never)  # now newer than b
+    memory.keep("c", dataset())
+    memory.take("a", never)
+    memory.take("c", never)
+    with pytest.raises(AssertionError, match="parsed again"):
+        memory.take("b", never)
+    large = xr.Dataset({"z": ("time", np.zeros(3 * size, np.uint8))})
+    assert memory.take("d", lambda: large) is large
+    memory.take("a", never)
+
+
 def test_a_page_comes_back(store: Store) -> None:
-    record, _ = store.write({"page": 1}, "<!doctype html>é")
+    record = store.write({"page": 1}, "<!doctype html>é")
     assert store.read(record.key) == "<!doctype html>é"
 
 
@@ -131,7 +164,7 @@ def test_a_record_of_another_format_is_not_believed(store: Store) -> None:
 
 
 def test_a_foreign_result_under_our_key_is_not_believed(store: Store) -> None:
-    other, _ = store.write({"stage": "other"}, dataset(2.0))
+    other = store.write({"stage": "other"}, dataset(2.0))
     for ending in (".nc", ".json"):
         source = store.root / other.key[:2] / f"{other.key}{ending}"
         object_path(store, ending).write_bytes(source.read_bytes())
