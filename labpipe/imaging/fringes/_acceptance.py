@@ -66,6 +66,7 @@ def is_clear(view: View, found: RingFit, *, by_some: bool = False) -> bool:
         and _LEAST_VISIBILITY * light <= modulation <= _MOST_VISIBILITY * light
         and modulation >= _LEAST_SIGNIFICANCE * found.deviation(Parameter.MODULATION, VISIBILITY if by_some else ())
         and radius > view.least_radius
+        and found.leverage > 0.0
         and found.deviation(Parameter.RADIUS) < _MOST_UNCERTAINTY * radius
     )
 

@@ -35,14 +35,7 @@ _NAMES = {
 class Attempts:
     """Fits the chosen frames with further parameters free, some things being known: see :class:`.Attempt`.
 
-    Parameters
-    ----------
-    images : sequence of arrays (row, column)
-        Grey levels.
-    starts : sequence of RingFit
-        Fits of them.
-    view : View
-        The view that these were made with.
+    It starts from fits of them, made with one view.
     """
 
     def __init__(self, images: Sequence[NDArray[np.generic]], starts: Sequence[RingFit], view: View) -> None:

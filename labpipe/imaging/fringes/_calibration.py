@@ -21,6 +21,7 @@ from labpipe.imaging.fringes._open_gap import explained_by_gap
 from labpipe.imaging.fringes._ring_fit import RingFit
 from labpipe.imaging.fringes._ring_parameters import ASSUMED, AXES, BEAMS, COATING, RADIAL, Parameter
 from labpipe.imaging.fringes._second_colour import find_second_colour, settle_colour
+from labpipe.imaging.fringes._sharpening import find_sharpening
 from labpipe.imaging.fringes._together import find_together, what_is_found, with_beside
 from labpipe.imaging.fringes._trials import (
     FACTOR,
@@ -45,7 +46,7 @@ _ALL_BUT, _MOSTLY = 0.02, 0.1
 #: Explanations.
 _BLUR, _BAND, _HARMONICS, _COATING, _PHASE, _SCALE = "blur", "band", "harmonics", "coating", "phase", "scale"
 _UNEVEN, _FLAT, _FLAT_BESIDE, _FOCUS = "uneven light", "flat", "flat beside the stated scale", "focus"
-_BEFORE_CAMERA, _COLOUR = "blur before the camera", "second colour"
+_BEFORE_CAMERA, _COLOUR, _SHARPENED = "blur before the camera", "second colour", "sharpened"
 #: Those that cost most: a simpler one that leaves less than that by chance is taken before.
 _COSTLY = (_BEFORE_CAMERA, _COLOUR)
 #: Share of the squared misfit that what is tried would explain to first order, at least: what is much better explains
@@ -233,6 +234,7 @@ def _candidates(
         _BAND: lambda: None if known.spread else _find_optics(attempt, axes, known, best, Parameter.SPREAD, view),
         _UNEVEN: lambda: _find_uneven_light(attempt, axes, known, best),
         _HARMONICS: lambda: find_harmonics(attempt, axes, known, best),
+        _SHARPENED: lambda: find_sharpening(attempt, axes, known, best),
         _PHASE: lambda: _find_optics(attempt, axes, known, best, Parameter.PHASE, view),
         _SCALE: lambda: _find_optics(attempt, axes, known, best, Parameter.SCALE, view),
         _COATING: lambda: find_coating(attempt, axes, known, best, view, least),
@@ -281,7 +283,10 @@ def _promised(attempt: Attempts, known: Calibration, best: Trial) -> dict[str, f
     shares = {name: gains.share(group) for name, group in one.items()}
     shares |= {name: gains.share(group, is_common=False) for name, group in several.items()}
     # of rings of which a part is not seen this is an upper bound alone: light is tried whatever it is
-    return shares | {_UNEVEN: 1.0 if math.isnan(gains.round_share) else max(1.0 - gains.round_share, _LIKELY)}
+    return shares | {
+        _SHARPENED: 1.0,
+        _UNEVEN: 1.0 if math.isnan(gains.round_share) else max(1.0 - gains.round_share, _LIKELY),
+    }
 
 
 def _find_ellipse(attempt: Attempts, known: Calibration, best: Trial) -> tuple[Trial, Calibration]:

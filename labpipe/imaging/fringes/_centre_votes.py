@@ -54,17 +54,9 @@ class _Voters:
 
 
 def find_centres(frame: NDArray[np.generic]) -> Iterator[Spot]:
-    """Find the centres of rings in a frame, those with the most votes first.
+    """Find the centres of rings in a frame, those with the most votes first; none without structure.
 
-    Parameters
-    ----------
-    frame : array (row, column)
-        Grey levels.
-
-    Yields
-    ------
-    Spot
-        With the radius at which the light changes most; none without structure.
+    Their radius is the one at which the light changes most.
     """
     small, factor = reduce_frame(frame)
     voters = _choose_voters(small)

@@ -23,14 +23,7 @@ _NOTABLE, _LEAVES = 0.01, 0.9
 def fades_early(frame: NDArray[np.generic], view: View, fit: RingFit) -> bool:
     """Tell whether fringes that fade as in white light explain what is around a fit better than its own do.
 
-    Parameters
-    ----------
-    frame : array (row, column)
-        Grey levels.
-    view : View
-        The view that the fit was made with.
-    fit : RingFit
-        A contact, fitted in light of one colour: a motion stands in for what fades.
+    It is fitted in light of one colour: a motion stands in for what fades.
     """
     if fit.misfit < _NOTABLE:
         return False

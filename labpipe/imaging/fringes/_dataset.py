@@ -366,9 +366,11 @@ def _colour_told(options: FilmOptions, result: FilmResult) -> str:
 
 
 def _focus_told(options: FilmOptions, result: FilmResult) -> str:
-    """Tell of contacts out of focus; empty when none are."""
-    distance = abs(result.view.optics.focus) * options.sphere_radius
-    return f"contacts {distance * 1e6:.0f} µm out of focus were allowed for" if distance else ""
+    """Tell of contacts out of focus, and of a camera that sharpens its images; empty when there is neither."""
+    distance, (share, width) = abs(result.view.optics.focus) * options.sphere_radius, result.view.optics.halo
+    focus = f"contacts {distance * 1e6:.0f} µm out of focus were allowed for" if distance else ""
+    sharp = f"the images are sharpened (by {share:.1f} over {width:.1f} px), which was allowed for: turn that off"
+    return "; ".join(filter(None, (focus, sharp if share else "")))
 
 
 def _fits_told(result: FilmResult) -> str:

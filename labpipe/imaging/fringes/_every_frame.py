@@ -53,15 +53,7 @@ _STRIP = 0.25
 
 
 def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
-    """Find the contact in every frame.
-
-    Parameters
-    ----------
-    film : FrameSource
-        The film.
-    options : FilmOptions
-        Checked arguments.
-    """
+    """Find the contact in every frame of a film, with checked arguments."""
     reader = FilmReader(film)
     wanted = np.asarray(film.valid, bool).copy()
     if options.windows is not None:

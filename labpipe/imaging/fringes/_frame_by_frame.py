@@ -130,25 +130,9 @@ def _warm_fit(frame: NDArray[np.generic], view: View, last: RingFit, expected: F
 def refit(
     reader: FilmReader, result: FilmResult, read: Flags, fits: dict[int, RingFit], *, stays_blank: bool
 ) -> dict[int, RingFit]:
-    """Fit frames again with the optics calibrated from the film.
+    """Fit frames again, from the fits before by frame, with the optics calibrated from the film.
 
-    Parameters
-    ----------
-    reader : FilmReader
-        The film.
-    result : FilmResult
-        Its view holds the optics; its blanks are replaced.
-    read : bool array (frame,)
-        Frames to fit.
-    fits : dict of RingFit
-        Fits before the calibration, by frame.
-    stays_blank : bool
-        Whether the frames in which nothing was found before are left out.
-
-    Returns
-    -------
-    dict of RingFit
-        By frame in contact.
+    Those in which nothing was found before are left out where that ``stays_blank``; blanks of the result are replaced.
     """
     view = result.view
     calibrated = zip(result.calibration.frames, result.calibration.fits, strict=False)

@@ -6,7 +6,7 @@ length in pixels into a phase.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -64,6 +64,9 @@ class Optics:
         Whether that band is even in wavenumbers (0), in wavelengths (1) or between.
     focus : float
         Distance over which light that the gap has bent runs on to where it is in focus, over the sphere's radius.
+    halo : (float, float)
+        Times which a camera that sharpens its images adds what they differ by from blurred ones, and the standard
+        deviation of that blur [px].
     """
 
     phase_scale: float
@@ -76,6 +79,13 @@ class Optics:
     spread: float = 0.0
     skew: float = 0.5
     focus: float = 0.0
+    halo: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def before_sharpening(self) -> tuple["Optics", "Optics"]:
+        """What a camera sharpens, and the blurred image that it takes from that."""
+        sharp, blur = replace(self, halo=(0.0, 0.0)), math.hypot(self.blur, self.halo[1])
+        return sharp, replace(sharp, blur=blur, disc=self.disc * (self.blur / blur) ** 2)
 
 
 def make_optics(pixel_size: float, sphere_radius: float, wavelength: float, phase: float = math.pi) -> Optics:
@@ -306,6 +316,10 @@ class RadialTable:
     start: float
     values: Floats
 
+    def sharpened(self, soft: "RadialTable", share: float) -> "RadialTable":
+        """Return the table with a share of what it differs by from a soft one added."""
+        return RadialTable(self.start, self.values + share * (self.values - soft.values))
+
 
 def exposure_nodes(travel: float, spacing: float) -> tuple[Floats, Floats]:
     """Positions (-1 .. 1) and weights that average over the exposure.
@@ -425,6 +439,10 @@ def radial_table(
     harmonics : (float, float, float), optional
         Real and imaginary part of the ratio of one harmonic to the one before, and a third harmonic beside.
     """
+    if optics.halo[0]:
+        rest = contact_radius, travel
+        sharp, soft = (radial_table(inner, outer, *rest, seen, harmonics) for seen in optics.before_sharpening)
+        return sharp.sharpened(soft, optics.halo[0])
     kernel = pixel_weights(optics.blur, optics.disc, 0.5 * (max(contact_radius, 1.0) + outer))
     start, distance = table_distances(inner, outer, optics.blur, len(kernel) // 2)
     spacing = 2.0 * math.pi / max(phase_slope(outer, contact_radius, optics), 1e-12)

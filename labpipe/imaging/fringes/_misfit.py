@@ -41,21 +41,7 @@ def with_misfit_weighed(
     settings: FitSettings,
     levels: tuple[float, float] = (-math.inf, math.inf),
 ) -> RingFit:
-    """Tell what errors of the model make of the radius, from what parts of the ring say; unchanged without any.
-
-    Parameters
-    ----------
-    frame : array (row, column)
-        Grey levels.
-    fit : RingFit
-        Fit of the frame.
-    optics : Optics
-        The interference.
-    settings : FitSettings
-        How it was fitted.
-    levels : (float, float), optional
-        Grey levels at which pixels are clipped.
-    """
+    """Tell what errors of the model make of the radius, from what parts of the ring say; unchanged without any."""
     if fit.worst_deviation == 0.0 or Parameter.RADIUS not in fit.free:
         return fit
     ring = ring_around(frame, fit.parameters, optics, settings, levels)

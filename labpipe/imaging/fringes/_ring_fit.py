@@ -394,25 +394,9 @@ def fit_contact(
     settings: FitSettings,
     levels: tuple[float, float] = (-math.inf, math.inf),
 ) -> RingFit | None:
-    """Fit one frame with the ring laid around the start.
+    """Fit one frame with the ring laid around the start; None when that lies outside the frame.
 
-    Parameters
-    ----------
-    frame : array (row, column)
-        Grey levels.
-    start : array (parameter,)
-        Parameters to start from.
-    optics : Optics
-        The interference.
-    settings : FitSettings
-        What is fitted and how.
-    levels : (float, float), optional
-        Grey levels at which pixels are clipped: where they are, they are left out.
-
-    Returns
-    -------
-    RingFit or None
-        None when the ring lies outside the frame.
+    Pixels are left out where they are clipped at one of the grey ``levels``.
     """
     ring = ring_around(frame, start, optics, settings, levels)
     return None if ring is None else fit_ring(ring, start, optics, settings)

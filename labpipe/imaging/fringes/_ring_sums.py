@@ -49,6 +49,9 @@ def tabulate(ring: Ring, parameters: Floats, free: Integers, optics: Optics) -> 
     from labpipe.imaging.fringes._fit_kernel import PLAIN
     from labpipe.imaging.fringes._table_kernel import fill_table
 
+    if optics.halo[0]:
+        (sharp, kind), (soft, _) = (tabulate(ring, parameters, free, seen) for seen in optics.before_sharpening)
+        return sharp.sharpened(soft, optics.halo[0]), kind
     kind = kind_of_table(parameters, free)
     is_rich = kind > PLAIN
     radius, travel = float(parameters[Parameter.RADIUS]), table_travel(parameters)

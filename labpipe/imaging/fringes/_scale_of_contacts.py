@@ -34,20 +34,8 @@ def scales_of_contacts(reader: FilmReader, result: FilmResult, stated: View) -> 
     fit leads to the scale, or only the edge of the spot was found, it is searched for, and told where such
     frames agree.
 
-    Parameters
-    ----------
-    reader : FilmReader
-        The film.
-    result : FilmResult
-        With its fits.
-    stated : View
-        As it is stated: what was found in a film of such frames is no better.
-
-    Returns
-    -------
-    dict
-        By frame the natural logarithm of the phase scale over that of the film, and its standard
-        uncertainty.
+    It is searched for from the view as ``stated``: what was found in a film of such frames is no better. Told are, by
+    frame, the natural logarithm of the phase scale over that of the film, and its standard uncertainty.
     """
     sizes = {i: edge.half_radius for i, edge in result.edges.items()}
     sizes |= {i: float(fit.parameters[Parameter.RADIUS]) for i, fit in result.fits.items()}

@@ -67,23 +67,9 @@ class Vain:
 def search_contact(
     looks: Looks, view: View, centre: tuple[float, float] | None = None, vain: Vain | None = None
 ) -> RingFit | None:
-    """Find and fit the contact in a frame without knowing where it is.
+    """Find and fit the contact in a frame without knowing where it is; None when none shows fringes.
 
-    Parameters
-    ----------
-    looks : Looks
-        The frame.
-    view : View
-        Optics and settings.
-    centre : (float, float), optional [px]
-        Where the contact was in other frames; tried first.
-    vain : Vain, optional
-        What was tried in vain in other frames of the film.
-
-    Returns
-    -------
-    RingFit or None
-        None when nothing in the frame is a contact that shows fringes.
+    The centre (px) in other frames is tried first, and what was in vain in them is not tried again.
     """
     if not looks.have_structure:
         return None

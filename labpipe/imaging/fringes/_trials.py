@@ -68,6 +68,8 @@ class Calibration:
         See :class:`.Optics`.
     flat : float [px]
         Radius of a flat worn into the sphere.
+    halo : (float, float)
+        See :class:`.Optics`.
     has_uneven_light : bool
         Whether the light needs higher powers of place.
     radii, u_shared : tuples of float [px]
@@ -94,6 +96,7 @@ class Calibration:
     skew: float = 0.5
     focus: float = 0.0
     flat: float = 0.0
+    halo: tuple[float, float] = (0.0, 0.0)
     has_uneven_light: bool = False
     radii: tuple[float, ...] = ()
     u_shared: tuple[float, ...] = ()
@@ -105,7 +108,7 @@ class Calibration:
     def is_usual(self) -> bool:
         """Whether all is as it was assumed."""
         is_plain = not any(
-            (*self.ellipse, *self.harmonics, self.colour[1], self.spread, self.focus, self.has_uneven_light)
+            (*self.ellipse, *self.harmonics, self.colour[1], self.spread, self.focus, *self.halo, self.has_uneven_light)
         )
         return is_plain and (self.phase_shift, self.log_scale, self.blur, self.flat) == (0.0, 0.0, 0.0, 0.0)
 
@@ -135,6 +138,7 @@ class Calibration:
             skew=self.skew,
             focus=self.focus,
             flat=self.flat,
+            halo=self.halo,
         )
         settings = view.settings
         if self.has_uneven_light:

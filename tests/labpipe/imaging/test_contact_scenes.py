@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.ndimage import gaussian_filter
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
@@ -265,6 +266,19 @@ def test_a_camera_that_is_not_linear_is_behind_the_pixels() -> None:
     light = 1.0 + OPTICS.visibility * np.cos(2.0 * np.pi * np.arange(256) / 256)
     first, second, third = np.fft.rfft(light**0.7).real[1:4]
     assert found.attrs["harmonics"] == pytest.approx([second / first, 0.0, third / first], abs=7e-4)
+
+
+@pytest.mark.parametrize(("share", "width"), by_day([(0.8, 2.0), (1.2, 1.7), (0.6, 2.8)], 1))
+def test_a_camera_that_sharpens_its_images_is_told(share: float, width: float) -> None:
+    """Fringes are the higher the finer they are: radii were 50 to 110 nm off, up to 7 u."""
+    film = film_of(replace(PLAIN, optics=OPTICS.change(mean=85.0)), hertz, RADII, CENTRE, seed=2).astype(float)
+    film += share * (film - gaussian_filter(film, (0.0, width, width)))
+    found, said = measure(np.clip(np.round(film), 0, 255).astype(np.uint8))
+    check(found, RADII, 0.03 * UM)
+    told = re.search(r"sharpened \(by (.*) over (.*) px\)", found.attrs["note"])
+    assert told is not None
+    assert float(told[1]) * float(told[2]) ** 2 == pytest.approx(share * width**2, rel=0.3)
+    assert said == []
 
 
 @pytest.mark.nightly

@@ -1,0 +1,64 @@
+"""A camera that sharpens its images, as most do that were not made to measure: the finer fringes are, the higher."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from labpipe.imaging.fringes._lens_blur import BLUR_ROUNDS, LEAST_BLUR, least_blur
+from labpipe.imaging.fringes._ring_parameters import EVEN, Parameter
+from labpipe.imaging.fringes._trials import ALL_PIXELS, FEW_PIXELS, HINT, SIGNIFICANT, Attempt, Calibration, Trial
+
+#: Standard deviations (px) of the blur that a camera takes from its images: those tried, and by how much the likeliest
+#: is placed by all pixels; most of what it takes; relative change at which that is settled.
+_WIDTHS, _STEP, _MOST_SHARE, _SETTLED = (0.7, 1.0, 1.4, 2.0, 2.8, 4.0), 1.1, 8.0, 0.002
+#: Rounds in which the width is placed by all pixels, and steps in one at most.
+_ROUNDS, _MOST_STEPS = 3, 3.0
+
+
+def find_sharpening(
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial
+) -> tuple[Trial, Calibration] | None:
+    """Sharpening that explains why frames show less than no blur: travel whose square is negative."""
+    square, deviation = best.mean(Parameter.SMEAR)
+    if known.halo[0] or square > -max(EVEN * LEAST_BLUR**2, SIGNIFICANT * deviation):
+        return None
+
+    def sharpened(width: float, share: float, pixels: int) -> tuple[Trial, float] | None:
+        """Fit with as much of it as leaves no travel in the frame at rest."""
+        trial = best
+        for _ in range(BLUR_ROUNDS):
+            made = attempt(axes, replace(known, halo=(share, width)), pixels=pixels)
+            if made is None or not made.pixels:
+                return None
+            trial = made
+            step = -least_blur(trial, 0.0)[0] / width**2
+            share = float(np.clip(share + step, 0.5 * share, min(2.0 * share, _MOST_SHARE)))
+            if abs(step) < _SETTLED * share:
+                break
+        return trial, share
+
+    first = -square / EVEN
+    some = {w: found for w in _WIDTHS if (found := sharpened(w, first / w**2, FEW_PIXELS)) is not None}
+    if not some:
+        return None
+    width = min(some, key=lambda w: some[w][0].left / some[w][0].pixels)
+    share = some[width][1]
+    for _ in range(_ROUNDS):
+        near = [sharpened(w, share * (width / w) ** 2, ALL_PIXELS) for w in (width / _STEP, width, width * _STEP)]
+        made = [found for found in near if found is not None]
+        if len(made) < len(near):
+            return None
+        (smaller, _), (middle, share), (larger, _) = made
+        bend = max(smaller.left + larger.left - 2.0 * middle.left, 1e-9)
+        beyond = float(np.clip(0.5 * (smaller.left - larger.left) / bend, -_MOST_STEPS, _MOST_STEPS))
+        share, width = share * _STEP ** (-2.0 * beyond), width * _STEP**beyond
+        if abs(beyond) < 1.0:
+            break
+    seen = replace(known, halo=(share, width))
+    trial = attempt(axes, seen)
+    if trial is None or trial.gain_over(best) <= HINT:
+        return None
+    steps = math.sqrt(2.0 * max(middle.left / middle.pixels, 1.0) / bend)
+    return trial, seen.with_shared(trial, 0.5 * larger.changes(smaller) * min(steps, _MOST_STEPS))
