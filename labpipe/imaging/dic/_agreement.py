@@ -38,16 +38,9 @@ _BLOCK = 5_000
 def disagreement(places: Floats, widths: Integers, value: Floats, deviation: Floats, is_found: Flags) -> Floats:
     """Variance (frame, point, 3) [px²] along x and y, and covariance, that the points around tell to be missing.
 
-    Parameters
-    ----------
-    places : array (point, 2) [px]
-        Where the points are in the reference.
-    widths : integer array (point,) [px]
-        Of their subsets.
-    value, deviation : arrays (frame, point, 2 or more) [px]
-        Displacements and their standard uncertainties.
-    is_found : bool array (frame, point)
-        Which displacements count.
+    ``places``: (point, 2) [px], where the points are in the reference; ``widths``: integer (point,) [px], of
+    their subsets; ``value``, ``deviation``: (frame, point, 2 or more) [px], displacements and their standard
+    uncertainties; ``is_found``: bool (frame, point), which displacements count.
 
     Notes
     -----
@@ -91,12 +84,8 @@ def unconfirmed(
     A doubtful displacement that lies where the trusted ones around it tell is as uncertain as they are about that,
     and by what it lies away from there; one that does not, or of which they tell nothing, without limit.
 
-    Parameters
-    ----------
-    places, widths, value, deviation
-        As for :func:`disagreement`.
-    is_trusted, is_doubtful : bool arrays (frame, point)
-        Displacements that count, and those that are asked about.
+    ``places, widths, value, deviation``: as for :func:`disagreement`; ``is_trusted``, ``is_doubtful``: bool
+    (frame, point), displacements that count, and those that are asked about.
     """
     more = np.zeros((*is_doubtful.shape, 3))
     rows, points = np.nonzero(is_doubtful)

@@ -70,14 +70,8 @@ class _Look:
 def look_before(tracker: Tracker, loaded: Loaded, attempt: Attempt) -> None:
     """Look for what stands still before the points of a frame, and count where that is in the picture.
 
-    Parameters
-    ----------
-    tracker : Tracker
-        State of the points; its votes are changed.
-    loaded : Loaded
-        The frame.
-    attempt : Attempt
-        What was found in it.
+    ``tracker``: state of the points; its votes are changed; ``loaded``: the frame; ``attempt``: what was found in
+    it.
     """
     if tracker.solver.is_static or loaded.coefficients is None:
         return
@@ -113,16 +107,9 @@ def noise_shown(tracker: Tracker, attempt: Attempt) -> tuple[Floats, float, Floa
 class Looking:
     """Looks at subsets of one frame.
 
-    Parameters
-    ----------
-    tracker, loaded, attempt
-        As for :func:`look_before`.
-    usual : array (point,) [grey²]
-        Variance of a pixel of most points.
-    least_moved : float [px]
-        Motion from which something is told to stand still.
-    step : float [px]
-        Displacement of what is there beyond which pixels misfit.
+    ``tracker, loaded, attempt``: as for :func:`look_before`; ``usual``: (point,) [grey²], variance of a pixel of
+    most points; ``least_moved``: float [px], motion from which something is told to stand still; ``step``: float
+    [px], displacement of what is there beyond which pixels misfit.
     """
 
     def __init__(

@@ -72,12 +72,7 @@ class _Trials:
 class BlurMatcher:
     """Finds the pattern of each frame, from that of the frame before.
 
-    Parameters
-    ----------
-    patterns : Patterns
-        By growth of the blur.
-    min_zncc : float [1]
-        Correlation below which a point is lost.
+    ``patterns``: by growth of the blur; ``min_zncc``: float [1], correlation below which a point is lost.
     """
 
     def __init__(self, patterns: Patterns, min_zncc: float) -> None:
@@ -110,16 +105,9 @@ class BlurMatcher:
     def match(self, first: Solution, pattern: Pattern, chosen: Integers, start: Floats, solve: Solve) -> Match:
         """Find the pattern that fits best.
 
-        Parameters
-        ----------
-        first : Solution
-            Of the chosen points with the pattern of the frame before, ``pattern``.
-        chosen : integer array (point,)
-            Points that tell the blur, among all.
-        start : array (point, 6) [px]
-            Motions.
-        solve : callable
-            Solves them again; the iterations of all are those of the match.
+        ``first``: of the chosen points with the pattern of the frame before, ``pattern``; ``chosen``: integer
+        (point,), points that tell the blur, among all; ``start``: (point, 6) [px], motions; ``solve``: solves
+        them again; the iterations of all are those of the match.
         """
         trials = _Trials(chosen, solve, np.zeros(len(chosen), np.int64))
         best = trials.told(pattern, first)

@@ -44,12 +44,7 @@ class Place:
 
 
 class ComesBack:
-    """Tells places of a pattern that comes back.
-
-    Parameters
-    ----------
-    reference : Reference
-    """
+    """Tells places of a pattern that comes back."""
 
     def __init__(self, reference: Reference) -> None:
         self._reference = reference
@@ -87,14 +82,9 @@ class ComesBack:
     def look(self, image: Floats32, motion: Floats, *, is_known: bool) -> Place:
         """Tell where the pattern of a frame is.
 
-        Parameters
-        ----------
-        image : array (row, column)
-            Grey levels of the whole frame.
-        motion : array (asked, 6)
-            Where the asked points are, or are expected.
-        is_known : bool
-            Whether they were found there, or are looked for far around.
+        ``image``: (row, column), grey levels of the whole frame; ``motion``: (asked, 6), where the asked
+        points are, or are expected; ``is_known``: whether they were found there, or are looked for far
+        around.
         """
         image = _blurred(image)
         place, left = self._find(image, motion, _NEAR if is_known else _FAR, is_known=is_known)

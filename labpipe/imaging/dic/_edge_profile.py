@@ -71,16 +71,9 @@ def misled(
 
     A texture that stays with the pixels while the edge moves on misleads by its share of what resists.
 
-    Parameters
-    ----------
-    reference : Reference
-    found : bool array (frame, usable point)
-        Results that are asked about.
-    bound : array (frame, usable point)
-        See :func:`.folded_share`.
-    texture, noise : arrays (frame, usable point)
-        As in :class:`.Variances`.
-    is_static : bool array (frame,)
+    ``found``: bool (frame, usable point), results that are asked about; ``bound``: (frame, usable point), see
+    :func:`.folded_share`; ``texture``, ``noise``: (frame, usable point), as in :class:`.Variances`;
+    ``is_static``: bool (frame,).
     """
     shift, is_doubtful = _MISLEADS * bound, np.zeros(found.shape, bool)
     sided = strongest_slopes(reference.subsets) / np.maximum(texture, 1e-30)
@@ -119,13 +112,7 @@ def misled(
 def along_edges(reference: Reference, point: int, noise: float) -> Along:
     """Tell how much of what resists the least resisted motion steps of edges may be.
 
-    Parameters
-    ----------
-    reference : Reference
-    point : int
-        Usable point.
-    noise : float [grey²]
-        Variance of a pixel of one frame.
+    ``point``: usable point; ``noise``: float [grey²], variance of a pixel of one frame.
 
     Notes
     -----

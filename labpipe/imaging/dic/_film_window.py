@@ -45,14 +45,8 @@ class Loaded:
 def smooth(image: NDArray[np.generic], blur: float, out: Floats32 | None = None) -> Floats32:
     """Convert to float32 and blur by a Gaussian of standard deviation ``blur`` (px).
 
-    Parameters
-    ----------
-    image : array (row, column)
-        Grey levels.
-    blur : float [px]
-        0 for none.
-    out : float32 array (row, column), optional
-        To be filled instead of a new one: fresh memory costs more than the blur itself.
+    ``image``: (row, column), grey levels; ``blur``: float [px], 0 for none; ``out``: float32 (row, column),
+    optional, to be filled instead of a new one: fresh memory costs more than the blur itself.
     """
     if out is None or out.shape != image.shape:
         out = np.empty(image.shape, np.float32)
@@ -72,14 +66,8 @@ def smooth(image: NDArray[np.generic], blur: float, out: Floats32 | None = None)
 class FilmWindow:
     """The part of a film that is looked at; counts what it reads.
 
-    Parameters
-    ----------
-    frames : FrameSource
-        The film.
-    order : 3 or 5
-        Spline order.
-    blur : float [px]
-        Gaussian blur before the prefilter; 0 for none.
+    ``frames``: the film; ``order``: spline order; ``blur``: float [px], gaussian blur before the prefilter; 0 for
+    none.
     """
 
     def __init__(self, frames: FrameSource, order: int, blur: float) -> None:

@@ -27,14 +27,9 @@ _ROUNDS, _FAR, _LEAST = 10, 3.0, 1e-9
 def hidden_steps(is_found: Flags, spread: Floats, inverse: Floats) -> Floats:
     """Variance (frame, point, 2) [px²] along x and y that each motion has at least by what most others misfit by.
 
-    Parameters
-    ----------
-    is_found : bool array (frame, point)
-        Which motions count.
-    spread : array (frame, point, 2 or more) [px²]
-        Variances along x and y that parts of the subsets tell; NaN where they do not.
-    inverse : array (point, 2) [px²/grey²]
-        Variances along x and y by noise of variance 1.
+    ``is_found``: bool (frame, point), which motions count; ``spread``: (frame, point, 2 or more) [px²], variances
+    along x and y that parts of the subsets tell; NaN where they do not; ``inverse``: (point, 2) [px²/grey²],
+    variances along x and y by noise of variance 1.
 
     Notes
     -----
@@ -56,14 +51,8 @@ def hidden_steps(is_found: Flags, spread: Floats, inverse: Floats) -> Floats:
 def gathered_steps(places: Floats, value: Floats, is_found: Flags) -> Floats:
     """Variance (frame, point, 2) [px²] along x and y that motions have at least which gather at whole pixels.
 
-    Parameters
-    ----------
-    places : array (point, 2) [px]
-        Where the points are in the reference.
-    value : array (frame, point, 2 or more) [px]
-        Displacements.
-    is_found : bool array (frame, point)
-        Which of them count.
+    ``places``: (point, 2) [px], where the points are in the reference; ``value``: (frame, point, 2 or more) [px],
+    displacements; ``is_found``: bool (frame, point), which of them count.
 
     Notes
     -----

@@ -30,16 +30,8 @@ _LOOKED_AT = 400
 def held_back(tracker: Tracker, table: Table, indices: Integers, is_static: Flags) -> Votes:
     """Count in how many of the frames of the largest motion pixels stand still before points that lag behind.
 
-    Parameters
-    ----------
-    tracker : Tracker
-        Has gone through the film.
-    table : Table
-        What it found.
-    indices : integer array (frame,)
-        Frames of the table in the film.
-    is_static : bool array (frame,)
-        Those of the reference.
+    ``tracker``: has gone through the film; ``table``: what it found; ``indices``: integer (frame,), frames of the
+    table in the film; ``is_static``: bool (frame,), those of the reference.
     """
     votes = Votes.none(tracker.reference.mean.shape)
     is_found = (table.status == Status.OK) & ~is_static[:, None]

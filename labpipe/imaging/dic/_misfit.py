@@ -40,11 +40,7 @@ def hidden_by_levels(reference: Reference, noise: Floats) -> Floats:
 
     Without noise, a pixel follows the motion of what hardly varies only when that changes it by half a level.
 
-    Parameters
-    ----------
-    reference : Reference
-    noise : array (frame, usable point) [grey²]
-        As in :class:`.Variances`.
+    ``noise``: (frame, usable point) [grey²], as in :class:`.Variances`.
     """
     subsets = reference.subsets
     inverse = subsets.inverse[:, [0, 3, 0], [0, 3, 3]] * (reference.rounding * subsets.level[:, 2])[:, None]
@@ -55,12 +51,7 @@ def hidden_by_levels(reference: Reference, noise: Floats) -> Floats:
 
 
 class StillNoise:
-    """Noise of the points before anything moves, as the frames go by.
-
-    Parameters
-    ----------
-    reference : Reference
-    """
+    """Noise of the points before anything moves, as the frames go by."""
 
     def __init__(self, reference: Reference) -> None:
         self._reference = reference
@@ -99,16 +90,9 @@ class StillNoise:
 def still_noise(reference: Reference, noise: Floats, is_static: Flags) -> tuple[Floats, Floats]:
     """Variance [grey²] of a pixel around each usable point (point,) before anything moves, see :meth:`.own_noise`.
 
-    Parameters
-    ----------
-    reference : Reference
-    noise : array (frame, usable point) [grey²]
-        As in :class:`.Variances`.
-    is_static : bool array (frame,)
+    ``noise``: (frame, usable point) [grey²], as in :class:`.Variances`; ``is_static``: bool (frame,).
 
-    Returns
-    -------
-    variance, spread : arrays (point,) [grey²], [1]
+    Returns ``variance``, ``spread``: (point,) [grey²], [1].
     """
     shown = np.where(noise[is_static] > 0.0, noise[is_static], 0.0)
     seen = (shown > 0.0).sum(axis=0)
@@ -123,15 +107,10 @@ def take_spread(
 ) -> Flags:
     """Give motions the variance that parts of their subsets tell, where it was measured; tell where (frame, point).
 
-    Parameters
-    ----------
-    subsets : Subsets
-    deviation, covariance : arrays (frame, usable point, 3) and (frame, usable point) [px, px, rad], [px²]
-        Of the motions, if all of the residual were noise; changed in place.
-    spread : array (frame, usable point, 3) [px²]
-        See :func:`.misfit_spread`.
-    texture, strongest : arrays (frame, usable point) [grey²/px²]
-        As in :class:`.Variances`.
+    ``deviation``, ``covariance``: (frame, usable point, 3) and (frame, usable point) [px, px, rad], [px²], of the
+    motions, if all of the residual were noise; changed in place; ``spread``: (frame, usable point, 3) [px²], see
+    :func:`.misfit_spread`; ``texture``, ``strongest``: (frame, usable point) [grey²/px²], as in
+    :class:`.Variances`.
 
     Notes
     -----
@@ -179,18 +158,11 @@ def misfit_factor(
     subset. What they leave in the residual is no noise: neighbouring pixels share it, so that it
     moves the answer as few independent places would.
 
-    Parameters
-    ----------
-    noise : array (frame, point) [grey²]
-        Variance of a pixel as the residual shows it; NaN where nothing was found.
-    is_static : bool array (frame,)
-        Frames averaged into the reference.
-    pixels, grey : arrays (point,) [1], [grey levels]
-        Number of pixels of the subsets, and their mean.
-    still : (array (point,), array (point,)) [grey²], [1]
-        See :func:`still_noise`; infinite where a misfit may be one of interpolation.
-    texture : array (frame, point) [grey²/px²]
-        As in :class:`.Variances`.
+    ``noise``: (frame, point) [grey²], variance of a pixel as the residual shows it; NaN where nothing was found;
+    ``is_static``: bool (frame,), frames averaged into the reference; ``pixels``, ``grey``: (point,) [1], [grey
+    levels], number of pixels of the subsets, and their mean; ``still``: (array (point,), array (point,)) [grey²],
+    [1], see :func:`still_noise`; infinite where a misfit may be one of interpolation; ``texture``: (frame, point)
+    [grey²/px²], as in :class:`.Variances`.
 
     Notes
     -----

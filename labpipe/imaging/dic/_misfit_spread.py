@@ -39,20 +39,9 @@ def misfit_spread(
 ) -> Floats:
     """Variances along x and y, and covariance, of motions (result, 3) [px²]; NaN where parts are too few.
 
-    Parameters
-    ----------
-    subsets : Subsets
-    coefficients : array
-        Of the frame.
-    order : 3 or 5
-    chosen : integer array (result,)
-        Subset of each result.
-    motion : array (result, 6) [px]
-        Where it was found.
-    models : integer array (result,)
-        What was solved for.
-    loaded : Loaded
-        Where the coefficients lie in the frame.
+    ``coefficients``: of the frame; ``chosen``: integer (result,), subset of each result; ``motion``: (result, 6)
+    [px], where it was found; ``models``: integer (result,), what was solved for; ``loaded``: where the
+    coefficients lie in the frame.
 
     References
     ----------

@@ -26,30 +26,31 @@ _RIGID = 0.02
 _OFF = 0.02
 #: Share of the standard uncertainty from which a shift by strain is worth telling, and of the values that have it.
 _WORTH, _MANY = 0.5, 0.1
+#: Mean square of what is left of displacements about a plane, in their variances, up to which they lie on it, and
+#: share of the points that show a strain where it is one of the specimen.
+_ON_PLANE, _MOST = 3.0, 0.75
+#: Share of such a shift that is not in proportion to the strain.
+_BENT = 0.1
 #: Values whose surroundings are looked at once; bounds the work arrays to some 50 MB.
 _BLOCK = 60_000
 
 
 def missed_shift(
     reference: Reference, value: Floats, deviation: Floats, model: NDArray[np.integer], is_found: Flags
-) -> Floats:
-    """Shift [px] (frame, point, 2) of rigid subsets by the strain that they did not follow.
+) -> tuple[Floats, Floats]:
+    """Shift [px] (frame, point, 2) of rigid subsets by the strain that they did not follow, and its variance [px²].
 
-    Parameters
-    ----------
-    reference : Reference
-        The subsets.
-    value, deviation : arrays (frame, point, 2 or more) [px]
-        Displacements and their standard uncertainties.
-    model : integer array (frame, point)
-        What was solved for.
-    is_found : bool array (frame, point)
-        Which displacements count.
+    Where it is not known whether it is a strain, as at the border of two bodies, it is all variance.
+
+    ``reference``: the subsets; ``value``, ``deviation``: (frame, point, 2 or more) [px], displacements and their
+    standard uncertainties; ``model``: integer (frame, point), what was solved for; ``is_found``: bool (frame,
+    point), which displacements count.
     """
-    subsets, shift = reference.subsets, np.zeros((*model.shape, 2))
+    subsets, (shift, spread) = reference.subsets, np.zeros((2, *model.shape, 2))
+    is_one = np.ones((*model.shape, 1), bool)
     places = np.stack([subsets.x, subsets.y], axis=1) + reference.offset
     if len(places) < _LEAST_AROUND:
-        return shift
+        return shift, spread
     around = nearest(places, places, min(_AROUND, len(places)))
     is_rigid = is_found & subsets.is_rigid & (model & AFFINE == 0)
     rows = np.flatnonzero(is_rigid.any(axis=1) & ~_move_as_one(places, value, deviation, is_found))
@@ -57,22 +58,23 @@ def missed_shift(
     step = max(_BLOCK // around.size, 1)
     for first in range(0, len(rows), step):
         block = rows[first : first + step]
-        strain = _strain_around(places, around, value[block, :, :2], deviation[block, :, :2], is_found[block])
+        moved = value[block, :, :2], deviation[block, :, :2], is_found[block]
+        strain, variance, is_one[block, :, 0] = _strain_around(places, around, *moved)
         for code, move in moves.items():
-            moved = np.einsum("nac,fnc->fna", move, strain)
-            shift[block] += np.where((is_rigid[block] & (model[block] == code))[..., None], moved, 0.0)
-    return shift
+            for part, power, told in ((shift, move, strain), (spread, move**2, variance)):
+                missed = np.einsum("nac,fnc->fna", power, told)
+                part[block] += np.where((is_rigid[block] & (model[block] == code))[..., None], missed, 0.0)
+    # chance has a strain here and there, and so have borders of bodies: one of the specimen most points show
+    is_one &= (shift.any(axis=2).sum(axis=1) > _MOST * is_rigid.sum(axis=1))[:, None, None]
+    return shift * is_one, np.where(is_one, spread + (_BENT * shift) ** 2, shift**2)
 
 
 def told_of(missed: Floats, deviation: Floats, is_asked: Flags) -> str:
     """Tell that subsets which were asked to be rigid do not follow a strain; empty where they hardly miss one.
 
-    Parameters
-    ----------
-    missed, deviation : arrays (frame, point) and (frame, point, 2 or more) [px]
-        Shift by strain, and standard uncertainties, of which it is part; NaN where there is no value.
-    is_asked : bool array (point,)
-        Points whose shape was stated as rigid.
+    ``missed``, ``deviation``: (frame, point) and (frame, point, 2 or more) [px], shift by strain, and standard
+    uncertainties, of which it is part; NaN where there is no value; ``is_asked``: bool (point,), points whose
+    shape was stated as rigid.
     """
     is_valued = np.isfinite(deviation[..., 0]) & is_asked
     is_moved = is_valued & (missed > _WORTH * np.hypot(deviation[..., 0], deviation[..., 1]))
@@ -80,8 +82,8 @@ def told_of(missed: Floats, deviation: Floats, is_asked: Flags) -> str:
         return ""
     most = float(missed[is_moved].max())
     return (
-        f'the specimen is strained, which moves points of shape "rigid" by up to {most:.2g} px and is in their '
-        'uncertainty: shape "auto" or "affine" follows it'
+        f'the specimen is strained, which moves points of shape "rigid" by up to {most:.2g} px; that is '
+        'taken off by what the points around tell of it: shape "auto" or "affine" follows it'
     )
 
 
@@ -103,11 +105,13 @@ def _move_by_strain(subsets: Subsets, code: int) -> Floats:
     return np.asarray((inverse @ subsets.products(code)[1][:, :, :MOTIONS]) @ STRAINS.T)
 
 
-def _strain_around(places: Floats, around: Integers, value: Floats, deviation: Floats, is_found: Flags) -> Floats:
-    """Strain (frame, point, 3) along x, along y, and shear, 0 where it may be by chance.
+def _strain_around(
+    places: Floats, around: Integers, value: Floats, deviation: Floats, is_found: Flags
+) -> tuple[Floats, Floats, Flags]:
+    """Strain (frame, point, 3) along x, along y, and shear, 0 where it may be chance, its variance, and if it is one.
 
     The displacements around each point are fitted by a plane; where they do not lie on one, as at the border
-    of two bodies, their scatter makes the strain uncertain.
+    of two bodies, their scatter makes the strain uncertain, and their step is none.
     """
     weight = is_found / np.maximum(np.square(deviation).sum(axis=2), 2.0 * _LEAST_DEVIATION**2)
     weight = np.where(is_found, weight, 0.0)[:, around]
@@ -136,4 +140,4 @@ def _strain_around(places: Floats, around: Integers, value: Floats, deviation: F
     shear = 0.5 * (u_y + v_x + u_x * u_y + v_x * v_y)
     strain = np.stack([along_x, along_y, shear], axis=2)
     is_told = (strain**2 > _BY_CHANCE**2 * variance) & (count >= _LEAST_AROUND)[..., None]
-    return np.where(is_told, strain, 0.0)
+    return np.where(is_told, strain, 0.0), np.where(is_told, variance, 0.0), spread < _ON_PLANE

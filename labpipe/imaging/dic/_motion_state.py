@@ -21,23 +21,11 @@ FEWEST, UNITED, APART = 4, 1.0, 1.0
 def predicted(motion: Floats, velocity: Floats, seen: Integers, step: Floats, is_tracked: Flags, index: int) -> Floats:
     """Continue motions with constant velocity to a frame.
 
-    Parameters
-    ----------
-    motion : array (point, 6)
-        When each point was seen last, see :class:`.Solution`.
-    velocity : array (point, 2) [px per frame]
-    seen : integer array (point,)
-        Frame of ``motion``; -1 for never.
-    step : array (point,)
-        Frames between the last two sightings.
-    is_tracked : bool array (point,)
-        Lost points stay where they were.
-    index : int
-        The frame.
+    ``motion``: (point, 6), when each point was seen last, see :class:`.Solution`; ``velocity``: (point, 2) [px
+    per frame]; ``seen``: integer (point,), frame of ``motion``, -1 for never; ``step``: (point,), frames between
+    the last two sightings; ``is_tracked``: bool (point,), lost points stay where they were; ``index``: the frame.
 
-    Returns
-    -------
-    array (point, 6)
+    Returns array (point, 6).
     """
     result = motion.copy()
     for n in range(len(seen)):
@@ -52,21 +40,10 @@ def predicted(motion: Floats, velocity: Floats, seen: Integers, step: Floats, is
 def extent(places: Floats, half: Integers, motion: Floats, chosen: Flags) -> Floats:
     """Bound the moved subsets of chosen points.
 
-    Parameters
-    ----------
-    places : array (point, 2) [px]
-        Centres in the reference.
-    half : integer array (point,) [px]
-        Half widths.
-    motion : array (point, 6)
-        Where they go.
-    chosen : bool array (point,)
-        Which count.
+    ``places``: (point, 2) [px], centres in the reference; ``half``: integer (point,) [px], half widths;
+    ``motion``: (point, 6), where they go; ``chosen``: bool (point,), which count.
 
-    Returns
-    -------
-    array (4,) [px]
-        Left, right, top, bottom; infinite the wrong way round when none is chosen.
+    Returns array (4,) [px], left, right, top, bottom; infinite the wrong way round when none is chosen.
     """
     result = np.array([np.inf, -np.inf, np.inf, -np.inf])
     for n in range(len(half)):
@@ -89,20 +66,11 @@ def converged_nearby(
 ) -> Flags:
     """Tell points that need no confirmation: close to where they were expected, and alike.
 
-    Parameters
-    ----------
-    motion, expected : arrays (point, 6)
-        Found and predicted.
-    has_converged : bool array (point,)
-        As the solver says.
-    zncc, least_zncc : arrays (point,) [1]
-        Correlation found and needed.
-    farthest : array (point,) [px]
-        From the prediction.
+    ``motion``, ``expected``: (point, 6), found and predicted; ``has_converged``: bool (point,), as the solver
+    says; ``zncc``, ``least_zncc``: (point,) [1], correlation found and needed; ``farthest``: (point,) [px], from
+    the prediction.
 
-    Returns
-    -------
-    bool array (point,)
+    Returns bool array (point,).
     """
     result = np.zeros(len(zncc), np.bool_)
     for n in range(len(zncc)):
@@ -133,20 +101,11 @@ def _median(values: Floats, count: int, order: Floats) -> float:
 def contradicted(places: Floats, neighbours: Integers, motion: Floats, is_trusted: Flags) -> Flags:
     """Tell trusted points whose neighbours agree with each other and not with them.
 
-    Parameters
-    ----------
-    places : array (point, 2) [px]
-        Centres in the reference.
-    neighbours : integer array (point, neighbour)
-        Who is asked about each point.
-    motion : array (point, 6)
-        Found, see :class:`.Solution`.
-    is_trusted : bool array (point,)
-        Points that count as found; others have no vote.
+    ``places``: (point, 2) [px], centres in the reference; ``neighbours``: integer (point, neighbour), who is
+    asked about each point; ``motion``: (point, 6), found, see :class:`.Solution`; ``is_trusted``: bool (point,),
+    points that count as found; others have no vote.
 
-    Returns
-    -------
-    bool array (point,)
+    Returns bool array (point,).
 
     Notes
     -----
@@ -202,22 +161,10 @@ def remember(
 ) -> None:
     """Update the state with what was found in a frame; the arrays after ``index`` are changed.
 
-    Parameters
-    ----------
-    found : array (point, 6)
-        Motions in this frame.
-    zncc : array (point,) [1]
-        Their correlation.
-    is_trusted : bool array (point,)
-        Points that count as found.
-    index : int
-        The frame.
-    motion, velocity, seen, step, is_tracked : arrays
-        See :func:`predicted`.
-    last_zncc : array (point,) [1]
-        Correlation when each point was seen last.
-    misses : integer array (point,)
-        Frames in a row in which it was not found.
+    ``found``: (point, 6), motions in this frame; ``zncc``: (point,) [1], their correlation; ``is_trusted``: bool
+    (point,), points that count as found; ``index``: the frame; ``motion``, ``velocity``, ``seen``, ``step``,
+    ``is_tracked``: see :func:`predicted`; ``last_zncc``: (point,) [1], correlation when each point was seen last;
+    ``misses``: integer (point,), frames in a row in which it was not found.
     """
     for n in range(len(seen)):
         gap = index - seen[n]

@@ -121,10 +121,7 @@ class NoiseModel:
     def shown(self, floor: float) -> NoiseShown:
         """Tell the solver how noise shows in a residual.
 
-        Parameters
-        ----------
-        floor : float [grey²]
-            Variance of a pixel of the frames from rounding.
+        ``floor``: float [grey²], variance of a pixel of the frames from rounding.
         """
         share = 1.0 / self.static_frames
         own = share * self.own
@@ -170,20 +167,11 @@ def make_noise_model(
 ) -> NoiseModel:
     """Tabulate the noise model, but for what depends on the subsets.
 
-    Parameters
-    ----------
-    order : 3 or 5
-        Spline order.
-    blur : float [px]
-        Gaussian blur before interpolation.
-    static_frames : int
-        Frames averaged into the reference.
-    frame : array (3,) [1, px², px²]
-        Variance left at a pixel of the frame, and how much variance its blur has beyond ``blur`` along x and along y.
-    reference : array (3,) [1, 1/px², 1/px²]
-        Variance left at a pixel, of the slope there, and of the slope after a further blur by :data:`COARSE`.
-    along, squares : float [1/px²], array (3,) [1/px⁴]
-        See ``bends`` of :class:`NoiseModel`.
+    ``order``: spline order; ``blur``: float [px], gaussian blur before interpolation; ``static_frames``: frames
+    averaged into the reference; ``frame``: (3,) [1, px², px²], variance left at a pixel of the frame, and how
+    much variance its blur has beyond ``blur`` along x and along y; ``reference``: (3,) [1, 1/px², 1/px²],
+    variance left at a pixel, of the slope there, and of the slope after a further blur by :data:`COARSE`;
+    ``along``, ``squares``: float [1/px²], array (3,) [1/px⁴], see ``bends`` of :class:`NoiseModel`.
     """
     fraction = np.linspace(0.0, 1.0, 33)
     gain = np.stack([noise_gain(order, fraction, math.sqrt(blur**2 + more)) for more in frame[1:]])
@@ -228,27 +216,11 @@ def motion_variance(
 ) -> Variances:
     """Variance of the motions, and whether noise leaves them certain enough.
 
-    Parameters
-    ----------
-    model : NoiseModel
-        How noise is passed on.
-    subsets : Subsets
-        The reference.
-    chosen : integer array (result,)
-        Subset of each result.
-    motion : array (result, 6)
-        As in :class:`.Solution`, like the next two.
-    gain, residual : arrays (result,)
-    is_static : bool array (result,)
-        The frame is one of those averaged into the reference.
-    solved : int
-        The model of all results, see :meth:`.Subsets.model`.
-    left, kept : arrays (result, 2) and (result,), optional
-        See :meth:`.Reference.softened`; 1 by default.
-
-    Returns
-    -------
-    Variances
+    ``model``: how noise is passed on; ``subsets``: the reference; ``chosen``: integer (result,), subset of each
+    result; ``motion``: (result, 6), as in :class:`.Solution`, like the next two; ``gain``, ``residual``:
+    (result,); ``is_static``: bool (result,), the frame is one of those averaged into the reference; ``solved``:
+    the model of all results, see :meth:`.Subsets.model`; ``left``, ``kept``: (result, 2) and (result,), optional,
+    see :meth:`.Reference.softened`; 1 by default.
 
     Notes
     -----

@@ -160,19 +160,12 @@ class Pattern:
     def softened(self, chosen: Integers, weights: Floats) -> tuple[Floats, Floats]:
         """Slopes and noise of frames whose blur has grown beyond that of the pattern, over those of the pattern.
 
-        Parameters
-        ----------
-        chosen : integer array (result,)
-            Usable point of each result.
-        weights : array (result, 3) [px²]
-            Of the bends.
+        ``chosen``: integer (result,), usable point of each result; ``weights``: (result, 3) [px²], of the
+        bends.
 
-        Returns
-        -------
-        left : array (result, 2)
-            Slopes along x and along y of the frame, in the contrast of the reference.
-        kept : array (result,)
-            Variance of the noise of the reference where it is blurred as the frame is.
+        Returns ``left``: (result, 2), slopes along x and along y of the frame, in the contrast of the
+        reference; ``kept``: (result,), variance of the noise of the reference where it is blurred as the
+        frame is.
 
         Notes
         -----
@@ -249,28 +242,12 @@ def make_pattern(
 ) -> Pattern:
     """Cut a pattern out of the mean of the static frames.
 
-    Parameters
-    ----------
-    grey : float32 array (row, column)
-        That mean, blurred by ``blur``.
-    order : 3 or 5
-        Spline order.
-    blur : float [px]
-        Gaussian blur of reference and frames.
-    static_frames : int
-        Frames that were averaged.
-    centres : integer array (point, 2) [px]
-        Centre pixels (x, y).
-    half : integer array (point,) [px]
-        Half widths.
-    is_rigid : bool array (point,)
-        Motion allowed.
-    inside : float32 array (row, column), optional
-        0 where a mask covers it.
-    rounding : float [grey²]
-        Variance of a pixel from rounding.
-    growth : (int, int, int)
-        See :class:`Pattern`.
+    ``grey``: float32 (row, column), that mean, blurred by ``blur``; ``order``: spline order; ``blur``: float
+    [px], gaussian blur of reference and frames; ``static_frames``: frames that were averaged; ``centres``:
+    integer (point, 2) [px], centre pixels (x, y); ``half``: integer (point,) [px], half widths; ``is_rigid``:
+    bool (point,), motion allowed; ``inside``: float32 (row, column), optional, 0 where a mask covers it;
+    ``rounding``: float [grey²], variance of a pixel from rounding; ``growth``: (int, int, int), see
+    :class:`Pattern`.
     """
     softer, sharper = kernels(growth)
     grey = _convolved(grey, softer)
@@ -346,16 +323,11 @@ def _bends(grey: Floats32) -> Floats32:
 def _noise_of(order: int, blur: float, growth: Growth) -> tuple[Floats, Floats, float, Floats]:
     """Tell what blur makes of white noise of variance 1 in one image.
 
-    Returns
-    -------
-    frame : array (3,) [1, px², px²]
-        Variance of a pixel of the frame, and by how much the variance of its blur has grown along x and along y.
-    reference : array (3,) [1, 1/px², 1/px²]
-        Variance of a pixel, of the slope there, and of the slope after a further blur by ``COARSE``.
-    along : float [1/px²]
-    squares : array (3,) [1/px⁴]
-        Mean products of a pixel of the reference and the sum of its bends, and of each bend and itself, over
-        the variance of the pixel.
+    Returns ``frame``: (3,) [1, px², px²], variance of a pixel of the frame, and by how much the variance of its
+    blur has grown along x and along y; ``reference``: (3,) [1, 1/px², 1/px²], variance of a pixel, of the slope
+    there, and of the slope after a further blur by ``COARSE``; ``along``: float [1/px²]; ``squares``: (3,)
+    [1/px⁴], mean products of a pixel of the reference and the sum of its bends, and of each bend and itself, over
+    the variance of the pixel.
     """
     softer, sharper = kernels(growth)
     reach = math.ceil(4.0 * math.hypot(blur, COARSE)) + _BEND_REACH + 4 * PADDING

@@ -66,12 +66,8 @@ class Repeats:
 def find_repeats(image: Floats, layout: NDArray[np.integer]) -> Repeats:
     """Tell which subsets hold a pattern that repeats itself.
 
-    Parameters
-    ----------
-    image : array (row, column)
-        The reference, not blurred.
-    layout : integer array (point, 2 or more) [px]
-        Column and row of the centres.
+    ``image``: (row, column), the reference, not blurred; ``layout``: integer (point, 2 or more) [px], column and
+    row of the centres.
     """
     found = Repeats(np.full(len(layout), np.inf), np.zeros(len(layout), bool))
     half = min(_REACH, (min(image.shape) - 1) // 2)
@@ -100,16 +96,9 @@ def repeats_along(image: Floats, layout: NDArray[np.integer], angle: float, nois
     Steps that pixels make of a line repeat themselves where it meets them alike, whatever blurs them, and a texture
     does not. What stays with the pixels there would be followed to the next such place.
 
-    Parameters
-    ----------
-    image : array (row, column)
-        The reference.
-    layout : integer array (3 or more,) [px]
-        Column and row of the centre, and half the width.
-    angle : float [rad]
-        Direction of the line, from x towards y, about.
-    noise : float [grey²]
-        Variance of a pixel of the image.
+    ``image``: (row, column), the reference; ``layout``: integer (3 or more,) [px], column and row of the centre,
+    and half the width; ``angle``: float [rad], direction of the line, from x towards y, about; ``noise``: float
+    [grey²], variance of a pixel of the image.
     """
     x, y, half = layout[:3].tolist()
     steps = np.mgrid[-_FARTHEST : _FARTHEST + 1, -_FARTHEST : _FARTHEST + 1].reshape(2, -1)[::-1]

@@ -115,17 +115,10 @@ class Reference:
     def own_noise(self, point: int, static: NDArray[np.float64]) -> tuple[float, float]:
         """Variance of a pixel around a usable point in one frame without any misfit, and how well it is known.
 
-        Parameters
-        ----------
-        point : int
-        static : array (static frame,) [grey²]
-            As its residual in the static frames shows it.
+        ``static``: (static frame,) [grey²], as its residual in the static frames shows it.
 
-        Returns
-        -------
-        variance : float [grey²]
-        spread : float [1]
-            Relative variance of that, times the number of pixels.
+        Returns ``variance``: float [grey²]; ``spread``: float [1], relative variance of that, times the
+        number of pixels.
 
         Notes
         -----
@@ -274,24 +267,10 @@ def make_reference(
 ) -> Reference:
     """Average the static frames and cut the subsets that can be used.
 
-    Parameters
-    ----------
-    frames : FrameSource
-        The film.
-    points : array (point, 2) [px]
-        Points (x, y).
-    half : integer array (point,) [px]
-        Half widths of the subsets.
-    is_rigid : bool array (point,)
-        Motion allowed.
-    order : 3 or 5
-        Spline order.
-    static_frames : int
-        Frames at the start in which nothing moves.
-    blur : float [px]
-        Gaussian blur.
-    inside : float32 array (row, column), optional
-        0 where a mask covers the first frame.
+    ``frames``: the film; ``points``: (point, 2) [px], points (x, y); ``half``: integer (point,) [px], half widths
+    of the subsets; ``is_rigid``: bool (point,), motion allowed; ``order``: spline order; ``static_frames``:
+    frames at the start in which nothing moves; ``blur``: float [px], gaussian blur; ``inside``: float32 (row,
+    column), optional, 0 where a mask covers the first frame.
     """
     mean, used, is_integer = average_static_frames(frames, static_frames)
     grey = smooth(mean, blur)

@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 #: Range of the displacement over the static frames (px), median of the points, from which they
 #: are not static.
 _STATIC_RANGE = 0.3
+#: Variance by what misfits because of a strain at most, over the mean square of the shift by that strain.
+_MISFITS_BY = 16.0
 #: Noise of a film over the lower quartile of what its points show: they scatter about as much.
 _NOISE_OF_FILM = 0.9
 
@@ -123,20 +125,21 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     grey, _, pixels = reference.subsets.level.T
     before, spread = still_noise(reference, noise, is_static)
     least = _hidden_steps(reference, value, is_found, table.spread / resisted)
-    before[~interpolates_well(reference, before)] = np.inf
     by_noise = deviation.copy(), covariance.copy()
     is_taken = take_spread(reference.subsets, deviation, covariance, table.spread / resisted, texture, strongest)
-    misfit = misfit_factor(noise, is_static, pixels, grey, (before, spread), texture, is_taken)
-    deviation *= misfit[..., None]
+    still = np.where(interpolates_well(reference, before), before, np.inf), spread
+    misfit = misfit_factor(noise, is_static, pixels, grey, still, texture, is_taken)
     covariance *= misfit**2
+    deviation *= misfit[..., None]
     deviation[..., :2] = np.maximum(deviation[..., :2], np.sqrt(least))
+    by_misfit = _by_misfit(reference, deviation, by_noise[0], before, noise)
     bound, shared = undersampled(reference, is_found, texture, noise, is_static, is_taken)
     shift, is_along_edges = misled(reference, is_found, bound, texture, noise, is_static)
     is_doubtful |= is_along_edges | _may_be_noise(reference, noise, most_noise, is_static)
     _widen(deviation, covariance, shift)
     _add(deviation, covariance, shared + hidden_by_levels(reference, noise) * is_found[..., None])
-    missed = missed_shift(reference, value, deviation, table.model, is_found & ~is_doubtful)
-    _add(deviation, covariance, np.concatenate([missed**2, missed.prod(axis=2, keepdims=True)], axis=2))
+    missed, of_missed = missed_shift(reference, value, deviation, table.model, is_found & ~is_doubtful)
+    _take_off(value, deviation, covariance, missed, of_missed, by_misfit)
     # where noise tells the motion, and interpolation or a misfit makes it so vague, the points around may know better
     is_doubtful |= _may_be_any(deviation)
     _ask_around(reference, status, value, deviation, covariance, by_noise, is_doubtful, is_static)
@@ -150,8 +153,7 @@ def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool
     is_bad = status != Status.OK
     for values in (value, deviation, covariance):
         values[is_bad] = np.nan
-    blur = table.change.copy()
-    blur[..., 2:] += STEP * table.growth[:, None, :3]
+    blur = np.concatenate([table.change[..., :2], table.change[..., 2:] + STEP * table.growth[:, None, :3]], axis=2)
     models = table.model | np.where(table.growth.any(axis=1, keepdims=True), BLUR, 0).astype(np.int8)
     change = np.where(is_bad[..., None], np.nan, np.concatenate([blur, stretch], axis=2))
     shares = np.where(is_bad, np.nan, hidden_share(table, reference.subsets.half))
@@ -238,6 +240,27 @@ def _ask_around(
     deviation[is_asked], covariance[is_asked] = (part[is_asked] for part in by_noise)
     _add(deviation, covariance, more)
     status[(status == Status.OK) & _may_be_any(deviation)] = Status.TEXTURELESS
+
+
+def _by_misfit(reference: Reference, deviation: Floats, by_noise: Floats, before: Floats, noise: Floats) -> Floats:
+    """Tell the variances (frame, point, 2) [px²] that motions have beyond those by the noise before anything moved."""
+    quiet = np.minimum(np.minimum(before, reference.most_noise) / np.maximum(noise, 1e-30), 1.0)
+    return np.maximum(deviation[..., :2] ** 2 - by_noise[..., :2] ** 2 * quiet[..., None], 0.0)
+
+
+def _take_off(
+    value: Floats, deviation: Floats, covariance: Floats, missed: Floats, spread: Floats, by_misfit: Floats
+) -> None:
+    """Take off a strain's shift that subsets missed, and from their variances what they misfit by because of it."""
+    is_missed = np.asarray(missed.any(axis=2))
+    if not spread.any():
+        return
+    usual = np.square(missed).sum(axis=(1, 2)) / np.maximum(2 * is_missed.sum(axis=1), 1)
+    spare = np.where(by_misfit < _MISFITS_BY * usual[:, None, None], by_misfit, 0.0) * is_missed[..., None]
+    value[..., :2] -= missed
+    less = np.sqrt(1.0 - spare / np.maximum(deviation[..., :2] ** 2, 1e-30))
+    covariance *= less.prod(axis=2)
+    deviation[..., :2] = np.hypot(deviation[..., :2] * less, np.sqrt(spread))
 
 
 def _widen(deviation: Floats, covariance: Floats, shift: Floats) -> None:

@@ -64,10 +64,7 @@ class Pyramid:
 def make_pyramid(image: Floats32) -> Pyramid:
     """Blur and reduce an image, by 4 where it is large enough.
 
-    Parameters
-    ----------
-    image : float32 array (row, column)
-        Grey levels.
+    ``image``: float32 (row, column), grey levels.
     """
     import cv2
 
@@ -88,19 +85,10 @@ def make_pyramid(image: Floats32) -> Pyramid:
 def find_subset(reference: Pyramid, frame: Pyramid, centre: tuple[int, int], half: int) -> Seed | None:
     """Look for a subset of the reference anywhere in a frame.
 
-    Parameters
-    ----------
-    reference, frame : Pyramid
-        Of the same size.
-    centre : (x, y) [px]
-        Centre of the subset in the reference.
-    half : int [px]
-        Half width of the subset.
+    ``reference``, ``frame``: of the same size; ``centre``: (x, y) [px], centre of the subset in the reference;
+    ``half``: int [px], half width of the subset.
 
-    Returns
-    -------
-    Seed or None
-        None when nothing in the frame resembles the subset.
+    Returns Seed or None, none when nothing in the frame resembles the subset.
     """
     # A wide template is unmistakable, but may hold background; the subset alone does not.
     found: list[Seed] = []
@@ -223,19 +211,11 @@ def _match_tile(
 def fit_motion(places: Floats, shifts: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     """Fit one rigid motion to displacements of which some may be wrong.
 
-    Parameters
-    ----------
-    places : array (point, 2) [px]
-        Positions (x, y) from any origin.
-    shifts : array (point, 2) [px]
-        Displacements there.
+    ``places``: (point, 2) [px], positions (x, y) from any origin; ``shifts``: (point, 2) [px], displacements
+    there.
 
-    Returns
-    -------
-    motion : array (6,)
-        Motion at the origin of ``places``.
-    fits : bool array (point,)
-        Which displacements agree with it.
+    Returns ``motion``: (6,), motion at the origin of ``places``; ``fits``: bool (point,), which displacements
+    agree with it.
 
     Notes
     -----

@@ -178,17 +178,10 @@ def prefilter(image: NDArray[np.generic], order: int, out: Floats32 | None = Non
 def node_gradients(coefficients: Floats32, order: int) -> tuple[Floats32, Floats32]:
     """Differentiate the spline at the pixels themselves.
 
-    Parameters
-    ----------
-    coefficients : array from :func:`prefilter`
-        Coefficients with border.
-    order : 3 or 5
-        The order they were made for.
+    ``coefficients``: coefficients with border; ``order``: the order they were made for.
 
-    Returns
-    -------
-    gradient_x, gradient_y : arrays (row, column) of float32
-        Slope along the row (x, to the right) and down the column (y), grey levels per pixel.
+    Returns ``gradient_x``, ``gradient_y``: (row, column) of float32, slope along the row (x, to the right) and
+    down the column (y), grey levels per pixel.
     """
     rows = coefficients.shape[0] - 2 * PADDING - 1
     columns = coefficients.shape[1] - 2 * PADDING - LANES
@@ -217,20 +210,11 @@ def _impulse_response(order: int, blur: float) -> NDArray[np.float64]:
 def noise_gain(order: int, fraction: NDArray[np.float64], blur: float = 0.0) -> NDArray[np.float64]:
     """How much of a pixel's noise variance is left after interpolation along one axis.
 
-    Parameters
-    ----------
-    order : 3 or 5
-        Spline order.
-    fraction : array [px]
-        Position between two pixels, 0 to 1.
-    blur : float [px]
-        Gaussian blur before interpolation.
+    ``order``: spline order; ``fraction``: [px], position between two pixels, 0 to 1; ``blur``: float [px],
+    gaussian blur before interpolation.
 
-    Returns
-    -------
-    array
-        Variance of the interpolated value for white noise of variance 1. Without blur 1 at the
-        pixels, 0.76 (cubic) or 0.84 (quintic) half-way. Along two axes the factors multiply.
+    Returns array, variance of the interpolated value for white noise of variance 1. Without blur 1 at the pixels,
+    0.76 (cubic) or 0.84 (quintic) half-way. Along two axes the factors multiply.
     """
     from scipy.ndimage import map_coordinates
 

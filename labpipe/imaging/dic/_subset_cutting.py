@@ -27,26 +27,14 @@ def cut_subsets(
 ) -> Subsets:
     """Cut the subsets out of the reference and prepare their normal equations.
 
-    Parameters
-    ----------
-    images : Images
-        The reference.
-    centres : integer array (point, 2) [px]
-        Centre pixels (x, y); every subset must lie inside the image.
-    half : integer array (point,) [px]
-        Half widths.
-    is_rigid : bool array (point,)
-        Motion allowed for each subset.
-    with_all : bool
-        Multiply the columns of light and blur too, without which nothing can be solved for.
-    counts : list of bool arrays (row, column), optional
-        Which pixels of each subset count, beside what a mask of the reference covers.
+    ``images``: the reference; ``centres``: integer (point, 2) [px], centre pixels (x, y); every subset must lie
+    inside the image; ``half``: integer (point,) [px], half widths; ``is_rigid``: bool (point,), motion allowed
+    for each subset; ``with_all``: multiply the columns of light and blur too, without which nothing can be solved
+    for; ``counts``: list of bool arrays (row, column), optional, which pixels of each subset count, beside what a
+    mask of the reference covers.
 
-    Returns
-    -------
-    Subsets
-        A subset whose normal matrix is singular has ``inverse`` zero and is answered with
-        ``NO_TEXTURE``.
+    Returns Subsets, A subset whose normal matrix is singular has ``inverse`` zero and is answered with
+    ``NO_TEXTURE``.
     """
     count = len(half)
     width = 2 * half + 1
@@ -194,16 +182,9 @@ def motion_matrices(
 ) -> Floats:
     """Compute the normal matrices (point, 6, 6) of the motions alone, from other slopes than the solver's.
 
-    Parameters
-    ----------
-    slope_x, slope_y, grey : float32 arrays (row, column)
-        Slopes, and the grey levels to which contrast is fitted.
-    subsets : Subsets
-        Where.
-    inside : float32 array (row, column), optional
-        See :class:`.Images`.
-    counts : list of bool arrays (row, column), optional
-        See :func:`cut_subsets`.
+    ``slope_x``, ``slope_y``, ``grey``: float32 (row, column), slopes, and the grey levels to which contrast is
+    fitted; ``subsets``: where; ``inside``: float32 (row, column), optional, see :class:`.Images`; ``counts``:
+    list of bool arrays (row, column), optional, see :func:`cut_subsets`.
     """
     none = np.broadcast_to(np.zeros((), np.float32), (3, *grey.shape))
     images = Images(grey, slope_x, slope_y, none, inside)

@@ -116,40 +116,18 @@ def solve(
 ) -> Solution:
     """Find the motions of chosen subsets in one frame.
 
-    Parameters
-    ----------
-    subsets : Subsets
-        The reference.
-    coefficients : array from :func:`.prefilter`
-        Spline coefficients of the frame or of a rectangle of it.
-    order : 3 or 5
-        Spline order of the coefficients.
-    chosen : integer array (point,)
-        Which subsets to match.
-    motion : array (point, 6) [px]
-        Start, usually the prediction from the frames before.
-    origin : (x, y) [px]
-        Frame position of the first pixel of the rectangle.
-    window : (left, right, top, bottom) [px]
-        Frame coordinates that a subset's corners must not leave; at most :data:`OVERHANG`
-        outside the rectangle.
-    model : int
-        What to solve for beyond the allowed motion, the sum of ``LIGHT``, ``BLUR``, ``AFFINE`` and ``CURVE``.
-    is_tested : bool array (point,), optional
-        Of which subsets it shall be told what they need; of all by default.
-    noise : NoiseShown, optional
-        White noise that is neither blurred nor interpolated by default.
-    most : array (point,), optional
-        Residual [grey²] that noise leaves at most, in grey levels of the frame; unknown by default.
-    tolerance : float [px]
-        Iterate until the next step is expected to be smaller than this.
-    max_iterations : int
-        Evaluations allowed per subset.
+    ``subsets``: the reference; ``coefficients``: spline coefficients of the frame or of a rectangle of it;
+    ``order``: spline order of the coefficients; ``chosen``: integer (point,), which subsets to match; ``motion``:
+    (point, 6) [px], start, usually the prediction from the frames before; ``origin``: (x, y) [px], frame position
+    of the first pixel of the rectangle; ``window``: (left, right, top, bottom) [px], frame coordinates that a
+    subset's corners must not leave; at most :data:`OVERHANG` outside the rectangle; ``model``: what to solve for
+    beyond the allowed motion, the sum of ``LIGHT``, ``BLUR``, ``AFFINE`` and ``CURVE``; ``is_tested``: bool
+    (point,), optional, of which subsets it shall be told what they need; of all by default; ``noise``: white
+    noise that is neither blurred nor interpolated by default; ``most``: (point,), optional, residual [grey²] that
+    noise leaves at most, in grey levels of the frame; unknown by default; ``tolerance``: float [px], iterate
+    until the next step is expected to be smaller than this; ``max_iterations``: evaluations allowed per subset.
 
-    Returns
-    -------
-    Solution
-        In the order of ``chosen``.
+    Returns Solution, in the order of ``chosen``.
 
     References
     ----------
@@ -216,13 +194,7 @@ def empty_solution(count: int) -> Solution:
 def put(target: Solution, where: Integers, source: Solution, chosen: Flags | slice) -> None:
     """Write the chosen answers of one solution over some of another, but for the iterations.
 
-    Parameters
-    ----------
-    target, source : Solution
-    where : integer array
-        Places in ``target``.
-    chosen : bool array or slice
-        Answers of ``source``, as many.
+    ``where``: places in ``target``; ``chosen``: answers of ``source``, as many.
     """
     for field in ("motion", "zncc", "gain", "residual", "code", "needed", "change", "model"):
         getattr(target, field)[where] = getattr(source, field)[chosen]

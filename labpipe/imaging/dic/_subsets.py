@@ -246,17 +246,10 @@ def _balanced_inverse(matrices: Floats, scale: Floats) -> Floats:
 def invert_within(normal: Floats, is_rigid: NDArray[np.bool_]) -> Floats:
     """Invert normal matrices within the motions that each subset is allowed.
 
-    Parameters
-    ----------
-    normal : array (point, 6, 6)
-        Normal matrices of the affine motion.
-    is_rigid : bool array (point,)
-        Which subsets shift and turn only.
+    ``normal``: (point, 6, 6), normal matrices of the affine motion; ``is_rigid``: bool (point,), which subsets
+    shift and turn only.
 
-    Returns
-    -------
-    array (point, 6, 6)
-        Zero where the subset does not determine its motion.
+    Returns array (point, 6, 6), zero where the subset does not determine its motion.
     """
     inverse = np.zeros_like(normal)
     for group, motions in ((is_rigid, _RIGID_FROM_AFFINE), (~is_rigid, np.eye(MOTIONS))):

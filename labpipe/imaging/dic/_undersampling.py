@@ -60,14 +60,9 @@ def folded_share(sharpness: Floats, texture: Floats, across: Floats) -> Floats:
     Folded waves of an edge make steps along it, a texture that stays with the pixels while the edge
     moves on, and leaves no misfit where there is nothing else along it.
 
-    Parameters
-    ----------
-    sharpness : array [grey²/px²]
-        Squares of the reference near half a wave per px without its noise, see :func:`near_half`.
-    texture : array [grey²/px²]
-        As in :class:`.Variances`: where a stretch or a turn would explain it, it tells no shift.
-    across : array [grey²/px²]
-        See :func:`.strongest_slopes`.
+    ``sharpness``: [grey²/px²], squares of the reference near half a wave per px without its noise, see
+    :func:`near_half`; ``texture``: [grey²/px²], as in :class:`.Variances`: where a stretch or a turn would
+    explain it, it tells no shift; ``across``: [grey²/px²], see :func:`.strongest_slopes`.
     """
     sided = across / np.maximum(texture, 1e-30)
     share = np.maximum(sharpness / np.maximum(across, 1e-30), 0.0)
@@ -85,11 +80,7 @@ def _seen_by_points(share: Floats) -> Floats:
 def interpolates_well(reference: Reference, noise: Floats) -> Flags:
     """Tell points (usable point,) that hold so little near half a wave per px that no misfit is one of interpolation.
 
-    Parameters
-    ----------
-    reference : Reference
-    noise : array (usable point,) [grey²]
-        Variance of a pixel of one frame.
+    ``noise``: (usable point,) [grey²], variance of a pixel of one frame.
     """
     sums, of_noise, least = sharpness(reference)
     return np.asarray(sums - of_noise * noise * reference.subsets.level[:, 2] < least)
@@ -105,23 +96,12 @@ def undersampled(
 ) -> tuple[Floats, Floats]:
     """How far edges sharper than the pixels may be what tells a motion, and how uncertain interpolation makes it.
 
-    Parameters
-    ----------
-    reference : Reference
-    found : bool array (frame, usable point)
-        Results that are asked about.
-    texture, noise : arrays (frame, usable point)
-        As in :class:`.Variances`.
-    is_static : bool array (frame,)
-    is_taken : bool array (frame, usable point)
-        See :func:`.take_spread`: only what no residual shows is left to tell.
+    ``found``: bool (frame, usable point), results that are asked about; ``texture``, ``noise``: (frame, usable
+    point), as in :class:`.Variances`; ``is_static``: bool (frame,); ``is_taken``: bool (frame, usable point), see
+    :func:`.take_spread`: only what no residual shows is left to tell.
 
-    Returns
-    -------
-    bound : array (frame, usable point)
-        See :func:`folded_share`.
-    covariance : array (frame, usable point, 3) [px²]
-        Variances along x and along y, and the covariance, from errors of interpolation.
+    Returns ``bound``: (frame, usable point), see :func:`folded_share`; ``covariance``: (frame, usable point, 3)
+    [px²], variances along x and along y, and the covariance, from errors of interpolation.
 
     Notes
     -----
