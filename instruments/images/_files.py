@@ -197,11 +197,7 @@ def _check_alike(places: Sequence[_Place]) -> None:
 class ImageFiles:
     """Images in files; what is wrong with one is found out when it is asked for.
 
-    Parameters
-    ----------
-    path : Path
-        The folder or file, of which is told what it lacks.
-    places : sequence of _Place
+    ``path`` is the folder or file, of which is told what it lacks.
     """
 
     def __init__(self, path: Path, places: Sequence[_Place]) -> None:

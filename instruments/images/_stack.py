@@ -86,14 +86,7 @@ def _is_tiff(path: Path) -> bool:
 class ExportedFrames(ShownFrames):
     """What a decoder gives, as frames with times; one is decoded when it is asked for.
 
-    Parameters
-    ----------
-    pictures : Pictures
-        The decoder.
-    time : array (frame,) [s]
-    exposure : float or None [s]
-    rows, columns : range
-        Part of the images; all of them by default.
+    ``time`` (frame,) and ``exposure`` are in s; ``rows`` and ``columns`` a part of the images, all by default.
     """
 
     def __init__(

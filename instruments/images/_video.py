@@ -43,12 +43,7 @@ def warn_of_video(path: Path, playback: float, codec: str = "") -> None:
 
 
 class Video:
-    """Frames of a video file; every one that is counted was found.
-
-    Parameters
-    ----------
-    path : Path
-    """
+    """Frames of a video file; every one that is counted was found."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._lock = path, Lock()

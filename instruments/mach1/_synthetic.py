@@ -78,29 +78,11 @@ def make_block(
     dividers: Sequence[int] = (),
     images_folder: str | None = None,
 ) -> Block:
-    """Make a block as the instrument would record it, on the steps of its stage and load cell.
+    """Make a block for :func:`assemble` as the instrument would record it, on the steps of its stage and load cell.
 
-    Parameters
-    ----------
-    function : str
-        For example ``"Sinusoid"``.
-    start : datetime
-        Local wall clock.
-    columns : mapping
-        Header cell (``"Time, s"``, ``"Position (z), mm"``, ``"Fz, gf"``) to values in SI.
-    parameters : mapping
-        Key to text, for example ``{"Frequency, Hz": "0.10000"}``.
-    load_cell : LoadCell
-        Its header lines and steps.
-    dividers : sequence of int
-        Number of rows before each divider.
-    images_folder : str, optional
-        Folder of the camera.
-
-    Returns
-    -------
-    Block
-        For :func:`assemble`.
+    ``function`` is such as ``"Sinusoid"``, ``start`` the local wall clock; ``columns`` map header cells (``"Time, s"``,
+    ``"Position (z), mm"``, ``"Fz, gf"``) to values in SI, ``parameters`` keys to texts (``{"Frequency, Hz":
+    "0.10000"}``); ``dividers`` are numbers of rows before each divider, ``images_folder`` that of the camera.
     """
     info = _header_pairs(start, load_cell, images_folder)
     known = []

@@ -174,14 +174,9 @@ def is_begin(names: set[str]) -> bool:
 
 
 def blocks(lines: Sequence[tuple[int, str]], given: list[Heading] | None = None) -> list[Block]:
-    """Find the tables of a text.
+    """Find the tables of a text: its lines that are not empty, with their numbers.
 
-    Parameters
-    ----------
-    lines : sequence of (int, str)
-        Lines that are not empty, with their numbers.
-    given : list of Heading, optional
-        The columns, where a user names them: rows of as many numbers make the table.
+    ``given`` are the columns, where a user names them: rows of as many numbers make the table.
     """
     found: list[Block] = []
     facts: dict[str, tuple[float, str]] = {}

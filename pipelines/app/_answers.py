@@ -29,13 +29,7 @@ Told = dict[str, Any]
 
 
 class Answers:
-    """Answers of the page of one folder.
-
-    Parameters
-    ----------
-    folder : Path
-        Resolved; nothing outside it is told.
-    """
+    """Answers of the page of one folder, which is resolved; nothing outside it is told."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -27,14 +27,7 @@ App = Callable[[MutableMapping[str, Any], Receive, Send], Awaitable[None]]
 class Guard:
     """Refuses what does not come from the page itself.
 
-    Parameters
-    ----------
-    app : callable
-        What answers (ASGI); it sees addresses without the token.
-    token : str
-        First part of every address.
-    port : int
-        Of this server.
+    ``app`` answers (ASGI) and sees addresses without the ``token``, the first part of each; ``port`` is this server's.
     """
 
     def __init__(self, app: App, token: str, port: int) -> None:

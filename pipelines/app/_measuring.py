@@ -93,25 +93,11 @@ class Length:
 
 
 def length(grey: NDArray[np.float64], first: tuple[float, float], second: tuple[float, float]) -> Length:
-    """Refine two clicks to the edges or graduations under them.
+    """Refine two clicks (x, y) [px] on grey levels (row, column) to the edges or graduations under them.
 
-    Parameters
-    ----------
-    grey : array (row, column)
-        Grey levels.
-    first, second : (float, float)
-        x and y of the clicks [px].
-
-    Returns
-    -------
-    Length
-        Measured across the graduations: a line drawn askew by an angle ε is longer by 1/cos ε,
-        which their slope tells.
-
-    Raises
-    ------
-    InputError
-        The clicks are too near to each other or to the border, or nothing is found under one.
+    The length is measured across the graduations: a line drawn askew by an angle ε is longer by 1/cos ε, which their
+    slope tells. An InputError says that clicks are too near to each other or to the border, or that nothing is found
+    under one.
     """
     start, stop = np.asarray(first, float), np.asarray(second, float)
     distance = float(np.hypot(*(stop - start)))

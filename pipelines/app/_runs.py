@@ -19,13 +19,7 @@ _MOST_TEXT = 2000
 
 
 class Runs:
-    """At most one run of a session at a time, and what it has told.
-
-    Parameters
-    ----------
-    folder : Path
-        The session folder.
-    """
+    """At most one run of a session, in ``folder``, at a time, and what it has told."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -125,7 +125,8 @@ def _deviations(rows: Sequence[Row]) -> tuple[Block, ...]:
         return ()
     caption = (
         "Each mark is one experiment, in standard uncertainties of its difference, measured minus model; the shaded "
-        "band holds 95 % of them when model and uncertainties are right. Filled diamonds lie outside."
+        "band holds 95 % of them when model and uncertainties are right. Filled diamonds lie outside, "
+        "triangles at the edge farther out."
     )
     return (Deviations("Difference over its uncertainty", list(points.items()), caption),)
 

@@ -67,10 +67,20 @@ def _swinging(fallen: xr.Dataset) -> Film:
     return motion, tracked()
 
 
-def _of_10_mm(fallen: xr.Dataset) -> Film:
-    del fallen
-    other = contact.drop(materials.load("ptfe"), 9.525e-3, 0.505, 10e-3, 0.16, times=np.arange(0.0, 0.16, 1 / RATE))
-    return recorded(other, 7), tracked()
+def _creeping(fallen: xr.Dataset) -> Film:
+    motion = recorded(fallen, 7)
+    motion["displacement"].values += 6 * float(motion["pixel_size"]) * np.linspace(0.0, 1.0, motion.sizes["time"])
+    return motion, tracked()
+
+
+def _of(height: float) -> Callable[[xr.Dataset], Film]:
+    def film(fallen: xr.Dataset) -> Film:
+        del fallen
+        times = np.arange(0.0, 0.16, 1 / RATE)
+        other = contact.drop(materials.load("ptfe"), 9.525e-3, 0.505, height, 0.16, times=times)
+        return recorded(other, 7), tracked()
+
+    return film
 
 
 ROWS = (
@@ -78,7 +88,9 @@ ROWS = (
     FrontMistake("frame rate twice", "impossible", ("the frame rate is 2 times the true one",), _filmed(rate=2 * RATE)),
     FrontMistake("camera upside down", "impossible", ("upside down",), _filmed(scale=-1.0)),
     FrontMistake("camera on its side", "doubtful", ("to the image's columns", "turned"), _turned),
-    FrontMistake("film of a drop from 10 mm", "impossible", ("a height 1.4", "film or laser_experiment"), _of_10_mm),
+    FrontMistake("film of a drop from 10 mm", "impossible", ("a height 1.4", "film or laser_experiment"), _of(10e-3)),
+    FrontMistake("camera creeps", "doubtful", ("creeps up", "470 µm if it goes on", "fasten it"), _creeping),
+    FrontMistake("film of a drop from 6.5 mm", "doubtful", ("a height 0.93", "film or laser_experiment"), _of(6.5e-3)),
     FrontMistake("camera swings", "yes", ("before its release", "swings at 12", "fasten it"), _swinging),
     FrontMistake("lamp flickers", "yes", ("of the usual light", "flickers"), _flickers),
     FrontMistake(

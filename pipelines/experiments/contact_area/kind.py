@@ -8,7 +8,7 @@ _STAGES = (
     stage(
         "contact_area.measured:radius",
         ("file:film", "file:camera"),
-        ("view", "measured_on", "sphere.radius", "wavelength", "exposure", "frame_rate"),
+        ("view", "measured_on", "sphere.radius", "wavelength", "exposure", "frame_rate", "region"),
         shortcuts=True,
         imports=("labpipe.imaging.fringes._every_frame", "labpipe.compiler"),
         summary="fit the fringes around the contact",
@@ -27,7 +27,12 @@ _STAGES = (
         imports=("labpipe.contact.impact._simulate", "labpipe.compiler"),
         summary="simulate the drop",
     ),
-    stage("contact_area.comparison:comparison", ("radius", "impacts", "model"), summary="measurement against model"),
+    stage(
+        "contact_area.comparison:comparison",
+        ("radius", "impacts", "model"),
+        ("sphere.radius", "wavelength"),
+        summary="measurement against model",
+    ),
     judged(
         "contact_area", ("radius", "impacts", "model", "comparison"), rests_on=("sphere.material_from", "plate_from")
     ),

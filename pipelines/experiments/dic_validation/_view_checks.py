@@ -1,7 +1,7 @@
 """Whether the camera of a falling holder stands still and upright, and sees one scale all along the motion."""
 
 import json
-from math import cos, degrees, isfinite
+from math import cos, degrees, isfinite, nan
 
 import numpy as np
 import xarray as xr
@@ -21,7 +21,8 @@ _FEWEST = 40  # frames
 _SURE = 10.0  # standard uncertainties of a speed that is no noise
 _BEFORE = 2e-3  # s before the release, while which something may move already
 _FIRST, _MOVES = 12, 0.15  # frames that tell how fast it moves in the first, and the share of its top speed that counts
-_SWINGS = 0.02  # of the fall, by which a swing spoils it
+_SWINGS, _ONE = 0.02, 4.0
+"""Of the fall, by which a swing or a drift spoils it; standard uncertainties by which two speeds are one, or none."""
 _STILL, _PASSES, _CLEAR = 5, 6, 0.02
 """First frames that tell a level, the times that a swing passes it, and the part of the motion of one such step."""
 _IN_NOISE = 10.0  # standard uncertainties from lowest to highest, within which nothing moves
@@ -104,6 +105,32 @@ def still_before(motion: xr.Dataset, bounces: xr.Dataset | None, settings: DicVa
     text = f"{settings.film}: before its release the holder swings at {f:.3g} Hz by ± {quantity(amplitude, 'm')}"
     cause = f"the camera, its mirror, its lamp or the holder vibrates at {f:.3g} Hz: fasten it"
     level: Level = "doubtful" if 2 * amplitude > _SWINGS * trace.travel else "note"
+    return stated(name, law, text, level, cause=cause, file=settings.film)
+
+
+def stands(motion: xr.Dataset, bounces: xr.Dataset | None, settings: DicValidation) -> Check:
+    """Look for a holder that moves at one speed before its release: it is the image that creeps."""
+    name, law = "level before the release", "before its release a holder stands still"
+    time, y = motion["time"].values, motion["displacement"].values
+    release = nan if bounces is None else float(bounces["release_time"])
+    held = np.flatnonzero((time < release - _BEFORE) & np.isfinite(y))
+    if held.size < 2 * _FIRST:
+        return not_made(name, law, f"{2 * _FIRST} frames before the release")
+    told = []
+    for at in np.array_split(held, 2):  # a swing moves it to and fro
+        fit, spread = np.polyfit(time[at] - time[at[0]], y[at], 1, cov=True)
+        told.append((float(fit[0]), float(spread[0, 0])))
+    (before, u_before), (after, u_after) = told
+    speed = (before / u_before + after / u_after) / (1.0 / u_before + 1.0 / u_after)
+    moved = abs(speed) * float(np.ptp(time))
+    is_one = abs(before - after) < _ONE * float(np.sqrt(u_before + u_after))
+    creeps = is_one and all(each * speed > _ONE * abs(speed) * float(np.sqrt(u)) for each, u in told)
+    if not creeps or moved < _CREEPS * float(motion["pixel_size"]):
+        return stated(name, law, f"{settings.film}: the image does not creep along the fall", None, file=settings.film)
+    text = f"{settings.film}: the holder's image creeps {'up' if speed > 0.0 else 'down'} before the release, in the "
+    text += f"whole film by {quantity(moved, 'm', 2)} if it goes on so"
+    cause = "the camera or its stand creeps, and displacements with it: fasten it"
+    level: Level = "doubtful" if moved > _SWINGS * float(np.nanmax(y) - np.nanmin(y)) else "note"
     return stated(name, law, text, level, cause=cause, file=settings.film)
 
 

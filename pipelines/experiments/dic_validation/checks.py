@@ -24,6 +24,7 @@ from pipelines.experiments.dic_validation._view_checks import (
     one_scale,
     seen_whole,
     sideways,
+    stands,
     still_before,
     tilt,
 )
@@ -104,7 +105,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
         checks += [_times(motion, bounces, settings), steady]
         checks += [of(motion, settings) for of in (direction, tilt, one_scale)]
         begins = begins_at_rest(motion, settings)
-        checks += [still_before(motion, bounces, settings), begins]
+        checks += [still_before(motion, bounces, settings), stands(motion, bounces, settings), begins]
     if motion is not None and bounces is not None and bounces.sizes["impact"]:
         fall = Fall(settings.film, bounces, float(motion.attrs["u_systematic_relative"]))
         height = _height(fall, laser)
@@ -126,7 +127,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
         gain, wrong = _gain(comparison, settings), {c.name for c in checks if c.level}
         # of two drops that are not alike, or not in one time, no scale can be told
         is_other, is_untimed = HEIGHT in wrong and G not in wrong, G in wrong and HEIGHT not in wrong
-        if gain.level is not None and not gain.cause and (is_other or is_untimed):
+        if not gain.cause and (is_other or is_untimed):
             g = next(check.log_ratio for check in checks if check.name == G)
             cause = of_rate(exp(g / 2)) if is_untimed else f"the film shows another drop than {_laser(settings)}"
             gain = replace(gain, cause=cause, log_ratio=nan)

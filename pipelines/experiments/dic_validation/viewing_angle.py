@@ -94,12 +94,8 @@ def most_unseen(u_tilt: float) -> float:
 def seen(body: xr.Dataset, distance: Quantity | None = None) -> Seen:
     """Find how the camera stands to the motion of the holder.
 
-    Parameters
-    ----------
-    body : Dataset (frame,)
-        Displacements [m] of the holder with noise, and its stretches [1].
-    distance : Quantity [m], optional
-        Of the camera's lens from the holder.
+    ``body`` (frame,) holds displacements [m] of the holder with noise, and its stretches [1]; ``distance`` [m] is that
+    of the camera's lens from it.
     """
     x, y = body["displacement_x"].values, body["displacement_y"].values
     away = np.hypot(x, y)
@@ -180,14 +176,8 @@ def sources(seen: Seen, travel: float, size: float) -> list[Source]:
 
     Whether the camera is turned or the body moves aslant is not told: the vertical displacement is that
     along the motion, or its cosine. At which place the scale was measured is not told either. Without
-    a distance the tilt is that for the usual one, and nothing is corrected for it.
-
-    Parameters
-    ----------
-    seen : Seen
-    travel : float [m]
-        Largest displacement.
-    size : float [m/px]
+    a distance the tilt is that for the usual one, and nothing is corrected for it. ``travel`` [m] is the largest
+    displacement, ``size`` [m/px] the length of a pixel.
     """
     if not math.isfinite(seen.direction):
         return []

@@ -33,7 +33,7 @@ _STAGES = (
     stage(
         "dma.measured:readings",
         ("file:rheometer",),
-        ("export",),
+        ("export", "temperature", "temperatures"),
         per="recording",
         over="rheometer",
         summary="read the rheometer export",

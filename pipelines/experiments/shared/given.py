@@ -13,10 +13,7 @@ from typing import Any
 class Given:
     """Results of an experiment by the names of its steps; ``given`` is itself the name of all of them.
 
-    Parameters
-    ----------
-    **known
-        What each step gave: a Dataset, a list of what each recording gave, or None where it gave nothing.
+    A step gave a Dataset, a list of what each recording gave, or None where it gave nothing.
     """
 
     def __init__(self, **known: Any) -> None:

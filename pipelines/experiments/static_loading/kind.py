@@ -35,7 +35,7 @@ _STAGES = (
     stage(
         "static_loading.measured:approach",
         ("displacement", "steps"),
-        ("sphere.radius", "steps"),
+        ("sphere.radius", "steps", "zero"),
         summary="approach, contact radius and creep under each load",
     ),
     stage(
