@@ -1,7 +1,7 @@
 """Select the frames and rows of a film that need to be read.
 
 Looking at a thin band of rows costs a few per cent of reading a frame. A frame whose band through
-the centres of the known contacts is nowhere as dark as a contact shows none; one whose band equals
+the centres of the known contacts is nowhere as dark (or bright) as a contact shows none; one whose band equals
 that of a contact frame before and after shows the same contact. All others are read.
 """
 
@@ -26,6 +26,8 @@ _DIFFERENT = 6.0
 _LOCALLY_DIFFERENT = 8.0
 #: Width (px) of the place, and how far from a known centre (px) a contact is looked for.
 _PLACE, _REACH = 24, 60
+#: Share of the light by which a contact is darker or brighter than what is around it, for bands to tell it.
+_TELLS = 0.3
 #: Frames between two that are read whole at least, also where nothing changes.
 _LONGEST_REST = 64
 #: Decoded frames kept at hand (bytes), so that a second look does not read them again.
@@ -161,26 +163,27 @@ def is_different(one: NDArray[np.float32], other: NDArray[np.float32], noise: fl
 class Place:
     """Where a contact was seen, and how bright.
 
-    ``x``, ``y`` [px]: Centre. ``inside``, ``beside`` [grey levels]: Brightness of the contact, and half way up to the
-    fringes around it.
+    ``x``, ``y`` [px]: Centre. ``inside``, ``light`` [grey levels]: Brightness of the contact, and that of the fringes
+    around it on average.
     """
 
     x: float
     y: float
     inside: float
-    beside: float
+    light: float
 
-    def is_lit_in(self, band: NDArray[np.float32]) -> bool:
-        """Tell whether a band through the centre is as bright as a contact near the centre."""
+    def may_be_in(self, band: NDArray[np.float32]) -> bool:
+        """Tell whether a band through the centre is as bright as a contact near the centre, where brightness tells."""
+        if abs(self.inside - self.light) < _TELLS * abs(self.light):
+            return True
         first = min(max(round(self.x) - _REACH, 0), max(band.shape[1] - _PLACE, 0))
         last = min(max(round(self.x) + _REACH, first + _PLACE), band.shape[1])
         line = band[:, first:last].mean(axis=0, dtype=np.float64)
         width = min(_PLACE, len(line))
         sums = np.concatenate([[0.0], np.cumsum(line)])
         means = (sums[width:] - sums[:-width]) / width
-        if self.inside < self.beside:
-            return float(means.min()) < self.beside
-        return float(means.max()) > self.beside
+        halfway = 0.5 * (self.inside + self.light)
+        return float(means.min()) < halfway if self.inside < self.light else float(means.max()) > halfway
 
 
 @dataclass(frozen=True)
@@ -218,8 +221,8 @@ def plan_reading(reader: FilmReader, wanted: Flags, known: dict[int, bool], plac
     last_index = -_LONGEST_REST
     for index in map(int, np.flatnonzero(wanted)):
         now = bands(index)
-        is_lit = any(place.is_lit_in(band) for band, some in zip(now, through, strict=True) for place in some)
-        if not is_lit and not known.get(index, False):
+        may_be = any(place.may_be_in(band) for band, some in zip(now, through, strict=True) for place in some)
+        if not may_be and not known.get(index, False):
             continue
         is_same = index - last_index < _LONGEST_REST and _looks_like(now, last, noise)
         if is_same and index not in known:

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labpipe.arrays import Flags
 from labpipe.frames import FrameSource
@@ -42,6 +43,8 @@ _SHORT_FILM, _FIRST_STEPS = 96, (64, 16, 4)
 _LONG_FILM, _PILOTS, _ENOUGH = 20, 12, 8
 #: Contacts that tell whether fringes fade as in white light.
 _FIRST = 3
+#: Share of the radius within which a contact is as bright as it is.
+_WELL_INSIDE = 0.7
 #: Distance (px) below which two contacts count as in one place.
 _SAME_PLACE = 8.0
 #: Change of the radius over a stretch of rest, as a share of it, above which it is no rest.
@@ -246,18 +249,18 @@ def _gate(
             break
     fits = {index: fit for index, fit in known.items() if fit is not None}
     contact = {index: fit is not None for index, fit in known.items()}
-    places = [_place_of(fit, result.view) for fit in fits.values()]
+    places = [_place_of(reader.whole(index), fit) for index, fit in fits.items()]
     plan = plan_reading(reader, wanted, contact, _distinct(places))
     result.resting = plan.is_resting
     return plan.read, fits
 
 
-def _place_of(fit: RingFit, view: View) -> Place:
-    """Where and how bright a contact is."""
-    p = fit.parameters
-    light, modulation = float(p[Parameter.GAIN]), float(p[Parameter.MODULATION])
-    inside = light + modulation * math.cos(view.optics.phase)
-    return Place(float(p[Parameter.X]), float(p[Parameter.Y]), inside, 0.5 * (inside + light))
+def _place_of(frame: NDArray[np.generic], fit: RingFit) -> Place:
+    """Where a contact is, and how bright: its optics may be others than stated, its frame shows it."""
+    x, y, radius, light = fit.parameters[[Parameter.X, Parameter.Y, Parameter.RADIUS, Parameter.GAIN]].tolist()
+    rows, columns = np.ogrid[: frame.shape[0], : frame.shape[1]]
+    inside = frame[(columns - x) ** 2 + (rows - y) ** 2 < max(_WELL_INSIDE * radius, 1.0) ** 2]
+    return Place(x, y, float(np.median(inside)) if inside.size else light, light)
 
 
 def _distinct(places: list[Place]) -> list[Place]:
