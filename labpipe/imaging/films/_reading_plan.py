@@ -1,8 +1,8 @@
 """Select the frames and rows of a film that need to be read.
 
-Looking at a thin band of rows costs a few per cent of reading a frame. A frame whose band through
-the centres of the known contacts is nowhere as dark (or bright) as a contact shows none; one whose band equals
-that of a contact frame before and after shows the same contact. All others are read.
+Looking at thin bands of rows costs a few per cent of reading a frame. A frame that is nowhere as dark (or bright)
+as the known contacts, in a band through their centres and in rows all over it, shows none; one whose bands equal
+those of a contact frame before and after shows the same contact. All others are read.
 """
 
 import math
@@ -26,6 +26,8 @@ _DIFFERENT = 6.0
 _LOCALLY_DIFFERENT = 8.0
 #: Width (px) of the place, and how far from a known centre (px) a contact is looked for.
 _PLACE, _REACH = 24, 60
+#: Distance between rows that are looked at for contacts elsewhere, in radii of those known.
+_ROW_OF = 0.5
 #: Share of the light by which a contact is darker or brighter than what is around it, for bands to tell it.
 _TELLS = 0.3
 #: Frames between two that are read whole at least, also where nothing changes.
@@ -163,27 +165,32 @@ def is_different(one: NDArray[np.float32], other: NDArray[np.float32], noise: fl
 class Place:
     """Where a contact was seen, and how bright.
 
-    ``x``, ``y`` [px]: Centre. ``inside``, ``light`` [grey levels]: Brightness of the contact, and that of the fringes
-    around it on average.
+    ``x``, ``y``, ``radius`` [px]: Its circle. ``inside``, ``light`` [grey levels]: Brightness of the contact, and that
+    of the fringes around it on average.
     """
 
     x: float
     y: float
+    radius: float
     inside: float
     light: float
 
-    def may_be_in(self, band: NDArray[np.float32]) -> bool:
-        """Tell whether a band through the centre is as bright as a contact near the centre, where brightness tells."""
-        if abs(self.inside - self.light) < _TELLS * abs(self.light):
-            return True
+    def may_be_in(self, band: NDArray[np.float32], level: float) -> bool:
+        """Tell whether a band through the centre, of a frame of this brightness, is as a contact near the centre."""
         first = min(max(round(self.x) - _REACH, 0), max(band.shape[1] - _PLACE, 0))
         last = min(max(round(self.x) + _REACH, first + _PLACE), band.shape[1])
-        line = band[:, first:last].mean(axis=0, dtype=np.float64)
-        width = min(_PLACE, len(line))
-        sums = np.concatenate([[0.0], np.cumsum(line)])
-        means = (sums[width:] - sums[:-width]) / width
-        halfway = 0.5 * (self.inside + self.light)
-        return float(means.min()) < halfway if self.inside < self.light else float(means.max()) > halfway
+        return bool(self.is_like(_means(band[:, first:last]), level).any())
+
+    def is_like(self, grey: Floats, level: float) -> Flags:
+        """Tell which mean grey levels are as those of a contact; all, where its brightness does not tell.
+
+        The light of a film may change: in a brighter frame a dark contact is brighter, in a darker one a bright one
+        is darker.
+        """
+        if abs(self.inside - self.light) < _TELLS * abs(self.light):
+            return np.ones(grey.shape, bool)
+        halfway, change = 0.5 * (self.inside + self.light), level / max(self.light, 1e-9)
+        return grey < halfway * max(change, 1.0) if self.inside < self.light else grey > halfway * min(change, 1.0)
 
 
 @dataclass(frozen=True)
@@ -203,7 +210,8 @@ def plan_reading(reader: FilmReader, wanted: Flags, known: dict[int, bool], plac
 
     ``reader``: The film. ``wanted``: Frames that may be read. ``known``: Frames that have been looked at, with and
     without contact. ``places``: The contacts found in them. Returns: A frame is left out when its band is nowhere
-    near a centre as bright as a contact, or like that of the frame last read while in contact.
+    near a centre as bright as a contact and nothing elsewhere is, or when it is like that of the frame last read while
+    in contact.
     """
     count = len(wanted)
     read, resting = np.zeros(count, bool), np.zeros(count, bool)
@@ -212,6 +220,7 @@ def plan_reading(reader: FilmReader, wanted: Flags, known: dict[int, bool], plac
     rows = reader.film.shape[1]
     tops = sorted({band_about(place.y, rows) for place in places})
     through = [[place for place in places if band_about(place.y, rows) == top] for top in tops]
+    level, is_elsewhere = _look_around(reader, wanted, places)
 
     def bands(index: int) -> list[NDArray[np.float32]]:
         return [reader.band(index, *top) for top in tops]
@@ -221,7 +230,8 @@ def plan_reading(reader: FilmReader, wanted: Flags, known: dict[int, bool], plac
     last_index = -_LONGEST_REST
     for index in map(int, np.flatnonzero(wanted)):
         now = bands(index)
-        may_be = any(place.may_be_in(band) for band, some in zip(now, through, strict=True) for place in some)
+        here = zip(now, through, strict=True)
+        may_be = is_elsewhere[index] or any(p.may_be_in(band, level[index]) for band, some in here for p in some)
         if not may_be and not known.get(index, False):
             continue
         is_same = index - last_index < _LONGEST_REST and _looks_like(now, last, noise)
@@ -232,6 +242,35 @@ def plan_reading(reader: FilmReader, wanted: Flags, known: dict[int, bool], plac
         last, last_index = now, index
     _read_around(read, resting, wanted)
     return ReadingPlan(read, resting)
+
+
+def _look_around(reader: FilmReader, wanted: Flags, places: Sequence[Place]) -> tuple[Floats, Flags]:
+    """Tell how bright the frames are, and which show something like a contact anywhere that most frames do not show.
+
+    A body may come down elsewhere: of rows that far apart two next to each other cross every circle that is not much
+    smaller than those known, and no fringe, which is narrow.
+    """
+    step = max(round(_ROW_OF * float(np.median([place.radius for place in places]))), 1)
+    rows = range(step // 2, reader.film.shape[1], step)
+    level, frames = np.full(len(wanted), np.nan), np.flatnonzero(wanted)
+    is_like = []
+    for index in frames.tolist():
+        grey = np.array([_means(reader.band(index, row, row + 1))[:: _PLACE // 2] for row in rows])
+        level[index] = float(np.median(grey))
+        like = np.any([place.is_like(grey, level[index]) for place in places], axis=0)
+        is_like.append((like[1:] & like[:-1]).ravel())
+    shown = np.array(is_like)
+    result = np.zeros(len(wanted), bool)
+    result[frames] = (shown & (2 * shown.sum(axis=0) <= len(frames))).any(axis=1)
+    return level, result
+
+
+def _means(band: NDArray[np.float32]) -> Floats:
+    """Mean grey levels of all places of a band."""
+    line = band.mean(axis=0, dtype=np.float64)
+    width = min(_PLACE, len(line))
+    sums = np.concatenate([[0.0], np.cumsum(line)])
+    return np.asarray((sums[width:] - sums[:-width]) / width)
 
 
 def _looks_like(now: list[NDArray[np.float32]], other: list[NDArray[np.float32]], noise: float) -> bool:

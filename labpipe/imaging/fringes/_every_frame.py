@@ -260,7 +260,7 @@ def _place_of(frame: NDArray[np.generic], fit: RingFit) -> Place:
     x, y, radius, light = fit.parameters[[Parameter.X, Parameter.Y, Parameter.RADIUS, Parameter.GAIN]].tolist()
     rows, columns = np.ogrid[: frame.shape[0], : frame.shape[1]]
     inside = frame[(columns - x) ** 2 + (rows - y) ** 2 < max(_WELL_INSIDE * radius, 1.0) ** 2]
-    return Place(x, y, float(np.median(inside)) if inside.size else light, light)
+    return Place(x, y, radius, float(np.median(inside)) if inside.size else light, light)
 
 
 def _distinct(places: list[Place]) -> list[Place]:
