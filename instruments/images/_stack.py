@@ -87,6 +87,7 @@ class ExportedFrames(ShownFrames):
     """What a decoder gives, as frames with times; one is decoded when it is asked for.
 
     ``time`` (frame,) and ``exposure`` are in s; ``rows`` and ``columns`` a part of the images, all by default.
+    ``last`` is the image that was decoded last, by its index: parts of one image are mostly asked for in a row.
     """
 
     def __init__(
@@ -96,8 +97,10 @@ class ExportedFrames(ShownFrames):
         exposure: float | None,
         rows: range | None = None,
         columns: range | None = None,
+        last: "dict[int, NDArray[np.integer[Any]]] | None" = None,
     ) -> None:
         self._pictures, self._time, self._exposure = pictures, time, exposure
+        self._last = {} if last is None else last
         self._rows = range(pictures.size[0]) if rows is None else rows
         self._columns = range(pictures.size[1]) if columns is None else columns
         if not self._rows or not self._columns or self._rows.step != 1 or self._columns.step != 1:
@@ -132,9 +135,15 @@ class ExportedFrames(ShownFrames):
         """Decode one frame; those of a video fastest in order."""
         if not -len(self) <= index < len(self):
             raise IndexError(f"frame {index} of {len(self)}")
-        image = self._pictures.whole(index % len(self))
-        return image[self._rows.start : self._rows.stop, self._columns.start : self._columns.stop]
+        index %= len(self)
+        image = self._last.get(index)
+        if image is None:
+            image = self._pictures.whole(index)
+            self._last.clear()
+            self._last[index] = image
+        return image[self._rows.start : self._rows.stop, self._columns.start : self._columns.stop].copy()
 
     def roi(self, rows: slice, columns: slice) -> "ExportedFrames":
         """Return a view of a rectangle; an image is decoded whole all the same."""
-        return ExportedFrames(self._pictures, self._time, self._exposure, self._rows[rows], self._columns[columns])
+        shown = self._rows[rows], self._columns[columns]
+        return ExportedFrames(self._pictures, self._time, self._exposure, *shown, self._last)

@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 
 import instruments
+from instruments.images import _files
 from labpipe.errors import InputError, SourceError
 from labpipe.frames import FrameSource, IncompleteFilmWarning, SmoothedFilmWarning
 
@@ -36,6 +37,29 @@ def test_images_are_sorted_by_number_not_by_name(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.stack(list(found)), film)
     np.testing.assert_allclose(found.time, [0, 1e-3, 2e-3])
     np.testing.assert_array_equal(found.roi(slice(2, 5), slice(3, 9))[-1], film[-1, 2:5, 3:9])
+
+
+def test_parts_of_one_image_are_decoded_once_and_belong_to_whoever_asks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    film = write_folder(tmp_path / "f", ["a0.png", "a1.png"])
+    decoded: list[int] = []
+    whole = _files.ImageFiles.whole
+
+    def counted(self: _files.ImageFiles, index: int) -> np.ndarray:
+        decoded.append(index)
+        return whole(self, index)
+
+    monkeypatch.setattr(_files.ImageFiles, "whole", counted)
+    read = instruments.read(tmp_path / "f", fps=100.0)
+    assert isinstance(read, FrameSource)
+    parts = [read.roi(slice(row, row + 1), slice(None)) for row in range(3)]
+    for index in (0, 1):
+        for row, part in enumerate(parts):
+            part[index][:] = 0
+            assert np.array_equal(part[index], film[index][row : row + 1])
+        assert np.array_equal(read[index], film[index])
+    assert decoded == [0, 1]
 
 
 def test_numbers_with_a_minus_sign_come_before_the_trigger(tmp_path: Path) -> None:
