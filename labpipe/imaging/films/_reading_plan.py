@@ -19,7 +19,7 @@ from labpipe.frames import FrameSource
 from labpipe.imaging.films._lost_rows import fill_lost_rows
 
 #: Rows of a band.
-BAND_ROWS = 16
+_BAND_ROWS = 16
 #: Standard deviations of the sum of squared differences from which two bands differ.
 _DIFFERENT = 6.0
 #: Standard deviations of a mean over columns from which a band differs in one place.
@@ -83,7 +83,9 @@ class FilmReader:
         return image
 
     def band(self, index: int, top: int, bottom: int) -> NDArray[np.float32]:
-        """Read rows ``top`` to ``bottom - 1`` of a frame."""
+        """Read rows ``top`` to ``bottom - 1`` of a frame, or cut them out of one that was read lately."""
+        if index in self._kept:
+            return self._kept[index][top:bottom].astype(np.float32)
         if (top, bottom) not in self._parts:
             self._parts[top, bottom] = self.film.roi(slice(top, bottom), slice(0, self.film.shape[2]))
         image = np.asarray(self._parts[top, bottom][index])
@@ -131,34 +133,28 @@ def frames_in_windows(time: Floats, windows: Sequence[tuple[float, float]]) -> F
     return found
 
 
-def band_about(row: float, rows: int) -> tuple[int, int]:
+def _band_about(row: float, rows: int) -> tuple[int, int]:
     """First row of the band around a row, and the row after its last, inside the frame."""
-    height = min(BAND_ROWS, rows)
+    height = min(_BAND_ROWS, rows)
     top = min(max(round(row) - height // 2, 0), rows - height)
     return top, top + height
 
 
-def band_noise(bands: Sequence[NDArray[np.float32]]) -> float:
-    """Noise of a pixel (grey levels), from differences of neighbours; fringes raise it a little."""
+def _noise_of_means(bands: Sequence[NDArray[np.float32]]) -> float:
+    """Noise (grey levels) of a mean over the rows of bands, from neighbours in them; fringes raise it a little."""
     steps = [np.abs(np.diff(band, axis=0)) for band in bands]
-    return max(float(np.median(np.concatenate(steps))) / 0.954, 0.3)
+    return max(float(np.median(np.concatenate(steps))) / 0.954, 0.3) / math.sqrt(len(bands[0]))
 
 
-def is_different(one: NDArray[np.float32], other: NDArray[np.float32], noise: float) -> bool:
-    """Tell whether two bands show more than different noise.
-
-    ``one``, ``other`` (row, column): Grey levels. ``noise`` [grey levels]: Noise of a pixel.
-    """
-    difference = (one - other).mean(axis=0, dtype=np.float64)
-    deviation = noise * math.sqrt(2.0 / len(one))
+def _is_different(one: NDArray[np.float32], other: NDArray[np.float32], noise: float) -> bool:
+    """Tell whether lines of mean grey levels (column,) show more than different noise, which is that of a mean."""
+    difference, deviation = (one - other).astype(np.float64), noise * math.sqrt(2.0)
     columns = len(difference)
     squares = float((difference**2).sum()) / deviation**2
     if squares > columns + _DIFFERENT * math.sqrt(2.0 * columns):
         return True
     width = min(_PLACE, columns)
-    sums = np.concatenate([[0.0], np.cumsum(difference)])
-    places = np.abs(sums[width:] - sums[:-width]) / (math.sqrt(width) * deviation)
-    return float(places.max()) > _LOCALLY_DIFFERENT
+    return float(np.abs(_means(difference)).max()) * math.sqrt(width) / deviation > _LOCALLY_DIFFERENT
 
 
 @dataclass(frozen=True)
@@ -175,11 +171,11 @@ class Place:
     inside: float
     light: float
 
-    def may_be_in(self, band: NDArray[np.float32], level: float) -> bool:
-        """Tell whether a band through the centre, of a frame of this brightness, is as a contact near the centre."""
-        first = min(max(round(self.x) - _REACH, 0), max(band.shape[1] - _PLACE, 0))
-        last = min(max(round(self.x) + _REACH, first + _PLACE), band.shape[1])
-        return bool(self.is_like(_means(band[:, first:last]), level).any())
+    def may_be_in(self, line: NDArray[np.float32], level: float) -> bool:
+        """Tell whether a line through the centre, of a frame of this brightness, is as a contact near the centre."""
+        first = min(max(round(self.x) - _REACH, 0), max(len(line) - _PLACE, 0))
+        last = min(max(round(self.x) + _REACH, first + _PLACE), len(line))
+        return bool(self.is_like(_means(line[first:last]), level).any())
 
     def is_like(self, grey: Floats, level: float) -> Flags:
         """Tell which mean grey levels are as those of a contact; all, where its brightness does not tell.
@@ -217,65 +213,75 @@ def plan_reading(reader: FilmReader, wanted: Flags, known: dict[int, bool], plac
     read, resting = np.zeros(count, bool), np.zeros(count, bool)
     if not places:
         return ReadingPlan(wanted.copy(), resting)
-    rows = reader.film.shape[1]
-    tops = sorted({band_about(place.y, rows) for place in places})
-    through = [[place for place in places if band_about(place.y, rows) == top] for top in tops]
-    level, is_elsewhere = _look_around(reader, wanted, places)
-
-    def bands(index: int) -> list[NDArray[np.float32]]:
-        return [reader.band(index, *top) for top in tops]
-
-    noise = band_noise([band for index in known for band in bands(index)])
+    frames = np.flatnonzero(wanted).tolist()
+    seen, noise = _look_at_rows(reader, frames, known, places)
+    like = np.array([one.is_like for one in seen])
+    is_elsewhere = (like & (2 * like.sum(axis=0) <= len(frames))).any(axis=1).tolist()
     last: list[NDArray[np.float32]] = []
     last_index = -_LONGEST_REST
-    for index in map(int, np.flatnonzero(wanted)):
-        now = bands(index)
-        here = zip(now, through, strict=True)
-        may_be = is_elsewhere[index] or any(p.may_be_in(band, level[index]) for band, some in here for p in some)
-        if not may_be and not known.get(index, False):
+    for index, one, elsewhere in zip(frames, seen, is_elsewhere, strict=True):
+        if not (elsewhere or one.is_near or known.get(index, False)):
             continue
-        is_same = index - last_index < _LONGEST_REST and _looks_like(now, last, noise)
+        is_same = index - last_index < _LONGEST_REST and _looks_like(one.bands, last, noise)
         if is_same and index not in known:
             resting[index] = True
             continue
         read[index] = True
-        last, last_index = now, index
+        last, last_index = one.bands, index
     _read_around(read, resting, wanted)
     return ReadingPlan(read, resting)
 
 
-def _look_around(reader: FilmReader, wanted: Flags, places: Sequence[Place]) -> tuple[Floats, Flags]:
-    """Tell how bright the frames are, and which show something like a contact anywhere that most frames do not show.
+@dataclass(frozen=True)
+class _RowsSeen:
+    """What some rows of a frame show.
 
-    A body may come down elsewhere: of rows that far apart two next to each other cross every circle that is not much
-    smaller than those known, and no fringe, which is narrow.
+    ``bands`` (column,) [grey levels]: Means over the rows of each band. ``is_near``: One of them is as a contact near
+    its centre. ``is_like``: Of places all over the frame, which are as a contact in two rows next to each other.
     """
+
+    bands: list[NDArray[np.float32]]
+    is_near: bool
+    is_like: Flags
+
+
+def _look_at_rows(
+    reader: FilmReader, frames: list[int], known: dict[int, bool], places: Sequence[Place]
+) -> tuple[list[_RowsSeen], float]:
+    """Look at the rows of every frame, all at once since a film may decode it whole; with the noise of known ones.
+
+    Bands pass through the known centres. A body may come down elsewhere: of rows that far apart two next to each
+    other cross every circle that is not much smaller than those known, and no fringe, which is narrow.
+    """
+    height = reader.film.shape[1]
+    tops = sorted({_band_about(place.y, height) for place in places})
+    through = [[place for place in places if _band_about(place.y, height) == top] for top in tops]
     step = max(round(_ROW_OF * float(np.median([place.radius for place in places]))), 1)
-    rows = range(step // 2, reader.film.shape[1], step)
-    level, frames = np.full(len(wanted), np.nan), np.flatnonzero(wanted)
-    is_like = []
-    for index in frames.tolist():
-        grey = np.array([_means(reader.band(index, row, row + 1))[:: _PLACE // 2] for row in rows])
-        level[index] = float(np.median(grey))
-        like = np.any([place.is_like(grey, level[index]) for place in places], axis=0)
-        is_like.append((like[1:] & like[:-1]).ravel())
-    shown = np.array(is_like)
-    result = np.zeros(len(wanted), bool)
-    result[frames] = (shown & (2 * shown.sum(axis=0) <= len(frames))).any(axis=1)
-    return level, result
+    rows = range(step // 2, height, step)
+    seen, of_known = [], []
+    for index in frames:
+        grey = np.array([_means(reader.band(index, row, row + 1)[0])[:: _PLACE // 2] for row in rows])
+        level = float(np.median(grey))
+        like = np.any([place.is_like(grey, level) for place in places], axis=0)
+        bands = [reader.band(index, *top) for top in tops]
+        of_known += bands if index in known else []
+        lines = [band.mean(axis=0) for band in bands]
+        here = zip(lines, through, strict=True)
+        is_near = any(place.may_be_in(line, level) for line, some in here for place in some)
+        seen.append(_RowsSeen(lines, is_near, (like[1:] & like[:-1]).ravel()))
+    return seen, _noise_of_means(of_known)
 
 
-def _means(band: NDArray[np.float32]) -> Floats:
-    """Mean grey levels of all places of a band."""
-    line = band.mean(axis=0, dtype=np.float64)
+def _means(line: NDArray[np.float32] | Floats) -> Floats:
+    """Mean grey levels of all places of a line (column,)."""
     width = min(_PLACE, len(line))
-    sums = np.concatenate([[0.0], np.cumsum(line)])
+    sums = np.concatenate([[0.0], np.cumsum(line, dtype=np.float64)])
     return np.asarray((sums[width:] - sums[:-width]) / width)
 
 
 def _looks_like(now: list[NDArray[np.float32]], other: list[NDArray[np.float32]], noise: float) -> bool:
     """Tell whether bands show nothing but noise that others do not show."""
-    return bool(other) and not any(is_different(a, b, noise) for a, b in zip(now, other, strict=True))
+    return bool(other) and not any(_is_different(a, b, noise) for a, b in zip(now, other, strict=True))
 
 
 def _read_around(read: Flags, resting: Flags, wanted: Flags) -> None:

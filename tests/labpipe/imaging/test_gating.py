@@ -28,6 +28,22 @@ class CountedFrames(ArrayFrames):
         return super().__getitem__(index)
 
 
+class DecodedFrames(ArrayFrames):
+    """A film whose images are decoded whole for whatever part is asked for, and which keeps the last of them."""
+
+    decoded: list[int]
+
+    def __getitem__(self, index: int) -> np.ndarray:
+        if self.decoded[-1:] != [index]:
+            self.decoded.append(index)
+        return super().__getitem__(index)
+
+    def roi(self, rows: slice, columns: slice) -> "DecodedFrames":
+        part = DecodedFrames(self._images[:, rows, columns], self._time, self._exposure, self._levels)
+        part.decoded = self.decoded
+        return part
+
+
 def long_film() -> tuple[CountedFrames, np.ndarray]:
     """Two impacts of some frames, flights between them, and rest; only the noise is new."""
     rng = np.random.default_rng(3)
@@ -109,6 +125,17 @@ def test_no_frame_is_read_twice() -> None:
     assert max(film.reads.values()) == 1
     assert len(film.reads) == work["frames_read"]
     assert work["repeated_reads"] == 0
+
+
+def test_an_image_is_decoded_once_to_look_at_its_rows_and_once_to_be_read() -> None:
+    images = long_film()[0]
+    film = DecodedFrames(images._images, images.time)
+    film.decoded = []
+    work = json.loads(measure(film).attrs["work"])
+    counts = Counter(film.decoded)
+    # the first (every 64th, 7 of 400) are at hand when their rows are asked for
+    assert len(film.decoded) == 400 + work["frames_read"] - 7 < 430
+    assert max(counts.values()) == 2
 
 
 @pytest.mark.slow
